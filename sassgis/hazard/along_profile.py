@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,13 +26,10 @@ class ProfileInput:
 
     Attributes
     ----------
-    name : str
     s, z : float64, shape (n,)
         Chainage and height of the vertices (m).
     ground : int32, shape (n,)
         Ground class of the segment that starts at each vertex.
-    table : GroundTable
-    control_lines : tuple of (ControlLine, chainage)
     start : (low, high)
         Chainages between which blocks start (m).
     forest : Forest or None
@@ -54,15 +52,12 @@ class ProfileResult:
 
     Attributes
     ----------
-    profile : ProfileInput
     rocks : ROCK_DTYPE, shape (n_scenarios * n_rocks,)
     scenario : int64, same shape
         Position in the configuration's blocks.
     pieces : ROCK_DTYPE
         Fragments and entrained blocks.
     piece_scenario : int64, same shape
-    passages : PASSAGE_DTYPE
-    control_lines : ControlLineSums
     paths : tuple of (s, z)
         Trajectories of the first blocks of each block scenario (m).
     drawn : int
@@ -92,15 +87,12 @@ class LinePaths:
 
     Attributes
     ----------
-    area, scenario : str
     s, z : float64, shape (n,)
         Chainage and height of the profile (m).
     x, y : float64, shape (n,)
         Where the profile runs on the map (m).
     ground : int64, shape (n,)
         Ground class of the segment that starts at each vertex.
-    ground_names : sequence of str
-    control_lines : tuple of (ControlLine, chainage)
     paths : tuple of (s, z)
         Centres of the blocks (m).
     stops : float64, shape (n_blocks,)
@@ -120,13 +112,23 @@ class LinePaths:
     stops: FloatArray
 
 
+def _number(result: ProfileResult, control_line: str) -> int:
+    """Position of a station or barrier, by its name."""
+    return [line.name for line, _ in result.profile.control_lines].index(control_line)
+
+
+def _passages(result: ProfileResult, control_line: str, quantity: str) -> NDArray[Any]:
+    own = result.passages["control_line"] == _number(result, control_line)
+    values: NDArray[Any] = result.passages[quantity][own]
+    return values
+
+
 def passage_histogram(
     result: ProfileResult, control_line: str, quantity: str, edges: Sequence[float], unit: str
 ) -> Histogram:
     """Histogram of one quantity of the passages at a station or barrier, by its name."""
-    names = [g.name for g, _ in result.profile.control_lines]
-    rows = result.passages[result.passages["control_line"] == names.index(control_line)]
-    counts, _ = np.histogram(np.clip(rows[quantity], edges[0], edges[-1]), edges)
+    values = _passages(result, control_line, quantity)
+    counts, _ = np.histogram(np.clip(values, edges[0], edges[-1]), edges)
     return Histogram(np.asarray(edges, float), counts.astype(np.int64), unit)
 
 
@@ -134,16 +136,14 @@ def share_within(
     result: ProfileResult, control_line: str, quantity: str, low: float, high: float
 ) -> tuple[int, float]:
     """Passages at a station or barrier, and the share of them between two limits (inclusive)."""
-    names = [g.name for g, _ in result.profile.control_lines]
-    values = result.passages[result.passages["control_line"] == names.index(control_line)][quantity]
+    values = _passages(result, control_line, quantity)
     share = float(((values >= low) & (values <= high)).mean()) if values.size else float("nan")
     return int(values.size), share
 
 
 def arrivals(result: ProfileResult, control_line: str) -> int:
     """Blocks that reached a station or barrier, by its name."""
-    names = [g.name for g, _ in result.profile.control_lines]
-    return result.control_lines.arrivals(names.index(control_line))
+    return result.control_lines.arrivals(_number(result, control_line))
 
 
 def stretches_of(s: FloatArray) -> FloatArray:

@@ -64,8 +64,6 @@ class Hazard:
 
     Attributes
     ----------
-    sampled : tuple of Sampled
-    curves : HazardCurves
     levels : Coverage
         Zones of hazard level; class k is the preset's level k - 1.
     facts : ZoneFacts
@@ -141,7 +139,6 @@ def around(
 
     Returns
     -------
-    grid : Grid
     cells : int64
         On that part.
     cut : (bool, bool, bool, bool)
@@ -186,14 +183,13 @@ def level_zones(
     """
     known = np.isfinite(grid.values)
     maps = [raster(grid, c.places, hazard_level(c, preset)) for c in curves]
-    if all((one <= other).all() for one, other in pairwise(maps)):
-        smooth = generalised_series(maps, grid.cell_size, settings, known)
-        return nested_coverages(smooth, grid, settings, known)
+    nested = all((one <= other).all() for one, other in pairwise(maps))
     return [
-        nested_coverages(
-            generalised_series([one], grid.cell_size, settings, known), grid, settings, known
-        )[0]
-        for one in maps
+        drawn
+        for series in ([maps] if nested else [[one] for one in maps])
+        for drawn in nested_coverages(
+            generalised_series(series, grid.cell_size, settings, known), grid, settings, known
+        )
     ]
 
 
@@ -241,14 +237,10 @@ def hazard_of(
 
     Parameters
     ----------
-    sampled : sequence of Sampled
     curves : HazardCurves
         Of the cells, from all of them.
     zones : Coverage
         Of hazard level.
-    preset : HazardPreset
-    grid : Grid
-    settings : ZoneSettings
     confidence : float
         Of the sampling interval.
     """
@@ -289,13 +281,10 @@ class Rules:
 
     Attributes
     ----------
-    preset : HazardPreset
     frequencies : dict of (area, scenario) to float
         Blocks per year.
     placed : PlacedObjects
         Exposed objects; may be none.
-    vulnerability : Vulnerability or None
-    zones : ZoneSettings
     ref_width_m : float
         Reference width of all frequencies (m): one cell or more.
     notices : tuple of str
@@ -323,7 +312,6 @@ class Assessment:
         Without them; None if there are none or nobody asked.
     by_area : dict of str to tuple of IntensityMap
         Intensities of each release area alone; empty unless asked for.
-    risk, risk_without : RiskTable or None
     """
 
     hazard: Hazard
@@ -352,11 +340,8 @@ def assess(
 
     Parameters
     ----------
-    rules : Rules
-    grid : Grid
     energies_kj : float64, shape (n,)
         Of the hazard curves.
-    sampled : sequence of Sampled
     without : sequence of Sampled or None
         The same sources without walls and nets.
     confidence : float

@@ -17,7 +17,6 @@ def zone_of_cells(coverage: Coverage, grid: Grid, cells: IntArray) -> IntArray:
 
     Parameters
     ----------
-    coverage : Coverage
     grid : Grid
         On which the zones were drawn.
     cells : int64, shape (n,)
@@ -60,12 +59,10 @@ def attribution(
         From `zone_of_cells`; cells of -1 do not count.
     cells : int64, shape (n,)
         Flat indices of the cells, ascending.
-    sources : sequence of Source
     counts : sequence of SourceCounts
         Of the sources, in their order.
     column_of_cell : int64, shape (n,)
         Column of the energy that decides the class of each cell.
-    n_zones : int
 
     Returns
     -------

@@ -32,7 +32,6 @@ def bins_for(
         Between the highest and the lowest place (m).
     blocks : sequence of BlockPopulation
         Their initial drop and speed count too.
-    engine : EngineSettings
     thresholds_kj : sequence of float
         Energies that hazard curves must have a value for.
     """

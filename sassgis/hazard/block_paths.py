@@ -14,11 +14,8 @@ class BlockPath:
 
     Attributes
     ----------
-    area, scenario : str
     x, y, z : float64, shape (n,)
         Coordinates of the map and height (m); at least two points.
-    reason : StopReason
-    runout_m, time_s, mass_kg : float
     max_energy_kj, max_speed_mps, max_height_m : float
         The largest on the path.
     """

@@ -28,10 +28,8 @@ class Distribution:
 
     Attributes
     ----------
-    count : int
     mean, smallest, largest : float
         Exact, to 1e-6 of the unit; NaN if no block arrived.
-    histogram : Histogram
     """
 
     count: int
@@ -52,12 +50,7 @@ class Distribution:
 
 
 class ControlLineSums:
-    """Growing counts of first passages at each station and barrier.
-
-    Parameters
-    ----------
-    control_lines : tuple of ControlLine
-    """
+    """Growing counts of first passages at each station and barrier."""
 
     def __init__(self, control_lines: tuple[ControlLine, ...]) -> None:
         self.control_lines = control_lines
@@ -91,7 +84,6 @@ class ControlLineSums:
 
         Parameters
         ----------
-        other : ControlLineSums
         numbers : int64, shape (n_control_lines of ``other``,)
             Position in ``control_lines`` of each of those of ``other``; each once.
         """

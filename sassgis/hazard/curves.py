@@ -24,11 +24,6 @@ _ROUNDING = 1e-12
 def source_rate(source: Source, counts: SourceCounts) -> FloatArray:
     """Annual frequency with which the blocks of one source reach its places.
 
-    Parameters
-    ----------
-    source : Source
-    counts : SourceCounts
-
     Returns
     -------
     float64, shape (n, n_energies)
@@ -40,11 +35,6 @@ def source_rate(source: Source, counts: SourceCounts) -> FloatArray:
 
 def source_variance(source: Source, counts: SourceCounts) -> FloatArray:
     """Sampling variance of ``source_rate``.
-
-    Parameters
-    ----------
-    source : Source
-    counts : SourceCounts
 
     Returns
     -------
@@ -83,15 +73,10 @@ def hazard_curves(
 
     Parameters
     ----------
-    sources : sequence of Source
     counts : sequence of SourceCounts
         One per source.
     energies_kj : array_like, shape (n_energies,)
         Energies of the columns, ascending from 0 (kJ).
-
-    Returns
-    -------
-    HazardCurves
     """
     energies = np.asarray(energies_kj, np.float64)
     if energies.ndim != 1 or energies.size == 0 or energies[0] != 0.0:
@@ -144,7 +129,6 @@ def at_energies(curves: HazardCurves, energies_kj: Sequence[float]) -> HazardCur
 
     Parameters
     ----------
-    curves : HazardCurves
     energies_kj : sequence of float
         Ascending from 0 (kJ), as the thresholds of a preset.
 
@@ -189,27 +173,6 @@ def meets(rate: ArrayLike, years: float) -> NDArray[np.bool_]:
     return met
 
 
-def probability_over(years: float, rate: ArrayLike) -> FloatArray:
-    """Probability of at least one event within some years.
-
-    p = 1 − (1 − 1/T)^n with 1/T the annual rate: at most one event a year. At rates of one a year
-    and more, where that formula ends, p is 1.
-
-    Parameters
-    ----------
-    years : float
-        n.
-    rate : array_like
-        1/T, per year.
-    """
-    annual = np.clip(np.asarray(rate, np.float64), 0.0, 1.0)
-    if years <= 0.0:
-        return np.where(np.isnan(annual), np.nan, 0.0)
-    with np.errstate(divide="ignore"):
-        probability: FloatArray = -np.expm1(years * np.log1p(-annual))
-    return probability
-
-
 def energy_at(curves: HazardCurves, years: float) -> FloatArray:
     """Energy that is reached or exceeded once in a return period.
 
@@ -221,7 +184,6 @@ def energy_at(curves: HazardCurves, years: float) -> FloatArray:
 
     Parameters
     ----------
-    curves : HazardCurves
     years : float
         Return period T.
 
@@ -268,7 +230,6 @@ def rate_interval(curves: HazardCurves, confidence: float = 0.95) -> tuple[Float
 
     Parameters
     ----------
-    curves : HazardCurves
     confidence : float
         Probability that the interval holds the rate, below 1.
 

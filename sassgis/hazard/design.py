@@ -44,7 +44,6 @@ def arrivals(
 
     Parameters
     ----------
-    sources : sequence of Source
     control_lines : sequence of ControlLineSums
         Of each source.
     control_line : int

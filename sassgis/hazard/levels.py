@@ -26,7 +26,6 @@ def intensity_class(
     ----------
     curves : HazardCurves
         With the thresholds of the preset among its energies.
-    preset : HazardPreset
     years : float or None
         Return period T: a class is met if λ(E >= its lower limit) >= 1/T, the lowest class if
         blocks arrive that often at all. None: the extreme event, whatever arrived at all.
@@ -50,7 +49,6 @@ def levels_of_rates(rate: FloatArray, preset: HazardPreset) -> NDArray[np.int16]
     ----------
     rate : float64, shape (n, n_intensities)
         λ(E >= lower limit of each class of intensity) per year.
-    preset : HazardPreset
 
     Returns
     -------
@@ -77,7 +75,6 @@ def hazard_level(curves: HazardCurves, preset: HazardPreset) -> NDArray[np.int16
     ----------
     curves : HazardCurves
         With the thresholds of the preset among its energies.
-    preset : HazardPreset
 
     Returns
     -------
@@ -91,11 +88,6 @@ def hazard_level(curves: HazardCurves, preset: HazardPreset) -> NDArray[np.int16
 
 def deciding_energy(curves: HazardCurves, preset: HazardPreset) -> IntArray:
     """Threshold of energy that gave each place its level.
-
-    Parameters
-    ----------
-    curves : HazardCurves
-    preset : HazardPreset
 
     Returns
     -------
@@ -122,7 +114,6 @@ def level_interval(
     ----------
     curves : HazardCurves
         With the thresholds of the preset among its energies.
-    preset : HazardPreset
     confidence : float
         Of the interval of the rate at each threshold (``curves.rate_interval``).
 
@@ -146,7 +137,6 @@ def levels_of_interval(
     ----------
     rate, lower, upper : float64, shape (n, n_intensities)
         Rates at the thresholds and their limits; limits that are NaN are unknown.
-    preset : HazardPreset
     """
     arrived = rate > 0.0
     least = np.finfo(np.float64).tiny
@@ -179,8 +169,6 @@ def rocks_factor(
     ----------
     curves : HazardCurves
         With the thresholds of the preset among its energies.
-    preset : HazardPreset
-    confidence : float
 
     Returns
     -------

@@ -113,7 +113,6 @@ def quantiles(
     ----------
     counts : integer, shape (n, n_bins)
     edges : float64, shape (n_bins + 1,)
-    probabilities : tuple of float
     largest, smallest : float64, shape (n,), optional
         Largest and smallest value counted in each row.
 
@@ -150,7 +149,6 @@ class Sample:
     ----------
     started : int
         All blocks released that started: the denominator of the reach probability.
-    rocks_per_line : int
     lines : int
         Lines times block scenarios: the strata of the sample.
     random_points : bool
@@ -181,7 +179,6 @@ def count_variance(
         n.
     strata : int
         Number of lines, L.
-    random_points : bool
 
     Returns
     -------
@@ -215,7 +212,6 @@ def reach_probability(
     ----------
     reach, reach_square : int64, shape (n,)
         Σ k_l and Σ k_l².
-    sample : Sample
 
     Returns
     -------
@@ -236,9 +232,6 @@ def band_values(
 
     Parameters
     ----------
-    row : Statistic
-    sums : MapSums
-    sample : Sample
     edges : mapping
         Edges of the histograms by quantity.
 

@@ -28,10 +28,6 @@ def energy_labels(preset: HazardPreset) -> tuple[str, ...]:
 def preset_unverified(preset: HazardPreset) -> list[str]:
     """What in a preset was not read in its source, for warnings.
 
-    Parameters
-    ----------
-    preset : HazardPreset
-
     Returns
     -------
     list of str

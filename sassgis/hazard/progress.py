@@ -30,8 +30,6 @@ class ChunkResult:
         Position of its release area.
     sums : dict of int to Simulated
         By the position of the block scenario in ``blocks``.
-    rows : BlockRows
-    lines : FallLines
     lost : int
         Blocks of lines that are too short to be simulated on.
     """
@@ -52,7 +50,6 @@ class SourceTally:
     cells, objects : SourceSums
         Places are flat indices of cells and numbers of objects. A block counts for a cell if it
         comes within half the reference width of its centre.
-    control_lines : ControlLineSums
     rocks, never_started : int
         Simulated blocks, and those of them that never started.
     """
@@ -93,15 +90,12 @@ class Progress:
     ----------
     chunks : int
         Chunks added.
-    sums : MapSums
-    control_lines : ControlLineSums
     reasons : int64, shape (len(StopReason),)
         Blocks by the reason of their end.
     lost : int
         Blocks of lines that are too short to be simulated on.
     runout : int64, shape (len(StopReason), n_bins)
         Blocks by the reason of their end and by run-out chainage, in metres.
-    lines : list of FallLines
     stops : list of BlockRows
         The blocks whose stop is kept one by one; kept_stops joins them.
     furthest : (run-out, line, scenario, block) or None
@@ -142,8 +136,6 @@ def add_chunk(
     ----------
     progress : Progress
         Grows.
-    outcome : ChunkResult
-    run : MapRun
     share : float
         Of the blocks whose stop is kept one by one.
     first : bool

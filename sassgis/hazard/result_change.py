@@ -31,7 +31,6 @@ class ComparedMap:
     ----------
     stem, band : str
         Of the map of both.
-    title, unit : str
     """
 
     stem: str
@@ -52,10 +51,8 @@ class ChangeRow:
 
     Attributes
     ----------
-    part : {"map", "zones", "run-out", "control line", "object"}
     name : str
         Of the level, control line or object; empty where there is one only.
-    quantity, unit : str
     before, after : float
         NaN where a result does not have it.
     """
@@ -89,7 +86,6 @@ class ResultChange:
 
     Attributes
     ----------
-    rows : tuple of ChangeRow
     differences : tuple of SettingChange
         Of the two manifests.
     higher_m2, lower_m2 : float

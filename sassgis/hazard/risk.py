@@ -47,8 +47,6 @@ class RiskTable:
 
     Attributes
     ----------
-    objects : tuple of ExposedObject
-    sources : tuple of Source
     intensities : tuple of str
         Codes of the intensity classes, from weak to strong.
     hits : float64, shape (n_sources, n_objects, n_intensities)
@@ -100,7 +98,6 @@ class RiskTotal:
     ----------
     scope : {"whole", "kind", "source", "all"}
         "whole": a road or line of which the objects are stretches.
-    name : str
     objects : int
         How many are summed.
     values : mapping of str to float
@@ -137,11 +134,6 @@ def by_sample(variance: FloatArray, sources: Sequence[Source]) -> FloatArray:
     Parameters
     ----------
     variance : float64, shape (n_sources, n)
-    sources : sequence of Source
-
-    Returns
-    -------
-    float64, shape (n_samples, n)
     """
     rows = {(s.area, "" if s.random_points else s.scenario) for s in sources}
     number = {key: i for i, key in enumerate(sorted(rows))}
@@ -232,7 +224,6 @@ def weighted_variance(
         c_i: what one hit costs; 0 or more.
     rate, variance : float64, shape (n, n_intensities)
         λ(E >= e_i) of this source (1/year) and its sampling variance (1/year²).
-    source : Source
 
     Returns
     -------
@@ -342,10 +333,6 @@ def assess_risk(
     vulnerability
         Its intensities are the classes.
 
-    Returns
-    -------
-    RiskTable
-
     Raises
     ------
     InputError
@@ -397,10 +384,6 @@ def _place(curves: HazardCurves, rate: FloatArray, variance: FloatArray) -> None
 
 def risk_totals(table: RiskTable) -> list[RiskTotal]:
     """Sums by road or line, by kind, by source, and over all.
-
-    Parameters
-    ----------
-    table : RiskTable
 
     Returns
     -------

@@ -39,7 +39,6 @@ class Variant:
 
     Attributes
     ----------
-    name : str
     values : dict of (class, parameter) to float
         What differs from the classes of the run.
     """
@@ -57,7 +56,6 @@ def design(
     -------
     ends : tuple of Variant
         Low and high end of each range in turn.
-    filling : tuple of Variant
     """
     ends = tuple(
         Variant(f"{r.label} {end}", {(r.class_name, r.parameter): value})
@@ -174,8 +172,6 @@ class RangeEffect:
 
     Attributes
     ----------
-    range : ParameterRange
-    measure, unit : str
     base, low, high, chance : float
         With the values of the classes, at the two ends of the range, and with another seed.
     correlation : float
@@ -292,7 +288,6 @@ class SensitivityMaps:
         Flat indices of all cells that any simulation reaches, ascending.
     reached : float64
         Share of the sample in which blocks reach the cell.
-    reached_base : bool
     level, level_lowest, level_highest : int64
         In the base, and over the sample and the ends; 0: none.
     higher, lower : float64

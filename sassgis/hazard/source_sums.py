@@ -19,10 +19,6 @@ class SourceSums:
     """Counts that grow chunk by chunk; memory grows with the places that are reached.
 
     All numbers are whole, so that the order of adding does not matter.
-
-    Parameters
-    ----------
-    n_energies : int
     """
 
     def __init__(self, n_energies: int) -> None:

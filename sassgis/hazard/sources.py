@@ -26,7 +26,6 @@ class Sampled:
 
     Attributes
     ----------
-    source : Source
     cells, objects : SourceCounts
         Places are flat indices of cells, and numbers of exposed objects.
     control_lines : ControlLineSums
@@ -57,7 +56,6 @@ def onset_frequencies(
 
     Parameters
     ----------
-    areas : sequence of ReleaseArea
     onsets : mapping of str to Onset
         By scenario.
     table : OnsetTable

@@ -28,8 +28,6 @@ class StoredResult:
 
     Attributes
     ----------
-    folder : Path
-    manifest : mapping
     grid : Grid
         The terrain of the run; NaN where the folder has none.
     maps : mapping of str to RasterLayer

@@ -154,7 +154,6 @@ def fit_power_law(survey: BlockSurvey, complete_from: float, up_to: float = math
 
     Parameters
     ----------
-    survey : BlockSurvey
     complete_from : float
         Volume from which on no block was missed (m3).
     up_to : float

@@ -125,7 +125,6 @@ def rule_warnings(preset: HazardPreset, frequencies: Mapping[tuple[str, str], fl
 
     Parameters
     ----------
-    preset : HazardPreset
     frequencies : mapping of (area, scenario) to float
         Blocks per year.
     """

@@ -9,8 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from sassgis.hazard.preset_labels import energy_labels
-from sassgis.model.hazard import HazardLevel, HazardPreset
+from sassgis.model.hazard import HazardLevel
 from sassgis.model.styles import StyleClass, Symbol, VectorStyle
 
 #: Zones let the terrain through, and what is drawn below them.
@@ -38,60 +37,16 @@ def zone_symbol(colour: str, *, hatched: bool = False) -> Symbol:
 def hazard_level_style(column: str, levels: Sequence[HazardLevel]) -> VectorStyle:
     """Zones in the colours of their hazard level, the most severe first in the legend.
 
-    Parameters
-    ----------
-    column : str
-        Holds the code of the level, as "slight".
-    levels : sequence of HazardLevel
-        From low to high, as ``HazardPreset.levels``.
-
-    Returns
-    -------
-    VectorStyle
-        Hatched levels as stripes on white; a code that is no level is not drawn.
+    ``column`` holds the code of the level, as "slight"; ``levels`` are from low to high. Hatched
+    levels are stripes on white; a code that is no level is not drawn.
     """
     return zone_style(column, [(v.code, v.label, v.colour, v.hatched) for v in levels])
 
 
-def intensity_style(column: str, preset: HazardPreset) -> VectorStyle:
-    """Areas in the colours of their intensity, the strongest first in the legend.
-
-    Parameters
-    ----------
-    column : str
-        Holds the code of the class, as "mean".
-    preset : HazardPreset
-
-    Returns
-    -------
-    VectorStyle
-        The limits (kJ) are in the labels.
-    """
-    return zone_style(
-        column,
-        [
-            (entry.code, f"{entry.label} ({span})", entry.colour, False)
-            for entry, span in zip(preset.intensities, energy_labels(preset), strict=True)
-        ],
-    )
-
-
 def level_change_style(column: str) -> VectorStyle:
-    """Areas by what barriers make of their level.
-
-    Parameters
-    ----------
-    column : str
-        Holds "higher", "same" or "lower" (:data:`LEVEL_CHANGES`).
-
-    Returns
-    -------
-    VectorStyle
-    """
-    return zone_style(
-        column,
-        [(code, label, colour, False) for code, (label, colour) in LEVEL_CHANGES.items()],
-    )
+    """Areas by what barriers make of their level: the codes of :data:`LEVEL_CHANGES`."""
+    changes = LEVEL_CHANGES.items()
+    return zone_style(column, [(code, label, colour, False) for code, (label, colour) in changes])
 
 
 def uncertain_style() -> VectorStyle:
@@ -112,13 +67,8 @@ def zone_style(column: str, entries: Sequence[tuple[str, str, str, bool]]) -> Ve
 
     Parameters
     ----------
-    column : str
     entries : sequence of (code, label, ``#rrggbb``, hatched)
         From low to high.
-
-    Returns
-    -------
-    VectorStyle
     """
     return VectorStyle(
         symbol=_ZONE,

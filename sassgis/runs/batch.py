@@ -7,26 +7,47 @@ the order of their names, so that neither the order of files nor the number of t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import logging
+import time
+from collections import Counter
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from sassgis.hazard.assess import Assessment, Rules
+from sassgis.io.read.config import load_config
+from sassgis.io.read.vectors import release_features
+from sassgis.io.saved_arrays import UNFIT
 from sassgis.io.staging import check_output, writing
 from sassgis.io.write.batch_summary import BatchSummary
-from sassgis.model.errors import InputError, OutputError
+from sassgis.model.errors import ConfigError, InputError, OutputError, SassgisError
+from sassgis.model.labels import file_stems
 from sassgis.model.run_config import Config
-from sassgis.runs.batch_area import AREAS_NAME, kept_areas, read_setting
-from sassgis.runs.batch_areas import Candidate, batch_config, find_areas
+from sassgis.model.settings import ReleaseSettings
+from sassgis.runs.batch_area import (
+    AREAS_NAME,
+    Candidate,
+    Setting,
+    kept_areas,
+    read_setting,
+    run_area,
+)
 from sassgis.runs.batch_mosaic import MOSAIC_NAME, write_mosaic
-from sassgis.runs.batch_outcomes import outcomes
 from sassgis.runs.batch_state import RECORD_NAME, Record
-from sassgis.runs.job import OnProgress
-from sassgis.runs.workers import Jobs
+from sassgis.runs.job import OnProgress, workers_asked
+from sassgis.runs.workers import Jobs, task_map
+
+log = logging.getLogger(__name__)
 
 SUMMARY_NAME = "summary.csv"
+#: Vector files of a folder by their suffix; those that the configuration names do not count.
+VECTOR_SUFFIXES = (".gpkg", ".shp", ".geojson", ".json", ".fgb", ".kml")
+#: Bytes of a process that runs small areas.
+_PROCESS = 800 << 20
+#: From so many areas for each core on, every core has areas of its own.
+_AREAS_PER_CORE = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +56,6 @@ class BatchResult:
 
     Attributes
     ----------
-    folder : Path
     summary : DataFrame
         A row per release area, as in ``summary.csv``.
     found : Assessment or None
@@ -91,10 +111,6 @@ def batch(
         As for sassgis.runs.run.run; chunks are those of one area.
     first_margin_m : float
         Margin around an area with which the search for its part of the terrain begins.
-
-    Returns
-    -------
-    BatchResult
 
     Raises
     ------
@@ -208,3 +224,237 @@ def _note(
 
 def _relative(file: Path, base: Path) -> str:
     return file.relative_to(base).as_posix() if file.is_relative_to(base) else str(file)
+
+
+def batch_config(
+    releases: Path, config: str | Path | None, dem: str | Path | None, seed: int | None
+) -> Config:
+    """The configuration, with the release areas in it."""
+    overrides: dict[str, object] = {} if seed is None else {"run.seed": seed}
+    if dem is not None:
+        overrides["terrain.dem"] = str(Path(dem).expanduser().resolve())
+    if releases.suffix.lower() == ".toml":
+        if config is not None:
+            raise ConfigError(
+                "two configurations", file=releases, found=str(config), expected="one of them"
+            )
+        return load_config(releases, overrides)
+    if not releases.exists():
+        raise InputError(
+            "file not found",
+            file=releases,
+            expected="a vector file of release areas, a folder of them, or a configuration",
+        )
+    overrides["release.file"] = str(releases.expanduser().resolve())
+    return load_config(_beside(releases) if config is None else config, overrides)
+
+
+def _beside(releases: Path) -> Path:
+    """The only configuration in the folder of the release areas."""
+    folder = releases if releases.is_dir() else releases.parent
+    found = sorted(folder.glob("*.toml"))
+    if len(found) != 1:
+        raise ConfigError(
+            "no configuration is given",
+            file=folder,
+            found=", ".join(f.name for f in found) or "no TOML file",
+            expected="--config FILE, or one TOML file there",
+        )
+    return found[0]
+
+
+def find_areas(config: Config) -> list[Candidate]:
+    """All release areas that the configuration names, by name; shapes are not looked at.
+
+    ``release.file`` may be a folder: then an area is named by its ``name_field`` or, in files
+    without it, by the file.
+
+    Raises
+    ------
+    InputError
+        If a single file cannot be used, or a folder holds no vector file.
+    """
+    path = config.release_path
+    named: list[tuple[str, ReleaseSettings, int, str]] = []
+    for file in _release_files(config) if path.is_dir() else [path]:
+        release = replace(config.release, file=file)
+        try:
+            named += _named(release, by_file=path.is_dir())
+        except InputError as error:
+            if not path.is_dir():
+                raise
+            named.append((file.stem, release, 0, str(error)))
+    counts = Counter(name for name, _, _, _ in named)
+    named.sort(key=lambda n: (n[0], str(n[1].file), n[2]))
+    stems = file_stems([name for name, _, _, _ in named])
+    return [
+        Candidate(
+            name,
+            stem,
+            release,
+            number,
+            problem or (f"{release.file}: name is used {counts[name]} times ({name!r}; expected "
+                        "names that differ)" if counts[name] > 1 else ""),
+        )
+        for (name, release, number, problem), stem in zip(named, stems, strict=True)
+    ]  # fmt: skip
+
+
+def _release_files(config: Config) -> list[Path]:
+    """Vector files of the folder of release areas that serve no other purpose."""
+    folder = config.release_path
+    others = {
+        Path(f).resolve()
+        for f in (
+            config.ground.file,
+            config.trees.file if config.trees is not None else None,
+            *(item.file for item in (*config.stations, *config.barriers)),
+            *(item.file for item in config.objects),
+        )
+        if f is not None
+    }
+    files = sorted(
+        f
+        for f in folder.iterdir()
+        if f.suffix.lower() in VECTOR_SUFFIXES and f.resolve() not in others
+    )
+    if not files:
+        raise InputError(
+            "holds no file of release areas",
+            file=folder,
+            field="release.file",
+            expected="vector files (" + ", ".join(VECTOR_SUFFIXES) + ")",
+        )
+    return files
+
+
+def _named(release: ReleaseSettings, by_file: bool) -> list[tuple[str, ReleaseSettings, int, str]]:
+    """Name, settings, number and problem of each area of a file."""
+    assert release.file is not None
+    stem = release.file.stem if by_file else "area"
+    try:
+        features = release_features(release)
+    except InputError as error:
+        if not by_file or error.field != "release.name_field":
+            raise
+        release = replace(release, name_field=None)
+        features = release_features(release)
+    out = []
+    for feature in features:
+        problem = ""
+        if release.name_field is None:
+            single = by_file and len(features) == 1
+            name = stem if single else f"{stem} {feature.number}"
+        else:
+            name = feature.text(release.name_field) or ""
+            if not name:
+                name = f"{stem}, feature {feature.number}"
+                problem = f"{release.file}: {release.name_field}: feature has no name"
+        out.append((name, release, feature.number, problem))
+    return out
+
+
+@dataclass(frozen=True, slots=True)
+class AreaOutcome:
+    """What became of an area: its record, or why it is skipped; and the seconds that it took.
+
+    What there was to tell of saved states comes with it from a process that nobody listens to.
+    """
+
+    record: Record | None
+    reason: str
+    seconds: float
+    told: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class _Common:
+    """What the areas have in common."""
+
+    setting: Setting
+    folder: Path
+
+
+def outcomes(
+    setting: Setting,
+    candidates: Sequence[Candidate],
+    folder: Path,
+    jobs: Jobs,
+    on_progress: OnProgress | None,
+    tell: Callable[[str], None],
+    memory_bytes: int | None = None,
+) -> Generator[AreaOutcome, None, None]:
+    """Run areas; outcomes come in the order of the areas.
+
+    A few areas share all cores one after the other. Of many, as many are at work as there are
+    cores, and progress is that of the batch: areas done, areas in all, blocks.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the batch.
+    jobs, on_progress, tell
+        As for sassgis.runs.run.run.
+    memory_bytes : int, optional
+        What all processes together may take.
+    """
+    asked = workers_asked(setting.config, jobs)
+    at_once = asked if isinstance(asked, int) else 1
+    if memory_bytes is not None:
+        at_once = min(at_once, memory_bytes // _PROCESS - 1)
+    common = _Common(setting, folder)
+    n = len(candidates)
+    if at_once < 2 or n < _AREAS_PER_CORE * at_once:
+        for i, candidate in enumerate(candidates, start=1):
+            tell(f"Area {i} of {n}: {candidate.name}")
+            yield _outcome(common, candidate, asked, on_progress, tell)
+        return
+    tell(f"Running {n} areas, {at_once} at a time")
+    rocks = 0
+    with task_map(common, at_once) as each:
+        for i, outcome in enumerate(each(_alone, candidates), start=1):
+            for text in outcome.told:
+                tell(text)
+            rocks += 0 if outcome.record is None else outcome.record.rocks
+            if on_progress is not None:
+                on_progress(i, n, rocks)
+            yield outcome
+
+
+def _alone(common: _Common, candidate: Candidate) -> AreaOutcome:
+    """In a process of its own: one area on one core."""
+    told: list[str] = []
+    outcome = _outcome(common, candidate, 1, None, told.append)
+    return replace(outcome, told=tuple(text for text in told if text.startswith(UNFIT)))
+
+
+def _outcome(
+    common: _Common,
+    candidate: Candidate,
+    jobs: Jobs,
+    on_progress: OnProgress | None,
+    tell: Callable[[str], None],
+) -> AreaOutcome:
+    began = time.perf_counter()
+    record, reason = None, ""
+    own = common.folder / AREAS_NAME / candidate.stem
+    try:
+        record = run_area(common.setting, candidate, own, jobs, on_progress, tell)
+    except Exception as error:
+        reason = _why_skipped(error)
+    return AreaOutcome(record, reason, time.perf_counter() - began)
+
+
+def _why_skipped(error: Exception) -> str:
+    """Why an area is skipped; errors that are not about the area are raised again."""
+    if isinstance(error, InputError):
+        return str(error)
+    # Compiled code that Ctrl-C strikes turns it into a SystemError.
+    stopped = isinstance(error.__cause__ or error.__context__, KeyboardInterrupt)
+    if isinstance(error, SassgisError) or stopped:
+        raise error
+    if isinstance(error, MemoryError):
+        return "not enough memory; fewer release points or larger cells need less"
+    log.debug("", exc_info=error)
+    text = " ".join(str(error).split())
+    return f"unexpected {type(error).__name__}: {text} (a fault of sassgis; --debug shows more)"

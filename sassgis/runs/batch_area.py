@@ -31,8 +31,8 @@ from sassgis.model.map_run import MapRun
 from sassgis.model.release_areas import ReleaseArea
 from sassgis.model.results import ControlLine, StopReason
 from sassgis.model.run_config import Config
+from sassgis.model.settings import ReleaseSettings
 from sassgis.model.statistics_table import SUM_NAMES
-from sassgis.runs.batch_areas import Candidate
 from sassgis.runs.batch_state import (
     SIMULATION_NAME,
     WITHOUT_BARRIERS_NAME,
@@ -61,14 +61,34 @@ AREAS_NAME = "areas"
 
 
 @dataclass(frozen=True, slots=True)
+class Candidate:
+    """A release area that a batch is to run.
+
+    Attributes
+    ----------
+    stem : str
+        Name of its folder.
+    release : ReleaseSettings
+        Section ``[release]`` with the file and fields of this area.
+    number : int
+        Place in the layer, counted from 1.
+    problem : str
+        Why it cannot be run; empty if nothing is known against it.
+    """
+
+    name: str
+    stem: str
+    release: ReleaseSettings
+    number: int
+    problem: str = ""
+
+
+@dataclass(frozen=True, slots=True)
 class Setting:
     """What all areas of a batch share.
 
     Attributes
     ----------
-    config : Config
-    terrain : Terrain
-    table : GroundTable
     control_lines : tuple of (ControlLine, float64 array of shape (k, 2))
     rules : Rules
         With all exposed objects, and no frequencies.
@@ -167,19 +187,6 @@ def _area_on(
 def _control_lines_in(setting: Setting, grid: Grid) -> tuple[int, ...]:
     """Stations and barriers that meet a part of the terrain."""
     return meeting([trace for _, trace in setting.control_lines], grid)
-
-
-def _objects_in(setting: Setting, grid: Grid) -> tuple[int, ...]:
-    """Exposed objects that meet a part of the terrain."""
-    return meeting(setting.rules.placed.geometries, grid)
-
-
-def _area_run(setting: Setting, grid: Grid, area: ReleaseArea) -> MapRun:
-    """The run of an area on a part of the terrain, but for the ground and the forest."""
-    control_lines = [setting.control_lines[i] for i in _control_lines_in(setting, grid)]
-    ground = no_ground(grid)
-    run = map_run_of(setting.config, grid, ground, setting.table, (area,), control_lines, None)
-    return on_block_scale(run)
 
 
 def _fingerprint(
@@ -287,8 +294,12 @@ def _cut(setting: Setting, candidate: Candidate, margins: Sides) -> Windowed:
 
         def make(part: Part) -> MapRun:
             grid, area = _area_on(setting, candidate, feature, part)
+            lines = [setting.control_lines[i] for i in _control_lines_in(setting, grid)]
             # Ground and forest are of no account for fall lines.
-            return _area_run(setting, grid, area)
+            ground = no_ground(grid)
+            return on_block_scale(
+                map_run_of(config, grid, ground, setting.table, (area,), lines, None)
+            )
 
         cut = windowed(
             setting.terrain,
@@ -318,14 +329,16 @@ def _run_cut(
     """Zone one area on its part of the terrain."""
     config, run = _own_config(setting, candidate), cut.run
     frequencies = yearly_frequencies(config, run.areas, setting.names)
-    objects = _objects_in(setting, run.grid)
+    placed = setting.rules.placed
+    objects = meeting(placed.geometries, run.grid)
     rules = replace(
         setting.rules,
         frequencies=frequencies,
-        placed=_some_objects(setting.rules.placed, objects),
+        placed=PlacedObjects(
+            tuple(placed.objects[i] for i in objects), tuple(placed.geometries[i] for i in objects)
+        ),
+        vulnerability=setting.rules.vulnerability if objects else None,
     )
-    if not objects:
-        rules = replace(rules, vulnerability=None)
     job = prepared(Job(run, cut.planned, cut.notices), rules)
     with staged_output(folder, overwrite=True) as work:
         done, without = simulations(
@@ -334,6 +347,7 @@ def _run_cut(
         write_state(work / SIMULATION_NAME, done.progress, done.run)
         if without is not None:
             write_state(work / WITHOUT_BARRIERS_NAME, without.progress, without.run)
+        furthest = done.progress.furthest
         record = Record(
             fingerprint=_fingerprint(setting, cut.part, run.grid, run.areas[0], frequencies),
             area=candidate.name,
@@ -344,7 +358,7 @@ def _run_cut(
             repetitions=done.run.repetitions,
             points=len(cut.planned.points),
             rocks=int(done.progress.reasons.sum()),
-            furthest_m=_furthest(done.progress),
+            furthest_m=None if furthest is None else round(furthest[0], 2),
             zones_m2={},
             control_lines=_control_lines_in(setting, run.grid),
             objects=objects,
@@ -387,12 +401,6 @@ def _write_sums_manifest(work: Path, config: Config, done: Simulation) -> None:
     )
 
 
-def _some_objects(placed: PlacedObjects, which: Sequence[int]) -> PlacedObjects:
-    return PlacedObjects(
-        tuple(placed.objects[i] for i in which), tuple(placed.geometries[i] for i in which)
-    )
-
-
 def _counted(progress: Progress, n_cols: int) -> tuple[int, int, int, int]:
     """First row and column of the counts, and how many rows and columns they take."""
     own = [progress.sums.cells, *(t.cells.counts().places for t in progress.sources.values())]
@@ -401,10 +409,6 @@ def _counted(progress: Progress, n_cols: int) -> tuple[int, int, int, int]:
         return 0, 0, 1, 1
     size = int(np.ptp(row)) + 1, int(np.ptp(col)) + 1
     return int(row.min()), int(col.min()), *size
-
-
-def _furthest(progress: Progress) -> float | None:
-    return None if progress.furthest is None else round(progress.furthest[0], 2)
 
 
 def _zones_m2(found: Assessment, rules: Rules) -> dict[str, float]:

@@ -1,4 +1,11 @@
-"""All areas of a batch on one map: their sums are added up from what each has left."""
+"""All areas of a batch on one map, added up block by block from what each has left.
+
+Counts are whole numbers, the frequencies of a cell are added up in the order of the areas, and the
+limits of the histograms are those of the relief of the whole: maps are the same to the last bit
+however many blocks there are. A mosaic that fits into one block is a run like any other and is
+published as one. Of several blocks each has its maps, and zones are drawn group by group of areas
+whose counts lie near each other.
+"""
 
 from __future__ import annotations
 
@@ -8,57 +15,101 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
-from sassgis.hazard.assess import Assessment, felt_cells
+import numpy as np
+
+from sassgis.hazard.assess import Assessment, assess, curves_of, felt_cells, risk_of
+from sassgis.hazard.bins import bins_for
+from sassgis.hazard.map_sums import Sample
 from sassgis.hazard.progress import Progress
+from sassgis.hazard.risk import RiskTable
+from sassgis.hazard.sources import Sampled, sampled_sources
 from sassgis.hazard.warnings import simulation_warnings
-from sassgis.io.own_files import MANIFEST_NAME
-from sassgis.io.read.config import resolved
 from sassgis.io.read.ground_map import built_in_table, ground_raster
 from sassgis.io.read.tiles import Part, hull
 from sassgis.io.read.vectors import release_area, warn_of_overlaps
 from sassgis.io.staging import staged_output, writing
-from sassgis.io.write.layers.zones import joined_layers
-from sassgis.io.write.manifest import write_manifest
+from sassgis.io.vector_layer import VectorLayer
+from sassgis.io.write.block_maps import TILE, BlockMaps, Unfinished, finish_map
+from sassgis.io.write.layers import run_vectors
+from sassgis.io.write.layers.exposed_objects import exposed_layers
+from sassgis.io.write.layers.terrain_layer import terrain_layer
+from sassgis.model.exposure import PlacedObjects
 from sassgis.model.grid import Grid
 from sassgis.model.languages import in_language
+from sassgis.model.map_run import MapRun
 from sassgis.model.release_areas import ReleaseArea
+from sassgis.model.results import RasterLayer
 from sassgis.model.statistics_table import Bins
-from sassgis.runs.batch_area import AREAS_NAME, Setting, area_feature, no_ground
-from sassgis.runs.batch_areas import Candidate
-from sassgis.runs.batch_blocks import (
-    Reached,
-    bins_of_place,
-    bytes_needed,
-    divided,
-    shared,
-    write_blocks,
-)
-from sassgis.runs.batch_layers import write_besides
-from sassgis.runs.batch_state import Record, add_area, read_state
-from sassgis.runs.batch_zones import ZoneTask, zones_by_group
+from sassgis.runs.batch_area import AREAS_NAME, Candidate, Setting, area_feature, no_ground
+from sassgis.runs.batch_state import Reached, Record, added_up
 from sassgis.runs.checkpoint import Checkpoint
+from sassgis.runs.estimate import reached_bytes
 from sassgis.runs.inputs import (
     collected_notices,
     compares_barriers,
     forest_of,
-    input_files,
     map_run_of,
     yearly_frequencies,
 )
 from sassgis.runs.job import Job, Simulation, workers_asked
-from sassgis.runs.workers import Jobs
+from sassgis.runs.origin import facts_of, write_origin
+from sassgis.runs.publish import block_maps, write_layers
+from sassgis.runs.publish_zones import group_extras, group_zones, hazard_maps
+from sassgis.runs.workers import Jobs, task_map
 from sassgis.runs.zone import without_barriers, write_zones
 from sassgis.terrain.plan import plan
 
 MOSAIC_NAME = "mosaic"
 _FINGERPRINT_NAME = "batch.json"
-#: A mosaic of more cells than this is made block by block, within this memory (bytes).
+#: Of one block are mosaics of no more cells than this, if that is within the memory; else each
+#: block is, and all that are at work (bytes).
 _MOST_CELLS, _COMMON_BYTES = 100_000_000, 4 << 30
-_BY_BLOCKS = (
+#: Bytes of the program itself, and of each cell of a block: its heights, and its maps.
+BASE, _PER_CELL = 800 << 20, 600
+#: Smaller blocks are not made so that more can be at work (bytes, besides the program itself).
+_LEAST_SHARE = 256 << 20
+_SEVERAL_BLOCKS = (
     "The mosaic was made block by block and has no report, no sheets, and no fall lines and stops "
     "of single blocks; more memory, or batches of neighbouring areas, give them."
 )
+
+
+class Maps(NamedTuple):
+    """Maps of a mosaic: of hazard, of what was simulated, of the terrain."""
+
+    hazard: Sequence[RasterLayer]
+    blocks: Sequence[RasterLayer]
+    terrain: RasterLayer
+
+
+@dataclass(frozen=True, slots=True)
+class Mosaic:
+    """What all blocks of a mosaic have in common.
+
+    Attributes
+    ----------
+    run : MapRun
+        With the settings of all areas; of its grid only the coordinate system counts.
+    place : Part
+        Of the lattice.
+    bins : Bins
+        Of the relief of the whole.
+    sample : Sample
+        Behind the maps: the blocks of all areas that started.
+    """
+
+    setting: Setting
+    run: MapRun
+    place: Part
+    bins: Bins
+    sample: Sample
+
+    @property
+    def beside(self) -> int:
+        """Cells around counts within which drawing their zones looks at others."""
+        return 4 * felt_cells(self.setting.rules.zones, self.run.grid.cell_size)
 
 
 def write_mosaic(
@@ -71,10 +122,12 @@ def write_mosaic(
     memory_bytes: int | None = None,
     jobs: Jobs = 1,
 ) -> tuple[Assessment | None, tuple[str, ...]]:
-    """Add up all areas and write what they give together.
+    """Add up all areas and write what they give together, within ``memory_bytes`` if given.
 
-    Within ``memory_bytes``, if given: a mosaic for which that is not enough, or of more than a
-    hundred million cells, is made block by block and has no report.
+    Returns
+    -------
+    found : Assessment or None
+        None if the mosaic is there already, or has several blocks.
     """
     parts = [[records[c.stem].fingerprint for c in candidates], notices]
     fingerprint = hashlib.sha256(json.dumps(parts).encode()).hexdigest()
@@ -83,149 +136,34 @@ def write_mosaic(
         tell("The mosaic is there already")
         return None, notices
     tell("Adding up the areas")
-    asked = workers_asked(setting.config, jobs)
-    cores = asked if isinstance(asked, int) else 1
-    blocks = _blocks(setting, candidates, records, folder, memory_bytes, cores)
-    if blocks is not None:
-        said = (*notices, *_said(list(records.values())), _BY_BLOCKS)
-        with (
-            staged_output(target, overwrite=True) as work,
-            in_language(setting.config.project.language),
-        ):
-            _keep(work, fingerprint)
-            said = _write_blocks(work, setting, candidates, blocks, said, cores, tell)
-        return None, said
-    config = replace(
-        setting.config,
-        output=replace(setting.config.output, rock_table="none", passage_table="none"),
-    )
-    began = time.perf_counter()
-    job, place, more = _mosaic_job(setting, candidates, records)
-    frequencies = yearly_frequencies(config, job.run.areas, setting.names)
-    rules = replace(setting.rules, frequencies=frequencies)
-    own = [(records[c.stem], folder / AREAS_NAME / c.stem) for c in candidates]
-    with staged_output(target, overwrite=True) as work:
-
-        def simulation(job: Job, without: bool) -> Simulation:
-            progress = _sum_of_areas(setting, job, place, own, without)
-            warnings = (
-                *notices,
-                *more,
-                *simulation_warnings(
-                    job.run, progress, built_in_table(config.engine.readings).classes
-                ),
-            )
-            seconds = time.perf_counter() - began
-            checkpoint = Checkpoint(work, fingerprint)
-            return Simulation(config, job.run, job.planned, progress, checkpoint, warnings, seconds)
-
-        done = simulation(job, without=False)
-        without = None
-        if compares_barriers(config, job.run):
-            without = simulation(without_barriers(job), without=True)
-
-        def keep(_found: Assessment) -> None:
-            _keep(work, fingerprint)
-
-        names = [c.name for c in candidates]
-        found, published = write_zones(work, rules, done, without, names, tell, keep)
-    return found, published.warnings
-
-
-def _keep(work: Path, fingerprint: str) -> None:
-    path = work / _FINGERPRINT_NAME
-    with writing(path):
-        path.write_text(json.dumps({"fingerprint": fingerprint}) + "\n", encoding="utf-8")
-
-
-@dataclass(frozen=True, slots=True)
-class _Blocks:
-    """How a mosaic is made block by block."""
-
-    place: Part
-    areas: tuple[Reached, ...]
-    bins: Bins
-    blocks: list[tuple[Part, list[Reached]]]
-    memory_bytes: int
-    at_once: int
-
-
-def _blocks(
-    setting: Setting,
-    candidates: Sequence[Candidate],
-    records: dict[str, Record],
-    folder: Path,
-    memory_bytes: int | None,
-    cores: int,
-) -> _Blocks | None:
-    """The blocks of a mosaic that is too large to be made as a whole; None for others."""
-    areas = tuple(
+    areas = [
         Reached(c.name, own, folder / AREAS_NAME / c.stem, own.part(setting.terrain))
         for c in candidates
         for own in (records[c.stem],)
-    )
-    place = hull([a.part for a in areas])
-    if memory_bytes is None and place.n_rows * place.n_cols <= _MOST_CELLS:
-        return None
-    bins = bins_of_place(setting.config, setting.terrain, place, setting.rules)
+    ]
+    mosaic = _mosaic(setting, areas)
+    asked = workers_asked(setting.config, jobs)
+    cores = asked if isinstance(asked, int) else 1
     most = memory_bytes or _COMMON_BYTES
-    # Zones, tables, figures and the report take about as much again.
-    if 2 * bytes_needed(place, areas, bins) <= most and place.n_rows * place.n_cols <= _MOST_CELLS:
-        return None
-    at_once, share = shared(most, cores)
-    return _Blocks(place, areas, bins, divided(place, areas, bins, share), most, at_once)
+    cells = mosaic.place.n_rows * mosaic.place.n_cols
+    # Zones, tables, figures and the report take about as much again as the maps.
+    fits = memory_bytes is None or 2 * bytes_needed(mosaic.place, areas, mosaic.bins) <= most
+    warnings = (*notices, *_said(areas))
+    with staged_output(target, overwrite=True) as work:
 
+        def keep() -> None:
+            path = work / _FINGERPRINT_NAME
+            with writing(path):
+                path.write_text(json.dumps({"fingerprint": fingerprint}) + "\n", encoding="utf-8")
 
-def _write_blocks(
-    work: Path,
-    setting: Setting,
-    candidates: Sequence[Candidate],
-    made: _Blocks,
-    warnings: tuple[str, ...],
-    cores: int,
-    tell: Callable[[str], None],
-) -> tuple[str, ...]:
-    """Write all that a mosaic has which is made block by block; its warnings."""
-    config, rules, terrain, bins = setting.config, setting.rules, setting.terrain, made.bins
-    frame = terrain.frame(made.place)
-    # One cell is enough where only settings count: processes get all cells of a grid in full.
-    cell = terrain.frame(Part(0, 0, 1, 1))
-    empty = map_run_of(
-        config, cell, no_ground(cell), setting.table, (), setting.control_lines, None
-    )
-    run = replace(
-        empty, thresholds_kj=rules.preset.thresholds_kj, ref_width_m=rules.ref_width_m,
-        repetitions=max(a.record.repetitions for a in made.areas),
-    )  # fmt: skip
-    maps = write_blocks(
-        work / "maps", config, terrain, rules, run, made.place, made.blocks, made.areas, bins,
-        made.at_once, tell,
-    )  # fmt: skip
-    beside = 4 * felt_cells(rules.zones, frame.cell_size)
-    task = ZoneTask(config, terrain, rules, run, made.place, bins, beside)
-    counted = [a for a in made.areas if a.record.reached]
-    drawn, said = zones_by_group(task, counted, cores, made.memory_bytes, tell)
-    warnings += said
-    zones = joined_layers(drawn) if drawn else []
-    write_besides(work, setting, run, frame, candidates, made.areas, bins, maps, zones)
-    write_manifest(
-        work / MANIFEST_NAME,
-        inputs=input_files(config),
-        base=config.file.parent,
-        crs=frame.crs,
-        vertical_datum=frame.vertical_datum,
-        seed=config.run.seed,
-        ref_widths_m={"reach_probability": frame.cell_size, "hazard": rules.ref_width_m},
-        preset=rules.preset.name,
-        settings=resolved(config),
-        counts={
-            "release_areas": len(made.areas),
-            "release_points": sum(a.record.points for a in made.areas),
-            "rocks": sum(a.record.rocks for a in made.areas),
-        },
-        warnings=warnings,
-    )
-    return warnings
+        if fits and cells <= _MOST_CELLS:
+            return _write_one_block(
+                work, mosaic, candidates, areas, warnings, tell, fingerprint, keep
+            )
+        keep()
+        with in_language(setting.config.project.language):
+            warnings = (*warnings, _SEVERAL_BLOCKS)
+            return None, _write_blocks(work, mosaic, candidates, areas, warnings, most, cores, tell)
 
 
 def _same_mosaic(folder: Path, fingerprint: str) -> bool:
@@ -236,42 +174,39 @@ def _same_mosaic(folder: Path, fingerprint: str) -> bool:
         return False
 
 
-def _mosaic_job(
-    setting: Setting, candidates: Sequence[Candidate], records: dict[str, Record]
-) -> tuple[Job, Part, tuple[str, ...]]:
-    """The run of all areas on the parts of the terrain that they need, and what to say of it."""
-    config, terrain = setting.config, setting.terrain
-    own = [records[c.stem] for c in candidates]
-    place = hull([r.part(terrain) for r in own])
-    grid = terrain.read(place)
-    # What there is to say of single areas was said when they were run.
-    with collected_notices():
-        areas = [_area_on_grid(setting, c, grid) for c in candidates]
-    with collected_notices() as notices:
-        warn_of_overlaps(areas, config.release_path)
-    ground = ground_raster(config.ground, grid, setting.table, setting.outline())
+def _mosaic(setting: Setting, areas: Sequence[Reached]) -> Mosaic:
+    config, rules, terrain = setting.config, setting.rules, setting.terrain
+    place = hull([a.part for a in areas])
+    low, high = np.inf, -np.inf
+    # Strip by strip: the place may be larger than the memory.
+    for row in range(0, place.n_rows, TILE):
+        strip = Part(place.row + row, place.col, min(TILE, place.n_rows - row), place.n_cols)
+        heights = terrain.read(strip).values
+        low = min(low, float(np.nanmin(heights, initial=np.inf)))
+        high = max(high, float(np.nanmax(heights, initial=-np.inf)))
+    bins = bins_for(high - low, config.blocks, config.engine, rules.preset.thresholds_kj)
+    # One cell is enough where only settings count: processes get all cells of a grid in full.
+    cell = terrain.frame(Part(0, 0, 1, 1))
     run = replace(
-        map_run_of(
-            config,
-            grid,
-            ground,
-            setting.table,
-            areas,
-            setting.control_lines,
-            forest_of(config, grid, setting.outline()),
-        ),
-        thresholds_kj=setting.rules.preset.thresholds_kj,
-        ref_width_m=setting.rules.ref_width_m,
-        repetitions=max(r.repetitions for r in own),
+        map_run_of(config, cell, no_ground(cell), setting.table, (), setting.control_lines, None),
+        thresholds_kj=rules.preset.thresholds_kj,
+        ref_width_m=rules.ref_width_m,
+        repetitions=max(a.record.repetitions for a in areas),
     )
-    planned = replace(plan(run), repetitions=tuple(r.repetitions for r in own))
-    return Job(run, planned, ()), place, (*_said(own), *notices)
+    rocks = sum(a.record.rocks for a in areas)
+    sample = Sample(
+        started=rocks - sum(a.record.never_started for a in areas),
+        rocks_per_line=run.rocks_per_point,
+        lines=rocks // run.rocks_per_point,
+        random_points=run.placement == "random",
+    )
+    return Mosaic(setting, run, place, bins, sample)
 
 
-def _said(own: Sequence[Record]) -> tuple[str, ...]:
+def _said(areas: Sequence[Reached]) -> tuple[str, ...]:
     """What there is to say of the areas."""
-    said = dict.fromkeys(text for r in own for text in r.notices)
-    if len({r.repetitions for r in own}) > 1:
+    said = dict.fromkeys(text for a in areas for text in a.record.notices)
+    if len({a.record.repetitions for a in areas}) > 1:
         said[
             "Areas had different numbers of repetitions: maps that count blocks (reach "
             "probability, energy, height) weigh them by blocks, those of hazard by frequency."
@@ -279,21 +214,292 @@ def _said(own: Sequence[Record]) -> tuple[str, ...]:
     return tuple(said)
 
 
-def _area_on_grid(setting: Setting, candidate: Candidate, grid: Grid) -> ReleaseArea:
-    feature = area_feature(setting, candidate)
-    names = setting.config.block_names
-    return release_area(feature, candidate.name, candidate.release, grid, names)
+def _write_one_block(
+    work: Path,
+    mosaic: Mosaic,
+    candidates: Sequence[Candidate],
+    areas: Sequence[Reached],
+    warnings: tuple[str, ...],
+    tell: Callable[[str], None],
+    fingerprint: str,
+    keep: Callable[[], None],
+) -> tuple[Assessment, tuple[str, ...]]:
+    """Publish a mosaic of one block as a zoning of all areas."""
+    began = time.perf_counter()
+    setting, config = mosaic.setting, mosaic.setting.config
+    grid = setting.terrain.read(mosaic.place)
+    # What there is to say of single areas was said when they were run.
+    with collected_notices():
+        released = [
+            release_area(area_feature(setting, c), c.name, c.release, grid, config.block_names)
+            for c in candidates
+        ]
+    with collected_notices() as overlaps:
+        warn_of_overlaps(released, config.release_path)
+    whole = setting.outline()
+    run = replace(
+        mosaic.run,
+        grid=grid,
+        ground=ground_raster(config.ground, grid, setting.table, whole),
+        areas=tuple(released),
+        forest=forest_of(config, grid, whole),
+    )
+    planned = replace(plan(run), repetitions=tuple(a.record.repetitions for a in areas))
+    rules = replace(setting.rules, frequencies=yearly_frequencies(config, released, setting.names))
+    # Tables of single blocks and passages are in the folders of the areas.
+    output = replace(config.output, rock_table="none", passage_table="none")
+
+    def simulation(job: Job, without: bool) -> Simulation:
+        progress = added_up(
+            job.run, mosaic.place, areas, mosaic.bins, without=without, planned=planned
+        )
+        classes = built_in_table(config.engine.readings).classes
+        said = (*warnings, *overlaps, *simulation_warnings(job.run, progress, classes))
+        return Simulation(
+            replace(config, output=output), job.run, planned, progress,
+            Checkpoint(work, fingerprint), said, time.perf_counter() - began,
+        )  # fmt: skip
+
+    job = Job(run, planned, ())
+    done = simulation(job, without=False)
+    without = None
+    if compares_barriers(config, run):
+        without = simulation(without_barriers(job), without=True)
+    names = [c.name for c in candidates]
+    found, published = write_zones(work, rules, done, without, names, tell, lambda _found: keep())
+    return found, published.warnings
 
 
-def _sum_of_areas(
-    setting: Setting, job: Job, place: Part, own: Sequence[tuple[Record, Path]], without: bool
-) -> Progress:
-    """Add up what the areas left; one area is in memory at a time."""
-    run, planned = job.run, job.planned
-    total = Progress.fresh(run)
-    released = int(sum(r.rocks for r, _ in own))
-    share = run.stop_points_max / released if released else 1.0
-    for i, (record, folder) in enumerate(own):
-        part, state = record.part(setting.terrain), read_state(folder, without)
-        add_area(total, run, planned, place, i, record, part, state, share)
-    return total
+def bytes_needed(place: Part, areas: Sequence[Reached], bins: Bins) -> int:
+    """Memory that the maps of a place take (bytes), with all that its areas have counted."""
+    reached = sum(a.record.reached for a in areas if a.part.common(place) is not None)
+    return BASE + place.n_rows * place.n_cols * _PER_CELL + reached * reached_bytes(bins)
+
+
+def shared(memory_bytes: int, cores: int) -> tuple[int, int]:
+    """How many blocks may be at work at the same time, and the memory of each (bytes).
+
+    As many results wait to be written, in this process, as are at work.
+    """
+    for n in range(cores, 1, -1):
+        left = memory_bytes - (n + 1) * BASE
+        if left >= 2 * (n + 1) * _LEAST_SHARE:
+            return n, BASE + left // (2 * (n + 1))
+    return 1, memory_bytes
+
+
+def divided(
+    place: Part, areas: Sequence[Reached], bins: Bins, memory_bytes: int
+) -> list[tuple[Part, list[Reached]]]:
+    """Blocks of a place that fit into the memory, with the areas that meet each.
+
+    Blocks are halved until they fit; those of one tile of the files are not divided any more.
+    """
+    own = [a for a in areas if a.part.common(place) is not None]
+    n_rows, n_cols = place.n_rows, place.n_cols
+    if bytes_needed(place, own, bins) <= memory_bytes or max(n_rows, n_cols) <= TILE:
+        return [(place, own)]
+    cut = TILE * -(-max(n_rows, n_cols) // (2 * TILE))
+    if n_rows >= n_cols:
+        halves = (
+            Part(place.row, place.col, cut, n_cols),
+            Part(place.row + cut, place.col, n_rows - cut, n_cols),
+        )
+    else:
+        halves = (
+            Part(place.row, place.col, n_rows, cut),
+            Part(place.row, place.col + cut, n_rows, n_cols - cut),
+        )
+    return [block for half in halves for block in divided(half, own, bins, memory_bytes)]
+
+
+def _write_blocks(
+    work: Path,
+    mosaic: Mosaic,
+    candidates: Sequence[Candidate],
+    areas: Sequence[Reached],
+    warnings: tuple[str, ...],
+    memory_bytes: int,
+    cores: int,
+    tell: Callable[[str], None],
+) -> tuple[str, ...]:
+    """Write all that a mosaic of several blocks has; its warnings."""
+    setting, rules, place = mosaic.setting, mosaic.setting.rules, mosaic.place
+    config = setting.config
+    frame = setting.terrain.frame(place)
+    at_once, share = shared(memory_bytes, cores)
+    blocks = divided(place, areas, mosaic.bins, share)
+    maps = _write_maps(work / "maps", mosaic, blocks, frame, at_once, tell)
+    counted = [a for a in areas if a.record.reached]
+    drawn, said = _zones_by_group(mosaic, counted, cores, memory_bytes, tell)
+    here = Part(place.row, place.col, 0, 0)
+    met = [a for a in areas if a.record.control_lines or a.record.objects]
+
+    def at_lines_and_objects(without: bool) -> tuple[Progress, RiskTable | None]:
+        progress = added_up(mosaic.run, here, met, mosaic.bins, without=without)
+        sampled = _sources(mosaic.run, met, progress)
+        return progress, risk_of(rules, sampled, mosaic.bins.threshold)
+
+    progress, risk = at_lines_and_objects(without=False)
+    risk_before = None
+    if risk is not None and compares_barriers(config, mosaic.run):
+        risk_before = at_lines_and_objects(without=True)[1]
+    released = [
+        ReleaseArea(c.name, area_feature(setting, c).geometry, tuple(a.record.frequencies))
+        for c, a in zip(candidates, areas, strict=True)
+    ]
+    points, rocks = ([getattr(a.record, n) for a in areas] for n in ("points", "rocks"))
+    vectors = [
+        run_vectors.released_from(released, points, rocks, frame.crs),
+        *run_vectors.control_line_layers(mosaic.run, progress),
+        *exposed_layers(rules.placed, frame.crs),
+    ]
+    counts = {"release_areas": len(areas), "release_points": sum(points), "rocks": sum(rocks)}
+    extras = group_extras(config, rules, frame, maps.hazard, drawn, (risk, risk_before))
+    facts = facts_of(config, mosaic.run) | {"preset": rules.preset.name} | counts
+    write_layers(
+        work, config, frame, maps.blocks, maps.terrain, vectors, extras, facts, (frame.bounds, ())
+    )
+    warnings = (*warnings, *said)
+    write_origin(
+        work, config, counts, warnings, seed=config.run.seed, grid=frame, origin=extras.origin
+    )
+    return warnings
+
+
+def _write_maps(
+    folder: Path,
+    mosaic: Mosaic,
+    blocks: Sequence[tuple[Part, Sequence[Reached]]],
+    frame: Grid,
+    cores: int,
+    tell: Callable[[str], None],
+) -> Maps:
+    """Write the maps of all blocks, as ``divided`` gives them, several at a time.
+
+    Returns
+    -------
+    Maps
+        Of their values only the smallest and the largest.
+    """
+    hazard: set[str] = set()
+    with (
+        BlockMaps(frame, folder) as files,
+        # Few results wait, as they are large.
+        task_map(mosaic, min(cores, len(blocks)), ahead=1) as each,
+    ):
+        made = zip(blocks, each(_maps_of, blocks), strict=True)
+        for i, ((block, own), found) in enumerate(made, start=1):
+            tell(f"Block {i} of {len(blocks)} of the mosaic: {len(own)} areas")
+            hazard |= {layer.stem for layer in found.hazard}
+            for layer in (found.terrain, *found.hazard, *found.blocks):
+                files.write(layer, block.row - mosaic.place.row, block.col - mosaic.place.col)
+    tell("Writing the overviews of the maps")
+    with task_map(None, cores) as each, writing(folder):
+        for unfinished, _ in zip(files.unfinished, each(_finish, files.unfinished), strict=True):
+            unfinished.between.unlink()
+    layers = {u.layer.stem: u.layer for u in files.unfinished}
+    terrain = layers.pop(found.terrain.stem)
+    return Maps(
+        [layer for stem, layer in layers.items() if stem in hazard],
+        [layer for stem, layer in layers.items() if stem not in hazard],
+        terrain,
+    )
+
+
+def _finish(_: None, unfinished: Unfinished) -> None:
+    finish_map(unfinished)
+
+
+def _maps_of(mosaic: Mosaic, block: tuple[Part, Sequence[Reached]]) -> Maps:
+    """The maps of a block; only that of the terrain where no area has counted anything."""
+    (place, areas), rules, config = block, mosaic.setting.rules, mosaic.setting.config
+    grid = mosaic.setting.terrain.read(place)
+    total = added_up(mosaic.run, place, areas, mosaic.bins)
+    sampled = _sources(replace(mosaic.run, grid=grid), areas, total)
+    curves = curves_of(sampled, mosaic.bins.threshold)
+    del sampled
+    total.sources.clear()
+    of_hazard: tuple[RasterLayer, ...] = ()
+    of_blocks: tuple[RasterLayer, ...] = ()
+    if curves.places.size:
+        of_hazard = hazard_maps(rules, curves, grid.shape, config.hazard.confidence)
+    if total.sums.cells.size:
+        of_blocks = block_maps(config, grid, total.sums, mosaic.sample, mosaic.bins)
+    return Maps(of_hazard, of_blocks, terrain_layer(grid))
+
+
+def _sources(run: MapRun, areas: Sequence[Reached], total: Progress) -> list[Sampled]:
+    """What was added up by source."""
+    # Outlines are of no account here.
+    named = tuple(ReleaseArea(a.name, None, tuple(a.record.frequencies)) for a in areas)
+    frequencies = {(a.name, k): f for a in areas for k, f in a.record.frequencies.items()}
+    return sampled_sources(replace(run, areas=named), total, frequencies)
+
+
+def groups(areas: Sequence[Reached], beside: int) -> list[list[Reached]]:
+    """Areas by groups whose counts, with so many cells around them, do not meet.
+
+    Drawing a zone looks at what lies within some cells of it: groups do not feel each other.
+    """
+    boxes = [a.counted.grown(beside, beside, beside, beside) for a in areas]
+    low = np.array([[b.row, b.col] for b in boxes])
+    high = np.array([b.end for b in boxes])
+    group = np.arange(len(areas))
+    for i in range(len(areas)):
+        met = ((low < high[i]) & (low[i] < high)).all(axis=1)
+        joined = np.unique(group[met])
+        group[np.isin(group, joined)] = joined[0]
+    return [[areas[i] for i in np.flatnonzero(group == g).tolist()] for g in np.unique(group)]
+
+
+def _zones_by_group(
+    mosaic: Mosaic,
+    areas: Sequence[Reached],
+    jobs: int,
+    memory_bytes: int,
+    tell: Callable[[str], None],
+) -> tuple[list[list[VectorLayer]], tuple[str, ...]]:
+    """Zones of each group of areas with counts, and what to say of groups that are too large."""
+    found = groups(areas, mosaic.beside)
+    need = [bytes_needed(_box(mosaic, own), own, mosaic.bins) for own in found]
+    said = tuple(
+        f"The zones around area {own[0].name} ({len(own)} areas that meet) need about "
+        f"{n / 1e9:.1f} GB of memory and were left out; the maps are complete."
+        for own, n in zip(found, need, strict=True)
+        if n > memory_bytes
+    )
+    fits = [own for own, n in zip(found, need, strict=True) if n <= memory_bytes]
+    largest = max((n for n in need if n <= memory_bytes), default=1)
+    at_once = max(1, min(jobs, memory_bytes // largest - 1))
+    tell(f"Drawing the zones of {len(fits)} groups of areas")
+    with task_map(mosaic, at_once if len(fits) >= 2 * at_once else 1) as each:
+        return list(each(_zones, fits)), said
+
+
+def _box(mosaic: Mosaic, areas: Sequence[Reached]) -> Part:
+    """The part of a mosaic that the zones of a group need."""
+    beside = mosaic.beside
+    inside = hull([a.counted for a in areas]).grown(beside, beside, beside, beside)
+    box = inside.common(mosaic.place)
+    assert box is not None
+    return box
+
+
+def _zones(mosaic: Mosaic, areas: Sequence[Reached]) -> list[VectorLayer]:
+    """The zones of one group."""
+    config, rules, box = mosaic.setting.config, mosaic.setting.rules, _box(mosaic, areas)
+    grid = mosaic.setting.terrain.read(box)
+    run = replace(mosaic.run, grid=grid)
+    # Zones with walls and nets are drawn within those without.
+    both = [False, True] if compares_barriers(config, run) else [False]
+    sampled, *alone = (
+        _sources(run, areas, added_up(run, box, areas, mosaic.bins, without=without))
+        for without in both
+    )
+    found = assess(
+        replace(rules, vulnerability=None, placed=PlacedObjects((), ())),
+        grid, mosaic.bins.threshold, sampled, alone[0] if alone else None,
+        confidence=config.hazard.confidence, by_source=False,
+    )  # fmt: skip
+    return group_zones(config, rules, grid, found)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from sassgis.hazard.bins import bins_of
 from sassgis.hazard.control_lines import ControlLineSums
+from sassgis.hazard.map_sums import MapSums
 from sassgis.hazard.progress import Progress, SourceTally, evenly_kept
 from sassgis.hazard.source_sums import SourceSums
 from sassgis.io.digests import content_digest
@@ -27,7 +28,7 @@ from sassgis.io.saved_arrays import (
 )
 from sassgis.io.staging import writing
 from sassgis.model.grid import FloatArray, IntArray
-from sassgis.model.map_run import FallLines, MapRun
+from sassgis.model.map_run import MapRun
 from sassgis.model.results import ControlLine
 from sassgis.model.statistics_table import SUM_NAMES, Bins, wider
 from sassgis.runs.checkpoint import progress_from, state_of
@@ -46,7 +47,6 @@ class Record:
     ----------
     fingerprint : str
         Of all that the result hangs on.
-    area : str
     west, north : float
         Outer corner of the part of the terrain model (m).
     n_rows, n_cols : int
@@ -106,6 +106,22 @@ class Record:
         )
 
 
+@dataclass(frozen=True, slots=True)
+class Reached:
+    """An area of the mosaic: its name, what is known of it, its folder, and its part."""
+
+    name: str
+    record: Record
+    folder: Path
+    part: Part
+
+    @property
+    def counted(self) -> Part:
+        """The smallest part with all its counts."""
+        row, col, n_rows, n_cols = self.record.counted
+        return Part(self.part.row + row, self.part.col + col, n_rows, n_cols)
+
+
 def write_record(folder: Path, record: Record) -> None:
     """Write what is known of an area into its folder."""
     path = folder / RECORD_NAME
@@ -156,7 +172,6 @@ def read_state(folder: Path, without: bool = False) -> dict[str, NDArray[Any]]:
 
     Parameters
     ----------
-    folder : Path
     without : bool
         Whether of its blocks without walls and nets; where it has none, both are the same.
 
@@ -171,117 +186,109 @@ def read_state(folder: Path, without: bool = False) -> dict[str, NDArray[Any]]:
     return saved_or_refused(path, "the sums of a release area; delete its folder to run it again")
 
 
-def add_cells(
-    total: Progress,
-    control_lines: tuple[ControlLine, ...],
-    bins: Bins,
+def added_up(
+    run: MapRun,
     place: Part,
-    area: int,
-    part: Part,
-    own: Progress,
-    thresholds_kj: FloatArray,
-) -> None:
-    """Add what a release area has counted in the cells of a place.
+    areas: Sequence[Reached],
+    bins: Bins,
+    *,
+    without: bool = False,
+    planned: Plan | None = None,
+) -> Progress:
+    """What areas have counted in the cells of a place, at stations, barriers and objects.
+
+    Counts are whole numbers: the sums of a place are those of the whole that lie there. One area
+    is in memory at a time.
 
     Parameters
     ----------
-    total : Progress
-        Of the place; grows.
-    control_lines, bins
-        Of all areas.
+    run : MapRun
+        With the settings of all areas; its grid is not looked at.
     place : Part
-        Of the lattice; what the area has counted elsewhere is left out.
-    area : int
-        Position of the area.
-    part, own, thresholds_kj
-        Of the area.
+        Of the lattice; what areas have counted elsewhere is left out.
+    areas : sequence of Reached
+        Their positions are those of the sources.
+    bins : Bins
+        Of all areas.
+    without : bool
+        Whether without walls and nets.
+    planned : Plan, optional
+        Of all areas: then fall lines, stops, reasons and run-out are added up as well.
     """
-    columns = _columns(thresholds_kj, bins.threshold)
-    n = bins.threshold.size
+    control_lines = tuple(g for g, _ in run.control_lines)
+    total = Progress(0, MapSums(place.n_rows * place.n_cols), ControlLineSums(control_lines))
+    share = run.stop_points_max / max(sum(a.record.rocks for a in areas), 1)
+    for i, area in enumerate(areas):
+        state = read_state(area.folder, without)
+        lines = tuple(control_lines[k] for k in area.record.control_lines)
+        own = progress_from(state, area.part.n_rows * area.part.n_cols, lines)
+        # Those of single sources take much memory; only the table of design values needs them.
+        of_sources = control_lines if planned is not None else ()
+        _add_counts(total, place, i, area, own, bins, state["thresholds_kj"], of_sources)
+        if planned is not None:
+            first_point = int(np.flatnonzero(planned.points.area == i)[0])
+            _add_blocks(total, own, run.seed, share, first_point)
+    return total
+
+
+def _add_counts(
+    total: Progress,
+    place: Part,
+    number: int,
+    area: Reached,
+    own: Progress,
+    bins: Bins,
+    thresholds_kj: FloatArray,
+    of_sources: tuple[ControlLine, ...],
+) -> None:
+    """Add what a release area has counted: in cells, at stations and barriers, at objects."""
+    n, columns = bins.threshold.size, _columns(thresholds_kj, bins.threshold)
+    lines = np.array(area.record.control_lines, np.int64)
+    objects = np.array(area.record.objects, np.int64)
+
+    def widened(counts: IntArray) -> IntArray:
+        """Counts by some of the energies as counts by all of them."""
+        out = np.zeros((counts.shape[0], n), np.int64)
+        out[:, columns] = counts
+        return out
+
     if own.sums.cells.size:
-        inside, cells = part.cells_in(place, own.sums.cells)
-        sums = {k: wider(k, own.sums.column(k)[inside], bins) for k in SUM_NAMES}
-        total.sums.add(cells, sums)
+        inside, cells = area.part.cells_in(place, own.sums.cells)
+        total.sums.add(cells, {k: wider(k, own.sums.column(k)[inside], bins) for k in SUM_NAMES})
+    total.control_lines.add_sums(own.control_lines, lines)
     for (_, scenario), tally in sorted(own.sources.items()):
         joined = SourceTally(
-            SourceSums(n), SourceSums(n), ControlLineSums(control_lines), tally.rocks,
+            SourceSums(n), SourceSums(n), ControlLineSums(of_sources), tally.rocks,
             tally.never_started,
         )  # fmt: skip
         counts = tally.cells.counts()
-        inside, cells = part.cells_in(place, counts.places)
-        joined.cells.add(
-            cells, *(_widened(c[inside], columns, n) for c in (counts.count, counts.square))
-        )
-        total.sources[area, scenario] = joined
+        inside, cells = area.part.cells_in(place, counts.places)
+        joined.cells.add(cells, *(widened(c[inside]) for c in (counts.count, counts.square)))
+        counts = tally.objects.counts()
+        joined.objects.add(objects[counts.places], widened(counts.count), widened(counts.square))
+        if of_sources:
+            joined.control_lines.add_sums(tally.control_lines, lines)
+        total.sources[number, scenario] = joined
 
 
-def add_area(
-    total: Progress,
-    run: MapRun,
-    planned: Plan,
-    place: Part,
-    area: int,
-    record: Record,
-    part: Part,
-    state: dict[str, NDArray[Any]],
-    share: float,
-) -> None:
-    """Add the sums of one release area to those of all.
-
-    Parameters
-    ----------
-    total : Progress
-        Grows.
-    run, planned, place
-        Of all areas, on the mosaic: ``place`` of the lattice.
-    area : int
-        Position of the area in ``run.areas``.
-    record, part, state
-        Of the area.
-    share : float
-        Of the blocks whose stop is kept one by one.
-    """
-    of_all = tuple(g for g, _ in run.control_lines)
-    own = progress_from(
-        state, part.n_rows * part.n_cols, tuple(of_all[i] for i in record.control_lines)
-    )
-    bins, thresholds_kj = bins_of(run), state["thresholds_kj"]
-    add_cells(total, of_all, bins, place, area, part, own, thresholds_kj)
-    total.control_lines.add_sums(own.control_lines, np.array(record.control_lines, np.int64))
+def _add_blocks(total: Progress, own: Progress, seed: int, share: float, first_point: int) -> None:
+    """Add what became of the blocks of an area, whose release points begin at ``first_point``."""
     total.reasons += own.reasons
     total.lost += own.lost
     total.pieces += own.pieces
-    total.runout = _sum_of(total.runout, own.runout)
-    for (_, scenario), tally in sorted(own.sources.items()):
-        joined = total.sources[area, scenario]
-        add_objects(joined, bins, record, tally, thresholds_kj)
-        joined.control_lines.add_sums(tally.control_lines, np.array(record.control_lines, np.int64))
-    first_point = int(np.flatnonzero(planned.points.area == area)[0])
-    total.lines += [_moved_lines(lines, first_point) for lines in own.lines]
+    width = max(total.runout.shape[1], own.runout.shape[1])
+    total.runout, more = (
+        np.pad(r, ((0, 0), (0, width - r.shape[1]))) for r in (total.runout, own.runout)
+    )
+    total.runout += more
+    total.lines += [replace(lines, point=lines.point + first_point) for lines in own.lines]
     for rows in own.stops:
-        kept = evenly_kept(rows, run.seed, share)
+        kept = evenly_kept(rows, seed, share)
         kept.rocks["line"] += first_point
         total.stops.append(kept)
     if own.furthest is not None and (total.furthest is None or own.furthest[0] > total.furthest[0]):
         reach, line, scenario, rock = own.furthest
         total.furthest = (reach, line + first_point, scenario, rock)
-
-
-def add_objects(
-    joined: SourceTally, bins: Bins, record: Record, tally: SourceTally, thresholds_kj: FloatArray
-) -> None:
-    """Add what a source has counted at exposed objects, by their numbers in the batch."""
-    counts, n = tally.objects.counts(), bins.threshold.size
-    columns = _columns(thresholds_kj, bins.threshold)
-    wide = (_widened(c, columns, n) for c in (counts.count, counts.square))
-    joined.objects.add(np.array(record.objects, np.int64)[counts.places], *wide)
-
-
-def _widened(counts: IntArray, columns: IntArray, n: int) -> IntArray:
-    """Counts by some of the energies as counts by all of them."""
-    out = np.zeros((counts.shape[0], n), np.int64)
-    out[:, columns] = counts
-    return out
 
 
 def _columns(own: NDArray[Any], wanted: NDArray[Any]) -> IntArray:
@@ -294,17 +301,3 @@ def _columns(own: NDArray[Any], wanted: NDArray[Any]) -> IntArray:
     if at.size and (at[-1] >= wanted.size or not np.array_equal(wanted[at], own)):
         raise ValueError("hazard curves of areas have different energies")
     return at
-
-
-def _sum_of(one: IntArray, two: IntArray) -> IntArray:
-    out = np.zeros((one.shape[0], max(one.shape[1], two.shape[1])), np.int64)
-    out[:, : one.shape[1]] += one
-    out[:, : two.shape[1]] += two
-    return out
-
-
-def _moved_lines(lines: FallLines, first_point: int) -> FallLines:
-    return FallLines(
-        lines.offset, lines.x, lines.y, lines.point + first_point, lines.length_m, lines.drop_m,
-        lines.end,
-    )  # fmt: skip

@@ -39,10 +39,8 @@ class Windowed:
 
     Attributes
     ----------
-    part : Part
     run : MapRun
         Its grid is that part.
-    planned : Plan
     margins : (int, int, int, int)
         Cells around the release area, in the north, east, south and west.
     notices : tuple of str
@@ -109,7 +107,6 @@ def windowed(
 
     Parameters
     ----------
-    terrain : Terrain
     bounds : (west, south, east, north)
         Of the release area (m).
     ref_width_m : float
@@ -120,10 +117,6 @@ def windowed(
         Margin with which to begin.
     margins : (int, int, int, int)
         Cells around the area (north, east, south, west) that there must be at least.
-
-    Returns
-    -------
-    Windowed
 
     Raises
     ------

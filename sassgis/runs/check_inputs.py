@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import logging
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -26,6 +23,7 @@ from sassgis.model.results import ControlLine
 from sassgis.model.run_config import Config
 from sassgis.runs.estimate import RunEstimate, estimate_of, require_profile
 from sassgis.runs.inputs import (
+    collected_notices,
     compares_barriers,
     most_repetitions,
     named_preset,
@@ -94,16 +92,12 @@ class InputReport:
 
     Attributes
     ----------
-    config : Path
     dem : DemSummary or None
         None where the configuration is for profile runs only.
     profile : ProfileSummary or None
         None where there is a DEM, or no profile file.
-    areas : tuple of AreaSummary
     classes : tuple of ClassSummary
         Those that occur.
-    control_lines : tuple of ControlLine
-    blocks : tuple of str
     notices : tuple of str
         What was done to the inputs, such as reprojection.
     warnings : tuple of str
@@ -112,7 +106,6 @@ class InputReport:
         None where nothing is complete for a run on the map.
     zoning : tuple of str
         What there is for a zoning.
-    ready : tuple of Readiness
     """
 
     config: Path
@@ -213,10 +206,6 @@ def check_inputs(config: Config) -> InputReport:
     config
         The configuration.
 
-    Returns
-    -------
-    InputReport
-
     Raises
     ------
     InputError, ConfigError, OutputError
@@ -229,7 +218,8 @@ def check_inputs(config: Config) -> InputReport:
     areas: tuple[AreaSummary, ...] = ()
     zoning: tuple[str, ...] = ()
     estimate: RunEstimate | None = None
-    with _heard() as records:
+    notices: list[str] = []
+    with collected_notices(quietly=notices) as warned:
         if config.profile is not None and config.profile.file is not None:
             try:
                 profile = profile_from_csv(config)
@@ -256,7 +246,6 @@ def check_inputs(config: Config) -> InputReport:
         for i, c in enumerate(table.classes)
         if i in shares
     )
-    said = list(dict.fromkeys((r.getMessage(), r.levelno >= logging.WARNING) for r in records))
     return InputReport(
         config=config.file,
         dem=None if run is None else _dem_summary(config.dem_path, run.grid),
@@ -265,10 +254,10 @@ def check_inputs(config: Config) -> InputReport:
         classes=classes,
         control_lines=control_lines,
         blocks=config.block_names,
-        notices=tuple(text for text, warning in said if not warning),
+        notices=tuple(notices),
         warnings=(
             *config.notes,
-            *(text for text, warning in said if warning),
+            *warned,
             *ground_warnings(
                 [table.classes[i] for i in sorted(shares)],
                 built_in_table(config.engine.readings).classes,
@@ -367,26 +356,3 @@ def _shares(
     known = ground[np.isfinite(grid.values)]
     indices, counts = np.unique(known, return_counts=True)
     return {int(i): float(n) / known.size for i, n in zip(indices, counts, strict=True)}
-
-
-@contextmanager
-def _heard() -> Iterator[list[logging.LogRecord]]:
-    """Collect what the readers log, whatever the program has set up for its own log."""
-    records: list[logging.LogRecord] = []
-
-    class Listener(logging.Handler):
-        def emit(self, record: logging.LogRecord) -> None:
-            records.append(record)
-
-    logger = logging.getLogger("sassgis")
-    listener, level, passes_on = Listener(logging.INFO), logger.level, logger.propagate
-    logger.addHandler(listener)
-    logger.setLevel(logging.INFO)
-    # The report repeats every message, so the log need not.
-    logger.propagate = False
-    try:
-        yield records
-    finally:
-        logger.removeHandler(listener)
-        logger.setLevel(level)
-        logger.propagate = passes_on

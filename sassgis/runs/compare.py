@@ -54,10 +54,6 @@ def compare(
     say : callable, optional
         Called with a line of text now and then.
 
-    Returns
-    -------
-    ResultChange
-
     Raises
     ------
     InputError
@@ -103,14 +99,10 @@ def write_comparison(
 
     Parameters
     ----------
-    work : Path
-    before, after : StoredResult
     placed : PlacedObjects
         At which the largest values are compared.
     inputs : mapping of str to Path
         For the manifest, relative to ``base``.
-    base : Path
-    say : callable, optional
 
     Raises
     ------

@@ -50,9 +50,6 @@ class DemFinding:
 
     Attributes
     ----------
-    item : str
-    verdict : {"good", "look", "bad"}
-    found : str
     advice : str
         What to do about it; empty if nothing.
     numbers : dict

@@ -51,10 +51,8 @@ def fetch_terrain(
 
     Parameters
     ----------
-    offers : sequence of TileOffer
     folder : Path
         Made if missing.
-    timeout_s : float
     most : int
         More tiles than this are refused.
     say : callable

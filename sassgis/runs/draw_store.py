@@ -42,8 +42,6 @@ class DrawStore:
     file : Path or None
         In the working folder of the result; None: nothing is kept. One that does not fit is not
         used, which is told.
-    fingerprint : str
-    tell : callable
     """
 
     def __init__(self, file: Path | None, fingerprint: str, tell: Callable[[str], None]) -> None:

@@ -38,13 +38,11 @@ class RunEstimate:
 
     Attributes
     ----------
-    blocks, points, cells : int
     need : mapping of str to int
         Memory (bytes) by the key of the configuration that it depends on, but for what grows with
         the cells that blocks come to.
     per_reached : int
         Bytes of each cell that blocks come to.
-    cores : int
     seconds : float
         For blocks as on the slope of docs/studies/speed.md.
     map_bytes : int
@@ -108,7 +106,6 @@ def estimate_of(run: MapRun, jobs: int, points: int | None = None, more: int = 1
 
     Parameters
     ----------
-    run : MapRun
     jobs : int
         Threads.
     points : int, optional

@@ -46,23 +46,34 @@ log = logging.getLogger(__name__)
 
 
 @contextmanager
-def collected_notices() -> Iterator[list[str]]:
-    """Collect what the readers have to say (level WARNING and above), each once."""
+def collected_notices(quietly: list[str] | None = None) -> Iterator[list[str]]:
+    """Collect what the readers have to say (level WARNING and above), each once.
+
+    With ``quietly`` also what is below that (INFO), in that list, whatever the program has set up
+    for its own log, which gets nothing of both.
+    """
     notices: list[str] = []
 
     class _Collector(logging.Handler):
         def emit(self, record: logging.LogRecord) -> None:
             text = record.getMessage()
-            if text not in notices:
-                notices.append(text)
+            own = notices if quietly is None or record.levelno >= logging.WARNING else quietly
+            if text not in own:
+                own.append(text)
 
     logger = logging.getLogger("sassgis")
-    handler = _Collector(level=logging.WARNING)
+    handler = _Collector(logging.WARNING if quietly is None else logging.INFO)
+    level, passes_on = logger.level, logger.propagate
     logger.addHandler(handler)
+    if quietly is not None:
+        logger.setLevel(logging.INFO)
+        logger.propagate = False
     try:
         yield notices
     finally:
         logger.removeHandler(handler)
+        logger.setLevel(level)
+        logger.propagate = passes_on
 
 
 def forest_of(config: Config, grid: Grid, whole: Grid | None = None) -> Forest | None:
@@ -86,7 +97,6 @@ def read_map_run(config: Config, areas: Sequence[str] | None = None) -> MapRun:
 
     Parameters
     ----------
-    config : Config
     areas : sequence of str, optional
         Names of the release areas to run; default: all. Of none the file is not read.
 
@@ -229,8 +239,6 @@ def yearly_frequencies(
 
     Parameters
     ----------
-    config : Config
-    areas : sequence of ReleaseArea
     known : sequence of str, optional
         Names that the table of frequencies may hold; default those of the file of release areas.
 

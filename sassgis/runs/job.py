@@ -52,11 +52,8 @@ class Simulation:
 
     Attributes
     ----------
-    config, run, planned, progress
     checkpoint : Checkpoint
         Holds the rows for tables.
-    warnings : tuple of str
-    seconds : float
     tolerance : ToleranceCheck or None
         How a sample answers to the tolerance of the segments; None where that was not asked.
     """
@@ -121,10 +118,8 @@ def simulate_config(
 
     Parameters
     ----------
-    config : Config
     work : Path
         Working folder of the result.
-    job : Job
     jobs, on_progress, tell
         As for run.
     repetitions_max : int

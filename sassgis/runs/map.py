@@ -16,10 +16,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.engine.event_log import trajectory
 from sassgis.engine.simulate import Simulated, simulate
 from sassgis.engine.simulate_paths import PathTerrain, follow
-from sassgis.hazard.along_profile import LinePaths
 from sassgis.hazard.bins import bins_of
 from sassgis.hazard.progress import (
     ChunkResult,
@@ -29,17 +27,16 @@ from sassgis.hazard.progress import (
     joined_rows,
 )
 from sassgis.model.errors import InputError
-from sassgis.model.grid import FloatArray, Grid, IntArray
+from sassgis.model.grid import IntArray
 from sassgis.model.map_run import BlockRows, MapRun
-from sassgis.model.profiles import ReleasePoints, TraceSet
+from sassgis.model.profiles import ReleasePoints
 from sassgis.model.statistics_table import Bins
 from sassgis.runs.interrupts import held_back
 from sassgis.runs.workers import Threads, Workers
 from sassgis.terrain.fall_lines import trace
-from sassgis.terrain.flatten import chainage_to_xy, profiles
+from sassgis.terrain.flatten import chainage_to_xy
 from sassgis.terrain.plan import Plan
 from sassgis.terrain.prepare import (
-    control_line_crossings,
     draw_keys,
     drawn_lines,
     prepare_lines,
@@ -47,8 +44,6 @@ from sassgis.terrain.prepare import (
 from sassgis.terrain.release import take
 
 CHUNK_POINTS = 32
-LOG_EVENTS = 2000
-_PATHS = 100
 
 
 class TerrainTooSmall(Exception):
@@ -108,8 +103,6 @@ def check_starts(
 
     Parameters
     ----------
-    run : MapRun
-    points : ReleasePoints
     planned : callable
         Gives the plan; asked only where blocks keep to lines, which are traced to find one.
     file : Path or None
@@ -235,141 +228,6 @@ def _on_lines(run: MapRun, planned: Plan, chunk: Chunk, bins: Bins) -> ChunkResu
     return ChunkResult(area, sums, joined_rows(parts), drawn_lines(traces, run.grid, which), lost)
 
 
-def paths_on_line(
-    run: MapRun, planned: Plan, line: int, scenario: int, rock: int
-) -> LinePaths | None:
-    """Paths of blocks on one line of a run, in the repetition of one of them.
-
-    None if the path of a block that was followed is too short for a profile: it never started.
-
-    Parameters
-    ----------
-    run, planned
-    line, scenario, rock : int
-        As in Progress.furthest.
-
-    Raises
-    ------
-    InputError
-        The line is too short for a profile.
-    """
-    if run.followed:
-        return _followed_path(run, planned, line, scenario, rock)
-    repetition = rock // run.rocks_per_point
-    starts = take(planned.starts, np.array([line]))
-    line_on_map = trace(run.grid, planned.surface, starts, run.fall_lines)
-    prepared = prepare_lines(run, line_on_map)
-    if not len(prepared):
-        raise InputError("this fall line is too short for a profile")
-    blocks = run.blocks[scenario]
-    result = simulate(
-        prepared.profiles, run.table, blocks, run.engine, seed=run.seed,
-        rocks_per_line=min(_PATHS, run.rocks_per_point),
-        line_keys=draw_keys(starts.key, blocks.name),
-        first_rock=repetition * run.rocks_per_point,
-        starts=prepared.starts(planned.moved[[line]]), control_lines=prepared.crossings,
-        log_events=LOG_EVENTS, effects=run.effects, forest=run.forest,
-    )  # fmt: skip
-    s, z = prepared.flat.vertices(0)
-    crossed = prepared.crossings
-    return LinePaths(
-        area=planned.points.area_names[planned.points.area[line]],
-        scenario=blocks.name,
-        s=s,
-        z=z,
-        x=np.interp(s, line_on_map.s, line_on_map.x),
-        y=np.interp(s, line_on_map.s, line_on_map.y),
-        ground=prepared.flat.ground.astype(np.int64),
-        ground_names=run.table.names,
-        control_lines=tuple(
-            (crossed.control_lines[g], float(c))
-            for c, g in zip(crossed.chainage, crossed.control_line, strict=True)
-        ),
-        paths=tuple(trajectory(c, run.engine.gravity_mps2) for c in result.event_logs),
-        stops=result.rocks["runout_m"],
-    )
-
-
-def some_paths(run: MapRun, planned: Plan, most: int = 40) -> list[LinePaths]:
-    """Paths of the first block of some release points, evenly chosen; not the shortest."""
-    points = np.unique(np.linspace(0, len(planned.points) - 1, most).astype(int))
-    out = []
-    for number, point in enumerate(points):
-        scenarios = planned.scenarios[planned.points.area[point]]
-        scenario = scenarios[number % len(scenarios)]
-        try:
-            shown = paths_on_line(run, planned, int(point), scenario, 0)
-        except InputError:
-            continue
-        if shown is not None:
-            out.append(shown)
-    return out
-
-
-def follow_one(run: MapRun, points: ReleasePoints, scenario: int, rock: int = 0) -> Simulated:
-    """One block of each release point of an area once more, with its event log."""
-    blocks = run.blocks[scenario]
-    return follow(
-        path_terrain(run), points, run.table, blocks, run.engine, seed=run.seed, rocks_per_point=1,
-        point_keys=draw_keys(points.key, blocks.name), first_rock=rock,
-        spread_m=run.start_spread_m(int(points.area[0])), log_events=LOG_EVENTS,
-        effects=run.effects,
-    )  # fmt: skip
-
-
-def path_in_plan(grid: Grid, log: NDArray[np.void]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Chainage and coordinates of a path that was followed, where its block moves on (m).
-
-    A block that slides back a little does so on its own path.
-    """
-    ahead = np.flatnonzero(np.diff(log["x_m"], prepend=-np.inf) > 0.0)
-    return (
-        log["x_m"][ahead],
-        grid.west + log["u"][ahead] * grid.cell_size,
-        grid.north - log["v"][ahead] * grid.cell_size,
-    )
-
-
-def _followed_path(
-    run: MapRun, planned: Plan, point: int, scenario: int, rock: int
-) -> LinePaths | None:
-    """The path of one block that was followed, with the profile under it; None: too short."""
-    points = take(planned.points, np.array([point]))
-    blocks = run.blocks[scenario]
-    result = follow_one(run, points, scenario, rock)
-    log = result.event_logs[0]
-    chainage, x, y = path_in_plan(run.heights, log)
-    if chainage.size < 2:
-        return None
-    path = TraceSet(
-        offset=np.array([0, chainage.size], np.int64),
-        x=x,
-        y=y,
-        s=chainage,
-        point=np.zeros(1, np.int64),
-        end=np.zeros(1, np.uint8),
-    )
-    flat = profiles(run.heights, path, run.ground, run.segment_tolerance_m)
-    s, z = flat.vertices(0)
-    crossed = control_line_crossings(run.control_lines, path)
-    return LinePaths(
-        area=points.area_names[int(points.area[0])],
-        scenario=blocks.name,
-        s=s,
-        z=z,
-        x=np.interp(s, path.s, path.x),
-        y=np.interp(s, path.s, path.y),
-        ground=flat.ground.astype(np.int64),
-        ground_names=run.table.names,
-        control_lines=tuple(
-            (crossed.control_lines[g], float(c))
-            for c, g in zip(crossed.chainage, crossed.control_line, strict=True)
-        ),
-        paths=(trajectory(log, run.engine.gravity_mps2),),
-        stops=result.rocks["runout_m"],
-    )
-
-
 def chunks_of(planned: Plan, size: int = CHUNK_POINTS, repetitions: int = 1) -> list[Chunk]:
     """The chunks of a plan, repetition by repetition; a chunk holds points of one area only."""
     chunks = []
@@ -394,7 +252,6 @@ def simulate_map(
 
     Parameters
     ----------
-    run : MapRun
     planned : Plan
         Of the same run.
     jobs : int or Workers
@@ -407,10 +264,6 @@ def simulate_map(
         Ctrl-C waits until it returns, so that the progress is whole at any time.
     chunk_points : int
         Release points per chunk.
-
-    Returns
-    -------
-    Progress
 
     Raises
     ------

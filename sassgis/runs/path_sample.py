@@ -1,27 +1,146 @@
-"""Some blocks of a run once more, to see their paths in space."""
+"""Some blocks of a run once more, to see their paths: in a profile, and in space."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sassgis.engine.event_log import trajectory
 from sassgis.engine.simulate import Simulated, simulate
+from sassgis.engine.simulate_paths import follow
+from sassgis.hazard.along_profile import LinePaths
 from sassgis.hazard.block_paths import BlockPath
-from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.map_run import MapRun
+from sassgis.model.profiles import (
+    ReleasePoints,
+    TraceSet,
+)
 from sassgis.model.results import StopReason
-from sassgis.runs.map import LOG_EVENTS, follow_one, on_known_ground, path_in_plan
+from sassgis.runs.map import on_known_ground, path_terrain
 from sassgis.terrain.fall_lines import trace
-from sassgis.terrain.flatten import chainage_to_xy
+from sassgis.terrain.flatten import chainage_to_xy, profiles
 from sassgis.terrain.plan import Plan
-from sassgis.terrain.prepare import draw_keys, prepare_lines
+from sassgis.terrain.prepare import (
+    PreparedLines,
+    control_line_crossings,
+    draw_keys,
+    prepare_lines,
+)
 from sassgis.terrain.release import take
 
+LOG_EVENTS = 2000
+#: Most paths on one line.
+_PATHS = 100
 #: Time between two points of a flight (s): a chord is then within 2 cm of the parabola.
 _STEP_S = 0.1
 _FACTS = ("runout_m", "time_s", "mass_kg", "max_energy_kj", "max_speed_mps", "max_height_m")
+
+
+def paths_on_line(
+    run: MapRun, planned: Plan, line: int, scenario: int, rock: int
+) -> LinePaths | None:
+    """Paths of blocks on one line of a run, in the repetition of one of them.
+
+    Where paths are followed that of the one block alone. None if it is too short for a profile.
+
+    Parameters
+    ----------
+    line, scenario, rock : int
+        As in Progress.furthest.
+    """
+    which = np.array([line])
+    if run.followed:
+        result = _followed_again(run, take(planned.points, which), scenario, rock)
+        chainage, x, y = _in_plan(run.heights, result.event_logs[0])
+        if chainage.size < 2:
+            return None
+        only = np.zeros(1, np.int64)
+        path = TraceSet(
+            np.array([0, chainage.size], np.int64), x, y, chainage, only, only.astype(np.uint8)
+        )
+        flat = profiles(run.heights, path, run.ground, run.segment_tolerance_m)
+        crossed = control_line_crossings(run.control_lines, path)
+    else:
+        first = rock // run.rocks_per_point * run.rocks_per_point
+        blocks = min(_PATHS, run.rocks_per_point)
+        path, prepared, found = _on_lines_again(run, planned, which, scenario, blocks, first)
+        if found is None:
+            return None
+        result, flat, crossed = found, prepared.flat, prepared.crossings
+    s, z = flat.vertices(0)
+    return LinePaths(
+        area=planned.points.area_names[planned.points.area[line]],
+        scenario=run.blocks[scenario].name,
+        s=s,
+        z=z,
+        x=np.interp(s, path.s, path.x),
+        y=np.interp(s, path.s, path.y),
+        ground=flat.ground.astype(np.int64),
+        ground_names=run.table.names,
+        control_lines=tuple(
+            (crossed.control_lines[g], float(c))
+            for c, g in zip(crossed.chainage, crossed.control_line, strict=True)
+        ),
+        paths=tuple(trajectory(log, run.engine.gravity_mps2) for log in result.event_logs),
+        stops=result.rocks["runout_m"],
+    )
+
+
+def some_paths(run: MapRun, planned: Plan, most: int = 40) -> list[LinePaths]:
+    """Paths of the first block of some release points, evenly chosen; not the shortest."""
+    points = np.unique(np.linspace(0, len(planned.points) - 1, most).astype(int))
+    out = []
+    for number, point in enumerate(points):
+        scenarios = planned.scenarios[planned.points.area[point]]
+        scenario = scenarios[number % len(scenarios)]
+        out.append(paths_on_line(run, planned, int(point), scenario, 0))
+    return [shown for shown in out if shown is not None]
+
+
+def _followed_again(run: MapRun, points: ReleasePoints, scenario: int, rock: int = 0) -> Simulated:
+    """One block of each release point of an area, with its event log."""
+    blocks = run.blocks[scenario]
+    return follow(
+        path_terrain(run), points, run.table, blocks, run.engine, seed=run.seed, rocks_per_point=1,
+        point_keys=draw_keys(points.key, blocks.name), first_rock=rock,
+        spread_m=run.start_spread_m(int(points.area[0])), log_events=LOG_EVENTS,
+        effects=run.effects,
+    )  # fmt: skip
+
+
+def _on_lines_again(
+    run: MapRun, planned: Plan, which: IntArray, scenario: int, rocks: int, first: int = 0
+) -> tuple[TraceSet, PreparedLines, Simulated | None]:
+    """Some blocks of release points on their lines, with event logs; None if all are too short."""
+    starts = take(planned.starts, which)
+    traces = trace(run.grid, planned.surface, starts, run.fall_lines)
+    prepared = prepare_lines(run, traces)
+    if not len(prepared):
+        return traces, prepared, None
+    blocks = run.blocks[scenario]
+    return traces, prepared, simulate(
+        prepared.profiles, run.table, blocks, run.engine, seed=run.seed, rocks_per_line=rocks,
+        line_keys=draw_keys(starts.key, blocks.name)[prepared.good], first_rock=first,
+        starts=prepared.starts(planned.moved[which][prepared.lines.point]),
+        control_lines=prepared.crossings, log_events=LOG_EVENTS, effects=run.effects,
+        forest=run.forest,
+    )  # fmt: skip
+
+
+def _in_plan(grid: Grid, log: NDArray[np.void]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Chainage and coordinates of a path that was followed, where its block moves on (m).
+
+    A block that slides back a little does so on its own path.
+    """
+    ahead = np.flatnonzero(np.diff(log["x_m"], prepend=-np.inf) > 0.0)
+    return (
+        log["x_m"][ahead],
+        grid.west + log["u"][ahead] * grid.cell_size,
+        grid.north - log["v"][ahead] * grid.cell_size,
+    )
 
 
 def sample_paths(run: MapRun, planned: Plan, most: int) -> tuple[BlockPath, ...]:
@@ -31,7 +150,6 @@ def sample_paths(run: MapRun, planned: Plan, most: int) -> tuple[BlockPath, ...]
 
     Parameters
     ----------
-    run, planned
     most : int
         Most paths, of all block scenarios together.
     """
@@ -56,9 +174,9 @@ def _followed(run: MapRun, planned: Plan, which: IntArray, scenario: int) -> Ite
     if not len(points):
         return
     name = points.area_names[int(points.area[0])]
-    result = follow_one(run, points, scenario)
+    result = _followed_again(run, points, scenario)
     for i, log in enumerate(result.event_logs):
-        chainage, east, north = path_in_plan(run.heights, log)
+        chainage, east, north = _in_plan(run.heights, log)
         if chainage.size < 2:
             continue
         s, z = trajectory(log, run.engine.gravity_mps2, _STEP_S)
@@ -67,27 +185,16 @@ def _followed(run: MapRun, planned: Plan, which: IntArray, scenario: int) -> Ite
 
 
 def _on_lines(run: MapRun, planned: Plan, which: IntArray, scenario: int) -> Iterator[BlockPath]:
-    starts = take(planned.starts, which)
-    traces = trace(run.grid, planned.surface, starts, run.fall_lines)
-    prepared = prepare_lines(run, traces)
-    lines, good = prepared.lines, prepared.good
-    if not len(lines):
+    _, prepared, result = _on_lines_again(run, planned, which, scenario, 1)
+    if result is None:
         return
-    blocks = run.blocks[scenario]
-    result = simulate(
-        prepared.profiles, run.table, blocks, run.engine, seed=run.seed, rocks_per_line=1,
-        line_keys=draw_keys(starts.key, blocks.name)[good],
-        starts=prepared.starts(planned.moved[which][lines.point]),
-        control_lines=prepared.crossings, log_events=LOG_EVENTS, effects=run.effects,
-        forest=run.forest,
-    )  # fmt: skip
-    name = planned.points.area_names[int(starts.area[0])]
+    name = planned.points.area_names[int(planned.points.area[which[0]])]
     for i, log in enumerate(result.event_logs):
         s, z = trajectory(log, run.engine.gravity_mps2, _STEP_S)
         if s.size > 1:
             line = np.full(s.size, i, np.int64)
-            x, y = chainage_to_xy(lines, line, np.clip(s, 0.0, prepared.length_m[i]))
-            yield _path(name, blocks.name, (x, y, z), result, i)
+            x, y = chainage_to_xy(prepared.lines, line, np.clip(s, 0.0, prepared.length_m[i]))
+            yield _path(name, run.blocks[scenario].name, (x, y, z), result, i)
 
 
 def _path(

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
+import sassgis
 from sassgis.engine.event_log import trajectory
 from sassgis.engine.simulate import Simulated, simulate
 from sassgis.hazard.along_profile import ProfileInput, ProfileResult, stretches_of
 from sassgis.hazard.control_lines import ControlLineSums
 from sassgis.hazard.map_sums import quantiles
 from sassgis.hazard.warnings import profile_warnings
-from sassgis.io.read.config import load_config
+from sassgis.io.read.config import load_config, settings_hash
 from sassgis.io.read.vectors import read_line
 from sassgis.io.staging import staged_output
+from sassgis.io.write.frames import profile_passage_frame, profile_rock_frame, write_table
 from sassgis.model import rng
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray
@@ -28,13 +31,16 @@ from sassgis.model.profiles import (
     ReleasePoints,
     TraceSet,
 )
+from sassgis.model.results import StopReason
 from sassgis.model.run_config import Config
 from sassgis.model.statistics_table import PROBABILITIES
 from sassgis.report.notebook import in_short
-from sassgis.report.page import ReportContext
+from sassgis.report.page import ReportContext, translated_report, write_report
+from sassgis.report.profile_report import profile_report
 from sassgis.runs.estimate import require_profile
 from sassgis.runs.inputs import collected_notices, profile_from_csv, read_map_run
-from sassgis.runs.publish import publish_profile
+from sassgis.runs.origin import Origin, write_origin
+from sassgis.runs.publish_report import byline
 from sassgis.terrain.fall_lines import fall_line_surface, trace
 from sassgis.terrain.flatten import chainage_to_xy
 from sassgis.terrain.prepare import LEAD_IN_M, PreparedLines, prepare_lines, scenario_word
@@ -50,7 +56,6 @@ class ProfileRunResult:
 
     Attributes
     ----------
-    folder : Path
     found : ProfileResult
         Blocks, passages, paths, quantiles along the slope.
     report : ReportContext
@@ -164,8 +169,6 @@ def simulate_profile(
 
     Parameters
     ----------
-    config : Config
-    profile : ProfileInput
     seed, rocks : int, optional
         In place of those of the configuration; blocks count per block scenario.
     """
@@ -252,7 +255,6 @@ def run_profile(
 
     Parameters
     ----------
-    config : Config or path
     out : path
         Folder of the result; appears whole or not at all.
     csv_file : path, optional
@@ -263,11 +265,6 @@ def run_profile(
         Vector file with one line over the terrain, drawn downwards, in place of a CSV file.
     rocks, seed : int, optional
         In place of those of the configuration.
-    overwrite : bool
-
-    Returns
-    -------
-    ProfileRunResult
 
     Raises
     ------
@@ -287,7 +284,7 @@ def run_profile(
                 profile = profile_from_csv(config, None if csv_file is None else Path(csv_file))
         result = simulate_profile(config, profile, seed=seed, rocks=rocks)
         with in_language(config.project.language):
-            report = publish_profile(
+            report = _publish(
                 work,
                 config,
                 result,
@@ -296,3 +293,48 @@ def run_profile(
                 seed=config.run.seed if seed is None else seed,
             )
     return ProfileRunResult(Path(out), result, report)
+
+
+def _publish(
+    work: Path,
+    config: Config,
+    result: ProfileResult,
+    warnings: Sequence[str],
+    *,
+    own_file: Path | None,
+    seed: int,
+) -> ReportContext:
+    """Write the result of a run along one profile, in the language that is spoken.
+
+    Parameters
+    ----------
+    work : Path
+        Working folder of the result.
+    own_file : Path or None
+        The profile, or the line under which it lies, if it is not that of the configuration.
+    seed : int
+        As used.
+    """
+    scenarios = [b.name for b in config.blocks]
+    tables = work / "tables"
+    write_table(tables / "rocks.csv", [profile_rock_frame(result, scenarios)])
+    write_table(tables / "passages.csv", [profile_passage_frame(result)])
+    provenance = (
+        ("Program", f"sassgis {sassgis.__version__}"),
+        ("Seed", str(seed)),
+        ("Settings and inputs (SHA-256)", settings_hash(config)),
+    )
+    effects = config.effects.names
+    report = translated_report(
+        profile_report(result, warnings, effects, byline(config), provenance, work / "figures")
+    )
+    write_report(work / "report.html", report)
+    own = {} if own_file is None else {"profile": own_file}
+    reasons = result.rocks["reason"]
+    counts = {
+        "rocks": int(result.rocks.size),
+        "fragments": int(result.pieces.size),
+        **{f"rocks_{r.name.lower()}": int((reasons == r).sum()) for r in StopReason},
+    }
+    write_origin(work, config, counts, warnings, seed=seed, origin=Origin(own))
+    return report

@@ -35,11 +35,8 @@ class Proposal:
         None if the threshold was stated and the distribution has no cliffs.
     threshold_deg, rock_deg : float
         Slopes that were used, also where the user stated them (degrees).
-    areas : int
     area_m2 : float
         Of all proposed areas, in plan.
-    cell_size : float
-    warnings : tuple of str
     """
 
     units: SlopeUnits | None
@@ -102,7 +99,6 @@ def propose_release(
         Used in place of the slope from which cliffs prevail (degrees).
     min_area_m2 : float
         Smaller patches, in plan, are left out, and those of fewer than four cells.
-    overwrite : bool
 
     Raises
     ------

@@ -27,10 +27,8 @@ class RunResult:
 
     Attributes
     ----------
-    folder : Path
     rocks : int
         Simulated blocks.
-    reasons : dict of StopReason to int
     warnings : tuple of str
         What the user should know before trusting the maps.
     seconds : float
@@ -73,7 +71,6 @@ def run(
 
     Parameters
     ----------
-    config : Config or path
     out : path
         Folder of the result; appears whole or not at all.
     overwrite : bool
@@ -86,10 +83,6 @@ def run(
         Called with (chunks done, chunks in all, blocks done).
     say : callable, optional
         Called with a line of text now and then.
-
-    Returns
-    -------
-    RunResult
 
     Raises
     ------

@@ -26,7 +26,6 @@ def sampled_plan(run: MapRun, planned: Plan, blocks: int, points: int) -> tuple[
 
     Parameters
     ----------
-    run, planned
     blocks : int
         About so many of them.
     points : int

@@ -40,7 +40,6 @@ class Onsets:
         Blocks of the law a year, in place of years.
     extent : float
         Hectares or metres on which they were released; 1 for a release area as a whole.
-    unit : OnsetUnit
     """
 
     years: float | None = None
@@ -70,19 +69,14 @@ class ScenarioFrequencies:
 
     Attributes
     ----------
-    file : Path
     blocks : int
         In the file; the law has those from its volume of completeness on.
-    law : PowerLaw
     higher : tuple of PowerLaw
         The same, fitted from larger volumes on.
     distance, p : float
         Of the test of the fit.
     total : Scenario
         All volumes of the law.
-    scenarios : tuple of Scenario
-    unit : OnsetUnit
-    warnings : tuple of str
     """
 
     file: Path
@@ -186,7 +180,6 @@ def scenario_frequencies(
         Volumes between which the law holds (m3); None: no largest volume.
     limits : sequence of float
         Limits of the volumes of the scenarios (m3), rising.
-    onsets : Onsets
 
     Raises
     ------

@@ -29,14 +29,13 @@ from sassgis.hazard.sensitivity import (
 from sassgis.hazard.warnings import rule_warnings
 from sassgis.io.qgis.entries import LayerEntry, LayerGroup
 from sassgis.io.qgis.project import write_project
-from sassgis.io.read.config import resolved, settings_hash
+from sassgis.io.read.config import settings_hash
 from sassgis.io.read.range_table import read_ranges
 from sassgis.io.saved_arrays import read_saved, write_saved
 from sassgis.io.staging import CHECKPOINT_STEM, staged_output, writing
 from sassgis.io.write.frames import write_table
 from sassgis.io.write.layers.sensitivity_maps import sensitivity_layers
 from sassgis.io.write.layers.terrain_layer import terrain_layer
-from sassgis.io.write.manifest import write_manifest
 from sassgis.io.write.raster import write_raster
 from sassgis.io.write.sensitivity_tables import effect_table, range_table, simulation_table
 from sassgis.model.errors import InputError, Interrupted
@@ -52,9 +51,10 @@ from sassgis.model.results import RasterLayer
 from sassgis.model.run_config import Config
 from sassgis.report.page import write_report
 from sassgis.report.sensitivity_report import sensitivity_report
-from sassgis.runs.inputs import input_files, read_rules
+from sassgis.runs.inputs import read_rules
 from sassgis.runs.job import Job, OnProgress, configured, read_job, state_fingerprint, workers_asked
 from sassgis.runs.map import check_starts, simulate_map
+from sassgis.runs.origin import Origin, write_origin
 from sassgis.runs.workers import Jobs, Workers
 from sassgis.runs.zone import prepared
 
@@ -64,17 +64,7 @@ _ROCKS_SHARE, _FEWEST_ROCKS = 0.2, 4
 
 @dataclass(frozen=True, slots=True)
 class SensitivityResult:
-    """What a sensitivity left.
-
-    Attributes
-    ----------
-    folder : Path
-    ranges : tuple of ParameterRange
-    effects : tuple of RangeEffect
-    maps : SensitivityMaps
-    simulations : int
-    warnings : tuple of str
-    """
+    """What a sensitivity left."""
 
     folder: Path
     ranges: tuple[ParameterRange, ...]
@@ -104,7 +94,6 @@ def sensitivity(
 
     Parameters
     ----------
-    config : Config or path
     out : path
         Folder of the result; appears whole or not at all. An interrupted call leaves what it
         simulated beside it; the same call goes on from there.
@@ -116,10 +105,6 @@ def sensitivity(
         Own table of ranges, before the built-in one.
     overwrite, areas, seed, jobs, on_progress, say
         As for sassgis.runs.run.run; progress counts simulations.
-
-    Returns
-    -------
-    SensitivityResult
 
     Raises
     ------
@@ -328,23 +313,24 @@ def _publish(
     )  # fmt: skip
     context = replace(context, warnings=tuple(warnings), provenance=tuple(facts.items()))
     write_report(work / "report.html", context)
-    write_manifest(
-        work / "manifest.json",
-        inputs=input_files(config) | ({} if own_ranges is None else {"ranges": own_ranges}),
-        base=config.file.parent,
-        crs=grid.crs,
-        vertical_datum=grid.vertical_datum,
-        seed=run.seed,
-        ref_widths_m={"hazard": run.ref_width_m} if rules is not None else {},
-        preset="" if preset is None else preset.name,
-        settings=resolved(config) | ({} if areas is None else {"areas": sorted(areas)}),
-        counts={
+    write_origin(
+        work,
+        config,
+        {
             "simulations": len(done.findings),
             "ranges": len(done.ranges),
             "rocks_per_point": run.rocks_per_point,
             "rocks_per_simulation": base.blocks,
         },
-        warnings=warnings,
+        warnings,
+        seed=run.seed,
+        grid=grid,
+        origin=Origin(
+            {} if own_ranges is None else {"ranges": own_ranges},
+            "" if preset is None else preset.name,
+            {} if rules is None else {"hazard": run.ref_width_m},
+        ),
+        settings={} if areas is None else {"areas": sorted(areas)},
     )
     return tuple(found), maps
 

@@ -71,7 +71,6 @@ class Processes:
 
     Parameters
     ----------
-    count : int
     ahead : int
         Results of each that may wait. Tasks differ: while the first is at work others are done.
     """

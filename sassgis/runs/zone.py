@@ -18,7 +18,8 @@ from sassgis.model.map_run import MapRun
 from sassgis.model.run_config import Config
 from sassgis.runs.inputs import compares_barriers, most_repetitions, read_rules, with_rules
 from sassgis.runs.job import Job, OnProgress, Simulation, configured, read_job, simulate_config
-from sassgis.runs.publish import Published, publish_map, zone_extras
+from sassgis.runs.publish import Published, publish_map
+from sassgis.runs.publish_zones import zone_extras
 from sassgis.runs.run import RunResult, result_of
 from sassgis.runs.workers import Jobs
 
@@ -71,10 +72,6 @@ def zone(
     config, out, overwrite, areas, seed, jobs, on_progress, say
         As for sassgis.runs.run.run.
 
-    Returns
-    -------
-    ZoneResult
-
     Raises
     ------
     ConfigError, InputError, OutputError
@@ -109,16 +106,10 @@ def write_zones(
     ----------
     work, done, areas, tell
         As for sassgis.runs.publish.publish_map.
-    rules : Rules
     without : Simulation or None
         The same blocks without walls and nets.
     first : callable, optional
         Called with what was found before anything is written.
-
-    Returns
-    -------
-    found : Assessment
-    published : Published
     """
     tell("Drawing the zones")
     found = assessed(rules, done, without)

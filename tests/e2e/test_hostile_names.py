@@ -120,7 +120,7 @@ def test_the_project_computes_nothing_that_a_name_holds(made: Path) -> None:
 def test_folders_of_areas_stay_in_the_result(tmp_path: Path) -> None:
     """Names of areas become names of folders."""
     from sassgis.io.read.config import load_config
-    from sassgis.runs.batch_areas import find_areas
+    from sassgis.runs.batch import find_areas
 
     names = [
         "..", "../../x", "/etc/passwd", "C:\\Windows", "a/b", "CON", "nul", "com1", "n" * 400,

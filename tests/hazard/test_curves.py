@@ -15,9 +15,7 @@ from sassgis.hazard.curves import (
     energy_at,
     hazard_curves,
     meets,
-    probability_over,
     rate_interval,
-    return_period,
     source_rate,
 )
 from sassgis.hazard.map_sums import Sample, reach_probability
@@ -150,10 +148,6 @@ def test_curves_at_some_energies() -> None:
 # Return periods
 
 
-def test_return_period() -> None:
-    assert return_period([0.01, 0.0, 4.0]).tolist() == [100.0, np.inf, 0.25]
-
-
 @given(st.integers(1, 1000), st.sampled_from([7.0, 10.0, 30.0, 100.0, 300.0]))
 def test_rounding_does_not_decide_whether_a_return_period_is_met(rocks: int, years: float) -> None:
     # Every rock comes and the source releases once in T: once in T it is, by definition.
@@ -162,17 +156,6 @@ def test_rounding_does_not_decide_whether_a_return_period_is_met(rocks: int, yea
     assert meets(rate, years).all()
     assert meets(sum(rate * 0.1 for _ in range(10)), years).all()
     assert not meets(rate * (1.0 - 1e-9), years).any()
-
-
-def test_probability_over_years() -> None:
-    # 1 − 0.99^2 and 1 − (3/4)^3 = 37/64.
-    np.testing.assert_allclose(probability_over(2, 0.01), 0.0199)
-    np.testing.assert_allclose(probability_over(3, [0.25, 0.5]), [37 / 64, 7 / 8])
-    assert probability_over(1, 0.25) == pytest.approx(0.25)
-    assert probability_over(10, [0.0, 1.0, 5.0]).tolist() == [0.0, 1.0, 1.0]
-    assert probability_over(0, [0.5, 1.0]).tolist() == [0.0, 0.0]
-    # So rare that 1 − λ is 1 in double precision.
-    assert probability_over(10, 1e-18) == pytest.approx(1e-17)
 
 
 def test_energy_at_a_return_period_by_hand() -> None:
@@ -313,21 +296,6 @@ def test_standard_errors_tell_the_spread_of_samples_and_intervals_hold_the_rate(
     # A rate is never taken for too low more often than is said.
     assert np.mean(missed_low, axis=0).max() < 0.025 + 0.022
     assert np.mean(missed_high, axis=0).max() < 0.025 + 0.022
-
-
-def test_a_hundred_samples_of_random_points_spread_as_their_errors_say() -> None:
-    # Now the lines themselves are drawn: chances anew in every sample.
-    rng = np.random.default_rng(5)
-    source = Source("A", "m", 0.4, 40 * 8, 8, random_points=True)
-    rates, variances = [], []
-    for _ in range(100):
-        chance = rng.beta(0.3, 1.2, (1, 40, 1)) * np.array([1.0, 0.3])
-        curves = hazard_curves([source], [drawn_counts(rng, source, chance)], [0.0, 30.0])
-        rates.append(curves.rate)
-        variances.append(curves.variance)
-    spread = np.var(rates, axis=0, ddof=1)
-    # The spread of 100 samples is itself known to 14 %.
-    np.testing.assert_allclose(np.mean(variances, axis=0), spread, rtol=0.4)
 
 
 def test_blocks_that_never_start_are_in_no_denominator():

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from sassgis.hazard.zone_styles import (
     hazard_level_style,
-    intensity_style,
     level_change_style,
     uncertain_style,
+    zone_style,
 )
 from sassgis.io.read.presets import preset_names, read_preset
 from sassgis.io.write.layers.risk_objects import _RAMP
@@ -92,7 +92,12 @@ def test_what_looks_the_same_is_found() -> None:
 STYLES = {
     "changes": level_change_style("change"),
     **{f"levels of {p.name}": hazard_level_style("level", p.levels) for p in PRESETS},
-    **{f"intensities of {p.name}": intensity_style("class", p) for p in PRESETS},
+    **{
+        f"intensities of {p.name}": zone_style(
+            "class", [(c.code, c.label, c.colour, False) for c in p.intensities]
+        )
+        for p in PRESETS
+    },
 }
 
 

@@ -112,20 +112,13 @@ def test_nothing_changes_from_a_result_to_itself() -> None:
     assert (found.higher_m2, found.lower_m2, found.certain_m2) == (0.0, 0.0, 0.0)
 
 
-@pytest.mark.parametrize(("error", "certain"), [(0.1, 24.0), (0.2, 0.0)])
+@pytest.mark.parametrize(("error", "certain"), [(0.1, 24.0), (0.2, 0.0), (np.nan, 0.0)])
 def test_a_change_within_the_sampling_error_is_not_certain(error: float, certain: float) -> None:
-    # 0.4 is 1.96 standard errors of 0.204: sqrt(2) times 0.144.
+    # 0.4 is 1.96 standard errors of 0.204: sqrt(2) times 0.144. NaN: cannot be estimated.
     found = result_change(
         stored(block(2), error=error), stored(block(2, 0.1), error=error), NO_OBJECTS
     )
     assert found.certain_m2 == certain
-
-
-def test_what_cannot_be_estimated_is_not_certain() -> None:
-    found = result_change(
-        stored(block(2), error=np.nan), stored(block(2, 0.1), error=np.nan), NO_OBJECTS
-    )
-    assert found.certain_m2 == 0.0
 
 
 def test_zones_runouts_and_control_lines() -> None:

@@ -10,11 +10,12 @@ import numpy as np
 import rasterio
 from shapely.geometry import LineString, Point, box
 
+from sassgis.hazard.preset_labels import energy_labels
 from sassgis.hazard.zone_styles import (
     hazard_level_style,
-    intensity_style,
     level_change_style,
     uncertain_style,
+    zone_style,
 )
 from sassgis.io.qgis.entries import LayerEntry, LayerGroup
 from sassgis.io.qgis.layout import PrintLayout
@@ -174,6 +175,8 @@ def zone_layers(crs: str | None = "EPSG:2056") -> dict[str, VectorLayer]:
         return VectorLayer(name, title, "", frame, {}, style=style)
 
     levels = preset().levels
+    spans = zip(preset().intensities, energy_labels(preset()), strict=True)
+    intensities = [(c.code, f"{c.label} ({span})", c.colour, False) for c, span in spans]
     middle = [area.buffer(-40) for area in boxes]
     return {
         layer.name: layer
@@ -189,7 +192,7 @@ def zone_layers(crs: str | None = "EPSG:2056") -> dict[str, VectorLayer]:
             layer(
                 "intensity",
                 "Intensity, 100 years",
-                intensity_style("intensity_class", preset()),
+                zone_style("intensity_class", intensities),
                 middle[:3],
                 intensity_class=["high", "mean", "low"],
             ),

@@ -16,7 +16,8 @@ import shapely
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from sassgis.hazard.zoning.outlines import Outlines, regions, smoothed
+from sassgis.hazard.zoning.outlines import smoothed
+from sassgis.hazard.zoning.planar_graph import Outlines, regions
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.grid import Grid, IntArray
 
@@ -371,7 +372,6 @@ def generalised(
         0 where nothing arrives.
     cell_size : float
         Side of a cell (m).
-    settings : ZoneSettings, optional
     at_least : int, shape (n_rows, n_cols), optional
         Classes below which no cell may lie: the generalised map of a more frequent return period.
     known : bool, shape (n_rows, n_cols), optional
@@ -431,10 +431,6 @@ def generalised_series(
     class_maps : sequence of int, shape (n_rows, n_cols)
     cell_size, settings, known
         As in `generalised`.
-
-    Returns
-    -------
-    list of int64, shape (n_rows, n_cols)
     """
     out: list[IntArray] = []
     for classes in class_maps:
@@ -483,7 +479,6 @@ def nested_coverages(
         Generalised classes (`generalised_series`), each nowhere below the one before.
     grid : Grid
         Where the cells lie; its values are not used.
-    settings : ZoneSettings, optional
     known : bool, shape (n_rows, n_cols), optional
         Where the terrain is known; no boundary is smoothed beyond it.
 

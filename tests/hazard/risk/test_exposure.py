@@ -84,11 +84,6 @@ def test_an_empty_attribute_takes_the_default(layer, grid):
     assert [o.name for o in placed.objects] == ["objects 1", "objects 2"]
 
 
-def test_one_object_without_name_field_has_the_name_of_its_entry(layer, grid):
-    (thing,) = read_objects(layer([box(20, 20, 32, 30)]), grid, kind="building", name="hut").objects
-    assert thing.name == "hut"
-
-
 def test_objects_in_another_system_are_reprojected(layer, grid):
     shape = box(20, 20, 60, 50)
     here = read_objects(layer([shape]), grid, kind="building", name="a")
@@ -109,14 +104,6 @@ def test_people_stand_on_their_cell_or_around(layer, grid):
     area = np.bincount(owner)[0] * grid.cell_size**2
     # A disc of 10 m, and up to a cell on each side.
     assert np.pi * 10.0**2 < area < np.pi * 13.0**2
-
-
-def test_a_building_is_hit_by_rocks_beside_it(layer, grid):
-    path = layer([box(100, 50, 110, 60)])
-    (drawn,) = read_objects(path, grid, kind="building").geometries
-    (wide,) = read_objects(path, grid, kind="building", radius_m=1.5).geometries
-    assert wide.area == pytest.approx(drawn.buffer(1.5).area)
-    assert wide.covers(drawn)
 
 
 # --- stretches --------------------------------------------------------------------------------
@@ -255,11 +242,6 @@ def test_a_building_has_the_cells_that_it_touches(x, y, length, width, turn):
     # Slivers of cells at the border may go either way.
     assert inside[area > 1e-4].all()
     assert not inside[area == 0.0].any()
-
-
-def test_a_house_on_the_cell_borders_takes_no_neighbours(grid):
-    cells, _ = object_cells(PlacedObjects((HOUSE,), (on_map(box(100, 50, 110, 60)),)), grid)
-    assert cells.size == 25
 
 
 def test_no_objects_have_no_cells(grid):

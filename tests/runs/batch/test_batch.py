@@ -15,27 +15,19 @@ import pytest
 import rasterio
 import shapely
 from helpers.changed_arrays import change_arrays
-from helpers.cut_valley import GOOD, Stopped, Valley, write_vrt
+from helpers.cut_valley import GOOD, Stopped, Valley
 
 from sassgis.cli import main
 from sassgis.io.read.config import load_config
 from sassgis.io.saved_arrays import unfit
 from sassgis.model.errors import ConfigError, InputError, OutputError
-from sassgis.runs import batch_outcomes, batch_window
-from sassgis.runs.batch import batch
-from sassgis.runs.batch_areas import find_areas
+from sassgis.runs import batch as runs_batch
+from sassgis.runs import batch_window
+from sassgis.runs.batch import batch, find_areas
 from sassgis.runs.zone import zone
 
 # Maps hold everything that is counted; these hold what is made of it.
 TABLES = ("zones", "zone_sources", "sources", "design", "risk_objects", "risk_sources")
-
-
-def digests(folder: Path, *suffixes: str) -> dict[str, str]:
-    """Of the files of a result, by their path."""
-    files = json.loads((folder / "manifest.json").read_text())["files"]
-    found = {f["path"]: f["sha256"] for f in files if f["path"].endswith(suffixes)}
-    assert found
-    return found
 
 
 def on_grid(file: Path, band: str, like: Path) -> np.ndarray:
@@ -186,28 +178,6 @@ def test_frequencies_of_areas_add(done: Stopped) -> None:
     assert (whole[both] > np.maximum(parts[0], parts[1])[both]).all()
 
 
-def test_order_files_tiles_and_threads_do_not_matter(
-    done: Stopped, valley: Valley, tmp_path: Path
-) -> None:
-    folder = tmp_path / "files"
-    folder.mkdir()
-    frame = gpd.read_file(valley.releases)
-    for i, name in enumerate(frame["name"].iloc[::-1]):
-        frame[frame["name"] == name].to_file(folder / f"{i}.gpkg", driver="GPKG")
-    (folder / "notes.txt").write_text("no release area")
-    vrt = tmp_path / "dem.vrt"
-    write_vrt(valley.tiles, valley.dem, vrt)
-    out = tmp_path / "out"
-    result = batch(folder, out, config=valley.config, dem=vrt, jobs=1)
-    mine = result.summary.drop(columns=["seconds", "file", "status"])
-    assert mine.equals(done.result.summary.drop(columns=["seconds", "file", "status"]))
-    for part in ("areas/mitte", "areas/mitte_bis", "areas/nord", "mosaic"):
-        kinds = (".tif", ".csv", ".npz")
-        assert digests(out / part, *kinds[: 2 if part == "mosaic" else 3]) == digests(
-            done.folder / part, *kinds[: 2 if part == "mosaic" else 3]
-        )
-
-
 def test_nothing_is_run_again_or_replaced_unasked(
     done: Stopped, valley: Valley, tmp_path: Path
 ) -> None:
@@ -277,9 +247,9 @@ def test_what_areas_at_work_together_tell_of_saved_states_is_heard(
         tell("Simulating")
         tell(unfit(Path("state.npz")))
 
-    monkeypatch.setattr(batch_outcomes, "run_area", run)
-    common = batch_outcomes._Common(None, Path())
-    told = batch_outcomes._alone(common, SimpleNamespace(stem="a")).told
+    monkeypatch.setattr(runs_batch, "run_area", run)
+    common = runs_batch._Common(None, Path())
+    told = runs_batch._alone(common, SimpleNamespace(stem="a")).told
     assert told == (unfit(Path("state.npz")),)
 
 

@@ -11,17 +11,17 @@ import geopandas as gpd
 import numpy as np
 import pytest
 import rasterio
-from helpers.cut_valley import Stopped, Valley
+from helpers.cut_valley import Stopped, Valley, write_vrt
 
 from sassgis.io.read.tiles import Part
 from sassgis.io.staging import check_output
 from sassgis.model.errors import OutputError
 from sassgis.model.statistics_table import default_bins
-from sassgis.runs import batch_blocks, batch_outcomes, batch_zones
+from sassgis.runs import batch as runs_batch
+from sassgis.runs import batch_mosaic
 from sassgis.runs.batch import batch
-from sassgis.runs.batch_blocks import BASE, Reached, bytes_needed, divided, shared
-from sassgis.runs.batch_state import Record, read_state
-from sassgis.runs.batch_zones import groups
+from sassgis.runs.batch_mosaic import BASE, bytes_needed, divided, groups, shared
+from sassgis.runs.batch_state import Reached, Record, read_state
 
 GIGABYTE = 1e9
 
@@ -31,13 +31,21 @@ def digests(folder: Path, suffix: str) -> dict[str, str]:
     return {f["path"]: f["sha256"] for f in files if f["path"].endswith(suffix)}
 
 
-def test_areas_at_the_same_time_and_sums_only_give_the_same_mosaic(
+def test_areas_at_the_same_time_files_tiles_and_sums_only_give_the_same_mosaic(
     done: Stopped, valley: Valley, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(batch_outcomes, "_AREAS_PER_CORE", 1)
+    monkeypatch.setattr(runs_batch, "_AREAS_PER_CORE", 1)
+    folder = tmp_path / "files"
+    folder.mkdir()
+    frame = gpd.read_file(valley.releases)
+    for i, name in enumerate(frame["name"].iloc[::-1]):
+        frame[frame["name"] == name].to_file(folder / f"{i}.gpkg", driver="GPKG")
+    (folder / "notes.txt").write_text("no release area")
+    vrt = tmp_path / "dem.vrt"
+    write_vrt(valley.tiles, valley.dem, vrt)
     steps: list[tuple[int, int, int]] = []
     result = batch(
-        valley.releases, tmp_path / "out", dem=valley.tiles, jobs=2, mosaic_only=True,
+        folder, tmp_path / "out", config=valley.config, dem=vrt, jobs=2, mosaic_only=True,
         on_progress=lambda *step: steps.append(step),
     )  # fmt: skip
     assert [s[:2] for s in steps] == [(1, 4), (2, 4), (3, 4), (4, 4)]
@@ -58,15 +66,20 @@ def test_areas_at_the_same_time_and_sums_only_give_the_same_mosaic(
         )
     # Whole results serve for sums, but not the other way round.
     with pytest.raises(OutputError, match="made from other settings, inputs or versions"):
-        batch(valley.releases, tmp_path / "out", dem=valley.tiles, jobs=1)
+        batch(folder, tmp_path / "out", config=valley.config, dem=vrt, jobs=1)
     batch(valley.releases, done.folder, dem=valley.tiles, jobs=1, mosaic_only=True)
 
 
 @pytest.fixture
 def small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     """Little memory is enough for all but the whole mosaic, and for the zones of all areas."""
-    monkeypatch.setattr(batch_blocks, "TILE", 128)
-    monkeypatch.setattr(batch_zones, "bytes_needed", lambda *_: 1)
+    monkeypatch.setattr(batch_mosaic, "TILE", 128)
+    by_group = batch_mosaic._zones_by_group
+
+    def with_enough(mosaic, areas, jobs, _memory, tell):
+        return by_group(mosaic, areas, jobs, 1 << 40, tell)
+
+    monkeypatch.setattr(batch_mosaic, "_zones_by_group", with_enough)
 
 
 @pytest.mark.usefixtures("small_blocks")
@@ -78,8 +91,8 @@ def test_blocks_give_the_maps_of_the_whole_to_the_last_bit(
     memory = 1.05 * BASE / GIGABYTE
     if jobs == 2:
         # As if the program itself were small.
-        monkeypatch.setattr(batch_blocks, "BASE", 1 << 20)
-        monkeypatch.setattr(batch_blocks, "_LEAST_SHARE", 1 << 20)
+        monkeypatch.setattr(batch_mosaic, "BASE", 1 << 20)
+        monkeypatch.setattr(batch_mosaic, "_LEAST_SHARE", 1 << 20)
         memory = 0.1
     shutil.copytree(done.folder / "areas", out / "areas")
     said: list[str] = []
@@ -134,6 +147,9 @@ def test_blocks_give_the_maps_of_the_whole_to_the_last_bit(
         "maps/energy.tif",
     ):
         assert source in project
+    origins = [json.loads((f / "mosaic" / "manifest.json").read_text()) for f in (done.folder, out)]
+    for key in ("inputs", "ref_widths_m", "preset", "crs", "seed"):
+        assert origins[0][key] == origins[1][key], key
     again = batch(
         valley.releases, out, dem=valley.tiles, jobs=jobs, memory_gb=memory, say=said.append
     )
@@ -173,10 +189,10 @@ def test_blocks_cover_a_place_once_and_fit_into_the_memory() -> None:
         covered[rows, cols] += 1
         assert bytes_needed(block, areas, bins) <= most
         assert own == [a for a in areas if a.part.common(block) is not None]
-        assert rows.start % batch_blocks.TILE == 0 and cols.start % batch_blocks.TILE == 0
+        assert rows.start % batch_mosaic.TILE == 0 and cols.start % batch_mosaic.TILE == 0
     assert len(blocks) > 4 and (covered == 1).all()
     # A block of one tile is not divided, whatever it needs.
-    assert max(b.n_rows for b, _ in divided(place, areas, bins, 0)) == batch_blocks.TILE
+    assert max(b.n_rows for b, _ in divided(place, areas, bins, 0)) == batch_mosaic.TILE
 
 
 def test_cores_share_the_memory_of_a_mosaic() -> None:

@@ -47,13 +47,9 @@ REFUSED: dict[str, tuple[str, Callable[[Slope], None], tuple[str, ...]]] = {
         "run", lambda s: s.write_config(release__spacing_m="1e-9"),
         ("release.spacing_m", "more memory"),
     ),
-    "spacing, at random": (
+    "spacing, at random, whose square is none": (
         "run",
-        lambda s: s.write_config(release__spacing_m="1e-9", release__placement='"random"'),
-        ("release.spacing_m", "more memory"),
-    ),
-    "spacing, whose square is none": (
-        "run", lambda s: s.write_config(release__spacing_m="1e-300"),
+        lambda s: s.write_config(release__spacing_m="1e-300", release__placement='"random"'),
         ("release.spacing_m", "more memory"),
     ),
     "spacing along lines": ("run", lines, ("release.spacing_m", "more memory")),

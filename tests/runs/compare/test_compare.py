@@ -223,25 +223,6 @@ def test_bad_folders_are_one_line(results: Any, tmp_path: Path, call) -> None:
     assert not out.exists() and not list(tmp_path.glob("out*"))
 
 
-def test_other_cells_are_one_line(results: Any, tmp_path: Path, call) -> None:
-    other = tmp_path / "other"
-    shutil.copytree(results[0], other)
-    with rasterio.open(other / "maps" / "reach_probability.tif") as raster:
-        values, profile = raster.read(), raster.profile
-        names = [raster.tags(i)["NAME"] for i in raster.indexes]
-    profile = {k: profile[k] for k in ("width", "height", "count", "dtype", "nodata", "crs")}
-    west, north = place(0.5, 0.0)
-    with rasterio.open(
-        other / "maps" / "reach_probability.tif", "w", driver="GTiff", **profile,
-        transform=rasterio.transform.from_origin(west, north, 2.0, 2.0),
-    ) as raster:  # fmt: skip
-        raster.write(values)
-        for i, name in enumerate(names, start=1):
-            raster.update_tags(i, NAME=name)
-    text = one_line(call, results[0], other, "-o", tmp_path / "out")
-    assert "borders of the cells" in text and not (tmp_path / "out").exists()
-
-
 @pytest.mark.qgis
 def test_qgis_opens_the_comparison(compared: Path, tmp_path: Path, qgis: None) -> None:
     done = subprocess.run(

@@ -70,26 +70,24 @@ def test_no_more_rocks_stop_in_a_cell_than_come_to_it(small) -> None:
     assert stops.sum() == rocks["reason"].isin(("rest", "barrier")).sum() > 0
 
 
-@pytest.mark.parametrize("stem", ["energy", "passing_height", "speed"])
-def test_quantiles_rise_to_the_largest(small, stem: str) -> None:
-    bands = [small.band(stem, n) for n in ("q50", "q90", "q95", "q99", "max")]
+UPWARDS = ("q50", "q90", "q95", "q99", "max")
+
+
+@pytest.mark.parametrize(
+    ("stem", "names"),
+    [
+        ("energy", UPWARDS), ("passing_height", UPWARDS), ("speed", UPWARDS),
+        ("arrival_time", ("min", "q5", "q50")),
+    ],
+)  # fmt: skip
+def test_quantiles_rise_between_the_extremes(small, stem: str, names: tuple[str, ...]) -> None:
+    bands = [small.band(stem, n) for n in names]
     known = np.isfinite(small.band("passages", "passages"))
     for low, high in itertools.pairwise(bands):
         assert np.array_equal(np.isfinite(low), known)
         assert (low[known] <= high[known] * (1 + 1e-6)).all()
     assert (bands[-1] > bands[0])[known].any() and bands[0][known].max() > 0.0
-
-
-def test_times_of_arrival_rise_from_the_smallest(small) -> None:
-    bands = [small.band("arrival_time", n) for n in ("min", "q5", "q50")]
-    known = np.isfinite(small.band("passages", "passages"))
-    for low, high in itertools.pairwise(bands):
-        assert np.array_equal(np.isfinite(low), known)
-        assert (low[known] <= high[known] * (1 + 1e-6)).all()
-    rocks = pd.read_csv(small.folder / "tables" / "rocks.csv")
-    assert bands[0][known].min() == 0.0
-    assert bands[0][known].max() <= rocks["time_s"].max() * (1 + 1e-6)
-    assert bands[-1][known].max() > 10.0
+    assert stem != "arrival_time" or bands[0][known].min() == 0.0
 
 
 def test_the_largest_values_on_the_map_are_those_of_the_rocks(small) -> None:
@@ -157,13 +155,6 @@ def test_parquet_holds_the_same_as_csv(small, tmp_path) -> None:
         mine = pd.read_parquet(tmp_path / "out" / "tables" / f"{name}.parquet")
         theirs = pd.read_csv(small.folder / "tables" / f"{name}.csv")
         pd.testing.assert_frame_equal(mine, theirs, check_dtype=False, rtol=0, atol=0)
-
-
-def test_equal_runs_give_equal_manifests(small, tmp_path) -> None:
-    config = load_config(small.config, {"output.rock_table": "csv", "output.passage_table": "csv"})
-    run(config, tmp_path / "out", jobs=2)
-    mine, theirs = ((f / "manifest.json").read_bytes() for f in (tmp_path / "out", small.folder))
-    assert mine == theirs
 
 
 def test_a_subset_of_areas_says_so(small, tmp_path) -> None:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import geopandas as gpd
 import numpy as np
 import pytest
 import shapely
 from helpers.map_sums_state import assert_same
 
 from sassgis.hazard.bins import bins_of
-from sassgis.hazard.map_sums import MapSums, reach_probability
+from sassgis.hazard.map_sums import MapSums
 from sassgis.hazard.progress import Progress, joined_rows, line_ends, sample_of
 from sassgis.io.write.layers.maps import map_layers
 from sassgis.model.map_run import MapRun
@@ -75,23 +74,6 @@ def test_order_and_company_of_areas_do_not_matter(job) -> None:
             assert rocks.size > 0 and np.array_equal(rocks, together[name])
 
 
-def test_a_run_that_goes_on_is_the_run_that_was_not_stopped(job, planned, whole) -> None:
-    class Stop(Exception):
-        pass
-
-    held: list[Progress] = []
-
-    def stop(progress: Progress, chunks: int, rows: object) -> None:
-        if progress.chunks == 3:
-            held.append(progress)
-            raise Stop
-
-    with pytest.raises(Stop):
-        simulate_map(job, planned, on_chunk=stop, chunk_points=7)
-    assert held[0].chunks == 3 and held[0].reasons.sum() < whole.reasons.sum()
-    assert_same(simulate_map(job, planned, resume=held[0], chunk_points=7), whole)
-
-
 def test_maps_agree_with_each_rock_looked_at_alone(job, monkeypatch: pytest.MonkeyPatch) -> None:
     """One rock per line and one line per chunk: what is added is then the values of one rock."""
     one = replace(job, rocks_per_point=1, spacing_m=5.0)
@@ -150,45 +132,6 @@ def test_maps_agree_with_each_rock_looked_at_alone(job, monkeypatch: pytest.Monk
 
 
 # --- The sample ----------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("placement", ["grid", "random"])
-def test_the_standard_error_is_the_scatter_over_seeds(job, placement: str) -> None:
-    """Scatter of 60 small runs against the error that each of them states, all cells together."""
-    rocks = 2 if placement == "random" else 5
-    # The part of the terrain model around one area: what lies elsewhere only takes time.
-    x, y = job.areas[0].geometry.centroid.coords[0]
-    (row, col) = divmod(int(job.grid.cell_of(np.array([x]), np.array([y]))[0]), job.grid.shape[1])
-    window = (slice(max(row - 60, 0), row + 90), slice(max(col - 30, 0), col + 160))
-    grid = replace(
-        job.grid,
-        values=np.ascontiguousarray(job.grid.values[window]),
-        west=job.grid.west + window[1].start * job.grid.cell_size,
-        north=job.grid.north - window[0].start * job.grid.cell_size,
-    )
-    tiny = replace(
-        job, grid=grid, ground=np.ascontiguousarray(job.ground[window]), control_lines=(),
-        areas=job.areas[:1], spacing_m=10.0, rocks_per_point=rocks, placement=placement,
-    )  # fmt: skip
-    size = tiny.grid.values.size
-    total, square, stated = np.zeros(size), np.zeros(size), np.zeros(size)
-    n = 60
-    for seed in range(n):
-        run = replace(tiny, seed=seed)
-        planned = plan(run)
-        progress = simulate_map(run, planned)
-        sums = progress.sums
-        p, error = reach_probability(
-            sums.column("reach").astype(np.int64),
-            sums.column("reach_square").astype(np.int64),
-            sample_of(run, planned, progress),
-        )
-        total[sums.cells] += p
-        square[sums.cells] += p**2
-        stated[sums.cells] += error**2
-    scatter = (square - total**2 / n) / (n - 1)
-    assert (total > 0).sum() > 1000
-    assert np.sqrt(scatter.sum() / (stated.sum() / n)) == pytest.approx(1.0, abs=0.2)
 
 
 def test_random_points_differ_between_seeds_and_lie_in_their_areas(job) -> None:
@@ -259,15 +202,3 @@ def test_rocks_leave_a_terrain_model_that_ends_too_early(job) -> None:
     ends = line_ends(progress)
     assert sum(ends.values()) == len(plan(short).points)
     assert ends[LineEnd.LEFT_DEM] > 0
-
-
-def test_a_release_file_of_points_gives_rocks(make_valley, read_job) -> None:
-    config = make_valley()
-    file = config.parent / "release.gpkg"
-    frame = gpd.read_file(file)
-    frame.geometry = frame.geometry.representative_point()
-    frame.to_file(file, driver="GPKG")
-    points = read_job(config)
-    planned = plan(points)
-    assert len(planned.points) == len(frame)
-    assert simulate_map(points, planned).reasons.sum() == 6 * len(frame)

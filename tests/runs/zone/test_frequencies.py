@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -27,13 +26,6 @@ NORTH_M2, SOUTH_M2 = 288.0, 252.0
 def frequencies(config: Path) -> dict[tuple[str, str], float]:
     read = load_config(config)
     return yearly_frequencies(read, read_job(read, None, lambda _: None).run.areas)
-
-
-def test_per_year_is_for_each_release_area(tmp_path: Path) -> None:
-    assert frequencies(two_areas(tmp_path).config) == {
-        ("north", "frequent"): 0.4, ("north", "rare"): 0.03,
-        ("south", "frequent"): 0.4, ("south", "rare"): 0.03,
-    }  # fmt: skip
 
 
 def test_per_hectare_goes_with_the_area_in_plan(tmp_path: Path) -> None:
@@ -197,17 +189,3 @@ def test_the_frequency_above_a_volume_gives_that_between_the_limits(tmp_path: Pa
     found = frequencies(case.config)
     assert found["north", "small"] + found["north", "large"] == pytest.approx(0.3, rel=1e-12)
     assert found["north", "large"] == pytest.approx(0.2 * (1.5**-0.5 - 0.5), rel=1e-12)
-
-
-def test_a_table_states_the_frequency_above_the_same_volume(tmp_path: Path) -> None:
-    """Rows stand in place of onset_frequency; what it refers to stays."""
-    case = two_areas(tmp_path, hazard={"frequencies": "frequencies.csv"})
-    case.blocks[:] = [
-        {"name": "law", "volume_m3": [0.25, 4.0], "volume_exponent": 0.5, "onset_frequency": 0.2,
-         "onset_above_m3": 1.0}
-    ]  # fmt: skip
-    case.write()
-    case.write_text("frequencies.csv", "area,scenario,frequency,unit", "south,law,0.2,per_year")
-    found = frequencies(case.config)
-    assert found["north", "law"] == found["south", "law"] == pytest.approx(0.3, rel=1e-12)
-    assert not math.isclose(found["south", "law"], 0.2)

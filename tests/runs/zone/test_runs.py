@@ -48,15 +48,6 @@ def test_frequencies_of_areas_add_to_the_last_bit(tmp_path: Path) -> None:
     assert same_curves(both.curves, turned.curves)
 
 
-def test_threads_do_not_change_a_bit(tmp_path: Path) -> None:
-    case = two_areas(tmp_path, release={"spacing_m": 1.5}, hazard={"ref_width_m": 6.0})
-    one, two = (zoned(case.config, tmp_path / f"{n}", jobs=n) for n in (1, 2))
-    assert one.done.progress.chunks >= 6
-    assert same_curves(one.curves, two.curves)
-    polygons = [z.found.hazard.levels.polygons.tolist() for z in (one, two)]
-    assert polygons[0] == polygons[1]
-
-
 def adaptive(folder: Path, share: float, rounds_max: int = 64) -> Case:
     case = two_areas(folder)
     # Frequencies between the limits of the matrix, so that rocks can decide the level.
@@ -195,10 +186,9 @@ def test_interrupted_and_resumed_is_uninterrupted(
     ("change", "repetitions"),
     [
         ({"hazard.uncertain_share_max": None}, 1),
-        ({"hazard.repetitions_max": 1}, 1),
         ({"hazard.repetitions_max": 2}, 2),
     ],
-    ids=["no repetitions", "one repetition", "two repetitions"],
+    ids=["no repetitions", "two repetitions"],
 )
 def test_other_repetitions_than_those_of_an_interrupted_run(
     whole: tuple[Case, Path], tmp_path: Path, change: dict[str, object], repetitions: int

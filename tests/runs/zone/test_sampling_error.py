@@ -76,7 +76,6 @@ def repeated(folder: Path, **settings: dict[str, object]) -> Repeated:
 
 
 CASES = {
-    "lattice": {},
     "lattice, 10 m wide": {"hazard": {"ref_width_m": 10.0}},
     "random": {"release": {"placement": "random"}},
 }
@@ -105,30 +104,6 @@ def test_the_spread_is_as_predicted(runs: Repeated, column: int) -> None:
     assert np.mean(usual) > 0.95, np.percentile(ratio, [1, 5, 50, 95, 99])
     assert 0.55 * least < ratio.min() and ratio.max() < 1.45
     assert 0.92 * least < np.sqrt(np.mean(ratio**2)) < 1.08
-
-
-def test_the_error_of_a_single_run_is_good_enough(runs: Repeated) -> None:
-    """Each run tells its own error: typically within 20 % of the true one.
-
-    Not so with a handful of random lines, of which a single sample tells little.
-    """
-    if runs.random:
-        return
-    variance = runs.variance[..., 0]
-    enough = runs.rocks[..., 0].mean(axis=0) >= 4 * ENOUGH
-    enough &= variance.mean(axis=0) > (0.05 * runs.rate[..., 0].mean(axis=0)) ** 2
-    assert enough.sum() > 10
-    told = np.sqrt(variance[:, enough])
-    true = runs.rate[..., 0].std(axis=0, ddof=1)[enough]
-    assert np.median(np.abs(told / true - 1.0)) < 0.2
-
-
-def test_rates_do_not_lean(runs: Repeated) -> None:
-    """Two halves of the seeds have the same mean rate, as far as their errors allow."""
-    first, second = runs.rate[::2, :, 0].mean(axis=0), runs.rate[1::2, :, 0].mean(axis=0)
-    error = np.sqrt(runs.variance[..., 0].mean(axis=0) * 4.0 / SEEDS)
-    some = error > 0.0
-    assert np.std((first - second)[some] / error[some]) == pytest.approx(1.0, abs=0.25)
 
 
 def test_errors_of_risk_are_no_smaller_than_the_spread(runs: Repeated) -> None:

@@ -1,0 +1,89 @@
+"""What a result was made from: its manifest, and what its files say of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import sassgis
+from sassgis.io.own_files import MANIFEST_NAME
+from sassgis.io.read.config import resolved, settings_hash
+from sassgis.io.write.manifest import write_manifest
+from sassgis.model.crs import crs_name
+from sassgis.model.grid import Grid
+from sassgis.model.map_run import MapRun
+from sassgis.model.run_config import Config
+from sassgis.runs.inputs import input_files
+
+
+@dataclass(frozen=True, slots=True)
+class Origin:
+    """What a result was made from besides the files that every run of its configuration reads.
+
+    Attributes
+    ----------
+    inputs : dict of str to Path
+        Files by their role.
+    ref_widths_m : dict of str to float
+        Reference widths besides that of the reach probability (m).
+    """
+
+    inputs: dict[str, Path] = field(default_factory=dict)
+    preset: str = ""
+    ref_widths_m: dict[str, float] = field(default_factory=dict)
+
+
+def write_origin(
+    work: Path,
+    config: Config,
+    counts: Mapping[str, int],
+    warnings: Sequence[str],
+    *,
+    seed: int,
+    grid: Grid | None = None,
+    origin: Origin | None = None,
+    settings: Mapping[str, object] | None = None,
+    checks: Mapping[str, object] | None = None,
+) -> None:
+    """Write the manifest of a result of a configuration, after all other files.
+
+    Parameters
+    ----------
+    grid : Grid, optional
+        None if it lies on no map.
+    settings : mapping, optional
+        Beside those of the configuration.
+    """
+    origin = origin or Origin()
+    reach = {} if grid is None else {"reach_probability": grid.cell_size}
+    write_manifest(
+        work / MANIFEST_NAME,
+        inputs=input_files(config) | origin.inputs,
+        base=config.file.parent,
+        crs="" if grid is None else grid.crs,
+        vertical_datum="" if grid is None else grid.vertical_datum,
+        seed=seed,
+        ref_widths_m=reach | origin.ref_widths_m,
+        preset=origin.preset,
+        settings=resolved(config) | dict(settings or {}),
+        counts=counts,
+        warnings=warnings,
+        checks=checks,
+    )
+
+
+def facts_of(config: Config, run: MapRun) -> dict[str, object]:
+    """What the maps rest on, for the GeoPackage and the report."""
+    return {
+        "program": f"sassgis {sassgis.__version__}",
+        "model": "SASS (Bozzolo and Pamini, 1986)",
+        "title": config.project.name,
+        "crs": crs_name(run.grid.crs) if run.grid.crs else "local coordinates",
+        "vertical_datum": run.grid.vertical_datum or "not stated",
+        "seed": run.seed,
+        "ref_width_m": run.grid.cell_size,
+        "lateral_spread": run.lateral_spread,
+        "effects": ", ".join(run.effects.names) or "none",
+        "settings_hash": settings_hash(config),
+    }

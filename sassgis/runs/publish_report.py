@@ -1,0 +1,125 @@
+"""The report of a run on the map and the page of its paths, with what a zoning adds to them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from datetime import date
+from pathlib import Path
+
+import sassgis
+from sassgis.hazard.reach_angles import reach_angles
+from sassgis.io.read.objects import object_cells
+from sassgis.model.exposure import PlacedObjects
+from sassgis.model.map_run import ObjectCells
+from sassgis.model.results import RasterLayer
+from sassgis.model.run_config import Config
+from sassgis.report.exposed_report import exposed_table, map_objects
+from sassgis.report.map_report import map_report, release_outlines
+from sassgis.report.page import (
+    ReportContext,
+    ReportFigure,
+    ReportTable,
+    translated_report,
+    write_report,
+)
+from sassgis.report.path_page import write_path_page
+from sassgis.report.run_summary import object_lines, run_lines
+from sassgis.runs.job import Simulation
+from sassgis.runs.path_sample import paths_on_line, some_paths
+
+
+@dataclass(frozen=True, slots=True)
+class ReportPart:
+    """What a report says besides what was simulated.
+
+    Attributes
+    ----------
+    key_results : ReportTable or None
+        Heads the report, in place of the stopping reasons.
+    described : tuple of (str, str)
+        Added to what the report says was computed.
+    levels : dict of str to str
+        The hazard level of each exposed object by its name; empty without zones.
+    summary : tuple of (str, str)
+        Added to the answer in short.
+    """
+
+    figures: tuple[ReportFigure, ...] = ()
+    key_results: ReportTable | None = None
+    tables: tuple[ReportTable, ...] = ()
+    described: tuple[tuple[str, str], ...] = ()
+    levels: dict[str, str] = field(default_factory=dict)
+    summary: tuple[tuple[str, str], ...] = ()
+
+
+def publish_report(
+    work: Path,
+    done: Simulation,
+    layers: tuple[RasterLayer, ...],
+    more: Sequence[RasterLayer],
+    placed: PlacedObjects,
+    warnings: Sequence[str],
+    facts: Mapping[str, object],
+    part: ReportPart,
+) -> ReportContext:
+    """Write ``report.html`` with its figures, and ``paths.html``.
+
+    ``layers`` are the maps of the blocks, ``more`` those of a zoning. Returns what the report says,
+    in the language that is spoken.
+    """
+    config, run, planned, progress = done.config, done.run, done.planned, done.progress
+    furthest = progress.furthest
+    shown = None if furthest is None else paths_on_line(run, planned, *furthest[1:])
+    named = {"terrain_file": config.dem_path.name, "config_file": config.file.name}
+    if done.tolerance is not None:
+        named["tolerance_check"] = done.tolerance.sentence()
+    objects = map_objects(placed)
+    context = map_report(
+        run, planned, progress, layers, shown, warnings, {**facts, **named}, work / "figures",
+        objects,
+    )  # fmt: skip
+    cells = ObjectCells.none()
+    if len(placed):
+        cells = ObjectCells(len(placed), *object_cells(placed, run.grid))
+    exposed = exposed_table(placed, cells, layers, part.levels)
+    first = () if part.key_results is None else (context.key_results,)
+    report = translated_report(
+        replace(
+            context,
+            byline=byline(config),
+            summary=(
+                *part.summary[:1],
+                *run_lines(progress, reach_angles(run, planned, progress)),
+                *object_lines(exposed),
+                *part.summary[1:],
+            ),
+            key_results=part.key_results or context.key_results,
+            figures=(*part.figures, *context.figures),
+            tables=(exposed, *part.tables, *first, *context.tables),
+            what_was_run=(*part.described, *context.what_was_run),
+        )
+    )
+    write_report(work / "report.html", report)
+    paths = some_paths(run, planned)
+    if paths:
+        by_stem = {layer.stem: layer for layer in (*layers, *more)}
+        background = by_stem.get("hazard_level", by_stem["energy"])
+        write_path_page(
+            work / "paths.html", config.project.name, run, background, paths,
+            release_outlines(run), objects,
+        )  # fmt: skip
+    return report
+
+
+def made_on(config: Config) -> str:
+    """The date on sheets and in the report: that of the configuration, or today."""
+    return config.project.date or date.today().isoformat()
+
+
+def byline(config: Config) -> tuple[str, ...]:
+    """Who made it, when, with which program; where to ask; whose data."""
+    project = config.project
+    parts = (project.author, made_on(config), f"sassgis {sassgis.__version__}", project.contact,
+             project.rights)  # fmt: skip
+    return tuple(part for part in parts if part)

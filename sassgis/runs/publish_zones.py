@@ -1,0 +1,168 @@
+"""What zoning adds to the result of a run: maps, zones, risk, tables, sheets, report."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from sassgis.hazard.assess import Assessment, Rules
+from sassgis.hazard.risk import RiskTable
+from sassgis.hazard.warnings import rule_warnings, zone_warnings
+from sassgis.io.qgis.run_project import zone_groups, zone_layouts
+from sassgis.io.vector_layer import VectorLayer
+from sassgis.io.write.layers import zones as zone_layers
+from sassgis.io.write.layers.federal import federal_layers
+from sassgis.io.write.layers.hazard_maps import hazard_layers
+from sassgis.io.write.layers.risk_objects import risk_tables, risk_vectors
+from sassgis.io.write.zone_tables import design_table, layer_table, source_table
+from sassgis.model.grid import Grid
+from sassgis.model.hazard import HazardCurves
+from sassgis.model.results import RasterLayer
+from sassgis.model.run_config import Config
+from sassgis.report.exposed_report import levels_of
+from sassgis.report.run_summary import zone_lines
+from sassgis.report.zone_report import level_table, zone_facts_of, zone_figures, zone_tables
+from sassgis.runs.job import Simulation
+from sassgis.runs.origin import Origin
+from sassgis.runs.publish import Extras
+from sassgis.runs.publish_report import ReportPart
+
+#: Layers of a group of areas that make sense for all groups together; the first is a table, too.
+_OF_GROUPS = ("hazard_zones", "hazard_area", "synoptic_intensity", "indicative_hazard_area")
+
+
+def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path) -> Extras:
+    """Everything that zoning adds to a result; figures are drawn into the folder ``figures``."""
+    config, run, preset = done.config, done.run, rules.preset
+    grid, confidence, currency = run.grid, config.hazard.confidence, config.risk.currency
+    hazard = found.hazard
+    maps = hazard_maps(rules, hazard.curves, grid.shape, confidence)
+    width = rules.ref_width_m
+    zones = zone_layers.hazard_zones(hazard, preset, grid, width, confidence)
+    uncertain = hazard.curves.places[hazard.uncertain]
+    own = [zones, zone_layers.uncertain_zones(uncertain, grid, confidence)]
+    risk: list[VectorLayer] = []
+    sources = source_table(hazard.sampled)
+    frames = {
+        "zones": layer_table(zones),
+        "zone_sources": zone_layers.zone_sources(hazard),
+        "sources": sources,
+    }
+    periods = config.hazard.design_return_periods_years
+    design = design_table([line for line, _ in run.control_lines], found.without_barriers, periods)
+    if len(design):
+        frames["design"] = design
+    if found.without is not None:
+        before = zone_layers.hazard_zones(
+            found.without, preset, grid, rules.ref_width_m, confidence
+        )
+        both = zone_layers.changes(found.without.levels, hazard.levels)
+        codes, labels = zip(*((c.code, c.label) for c in preset.levels), strict=True)
+        own += [
+            zone_layers.without_barriers(before),
+            zone_layers.level_changes(both, codes, grid.crs),
+        ]
+        frames["level_changes"] = zone_layers.change_table(both, labels)
+    if found.risk is not None:
+        risk = risk_vectors(found.risk, rules.placed, grid.crs, currency)
+        frames |= risk_tables(found.risk, found.risk_without, currency)
+    federal = federal_layers(config, grid, preset, rules.ref_width_m, hazard, found.by_area)
+    levels = level_table(preset, found)
+    return Extras(
+        layers=maps,
+        vectors=(*own, *risk, *federal),
+        groups=zone_groups(maps, own, risk, federal),
+        layouts=lambda words: zone_layouts(words, rules, found, risk, grid),
+        report=ReportPart(
+            zone_figures(
+                run, rules, found, maps, figures, confidence=confidence, currency=currency
+            ),
+            levels,
+            zone_tables(
+                preset, found, sources, design, return_periods_years=periods, currency=currency
+            ),
+            zone_facts_of(rules, found, run.repetitions, confidence),
+            levels_of(rules.placed, hazard.levels, preset.levels),
+            zone_lines(levels, found, currency),
+        ),
+        facts={
+            "preset": f"{preset.name}: {preset.title}",
+            "hazard_ref_width_m": rules.ref_width_m,
+            "confidence": confidence,
+            "uncertain_share": round(hazard.uncertain_share, 4),
+            "repetitions": run.repetitions,
+        },
+        frames=frames,
+        warnings=(
+            *rule_warnings(preset, rules.frequencies),
+            *zone_warnings(
+                hazard.uncertain_share,
+                config.hazard.uncertain_share_max,
+                config.hazard.repetitions_max,
+            ),
+        ),
+        placed=rules.placed,
+        origin=_origin(config, rules),
+    )
+
+
+def hazard_maps(
+    rules: Rules, curves: HazardCurves, shape: tuple[int, int], confidence: float
+) -> tuple[RasterLayer, ...]:
+    """Maps of level, intensity, return period, frequency and confidence."""
+    preset = rules.preset
+    return hazard_layers(
+        curves, preset, shape, rules.ref_width_m, return_periods=preset.return_periods,
+        confidence=confidence,
+    )  # fmt: skip
+
+
+def group_zones(config: Config, rules: Rules, grid: Grid, found: Assessment) -> list[VectorLayer]:
+    """The zones of a group of areas, of the layers that make sense for all groups together."""
+    width, confidence = rules.ref_width_m, config.hazard.confidence
+    zones = zone_layers.hazard_zones(found.hazard, rules.preset, grid, width, confidence)
+    federal = federal_layers(config, grid, rules.preset, width, found.hazard, {})
+    return [layer for layer in (zones, *federal) if layer.name in _OF_GROUPS]
+
+
+def group_extras(
+    config: Config,
+    rules: Rules,
+    grid: Grid,
+    maps: Sequence[RasterLayer],
+    drawn: Sequence[Sequence[VectorLayer]],
+    risks: tuple[RiskTable | None, RiskTable | None],
+) -> Extras:
+    """What zoning adds to a mosaic that is drawn group by group.
+
+    Parameters
+    ----------
+    maps : sequence of RasterLayer
+        Of hazard, written already.
+    drawn : sequence of list of VectorLayer
+        From group_zones, for each group.
+    risks : (RiskTable or None, RiskTable or None)
+        With and without barriers.
+    """
+    zones = zone_layers.joined_layers(drawn) if drawn else []
+    frames = {"zones": layer_table(zones[0])} if zones else {}
+    shown: list[VectorLayer] = []
+    if risks[0] is not None:
+        shown = risk_vectors(risks[0], rules.placed, grid.crs, config.risk.currency)
+        frames |= risk_tables(risks[0], risks[1], config.risk.currency)
+    return Extras(
+        vectors=(*zones, *shown),
+        groups=zone_groups(maps, zones[:1], shown, zones[1:]),
+        frames=frames,
+        origin=_origin(config, rules),
+    )
+
+
+def _origin(config: Config, rules: Rules) -> Origin:
+    """What a zoning is made from besides the run."""
+    files = {"frequencies": config.hazard.frequencies, "vulnerability": config.risk.vulnerability}
+    files |= {f"objects {o.name}": o.file for o in config.objects}
+    if config.hazard.preset.endswith(".toml"):
+        files["preset"] = Path(config.hazard.preset)
+    inputs = {role: path for role, path in files.items() if path is not None}
+    return Origin(inputs, rules.preset.name, {"hazard": rules.ref_width_m})
