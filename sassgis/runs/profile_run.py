@@ -304,7 +304,7 @@ def _publish(
     own_file: Path | None,
     seed: int,
 ) -> ReportContext:
-    """Write the result of a run along one profile, in the language that is spoken.
+    """Write the result of a run along one profile, in the language of the settings.
 
     Parameters
     ----------

@@ -66,7 +66,7 @@ def publish_report(
     """Write ``report.html`` with its figures, and ``paths.html``.
 
     ``layers`` are the maps of the blocks, ``more`` those of a zoning. Returns what the report says,
-    in the language that is spoken.
+    in the language of the settings.
     """
     config, run, planned, progress = done.config, done.run, done.planned, done.progress
     furthest = progress.furthest
