@@ -33,7 +33,14 @@ from scipy.optimize import minimize
 from scipy.special import log_softmax
 
 from sassgis.gap.causes.all_causes import CAUSES as ROWS_OF_CAUSES
-from sassgis.gap.check.check_scores import Answer, Truth, score, scores_as_json
+from sassgis.gap.check.answers import (
+    Answer,
+    Truth,
+)
+from sassgis.gap.check.check_scores import (
+    score,
+    scores_as_json,
+)
 from sassgis.gap.check.worlds import EffectSpec, WorldSpec
 from sassgis.gap.check.worlds.observe import KINDS
 from sassgis.gap.check.worlds.polygons import SUPPORTED

@@ -44,7 +44,9 @@ def check_diagnosis(
 
     The same command goes on after an interruption.
     """
-    from sassgis.gap.check.check_scores import acceptance
+    from sassgis.gap.check.check_scores import (
+        acceptance,
+    )
     from sassgis.runs.gap_check import check
 
     with who_works(jobs, scheduler, workers) as working, ProgressBar() as progress:

@@ -11,17 +11,19 @@ from pathlib import Path
 from typing import Any
 
 from sassgis import __version__
-from sassgis.gap.check.check_scores import (
-    NAMED_CONFIDENCE,
-    SHRINKAGE_TOLERANCE,
+from sassgis.gap.check.answers import (
     Answer,
-    CheckScores,
-    Share,
     Truth,
-    acceptance,
     is_covered,
     is_located,
     is_right,
+)
+from sassgis.gap.check.check_scores import (
+    NAMED_CONFIDENCE,
+    SHRINKAGE_TOLERANCE,
+    CheckScores,
+    Share,
+    acceptance,
     scores_as_json,
 )
 from sassgis.report.figures.gap_check_figures import (

@@ -7,25 +7,26 @@ import json
 import math
 import os
 import secrets
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from sassgis.gap.check.blinded_labels import blinding_hash, labels_text, truth_of
-from sassgis.gap.check.check_scores import (
+from sassgis.gap.check.answers import (
     Answer,
-    CheckScores,
     Truth,
     answer_from,
     names_in,
+)
+from sassgis.gap.check.blinded_labels import blinding_hash, labels_text, truth_of
+from sassgis.gap.check.check_scores import (
+    CheckScores,
     score,
 )
 from sassgis.gap.check.sandbox import Task, TaskOutcome, perform
 from sassgis.gap.check.worlds import (
-    WorldSpec,
     battery,
     quick_battery,
     require_library,
@@ -38,6 +39,13 @@ from sassgis.io.write.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME, fold
 from sassgis.io.write.program import program_digest
 from sassgis.model.errors import InputError, Interrupted, OutputError
 from sassgis.report.gap_check_report import CheckRecord, WorldRow, write_check
+from sassgis.runs.gap_check_folder import (
+    CheckFolder,
+    PlannedSite,
+    read_json,
+    write_json,
+    write_text,
+)
 from sassgis.runs.workers import Jobs, Processes, Workers
 
 WORLDS = 150
@@ -68,63 +76,6 @@ class CheckResult:
 
     scores: CheckScores
     warnings: tuple[str, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class _World:
-    case: str
-    spec: WorldSpec
-    seed: int
-
-
-@dataclass(frozen=True, slots=True)
-class _Place:
-    """The files of a check."""
-
-    root: Path
-
-    @property
-    def plan(self) -> Path:
-        return self.root / "check.json"
-
-    @property
-    def blinding(self) -> Path:
-        return self.root / "labels.sha256"
-
-    @property
-    def case_list(self) -> Path:
-        return self.root / "cases.sha256"
-
-    @property
-    def answer_list(self) -> Path:
-        return self.root / "answers.sha256"
-
-    @property
-    def salt(self) -> Path:
-        return self.root / "blinded" / "salt.txt"
-
-    @property
-    def labels(self) -> Path:
-        return self.root / "blinded" / "labels.json"
-
-    @property
-    def cases(self) -> Path:
-        return self.root / "cases"
-
-    def case(self, case: str) -> Path:
-        return self.cases / case
-
-    def answer(self, case: str) -> Path:
-        return self.root / "answers" / case
-
-    def record(self, case: str) -> Path:
-        return self.root / "answers" / f"{case}.json"
-
-    def fresh(self, case: str) -> Path:
-        return partial_folder(self.root / "fresh") / case
-
-    def measured(self, case: str) -> Path:
-        return self.root / "shrinkage" / f"{case}.json"
 
 
 def check(
@@ -189,7 +140,7 @@ def check(
     Interrupted
         If the user stops it; all answers are kept.
     """
-    place = _Place(Path(out))
+    place = CheckFolder(Path(out))
     tell = say or (lambda _text: None)
     step = on_progress or (lambda _done, _total, _rocks: None)
     jobs = jobs or _cores()
@@ -212,7 +163,7 @@ def check(
         if not place.answer_list.exists():
             tell("Diagnosing them, with blinded labels")
             _answer(place, planned, jobs, diagnoser, step, tell)
-            _write_text(place.answer_list, _answer_digests(place, planned))
+            write_text(place.answer_list, _answer_digests(place, planned))
         if not place.labels.exists():
             tell("Opening the labels")
             _open(place, planned, jobs, step)
@@ -241,12 +192,12 @@ def _thresholds_digest(file: Path | None, seed: int, development: bool) -> str:
     return frozen_digest(file)
 
 
-def _battery(seed: int, worlds: int, quick: bool) -> list[_World]:
+def _battery(seed: int, worlds: int, quick: bool) -> list[PlannedSite]:
     specs = quick_battery(seed) if quick else battery(seed, worlds)
     seeds = world_seeds(seed, len(specs))
     width = max(3, len(str(len(specs))))
     return [
-        _World(f"{k + 1:0{width}d}", spec, own)
+        PlannedSite(f"{k + 1:0{width}d}", spec, own)
         for k, (spec, own) in enumerate(zip(specs, seeds, strict=True))
     ]
 
@@ -258,11 +209,11 @@ def _cores() -> int:
         return os.cpu_count() or 1
 
 
-def _claim(place: _Place, plan: dict[str, Any]) -> list[str]:
+def _claim(place: CheckFolder, plan: dict[str, Any]) -> list[str]:
     """Take the folder, or go on in it; returns the states of the program that worked in it."""
     own = program_digest()
     if place.plan.exists():
-        there = _read_json(place.plan)
+        there = read_json(place.plan)
         programs = [str(p) for p in there.pop("programs", [])]
         if there != plan:
             keys = [k for k in plan if there.get(k) != plan[k]]
@@ -279,11 +230,13 @@ def _claim(place: _Place, plan: dict[str, Any]) -> list[str]:
     # What comes after the answers does not make them other than they are.
     if own not in programs and not place.answer_list.exists():
         programs.append(own)
-    _write_json(place.plan, {**plan, "programs": programs})
+    write_json(place.plan, {**plan, "programs": programs})
     return programs
 
 
-def _make(place: _Place, planned: Sequence[_World], jobs: int | Workers, step: OnProgress) -> None:
+def _make(
+    place: CheckFolder, planned: Sequence[PlannedSite], jobs: int | Workers, step: OnProgress
+) -> None:
     """Write the cases, and the hash of their labels, which stay in memory until they are hashed."""
     with staged_output(place.cases, overwrite=False) as work:
         tasks = [
@@ -292,11 +245,11 @@ def _make(place: _Place, planned: Sequence[_World], jobs: int | Workers, step: O
         ]
         made = _all(tasks, jobs, step)
         salt = secrets.token_hex(32)
-        _write_text(place.salt, f"{salt}\n")
+        write_text(place.salt, f"{salt}\n")
         lines = [f"{made[w.case]['digest']}  cases/{w.case}" for w in planned]
-        _write_text(place.case_list, "\n".join(lines) + "\n")
+        write_text(place.case_list, "\n".join(lines) + "\n")
         text = labels_text([made[w.case]["label"] for w in planned])
-        _write_text(
+        write_text(
             place.blinding,
             f"{blinding_hash(salt, text)}  blinded/salt.txt + blinded/labels.json\n",
         )
@@ -335,8 +288,8 @@ def _all(tasks: Sequence[Task], jobs: int | Workers, step: OnProgress) -> dict[s
 
 
 def _answer(
-    place: _Place,
-    planned: Sequence[_World],
+    place: CheckFolder,
+    planned: Sequence[PlannedSite],
     jobs: int | Workers,
     diagnoser: str,
     step: OnProgress,
@@ -377,13 +330,13 @@ def _answer(
                 "answer_sha256": folder_digest(place.answer(outcome.name)),
             }
             made_of = _made_of(place.blinding, outcome.name)
-            _write_json(place.record(outcome.name), with_digest(record, made_of))
+            write_json(place.record(outcome.name), with_digest(record, made_of))
             done += 1
             seen += rocks[outcome.name]
             step(done, total, seen)
 
 
-def _is_answered(place: _Place, case: str, tell: Callable[[str], None]) -> bool:
+def _is_answered(place: CheckFolder, case: str, tell: Callable[[str], None]) -> bool:
     """Whether the answer is there as it was given."""
     record = read_saved_json(place.record(case), _made_of(place.blinding, case), tell)
     if record is None or record["answer_sha256"] == folder_digest(place.answer(case)):
@@ -397,7 +350,7 @@ def _made_of(file: Path, case: str) -> str:
     return f"{file.read_text(encoding='utf-8')} {case}"
 
 
-def _unreadable(place: _Place, case: str) -> str:
+def _unreadable(place: CheckFolder, case: str) -> str:
     """Why an answer cannot be read; empty if it can."""
     file = place.answer(case) / "diagnosis.json"
     try:
@@ -407,35 +360,37 @@ def _unreadable(place: _Place, case: str) -> str:
     return ""
 
 
-def _read_answer(place: _Place, case: str) -> Answer:
-    record = _read_json(place.record(case))
+def _read_answer(place: CheckFolder, case: str) -> Answer:
+    record = read_json(place.record(case))
     if record["failure"]:
         return Answer(case, "no answer", math.nan, failure=str(record["failure"]))
-    return answer_from(case, _read_json(place.answer(case) / "diagnosis.json"))
+    return answer_from(case, read_json(place.answer(case) / "diagnosis.json"))
 
 
-def _answer_digests(place: _Place, planned: Sequence[_World]) -> str:
+def _answer_digests(place: CheckFolder, planned: Sequence[PlannedSite]) -> str:
     lines = []
     for world in planned:
         record, answer = place.record(world.case), place.answer(world.case)
         digests = {record: hashlib.sha256(record.read_bytes()).hexdigest()}
-        if not _read_json(record)["failure"]:
+        if not read_json(record)["failure"]:
             digests[answer] = folder_digest(answer)
         lines += [f"{d}  {f.relative_to(place.root).as_posix()}" for f, d in digests.items()]
     return "\n".join(lines) + "\n"
 
 
-def _open(place: _Place, planned: Sequence[_World], jobs: int | Workers, step: OnProgress) -> None:
+def _open(
+    place: CheckFolder, planned: Sequence[PlannedSite], jobs: int | Workers, step: OnProgress
+) -> None:
     """Make the labels anew and write them down, if they have the hash that was blinded."""
     _verify_answers(place, planned)
     tasks = [Task(w.case, f"{_MAKER}:make_label", (w.spec, w.seed, w.case)) for w in planned]
     labels = _all(tasks, jobs, step)
     text = labels_text([labels[w.case] for w in planned])
     _verify_blinding(place, text, "labels made anew")
-    _write_text(place.labels, text)
+    write_text(place.labels, text)
 
 
-def _truths(place: _Place, planned: Sequence[_World]) -> list[Truth]:
+def _truths(place: CheckFolder, planned: Sequence[PlannedSite]) -> list[Truth]:
     """The opened labels, after everything has been compared with its hash."""
     text = place.labels.read_text(encoding="utf-8")
     _verify_blinding(place, text, str(place.labels))
@@ -451,7 +406,7 @@ def _truths(place: _Place, planned: Sequence[_World]) -> list[Truth]:
     return [truth_of(label) for label in json.loads(text)]
 
 
-def _verify_blinding(place: _Place, text: str, found: str) -> None:
+def _verify_blinding(place: CheckFolder, text: str, found: str) -> None:
     blinded = place.blinding.read_text(encoding="utf-8").split()[0]
     salt = place.salt.read_text(encoding="utf-8").strip()
     actual = blinding_hash(salt, text)
@@ -464,7 +419,7 @@ def _verify_blinding(place: _Place, text: str, found: str) -> None:
         )
 
 
-def _verify_answers(place: _Place, planned: Sequence[_World]) -> None:
+def _verify_answers(place: CheckFolder, planned: Sequence[PlannedSite]) -> None:
     frozen = place.answer_list.read_text(encoding="utf-8").splitlines()
     try:
         now = _answer_digests(place, planned).splitlines()
@@ -483,8 +438,8 @@ def _verify_answers(place: _Place, planned: Sequence[_World]) -> None:
 
 
 def _measure(
-    place: _Place,
-    planned: Sequence[_World],
+    place: CheckFolder,
+    planned: Sequence[PlannedSite],
     answers: dict[str, Answer],
     jobs: int | Workers,
     measurer: str,
@@ -523,12 +478,12 @@ def _measure(
                 for outcome in measured(_measure_tasks(place, some, measurer)):
                     made_of = _made_of(place.answer_list, outcome.name)
                     found = with_digest(_measured(outcome), made_of)
-                    _write_json(place.measured(outcome.name), found)
+                    write_json(place.measured(outcome.name), found)
                     done += 1
                     step(done, len(due), FRESH_ROCKS * done)
 
 
-def _measure_tasks(place: _Place, some: Iterable[_World], measurer: str) -> list[Task]:
+def _measure_tasks(place: CheckFolder, some: Iterable[PlannedSite], measurer: str) -> list[Task]:
     return [
         Task(
             w.case,
@@ -544,7 +499,9 @@ def _measure_tasks(place: _Place, some: Iterable[_World], measurer: str) -> list
     ]
 
 
-def _read_measured(place: _Place, case: str, tell: Callable[[str], None]) -> dict[str, Any] | None:
+def _read_measured(
+    place: CheckFolder, case: str, tell: Callable[[str], None]
+) -> dict[str, Any] | None:
     return read_saved_json(place.measured(case), _made_of(place.answer_list, case), tell)
 
 
@@ -564,8 +521,8 @@ def _number(value: object) -> float | None:
 
 
 def _conclude(
-    place: _Place,
-    planned: Sequence[_World],
+    place: CheckFolder,
+    planned: Sequence[PlannedSite],
     plan: dict[str, Any],
     programs: list[str],
     truths: Sequence[Truth],
@@ -581,7 +538,7 @@ def _conclude(
             truth,
             answers[truth.case],
             measured.get(truth.case, {}),
-            float(_read_json(place.record(truth.case))["seconds"]),
+            float(read_json(place.record(truth.case))["seconds"]),
         )
         for truth in truths
     ]
@@ -599,27 +556,3 @@ def _conclude(
     with writing(place.root):
         warnings = write_check(place.root, record)
     return CheckResult(scores, warnings)
-
-
-def _read_json(file: Path) -> dict[str, Any]:
-    try:
-        content = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise InputError("cannot be read", file=file, found=reason) from None
-    if not isinstance(content, dict):
-        raise InputError("cannot be read", file=file, expected="a JSON object")
-    return content
-
-
-def _write_json(file: Path, content: Mapping[str, object]) -> None:
-    _write_text(file, json.dumps(content, indent=1) + "\n")
-
-
-def _write_text(file: Path, text: str) -> None:
-    """Write a file whole or not at all."""
-    with writing(file):
-        file.parent.mkdir(parents=True, exist_ok=True)
-        work = file.with_name(f"{file.name}.partial")
-        work.write_text(text, encoding="utf-8", newline="\n")
-        work.replace(file)

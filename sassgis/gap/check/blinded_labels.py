@@ -7,7 +7,9 @@ import json
 import math
 from typing import Any
 
-from sassgis.gap.check.check_scores import Truth
+from sassgis.gap.check.answers import (
+    Truth,
+)
 from sassgis.gap.check.worlds import World
 
 

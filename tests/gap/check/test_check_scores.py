@@ -7,15 +7,17 @@ import math
 
 import pytest
 
-from sassgis.gap.check.check_scores import (
-    AIMS,
-    ANSWERS,
+from sassgis.gap.check.answers import (
     Answer,
     Truth,
-    acceptance,
     answer_from,
     is_covered,
     is_right,
+)
+from sassgis.gap.check.check_scores import (
+    AIMS,
+    ANSWERS,
+    acceptance,
     score,
     scores_as_json,
 )

@@ -24,14 +24,13 @@ from sassgis.gap.check.worlds.forces import (
     indent,
     on_ice,
     snow_drag,
-    strike,
     weight_on,
 )
+from sassgis.gap.check.worlds.landing import aim, land, set_heading, settle, turn_back
 from sassgis.gap.check.worlds.law import (
     GRAVITY,
     kinetic,
     lever,
-    rebound,
     rolling_friction,
     rolling_radius,
     thrown_off,
@@ -80,7 +79,8 @@ from sassgis.gap.check.worlds.motion_state import (
     mass_of,
 )
 from sassgis.gap.check.worlds.new_blocks import loosen, shatter
-from sassgis.gap.check.worlds.slopes import descent, fall_line_chord, height_at, surface_at
+from sassgis.gap.check.worlds.obstacles import meet_obstacles
+from sassgis.gap.check.worlds.slopes import descent, height_at, surface_at
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.jit import kernel
 
@@ -324,7 +324,7 @@ def _contact(
     size = (a * b * st[C]) ** (1.0 / 3.0)
     soft = 2.0 * weight_on(slope) * law[laws.SOFT] * size
     if vn_in * vn_in < soft:
-        _settle(f, st, law, slope, vt_in, vn_in)
+        settle(f, st, law, slope, vt_in, vn_in)
         return
     st[COUNT] += 1.0
     n = int(st[COUNT])
@@ -389,10 +389,10 @@ def _contact(
     st[SPIN] = spin
     st[ASIDE] = _HALF * st[ASIDE] + turn
     if v_along < 0.0:
-        _turn_back(st)
+        turn_back(st)
         slope = -slope
         vt_out = -vt_out
-    _aim(f, st, slope, vt_out, vn_out)
+    aim(f, st, slope, vt_out, vn_out)
     # The path turns about the normal of the ground: the rock does not turn into it or off it.
     _, gx, gy = surface_at(f.z, f.west, f.north, f.cell, px, py)
     turned = math.atan(-(gx * st[HX] + gy * st[HY]))
@@ -420,90 +420,7 @@ def _contact(
     flies = vn_out > 0.0 or (lifted > 0.0 and lifted * lifted >= soft)
     # Where P is behind the centre a rock flies only if the ground cannot push it.
     if not (flies or thrown_off(a, b, theta, st[SPIN], slope)):
-        _land(f, st, slope, vt_out, vn_out, spin)
-
-
-@kernel
-def _settle(
-    f: Field, st: FloatArray, law: FloatArray, slope: float, vt_in: float, vn_in: float
-) -> None:
-    """Soft landing, on the mean slope: the bumps that vary it are part of rolling."""
-    a, b = st[A], st[B]
-    inertia = (a * a + b * b) / 5.0
-    x, y = lever(a, b, st[PHI] + slope)
-    vt, vn, spin, _ = rebound(x, y, inertia, vt_in, vn_in, st[SPIN], 1.0)
-    before = kinetic(inertia, vt_in, vn_in, st[SPIN])
-    taken = laws.rolling_charge(a, b, st[C], law) * abs(vn - vn_in) * abs(vt_in)
-    held = math.sqrt(
-        min(1.0, max(before - taken, 0.0) / max(kinetic(inertia, vt, vn, spin), 1e-12))
-    )
-    _land(f, st, slope, held * vt, held * vn, held * spin)
-
-
-@kernel
-def _land(f: Field, st: FloatArray, slope: float, vt: float, vn: float, spin: float) -> None:
-    """Go over into rolling with all of the energy, less what lifts the centre to the mean radius.
-
-    What cannot be lifted that far slides as it lies.
-    """
-    a, b = st[A], st[B]
-    inertia = (a * a + b * b) / 5.0
-    radius = rolling_radius(a, b)
-    forward = vt if vt != 0.0 else spin
-    ground = height_at(f.z, f.west, f.north, f.cell, st[X], st[Y])
-    rise = ground + radius / math.cos(slope) - st[Z]
-    left = kinetic(inertia, vt, vn, spin) - GRAVITY * rise
-    if left > 0.0:
-        v = math.sqrt(2.0 * left / (1.0 + inertia / (radius * radius)))
-        st[MODE] = ROLL
-        st[SPIN] = v / radius
-    else:
-        v = abs(vt)
-        st[MODE] = SLIDE
-        st[SPIN] = 0.0
-    if forward < 0.0:
-        turning = st[SPIN]
-        _turn_back(st)
-        st[SPIN] = turning
-        slope = -slope
-    st[VX] = v * math.cos(slope) * st[HX]
-    st[VY] = v * math.cos(slope) * st[HY]
-    st[VZ] = -v * math.sin(slope)
-
-
-@kernel
-def _turn_back(st: FloatArray) -> None:
-    """Face the other way: the plane of motion is seen from its other side."""
-    st[HX] = -st[HX]
-    st[HY] = -st[HY]
-    st[PHI] = math.pi - st[PHI]
-    st[SPIN] = -st[SPIN]
-
-
-@kernel
-def _aim(f: Field, st: FloatArray, slope: float, vt: float, vn: float) -> None:
-    """Turn the heading to the fall line, plus the deviation that effects have left."""
-    reach = 1.0
-    if vn > 0.0:
-        flight = 2.0 * vn / weight_on(slope)
-        plan = (vt * flight + 0.5 * GRAVITY * math.sin(slope) * flight**2) * math.cos(slope)
-        reach = min(max(plan, 1.0), 150.0)
-    dx, dy = descent(f.gx, f.gy, f.west, f.north, f.cell, st[X], st[Y], st[HX], st[HY])
-    if dx * st[HX] + dy * st[HY] >= 0.0:
-        dx, dy = fall_line_chord(
-            f.gx, f.gy, f.west, f.north, f.cell, st[X], st[Y], st[HX], st[HY], reach
-        )
-    else:
-        dx, dy = -dx, -dy
-    _set_heading(st, dx, dy)
-
-
-@kernel
-def _set_heading(st: FloatArray, dx: float, dy: float) -> None:
-    c = math.cos(st[ASIDE])
-    s = math.sin(st[ASIDE])
-    st[HX] = c * dx - s * dy
-    st[HY] = s * dx + c * dy
+        land(f, st, slope, vt_out, vn_out, spin)
 
 
 @kernel
@@ -521,7 +438,7 @@ def _roll(f: Field, forces: Forces, st: FloatArray, campaign: float, dt: float) 
         dx, dy = -dx, -dy
     along = math.sqrt(st[VX] ** 2 + st[VY] ** 2)
     v = math.sqrt(along * along + st[VZ] ** 2)
-    _set_heading(st, dx, dy)
+    set_heading(st, dx, dy)
     _, gx, gy = surface_at(f.z, f.west, f.north, f.cell, st[X], st[Y])
     slope = math.atan(-(gx * st[HX] + gy * st[HY]))
     inertia = (a * a + b * b) / 5.0
@@ -560,7 +477,7 @@ def _roll(f: Field, forces: Forces, st: FloatArray, campaign: float, dt: float) 
     if v <= _SLOW and pull < 0.0:
         steepest = math.sqrt(gx * gx + gy * gy)
         if steepest > friction + 1e-3 and slope < 0.0:
-            _turn_back(st)
+            turn_back(st)
             st[VX] = _SLOW * st[HX]
             st[VY] = _SLOW * st[HY]
             st[VZ] = 0.0
@@ -646,67 +563,3 @@ def _leaves_upright(f: Field, st: FloatArray, v: float, slope: float, dt: float)
     st[SPIN] = spin
     st[MODE] = FLY
     return True
-
-
-@kernel
-def meet_obstacles(f: Field, st: FloatArray, last_hit: IntArray) -> None:
-    """Blow against the first stem or lying block that a rock reaches."""
-    n_rows, n_cols = f.ground.shape
-    i = int((f.north - st[Y]) / f.cell)
-    j = int((st[X] - f.west) / f.cell)
-    if i < 0 or j < 0 or i >= n_rows or j >= n_cols:
-        return
-    cell = i * n_cols + j
-    radius = math.sqrt(st[A] * st[B])
-    for at in range(f.ob_start[cell], f.ob_start[cell + 1]):
-        k = f.ob_near[at]
-        if k == last_hit[0]:
-            continue
-        ex = st[X] - f.obstacles[k, 0]
-        ey = st[Y] - f.obstacles[k, 1]
-        reach = radius + f.obstacles[k, 2]
-        if ex * ex + ey * ey > reach * reach:
-            continue
-        approach = st[VX] * ex + st[VY] * ey
-        if approach >= 0.0:
-            continue
-        if f.obstacles[k, 4] < FAR_UP:
-            ground = height_at(f.z, f.west, f.north, f.cell, st[X], st[Y])
-            if st[Z] - radius > ground + f.obstacles[k, 4]:
-                continue
-        distance = math.sqrt(ex * ex + ey * ey)
-        if distance < 1e-9:
-            continue
-        last_hit[0] = k
-        speed = math.sqrt(st[VX] ** 2 + st[VY] ** 2)
-        vx, vy, _ = strike(
-            ex / distance,
-            ey / distance,
-            st[VX],
-            st[VY],
-            mass_of(st),
-            f.obstacles[k, 3],
-            f.obstacles[k, 5],
-        )
-        after = math.sqrt(vx * vx + vy * vy)
-        if st[MODE] != FLY:
-            st[MODE] = FLY
-            st[VZ] *= min(1.0, after / max(speed, 1e-9))
-        if speed > 1e-9:
-            # The spin goes with the speed that is left.
-            st[SPIN] *= min(1.0, after / speed)
-        st[VX] = vx
-        st[VY] = vy
-        old_x, old_y = st[HX], st[HY]
-        face_velocity(st)
-        turned = math.atan2(old_x * st[HY] - old_y * st[HX], old_x * st[HX] + old_y * st[HY])
-        if abs(turned) < 0.5 * math.pi:
-            st[ASIDE] += turned
-        else:
-            st[SPIN] = -st[SPIN]
-            st[PHI] = math.pi - st[PHI]
-            st[ASIDE] = 0.0
-        return
-
-
-FAR_UP = 100.0

@@ -24,7 +24,6 @@ from sassgis.gap.check.worlds.forces import (
     weight_on,
 )
 from sassgis.gap.check.worlds.law import GRAVITY, kinetic
-from sassgis.gap.check.worlds.motion import meet_obstacles
 from sassgis.gap.check.worlds.motion_records import (
     write_deposit,
     write_impact,
@@ -61,6 +60,7 @@ from sassgis.gap.check.worlds.motion_state import (
     mass_of,
 )
 from sassgis.gap.check.worlds.new_blocks import loosen, shatter
+from sassgis.gap.check.worlds.obstacles import meet_obstacles
 from sassgis.gap.check.worlds.slopes import descent, height_at
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.jit import kernel

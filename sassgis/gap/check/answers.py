@@ -1,0 +1,197 @@
+"""What is true of a site, what a diagnosis answered, and whether the answer is right."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from sassgis.gap.diagnosis import GapFinding
+from sassgis.gap.which.verdict import CONTACT_LAW, GROUPS, NONE, UNKNOWN, adequate
+
+#: Law of the sites that obey the model.
+OWN_LAW = "own"
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """What is true of a site.
+
+    Attributes
+    ----------
+    case : str
+        Number of the site.
+    verdict : str
+        "none", "unknown", a family, or two joined by "+".
+    effects : tuple of str
+        Names of the effects, unknown ones by what they are.
+    strengths : tuple of str
+        As measured: less than was asked for where no magnitude gives that.
+    phase : str
+        Of a single effect; else "".
+    segments : tuple of str
+        Reaches that a single effect touches.
+    reaches : tuple of str
+        All reaches of the slope.
+    slope : str
+    rocks : int
+    kind : str
+        What was observed: stations, stops, both, everything.
+    law : str
+        How rocks move.
+    disturbance : str
+        What nature does besides, and no effect; "" if nothing.
+    """
+
+    case: str
+    verdict: str
+    effects: tuple[str, ...]
+    strengths: tuple[str, ...]
+    phase: str
+    segments: tuple[str, ...]
+    reaches: tuple[str, ...]
+    slope: str
+    rocks: int
+    kind: str
+    law: str = OWN_LAW
+    disturbance: str = ""
+
+    @property
+    def right(self) -> tuple[str, ...]:
+        """Right answers: where the contact obeys another law, naming that is as right as none."""
+        if self.part == "none" and (self.law != OWN_LAW or self.disturbance):
+            return ("none", CONTACT_LAW)
+        return (in_order(self.verdict),)
+
+    @property
+    def groups(self) -> frozenset[str]:
+        """Groups of the known effects."""
+        return frozenset(g for g, names in GROUPS.items() if {*self.effects} & {*names})
+
+    @property
+    def part(self) -> str:
+        """Part of the battery: none, single, pair or unknown."""
+        if self.verdict in ("none", "unknown"):
+            return self.verdict
+        return "pair" if "+" in self.verdict else "single"
+
+    @property
+    def local(self) -> bool:
+        """Whether it is one known effect that does not act everywhere."""
+        return self.part == "single" and 0 < len(set(self.segments)) < len(self.reaches)
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What a diagnosis answered.
+
+    Attributes
+    ----------
+    case : str
+    effect : str
+        "none", "unknown", a family, or several joined by "+" in any order; "no answer" if it
+        failed.
+    confidence : float
+        NaN if none is stated.
+    confusion_set : tuple of str
+    phase : str
+    segments : tuple of str
+    shrinkage : float or None
+        None if withheld.
+    group : str
+        Of the cause; "" if none is stated.
+    large_findings : bool
+        Whether a gap of the calibrated base is both significant and large.
+    failure : str
+        Why there is no answer.
+    """
+
+    case: str
+    effect: str
+    confidence: float
+    confusion_set: tuple[str, ...] = ()
+    phase: str = ""
+    segments: tuple[str, ...] = ()
+    shrinkage: float | None = None
+    group: str = ""
+    large_findings: bool = False
+    failure: str = ""
+
+
+def answer_from(case: str, diagnosis: Mapping[str, Any]) -> Answer:
+    """Read an answer from the content of a ``diagnosis.json``.
+
+    Parameters
+    ----------
+    case : str
+    diagnosis : mapping
+        Layout of ``sassgis.gap.diagnosis.as_json``.
+
+    Raises
+    ------
+    KeyError, TypeError, ValueError
+        If the verdict or the ladder is missing, or is no such thing.
+    """
+    verdict = diagnosis["verdict"]
+    confidence = verdict["confidence"]
+    shrinkage = _stated_shrinkage(diagnosis["ladder"], str(verdict["effect"]))
+    return Answer(
+        case=case,
+        effect=str(verdict["effect"]),
+        confidence=math.nan if confidence is None else float(confidence),
+        confusion_set=tuple(str(name) for name in verdict["confusion_set"]),
+        phase=str(verdict.get("phase", "")),
+        segments=tuple(str(name) for name in verdict.get("segments", ())),
+        shrinkage=shrinkage,
+        group=str(verdict.get("group", "")),
+        large_findings=not adequate([f for f in map(_finding, diagnosis.get("where", ())) if f]),
+    )
+
+
+def _stated_shrinkage(ladder: Sequence[Mapping[str, Any]], effect: str) -> float | None:
+    """Share of the gap of the configured model that the model handed over closes, as it is said.
+
+    None where its interval holds zero: then no share is stated.
+    """
+    rung = "ground" if effect in (NONE, UNKNOWN) else effect
+    for row in ladder:
+        if row["rung"] == rung and row["share"] is not None:
+            stated = row["ci95"] is None or row["ci95"][0] > 0.0
+            return float(row["share"]) if stated else None
+    return None
+
+
+def _finding(row: Mapping[str, Any]) -> GapFinding | None:
+    """A finding read back; None where its numbers are missing."""
+    if None in (row["gap"], row["p_adjusted"], *row["ci95"]):
+        return None
+    return GapFinding(**{**row, "ci95": tuple(row["ci95"])})
+
+
+def names_in(effect: str) -> frozenset[str]:
+    """The effects that a verdict names; empty for none, unknown, contact law and no answer."""
+    return frozenset(effect.split("+")) - {"none", "unknown", CONTACT_LAW, "no answer"}
+
+
+def is_right(truth: Truth, answer: Answer) -> bool:
+    """Whether the answer is a right one; the order of a pair does not matter."""
+    return in_order(answer.effect) in truth.right
+
+
+def is_covered(truth: Truth, answer: Answer) -> bool:
+    """Whether the truth is in the confusion set; of a pair, itself or both of its members."""
+    sets = {in_order(name) for name in answer.confusion_set}
+    return bool(sets & {*truth.right}) or bool(
+        truth.part == "pair" and names_in(truth.verdict) <= sets
+    )
+
+
+def is_located(truth: Truth, answer: Answer) -> bool:
+    """Whether the phase is right and at least one reach is that of the effect."""
+    return answer.phase == truth.phase and bool(set(answer.segments) & set(truth.segments))
+
+
+def in_order(effect: str) -> str:
+    """A verdict with its effects in one order."""
+    return "+".join(sorted(effect.split("+")))
