@@ -117,7 +117,7 @@ def aim(f: Field, st: FloatArray, slope: float, vt: float, vn: float) -> None:
 
 @kernel
 def set_heading(st: FloatArray, dx: float, dy: float) -> None:
-    """Set the direction of travel; a zero vector leaves it."""
+    """Set the direction of travel, turned by what effects have made of it."""
     c = math.cos(st[ASIDE])
     s = math.sin(st[ASIDE])
     st[HX] = c * dx - s * dy
