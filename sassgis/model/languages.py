@@ -8,7 +8,7 @@ as it is: names that the user gave, sources of values.
 
 from __future__ import annotations
 
-import ast
+import json
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -113,7 +113,7 @@ class Catalogue(NullTranslations):
                 if line.startswith("msg"):
                     name, _, line = line.partition(" ")
                 if line.startswith('"'):
-                    texts[name] += ast.literal_eval(line)
+                    texts[name] += json.loads(line)
             self.entries[texts["msgid"]] = texts["msgstr"]
 
     def gettext(self, message: str) -> str:
