@@ -47,6 +47,11 @@ def phrase(key: str, *parts: object, **named: object) -> Phrase:
     return text
 
 
+def named(name: str) -> Phrase:
+    """A name that the user gave: it stays as it is, also where it is a word of the program."""
+    return phrase("{}", name)
+
+
 def joined(separator: str, parts: Iterable[object]) -> Phrase:
     """A phrase of parts one after the other."""
     members = list(parts)
