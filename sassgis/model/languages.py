@@ -8,7 +8,7 @@ as it is: names that the user gave, sources of values.
 
 from __future__ import annotations
 
-import ast
+import json
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -45,6 +45,11 @@ def phrase(key: str, *parts: object, **named: object) -> Phrase:
     text = Phrase(key.format(*parts, **named) if parts or named else key)
     text.key, text.parts, text.named = key, parts, named
     return text
+
+
+def named(name: str) -> Phrase:
+    """A name that the user gave: it stays as it is, also where it is a word of the program."""
+    return phrase("{}", name)
 
 
 def joined(separator: str, parts: Iterable[object]) -> Phrase:
@@ -113,7 +118,7 @@ class Catalogue(NullTranslations):
                 if line.startswith("msg"):
                     name, _, line = line.partition(" ")
                 if line.startswith('"'):
-                    texts[name] += ast.literal_eval(line)
+                    texts[name] += json.loads(line)
             self.entries[texts["msgid"]] = texts["msgstr"]
 
     def gettext(self, message: str) -> str:

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.model.languages import phrase
+from sassgis.model.languages import named, phrase
 
 
 class StopReason(IntEnum):
@@ -108,7 +108,7 @@ class ControlLine:
     def described(self) -> str:
         """The name of a station; that of a barrier with its kind and height."""
         if self.kind == "station":
-            return self.name
+            return named(self.name)
         text = "{} (wall, {} m)" if self.kind == "wall" else "{} (net, {} m)"
         return phrase(text, self.name, f"{self.height_m:g}")
 

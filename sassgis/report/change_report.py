@@ -151,19 +151,21 @@ def verdict(change: ResultChange) -> str:
     if all(_same(row) for row in change.rows) and not change.higher_m2 and not change.lower_m2:
         return "Nothing changes: the two results agree in every number that is compared."
     area = change.row("map", "area reached")
-    said = [_more("Blocks reach", area.change, "m²", "more", "less", "as much ground as before")]
+    sentences = [
+        _more("Blocks reach", area.change, "m²", "more", "less", "as much ground as before")
+    ]
     if area.before and area.change:
-        said[0] += f" ({sensible(100.0 * area.change / area.before, 2)} %)"
+        sentences[0] += f" ({sensible(100.0 * area.change / area.before, 2)} %)"
     if math.isfinite(change.higher_m2):
-        said.append(
+        sentences.append(
             f"The hazard level is higher on {sensible(change.higher_m2)} m² and lower on "
             f"{sensible(change.lower_m2)} m²"
         )
     runout = [r for r in change.of("run-out") if r.quantity == "run-out, 95 % quantile"]
     if runout and math.isfinite(runout[0].change):
         start = "95 % of the blocks stop within a run-out that is"
-        said.append(_more(start, runout[0].change, "m", "longer", "shorter", "the same"))
-    return ". ".join(said) + "."
+        sentences.append(_more(start, runout[0].change, "m", "longer", "shorter", "the same"))
+    return ". ".join(sentences) + "."
 
 
 def _same(row: ChangeRow) -> bool:

@@ -16,7 +16,7 @@ from sassgis.hazard.control_lines import ControlLineSums, control_line_rows, tri
 from sassgis.hazard.progress import Progress, joined_lines
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.labels import LINE_END_TEXT, STOP_TEXT, file_stems
-from sassgis.model.languages import phrase
+from sassgis.model.languages import named, phrase
 from sassgis.model.map_run import MapRun
 from sassgis.model.results import RasterLayer, StopReason
 from sassgis.report import figures
@@ -78,7 +78,7 @@ def station_figures(
             for q in ("speed_mps", "rotation_hz", "height_m")
         ]
         name, kind = lines[i].name, lines[i].kind
-        title = name if kind == "station" else phrase("{} ({})", name, phrase(kind))
+        title = named(name) if kind == "station" else phrase("{} ({})", name, phrase(kind))
         figure = figures.station_figure(title, *bins, n=n)
         title, alt = phrase("At {}", name), alts.get(name, "")
         out.append(picture(folder, f"station_{stem}", title, caption, figure, alt))

@@ -199,9 +199,16 @@ def translated_report(context: ReportContext) -> ReportContext:
     )
 
 
+#: Columns of sources, and of names that the user gave.
+_AS_THEY_ARE = (
+    "source", "station", "barrier", "object", "line", "release area", "block scenario", "scenario",
+    "class",
+)  # fmt: skip
+
+
 def _translated_table(table: ReportTable) -> ReportTable:
-    """A table of a report; sources stay in the words of their publication."""
-    kept = [name == "source" for name, _ in table.columns]
+    """A table of a report; sources stay in the words of their publication, names as given."""
+    kept = [name in _AS_THEY_ARE for name, _ in table.columns]
     rows = tuple(
         tuple(
             translated(cell) if isinstance(cell, str) and not keep else cell

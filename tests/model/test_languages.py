@@ -18,6 +18,7 @@ from sassgis.model.languages import (
     current_language,
     in_language,
     joined,
+    named,
     phrase,
     translated,
     translations,
@@ -95,6 +96,11 @@ def test_texts_in_german(text: str, words: str) -> None:
         assert translated(words) == words
         assert translated(pickle.loads(pickle.dumps(text))) == words
     assert translated(text) == english
+
+
+def test_a_name_is_no_word() -> None:
+    with in_language("de"):
+        assert translated("net") == "Netz" and translated(named("net")) == "net"
 
 
 def test_the_language_ends_with_its_block() -> None:

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 
 from sassgis.model.grid import FloatArray
-from sassgis.model.languages import phrase, translated
+from sassgis.model.languages import named, phrase, translated
 from sassgis.model.styles import BARRIER_STYLE
 from sassgis.report.figures.relief import Extent
 from sassgis.report.figures.style import (
@@ -179,7 +179,9 @@ def name_place(
     """Write a name beside a place of the map."""
     side = "left" if to_the_right else "right"
     how |= {"path_effects": halo(), "clip_on": True, "annotation_clip": True}
-    beside(ax, name, at, (gap_pt if to_the_right else -gap_pt, 0), ha=side, va="center", **how)
+    beside(
+        ax, named(name), at, (gap_pt if to_the_right else -gap_pt, 0), ha=side, va="center", **how
+    )
 
 
 def draw_lines(

@@ -25,7 +25,7 @@ from matplotlib.ticker import FuncFormatter, PercentFormatter
 
 from sassgis.model.errors import OutputError
 from sassgis.model.grid import FloatArray
-from sassgis.model.languages import current_language, translated
+from sassgis.model.languages import current_language, named, translated
 from sassgis.report.number_text import thousands
 
 #: Width of a figure: the text width of an A4 page (in).
@@ -187,9 +187,9 @@ def wrap(text: str, width_in: float, size: float = SMALL) -> str:
     # A letter of DejaVu Sans is on average 0.56 of the font size wide.
     text = translated(text)
     letters = max(12, int(width_in * 72.0 / (0.56 * size)))
-    return "\n".join(
-        line for part in text.splitlines() for line in (textwrap.wrap(part, letters) or [""])
-    )
+    lines = (line for part in text.splitlines() for line in textwrap.wrap(part, letters) or [""])
+    # Translated; it stays so when the figure is written.
+    return named("\n".join(lines))
 
 
 def lines_in(text: str) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -187,82 +188,52 @@ def test_return_periods_within_the_limits(years: float) -> None:
     assert intensity(years).frame["return_period_in_years"].tolist() == [years]
 
 
-@pytest.mark.parametrize("years", [0, -3, 0.5, 30.5, 10_001, np.inf, "30", True])
-def test_return_periods_outside_the_limits(years: Any) -> None:
-    with pytest.raises(InputError, match=r"return_period_in_years.*1 to 10000"):
-        intensity(years)
+def indicated(**values: Any) -> Any:
+    return made.layer("indicative_hazard_area", [(ZONE, values)], **LV95)
 
 
-@pytest.mark.parametrize("years", [None, float("nan")])
-def test_a_return_period_is_needed_unless_the_scenario_is_extreme(years: Any) -> None:
-    with pytest.raises(InputError, match="unless the scenario is extreme"):
-        intensity(years)
-    assert intensity(years, extreme=True).frame["extreme_scenario"].tolist() == [True]
+def assessed(canton: str = "TI", **values: Any) -> Any:
+    return made.layer("assessment_area", [(ZONE, values)], **{**LV95, "canton": canton})
 
 
-def test_an_extreme_scenario_is_rarer_than_300_years() -> None:
-    assert len(intensity(301, extreme=True).frame) == 1
-    with pytest.raises(InputError, match=r"extreme_scenario.*too frequent.*300 years"):
-        intensity(300, extreme=True)
+NOT_IN_THE_MODEL = [
+    *((lambda y=y: intensity(y), r"return_period_in_years.*1 to 10000")
+      for y in (0, -3, 0.5, 30.5, 10_001, np.inf, "30", True)),
+    *((lambda y=y: intensity(y), "unless the scenario is extreme") for y in (None, float("nan"))),
+    (lambda: intensity(300, extreme=True), r"extreme_scenario.*too frequent.*300 years"),
+    *((lambda c=c: intensity(30, code=c), r"intensity_class.*existing_impact")
+      for c in ("Low", "", None, "strong", 3)),
+    *((lambda c=c: levels([ZONE], [c]), r"hazard_area\.hazard_level.*residual_hazard")
+      for c in ("Low", "", None, 3)),
+    *((lambda y=y, e=e: intensity(y, e, "existing_impact"), r"in detail.*existing_impact")
+      for y, e in ((300, False), (None, True))),
+    (lambda: of_source(0.5), r"scenario_description.*missing"),
+    (lambda: intensity(30, process_cantonal_term="x" * 51), r"51 characters.*at most 50"),
+    (lambda: indicated(method="x" * 401), r"401 characters.*at most 400"),
+    (lambda: of_source(0.5, "x" * 401), r"401 characters.*at most 400"),
+    *((lambda p=p: of_source(p), r"subscenario_probability.*0 to 1") for p in (-0.01, 1.01, "0.5")),
+    (lambda: assessed("XX"), "data_responsibility"),
+    (lambda: assessed(rf_state_rock_fall="done"), "rf_state_rock_fall"),
+    (lambda: levels([ZONE], ["mean"], sources_complete="yes"), "sources_complete"),
+]  # fmt: skip
 
 
-@pytest.mark.parametrize("code", ["Low", "", None, "strong", 3])
-def test_unknown_codes(code: Any) -> None:
-    with pytest.raises(InputError, match=r"intensity_class.*existing_impact"):
-        intensity(30, code=code)
-    with pytest.raises(InputError, match=r"hazard_area\.hazard_level.*residual_hazard"):
-        levels([ZONE], [code])
+@pytest.mark.parametrize(("make", "words"), NOT_IN_THE_MODEL)
+def test_values_that_the_model_does_not_have(make: Callable[[], Any], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        make()
 
 
-@pytest.mark.parametrize("code", CODES["hazard_level"])
-def test_known_levels(code: str) -> None:
-    assert levels([ZONE], [code]).frame["hazard_level"].tolist() == [code]
-
-
-@pytest.mark.parametrize("code", CODES["intensity_class"])
-def test_known_intensities(code: str) -> None:
-    assert intensity(301, code=code).frame["intensity_class"].tolist() == [code]
-
-
-@pytest.mark.parametrize(("years", "extreme"), [(300, False), (None, True)])
-def test_an_intensity_is_stated_in_detail_up_to_300_years(years: Any, extreme: bool) -> None:
-    with pytest.raises(InputError, match=r"intensity_class.*in detail.*existing_impact"):
-        intensity(years, extreme, "existing_impact")
-
-
-def test_a_sub_scenario_is_described() -> None:
-    whole = of_source().frame
-    assert whole["subscenario_probability"].tolist() == [1.0]
-    with pytest.raises(InputError, match=r"scenario_description.*missing"):
-        of_source(0.5)
-
-
-def test_text_limits() -> None:
-    assert (
-        intensity(30, process_cantonal_term="x" * 50).frame.loc[0, "process_cantonal_term"]
-        == "x" * 50
-    )
-    with pytest.raises(InputError, match=r"51 characters.*at most 50"):
-        intensity(30, process_cantonal_term="x" * 51)
-    with pytest.raises(InputError, match=r"401 characters.*at most 400"):
-        made.layer("indicative_hazard_area", [(ZONE, {"method": "x" * 401})], **LV95)
-    with pytest.raises(InputError, match=r"401 characters.*at most 400"):
-        of_source(0.5, "x" * 401)
-
-
-@pytest.mark.parametrize("probability", [-0.01, 1.01, "0.5"])
-def test_probability_limits(probability: Any) -> None:
-    with pytest.raises(InputError, match=r"subscenario_probability.*0 to 1"):
-        of_source(probability)
-
-
-def test_codes_of_the_rest() -> None:
-    with pytest.raises(InputError, match="data_responsibility"):
-        made.layer("assessment_area", [(ZONE, {})], **{**LV95, "canton": "XX"})
-    with pytest.raises(InputError, match="rf_state_rock_fall"):
-        made.layer("assessment_area", [(ZONE, {"rf_state_rock_fall": "done"})], **LV95)
-    with pytest.raises(InputError, match="sources_complete"):
-        levels([ZONE], ["mean"], sources_complete="yes")
+def test_values_that_the_model_has() -> None:
+    for years in (None, float("nan"), 301):
+        assert intensity(years, extreme=True).frame["extreme_scenario"].tolist() == [True]
+    for code in CODES["hazard_level"]:
+        assert levels([ZONE], [code]).frame["hazard_level"].tolist() == [code]
+    for code in CODES["intensity_class"]:
+        assert intensity(301, code=code).frame["intensity_class"].tolist() == [code]
+    assert of_source().frame["subscenario_probability"].tolist() == [1.0]
+    term = "x" * 50
+    assert intensity(30, process_cantonal_term=term).frame.loc[0, "process_cantonal_term"] == term
     assert len(CODES["canton"]) == len(set(CODES["canton"])) == 27
 
 

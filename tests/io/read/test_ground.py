@@ -9,7 +9,7 @@ from affine import Affine
 from helpers.sections import section_of
 from hypothesis import given
 from hypothesis import strategies as st
-from shapely import Point, box
+from shapely import box
 
 from sassgis.io.read.config import load_config
 from sassgis.io.read.ground_map import built_in_table, ground_raster, read_ground_table
@@ -254,10 +254,6 @@ def refused(slope_grid, one_line):
     return check
 
 
-def test_unknown_default(refused):
-    refused(None, "ground.default", "'rok'", "one of rock, debris", "nearest: rock", default="rok")
-
-
 def test_unknown_default_names_the_configuration(tmp_path, slope_grid, one_line):
     path = tmp_path / "run.toml"
     path.write_text(
@@ -278,21 +274,6 @@ def test_unknown_class_of_a_polygon(refused, make_layer):
 def test_polygon_without_class(refused, make_layer):
     path = make_layer([at(0, 0, 50, 50), at(50, 0, 90, 50)], kind=["rock", None])
     refused(path, "release.gpkg", "kind", "feature 2 has no ground class", class_field="kind")
-
-
-def test_missing_class_field(refused, make_layer):
-    path = make_layer([at(0, 0, 50, 50)], kind=["rock"])
-    refused(path, "release.gpkg", "ground.class_field", "'class'", "one of kind")
-
-
-def test_points_are_no_ground(refused, make_layer):
-    path = make_layer([Point(WEST + 5, NORTH - 5)], kind=["rock"])
-    refused(path, "ground.file", "feature 1", "Point", "a polygon", class_field="kind")
-
-
-def test_polygons_off_the_dem(refused, make_layer):
-    path = make_layer([at(5000, 0, 5050, 50)], kind=["rock"])
-    refused(path, "ground.file", "outside the DEM", class_field="kind")
 
 
 def test_raster_without_classes(refused, make_dem, slope_grid):
