@@ -7,7 +7,6 @@ import math
 from dataclasses import replace
 
 import geopandas as gpd
-import numpy as np
 import pytest
 from helpers.worked_example import COUNTS, ENERGIES, HOUSE, ROAD, SOURCES, counts, vulnerability
 from shapely import LineString, Point, box
@@ -115,8 +114,3 @@ def test_without_people_the_loss_is_shown():
 def test_other_places_than_those_of_the_table_are_refused(table):
     with pytest.raises(ValueError, match="not those of the objects"):
         risk_vectors(table, PlacedObjects((HOUSE,), (box(0, 0, 1, 1),)), "", "CHF")
-
-
-def test_numbers_are_finite(table):
-    frame = risk_frames(table, "CHF")["risk_objects"].select_dtypes("number")
-    assert np.isfinite(frame.to_numpy()).all()

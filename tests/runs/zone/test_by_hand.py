@@ -36,7 +36,6 @@ import shapely
 from helpers.zone_slope import CELL, Case, box, place, plane, zoned
 
 from sassgis.hazard.curves import rate_interval
-from sassgis.hazard.levels import hazard_level
 from sassgis.runs.zone import ZoneResult, zone
 
 ROWS, COLS, ROW = 21, 90, 10
@@ -197,24 +196,6 @@ def test_zones_are_the_rectangles(rolled: ZoneResult) -> None:
     share = 100.0 * MIDDLE / (MIDDLE + TOP)
     assert west["governing_area"] == "middle"
     assert west["share_by_area"] == f"middle {share:.0f} %, top {100.0 - share:.0f} %"
-
-
-def test_a_return_period_on_the_limit_belongs_to_the_class_below(tmp_path: Path) -> None:
-    """Once in 30 years at 30 kJ is "substantial", a little less often is "mean"."""
-    case = rolling_case(tmp_path)
-    for factor, level in ((1.0, 4), (1.0 - 1e-9, 3)):
-        case.write_text(
-            "frequencies.csv",
-            "area,scenario,frequency,unit",
-            f"middle,small,{factor / 30.0!r},per_year",
-            "top,small,0,per_year",
-            "low,large,0,per_year",
-        )
-        found = zoned(case.config, tmp_path / f"work {level}")
-        levels = strip([(5, 8, 3), (9, 41, level), (42, 55, 4), (56, 77, level), (78, 79, 3)])
-        out = np.zeros((ROWS, COLS), np.int64)
-        out.flat[found.curves.places] = hazard_level(found.curves, found.rules.preset)
-        assert np.array_equal(out, levels), factor
 
 
 def test_a_reach_probability_that_is_known(tmp_path: Path) -> None:
