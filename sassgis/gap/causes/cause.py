@@ -54,7 +54,11 @@ class Scores:
     chance: FloatArray | None = None
 
 
-Scoring = Callable[[Case, ResidualTable], Scores | None]
+Scoring = Callable[[Case, ResidualTable], Scores]
+
+
+class Unseen(Exception):
+    """What a fingerprint takes was not observed, or of too few rocks."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +70,7 @@ class Statistic:
     name
         In words; results and frozen weights know it by these.
     scores
-        None where the observations cannot show it. Two names: the less certain of these
+        Raises Unseen where the observations cannot show it. Two names: the less certain of these
         fingerprints, so that both must be seen.
     tables
         Tables of observations that it takes, all of them.

@@ -23,6 +23,7 @@ from sassgis.gap.causes.cause import (
     Scores,
     Scoring,
     Statistic,
+    Unseen,
     part_of,
 )
 from sassgis.gap.causes.ground_classes import loose_classes, on_its_classes
@@ -50,15 +51,15 @@ _LOST = 0.01
 def _mass_scores(which: int) -> Scoring:
     """What of the budget is scored: 0, missing and lying in pieces; 1, in addition."""
 
-    def scores(case: Case, residuals: ResidualTable) -> Scores | None:
+    def scores(case: Case, residuals: ResidualTable) -> Scores:
         blocks, rocks = observed_blocks(case), case.mass_kg
         if blocks is None or not np.isfinite(rocks).all() or not np.isfinite(blocks).all():
-            return None
+            raise Unseen
         blocks = blocks[blocks > _CHIP * np.median(rocks)]
         if blocks.sum() < (1.0 - _LOST) * rocks.sum():
             rocks = rocks[~_gone(case)]
         if rocks.size < LEAST:
-            return None
+            raise Unseen
         error = max(errors_of(case).mass_rel * (1.0 + MISSTATED), _LEAST_MASS_ERROR)
         rng = np.random.default_rng(1986)
         drawn = rocks * np.exp(error * rng.standard_normal((_MASS_DRAWS, rocks.size)))
@@ -195,10 +196,7 @@ ENTRAINMENT = Cause(
     shown_by=f"{_MASS_BUDGET}; what is more than came down was set in motion",
     statistics=(
         Statistic(
-            "mass that lies beyond what was released",
-            _mass_scores(1),
-            ("rocks", "deposits"),
-            CLEAR,
+            "mass that lies beyond what was released", _mass_scores(1), ("rocks", "deposits"), CLEAR
         ),
     ),
     place=on_its_classes("entrainment"),

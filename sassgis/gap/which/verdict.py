@@ -109,9 +109,6 @@ def second_of(
     ----------
     first : str
         A family.
-    prints : sequence of Fingerprint
-    shares : mapping of cause to float
-    thresholds : Thresholds
     tried : sequence of str
         Families that may be named.
     """
@@ -143,7 +140,6 @@ def decide(
 
     Parameters
     ----------
-    prints : sequence of Fingerprint
     shares : mapping
         Probability of each family that may be named and of "none".
     findings : sequence of GapFinding
@@ -151,7 +147,6 @@ def decide(
     closes_at_most : float or None
         Upper limit of the shrinkage by the most probable family, on held-out rocks; None where it
         is withheld.
-    thresholds : Thresholds
     law : bool
         Whether the base needs another law of the contact.
 
@@ -241,10 +236,7 @@ def confusion_set(effect: str, shares: Mapping[str, float], covered: float) -> t
 
 
 def place_of(
-    effect: str,
-    case: Case,
-    fitted: Sequence[Draw],
-    findings: Sequence[GapFinding],
+    effect: str, case: Case, fitted: Sequence[Draw], findings: Sequence[GapFinding]
 ) -> tuple[str, tuple[str, ...]]:
     """Phase of motion and reaches in which an effect acts.
 
@@ -252,7 +244,6 @@ def place_of(
     ----------
     effect : str
         The answer.
-    case : Case
     fitted : sequence of Draw
         Calibrated draws of the effect.
     findings : sequence of GapFinding
