@@ -20,6 +20,8 @@ LEAST = 5
 MISSTATED = 0.5
 #: Shift, in standard deviations, up to which a comparison may be off by itself.
 SHIFT = 0.15
+#: Median of the size of a standard normal number.
+MEDIAN_OF_NORMAL = 0.6745
 #: Weight of a fingerprint for its own cause before any site: of most; of what no contact can leave
 #: (masses, places, paths in time). What another law, edges of a rock or a patch of other ground
 #: leave as well weighs less.

@@ -31,6 +31,7 @@ from sassgis.gap.causes.lateral_scatter import little_walk, walk_too
 from sassgis.gap.causes.parameter_draws import Fit, ParameterDraws, Range, rounded
 from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case
+from sassgis.gap.observations.observed import deposit_masses_kg
 from sassgis.gap.residuals.table import ResidualTable
 from sassgis.model.grid import FloatArray, IntArray
 
@@ -52,8 +53,8 @@ def _mass_scores(which: int) -> Scoring:
     """What of the budget is scored: 0, missing and lying in pieces; 1, in addition."""
 
     def scores(case: Case, residuals: ResidualTable) -> Scores:
-        blocks, rocks = observed_blocks(case), case.mass_kg
-        if blocks is None or not np.isfinite(rocks).all() or not np.isfinite(blocks).all():
+        blocks, rocks = deposit_masses_kg(case.observations), case.mass_kg
+        if not blocks.size or not np.isfinite(rocks).all() or not np.isfinite(blocks).all():
             raise Unseen
         blocks = blocks[blocks > _CHIP * np.median(rocks)]
         if blocks.sum() < (1.0 - _LOST) * rocks.sum():
@@ -70,15 +71,6 @@ def _mass_scores(which: int) -> Scoring:
         return Scores(z[which : which + 1], float(value[which]))
 
     return scores
-
-
-def observed_blocks(case: Case) -> FloatArray | None:
-    """Masses of all blocks that lie, rocks and others alike (kg); None if none were weighed."""
-    table = case.observations.deposits
-    if not len(table):
-        return None
-    mass: FloatArray = np.where(np.isfinite(table.mass_kg), table.mass_kg, 2700.0 * table.volume_m3)
-    return mass
 
 
 def _gone(case: Case) -> NDArray[np.bool_]:

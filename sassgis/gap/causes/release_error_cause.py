@@ -8,7 +8,17 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
-from sassgis.gap.causes.cause import CLEAR, LEAST, SHIFT, Cause, Part, Scores, Statistic, Unseen
+from sassgis.gap.causes.cause import (
+    CLEAR,
+    LEAST,
+    MEDIAN_OF_NORMAL,
+    SHIFT,
+    Cause,
+    Part,
+    Scores,
+    Statistic,
+    Unseen,
+)
 from sassgis.gap.causes.lateral_scatter import base_size, known_mean, station_offsets, usual_offset
 from sassgis.gap.causes.parameter_draws import ParameterDraws
 from sassgis.gap.causes.reach_gaps import reach_contrasts
@@ -18,8 +28,8 @@ from sassgis.gap.replicas.hypothesis_model import ReleaseError
 from sassgis.gap.residuals.table import ResidualTable
 from sassgis.model.grid import IntArray
 
-#: Errors as they scatter are exceeded by this; median of the size of a standard normal number.
-_MORE, _MEDIAN_OF_NORMAL = 1.25, 0.6745
+#: Errors as they scatter are exceeded by this.
+_MORE = 1.25
 
 
 def _draw(case: Case, draws: ParameterDraws) -> Part:
@@ -43,7 +53,7 @@ def _position_error(case: Case, paths: Mapping[int, IntArray]) -> float:
     track = case.observations.trajectories
     jumps = [np.abs(np.diff(getattr(track, c)[rows], n=3)) for rows in paths.values() for c in "xy"]
     seen = np.concatenate([np.empty(0), *jumps])
-    found = float(np.median(seen)) / (_MEDIAN_OF_NORMAL * math.sqrt(20.0)) if seen.size else 0.0
+    found = float(np.median(seen)) / (MEDIAN_OF_NORMAL * math.sqrt(20.0)) if seen.size else 0.0
     return max(found, errors_of(case).position_m)
 
 

@@ -14,6 +14,7 @@ from sassgis.engine.effects.trees import Trees
 from sassgis.gap.causes.cause import (
     CLEAR,
     LEAST,
+    MEDIAN_OF_NORMAL,
     SHIFT,
     Cause,
     Part,
@@ -52,8 +53,6 @@ _STRUCK_SHARE, _STRUCK_SD = 0.15, 3.5
 _STRUCK_ALOFT_SD, _SEEM_STRUCK = 5.0, 0.004
 #: Least share of flights between contacts that seem struck without; else that of the base.
 _SEEM_STRUCK_AT_CONTACTS = 0.01
-#: Median of the size of a standard normal number.
-_MEDIAN_OF_NORMAL = 0.6745
 
 
 def _length(case: Case) -> float:
@@ -117,7 +116,7 @@ def _struck(rows: StepTable, loss: FloatArray, usual: FloatArray) -> NDArray[np.
     share = loss / np.maximum(rows.predicted, 1.0)
     middle = float(np.median(usual))
     # Stated errors may be too small: what flights scatter by themselves counts as well.
-    scatter = max(float(np.median(np.abs(usual - middle))) / _MEDIAN_OF_NORMAL, 1.0)
+    scatter = max(float(np.median(np.abs(usual - middle))) / MEDIAN_OF_NORMAL, 1.0)
     found: NDArray[np.bool_] = (share > _STRUCK_SHARE) & (
         usual - max(middle, 0.0) > _STRUCK_SD * scatter
     )

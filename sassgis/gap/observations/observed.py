@@ -161,6 +161,12 @@ def rock_masses_kg(observations: Observations) -> FloatArray:
     return mass[[place[name] for name in names]]
 
 
+def deposit_masses_kg(observations: Observations) -> FloatArray:
+    """Mass of each deposited block (kg): as weighed, else from its volume; NaN unknown."""
+    own = observations.deposits
+    return np.where(np.isfinite(own.mass_kg), own.mass_kg, DENSITY_KGM3 * own.volume_m3)
+
+
 def rock_radii_m(observations: Observations) -> FloatArray:
     """Radius of the sphere of equal mass of each rock of ``rock_names`` (m); NaN unknown."""
     masses = rock_masses_kg(observations)

@@ -24,7 +24,7 @@ from sassgis.io.read.observation_values import KEY, Findings, RawTable, metadata
 from sassgis.io.read.offline import read_frame, vector_file
 from sassgis.io.read.plain_file import read_text
 from sassgis.io.read.vector_features import nearest
-from sassgis.model.errors import InputError
+from sassgis.model.errors import InputError, shown
 from sassgis.model.grid import Grid
 
 __all__ = ["read_observations", "validate_observations"]
@@ -167,12 +167,9 @@ def _known_table(name: str, file: Path, findings: Findings) -> str | None:
     if lower in TABLES or lower == _METADATA:
         return lower
     if lower not in _FOREIGN:
-        findings.add(
-            "warning",
-            f"table {name} is not one of observations and is not read",
-            file=file,
-            expected=nearest(lower, (*TABLES, _METADATA)),
-        )
+        problem = f"table {shown(name)} is not one of observations and is not read"
+        known = nearest(lower, (*TABLES, _METADATA))
+        findings.all.append(ObservationFinding("warning", problem, str(file), expected=known))
     return None
 
 
