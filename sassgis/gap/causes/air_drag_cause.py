@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from sassgis.engine.effects.air_drag import AirDrag
-from sassgis.gap.causes.cause import CLEAR, LEAST, Cause, Part, Scores, Statistic, part_of
+from sassgis.gap.causes.cause import CLEAR, LEAST, Cause, Part, Scores, Statistic, Unseen, part_of
 from sassgis.gap.causes.flight_losses import loss_of_flights
 from sassgis.gap.causes.parameter_draws import Fit, ParameterDraws, Range
 from sassgis.gap.observations.case import Case
@@ -29,11 +29,8 @@ def _draw(case: Case, draws: ParameterDraws) -> Part:
     return replace(part, parameters={**part.parameters, **density})
 
 
-def _on_every_flight(case: Case, residuals: ResidualTable) -> Scores | None:
-    found = loss_of_flights(residuals.steps.of("flight", "energy_jpkg"))
-    if found is None:
-        return None
-    rows, loss, usual = found
+def _on_every_flight(case: Case, residuals: ResidualTable) -> Scores:
+    rows, loss, usual = loss_of_flights(residuals.steps.of("flight", "energy_jpkg"))
     mean = 0.5 * (rows.observed + rows.predicted)
     # 3 ρ C v² L/(8 ρ_s r) per unit mass, for C = 1.
     pull = 0.75 * _AIR_KGM3 / (2700.0 * rows.radius_m) * mean * rows.way_m
@@ -43,7 +40,7 @@ def _on_every_flight(case: Case, residuals: ResidualTable) -> Scores | None:
     scale = max(float((weight * pull)[kept].sum()), 1e-12)
     drag = float((weight * loss)[kept].sum()) / scale
     if kept.sum() < 2 * LEAST or drag > MOST_DRAG:
-        return None
+        raise Unseen
     left = weight * (loss - _LEAST_DRAG * pull)
     own = np.where(kept, rows.rock, -1)
     return Scores(per_rock(np.where(kept, left, np.nan), own, case.n_rocks), drag)

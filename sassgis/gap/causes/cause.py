@@ -20,6 +20,8 @@ LEAST = 5
 MISSTATED = 0.5
 #: Shift, in standard deviations, up to which a comparison may be off by itself.
 SHIFT = 0.15
+#: Median of the size of a standard normal number.
+MEDIAN_OF_NORMAL = 0.6745
 #: Weight of a fingerprint for its own cause before any site: of most; of what no contact can leave
 #: (masses, places, paths in time). What another law, edges of a rock or a patch of other ground
 #: leave as well weighs less.
@@ -54,7 +56,11 @@ class Scores:
     chance: FloatArray | None = None
 
 
-Scoring = Callable[[Case, ResidualTable], Scores | None]
+Scoring = Callable[[Case, ResidualTable], Scores]
+
+
+class Unseen(Exception):
+    """What a fingerprint takes was not observed, or of too few rocks."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +72,7 @@ class Statistic:
     name
         In words; results and frozen weights know it by these.
     scores
-        None where the observations cannot show it. Two names: the less certain of these
+        Raises Unseen where the observations cannot show it. Two names: the less certain of these
         fingerprints, so that both must be seen.
     tables
         Tables of observations that it takes, all of them.

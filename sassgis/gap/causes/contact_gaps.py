@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from sassgis.gap.causes.cause import LEAST
+from sassgis.gap.causes.cause import LEAST, Unseen
 from sassgis.gap.residuals.steps import StepTable
 from sassgis.gap.residuals.table import ResidualTable
 from sassgis.model.grid import FloatArray
 
 
-def contact_gaps(residuals: ResidualTable, quantity: str) -> tuple[StepTable, FloatArray] | None:
-    """Impacts and their z; None where there are few, or few with a normal speed."""
+def contact_gaps(residuals: ResidualTable, quantity: str) -> tuple[StepTable, FloatArray]:
+    """Impacts and their z; Unseen where there are few, or few with a normal speed."""
     steps = residuals.steps
     rows = steps.of("impact", quantity)
     if min(len(rows), len(steps.of("impact", "normal_speed_mps"))) < 4 * LEAST:
-        return None
+        raise Unseen
     return rows, np.clip(rows.z, -4.0, 4.0)
 
 

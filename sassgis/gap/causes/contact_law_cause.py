@@ -57,11 +57,8 @@ def _draw(case: Case, draws: ParameterDraws) -> Part:
 
 
 def _after_impacts(quantity: str) -> Scoring:
-    def scores(case: Case, residuals: ResidualTable) -> Scores | None:
-        found = contact_gaps(residuals, quantity)
-        if found is None:
-            return None
-        rows, z = found
+    def scores(case: Case, residuals: ResidualTable) -> Scores:
+        rows, z = contact_gaps(residuals, quantity)
         mean = float(z.mean())
         shifted = math.copysign(1.0, mean) * z - SHIFT
         return Scores(per_rock(shifted, rows.rock, case.n_rocks), mean)
@@ -69,18 +66,14 @@ def _after_impacts(quantity: str) -> Scoring:
     return scores
 
 
-def _speed_on_reaches(case: Case, residuals: ResidualTable) -> Scores | None:
+def _speed_on_reaches(case: Case, residuals: ResidualTable) -> Scores:
     speed = speed_gaps(residuals)
-    if speed is None:
-        return None
     mean, shift = mean_of_draws(over_scatter(speed, 0.05), least=1), float(np.nanmean(speed))
     return Scores(math.copysign(1.0, shift) * mean - SHIFT, shift)
 
 
-def _height_on_reaches(case: Case, residuals: ResidualTable) -> Scores | None:
+def _height_on_reaches(case: Case, residuals: ResidualTable) -> Scores:
     height = reach_gaps(residuals, "height_m")
-    if height is None:
-        return None
     own = over_scatter(height, 0.05)
     shift = float(np.nanmean(own))
     return Scores(math.copysign(1.0, shift) * mean_of_draws(own, least=1) - SHIFT, shift)

@@ -23,6 +23,7 @@ from sassgis.gap.causes.cause import (
     Scores,
     Scoring,
     Statistic,
+    Unseen,
     part_of,
 )
 from sassgis.gap.causes.ground_classes import loose_classes, on_its_classes
@@ -30,6 +31,7 @@ from sassgis.gap.causes.lateral_scatter import little_walk, walk_too
 from sassgis.gap.causes.parameter_draws import Fit, ParameterDraws, Range, rounded
 from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case
+from sassgis.gap.observations.observed import deposit_masses_kg
 from sassgis.gap.residuals.table import ResidualTable
 from sassgis.model.grid import FloatArray, IntArray
 
@@ -50,15 +52,15 @@ _LOST = 0.01
 def _mass_scores(which: int) -> Scoring:
     """What of the budget is scored: 0, missing and lying in pieces; 1, in addition."""
 
-    def scores(case: Case, residuals: ResidualTable) -> Scores | None:
-        blocks, rocks = observed_blocks(case), case.mass_kg
-        if blocks is None or not np.isfinite(rocks).all() or not np.isfinite(blocks).all():
-            return None
+    def scores(case: Case, residuals: ResidualTable) -> Scores:
+        blocks, rocks = deposit_masses_kg(case.observations), case.mass_kg
+        if not blocks.size or not np.isfinite(rocks).all() or not np.isfinite(blocks).all():
+            raise Unseen
         blocks = blocks[blocks > _CHIP * np.median(rocks)]
         if blocks.sum() < (1.0 - _LOST) * rocks.sum():
             rocks = rocks[~_gone(case)]
         if rocks.size < LEAST:
-            return None
+            raise Unseen
         error = max(errors_of(case).mass_rel * (1.0 + MISSTATED), _LEAST_MASS_ERROR)
         rng = np.random.default_rng(1986)
         drawn = rocks * np.exp(error * rng.standard_normal((_MASS_DRAWS, rocks.size)))
@@ -69,15 +71,6 @@ def _mass_scores(which: int) -> Scoring:
         return Scores(z[which : which + 1], float(value[which]))
 
     return scores
-
-
-def observed_blocks(case: Case) -> FloatArray | None:
-    """Masses of all blocks that lie, rocks and others alike (kg); None if none were weighed."""
-    table = case.observations.deposits
-    if not len(table):
-        return None
-    mass: FloatArray = np.where(np.isfinite(table.mass_kg), table.mass_kg, 2700.0 * table.volume_m3)
-    return mass
 
 
 def _gone(case: Case) -> NDArray[np.bool_]:
@@ -195,10 +188,7 @@ ENTRAINMENT = Cause(
     shown_by=f"{_MASS_BUDGET}; what is more than came down was set in motion",
     statistics=(
         Statistic(
-            "mass that lies beyond what was released",
-            _mass_scores(1),
-            ("rocks", "deposits"),
-            CLEAR,
+            "mass that lies beyond what was released", _mass_scores(1), ("rocks", "deposits"), CLEAR
         ),
     ),
     place=on_its_classes("entrainment"),

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from sassgis.gap.causes.cause import LEAST
+from sassgis.gap.causes.cause import LEAST, Unseen
 from sassgis.gap.residuals.steps import StepTable
 from sassgis.model.grid import FloatArray
 
 
-def loss_of_flights(rows: StepTable) -> tuple[StepTable, FloatArray, FloatArray] | None:
-    """Flights, what they lost (J/kg), and that in standard deviations; None if there are few."""
+def loss_of_flights(rows: StepTable) -> tuple[StepTable, FloatArray, FloatArray]:
+    """Flights, what they lost (J/kg), and that in standard deviations; Unseen if there are few."""
     if len(rows) < 2 * LEAST:
-        return None
+        raise Unseen
     loss = rows.predicted - rows.observed
     return rows, loss, loss / rows.sd

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from sassgis.engine.effects.roughness import Roughness
-from sassgis.gap.causes.cause import CLEAR, LEAST, MISSTATED, Cause, Part, Scores, Statistic
+from sassgis.gap.causes.cause import CLEAR, LEAST, MISSTATED, Cause, Part, Scores, Statistic, Unseen
 from sassgis.gap.causes.lateral_scatter import (
     STRAIGHT,
     base_size,
@@ -51,21 +51,19 @@ def _draw(case: Case, draws: ParameterDraws) -> Part:
     return Part(form, change, values)
 
 
-def _turn(case: Case, residuals: ResidualTable) -> Scores | None:
+def _turn(case: Case, residuals: ResidualTable) -> Scores:
     rows = residuals.steps.of("impact", "turn_deg")
     if len(rows) < LEAST:
-        return None
+        raise Unseen
     size = np.abs(rows.observed - rows.predicted)
     usual = (1.0 + MISSTATED) * rows.sd * math.sqrt(2.0 / math.pi) + 0.5
     usual = usual + residuals.run.turn_deg[rows.rock]
     return Scores(per_rock(size - usual, rows.rock, case.n_rocks), float(size.mean()))
 
 
-def _growth(case: Case, residuals: ResidualTable) -> Scores | None:
+def _growth(case: Case, residuals: ResidualTable) -> Scores:
     """Further down fall lines part, and offsets grow by themselves."""
     at = station_offsets(case, residuals)
-    if at.shape[1] < 2:
-        return None
     growth = np.abs(at[:, 1] - at[:, 0])
     made = residuals.run.at.lateral_m
     usual = usual_offset(case) + base_size(made[:, :, 1] - made[:, :, 0])

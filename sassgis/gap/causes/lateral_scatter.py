@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from sassgis.gap.causes.cause import MISSTATED
+from sassgis.gap.causes.cause import MISSTATED, Unseen
 from sassgis.gap.causes.parameter_draws import ParameterDraws, rounded
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.hypothesis_model import LateralWalk
@@ -37,8 +37,10 @@ def walk_too(draws: ParameterDraws, most_deg: float) -> LateralWalk:
     return LateralWalk(rounded(draws.uniform("aside_too_deg", 0.1, 1.0) * most_deg))
 
 
-def station_offsets(case: Case, residuals: ResidualTable) -> FloatArray:
-    """Observed lateral offsets at stations (m), shape (n_rocks, n_stations)."""
+def station_offsets(case: Case, residuals: ResidualTable, least: int = 2) -> FloatArray:
+    """Observed lateral offsets at stations (m), shape (n_rocks, n_stations), ``least`` or more."""
+    if len(case.station_names) < least:
+        raise Unseen
     rows = residuals.steps.of("run", "lateral_m")
     at = np.full((case.n_rocks, len(case.station_names)), np.nan)
     at[rows.rock, rows.station] = rows.observed

@@ -7,7 +7,7 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
-from sassgis.gap.causes.cause import CLEAR, LEAST, MISSTATED, Cause, Part, Scores, Statistic
+from sassgis.gap.causes.cause import CLEAR, LEAST, MISSTATED, Cause, Part, Scores, Statistic, Unseen
 from sassgis.gap.causes.lateral_scatter import (
     STRAIGHT,
     base_size,
@@ -53,12 +53,12 @@ def _draw(case: Case, draws: ParameterDraws) -> Part:
     )
 
 
-def _speed_ratios(case: Case) -> tuple[FloatArray, FloatArray] | None:
+def _speed_ratios(case: Case) -> tuple[FloatArray, FloatArray]:
     """Speeds as stated over those from positions and times, of each rock: log, usual scatter."""
     track = case.observations.trajectories
     error = errors_of(case)
     ratio, usual = np.full((2, case.n_rocks), np.nan)
-    for rock, rows in case.observations.paths_of_rocks().items():
+    for rock, rows in case.observations.paths_of_rocks(track.speed_mps).items():
         t = track.t_s[rows]
         ahead = np.searchsorted(t, t + _LAG_S - 1e-6)
         first = np.flatnonzero(ahead < rows.size)
@@ -75,43 +75,38 @@ def _speed_ratios(case: Case) -> tuple[FloatArray, FloatArray] | None:
             ratio[rock] = np.median(np.log(stated[fast] * lag[fast] / clean[fast]))
             spread = math.hypot(error.speed_rel, 1.5 * error.position_m / np.median(clean[fast]))
             usual[rock] = 2.0 * spread / math.sqrt(float(fast.sum()) / 5.0)
-    return (ratio, usual) if np.isfinite(ratio).sum() >= LEAST else None
+    if np.isfinite(ratio).sum() < LEAST:
+        raise Unseen
+    return ratio, usual
 
 
-def _all_alike(case: Case, residuals: ResidualTable) -> Scores | None:
-    found = _speed_ratios(case)
-    if found is None:
-        return None
-    middle = float(np.nanmedian(found[0]))
-    return Scores(math.copysign(1.0, middle) * found[0] - 0.05, float(np.abs(middle) - 0.05))
+def _all_alike(case: Case, residuals: ResidualTable) -> Scores:
+    ratio, _ = _speed_ratios(case)
+    middle = float(np.nanmedian(ratio))
+    return Scores(math.copysign(1.0, middle) * ratio - 0.05, abs(middle) - 0.05)
 
 
-def _each_its_own(case: Case, residuals: ResidualTable) -> Scores | None:
-    found = _speed_ratios(case)
-    if found is None:
-        return None
-    ratio, usual = found
+def _each_its_own(case: Case, residuals: ResidualTable) -> Scores:
+    ratio, usual = _speed_ratios(case)
     away = np.abs(ratio - float(np.nanmedian(ratio)))
     return Scores(away - (1.0 + MISSTATED) * usual, float(np.nanstd(ratio)))
 
 
-def _made_up(case: Case, residuals: ResidualTable) -> Scores | None:
+def _made_up(case: Case, residuals: ResidualTable) -> Scores:
     """An error of the measurement at a station is one of the start of the next reach as well."""
     gap = speed_gaps(residuals)
-    if gap is None or gap.shape[1] < 2:
-        return None
+    if gap.shape[1] < 2:
+        raise Unseen
     own = gap - np.nanmean(gap, axis=0)
     own = own / np.maximum(np.nanstd(own, axis=0), 0.02)
     product = mean_of_draws(-own[:, :-1] * own[:, 1:], least=1)
     return Scores(product - _MADE_UP, float(np.nanmean(product)))
 
 
-def _aside(case: Case, residuals: ResidualTable) -> Scores | None:
+def _aside(case: Case, residuals: ResidualTable) -> Scores:
     """Offset of stops where the rock was on its fall line shortly before."""
     rows = residuals.steps.of("stop", "lateral_m")
-    at = station_offsets(case, residuals)
-    if not len(rows) or not at.shape[1]:
-        return None
+    at = station_offsets(case, residuals, 1)
     passed = np.isfinite(at[rows.rock])
     last = at.shape[1] - 1 - np.argmax(passed[:, ::-1], axis=1)
     beyond = rows.way_m - case.station_s[rows.rock, last]

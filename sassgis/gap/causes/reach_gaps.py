@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from sassgis.gap.causes.cause import LEAST
+from sassgis.gap.causes.cause import LEAST, Unseen
 from sassgis.gap.residuals.residuals import mean_of_draws
 from sassgis.gap.residuals.table import ResidualTable
 from sassgis.model.grid import FloatArray
 
 
-def reach_gaps(
-    residuals: ResidualTable, quantity: str, *, relative: bool = False
-) -> FloatArray | None:
-    """Gaps of a quantity, shape (n_rocks, n_reaches), where enough rocks have one; None without.
+def reach_gaps(residuals: ResidualTable, quantity: str, *, relative: bool = False) -> FloatArray:
+    """Gaps of a quantity, shape (n_rocks, n_reaches), where enough rocks have one; Unseen without.
 
     Relative ones to what is predicted, so that fast reaches do not outweigh the others.
     """
@@ -25,10 +23,12 @@ def reach_gaps(
     with np.errstate(invalid="ignore", divide="ignore"):
         columns = [np.clip(r.gap / r.predicted, -2.0, 2.0) if relative else r.gap for r in own]
     columns = [c for c in columns if np.isfinite(c).sum() >= LEAST]
-    return np.column_stack(columns) if columns else None
+    if not columns:
+        raise Unseen
+    return np.column_stack(columns)
 
 
-def speed_gaps(residuals: ResidualTable) -> FloatArray | None:
+def speed_gaps(residuals: ResidualTable) -> FloatArray:
     """Relative gaps of the speed, shape (n_rocks, n_reaches)."""
     return reach_gaps(residuals, "speed_mps", relative=True)
 
@@ -42,8 +42,8 @@ def over_scatter(gaps: FloatArray, least: float) -> FloatArray:
 def reach_contrasts(residuals: ResidualTable) -> list[FloatArray]:
     """Speed gap on each reach less that on the others, in scatters, shape (n_rocks,) each."""
     speed = speed_gaps(residuals)
-    if speed is None or speed.shape[1] < 2:
-        return []
+    if speed.shape[1] < 2:
+        raise Unseen
     own = over_scatter(speed, 0.05)
     return [
         own[:, k] - mean_of_draws(np.delete(own, k, axis=1), least=1) for k in range(own.shape[1])

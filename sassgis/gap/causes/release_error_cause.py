@@ -8,13 +8,18 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
-from sassgis.gap.causes.cause import CLEAR, LEAST, SHIFT, Cause, Part, Scores, Statistic
-from sassgis.gap.causes.lateral_scatter import (
-    base_size,
-    known_mean,
-    station_offsets,
-    usual_offset,
+from sassgis.gap.causes.cause import (
+    CLEAR,
+    LEAST,
+    MEDIAN_OF_NORMAL,
+    SHIFT,
+    Cause,
+    Part,
+    Scores,
+    Statistic,
+    Unseen,
 )
+from sassgis.gap.causes.lateral_scatter import base_size, known_mean, station_offsets, usual_offset
 from sassgis.gap.causes.parameter_draws import ParameterDraws
 from sassgis.gap.causes.reach_gaps import reach_contrasts
 from sassgis.gap.observations.campaign import errors_of
@@ -23,8 +28,8 @@ from sassgis.gap.replicas.hypothesis_model import ReleaseError
 from sassgis.gap.residuals.table import ResidualTable
 from sassgis.model.grid import IntArray
 
-#: Errors as they scatter are exceeded by this; median of the size of a standard normal number.
-_MORE, _MEDIAN_OF_NORMAL = 1.25, 0.6745
+#: Errors as they scatter are exceeded by this.
+_MORE = 1.25
 
 
 def _draw(case: Case, draws: ParameterDraws) -> Part:
@@ -48,17 +53,17 @@ def _position_error(case: Case, paths: Mapping[int, IntArray]) -> float:
     track = case.observations.trajectories
     jumps = [np.abs(np.diff(getattr(track, c)[rows], n=3)) for rows in paths.values() for c in "xy"]
     seen = np.concatenate([np.empty(0), *jumps])
-    found = float(np.median(seen)) / (_MEDIAN_OF_NORMAL * math.sqrt(20.0)) if seen.size else 0.0
+    found = float(np.median(seen)) / (MEDIAN_OF_NORMAL * math.sqrt(20.0)) if seen.size else 0.0
     return max(found, errors_of(case).position_m)
 
 
-def _first_point(case: Case, residuals: ResidualTable) -> Scores | None:
+def _first_point(case: Case, residuals: ResidualTable) -> Scores:
     """Where a rock is at first, against where it is said to have been released."""
     rocks, track = case.observations.rocks, case.observations.trajectories
     names = case.observations.rock_names
     place = {name: i for i, name in enumerate(rocks.rock_id.tolist())}
     off = np.full(case.n_rocks, np.nan)
-    paths = case.observations.paths_of_rocks()
+    paths = case.observations.paths_of_rocks(track.speed_mps)
     for rock, rows in paths.items():
         i = place.get(names[rock])
         if i is not None and track.t_s[rows[0]] < 0.05:
@@ -66,26 +71,22 @@ def _first_point(case: Case, residuals: ResidualTable) -> Scores | None:
                 float(track.x[rows[0]] - rocks.x[i]), float(track.y[rows[0]] - rocks.y[i])
             )
     if np.isfinite(off).sum() < LEAST:
-        return None
+        raise Unseen
     usual = _MORE * _position_error(case, paths) * math.sqrt(0.5 * math.pi)
     return Scores(off - usual, float(np.nanmean(off)))
 
 
-def _offset_that_stays(case: Case, residuals: ResidualTable) -> Scores | None:
+def _offset_that_stays(case: Case, residuals: ResidualTable) -> Scores:
     at = station_offsets(case, residuals)
-    if at.shape[1] < 2:
-        return None
     growth = np.abs(at[:, 1] - at[:, 0])
     made = usual_offset(case) + base_size(residuals.run.at.lateral_m[:, :, 0])
     return Scores(np.abs(at[:, 0]) - np.maximum(growth, made), known_mean(np.abs(at[:, 0])))
 
 
-def _first_reach(case: Case, residuals: ResidualTable) -> Scores | None:
-    contrasts = reach_contrasts(residuals)
-    if not contrasts:
-        return None
-    mean = float(np.nanmean(contrasts[0]))
-    return Scores(math.copysign(1.0, mean) * contrasts[0] - SHIFT, mean)
+def _first_reach(case: Case, residuals: ResidualTable) -> Scores:
+    contrast = reach_contrasts(residuals)[0]
+    mean = float(np.nanmean(contrast))
+    return Scores(math.copysign(1.0, mean) * contrast - SHIFT, mean)
 
 
 CAUSE = Cause(

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import numpy as np
 
 from sassgis.engine.effects.rock_shape import RockShape
-from sassgis.gap.causes.cause import Cause, Part, Scores, Statistic, part_of
+from sassgis.gap.causes.cause import Cause, Part, Scores, Statistic, Unseen, part_of
 from sassgis.gap.causes.contact_gaps import beyond_any_law, contact_gaps
 from sassgis.gap.causes.lateral_scatter import walk_too
 from sassgis.gap.causes.parameter_draws import Fit, ParameterDraws, Range
@@ -33,20 +35,18 @@ def _draw(case: Case, draws: ParameterDraws) -> Part:
     return part_of(RockShape, form, values, walk)
 
 
-def _rebound(case: Case, residuals: ResidualTable) -> Scores | None:
-    found = contact_gaps(residuals, "tangential_speed_mps")
-    if found is None:
-        return None
-    left = beyond_any_law(*found) * standardised(found[0].flatness)
-    return Scores(per_rock(left, found[0].rock, case.n_rocks), float(left.mean()))
+def _rebound(case: Case, residuals: ResidualTable) -> Scores:
+    rows, z = contact_gaps(residuals, "tangential_speed_mps")
+    left = beyond_any_law(rows, z) * standardised(rows.flatness)
+    return Scores(per_rock(left, rows.rock, case.n_rocks), float(left.mean()))
 
 
-def _slow_and_early(case: Case, residuals: ResidualTable) -> Scores | None:
+def _slow_and_early(case: Case, residuals: ResidualTable) -> Scores:
     """Stops alone say nothing of the shape: flat rocks also start or break otherwise."""
-    speed, foot = speed_gaps(residuals), reach_gaps(residuals, "runout_m")
-    if speed is None:
-        return None
-    both = np.column_stack([over_scatter(t, 1e-3) for t in (speed, foot) if t is not None])
+    gaps = [speed_gaps(residuals)]
+    with suppress(Unseen):
+        gaps.append(reach_gaps(residuals, "runout_m"))
+    both = np.column_stack([over_scatter(own, 1e-3) for own in gaps])
     axes = residuals.run.axes_m.mean(axis=1)
     flat = -standardised(axes[:, 2] / np.sqrt(axes[:, 0] * axes[:, 1]))
     late = late_by_rock(both)
@@ -63,9 +63,7 @@ CAUSE = Cause(
     statistics=(
         Statistic("rebound against the flatness of the rock", _rebound, ("rocks", "impacts")),
         Statistic(
-            "flat rocks slow and early to stop",
-            _slow_and_early,
-            ("rocks", "passages", "stations"),
+            "flat rocks slow and early to stop", _slow_and_early, ("rocks", "passages", "stations")
         ),
     ),
 )

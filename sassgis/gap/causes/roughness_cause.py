@@ -41,28 +41,22 @@ def _draw(case: Case, draws: ParameterDraws) -> Part:
     return part_of(Roughness, form, values, walk_too(draws, 0.6 * tilt), classes=classes)
 
 
-def _scatter(case: Case, residuals: ResidualTable) -> Scores | None:
-    found = contact_gaps(residuals, "normal_speed_mps")
-    if found is None:
-        return None
-    scatter = beyond_any_law(*found) ** 2 - 1.0
-    return Scores(per_rock(scatter - 0.3, found[0].rock, case.n_rocks), float(scatter.mean()))
+def _scatter(case: Case, residuals: ResidualTable) -> Scores:
+    rows, z = contact_gaps(residuals, "normal_speed_mps")
+    scatter = beyond_any_law(rows, z) ** 2 - 1.0
+    return Scores(per_rock(scatter - 0.3, rows.rock, case.n_rocks), float(scatter.mean()))
 
 
-def _scatter_of_small(case: Case, residuals: ResidualTable) -> Scores | None:
-    found = contact_gaps(residuals, "normal_speed_mps")
-    if found is None:
-        return None
-    rows, left = found[0], beyond_any_law(*found)
+def _scatter_of_small(case: Case, residuals: ResidualTable) -> Scores:
+    rows, z = contact_gaps(residuals, "normal_speed_mps")
+    left = beyond_any_law(rows, z)
     small = -standardised(np.log(rows.radius_m))
     scores = per_rock((left**2 - np.mean(left**2)) * small, rows.rock, case.n_rocks)
     return Scores(scores, float(np.mean(left**2 * small)))
 
 
-def _small_slow(case: Case, residuals: ResidualTable) -> Scores | None:
+def _small_slow(case: Case, residuals: ResidualTable) -> Scores:
     speed = speed_gaps(residuals)
-    if speed is None:
-        return None
     slow = late_by_rock(over_scatter(speed, 0.05)) * sizes(residuals)
     return Scores(slow, float(np.nanmean(slow)))
 
@@ -80,9 +74,7 @@ CAUSE = Cause(
         Statistic(_SCATTER, _scatter, ("impacts",), 0.0),
         Statistic(f"{_SCATTER}, and turn of the heading", (_SCATTER, TURN), ("impacts",), CLEAR),
         Statistic(
-            "scatter of the rebound, the more the smaller the rock",
-            _scatter_of_small,
-            ("impacts",),
+            "scatter of the rebound, the more the smaller the rock", _scatter_of_small, ("impacts",)
         ),
         Statistic("small rocks slow on all reaches", _small_slow, ("passages", "stations"), 0.5),
     ),

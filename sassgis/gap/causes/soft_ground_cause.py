@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sassgis.engine.effects.soft_ground import SoftGround
-from sassgis.gap.causes.cause import LEAST, Cause, Part, Scores, Statistic, part_of
+from sassgis.gap.causes.cause import LEAST, Cause, Part, Scores, Statistic, Unseen, part_of
 from sassgis.gap.causes.contact_gaps import contact_gaps
 from sassgis.gap.causes.ground_classes import HARD, on_its_classes, soft_first
 from sassgis.gap.causes.parameter_draws import Fit, ParameterDraws, Range
@@ -38,12 +38,9 @@ def _draw(case: Case, draws: ParameterDraws) -> Part:
     return part_of(SoftGround, form, values, classes=tuple(soft))
 
 
-def _on_one_ground(case: Case, residuals: ResidualTable) -> Scores | None:
+def _on_one_ground(case: Case, residuals: ResidualTable) -> Scores:
     """The yielding ground on which the loss is surest."""
-    found = contact_gaps(residuals, "normal_speed_mps")
-    if found is None:
-        return None
-    rows, z = found
+    rows, z = contact_gaps(residuals, "normal_speed_mps")
     lost = []
     for k in np.unique(rows.ground).tolist():
         on = rows.ground == k
@@ -54,15 +51,13 @@ def _on_one_ground(case: Case, residuals: ResidualTable) -> Scores | None:
         own = np.where(on, rows.rock, -1)
         values = per_rock(np.where(on, score, np.nan), own, case.n_rocks) - 0.3
         lost.append(Scores(values, float(score[on].mean())))
-    return max(
-        lost, key=lambda one: float(np.nan_to_num(t_statistics(one.values)[0])), default=None
-    )
+    if not lost:
+        raise Unseen
+    return max(lost, key=lambda one: float(np.nan_to_num(t_statistics(one.values)[0])))
 
 
-def _large_stop_early(case: Case, residuals: ResidualTable) -> Scores | None:
+def _large_stop_early(case: Case, residuals: ResidualTable) -> Scores:
     foot = reach_gaps(residuals, "runout_m")
-    if foot is None:
-        return None
     late = mean_of_draws(over_scatter(foot, 1.0), least=1)
     late = (late - np.nanmean(late)) * sizes(residuals)
     return Scores(-late, float(-np.nanmean(late)))

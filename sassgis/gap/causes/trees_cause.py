@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -13,11 +14,13 @@ from sassgis.engine.effects.trees import Trees
 from sassgis.gap.causes.cause import (
     CLEAR,
     LEAST,
+    MEDIAN_OF_NORMAL,
     SHIFT,
     Cause,
     Part,
     Scores,
     Statistic,
+    Unseen,
     part_of,
 )
 from sassgis.gap.causes.flight_losses import loss_of_flights
@@ -42,11 +45,7 @@ FIT = Fit(
         "dbh_cm": Range(10.0, 55.0),
     },
     forms={"stems": 0.45, "full_stems": 0.4, "viscous": 0.15},
-    parameters={
-        "stems": ("efficiency",),
-        "full_stems": ("efficiency",),
-        "viscous": ("drag_kgps",),
-    },
+    parameters={"stems": ("efficiency",), "full_stems": ("efficiency",), "viscous": ("drag_kgps",)},
 )
 #: Loss of the energy of a flight, and in standard deviations, from which something was struck.
 _STRUCK_SHARE, _STRUCK_SD = 0.15, 3.5
@@ -54,8 +53,6 @@ _STRUCK_SHARE, _STRUCK_SD = 0.15, 3.5
 _STRUCK_ALOFT_SD, _SEEM_STRUCK = 5.0, 0.004
 #: Least share of flights between contacts that seem struck without; else that of the base.
 _SEEM_STRUCK_AT_CONTACTS = 0.01
-#: Median of the size of a standard normal number.
-_MEDIAN_OF_NORMAL = 0.6745
 
 
 def _length(case: Case) -> float:
@@ -103,14 +100,13 @@ def _in_the_stand(case: Case, models: Sequence[HypothesisModel]) -> tuple[str, .
     return reaches_between(case, low, high)
 
 
-def _on_few_flights(case: Case, residuals: ResidualTable) -> Scores | None:
+def _on_few_flights(case: Case, residuals: ResidualTable) -> Scores:
     """More often than on flights of the base, which contacts that are not recorded cut as well."""
-    found = loss_of_flights(residuals.steps.of("flight", "energy_jpkg"))
-    if found is None:
-        return None
-    rows, struck = found[0], _struck(*found)
-    base = loss_of_flights(residuals.steps.of(MODEL_FLIGHT, "energy_jpkg"))
-    chance = max(_SEEM_STRUCK_AT_CONTACTS, 0.0 if base is None else float(_struck(*base).mean()))
+    rows, loss, usual = loss_of_flights(residuals.steps.of("flight", "energy_jpkg"))
+    struck, chance = _struck(rows, loss, usual), _SEEM_STRUCK_AT_CONTACTS
+    with suppress(Unseen):
+        base = loss_of_flights(residuals.steps.of(MODEL_FLIGHT, "energy_jpkg"))
+        chance = max(chance, float(_struck(*base).mean()))
     scores = per_rock(struck.astype(np.float64) - chance, rows.rock, case.n_rocks)
     return Scores(scores, float(struck.mean()))
 
@@ -120,18 +116,18 @@ def _struck(rows: StepTable, loss: FloatArray, usual: FloatArray) -> NDArray[np.
     share = loss / np.maximum(rows.predicted, 1.0)
     middle = float(np.median(usual))
     # Stated errors may be too small: what flights scatter by themselves counts as well.
-    scatter = max(float(np.median(np.abs(usual - middle))) / _MEDIAN_OF_NORMAL, 1.0)
+    scatter = max(float(np.median(np.abs(usual - middle))) / MEDIAN_OF_NORMAL, 1.0)
     found: NDArray[np.bool_] = (share > _STRUCK_SHARE) & (
         usual - max(middle, 0.0) > _STRUCK_SD * scatter
     )
     return found
 
 
-def _aloft(case: Case, residuals: ResidualTable) -> Scores | None:
+def _aloft(case: Case, residuals: ResidualTable) -> Scores:
     """Speed lost at one point far above the ground: no contact, and no air."""
     rows = residuals.steps.of("aloft", "energy_jpkg")
     if len(rows) < 2 * LEAST:
-        return None
+        raise Unseen
     share = 1.0 - rows.observed / np.maximum(rows.predicted, 1.0)
     struck = (share > _STRUCK_SHARE) & (-rows.z > _STRUCK_ALOFT_SD)
     flights = np.bincount(rows.rock, minlength=case.n_rocks)
@@ -141,11 +137,9 @@ def _aloft(case: Case, residuals: ResidualTable) -> Scores | None:
     return Scores(scores, float(struck.mean()), chance)
 
 
-def _on_one_reach(case: Case, residuals: ResidualTable) -> Scores | None:
+def _on_one_reach(case: Case, residuals: ResidualTable) -> Scores:
     """The reach with the surest loss; on the first one it would be an error of the release."""
     lost = [-contrast for contrast in reach_contrasts(residuals)[1:]]
-    if not lost:
-        return None
     surest = max(lost, key=lambda one: float(np.nan_to_num(t_statistics(one)[0])))
     return Scores(surest - SHIFT, float(np.nanmean(surest - SHIFT)))
 

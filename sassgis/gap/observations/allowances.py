@@ -7,10 +7,7 @@ import math
 import numpy as np
 import shapely
 
-from sassgis.gap.observations.observed import (
-    Observations,
-    rock_radii_m,
-)
+from sassgis.gap.observations.observed import Observations, rock_radii_m
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.terrain.heights import heights_at
 

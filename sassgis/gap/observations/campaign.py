@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.gap.observations.case import Case
+from sassgis.gap.observations.observed import deposit_masses_kg
 from sassgis.model.grid import FloatArray, IntArray
 
 #: Kinds of block: the rock itself, a piece of it, a block that belongs to no rock.
@@ -153,12 +154,9 @@ def _passages(case: Case) -> PassageRows:
 
 
 def _deposits(case: Case) -> DepositRows:
-    table = case.observations.deposits
-    rock, kind = _kinds(case, "deposits")
     put = case.projected["deposits"]
-    density = 2700.0
-    mass = np.where(np.isfinite(table.mass_kg), table.mass_kg, density * table.volume_m3)
-    return DepositRows(rock, kind, put.s, put.lateral_m, mass)
+    mass_kg = deposit_masses_kg(case.observations)
+    return DepositRows(*_kinds(case, "deposits"), put.s, put.lateral_m, mass_kg)
 
 
 def _impacts(case: Case) -> ImpactRows:

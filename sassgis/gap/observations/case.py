@@ -26,11 +26,8 @@ class Case:
 
     Attributes
     ----------
-    observations : Observations
-    grid : Grid
     table : GroundTable
         Ground classes as configured.
-    engine : EngineSettings
     effects : EffectSettings
         Effects that the configuration has switched on already.
     forest : Forest or None

@@ -17,12 +17,7 @@ from sassgis.gap.observations.motion_checks import (
     check_trajectory_speeds,
 )
 from sassgis.gap.observations.observation_finding import ObservationFinding
-from sassgis.gap.observations.observed import (
-    Observations,
-    parent_of,
-    root_of,
-    without,
-)
+from sassgis.gap.observations.observed import Observations, parent_of, root_of, without
 from sassgis.gap.observations.place_checks import (
     check_downhill,
     check_near_stations,
@@ -63,10 +58,6 @@ def check_observations(
         found += new
         left = without(left, new)
     return sorted(found, key=lambda f: f.level != "error")
-
-
-# ---------------------------------------------------------------------------------------------
-# Names
 
 
 def _identifiers(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
@@ -149,22 +140,6 @@ def _belonging(obs: Observations, grid: Grid | None) -> Iterator[ObservationFind
                 missing = list(dict.fromkeys(passages.station[mask].tolist()))
                 nearest = nearest_of(missing[0], names)
                 yield from RULES[rule].at(obs, "passages", mask, some_of(missing), nearest=nearest)
-
-
-# ---------------------------------------------------------------------------------------------
-# Masses and sizes
-
-
-# ---------------------------------------------------------------------------------------------
-# Impacts
-
-
-# ---------------------------------------------------------------------------------------------
-# Speeds
-
-
-# ---------------------------------------------------------------------------------------------
-# Places
 
 
 def empty_tables(observations: Observations, read: Iterable[str]) -> list[ObservationFinding]:

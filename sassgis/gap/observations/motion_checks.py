@@ -18,11 +18,7 @@ from sassgis.gap.observations.allowances import (
     tops_m,
 )
 from sassgis.gap.observations.observation_finding import ObservationFinding
-from sassgis.gap.observations.observed import (
-    Observations,
-    rock_masses_kg,
-    rock_radii_m,
-)
+from sassgis.gap.observations.observed import Observations, rock_masses_kg, rock_radii_m
 from sassgis.gap.observations.rules import RULES
 from sassgis.gap.observations.tables import TABLES
 from sassgis.model.grid import FloatArray, Grid, IntArray

@@ -20,12 +20,10 @@ class ObservationFinding:
     ----------
     level : {"error", "warning"}
         error: wrong, and to be mended; warning: usable, but deserves a look.
-    problem : str
     file, table, column : str
         Where; empty where it does not apply.
     rows : tuple of int
         Rows of the table: lines of a CSV counted with the header, or feature ids.
-    found, expected : str
     left_out : {"", "value", "row", "table"}
         What is not used because of it.
     """

@@ -36,7 +36,6 @@ class Observations:
     ----------
     rocks, stations, passages, impacts, deposits, trajectories
         Tables; of length 0 where there is none.
-    metadata : Metadata
     files : mapping of table to file
         For messages; empty for observations that come from no file.
     findings : tuple of ObservationFinding
@@ -102,14 +101,16 @@ class Observations:
             np.bool_,
         )
 
-    def paths_of_rocks(self) -> dict[int, IntArray]:
-        """Rows of ``trajectories`` by time, of each whole rock that has any with a speed."""
+    def paths_of_rocks(self, needed: FloatArray) -> dict[int, IntArray]:
+        """Rows of ``trajectories`` of each whole rock by time, those with a place and a number in
+        ``needed``.
+        """
         track = self.trajectories
         if not len(track):
             return {}
         rock = self.rock_of("trajectories")
         own = (rock >= 0) & ~self.is_piece("trajectories")
-        own &= np.isfinite(track.t_s + track.x + track.y + track.z + track.speed_mps)
+        own &= np.isfinite(track.t_s + track.x + track.y + track.z + needed)
         order = np.lexsort((track.t_s, rock))
         order = order[own[order]]
         edges = np.flatnonzero(np.diff(rock[order])) + 1
@@ -158,6 +159,12 @@ def rock_masses_kg(observations: Observations) -> FloatArray:
     mass = np.where(np.isfinite(rocks.mass_kg), rocks.mass_kg, density * volume)
     place = {name: i for i, name in enumerate(rocks.rock_id.tolist())}
     return mass[[place[name] for name in names]]
+
+
+def deposit_masses_kg(observations: Observations) -> FloatArray:
+    """Mass of each deposited block (kg): as weighed, else from its volume; NaN unknown."""
+    own = observations.deposits
+    return np.where(np.isfinite(own.mass_kg), own.mass_kg, DENSITY_KGM3 * own.volume_m3)
 
 
 def rock_radii_m(observations: Observations) -> FloatArray:

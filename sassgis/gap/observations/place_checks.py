@@ -17,9 +17,7 @@ from sassgis.gap.observations.allowances import (
     tops_m,
 )
 from sassgis.gap.observations.observation_finding import ObservationFinding
-from sassgis.gap.observations.observed import (
-    Observations,
-)
+from sassgis.gap.observations.observed import Observations
 from sassgis.gap.observations.rules import RULES, some_of
 from sassgis.gap.observations.tables import POINT_TABLES
 from sassgis.model.grid import FloatArray, Grid

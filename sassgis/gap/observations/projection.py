@@ -83,19 +83,11 @@ class StationChainages:
     order: IntArray
 
 
-# ---------------------------------------------------------------------------------------------
-# Lines of rocks
-
-
 def observed_release_points(observations: Observations) -> tuple[ReleasePoints, IntArray]:
     """Release points of the rocks that have one, for tracing their fall lines.
 
     Each rock is an area of its own, named after it: its random draws do not depend on which other
     rocks were observed.
-
-    Parameters
-    ----------
-    observations : Observations
 
     Returns
     -------
@@ -154,7 +146,6 @@ def nearest_lines(traces: TraceSet, x: FloatArray, y: FloatArray) -> IntArray:
 
     Parameters
     ----------
-    traces : TraceSet
     x, y : float64, shape (n,)
         Coordinates (m).
 
@@ -180,10 +171,6 @@ def nearest_lines(traces: TraceSet, x: FloatArray, y: FloatArray) -> IntArray:
     return lines
 
 
-# ---------------------------------------------------------------------------------------------
-# Points
-
-
 def project(
     traces: TraceSet,
     line: IntArray,
@@ -199,7 +186,6 @@ def project(
 
     Parameters
     ----------
-    traces : TraceSet
     line : int64, shape (n,)
         Line of each point; -1 for none.
     x, y : float64, shape (n,)
@@ -213,10 +199,6 @@ def project(
         Profiles of the lines, for the ground without a grid.
     prolonged : bool
         Whether lines go straight on beyond their end.
-
-    Returns
-    -------
-    Projected
     """
     n = np.size(x)
     nothing = np.full(n, np.nan)
@@ -282,8 +264,6 @@ def project_observations(
 
     Parameters
     ----------
-    observations : Observations
-    traces : TraceSet
     line_of_rock : int64, shape (len(observations.rock_names),)
         See ``lines_of_rocks``.
     grid, profiles, prolonged
@@ -311,10 +291,6 @@ def project_observations(
     return found
 
 
-# ---------------------------------------------------------------------------------------------
-# Stations
-
-
 def station_chainages(
     traces: TraceSet, stations: Stations, *, prolong_m: float = 0.0
 ) -> StationChainages:
@@ -322,15 +298,9 @@ def station_chainages(
 
     Parameters
     ----------
-    traces : TraceSet
-    stations : Stations
     prolong_m : float
         Stations are prolonged straight on at both ends by this length (m): a fall line may pass
         just beside a line across the slope that every rock crossed.
-
-    Returns
-    -------
-    StationChainages
     """
     shape = (len(traces), len(stations))
     s, along = np.full(shape, np.nan), np.full(shape, np.nan)
@@ -367,7 +337,3 @@ def prolonged(vertices: FloatArray, by_m: float) -> FloatArray:
     return np.vstack(
         [vertices[0] - by_m * steps[0], vertices[1:-1], vertices[-1] + by_m * steps[-1]]
     )
-
-
-# ---------------------------------------------------------------------------------------------
-# Paths

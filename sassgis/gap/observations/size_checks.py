@@ -8,10 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from sassgis.gap.observations.observation_finding import ObservationFinding
-from sassgis.gap.observations.observed import (
-    DENSITY_KGM3,
-    Observations,
-)
+from sassgis.gap.observations.observed import DENSITY_KGM3, Observations
 from sassgis.gap.observations.rules import RULES
 from sassgis.model.grid import Grid
 

@@ -27,7 +27,6 @@ class Column:
     ----------
     unit : str
         Empty for texts and pure numbers.
-    meaning : str
     text : bool
         Whether it holds text, as identifiers do.
     low, high : float
@@ -98,9 +97,6 @@ _ROTATION = Column("1/s", "turns per second, without sign", low=0.0, rim_of="spe
 _MOVING = ("flight", "rolling")
 
 
-# ---------------------------------------------------------------------------------------------
-# Tables
-
 T = TypeVar("T", bound="Table")
 
 
@@ -122,7 +118,6 @@ class Table:
         Columns without which a row is of no use.
     may_be_loose : bool
         Whether a row of no known rock is one of an unattributed block.
-    quantities : tuple of Measured
     """
 
     __slots__ = ()
@@ -310,10 +305,7 @@ class Impacts(Table):
     key: ClassVar[tuple[str, ...]] = ("rock_id", "impact")
     quantities: ClassVar[tuple[Measured, ...]] = (
         Measured(
-            "energy_kept",
-            "",
-            ("vt_in_mps", "vn_in_mps", "vt_out_mps", "vn_out_mps"),
-            ("impact",),
+            "energy_kept", "", ("vt_in_mps", "vn_in_mps", "vt_out_mps", "vn_out_mps"), ("impact",)
         ),
         Measured("spin_out_radps", "rad/s", ("omega_in_radps", "omega_out_radps"), ("impact",)),
         Measured("turn_deg", "°", ("turn_deg",), ("impact",)),
@@ -404,10 +396,6 @@ TABLES: Mapping[str, tuple[Column, ...]] = {
 POINT_TABLES: tuple[str, ...] = tuple(
     name for name, columns in TABLES.items() if {"rock_id", "x"} <= {c.name for c in columns}
 )
-
-
-# ---------------------------------------------------------------------------------------------
-# How well was measured
 
 
 @dataclass(frozen=True, slots=True)

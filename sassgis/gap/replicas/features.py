@@ -10,13 +10,7 @@ from sassgis.model.grid import FloatArray, IntArray
 
 
 def rock_quantities(case: Case, sample: Campaign) -> dict[str, FloatArray]:
-    """One number per rock and quantity, NaN where there is none.
-
-    Parameters
-    ----------
-    case : Case
-    sample : Campaign
-    """
+    """One number per rock and quantity, NaN where there is none."""
     found: dict[str, FloatArray] = {}
     if sample.deposits is not None:
         found |= _stops(sample)

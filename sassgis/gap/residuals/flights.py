@@ -64,8 +64,6 @@ def path_residuals(
 
     Parameters
     ----------
-    case : Case
-    model : RunModel
     edges : float64, shape (n_reaches, 2)
         Limits of the reaches (m).
     axes_m : float64, shape (n_rocks, k, 3)
@@ -102,7 +100,6 @@ def sudden_losses(
 
     Parameters
     ----------
-    case : Case
     axes_m : float64, shape (n_rocks, k, 3)
         Semi-axes of each rock as the model draws them, longest first (m).
 
@@ -190,26 +187,6 @@ class _Path:
         )
 
 
-def _paths(case: Case) -> Iterator[tuple[int, IntArray, bool]]:
-    """Rows of the points of each whole rock by time, and whether its impacts are known."""
-    track = case.observations.trajectories
-    rock = case.observations.rock_of("trajectories")
-    known = np.isfinite(track.t_s + track.x + track.y + track.z)
-    known &= (rock >= 0) & ~case.observations.is_piece("trajectories")
-    known &= np.isfinite(case.projected["trajectories"].height_m)
-    hit = (
-        set(case.observations.rock_of("impacts").tolist())
-        if len(case.observations.impacts)
-        else set()
-    )
-    order = np.lexsort((track.t_s, rock))
-    order = order[known[order]]
-    for i in np.unique(rock[order]).tolist():
-        rows = order[rock[order] == i]
-        if rows.size >= _LEAST_POINTS and case.line[i] >= 0:
-            yield i, rows, i in hit
-
-
 def _rolling_radius(axes_m: FloatArray) -> FloatArray:
     """Radius of each rock on which it rolls: it stands on a circle between its longer axes (m)."""
     radius: FloatArray = 0.5 * (axes_m[:, :, 0] + axes_m[:, :, 1]).mean(axis=1)
@@ -220,11 +197,13 @@ def _bounded(case: Case, round_m: FloatArray) -> Iterator[tuple[_Path, _Bounds, 
     """Each path, the points between which its impacts happened, and whether these are known."""
     if not len(case.observations.trajectories):
         return
-    hit, none = _impact_points(case), np.empty(0)
-    for rock, rows, impacted in _paths(case):
-        path = _Path.of(case, rock, rows, float(round_m[rock]))
-        error_m = errors_of(case).position_m
-        yield path, _bounds(path, *hit.get(rock, (none, none)), error_m), impacted
+    seen = case.observations
+    hit, none, impacted = _impact_points(case), np.empty(0), set(seen.rock_of("impacts").tolist())
+    for rock, rows in seen.paths_of_rocks(case.projected["trajectories"].height_m).items():
+        if rows.size >= _LEAST_POINTS and case.line[rock] >= 0:
+            path = _Path.of(case, rock, rows, float(round_m[rock]))
+            bounds = _bounds(path, *hit.get(rock, (none, none)), errors_of(case).position_m)
+            yield path, bounds, rock in impacted
 
 
 def _smooth(values: FloatArray) -> FloatArray:
@@ -256,10 +235,6 @@ def _bounds(path: _Path, x: FloatArray, y: FloatArray, error_m: float) -> _Bound
 
     An impact is known by its position: among points that lie closer than the error of positions it
     may have happened at any.
-
-    Returns
-    -------
-    first, last : int64
     """
     if not x.size:
         return np.empty(0, np.int64), np.empty(0, np.int64)

@@ -68,8 +68,6 @@ def impact_residuals(
 
     Parameters
     ----------
-    case : Case
-    table : GroundTable
     run : FreeRun
         The rocks in the model: their semi-axes, and the turns of their paths.
     edges : float64, shape (n_reaches, 2)
@@ -79,11 +77,6 @@ def impact_residuals(
         1986 alone. Where paths leave the fall line, turns are left out.
     draws : int
         Orientations and slopes drawn for each impact.
-    rng : numpy.random.Generator
-
-    Returns
-    -------
-    list of Residual
     """
     impacts = case.observations.impacts
     if not len(impacts):
@@ -109,7 +102,6 @@ class ImpactsInFlight:
 
     Attributes
     ----------
-    impacts : Impacts
     rock : int64, shape (n,)
     s : float64, shape (n,)
         Chainage (m).
@@ -145,7 +137,6 @@ def impacts_in_flight(
 
     Parameters
     ----------
-    case : Case
     axes_m : float64, shape (n_rocks, k, 3)
         Semi-axes of each rock, longest first (m).
     rows : int64

@@ -42,10 +42,6 @@ _LONGEST_S, _STEP_S = 1.5, 0.02
 _LEAST_DROP_M = 1e-3
 
 
-# ---------------------------------------------------------------------------------------------
-# Runs from station to station
-
-
 def reach_residuals(
     case: Case,
     model: RunModel,

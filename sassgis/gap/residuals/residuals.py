@@ -10,14 +10,7 @@ from sassgis.gap.inference.rock_tests import rock_means
 from sassgis.model.grid import FloatArray, IntArray
 
 #: Units by the end of the name of a quantity.
-_UNITS = {
-    "_mps": "m/s",
-    "_mps2": "m/s²",
-    "_hz": "1/s",
-    "_m": "m",
-    "_deg": "°",
-    "_radps": "rad/s",
-}
+_UNITS = {"_mps": "m/s", "_mps2": "m/s²", "_hz": "1/s", "_m": "m", "_deg": "°", "_radps": "rad/s"}
 
 
 @dataclass(frozen=True, slots=True)

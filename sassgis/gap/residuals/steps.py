@@ -105,14 +105,12 @@ def steps_of(
 
     Parameters
     ----------
-    case : Case
     table : GroundTable
         Of the model.
     run : FreeRun
         Its replicates of the rocks.
     recorded : sequence of ImpactRows
         Impacts of the rocks in the model, as the observer of the case records them.
-    rng : numpy.random.Generator
     """
     flat = run.axes_m[:, :, 2].mean(axis=1) / run.axes_m[:, :, 1].mean(axis=1)
     parts = [

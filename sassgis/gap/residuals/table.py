@@ -70,10 +70,8 @@ def residuals_of(
 
     Parameters
     ----------
-    case : Case
     table : GroundTable
         Ground classes of the model, calibrated.
-    seed : int
     effects : EffectSettings, optional
         Of the model; default: those of the configuration.
     replicates : int

@@ -36,9 +36,6 @@ def where(
 
     Parameters
     ----------
-    case : Case
-    residuals : ResidualTable
-    seed : int
     draws : int
         For the tests and the intervals.
 
@@ -75,12 +72,7 @@ def findings_of(
 
 
 def _finding(
-    case: Case,
-    residual: Residual,
-    tested: FloatArray,
-    adjusted: float,
-    q: float,
-    times: FloatArray,
+    case: Case, residual: Residual, tested: FloatArray, adjusted: float, q: float, times: FloatArray
 ) -> GapFinding:
     own = np.isfinite(tested)
     weight = np.ones(int(own.sum())) if residual.weight is None else residual.weight[own]
@@ -133,10 +125,6 @@ def _on_map(case: Case, residual: Residual, own: np.ndarray) -> tuple[float, flo
     if not known.any():
         return math.nan, math.nan
     return float(x[known].mean()), float(y[known].mean())
-
-
-# ---------------------------------------------------------------------------------------------
-# Where it begins
 
 
 def locate(

@@ -17,8 +17,6 @@ def line_stretch(traces: TraceSet, line: int, s0: float, s1: float) -> FloatArra
 
     Parameters
     ----------
-    traces : TraceSet
-    line : int
     s0, s1 : float
         Chainages (m); cut to those of the line.
 

@@ -62,7 +62,6 @@ class CauseWeights:
 
         Parameters
         ----------
-        prints : sequence of Fingerprint
         tried : sequence of str
             Families that may be named.
         """

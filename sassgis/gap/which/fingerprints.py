@@ -9,12 +9,13 @@ groups, adjusted for the number of fingerprints (Holm 1979).
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 
 import numpy as np
 from scipy import stats
 
 from sassgis.gap.causes.all_causes import CAUSES, STATISTICS
-from sassgis.gap.causes.cause import LEAST, Scores
+from sassgis.gap.causes.cause import LEAST, Scores, Unseen
 from sassgis.gap.diagnosis import Fingerprint
 from sassgis.gap.inference.rock_tests import holm_adjusted, t_statistics
 from sassgis.gap.observations.case import Case
@@ -30,7 +31,6 @@ def fingerprints(
 
     Parameters
     ----------
-    case : Case
     residuals : ResidualTable
         Of the calibrated base.
     group : int64, shape (n_rocks,), optional
@@ -47,8 +47,10 @@ def fingerprints(
     found: dict[str, tuple[float, float, float, int]] = {}
     statistics = [own for cause in CAUSES.values() for own in cause.statistics]
     for one in statistics:
-        scores = None if isinstance(one.scores, tuple) else one.scores(case, residuals)
-        if scores is not None:
+        if isinstance(one.scores, tuple):
+            continue
+        with suppress(Unseen):
+            scores = one.scores(case, residuals)
             z, p, n = _tested(scores, number)
             if math.isfinite(z):
                 found[one.name] = scores.size, z, p, n

@@ -46,7 +46,6 @@ class Draw:
         "none", a family, or two joined by "+".
     form : str
         Functional form.
-    model : HypothesisModel
     parameters : mapping
         Calibrated parameters by name, as they are reported.
     parameter_draws : mapping
@@ -65,14 +64,8 @@ def draw(case: Case, families: tuple[str, ...], parameter_draws: ParameterDraws)
 
     Parameters
     ----------
-    case : Case
     families : tuple of str
         None, one or more; "contact_law" is one of them here.
-    parameter_draws : ParameterDraws
-
-    Returns
-    -------
-    Draw
     """
     table, parameters = _calibrated(case, parameter_draws)
     configured = case.effects.get(LateralDeflection)
@@ -111,9 +104,7 @@ def draw(case: Case, families: tuple[str, ...], parameter_draws: ParameterDraws)
         for name, _, key in (label.rpartition("."),)
     }
     return replace(
-        made,
-        parameters={**made.parameters, **values},
-        parameter_draws=dict(parameter_draws.used),
+        made, parameters={**made.parameters, **values}, parameter_draws=dict(parameter_draws.used)
     )
 
 

@@ -23,8 +23,6 @@ class Quantity:
     ----------
     phases : tuple of str
         Phases of motion that it speaks of: release, flight, impact, rolling, stopping.
-    name, unit : str
-    table : str
     rocks, values : int
         On how many rocks (unattributed blocks not counted), and how many values.
     """
@@ -45,7 +43,6 @@ class Identifiable:
     ----------
     rocks, unattributed : int
         Rocks, and blocks and passages that belong to none of them.
-    quantities : tuple of Quantity
     not_identifiable : tuple of str
         Sentences: what is missing, and what is therefore not identifiable.
     """
@@ -61,16 +58,7 @@ class Identifiable:
 
 
 def what_is_identifiable(observations: Observations) -> Identifiable:
-    """Which quantities and phases the data support, and what they do not identify.
-
-    Parameters
-    ----------
-    observations : Observations
-
-    Returns
-    -------
-    Identifiable
-    """
+    """Which quantities and phases the data support, and what they do not identify."""
     quantities = []
     unattributed = 0
     for table, data in observations.tables.items():

@@ -78,11 +78,8 @@ def separations(
 
     Parameters
     ----------
-    case : Case
-    rock_lines : RockLines
     models : mapping of cause to sequence of HypothesisModel
         Draws that fit alike; the cause that is told from the others first.
-    seed : int
     """
     causes = list(models)
     if len(causes) < 2:

@@ -109,9 +109,6 @@ def second_of(
     ----------
     first : str
         A family.
-    prints : sequence of Fingerprint
-    shares : mapping of cause to float
-    thresholds : Thresholds
     tried : sequence of str
         Families that may be named.
     """
@@ -143,7 +140,6 @@ def decide(
 
     Parameters
     ----------
-    prints : sequence of Fingerprint
     shares : mapping
         Probability of each family that may be named and of "none".
     findings : sequence of GapFinding
@@ -151,7 +147,6 @@ def decide(
     closes_at_most : float or None
         Upper limit of the shrinkage by the most probable family, on held-out rocks; None where it
         is withheld.
-    thresholds : Thresholds
     law : bool
         Whether the base needs another law of the contact.
 
@@ -169,62 +164,42 @@ def decide(
     seen = first in best and best[first].z >= SEEN
     if seen and shares[first] >= thresholds.named:
         if closes_at_most is not None and closes_at_most < 0.0:
-            return (
-                UNKNOWN,
-                "",
-                (
-                    f"the fingerprints are those of {first.replace('_', ' ')}, but the effect "
-                    "certainly closes none of the gap on rocks that took no part in its calibration"
-                ),
+            reason = (
+                f"the fingerprints are those of {first.replace('_', ' ')}, but the effect "
+                "certainly closes none of the gap on rocks that took no part in its calibration"
             )
+            return UNKNOWN, "", reason
         second = second_of(first, prints, shares, thresholds, tried)
         named = "+".join(sorted([first, second])) if second else first
-        return (
-            named,
-            group_of(named),
-            (
-                f"{shares[first]:.0%} probable by its fingerprints; the surest of its own: "
-                f"{best[first].statistic} (z = {best[first].z:.1f})"
-            ),
+        reason = (
+            f"{shares[first]:.0%} probable by its fingerprints; the surest of its own: "
+            f"{best[first].statistic} (z = {best[first].z:.1f})"
         )
+        return named, group_of(named), reason
     together = {g: sum(shares.get(n, 0.0) for n in names) for g, names in GROUPS.items()}
     group = max(together, key=lambda g: together[g])
     if together[group] >= thresholds.grouped:
-        return (
-            UNKNOWN,
-            group,
-            (
-                f"a cause of the group {group} is {together[group]:.0%} probable; these data "
-                "cannot answer which"
-            ),
-        )
-    if adequate(findings):
-        return (
-            NONE,
-            "",
-            (
-                "no cause is probable, and no gap of the calibrated base is both significant and "
-                "large"
-            ),
-        )
-    likely = max((shares[name] for name in tried), default=0.0)
-    if law and shares[NONE] > likely:
-        return (
-            CONTACT_LAW,
-            group_of(CONTACT_LAW),
-            (
-                "the contact follows another law: the motion is shifted in the same way for all "
-                "sizes, or it certainly closes more of the gap than any values of the ground"
-            ),
-        )
-    return (
-        UNKNOWN,
-        "",
-        (
-            "gaps are significant and large, and no known cause is probable: these data cannot "
+        reason = (
+            f"a cause of the group {group} is {together[group]:.0%} probable; these data cannot "
             "answer which"
-        ),
+        )
+        return UNKNOWN, group, reason
+    if adequate(findings):
+        reason = (
+            "no cause is probable, and no gap of the calibrated base is both significant and large"
+        )
+        return NONE, "", reason
+    if law and shares[NONE] > max((shares[name] for name in tried), default=0.0):
+        reason = (
+            "the contact follows another law: the motion is shifted in the same way for all sizes, "
+            "or it certainly closes more of the gap than any values of the ground"
+        )
+        return CONTACT_LAW, group_of(CONTACT_LAW), reason
+    reason = (
+        "gaps are significant and large, and no known cause is probable: these data cannot answer "
+        "which"
     )
+    return UNKNOWN, "", reason
 
 
 def confusion_set(effect: str, shares: Mapping[str, float], covered: float) -> tuple[str, ...]:
@@ -241,10 +216,7 @@ def confusion_set(effect: str, shares: Mapping[str, float], covered: float) -> t
 
 
 def place_of(
-    effect: str,
-    case: Case,
-    fitted: Sequence[Draw],
-    findings: Sequence[GapFinding],
+    effect: str, case: Case, fitted: Sequence[Draw], findings: Sequence[GapFinding]
 ) -> tuple[str, tuple[str, ...]]:
     """Phase of motion and reaches in which an effect acts.
 
@@ -252,7 +224,6 @@ def place_of(
     ----------
     effect : str
         The answer.
-    case : Case
     fitted : sequence of Draw
         Calibrated draws of the effect.
     findings : sequence of GapFinding

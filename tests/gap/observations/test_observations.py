@@ -20,9 +20,7 @@ from sassgis.gap.observations.observed import (
     rock_radii_m,
     root_of,
 )
-from sassgis.gap.observations.tables import (
-    TABLES as KNOWN,
-)
+from sassgis.gap.observations.tables import TABLES as KNOWN
 from sassgis.gap.observations.tables import (
     Deposits,
     Impacts,
@@ -32,10 +30,7 @@ from sassgis.gap.observations.tables import (
     Trajectories,
 )
 from sassgis.gap.which.identifiable import what_is_identifiable
-from sassgis.io.read.observation_files import (
-    read_observations,
-    validate_observations,
-)
+from sassgis.io.read.observation_files import read_observations, validate_observations
 from sassgis.io.write.observation_template import observations_template
 from sassgis.model.errors import InputError, OutputError
 from sassgis.model.grid import Grid
@@ -103,9 +98,7 @@ def test_missing_tables_and_columns_are_fine(folder, slope):
             file.unlink()
     observed = read_observations(path, slope)
     assert len(observed.rocks) == 0
-    assert observed.rock_names == ("R1", "R2", "R3", "R4", "R5.1", "R5.2") or (
-        observed.rock_names[:5] == ("R1", "R2", "R3", "R4", "R5")
-    )
+    assert observed.rock_names[:5] == ("R1", "R2", "R3", "R4", "R5")
     assert lines(observed, slope) == []
 
 
@@ -150,9 +143,6 @@ def test_other_coordinates_are_brought_into_those_of_the_dem(slope, tmp_path):
     np.testing.assert_allclose(observed.rocks.x[0], at(2.0, 20.0)[0], atol=0.01)
     # Heights stay: no datum of heights is stated.
     np.testing.assert_allclose(observed.rocks.z[0], at(2.0, 20.0)[2], atol=0.01)
-    alone = read_observations(tmp_path / "o.gpkg", crs=LV95)
-    np.testing.assert_allclose(alone.rocks.x, observed.rocks.x, atol=1e-6)
-    np.testing.assert_allclose(alone.stations.vertices[0], observed.stations.vertices[0], atol=1e-6)
 
 
 def test_one_layer_elsewhere_is_left_out_all_layers_are_refused(slope, tmp_path):
@@ -258,7 +248,7 @@ CASES = {
         "row 12: is there twice; the first one is taken (found 'R2 at S1'",
     ),
     "station twice": ({"stations": repeated(0)}, "stations.station: row 4: is there twice"),
-    "impact twice": ({"impacts": repeated(0)}, "impacts.impact: row 7: is there twice"),
+    "impact twice": ({"impacts": repeated(0)}, "impacts.rock_id, impact: row 7: is there twice"),
     "stop twice": (
         {"deposits": lambda rows: [*rows[:-1], dict(rows[0])]},
         "deposits.rock_id: row 8: the same stop is there twice",
@@ -274,9 +264,7 @@ CASES = {
         "(found 'S3'; expected one of 'S1', 'S2'",
     ),
     "km/h": (
-        {
-            "passages": setting("speed_mps", lambda v: 3.6 * v),
-        },
+        {"passages": setting("speed_mps", lambda v: 3.6 * v)},
         "passages.speed_mps: rows 2, 3, 4, 5, 6 and 5 more: look like km/h",
     ),
     "km/h along a path": (
@@ -402,12 +390,7 @@ CASES = {
         {"deposits": lambda rows: setting("y", "", [0])(rows[:-1])},
         "deposits.x, y: row 2: x or y is missing; value left out",
     ),
-    "empty table": (
-        {
-            "impacts": lambda rows: rows.clear() or [],
-        },
-        "table has no rows",
-    ),
+    "empty table": ({"impacts": lambda rows: rows.clear() or []}, "table has no rows"),
     "no line": ({"stations": setting("x0", "", [0])}, "station has no line"),
     "no time": (
         {"trajectories": setting("t_s", "", [3])},
@@ -430,10 +413,6 @@ def test_each_fault_is_found_once_and_named(case, folder, slope):
     assert len(found) <= (2 if case in ("other heights", "above the release") else 1), found
 
 
-def test_clean_observations_have_no_findings(folder, slope):
-    assert lines(read_observations(folder(**NO_LOOSE_BLOCK), slope), slope) == []
-
-
 def test_values_left_out_are_gone_and_the_rest_stays(folder, slope):
     change = setting("speed_mps", lambda v: 3.6 * v)
     observed = read_observations(folder(passages=change), slope)
@@ -442,11 +421,6 @@ def test_values_left_out_are_gone_and_the_rest_stays(folder, slope):
     # Findings survive the reading; a second look adds none.
     assert validate_observations(observed, slope) == validate_observations(observed, slope)
     assert sum("km/h" in line for line in lines(observed, slope)) == 1
-
-
-def test_findings_without_a_dem(folder):
-    observed = read_observations(folder(**NO_LOOSE_BLOCK, passages=setting("speed_mps", 60.0, [0])))
-    assert "faster than the drop allows" in only(observed)
 
 
 def test_a_rock_cannot_climb():
@@ -584,7 +558,7 @@ def test_unknown_tables_are_named(folder, slope):
 # --- templates -----------------------------------------------------------------------------------
 
 
-def test_template_of_csv_files_has_all_columns(tmp_path):
+def test_template_of_csv_files_has_all_columns_and_can_be_filled_in(tmp_path, slope):
     path = observations_template(tmp_path / "new" / "observed")
     for name, columns in KNOWN.items():
         with (path / f"{name}.csv").open() as file:
@@ -597,10 +571,6 @@ def test_template_of_csv_files_has_all_columns(tmp_path):
         observations_template(path)
     with pytest.raises(OutputError, match="cannot see what to write"):
         observations_template(tmp_path / "observed.xlsx")
-
-
-def test_template_of_csv_files_can_be_filled_in(tmp_path, slope):
-    path = observations_template(tmp_path / "observed")
     with (path / "deposits.csv").open("a") as file:
         x, y, z = at(0, 250)
         file.write(f"R1,{x},{y},{z},100,\n")
@@ -687,111 +657,3 @@ def test_masses_and_radii_from_what_is_there():
     ball = 4 / 3 * np.pi * 0.125
     np.testing.assert_allclose(rock_masses_kg(observed), [100.0, 5000.0, 2700 * ball, np.nan])
     np.testing.assert_allclose(rock_radii_m(observed)[2], 0.5)
-
-
-# --- field data -----------------------------------------------------------------------------------
-
-
-def table(path, name, columns):
-    frame = pd.DataFrame(columns)
-    frame.to_csv(path / f"{name}.csv", index=False)
-
-
-def read_ascii(path):
-    text = path.read_text().split("\n")
-    head = {k.lower(): float(v) for k, v in (line.split() for line in text[:5])}
-    skip = 6 if text[5].lower().startswith("nodata") else 5
-    values = np.loadtxt(path, skiprows=skip)
-    size = head["cellsize"]
-    return Grid(values, head["xllcorner"], head["yllcorner"] + size * values.shape[0], size)
-
-
-def test_tschamut_can_be_held(shared_data, tmp_path):
-    source = shared_data / "tschamut2014"
-    start = pd.read_csv(source / "release_points.csv")
-    stop = pd.read_csv(source / "observed_deposition.csv")
-    blocks = pd.read_csv(source / "block_metadata.csv").set_index("block_id")
-    speed = np.sqrt(start.vx_mps**2 + start.vy_mps**2 + start.vz_mps**2)
-    size = blocks.loc[start.block_id]
-    table(
-        tmp_path,
-        "rocks",
-        {
-            "rock_id": start.trajectory_id,
-            "x": start.x_m,
-            "y": start.y_m,
-            "z": start.z_m,
-            "mass_kg": start.mass_kg,
-            "semi_axis_a_m": 0.5 * size.size_x_m.to_numpy(),
-            "semi_axis_b_m": 0.5 * size.size_y_m.to_numpy(),
-            "semi_axis_c_m": 0.5 * size.size_z_m.to_numpy(),
-            "release_speed_mps": speed,
-        },
-    )
-    table(
-        tmp_path,
-        "deposits",
-        {"rock_id": stop.trajectory_id, "x": stop.x_m, "y": stop.y_m, "z": stop.z_m},
-    )
-    grid = read_ascii(source / "terrain.asc")
-    observed = read_observations(tmp_path, grid)
-    assert len(observed.rocks) == len(start) == 62
-    assert (observed.rock_of("deposits") >= 0).all()
-    straight = np.hypot(stop.x_m - stop.release_x_m, stop.y_m - stop.release_y_m)
-    np.testing.assert_allclose(straight, stop.observed_runout_m, atol=0.02)
-    assert not [f for f in validate_observations(observed, grid) if f.level == "error"]
-
-
-def test_chant_sura_can_be_held(shared_data, tmp_path):
-    source = shared_data / "chant_sura_2020"
-    path = pd.read_csv(source / "observed_trajectories_contact_extended.csv")
-    spin = np.sqrt(path.omega_x_radps**2 + path.omega_y_radps**2 + path.omega_z_radps**2)
-    table(
-        tmp_path,
-        "trajectories",
-        {
-            # Each flight has a clock of its own.
-            "rock_id": path.segment_id.str.replace("_seg", "s"),
-            "t_s": path.time_s,
-            "x": path.x_m,
-            "y": path.y_m,
-            "z": path.z_m,
-            "speed_mps": path.speed_mps,
-            "rotation_hz": spin / (2 * np.pi),
-        },
-    )
-    observed = read_observations(tmp_path)
-    assert len(observed.trajectories) == len(path)
-    assert lines(observed) == []
-    told = what_is_identifiable(observed)
-    assert told.has("flight_fit")
-    path_kmh = observed.trajectories.speed_mps * 3.6
-    frame = pd.read_csv(tmp_path / "trajectories.csv")
-    frame["speed_mps"] = path_kmh
-    frame.to_csv(tmp_path / "trajectories.csv", index=False)
-    assert "look like km/h" in only(read_observations(tmp_path))
-
-
-def test_authume_heights_are_found_to_be_offset(shared_data, tmp_path):
-    rasterio = pytest.importorskip("rasterio")
-    source = shared_data / "authume_quarry_p1"
-    stops = np.loadtxt(source / "Endpoints_P1.txt")
-    with rasterio.open(source / "derived_dtm_0p5m_local.tif") as data:
-        values = data.read(1).astype(float)
-        values[values == data.nodata] = np.nan
-        grid = Grid(values, data.transform.c, data.transform.f, data.transform.a)
-    table(
-        tmp_path,
-        "deposits",
-        {
-            "rock_id": [f"B{i}" for i in range(len(stops))],
-            "x": stops[:, 0],
-            "y": stops[:, 2],
-            "z": stops[:, 1],
-            "mass_kg": stops[:, 3],
-        },
-    )
-    observed = read_observations(tmp_path, grid)
-    assert len(observed.deposits) == 41
-    assert "heights are offset from the DEM" in only(observed, grid)
-    assert "+2.8" in only(observed, grid) or "+2.9" in only(observed, grid)

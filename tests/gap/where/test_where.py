@@ -67,14 +67,6 @@ def test_softer_ground_shows_on_its_reaches_and_class():
     assert slow.y == pytest.approx(330.0 - 20.0 - 0.5 * sum(STATIONS[:2]), abs=0.5)
 
 
-def test_softer_ground_shows_without_impacts():
-    case = observed(40, 12, table=changed("debris", eta_max=0.37), tables=("passages", "deposits"))
-    f = found(case)
-    assert {x.test for x in f} == {"free run", "reach"}
-    phase, reaches = locate(f, ("impact",))
-    assert phase == "impact" and reaches[0] == "S1-S2" and "release-S1" not in reaches
-
-
 def test_drag_shows_in_flight():
     drag = EffectSettings(AirDrag(drag_coefficient=10.0, air_density_kgm3=2.0))
     f = found(observed(70, 13, effects=drag))
@@ -137,11 +129,6 @@ def test_few_rocks_and_nothing():
     assert found(observed(LEAST_ROCKS - 1, 18)) == ()
     f = found(observed(8, 19, tables=()))
     assert f == () and locate(f) == ("", ())
-
-
-def test_the_same_seed_gives_the_same_findings():
-    case = observed(15, 20, tables=("passages", "deposits", "impacts"))
-    assert found(case) == found(case)
 
 
 @pytest.mark.battery

@@ -42,9 +42,7 @@ def test_the_same_parameter_draws_make_the_same_draw(
     families = () if family is None else (family,)
     made = draw(problem.case, families, ParameterDraws(np.random.default_rng(8)))
     again = draw(
-        problem.case,
-        families,
-        ParameterDraws(np.random.default_rng(9), made.parameter_draws),
+        problem.case, families, ParameterDraws(np.random.default_rng(9), made.parameter_draws)
     )
     assert again == made
     assert model_from_json(json.loads(json.dumps(model_as_json(made.model)))) == made.model
@@ -173,7 +171,7 @@ def test_the_frozen_weights_follow_the_fingerprints() -> None:
 
 def test_what_is_unlike_every_site_is_told() -> None:
     weights = cause_weights_of(read_thresholds())
-    z = {name: 4.0 * v for name, v in zip(weights.statistics, weights.usual, strict=True)}
-    usual = [Fingerprint(e, s, 0.0, z[s], 1.0, True, 30) for s, e in STATISTICS.items()]
+    fitted = zip(weights.statistics[: weights.usual.size], weights.usual, strict=True)
+    usual = [Fingerprint(STATISTICS[s], s, 0.0, 4.0 * v, 1.0, True, 30) for s, v in fitted]
     assert weights.is_typical(usual) and weights.is_typical([])
     assert not weights.is_typical([replace(f, z=8.0) for f in usual])

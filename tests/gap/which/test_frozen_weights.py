@@ -33,9 +33,11 @@ def test_the_weights_are_those_of_the_rows(study: ModuleType) -> None:
     counts = study.counts_of(study.z_of(rows))[known]
     weights, offset = study.fitted(counts, cause[known], found["ridge"])
     frozen = cause_weights_of(read_thresholds())
-    assert frozen.causes == study.CAUSES and frozen.sharpness == found["sharpness"]
-    np.testing.assert_allclose(frozen.weights, weights, atol=0.02)
-    np.testing.assert_allclose(frozen.offset, offset, atol=0.02)
+    # Causes and fingerprints that no site has had yet follow.
+    n, k = weights.shape
+    assert frozen.causes[:n] == study.CAUSES and frozen.sharpness == found["sharpness"]
+    np.testing.assert_allclose(frozen.weights[:n, :k], weights, atol=0.02)
+    np.testing.assert_allclose(frozen.offset[:n], offset, atol=0.02)
 
 
 def test_the_page_has_the_figures_of_the_results(study: ModuleType) -> None:
