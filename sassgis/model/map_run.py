@@ -13,9 +13,9 @@ from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.ground import GroundTable
 from sassgis.model.languages import phrase
-from sassgis.model.release_areas import FallLineSettings, ReleaseArea
+from sassgis.model.release_areas import ReleaseArea
 from sassgis.model.results import ControlLine
-from sassgis.model.settings import EngineSettings
+from sassgis.model.settings import EngineSettings, ReleaseSettings, TerrainSettings
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,10 +127,9 @@ class MapRun:
     control_lines : tuple of (ControlLine, float64 array of shape (k, 2))
         Stations and barriers with their trace on the map.
     engine : EngineSettings
-    fall_lines : FallLineSettings
-    segment_tolerance_m, spacing_m : float
-    placement : {"grid", "random"}
-    rocks_per_point, seed : int
+    terrain : TerrainSettings
+    release : ReleaseSettings
+    seed : int
     stop_points_max : int
         Most stop points to keep one by one.
     repetitions : int
@@ -146,12 +145,8 @@ class MapRun:
         What the model of 1986 leaves out.
     forest : Forest or None
         For the effect of trees.
-    block_scale_m : float
-        Size below which terrain counts as roughness (m); 0: none does.
     ground_heights : Grid or None
         Heights that blocks meet, on the cells of ``grid``; None: those of ``grid``.
-    path : {"followed", "fall_line"}
-        Whether each block has a path of its own, or keeps to the lines of its release point.
     rim : (int, int, int, int)
         Cells at the north, east, south and west edge of the grid that no followed path may look at,
         as the terrain goes on there.
@@ -164,11 +159,8 @@ class MapRun:
     blocks: tuple[BlockPopulation, ...]
     control_lines: tuple[tuple[ControlLine, FloatArray], ...]
     engine: EngineSettings
-    fall_lines: FallLineSettings
-    segment_tolerance_m: float
-    spacing_m: float
-    placement: str
-    rocks_per_point: int
+    terrain: TerrainSettings
+    release: ReleaseSettings
     seed: int
     stop_points_max: int = 100_000
     repetitions: int = 1
@@ -177,9 +169,7 @@ class MapRun:
     ref_width_m: float = 0.0
     effects: EffectSettings = field(default_factory=EffectSettings)
     forest: Forest | None = None
-    block_scale_m: float = 0.0
     ground_heights: Grid | None = None
-    path: str = "fall_line"
     rim: tuple[int, int, int, int] = (0, 0, 0, 0)
 
     def sides_met(self, looked_at: tuple[int, int, int, int]) -> tuple[bool, bool, bool, bool]:
@@ -200,12 +190,22 @@ class MapRun:
     @property
     def followed(self) -> bool:
         """Whether each block has a path of its own."""
-        return self.path == "followed"
+        return self.terrain.path == "followed"
+
+    @property
+    def block_scale_m(self) -> float:
+        """Size below which terrain counts as roughness (m); 0: none does."""
+        if self.terrain.block_scale_m is not None:
+            return self.terrain.block_scale_m
+        # The paper has profiles of the terrain as it was surveyed.
+        paper = self.engine.readings == "1986"
+        return 0.0 if paper else min(b.mean_width_m for b in self.blocks)
 
     def start_spread_m(self, area: int) -> float:
         """Side of the square around a release point in which its blocks start (m)."""
         polygon = self.areas[area].geometry.area > 0.0
-        return self.spacing_m if self.followed and polygon and self.placement == "grid" else 0.0
+        lattice = self.release.placement == "grid"
+        return self.release.spacing_m if self.followed and polygon and lattice else 0.0
 
     @property
     def path_words(self) -> str:

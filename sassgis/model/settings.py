@@ -671,7 +671,11 @@ class HazardSettings(Section):
 
 @dataclass(frozen=True, slots=True)
 class ZoningSettings(Section):
-    """From cells to polygons; the defaults suit a map of 1:5000 (docs/zones.md)."""
+    """From cells to polygons; the defaults suit a map of 1:5000 (docs/zones.md).
+
+    There parts and gaps of 2 mm and areas of 8 mm² are legible. They are in metres, so that zones
+    of one slope do not grow with the cells.
+    """
 
     min_area_m2: Annotated[
         float, Interval(ge=0, le=1e6), "smallest area of a zone and of a hole in one (m2)"
@@ -694,6 +698,23 @@ class ZoningSettings(Section):
         "how far a smoothed outline may lie outside its cells (m); default: one and a half cells",
         Example(3.0),
     ] = None
+
+    def smallest_cells(self, cell_size: float) -> int:
+        """Cells that make up the smallest area; at least one."""
+        return max(1, math.ceil(self.min_area_m2 / cell_size**2 - 1e-9))
+
+    def closing_cells(self, cell_size: float) -> int:
+        """Widest gap that is closed (whole cells)."""
+        closing_m = self.min_width_m if self.closing_m is None else self.closing_m
+        return math.floor(closing_m / cell_size + 1e-9)
+
+    def width_cells(self, cell_size: float) -> int:
+        """Least width of a part of a zone (whole cells, at least one)."""
+        return max(1, math.ceil(self.min_width_m / cell_size - 1e-9))
+
+    def tolerance_cells(self, cell_size: float) -> float:
+        """Largest distance of the boundary from the outline of the cells (cells)."""
+        return 1.5 if self.tolerance_m is None else self.tolerance_m / cell_size
 
 
 @dataclass(frozen=True, slots=True)

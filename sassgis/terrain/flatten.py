@@ -18,7 +18,7 @@ from sassgis.model.cell_geometry import (
     height_at,
     next_line,
 )
-from sassgis.model.errors import ConfigError, InputError
+from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.jit import kernel
 from sassgis.model.profiles import ProfileSet, TraceSet
@@ -66,8 +66,6 @@ def profiles(
     ------
     InputError
         If the ground classes are not on the grid.
-    ConfigError
-        If the tolerance is negative.
     """
     if ground.shape != grid.shape:
         raise InputError(
@@ -75,13 +73,6 @@ def profiles(
             field="ground",
             found=f"shape {ground.shape}",
             expected=f"shape {grid.shape}",
-        )
-    if not (np.isfinite(segment_tolerance_m) and segment_tolerance_m >= 0.0):
-        raise ConfigError(
-            "unusable tolerance",
-            field="profile.segment_tolerance_m",
-            found=segment_tolerance_m,
-            expected="0 m or more",
         )
     u, v = _cell_units(grid, traces)
     offset, s, z, classes = _flatten(

@@ -45,7 +45,7 @@ class Plan:
         """Blocks that are released at each point, shape (n,)."""
         given = self.repetitions or (run.repetitions,) * len(self.scenarios)
         counts = np.array(given, np.int64) * np.array([len(s) for s in self.scenarios], np.int64)
-        rocks: IntArray = counts[self.points.area] * run.rocks_per_point
+        rocks: IntArray = counts[self.points.area] * run.release.rocks_per_point
         return rocks
 
 
@@ -59,8 +59,7 @@ def placed_points(run: MapRun) -> ReleasePoints:
     """
     return release_points(
         [(a.name, a.geometry) for a in run.areas],
-        run.spacing_m,
-        run.placement,  # type: ignore[arg-type]
+        run.release,
         run.seed,
     )
 
@@ -68,9 +67,9 @@ def placed_points(run: MapRun) -> ReleasePoints:
 def plan(run: MapRun) -> Plan:
     """Place the release points and prepare the surface; errors are those of placed_points."""
     points = placed_points(run)
-    surface = fall_line_surface(run.grid, run.fall_lines)
+    surface = fall_line_surface(run.grid, run.terrain)
     polygonal = np.array([a.geometry.area > 0.0 for a in run.areas], bool)
-    distance = 0.5 * run.spacing_m if run.placement == "grid" else 0.0
+    distance = 0.5 * run.release.spacing_m if run.release.placement == "grid" else 0.0
     starts, moved = moved_uphill(points, surface, distance, polygonal[points.area])
     names = {b.name: i for i, b in enumerate(run.blocks)}
     return Plan(

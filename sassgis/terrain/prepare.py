@@ -78,7 +78,7 @@ def prepare_lines(run: MapRun, traces: TraceSet) -> PreparedLines:
     traces : TraceSet
         As of sassgis.terrain.fall_lines.trace.
     """
-    flat = profiles(run.heights, traces, run.ground, run.segment_tolerance_m)
+    flat = profiles(run.heights, traces, run.ground, run.terrain.segment_tolerance_m)
     good = usable(traces, SHORTEST_LINE_M) & (np.diff(flat.offset) >= 2)
     lines, kept = take_lines(traces, good), take_profiles(flat, good)
     return PreparedLines(

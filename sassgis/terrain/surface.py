@@ -114,12 +114,8 @@ def smoothed(grid: Grid, scale_m: float) -> Grid:
     Raises
     ------
     InputError
-        If the scale is negative or no cell has a height.
+        If no cell has a height.
     """
-    if not np.isfinite(scale_m) or scale_m < 0.0:
-        raise InputError(
-            "cannot smooth", field="smoothing_m", found=scale_m, expected="0 m or more"
-        )
     valid = np.isfinite(grid.values)
     trend = _plane(grid.values, valid)
     if scale_m == 0.0:

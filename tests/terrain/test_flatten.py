@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from sassgis.model.errors import ConfigError, InputError
+from sassgis.model.errors import InputError
 from sassgis.model.grid import Grid
 from sassgis.model.profiles import ProfileSet, TraceSet
-from sassgis.model.release_areas import FallLineSettings
+from sassgis.model.settings import TerrainSettings
 from sassgis.terrain.fall_lines import fall_line_surface, trace
 from sassgis.terrain.flatten import (
     chainage_to_xy,
@@ -47,7 +47,7 @@ def traces(rough_grid: Grid) -> TraceSet:
     mx, my = middle(rough_grid)
     rng = np.random.default_rng(3)
     points = points_at(mx + rng.uniform(-80, 80, 12), my + rng.uniform(0, 120, 12))
-    settings = FallLineSettings()
+    settings = TerrainSettings()
     return trace(rough_grid, fall_line_surface(rough_grid, settings), points, settings)
 
 
@@ -116,7 +116,7 @@ def test_a_plane_is_one_segment(azimuth: float, slope: float) -> None:
     tangent = np.tan(np.radians(slope))
     grid = grid_of(lambda x, y: 500 - tangent * (x * east + y * north), 60, 60)
     mx, my = middle(grid)
-    settings = FallLineSettings()
+    settings = TerrainSettings()
     lines = trace(grid, fall_line_surface(grid, settings), points_at(mx, my), settings)
     flat = profiles(grid, lines, np.zeros(grid.shape, np.int32), 0.01)
     s, z, _ = of(flat, 0)
@@ -140,7 +140,7 @@ def test_heights_next_to_nodata_continue_the_slope() -> None:
 
 def test_smoothing_does_not_touch_the_heights(rough_grid: Grid) -> None:
     mx, my = middle(rough_grid)
-    settings = FallLineSettings(smoothing_m=15.0)
+    settings = TerrainSettings(smoothing_m=15.0)
     lines = trace(
         rough_grid, fall_line_surface(rough_grid, settings), points_at(mx, my + 60), settings
     )
@@ -239,7 +239,7 @@ def test_single_points_give_single_vertices() -> None:
 def test_chunks_give_the_same_profiles_to_the_last_bit(
     rough_grid: Grid, traces: TraceSet, classes: NDArray[np.int32]
 ) -> None:
-    settings = FallLineSettings()
+    settings = TerrainSettings()
     ground = fall_line_surface(rough_grid, settings)
     points = points_at(traces.x[traces.offset[:-1]], traces.y[traces.offset[:-1]])
     whole = profiles(rough_grid, traces, classes, 0.2)
@@ -322,7 +322,5 @@ def test_crossings_at_vertices_count_once_and_further_ones_follow() -> None:
 def test_bad_inputs_are_named(rough_grid: Grid, traces: TraceSet) -> None:
     with pytest.raises(InputError, match="ground"):
         profiles(rough_grid, traces, np.zeros((3, 3), np.int32), 0.1)
-    with pytest.raises(ConfigError, match="segment_tolerance_m"):
-        profiles(rough_grid, traces, np.zeros(rough_grid.shape, np.int32), -1.0)
     with pytest.raises(InputError, match="control_line"):
         crossings(traces, np.array([(0.0, 1.0)]))

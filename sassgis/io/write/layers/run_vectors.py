@@ -119,7 +119,7 @@ def fall_lines(run: MapRun, planned: Plan, progress: Progress) -> VectorLayer:
         categorised_style(
             FALL_LINE_STYLE.symbol, "ends_at", colours, FALL_LINE_STYLE.smallest_scale
         ),
-        smoothing_m=run.fall_lines.smoothing_m,
+        smoothing_m=run.terrain.smoothing_m,
     )
 
 
