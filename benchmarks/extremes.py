@@ -316,7 +316,7 @@ def map_case(rng: np.random.Generator) -> Mapping[str, int]:
     run = replace(run, terrain=replace(run.terrain, path=path))
     planned = plan(run)
     progress = simulate_map(run, planned)
-    check_map(run, planned, progress, int(planned.rocks_of_point(run).sum()))
+    check_map(run, planned, progress, int(planned.blocks_of_point(run).sum()))
     return {
         "maps": 1,
         "blocks": int(progress.reasons.sum()),

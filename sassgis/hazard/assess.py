@@ -22,8 +22,7 @@ from sassgis.hazard.zoning.generalise import (
 )
 from sassgis.model.exposure import PlacedObjects, Vulnerability
 from sassgis.model.grid import Grid, IntArray
-from sassgis.model.hazard import HazardCurves, HazardPreset
-from sassgis.model.settings import ZoningSettings
+from sassgis.model.hazard import HazardCurves, HazardPreset, ZoningSettings
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,18 +8,8 @@ from typing import Any
 
 @dataclass(frozen=True, slots=True)
 class ReleaseArea:
-    """A place from which blocks start.
+    """A place from which blocks start."""
 
-    Attributes
-    ----------
-    name : str
-        Unique in the run; random draws hang on it.
-    geometry : shapely geometry
-        Polygons, lines or points in the coordinates of the DEM (m).
-    scenarios : tuple of str
-        Names of the block scenarios that start here.
-    """
-
-    name: str
-    geometry: Any
-    scenarios: tuple[str, ...]
+    name: str  # unique in the run; random draws hang on it
+    geometry: Any  # shapely geometry; polygons, lines or points in the coordinates of the DEM (m)
+    scenarios: tuple[str, ...]  # names of the block scenarios that start here

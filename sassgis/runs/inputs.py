@@ -269,14 +269,7 @@ def placed_objects(config: Config, grid: Grid) -> PlacedObjects:
     ------
     ConfigError, InputError
     """
-    parts = [
-        read_objects(
-            o.file, grid, kind=o.kind, name=o.name, layer=o.layer, name_field=o.name_field,
-            fields=o.fields, defaults=o.defaults, segment_m=o.segment_m, radius_m=o.radius_m,
-        )
-        for o in config.objects
-    ]  # fmt: skip
-    return joined_objects(parts, config.file)
+    return joined_objects([read_objects(own, grid) for own in config.objects], config.file)
 
 
 def named_preset(config: Config) -> HazardPreset:

@@ -272,7 +272,7 @@ def simulate_map(
     """
     progress = resume if resume is not None else Progress.fresh(run)
     chunks = chunks_of(planned, chunk_points, run.repetitions)
-    total = int(planned.rocks_of_point(run).sum()) // run.repetitions
+    total = int(planned.blocks_of_point(run).sum()) // run.repetitions
     share = run.stop_points_max / total if total else 1.0
 
     workers = Threads(jobs) if isinstance(jobs, int) else jobs

@@ -32,7 +32,7 @@ def sampled_plan(run: MapRun, planned: Plan, blocks: int, points: int) -> tuple[
         At least so many release points, if there are.
     """
     n = len(planned.points)
-    released = int(replace(planned, repetitions=()).rocks_of_point(run).sum()) / run.repetitions
+    released = int(replace(planned, repetitions=()).blocks_of_point(run).sum()) / run.repetitions
     # Blocks of a point for each of its rocks_per_point: one for each scenario.
     scenarios = released / (n * run.release.rocks_per_point)
     least = min(n, points)
@@ -67,7 +67,7 @@ def check_tolerance(run: MapRun, planned: Plan, jobs: int | Workers) -> Toleranc
         None where the tolerance is 0 or there is nothing to simulate.
     """
     tolerance = run.terrain.segment_tolerance_m
-    total = int(planned.rocks_of_point(run).sum())
+    total = int(planned.blocks_of_point(run).sum())
     if tolerance == 0.0 or not total:
         return None
     few, points = sampled_plan(run, planned, int(np.clip(_SHARE * total, _FEWEST, _MOST)), _POINTS)

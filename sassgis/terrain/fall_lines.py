@@ -113,7 +113,6 @@ def trace(
         The surface traced on, on the same grid; see fall_line_surface.
     points : ReleasePoints
         All or a part of the release points.
-    settings : TerrainSettings
 
     Returns
     -------
@@ -174,17 +173,7 @@ def _trace_all(
     line = np.empty((1024, 3))
     for i in range(n):
         line, size, reason = _trace_line(
-            coefficients,
-            valid,
-            heights,
-            u[i],
-            v[i],
-            flat,
-            turning,
-            energy,
-            free,
-            max_length,
-            line,
+            coefficients, valid, heights, u[i], v[i], flat, turning, energy, free, max_length, line
         )
         if count + size > us.size:
             us = grown(us, count + size)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import shapely
@@ -97,25 +98,9 @@ def _check_number(points: float) -> None:
 
 
 def take(points: ReleasePoints, which: IntArray | slice) -> ReleasePoints:
-    """Some of the release points; area numbers and names stay as they are.
-
-    Parameters
-    ----------
-    points : ReleasePoints
-    which : int64 array or slice
-        Positions of the wanted points.
-
-    Returns
-    -------
-    ReleasePoints
-    """
-    return ReleasePoints(
-        x=points.x[which],
-        y=points.y[which],
-        area=points.area[which],
-        key=points.key[which],
-        area_names=points.area_names,
-    )
+    """The release points at some positions; area numbers and names stay as they are."""
+    names = ("x", "y", "area", "key")
+    return replace(points, **{name: getattr(points, name)[which] for name in names})
 
 
 def point_keys(name: str, count: int) -> NDArray[np.uint64]:
@@ -124,11 +109,6 @@ def point_keys(name: str, count: int) -> NDArray[np.uint64]:
     The SHA-256 of the name starts a SplitMix64 sequence (G. L. Steele, D. Lea, C. H. Flood, 2014,
     Fast splittable pseudorandom number generators, OOPSLA '14), so key ``i`` depends on the name
     and ``i`` alone.
-
-    Parameters
-    ----------
-    name : str
-    count : int
 
     Returns
     -------
@@ -176,7 +156,6 @@ def points_along_line(line: BaseGeometry, spacing_m: float) -> FloatArray:
     Parameters
     ----------
     line : shapely LineString
-    spacing_m : float
 
     Returns
     -------
@@ -199,8 +178,6 @@ def random_points_in_polygon(
     name : str
         Name of the release area; with the seed it decides the draws.
     polygon : shapely Polygon or MultiPolygon
-    spacing_m : float
-    seed : int
 
     Returns
     -------

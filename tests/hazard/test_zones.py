@@ -22,7 +22,7 @@ from sassgis.hazard.zoning.generalise import (
 from sassgis.hazard.zoning.planar_graph import regions
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.grid import Grid
-from sassgis.model.settings import ZoningSettings
+from sassgis.model.hazard import ZoningSettings
 
 pytestmark = pytest.mark.kernels
 

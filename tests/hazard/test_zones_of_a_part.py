@@ -11,8 +11,7 @@ from sassgis.hazard.levels import intensity_class
 from sassgis.hazard.zoning.generalise import generalised_series, nested_coverages
 from sassgis.io.read.presets import read_preset
 from sassgis.model.grid import Grid
-from sassgis.model.hazard import HazardCurves
-from sassgis.model.settings import ZoningSettings
+from sassgis.model.hazard import HazardCurves, ZoningSettings
 
 
 @pytest.mark.parametrize("corner", [(0, 0), (70, 90), (140, 175)])

@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
-
 import numpy as np
 import pytest
 from helpers.terrains import grid_of, middle, points_at
@@ -57,20 +55,6 @@ def test_lines_on_planes_are_straight_and_long_enough(
     assert 0.0 <= gap < 1e-4 * grid.cell_size
     # Shifts of position are rounded to 2^-28 of a cell.
     assert np.diff(s).max() <= grid.cell_size * (1.0 + 1e-8)
-
-
-def test_lines_on_a_cone_are_straight() -> None:
-    grid = grid_of(lambda x, y: 900 - 0.8 * np.hypot(x, y), 240, 240)
-    mx, my = middle(grid)
-    azimuths = np.radians(np.arange(3.0, 363.0, 7.0))
-    start = 40.0
-    traces = run(grid, mx + start * np.cos(azimuths), my + start * np.sin(azimuths))
-    for i, azimuth in enumerate(azimuths):
-        x, y, s = line(traces, i)
-        across = (y - my) * np.cos(azimuth) - (x - mx) * np.sin(azimuth)
-        assert np.abs(across).max() < 0.01 * grid.cell_size
-        assert np.hypot(x[-1] - mx, y[-1] - my) - start == pytest.approx(s[-1], abs=1e-4)
-        assert traces.end[i] == LineEnd.LEFT_DEM
 
 
 def test_chainage_is_the_length_of_the_line(rough_grid: Grid) -> None:
@@ -300,22 +284,6 @@ def test_chunks_give_the_same_lines_to_the_last_bit(rough_grid: Grid) -> None:
             for a, b in zip(line(part, i), line(whole, j), strict=True):
                 assert np.array_equal(a, b)
             assert part.end[i] == whole.end[j]
-
-
-def test_threads_give_the_same_lines(rough_grid: Grid) -> None:
-    mx, my = middle(rough_grid)
-    points = points_at(mx + np.linspace(-60, 60, 60), np.full(60, my + 80.0))
-    settings = TerrainSettings()
-    ground = fall_line_surface(rough_grid, settings)
-    whole = trace(rough_grid, ground, points, settings)
-    chunks = [slice(k, k + 10) for k in range(0, 60, 10)]
-    with ThreadPoolExecutor(4) as pool:
-        parts = list(
-            pool.map(lambda c: trace(rough_grid, ground, take(points, c), settings), chunks)
-        )
-    assert np.array_equal(np.concatenate([p.x for p in parts]), whole.x)
-    assert np.array_equal(np.concatenate([p.y for p in parts]), whole.y)
-    assert np.array_equal(np.concatenate([p.s for p in parts]), whole.s)
 
 
 def test_no_points_give_no_lines(rough_grid: Grid) -> None:

@@ -16,11 +16,9 @@ from sassgis.terrain.fall_lines import fall_line_surface, trace
 from sassgis.terrain.flatten import (
     chainage_to_xy,
     crossings,
-    height_samples,
     profiles,
     xy_to_chainage,
 )
-from sassgis.terrain.release import take
 
 pytestmark = pytest.mark.kernels
 
@@ -84,13 +82,15 @@ def test_profiles_keep_within_the_tolerance(
     rough_grid: Grid, traces: TraceSet, classes: NDArray[np.int32], tolerance: float
 ) -> None:
     flat = profiles(rough_grid, traces, classes, tolerance)
+    # Without a tolerance the samples themselves are the vertices.
+    samples = profiles(rough_grid, traces, classes, 0.0)
     west, south, east, north = rough_grid.bounds
     for i in range(len(traces)):
         s, z, _ = of(flat, i)
         assert s[0] == 0.0
         assert s[-1] == traces.s[traces.offset[i + 1] - 1]
         assert (np.diff(s) > 0).all()
-        sample_s, sample_z = height_samples(rough_grid, traces, i)
+        sample_s, sample_z, _ = of(samples, i)
         assert np.abs(np.interp(sample_s, s, z) - sample_z).max() <= tolerance + 1e-6
         # And between the samples, by an independent formula.
         fine = np.linspace(0.0, s[-1], 5000)
@@ -234,23 +234,6 @@ def test_single_points_give_single_vertices() -> None:
     s, z, ground = of(flat, 2)
     assert (s.size, ground[0]) == (1, -1)
     assert np.isnan(z[0])
-
-
-def test_chunks_give_the_same_profiles_to_the_last_bit(
-    rough_grid: Grid, traces: TraceSet, classes: NDArray[np.int32]
-) -> None:
-    settings = TerrainSettings()
-    ground = fall_line_surface(rough_grid, settings)
-    points = points_at(traces.x[traces.offset[:-1]], traces.y[traces.offset[:-1]])
-    whole = profiles(rough_grid, traces, classes, 0.2)
-    for chunk in (np.arange(0, 5), np.array([11, 2])):
-        lines = trace(rough_grid, ground, take(points, chunk), settings)
-        part = profiles(rough_grid, lines, classes, 0.2)
-        for i, j in enumerate(chunk):
-            for a, b in zip(of(part, i), of(whole, int(j)), strict=True):
-                assert np.array_equal(a, b)
-            for c, d in zip(stretches(part, i), stretches(whole, int(j)), strict=True):
-                assert np.array_equal(c, d)
 
 
 def test_map_and_chainage_both_ways(traces: TraceSet) -> None:

@@ -20,7 +20,7 @@ from sassgis.hazard.zoning.outlines import smoothed
 from sassgis.hazard.zoning.planar_graph import Outlines, regions
 from sassgis.model.errors import InputError
 from sassgis.model.grid import Grid, IntArray
-from sassgis.model.settings import ZoningSettings
+from sassgis.model.hazard import ZoningSettings
 
 BoolArray = NDArray[np.bool_]
 

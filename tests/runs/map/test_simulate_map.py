@@ -184,7 +184,7 @@ def test_rocks_that_cannot_be_followed_are_counted(job) -> None:
     planned = plan(some)
     progress = simulate_map(some, planned)
     assert progress.lost == 6 and progress.reasons.sum() == 6
-    assert planned.rocks_of_point(some).sum() == progress.lost + progress.reasons.sum()
+    assert planned.blocks_of_point(some).sum() == progress.lost + progress.reasons.sum()
     never = progress.reasons[StopReason.NEVER_STARTED]
     assert sample_of(some, planned, progress).started == 6 - never
 

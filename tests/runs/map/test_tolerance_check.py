@@ -63,8 +63,8 @@ def test_without_a_tolerance_there_is_nothing_to_check(job: MapRun, planned: Pla
 def test_the_sample_is_about_as_large_as_wanted(job: MapRun, planned: Plan, blocks: int) -> None:
     many = replace(job, release=replace(job.release, rocks_per_point=50), repetitions=3)
     few, points = sampled_plan(many, planned, blocks, 10)
-    n = int(points.rocks_of_point(few).sum())
-    whole = int(planned.rocks_of_point(replace(many, repetitions=1)).sum())
+    n = int(points.blocks_of_point(few).sum())
+    whole = int(planned.blocks_of_point(replace(many, repetitions=1)).sum())
     assert n == pytest.approx(min(blocks, whole), rel=0.3)
     assert len(points.points) >= 10 and set(points.points.area) == set(planned.points.area)
 

@@ -39,9 +39,8 @@ from sassgis.io.write.layers.federal_values import (
 )
 from sassgis.model.errors import InputError
 from sassgis.model.grid import Grid
-from sassgis.model.hazard import HazardLevel, HazardPreset, IntensityClass
+from sassgis.model.hazard import HazardLevel, HazardPreset, IntensityClass, ZoningSettings
 from sassgis.model.run_config import Config
-from sassgis.model.settings import ZoningSettings
 from sassgis.model.styles import FieldInfo, Symbol, VectorStyle
 
 #: A polygon with values by attribute; attributes that are not named have their defaults.
