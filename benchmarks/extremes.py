@@ -53,9 +53,9 @@ from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.ground import LIMITS, GroundClass, GroundTable
 from sassgis.model.map_run import Forest, MapRun
 from sassgis.model.profiles import ProfileSet
-from sassgis.model.release_areas import FallLineSettings, ReleaseArea
+from sassgis.model.release_areas import ReleaseArea
 from sassgis.model.results import StopReason
-from sassgis.model.settings import EngineSettings
+from sassgis.model.settings import EngineSettings, ReleaseSettings, TerrainSettings
 from sassgis.runs.map import simulate_map
 from sassgis.terrain.plan import Plan, plan
 
@@ -304,16 +304,19 @@ def map_case(rng: np.random.Generator) -> Mapping[str, int]:
     run = MapRun(
         grid, np.zeros(grid.shape, np.int32), GroundTable((ground_class(rng),)), (area,),
         (replace(blocks, name="b"),), (), replace(engine(rng), max_events=2000),
-        FallLineSettings(smoothing_m=float(rng.choice([0.0, cell]))),
-        segment_tolerance_m=0.1, spacing_m=1.5 * cell, placement="grid", rocks_per_point=3,
+        TerrainSettings(
+            smoothing_m=float(rng.choice([0.0, cell])), segment_tolerance_m=0.1, block_scale_m=0.0,
+        ),
+        ReleaseSettings(spacing_m=1.5 * cell, rocks_per_point=3),
         seed=int(rng.integers(2**32)), thresholds_kj=(30.0, 300.0), effects=on,
         ref_width_m=float(rng.choice([0.0, cell])),
         forest=Forest(np.full(n * n, 0.03), np.full(n * n, 0.3)),
-        path=str(rng.choice(["followed", "fall_line"])),
     )  # fmt: skip
+    path = str(rng.choice(["followed", "fall_line"]))
+    run = replace(run, terrain=replace(run.terrain, path=path))
     planned = plan(run)
     progress = simulate_map(run, planned)
-    check_map(run, planned, progress, int(planned.rocks_of_point(run).sum()))
+    check_map(run, planned, progress, int(planned.blocks_of_point(run).sum()))
     return {
         "maps": 1,
         "blocks": int(progress.reasons.sum()),

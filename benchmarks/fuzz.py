@@ -263,8 +263,9 @@ def _release(file: str, folder: Path, kept: Any) -> None:
 
 def _road(file: str, folder: Path, kept: Any) -> None:
     from sassgis.io.read.objects import read_objects
+    from sassgis.model.exposure import ObjectSettings
 
-    read_objects(folder / file, kept, kind="line", defaults={"value_per_m": 1.0})
+    read_objects(ObjectSettings("road", "line", folder / file, value_per_m=1.0), kept)
 
 
 def _observations(folder: Path, kept: Any) -> None:

@@ -55,7 +55,7 @@ def simulate_once(folder: Path, repeats: int, path: str) -> dict[str, Any]:
     rocks = 0
     # One rock per line has the same set-up: terrain, fall lines, profiles. The difference is the
     # time of the blocks only, as saga.measure takes that of the walks only.
-    one = dataclasses.replace(run, rocks_per_point=1)
+    one = dataclasses.replace(run, release=dataclasses.replace(run.release, rocks_per_point=1))
     for _ in range(repeats):
         t, c = time.perf_counter(), time.process_time()
         progress = simulate_map(run, plan(run), jobs=1)

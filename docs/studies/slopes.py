@@ -73,7 +73,7 @@ def valley_slopes(n: int) -> list[Slope]:
     """``n`` fall lines of the sample valley, spread evenly over its release points."""
     run = read_map_run(load_config(sample_folder() / "valley" / "config.toml"))
     planned = plan(run)
-    traces = trace(run.grid, planned.surface, planned.starts, run.fall_lines)
+    traces = trace(run.grid, planned.surface, planned.starts, run.terrain)
     good = np.flatnonzero(usable(traces, 100.0))
     chosen = good[np.linspace(0, good.size - 1, n).round().astype(int)]
     out = []

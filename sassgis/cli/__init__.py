@@ -1,4 +1,4 @@
-"""The command line: thin, one file for each command.
+"""The command line: thin, a short function for each command.
 
 It is quick to answer, as everything heavy is imported when it is used.
 """

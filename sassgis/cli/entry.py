@@ -13,27 +13,24 @@ from typing import Any
 import click
 
 from sassgis import __version__
-from sassgis.cli.batch_command import batch
-from sassgis.cli.calibrate_command import calibrate
-from sassgis.cli.cliffs_command import cliffs
-from sassgis.cli.compare_command import compare
-from sassgis.cli.dem_check_command import check as check_terrain
-from sassgis.cli.dem_fetch_command import fetch
-from sassgis.cli.demo_command import demo
-from sassgis.cli.export_command import export
-from sassgis.cli.frequency_command import frequency
-from sassgis.cli.gap_check_command import check_diagnosis
-from sassgis.cli.gap_diagnose_command import diagnose
-from sassgis.cli.gap_template_command import template
-from sassgis.cli.gap_validate_command import validate_observations
-from sassgis.cli.init_command import init
-from sassgis.cli.new_command import new
-from sassgis.cli.profile_command import profile
-from sassgis.cli.run_command import run
-from sassgis.cli.schema_command import schema
-from sassgis.cli.sensitivity_command import sensitivity
-from sassgis.cli.validate_command import validate
-from sassgis.cli.zone_command import zone
+from sassgis.cli.observation_commands import (
+    calibrate,
+    check_diagnosis,
+    diagnose,
+    template,
+    validate_observations,
+)
+from sassgis.cli.run_commands import batch, compare, demo, export, profile, run, sensitivity, zone
+from sassgis.cli.site_commands import (
+    check_terrain,
+    cliffs,
+    fetch,
+    frequency,
+    init,
+    new,
+    schema,
+    validate,
+)
 from sassgis.model.errors import Interrupted, SassgisError, shown
 
 

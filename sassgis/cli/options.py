@@ -1,47 +1,75 @@
-"""Arguments and options that several commands share."""
+"""What commands share: options, how a command is declared, and who works."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import Any
 
 import click
 
-if TYPE_CHECKING:
-    from sassgis.runs.workers import Jobs
+from sassgis.cli.progress_bar import ProgressBar
 
-OUT = click.option(
-    "-o", "--output", "out", required=True, type=click.Path(path_type=Path), help="Folder to write."
-)
-CONFIG = click.argument("config", type=click.Path(path_type=Path))
+Decorator = Callable[[Any], Any]
+
+PATH = click.Path(path_type=Path)
+
+
+def several(name: str, dest: str, meaning: str) -> Decorator:
+    """An option that may be given several times; None where it is not given."""
+    meaning += "; may be given several times."
+    return click.option(
+        name, dest, multiple=True, callback=lambda _, __, given: given or None, help=meaning
+    )
+
+
+OUT = click.option("-o", "--output", "out", required=True, type=PATH, help="Folder to write.")
+CONFIG = click.argument("config", type=PATH)
 OVERWRITE = click.option(
     "--overwrite", is_flag=True, help="Replace a result that nobody has changed."
 )
-SEED = click.option(
-    "--seed", type=click.IntRange(0, 2**63 - 1), help="In place of run.seed of the configuration."
-)
-AREAS = click.option(
-    "--area", "areas", multiple=True, help="Only this release area; may be given several times."
-)
+# Its limits are those of the setting, in whose place it is checked.
+SEED = click.option("--seed", type=int, help="In place of run.seed of the configuration.")
+FIT_SEED = click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=1, show_default=True)
+AREAS = several("--area", "areas", "Only this release area")
 JOBS = click.option("--jobs", type=click.IntRange(0), help="Processor cores; 0: all.")
+#: Who works where processes in place of threads, or a dask cluster, can.
+WORKERS = (
+    JOBS,
+    click.option("--scheduler", metavar="ADDRESS", help="Dask cluster: tcp://node:8786."),
+    click.option("--workers", type=click.IntRange(1), help="Processes of this machine."),
+)
 AS_JSON = click.option(
     "--json", "as_json", is_flag=True, help="Print one JSON object in place of lines."
 )
-_Command = TypeVar("_Command", bound=Callable[..., object])
+DEM_CRS = click.option("--crs", help="Coordinate system, where DEM states none.")
+OBSERVATIONS = click.option(
+    "--observations", required=True, type=PATH, help="A GeoPackage, or a folder of CSV files."
+)
 
 
-def cluster_options(command: _Command) -> _Command:
-    """Options of commands that processes in place of threads, or a dask cluster, can work on."""
-    own = click.option("--workers", type=click.IntRange(1), help="Processes of this machine.")
-    other = click.option("--scheduler", metavar="ADDRESS", help="Dask cluster: tcp://node:8786.")
-    return other(own(command))
+def command(*parameters: Decorator, example: str, **more: Any) -> Callable[[Any], click.Command]:
+    """A command from its arguments and options in order; what is heavy it imports when it runs.
+
+    Options whose names are those of the function that does the work go through as ``given``.
+    """
+
+    def made(function: Any) -> click.Command:
+        for parameter in reversed(parameters):
+            function = parameter(function)
+        click_command: Any = click.command
+        declared: click.Command = click_command(epilog=f"Example: sassgis {example}", **more)(
+            function
+        )
+        return declared
+
+    return made
 
 
 @contextmanager
-def who_works(jobs: int | None, scheduler: str | None, workers: int | None) -> Iterator[Jobs]:
-    """Threads or processes, or a cluster that is there as long as the block.
+def at_work(given: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+    """What is given, with who works (threads, processes or a cluster) and how progress is shown.
 
     Raises
     ------
@@ -50,17 +78,21 @@ def who_works(jobs: int | None, scheduler: str | None, workers: int | None) -> I
     InputError
         If the cluster cannot be used.
     """
+    plain = dict(given)
+    jobs, scheduler, workers = (plain.pop(key, None) for key in ("jobs", "scheduler", "workers"))
     if sum(asked is not None for asked in (jobs, scheduler, workers)) > 1:
         raise click.UsageError("give one of --jobs, --scheduler and --workers")
-    if workers is not None:
-        from sassgis.runs.workers import Processes
+    with ProgressBar() as progress:
+        plain |= {"on_progress": progress.step, "say": progress.say}
+        if workers is not None:
+            from sassgis.runs.workers import Processes
 
-        with Processes(workers, ahead=3) as own:
-            yield own
-    elif scheduler is not None:
-        from sassgis.runs.cluster import cluster
+            with Processes(workers, ahead=3) as own:
+                yield plain | {"jobs": own}
+        elif scheduler is not None:
+            from sassgis.runs.cluster import cluster
 
-        with cluster(scheduler) as other:
-            yield other
-    else:
-        yield jobs
+            with cluster(scheduler) as other:
+                yield plain | {"jobs": other}
+        else:
+            yield plain | {"jobs": jobs}

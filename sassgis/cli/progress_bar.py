@@ -7,8 +7,9 @@ import math
 import os
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -90,6 +91,21 @@ def print_json(found: Mapping[str, object]) -> None:
     click.echo(json.dumps(plain(found), indent=1, ensure_ascii=False, allow_nan=False))
 
 
+def printed(found: Any, as_json: bool = False) -> None:
+    """Print what was found, line by line or as one JSON object."""
+    if as_json:
+        print_json(found.as_dict())
+    else:
+        for line in found.lines():
+            click.echo(line)
+
+
+def notes(texts: Iterable[str]) -> None:
+    """Print warnings beside the result."""
+    for text in texts:
+        click.echo(f"Note: {text.removeprefix('warning: ')}", err=True)
+
+
 def conclude(
     warnings: Sequence[str],
     summary: str,
@@ -100,8 +116,7 @@ def conclude(
     if facts is not None:
         print_json({"output": folder, **facts, "warnings": warnings})
         return
-    for warning in warnings:
-        click.echo(f"Note: {warning}", err=True)
+    notes(warnings)
     click.echo(summary)
     if (folder / "report.html").is_file():
         click.echo(f"Open {folder / 'project.qgz'} in QGIS, {folder / 'report.html'} in a browser.")

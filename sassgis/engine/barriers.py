@@ -48,7 +48,6 @@ def crossings_of(
 
     Parameters
     ----------
-    profile : VERTEX_DTYPE
     chainage : float64, shape (n,)
         Rising (m).
     number : int64, shape (n,)
@@ -216,7 +215,7 @@ def control_lines_on_ground(
             speed = math.sqrt(speed2)
             _write_passage(
                 state, output, block, crossing, outcome, speed * ux, speed * uz,
-                math.sqrt(spin2), 0.0,
+                math.sqrt(spin2), 0.0
             )  # fmt: skip
         if outcome not in (PASSED, OVERTOPPED):
             return Meeting(i, share, outcome, left)

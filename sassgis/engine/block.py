@@ -59,11 +59,8 @@ def simulate_block(
     ----------
     state : a row of hooks.BLOCK_DTYPE
         As start_released or start_spawned leave it; changed in place.
-    block : Block
-    site : Site
     output : Output
         Filled.
-    physics : Physics
     effects : Effects, optional
         None for the model of 1986 alone.
     path : Path, optional

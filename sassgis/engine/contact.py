@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sassgis.engine.angles import cos_sin
+from sassgis.engine.profile import segment_at
 from sassgis.engine.rows import Records, last_of
 from sassgis.engine.touching import Flying, contact_with_segment, contact_with_vertex
 from sassgis.model.jit import fused, inlined, lean
@@ -85,26 +86,6 @@ def _core_contact(
     return best, nx, nz, met
 
 
-@lean
-def _first_segment(flying: Flying, start: float, profile: Records, near: int, step: int) -> int:
-    """The segment under the rear end of a block at time ``start``."""
-    n = last_of(profile)
-    j = near
-    if step > 0:
-        edge = flying.x + flying.vx * start - flying.a
-        while j > 0 and profile[j].x > edge:
-            j -= 1
-        while j < n - 1 and profile[j + 1].x < edge:
-            j += 1
-    else:
-        edge = flying.x + flying.vx * start + flying.a
-        while j < n - 1 and profile[j + 1].x < edge:
-            j += 1
-        while j > 0 and profile[j].x > edge:
-            j -= 1
-    return j
-
-
 @inlined
 def _times_over(
     flying: Flying, low: float, high: float, step: int, first: float, last: float
@@ -160,12 +141,10 @@ def next_contact(
 
     Parameters
     ----------
-    flying : Flying
     start, end : float
         Times between which to look (s).
     tolerance : float
         Gap at which block and ground touch (m).
-    profile : VERTEX_DTYPE
     near : int
         A segment near the centre, to start looking from.
     skip_to : int
@@ -186,7 +165,8 @@ def next_contact(
     same = _same_time(surface, flying.a, tolerance)
     best = _no_contact(end)
     fresh = True
-    j = _first_segment(flying, start, profile, near, step)
+    # The segment under its rear end.
+    j = segment_at(profile, flying.x + flying.vx * start - step * flying.a, near)
     while 0 <= j < n:
         here = profile[j]
         # Of what the block has just left, only its core can be stopped.
@@ -210,7 +190,7 @@ def next_contact(
             if first <= last:
                 best = _contact_at(
                     flying, tolerance, profile, j, step, left, fresh, still, same, best, first,
-                    last, above, rate, fall,
+                    last, above, rate, fall
                 )  # fmt: skip
         fresh = fresh and left
         j += step
@@ -304,7 +284,6 @@ def resting_height(
     ----------
     x, theta, a, b : float
         Chainage (m), angle of the major axis (rad), semi-axes (m).
-    profile : VERTEX_DTYPE
     near : int
         A segment near x, to start looking from.
 
@@ -317,13 +296,8 @@ def resting_height(
     reach = math.sqrt(a * a * ct * ct + b * b * st * st)
     height = -np.inf
     n = last_of(profile)
-    first = near
-    while first > 0 and profile[first].x > x - a:
-        first -= 1
-    while first < n - 1 and profile[first + 1].x < x - a:
-        first += 1
     qa = st * st / (a * a) + ct * ct / (b * b)
-    for j in range(first, n):
+    for j in range(segment_at(profile, x - a, near), n):
         here = profile[j]
         if here.x > x + a:
             break

@@ -64,7 +64,7 @@ def _advance(
     spin_energy = 0.5 * block.inertia * state.omega * state.omega
     n_touched, stretch, top = record_flight(
         site.stretches, output.work, state.n_touched, state.stretch, state.x, state.z, vx, vz,
-        spin_energy, gravity, until, state.began + state.t, block.b, site.profile,
+        spin_energy, gravity, until, state.began + state.t, block.b, site.profile
     )  # fmt: skip
     state.n_touched = n_touched
     state.stretch = stretch
@@ -102,7 +102,7 @@ def flight(
     )
     contact = next_contact(
         flying, state.clear_from, limit, physics.tolerance, site.profile, state.segment,
-        state.skip_to,
+        state.skip_to
     )  # fmt: skip
     until = contact.t if contact.segment >= 0 else limit
     barrier = no_meeting()

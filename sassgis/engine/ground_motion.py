@@ -146,7 +146,7 @@ def _look_ahead(
         length, ends_by, lift = rolling_stretch(
             block, state.theta - here.angle, direction, v, pull, physics.gravity, ux,
             -uz * direction, length, ends_by, physics.as_ellipse and not is_round,
-            physics.end_sliding and not is_round,
+            physics.end_sliding and not is_round
         )  # fmt: skip
     # Ground ahead: the block is moved in a straight line until it touches.
     # A next segment that does not rise can only be met at the end of this one.
@@ -186,7 +186,7 @@ def _advance(
     n_touched, number = record_ground(
         site.stretches, output.work, state.n_touched, state.stretch, state.x, stretch.x_end, v2,
         dv2, 0.5 * block.inertia * spin2, 0.5 * block.inertia * dspin2,
-        abs(stretch.x_end - state.x), length, state.began + state.t,
+        abs(stretch.x_end - state.x), length, state.began + state.t
     )  # fmt: skip
     state.n_touched = n_touched
     state.stretch = number
@@ -264,7 +264,7 @@ def ground_motion(
         length *= share
         stretch = Stretch(
             stretch.x, site.crossings[barrier.line].x, stretch.speed2, stretch.gain * share,
-            stretch.spin2, stretch.spin_gain * share,
+            stretch.spin2, stretch.spin_gain * share
         )  # fmt: skip
     _advance(state, block, site, output, stretch, length)
     if at_barrier:

@@ -33,12 +33,11 @@ from sassgis.engine.path import (
     Path,
     begin_profile,
     gradient,
-    keep_behind,
     known_to,
     look_ahead,
     place,
-    sample_behind,
 )
+from sassgis.engine.path_behind import keep_behind, sample_behind
 from sassgis.engine.profile import segment_at
 from sassgis.engine.rows import Record, last_of
 from sassgis.engine.state import (

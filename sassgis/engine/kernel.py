@@ -105,7 +105,7 @@ class Setup(NamedTuple):
     control_lines: ControlLineTable
     seed: np.uint64
     first_rock: int  # number of the first block on each line
-    n_rocks: int  # on each line
+    n_blocks: int  # on each line
 
 
 class Places(NamedTuple):
@@ -135,13 +135,15 @@ class Totals(NamedTuple):
 class Rows(NamedTuple):
     """Rows of the run, which blocks fill."""
 
-    rocks: Records  # (n_lines * n_rocks,) model.results.ROCK_DTYPE
+    rocks: Records  # (n_lines * n_blocks,) model.results.ROCK_DTYPE
     passages: Records  # model.results.PASSAGE_DTYPE, filled from the top
     spawned: Records  # ROCK_DTYPE, spawned blocks, filled from the top
-    ends: NDArray[np.float64]  # (n_lines * n_rocks, 2), place of the end of a followed path (cells)
+    ends: NDArray[
+        np.float64
+    ]  # (n_lines * n_blocks, 2), place of the end of a followed path (cells)
     spawned_ends: NDArray[np.float64]  # the same of spawned blocks
-    events: Records  # (n_lines * n_rocks, n_events) state.EVENT_DTYPE; n_events may be 0
-    event_counts: NDArray[np.int64]  # (n_lines * n_rocks,)
+    events: Records  # (n_lines * n_blocks, n_events) state.EVENT_DTYPE; n_events may be 0
+    event_counts: NDArray[np.int64]  # (n_lines * n_blocks,)
     filled: NDArray[np.int64]  # (2,) rows of passages and of spawned blocks that there are
 
 
@@ -193,8 +195,6 @@ def simulate_lines(
 
     Parameters
     ----------
-    lines : Lines
-    setup : Setup
     totals : Totals
         Added to.
     rows : Rows
@@ -210,9 +210,9 @@ def simulate_lines(
         DONE; or NO_ROOM or TOO_MANY_SPAWNED: then nothing that was filled is of use.
     """
     for i in range(lines.number.size):
-        status = simulate_rocks(
+        status = simulate_blocks(
             i, site_of(i, lines, setup), lines.number[i], lines.key[i], lines.start[i, 0],
-            lines.start[i, 1], setup, totals, rows, work, effects, None,
+            lines.start[i, 1], setup, totals, rows, work, effects, None
         )  # fmt: skip
         if status != DONE:
             return status
@@ -238,9 +238,9 @@ def simulate_paths(
     site = Site(work.vertices, setup.grounds, work.crossings, work.stretches)
     n_points = points.number.size
     for i in range(n_points):
-        status = simulate_rocks(
+        status = simulate_blocks(
             i, site, points.number[i], points.key[i], points.u[i], points.v[i], setup, totals, rows,
-            work, effects, path,
+            work, effects, path
         )  # fmt: skip
         if status != DONE:
             return status
@@ -258,7 +258,7 @@ def close_stratum(totals: Totals, work: Work) -> None:
 
 
 @inlined
-def simulate_rocks(
+def simulate_blocks(
     i: int,
     site: Site,
     line: int,
@@ -280,12 +280,12 @@ def simulate_rocks(
     state = work.state[0]
     spawned = work.spawned
     limits = setup.limits[i if setup.limits.shape[0] > 1 else 0]
-    for r in range(setup.n_rocks):
+    for r in range(setup.n_blocks):
         # The released block first, then those that it and they spawn, in turn.
-        key = rng.rock_key(setup.seed, line_key, setup.first_rock + r)
+        key = rng.block_key(setup.seed, line_key, setup.first_rock + r)
         block = hooks.on_block(effects, draw_block(limits[0], limits[1], key))
         start = release(effects, state, block, site, setup, limits, key, first, second, path)
-        number = i * setup.n_rocks + r
+        number = i * setup.n_blocks + r
         row = rows.rocks[number]
         open_row(row, line, setup.first_rock + r, 0, state.x)
         log = EventLog(rows.events[number], rows.event_counts[number:])
@@ -349,7 +349,7 @@ def release(
     second: float,
     path: Path | None,
 ) -> Start:
-    """Let a block go as its key says; parameters as those of simulate_rocks."""
+    """Let a block go as its key says; parameters as those of simulate_blocks."""
     if path is None:
         start = draw_start(limits[0], limits[1], key, first, second)
     else:
@@ -383,14 +383,14 @@ def site_of(i: int, lines: Lines, setup: Setup) -> Site:
     c1 = lines.cell_offset[i + 1]
     stretches = stretches_of(
         lines.cell_s[c0 + i : c1 + i + 1], lines.cell[c0:c1], lines.stems[c0:c1],
-        lines.diameter[c0:c1], lines.on_map[c0 + i : c1 + i + 1], s,
+        lines.diameter[c0:c1], lines.on_map[c0 + i : c1 + i + 1], s
     )  # fmt: skip
     g0 = lines.control_line_offset[i]
     g1 = lines.control_line_offset[i + 1]
     table = setup.control_lines
     crossings = crossings_of(
         profile, lines.control_line_x[g0:g1], lines.control_line[g0:g1], table.kind, table.height,
-        table.capacity,
+        table.capacity
     )  # fmt: skip
     return Site(profile, setup.grounds, crossings, stretches)
 

@@ -134,7 +134,7 @@ def _rebound(
     resistance = _resistance(block, ground)
     wt, wn, omega = impact(
         px, py, block.inertia, vx * mz - vz * mx, vx * mx + vz * mz, state.omega, ground.eta_max,
-        rule, friction, ground.restitution, ground.restitution_speed_mps, resistance,
+        rule, friction, ground.restitution, ground.restitution_speed_mps, resistance
     )  # fmt: skip
     wt, wn, omega = hooks.after_impact(
         effects, state, block, ground, -(vx * mx + vz * mz), wt, wn, omega

@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.engine.cell_register import CellRegister, registered
-from sassgis.engine.contact import is_convex
 from sassgis.engine.flight import MARGIN_M
 from sassgis.engine.recording import STRETCH_DTYPE
 from sassgis.engine.rows import Record, Records, last_of
@@ -29,12 +28,8 @@ from sassgis.model.jit import fused, inlined, lean
 
 # Vertices, stretches and crossings of the ground just ahead for which there is room.
 _ROOM = 512
-# Ground behind a block, in its longest semi-axes; of the profile before so much is kept.
-_BEHIND = 4.0
-_KEPT_BEHIND = 2.0
-_MOST_BEHIND = 40
-# Ground behind that rises from the plane by this share of the shorter semi-axis is a wall.
-_LEAST_WALL = 0.5
+#: Ground behind a block, in its longest semi-axes.
+BEHIND = 4.0
 # A plane goes on for this share of the shorter semi-axis at least: one that ended under the block,
 # at the limit of the tolerance, would begin anew without end.
 _LEAST_PLANE = 0.05
@@ -87,10 +82,10 @@ def gradient(path: Path, u: float, v: float, radius: float) -> tuple[float, floa
     Central differences over its diameter, or over a cell if that is longer.
     """
     step = exact(max(radius / path.cell_size, 0.5))
-    east = _height(path, u + step, v)
-    west = _height(path, u - step, v)
-    south = _height(path, u, v + step)
-    north = _height(path, u, v - step)
+    east = terrain_height(path, u + step, v)
+    west = terrain_height(path, u - step, v)
+    south = terrain_height(path, u, v + step)
+    north = terrain_height(path, u, v - step)
     per = 1.0 / (2.0 * step * path.cell_size)
     gu = (east - west) * per
     gv = (south - north) * per
@@ -100,7 +95,7 @@ def gradient(path: Path, u: float, v: float, radius: float) -> tuple[float, floa
 
 
 @inlined
-def _height(path: Path, u: float, v: float) -> float:
+def terrain_height(path: Path, u: float, v: float) -> float:
     """Height of the terrain (m); NaN where it is not known."""
     return height_at(path.heights, u, v, int(np.floor(v)), int(np.floor(u)))
 
@@ -133,7 +128,7 @@ def begin_profile(
     state.line_v = _line_ahead(state.from_v, state.dv)
     first = site.profile[0]
     if behind == 0:
-        first.x = state.x - _BEHIND * block.a
+        first.x = state.x - BEHIND * block.a
         first.z = z + slope * (first.x - state.x)
         first.ground = ground
         first.last = 0
@@ -148,123 +143,6 @@ def begin_profile(
             _add_stretch(state, site, path, cell, i, site.profile[i + 1].x)
     site.crossings[0].last = 0
     look_ahead(state, block, site, path, known_to(state, block), gravity)
-
-
-@lean
-def keep_behind(state: Record, block: Block, site: Site, at: int, back: bool, rise: float) -> int:
-    """Keep the ground behind a block for the next profile where it is a wall.
-
-    A block between two walls would fall out of its pit if the plane of one went on through the
-    other. Where the ground behind rises little above the plane, or falls away from it, the plane
-    goes on instead: the foot of a block on a slope is behind its centre, and it moves on along the
-    plane without meeting each small vertex again.
-
-    Parameters
-    ----------
-    at : int
-        Segment under the block, whose plane goes on.
-    back : bool
-        Whether the block turns about: behind it lies what was ahead.
-    rise : float
-        By how much the slope of the plane grows (m per m); what is behind turns with it.
-
-    Returns
-    -------
-    int
-        How many vertices are kept, the last of them where the plane begins.
-    """
-    profile = site.profile
-    n = last_of(profile)
-    kept = 0
-    if back:
-        if at + 1 >= n or is_convex(profile, at + 1):
-            return 0
-        while at + 1 + kept < n and profile[at + 1 + kept].x < state.x + _KEPT_BEHIND * block.a:
-            kept += 1
-        first = at + 1
-        outer = profile[at + kept]
-    else:
-        if at == 0 or is_convex(profile, at):
-            return 0
-        while at - kept > 0 and profile[at - kept].x > state.x - _KEPT_BEHIND * block.a:
-            kept += 1
-        first = at - kept + 1
-        outer = profile[first - 1]
-    here = profile[at]
-    slope = here.tz / here.tx
-    outer_slope = outer.tz / outer.tx
-    far = _KEPT_BEHIND * block.a
-    end_x = state.x + far if back else state.x - far
-    wall = outer.z - here.z + outer_slope * (end_x - outer.x) - slope * (end_x - here.x)
-    for j in range(first, first + kept):
-        wall = max(wall, profile[j].z - here.z - slope * (profile[j].x - here.x))
-    if kept == 0 or wall < _LEAST_WALL * block.b:
-        return 0
-    outer_ground = outer.ground
-    if back:
-        outer_slope = -outer_slope
-        _mirror_vertices(profile, first, kept, state.x)
-    start = profile[0]
-    start_x = state.x - _BEHIND * block.a
-    start_z = profile[first].z + outer_slope * (start_x - profile[first].x)
-    # The rows before ``first`` are free, and row i is read before it is written.
-    for i in range(1, kept + 1):
-        x = profile[first + i - 1].x
-        z = profile[first + i - 1].z + rise * (x - state.x)
-        ground = profile[first + i - 1].ground
-        if i == 1:
-            start.x = start_x
-            start.z = start_z + rise * (start_x - state.x)
-            start.ground = outer_ground
-            start.last = 0
-        _add_vertex(site, x, z)
-        profile[i].ground = ground
-    return kept
-
-
-@lean
-def sample_behind(
-    state: Record, block: Block, site: Site, path: Path, z: float, slope: float, ground: int
-) -> int:
-    """Sample the ground behind a block that has turned far; how many vertices that makes.
-
-    Where it lies below the plane through height z (m) the plane goes on instead, as in keep_behind.
-    """
-    step = 0.5 * path.cell_size
-    count = min(int(_KEPT_BEHIND * block.a / step) + 2, _MOST_BEHIND)
-    profile = site.profile
-    wall = 0.0
-    for i in range(count):
-        # From the farthest on; the plane begins half a step behind the block.
-        x = state.x - (count - i - 0.5) * step
-        on_plane = z + slope * (x - state.x)
-        u, v = place(state, x)
-        known = on_plane if i == count - 1 else _height(path, u, v)
-        known = on_plane if math.isnan(known) else max(known, on_plane)
-        wall = max(wall, known - on_plane)
-        if i == 0:
-            profile[0].x = x - _BEHIND * block.a
-            profile[0].z = known
-            profile[0].ground = ground
-            profile[0].last = 0
-        _add_vertex(site, x, known)
-        profile[i + 1].ground = ground
-    return count if wall >= _LEAST_WALL * block.b else 0
-
-
-@fused
-def _mirror_vertices(profile: Records, first: int, count: int, x: float) -> None:
-    """Turn some vertices about a chainage (m), and the segments between them and before them."""
-    for j in range(first + count - 1, first - 1, -1):
-        profile[j].ground = profile[j - 1].ground
-    for i in range(count):
-        profile[first + i].x = 2.0 * x - profile[first + i].x
-    for i in range(count // 2):
-        here = profile[first + i]
-        there = profile[first + count - 1 - i]
-        here.x, there.x = there.x, here.x
-        here.z, there.z = there.z, here.z
-        here.ground, there.ground = there.ground, here.ground
 
 
 @inlined
@@ -301,7 +179,7 @@ def _cell_between(state: Record, path: Path, x: float, after: float) -> int:
 
 
 @fused
-def _add_vertex(site: Site, x: float, z: float) -> None:
+def add_vertex(site: Site, x: float, z: float) -> None:
     """End the last segment at chainage x and height z (m); the ground is that of the last."""
     profile = site.profile
     n = last_of(profile)
@@ -415,7 +293,7 @@ def _go_on_from(state: Record, site: Site, path: Path) -> None:
         state.ahead_z = state.plane_z + state.plane_slope * (state.sampled - state.from_x)
         profile[0].last = state.plane_at
     u, v = place(state, state.sampled)
-    known = _height(path, u, v)
+    known = terrain_height(path, u, v)
     state.before_z = state.ahead_z if math.isnan(known) else known
     # The plane begins at the height of the last profile, within the tolerance of the terrain.
     state.gap = abs(state.before_z - state.ahead_z)
@@ -480,7 +358,7 @@ def _along_plane(
         state.ahead_z += state.plane_slope * (x_end - x)
         state.before_z += (after_z - state.before_z) * (x_end - x) / (after - x)
         state.sampled = x_end
-    _add_vertex(site, state.sampled, state.ahead_z)
+    add_vertex(site, state.sampled, state.ahead_z)
     _open_cone(state)
 
 
@@ -503,7 +381,7 @@ def _along_cone(
     up = (after_z + limit - here.z) / (after - here.x)
     begun = state.sampled > here.x
     if begun and (ground != here.ground or max(state.low, down) > min(state.high, up)):
-        _add_vertex(site, state.sampled, state.ahead_z)
+        add_vertex(site, state.sampled, state.ahead_z)
         n += 1
         here = profile[n]
         _open_cone(state)
@@ -532,7 +410,7 @@ def _end_profile(state: Record, site: Site, path: Path) -> None:
         edge = cell_index(u, v, path.heights.shape[0], path.heights.shape[1])
         _add_stretch(state, site, path, edge, state.plane_at, state.sampled)
     if state.sampled > profile[last_of(profile)].x:
-        _add_vertex(site, state.sampled, state.ahead_z)
+        add_vertex(site, state.sampled, state.ahead_z)
 
 
 @lean
@@ -541,7 +419,7 @@ def _forget_behind(state: Record, block: Block, site: Site) -> None:
     profile = site.profile
     n = last_of(profile)
     first = 0
-    while first < n - 1 and profile[first + 1].x < state.x - _BEHIND * block.a:
+    while first < n - 1 and profile[first + 1].x < state.x - BEHIND * block.a:
         first += 1
     for i in range(first, n + 1):
         profile[i - first] = profile[i]

@@ -82,6 +82,17 @@ def _raise(
 
 
 @lean
+def stretch_at(stretches: NDArray[np.void], x: float, near: int) -> int:
+    """The stretch under chainage x."""
+    i = near
+    while i > 0 and stretches[i].start > x:
+        i -= 1
+    while i < last_of(stretches) - 1 and stretches[i + 1].start < x:
+        i += 1
+    return i
+
+
+@lean
 def _on_map(stretches: NDArray[np.void], i: int, x: float) -> tuple[float, float]:
     """Place on the map (u, v) of chainage x in stretch i, which is straight there."""
     here = stretches[i]
@@ -151,8 +162,6 @@ def record_flight(
 
     Parameters
     ----------
-    stretches : STRETCH_DTYPE
-    work : CellWork
     n_touched, i : int
         Cells touched so far; the stretch under the centre.
     x, z, vx, vz : float
@@ -165,19 +174,14 @@ def record_flight(
         Time since the release at the start of the flight (s).
     rest : float
         The shorter semi-axis (m): over cos β it is the resting height.
-    profile : VERTEX_DTYPE
 
     Returns
     -------
-    n_touched, i : int
     top : float
         Greatest passing height (m).
     """
     n = last_of(stretches)
-    while i > 0 and stretches[i].start > x:
-        i -= 1
-    while i < n - 1 and stretches[i + 1].start < x:
-        i += 1
+    i = stretch_at(stretches, x, i)
     x_end = x + vx * until
     per_vx = 1.0 / vx if vx != 0.0 else 0.0
     per_gravity = 1.0 / gravity
@@ -287,10 +291,7 @@ def record_ground(
         Time since the release at the start (s).
     """
     n = last_of(stretches)
-    while i > 0 and stretches[i].start > x:
-        i -= 1
-    while i < n - 1 and stretches[i + 1].start < x:
-        i += 1
+    i = stretch_at(stretches, x, i)
     step = 1 if x_end >= x else -1
     done = 0.0
     chords = work.chord.shape[0] > 0

@@ -237,7 +237,6 @@ def rolling_stretch(
     -------
     length : float
         (m)
-    ends_by : int
     angle : float
         With LIFT_OFF, how long before it stands upright (rad).
     """

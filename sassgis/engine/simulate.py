@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,7 +62,6 @@ class Simulated:
     rocks : ROCK_DTYPE, shape (n_lines * n_rocks,)
     pieces : ROCK_DTYPE
         Spawned blocks (fragments and entrained blocks), numbered from 1 for each released block.
-    passages : PASSAGE_DTYPE
     event_logs : tuple of EVENT_DTYPE arrays, shape (n_events,)
         Events of each released block; empty unless asked for.
     x, y : float64, shape (n_rocks + n_pieces,)
@@ -93,7 +93,7 @@ def no_exceedance(n: int, bins: Bins) -> Exceedance:
 
 def exceedance(sums: Exceedance) -> dict[str, IntArray]:
     """Counts under their names."""
-    return {"exceed": sums.rocks, "exceed_square": sums.square}
+    return {"exceed": sums.blocks, "exceed_square": sums.square}
 
 
 def _disks(window: Window | None, cells: IntArray) -> tuple[IntArray, Disks]:
@@ -105,30 +105,6 @@ def _disks(window: Window | None, cells: IntArray) -> tuple[IntArray, Disks]:
     centres, offset, number = window.around(cells)
     row, col = np.divmod(centres, window.n_cols)
     return centres, Disks(Objects(offset, number), col + 0.5, row + 0.5, window.radius**2)
-
-
-def physics_of(settings: EngineSettings) -> Physics:
-    """Settings as the kernel reads them, from those of the named set and the user's."""
-    return Physics(
-        gravity=float(settings.gravity_mps2),
-        eta_rule=impact_rules.RULES[settings.eta_max_rule or ""],
-        slope_variation=settings.slope_variation == "per_impact",
-        as_ellipse=settings.rolling == "ellipse",
-        tipping=bool(settings.tipping),
-        corner_as_circle=settings.corner == "circle",
-        end_sliding=bool(settings.end_sliding),
-        tolerance=float(settings.contact_tolerance_m),
-        max_events=int(settings.max_events),
-    )
-
-
-def _control_line_rule(control_line: ControlLine) -> int:
-    """How the kernel treats a control line."""
-    if control_line.kind == "station":
-        return control_line_rules.STATION
-    return (
-        control_line_rules.RESTARTS if control_line.restarts_from_rest else control_line_rules.STOPS
-    )
 
 
 def _check(profiles: ProfileSet, table: GroundTable) -> None:
@@ -184,8 +160,13 @@ def _cells_of(profiles: ProfileSet) -> tuple[IntArray, IntArray]:
 
 def control_line_table(lines: Sequence[ControlLine]) -> ControlLineTable:
     """Stations and barriers as the kernel takes them."""
+    barrier = {True: control_line_rules.RESTARTS, False: control_line_rules.STOPS}
+    rules = [
+        control_line_rules.STATION if line.kind == "station" else barrier[line.restarts_from_rest]
+        for line in lines
+    ]
     return ControlLineTable(
-        np.array([_control_line_rule(line) for line in lines], np.int64),
+        np.array(rules, np.int64),
         np.array([line.height_m for line in lines], np.float64),
         1e3 * np.array([line.capacity_kj for line in lines], np.float64),
     )
@@ -232,6 +213,59 @@ def _lines(
         control_line_x=crossings.chainage,
         control_line=crossings.control_line,
     )
+
+
+def physics_of(settings: EngineSettings) -> Physics:
+    """Settings as the kernel reads them, from those of the named set and the user's."""
+    return Physics(
+        gravity=float(settings.gravity_mps2),
+        eta_rule=impact_rules.RULES[settings.eta_max_rule or ""],
+        slope_variation=settings.slope_variation == "per_impact",
+        as_ellipse=settings.rolling == "ellipse",
+        tipping=bool(settings.tipping),
+        corner_as_circle=settings.corner == "circle",
+        end_sliding=bool(settings.end_sliding),
+        tolerance=float(settings.contact_tolerance_m),
+        max_events=int(settings.max_events),
+    )
+
+
+def setup_of(
+    table: GroundTable,
+    blocks: BlockPopulation | Sequence[BlockPopulation],
+    settings: EngineSettings,
+    lines: Sequence[ControlLine],
+    effects: EffectSettings,
+    first_rock: int,
+    n_blocks: int,
+    seed: int,
+) -> Setup:
+    """What the blocks of all lines have in common, as the kernel takes it."""
+    populations = [blocks] if isinstance(blocks, BlockPopulation) else blocks
+    settings = settings.resolved()
+    return Setup(
+        ground_of(effects, table.with_rolling_threshold(settings.rolling_threshold)),
+        np.stack([population.limits() for population in populations]),
+        physics_of(settings),
+        control_line_table(lines),
+        np.uint64(seed),
+        first_rock,
+        n_blocks,
+    )
+
+
+def blocks_of(rows: Rows, log_events: int) -> dict[str, Any]:
+    """Rows that blocks have filled, by their names in Simulated."""
+    n_passages, n_spawned = rows.filled
+    counts = rows.event_counts
+    return {
+        "rocks": rows.rocks.view(ROCK_DTYPE),
+        "pieces": rows.spawned[:n_spawned].view(ROCK_DTYPE),
+        "passages": rows.passages[:n_passages].view(PASSAGE_DTYPE),
+        "event_logs": tuple(rows.events[i, : counts[i]] for i in range(counts.size))
+        if log_events
+        else (),
+    }
 
 
 def empty_rows(n: int, n_passages: int, n_spawned: int, n_events: int) -> Rows:
@@ -284,10 +318,6 @@ def simulate(
 
     Parameters
     ----------
-    profiles : ProfileSet
-    table : GroundTable
-    blocks : BlockPopulation, or one for each line
-    settings : EngineSettings
     seed : int
         0 to 2**64 - 1.
     rocks_per_line : int
@@ -296,7 +326,6 @@ def simulate(
         Identity of each line for the random draws.
     starts : float64, shape (n_lines, 2)
         Limits of the starting chainage (m).
-    control_lines : ControlLineCrossings, optional
     objects : ObjectCells, optional
         At each of which every block counts once, with its largest energy in the object's cells.
     window : Window, optional
@@ -316,10 +345,6 @@ def simulate(
     forest : Forest, optional
         For the effect of trees.
 
-    Returns
-    -------
-    Simulated
-
     Raises
     ------
     InputError
@@ -331,7 +356,6 @@ def simulate(
     crossings = control_lines or ControlLineCrossings.none(n_lines)
     objects = objects or ObjectCells.none()
     effects = effects or EffectSettings()
-    settings = settings.resolved()
     _check(profiles, table)
     if window is not None and profiles.on_map is None:
         raise ValueError("profiles that are not on a map do not meet windows on it")
@@ -339,15 +363,8 @@ def simulate(
     cells, local = _cells_of(profiles)
     numbers = np.arange(n_lines, dtype=np.int64) if line_numbers is None else line_numbers
     lines = _lines(profiles, local, forest, crossings, numbers, line_keys, starts)
-    populations = [blocks] if isinstance(blocks, BlockPopulation) else blocks
-    setup = Setup(
-        ground_of(effects, table.with_rolling_threshold(settings.rolling_threshold)),
-        np.stack([population.limits() for population in populations]),
-        physics_of(settings),
-        control_line_table(crossings.control_lines),
-        np.uint64(seed),
-        first_rock,
-        rocks_per_line,
+    setup = setup_of(
+        table, blocks, settings, crossings.control_lines, effects, first_rock, rocks_per_line, seed
     )
     centres, disks = _disks(window, cells)
     hooked = prepare(effects, bool((lines.stems > 0.0).any()))
@@ -370,19 +387,14 @@ def simulate(
         room *= 4
     if status == TOO_MANY_SPAWNED:
         raise too_many_spawned()
-    n_passages, n_spawned = rows.filled
-    counts = rows.event_counts
-    passages = rows.passages[:n_passages].view(PASSAGE_DTYPE)
+    left = blocks_of(rows, log_events)
     # Where a given line lies on the map is not known here.
-    passages["x_m"] = passages["y_m"] = np.nan
+    left["passages"]["x_m"] = left["passages"]["y_m"] = np.nan
     return Simulated(
         cells=cells,
         sums=by_name(totals.sums, totals.reach, flat) | exceedance(totals.reach),
         windows=centres,
         window_sums=exceedance(totals.windows.reach),
         objects=exceedance(totals.objects.reach),
-        rocks=rows.rocks.view(ROCK_DTYPE),
-        pieces=rows.spawned[:n_spawned].view(ROCK_DTYPE),
-        passages=passages,
-        event_logs=tuple(rows.events[i, : counts[i]] for i in range(n)) if log_events else (),
+        **left,
     )

@@ -10,14 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.engine.cell_register import CELLS, WINDOWS, CellRegister, empty_register
-from sassgis.engine.effects.hooks import ground_of, most_spawned, prepare
+from sassgis.engine.effects.hooks import most_spawned, prepare
 from sassgis.engine.kernel import (
     NO_ROOM,
     TOO_MANY_SPAWNED,
     Places,
     Points,
     Rows,
-    Setup,
     Totals,
     Windows,
     simulate_paths,
@@ -26,11 +25,12 @@ from sassgis.engine.kernel import (
 from sassgis.engine.path import Path
 from sassgis.engine.simulate import (
     Simulated,
+    blocks_of,
     control_line_table,
     empty_rows,
     exceedance,
     no_exceedance,
-    physics_of,
+    setup_of,
     too_many_spawned,
 )
 from sassgis.engine.statistics import by_name, empty_sums, flat_bins
@@ -42,7 +42,7 @@ from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.ground import GroundTable
 from sassgis.model.map_run import Forest, ObjectCells, Window
 from sassgis.model.profiles import ReleasePoints
-from sassgis.model.results import PASSAGE_DTYPE, ROCK_DTYPE, ControlLine
+from sassgis.model.results import ControlLine
 from sassgis.model.settings import EngineSettings
 from sassgis.model.statistics_table import Bins, default_bins
 
@@ -52,24 +52,13 @@ ROOM = 8192
 
 @dataclass(frozen=True, slots=True)
 class PathTerrain:
-    """What paths are followed on.
+    """What paths are followed on."""
 
-    Attributes
-    ----------
-    grid : Grid
-        Heights that blocks move over.
-    ground : int32, shape of the grid
-        Ground class of each cell.
-    tolerance_m : float
-        Largest vertical gap between terrain and segments (m).
-    control_lines : sequence of (ControlLine, float64 array of shape (k, 2))
-        Stations and barriers with their trace on the map (m).
-    forest : Forest or None
-    """
-
-    grid: Grid
-    ground: NDArray[np.int32]
-    tolerance_m: float
+    grid: Grid  # heights that blocks move over
+    ground: NDArray[np.int32]  # shape of the grid; ground class of each cell
+    tolerance_m: float  # largest vertical gap between terrain and segments (m)
+    # Sequence of (ControlLine, float64 array of shape (k, 2)); stations and barriers with their
+    # trace on the map (m).
     control_lines: Sequence[tuple[ControlLine, FloatArray]] = ()
     forest: Forest | None = None
 
@@ -99,11 +88,8 @@ def follow(
 
     Parameters
     ----------
-    terrain : PathTerrain
-    points : ReleasePoints
     table, blocks, settings, seed, objects, window, first_rock, bins, log_events, effects
         As for sassgis.engine.simulate.simulate.
-    rocks_per_point : int
     point_keys : uint64, shape (n,)
         Identity of each point for the random draws.
     point_numbers : int64, shape (n,), optional
@@ -130,17 +116,7 @@ def follow(
     numbers = np.arange(n, dtype=np.int64) if point_numbers is None else point_numbers
     given = Points(u, v, np.asarray(numbers, np.int64), np.asarray(point_keys, np.uint64))
     lines = [line for line, _ in terrain.control_lines]
-    populations = [blocks] if isinstance(blocks, BlockPopulation) else blocks
-    settings = settings.resolved()
-    setup = Setup(
-        ground_of(effects, table.with_rolling_threshold(settings.rolling_threshold)),
-        np.stack([population.limits() for population in populations]),
-        physics_of(settings),
-        control_line_table(lines),
-        np.uint64(seed),
-        first_rock,
-        rocks_per_point,
-    )
+    setup = setup_of(table, blocks, settings, lines, effects, first_rock, rocks_per_point, seed)
     forest = terrain.forest
     hooked = prepare(effects, forest is not None and bool((forest.stems_per_m2 > 0.0).any()))
     room, more = ROOM, 1
@@ -222,14 +198,14 @@ def _named(
     """What the blocks left, cells and windows in ascending order."""
     known = int(register.counts[CELLS])
     sums = by_name(totals.sums, totals.reach, flat) | exceedance(totals.reach)  # type: ignore[arg-type]
-    reached = np.flatnonzero((totals.reach.rocks[:known, 0] > 0) | (totals.sums.stops[:known] > 0))
+    reached = np.flatnonzero((totals.reach.blocks[:known, 0] > 0) | (totals.sums.stops[:known] > 0))
     order = reached[np.argsort(register.cells[reached])]
     windows = np.argsort(register.windows[: register.counts[WINDOWS]])
-    came = totals.windows.reach.rocks[windows, 0] > 0
+    came = totals.windows.reach.blocks[windows, 0] > 0
     windows = windows[came]
-    n_passages, n_spawned = rows.filled
-    ends = np.concatenate([rows.ends, rows.spawned_ends[:n_spawned]])
-    passages = rows.passages[:n_passages].view(PASSAGE_DTYPE)
+    ends = np.concatenate([rows.ends, rows.spawned_ends[: rows.filled[1]]])
+    left = blocks_of(rows, log_events)
+    passages = left["passages"]
     passages["x_m"] = grid.west + passages["x_m"] * grid.cell_size
     passages["y_m"] = grid.north - passages["y_m"] * grid.cell_size
     return Simulated(
@@ -238,12 +214,7 @@ def _named(
         windows=register.windows[windows],
         window_sums={n: v[windows] for n, v in exceedance(totals.windows.reach).items()},
         objects=exceedance(totals.objects.reach),
-        rocks=rows.rocks.view(ROCK_DTYPE),
-        pieces=rows.spawned[:n_spawned].view(ROCK_DTYPE),
-        passages=passages,
-        event_logs=tuple(rows.events[i, : rows.event_counts[i]] for i in range(rows.rocks.size))
-        if log_events
-        else (),
+        **left,
         x=grid.west + ends[:, 0] * grid.cell_size,
         y=grid.north - ends[:, 1] * grid.cell_size,
         looked_at=_hull(*np.divmod(register.cells[:known], grid.shape[1])),

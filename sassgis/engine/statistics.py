@@ -33,7 +33,7 @@ class FlatBins(NamedTuple):
 
 
 class Objects(NamedTuple):
-    """Objects that cover cells of the chunk, cell by cell; an object is told by its number."""
+    """Objects that cover cells of the chunk, cell by cell; each has a number."""
 
     offset: NDArray[np.int64]  # (n_cells + 1,)
     number: NDArray[np.int64]
@@ -49,9 +49,9 @@ class Disks(NamedTuple):
 
 
 class Exceedance(NamedTuple):
-    """Rocks that came to each place (cell or object) with at least the energy of a threshold."""
+    """Blocks that came to each place (cell or object) with at least the energy of a threshold."""
 
-    rocks: NDArray[np.int64]  # (n, thresholds)
+    blocks: NDArray[np.int64]  # (n, thresholds)
     square: NDArray[np.int64]  # sum over strata of the square of the stratum's number of blocks
 
 
@@ -69,7 +69,7 @@ class CellSums(NamedTuple):
 
 
 class LineTally(NamedTuple):
-    """Rocks of one stratum by place and highest threshold that they reach; cleared after each."""
+    """Blocks of one stratum by place and highest threshold that they reach; cleared after each."""
 
     hits: NDArray[np.uint32]  # (n, thresholds)
     came: NDArray[np.bool_]
@@ -87,7 +87,7 @@ class PlaceWork(NamedTuple):
 
 def place_work(reach: Exceedance) -> PlaceWork:
     """Working space for the places of some sums."""
-    n = reach.rocks.shape[0]
+    n = reach.blocks.shape[0]
     return PlaceWork(
         empty_tally(reach), np.full(n, -1.0), np.zeros(n, np.int64), np.zeros(1, np.int64)
     )
@@ -115,7 +115,7 @@ def empty_sums(n_cells: int, bins: FlatBins) -> CellSums:
 def by_name(sums: CellSums, reach: Exceedance, bins: FlatBins) -> dict[str, NDArray[np.generic]]:
     """The sums under their names in the table."""
     out: dict[str, NDArray[np.generic]] = {
-        "reach": reach.rocks[:, 0], "reach_square": reach.square[:, 0], "stops": sums.stops,
+        "reach": reach.blocks[:, 0], "reach_square": reach.square[:, 0], "stops": sums.stops,
     }  # fmt: skip
     out |= {s.name: sums.total[:, i] for i, s in enumerate(sums_by("sum"))}
     out |= {s.name: sums.largest[:, i] for i, s in enumerate(sums_by("max"))}
@@ -151,7 +151,7 @@ def _tally(tally: LineTally, n_line: int, place: int, level: int) -> int:
 
 def empty_tally(sums: Exceedance) -> LineTally:
     """A tally for the places of some sums."""
-    n, n_levels = sums.rocks.shape
+    n, n_levels = sums.blocks.shape
     return LineTally(
         np.zeros((n, n_levels), np.uint32), np.zeros(n, np.bool_), np.zeros(n, np.int64)
     )
@@ -163,14 +163,14 @@ def close_line(tally: LineTally, n_line: int, sums: Exceedance) -> None:
     last = tally.hits.shape[1] - 1
     for k in range(n_line):
         place = tally.touched[k]
-        rocks = np.int64(0)
+        blocks = np.int64(0)
         for i in range(last, -1, -1):
-            rocks += np.int64(tally.hits[place, i])
-            if rocks == 0:
+            blocks += np.int64(tally.hits[place, i])
+            if blocks == 0:
                 continue
             tally.hits[place, i] = np.uint32(0)
-            sums.rocks[place, i] += rocks
-            sums.square[place, i] += rocks * rocks
+            sums.blocks[place, i] += blocks
+            sums.square[place, i] += blocks * blocks
         tally.came[place] = False
 
 
@@ -303,9 +303,7 @@ class Event(NamedTuple):
 def empty_event(n_cells: int) -> Event:
     """Room for what a block and those that it spawns do in some cells."""
     return Event(
-        np.full((n_cells, N_RECORDED), -1.0),
-        np.zeros(n_cells, np.int64),
-        np.zeros(1, np.int64),
+        np.full((n_cells, N_RECORDED), -1.0), np.zeros(n_cells, np.int64), np.zeros(1, np.int64)
     )
 
 

@@ -174,7 +174,7 @@ def contact_with_segment(
                             along + (run - 0.5 * gravity * tz * t) * t,
                             across + (rise - 0.5 * down * t) * t,
                             c, s, a, b, length, run - gravity * tz * t, approach, omega,
-                            gravity, tx, tz,
+                            gravity, tx, tz
                         )  # fmt: skip
                     if outside < 0.0:
                         return t, gap < -_DEEP * b
@@ -358,7 +358,7 @@ def contact_with_vertex(
                 wz = vz - gravity * middle
                 gap, mx, mz, lever = vertex_gap(
                     x + vx * middle, z + (vz - 0.5 * gravity * middle) * middle, ct, st, a, b, px,
-                    pz,
+                    pz
                 )  # fmt: skip
                 approach = vx * mx + wz * mz
                 rate = approach + lever * omega

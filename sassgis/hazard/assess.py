@@ -17,13 +17,12 @@ from sassgis.hazard.sources import Sampled
 from sassgis.hazard.zoning.generalise import (
     BoolArray,
     Coverage,
-    ZoneSettings,
     generalised_series,
     nested_coverages,
 )
 from sassgis.model.exposure import PlacedObjects, Vulnerability
 from sassgis.model.grid import Grid, IntArray
-from sassgis.model.hazard import HazardCurves, HazardPreset
+from sassgis.model.hazard import HazardCurves, HazardPreset, ZoningSettings
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +108,7 @@ def _share(cells: BoolArray) -> float:
 
 
 def intensity_maps(
-    curves: HazardCurves, preset: HazardPreset, grid: Grid, settings: ZoneSettings
+    curves: HazardCurves, preset: HazardPreset, grid: Grid, settings: ZoningSettings
 ) -> tuple[IntensityMap, ...]:
     """Zones of intensity for the preset's return periods and the extreme event.
 
@@ -161,7 +160,7 @@ def around(
     return own, flat[: cells.size], (top > 0, right < n_cols, bottom < n_rows, left > 0)
 
 
-def felt_cells(settings: ZoneSettings, cell_size: float) -> int:
+def felt_cells(settings: ZoningSettings, cell_size: float) -> int:
     """Cells from a zone within which drawing it looks at others."""
     growth = math.ceil(1.2 * math.sqrt(settings.smallest_cells(cell_size)))
     return settings.closing_cells(cell_size) + settings.width_cells(cell_size) + growth + 2
@@ -174,7 +173,7 @@ def _feels_edge(classes: IntArray, cut: tuple[bool, bool, bool, bool], felt: int
 
 
 def level_zones(
-    curves: Sequence[HazardCurves], preset: HazardPreset, grid: Grid, settings: ZoneSettings
+    curves: Sequence[HazardCurves], preset: HazardPreset, grid: Grid, settings: ZoningSettings
 ) -> list[Coverage]:
     """Zones of hazard level of several simulations, as with and without barriers.
 
@@ -230,7 +229,7 @@ def hazard_of(
     zones: Coverage,
     preset: HazardPreset,
     grid: Grid,
-    settings: ZoneSettings,
+    settings: ZoningSettings,
     confidence: float,
 ) -> Hazard:
     """Everything that the counts of a simulation say of the hazard.
@@ -260,7 +259,7 @@ def by_area(
     energies_kj: np.ndarray,
     preset: HazardPreset,
     grid: Grid,
-    settings: ZoneSettings,
+    settings: ZoningSettings,
 ) -> dict[str, tuple[IntensityMap, ...]]:
     """Zones of intensity of each release area alone."""
     areas = dict.fromkeys(s.source.area for s in sampled)
@@ -295,7 +294,7 @@ class Rules:
     frequencies: dict[tuple[str, str], float]
     placed: PlacedObjects
     vulnerability: Vulnerability | None
-    zones: ZoneSettings
+    zones: ZoningSettings
     ref_width_m: float
     notices: tuple[str, ...]
 

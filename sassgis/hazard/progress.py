@@ -183,9 +183,9 @@ def sample_of(run: MapRun, planned: Plan, progress: Progress) -> Sample:
     """The sample behind the maps: the simulated blocks that started."""
     return Sample(
         started=int(progress.reasons.sum() - progress.reasons[StopReason.NEVER_STARTED]),
-        rocks_per_line=run.rocks_per_point,
-        lines=int(progress.reasons.sum()) // run.rocks_per_point,
-        random_points=run.placement == "random",
+        rocks_per_line=run.release.rocks_per_point,
+        lines=int(progress.reasons.sum()) // run.release.rocks_per_point,
+        random_points=run.release.placement == "random",
     )
 
 
@@ -235,7 +235,7 @@ def kept_stops(run: MapRun, progress: Progress) -> BlockRows:
     """The blocks that are kept one by one, ``stop_points_max`` at most, by repetition."""
     rows = joined_rows(progress.stops)
     # A run has them in this order; the sums of several areas were added up area by area.
-    repetition = rows.rocks["rock"] // run.rocks_per_point
+    repetition = rows.rocks["rock"] // run.release.rocks_per_point
     rows = _rocks_alone(rows, np.argsort(repetition, kind="stable"))
     if rows.rocks.size <= run.stop_points_max:
         return rows

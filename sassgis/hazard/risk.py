@@ -293,7 +293,7 @@ def hit_costs(
             continue
         lost, lethal = numbers[VEHICLE]
         met, one = vehicles_in_strip(
-            [traffic.vehicles_per_day, traffic.trips_per_day],
+            [traffic.traffic_per_day, traffic.trips_per_day],
             traffic.speed_kmh,
             traffic.vehicle_length_m,
             block_width_m,
@@ -454,7 +454,7 @@ def object_rows(table: RiskTable) -> list[dict[str, object]]:
             "value_per_m": thing.value_per_m,
             "persons": thing.persons,
             "presence": thing.presence,
-            "traffic_per_day": thing.traffic.vehicles_per_day if thing.traffic else 0.0,
+            "traffic_per_day": thing.traffic.traffic_per_day if thing.traffic else 0.0,
         }
         for i, code in enumerate(table.intensities):
             row[f"hits_{code}_per_year"] = math.fsum(table.hits[:, k, i].tolist())

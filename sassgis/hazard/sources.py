@@ -121,8 +121,8 @@ def sampled_sources(
             blocks.name,
             frequencies[name, blocks.name],
             tally.rocks,
-            run.rocks_per_point,
-            run.placement == "random",
+            run.release.rocks_per_point,
+            run.release.placement == "random",
             blocks.mean_width_m,
             tally.never_started,
         )

@@ -116,7 +116,7 @@ def simulation_warnings(
     return [
         *out,
         *ground_warnings(classes, built_in),
-        *path_warnings(run.path),
+        *path_warnings(run.terrain.path),
     ]
 
 

@@ -72,28 +72,13 @@ Text = Annotated[str, MinLen(1)]
 
 
 class Declared(NamedTuple):
-    """One setting as it is declared.
+    """One setting as it is declared."""
 
-    Attributes
-    ----------
-    name : str
-        The key.
-    kind : Any
-        Its annotation.
-    default : Any
-        ``dataclasses.MISSING`` if it must be given.
-    description : str
-        Meaning, with the unit.
-    old_name : str or None
-        The key that it had before.
-    example : Example or None
-    """
-
-    name: str
-    kind: Any
-    default: Any
-    description: str
-    old_name: str | None
+    name: str  # the key
+    kind: Any  # its annotation
+    default: Any  # ``dataclasses.MISSING`` if it must be given
+    description: str  # meaning, with the unit
+    old_name: str | None  # the key that it had before
     example: Example | None
 
     @property

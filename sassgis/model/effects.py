@@ -14,15 +14,9 @@ from sassgis.model.declared import Section
 
 @dataclass(frozen=True, slots=True)
 class EffectSection(Section):
-    """Base of the settings of an effect: a frozen dataclass of declared settings with a name.
+    """Base of the settings of an effect: a frozen dataclass of declared settings with a name."""
 
-    Attributes
-    ----------
-    name : str
-        Of the effect, as in ``[effects.<name>]``.
-    """
-
-    name: ClassVar[str]
+    name: ClassVar[str]  # of the effect, as in ``[effects.<name>]``
 
 
 Kind = TypeVar("Kind", bound=EffectSection)
@@ -30,15 +24,9 @@ Kind = TypeVar("Kind", bound=EffectSection)
 
 @dataclass(frozen=True, slots=True, init=False)
 class EffectSettings:
-    """The effects of a run that are on, each with its settings.
+    """The effects of a run that are on, each with its settings."""
 
-    Attributes
-    ----------
-    on : tuple of EffectSection
-        At most one of a kind.
-    """
-
-    on: tuple[EffectSection, ...]
+    on: tuple[EffectSection, ...]  # at most one of a kind
 
     def __init__(self, *on: EffectSection) -> None:
         if len({type(own) for own in on}) < len(on):

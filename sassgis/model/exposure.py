@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, Literal
+from pathlib import Path
+from typing import Annotated, Any, Literal
 
+from annotated_types import Interval, MaxLen
+
+from sassgis.model.declared import Example, Name, Section, Text
 from sassgis.model.errors import InputError
 
 ObjectKind = Literal["building", "road", "line", "people"]
@@ -25,60 +28,34 @@ _WITHOUT_VALUE = ("people",)
 _FULL_ROAD = 2.0
 
 
-def _check(name: str, value: float, low: float, high: float, *, above: bool = False) -> None:
-    """Raise InputError unless low <= value <= high (low < value if ``above``)."""
-    if math.isfinite(value) and low <= value <= high and not (above and value == low):
-        return
-    text = f"above {low:g}" if above else f"{low:g} or more"
-    if math.isfinite(high):
-        text = f"{text} and at most {high:g}"
-    raise InputError("is out of range", field=name, found=f"{value:g}", expected=f"a number {text}")
+Amount = Annotated[float, Interval(ge=0)]
+Share = Annotated[float, Interval(ge=0, le=1)]
+PerDay = Annotated[float, Interval(ge=0, le=1e6)]
+SpeedKmh = Annotated[float, Interval(gt=0, le=400)]
+VehicleLength = Annotated[float, Interval(gt=0, le=1000)]
+Occupants = Annotated[float, Interval(ge=0, le=2000)]
+Trips = Annotated[float, Interval(ge=0, le=1000)]
 
 
 @dataclass(frozen=True, slots=True)
-class Traffic:
-    """Vehicles on a road.
+class Traffic(Section):
+    """Vehicles on a road."""
 
-    Attributes
-    ----------
-    vehicles_per_day : float
-        Mean number in a day, both directions together.
-    speed_kmh : float
-        At which they drive (km/h).
-    vehicle_length_m : float
-        Mean length of a vehicle (m).
-    persons_per_vehicle : float
-        Mean number of people in a vehicle.
-    vehicle_value : float
-        Mean value of a vehicle, in the currency of the run.
-    trips_per_day : float
-        How often the one road user whose individual risk is wanted drives by in a day.
+    traffic_per_day: Annotated[PerDay, "mean number in a day, both directions together"]
+    speed_kmh: Annotated[SpeedKmh, "at which they drive (km/h)"]
+    vehicle_length_m: Annotated[VehicleLength, "mean length of a vehicle (m)"]
+    persons_per_vehicle: Annotated[Occupants, "mean number of people in a vehicle"]
+    vehicle_value: Annotated[Amount, "mean value of a vehicle, in the currency of the run"] = 0.0
+    trips_per_day: Annotated[
+        Trips, "how often the one road user whose individual risk is wanted drives by in a day"
+    ] = 2.0
 
-    Raises
-    ------
-    InputError
-        If a number is out of range, or more vehicles are stated than fit on a road.
-    """
-
-    vehicles_per_day: float
-    speed_kmh: float
-    vehicle_length_m: float
-    persons_per_vehicle: float
-    vehicle_value: float = 0.0
-    trips_per_day: float = 2.0
-
-    def __post_init__(self) -> None:
-        _check("traffic_per_day", self.vehicles_per_day, 0.0, 1e6)
-        _check("speed_kmh", self.speed_kmh, 0.0, 400.0, above=True)
-        _check("vehicle_length_m", self.vehicle_length_m, 0.0, 1000.0, above=True)
-        _check("persons_per_vehicle", self.persons_per_vehicle, 0.0, 2000.0)
-        _check("vehicle_value", self.vehicle_value, 0.0, math.inf)
-        _check("trips_per_day", self.trips_per_day, 0.0, 1000.0)
+    def _fits_together(self) -> None:
         if self.occupancy > _FULL_ROAD:
             raise InputError(
                 "more vehicles than fit on the road",
                 field="traffic_per_day",
-                found=f"{self.vehicles_per_day:g} a day at {self.speed_kmh:g} km/h: "
+                found=f"{self.traffic_per_day:g} a day at {self.speed_kmh:g} km/h: "
                 f"{self.occupancy:.2g} m of vehicles on each metre of road",
                 expected=f"at most {_FULL_ROAD:g}",
             )
@@ -86,36 +63,12 @@ class Traffic:
     @property
     def occupancy(self) -> float:
         """Metres of vehicles on a metre of road, all lanes together, in the mean over a day."""
-        return self.vehicles_per_day * self.vehicle_length_m / (24_000.0 * self.speed_kmh)
+        return self.traffic_per_day * self.vehicle_length_m / (24_000.0 * self.speed_kmh)
 
 
 @dataclass(frozen=True, slots=True)
-class ExposedObject:
+class ExposedObject(Section):
     """Something that blocks may hit: a building, a stretch of road or of a line, a group of people.
-
-    Attributes
-    ----------
-    name : str
-        Unique in the run.
-    kind : {"building", "road", "line", "people"}
-    parent : str
-        Road or line of which the object is a stretch; empty if it is no part of anything.
-    value : float
-        What a hit of vulnerability 1 costs, in the currency of the run; buildings.
-    value_per_m : float
-        Value of a metre of a road or line.
-    damage_length_m : float
-        Length of road or line that a hit of vulnerability 1 destroys (m); 0: the block's width.
-    persons : float
-        People who live, work or stay there: those whom the presence speaks of.
-    presence : float
-        Share of the time that each of them is there, 0 to 1.
-    length_m : float
-        Length in plan of the stretch (m); 0 for what has no length.
-    from_m : float
-        Chainage at which the stretch begins (m).
-    traffic : Traffic, optional
-        Roads only.
 
     Raises
     ------
@@ -123,35 +76,28 @@ class ExposedObject:
         If a number is out of range or does not go with the kind.
     """
 
-    name: str
-    kind: ObjectKind
+    name: str  # unique in the run
+    kind: Annotated[ObjectKind, "kind of the object"]
+    # Road or line of which the object is a stretch; empty if it is no part of anything.
     parent: str = ""
-    value: float = 0.0
-    value_per_m: float = 0.0
-    damage_length_m: float = 0.0
-    persons: float = 0.0
-    presence: float = 1.0
-    length_m: float = 0.0
-    from_m: float = 0.0
-    traffic: Traffic | None = None
+    value: Annotated[Amount, "cost of a hit of vulnerability 1, in the currency of the run"] = 0.0
+    value_per_m: Annotated[Amount, "value of a metre of a road or line"] = 0.0
+    damage_length_m: Annotated[
+        Amount, "length of road or line that such a hit destroys (m); 0: the block's width"
+    ] = 0.0
+    persons: Annotated[Amount, "people who live, work or stay there"] = 0.0
+    presence: Annotated[Share, "share of the time that each of them is there"] = 1.0
+    length_m: Annotated[Amount, "in plan, of the stretch (m); 0 for what has no length"] = 0.0
+    from_m: Annotated[Amount, "chainage at which the stretch begins (m)"] = 0.0
+    traffic: Traffic | None = None  # roads only
 
-    def __post_init__(self) -> None:
-        if self.kind not in OBJECT_KINDS:
-            raise InputError(
-                "unknown kind of object",
-                field="kind",
-                found=repr(self.kind),
-                expected=f"one of {', '.join(OBJECT_KINDS)}",
-            )
-        for name in ("value", "value_per_m", "damage_length_m", "persons", "length_m", "from_m"):
-            _check(name, getattr(self, name), 0.0, math.inf)
-        _check("presence", self.presence, 0.0, 1.0)
+    def _fits_together(self) -> None:
         stated = {
             "value": self.value,
             "value_per_m": self.value_per_m,
             "damage_length_m": self.damage_length_m,
             "persons": self.persons,
-            "traffic_per_day": 0.0 if self.traffic is None else self.traffic.vehicles_per_day,
+            "traffic_per_day": 0.0 if self.traffic is None else self.traffic.traffic_per_day,
         }
         for name, number in stated.items():
             if number and name not in NUMBERS_OF_KIND[self.kind]:
@@ -197,40 +143,17 @@ NUMBERS_OF_KIND: Mapping[str, tuple[str, ...]] = {
 
 
 @dataclass(frozen=True, slots=True)
-class VulnerabilityRow:
-    """What a hit of one intensity does to one kind of object.
+class VulnerabilityRow(Section):
+    """What a hit of one intensity does to one kind of object."""
 
-    Attributes
-    ----------
-    kind : str
-        A kind of object, or "vehicle".
-    intensity : str
-        Code of the intensity class.
-    vulnerability : float
-        Mean share of the value that is lost, 0 to 1.
-    lethality : float
-        Probability that a person who is there dies, 0 to 1. 0 for roads and lines: people on a
-        road sit in vehicles.
-    source : str
-        Where both numbers come from.
-    """
+    kind: Annotated[str, "kind of object, or vehicle"]
+    intensity: str  # code of the intensity class
+    vulnerability: Annotated[Share, "mean share of the value that is lost"]
+    # 0 for roads and lines: people on a road sit in vehicles.
+    lethality: Annotated[Share, "probability that a person who is there dies"]
+    source: str  # where both numbers come from
 
-    kind: str
-    intensity: str
-    vulnerability: float
-    lethality: float
-    source: str
-
-    def __post_init__(self) -> None:
-        if self.kind not in VULNERABILITY_KINDS:
-            raise InputError(
-                "unknown kind of object",
-                field="kind",
-                found=repr(self.kind),
-                expected=f"one of {', '.join(VULNERABILITY_KINDS)}",
-            )
-        _check("vulnerability", self.vulnerability, 0.0, 1.0)
-        _check("lethality", self.lethality, 0.0, 1.0)
+    def _fits_together(self) -> None:
         for kinds, name, why in (
             (_WITHOUT_PEOPLE, "lethality", f"0: people on a road are in rows of kind {VEHICLE}"),
             (_WITHOUT_VALUE, "vulnerability", "0: people have no value in money"),
@@ -252,23 +175,15 @@ class VulnerabilityRow:
 class Vulnerability:
     """Vulnerability and lethality by kind of object and class of intensity.
 
-    Attributes
-    ----------
-    intensities : tuple of str
-        Codes of the intensity classes, from weak to strong.
-    rows : tuple of VulnerabilityRow
-    file : str
-        Where the table was read, for messages.
-
     Raises
     ------
     InputError
         If a row is missing or there twice, or has an unknown intensity.
     """
 
-    intensities: tuple[str, ...]
+    intensities: tuple[str, ...]  # codes of the intensity classes, from weak to strong
     rows: tuple[VulnerabilityRow, ...]
-    file: str = ""
+    file: str = ""  # where the table was read, for messages
 
     def __post_init__(self) -> None:
         seen: set[tuple[str, str]] = set()
@@ -357,18 +272,133 @@ def kinds_needed(objects: Iterable[ExposedObject]) -> tuple[str, ...]:
 
 @dataclass(frozen=True, slots=True)
 class PlacedObjects:
-    """Exposed objects with their places.
-
-    Attributes
-    ----------
-    objects : tuple of ExposedObject
-    geometries : tuple of shapely geometry
-        Polygons, line strings or points in the coordinates of the DEM (m), one per object: the
-        ground on which a block meets the object.
-    """
+    """Exposed objects with their places."""
 
     objects: tuple[ExposedObject, ...]
+    # Tuple of shapely geometry; polygons, line strings or points in the coordinates of the DEM (m),
+    # one per object: the ground on which a block meets the object.
     geometries: tuple[Any, ...]
 
     def __len__(self) -> int:
         return len(self.objects)
+
+
+@dataclass(frozen=True, slots=True)
+class RiskSettings(Section):
+    """What hits do to exposed objects."""
+
+    vulnerability: Annotated[
+        Path | None,
+        "table (CSV) with columns kind, intensity, vulnerability, lethality, source",
+        Example("vulnerability.csv"),
+    ] = None
+    currency: Annotated[Text, MaxLen(12), "of all values"] = "CHF"
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectSettings(Section):
+    """A layer of exposed objects of one kind.
+
+    Each number is one for all features, or an attribute of each (``<number>_field``).
+    """
+
+    name: Annotated[
+        Name, "name of the layer, for messages and as a name of its objects", Example("houses")
+    ]
+    kind: Annotated[ObjectKind, "kind of the objects", Example("building")]
+    file: Annotated[Path, "polygons, lines or points", Example("buildings.gpkg")]
+    layer: Annotated[Text | None, "layer, where the file has several", Example("buildings")] = None
+    name_field: Annotated[
+        Text | None, "attribute with the names of the objects", Example("name")
+    ] = None
+    segment_m: Annotated[
+        float,
+        Interval(ge=1, le=100_000),
+        "length of the stretches into which roads and lines are cut (m)",
+    ] = 50.0
+    radius_m: Annotated[
+        float, Interval(ge=0, le=1000), "of the ground that people given as points take up (m)"
+    ] = 0.0
+    value: Annotated[
+        Amount | None, "value that a hit of vulnerability 1 destroys; buildings", Example(500000.0)
+    ] = None
+    value_field: Annotated[Text | None, "attribute with value", Example("value")] = None
+    value_per_m: Annotated[Amount | None, "value of a metre; roads and lines", Example(1000.0)] = (
+        None
+    )
+    value_per_m_field: Annotated[
+        Text | None, "attribute with value_per_m", Example("value_per_m")
+    ] = None
+    damage_length_m: Annotated[
+        Amount | None,
+        "length that a hit of vulnerability 1 destroys (m); without it the width of "
+        "the block; roads and lines",
+        Example(5.0),
+    ] = None
+    damage_length_m_field: Annotated[
+        Text | None, "attribute with damage_length_m", Example("damage_length_m")
+    ] = None
+    persons: Annotated[
+        Amount | None, "people who live, work or stay there; buildings and people", Example(2.0)
+    ] = None
+    persons_field: Annotated[Text | None, "attribute with persons", Example("persons")] = None
+    presence: Annotated[
+        Share | None, "share of the time that each of them is there", Example(0.5)
+    ] = None
+    presence_field: Annotated[Text | None, "attribute with presence", Example("presence")] = None
+    traffic_per_day: Annotated[
+        PerDay | None, "vehicles a day, both directions; roads", Example(1000.0)
+    ] = None
+    traffic_per_day_field: Annotated[
+        Text | None, "attribute with traffic_per_day", Example("traffic_per_day")
+    ] = None
+    speed_kmh: Annotated[
+        SpeedKmh | None, "at which vehicles drive (km/h); roads", Example(50.0)
+    ] = None
+    speed_kmh_field: Annotated[Text | None, "attribute with speed_kmh", Example("speed_kmh")] = None
+    vehicle_length_m: Annotated[
+        VehicleLength | None, "mean length of a vehicle (m); roads", Example(5.0)
+    ] = None
+    vehicle_length_m_field: Annotated[
+        Text | None, "attribute with vehicle_length_m", Example("vehicle_length_m")
+    ] = None
+    persons_per_vehicle: Annotated[
+        Occupants | None, "mean number of people in a vehicle; roads", Example(1.6)
+    ] = None
+    persons_per_vehicle_field: Annotated[
+        Text | None, "attribute with persons_per_vehicle", Example("persons_per_vehicle")
+    ] = None
+    vehicle_value: Annotated[Amount | None, "mean value of a vehicle; roads", Example(20000.0)] = (
+        None
+    )
+    vehicle_value_field: Annotated[
+        Text | None, "attribute with vehicle_value", Example("vehicle_value")
+    ] = None
+    trips_per_day: Annotated[
+        Trips | None,
+        "how often the road user of the individual risk drives by in a day; roads",
+        Example(2.0),
+    ] = None
+    trips_per_day_field: Annotated[
+        Text | None, "attribute with trips_per_day", Example("trips_per_day")
+    ] = None
+
+    @property
+    def defaults(self) -> dict[str, float]:
+        """Numbers for features without one of their own."""
+        stated = {n: getattr(self, n) for n in OBJECT_NUMBERS}
+        return {n: v for n, v in stated.items() if v is not None}
+
+    @property
+    def fields(self) -> dict[str, str]:
+        """Attributes with the numbers of single features."""
+        stated = {n: getattr(self, f"{n}_field") for n in OBJECT_NUMBERS}
+        return {n: v for n, v in stated.items() if v is not None}
+
+
+#: What may be stated of an exposed object, as one number for all or as an attribute of each.
+OBJECT_NUMBERS = tuple(
+    key.removesuffix("_field")
+    for key in ObjectSettings.__annotations__
+    if key.endswith("_field") and key != "name_field"
+)

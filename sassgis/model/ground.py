@@ -36,7 +36,6 @@ class GroundClass:
 
     Attributes
     ----------
-    name : str
     eta_max : float
         Largest share of the kinetic energy kept in an impact, 0 to 1 (equation 7).
     dp_min, dp_max : float

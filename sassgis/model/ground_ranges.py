@@ -20,30 +20,17 @@ RANGED = tuple(p for p in PARAMETERS if p != "dp_min")
 
 @dataclass(frozen=True, slots=True)
 class RangeRule:
-    """How the range of a parameter follows from its value.
+    """How the range of a parameter follows from its value."""
 
-    Attributes
-    ----------
-    class_name : str
-        EVERY_CLASS for classes without a rule of their own.
-    parameter : str
-        One of RANGED.
-    kind : {"value", "offset", "factor"}
-        What ``low`` and ``high`` are: the limits themselves, or added to the value of the class, or
-        multiplied with it.
-    low, high : float
-    source : str
-    verified : bool
-        Whether the range was read in the source.
-    """
-
-    class_name: str
-    parameter: str
+    class_name: str  # EVERY_CLASS for classes without a rule of their own
+    parameter: str  # one of RANGED
+    # What ``low`` and ``high`` are: the limits themselves, or added to the value of the class, or
+    # multiplied with it.
     kind: Literal["value", "offset", "factor"]
     low: float
     high: float
     source: str = ""
-    verified: bool = False
+    verified: bool = False  # whether the range was read in the source
 
     def __post_init__(self) -> None:
         """Raise InputError where the limits are reversed."""
@@ -67,15 +54,7 @@ class RangeRule:
 
 @dataclass(frozen=True, slots=True)
 class ParameterRange:
-    """The range of one parameter of one class.
-
-    Attributes
-    ----------
-    class_name, parameter : str
-    value, low, high : float
-    source : str
-    verified : bool
-    """
+    """The range of one parameter of one class."""
 
     class_name: str
     parameter: str

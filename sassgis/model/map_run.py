@@ -13,27 +13,18 @@ from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.ground import GroundTable
 from sassgis.model.languages import phrase
-from sassgis.model.release_areas import FallLineSettings, ReleaseArea
+from sassgis.model.release_areas import ReleaseArea
 from sassgis.model.results import ControlLine
-from sassgis.model.settings import EngineSettings
+from sassgis.model.settings import EngineSettings, ReleaseSettings, TerrainSettings
 
 
 @dataclass(frozen=True, slots=True)
 class ObjectCells:
-    """The cells of exposed objects.
-
-    Attributes
-    ----------
-    n_objects : int
-    cell : int64, shape (n,)
-        Flat indices of cells, ascending.
-    number : int64, shape (n,)
-        The object that covers the cell; a cell may belong to several.
-    """
+    """The cells of exposed objects."""
 
     n_objects: int
-    cell: IntArray
-    number: IntArray
+    cell: IntArray  # shape (n,); flat indices of cells, ascending
+    number: IntArray  # shape (n,); the object that covers the cell; a cell may belong to several
 
     @classmethod
     def none(cls) -> ObjectCells:
@@ -51,33 +42,20 @@ class ObjectCells:
 
 @dataclass(frozen=True, slots=True)
 class Forest:
-    """Stems on the cells of the grid.
+    """Stems on the cells of the grid."""
 
-    Attributes
-    ----------
-    stems_per_m2 : float64, shape (n_rows * n_cols,)
-    diameter_m : float64, shape (n_rows * n_cols,)
-        At breast height.
-    """
-
-    stems_per_m2: FloatArray
-    diameter_m: FloatArray
+    stems_per_m2: FloatArray  # shape (n_rows * n_cols,)
+    diameter_m: FloatArray  # shape (n_rows * n_cols,); at breast height
 
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """A disk around the centre of each cell, in which a block counts once if its path meets it.
+    """A disk around the centre of each cell, in which a block counts once if its path meets it."""
 
-    Attributes
-    ----------
-    n_rows, n_cols : int
-        Of the grid.
-    radius : float
-        In cells. From half a cell on, no long straight path passes between all the disks.
-    """
-
+    # Of the grid.
     n_rows: int
     n_cols: int
+    # In cells. From half a cell on, no long straight path passes between all the disks.
     radius: float
 
     def steps(self) -> tuple[IntArray, IntArray]:
@@ -113,73 +91,35 @@ class Window:
 
 @dataclass(frozen=True, slots=True)
 class MapRun:
-    """Everything that a run on the map needs.
-
-    Attributes
-    ----------
-    grid : Grid
-    ground : int32, shape of the grid
-        Ground class of each cell.
-    table : GroundTable
-    areas : tuple of ReleaseArea
-    blocks : tuple of BlockPopulation
-        Names are those of the scenarios.
-    control_lines : tuple of (ControlLine, float64 array of shape (k, 2))
-        Stations and barriers with their trace on the map.
-    engine : EngineSettings
-    fall_lines : FallLineSettings
-    segment_tolerance_m, spacing_m : float
-    placement : {"grid", "random"}
-    rocks_per_point, seed : int
-    stop_points_max : int
-        Most stop points to keep one by one.
-    repetitions : int
-        How often ``rocks_per_point`` blocks are released; those of the first repetitions stay the
-        same when there are more.
-    thresholds_kj : tuple of float
-        Energies that hazard curves must have a value for.
-    objects : ObjectCells
-        Exposed objects at which blocks are counted.
-    ref_width_m : float
-        Reference width of the hazard curves (m); 0: none are wanted.
-    effects : EffectSettings
-        What the model of 1986 leaves out.
-    forest : Forest or None
-        For the effect of trees.
-    block_scale_m : float
-        Size below which terrain counts as roughness (m); 0: none does.
-    ground_heights : Grid or None
-        Heights that blocks meet, on the cells of ``grid``; None: those of ``grid``.
-    path : {"followed", "fall_line"}
-        Whether each block has a path of its own, or keeps to the lines of its release point.
-    rim : (int, int, int, int)
-        Cells at the north, east, south and west edge of the grid that no followed path may look at,
-        as the terrain goes on there.
-    """
+    """Everything that a run on the map needs."""
 
     grid: Grid
-    ground: NDArray[np.int32]
+    ground: NDArray[np.int32]  # shape of the grid; ground class of each cell
     table: GroundTable
     areas: tuple[ReleaseArea, ...]
-    blocks: tuple[BlockPopulation, ...]
+    blocks: tuple[BlockPopulation, ...]  # names are those of the scenarios
+    # Tuple of (ControlLine, float64 array of shape (k, 2)); stations and barriers with their trace
+    # on the map.
     control_lines: tuple[tuple[ControlLine, FloatArray], ...]
     engine: EngineSettings
-    fall_lines: FallLineSettings
-    segment_tolerance_m: float
-    spacing_m: float
-    placement: str
-    rocks_per_point: int
+    terrain: TerrainSettings
+    release: ReleaseSettings
     seed: int
-    stop_points_max: int = 100_000
+    stop_points_max: int = 100_000  # most stop points to keep one by one
+    # How often ``rocks_per_point`` blocks are released; those of the first repetitions stay the
+    # same when there are more.
     repetitions: int = 1
-    thresholds_kj: tuple[float, ...] = ()
+    thresholds_kj: tuple[float, ...] = ()  # energies that hazard curves must have a value for
+    # Exposed objects at which blocks are counted.
     objects: ObjectCells = field(default_factory=ObjectCells.none)
-    ref_width_m: float = 0.0
+    ref_width_m: float = 0.0  # reference width of the hazard curves (m); 0: none are wanted
+    # What the model of 1986 leaves out.
     effects: EffectSettings = field(default_factory=EffectSettings)
-    forest: Forest | None = None
-    block_scale_m: float = 0.0
+    forest: Forest | None = None  # for the effect of trees
+    # Heights that blocks meet, on the cells of ``grid``; None: those of ``grid``.
     ground_heights: Grid | None = None
-    path: str = "fall_line"
+    # Cells at the north, east, south and west edge of the grid that no followed path may look at,
+    # as the terrain goes on there.
     rim: tuple[int, int, int, int] = (0, 0, 0, 0)
 
     def sides_met(self, looked_at: tuple[int, int, int, int]) -> tuple[bool, bool, bool, bool]:
@@ -200,12 +140,22 @@ class MapRun:
     @property
     def followed(self) -> bool:
         """Whether each block has a path of its own."""
-        return self.path == "followed"
+        return self.terrain.path == "followed"
+
+    @property
+    def block_scale_m(self) -> float:
+        """Size below which terrain counts as roughness (m); 0: none does."""
+        if self.terrain.block_scale_m is not None:
+            return self.terrain.block_scale_m
+        # The paper has profiles of the terrain as it was surveyed.
+        paper = self.engine.readings == "1986"
+        return 0.0 if paper else min(b.mean_width_m for b in self.blocks)
 
     def start_spread_m(self, area: int) -> float:
         """Side of the square around a release point in which its blocks start (m)."""
         polygon = self.areas[area].geometry.area > 0.0
-        return self.spacing_m if self.followed and polygon and self.placement == "grid" else 0.0
+        lattice = self.release.placement == "grid"
+        return self.release.spacing_m if self.followed and polygon and lattice else 0.0
 
     @property
     def path_words(self) -> str:
@@ -256,23 +206,13 @@ class BlockRows:
 
 @dataclass(frozen=True, slots=True)
 class FallLines:
-    """Fall lines for the map: ragged coordinates, thinned, and a row each.
+    """Fall lines for the map: ragged coordinates, thinned, and a row each."""
 
-    Attributes
-    ----------
-    offset, x, y
-        Line ``i`` owns ``[offset[i], offset[i + 1])``.
-    point : int64
-        Release point.
-    length_m, drop_m : float64
-    end : uint8
-        A LineEnd.
-    """
-
+    # Line ``i`` owns ``[offset[i], offset[i + 1])``.
     offset: IntArray
     x: FloatArray
     y: FloatArray
-    point: IntArray
+    point: IntArray  # release point
     length_m: FloatArray
     drop_m: FloatArray
-    end: NDArray[np.uint8]
+    end: NDArray[np.uint8]  # a LineEnd

@@ -28,23 +28,14 @@ class LineEnd(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class ReleasePoints:
-    """Points from which fall lines start.
+    """Points from which fall lines start."""
 
-    Attributes
-    ----------
-    x, y : float64, shape (n,)
-        Coordinates (m).
-    area : int64, shape (n,)
-        Position of the release area in ``area_names``.
-    key : uint64, shape (n,)
-        Identity of the point for random draws. Made from the name of its area and its place in
-        it, never from what else is in the run.
-    area_names : tuple of str
-    """
-
+    # Shape (n,); coordinates (m).
     x: FloatArray
     y: FloatArray
-    area: IntArray
+    area: IntArray  # shape (n,); position of the release area in ``area_names``
+    # Shape (n,); identity of the point for random draws. Made from the name of its area and its
+    # place in it, never from what else is in the run.
     key: NDArray[np.uint64]
     area_names: tuple[str, ...]
 
@@ -54,27 +45,15 @@ class ReleasePoints:
 
 @dataclass(frozen=True, slots=True)
 class TraceSet:
-    """Fall lines as they lie on the map, densely sampled.
+    """Fall lines as they lie on the map, densely sampled."""
 
-    Attributes
-    ----------
-    offset : int64, shape (n + 1,)
-    x, y : float64, shape (offset[-1],)
-        Coordinates (m); each line starts at its release point.
-    s : float64, shape (offset[-1],)
-        Chainage: plan length from the release point (m).
-    point : int64, shape (n,)
-        The release point of each line.
-    end : uint8, shape (n,)
-        A LineEnd.
-    """
-
-    offset: IntArray
+    offset: IntArray  # shape (n + 1,)
+    # Shape (offset[-1],); coordinates (m); each line starts at its release point.
     x: FloatArray
     y: FloatArray
-    s: FloatArray
-    point: IntArray
-    end: NDArray[np.uint8]
+    s: FloatArray  # shape (offset[-1],); chainage: plan length from the release point (m)
+    point: IntArray  # shape (n,); the release point of each line
+    end: NDArray[np.uint8]  # shape (n,); a LineEnd
 
     def __len__(self) -> int:
         return int(self.offset.size - 1)
@@ -82,35 +61,26 @@ class TraceSet:
 
 @dataclass(frozen=True, slots=True)
 class ProfileSet:
-    """Fall lines unrolled into a vertical plane and made of straight segments.
+    """Fall lines unrolled into a vertical plane and made of straight segments."""
 
-    Attributes
-    ----------
-    offset : int64, shape (n + 1,)
-        Of the vertices of each profile.
-    s, z : float64, shape (offset[-1],)
-        Chainage and height of the vertices (m); chainage rises strictly.
-    ground : int32, shape (offset[-1],)
-        Ground class of the segment that *starts* at the vertex; the last of a profile is unused.
-    cell_offset : int64, shape (n + 1,)
-        Of the cell stretches of each profile.
-    cell_s : float64, shape (cell_offset[-1] + n,)
-        Borders between the stretches: profile ``i`` has one more border than stretches, and
-        they start at ``cell_offset[i] + i``. First border = first vertex, last = last vertex.
-    cell : int64, shape (cell_offset[-1],)
-        Flat index of the grid cell under each stretch; -1 where there is none.
-    on_map : float64, shape (cell_offset[-1] + n, 2), or None
-        Borders between the stretches on the map, laid out as ``cell_s``: columns from the west edge
-        of the grid and rows from its north edge, in cells. None: not on a map.
-    """
-
-    offset: IntArray
+    offset: IntArray  # shape (n + 1,); of the vertices of each profile
+    # Shape (offset[-1],); chainage and height of the vertices (m); chainage rises strictly.
     s: FloatArray
     z: FloatArray
+    # Shape (offset[-1],); ground class of the segment that *starts* at the vertex; the last of a
+    # profile is unused.
     ground: NDArray[np.int32]
-    cell_offset: IntArray
+    cell_offset: IntArray  # shape (n + 1,); of the cell stretches of each profile
+    # Shape (cell_offset[-1] + n,); borders between the stretches: profile ``i`` has one more border
+    # than stretches, and they start at ``cell_offset[i] + i``. First border = first vertex, last =
+    # last vertex.
     cell_s: FloatArray
+    # Shape (cell_offset[-1],); flat index of the grid cell under each stretch; -1 where there is
+    # none.
     cell: IntArray
+    # Shape (cell_offset[-1] + n, 2), or None; borders between the stretches on the map, laid out as
+    # ``cell_s``: columns from the west edge of the grid and rows from its north edge, in cells.
+    # None: not on a map.
     on_map: FloatArray | None = None
 
     def __len__(self) -> int:
@@ -124,22 +94,12 @@ class ProfileSet:
 
 @dataclass(frozen=True, slots=True)
 class ControlLineCrossings:
-    """Where profiles cross stations and barriers.
-
-    Attributes
-    ----------
-    control_lines : tuple of ControlLine
-    offset : int64, shape (n_lines + 1,)
-    chainage : float64, shape (offset[-1],)
-        Rising within a line (m).
-    control_line : int64, shape (offset[-1],)
-        Position in ``control_lines``.
-    """
+    """Where profiles cross stations and barriers."""
 
     control_lines: tuple[ControlLine, ...]
-    offset: IntArray
-    chainage: FloatArray
-    control_line: IntArray
+    offset: IntArray  # shape (n_lines + 1,)
+    chainage: FloatArray  # shape (offset[-1],); rising within a line (m)
+    control_line: IntArray  # shape (offset[-1],); position in ``control_lines``
 
     @classmethod
     def none(cls, n_lines: int) -> ControlLineCrossings:

@@ -87,7 +87,6 @@ class ControlLine:
 
     Attributes
     ----------
-    name : str
     kind : {"station", "wall", "net"}
     height_m : float
         Height of the top above the ground, vertical (m); unused for a station.
@@ -121,7 +120,6 @@ class Histogram:
     ----------
     edges : float64, shape (n_bins + 1,)
     counts : int64, shape (..., n_bins)
-    unit : str
     """
 
     edges: NDArray[np.float64]
@@ -151,30 +149,14 @@ class RasterClass:
 
 @dataclass(frozen=True, slots=True)
 class RasterLayer:
-    """A map to be written as one file.
+    """A map to be written as one file."""
 
-    Attributes
-    ----------
-    stem : str
-        File name without suffix, also the key of its style.
-    title : str
-        Name in the legend, with the unit.
-    note : str
-        What the numbers mean: denominator, resolution, reference width.
-    bands : tuple of Band
-        The first is the one shown.
-    breaks : tuple of float
-        Class limits for the legend, ascending; empty: a continuous ramp over the data's range.
-    ramp : str
-        Of :mod:`sassgis.model.ramps`.
-    classes : tuple of RasterClass
-        For a map of classes: the values of the first band are theirs; ``breaks`` is empty.
-    """
-
-    stem: str
-    title: str
-    note: str
-    bands: tuple[Band, ...]
+    stem: str  # file name without suffix, also the key of its style
+    title: str  # name in the legend, with the unit
+    note: str  # what the numbers mean: denominator, resolution, reference width
+    bands: tuple[Band, ...]  # the first is the one shown
+    # Class limits for the legend, ascending; empty: a continuous ramp over the data's range.
     breaks: tuple[float, ...]
-    ramp: str
+    ramp: str  # of :mod:`sassgis.model.ramps`
+    # For a map of classes: the values of the first band are theirs; ``breaks`` is empty.
     classes: tuple[RasterClass, ...] = ()

@@ -34,11 +34,11 @@ def mix(z: int | np.uint64) -> np.uint64:
 
 
 @kernel
-def rock_key(seed: int | np.uint64, line_key: np.uint64, rock: int) -> np.uint64:
+def block_key(seed: int | np.uint64, line_key: np.uint64, number: int) -> np.uint64:
     """Key of one block from the seed of the run, the key of its line and its number on it."""
     key = mix(np.uint64(seed) + np.uint64(0x9E3779B97F4A7C15))
     key = mix(key ^ np.uint64(line_key))
-    return mix(key + np.uint64(rock) * np.uint64(0x9E3779B97F4A7C15))
+    return mix(key + np.uint64(number) * np.uint64(0x9E3779B97F4A7C15))
 
 
 @kernel

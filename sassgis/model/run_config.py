@@ -9,23 +9,20 @@ from sassgis.model.blocks import BlockPopulation
 from sassgis.model.declared import declared
 from sassgis.model.effects import EffectSettings
 from sassgis.model.errors import ConfigError
-from sassgis.model.hazard import Onset
+from sassgis.model.exposure import ObjectSettings, RiskSettings
+from sassgis.model.hazard import HazardSettings, Onset, ZoningSettings
 from sassgis.model.settings import (
     BarrierSettings,
     EngineSettings,
     ForestPlace,
     GroundSettings,
-    HazardSettings,
-    ObjectSettings,
     OutputSettings,
     ProfileSettings,
     ProjectSettings,
     ReleaseSettings,
-    RiskSettings,
     RunSettings,
     StationSettings,
     TerrainSettings,
-    ZoningSettings,
 )
 
 
@@ -33,29 +30,7 @@ from sassgis.model.settings import (
 class Config:
     """What the user configured, checked in itself but not yet against the files it names.
 
-    Attributes
-    ----------
-    file : Path
-        The configuration file (absolute).
-    project, terrain, release, ground, hazard, zones, risk, run, output
-        The sections; paths in them are absolute.
-    blocks : tuple of BlockPopulation
-        At least one; names are unique.
-    stations, barriers
-        As configured; names are unique over both.
-    engine : EngineSettings
-    effects : EffectSettings
-        The effects that are on.
-    trees : ForestPlace or None
-        Where the forest of ``[effects.trees]`` stands.
-    profile : ProfileSettings or None
-        None if the file has no ``[profile]``.
-    objects
-        Layers of exposed objects.
-    onsets : dict of str to Onset
-        By the name of the block scenario.
-    notes : tuple of str
-        What the user should know of the file, as keys that have a new name.
+    Names of blocks are unique, and those of stations and barriers together. Paths are absolute.
     """
 
     file: Path
@@ -63,20 +38,21 @@ class Config:
     terrain: TerrainSettings
     release: ReleaseSettings
     ground: GroundSettings
-    blocks: tuple[BlockPopulation, ...]
+    blocks: tuple[BlockPopulation, ...]  # at least one
     stations: tuple[StationSettings, ...]
     barriers: tuple[BarrierSettings, ...]
     engine: EngineSettings
-    effects: EffectSettings
-    trees: ForestPlace | None
-    profile: ProfileSettings | None
+    effects: EffectSettings  # those that are on
+    trees: ForestPlace | None  # where the forest of ``[effects.trees]`` stands
+    profile: ProfileSettings | None  # None if the file has no ``[profile]``
     hazard: HazardSettings
     zones: ZoningSettings
     risk: RiskSettings
     objects: tuple[ObjectSettings, ...]
     run: RunSettings
     output: OutputSettings
-    onsets: dict[str, Onset]
+    onsets: dict[str, Onset]  # by the name of the block scenario
+    # What the user should know of the file, as keys that have a new name.
     notes: tuple[str, ...] = ()
 
     @property

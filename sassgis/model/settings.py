@@ -10,13 +10,12 @@ from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from annotated_types import Interval, MaxLen, MinLen
+from annotated_types import Interval, MinLen
 
 from sassgis.model.declared import (
     Codes,
     Example,
     Name,
-    PresetName,
     Renamed,
     Section,
     Span,
@@ -27,12 +26,6 @@ from sassgis.model.errors import ConfigError
 from sassgis.model.hazard import OnsetUnit
 from sassgis.model.languages import Language
 from sassgis.model.results import ControlLine
-
-#: The cantons, and Liechtenstein, as the federal model 166.1 names them.
-Canton = Literal[
-    "AG", "AI", "AR", "BE", "BL", "BS", "FL", "FR", "GE", "GL", "GR", "JU", "LU", "NE", "NW", "OW",
-    "SG", "SH", "SO", "SZ", "TG", "TI", "UR", "VD", "VS", "ZG", "ZH",
-]  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,9 +105,7 @@ class TerrainSettings(Section):
         "on its fall line",
     ] = "followed"
     flat_slope_deg: Annotated[
-        float,
-        Interval(ge=0, le=30),
-        "slope below which a line tends to keep its heading (degrees)",
+        float, Interval(ge=0, le=30), "slope below which a line tends to keep its heading (degrees)"
     ] = 8.0
 
 
@@ -123,9 +114,7 @@ class ReleaseSettings(Section):
     """Where blocks start."""
 
     file: Annotated[
-        Path | None,
-        "polygons, lines or points of release",
-        Example("release.gpkg", needed=True),
+        Path | None, "polygons, lines or points of release", Example("release.gpkg", needed=True)
     ] = None
     layer: Annotated[Text | None, "layer, where the file has several", Example("release")] = None
     name_field: Annotated[
@@ -155,7 +144,7 @@ class ReleaseSettings(Section):
 class GroundSettings(Section):
     """The kind of ground of each cell."""
 
-    default: Annotated[Name, "class where nothing else is said"] = "debris"
+    default: Annotated[Name, "class where no file names another"] = "debris"
     file: Annotated[
         Path | None, "polygons or a raster of ground classes", Example("ground.gpkg")
     ] = None
@@ -370,9 +359,7 @@ class BarrierSettings(StationSettings):
                 )
             if key != "capacity_kj" and attribute is None and getattr(self, key) is None:
                 raise ConfigError(
-                    "missing key",
-                    field=key,
-                    expected=declared(BarrierSettings)[key].description,
+                    "missing key", field=key, expected=declared(BarrierSettings)[key].description
                 )
 
     @property
@@ -524,13 +511,13 @@ class ForestPlace(Section):
     stems_per_ha: Annotated[
         float | None,
         Interval(ge=0, le=20_000),
-        "stems per hectare where nothing else is said",
+        "stems per hectare where no attribute or raster states them",
         Example(300.0),
     ] = None
     dbh_cm: Annotated[
         float | None,
         Interval(ge=0, le=300),
-        "diameter at breast height where nothing else is said (cm)",
+        "diameter at breast height where no attribute or raster states it (cm)",
         Example(30.0),
     ] = None
 
@@ -559,9 +546,7 @@ class ProfileSettings(Section):
     """A run along a single profile (sassgis profile), which needs neither terrain nor release."""
 
     file: Annotated[
-        Path | None,
-        "CSV with columns s_m, z_m and, if wanted, ground",
-        Example("profile.csv"),
+        Path | None, "CSV with columns s_m, z_m and, if wanted, ground", Example("profile.csv")
     ] = None
     start_m: Annotated[Span, "chainages between which blocks start (m)"] = (0.0, 0.0)
     rocks: Annotated[int, Interval(ge=1, le=100_000_000), "number of blocks"] = 100
@@ -607,218 +592,3 @@ class OutputSettings(Section):
                 found=list(limits),
                 expected="numbers in ascending order",
             )
-
-
-@dataclass(frozen=True, slots=True)
-class HazardSettings(Section):
-    """From blocks to intensities and hazard levels (sassgis zone); needs onset frequencies."""
-
-    preset: Annotated[
-        Text,
-        PresetName(),
-        "rules for intensity and level: a built-in preset (ch-federal, ti), or a "
-        "TOML file of your own (docs/presets.md)",
-    ] = "ch-federal"
-    frequencies: Annotated[
-        Path | None,
-        "table (CSV) with columns area, scenario, frequency, unit: onset frequencies "
-        "of single release areas, in place of onset_frequency and onset_unit of [[blocks]]; "
-        "onset_above_m3 holds for them too",
-        Example("frequencies.csv"),
-    ] = None
-    ref_width_m: Annotated[
-        float | None,
-        Interval(gt=0, le=1000),
-        "reference width of all frequencies (m): a block counts for a place if its centre comes "
-        "within half of it, so block plus exposed object; one cell or more; sassgis zone and "
-        "batch need it",
-        Example(10.0),
-    ] = None
-    confidence: Annotated[
-        float,
-        Interval(ge=0.5, le=0.9999),
-        "of the sampling interval that decides whether a level is statistically certain",
-    ] = 0.95
-    uncertain_share_max: Annotated[
-        float | None,
-        Interval(ge=0, lt=1),
-        "if given, the simulation is repeated until no larger share of the reached "
-        "cells has a statistically uncertain level",
-        Renamed("undecided_share_max"),
-        Example(0.05),
-    ] = None
-    repetitions_max: Annotated[
-        int,
-        Interval(ge=1, le=1024),
-        "most repetitions of rocks_per_point with uncertain_share_max",
-        Renamed("rounds_max"),
-    ] = 8
-    by_source: Annotated[bool, "whether intensities are also written for each release area"] = True
-    compare_barriers: Annotated[
-        bool, "whether the zones are also made without walls and nets, and compared"
-    ] = True
-    design_return_periods_years: Annotated[
-        tuple[Annotated[float, Interval(ge=1, le=10_000)], ...],
-        MinLen(1),
-        "for the energy and height that a barrier at each station must take",
-    ] = (30.0, 100.0, 300.0)
-    canton: Annotated[
-        Canton | None,
-        "code of the canton that is responsible for the data, as TI (federal model)",
-        Example("TI"),
-    ] = None
-
-
-@dataclass(frozen=True, slots=True)
-class ZoningSettings(Section):
-    """From cells to polygons; the defaults suit a map of 1:5000 (docs/zones.md)."""
-
-    min_area_m2: Annotated[
-        float, Interval(ge=0, le=1e6), "smallest area of a zone and of a hole in one (m2)"
-    ] = 200.0
-    closing_m: Annotated[
-        float | None,
-        Interval(ge=0, le=1000),
-        "gaps between parts of a zone that are closed, up to this width (m); default: "
-        "min_width_m, or release.spacing_m if that is wider",
-        Example(5.0),
-    ] = None
-    min_width_m: Annotated[
-        float,
-        Interval(ge=0, le=1000),
-        "threads narrower than this are widened, rims of a higher zone join it (m)",
-    ] = 10.0
-    tolerance_m: Annotated[
-        float | None,
-        Interval(ge=0, le=1000),
-        "how far a smoothed outline may lie outside its cells (m); default: one and a half cells",
-        Example(3.0),
-    ] = None
-
-
-@dataclass(frozen=True, slots=True)
-class RiskSettings(Section):
-    """What hits do to exposed objects."""
-
-    vulnerability: Annotated[
-        Path | None,
-        "table (CSV) with columns kind, intensity, vulnerability, lethality, source",
-        Example("vulnerability.csv"),
-    ] = None
-    currency: Annotated[Text, MaxLen(12), "of all values"] = "CHF"
-
-
-Amount = Annotated[float, Interval(ge=0)]
-
-
-@dataclass(frozen=True, slots=True)
-class ObjectSettings(Section):
-    """A layer of exposed objects of one kind.
-
-    Each number is one for all features, or an attribute of each (``<number>_field``).
-    """
-
-    name: Annotated[
-        Name, "name of the layer, for messages and as a name of its objects", Example("houses")
-    ]
-    kind: Annotated[
-        Literal["building", "road", "line", "people"], "kind of the objects", Example("building")
-    ]
-    file: Annotated[Path, "polygons, lines or points", Example("buildings.gpkg")]
-    layer: Annotated[Text | None, "layer, where the file has several", Example("buildings")] = None
-    name_field: Annotated[
-        Text | None, "attribute with the names of the objects", Example("name")
-    ] = None
-    segment_m: Annotated[
-        float,
-        Interval(ge=1, le=100_000),
-        "length of the stretches into which roads and lines are cut (m)",
-    ] = 50.0
-    radius_m: Annotated[
-        float, Interval(ge=0, le=1000), "of the ground that people given as points take up (m)"
-    ] = 0.0
-    value: Annotated[
-        Amount | None, "value that a hit of vulnerability 1 destroys; buildings", Example(500000.0)
-    ] = None
-    value_field: Annotated[Text | None, "attribute with value", Example("value")] = None
-    value_per_m: Annotated[Amount | None, "value of a metre; roads and lines", Example(1000.0)] = (
-        None
-    )
-    value_per_m_field: Annotated[
-        Text | None, "attribute with value_per_m", Example("value_per_m")
-    ] = None
-    damage_length_m: Annotated[
-        Amount | None,
-        "length that a hit of vulnerability 1 destroys (m); without it the width of "
-        "the block; roads and lines",
-        Example(5.0),
-    ] = None
-    damage_length_m_field: Annotated[
-        Text | None, "attribute with damage_length_m", Example("damage_length_m")
-    ] = None
-    persons: Annotated[
-        Amount | None,
-        "people who live, work or stay there; buildings and people",
-        Example(2.0),
-    ] = None
-    persons_field: Annotated[Text | None, "attribute with persons", Example("persons")] = None
-    presence: Annotated[
-        Amount | None, "share of the time that each of them is there, 0 to 1", Example(0.5)
-    ] = None
-    presence_field: Annotated[Text | None, "attribute with presence", Example("presence")] = None
-    traffic_per_day: Annotated[
-        Amount | None, "vehicles a day, both directions; roads", Example(1000.0)
-    ] = None
-    traffic_per_day_field: Annotated[
-        Text | None, "attribute with traffic_per_day", Example("traffic_per_day")
-    ] = None
-    speed_kmh: Annotated[Amount | None, "at which vehicles drive (km/h); roads", Example(50.0)] = (
-        None
-    )
-    speed_kmh_field: Annotated[Text | None, "attribute with speed_kmh", Example("speed_kmh")] = None
-    vehicle_length_m: Annotated[
-        Amount | None, "mean length of a vehicle (m); roads", Example(5.0)
-    ] = None
-    vehicle_length_m_field: Annotated[
-        Text | None, "attribute with vehicle_length_m", Example("vehicle_length_m")
-    ] = None
-    persons_per_vehicle: Annotated[
-        Amount | None, "mean number of people in a vehicle; roads", Example(1.6)
-    ] = None
-    persons_per_vehicle_field: Annotated[
-        Text | None, "attribute with persons_per_vehicle", Example("persons_per_vehicle")
-    ] = None
-    vehicle_value: Annotated[Amount | None, "mean value of a vehicle; roads", Example(20000.0)] = (
-        None
-    )
-    vehicle_value_field: Annotated[
-        Text | None, "attribute with vehicle_value", Example("vehicle_value")
-    ] = None
-    trips_per_day: Annotated[
-        Amount | None,
-        "how often the road user of the individual risk drives by in a day; roads",
-        Example(2.0),
-    ] = None
-    trips_per_day_field: Annotated[
-        Text | None, "attribute with trips_per_day", Example("trips_per_day")
-    ] = None
-
-    @property
-    def defaults(self) -> dict[str, float]:
-        """Numbers for features without one of their own."""
-        stated = {n: getattr(self, n) for n in OBJECT_NUMBERS}
-        return {n: v for n, v in stated.items() if v is not None}
-
-    @property
-    def fields(self) -> dict[str, str]:
-        """Attributes with the numbers of single features."""
-        stated = {n: getattr(self, f"{n}_field") for n in OBJECT_NUMBERS}
-        return {n: v for n, v in stated.items() if v is not None}
-
-
-#: What may be said of an exposed object, as one number for all or as an attribute of each.
-OBJECT_NUMBERS = tuple(
-    key.removesuffix("_field")
-    for key in ObjectSettings.__annotations__
-    if key.endswith("_field") and key != "name_field"
-)

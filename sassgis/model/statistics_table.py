@@ -39,19 +39,11 @@ class CellSum:
     """What is kept of one quantity in each cell.
 
     Whole numbers and extremes only, so that the order of adding does not matter.
-
-    Attributes
-    ----------
-    name : str
-    reducer : Reducer
-        "sum" is in thousandths of the quantity's unit, rounded for each block.
-    quantity : str
-        One of QUANTITIES; empty for counts.
     """
 
     name: str
-    reducer: Reducer
-    quantity: str = ""
+    reducer: Reducer  # "sum" is in thousandths of the quantity's unit, rounded for each block
+    quantity: str = ""  # one of QUANTITIES; empty for counts
 
     @property
     def join(self) -> np.ufunc:
@@ -80,48 +72,28 @@ class LargestValues:
 
 @dataclass(frozen=True, slots=True)
 class Statistic:
-    """A row of the table: one map.
+    """A row of the table: one map."""
 
-    Attributes
-    ----------
-    stem : str
-        File name without suffix.
-    title : str
-        Name in the legend: quantity, what the first band is, unit.
-    unit, label : str
-        Of the bands; the quantity in words.
-    bands : tuple of str
-        The first is the one shown. With a quantity: "q95" (any per cent), "mean", "max", "min";
-        without: "reach", "standard_error", "passages", "stops".
-    note : str
-        What the numbers mean. ``{rocks}``, ``{width}``, ``{once}`` and ``{error}`` are filled in.
-    meaning : str
-        What one number means, for the table of maps in docs/maps.md.
-    breaks : tuple of float
-        Class limits for the legend. They start at 0, as nothing that is mapped is negative: no
-        class without cells, and not the palest colour of a ramp, which would be lost on the relief.
-    ramp : str
-        Name of a matplotlib colour map.
-    quantity : str
-        One of QUANTITIES; empty for counts of blocks.
-    edges : callable
-        Edges of the histogram on a terrain. Those of a larger terrain begin with those of a smaller
-        one.
-    bins, resolution : str
-        The same for the table of resolutions in docs/maps.md.
-    """
-
-    stem: str
-    title: str
+    stem: str  # file name without suffix
+    title: str  # name in the legend: quantity, what the first band is, unit
+    # Of the bands; the quantity in words.
     unit: str
     label: str
+    # The first is the one shown. With a quantity: "q95" (any per cent), "mean", "max", "min";
+    # without: "reach", "standard_error", "passages", "stops".
     bands: tuple[str, ...]
+    # What the numbers mean. ``{rocks}``, ``{width}``, ``{once}`` and ``{error}`` are filled in.
     note: str
-    meaning: str
+    meaning: str  # what one number means, for the table of maps in docs/maps.md
+    # Class limits for the legend. They start at 0, as nothing that is mapped is negative: no class
+    # without cells, and not the palest colour of a ramp, which would be lost on the relief.
     breaks: tuple[float, ...]
-    ramp: str
-    quantity: str = ""
+    ramp: str  # name of a matplotlib colour map
+    quantity: str = ""  # one of QUANTITIES; empty for counts of blocks
+    # Edges of the histogram on a terrain. Those of a larger terrain begin with those of a smaller
+    # one.
     edges: Callable[[LargestValues], FloatArray] | None = None
+    # The same for the table of resolutions in docs/maps.md.
     bins: str = ""
     resolution: str = ""
 
@@ -313,17 +285,11 @@ def wider(name: str, counts: NDArray[Any], bins: Bins) -> NDArray[Any]:
 
 @dataclass(frozen=True, slots=True)
 class Bins:
-    """Edges of the histograms; what lies beyond goes into the first or last bin.
+    """Edges of the histograms; what lies beyond goes into the first or last bin."""
 
-    Attributes
-    ----------
-    edges : mapping of str to float64, shape (n_bins + 1,)
-        By the name of the histogram.
-    threshold : float64, shape (n,)
-        Energies whose exceedance is counted for the hazard curves, ascending from 0 (kJ).
-    """
-
+    # Mapping of str to float64, shape (n_bins + 1,); by the name of the histogram.
     edges: Mapping[str, FloatArray]
+    # Shape (n,); energies whose exceedance is counted for the hazard curves, ascending from 0 (kJ).
     threshold: FloatArray
 
 

@@ -28,32 +28,17 @@ Hatch = Literal["", "diagonal", "horizontal", "falling"]
 
 @dataclass(frozen=True, slots=True)
 class FieldInfo:
-    """What a column means.
+    """What a column means."""
 
-    Attributes
-    ----------
-    alias : str
-        Name shown to the reader, without the unit.
-    unit : str
-        Empty for none.
-    choices : tuple of str
-        The texts that may stand in it; empty for any.
-    low, high : float or None
-        Limits of a number, both included.
-    needed : bool
-        Whether a feature must have a value.
-    unique : bool
-        Whether no two features may have the same.
-    """
-
-    alias: str
-    unit: str = ""
+    alias: str  # name shown to the reader, without the unit
+    unit: str = ""  # empty for none
     description: str = ""
-    choices: tuple[str, ...] = ()
+    choices: tuple[str, ...] = ()  # the texts that may stand in it; empty for any
+    # Limits of a number, both included.
     low: float | None = None
     high: float | None = None
-    needed: bool = False
-    unique: bool = False
+    needed: bool = False  # whether a feature must have a value
+    unique: bool = False  # whether no two features may have the same
 
     @property
     def label(self) -> str:
@@ -65,88 +50,48 @@ class FieldInfo:
 
 @dataclass(frozen=True, slots=True)
 class Symbol:
-    """A drawn sign: a marker, a line or a filled area.
+    """A drawn sign: a marker, a line or a filled area."""
 
-    Attributes
-    ----------
-    kind : {"marker", "line", "fill"}
-    colour : str
-        ``#rrggbb`` of the marker, line or filling.
-    opacity : float
-        Of the filling or line, 0 to 1; outlines are opaque.
-    size_mm : float
-        Diameter of a marker or width of a line.
-    outline : str
-        ``#rrggbb``; empty for none. Markers and fills only.
-    shape : str
-        Of a marker: QGIS's name ("circle", "square", "triangle", "diamond", "star", ...).
-    dash : {"solid", "dash", "dot"}
-        Of a line.
-    hatch : {"", "diagonal", "horizontal", "falling"}
-        Hatch lines in place of the solid filling: rising to the right, level, falling.
-    hatch_mm, hatch_step_mm : float
-        Width of the hatch lines, and from one to the next.
-    ground : str
-        ``#rrggbb`` between the hatch lines, as opaque as they; empty for nothing.
-    """
-
-    kind: SymbolKind
-    colour: str
-    opacity: float = 1.0
-    size_mm: float = 2.0
-    outline: str = ""
+    kind: SymbolKind  # {"marker", "line", "fill"}
+    colour: str  # ``#rrggbb`` of the marker, line or filling
+    opacity: float = 1.0  # of the filling or line, 0 to 1; outlines are opaque
+    size_mm: float = 2.0  # diameter of a marker or width of a line
+    outline: str = ""  # ``#rrggbb``; empty for none. Markers and fills only.
     outline_mm: float = 0.2
+    # Of a marker: QGIS's name ("circle", "square", "triangle", "diamond", "star", ...).
     shape: str = "circle"
-    dash: Literal["solid", "dash", "dot"] = "solid"
+    dash: Literal["solid", "dash", "dot"] = "solid"  # of a line
+    # {"", "diagonal", "horizontal", "falling"}; hatch lines in place of the solid filling: rising
+    # to the right, level, falling.
     hatch: Hatch = ""
+    # Width of the hatch lines, and from one to the next.
     hatch_mm: float = 0.3
     hatch_step_mm: float = 2.0
-    ground: str = ""
+    ground: str = ""  # ``#rrggbb`` between the hatch lines, as opaque as they; empty for nothing
 
 
 @dataclass(frozen=True, slots=True)
 class StyleClass:
-    """One entry of a legend.
-
-    Attributes
-    ----------
-    value : str or int or None
-        Of a category; None is for all other values.
-    lower, upper : float
-        Of a range: lower <= value < upper.
-    """
+    """One entry of a legend."""
 
     label: str
     symbol: Symbol
-    value: str | int | None = None
+    value: str | int | None = None  # of a category; None is for all other values
+    # Of a range: lower <= value < upper.
     lower: float = -math.inf
     upper: float = math.inf
 
 
 @dataclass(frozen=True, slots=True)
 class VectorStyle:
-    """How the features of a layer are drawn.
+    """How the features of a layer are drawn."""
 
-    Attributes
-    ----------
-    symbol : Symbol
-        Used as it is by a simple style; gives the kind of geometry in every style.
-    method : {"simple", "categories", "ranges"}
-    column : str
-        Whose values choose the class.
-    classes : tuple of StyleClass
-        Ranges ascending.
-    label_column : str
-        Whose text is written beside the feature; empty for none.
-    smallest_scale : float
-        Denominator of the smallest scale at which the layer is drawn; 0: at all.
-    """
-
-    symbol: Symbol
+    symbol: Symbol  # used as it is by a simple style; gives the kind of geometry in every style
     method: Literal["simple", "categories", "ranges"] = "simple"
-    column: str = ""
-    classes: tuple[StyleClass, ...] = field(default=())
-    label_column: str = ""
+    column: str = ""  # whose values choose the class
+    classes: tuple[StyleClass, ...] = field(default=())  # ranges ascending
+    label_column: str = ""  # whose text is written beside the feature; empty for none
+    # Denominator of the smallest scale at which the layer is drawn; 0: at all.
     smallest_scale: float = 0.0
 
     def __post_init__(self) -> None:
@@ -259,6 +204,7 @@ def categorised_style(
     ----------
     symbol : Symbol
         Its colour is replaced by that of each entry.
+    entries : mapping of value to (label, ``#rrggbb``)
     """
     return VectorStyle(
         symbol=symbol,
@@ -269,32 +215,6 @@ def categorised_style(
             for value, (label, colour) in entries.items()
         ),
         smallest_scale=smallest_scale,
-    )
-
-
-def graduated_style(
-    symbol: Symbol, column: str, breaks: Sequence[float], unit: str, ramp: str
-) -> VectorStyle:
-    """One colour per range of a number, with the same limits and colours as a map's classes.
-
-    Parameters
-    ----------
-    symbol : Symbol
-        Its colour is replaced by that of each range.
-    ramp : str
-        Of :mod:`sassgis.model.ramps`.
-    """
-    limits = class_limits(breaks)
-    return VectorStyle(
-        symbol=symbol,
-        method="ranges",
-        column=column,
-        classes=tuple(
-            StyleClass(label, replace(symbol, colour=colour), lower=low, upper=high)
-            for (low, high), label, colour in zip(
-                limits, class_labels(breaks, unit), class_colours(breaks, ramp), strict=True
-            )
-        ),
     )
 
 

@@ -196,9 +196,9 @@ def _mosaic(setting: Setting, areas: Sequence[Reached]) -> Mosaic:
     rocks = sum(a.record.rocks for a in areas)
     sample = Sample(
         started=rocks - sum(a.record.never_started for a in areas),
-        rocks_per_line=run.rocks_per_point,
-        lines=rocks // run.rocks_per_point,
-        random_points=run.placement == "random",
+        rocks_per_line=run.release.rocks_per_point,
+        lines=rocks // run.release.rocks_per_point,
+        random_points=run.release.placement == "random",
     )
     return Mosaic(setting, run, place, bins, sample)
 

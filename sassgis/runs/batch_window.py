@@ -132,12 +132,12 @@ def windowed(
             raise InputError("lies outside the DEM", found=str(bounds))
         run = make(part)
         planned = plan(run)
-        widest = max(run.fall_lines.smoothing_m, SD_PER_DIAMETER * run.block_scale_m)
+        widest = max(run.terrain.smoothing_m, SD_PER_DIAMETER * run.block_scale_m)
         keep = edge_cells(widest, ref_width_m, terrain.cell_size)
         extent = _extent(run, planned)
         if run.followed:
             aside = _ASIDE * math.hypot(extent[2] - extent[0], extent[3] - extent[1])
-            keep += math.ceil((aside + run.spacing_m) / terrain.cell_size)
+            keep += math.ceil((aside + run.release.spacing_m) / terrain.cell_size)
         reached = terrain.part_of(extent).grown(keep, keep, keep, keep)
         cut = cut_sides(part, terrain)
         missing = [c * beyond for c, beyond in zip(cut, _beyond(reached, part), strict=True)]
@@ -179,7 +179,7 @@ def _extent(run: MapRun, planned: Plan) -> tuple[float, float, float, float]:
     low, high = np.full(2, np.inf), np.full(2, -np.inf)
     for first in range(0, len(planned.starts), _POINTS):
         some = take(planned.starts, slice(first, first + _POINTS))
-        lines = trace(run.grid, planned.surface, some, run.fall_lines)
+        lines = trace(run.grid, planned.surface, some, run.terrain)
         low = np.minimum(low, [lines.x.min(), lines.y.min()])
         high = np.maximum(high, [lines.x.max(), lines.y.max()])
     return float(low[0]), float(low[1]), float(high[0]), float(high[1])

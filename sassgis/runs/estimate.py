@@ -114,9 +114,9 @@ def estimate_of(run: MapRun, jobs: int, points: int | None = None, more: int = 1
         As in RunEstimate.
     """
     # Far more than there can be, and still a whole number.
-    expected = [min(points_expected(a.geometry, run.spacing_m), 1e30) for a in run.areas]
+    expected = [min(points_expected(a.geometry, run.release.spacing_m), 1e30) for a in run.areas]
     scenarios = [len(area.scenarios) for area in run.areas]
-    each = run.rocks_per_point
+    each = run.release.rocks_per_point
     share = sum(n * k for n, k in zip(expected, scenarios, strict=True)) / max(sum(expected), 1.0)
     n = round(sum(expected)) if points is None else points
     blocks = round(n * share * each) * run.repetitions

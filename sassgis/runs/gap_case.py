@@ -108,7 +108,9 @@ def case_of(run: MapRun, observations: Observations, file: Path) -> Case:
     if not run.followed:
         return case
     traced = station_traces(case)
-    terrain = PathTerrain(run.heights, run.ground, run.segment_tolerance_m, traced, run.forest)
+    terrain = PathTerrain(
+        run.heights, run.ground, run.terrain.segment_tolerance_m, traced, run.forest
+    )
     return replace(case, terrain=terrain)
 
 
@@ -132,8 +134,8 @@ def _fall_lines(run: MapRun, observations: Observations, file: Path) -> tuple[Tr
     else:
         starts = plan(run).starts
         line = np.full(n, -1, np.int64)
-    surface = fall_line_surface(run.grid, run.fall_lines)
-    good = prepare_lines(run, trace(run.grid, surface, starts, run.fall_lines)).good
+    surface = fall_line_surface(run.grid, run.terrain)
+    good = prepare_lines(run, trace(run.grid, surface, starts, run.terrain)).good
     if not good.any():
         raise InputError(
             "no fall line can be traced from the release points",
@@ -147,7 +149,7 @@ def _fall_lines(run: MapRun, observations: Observations, file: Path) -> tuple[Tr
     loose = np.flatnonzero(line < 0)
     line[loose] = np.resize(np.flatnonzero(good), loose.size)
     used, line = np.unique(line, return_inverse=True)
-    traces = trace(run.grid, surface, take(starts, used), run.fall_lines)
+    traces = trace(run.grid, surface, take(starts, used), run.terrain)
     return traces, line.ravel().astype(np.int64)
 
 

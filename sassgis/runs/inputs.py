@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from sassgis.hazard.along_profile import ProfileInput, stretches_of
 from sassgis.hazard.assess import Rules
 from sassgis.hazard.sources import OnsetTable, onset_frequencies
-from sassgis.hazard.zoning.generalise import ZoneSettings
+from sassgis.hazard.zoning.generalise import check_cells
 from sassgis.io.read.config import profile_control_lines
 from sassgis.io.read.forest import read_forest
 from sassgis.io.read.frequencies import read_frequencies
@@ -35,7 +35,7 @@ from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.ground import GroundTable
 from sassgis.model.hazard import HazardPreset
 from sassgis.model.map_run import Forest, MapRun, ObjectCells
-from sassgis.model.release_areas import FallLineSettings, ReleaseArea
+from sassgis.model.release_areas import ReleaseArea
 from sassgis.model.results import ControlLine
 from sassgis.model.run_config import Config
 from sassgis.runs.estimate import require_profile
@@ -80,16 +80,6 @@ def forest_of(config: Config, grid: Grid, whole: Grid | None = None) -> Forest |
     """The forest on the cells, if trees are on; ``whole`` as for ground_raster."""
     trees = config.trees
     return None if trees is None else Forest(*read_forest(trees, grid, whole))
-
-
-def fall_line_settings(config: Config) -> FallLineSettings:
-    """How fall lines are traced."""
-    return FallLineSettings(
-        smoothing_m=config.terrain.smoothing_m,
-        flat_slope_deg=config.terrain.flat_slope_deg,
-        energy_line_angle_deg=config.terrain.energy_line_angle_deg,
-        max_length_m=config.terrain.max_line_length_m,
-    )
 
 
 def read_map_run(config: Config, areas: Sequence[str] | None = None) -> MapRun:
@@ -141,28 +131,13 @@ def map_run_of(
         blocks=config.blocks,
         control_lines=tuple(control_lines),
         engine=config.engine,
-        fall_lines=fall_line_settings(config),
-        segment_tolerance_m=config.terrain.segment_tolerance_m,
-        spacing_m=config.release.spacing_m,
-        placement=config.release.placement,
-        rocks_per_point=config.release.rocks_per_point,
+        terrain=config.terrain,
+        release=config.release,
         seed=config.run.seed,
         stop_points_max=config.output.stop_points_max,
         effects=config.effects,
         forest=forest,
-        block_scale_m=block_scale_m(config),
-        path=config.terrain.path,
     )
-
-
-def block_scale_m(config: Config) -> float:
-    """Size below which terrain counts as roughness (m); 0: none."""
-    stated = config.terrain.block_scale_m
-    if stated is None:
-        # The paper has profiles of the terrain as it was surveyed.
-        paper = config.engine.readings == "1986"
-        return 0.0 if paper else min(b.mean_width_m for b in config.blocks)
-    return stated
 
 
 def on_block_scale(run: MapRun) -> MapRun:
@@ -279,17 +254,12 @@ def read_rules(config: Config, run: MapRun) -> Rules:
             vulnerability = read_vulnerability(config.risk.vulnerability, codes)
             vulnerability.check_covers(placed.objects)
     width = ref_width(config, run.grid.cell_size)
-    z = config.zones
-    # Between two fall lines nothing was computed: the gap is not a place that is safe.
-    gap = max(z.min_width_m, run.spacing_m)
-    settings = ZoneSettings(
-        min_area_m2=z.min_area_m2,
-        closing_m=gap if z.closing_m is None else z.closing_m,
-        min_width_m=z.min_width_m,
-        tolerance_m=z.tolerance_m,
-    )
-    settings.check_cells(run.grid.cell_size)
-    return Rules(preset, frequencies, placed, vulnerability, settings, width, tuple(notices))
+    zones = config.zones
+    if zones.closing_m is None:
+        # Between two fall lines nothing was computed: the gap is not a place that is safe.
+        zones = replace(zones, closing_m=max(zones.min_width_m, run.release.spacing_m))
+    check_cells(run.grid.cell_size)
+    return Rules(preset, frequencies, placed, vulnerability, zones, width, tuple(notices))
 
 
 def placed_objects(config: Config, grid: Grid) -> PlacedObjects:
@@ -299,14 +269,7 @@ def placed_objects(config: Config, grid: Grid) -> PlacedObjects:
     ------
     ConfigError, InputError
     """
-    parts = [
-        read_objects(
-            o.file, grid, kind=o.kind, name=o.name, layer=o.layer, name_field=o.name_field,
-            fields=o.fields, defaults=o.defaults, segment_m=o.segment_m, radius_m=o.radius_m,
-        )
-        for o in config.objects
-    ]  # fmt: skip
-    return joined_objects(parts, config.file)
+    return joined_objects([read_objects(own, grid) for own in config.objects], config.file)
 
 
 def named_preset(config: Config) -> HazardPreset:

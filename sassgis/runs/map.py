@@ -86,7 +86,7 @@ def _work(common: _Common, chunk: Chunk) -> ChunkResult:
 def path_terrain(run: MapRun) -> PathTerrain:
     """What paths are followed on."""
     return PathTerrain(
-        run.heights, run.ground, run.segment_tolerance_m, run.control_lines, run.forest
+        run.heights, run.ground, run.terrain.segment_tolerance_m, run.control_lines, run.forest
     )
 
 
@@ -116,7 +116,7 @@ def check_starts(
             len(
                 prepare_lines(
                     run,
-                    trace(run.grid, plan.surface, take(plan.starts, own.points), run.fall_lines),
+                    trace(run.grid, plan.surface, take(plan.starts, own.points), run.terrain),
                 )
             )
             for own in chunks_of(plan)
@@ -150,13 +150,13 @@ def _followed(run: MapRun, planned: Plan, chunk: Chunk, bins: Bins) -> ChunkResu
             run.blocks[k],
             run.engine,
             seed=run.seed,
-            rocks_per_point=run.rocks_per_point,
+            rocks_per_point=run.release.rocks_per_point,
             point_keys=draw_keys(points.key, run.blocks[k].name),
             point_numbers=which,
             spread_m=run.start_spread_m(area),
             objects=run.objects,
             window=run.window,
-            first_rock=chunk.repetition * run.rocks_per_point,
+            first_rock=chunk.repetition * run.release.rocks_per_point,
             bins=bins,
             effects=run.effects,
         )
@@ -174,9 +174,9 @@ def _followed(run: MapRun, planned: Plan, chunk: Chunk, bins: Bins) -> ChunkResu
     if chunk.repetition == 0:
         # For the map: where the descent leads from each point.
         starts = take(planned.starts, chunk.points)
-        traces = trace(run.grid, planned.surface, starts, run.fall_lines)
+        traces = trace(run.grid, planned.surface, starts, run.terrain)
         lines = drawn_lines(traces, run.grid, chunk.points)
-    lost = int((~known).sum()) * run.rocks_per_point * len(scenarios)
+    lost = int((~known).sum()) * run.release.rocks_per_point * len(scenarios)
     return ChunkResult(area, sums, joined_rows(parts), lines, lost)
 
 
@@ -184,7 +184,7 @@ def _on_lines(run: MapRun, planned: Plan, chunk: Chunk, bins: Bins) -> ChunkResu
     """A chunk of blocks that keep to the lines of their release points."""
     which = chunk.points
     starts = take(planned.starts, which)
-    traces = trace(run.grid, planned.surface, starts, run.fall_lines)
+    traces = trace(run.grid, planned.surface, starts, run.terrain)
     prepared = prepare_lines(run, traces)
     good, lines = prepared.good, prepared.lines
     number = which[good]
@@ -202,7 +202,7 @@ def _on_lines(run: MapRun, planned: Plan, chunk: Chunk, bins: Bins) -> ChunkResu
             blocks,
             run.engine,
             seed=run.seed,
-            rocks_per_line=run.rocks_per_point,
+            rocks_per_line=run.release.rocks_per_point,
             line_keys=draw_keys(starts.key, blocks.name)[good],
             starts=start,
             control_lines=prepared.crossings,
@@ -211,7 +211,7 @@ def _on_lines(run: MapRun, planned: Plan, chunk: Chunk, bins: Bins) -> ChunkResu
             line_numbers=number,
             effects=run.effects,
             forest=run.forest,
-            first_rock=chunk.repetition * run.rocks_per_point,
+            first_rock=chunk.repetition * run.release.rocks_per_point,
             bins=bins,
         )
         ended = np.concatenate([result.rocks, result.pieces])
@@ -224,7 +224,7 @@ def _on_lines(run: MapRun, planned: Plan, chunk: Chunk, bins: Bins) -> ChunkResu
                 result.passages, np.full(result.passages.size, k, np.int64),
             )
         )  # fmt: skip
-    lost = int((~good).sum()) * run.rocks_per_point * len(scenarios)
+    lost = int((~good).sum()) * run.release.rocks_per_point * len(scenarios)
     return ChunkResult(area, sums, joined_rows(parts), drawn_lines(traces, run.grid, which), lost)
 
 
@@ -272,7 +272,7 @@ def simulate_map(
     """
     progress = resume if resume is not None else Progress.fresh(run)
     chunks = chunks_of(planned, chunk_points, run.repetitions)
-    total = int(planned.rocks_of_point(run).sum()) // run.repetitions
+    total = int(planned.blocks_of_point(run).sum()) // run.repetitions
     share = run.stop_points_max / total if total else 1.0
 
     workers = Threads(jobs) if isinstance(jobs, int) else jobs

@@ -61,11 +61,11 @@ def paths_on_line(
         path = TraceSet(
             np.array([0, chainage.size], np.int64), x, y, chainage, only, only.astype(np.uint8)
         )
-        flat = profiles(run.heights, path, run.ground, run.segment_tolerance_m)
+        flat = profiles(run.heights, path, run.ground, run.terrain.segment_tolerance_m)
         crossed = control_line_crossings(run.control_lines, path)
     else:
-        first = rock // run.rocks_per_point * run.rocks_per_point
-        blocks = min(_PATHS, run.rocks_per_point)
+        first = rock // run.release.rocks_per_point * run.release.rocks_per_point
+        blocks = min(_PATHS, run.release.rocks_per_point)
         path, prepared, found = _on_lines_again(run, planned, which, scenario, blocks, first)
         if found is None:
             return None
@@ -116,7 +116,7 @@ def _on_lines_again(
 ) -> tuple[TraceSet, PreparedLines, Simulated | None]:
     """Some blocks of release points on their lines, with event logs; None if all are too short."""
     starts = take(planned.starts, which)
-    traces = trace(run.grid, planned.surface, starts, run.fall_lines)
+    traces = trace(run.grid, planned.surface, starts, run.terrain)
     prepared = prepare_lines(run, traces)
     if not len(prepared):
         return traces, prepared, None

@@ -117,11 +117,11 @@ def profile_from_terrain(config: Config, x: float, y: float) -> ProfileInput:
         If the point lies outside the terrain model or on nodata.
     """
     run = read_map_run(config, areas=())
-    surface = fall_line_surface(run.grid, run.fall_lines)
+    surface = fall_line_surface(run.grid, run.terrain)
     point = ReleasePoints(
         np.array([x]), np.array([y]), np.zeros(1, np.int64), np.zeros(1, np.uint64), ("point",)
     )
-    prepared = prepare_lines(run, trace(run.grid, surface, point, run.fall_lines))
+    prepared = prepare_lines(run, trace(run.grid, surface, point, run.terrain))
     if not len(prepared):
         west, south, east, north = run.grid.bounds
         raise InputError(

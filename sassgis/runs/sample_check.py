@@ -32,17 +32,17 @@ def sampled_plan(run: MapRun, planned: Plan, blocks: int, points: int) -> tuple[
         At least so many release points, if there are.
     """
     n = len(planned.points)
-    released = int(replace(planned, repetitions=()).rocks_of_point(run).sum()) / run.repetitions
+    released = int(replace(planned, repetitions=()).blocks_of_point(run).sum()) / run.repetitions
     # Blocks of a point for each of its rocks_per_point: one for each scenario.
-    scenarios = released / (n * run.rocks_per_point)
+    scenarios = released / (n * run.release.rocks_per_point)
     least = min(n, points)
-    each = int(np.clip(round(blocks / (scenarios * least)), 1, run.rocks_per_point))
+    each = int(np.clip(round(blocks / (scenarios * least)), 1, run.release.rocks_per_point))
     wanted = int(np.clip(round(blocks / (scenarios * each)), least, n))
     which = np.unique(np.linspace(0, n - 1, wanted).round().astype(np.int64))
     return (
         replace(
-            run, rocks_per_point=each, repetitions=1, stop_points_max=0, ref_width_m=0.0,
-            objects=ObjectCells.none(), rim=(0, 0, 0, 0),
+            run, release=replace(run.release, rocks_per_point=each), repetitions=1,
+            stop_points_max=0, ref_width_m=0.0, objects=ObjectCells.none(), rim=(0, 0, 0, 0),
         ),
         plan_of_points(planned, which),
     )  # fmt: skip
@@ -66,14 +66,15 @@ def check_tolerance(run: MapRun, planned: Plan, jobs: int | Workers) -> Toleranc
     ToleranceCheck or None
         None where the tolerance is 0 or there is nothing to simulate.
     """
-    tolerance = run.segment_tolerance_m
-    total = int(planned.rocks_of_point(run).sum())
+    tolerance = run.terrain.segment_tolerance_m
+    total = int(planned.blocks_of_point(run).sum())
     if tolerance == 0.0 or not total:
         return None
     few, points = sampled_plan(run, planned, int(np.clip(_SHARE * total, _FEWEST, _MOST)), _POINTS)
 
     def outcome(t: float) -> RunOutcome:
-        progress = simulate_map(replace(few, segment_tolerance_m=t), points, jobs=jobs)
+        terrain = replace(few.terrain, segment_tolerance_m=t)
+        progress = simulate_map(replace(few, terrain=terrain), points, jobs=jobs)
         return outcome_of(progress, bins_of(few))
 
     base = outcome(tolerance)

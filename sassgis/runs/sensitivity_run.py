@@ -122,7 +122,8 @@ def sensitivity(
             job = prepared(job, rules)
         given = config.release.rocks_per_point
         few = max(_FEWEST_ROCKS, round(_ROCKS_SHARE * given)) if rocks is None else rocks
-        run = replace(job.run, rocks_per_point=few, stop_points_max=0)
+        release = replace(job.run.release, rocks_per_point=few)
+        run = replace(job.run, release=release, stop_points_max=0)
         check_starts(run, job.planned.points, lambda: job.planned, config.release.file)
         ready = replace(job, run=run)
         lab = _Lab(config, ready, rules, work, workers_asked(config, jobs), on_progress, tell)
@@ -161,7 +162,7 @@ class _Lab:
         self._step = on_progress
         self._asked, self._blocks = 0, 0
         judged = None if rules is None else (rules.preset, rules.frequencies)
-        schedule = repr((job.run.rocks_per_point, judged))
+        schedule = repr((job.run.release.rocks_per_point, judged))
         self._fingerprint = state_fingerprint(config, job.run, schedule)
 
     def find(self, variant: Variant, seed: int | None = None) -> VariantFinding:
@@ -319,7 +320,7 @@ def _publish(
         {
             "simulations": len(done.findings),
             "ranges": len(done.ranges),
-            "rocks_per_point": run.rocks_per_point,
+            "rocks_per_point": run.release.rocks_per_point,
             "rocks_per_simulation": base.blocks,
         },
         warnings,

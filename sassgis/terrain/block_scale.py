@@ -19,7 +19,6 @@ def block_scale_grid(grid: Grid, scale_m: float) -> Grid:
 
     Parameters
     ----------
-    grid : Grid
     scale_m : float
         Diameter of the block (m). With cells as wide as that or wider the grid holds no such
         detail, and is returned itself.

@@ -24,11 +24,6 @@ def cell_stretches(
     (J. Amanatides and A. Woo, 1987, A fast voxel traversal algorithm for ray tracing,
     Eurographics '87). Stretches shorter than a nanometre are dropped.
 
-    Parameters
-    ----------
-    grid : Grid
-    traces : TraceSet
-
     Returns
     -------
     cell_offset : int64, shape (n + 1,)

@@ -28,7 +28,7 @@ from sassgis.model.cell_geometry import exact, exact_positions, height_at
 from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.jit import kernel
 from sassgis.model.profiles import LineEnd, ReleasePoints, TraceSet
-from sassgis.model.release_areas import FallLineSettings
+from sassgis.model.settings import TerrainSettings
 from sassgis.terrain.cells import grown, next_share
 from sassgis.terrain.surface import BoolArray, Surface, shape_at, slope_at, smoothed, standing
 from sassgis.terrain.surface import surface as spline
@@ -38,6 +38,17 @@ _ENERGY_LINE = int(LineEnd.ENERGY_LINE)
 _MAX_LENGTH = int(LineEnd.MAX_LENGTH)
 _CLOSED_LOOP = int(LineEnd.CLOSED_LOOP)
 
+# L above: on ground of the flat slope a coasting line turns towards the descent over this length;
+# over four times as much on ground half as steep, half as much on ground twice as steep. It is
+# about the radius v² / (g sin) on which gravity bends the path of a body that moves across a slope
+# of 8° at 8 m/s. That slope, the default, is well below the 20° or so on which blocks still roll
+# on, so that whatever arrives there arrives with speed, and above most floors and debris fans.
+_TURNING_LENGTH_M = 50.0
+# Where the terrain rises above a line from the release point at the angle of the energy line, over
+# the plan length of the fall line, it ends: one overall friction angle from source to stop is the
+# idea of A. Heim (1932, Bergsturz und Menschenleben). Over this first part that is not tested: a
+# release point on the gentle shoulder above a cliff is not cut off before the cliff.
+_ENERGY_LINE_FREE_M = 25.0
 # All in cells or radians. On two alpine DEMs of 5 m, smoothed by 5 m, steps about three times as
 # fine move nine lines in ten by less than an eighth of a cell anywhere on their path; those that
 # move more pass a divide or a pit so closely that any change of the terrain would move them.
@@ -60,17 +71,8 @@ _AGREED = math.cos(math.radians(5.0))
 _LEVEL = 1e-10
 
 
-def fall_line_surface(grid: Grid, settings: FallLineSettings) -> Surface:
+def fall_line_surface(grid: Grid, settings: TerrainSettings) -> Surface:
     """The smoothed and interpolated terrain on which fall lines are traced.
-
-    Parameters
-    ----------
-    grid : Grid
-    settings : FallLineSettings
-
-    Returns
-    -------
-    Surface
 
     Raises
     ------
@@ -84,7 +86,7 @@ def trace(
     grid: Grid,
     surface: Surface,
     points: ReleasePoints,
-    settings: FallLineSettings,
+    settings: TerrainSettings,
 ) -> TraceSet:
     """Trace the fall lines of release points.
 
@@ -96,10 +98,9 @@ def trace(
     - LEFT_DEM, NODATA: the next cell lies outside the DEM, or has no height. The line ends at the
       last valid point (a millionth of a cell before the border). A release point there gives a
       line of that single point.
-    - ENERGY_LINE: the terrain rises above the energy line of the release point (see
-      FallLineSettings): a block cannot be expected beyond. The energy line starts from the height
-      of the DEM at the release point, or of the smoothed surface if that is higher, and is
-      compared with the smoothed surface.
+    - ENERGY_LINE: the terrain rises above the energy line of the release point: a block cannot be
+      expected beyond. It starts from the height of the DEM at the release point, or of the smoothed
+      surface if that is higher, and is compared with the smoothed surface.
     - MAX_LENGTH: the plan length is used up.
     - CLOSED_LOOP: the line comes back to itself. A release point on exactly level ground, which
       has no direction to leave in, gives a line of a single point and this reason.
@@ -112,7 +113,6 @@ def trace(
         The surface traced on, on the same grid; see fall_line_surface.
     points : ReleasePoints
         All or a part of the release points.
-    settings : FallLineSettings
 
     Returns
     -------
@@ -129,10 +129,10 @@ def trace(
         u,
         v,
         np.tan(np.radians(settings.flat_slope_deg)) * cell,
-        settings.turning_length_m / cell,
+        _TURNING_LENGTH_M / cell,
         np.tan(np.radians(settings.energy_line_angle_deg)) * cell,
-        settings.energy_line_free_m / cell,
-        settings.max_length_m / cell,
+        _ENERGY_LINE_FREE_M / cell,
+        settings.max_line_length_m / cell,
     )
     x = grid.west + lines[:, 0] * cell
     y = grid.north - lines[:, 1] * cell
@@ -173,17 +173,7 @@ def _trace_all(
     line = np.empty((1024, 3))
     for i in range(n):
         line, size, reason = _trace_line(
-            coefficients,
-            valid,
-            heights,
-            u[i],
-            v[i],
-            flat,
-            turning,
-            energy,
-            free,
-            max_length,
-            line,
+            coefficients, valid, heights, u[i], v[i], flat, turning, energy, free, max_length, line
         )
         if count + size > us.size:
             us = grown(us, count + size)

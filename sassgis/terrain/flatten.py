@@ -18,7 +18,7 @@ from sassgis.model.cell_geometry import (
     height_at,
     next_line,
 )
-from sassgis.model.errors import ConfigError, InputError
+from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.jit import kernel
 from sassgis.model.profiles import ProfileSet, TraceSet
@@ -66,8 +66,6 @@ def profiles(
     ------
     InputError
         If the ground classes are not on the grid.
-    ConfigError
-        If the tolerance is negative.
     """
     if ground.shape != grid.shape:
         raise InputError(
@@ -75,13 +73,6 @@ def profiles(
             field="ground",
             found=f"shape {ground.shape}",
             expected=f"shape {grid.shape}",
-        )
-    if not (np.isfinite(segment_tolerance_m) and segment_tolerance_m >= 0.0):
-        raise ConfigError(
-            "unusable tolerance",
-            field="profile.segment_tolerance_m",
-            found=segment_tolerance_m,
-            expected="0 m or more",
         )
     u, v = _cell_units(grid, traces)
     offset, s, z, classes = _flatten(
@@ -107,29 +98,6 @@ def profiles(
     )
 
 
-def height_samples(grid: Grid, traces: TraceSet, line: int) -> tuple[FloatArray, FloatArray]:
-    """The heights along one fall line, before thinning.
-
-    Parameters
-    ----------
-    grid : Grid
-    traces : TraceSet
-    line : int
-
-    Returns
-    -------
-    s, z : float64, shape (n,)
-        Chainage and height of the DEM (m).
-    """
-    own = slice(int(traces.offset[line]), int(traces.offset[line + 1]))
-    u, v = _cell_units(grid, traces)
-    no_classes = np.zeros(grid.shape, np.int32)
-    s, z, _, _ = _samples(
-        traces.s[own], u[own], v[own], grid.values, no_classes, _SAMPLE_GAP * grid.cell_size
-    )
-    return s, z
-
-
 def chainage_to_xy(
     traces: TraceSet, line: IntArray | int, s: FloatArray | float
 ) -> tuple[FloatArray, FloatArray]:
@@ -137,7 +105,6 @@ def chainage_to_xy(
 
     Parameters
     ----------
-    traces : TraceSet
     line : int64, broadcastable with ``s``
         Line of each chainage.
     s : float64
@@ -171,8 +138,6 @@ def xy_to_chainage(
 
     Parameters
     ----------
-    traces : TraceSet
-    line : int
     x, y : float64
         Coordinates (m).
 
@@ -200,7 +165,6 @@ def crossings(traces: TraceSet, control_line_line: FloatArray) -> tuple[IntArray
 
     Parameters
     ----------
-    traces : TraceSet
     gate_line : float64, shape (k, 2)
         Vertices of the polyline (m).
 
@@ -242,10 +206,7 @@ def crossings(traces: TraceSet, control_line_line: FloatArray) -> tuple[IntArray
 
 def _cell_units(grid: Grid, traces: TraceSet) -> tuple[FloatArray, FloatArray]:
     """Points of the traces in cells from the outer corner, eastward and southward."""
-    return (
-        (traces.x - grid.west) / grid.cell_size,
-        (grid.north - traces.y) / grid.cell_size,
-    )
+    return ((traces.x - grid.west) / grid.cell_size, (grid.north - traces.y) / grid.cell_size)
 
 
 @kernel

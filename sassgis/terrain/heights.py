@@ -14,7 +14,6 @@ def heights_at(grid: Grid, x: FloatArray, y: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    grid : Grid
     x, y : float64, shape (n,)
         Coordinates (m).
 

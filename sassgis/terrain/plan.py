@@ -17,36 +17,22 @@ from sassgis.terrain.surface import Surface
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What will be simulated, before anything is.
+    """What will be simulated, before anything is."""
 
-    Attributes
-    ----------
-    points : ReleasePoints
-        As placed in the release areas.
-    starts : ReleasePoints
-        Where their fall lines begin.
-    moved : float64, shape (n,)
-        How far up the slope from the points (m).
-    surface : Surface
-    scenarios : tuple of int tuples
-        Positions in ``blocks`` of the scenarios of each area.
-    repetitions : tuple of int
-        Of each area, where they are not those of the run for all; else empty.
-    """
-
-    points: ReleasePoints
-    starts: ReleasePoints
-    moved: FloatArray
+    points: ReleasePoints  # as placed in the release areas
+    starts: ReleasePoints  # where their fall lines begin
+    moved: FloatArray  # shape (n,); how far up the slope from the points (m)
     surface: Surface
-    scenarios: tuple[tuple[int, ...], ...]
+    scenarios: tuple[tuple[int, ...], ...]  # positions in ``blocks`` of the scenarios of each area
+    # Of each area, where they are not those of the run for all; else empty.
     repetitions: tuple[int, ...] = ()
 
-    def rocks_of_point(self, run: MapRun) -> IntArray:
+    def blocks_of_point(self, run: MapRun) -> IntArray:
         """Blocks that are released at each point, shape (n,)."""
         given = self.repetitions or (run.repetitions,) * len(self.scenarios)
         counts = np.array(given, np.int64) * np.array([len(s) for s in self.scenarios], np.int64)
-        rocks: IntArray = counts[self.points.area] * run.rocks_per_point
-        return rocks
+        blocks: IntArray = counts[self.points.area] * run.release.rocks_per_point
+        return blocks
 
 
 def placed_points(run: MapRun) -> ReleasePoints:
@@ -57,20 +43,15 @@ def placed_points(run: MapRun) -> ReleasePoints:
     InputError, ConfigError
         As sassgis.terrain.release.release_points.
     """
-    return release_points(
-        [(a.name, a.geometry) for a in run.areas],
-        run.spacing_m,
-        run.placement,  # type: ignore[arg-type]
-        run.seed,
-    )
+    return release_points([(a.name, a.geometry) for a in run.areas], run.release, run.seed)
 
 
 def plan(run: MapRun) -> Plan:
     """Place the release points and prepare the surface; errors are those of placed_points."""
     points = placed_points(run)
-    surface = fall_line_surface(run.grid, run.fall_lines)
+    surface = fall_line_surface(run.grid, run.terrain)
     polygonal = np.array([a.geometry.area > 0.0 for a in run.areas], bool)
-    distance = 0.5 * run.spacing_m if run.placement == "grid" else 0.0
+    distance = 0.5 * run.release.spacing_m if run.release.placement == "grid" else 0.0
     starts, moved = moved_uphill(points, surface, distance, polygonal[points.area])
     names = {b.name: i for i, b in enumerate(run.blocks)}
     return Plan(

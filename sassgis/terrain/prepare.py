@@ -34,26 +34,14 @@ _SIMPLIFIED = 0.1
 
 @dataclass(frozen=True, slots=True)
 class PreparedLines:
-    """Lines on which blocks can be simulated.
+    """Lines on which blocks can be simulated."""
 
-    Attributes
-    ----------
-    good : bool, shape (n_traced,)
-        Which of the traced lines are long enough; all else refers to these alone.
-    lines : TraceSet
-    flat : ProfileSet
-        Their profiles.
-    profiles : ProfileSet
-        The same with LEAD_IN_M of ground behind the start.
-    crossings : ControlLineCrossings
-        Where they cross stations and barriers.
-    """
-
+    # Shape (n_traced,); which of the traced lines are long enough; all else refers to these alone.
     good: NDArray[np.bool_]
     lines: TraceSet
-    flat: ProfileSet
-    profiles: ProfileSet
-    crossings: ControlLineCrossings
+    flat: ProfileSet  # their profiles
+    profiles: ProfileSet  # the same with LEAD_IN_M of ground behind the start
+    crossings: ControlLineCrossings  # where they cross stations and barriers
 
     def __len__(self) -> int:
         return len(self.lines)
@@ -74,11 +62,10 @@ def prepare_lines(run: MapRun, traces: TraceSet) -> PreparedLines:
 
     Parameters
     ----------
-    run : MapRun
     traces : TraceSet
         As of sassgis.terrain.fall_lines.trace.
     """
-    flat = profiles(run.heights, traces, run.ground, run.segment_tolerance_m)
+    flat = profiles(run.heights, traces, run.ground, run.terrain.segment_tolerance_m)
     good = usable(traces, SHORTEST_LINE_M) & (np.diff(flat.offset) >= 2)
     lines, kept = take_lines(traces, good), take_profiles(flat, good)
     return PreparedLines(

@@ -5,18 +5,17 @@ from __future__ import annotations
 import hashlib
 from collections import Counter
 from collections.abc import Sequence
-from typing import Literal, get_args
+from dataclasses import replace
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-from sassgis.model.errors import ConfigError, InputError
+from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.profiles import ReleasePoints
-
-Placement = Literal["grid", "random"]
+from sassgis.model.settings import ReleaseSettings
 
 MAX_POINTS = 50_000_000
 _BATCH = 4096
@@ -25,51 +24,32 @@ _MAX_BATCHES = 5000
 
 def release_points(
     areas: Sequence[tuple[str, BaseGeometry]],
-    spacing_m: float,
-    placement: Placement = "grid",
+    release: ReleaseSettings,
     seed: int = 0,
 ) -> ReleasePoints:
     """Place release points in, along or at release areas.
 
     Polygons are filled, lines get a point every ``spacing_m`` from their start, points are taken as
-    they are. What one area gives never depends on which others are in the run.
+    they are. What one area gives never depends on which others are in the run. Placed on a grid,
+    points have coordinates that are whole multiples of ``spacing_m``; a polygon too small to hold
+    one gets its representative point. Random ones are as many as area / spacing², uniform, drawn
+    from the seed and the name of the area.
 
     Parameters
     ----------
     areas : sequence of (name, geometry)
         Names must be distinct: they are the identity of the points. Coordinates in the system of
         the DEM (m).
-    spacing_m : float
-        Distance between points (m).
-    placement : {"grid", "random"}
-        How polygons are filled. "grid": the points whose coordinates are whole multiples of
-        ``spacing_m``; a polygon too small to hold one gets its representative point. "random": as
-        many points as area / spacing², uniform, drawn from the seed and the name of the area.
+    release : ReleaseSettings
+        Their spacing and placement count.
     seed : int
         Of the random placement.
 
-    Returns
-    -------
-    ReleasePoints
-
     Raises
     ------
-    ConfigError
-        If the spacing is not positive, or the placement is unknown.
     InputError
         If a name occurs twice, a geometry is missing, empty or invalid, or the points are too many.
     """
-    if not (np.isfinite(spacing_m) and spacing_m > 0.0):
-        raise ConfigError(
-            "unusable spacing", field="release.spacing_m", found=spacing_m, expected="above 0 m"
-        )
-    if placement not in get_args(Placement):
-        raise ConfigError(
-            "unknown choice",
-            field="release.placement",
-            found=repr(placement),
-            expected="one of " + ", ".join(get_args(Placement)),
-        )
     names = tuple(name for name, _ in areas)
     for name, count in Counter(names).items():
         if count > 1:
@@ -80,10 +60,9 @@ def release_points(
                 expected="distinct names",
             )
     shapes = [_checked(name, geometry) for name, geometry in areas]
-    _check_number(sum(points_expected(shape, spacing_m) for shape in shapes))
+    _check_number(sum(points_expected(shape, release.spacing_m) for shape in shapes))
     placed = [
-        _points_of(name, shape, spacing_m, placement, seed)
-        for name, shape in zip(names, shapes, strict=True)
+        _points_of(name, shape, release, seed) for name, shape in zip(names, shapes, strict=True)
     ]
     coordinates = np.concatenate([np.empty((0, 2)), *placed])
     return ReleasePoints(
@@ -119,25 +98,9 @@ def _check_number(points: float) -> None:
 
 
 def take(points: ReleasePoints, which: IntArray | slice) -> ReleasePoints:
-    """Some of the release points; area numbers and names stay as they are.
-
-    Parameters
-    ----------
-    points : ReleasePoints
-    which : int64 array or slice
-        Positions of the wanted points.
-
-    Returns
-    -------
-    ReleasePoints
-    """
-    return ReleasePoints(
-        x=points.x[which],
-        y=points.y[which],
-        area=points.area[which],
-        key=points.key[which],
-        area_names=points.area_names,
-    )
+    """The release points at some positions; area numbers and names stay as they are."""
+    names = ("x", "y", "area", "key")
+    return replace(points, **{name: getattr(points, name)[which] for name in names})
 
 
 def point_keys(name: str, count: int) -> NDArray[np.uint64]:
@@ -146,11 +109,6 @@ def point_keys(name: str, count: int) -> NDArray[np.uint64]:
     The SHA-256 of the name starts a SplitMix64 sequence (G. L. Steele, D. Lea, C. H. Flood, 2014,
     Fast splittable pseudorandom number generators, OOPSLA '14), so key ``i`` depends on the name
     and ``i`` alone.
-
-    Parameters
-    ----------
-    name : str
-    count : int
 
     Returns
     -------
@@ -198,7 +156,6 @@ def points_along_line(line: BaseGeometry, spacing_m: float) -> FloatArray:
     Parameters
     ----------
     line : shapely LineString
-    spacing_m : float
 
     Returns
     -------
@@ -221,8 +178,6 @@ def random_points_in_polygon(
     name : str
         Name of the release area; with the seed it decides the draws.
     polygon : shapely Polygon or MultiPolygon
-    spacing_m : float
-    seed : int
 
     Returns
     -------
@@ -273,22 +228,21 @@ def _checked(name: str, geometry: BaseGeometry | None) -> BaseGeometry:
 
 
 def _points_of(
-    name: str, geometry: BaseGeometry, spacing_m: float, placement: Placement, seed: int
+    name: str, geometry: BaseGeometry, release: ReleaseSettings, seed: int
 ) -> FloatArray:
     """All release points of one area, part by part."""
+    spacing = release.spacing_m
     parts = _simple_parts(geometry)
     polygons = [part for part in parts if isinstance(part, shapely.Polygon)]
     placed: list[FloatArray] = []
-    if polygons and placement == "random":
-        placed.append(
-            random_points_in_polygon(name, shapely.MultiPolygon(polygons), spacing_m, seed)
-        )
+    if polygons and release.placement == "random":
+        placed.append(random_points_in_polygon(name, shapely.MultiPolygon(polygons), spacing, seed))
     for part in parts:
         if part.geom_type == "Polygon":
-            if placement == "grid":
-                placed.append(points_in_polygon(part, spacing_m))
+            if release.placement == "grid":
+                placed.append(points_in_polygon(part, spacing))
         elif part.geom_type in ("LineString", "LinearRing"):
-            placed.append(points_along_line(part, spacing_m))
+            placed.append(points_along_line(part, spacing))
         else:
             placed.append(np.array(shapely.get_coordinates(part), np.float64))
     return np.concatenate(placed)

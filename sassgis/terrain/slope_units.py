@@ -56,21 +56,12 @@ LEAST_CELLS = 500
 
 @dataclass(frozen=True, slots=True)
 class SlopeUnit:
-    """A morphological unit: a Gaussian of slope angles.
+    """A morphological unit: a Gaussian of slope angles."""
 
-    Attributes
-    ----------
-    name : str
-        A key of UNITS.
-    mean_deg, sd_deg : float
-    share : float
-        Of the surface of the terrain.
-    """
-
-    name: str
+    name: str  # a key of UNITS
     mean_deg: float
     sd_deg: float
-    share: float
+    share: float  # of the surface of the terrain
 
     def density(self, slope_deg: FloatArray) -> FloatArray:
         """Share of the surface per degree."""
@@ -81,27 +72,15 @@ class SlopeUnit:
 
 @dataclass(frozen=True, slots=True)
 class SlopeUnits:
-    """The distribution of slope angles, taken apart.
+    """The distribution of slope angles, taken apart."""
 
-    Attributes
-    ----------
-    units : tuple of SlopeUnit
-        From the flattest to the steepest, which are the cliffs; those that the distribution needs.
-    distribution : float64, shape (90,)
-        Share of the surface in each degree.
-    misfit : float
-        Squared Hellinger distance between the distribution and the sum of the units, 0 to 1.
-    cliff_deg : float
-        Slope from which cliffs prevail over each of the others (degrees).
-    steep_deg : float
-        Slope from which cliffs and steep slopes prevail over the others (degrees).
-    """
-
+    # From the flattest to the steepest, which are the cliffs; those that the distribution needs.
     units: tuple[SlopeUnit, ...]
-    distribution: FloatArray
+    distribution: FloatArray  # shape (90,); share of the surface in each degree
+    # Squared Hellinger distance between the distribution and the sum of the units, 0 to 1.
     misfit: float
-    cliff_deg: float
-    steep_deg: float
+    cliff_deg: float  # slope from which cliffs prevail over each of the others (degrees)
+    steep_deg: float  # slope from which cliffs and steep slopes prevail over the others (degrees)
 
 
 def slopes_deg(values: FloatArray, dx_m: float, dy_m: float) -> FloatArray:
@@ -137,10 +116,6 @@ def slope_units(slopes: FloatArray) -> SlopeUnits:
     ----------
     slopes : float64, any shape
         Degrees; NaN is left out.
-
-    Returns
-    -------
-    SlopeUnits
 
     Raises
     ------
@@ -252,7 +227,6 @@ def cliff_patches(
         Smaller patches are left out.
     rock : bool, shape (n_rows, n_cols), optional
         Cells known to be rock: there ``rock_deg`` is the threshold.
-    rock_deg : float
 
     Returns
     -------

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,7 +25,6 @@ def moved_uphill(
 
     Parameters
     ----------
-    points : ReleasePoints
     surface : Surface
         The smooth surface on which lines are traced.
     distance_m : float
@@ -50,16 +51,8 @@ def moved_uphill(
     above, _, _ = evaluate(surface, x, y)
     known = np.isfinite(above)
     moved = np.where(known, step, 0.0)
-    return (
-        ReleasePoints(
-            x=np.where(known, x, points.x),
-            y=np.where(known, y, points.y),
-            area=points.area,
-            key=points.key,
-            area_names=points.area_names,
-        ),
-        moved,
-    )
+    start = replace(points, x=np.where(known, x, points.x), y=np.where(known, y, points.y))
+    return start, moved
 
 
 def usable(traces: TraceSet, least_m: float) -> NDArray[np.bool_]:
@@ -109,7 +102,6 @@ def with_lead_in(profiles: ProfileSet, length_m: float) -> ProfileSet:
 
     Parameters
     ----------
-    profiles : ProfileSet
     length_m : float
         Plan length (m).
 

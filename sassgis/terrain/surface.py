@@ -10,7 +10,7 @@ Kernels work in *cell units*: ``u`` counts cells eastward and ``v`` southward fr
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,20 +35,13 @@ _NODATA = int(LineEnd.NODATA)
 
 @dataclass(frozen=True, slots=True)
 class Surface:
-    """A cubic B-spline through the cell centres of a grid.
+    """A cubic B-spline through the cell centres of a grid."""
 
-    Attributes
-    ----------
-    coefficients : float64, shape (n_rows + 2 * PAD, n_cols + 2 * PAD)
-        Spline coefficients (m), with a rim so that the surface is defined beyond its edge.
-    valid : bool, shape (n_rows, n_cols)
-        Cells whose height is known.
-    west, north, cell_size : float
-        As in Grid (m).
-    """
-
+    # Shape (n_rows + 2 * PAD, n_cols + 2 * PAD); spline coefficients (m), with a rim so that the
+    # surface is defined beyond its edge.
     coefficients: FloatArray
-    valid: BoolArray
+    valid: BoolArray  # shape (n_rows, n_cols); cells whose height is known
+    # As in Grid (m).
     west: float
     north: float
     cell_size: float
@@ -59,14 +52,6 @@ def surface(grid: Grid) -> Surface:
 
     Nodata is filled, and the rim extrapolated, so that a plane stays a plane up to the last cell;
     points in cells without a height are nevertheless invalid.
-
-    Parameters
-    ----------
-    grid : Grid
-
-    Returns
-    -------
-    Surface
 
     Raises
     ------
@@ -102,7 +87,6 @@ def smoothed(grid: Grid, scale_m: float) -> Grid:
 
     Parameters
     ----------
-    grid : Grid
     scale_m : float
         Standard deviation of the Gaussian (m); 0 returns the grid itself.
 
@@ -114,24 +98,15 @@ def smoothed(grid: Grid, scale_m: float) -> Grid:
     Raises
     ------
     InputError
-        If the scale is negative or no cell has a height.
+        If no cell has a height.
     """
-    if not np.isfinite(scale_m) or scale_m < 0.0:
-        raise InputError(
-            "cannot smooth", field="smoothing_m", found=scale_m, expected="0 m or more"
-        )
     valid = np.isfinite(grid.values)
     trend = _plane(grid.values, valid)
     if scale_m == 0.0:
         return grid
     general = (_step(trend, axis=0), _step(trend, axis=1))
-    return Grid(
-        values=_local_linear(grid.values, valid, scale_m / grid.cell_size, general),
-        west=grid.west,
-        north=grid.north,
-        cell_size=grid.cell_size,
-        crs=grid.crs,
-        vertical_datum=grid.vertical_datum,
+    return replace(
+        grid, values=_local_linear(grid.values, valid, scale_m / grid.cell_size, general)
     )
 
 
@@ -140,7 +115,6 @@ def evaluate(surface: Surface, x: FloatArray, y: FloatArray) -> tuple[FloatArray
 
     Parameters
     ----------
-    surface : Surface
     x, y : float64, shape (n,)
         Coordinates (m).
 

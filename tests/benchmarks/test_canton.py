@@ -10,6 +10,7 @@ import pytest
 
 from sassgis.io.read.config import load_config
 from sassgis.io.read.tiles import Part, open_terrain
+from sassgis.model.settings import ReleaseSettings
 from sassgis.terrain.release import release_points
 
 
@@ -23,7 +24,9 @@ def test_a_share_has_its_cells_areas_and_points(tmp_path: Path) -> None:
     terrain = open_terrain(tmp_path / "tiles")
     assert terrain.whole == Part(0, 0, 1000, 1000)
     areas = gpd.read_file(load_config(tmp_path / "config.toml").release_path)
-    points = release_points(list(zip(areas["name"], areas.geometry, strict=True)), 5.0)
+    points = release_points(
+        list(zip(areas["name"], areas.geometry, strict=True)), ReleaseSettings(spacing_m=5.0)
+    )
     assert np.bincount(points.area).tolist() == [100] * 10
     assert areas.intersection(areas.union_all()).area.sum() == pytest.approx(areas.area.sum())
     # All points lie in the cliff, which is steeper than 50 degrees in the mean.

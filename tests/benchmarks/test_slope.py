@@ -58,8 +58,7 @@ def test_there_are_3000_release_points_and_each_is_a_cell_centre(
     areas = gpd.read_file(config.release_path)
     points = release_points(
         list(zip(areas["name"], areas.geometry, strict=True)),
-        config.release.spacing_m,
-        config.release.placement,
+        config.release,
     )
     assert len(points) == slope.RELEASE_CELLS == 3000
     with rasterio.open(plain / "dem.tif") as raster:

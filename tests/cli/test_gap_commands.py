@@ -4,20 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import pytest
 
-from sassgis.cli import main
-
-
-def run(*arguments: object) -> int:
-    with pytest.raises(SystemExit) as stopped:
-        main([str(a) for a in arguments])
-    return int(stopped.value.code or 0)
-
-
-def test_a_filled_template_is_read_and_told_of(tmp_path: Path, capsys) -> None:
+def test_what_a_filled_template_identifies_is_printed(tmp_path: Path, call) -> None:
     folder = tmp_path / "observed"
-    assert run("gap", "template", folder) == 0
+    assert call("gap", "template", folder)[0] == 0
     deposits = folder / "deposits.csv"
     columns = deposits.read_text().splitlines()[0].split(",")
     rows = [
@@ -27,16 +17,12 @@ def test_a_filled_template_is_read_and_told_of(tmp_path: Path, capsys) -> None:
         for i in range(3)
     ]
     deposits.write_text("\n".join([",".join(columns), *rows]) + "\n")
-    capsys.readouterr()
-    assert run("gap", "validate", folder) == 0
-    said = capsys.readouterr().out
-    assert "cannot tell" in said and "deposits" in said
+    code, out, _ = call("gap", "validate", folder)
+    assert code == 0 and "not identifiable" in out and "deposits" in out
 
 
-def test_an_empty_template_is_one_clear_line(tmp_path: Path, capsys) -> None:
+def test_an_empty_template_is_one_clear_line(tmp_path: Path, call) -> None:
     folder = tmp_path / "observed"
-    run("gap", "template", folder)
-    capsys.readouterr()
-    assert run("gap", "validate", folder) == 2
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1 and "holds no observed rock" in said
+    call("gap", "template", folder)
+    code, _, err = call("gap", "validate", folder)
+    assert code == 2 and err.count("\n") == 1 and "holds no observed rock" in err

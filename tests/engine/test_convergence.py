@@ -46,16 +46,15 @@ def rocks(lab, cases):
     """Rocks of a case, kept for the module."""
     kept = {}
 
-    def get(name, seed=1, times=0, n=N, **settings):
-        key = (name, seed, times, n, tuple(sorted(settings.items())))
+    def get(name, times=0, **settings):
+        key = (name, times, tuple(sorted(settings.items())))
         if key not in kept:
             line, blocks = cases[name]
             kept[key] = lab.run(
                 split(line, times),
                 lab.ROCK,
                 blocks,
-                n=n,
-                seed=seed,
+                n=N,
                 start=[(5.0, 30.0)],
                 settings=lab.with_settings(**settings),
             ).rocks
@@ -65,7 +64,7 @@ def rocks(lab, cases):
 
 
 def assert_same_distribution(one, other):
-    # Some two hundred comparisons are made here: at p > 0.01 two would fail by chance alone.
+    # Some fifty comparisons are made here.
     for field in ("runout_m", "max_energy_kj"):
         u, v = one[field], other[field]
         assert stats.ks_2samp(u, v).pvalue > 0.002, field
@@ -83,28 +82,25 @@ CASES = ["smooth", "rough 0.5 m", "rough 1 m"]
 
 
 @pytest.mark.parametrize("name", CASES)
-@pytest.mark.parametrize("own", [{"rolling": "round"}, {"rolling": "ellipse"}, HAZARD])
-@pytest.mark.parametrize("tolerance", [1e-5, 5e-7, 1e-9])
+@pytest.mark.parametrize("own", [{}, HAZARD])
+@pytest.mark.parametrize("tolerance", [1e-5, 1e-9])
 def test_contact_tolerance_moves_nothing(rocks, name, own, tolerance):
     base = rocks(name, **own)
     other = rocks(name, **own, contact_tolerance_m=tolerance)
     assert_same_distribution(base, other)
     assert_no_bias(base, other)
-    again = rocks(name, seed=2, **own, contact_tolerance_m=tolerance)
-    assert_same_distribution(base, again)
 
 
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("own", [{}, HAZARD])
-@pytest.mark.parametrize("times", [1, 2, 4])
+@pytest.mark.parametrize("times", [1, 4])
 def test_cutting_the_segments_moves_nothing(rocks, name, own, times):
-    # The same ground in 2, 4 and 16 times as many segments. The paper's open question is how far
+    # The same ground in 2 and 16 times as many segments. The paper's open question is how far
     # the discretisation affects the result; where the ground stays the same it must not at all.
     base = rocks(name, **own)
     other = rocks(name, times=times, **own)
     assert_same_distribution(base, other)
     assert_no_bias(base, other)
-    assert_same_distribution(base, rocks(name, seed=2, times=times, **own))
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -133,9 +129,3 @@ def test_first_seconds_of_each_rock_do_not_see_the_cutting(lab, cases, name):
         k = min(f.shape[0] for f in flights)
         differ += not np.allclose(flights[0][:k], flights[1][:k], rtol=0.0, atol=1e-3)
     assert differ <= 3
-
-
-@pytest.mark.parametrize("name", CASES)
-def test_two_seeds_agree(rocks, name):
-    # What the comparisons above can see at most: two samples of the same thing.
-    assert_same_distribution(rocks(name), rocks(name, seed=3))

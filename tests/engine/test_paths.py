@@ -162,7 +162,7 @@ def test_run_out_along_the_path_is_that_of_the_line(on: GroundClass, angle: floa
         assert far[0] == pytest.approx(far[1], rel=0.02), q
 
 
-@pytest.mark.parametrize("length", [100.0, 200.0, 400.0, 800.0])
+@pytest.mark.parametrize("length", [100.0, 800.0])
 @pytest.mark.parametrize(("on", "angle"), [(DEBRIS, 38.0), (ROCK, 36.0)], ids=["debris", "rock"])
 def test_plan_width_is_10_to_20_percent_of_the_length(
     on: GroundClass, angle: float, length: float
@@ -184,29 +184,20 @@ def folded(x: FloatArray, y: FloatArray) -> FloatArray:
     return 1000.0 - 0.75 * np.minimum(x, 60.0) - gully - 0.05 * np.maximum(x - 60.0, 0.0)
 
 
-def test_the_mirror_image_of_a_terrain_gives_the_mirror_image() -> None:
-    one = grid_of(folded, 260, 260, 1.0)
-    other = dataclasses.replace(one, values=np.ascontiguousarray(one.values[::-1]))
-    x, y = ends(one, paths(one, x=-80.0, y=3.0, n=1500))
-    x2, y2 = ends(other, paths(other, x=-80.0, y=-3.0, n=1500, seed=2))
-    assert abs(y.mean()) > 5.0 * y.std() / math.sqrt(y.size)
-    assert ks_2samp(x, x2).pvalue > 1e-3
-    assert ks_2samp(y, -y2).pvalue > 1e-3
-
-
-def test_turning_the_terrain_turns_the_map() -> None:
+def test_turning_and_mirroring_the_terrain_turns_and_mirrors_the_map() -> None:
     angle = math.radians(37.0)
     c, s = math.cos(angle), math.sin(angle)
 
     def turned(x: FloatArray, y: FloatArray) -> FloatArray:
-        return folded(c * x + s * y, c * y - s * x)
+        return folded(c * x + s * y, s * x - c * y)
 
     one, other = grid_of(folded, 360, 360, 1.0), grid_of(turned, 360, 360, 1.0)
     x, y = ends(one, paths(one, x=-80.0, y=3.0, n=1500, tolerance=0.1))
-    start = (-80.0 * c - 3.0 * s, -80.0 * s + 3.0 * c)
+    assert abs(y.mean()) > 5.0 * y.std() / math.sqrt(y.size)
+    start = (-80.0 * c + 3.0 * s, -80.0 * s - 3.0 * c)
     x2, y2 = ends(other, paths(other, *start, n=1500, tolerance=0.1, seed=2))
     assert ks_2samp(x, c * x2 + s * y2).pvalue > 1e-3
-    assert ks_2samp(y, c * y2 - s * x2).pvalue > 1e-3
+    assert ks_2samp(y, s * x2 - c * y2).pvalue > 1e-3
 
 
 # --- gullies and ridges --------------------------------------------------------------------------
@@ -541,16 +532,6 @@ def test_blocks_that_leave_the_terrain_end_at_its_edge_on_known_ground(angle: fl
         at = grid.cell_of(out.x + step_x, out.y + step_y)
         beyond |= (at < 0) | np.isnan(values.ravel()[np.maximum(at, 0)])
     assert beyond[left].all()
-
-
-def test_cells_of_any_size_give_about_the_same() -> None:
-    far = {}
-    for cell in (0.5, 2.0, 8.0):
-        grid = bench(36.0, 120.0, cell=cell)
-        far[cell] = ends(grid, paths(grid, x=-104.0, n=1200))
-    for cell in (0.5, 8.0):
-        assert np.median(far[cell][0]) == pytest.approx(np.median(far[2.0][0]), abs=6.0)
-        assert width(far[cell][1]) == pytest.approx(width(far[2.0][1]), rel=0.2)
 
 
 @pytest.mark.parametrize("cell", [0.5, 2.0])

@@ -118,6 +118,7 @@ def test_mean_run_out_follows_the_parameters(lab, field, values, sign):
 def test_a_rock_stays_where_friction_holds_it(lab):
     # At rest and tan β below both frictions: never started; above μ_f it slides.
     for degrees, mu_f, mu_0, moves in (
+        (0.0, 0.8, 0.5, False),
         (20.0, 0.8, 0.5, False),
         (40.0, 0.8, 0.5, True),
         (42.0, 0.8, 0.95, True),
@@ -130,6 +131,7 @@ def test_a_rock_stays_where_friction_holds_it(lab):
         never = out.rocks["reason"] == StopReason.NEVER_STARTED
         assert never.all() != moves
         assert (out.rocks["runout_m"][never] == out.rocks["start_m"][never]).all()
+        assert (out.rocks["max_speed_mps"][never] == 0.0).all()
 
 
 def test_rest_only_where_friction_holds(lab):
@@ -182,10 +184,10 @@ def test_pits_bring_rocks_to_rest_in_few_events(lab, name):
 
 
 def test_nothing_breaks_on_rough_profiles(lab):
-    # 200 random rough profiles × 50 rocks.
+    # 80 random rough profiles × 50 blocks.
     counts = np.zeros(5, int)
     below = 0
-    for seed in range(20):
+    for seed in range(8):
         rng = np.random.default_rng(seed)
         lines = []
         for _ in range(10):
@@ -209,26 +211,9 @@ def test_nothing_breaks_on_rough_profiles(lab):
             deep = own["runout_z_m"] - np.interp(own["runout_m"], *line)
             below += int((deep <= 0.0).sum())
         assert (r["furthest_m"] >= r["start_m"] - 1e-9).all()
-    assert counts.sum() == 10_000
+    assert counts.sum() == 4000
     assert counts[StopReason.STEP_LIMIT] == 0
     assert below == 0
-
-
-def test_speed_limit_of_the_energy_line(lab):
-    # No rock is faster than free fall from its start allows.
-    line = lab.rough(5)
-    blocks = dataclasses.replace(lab.MIXED, drop_m=(0.0, 3.0))
-    out = lab.run(line, lab.ROCK, blocks, n=300, start=[(5.0, 30.0)], log_events=2000)
-    for log in out.event_logs:
-        fallen = log["z_m"][0] - log["z_m"]
-        v2 = log["vx_mps"] ** 2 + log["vz_mps"] ** 2
-        assert (v2 <= 2 * G * fallen + 1e-9 * (1 + np.abs(fallen))).all()
-
-
-def test_a_ball_on_a_flat_stays(lab):
-    out = lab.run(lab.slope((50.0, 0.0)), lab.ROCK, lab.sphere(0.5), n=5, start=[(20.0, 25.0)])
-    assert (out.rocks["reason"] == StopReason.NEVER_STARTED).all()
-    assert (out.rocks["max_speed_mps"] == 0.0).all()
 
 
 def test_a_cliff_is_free_fall(lab):

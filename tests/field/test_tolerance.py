@@ -44,7 +44,7 @@ def test_run_out_settles_at_small_tolerances(quarry: tuple[MapRun, Plan]) -> Non
     assert run.ground_heights is not None and run.grid.cell_size < run.block_scale_m
     found = []
     for tolerance in (0.02, 0.05, 0.1):
-        fine = replace(run, segment_tolerance_m=tolerance)
+        fine = replace(run, terrain=replace(run.terrain, segment_tolerance_m=tolerance))
         outcome = outcome_of(simulate_map(fine, planned, jobs=1), bins_of(fine))
         found.append(outcome.runout_m(0.5, 0.9))
     for one in found[1:]:
@@ -58,7 +58,8 @@ def test_half_and_double_of_usual_tolerances_change_little(quarry: tuple[MapRun,
     """
     run, planned = quarry
     for tolerance in (0.1, 0.25):
-        check = check_tolerance(replace(run, segment_tolerance_m=tolerance), planned, 1)
+        rough = replace(run, terrain=replace(run.terrain, segment_tolerance_m=tolerance))
+        check = check_tolerance(rough, planned, 1)
         assert check is not None and check.blocks > 200
         assert set(check.answers) == {0.5 * tolerance, 2.0 * tolerance}
         for found in check.answers.values():

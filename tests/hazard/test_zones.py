@@ -14,7 +14,6 @@ from scipy import ndimage
 
 from sassgis.hazard.zoning.generalise import (
     Coverage,
-    ZoneSettings,
     coverage,
     generalised,
     generalised_series,
@@ -23,6 +22,7 @@ from sassgis.hazard.zoning.generalise import (
 from sassgis.hazard.zoning.planar_graph import regions
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.grid import Grid
+from sassgis.model.hazard import ZoningSettings
 
 pytestmark = pytest.mark.kernels
 
@@ -161,7 +161,7 @@ def test_every_rule_holds_after_generalisation(
     classes: np.ndarray, cell_size: float, smallest: float
 ) -> None:
     grid = grid_of(classes, cell_size)
-    rules = ZoneSettings(min_area_m2=smallest)
+    rules = ZoningSettings(min_area_m2=smallest)
     coarse = generalised(classes, cell_size, rules)
     zones = coverage(coarse, grid, rules)
     # Where the raster itself is smaller than the smallest zone, nothing can be as large.
@@ -185,7 +185,7 @@ def test_zones_stay_within_the_tolerance_of_their_cells(
     classes: np.ndarray, tolerance: float
 ) -> None:
     grid = grid_of(classes)
-    zones = coverage(classes, grid, ZoneSettings(tolerance_m=tolerance))
+    zones = coverage(classes, grid, ZoningSettings(tolerance_m=tolerance))
     for k in range(1, int(classes.max()) + 1):
         allowed = cells_of(classes >= k, grid).buffer(tolerance + 1e-6, quad_segs=32)
         # The buffer's arcs are cut by its chords: up to a thousandth of the tolerance.
@@ -199,7 +199,7 @@ def test_rarer_zones_contain_more_frequent_ones(
 ) -> None:
     maps = list(np.maximum.accumulate(maps))
     grid = grid_of(maps[0], cell_size)
-    rules = ZoneSettings(min_area_m2=smallest)
+    rules = ZoningSettings(min_area_m2=smallest)
     coarse = generalised_series(maps, cell_size, rules)
     series = nested_coverages(coarse, grid, rules)
     for zones, classes, raw in zip(series, coarse, maps, strict=True):
@@ -224,7 +224,7 @@ def test_rarer_zones_contain_more_frequent_ones(
 def test_generalisation_is_done_once_and_knows_no_direction(
     classes: np.ndarray, smallest: float, closing: float, width: float
 ) -> None:
-    rules = ZoneSettings(min_area_m2=smallest, closing_m=closing, min_width_m=width)
+    rules = ZoningSettings(min_area_m2=smallest, closing_m=closing, min_width_m=width)
     out = generalised(classes, 2.0, rules)
     np.testing.assert_array_equal(generalised(out, 2.0, rules), out)
     for turned in (np.flipud, np.fliplr, np.transpose):
@@ -242,7 +242,7 @@ def test_nothing_grows_where_the_terrain_is_unknown(
         np.random.default_rng(seed).random(classes.shape) < 0.02, 3, mode="constant"
     )
     classes = np.where(unknown, 0, classes)
-    rules = ZoneSettings(min_area_m2=smallest)
+    rules = ZoningSettings(min_area_m2=smallest)
     out = generalised(classes, 2.0, rules, known=~unknown)
     assert (out >= classes).all()
     assert (out[unknown] == 0).all()
@@ -317,7 +317,7 @@ def block(*places: tuple[int, int, int, int, int], shape: tuple[int, int] = (30,
 
 def test_a_ring_keeps_its_hole_and_the_island_in_it() -> None:
     classes = block((2, 2, 28, 28, 1), (7, 7, 23, 23, 0), (12, 12, 18, 18, 2))
-    rules = ZoneSettings(100.0, closing_m=0.0, min_width_m=0.0)
+    rules = ZoningSettings(100.0, closing_m=0.0, min_width_m=0.0)
     coarse = generalised(classes, 2.0, rules)
     np.testing.assert_array_equal(coarse, classes)
     zones = coverage(coarse, grid_of(classes))
@@ -330,7 +330,7 @@ def test_a_ring_keeps_its_hole_and_the_island_in_it() -> None:
 
 
 def test_a_small_hole_is_filled_and_a_large_one_is_not() -> None:
-    rules = ZoneSettings(100.0, closing_m=0.0, min_width_m=0.0)
+    rules = ZoningSettings(100.0, closing_m=0.0, min_width_m=0.0)
     for side, stays in ((4, False), (5, True)):
         classes = block((2, 2, 28, 28, 2), (10, 10, 10 + side, 10 + side, 0))
         coarse = generalised(classes, 2.0, rules)
@@ -341,7 +341,7 @@ def test_a_small_hole_is_filled_and_a_large_one_is_not() -> None:
 def test_a_hole_rises_to_the_lowest_class_that_encloses_it() -> None:
     # Half of its border is class 1, half class 3.
     classes = block((2, 2, 28, 15, 1), (2, 15, 28, 28, 3), (13, 13, 17, 17, 0))
-    coarse = generalised(classes, 2.0, ZoneSettings(closing_m=0.0, min_width_m=0.0))
+    coarse = generalised(classes, 2.0, ZoningSettings(closing_m=0.0, min_width_m=0.0))
     assert (coarse[13:17, 13:17] == 1).all()
 
 
@@ -359,7 +359,7 @@ def test_a_zone_that_the_edge_cuts_slantwise_does_not_grow_along_it() -> None:
 
 
 def test_a_small_zone_joins_the_higher_class_with_the_longest_border() -> None:
-    rules = ZoneSettings(closing_m=0.0, min_width_m=0.0)
+    rules = ZoningSettings(closing_m=0.0, min_width_m=0.0)
     classes = block((5, 5, 25, 15, 2), (5, 17, 25, 27, 3), (10, 15, 14, 17, 1), (14, 15, 15, 16, 1))
     coarse = generalised(classes, 2.0, rules)
     # Five sides touch class 2, four class 3.
@@ -369,7 +369,7 @@ def test_a_small_zone_joins_the_higher_class_with_the_longest_border() -> None:
 
 def test_a_small_zone_on_its_own_grows_to_the_smallest_area() -> None:
     classes = block((15, 15, 16, 16, 2))
-    coarse = generalised(classes, 2.0, ZoneSettings(100.0, min_width_m=6.0))
+    coarse = generalised(classes, 2.0, ZoningSettings(100.0, min_width_m=6.0))
     assert set(np.unique(coarse)) == {0, 2}
     assert 25 <= (coarse > 0).sum() <= 25 + 8
     rows, cols = np.nonzero(coarse)
@@ -398,14 +398,14 @@ def test_gaps_between_fall_lines_are_closed_up_to_the_width() -> None:
     for gap in range(1, 8):
         for closing in range(8):
             classes = block((3, 5, 27, 10, 1), (3, 10 + gap, 27, 25, 1))
-            rules = ZoneSettings(closing_m=2.0 * closing + 0.5)
+            rules = ZoningSettings(closing_m=2.0 * closing + 0.5)
             coarse = generalised(classes, 2.0, rules)
             filled = coarse[12:18, 10 : 10 + gap]
             assert filled.all() if gap <= closing else not filled.any(), (gap, closing)
 
 
 def test_a_thread_is_widened_and_a_wide_part_is_not() -> None:
-    rules = ZoneSettings(closing_m=0.0, min_area_m2=0.0, min_width_m=6.0)
+    rules = ZoningSettings(closing_m=0.0, min_area_m2=0.0, min_width_m=6.0)
     body = block((3, 3, 12, 27, 2))
     np.testing.assert_array_equal(generalised(body, 2.0, rules), body)
     thread = np.maximum(body, block((12, 15, 27, 16, 2)))
@@ -416,18 +416,18 @@ def test_a_thread_is_widened_and_a_wide_part_is_not() -> None:
     assert (coarse[:12] == body[:12]).all()
     # Never less than asked for, in whole cells alike on either side.
     for asked, cells in ((0.0, 1), (2.0, 1), (2.1, 3), (6.0, 3), (7.0, 5), (10.0, 5)):
-        rules = ZoneSettings(closing_m=0.0, min_area_m2=0.0, min_width_m=asked)
+        rules = ZoningSettings(closing_m=0.0, min_area_m2=0.0, min_width_m=asked)
         assert (generalised(thread, 2.0, rules)[20] > 0).sum() == cells, asked
 
 
 def test_a_part_of_an_even_number_of_cells_is_wide_enough() -> None:
-    rules = ZoneSettings(closing_m=0.0, min_area_m2=0.0, min_width_m=10.0)
+    rules = ZoningSettings(closing_m=0.0, min_area_m2=0.0, min_width_m=10.0)
     thread = block((3, 10, 27, 12, 1))
     np.testing.assert_array_equal(generalised(thread, 5.0, rules), thread)
 
 
 def test_a_narrow_rim_joins_the_higher_zone_and_a_wide_one_stays() -> None:
-    rules = ZoneSettings(closing_m=0.0, min_area_m2=0.0, min_width_m=10.0)
+    rules = ZoningSettings(closing_m=0.0, min_area_m2=0.0, min_width_m=10.0)
     for rim, stays in ((1, False), (4, False), (5, True)):
         classes = block((8 - rim, 8 - rim, 22 + rim, 22 + rim, 1), (8, 8, 22, 22, 2))
         coarse = generalised(classes, 2.0, rules)
@@ -436,7 +436,7 @@ def test_a_narrow_rim_joins_the_higher_zone_and_a_wide_one_stays() -> None:
 
 def test_several_narrow_rims_become_one_that_can_be_drawn() -> None:
     """Not all the highest: that would carry it across all of them."""
-    rules = ZoneSettings(closing_m=0.0, min_area_m2=0.0, min_width_m=10.0)
+    rules = ZoningSettings(closing_m=0.0, min_area_m2=0.0, min_width_m=10.0)
     classes = block((0, 0, 30, 17, 1), (0, 0, 30, 14, 2), (0, 0, 30, 11, 3))
     coarse = generalised(classes, 2.0, rules)
     # Both rims of three cells make one of six.
@@ -447,7 +447,7 @@ def test_several_narrow_rims_become_one_that_can_be_drawn() -> None:
 @given(RASTERS)
 def test_nothing_thinner_than_the_least_width_is_left(classes: np.ndarray) -> None:
     """A disk of three cells fits into every zone beside a higher one."""
-    rules = ZoneSettings(closing_m=0.0, min_area_m2=60.0, min_width_m=6.0)
+    rules = ZoningSettings(closing_m=0.0, min_area_m2=60.0, min_width_m=6.0)
     padded = np.pad(classes, 4)
     out = generalised(padded, 2.0, rules)
     cross = ndimage.generate_binary_structure(2, 1)
@@ -486,8 +486,8 @@ def test_a_disk_becomes_round() -> None:
     i, j = np.mgrid[:80, :80]
     classes = (np.hypot(i - 40, j - 40) < 30).astype(np.int64)
     grid = grid_of(classes)
-    (exact,) = coverage(classes, grid, ZoneSettings(tolerance_m=0.0)).polygons
-    (zone,) = coverage(classes, grid, ZoneSettings(tolerance_m=3.0)).polygons
+    (exact,) = coverage(classes, grid, ZoningSettings(tolerance_m=0.0)).polygons
+    (zone,) = coverage(classes, grid, ZoningSettings(tolerance_m=3.0)).polygons
     # No cell is cut, and nothing is added beyond the shortest line around them.
     assert zone.equals(exact.convex_hull)
     assert len(zone.exterior.coords) < len(exact.exterior.coords) / 2.5
@@ -519,15 +519,13 @@ def test_what_cannot_be_drawn_is_refused() -> None:
         coverage(classes - 1, grid_of(classes))
     with pytest.raises(ValueError, match="below 0"):
         generalised(classes - 1, 2.0)
-    with pytest.raises(InputError, match="precision_m"):
+    with pytest.raises(InputError, match="too small for the precision"):
         coverage(classes, grid_of(classes, 0.005))
     for wrong in (
         {"min_area_m2": -1.0},
         {"closing_m": float("nan")},
         {"min_width_m": -1.0},
         {"tolerance_m": -0.1},
-        {"precision_m": 0.0},
-        {"precision_m": 0.003},
     ):
         with pytest.raises(ConfigError, match=next(iter(wrong))):
-            ZoneSettings(**wrong)
+            ZoningSettings(**wrong)

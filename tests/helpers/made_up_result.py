@@ -34,10 +34,13 @@ from sassgis.model.styles import (
     RELEASE_POINT_STYLE,
     STOP_STYLE,
     FieldInfo,
+    StyleClass,
     Symbol,
     VectorStyle,
     categorised_style,
-    graduated_style,
+    class_colours,
+    class_labels,
+    class_limits,
 )
 
 WEST, NORTH, CELL, ROWS, COLS = 2_600_000.0, 1_200_000.0, 2.0, 400, 500
@@ -264,8 +267,19 @@ def vector_layers(crs: str | None = "EPSG:2056") -> dict[str, VectorLayer]:
             "Plan of the profiles",
             frame(lines, energy_kj=[10.0, 30.0, 120.0, 300.0, 800.0]),
             {"energy_kj": FieldInfo("Greatest energy", "kJ", "Translation and rotation")},
-            style=graduated_style(
-                Symbol("line", "#000000", size_mm=0.8), "energy_kj", (30, 300), "kJ", "plasma"
+            style=VectorStyle(
+                Symbol("line", "#000000", size_mm=0.8),
+                method="ranges",
+                column="energy_kj",
+                classes=tuple(
+                    StyleClass(label, Symbol("line", colour, size_mm=0.8), lower=low, upper=high)
+                    for (low, high), label, colour in zip(
+                        class_limits((30, 300)),
+                        class_labels((30, 300), "kJ"),
+                        class_colours((30, 300), "plasma"),
+                        strict=True,
+                    )
+                ),
             ),
         ),
         VectorLayer(

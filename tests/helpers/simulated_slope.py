@@ -29,9 +29,8 @@ from sassgis.model.grid import Grid
 from sassgis.model.ground import GroundClass, GroundTable
 from sassgis.model.map_run import Forest
 from sassgis.model.profiles import ControlLineCrossings, ReleasePoints
-from sassgis.model.release_areas import FallLineSettings
 from sassgis.model.results import ControlLine
-from sassgis.model.settings import EngineSettings
+from sassgis.model.settings import EngineSettings, TerrainSettings
 from sassgis.terrain.fall_lines import fall_line_surface, trace
 from sassgis.terrain.flatten import chainage_to_xy, profiles
 from sassgis.terrain.release import point_keys
@@ -111,7 +110,7 @@ def observed(
         np.concatenate([point_keys(f"P{i}", 1) for i in range(6)]),
         tuple(f"P{i}" for i in range(6)),
     )
-    settings = FallLineSettings()
+    settings = TerrainSettings()
     traces = trace(grid, fall_line_surface(grid, settings), points, settings)
     flat = profiles(grid, traces, kind, 0.05)
     lines = with_lead_in(flat, 20.0)

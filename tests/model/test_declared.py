@@ -14,7 +14,7 @@ from sassgis.engine.effects.trees import Trees
 from sassgis.model.declared import Renamed, Section, Span, declared, is_file, limits_text
 from sassgis.model.effects import EffectSettings
 from sassgis.model.errors import ConfigError
-from sassgis.model.settings import BlockSettings, EngineSettings, TerrainSettings
+from sassgis.model.settings import BlockSettings, TerrainSettings
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,12 +69,6 @@ def test_limits_in_words():
 def test_files_are_known():
     assert is_file(declared(TerrainSettings)["dem"].kind)
     assert not is_file(declared(TerrainSettings)["crs"].kind)
-
-
-@pytest.mark.parametrize("change", [{"gravity_mps2": 0.0}, {"rolling": "cube"}, {"max_events": 1}])
-def test_engine_settings_are_checked_in_code(change):
-    with pytest.raises(ConfigError, match=next(iter(change))):
-        EngineSettings(**change)
 
 
 # --- effects ---

@@ -74,8 +74,8 @@ def test_profiles_follow_these_heights_and_maps_the_terrain_model(
     x, y = run.areas[0].geometry.centroid.coords[0]
 
     def gap(run: MapRun, heights: Grid) -> float:
-        surface = fall_line_surface(run.grid, run.fall_lines)
-        lines = trace(run.grid, surface, points_at(x, y), run.fall_lines)
+        surface = fall_line_surface(run.grid, run.terrain)
+        lines = trace(run.grid, surface, points_at(x, y), run.terrain)
         flat = prepare_lines(run, lines).flat
         z = flat.vertices(0)[1]
         # The first vertex is the start of the line: no tolerance there.

@@ -8,19 +8,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from sassgis.model.errors import ConfigError, InputError
+from sassgis.model.errors import InputError
 from sassgis.model.grid import Grid
 from sassgis.model.profiles import ProfileSet, TraceSet
-from sassgis.model.release_areas import FallLineSettings
+from sassgis.model.settings import TerrainSettings
 from sassgis.terrain.fall_lines import fall_line_surface, trace
 from sassgis.terrain.flatten import (
     chainage_to_xy,
     crossings,
-    height_samples,
     profiles,
     xy_to_chainage,
 )
-from sassgis.terrain.release import take
 
 pytestmark = pytest.mark.kernels
 
@@ -47,7 +45,7 @@ def traces(rough_grid: Grid) -> TraceSet:
     mx, my = middle(rough_grid)
     rng = np.random.default_rng(3)
     points = points_at(mx + rng.uniform(-80, 80, 12), my + rng.uniform(0, 120, 12))
-    settings = FallLineSettings()
+    settings = TerrainSettings()
     return trace(rough_grid, fall_line_surface(rough_grid, settings), points, settings)
 
 
@@ -84,13 +82,15 @@ def test_profiles_keep_within_the_tolerance(
     rough_grid: Grid, traces: TraceSet, classes: NDArray[np.int32], tolerance: float
 ) -> None:
     flat = profiles(rough_grid, traces, classes, tolerance)
+    # Without a tolerance the samples themselves are the vertices.
+    samples = profiles(rough_grid, traces, classes, 0.0)
     west, south, east, north = rough_grid.bounds
     for i in range(len(traces)):
         s, z, _ = of(flat, i)
         assert s[0] == 0.0
         assert s[-1] == traces.s[traces.offset[i + 1] - 1]
         assert (np.diff(s) > 0).all()
-        sample_s, sample_z = height_samples(rough_grid, traces, i)
+        sample_s, sample_z, _ = of(samples, i)
         assert np.abs(np.interp(sample_s, s, z) - sample_z).max() <= tolerance + 1e-6
         # And between the samples, by an independent formula.
         fine = np.linspace(0.0, s[-1], 5000)
@@ -116,7 +116,7 @@ def test_a_plane_is_one_segment(azimuth: float, slope: float) -> None:
     tangent = np.tan(np.radians(slope))
     grid = grid_of(lambda x, y: 500 - tangent * (x * east + y * north), 60, 60)
     mx, my = middle(grid)
-    settings = FallLineSettings()
+    settings = TerrainSettings()
     lines = trace(grid, fall_line_surface(grid, settings), points_at(mx, my), settings)
     flat = profiles(grid, lines, np.zeros(grid.shape, np.int32), 0.01)
     s, z, _ = of(flat, 0)
@@ -140,7 +140,7 @@ def test_heights_next_to_nodata_continue_the_slope() -> None:
 
 def test_smoothing_does_not_touch_the_heights(rough_grid: Grid) -> None:
     mx, my = middle(rough_grid)
-    settings = FallLineSettings(smoothing_m=15.0)
+    settings = TerrainSettings(smoothing_m=15.0)
     lines = trace(
         rough_grid, fall_line_surface(rough_grid, settings), points_at(mx, my + 60), settings
     )
@@ -236,23 +236,6 @@ def test_single_points_give_single_vertices() -> None:
     assert np.isnan(z[0])
 
 
-def test_chunks_give_the_same_profiles_to_the_last_bit(
-    rough_grid: Grid, traces: TraceSet, classes: NDArray[np.int32]
-) -> None:
-    settings = FallLineSettings()
-    ground = fall_line_surface(rough_grid, settings)
-    points = points_at(traces.x[traces.offset[:-1]], traces.y[traces.offset[:-1]])
-    whole = profiles(rough_grid, traces, classes, 0.2)
-    for chunk in (np.arange(0, 5), np.array([11, 2])):
-        lines = trace(rough_grid, ground, take(points, chunk), settings)
-        part = profiles(rough_grid, lines, classes, 0.2)
-        for i, j in enumerate(chunk):
-            for a, b in zip(of(part, i), of(whole, int(j)), strict=True):
-                assert np.array_equal(a, b)
-            for c, d in zip(stretches(part, i), stretches(whole, int(j)), strict=True):
-                assert np.array_equal(c, d)
-
-
 def test_map_and_chainage_both_ways(traces: TraceSet) -> None:
     rng = np.random.default_rng(5)
     lengths = traces.s[traces.offset[1:] - 1]
@@ -322,7 +305,5 @@ def test_crossings_at_vertices_count_once_and_further_ones_follow() -> None:
 def test_bad_inputs_are_named(rough_grid: Grid, traces: TraceSet) -> None:
     with pytest.raises(InputError, match="ground"):
         profiles(rough_grid, traces, np.zeros((3, 3), np.int32), 0.1)
-    with pytest.raises(ConfigError, match="segment_tolerance_m"):
-        profiles(rough_grid, traces, np.zeros(rough_grid.shape, np.int32), -1.0)
     with pytest.raises(InputError, match="control_line"):
         crossings(traces, np.array([(0.0, 1.0)]))

@@ -10,9 +10,8 @@ from sassgis.io.read.ground_map import built_in_table
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.map_run import MapRun
 from sassgis.model.profiles import TraceSet
-from sassgis.model.release_areas import FallLineSettings
 from sassgis.model.results import ControlLine
-from sassgis.model.settings import EngineSettings
+from sassgis.model.settings import EngineSettings, ReleaseSettings, TerrainSettings
 from sassgis.terrain.fall_lines import fall_line_surface, trace
 from sassgis.terrain.prepare import (
     LEAD_IN_M,
@@ -42,18 +41,17 @@ def plane_run() -> MapRun:
             (ControlLine("wall", "wall", 2.0), across - [0.0, 12.0]),
         ),
         engine=EngineSettings(),
-        fall_lines=FallLineSettings(smoothing_m=0.0, energy_line_angle_deg=0.0),
-        segment_tolerance_m=0.1,
-        spacing_m=2.0,
-        placement="grid",
-        rocks_per_point=1,
+        terrain=TerrainSettings(
+            smoothing_m=0.0, energy_line_angle_deg=0.0, segment_tolerance_m=0.1, path="fall_line"
+        ),
+        release=ReleaseSettings(spacing_m=2.0, rocks_per_point=1),
         seed=1,
     )
 
 
 def traced(run: MapRun, *starts: tuple[float, float]) -> TraceSet:
     points = points_at([s[0] for s in starts], [s[1] for s in starts])
-    return trace(run.grid, fall_line_surface(run.grid, run.fall_lines), points, run.fall_lines)
+    return trace(run.grid, fall_line_surface(run.grid, run.terrain), points, run.terrain)
 
 
 def test_lines_are_flattened_and_go_on_behind_their_start() -> None:

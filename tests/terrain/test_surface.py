@@ -94,5 +94,3 @@ def test_nodata_does_not_leak_into_the_smoothed_heights() -> None:
 def test_bad_inputs_are_named() -> None:
     with pytest.raises(InputError, match="no height at all"):
         surface(Grid(np.full((3, 3), np.nan), 0.0, 6.0, 2.0))
-    with pytest.raises(InputError, match="smoothing_m"):
-        smoothed(grid_of(rough), -1.0)

@@ -235,7 +235,7 @@ def fall_lines_of(result: RunResult, centre: FloatArray) -> tuple[TraceSet, Trac
         centre[:1].copy(), centre[1:].copy(), np.zeros(1, np.int64), np.zeros(1, np.uint64), ("c",)
     )
     every, middle = (
-        trace(job.grid, planned.surface, p, job.fall_lines) for p in (planned.starts, alone)
+        trace(job.grid, planned.surface, p, job.terrain) for p in (planned.starts, alone)
     )
     return every, middle
 

@@ -18,91 +18,26 @@ from scipy import ndimage
 
 from sassgis.hazard.zoning.outlines import smoothed
 from sassgis.hazard.zoning.planar_graph import Outlines, regions
-from sassgis.model.errors import ConfigError, InputError
+from sassgis.model.errors import InputError
 from sassgis.model.grid import Grid, IntArray
+from sassgis.model.hazard import ZoningSettings
 
 BoolArray = NDArray[np.bool_]
 
 
-@dataclass(frozen=True, slots=True)
-class ZoneSettings:
-    """How zones are drawn.
+#: Coordinates of zones are multiples of it (m): 1 m divided by a whole number.
+_PRECISION_M = 0.001
 
-    The defaults are our choice of what is legible on a map of 1:5000: parts and gaps of 2 mm, areas
-    of 8 mm². They are in metres, so that zones of one slope do not grow with the cells.
 
-    Attributes
-    ----------
-    min_area_m2 : float
-        Smallest zone, and smallest hole in a zone (m²).
-    closing_m : float
-        Widest gap between parts of a zone that is closed (m).
-    min_width_m : float
-        Narrower parts of a zone, as a single fall line, are widened to at least this (m); narrower
-        rims of a higher zone join it.
-    tolerance_m : float or None
-        Farthest that a zone's boundary runs outside the outline of its cells (m); None: one and a
-        half cells.
-    precision_m : float
-        Coordinates are multiples of it (m).
-
-    Raises
-    ------
-    ConfigError
-        If a value is negative, or the precision is not 1 m divided by a whole number.
-    """
-
-    min_area_m2: float = 200.0
-    closing_m: float = 10.0
-    min_width_m: float = 10.0
-    tolerance_m: float | None = None
-    precision_m: float = 0.001
-
-    def __post_init__(self) -> None:
-        for field, value in (
-            ("min_area_m2", self.min_area_m2),
-            ("closing_m", self.closing_m),
-            ("min_width_m", self.min_width_m),
-            ("tolerance_m", self.tolerance_m),
-        ):
-            if value is not None and not (math.isfinite(value) and value >= 0.0):
-                raise ConfigError(
-                    "unusable value", field=f"zones.{field}", found=value, expected="0 or more"
-                )
-        per_metre = 1.0 / self.precision_m if self.precision_m > 0.0 else 0.0
-        if per_metre < 0.5 or abs(per_metre - round(per_metre)) > 1e-6 * per_metre:
-            raise ConfigError(
-                "unusable value",
-                field="zones.precision_m",
-                found=self.precision_m,
-                expected="1 m divided by a whole number, as 0.001",
-            )
-
-    def check_cells(self, cell_size: float) -> None:
-        """Raise InputError if cells are not at least ten times the precision of coordinates."""
-        if cell_size < 10.0 * self.precision_m:
-            raise InputError(
-                "cells are too small for the precision of the zones' coordinates",
-                field="zones.precision_m",
-                found=f"{self.precision_m:g} m with cells of {cell_size:g} m",
-                expected="a tenth of a cell or less",
-            )
-
-    def smallest_cells(self, cell_size: float) -> int:
-        """Cells that make up the smallest area; at least one."""
-        return max(1, math.ceil(self.min_area_m2 / cell_size**2 - 1e-9))
-
-    def closing_cells(self, cell_size: float) -> int:
-        """Widest gap that is closed (whole cells)."""
-        return math.floor(self.closing_m / cell_size + 1e-9)
-
-    def width_cells(self, cell_size: float) -> int:
-        """Least width of a part of a zone (whole cells, at least one)."""
-        return max(1, math.ceil(self.min_width_m / cell_size - 1e-9))
-
-    def tolerance_cells(self, cell_size: float) -> float:
-        """Largest distance of the boundary from the outline of the cells (cells)."""
-        return 1.5 if self.tolerance_m is None else self.tolerance_m / cell_size
+def check_cells(cell_size: float) -> None:
+    """Raise InputError if cells are not at least ten times the precision of coordinates."""
+    if cell_size < 10.0 * _PRECISION_M:
+        raise InputError(
+            "cells are too small for the precision of the zones' coordinates",
+            field="terrain.dem",
+            found=f"cells of {cell_size:g} m",
+            expected=f"cells of {10.0 * _PRECISION_M:g} m or more",
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -360,7 +295,7 @@ def _grow(
 def generalised(
     classes: IntArray,
     cell_size: float,
-    settings: ZoneSettings | None = None,
+    settings: ZoningSettings | None = None,
     at_least: IntArray | None = None,
     known: BoolArray | None = None,
 ) -> IntArray:
@@ -395,7 +330,7 @@ def generalised(
     5. Regions of one class smaller than ``min_area_m2`` join the higher class with which they share
        the longest border; those that touch none grow by the nearest cells.
     """
-    settings = settings or ZoneSettings()
+    settings = settings or ZoningSettings()
     out = np.array(classes, np.int64)
     if at_least is not None:
         out = np.maximum(out, np.asarray(at_least, np.int64))
@@ -421,7 +356,7 @@ def generalised(
 def generalised_series(
     class_maps: Sequence[IntArray],
     cell_size: float,
-    settings: ZoneSettings | None = None,
+    settings: ZoningSettings | None = None,
     known: BoolArray | None = None,
 ) -> list[IntArray]:
     """Generalise maps from the most frequent return period to the rarest, each above the last.
@@ -438,7 +373,7 @@ def generalised_series(
     return out
 
 
-def _polygons(outlines: Outlines, grid: Grid, precision_m: float) -> Coverage:
+def _polygons(outlines: Outlines, grid: Grid) -> Coverage:
     """Polygons of outlines: each outer ring with the holes of the same region."""
     rings = outlines.rings()
     of_label = outlines.klass
@@ -448,7 +383,7 @@ def _polygons(outlines: Outlines, grid: Grid, precision_m: float) -> Coverage:
     length = np.diff(rings.start)[order]
     start = np.concatenate(([0], np.cumsum(length)))
     vertex = np.repeat(rings.start[:-1][order] - start[:-1], length) + np.arange(start[-1])
-    per_metre = round(1.0 / precision_m)
+    per_metre = round(1.0 / _PRECISION_M)
 
     def snapped(metres: NDArray[Any]) -> NDArray[Any]:
         return np.asarray(np.rint(metres * per_metre) / per_metre)
@@ -468,7 +403,7 @@ def _polygons(outlines: Outlines, grid: Grid, precision_m: float) -> Coverage:
 def nested_coverages(
     class_maps: Sequence[IntArray],
     grid: Grid,
-    settings: ZoneSettings | None = None,
+    settings: ZoningSettings | None = None,
     known: BoolArray | None = None,
 ) -> list[Coverage]:
     """Draw the zones of several return periods, from the most frequent to the rarest.
@@ -495,7 +430,7 @@ def nested_coverages(
     InputError
         If cells are not at least ten times the precision of the coordinates.
     """
-    settings = settings or ZoneSettings()
+    settings = settings or ZoningSettings()
     maps = [np.asarray(m, np.int64) for m in class_maps]
     for m in maps:
         if m.shape != grid.shape:
@@ -504,7 +439,7 @@ def nested_coverages(
             raise ValueError("a class is below 0")
     if any((rare < frequent).any() for frequent, rare in pairwise(maps)):
         raise ValueError("a rarer return period is below a more frequent one")
-    settings.check_cells(grid.cell_size)
+    check_cells(grid.cell_size)
     if not maps or maps[0].size == 0:
         return [Coverage(np.empty(0, object), np.empty(0, np.int64)) for _ in maps]
     smallest = settings.smallest_cells(grid.cell_size)
@@ -530,9 +465,9 @@ def nested_coverages(
     for classes in reversed(maps):
         lid = smoothed(classes, smallest, tolerance, lid)
         drawn.append(lid)
-    return [_polygons(outlines, grid, settings.precision_m) for outlines in reversed(drawn)]
+    return [_polygons(outlines, grid) for outlines in reversed(drawn)]
 
 
-def coverage(classes: IntArray, grid: Grid, settings: ZoneSettings | None = None) -> Coverage:
+def coverage(classes: IntArray, grid: Grid, settings: ZoningSettings | None = None) -> Coverage:
     """Draw the zones of one map; see `nested_coverages`."""
     return nested_coverages([classes], grid, settings)[0]

@@ -36,7 +36,8 @@ from sassgis.model.blocks import BlockPopulation
 from sassgis.model.declared import Declared, Section, declared, is_file
 from sassgis.model.effects import EffectSection, EffectSettings
 from sassgis.model.errors import ConfigError, InputError
-from sassgis.model.hazard import Onset
+from sassgis.model.exposure import ObjectSettings, RiskSettings
+from sassgis.model.hazard import HazardSettings, Onset, ZoningSettings
 from sassgis.model.results import ControlLine
 from sassgis.model.run_config import Config
 from sassgis.model.settings import (
@@ -45,17 +46,13 @@ from sassgis.model.settings import (
     BlockSettings,
     EngineSettings,
     GroundSettings,
-    HazardSettings,
-    ObjectSettings,
     OutputSettings,
     ProfileSettings,
     ProjectSettings,
     ReleaseSettings,
-    RiskSettings,
     RunSettings,
     StationSettings,
     TerrainSettings,
-    ZoningSettings,
 )
 
 #: The type of each section; that of ``[effects]`` holds a section for each effect that is on.
@@ -304,42 +301,38 @@ PHYSICS_SECTIONS = (
 )
 
 
-def settings_hash(
-    config: Config, *, sections: Iterable[str] = PHYSICS_SECTIONS, contents: bool = True
-) -> str:
+def settings_hash(config: Config, *, sections: Iterable[str] = PHYSICS_SECTIONS) -> str:
     """Fingerprint of a run: equal if and only if the settings and the files they name are equal.
+
+    Files count by what they hold, and not by where they are; the number of jobs does not count.
 
     Parameters
     ----------
     sections
-        Sections that count. The number of jobs never does.
-    contents
-        Whether files count by what they hold (and not by where they are). If false, by path.
+        Those that count.
 
     Returns
     -------
     str
         64 hexadecimal digits, the same on every machine.
     """
+    digests: dict[str, str] = {}
+
+    def by_content(node: Any) -> Any:
+        if isinstance(node, dict):
+            return {
+                k: digests.setdefault(v, file_digest(v))
+                if k in _PATH_KEYS and isinstance(v, str)
+                else by_content(v)
+                for k, v in node.items()
+            }
+        return [by_content(v) for v in node] if isinstance(node, list) else node
+
     plain = resolved(config)
     chosen = {section: plain[section] for section in sections}
     if chosen.get("run"):
         chosen["run"] = {k: v for k, v in chosen["run"].items() if k != "jobs"}
-    if contents:
-        digests: dict[str, str] = {}
-
-        def by_content(node: Any) -> Any:
-            if isinstance(node, dict):
-                return {
-                    k: digests.setdefault(v, file_digest(v))
-                    if k in _PATH_KEYS and isinstance(v, str)
-                    else by_content(v)
-                    for k, v in node.items()
-                }
-            return [by_content(v) for v in node] if isinstance(node, list) else node
-
-        chosen = by_content(chosen)
-    text = json.dumps(chosen, sort_keys=True, ensure_ascii=True, allow_nan=False)
+    text = json.dumps(by_content(chosen), sort_keys=True, ensure_ascii=True, allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()
 
 

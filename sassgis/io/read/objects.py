@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +18,10 @@ from sassgis.io.read.vectors import check_on_map, feature_names
 from sassgis.model.errors import InputError
 from sassgis.model.exposure import (
     NUMBERS_OF_KIND,
-    OBJECT_KINDS,
     VULNERABILITY_KINDS,
     ExposedObject,
     ObjectKind,
+    ObjectSettings,
     PlacedObjects,
     Traffic,
     Vulnerability,
@@ -51,40 +50,12 @@ _BORDER = 1e-6
 # Objects
 
 
-def read_objects(
-    file: Path,
-    grid: Grid,
-    *,
-    kind: ObjectKind,
-    name: str = "objects",
-    layer: str | None = None,
-    name_field: str | None = None,
-    fields: Mapping[str, str | None] | None = None,
-    defaults: Mapping[str, float | None] | None = None,
-    segment_m: float = 50.0,
-    radius_m: float = 0.0,
-) -> PlacedObjects:
-    """Read exposed objects; roads and lines are cut into stretches.
+def read_objects(settings: ObjectSettings, grid: Grid) -> PlacedObjects:
+    """Read a layer of exposed objects; roads and lines are cut into stretches of equal length.
 
-    Parameters
-    ----------
-    kind
-        Of all objects of the layer.
-    name
-        Of the entry ``[[objects]]`` of the configuration; also the stem of the objects' names
-        where no attribute gives them.
-    name_field
-        Attribute with the names of the objects.
-    fields
-        Attribute that holds a number of the object, by the number's name: the keys of
-        ``NUMBERS_OF_KIND[kind]``.
-    defaults
-        The number where there is no attribute for it, or where the attribute is empty.
-    segment_m
-        Length of the equal parts into which roads and lines are cut, about (m).
-    radius_m
-        Buildings and people are hit by blocks whose centre comes within this distance (m): half the
-        width of a block, or the reach of people given as points. 0: what is drawn itself.
+    An attribute goes before a number for all, which holds where the attribute is empty. Buildings
+    and people are hit by blocks whose centre comes within ``radius_m``: half the width of a block,
+    or the reach of people given as points.
 
     Returns
     -------
@@ -92,15 +63,15 @@ def read_objects(
         In the order of the file, stretches by chainage. Stretches of roads outside the DEM are
         left out, with a warning.
     """
+    file, kind, name, name_field = settings.file, settings.kind, settings.name, settings.name_field
     key = f"objects[{name}]"
-    columns = {k: v for k, v in (fields or {}).items() if v is not None}
-    numbers = {k: v for k, v in (defaults or {}).items() if v is not None}
-    _check_settings(kind, {**numbers, **columns}, segment_m, radius_m, grid, file, key)
+    columns, numbers = settings.fields, settings.defaults
+    _check_settings(settings, grid, key)
     features = read_features(
         file,
         grid,
         key,
-        layer=layer,
+        layer=settings.layer,
         fields={"name_field": name_field, **{f"{k}_field": v for k, v in columns.items()}},
         label=name_field,
         kinds=_SHAPES[kind],
@@ -117,9 +88,10 @@ def read_objects(
         values = _numbers(feature, label, kind, columns, numbers, file, key)
         whole = _object(own, kind, values, label, columns, file, key)
         if feature.kind == "line":
-            parts = _stretches(whole, feature.geometry, segment_m, grid, file)
+            parts = _stretches(whole, feature.geometry, settings.segment_m, grid, file)
         else:
-            wide = feature.geometry.buffer(radius_m) if radius_m > 0.0 else feature.geometry
+            around = settings.radius_m
+            wide = feature.geometry.buffer(around) if around > 0.0 else feature.geometry
             parts = [(whole, wide)]
         objects += [thing for thing, _ in parts]
         geometries += [shape for _, shape in parts]
@@ -155,43 +127,24 @@ def _check_names(parts: Sequence[PlacedObjects], file: Path | None) -> None:
             )
 
 
-def _check_settings(
-    kind: str,
-    given: Mapping[str, object],
-    segment_m: float,
-    radius_m: float,
-    grid: Grid,
-    file: Path,
-    key: str,
-) -> None:
-    wrong = partial(InputError, file=file)
-    if kind not in OBJECT_KINDS:
-        raise wrong(
-            "unknown kind of object",
-            field=f"{key}.kind",
-            found=repr(kind),
-            expected=nearest(str(kind), OBJECT_KINDS),
-        )
-    for name in given:
-        if name not in NUMBERS_OF_KIND[kind]:
-            raise wrong(
-                f"does not go with kind {kind}",
+def _check_settings(settings: ObjectSettings, grid: Grid, key: str) -> None:
+    """Whether the numbers go with the kind, and stretches with the cells."""
+    for name in (*settings.defaults, *settings.fields):
+        if name not in NUMBERS_OF_KIND[settings.kind]:
+            raise InputError(
+                f"does not go with kind {settings.kind}",
+                file=settings.file,
                 field=f"{key}.{name}",
-                expected=nearest(name, NUMBERS_OF_KIND[kind]),
+                expected=nearest(name, NUMBERS_OF_KIND[settings.kind]),
             )
-    if _SHAPES[kind] == ("line",) and not segment_m >= _LEAST_CELLS * grid.cell_size:
-        raise wrong(
+    least = _LEAST_CELLS * grid.cell_size
+    if _SHAPES[settings.kind] == ("line",) and not settings.segment_m >= least:
+        raise InputError(
             "stretches would be too short for the cells of the DEM",
+            file=settings.file,
             field=f"{key}.segment_m",
-            found=f"{segment_m:g}",
-            expected=f"{_LEAST_CELLS * grid.cell_size:g} m or more ({_LEAST_CELLS:g} cells)",
-        )
-    if not 0.0 <= radius_m < np.inf:
-        raise wrong(
-            "is out of range",
-            field=f"{key}.radius_m",
-            found=f"{radius_m:g}",
-            expected="a number 0 or more",
+            found=f"{settings.segment_m:g}",
+            expected=f"{least:g} m or more ({_LEAST_CELLS:g} cells)",
         )
 
 
@@ -275,8 +228,7 @@ def _traffic(values: Mapping[str, float], label: str, file: Path, key: str) -> T
                 found=", ".join(values),
                 expected=f"{name} or {name}_field as well",
             )
-    own = dict(values)
-    return Traffic(vehicles_per_day=own.pop("traffic_per_day"), **own)
+    return Traffic(**values)
 
 
 def _warn(placed: PlacedObjects, grid: Grid, file: Path) -> None:

@@ -12,8 +12,8 @@ from annotated_types import Interval
 
 from sassgis.io.read.ground_map import built_in_table
 from sassgis.model.declared import Declared, declared, interval
-from sassgis.model.exposure import NUMBERS_OF_KIND, OBJECT_KINDS
-from sassgis.model.settings import BarrierSettings, ForestPlace, ObjectSettings
+from sassgis.model.exposure import NUMBERS_OF_KIND, OBJECT_KINDS, ObjectSettings
+from sassgis.model.settings import BarrierSettings, ForestPlace
 from sassgis.model.styles import (
     BARRIER_STYLE,
     RELEASE_AREA_STYLE,

@@ -53,22 +53,22 @@ def wrong_lines():
         yield family, "strenth", "1"
 
 
-@pytest.mark.parametrize(("family", "key", "value"), list(wrong_lines()))
-def test_a_wrong_key_or_value_is_told_in_one_line(valley, family, key, value):
-    needed = TREES if family == "trees" else ""
-    with pytest.raises(SassgisError) as caught:
-        valley(f"[effects.{family}]\n{needed}{key} = {value}\n", whole=False)
-    line = str(caught.value)
-    assert "\n" not in line
-    assert "config.toml" in line and f"effects.{family}.{key}" in line
-    assert "found" in line or "unknown" in line
-    assert "expected" in line
+def test_a_wrong_key_or_value_is_one_line(valley):
+    for family, key, value in wrong_lines():
+        needed = TREES if family == "trees" else ""
+        with pytest.raises(SassgisError) as caught:
+            valley(f"[effects.{family}]\n{needed}{key} = {value}\n", whole=False)
+        line = str(caught.value)
+        assert "\n" not in line
+        assert "config.toml" in line and f"effects.{family}.{key}" in line
+        assert "found" in line or "unknown" in line
+        assert "expected" in line
 
 
-@pytest.mark.parametrize("family", FAMILIES)
-def test_an_empty_section_turns_the_family_on_with_its_defaults(valley, family):
-    effects = valley(f"[effects.{family}]\n", whole=False).effects
-    assert effects.names == (family,)
+def test_an_empty_section_turns_the_family_on_with_its_defaults(valley):
+    for family in FAMILIES:
+        effects = valley(f"[effects.{family}]\n", whole=False).effects
+        assert effects.names == (family,)
 
 
 def test_headings_do_not_turn_on_fall_lines(valley):

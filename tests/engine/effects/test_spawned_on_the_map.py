@@ -75,7 +75,7 @@ def test_a_run_that_goes_on_is_the_run_that_was_not_stopped(job, planned, whole)
 
 def test_pieces_are_rows_and_stops_but_no_rocks(job, planned, whole):
     rows = joined_rows(whole.stops).rocks
-    released = planned.rocks_of_point(job).sum()
+    released = planned.blocks_of_point(job).sum()
     assert whole.reasons.sum() + whole.lost == released
     assert rows.size == whole.reasons.sum() + whole.pieces
     assert (rows["piece"] > 0).sum() == whole.pieces > 100

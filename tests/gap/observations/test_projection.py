@@ -21,7 +21,7 @@ from sassgis.gap.observations.tables import Stations
 from sassgis.io.read.observation_files import read_observations
 from sassgis.model.grid import Grid
 from sassgis.model.profiles import TraceSet
-from sassgis.model.release_areas import FallLineSettings
+from sassgis.model.settings import TerrainSettings
 from sassgis.terrain.fall_lines import fall_line_surface, trace
 from sassgis.terrain.flatten import profiles
 from sassgis.terrain.heights import heights_at
@@ -32,7 +32,7 @@ MIDDLE = WEST + 100.0
 
 
 def traced(grid, points):
-    settings = FallLineSettings()
+    settings = TerrainSettings()
     return trace(grid, fall_line_surface(grid, settings), points, settings)
 
 

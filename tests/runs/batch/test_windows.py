@@ -27,7 +27,7 @@ def test_lines_on_a_part_are_those_of_the_whole(valley: Valley) -> None:
     part = windowed(terrain, whole.areas[0].geometry.bounds, 10.0, make, 50.0)
     assert part.part.n_rows < whole.grid.shape[0]
     inside, free = (
-        trace(run.grid, planned.surface, planned.starts, run.fall_lines)
+        trace(run.grid, planned.surface, planned.starts, run.terrain)
         for run, planned in ((part.run, part.planned), (whole, plan(whole)))
     )
     assert np.array_equal(inside.x, free.x) and np.array_equal(inside.y, free.y)

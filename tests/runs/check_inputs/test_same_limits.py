@@ -61,7 +61,7 @@ REFUSED: dict[str, tuple[str, Callable[[Slope], None], tuple[str, ...]]] = {
         lambda s: (s.write_dem(np.full((ROWS, COLS), 500.0)), s.write_config(**FALL_LINES))[1],
         ("release.file", "no block", "lines that end where they begin"),
     ),
-    "cells for zones": ("zone", tiny_cells, ("zones.precision_m", "cells of 0.005 m")),
+    "cells for zones": ("zone", tiny_cells, ("terrain.dem", "cells of 0.005 m")),
     "blocks at a point": (
         "run", lambda s: s.write_config(release__rocks_per_point="1000000"),
         ("release.rocks_per_point", "more memory", "2 GB"),

@@ -76,7 +76,7 @@ def test_order_and_company_of_areas_do_not_matter(job) -> None:
 
 def test_maps_agree_with_each_rock_looked_at_alone(job, monkeypatch: pytest.MonkeyPatch) -> None:
     """One rock per line and one line per chunk: what is added is then the values of one rock."""
-    one = replace(job, rocks_per_point=1, spacing_m=5.0)
+    one = replace(job, release=replace(job.release, rocks_per_point=1, spacing_m=5.0))
     planned = plan(one)
     extreme = {"energy": "max", "height": "max", "speed": "max", "arrival": "min"}
     seen: dict[str, list[tuple[int, float]]] = {name: [] for name in extreme}
@@ -135,12 +135,12 @@ def test_maps_agree_with_each_rock_looked_at_alone(job, monkeypatch: pytest.Monk
 
 
 def test_random_points_differ_between_seeds_and_lie_in_their_areas(job) -> None:
-    one = replace(job, placement="random")
+    one = replace(job, release=replace(job.release, placement="random"))
     first, again, other = (plan(replace(one, seed=s)).points for s in (1, 1, 2))
     assert np.array_equal(first.x, again.x) and not np.array_equal(first.x, other.x)
     for i, area in enumerate(one.areas):
         own = first.area == i
-        expected = area.geometry.area / one.spacing_m**2
+        expected = area.geometry.area / one.release.spacing_m**2
         assert abs(own.sum() - expected) <= 1.0
         assert shapely.contains_xy(area.geometry, first.x[own], first.y[own]).all()
     assert simulate_map(one, plan(one)).reasons.sum() > 0
@@ -184,7 +184,7 @@ def test_rocks_that_cannot_be_followed_are_counted(job) -> None:
     planned = plan(some)
     progress = simulate_map(some, planned)
     assert progress.lost == 6 and progress.reasons.sum() == 6
-    assert planned.rocks_of_point(some).sum() == progress.lost + progress.reasons.sum()
+    assert planned.blocks_of_point(some).sum() == progress.lost + progress.reasons.sum()
     never = progress.reasons[StopReason.NEVER_STARTED]
     assert sample_of(some, planned, progress).started == 6 - never
 

@@ -52,10 +52,10 @@ def rocks_one_by_one(zoned: Zoned) -> tuple[list[Rock], list[Chords]]:
     run, planned = zoned.done.run, zoned.done.planned
     out: list[Rock] = []
     chords: list[Chords] = []
-    n = run.rocks_per_point
+    n = run.release.rocks_per_point
     for point in range(len(planned.points)):
         starts = take(planned.starts, np.array([point]))
-        line = trace(run.grid, planned.surface, starts, run.fall_lines)
+        line = trace(run.grid, planned.surface, starts, run.terrain)
         prepared = prepare_lines(run, line)
         if not len(prepared):
             continue
@@ -188,7 +188,7 @@ def test_there_is_something_to_count(both) -> None:
     zoned, rocks, _ = both
     assert len({r[:2] for r in rocks}) == 4
     assert len(rocks) == sum(s.source.rocks for s in zoned.found.hazard.sampled) > 300
-    assert (zoned.done.run.rocks_per_point, zoned.done.run.repetitions) == (6, 2)
+    assert (zoned.done.run.release.rocks_per_point, zoned.done.run.repetitions) == (6, 2)
     assert max(max(r[4].values()) for r in rocks if r[4]) > 300.0
     # Rocks of both areas meet in the gully.
     north, south = ({c for r in rocks if r[0] == name for c in r[4]} for name in ("north", "south"))

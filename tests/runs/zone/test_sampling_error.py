@@ -60,7 +60,7 @@ def repeated(folder: Path, **settings: dict[str, object]) -> Repeated:
     tables = []
     for seed in range(SEEDS):
         this = replace(run, seed=1000 + seed)
-        planned = plan(this) if run.placement == "random" else job.planned
+        planned = plan(this) if run.release.placement == "random" else job.planned
         sampled = sampled_sources(this, simulate_map(this, planned), rules.frequencies)
         energies = bins_of(this).threshold
         curves = curves_of(sampled, energies)
@@ -72,7 +72,7 @@ def repeated(folder: Path, **settings: dict[str, object]) -> Repeated:
         table = risk_of(rules, sampled, energies)
         assert table is not None
         tables.append(table)
-    return Repeated(*out, tables, run.placement == "random")
+    return Repeated(*out, tables, run.release.placement == "random")
 
 
 CASES = {

@@ -18,7 +18,7 @@ import shapely
 
 from sassgis.hazard.assess import Hazard, IntensityMap
 from sassgis.hazard.zone_styles import opaque, zone_style
-from sassgis.hazard.zoning.generalise import ZoneSettings, coverage
+from sassgis.hazard.zoning.generalise import coverage
 from sassgis.io.vector_layer import VectorLayer
 from sassgis.io.write.layers.federal_model import (
     FEDERAL_CLASSES,
@@ -39,7 +39,7 @@ from sassgis.io.write.layers.federal_values import (
 )
 from sassgis.model.errors import InputError
 from sassgis.model.grid import Grid
-from sassgis.model.hazard import HazardLevel, HazardPreset, IntensityClass
+from sassgis.model.hazard import HazardLevel, HazardPreset, IntensityClass, ZoningSettings
 from sassgis.model.run_config import Config
 from sassgis.model.styles import FieldInfo, Symbol, VectorStyle
 
@@ -83,7 +83,7 @@ def federal_layers(
     assessed = coverage(
         np.isfinite(grid.values).astype(np.int64),
         grid,
-        ZoneSettings(min_area_m2=0.0, tolerance_m=0.0),
+        ZoningSettings(min_area_m2=0.0, tolerance_m=0.0),
     )
     along = "paths that are followed" if config.terrain.path == "followed" else "fall lines"
     method = (

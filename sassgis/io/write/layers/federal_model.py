@@ -15,8 +15,7 @@ from typing import Any, get_args
 import pyproj
 
 from sassgis.model.crs import same_crs
-from sassgis.model.hazard import HazardPreset
-from sassgis.model.settings import Canton
+from sassgis.model.hazard import Canton, HazardPreset
 
 MODEL_TITLE = "Swiss federal minimal geodata model 166.1, Hazard Mapping, version 1.3"
 MODEL_NAME, MODEL_VERSION = "Hazard_Mapping_LV95_V1_3", "2021-03-01"

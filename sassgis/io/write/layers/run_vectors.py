@@ -58,7 +58,7 @@ _LINE_CUT = (LineEnd.LEFT_DEM, LineEnd.NODATA, LineEnd.MAX_LENGTH)
 
 def release_areas(run: MapRun, planned: Plan) -> VectorLayer:
     """Release areas with what was released in them."""
-    rocks = planned.rocks_of_point(run)
+    rocks = planned.blocks_of_point(run)
     n = len(run.areas)
     return released_from(
         run.areas,
@@ -87,7 +87,7 @@ def release_points(run: MapRun, planned: Plan) -> VectorLayer:
     points = planned.points
     columns = {
         "area": [points.area_names[a] for a in points.area],
-        "rocks": planned.rocks_of_point(run),
+        "rocks": planned.blocks_of_point(run),
     }
     at = shapely.points(points.x, points.y)
     return described_layer("release_points", columns, at, run.grid.crs, RELEASE_POINT_STYLE)
@@ -119,7 +119,7 @@ def fall_lines(run: MapRun, planned: Plan, progress: Progress) -> VectorLayer:
         categorised_style(
             FALL_LINE_STYLE.symbol, "ends_at", colours, FALL_LINE_STYLE.smallest_scale
         ),
-        smoothing_m=run.fall_lines.smoothing_m,
+        smoothing_m=run.terrain.smoothing_m,
     )
 
 

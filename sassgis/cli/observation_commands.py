@@ -1,0 +1,202 @@
+"""Commands for sites with observations: calibration, and the diagnosis of the gap."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from sassgis.cli.options import (
+    CONFIG,
+    FIT_SEED,
+    JOBS,
+    OBSERVATIONS,
+    OUT,
+    OVERWRITE,
+    PATH,
+    WORKERS,
+    at_work,
+    command,
+    several,
+)
+from sassgis.cli.progress_bar import ProgressBar, notes, printed
+
+
+@command(
+    CONFIG,
+    OBSERVATIONS,
+    click.argument("more", nargs=-1, type=PATH),
+    OUT,
+    several("--class", "classes", "Calibrate only this ground class"),
+    several("--parameter", "parameters", "Calibrate only this parameter"),
+    FIT_SEED,
+    *WORKERS,
+    click.option(
+        "--draws", type=click.IntRange(16, 100_000),
+        help="Parameter sets to begin with; more take longer and settle the result.",
+    ),
+    OVERWRITE,
+    short_help="Fit ground classes to observations.",
+    example="calibrate sassgis.toml --observations observed -o calibrated",
+)  # fmt: skip
+def calibrate(
+    config: Path,
+    observations: Path,
+    more: tuple[Path, ...],
+    out: Path,
+    **given: Any,
+) -> None:
+    """Fit ground classes to OBSERVATIONS; MORE sites as pairs: CONFIG2 OBS2 ...
+
+    The same command goes on after an interruption.
+    """
+    from sassgis.report.calibration_report import calibration_warnings, verdict
+    from sassgis.runs.calibrate import calibrate as run_calibration
+
+    if len(more) % 2:
+        raise click.UsageError(f"{more[-1]}: a configuration without observations; give pairs")
+    sites = [(config, observations), *zip(more[::2], more[1::2], strict=True)]
+    with at_work(given) as how:
+        result = run_calibration(sites, out, **how)
+    notes(calibration_warnings(result))
+    click.echo(verdict(result))
+    click.echo(f"Open {out / 'report.html'} in a browser; run {out / 'config.toml'}.")
+
+
+@command(
+    click.argument("path", type=PATH),
+    short_help="Write empty tables of observations.",
+    example="gap template observed",
+)
+def template(path: Path) -> None:
+    """Write empty tables of observations: a .gpkg, or a folder of CSV files."""
+    from sassgis.io.write.observation_template import observations_template
+
+    click.echo(f"Wrote {observations_template(path)}. Leave out what you did not measure.")
+
+
+@command(
+    click.argument("observations", type=PATH),
+    click.option("--config", type=PATH, help="Compare them with its terrain."),
+    name="validate",
+    short_help="Check observations, and what can be identified.",
+    example="gap validate observed --config sassgis.toml",
+)
+def validate_observations(observations: Path, config: Path | None) -> None:
+    """Read OBSERVATIONS and say what is wrong with them and what can be identified."""
+    from sassgis.gap.which.identifiable import what_is_identifiable
+    from sassgis.io.read.config import load_config
+    from sassgis.io.read.observation_files import read_observations
+    from sassgis.io.read.observation_files import validate_observations as check
+    from sassgis.io.read.tiles import read_terrain
+
+    grid = None
+    if config is not None:
+        settings = load_config(config)
+        terrain = settings.terrain
+        grid = read_terrain(settings.dem_path, terrain.crs, terrain.vertical_datum)
+    read = read_observations(observations, grid)
+    for finding in check(read, grid):
+        click.echo(str(finding))
+    found = what_is_identifiable(read)
+    click.echo(f"{found.rocks} rocks, {found.unattributed} blocks of unknown origin")
+    for quantity in found.quantities:
+        click.echo(
+            f"  {quantity.name} ({quantity.table}): {quantity.values} values of "
+            f"{quantity.rocks} rocks"
+        )
+    for line in found.not_identifiable:
+        click.echo(f"not identifiable: {line}")
+
+
+@command(
+    CONFIG,
+    OBSERVATIONS,
+    OUT,
+    FIT_SEED,
+    JOBS,
+    click.option(
+        "--draws", type=click.IntRange(8, 1000),
+        help="Parameter sets of each hypothesis; more take longer and separate effects better.",
+    ),
+    click.option(
+        "--ground-range", type=click.FloatRange(0.1, 10.0), default=1.0, show_default=True,
+        help="Factor on how far the ground may be calibrated; above 1 where its classes are "
+        "guesses.",
+    ),
+    click.option(
+        "--map", "with_map", is_flag=True, help="Run the map with the calibrated model, too."
+    ),
+    OVERWRITE,
+    short_help="Where simulation and observations differ, and why.",
+    example="gap diagnose sassgis.toml --observations observed -o diagnosis",
+)  # fmt: skip
+def diagnose(
+    config: Path,
+    observations: Path,
+    out: Path,
+    draws: int | None,
+    with_map: bool,
+    **given: Any,
+) -> None:
+    """Say where simulation and OBSERVATIONS differ, which effect causes it, and how far it helps.
+
+    The same command goes on after an interruption.
+    """
+    from sassgis.report.gap_answer import verdict_sentence
+    from sassgis.runs.diagnose import MAP_NAME
+    from sassgis.runs.diagnose import diagnose as run_diagnosis
+    from sassgis.runs.hypothesis_fits import DRAWS
+
+    with at_work(given) as how:
+        result = run_diagnosis(config, observations, out, draws=draws or DRAWS, **how)
+    notes(result.warnings)
+    click.echo(result.first_sentence)
+    click.echo(verdict_sentence(result))
+    click.echo(f"Open {out / 'report.html'} in a browser, {out / 'gap.gpkg'} in QGIS.")
+    if with_map:
+        from sassgis.runs.gap_map_change import map_change
+
+        with ProgressBar() as progress:
+            model = out / "model" / "config.toml"
+            change = map_change(config, model, out / MAP_NAME, given["jobs"], say=progress.say)
+        printed(change)
+
+
+@command(
+    OUT,
+    click.option("--worlds", type=click.IntRange(1), default=150, show_default=True),
+    click.option(
+        "--seed", type=click.IntRange(0, 2**63 - 1), default=2026, show_default=True,
+        help="Of the battery.",
+    ),
+    *WORKERS,
+    click.option("--quick", is_flag=True, help="Six small sites, to see whether everything runs."),
+    click.option(
+        "--development", is_flag=True, help="Allow a battery on which the thresholds were chosen."
+    ),
+    name="check",
+    short_help="Score the diagnosis on synthetic sites.",
+    example="gap check --quick -o check",
+)  # fmt: skip
+def check_diagnosis(out: Path, **given: Any) -> None:
+    """Let the diagnosis answer on synthetic sites with blinded labels, and score it.
+
+    The same command goes on after an interruption.
+    """
+    from sassgis.gap.check.check_scores import acceptance
+    from sassgis.runs.gap_check import check
+
+    with at_work(given) as how:
+        result = check(out, **how)
+    notes(result.warnings)
+    for row in acceptance(result.scores):
+        form = ".0%" if row["is_share"] else ".2f"
+        reached = f"{row['reached']:{form}}" if row["met"] is not None else "-"
+        counts = f"{row['hits']} of {row['worlds']}; " if row["is_share"] else ""
+        click.echo(
+            f"{row['measure']}: {reached} "
+            f"({counts}required: {row['asked_is']} {row['asked']:{form}})"
+        )
+    click.echo(f"Open {out / 'report.html'} in a browser.")

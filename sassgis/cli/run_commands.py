@@ -1,0 +1,261 @@
+"""Commands that simulate, and those that compare and export results."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from sassgis.cli.options import (
+    AREAS,
+    AS_JSON,
+    CONFIG,
+    JOBS,
+    OUT,
+    OVERWRITE,
+    PATH,
+    SEED,
+    WORKERS,
+    at_work,
+    command,
+)
+from sassgis.cli.progress_bar import conclude, notes, printed
+
+if TYPE_CHECKING:
+    from sassgis.runs.run import RunResult
+
+
+@command(OUT, JOBS, OVERWRITE, AS_JSON, example="demo -o demo_out")
+def demo(out: Path, as_json: bool, **given: Any) -> None:
+    """Make the zones of the sample valley, a synthetic terrain."""
+    from sassgis.runs.samples import sample_folder
+
+    config = sample_folder() / "valley" / "config.toml"
+    _zoned(config, out, as_json, given)
+
+
+@command(
+    CONFIG,
+    OUT,
+    click.option("--csv", "csv_file", type=PATH, help="Profile: s_m, z_m, ground."),
+    click.option(
+        "--point", type=(float, float), metavar="X Y",
+        help="Cut the profile from the terrain, from here.",
+    ),
+    click.option(
+        "--line", "line_file", type=PATH,
+        help="Cut it from the terrain under the line of this vector file, drawn downwards.",
+    ),
+    click.option("--rocks", type=click.IntRange(1), help="Blocks per block scenario."),
+    SEED,
+    OVERWRITE,
+    short_help="Simulate one profile: paths, stations, run-out, energy.",
+    example="profile sassgis.toml --point 2700300 1120500 -o one_line",
+)  # fmt: skip
+def profile(config: Path, out: Path, **given: Any) -> None:
+    """Simulate one profile: trajectories, stations, run-out, energy along the slope."""
+    from sassgis.model.errors import ConfigError
+    from sassgis.runs.profile_run import run_profile
+
+    if sum(given[key] is not None for key in ("csv_file", "point", "line_file")) > 1:
+        raise ConfigError("--csv, --point and --line exclude each other", expected="one of them")
+    result = run_profile(config, out, **given)
+    click.echo(f"{result.found.rocks.size} blocks. Open {out / 'report.html'} in a browser.")
+
+
+@command(
+    CONFIG, OUT, AREAS, SEED, *WORKERS, OVERWRITE, AS_JSON,
+    short_help="Simulate blocks: maps, GeoPackage, QGIS project, report.",
+    example="run sassgis.toml -o result",
+)  # fmt: skip
+def run(config: Path, out: Path, as_json: bool, **given: Any) -> None:
+    """Simulate CONFIG on the map: maps, GeoPackage, QGIS project, figures, report."""
+    from sassgis.runs.run import run as run_map
+
+    with at_work(given) as how:
+        result = run_map(config, out, **how)
+    summary = f"{result.rocks} blocks in {result.seconds:.1f} s."
+    conclude(result.warnings, summary, out, _run_facts(result) if as_json else None)
+
+
+def _run_facts(result: RunResult) -> dict[str, object]:
+    """What a run says with --json."""
+    return {
+        "blocks": result.rocks,
+        "stopping_reasons": {r.name.lower(): count for r, count in result.reasons.items()},
+        "seconds": result.seconds,
+    }
+
+
+@command(
+    CONFIG, OUT, AREAS, SEED, *WORKERS, OVERWRITE, AS_JSON,
+    short_help="Simulate blocks, and make hazard zones; risk.",
+    example="zone sassgis.toml -o zones",
+)  # fmt: skip
+def zone(config: Path, out: Path, as_json: bool, **given: Any) -> None:
+    """Simulate CONFIG and make hazard zones: all that run writes, levels, intensities, risk."""
+    _zoned(config, out, as_json, given)
+
+
+def _zoned(config: Path, out: Path, as_json: bool, given: Mapping[str, Any]) -> None:
+    """Make hazard zones and report the result."""
+    from sassgis.runs.zone import zone as make_zones
+
+    with at_work(given) as how:
+        result = make_zones(config, out, **how)
+    hazard = result.found.hazard
+    summary = (
+        f"{result.run.rocks} blocks, {hazard.levels.polygons.size} zones, "
+        f"{100 * hazard.uncertain_share:.1f} % of the reached cells statistically uncertain."
+    )
+    facts = {
+        **_run_facts(result.run),
+        "zones": int(hazard.levels.polygons.size),
+        "uncertain_share": float(hazard.uncertain_share),
+    }
+    conclude(result.run.warnings, summary, out, facts if as_json else None)
+
+
+@command(
+    click.argument("releases", type=PATH),
+    OUT,
+    click.option(
+        "-c", "--config", type=PATH,
+        help="Everything but the release areas; default: the only TOML file beside them.",
+    ),
+    click.option(
+        "--dem", type=PATH, help="In place of terrain.dem: a raster, a VRT, or a folder of tiles."
+    ),
+    SEED,
+    *WORKERS,
+    click.option(
+        "--overwrite", is_flag=True,
+        help="Replace areas of other settings or inputs, or changed ones.",
+    ),
+    click.option(
+        "--mosaic-only", is_flag=True, help="No maps, zones and report of each area by itself."
+    ),
+    click.option(
+        "--memory", "memory_gb", type=click.FloatRange(min=1.0), metavar="GB",
+        help="Memory for all processes together; a mosaic that needs more is made block by block.",
+    ),
+    short_help="Zone many release areas, each alone and all on one map.",
+    example="batch releases -c sassgis.toml --dem terrain -o batch",
+)  # fmt: skip
+def batch(releases: Path, out: Path, **given: Any) -> None:
+    """Zone each release area of RELEASES alone, and all of them on one map.
+
+    RELEASES is a vector file, a folder of vector files, or a configuration. The same command goes
+    on after an interruption, and runs nothing again that is there.
+    """
+    from sassgis.io.staging import alone
+    from sassgis.runs.batch import batch as run_batch
+
+    with alone(out), at_work(given) as how:
+        result = run_batch(releases, out, **how)
+    done = int((result.summary["status"] == "done").sum())
+    summary = f"{done} of {len(result.summary)} areas done: {out / 'summary.csv'}"
+    conclude(result.warnings, summary, out / "mosaic")
+
+
+@command(
+    CONFIG,
+    OUT,
+    click.option(
+        "--samples", type=click.IntRange(4, 10_000), default=32, show_default=True,
+        help="Simulations that fill all ranges at once.",
+    ),
+    click.option(
+        "--rocks", type=click.IntRange(2, 1_000_000),
+        help="Blocks of each release point in each simulation; default: a fifth of the configured.",
+    ),
+    click.option(
+        "--ranges", type=PATH,
+        help="Own ranges (CSV: class, parameter, kind, low, high), before the built-in ones.",
+    ),
+    AREAS,
+    SEED,
+    JOBS,
+    OVERWRITE,
+    short_help="Vary the ground classes within their ranges.",
+    example="sensitivity sassgis.toml -o sensitivity",
+)  # fmt: skip
+def sensitivity(config: Path, out: Path, **given: Any) -> None:
+    """Show how levels, reach and energy of CONFIG answer to the ranges of its ground classes."""
+    from sassgis.runs.sensitivity_run import sensitivity as vary
+
+    with at_work(given) as how:
+        result = vary(config, out, **how)
+    summary = f"{result.simulations} simulations of {len(result.ranges)} ranges."
+    conclude(result.warnings, summary, out)
+
+
+@command(
+    click.argument("before", type=PATH),
+    click.argument("after", type=PATH),
+    OUT,
+    OVERWRITE,
+    example="compare zones_before zones_after -o change",
+)
+def compare(before: Path, after: Path, out: Path, overwrite: bool) -> None:
+    """Say what changes from the result BEFORE to the result AFTER."""
+    from sassgis.runs.compare import compare as compare_results
+
+    change = compare_results(before, after, out, overwrite=overwrite)
+    notes(change.notes)
+    printed(change)
+    click.echo(f"Open {out / 'project.qgz'} in QGIS, {out / 'report.html'} in a browser.")
+
+
+@command(
+    click.argument("result", type=PATH),
+    click.option(
+        "-o", "--output", "--xtf", "out", required=True, type=PATH,
+        help="File to write: .xtf (INTERLIS 2), .geojson or .kml.",
+    ),
+    click.option(
+        "--layer", type=click.Choice(["zones", "paths"]), default="zones", show_default=True,
+        help="Hazard zones, or paths of blocks in space (not .xtf).",
+    ),
+    click.option(
+        "--models", type=PATH,
+        help=".xtf: folder with the model's .ili files: ilivalidator checks the file against them.",
+    ),
+    click.option("--validate", is_flag=True, help=".xtf: do not write without such a check."),
+    click.option("--canton", help=".xtf: code of the canton responsible for the data, as TI."),
+    OVERWRITE,
+    short_help="Write zones as INTERLIS 2 (model 166.1).",
+    example="export zones --xtf zones.xtf",
+)  # fmt: skip
+def export(
+    result: Path,
+    out: Path,
+    layer: str,
+    models: Path | None,
+    validate: bool,
+    canton: str | None,
+    overwrite: bool,
+) -> None:
+    """Write zones or paths of the folder RESULT for other programs.
+
+    The suffix of the file names the format. INTERLIS 2 is model 166.1 in EPSG:2056; GeoJSON and KML
+    are in WGS 84.
+    """
+    if out.suffix.lower() != ".xtf":
+        if models or validate or canton:
+            raise click.UsageError("--models, --validate and --canton are for .xtf")
+        from sassgis.io.write.view_files import export_view
+
+        click.echo(export_view(result, out, layer, overwrite=overwrite))
+        return
+    if layer != "zones":
+        raise click.UsageError("an .xtf holds zones; write paths as .geojson or .kml")
+    from sassgis.io.interlis.transfer import export_xtf
+    from sassgis.model.errors import OutputError
+
+    exported = export_xtf(result, out, models, validate, canton=canton, overwrite=overwrite)
+    printed(exported)
+    if not exported.accepted:
+        raise OutputError(f"{out}: the validator does not accept it; its messages are above")

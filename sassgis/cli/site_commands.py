@@ -1,0 +1,252 @@
+"""Commands before a simulation: terrain, release areas, configuration, frequencies, checks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from sassgis.cli.options import (
+    AS_JSON,
+    CONFIG,
+    DEM_CRS,
+    OVERWRITE,
+    PATH,
+    command,
+)
+from sassgis.cli.progress_bar import printed
+
+_ABOVE_0 = click.FloatRange(min=0.0, min_open=True)
+
+
+@command(
+    click.argument("polygon", type=PATH),
+    click.option(
+        "-o", "--output", "out", type=PATH,
+        help="Folder for the tiles; without it they are listed only.",
+    ),
+    click.option(
+        "--resolution", type=click.Choice(["0.5", "2"]), default="2", show_default=True,
+        help="Size of the cells (m).",
+    ),
+    click.option("--layer", help="Layer of the polygons, where the file has several."),
+    click.option("--most", type=click.IntRange(1), default=100, show_default=True, help="Tiles."),
+    click.option("--server", help="Address of another STAC interface."),
+    click.option("--collection", help="Another collection of it."),
+    click.option(
+        "--timeout", "timeout_s", type=click.FloatRange(0.1), default=30.0, show_default=True,
+        help="Longest wait for an answer (s).",
+    ),
+    short_help="List and fetch tiles of swissALTI3D over polygons.",
+    example="dem fetch area.gpkg -o terrain",
+)  # fmt: skip
+def fetch(
+    polygon: Path, out: Path | None, resolution: str, most: int, timeout_s: float, **given: Any
+) -> None:
+    """List the tiles of swissALTI3D over the polygons of a file, and fetch them into a folder."""
+    from sassgis.runs.dem_fetch import fetch_terrain, offered_tiles
+
+    stated = {key: value for key, value in given.items() if value is not None}
+    offers = offered_tiles(polygon, float(resolution), timeout_s=timeout_s, **stated)
+    if out is None:
+        for offer in offers:
+            click.echo(f"{offer.date}  {offer.name}  {offer.href}")
+        click.echo(f"{len(offers)} tiles. Nothing was fetched; -o FOLDER does it.")
+        return
+    vrt = fetch_terrain(offers, out, timeout_s=timeout_s, most=most, say=click.echo)
+    click.echo(f"Wrote {vrt} over {len(offers)} tiles. Now: sassgis dem check {vrt}")
+
+
+@command(
+    click.argument("dem", type=PATH),
+    DEM_CRS,
+    AS_JSON,
+    click.option("--html", type=PATH, help="Write the page as HTML too."),
+    OVERWRITE,
+    name="check",
+    short_help="Judge a terrain model, on one page.",
+    example="dem check terrain/terrain.vrt",
+)
+def check_terrain(
+    dem: Path, crs: str | None, as_json: bool, html: Path | None, overwrite: bool
+) -> None:
+    """Judge the terrain model DEM, a raster or a folder of tiles: a verdict for each item."""
+    from sassgis.runs.dem_check import check_dem, write_dem_page
+
+    report = check_dem(dem, crs)
+    printed(report, as_json)
+    if html is not None:
+        write_dem_page(html, report, overwrite)
+
+
+@command(
+    click.argument("dem", type=PATH),
+    click.option("-o", "--output", "out", required=True, type=PATH, help="GeoPackage."),
+    DEM_CRS,
+    click.option(
+        "--ground", type=PATH,
+        help="Polygons of ground classes: mapped rock counts from a gentler slope on.",
+    ),
+    click.option("--layer", help="Layer of the ground polygons, where the file has several."),
+    click.option(
+        "--class-field", default="class", show_default=True, help="Attribute with the class."
+    ),
+    click.option("--rock", default="rock", show_default=True, help="Ground class that is rock."),
+    click.option(
+        "--threshold", "threshold_deg", type=click.FloatRange(1.0, 89.0),
+        help="Slope of cliffs (degrees); default: from which cliffs prevail.",
+    ),
+    click.option(
+        "--min-area", "min_area_m2", type=click.FloatRange(0.0), default=50.0, show_default=True,
+        help="Smallest area in plan (m2).",
+    ),
+    OVERWRITE,
+    short_help="Propose release areas from the slopes of a terrain model.",
+    example="cliffs terrain/terrain.vrt -o release.gpkg",
+)  # fmt: skip
+def cliffs(dem: Path, out: Path, **given: Any) -> None:
+    """Propose release areas from the slopes of DEM; to be checked in the field."""
+    from sassgis.runs.propose_release import propose_release
+
+    printed(propose_release(dem, out, **given))
+    click.echo(f"Wrote {out}. Check it, then: sassgis init --dem {dem} --release {out}")
+
+
+@command(
+    click.argument("file", type=PATH),
+    click.option("--crs", help="Projected system in metres, as EPSG:2056; default: that of --dem."),
+    click.option("--dem", type=PATH, help="Terrain model to draw over."),
+    OVERWRITE,
+    short_help="Write empty layers and a QGIS project to draw a site in.",
+    example="new site.gpkg --dem terrain/terrain.vrt",
+)
+def new(file: Path, **given: Any) -> None:
+    """Write an empty GeoPackage FILE to draw a site in, and a QGIS project beside it."""
+    from sassgis.io.write.site_template import site_template
+
+    project = site_template(file, **given)
+    click.echo(f"Wrote {file}. Draw in {project}, then: sassgis init --dem ... --release {file}")
+
+
+@command(
+    click.argument("file", type=PATH, default="sassgis.toml"),
+    click.option("--dem", type=PATH, help="Terrain model: raster or folder."),
+    click.option(
+        "--release", type=PATH,
+        help="Release areas; or a GeoPackage of `sassgis new`, whose drawn layers are all used.",
+    ),
+    click.option(
+        "--set", "settings", multiple=True, metavar="KEY=VALUE",
+        help="Set a key, as release.spacing_m=5; may be given several times.",
+    ),
+    click.option("--all", "every", is_flag=True, help="Every key, with its meaning and default."),
+    click.option("--overwrite", is_flag=True, help="Replace a file that nobody has changed."),
+    short_help="Write a configuration: the lines that every site decides.",
+    example="init --dem terrain/terrain.vrt --release site.gpkg",
+)  # fmt: skip
+def init(
+    file: Path,
+    dem: Path | None,
+    release: Path | None,
+    settings: tuple[str, ...],
+    every: bool,
+    overwrite: bool,
+) -> None:
+    """Write a configuration to FILE (default: sassgis.toml): the lines that every site decides."""
+    from sassgis.io.read.start_keys import start_keys, with_values
+    from sassgis.io.write.config_template import config_template, short_template, write_new
+
+    given = with_values(start_keys(file.parent, dem, release), settings)
+    text = config_template(given) if every else short_template(given)
+    write_new(file, text, overwrite)
+    names = [name for name, path in (("terrain.dem", dem), ("release.file", release)) if not path]
+    todo = f"Fill in {' and '.join(names)}, then: " if names else "Now: "
+    click.echo(f"Wrote {file}. {todo}sassgis validate {file}")
+
+
+@command(
+    click.argument("file", type=PATH, default="sassgis.schema.json"),
+    OVERWRITE,
+    short_help="Write the JSON Schema with which editors complete keys.",
+    example="schema",
+)
+def schema(file: Path, overwrite: bool) -> None:
+    """Write the JSON Schema of the configuration to FILE (default: sassgis.schema.json)."""
+    import json
+
+    from sassgis.io.read.config import config_schema
+    from sassgis.io.write.config_template import write_new
+
+    write_new(file, json.dumps(config_schema(), indent=1, ensure_ascii=False) + "\n", overwrite)
+    click.echo(f"Wrote {file}. First line of the configuration, for editors: #:schema {file.name}")
+
+
+@command(
+    click.argument("blocks", type=PATH),
+    click.option(
+        "--complete-from", type=_ABOVE_0, required=True, metavar="M3",
+        help="Volume from which on no block was missed.",
+    ),
+    click.option(
+        "--up-to", type=_ABOVE_0, metavar="M3", help="Largest possible volume; default: none."
+    ),
+    click.option("--scenarios", default="", metavar="M3,M3,...", help="Limits of the scenarios."),
+    click.option("--years", type=_ABOVE_0, help="Years in which the blocks were released."),
+    click.option(
+        "--rate", type=_ABOVE_0, help="Blocks a year from that volume on, in place of --years."
+    ),
+    click.option("--area-ha", type=_ABOVE_0, help="Release area of all of them (ha)."),
+    click.option(
+        "--length-m", type=_ABOVE_0, help="Length of the release line, in place of it (m)."
+    ),
+    AS_JSON,
+    short_help="Onset frequencies of scenarios from block volumes.",
+    example="frequency blocks.csv --complete-from 0.1 --years 40 --scenarios 0.1,1,10",
+)  # fmt: skip
+def frequency(
+    blocks: Path,
+    complete_from: float,
+    up_to: float | None,
+    scenarios: str,
+    years: float | None,
+    rate: float | None,
+    area_ha: float | None,
+    length_m: float | None,
+    as_json: bool,
+) -> None:
+    """Fit a power law to the volumes in BLOCKS (CSV), and print onset frequencies.
+
+    BLOCKS has a column volume_m3, or from_m3, to_m3 and count.
+    """
+    from sassgis.runs.scenario_frequencies import Onsets, scenario_frequencies
+
+    if years is not None and rate is not None:
+        raise click.UsageError("give one of --years and --rate")
+    if area_ha is not None and length_m is not None:
+        raise click.UsageError("give one of --area-ha and --length-m")
+    try:
+        limits = [float(part) for part in scenarios.split(",") if part.strip()]
+    except ValueError:
+        raise click.UsageError("--scenarios are volumes with commas between, as 0.1,1,10") from None
+    if area_ha is not None:
+        onsets = Onsets(years, rate, area_ha, "per_year_ha")
+    elif length_m is not None:
+        onsets = Onsets(years, rate, length_m, "per_year_m")
+    else:
+        onsets = Onsets(years, rate)
+    printed(scenario_frequencies(blocks, complete_from, up_to, limits, onsets), as_json)
+
+
+@command(
+    CONFIG,
+    AS_JSON,
+    short_help="Read all inputs; say what they are ready for.",
+    example="validate sassgis.toml",
+)
+def validate(config: Path, as_json: bool) -> None:
+    """Check CONFIG and every file that it names; say what they are ready for and what it takes."""
+    from sassgis.io.read.config import load_config
+    from sassgis.runs.check_inputs import check_inputs
+
+    printed(check_inputs(load_config(config)), as_json)
