@@ -28,7 +28,7 @@ from sassgis.model.errors import InputError, Interrupted
 from sassgis.model.ground import PARAMETERS
 from sassgis.model.run_config import Config
 from sassgis.runs.calibration_outputs import write_calibration
-from sassgis.runs.draw_store import DrawStore, OnProgress, Progress
+from sassgis.runs.draw_store import DrawProgress, DrawStore, OnProgress
 from sassgis.runs.gap_case import fingerprint_of, read_case
 from sassgis.runs.job import workers_asked
 from sassgis.runs.workers import Jobs, task_map
@@ -109,7 +109,9 @@ def calibrate(
                     f"Calibrating {len(task.parameters)} parameters of {', '.join(chosen)} on "
                     f"{task.n_rocks} rocks"
                 )
-                progress = Progress(on_progress, budget_of(task, draws).draws, COUNT * task.n_rocks)
+                progress = DrawProgress(
+                    on_progress, budget_of(task, draws).draws, COUNT * task.n_rocks
+                )
                 scored = partial(store.scored, run=partial(run, score_draw), step=progress.step)
                 found = search(task, scored, draws)
                 tell("Predicting rocks left out")

@@ -21,7 +21,7 @@ OnProgress = Callable[[int, int, int], None]
 RunNew = Callable[[Sequence[NumberedDraw]], Iterable[FloatArray]]
 
 
-class Progress:
+class DrawProgress:
     """Reports how many draws are done, of how many, and the rocks simulated for them."""
 
     def __init__(self, on_progress: OnProgress | None, total: int, rocks: int) -> None:

@@ -27,7 +27,7 @@ from sassgis.gap.ladder.hypothesis_fit import (
 from sassgis.gap.which.hypotheses import NONE, Draw
 from sassgis.io.staging import CHECKPOINT_STEM
 from sassgis.model.grid import FloatArray
-from sassgis.runs.draw_store import DrawStore, OnProgress, Progress
+from sassgis.runs.draw_store import DrawProgress, DrawStore, OnProgress
 from sassgis.runs.workers import TaskMap
 
 #: Draws of each hypothesis in the first design; the base has this many times as many.
@@ -92,7 +92,7 @@ class HypothesisFits:
         if problem.scored:
             first = round(self._draws * (_OF_BASE if effect == NONE else 1.0))
             budget = Budget(first, _REPETITIONS, max(first // 3, 8))
-            progress = Progress(self._on_progress, budget.draws, COUNT * problem.n_rocks)
+            progress = DrawProgress(self._on_progress, budget.draws, COUNT * problem.n_rocks)
             store = self._keeping.store(effect, problem.case.ground_range)
 
             def new(due: Sequence[NumberedDraw]) -> Any:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from html import unescape
 from pathlib import Path
@@ -44,6 +44,14 @@ def make_case(folder: Path, kind: str, n_rocks: int, effect: str | None = None) 
         tables=seen.tables, metadata=seen.metadata,
     )  # fmt: skip
     return folder
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _few_draws() -> Iterator[None]:
+    """What is tested here does not hang on how well hypotheses are calibrated."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(hypothesis_fits, "_REPETITIONS", 1)
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,16 @@ from dataclasses import replace
 import numpy as np
 
 from sassgis.engine.effects.air_drag import AirDrag
-from sassgis.gap.causes.cause import CLEAR, LEAST, Cause, Part, Scores, Statistic, Unseen, part_of
+from sassgis.gap.causes.cause import (
+    CLEAR,
+    LEAST,
+    Cause,
+    CausePart,
+    Scores,
+    Trace,
+    Unseen,
+    part_of,
+)
 from sassgis.gap.causes.flight_losses import loss_of_flights
 from sassgis.gap.causes.parameter_draws import Fit, ParameterDraws, Range
 from sassgis.gap.observations.case import Case
@@ -23,7 +32,7 @@ _LEAST_DRAG = 0.8
 _FREE = 0.15
 
 
-def _draw(case: Case, draws: ParameterDraws) -> Part:
+def _draw(case: Case, draws: ParameterDraws) -> CausePart:
     part = part_of(AirDrag, *FIT.drawn("air_drag", draws))
     density = {"air_density_kgm3": AirDrag().air_density_kgm3}
     return replace(part, parameters={**part.parameters, **density})
@@ -55,7 +64,7 @@ CAUSE = Cause(
     shown_by="energy lost on every free flight, in proportion to path over size; C_d between 0.8 "
     "and 2: less is within the errors of the comparison, more is not air",
     statistics=(
-        Statistic(
+        Trace(
             "energy lost in flight, over path and size, on every flight",
             _on_every_flight,
             ("impacts",),

@@ -29,7 +29,7 @@ USUAL, CLEAR = 1.5, 4.0
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class CausePart:
     """What one cause sets of a model: its form, the change, and the parameters to report."""
 
     form: str
@@ -64,7 +64,7 @@ class Unseen(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Statistic:
+class Trace:
     """One fingerprint of a cause.
 
     Attributes
@@ -124,9 +124,9 @@ class Cause:
     number: int
     group: str
     phase: Literal["release", "flight", "impact", "observation"]
-    draw: Callable[[Case, ParameterDraws], Part]
+    draw: Callable[[Case, ParameterDraws], CausePart]
     shown_by: str
-    statistics: tuple[Statistic, ...]
+    statistics: tuple[Trace, ...]
     label: str = ""
     summary: str = ""
     weighed: bool = True
@@ -146,7 +146,7 @@ def part_of(
     values: Mapping[str, float],
     walk: LateralWalk | None = None,
     **others: object,
-) -> Part:
+) -> CausePart:
     """An effect with drawn values and others that are not reported, and the scatter that goes
     with it.
     """
@@ -156,13 +156,15 @@ def part_of(
         changed = replace(model, effects=model.effects.having(effect))
         return changed if walk is None else replace(changed, lateral_walk=walk)
 
-    return Part(form or settings.name, change, values)
+    return CausePart(form or settings.name, change, values)
 
 
-def fitted_alone(settings: type[EffectSection], fit: Fit) -> Callable[[Case, ParameterDraws], Part]:
+def fitted_alone(
+    settings: type[EffectSection], fit: Fit
+) -> Callable[[Case, ParameterDraws], CausePart]:
     """Draws of an effect of which nothing but the ranges is to be said."""
 
-    def draw(case: Case, draws: ParameterDraws) -> Part:
+    def draw(case: Case, draws: ParameterDraws) -> CausePart:
         return part_of(settings, *fit.drawn(settings.name, draws))
 
     return draw

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sassgis.gap.causes.cause import SHIFT, Cause, Part, Scores, Scoring, Statistic
+from sassgis.gap.causes.cause import SHIFT, Cause, CausePart, Scores, Scoring, Trace
 from sassgis.gap.causes.contact_gaps import contact_gaps
 from sassgis.gap.causes.parameter_draws import ParameterDraws, rounded
 from sassgis.gap.causes.reach_gaps import over_scatter, reach_gaps, speed_gaps
@@ -21,7 +21,7 @@ from sassgis.model.ground import GroundTable
 _BOUNDS = {"eta_max": (0.1, 1.0), "mu_f": (0.1, 1.5), "restitution": (0.0, 0.9)}
 
 
-def _draw(case: Case, draws: ParameterDraws) -> Part:
+def _draw(case: Case, draws: ParameterDraws) -> CausePart:
     """Freedom of the contact beyond calibration: one shift for all classes, in wide ranges.
 
     Classes keep the differences between them. The restitution counts only where the engine reads
@@ -53,7 +53,7 @@ def _draw(case: Case, draws: ParameterDraws) -> Part:
     values = {f"shift_of_{name}": shift for name, shift in shifts.items()}
     if math.isfinite(speed):
         values["restitution_speed_mps"] = speed
-    return Part("shifted contact", change, values)
+    return CausePart("shifted contact", change, values)
 
 
 def _after_impacts(quantity: str) -> Scoring:
@@ -91,19 +91,19 @@ CAUSE = Cause(
     shown_by="the same shift of rebound, slip, spin, speed or height for all sizes",
     statistics=(
         *(
-            Statistic(f"shift of the {name} after impacts", _after_impacts(quantity), ("impacts",))
+            Trace(f"shift of the {name} after impacts", _after_impacts(quantity), ("impacts",))
             for name, quantity in (
                 ("normal speed", "normal_speed_mps"),
                 ("tangential speed", "tangential_speed_mps"),
                 ("spin", "spin_out_radps"),
             )
         ),
-        Statistic(
+        Trace(
             "shift of the speed on reaches, for all sizes",
             _speed_on_reaches,
             ("passages", "stations"),
         ),
-        Statistic(
+        Trace(
             "shift of the height on reaches, for all sizes",
             _height_on_reaches,
             ("passages", "stations"),

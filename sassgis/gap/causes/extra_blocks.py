@@ -19,10 +19,10 @@ from sassgis.gap.causes.cause import (
     LEAST,
     MISSTATED,
     Cause,
-    Part,
+    CausePart,
     Scores,
     Scoring,
-    Statistic,
+    Trace,
     Unseen,
     part_of,
 )
@@ -132,7 +132,7 @@ _FRAGMENTATION = Fit(
 )
 
 
-def _broken(case: Case, draws: ParameterDraws) -> Part:
+def _broken(case: Case, draws: ParameterDraws) -> CausePart:
     form, values = _FRAGMENTATION.drawn("fragmentation", draws)
     if "pieces" in values:
         values["pieces"] = int(values["pieces"])
@@ -151,7 +151,7 @@ FRAGMENTATION = Cause(
     draw=_broken,
     shown_by=f"{_MASS_BUDGET}; what the ranks lack lies in pieces",
     statistics=(
-        Statistic(
+        Trace(
             "mass of whole rocks that is missing, and lies in pieces",
             _mass_scores(0),
             ("rocks", "deposits"),
@@ -173,7 +173,7 @@ _ENTRAINMENT = Fit(
 )
 
 
-def _entrained(case: Case, draws: ParameterDraws) -> Part:
+def _entrained(case: Case, draws: ParameterDraws) -> CausePart:
     form, values = _ENTRAINMENT.drawn("entrainment", draws)
     classes = loose_classes(case, draws)
     return part_of(Entrainment, form, values, little_walk(draws), classes=classes)
@@ -187,7 +187,7 @@ ENTRAINMENT = Cause(
     draw=_entrained,
     shown_by=f"{_MASS_BUDGET}; what is more than came down was set in motion",
     statistics=(
-        Statistic(
+        Trace(
             "mass that lies beyond what was released", _mass_scores(1), ("rocks", "deposits"), CLEAR
         ),
     ),

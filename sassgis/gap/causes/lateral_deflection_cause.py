@@ -8,7 +8,16 @@ from dataclasses import replace
 import numpy as np
 
 from sassgis.engine.effects.roughness import Roughness
-from sassgis.gap.causes.cause import CLEAR, LEAST, MISSTATED, Cause, Part, Scores, Statistic, Unseen
+from sassgis.gap.causes.cause import (
+    CLEAR,
+    LEAST,
+    MISSTATED,
+    Cause,
+    CausePart,
+    Scores,
+    Trace,
+    Unseen,
+)
 from sassgis.gap.causes.lateral_scatter import (
     STRAIGHT,
     base_size,
@@ -35,7 +44,7 @@ FIT = Fit(
 TURN = "turn of the heading at impacts"
 
 
-def _draw(case: Case, draws: ParameterDraws) -> Part:
+def _draw(case: Case, draws: ParameterDraws) -> CausePart:
     form, values = FIT.drawn("lateral_deflection", draws)
     uneven_deg = values.get("angle_deg") or draws.log("lateral.kicks", 0.3, 6.0)
     # Ground that deflects rocks laterally is not even along their path either.
@@ -48,7 +57,7 @@ def _draw(case: Case, draws: ParameterDraws) -> Part:
             changed = replace(changed, effects=changed.effects.having(bumps))
         return changed
 
-    return Part(form, change, values)
+    return CausePart(form, change, values)
 
 
 def _turn(case: Case, residuals: ResidualTable) -> Scores:
@@ -82,8 +91,8 @@ CAUSE = Cause(
     "paths; growth of the lateral offset between the first two stations beyond that of the "
     "simulated rocks: further down fall lines part, and offsets grow by themselves",
     statistics=(
-        Statistic(TURN, _turn, ("impacts",), CLEAR),
-        Statistic(
+        Trace(TURN, _turn, ("impacts",), CLEAR),
+        Trace(
             "growth of the lateral offset between the first two stations",
             _growth,
             ("passages", "stations"),

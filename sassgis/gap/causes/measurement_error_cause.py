@@ -7,7 +7,16 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
-from sassgis.gap.causes.cause import CLEAR, LEAST, MISSTATED, Cause, Part, Scores, Statistic, Unseen
+from sassgis.gap.causes.cause import (
+    CLEAR,
+    LEAST,
+    MISSTATED,
+    Cause,
+    CausePart,
+    Scores,
+    Trace,
+    Unseen,
+)
 from sassgis.gap.causes.lateral_scatter import (
     STRAIGHT,
     base_size,
@@ -33,7 +42,7 @@ _MADE_UP = 0.1
 _SOON_M = 30.0
 
 
-def _draw(case: Case, draws: ParameterDraws) -> Part:
+def _draw(case: Case, draws: ParameterDraws) -> CausePart:
     kinds = [draws.share(f"seen.{what}") < 0.6 for what in ("scale", "clock", "turns", "place")]
     if not any(kinds):
         kinds[int(draws.share("seen.one") * 4)] = True
@@ -46,7 +55,7 @@ def _draw(case: Case, draws: ParameterDraws) -> Part:
         stretch=1.0 + (scale - 1.0) * draws.share("seen.stretch"),
         position_m=draws.log("seen.position_m", 0.5, 8.0) if kinds[3] else 0.0,
     )
-    return Part(
+    return CausePart(
         "scale, time base, noise",
         lambda m: replace(m, measurement=measurement),
         asdict(measurement),
@@ -133,25 +142,25 @@ CAUSE = Cause(
     "or each by its own share; what is off at one station is made up for at the next; stops beside "
     "the fall line, where the rock was on it at a station at most 30 m above",
     statistics=(
-        Statistic(
+        Trace(
             "speeds against distances in time, all rocks alike",
             _all_alike,
             ("trajectories",),
             CLEAR,
         ),
-        Statistic(
+        Trace(
             "speeds against distances in time, each rock by its own share",
             _each_its_own,
             ("trajectories",),
             CLEAR,
         ),
-        Statistic(
+        Trace(
             "what is off at one station is made up for at the next",
             _made_up,
             ("passages", "stations"),
             0.5,
         ),
-        Statistic(
+        Trace(
             "offset of stops, soon below a station that was passed without",
             _aside,
             ("passages", "stations", "deposits"),

@@ -14,9 +14,9 @@ from sassgis.gap.causes.cause import (
     MEDIAN_OF_NORMAL,
     SHIFT,
     Cause,
-    Part,
+    CausePart,
     Scores,
-    Statistic,
+    Trace,
     Unseen,
 )
 from sassgis.gap.causes.lateral_scatter import base_size, known_mean, station_offsets, usual_offset
@@ -32,7 +32,7 @@ from sassgis.model.grid import IntArray
 _MORE = 1.25
 
 
-def _draw(case: Case, draws: ParameterDraws) -> Part:
+def _draw(case: Case, draws: ParameterDraws) -> CausePart:
     wrong = [draws.share(f"release.{what}") < 0.7 for what in ("ahead", "faster", "aside")]
     if not any(wrong):
         wrong[int(draws.share("release.one") * 3)] = True
@@ -42,7 +42,7 @@ def _draw(case: Case, draws: ParameterDraws) -> Part:
         shift_m=draws.normal("release.shift_m", 4.0) if wrong[2] else 0.0,
         scatter_m=draws.log("release.scatter_m", 0.3, 12.0) if wrong[2] else 0.0,
     )
-    return Part("offset and speed", lambda m: replace(m, release=release), asdict(release))
+    return CausePart("offset and speed", lambda m: replace(m, release=release), asdict(release))
 
 
 def _position_error(case: Case, paths: Mapping[int, IntArray]) -> float:
@@ -100,19 +100,19 @@ CAUSE = Cause(
     shown_by="first point of the path against the stated start; an offset at the first station "
     "that does not grow to the second; a speed that is wrong on the first reach alone",
     statistics=(
-        Statistic(
+        Trace(
             "first point of the path against the stated start",
             _first_point,
             ("rocks", "trajectories"),
             CLEAR,
         ),
-        Statistic(
+        Trace(
             "offset at the first station, not growing to the second",
             _offset_that_stays,
             ("passages", "stations"),
             CLEAR,
         ),
-        Statistic(
+        Trace(
             "speed on the first reach, right on the others",
             _first_reach,
             ("passages", "stations"),

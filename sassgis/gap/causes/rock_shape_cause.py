@@ -7,7 +7,7 @@ from contextlib import suppress
 import numpy as np
 
 from sassgis.engine.effects.rock_shape import RockShape
-from sassgis.gap.causes.cause import Cause, Part, Scores, Statistic, Unseen, part_of
+from sassgis.gap.causes.cause import Cause, CausePart, Scores, Trace, Unseen, part_of
 from sassgis.gap.causes.contact_gaps import beyond_any_law, contact_gaps
 from sassgis.gap.causes.lateral_scatter import walk_too
 from sassgis.gap.causes.parameter_draws import Fit, ParameterDraws, Range
@@ -29,7 +29,7 @@ FIT = Fit(
 )
 
 
-def _draw(case: Case, draws: ParameterDraws) -> Part:
+def _draw(case: Case, draws: ParameterDraws) -> CausePart:
     form, values = FIT.drawn("rock_shape", draws)
     walk = walk_too(draws, min(10.0 * values.get("strength", 0.5), 12.0))
     return part_of(RockShape, form, values, walk)
@@ -61,8 +61,8 @@ CAUSE = Cause(
     draw=_draw,
     shown_by="speed after the impact, and on reaches, against the flatness of the rock",
     statistics=(
-        Statistic("rebound against the flatness of the rock", _rebound, ("rocks", "impacts")),
-        Statistic(
+        Trace("rebound against the flatness of the rock", _rebound, ("rocks", "impacts")),
+        Trace(
             "flat rocks slow and early to stop", _slow_and_early, ("rocks", "passages", "stations")
         ),
     ),

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from sassgis.engine.effects.roughness import Roughness
-from sassgis.gap.causes.cause import CLEAR, Cause, Part, Scores, Statistic, part_of
+from sassgis.gap.causes.cause import CLEAR, Cause, CausePart, Scores, Trace, part_of
 from sassgis.gap.causes.contact_gaps import beyond_any_law, contact_gaps
 from sassgis.gap.causes.ground_classes import loose_classes, on_its_classes
 from sassgis.gap.causes.lateral_deflection_cause import TURN
@@ -33,7 +33,7 @@ FIT = Fit(
 _SCATTER = "scatter of the rebound"
 
 
-def _draw(case: Case, draws: ParameterDraws) -> Part:
+def _draw(case: Case, draws: ParameterDraws) -> CausePart:
     form, values = FIT.drawn("roughness", draws)
     classes = loose_classes(case, draws) if draws.share("rough.classes") < 0.6 else ()
     # Bumps lean across the path as well, if less often than against it.
@@ -71,12 +71,12 @@ CAUSE = Cause(
     "rough ground tilts the contact in both directions, edges of a rock scatter the rebound alone; "
     "the more the smaller the rock; small rocks slow on all reaches",
     statistics=(
-        Statistic(_SCATTER, _scatter, ("impacts",), 0.0),
-        Statistic(f"{_SCATTER}, and turn of the heading", (_SCATTER, TURN), ("impacts",), CLEAR),
-        Statistic(
+        Trace(_SCATTER, _scatter, ("impacts",), 0.0),
+        Trace(f"{_SCATTER}, and turn of the heading", (_SCATTER, TURN), ("impacts",), CLEAR),
+        Trace(
             "scatter of the rebound, the more the smaller the rock", _scatter_of_small, ("impacts",)
         ),
-        Statistic("small rocks slow on all reaches", _small_slow, ("passages", "stations"), 0.5),
+        Trace("small rocks slow on all reaches", _small_slow, ("passages", "stations"), 0.5),
     ),
     place=on_its_classes("roughness"),
 )

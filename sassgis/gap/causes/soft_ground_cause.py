@@ -5,7 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from sassgis.engine.effects.soft_ground import SoftGround
-from sassgis.gap.causes.cause import LEAST, Cause, Part, Scores, Statistic, Unseen, part_of
+from sassgis.gap.causes.cause import (
+    LEAST,
+    Cause,
+    CausePart,
+    Scores,
+    Trace,
+    Unseen,
+    part_of,
+)
 from sassgis.gap.causes.contact_gaps import contact_gaps
 from sassgis.gap.causes.ground_classes import HARD, on_its_classes, soft_first
 from sassgis.gap.causes.parameter_draws import Fit, ParameterDraws, Range
@@ -31,7 +39,7 @@ FIT = Fit(
 )
 
 
-def _draw(case: Case, draws: ParameterDraws) -> Part:
+def _draw(case: Case, draws: ParameterDraws) -> CausePart:
     form, values = FIT.drawn("soft_ground", draws)
     softest = soft_first(case)
     soft = softest[: 1 + int(draws.share("soft_classes") * len(softest))]
@@ -71,13 +79,13 @@ CAUSE = Cause(
     draw=_draw,
     shown_by="lost rebound on one yielding ground alone; large rocks that stop early at the foot",
     statistics=(
-        Statistic(
+        Trace(
             "rebound lost with the normal speed, on one ground alone",
             _on_one_ground,
             ("impacts",),
             1.0,
         ),
-        Statistic(
+        Trace(
             "large rocks stop early at the foot",
             _large_stop_early,
             ("passages", "stations", "deposits"),

@@ -17,9 +17,9 @@ from sassgis.gap.causes.cause import (
     MEDIAN_OF_NORMAL,
     SHIFT,
     Cause,
-    Part,
+    CausePart,
     Scores,
-    Statistic,
+    Trace,
     Unseen,
     part_of,
 )
@@ -66,7 +66,7 @@ def _length(case: Case) -> float:
     return max(min(max(seen, default=float(ends.min())), float(ends.max())), 5.0)
 
 
-def _draw(case: Case, draws: ParameterDraws) -> Part:
+def _draw(case: Case, draws: ParameterDraws) -> CausePart:
     length = _length(case)
     low = draws.uniform("stand.from", 0.0, 0.75 * length)
     stand = ForestStand(
@@ -87,7 +87,7 @@ def _draw(case: Case, draws: ParameterDraws) -> Part:
     values = {"stand_from_m": stand.s0, "stand_to_m": stand.s1, **drawn}
     if form != "viscous":
         values |= {"stems_per_ha": stand.stems_per_ha, "dbh_cm": stand.dbh_cm}
-    return Part(form, lambda m: replace(part.change(m), stand=stand), values)
+    return CausePart(form, lambda m: replace(part.change(m), stand=stand), values)
 
 
 def _in_the_stand(case: Case, models: Sequence[HypothesisModel]) -> tuple[str, ...]:
@@ -155,9 +155,9 @@ CAUSE = Cause(
     "gives); energy lost at once between two impacts (more than 15 % and 3.5 standard deviations) "
     "on few flights; speed lost on one reach alone",
     statistics=(
-        Statistic("energy lost at once, on few flights", _on_few_flights, ("impacts",), CLEAR),
-        Statistic("energy lost at once, far above the ground", _aloft, ("trajectories",), CLEAR),
-        Statistic(
+        Trace("energy lost at once, on few flights", _on_few_flights, ("impacts",), CLEAR),
+        Trace("energy lost at once, far above the ground", _aloft, ("trajectories",), CLEAR),
+        Trace(
             "speed lost on one reach, right on the others",
             _on_one_reach,
             ("passages", "stations"),

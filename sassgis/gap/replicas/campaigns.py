@@ -9,7 +9,7 @@ import numpy as np
 from sassgis.gap.observations.campaign import Campaign
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel, LateralWalk
-from sassgis.gap.replicas.observer import observe
+from sassgis.gap.replicas.recorded import observe
 from sassgis.gap.replicas.released_rocks import all_rocks, move
 from sassgis.gap.replicas.rock_lines import RockLines
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.gap.observations.campaign import errors_of, main_blocks, observed_campaign
 from sassgis.gap.observations.case import Case
-from sassgis.gap.replicas.observer import impacts_of, turns_of
+from sassgis.gap.replicas.recorded import impacts_of, turns_of
 from sassgis.gap.replicas.released_rocks import Moved, all_rocks, move
 from sassgis.gap.replicas.rock_lines import RockLines, dips_at, rock_lines_of
 from sassgis.gap.residuals.residuals import (

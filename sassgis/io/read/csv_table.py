@@ -19,7 +19,7 @@ _TRUTH = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0"
 
 
 @dataclass(frozen=True, slots=True)
-class Column:
+class CsvColumn:
     """A column of a table: what may stand in it.
 
     Attributes
@@ -65,7 +65,7 @@ class Column:
         return cell.strip()
 
 
-Columns = Mapping[str, Column]
+Columns = Mapping[str, CsvColumn]
 
 
 def read_table(

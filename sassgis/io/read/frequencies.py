@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import get_args
 
-from sassgis.io.read.csv_table import Column, read_table
+from sassgis.io.read.csv_table import CsvColumn, read_table
 from sassgis.model.errors import InputError
 from sassgis.model.hazard import Onset, OnsetUnit
 
@@ -28,10 +28,10 @@ def read_frequencies(
     dict of (area, scenario) to Onset
     """
     columns = {
-        "area": Column(known=areas),
-        "scenario": Column(known=scenarios),
-        "frequency": Column(float, low=0.0),
-        "unit": Column(known=get_args(OnsetUnit)),
+        "area": CsvColumn(known=areas),
+        "scenario": CsvColumn(known=scenarios),
+        "frequency": CsvColumn(float, low=0.0),
+        "unit": CsvColumn(known=get_args(OnsetUnit)),
     }
     found: dict[tuple[str, str], Onset] = {}
     what = "a CSV table of onset frequencies"

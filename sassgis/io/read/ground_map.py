@@ -19,7 +19,7 @@ from rasterio.errors import RasterioError
 from rasterio.features import rasterize
 
 from sassgis.io.read.csv_table import (
-    Column,
+    CsvColumn,
     check_columns,
     errors_of_row,
     read_table,
@@ -96,13 +96,13 @@ def read_ground_table(
     return GroundTable(tuple(classes.values()))
 
 
-def _columns(file: Path) -> dict[str, Column]:
+def _columns(file: Path) -> dict[str, CsvColumn]:
     """Columns of a table of classes; one without a source or its check is taken as unverified."""
     return {
-        "name": Column(),
-        **{parameter: Column(float) for parameter in PARAMETERS},
-        "source": Column(default=f"own table {file.name}"),
-        "verified": Column(bool, default=False),
+        "name": CsvColumn(),
+        **{parameter: CsvColumn(float) for parameter in PARAMETERS},
+        "source": CsvColumn(default=f"own table {file.name}"),
+        "verified": CsvColumn(bool, default=False),
     }
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import shapely
 from shapely.ops import substring
 
-from sassgis.io.read.csv_table import Column, errors_of_row, number, read_table
+from sassgis.io.read.csv_table import CsvColumn, errors_of_row, number, read_table
 from sassgis.io.read.vector_features import Feature, nearest, read_features
 from sassgis.io.read.vectors import check_on_map, feature_names
 from sassgis.model.errors import InputError
@@ -449,11 +449,11 @@ def read_vulnerability(
         Where a number falls with the intensity, a warning is logged.
     """
     columns = {
-        "kind": Column(known=VULNERABILITY_KINDS),
-        "intensity": Column(known=intensities),
-        "vulnerability": Column(float),
-        "lethality": Column(float),
-        "source": Column(),
+        "kind": CsvColumn(known=VULNERABILITY_KINDS),
+        "intensity": CsvColumn(known=intensities),
+        "vulnerability": CsvColumn(float),
+        "lethality": CsvColumn(float),
+        "source": CsvColumn(),
     }
     rows = []
     for where, row in read_table(file, field, "a table of vulnerability (CSV)", columns):

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from sassgis.io.read.config import profile_control_lines
-from sassgis.io.read.csv_table import Column, read_table
+from sassgis.io.read.csv_table import CsvColumn, read_table
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.ground import GroundTable
 from sassgis.model.profiles import ProfileSet
@@ -34,9 +34,9 @@ def read_profile(path: Path, table: GroundTable, default: str) -> ProfileSet:
         One profile, in one stretch that lies in no cell of a map.
     """
     columns = {
-        "s_m": Column(float),
-        "z_m": Column(float),
-        "ground": Column(known=table.names, default=default, what="ground class"),
+        "s_m": CsvColumn(float),
+        "z_m": CsvColumn(float),
+        "ground": CsvColumn(known=table.names, default=default, what="ground class"),
     }
     s: list[float] = []
     z: list[float] = []

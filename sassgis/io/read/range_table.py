@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib import resources
 from pathlib import Path
 
-from sassgis.io.read.csv_table import Column, errors_of_row, read_table
+from sassgis.io.read.csv_table import CsvColumn, errors_of_row, read_table
 from sassgis.model.ground import GroundTable
 from sassgis.model.ground_ranges import EVERY_CLASS, RANGED, RangeRule
 
@@ -29,13 +29,13 @@ def read_ranges(table: GroundTable, own: Path | None = None) -> tuple[RangeRule,
 def _read(file: Path, table: GroundTable | None) -> tuple[RangeRule, ...]:
     classes = () if table is None else (*table.names, EVERY_CLASS)
     columns = {
-        "class": Column(known=classes, what="ground class"),
-        "parameter": Column(known=RANGED),
-        "kind": Column(known=("value", "offset", "factor")),
-        "low": Column(float),
-        "high": Column(float),
-        "source": Column(default=f"own table {file.name}"),
-        "verified": Column(bool, default=False),
+        "class": CsvColumn(known=classes, what="ground class"),
+        "parameter": CsvColumn(known=RANGED),
+        "kind": CsvColumn(known=("value", "offset", "factor")),
+        "low": CsvColumn(float),
+        "high": CsvColumn(float),
+        "source": CsvColumn(default=f"own table {file.name}"),
+        "verified": CsvColumn(bool, default=False),
     }
     rules = []
     what = "a table of ranges of ground classes (CSV)"

@@ -59,6 +59,7 @@ def test_the_zoning_of_the_demo_is_accepted(
     assert indicated.union_all().difference(levels.union_all()).area == pytest.approx(0.0, abs=1e-3)
 
 
+@pytest.mark.battery
 def test_a_zoning_of_the_size_of_a_valley_in_tyrol_is_accepted(
     shared_data: Path, tmp_path: Path, official_models: Path
 ) -> None:

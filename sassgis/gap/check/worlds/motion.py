@@ -14,6 +14,7 @@ import numpy as np
 
 from sassgis.gap.check.worlds import contact_laws as laws
 from sassgis.gap.check.worlds import random_draws as draws
+from sassgis.gap.check.worlds.after_contact import aim, land, set_heading, settle, turn_back
 from sassgis.gap.check.worlds.forces import (
     Forces,
     active,
@@ -26,7 +27,6 @@ from sassgis.gap.check.worlds.forces import (
     snow_drag,
     weight_on,
 )
-from sassgis.gap.check.worlds.landing import aim, land, set_heading, settle, turn_back
 from sassgis.gap.check.worlds.law import (
     GRAVITY,
     kinetic,

@@ -29,6 +29,7 @@ def _same(one: World, other: World) -> bool:
     return all(np.array_equal(getattr(a, n), getattr(b, n)) for n in names)
 
 
+@pytest.mark.battery
 @pytest.mark.parametrize("name", LIMITS)
 def test_an_effect_of_no_strength_changes_no_bit(
     name: str, null_world: World, with_magnitude: Make
@@ -46,6 +47,7 @@ def test_an_effect_acts_nowhere_but_in_its_place(
     assert _same(null_world, with_effects(world, (elsewhere,)))
 
 
+@pytest.mark.battery
 @pytest.mark.parametrize("name", [n for n in LIMITS if n not in _OPEN])
 def test_energy_is_never_made(name: str, with_magnitude: Make) -> None:
     world = with_magnitude(name, 0.6 * LIMITS[name][1])
@@ -65,7 +67,7 @@ def test_energy_is_never_made(name: str, with_magnitude: Make) -> None:
     assert energy[0] > energy.min() + 500.0
 
 
-@pytest.mark.parametrize("magnitude", [0.3, 2.0, 8.0])
+@pytest.mark.parametrize("magnitude", [2.0, pytest.param(8.0, marks=pytest.mark.battery)])
 def test_pieces_have_the_mass_of_their_rock(magnitude: float, with_magnitude: Make) -> None:
     world = with_magnitude("fragmentation", magnitude)
     rocks = draw_rocks(world, 40, 3)

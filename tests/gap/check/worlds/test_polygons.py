@@ -126,6 +126,7 @@ def test_a_block_rolls_slower_than_a_disc_and_faster_than_it_slides(plane) -> No
     assert v < 1.0 + 5.0 / 7.0 * 9.81 * math.sin(beta) * t
 
 
+@pytest.mark.battery
 def test_stops_do_not_move_with_the_time_step(site: World) -> None:
     rocks = draw_rocks(site, 200, 9)
     s = [
@@ -135,6 +136,7 @@ def test_stops_do_not_move_with_the_time_step(site: World) -> None:
     assert abs(s[0].mean() - s[1].mean()) < 3.0 * standard
 
 
+@pytest.mark.battery
 @pytest.mark.parametrize("name", ["none", *sorted(SUPPORTED - {"wind", "measurement_error"})])
 def test_energy_is_never_made(site: World, name: str) -> None:
     # Of rocks that break at once there is no path.
@@ -153,6 +155,7 @@ def test_energy_is_never_made(site: World, name: str) -> None:
     assert energy[0] > energy.min() + 500.0
 
 
+@pytest.mark.battery
 @pytest.mark.parametrize("name", sorted(SUPPORTED - {"measurement_error"}))
 def test_an_effect_of_no_strength_changes_nothing(site: World, name: str) -> None:
     rocks = draw_rocks(site, 8, 7)

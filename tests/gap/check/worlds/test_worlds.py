@@ -31,7 +31,10 @@ from sassgis.gap.check.worlds.world import FAMILIES, LAWS, LIMITS, World, with_e
 from sassgis.model.errors import InputError
 
 
-@pytest.mark.parametrize("slope", SLOPE_TYPES)
+@pytest.mark.parametrize(
+    "slope",
+    [SLOPE_TYPES[0], *(pytest.param(s, marks=pytest.mark.battery) for s in SLOPE_TYPES[1:])],
+)
 def test_without_effects_rocks_keep_to_the_fall_line(slope: str) -> None:
     world = base_world(WorldSpec(slope), 4)
     rocks = draw_rocks(world, 24, 3)
@@ -259,6 +262,7 @@ def test_a_loss_that_grows_with_speed_takes_its_share(null_world: World) -> None
     assert s[1] < s[0] - 10.0
 
 
+@pytest.mark.battery
 @pytest.mark.parametrize("count", [1, 8])
 @pytest.mark.parametrize("slope", ["grass_slope", "quarry"])
 def test_slopes_without_a_cliff_are_passed_and_hold_every_effect(slope: str, count: int) -> None:
@@ -343,6 +347,7 @@ def test_worlds_share_no_code_with_what_they_check() -> None:
                     assert own, (path.name, name)
 
 
+@pytest.mark.battery
 @pytest.mark.parametrize("name", ["trees", "terrace", "collisions"])
 def test_what_stands_on_the_slope_is_there_after_a_world_is_made(name: str) -> None:
     world = make_world(WorldSpec("cliff_talus_meadow", (EffectSpec(name, "strong"),)), 50)  # type: ignore[arg-type]
