@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from field_cases.contacts import REACH_M, read_contacts
+from field_cases.distances import energy_scores, observed_scale
 from field_cases.figures import contacts_figure
 from sassgis.engine.effects import soft_ground
 from sassgis.engine.effects.soft_ground import SoftGround
 from sassgis.engine.ellipse import frame_of, inertia
 from sassgis.engine.impact import COULOMB, SCALE, impact
-from sassgis.gap.inference.distances import energy_score, observed_scale
 from sassgis.gap.residuals.impact_step import orientation_at_contact
 from sassgis.io.read.ground_map import built_in_table
 from sassgis.model.ground import GroundClass
@@ -192,7 +192,8 @@ def left_out_scores(
         ]
 
         def score(law: int, i: int, unit: FloatArray, made: Any = made) -> float:
-            return energy_score(made[law][i][:, columns], seen[i, columns], scale=unit)
+            own_made = made[law][i][None][:, :, columns]
+            return float(energy_scores(own_made, seen[i : i + 1, columns], unit)[0])
 
         best = np.empty(len(states), int)
         for run in set(runs):

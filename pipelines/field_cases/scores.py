@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
+from field_cases.distances import energy_distance, energy_scores
 from field_cases.sites import Simulated, Site, run_out, simulated, table_of
-from sassgis.gap.inference.distances import energy_distance, energy_scores
 from sassgis.model.settings import EngineSettings
 
 FloatArray = NDArray[np.float64]

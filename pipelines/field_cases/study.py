@@ -14,18 +14,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 import sassgis
+from field_cases.distances import energy_distance, energy_scores, observed_scale
 from field_cases.figures import stops_figure
 from field_cases.tables import FieldCase
 from sassgis.engine.effects.registry import EFFECTS
 from sassgis.gap.diagnosis import Diagnosis, GapFinding
-from sassgis.gap.inference.distances import energy_distance, energy_scores, observed_scale
 from sassgis.gap.inference.intervals import bootstrap_interval, bootstrap_rows
 from sassgis.gap.inference.rock_tests import mean_gap_tests
-from sassgis.gap.ladder.handover import configured_model
 from sassgis.gap.observations.campaign import main_blocks, observed_campaign
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.campaigns import campaigns
-from sassgis.gap.replicas.hypothesis_model import HypothesisModel, LateralWalk
+from sassgis.gap.replicas.hypothesis_model import (
+    HypothesisModel,
+    LateralWalk,
+    configured_model,
+)
 from sassgis.gap.replicas.rock_lines import rock_lines_of
 from sassgis.gap.residuals.table import residuals_of
 from sassgis.gap.where.findings import where
@@ -174,7 +177,7 @@ def compare(
                 "gap": interval.value,
                 "ci95": [interval.low, interval.high],
                 "p_adjusted": p_of[g - 1, q] if g else None,
-                "energy_distance_m": energy_distance(values, drawn, scale=np.ones(1)),
+                "energy_distance_m": energy_distance(values, drawn),
                 "observed_abs_median": float(np.median(np.abs(values))),
                 "predicted_abs_median": float(np.median(np.abs(drawn))),
             }
@@ -230,15 +233,11 @@ def recalibrated(case: FieldCase, fit: str, left_out: str, seed: int) -> dict[st
             "crps_m": _crps(seen, made, 0),
             "aside": {
                 "crps_m": _crps(seen, made, 1),
-                "energy_distance_m": energy_distance(
-                    seen[:, 1], made[:, :, 1].ravel(), scale=np.ones(1)
-                ),
+                "energy_distance_m": energy_distance(seen[:, 1], made[:, :, 1].ravel()),
                 "predicted": np.quantile(made[:, :, 1], [0.1, 0.5, 0.9]),
                 "observed": np.quantile(seen[:, 1], [0.1, 0.5, 0.9]),
             },
-            "energy_distance_m": energy_distance(
-                seen[:, 0], made[:, :, 0].ravel(), scale=np.ones(1)
-            ),
+            "energy_distance_m": energy_distance(seen[:, 0], made[:, :, 0].ravel()),
             "predicted": np.quantile(made[:, :, 0], [0.1, 0.5, 0.9]),
             "observed": np.quantile(seen[:, 0], [0.1, 0.5, 0.9]),
             # A run-out at the end of the line is at least that.
@@ -250,7 +249,7 @@ def recalibrated(case: FieldCase, fit: str, left_out: str, seed: int) -> dict[st
 def _crps(seen: FloatArray, made: FloatArray, quantity: int) -> float:
     """Mean over the rocks of the CRPS of one quantity (m)."""
     one = slice(quantity, quantity + 1)
-    return float(np.mean(energy_scores(made[:, :, one], seen[:, one], scale=np.ones(1))))
+    return float(np.mean(energy_scores(made[:, :, one], seen[:, one])))
 
 
 def _ends(case: Case) -> FloatArray:
@@ -388,10 +387,7 @@ def held_out(case: Case, answer: Diagnosis, seed: int) -> dict[str, Any]:
         "shrinkage": _shrinkage(point) if told else None,
         "shrinkage_ci95": np.quantile(shrinkage, [0.025, 0.975]) if told else None,
         "by_quantity_m": {
-            q: {
-                k: energy_distance(seen[:, i], v[:, :, i].ravel(), scale=np.ones(1))
-                for k, v in made.items()
-            }
+            q: {k: energy_distance(seen[:, i], v[:, :, i].ravel()) for k, v in made.items()}
             for i, q in enumerate(QUANTITIES)
         },
         "gap_m": {
