@@ -157,7 +157,7 @@ def verdict(case: str) -> str:
 
 
 def ladder(case: str) -> str:
-    """Rungs of each split, on rocks that had no say in the models."""
+    """Rungs of each split, on rocks left out of the calibration."""
 
     def share(one: dict[str, Any]) -> str:
         if one["share"] is None:

@@ -203,7 +203,7 @@ class Rung:
     rung : str
         "configured", "ground", "contact_law", an effect, two joined by "+", "floor".
     distance : float
-        Energy distance to the observed rocks, each compared with a model it had no say in.
+        Energy distance to the observed rocks, each with a model calibrated without it.
     share : float or None
         Of the gap of the configured model beyond the floor that is closed; None where that gap may
         be chance.

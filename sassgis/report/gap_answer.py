@@ -181,7 +181,7 @@ def _how_far(shrinkage: Shrinkage, effect: str) -> ReportAnswer:
             span = f" (95 % interval {low} to {high})"
         first = (
             f"With {effect_name(shrinkage.effect)} added, {_share(shrinkage.value)} of the gap "
-            f"that is not chance closes{span}, on rocks that had no say in it."
+            f"that is not chance closes{span}, on rocks left out of the calibration."
         )
     return ReportAnswer(heading, (first, left, *note))
 

@@ -1,1 +1,1 @@
-"""Calibration of ground classes: the parameters that observed rocks can identify, and how well."""
+"""The calibrator: of ground classes, and of every hypothesis of the diagnosis."""

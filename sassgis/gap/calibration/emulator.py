@@ -1,4 +1,4 @@
-"""A smooth stand-in for the scores of simulated campaigns, cheap enough to be searched."""
+"""An emulator of the scores of simulated campaigns, cheap enough to be searched."""
 
 from __future__ import annotations
 
@@ -180,7 +180,7 @@ def _correlations(points: FloatArray, total: FloatArray) -> Correlations:
     flat = (1.0 + centred @ centred.T) ** 2
     limits = [_LENGTHS] * d + [_PARABOLA, _BUMPS, _NOISE]
 
-    def surprise(x: FloatArray) -> tuple[float, FloatArray]:
+    def negative_log_posterior(x: FloatArray) -> tuple[float, FloatArray]:
         parabola, bumps, noise = np.exp(x[d:])
         scaled = square * np.exp(-2.0 * x[:d])
         root = np.sqrt(5.0 * scaled.sum(axis=2))
@@ -207,6 +207,8 @@ def _correlations(points: FloatArray, total: FloatArray) -> Correlations:
         return value, slope
 
     first = np.append(np.zeros(d), np.log([0.3, 0.3, 0.1]))
-    found = minimize(surprise, first, jac=True, method="L-BFGS-B", bounds=np.log(limits))
+    found = minimize(
+        negative_log_posterior, first, jac=True, method="L-BFGS-B", bounds=np.log(limits)
+    )
     parabola, bumps, noise = np.exp(found.x[d:]).tolist()
     return Correlations(np.exp(found.x[:d]), parabola, bumps, noise)

@@ -1,1 +1,1 @@
-"""How far the gap shrinks: calibration on some rocks, distances on held-out rocks."""
+"""How far the gap shrinks, model by model (as configured, ground, contact law, effect, chance)."""

@@ -210,16 +210,20 @@ def first_sentence(advice: Advice, ladder: Sequence[Rung], answer: str) -> str:
         alone = closed.get("ground", "")
         said.append(
             f"Run model/config.toml, which has {what}"
-            + (f": on rocks that had no say in it, it closes {share} of the gap" if share else "")
+            + (
+                f": on rocks left out of the calibration, it closes {share} of the gap"
+                if share
+                else ""
+            )
             + (f", calibrated ground alone {alone}." if share and alone else ".")
         )
         return " ".join(said)
     said += _what_to_set(advice)
     share = closed.get("ground", "")
     said.append(
-        f"On rocks that had no say in the values, this closes {share} of the gap."
+        f"On rocks left out of the calibration, this closes {share} of the gap."
         if share
-        else "Whether these values hold for rocks that had no say in them is not certain."
+        else "Whether these values hold for rocks left out of the calibration is not certain."
     )
     return " ".join(said)
 

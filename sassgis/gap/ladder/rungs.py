@@ -1,4 +1,4 @@
-"""How far the gap shrinks, rung by rung, on rocks that had no say in the models."""
+"""How far the gap shrinks, rung by rung, on rocks left out of the calibration."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Simulated campaigns: the observed rocks released again in a model of a hypothesis."""
+"""Observed rocks released again in a model, and what the observer records of them."""

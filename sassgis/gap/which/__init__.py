@@ -1,1 +1,1 @@
-"""Which effect causes the gap: hypotheses, campaigns, signatures, verdict."""
+"""Which cause the gap has: fingerprints tested and weighed, hypotheses, verdict."""

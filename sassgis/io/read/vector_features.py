@@ -154,8 +154,8 @@ def open_layer(file: Path, layer: str | None, key: str, fields: Mapping[str, str
     """The layer as a frame with geometry."""
     check_file(file, f"{key}.file", VECTOR, folders=True)
     stat = file.stat()
-    frame, name, spoken = _read_layer(file, layer, key, stat.st_ino, stat.st_size, stat.st_mtime_ns)
-    for text in spoken:
+    frame, name, warned = _read_layer(file, layer, key, stat.st_ino, stat.st_size, stat.st_mtime_ns)
+    for text in warned:
         log.warning("%s: %s", file, text)
     known = [c for c in frame.columns if c != "geometry"]
     for setting, field in fields.items():
@@ -184,13 +184,13 @@ def _read_layer(
 
     A few are kept: a batch takes its release areas one by one from the same layer.
     """
-    with vector_file(file, f"{key}.file"), warnings.catch_warnings(record=True) as spoken:
+    with vector_file(file, f"{key}.file"), warnings.catch_warnings(record=True) as warned:
         warnings.simplefilter("always")
         layers = {str(n): kind for n, kind in pyogrio.list_layers(file)}
         name = _choose_layer(layers, layer, file, key)
         # Geometries that cannot be decoded come as None and are reported by feature.
         frame = read_frame(file, name, on_invalid="ignore")
-    texts = dict.fromkeys(" ".join(str(w.message).split()) for w in spoken)
+    texts = dict.fromkeys(" ".join(str(w.message).split()) for w in warned)
     # Measures along lines are dropped with the heights: nothing is lost.
     return frame, name, tuple(t for t in texts if not t.startswith("Measured"))
 

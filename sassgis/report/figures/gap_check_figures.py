@@ -66,16 +66,16 @@ def confusion_figure(worlds: NDArray[np.int64]) -> Figure:
         colour = "white" if shares[i, j] > 0.7 else INK if number else GREY
         ax.text(j, i, text, ha="center", va="center", size=TEXT, color=colour)
 
-    def spoken(k: int) -> str:
+    def title_of(k: int) -> str:
         name = ANSWERS[k]
         return {"none": "no effect", "pair": "a pair"}.get(name, name.replace("_", " "))
 
-    ax.set_xticks(range(len(columns)), [spoken(k) for k in columns])
+    ax.set_xticks(range(len(columns)), [title_of(k) for k in columns])
     ax.tick_params(axis="x", rotation=45, length=0)
     for label in ax.get_xticklabels():
         label.set_horizontalalignment("right")
         label.set_rotation_mode("anchor")
-    names = [f"{spoken(k)} ({n})" for k, n in zip(rows, totals, strict=True)]
+    names = [f"{title_of(k)} ({n})" for k, n in zip(rows, totals, strict=True)]
     ax.set_yticks(range(len(rows)), names)
     ax.tick_params(axis="y", length=0)
     ax.set_xticks(np.arange(len(columns) + 1) - 0.5, minor=True)

@@ -189,5 +189,5 @@ def _style(symbol: Symbol, quantity: str, currency: str) -> VectorStyle:
 
 
 def _power(value: float) -> str:
-    """Limits as they are spoken of: 0.0001 is 1e-4."""
+    """Limits in short: 0.0001 is 1e-4."""
     return f"{value:.0e}".replace("e-0", "e-") if value < 0.01 else f"{value:g}"
