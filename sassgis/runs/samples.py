@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 
 import sassgis
 from sassgis.model.errors import InputError
-
-NAMES = ("valley", "bedrina", "piota_negra")
 
 
 def sample_folder() -> Path:
@@ -24,9 +21,3 @@ def sample_folder() -> Path:
         if (folder / "valley" / "config.toml").is_file():
             return folder
     raise InputError("the sample terrain is missing from this installation", file=package)
-
-
-def copy_sample(name: str, target: Path) -> Path:
-    """Copy one of NAMES to ``target`` and return the path of its configuration."""
-    shutil.copytree(sample_folder() / name, target, dirs_exist_ok=True)
-    return next(iter(sorted(target.glob("config*.toml"))))

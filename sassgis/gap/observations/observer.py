@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sassgis.gap.observations.campaign import (
+    Campaign,
     Errors,
     ImpactRows,
     errors_of,
@@ -64,7 +65,7 @@ def observer_of(case: Case) -> Observer:
         errors_of(case),
         stated(meta.contact_min_normal_speed_mps, slowest),
         stated(meta.contact_min_interval_s, soonest),
-        stated(meta.passages_missed_share, _missed(case)),
+        stated(meta.passages_missed_share, _missed(case, seen)),
     )
 
 
@@ -82,9 +83,8 @@ def _times_apart(case: Case, rows: ImpactRows) -> FloatArray:
     return found
 
 
-def _missed(case: Case) -> float:
+def _missed(case: Case, seen: Campaign) -> float:
     """Share of the passages that lack among rocks that were seen further down, or lie there."""
-    seen = observed_campaign(case)
     if seen.passages is None:
         return 0.0
     s = case.station_s

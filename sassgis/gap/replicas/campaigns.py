@@ -73,11 +73,9 @@ def campaigns(
         case,
         rock_lines,
         rocks,
-        model.table,
-        model.effects,
+        model,
         seed=seed,
         count=count,
-        stand=model.stand,
         first_rock=number * 64,
         log_events=_MOST_EVENTS if "impacts" in tables else 0,
     )

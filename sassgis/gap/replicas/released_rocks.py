@@ -24,12 +24,10 @@ from sassgis.gap.observations.projection import (
     station_chainages,
 )
 from sassgis.gap.observations.tables import Stations
-from sassgis.gap.replicas.hypothesis_model import ForestStand
+from sassgis.gap.replicas.hypothesis_model import ForestStand, HypothesisModel
 from sassgis.gap.replicas.rock_lines import STRETCH_M, RockLines, gathered
 from sassgis.model.blocks import BlockPopulation
-from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import FloatArray, IntArray
-from sassgis.model.ground import GroundTable
 from sassgis.model.map_run import Forest
 from sassgis.model.profiles import ControlLineCrossings, ProfileSet, ReleasePoints
 from sassgis.model.results import ControlLine
@@ -99,12 +97,10 @@ def move(
     case: Case,
     lines: RockLines,
     releases: Releases,
-    table: GroundTable,
-    effects: EffectSettings,
+    model: HypothesisModel,
     *,
     seed: int,
     count: int,
-    stand: ForestStand | None = None,
     first_rock: int = 0,
     log_events: int = 0,
 ) -> Moved:
@@ -115,18 +111,14 @@ def move(
     case : Case
     lines : RockLines
     releases : Releases
-    table : GroundTable
-    effects : EffectSettings
+    model : HypothesisModel
+        Its ground, its effects, and its stand in place of the configured forest.
     seed, first_rock, log_events
         As for sassgis.engine.simulate.simulate.
     count : int
-    stand : ForestStand, optional
-        In place of the configured forest.
     """
     if case.terrain is None:
-        return _on_profiles(
-            case, lines, releases, table, effects, seed, count, stand, first_rock, log_events
-        )
+        return _on_profiles(case, lines, releases, model, seed, count, first_rock, log_events)
     n = releases.rock.size
     start = releases.start
     drawn = bool((start[:, 1] > start[:, 0]).any())
@@ -142,12 +134,12 @@ def move(
     x, y = _on_map(case, releases.rock[row], s, releases.lateral_m[row])
     points = ReleasePoints(x, y, releases.rock[row], key, tuple(case.observations.rock_names))
     forest = None
-    if effects.get(Trees) is not None:
-        forest = case.forest if stand is None else _stand(stand, lines.cell_s)
+    if model.effects.get(Trees) is not None:
+        forest = case.forest if model.stand is None else _stand(model.stand, lines.cell_s)
     done = follow(
         replace(case.terrain, forest=forest),
         points,
-        table,
+        model.table,
         [releases.blocks[i] for i in row.tolist()],
         case.engine,
         seed=seed,
@@ -155,7 +147,7 @@ def move(
         point_keys=key,
         first_rock=first_rock,
         log_events=log_events,
-        effects=effects,
+        effects=model.effects,
     )
     if drawn:
         for rows in (done.rocks, done.pieces, done.passages):
@@ -254,21 +246,19 @@ def _on_profiles(
     case: Case,
     lines: RockLines,
     releases: Releases,
-    table: GroundTable,
-    effects: EffectSettings,
+    model: HypothesisModel,
     seed: int,
     count: int,
-    stand: ForestStand | None,
     first_rock: int,
     log_events: int,
 ) -> Moved:
     wood = None
-    if effects.get(Trees) is not None:
+    if model.effects.get(Trees) is not None:
         middle = lines.first_m + STRETCH_M * np.arange(0.5, lines.n_stretches)
-        wood = lines.wood if stand is None else _stand(stand, middle)
+        wood = lines.wood if model.stand is None else _stand(model.stand, middle)
     done = simulate(
         repeated(lines.unforested if wood is None else lines.forested, releases.rock),
-        table,
+        model.table,
         releases.blocks,
         case.engine,
         seed=seed,
@@ -278,7 +268,7 @@ def _on_profiles(
         control_lines=_repeated_crossings(lines.control_lines, releases.rock),
         first_rock=first_rock,
         log_events=log_events,
-        effects=effects,
+        effects=model.effects,
         forest=wood,
     )
     none = np.zeros(done.rocks.size + done.pieces.size)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.gap.observations.campaign import errors_of, main_blocks, observed_campaign
 from sassgis.gap.observations.case import Case
+from sassgis.gap.replicas.hypothesis_model import HypothesisModel
 from sassgis.gap.replicas.recorded import impacts_of, turns_of
 from sassgis.gap.replicas.released_rocks import Moved, all_rocks, move
 from sassgis.gap.replicas.rock_lines import RockLines, dips_at, rock_lines_of
@@ -206,8 +207,7 @@ def free_run(case: Case, model: RunModel, replicates: int) -> FreeRun:
         case,
         model.rock_lines,
         all_rocks(case, model.rock_lines),
-        model.table,
-        model.effects,
+        HypothesisModel(model.table, model.effects),
         seed=model.seed,
         count=replicates,
         log_events=_MOST_EVENTS if turned else 0,

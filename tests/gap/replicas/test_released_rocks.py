@@ -81,9 +81,7 @@ def test_rocks_move_as_blocks_do_from_their_release_points() -> None:
     """The very stops of the map's own call, with tilt and drift, in the plane of the fall line."""
     case = followed(observed(12, 3))
     lines = rock_lines_of(case)
-    found = move(
-        case, lines, all_rocks(case, lines), TABLE, EffectSettings(), seed=4, count=30
-    )  # fmt: skip
+    found = move(case, lines, all_rocks(case, lines), MODEL, seed=4, count=30)
     rocks, n = case.observations.rocks, case.n_rocks
     points = ReleasePoints(
         rocks.x, rocks.y, np.arange(n, dtype=np.int64), lines.keys, case.observations.rock_names
@@ -109,7 +107,7 @@ def test_a_start_further_down_moves_all_that_follows() -> None:
     lines = rock_lines_of(case)
     rocks = all_rocks(case, lines)
     ahead = replace(rocks, start=np.column_stack([np.full(6, 10.0), np.full(6, 20.0)]))
-    found = move(case, lines, ahead, TABLE, EffectSettings(), seed=4, count=20)
+    found = move(case, lines, ahead, MODEL, seed=4, count=20)
     assert found.rocks["line"].tolist() == np.repeat(np.arange(6), 20).tolist()
     assert found.rocks["rock"].tolist() == np.tile(np.arange(20), 6).tolist()
     assert found.rocks["runout_m"].min() > 9.0
