@@ -19,7 +19,7 @@ from sassgis.engine.heading import (
 )
 from sassgis.engine.landing import land
 from sassgis.engine.path import Path, note_passages
-from sassgis.engine.profile import segment_at, stretch_from
+from sassgis.engine.profile import segment_at, slope_angle, stretch_from
 from sassgis.engine.rolling import rolling_friction
 from sassgis.engine.rows import Record, last_of
 from sassgis.engine.state import (
@@ -162,7 +162,7 @@ def start_released(state: Record, block: Block, site: Site, physics: Physics, st
     segment = segment_at(profile, start.x, 0)
     here = profile[segment]
     state.segment = segment
-    state.theta = start.orientation + here.angle
+    state.theta = start.orientation + slope_angle(profile, segment)
     lies = resting_height(start.x, state.theta, block.a, block.b, profile, segment)
     state.z = lies + start.drop
     state.vx = start.speed * here.tx

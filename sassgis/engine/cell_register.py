@@ -22,7 +22,7 @@ class CellRegister(NamedTuple):
 
     n_cols: int
     n_rows: int
-    number: NDArray[np.int32]  # (n_rows * n_cols,), -1 for cells to which nothing has come
+    number: NDArray[np.int32]  # (n_rows * n_cols,), one more than it; 0: nothing has come there
     cells: IntArray  # flat indices of the cells, as far as there are
     window_number: NDArray[np.int32]  # as ``number``; empty without windows
     windows: IntArray  # flat indices of their middle cells
@@ -52,9 +52,9 @@ def empty_register(
     return CellRegister(
         n_cols=n_cols,
         n_rows=n_rows,
-        number=np.full(n, -1, np.int32),
+        number=np.zeros(n, np.int32),
         cells=np.zeros(room, np.int64),
-        window_number=np.full(n if n_windows else 0, -1, np.int32),
+        window_number=np.zeros(n if n_windows else 0, np.int32),
         windows=np.zeros(n_windows, np.int64),
         row_step=steps[0],
         col_step=steps[1],
@@ -75,8 +75,8 @@ def empty_register(
 def registered(register: CellRegister, flat: int) -> int:
     """The number of a cell of the grid; -1 if there is no room for it, which is noted."""
     known = register.number[flat]
-    if known >= 0:
-        return int(known)
+    if known > 0:
+        return int(known) - 1
     return _register(register, flat)
 
 
@@ -91,7 +91,7 @@ def _register(register: CellRegister, flat: int) -> int:
         counts[FULL] = 1
         return -1
     counts[CELLS] = i + 1
-    register.number[flat] = i
+    register.number[flat] = i + 1
     register.cells[i] = flat
     row = flat // register.n_cols
     col = flat % register.n_cols
@@ -100,13 +100,15 @@ def _register(register: CellRegister, flat: int) -> int:
         to_col = col + register.col_step[k]
         if 0 <= to_row < register.n_rows and 0 <= to_col < register.n_cols:
             middle = to_row * register.n_cols + to_col
-            if register.window_number[middle] < 0:
-                register.window_number[middle] = counts[WINDOWS]
+            if register.window_number[middle] == 0:
+                register.window_number[middle] = counts[WINDOWS] + 1
                 register.windows[counts[WINDOWS]] = middle
                 register.disks.u[counts[WINDOWS]] = to_col + 0.5
                 register.disks.v[counts[WINDOWS]] = to_row + 0.5
                 counts[WINDOWS] += 1
-            register.disks.under.number[counts[LISTED_WINDOWS]] = register.window_number[middle]
+            register.disks.under.number[counts[LISTED_WINDOWS]] = (
+                register.window_number[middle] - 1
+            )
             counts[LISTED_WINDOWS] += 1
     register.disks.under.offset[i + 1] = counts[LISTED_WINDOWS]
     first = np.searchsorted(register.object_cell, flat)

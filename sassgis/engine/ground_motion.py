@@ -11,7 +11,7 @@ from sassgis.engine.contact import next_contact
 from sassgis.engine.effects import hooks
 from sassgis.engine.ellipse import frame_of
 from sassgis.engine.landing import FIRST_TURN, rolling_place
-from sassgis.engine.profile import STRAIGHT, along, turn
+from sassgis.engine.profile import STRAIGHT, along, slope_angle, turn
 from sassgis.engine.recording import record_ground
 from sassgis.engine.rolling import (
     GROUND_AHEAD,
@@ -144,7 +144,7 @@ def _look_ahead(
         narrow = block.roll_radius
         is_round = block.a - block.b < 1e-12 * block.a
         length, ends_by, lift = rolling_stretch(
-            block, state.theta - here.angle, direction, v, pull, physics.gravity, ux,
+            block, state.theta - slope_angle(profile, state.segment), direction, v, pull, physics.gravity, ux,
             -uz * direction, length, ends_by, physics.as_ellipse and not is_round,
             physics.end_sliding and not is_round
         )  # fmt: skip
@@ -340,7 +340,7 @@ def _lift_off(state: Record, block: Block, site: Site, gravity: float, lift: flo
     uz = here.tz
     direction = state.direction
     # Its centre is where it then stands.
-    state.theta = 0.5 * math.pi + direction * lift + here.angle
+    state.theta = 0.5 * math.pi + direction * lift + slope_angle(site.profile, state.segment)
     c, s = cos_sin(lift)
     lever, support, _ = frame_of(block.a, block.b, c, -direction * s)
     rise = support - block.roll_radius

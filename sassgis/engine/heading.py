@@ -86,9 +86,10 @@ def head(state: Record, path: Path, u: float, v: float, hu: float, hv: float) ->
 @inlined
 def _downhill(state: Record, gu: float, gv: float) -> tuple[float, float]:
     """Unit vector of the descent as a block sees it that drifts."""
-    size = math.sqrt(gu * gu + gv * gv)
-    c, s = cos_sin(state.drift)
-    return -(gu * c - gv * s) / size, -(gv * c + gu * s) / size
+    per_size = 1.0 / math.sqrt(gu * gu + gv * gv)
+    c = state.drift_cos
+    s = state.drift_sin
+    return -(gu * c - gv * s) * per_size, -(gv * c + gu * s) * per_size
 
 
 @inlined
@@ -96,6 +97,7 @@ def _clear_path(effects: hooks.Effects | None, state: Record, block: Block, path
     """Set what a block remembers of its path."""
     state.drift = path.drift * rng.normal(block.key, rng.DRIFT, 0)
     hooks.on_path(effects, state, block)
+    state.drift_cos, state.drift_sin = cos_sin(state.drift)
     state.turn = 0.0
     state.phase = IMPACT
     for i in range(path.line_seen.size):
@@ -329,7 +331,8 @@ def after_impact(
         ahead = state.direction * state.speed * here.tx
     if known:
         # As the block drifts, the ground seems turned.
-        c, s = cos_sin(state.drift)
+        c = state.drift_cos
+        s = state.drift_sin
         su = gu * c - gv * s
         sv = gv * c + gu * s
         hu = state.du * path.cell_size

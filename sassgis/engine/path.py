@@ -33,6 +33,8 @@ BEHIND = 4.0
 # A plane goes on for this share of the shorter semi-axis at least: one that ended under the block,
 # at the limit of the tolerance, would begin anew without end.
 _LEAST_PLANE = 0.05
+# A parabola may lie off its chord by this share of the tolerance.
+_BENT = 0.25
 # Heights of a plane differ from a straight line by rounding: that makes no vertex (m).
 _ROUNDING = 1e-9
 
@@ -124,8 +126,6 @@ def begin_profile(
     state.plane_at = behind
     state.plane_z = z
     state.plane_slope = slope
-    state.line_u = _line_ahead(state.from_u, state.du)
-    state.line_v = _line_ahead(state.from_v, state.dv)
     first = site.profile[0]
     if behind == 0:
         first.x = state.x - BEHIND * block.a
@@ -151,33 +151,6 @@ def known_to(state: Record, block: Block) -> float:
     return float(state.x + block.a + 4.0 * MARGIN_M)
 
 
-@inlined
-def _next_sample(state: Record) -> float:
-    """Chainage of the next border or middle line of a cell; advances the lines (m)."""
-    along_u = np.inf
-    along_v = np.inf
-    if state.du != 0.0:
-        along_u = (0.5 * state.line_u - state.from_u) / state.du
-    if state.dv != 0.0:
-        along_v = (0.5 * state.line_v - state.from_v) / state.dv
-    along = min(along_u, along_v)
-    if along_u <= along:
-        state.line_u += 1.0 if state.du > 0.0 else -1.0
-    if along_v <= along:
-        state.line_v += 1.0 if state.dv > 0.0 else -1.0
-    return float(state.from_x + along)
-
-
-@inlined
-def _cell_between(state: Record, path: Path, x: float, after: float) -> int:
-    """Flat index of the cell between two samples; -1 where the terrain is not known."""
-    u, v = place(state, 0.5 * (x + after))
-    cell = cell_index(u, v, path.heights.shape[0], path.heights.shape[1])
-    if cell >= 0 and math.isnan(path.heights[int(v), int(u)]):
-        return -1
-    return int(cell)
-
-
 @fused
 def add_vertex(site: Site, x: float, z: float) -> None:
     """End the last segment at chainage x and height z (m); the ground is that of the last."""
@@ -189,7 +162,6 @@ def add_vertex(site: Site, x: float, z: float) -> None:
     here.length = math.sqrt(dx * dx + dz * dz)
     here.tx = dx / here.length
     here.tz = dz / here.length
-    here.angle = math.atan2(dz, dx)
     after = profile[n + 1]
     after.x = x
     after.z = z
@@ -233,10 +205,18 @@ def _full(site: Site) -> bool:
     )
 
 
-@inlined
-def _line_ahead(position: float, rate: float) -> float:
-    """First line of half cells ahead of a position."""
-    return next_line(2.0 * position, np.inf if rate > 0.0 else -np.inf)
+class Interval(NamedTuple):
+    """A piece of the path under which the terrain has no kink, and the cells that it crosses."""
+
+    end: float  # chainage (m)
+    z: float  # height of the terrain at its end (m)
+    ground: int
+    cells: int  # how many it crosses, 1 to 3; 0 where the terrain is not known
+    cell: int  # flat indices of them
+    second: int
+    third: int
+    border: float  # chainages at which it comes into the second and the third (m)
+    later: float
 
 
 @lean
@@ -254,33 +234,137 @@ def look_ahead(
         _forget_behind(state, block, site)
     begin = state.sampled
     _go_on_from(state, site, path)
-    n_cols = path.heights.shape[1]
     limit = path.tolerance + _ROUNDING
+    least = state.x + _LEAST_PLANE * block.b
     aloft = state.phase == FLIGHT and state.vx > 1e-6
+    lines = _lines_ahead(state)
     while state.open and (state.sampled < to_x or aloft) and not _full(site):
-        after = _next_sample(state)
-        if after - state.sampled <= SHORTEST_STRETCH:
-            continue
-        cell = _cell_between(state, path, state.sampled, after)
-        if cell < 0:
+        after, lines = _next_interval(state, path, lines)
+        if after.cells == 0:
             state.open = False
             break
-        u, v = place(state, after)
-        after_z = height_at(path.heights, u, v, cell // n_cols, cell % n_cols)
-        ground = path.ground[cell // n_cols, cell % n_cols]
         if state.on_plane:
-            least = state.x + _LEAST_PLANE * block.b
-            _along_plane(state, site, path, cell, after, after_z, ground, limit, least)
-        if not state.on_plane and after - state.sampled > SHORTEST_STRETCH:
-            _along_cone(state, site, path, cell, after, after_z, ground, limit)
+            _along_plane(state, site, path, after, limit, least)
+        if not state.on_plane and after.end - state.sampled > SHORTEST_STRETCH:
+            _along_cone(state, site, path, after, limit)
         if aloft:
-            t = (after - state.x) / state.vx
+            t = (after.end - state.x) / state.vx
             if state.z + (state.vz - 0.5 * gravity * t) * t < state.ahead_z - limit:
                 aloft = False
-                to_x = max(to_x, after + block.a + 4.0 * MARGIN_M)
+                to_x = max(to_x, after.end + block.a + 4.0 * MARGIN_M)
     _end_profile(state, site, path)
     if path.line_u.size:
         _cross_lines(state, site, path, begin, state.sampled)
+
+
+class _Lines(NamedTuple):
+    """Next lines ahead: through centres of cells, where the terrain has a kink, and borders."""
+
+    centre_u: float  # (cells)
+    centre_v: float
+    border_u: float
+    border_v: float
+
+
+@inlined
+def _lines_ahead(state: Record) -> _Lines:
+    """The lines ahead of where sampling goes on."""
+    u, v = place(state, state.sampled)
+    to_u = np.inf if state.du > 0.0 else -np.inf
+    to_v = np.inf if state.dv > 0.0 else -np.inf
+    return _Lines(
+        next_line(u - 0.5, to_u) + 0.5, next_line(v - 0.5, to_v) + 0.5, next_line(u, to_u),
+        next_line(v, to_v)
+    )  # fmt: skip
+
+
+@inlined
+def _meets(state: Record, line: float, start: float, rate: float) -> float:
+    """Chainage at which the path meets a line (m); infinite where it runs along it."""
+    return state.from_x + (line - start) / rate if rate != 0.0 else np.inf
+
+
+@inlined
+def _passed(line: float, at: float, x: float, rate: float) -> float:
+    """The next line, after the one that is met at some chainage, where that has been passed (m)."""
+    if at <= x:
+        return line + (1.0 if rate > 0.0 else -1.0)
+    return line
+
+
+@lean
+def _next_interval(state: Record, path: Path, lines: _Lines) -> tuple[Interval, _Lines]:
+    """The interval that follows the last sample, and the lines ahead of its end.
+
+    Between the centres of four cells the terrain is bilinear: along the path a parabola, which an
+    interval takes for a straight line. It ends where it leaves the four cells; where the parabola
+    bends by too much, the kind of ground changes, or not all four have a height, at each border.
+    """
+    heights = path.heights
+    n_rows, n_cols = heights.shape
+    x = state.sampled
+    centre_u, centre_v, border_u, border_v = lines
+    du = state.du
+    dv = state.dv
+    while True:
+        to_u = _meets(state, centre_u, state.from_u, du)
+        to_v = _meets(state, centre_v, state.from_v, dv)
+        end = min(to_u, to_v)
+        if end - x > SHORTEST_STRETCH:
+            break
+        centre_u = _passed(centre_u, to_u, end, du)
+        centre_v = _passed(centre_v, to_v, end, dv)
+    while True:
+        over_u = _meets(state, border_u, state.from_u, du)
+        over_v = _meets(state, border_v, state.from_v, dv)
+        border = min(over_u, over_v)
+        if border - x > SHORTEST_STRETCH:
+            break
+        border_u = _passed(border_u, over_u, border, du)
+        border_v = _passed(border_v, over_v, border, dv)
+    later = max(over_u, over_v)
+    u, v = place(state, 0.5 * (x + min(border, end)))
+    cell = cell_index(u, v, n_rows, n_cols)
+    if cell < 0 or math.isnan(heights[cell // n_cols, cell % n_cols]):
+        return Interval(x, 0.0, 0, 0, -1, -1, -1, x, x), lines
+    ground = np.int64(path.ground[cell // n_cols, cell % n_cols])
+    # The four cells around, of which the first lies to the upper left.
+    u, v = place(state, 0.5 * (x + end))
+    row = int(np.floor(v - 0.5))
+    col = int(np.floor(u - 0.5))
+    own = across = down = twist = np.nan
+    if 0 <= row < n_rows - 1 and 0 <= col < n_cols - 1:
+        own = heights[row, col]
+        across = heights[row, col + 1] - own
+        down = heights[row + 1, col] - own
+        twist = heights[row + 1, col + 1] - own - across - down
+    cells = 1
+    second = third = cell
+    if border < end - SHORTEST_STRETCH:
+        bent = 0.25 * abs(twist * du * dv) * (end - x) * (end - x)
+        ends = not bent <= _BENT * path.tolerance
+        if not ends:
+            cells = 2
+            if later < end - SHORTEST_STRETCH and later - border > SHORTEST_STRETCH:
+                cells = 3
+                u, v = place(state, 0.5 * (later + end))
+                third = cell_index(u, v, n_rows, n_cols)
+                ends = path.ground[third // n_cols, third % n_cols] != ground
+            u, v = place(state, 0.5 * (border + (later if cells == 3 else end)))
+            second = cell_index(u, v, n_rows, n_cols)
+            ends = ends or path.ground[second // n_cols, second % n_cols] != ground
+        if ends:
+            end = border
+            cells = 1
+    u, v = place(state, end)
+    z = own + across * (u - col - 0.5) + (down + twist * (u - col - 0.5)) * (v - row - 0.5)
+    if math.isnan(z):
+        z = height_at(heights, u, v, cell // n_cols, cell % n_cols)
+    following = _Lines(
+        _passed(centre_u, to_u, end, du), _passed(centre_v, to_v, end, dv),
+        _passed(border_u, over_u, end, du), _passed(border_v, over_v, end, dv)
+    )  # fmt: skip
+    return Interval(end, z, ground, cells, cell, second, third, border, later), following
 
 
 @inlined
@@ -308,94 +392,89 @@ def _open_cone(state: Record) -> None:
     state.high = np.inf
 
 
-@lean
+@fused
+def _add_stretches(
+    state: Record, site: Site, path: Path, after: Interval, segment: int, end: float
+) -> None:
+    """Let the stretches go on over an interval, to its end or to where it is cut (m)."""
+    first = end if after.cells == 1 else min(after.border, end)
+    if first > state.sampled:
+        _add_stretch(state, site, path, after.cell, segment, first)
+    if after.cells > 1 and after.border < end:
+        second = end if after.cells == 2 else min(after.later, end)
+        if second > state.sampled:
+            _add_stretch(state, site, path, after.second, segment, second)
+    if after.cells > 2 and after.later < end:
+        _add_stretch(state, site, path, after.third, segment, end)
+
+
+@fused
 def _along_plane(
-    state: Record,
-    site: Site,
-    path: Path,
-    cell: int,
-    after: float,
-    after_z: float,
-    ground: int,
-    limit: float,
-    least: float,
+    state: Record, site: Site, path: Path, after: Interval, limit: float, least: float
 ) -> None:
     """Go on to the next sample on the plane, or end it where the terrain has left it.
 
     Parameters
     ----------
-    cell : int
-        Flat index of the cell up to the sample.
-    after, after_z : float
-        Chainage of the sample, and height of the terrain there (m).
-    ground : int
-        Ground class of the cell.
     limit : float
         Largest gap (m).
     least : float
         Chainage up to which the plane goes on whatever the gap (m).
     """
     profile = site.profile
-    on_plane = state.plane_z + state.plane_slope * (after - state.from_x)
-    gap = abs(after_z - on_plane)
-    same = ground == profile[state.plane_at].ground
+    on_plane = state.plane_z + state.plane_slope * (after.end - state.from_x)
+    gap = abs(after.z - on_plane)
+    same = after.ground == profile[state.plane_at].ground
     x = state.sampled
-    if same and (gap <= limit or after <= least):
-        _add_stretch(state, site, path, cell, state.plane_at, after)
-        state.sampled = after
+    if same and (gap <= limit or after.end <= least):
+        _add_stretches(state, site, path, after, state.plane_at, after.end)
+        state.sampled = after.end
         state.ahead_z = on_plane
-        state.before_z = after_z
+        state.before_z = after.z
         state.gap = gap
         return
     state.on_plane = False
     x_end = x
     if same and gap > state.gap:
         share = min(max((limit - state.gap) / (gap - state.gap), 0.0), 1.0)
-        x_end = x + share * (after - x)
+        x_end = x + share * (after.end - x)
     x_end = max(x_end, state.x + SHORTEST_STRETCH, least if same else 0.0)
     if x_end > x:
-        _add_stretch(state, site, path, cell, state.plane_at, x_end)
+        _add_stretches(state, site, path, after, state.plane_at, x_end)
         state.ahead_z += state.plane_slope * (x_end - x)
-        state.before_z += (after_z - state.before_z) * (x_end - x) / (after - x)
+        state.before_z += (after.z - state.before_z) * (x_end - x) / (after.end - x)
         state.sampled = x_end
     add_vertex(site, state.sampled, state.ahead_z)
     _open_cone(state)
 
 
-@lean
-def _along_cone(
-    state: Record,
-    site: Site,
-    path: Path,
-    cell: int,
-    after: float,
-    after_z: float,
-    ground: int,
-    limit: float,
-) -> None:
-    """Go on to the next sample on the open segment, or on a new one; parameters as _along_plane."""
+@fused
+def _along_cone(state: Record, site: Site, path: Path, after: Interval, limit: float) -> None:
+    """Go on to the next sample on the open segment, or on a new one."""
     profile = site.profile
     n = last_of(profile)
     here = profile[n]
-    down = (after_z - limit - here.z) / (after - here.x)
-    up = (after_z + limit - here.z) / (after - here.x)
+    per_x = 1.0 / (after.end - here.x)
+    down = (after.z - limit - here.z) * per_x
+    up = (after.z + limit - here.z) * per_x
     begun = state.sampled > here.x
-    if begun and (ground != here.ground or max(state.low, down) > min(state.high, up)):
+    if begun and (after.ground != here.ground or max(state.low, down) > min(state.high, up)):
         add_vertex(site, state.sampled, state.ahead_z)
         n += 1
         here = profile[n]
         _open_cone(state)
-        down = (after_z - limit - here.z) / (after - here.x)
-        up = (after_z + limit - here.z) / (after - here.x)
-    here.ground = ground
+        per_x = 1.0 / (after.end - here.x)
+        down = (after.z - limit - here.z) * per_x
+        up = (after.z + limit - here.z) * per_x
+    here.ground = after.ground
     state.low = max(state.low, down)
     state.high = min(state.high, up)
     # As steep as the terrain is over the segment, as far as the cone allows.
-    rise = (after_z - state.vertex_z) / (after - here.x)
-    state.ahead_z = here.z + min(max(rise, state.low), state.high) * (after - here.x)
-    _add_stretch(state, site, path, cell, n, after)
-    state.sampled = after
-    state.before_z = after_z
+    rise = (after.z - state.vertex_z) * per_x
+    state.ahead_z = here.z + min(max(rise, state.low), state.high) * (after.end - here.x)
+    _add_stretches(state, site, path, after, n, after.end)
+    state.sampled = after.end
+    state.before_z = after.z
 
 
 @inlined

@@ -11,7 +11,7 @@ from sassgis.engine.recording import STRETCH_DTYPE
 from sassgis.engine.rows import Records, last_of
 from sassgis.engine.state import BARRIER, VERTEX_DTYPE
 from sassgis.model.grid import FloatArray, IntArray
-from sassgis.model.jit import kernel, lean
+from sassgis.model.jit import inlined, kernel, lean
 
 # A vertex nearer than this to the line between its neighbours is none (m).
 _STRAIGHT_M = 1e-9
@@ -51,7 +51,6 @@ def profile_of(s: FloatArray, z: FloatArray, ground: NDArray[np.int32]) -> Recor
         row.length = length
         row.tx = dx / length
         row.tz = dz / length
-        row.angle = math.atan2(dz, dx)
         row.ground = ground[i]
     return rows
 
@@ -160,6 +159,14 @@ def segment_at(profile: Records, x: float, near: int) -> int:
     while j < n - 1 and profile[j + 1].x < x:
         j += 1
     return j
+
+
+@inlined
+def slope_angle(profile: Records, j: int) -> float:
+    """Angle of segment j to the horizontal, positive if it rises (rad)."""
+    here = profile[j]
+    after = profile[j + 1]
+    return math.atan2(after.z - here.z, after.x - here.x)
 
 
 @lean

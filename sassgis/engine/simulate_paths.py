@@ -46,8 +46,9 @@ from sassgis.model.results import ControlLine
 from sassgis.model.settings import EngineSettings
 from sassgis.model.statistics_table import Bins, default_bins
 
-# Cells for which there is room at first; four times as many each time that it was too few.
-ROOM = 8192
+# Cells for which there is room at first; four times as many each time that it was too few, which
+# costs all blocks again. Room that is not used costs next to nothing.
+ROOM = 65536
 
 
 @dataclass(frozen=True, slots=True)

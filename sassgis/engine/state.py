@@ -34,7 +34,6 @@ VERTEX_DTYPE = record_type(
     ("tx", _F),  # unit tangent of the segment
     ("tz", _F),
     ("length", _F),  # of the segment (m)
-    ("angle", _F),  # of the segment (rad)
     ("ground", _I),  # position in the ground table
     ("last", _I),  # of the first row: position of the last vertex
 )
@@ -98,8 +97,6 @@ STATE_FIELDS: tuple[tuple[str, Any], ...] = (
     ("du", _F),  # heading, in cells per metre
     ("dv", _F),
     ("sampled", _F),  # chainage up to which the ground ahead is known (m)
-    ("line_u", _F),  # next lines of half cells ahead of it
-    ("line_v", _F),
     ("on_plane", np.bool_),  # whether the plane goes on on which the profile began
     ("plane_at", _I),  # segment of the profile that it is
     ("plane_z", _F),  # its height where the heading holds from (m)
@@ -112,6 +109,8 @@ STATE_FIELDS: tuple[tuple[str, Any], ...] = (
     ("high", _F),
     ("about", _F),  # 1, or -1 where it has turned about an odd number of times
     ("drift", _F),  # angle by which it drifts aside of the descent (rad)
+    ("drift_cos", _F),
+    ("drift_sin", _F),
     ("stuck_x", _F),  # chainage at which its last stretches on the ground ended (m)
     ("stuck", _I),  # how many of them ended there
     ("turn", _F),  # turn of the heading that is still to come, to the right on the map (rad)

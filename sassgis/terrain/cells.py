@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sassgis.model.cell_geometry import SHORTEST_STRETCH, cell_index, next_line
 from sassgis.model.grid import FloatArray, Grid, IntArray
-from sassgis.model.jit import kernel
+from sassgis.model.jit import kernel, lean
 from sassgis.model.profiles import TraceSet
 
 Scalar = TypeVar("Scalar", bound=np.generic)
@@ -48,7 +48,7 @@ def grown(values: NDArray[Scalar], size: int) -> NDArray[Scalar]:
     return bigger
 
 
-@kernel
+@lean
 def next_share(start: float, target: float, line: float) -> float:
     """Share of the distance from start to target at which ``line`` is met; 2 if it is not."""
     if target > start:
@@ -58,7 +58,7 @@ def next_share(start: float, target: float, line: float) -> float:
     return 2.0
 
 
-@kernel
+@lean
 def _set_border(borders: FloatArray, i: int, s: float, u: float, v: float) -> None:
     borders[i, 0] = s
     borders[i, 1] = u

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from sassgis.model.cell_geometry import exact, exact_positions, height_at
 from sassgis.model.grid import FloatArray, Grid, IntArray
-from sassgis.model.jit import kernel
+from sassgis.model.jit import kernel, lean
 from sassgis.model.profiles import LineEnd, ReleasePoints, TraceSet
 from sassgis.model.settings import TerrainSettings
 from sassgis.terrain.cells import grown, next_share
@@ -296,7 +296,7 @@ def _trace_line(
         attached = attached_new
 
 
-@kernel
+@lean
 def _coasting_step(limit: float, rate: float, turn: float, bend: float) -> float:
     """Length of a step away from the descent (cells), so that the heading turns little in it."""
     step = min(limit, 0.25, _TURN_PER_STEP / (rate * turn + 1e-300))
@@ -314,13 +314,13 @@ def _with_room(line: FloatArray, size: int) -> FloatArray:
     return longer
 
 
-@kernel
+@lean
 def _length(a: float, b: float) -> float:
     """Length of a vector; several times faster than hypot, as it has no guard against overflow."""
     return float(np.sqrt(a * a + b * b))
 
 
-@kernel
+@lean
 def _downhill(gu: float, gv: float) -> tuple[float, float]:
     """Unit vector of steepest descent; (0, 0) on level ground."""
     size = _length(gu, gv)
@@ -329,7 +329,7 @@ def _downhill(gu: float, gv: float) -> tuple[float, float]:
     return -gu / size, -gv / size
 
 
-@kernel
+@lean
 def _along(gu: float, gv: float, hu: float, hv: float) -> float:
     """Cosine of the angle between descent and heading; -1 on level ground."""
     au, av = _downhill(gu, gv)
@@ -338,7 +338,7 @@ def _along(gu: float, gv: float, hu: float, hv: float) -> float:
     return au * hu + av * hv
 
 
-@kernel
+@lean
 def _angle(gu: float, gv: float, hu: float, hv: float) -> float:
     """Angle from the heading to the descent (rad); 0 on level ground."""
     au, av = _downhill(gu, gv)
@@ -347,7 +347,7 @@ def _angle(gu: float, gv: float, hu: float, hv: float) -> float:
     return float(np.arctan2(hu * av - hv * au, hu * au + hv * av))
 
 
-@kernel
+@lean
 def _bend(gu: float, gv: float, huu: float, huv: float, hvv: float, slope: float) -> float:
     """Change of the direction of descent per cell, along plus across (rad per cell)."""
     if slope <= _LEVEL:
@@ -358,7 +358,7 @@ def _bend(gu: float, gv: float, huu: float, huv: float, hvv: float, slope: float
     return (abs(across) + abs(along)) / slope
 
 
-@kernel
+@lean
 def _turn_rate(
     gu: float,
     gv: float,
@@ -375,7 +375,7 @@ def _turn_rate(
     return agreement * steepness * min(1.0, steepness) / turning
 
 
-@kernel
+@lean
 def _descend(
     coefficients: FloatArray,
     u: float,
@@ -406,7 +406,7 @@ def _descend(
     return sum_u / 6.0, sum_v / 6.0, True
 
 
-@kernel
+@lean
 def _coast(
     coefficients: FloatArray,
     u: float,
@@ -435,7 +435,7 @@ def _coast(
     return mu, mv, nu, nv
 
 
-@kernel
+@lean
 def _turned(hu: float, hv: float, angle: float) -> tuple[float, float]:
     """The unit vector turned by an angle, and made a unit vector again."""
     c, s = np.cos(angle), np.sin(angle)
@@ -444,7 +444,7 @@ def _turned(hu: float, hv: float, angle: float) -> tuple[float, float]:
     return tu / size, tv / size
 
 
-@kernel
+@lean
 def _way_open(valid: BoolArray, u0: float, v0: float, u1: float, v1: float) -> tuple[float, int]:
     """Share of a step (shorter than a cell) that runs over valid cells, and what stops it."""
     if int(np.floor(u0)) == int(np.floor(u1)) and int(np.floor(v0)) == int(np.floor(v1)):
@@ -466,7 +466,7 @@ def _way_open(valid: BoolArray, u0: float, v0: float, u1: float, v1: float) -> t
     return 1.0, _VALID
 
 
-@kernel
+@lean
 def _closes(line: FloatArray, size: int) -> bool:
     """Whether the last point lies near an earlier part of the line.
 

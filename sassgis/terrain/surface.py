@@ -18,7 +18,7 @@ from scipy import ndimage
 
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid
-from sassgis.model.jit import kernel
+from sassgis.model.jit import kernel, lean
 from sassgis.model.profiles import LineEnd
 
 BoolArray = NDArray[np.bool_]
@@ -240,7 +240,7 @@ def _local_linear(
     return result
 
 
-@kernel
+@lean
 def standing(valid: BoolArray, u: float, v: float) -> int:
     """-1 where the cell at (u, v) has a height, else the LineEnd that says what is missing."""
     if not (u >= 0.0 and v >= 0.0 and u < valid.shape[1] and v < valid.shape[0]):
@@ -250,7 +250,7 @@ def standing(valid: BoolArray, u: float, v: float) -> int:
     return _NODATA
 
 
-@kernel
+@lean
 def slope_at(coefficients: FloatArray, u: float, v: float) -> tuple[float, float]:
     """Gradient of the spline in metres per cell, along u and v."""
     a, b = u - 0.5 + PAD, v - 0.5 + PAD
@@ -279,7 +279,7 @@ def slope_at(coefficients: FloatArray, u: float, v: float) -> tuple[float, float
     return gu, gv
 
 
-@kernel
+@lean
 def shape_at(
     coefficients: FloatArray, u: float, v: float
 ) -> tuple[float, float, float, float, float, float]:
@@ -300,8 +300,9 @@ def shape_at(
     dr2 = -dr0 - dr1 - dr3
     z, gu, gv, huu, huv, hvv = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(4):
-        line = coefficients[row - 1 + k]
-        c0, c1, c2, c3 = line[col - 1], line[col], line[col + 1], line[col + 2]
+        m = row - 1 + k
+        c0, c1 = coefficients[m, col - 1], coefficients[m, col]
+        c2, c3 = coefficients[m, col + 1], coefficients[m, col + 2]
         wr = wr0 if k == 0 else wr1 if k == 1 else wr2 if k == 2 else wr3
         dr = dr0 if k == 0 else dr1 if k == 1 else dr2 if k == 2 else dr3
         er = p if k == 0 else 3.0 * r - 2.0 if k == 1 else 1.0 - 3.0 * r if k == 2 else r

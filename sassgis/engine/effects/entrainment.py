@@ -126,12 +126,13 @@ def entrain(
     mass = block.mass * size**3
     speed = speed_of_each(loose, n, lost, mass)
     direction = 1 if state.vx >= 0.0 else -1
+    lies = math.atan2(ground.tz, ground.tx)
     for i in range(n):
         angle = angle_of(block.key, number, i)
         along = direction * speed * math.cos(angle)
         up = speed * math.sin(angle)
         spawn(
             spawned, state.x, -np.inf, along * ground.tx - up * ground.tz,
-            along * ground.tz + up * ground.tx, ground.angle, 0.0, block, size, mass,
+            along * ground.tz + up * ground.tx, lies, 0.0, block, size, mass,
             state.began + state.t, 0.0,
         )  # fmt: skip
