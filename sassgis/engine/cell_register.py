@@ -106,9 +106,7 @@ def _register(register: CellRegister, flat: int) -> int:
                 register.disks.u[counts[WINDOWS]] = to_col + 0.5
                 register.disks.v[counts[WINDOWS]] = to_row + 0.5
                 counts[WINDOWS] += 1
-            register.disks.under.number[counts[LISTED_WINDOWS]] = (
-                register.window_number[middle] - 1
-            )
+            register.disks.under.number[counts[LISTED_WINDOWS]] = register.window_number[middle] - 1
             counts[LISTED_WINDOWS] += 1
     register.disks.under.offset[i + 1] = counts[LISTED_WINDOWS]
     first = np.searchsorted(register.object_cell, flat)

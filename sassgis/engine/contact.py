@@ -171,6 +171,10 @@ def next_contact(
         here = profile[j]
         # Of what the block has just left, only its core can be stopped.
         left = skip_to >= 0 and (j <= skip_to if step > 0 else j >= skip_to)
+        if left and flying.gravity == 0.0:
+            # One that is moved along the ground comes no nearer to what it has left.
+            j += step
+            continue
         first = start
         last = best.t + same
         if still:

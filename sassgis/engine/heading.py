@@ -61,10 +61,14 @@ from sassgis.model.jit import fused, inlined, lean
 _TURN = 0.01
 _BEND_PER_STEP = 0.5
 _SHORTEST_STEP = 0.1
+# Below this angle (rad) a half-angle tangent is taken to its third power: right to 1e-10.
+_SMALL = 0.02
 # Impacts that turn the heading less than this do not (rad).
 _NO_TURN = 1e-9
 # What lay behind a block before it has turned by more than this does not lie there after it (rad).
 _FAR_TURN = 0.2
+# The ground under a block is no steeper than this (m per m): 86 degrees.
+_STEEPEST = 14.1
 # A block that comes less than this far (m) in each of so many stretches on the ground is wedged.
 _NO_WAY_M = 1e-6
 _STUCK = 100
@@ -212,27 +216,23 @@ def turn_heading(
     c, s = cos_sin(angle)
     to_u = hu * c - hv * s
     to_v = hv * c + hu * s
-    before = math.atan(slope)
-    tilt = math.atan(gu * to_u + gv * to_v) - math.atan(gu * hu + gv * hv)
-    if state.phase != FLIGHT and state.speed <= 0.0:
-        # Nothing moves relative to the ground: that is as the terrain is.
-        tilt = math.atan(gu * to_u + gv * to_v) - before
-    after = min(max(before + tilt, -1.5), 1.5)
-    tilt = after - before
+    # Nothing that rests moves relative to the ground: that is as the terrain is.
+    rests_on = state.phase != FLIGHT and state.speed <= 0.0
+    ahead = slope if rests_on else gu * hu + gv * hv
+    after, tilt, c, s = _tilted(slope, ahead, gu * to_u + gv * to_v)
     u, v = place(state, state.x)
     state.theta += tilt
-    c, s = cos_sin(tilt)
     _rotate(state, c, s)
     head(state, path, u, v, to_u, to_v)
     if abs(angle) > _FAR_TURN:
-        behind = sample_behind(state, block, site, path, z0, math.tan(after), ground)
+        behind = sample_behind(state, block, site, path, z0, after, ground)
     else:
         # The ground behind the block turns with the plane.
-        behind = keep_behind(state, block, site, at, back, math.tan(after) - slope)
+        behind = keep_behind(state, block, site, at, back, after - slope)
     if state.skip_to >= 0:
         left = state.skip_to - at
         state.skip_to = max(behind - left if back else behind + left, -1)
-    begin_profile(state, block, site, path, z0, math.tan(after), ground, gravity, behind)
+    begin_profile(state, block, site, path, z0, after, ground, gravity, behind)
     raised = _rests_at(state, block, site) - rests
     if abs(raised) < block.a:
         paid = min(raised, _kinetic(state, block) / gravity)
@@ -243,12 +243,32 @@ def turn_heading(
             z0 -= raised - paid
             for i in range(behind + 1):
                 site.profile[i].z -= raised - paid
-            begin_profile(state, block, site, path, z0, math.tan(after), ground, gravity, behind)
+            begin_profile(state, block, site, path, z0, after, ground, gravity, behind)
     elif raised < 0.0 and state.phase != FLIGHT:
         # It lay on walls that are not in its way any more: it falls.
-        state.vx = state.speed * math.cos(after)
-        state.vz = state.speed * math.sin(after)
+        state.vx = state.speed / math.sqrt(1.0 + after * after)
+        state.vz = state.vx * after
         state.phase = FLIGHT
+
+
+@lean
+def _tilted(slope: float, before: float, after: float) -> tuple[float, float, float, float]:
+    """A slope of the profile, tilted as the terrain, with angle, cosine and sine of the tilt.
+
+    ``before`` and ``after`` are the slopes of the terrain along the old and the new heading.
+    """
+    across = 1.0 + before * after
+    tangent = (after - before) / across
+    rest = 1.0 - slope * tangent
+    tilted = (slope + tangent) / rest
+    if across > 0.0 and rest > 0.0 and abs(tilted) <= _STEEPEST:
+        c = 1.0 / math.sqrt(1.0 + tangent * tangent)
+        return tilted, math.atan(tangent), c, tangent * c
+    angle = math.atan(slope)
+    steep = math.atan(_STEEPEST)
+    tilt = min(max(angle + math.atan(after) - math.atan(before), -steep), steep) - angle
+    c, s = cos_sin(tilt)
+    return math.tan(angle + tilt), tilt, c, s
 
 
 @inlined
@@ -418,7 +438,10 @@ def _bending(gravity: float, steep2: float, level2: float) -> float:
 @lean
 def _bent(angle: float, kappa_s: float) -> float:
     """By how much an angle to the descent falls over a length, times κ (rad)."""
-    return angle - 2.0 * math.atan(math.tan(0.5 * angle) * math.exp(-kappa_s))
+    left = math.exp(-kappa_s)
+    if abs(angle) < _SMALL:
+        return angle - left * angle * (1.0 + (1.0 - left * left) * angle * angle / 12.0)
+    return angle - 2.0 * math.atan(math.tan(0.5 * angle) * left)
 
 
 @inlined

@@ -38,11 +38,14 @@ from sassgis.engine.statistics import (
     LineTally,
     Objects,
     PlaceWork,
+    Visits,
+    add_visits,
     close_line,
     collect,
     count_places,
     empty_event,
     empty_tally,
+    empty_visits,
     flush,
     give_back,
     meet_disks,
@@ -153,6 +156,7 @@ class Work(NamedTuple):
     state: Records  # hooks.BLOCK_DTYPE, one row
     cells: CellWork
     event: Event
+    visits: Visits
     tally: LineTally
     windows: PlaceWork
     objects: PlaceWork
@@ -173,6 +177,7 @@ def working_space(totals: Totals, most_spawned: int) -> Work:
         np.zeros(1, hooks.BLOCK_DTYPE),
         empty_work(n, chords=totals.windows.disks.u.size > 0),
         empty_event(n),
+        empty_visits(n),
         empty_tally(totals.reach),
         place_work(totals.windows.reach),
         place_work(totals.objects.reach),
@@ -217,6 +222,7 @@ def simulate_lines(
         if status != DONE:
             return status
         close_stratum(totals, work)
+    add_visits(work.visits, totals.sums)
     return DONE
 
 
@@ -245,6 +251,7 @@ def simulate_paths(
         if status != DONE:
             return status
         close_stratum(totals, work)
+    add_visits(work.visits, totals.sums)
     return DONE
 
 
@@ -468,4 +475,6 @@ def add_to_totals(totals: Totals, work: Work, n_touched: int, mass: float) -> No
     if work.objects.peak.size:
         meet_objects(cells, n_touched, mass, totals.objects.under, work.objects)
         n_line[2] = count_places(work.objects, threshold, n_line[2])
-    n_line[0] = flush(cells, n_touched, totals.sums, totals.bins, mass, work.tally, n_line[0])
+    n_line[0] = flush(
+        cells, n_touched, totals.sums, totals.bins, mass, work.visits, work.tally, n_line[0]
+    )

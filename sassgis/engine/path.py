@@ -279,12 +279,6 @@ def _lines_ahead(state: Record) -> _Lines:
 
 
 @inlined
-def _meets(state: Record, line: float, start: float, rate: float) -> float:
-    """Chainage at which the path meets a line (m); infinite where it runs along it."""
-    return state.from_x + (line - start) / rate if rate != 0.0 else np.inf
-
-
-@inlined
 def _passed(line: float, at: float, x: float, rate: float) -> float:
     """The next line, after the one that is met at some chainage, where that has been passed (m)."""
     if at <= x:
@@ -306,38 +300,44 @@ def _next_interval(state: Record, path: Path, lines: _Lines) -> tuple[Interval, 
     centre_u, centre_v, border_u, border_v = lines
     du = state.du
     dv = state.dv
+    per_u = 1.0 / du if du != 0.0 else np.inf
+    per_v = 1.0 / dv if dv != 0.0 else np.inf
     while True:
-        to_u = _meets(state, centre_u, state.from_u, du)
-        to_v = _meets(state, centre_v, state.from_v, dv)
+        to_u = state.from_x + (centre_u - state.from_u) * per_u if du != 0.0 else np.inf
+        to_v = state.from_x + (centre_v - state.from_v) * per_v if dv != 0.0 else np.inf
         end = min(to_u, to_v)
         if end - x > SHORTEST_STRETCH:
             break
         centre_u = _passed(centre_u, to_u, end, du)
         centre_v = _passed(centre_v, to_v, end, dv)
     while True:
-        over_u = _meets(state, border_u, state.from_u, du)
-        over_v = _meets(state, border_v, state.from_v, dv)
+        over_u = state.from_x + (border_u - state.from_u) * per_u if du != 0.0 else np.inf
+        over_v = state.from_x + (border_v - state.from_v) * per_v if dv != 0.0 else np.inf
         border = min(over_u, over_v)
         if border - x > SHORTEST_STRETCH:
             break
         border_u = _passed(border_u, over_u, border, du)
         border_v = _passed(border_v, over_v, border, dv)
     later = max(over_u, over_v)
-    u, v = place(state, 0.5 * (x + min(border, end)))
-    cell = cell_index(u, v, n_rows, n_cols)
-    if cell < 0 or math.isnan(heights[cell // n_cols, cell % n_cols]):
+    # The cell and the four centres between two lines each, of which those ahead are known.
+    behind_u = 1 if du > 0.0 else 0
+    behind_v = 1 if dv > 0.0 else 0
+    to_col = 2 * behind_u - 1
+    to_row = 2 * behind_v - 1
+    row = int(border_v) - behind_v
+    col = int(border_u) - behind_u
+    if not (0 <= row < n_rows and 0 <= col < n_cols) or math.isnan(heights[row, col]):
         return Interval(x, 0.0, 0, 0, -1, -1, -1, x, x), lines
-    ground = np.int64(path.ground[cell // n_cols, cell % n_cols])
-    # The four cells around, of which the first lies to the upper left.
-    u, v = place(state, 0.5 * (x + end))
-    row = int(np.floor(v - 0.5))
-    col = int(np.floor(u - 0.5))
+    cell = row * n_cols + col
+    ground = np.int64(path.ground[row, col])
+    up = int(centre_v - 0.5) - behind_v
+    left = int(centre_u - 0.5) - behind_u
     own = across = down = twist = np.nan
-    if 0 <= row < n_rows - 1 and 0 <= col < n_cols - 1:
-        own = heights[row, col]
-        across = heights[row, col + 1] - own
-        down = heights[row + 1, col] - own
-        twist = heights[row + 1, col + 1] - own - across - down
+    if 0 <= up < n_rows - 1 and 0 <= left < n_cols - 1:
+        own = heights[up, left]
+        across = heights[up, left + 1] - own
+        down = heights[up + 1, left] - own
+        twist = heights[up + 1, left + 1] - own - across - down
     cells = 1
     second = third = cell
     if border < end - SHORTEST_STRETCH:
@@ -345,21 +345,22 @@ def _next_interval(state: Record, path: Path, lines: _Lines) -> tuple[Interval, 
         ends = not bent <= _BENT * path.tolerance
         if not ends:
             cells = 2
-            if later < end - SHORTEST_STRETCH and later - border > SHORTEST_STRETCH:
+            at_corner = later - border <= SHORTEST_STRETCH
+            next_row = row + to_row if over_v == border or at_corner else row
+            next_col = col + to_col if over_u == border or at_corner else col
+            second = next_row * n_cols + next_col
+            ends = path.ground[next_row, next_col] != ground
+            if later < end - SHORTEST_STRETCH and not at_corner:
                 cells = 3
-                u, v = place(state, 0.5 * (later + end))
-                third = cell_index(u, v, n_rows, n_cols)
-                ends = path.ground[third // n_cols, third % n_cols] != ground
-            u, v = place(state, 0.5 * (border + (later if cells == 3 else end)))
-            second = cell_index(u, v, n_rows, n_cols)
-            ends = ends or path.ground[second // n_cols, second % n_cols] != ground
+                third = (row + to_row) * n_cols + col + to_col
+                ends = ends or path.ground[row + to_row, col + to_col] != ground
         if ends:
             end = border
             cells = 1
     u, v = place(state, end)
-    z = own + across * (u - col - 0.5) + (down + twist * (u - col - 0.5)) * (v - row - 0.5)
+    z = own + across * (u - left - 0.5) + (down + twist * (u - left - 0.5)) * (v - up - 0.5)
     if math.isnan(z):
-        z = height_at(heights, u, v, cell // n_cols, cell % n_cols)
+        z = height_at(heights, u, v, row, col)
     following = _Lines(
         _passed(centre_u, to_u, end, du), _passed(centre_v, to_v, end, dv),
         _passed(border_u, over_u, end, du), _passed(border_v, over_v, end, dv)

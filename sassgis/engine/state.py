@@ -190,6 +190,7 @@ class Physics(NamedTuple):
     tipping: bool
     corner_as_circle: bool
     end_sliding: bool
+    smallest_hop: float  # rise, as a share of the radius of a block
     tolerance: float
     max_events: int
 

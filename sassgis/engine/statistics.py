@@ -68,12 +68,37 @@ class CellSums(NamedTuple):
     counts: NDArray[np.uint32]  # (n, bins of all histograms, one after the other)
 
 
+class Visits(NamedTuple):
+    """What blocks left in cells, until it is added to the histograms.
+
+    A histogram takes kilobytes: cell by cell, each is fetched once for many blocks.
+    """
+
+    cell: NDArray[np.int32]  # (room,)
+    column: NDArray[np.uint16]  # (room, histograms): position in CellSums.counts
+    n: NDArray[np.int64]  # (1,) how many there are
+    start: NDArray[np.int32]  # (n_cells + 1,) working space
+    order: NDArray[np.int32]  # (room,) working space
+
+
 class LineTally(NamedTuple):
     """Blocks of one stratum by place and highest threshold that they reach; cleared after each."""
 
     hits: NDArray[np.uint32]  # (n, thresholds)
     came: NDArray[np.bool_]
     touched: NDArray[np.int64]  # places in the order in which they were first reached
+
+
+# Visits that are added to the histograms together.
+_VISITS = 2**18
+
+
+def empty_visits(n_cells: int) -> Visits:
+    """Room for visits of some cells."""
+    return Visits(
+        np.empty(_VISITS, np.int32), np.empty((_VISITS, len(_BINNED)), np.uint16),
+        np.zeros(1, np.int64), np.zeros(n_cells + 1, np.int32), np.empty(_VISITS, np.int32),
+    )  # fmt: skip
 
 
 class PlaceWork(NamedTuple):
@@ -258,6 +283,7 @@ def flush(
     sums: CellSums,
     bins: FlatBins,
     mass: float,
+    visits: Visits,
     tally: LineTally,
     n_line: int,
 ) -> int:
@@ -278,18 +304,55 @@ def flush(
             sums.smallest[cell, i] = min(sums.smallest[cell, i], record[_LOWERED[i]])
         level = _level(bins.threshold, record[ENERGY], level)
         n_line = _tally(tally, n_line, cell, level)
-    for i in range(len(_BINNED)):
-        # A histogram has one bin less than edges.
-        first = bins.first[i] - i
-        edges = bins.edges[bins.first[i] : bins.first[i + 1]]
-        near = 0
-        for k in range(n_touched):
-            cell = work.touched[k]
-            near = _hunt(edges, work.peak[cell, _BINNED[i]], near)
-            sums.counts[cell, first + near] += np.uint32(1)
+    done = 0
+    while done < n_touched:
+        if visits.n[0] == visits.cell.size:
+            add_visits(visits, sums)
+        n = min(n_touched - done, visits.cell.size - visits.n[0])
+        _note_visits(work, done, n, bins, visits)
+        done += n
     for k in range(n_touched):
         work.peak[work.touched[k], ENERGY] = -1.0
     return n_line
+
+
+@lean
+def _note_visits(work: CellWork, first: int, n: int, bins: FlatBins, visits: Visits) -> None:
+    """Note ``n`` of a block's cells, from number ``first`` on."""
+    begin = visits.n[0]
+    for k in range(n):
+        visits.cell[begin + k] = work.touched[first + k]
+    for i in range(len(_BINNED)):
+        # A histogram has one bin less than edges.
+        base = bins.first[i] - i
+        edges = bins.edges[bins.first[i] : bins.first[i + 1]]
+        near = 0
+        for k in range(n):
+            near = _hunt(edges, work.peak[work.touched[first + k], _BINNED[i]], near)
+            visits.column[begin + k, i] = base + near
+    visits.n[0] = begin + n
+
+
+@lean
+def add_visits(visits: Visits, sums: CellSums) -> None:
+    """Add the visits to the histograms, cell by cell, and clear them."""
+    n = visits.n[0]
+    start = visits.start
+    start[:] = 0
+    for k in range(n):
+        start[visits.cell[k] + 1] += 1
+    for cell in range(1, start.size):
+        start[cell] += start[cell - 1]
+    for k in range(n):
+        cell = visits.cell[k]
+        visits.order[start[cell]] = k
+        start[cell] += 1
+    for m in range(n):
+        k = visits.order[m]
+        cell = visits.cell[k]
+        for i in range(len(_BINNED)):
+            sums.counts[cell, visits.column[k, i]] += np.uint32(1)
+    visits.n[0] = 0
 
 
 class Event(NamedTuple):
