@@ -142,9 +142,9 @@ def lean(function: F) -> F:
 
 
 def fused(function: F) -> F:
-    """As lean, and put into its callers at each call, before anything is optimised.
+    """As lean, and copied to each call however long it is.
 
-    For what is called from one place, and for the short parts of an inner loop.
+    For what is called from one place, and for parts of an inner loop; short ones are copied anyway.
     """
     return _part(function, _nrt=False, forceinline=True)
 
