@@ -12,7 +12,6 @@ from __future__ import annotations
 import gc
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from itertools import chain, islice
 from typing import Any
 
 from numba.core.codegen import JITCodeLibrary
@@ -22,9 +21,9 @@ from numba.core.compiler import CompilerBase, DefaultPassBuilder
 # that stay; at Python's own 700 looking through them takes a fifth of the time to compile.
 _OBJECTS_BEFORE_GARBAGE = 100_000
 
-# Instructions up to which a part is copied to where it is called. LLVM's own limit is for functions
-# of a few arguments; those of the motion have a hundred. With 900 it compiles half as long again.
-_LONGEST_COPIED = 500
+# Instructions, as the front end leaves them, up to which a part is copied to where it is called.
+# LLVM's own limit is for functions of a few arguments; those of the motion have a hundred.
+_LONGEST_COPIED = 1750
 
 
 class _NoMachineCode:
@@ -41,6 +40,14 @@ class PartLibrary(JITCodeLibrary):
     def codegen(self) -> _NoMachineCode:
         """Where machine code is written; here nowhere."""
         return _NoMachineCode()
+
+    def add_ir_module(self, module: Any) -> None:
+        """Take what numba's front end has made of the function."""
+        for function in module.functions:
+            n = sum(len(block.instructions) for block in function.blocks)
+            if 0 < n <= _LONGEST_COPIED:
+                function.attributes.add("alwaysinline")
+        super().add_ir_module(module)
 
     def finalize(self) -> None:
         """Let other modules link the code, several times if need be."""
@@ -80,15 +87,7 @@ class EntryLibrary(JITCodeLibrary):
         for function in self._final_module.functions:
             if not function.is_declaration and function.linkage.name == "linkonce_odr":
                 function.linkage = "internal"
-                # References are counted by functions of numba's own, which it looks for later.
-                if function.name.startswith("_ZN") and _is_short(function):
-                    function.add_function_attribute("alwaysinline")
         super()._optimize_final_module()
-
-
-def _is_short(function: Any) -> bool:
-    instructions = chain.from_iterable(block.instructions for block in function.blocks)
-    return next(islice(instructions, _LONGEST_COPIED, None), None) is None
 
 
 class _Compiler(CompilerBase):
