@@ -123,8 +123,12 @@ def _is_private(group: int) -> bool:
 
 
 def kernel(function: F) -> F:
-    """Compile a function with numba: cached, without the GIL, IEEE division."""
-    return _compiled(function, _nrt=True)
+    """Compile a function with numba: without the GIL, IEEE division.
+
+    Compiled code calls it as a part of its own. Where Python calls it, machine code is made of it
+    and of all that it calls, and kept (machine_code.py).
+    """
+    return _part(function, _nrt=True, forceinline=False)
 
 
 def lean(function: F) -> F:
@@ -132,57 +136,69 @@ def lean(function: F) -> F:
 
     It does not count the references to the arrays that it is given; its caller holds them. In the
     motion of a block counting them took half of the time. One that makes an array does not compile.
-    Its machine code has no entry from Python, which takes a tenth of the time to compile: where
-    Python calls it, it is compiled once more with one.
     """
-    return _compiled(function, _nrt=False, no_cpython_wrapper=True)
+    # Said explicitly: numba takes it over from the first caller else.
+    return _part(function, _nrt=False, forceinline=False)
 
 
 def fused(function: F) -> F:
-    """As lean, and made part of the machine code of its callers.
+    """As lean, and copied to each call however long it is.
 
-    For the parts of a long kernel: passing many arrays costs more than most of what they do.
+    For what is called from one place, and for parts of an inner loop; short ones are copied anyway.
     """
-    return _compiled(function, _nrt=False, forceinline=True, no_cpython_wrapper=True)
+    return _part(function, _nrt=False, forceinline=True)
 
 
 def inlined(function: F) -> F:
-    """Put in the place of each call before types are found, without machine code of its own.
+    """Put in the place of each call before types are found, without LLVM code of its own.
 
-    For short functions, and for long ones that only one kernel calls: each function that is
-    compiled for itself costs a tenth of a second, and a long one is optimised once more for each
-    caller above it. Where many long ones stand in each other, copying them takes longer than that,
-    and what stands in a kernel counts references at each call, as the kernel does.
+    For short functions that take what differs from call to call, such as None: the types are found
+    anew at each call, so that a long one costs more than as a part. What stands in a kernel
+    counts references at each call, as the kernel does.
     """
-    return _compiled(function, inline="always")
+    return _part(function, inline="always")
 
 
 @functools.cache
-def _kind(without_entry: bool) -> type:
-    """The class of a compiled function, or of one without an entry from Python."""
+def _part_kind() -> type:
+    """The class of a compiled function: a part of others, that Python calls by its entry."""
     from numba.core import types as numba_types
     from numba.core.registry import CPUDispatcher
 
     types: Any = numba_types
 
-    def get_call_template(self: Any, args: tuple[Any, ...], kws: dict[str, Any]) -> Any:
-        # A literal argument is none: else each part would be compiled once for each of them.
-        plain = {name: types.unliteral(kind) for name, kind in kws.items()}
-        return CPUDispatcher.get_call_template(self, tuple(map(types.unliteral, args)), plain)
+    class Part(CPUDispatcher):
+        def get_call_template(self, args: Any, kws: Any) -> Any:
+            # A literal argument is none: else each part would be compiled once for each of them.
+            plain = {name: types.unliteral(kind) for name, kind in kws.items()}
+            return super().get_call_template(tuple(map(types.unliteral, args)), plain)
 
-    def call(self: Any, *given: object) -> object:
-        return _with_entry(self.py_func)(*given)
+        def __call__(self, *given: object) -> object:
+            return _entry(self.py_func, self.targetoptions.get("_nrt", True))(*given)
 
-    own: dict[str, Any] = {"get_call_template": get_call_template}
-    if without_entry:
-        own["__call__"] = call
-    return type("Compiled", (CPUDispatcher,), own)
+    return Part
+
+
+def _part(function: F, **options: Any) -> F:
+    """A function that compiled code calls."""
+    numba = _numba()
+    if numba.config.DISABLE_JIT:
+        return function
+    from sassgis.model.machine_code import PartCompiler
+
+    part: Any = _compiled(function, pipeline_class=PartCompiler, no_cpython_wrapper=True, **options)
+    part.__class__ = _part_kind()
+    out: F = part
+    return out
 
 
 @functools.cache
-def _with_entry(function: F) -> F:
-    """A compiled function that Python can call; not kept, where it would be taken for the other."""
-    return _compiled(function, _nrt=False, cache=False)
+def _entry(function: F, counts: bool) -> F:
+    """The function as Python calls it; ``counts`` is whether it counts references to arrays."""
+    from sassgis.model.machine_code import EntryCompiler
+
+    kept = _cache_folder() is not None
+    return _compiled(function, pipeline_class=EntryCompiler, _nrt=counts, cache=kept)
 
 
 def _compiled(function: F, **options: Any) -> F:
@@ -192,17 +208,13 @@ def _compiled(function: F, **options: Any) -> F:
     if not os.environ.get("NUMBA_OPT"):
         # A sixth less time to compile than at numba's own level, for code that is no slower.
         config.OPT = type(config.OPT)(2)
-    folder = _cache_folder()
     # Where the machine code is kept is decided here, as the function is decorated.
     before = {name: getattr(config, name, "") for name in ("CACHE_DIR", "CACHE_LOCATOR_CLASSES")}
-    config.CACHE_DIR, config.CACHE_LOCATOR_CLASSES = str(folder or ""), ""
+    config.CACHE_DIR, config.CACHE_LOCATOR_CLASSES = str(_cache_folder() or ""), ""
     try:
-        options = {"cache": folder is not None, "no_cfunc_wrapper": True, **options}
-        compiled: Any = numba.njit(nogil=True, error_model="numpy", **options)(function)
+        return numba.njit(  # type: ignore[no-any-return]
+            nogil=True, error_model="numpy", no_cfunc_wrapper=True, **options
+        )(function)
     finally:
         for name, value in before.items():
             setattr(config, name, value)
-    if not config.DISABLE_JIT:
-        compiled.__class__ = _kind("no_cpython_wrapper" in options)
-    out: F = compiled
-    return out

@@ -44,7 +44,9 @@ def cell_stretches(
 def grown(values: NDArray[Scalar], size: int) -> NDArray[Scalar]:
     """A copy with room for at least ``size`` rows, doubling."""
     bigger = np.empty((max(size, 2 * values.shape[0]), *values.shape[1:]), values.dtype)
-    bigger[: values.shape[0]] = values
+    # One by one: numba takes a second to compile the message of a slice of another shape.
+    for i in range(values.size):
+        bigger.flat[i] = values.flat[i]
     return bigger
 
 

@@ -187,7 +187,8 @@ def _trace_all(
         offset[i + 1] = count
         end[i] = reason
     lines = np.empty((count, 3))
-    lines[:, 0], lines[:, 1], lines[:, 2] = us[:count], vs[:count], ss[:count]
+    for k in range(count):
+        lines[k, 0], lines[k, 1], lines[k, 2] = us[k], vs[k], ss[k]
     return offset, lines, end
 
 
@@ -282,7 +283,8 @@ def _trace_line(
         ):
             gap = _length(u_new - line[size - 1, 0], v_new - line[size - 1, 1])
             if gap > 10.0 * _INSIDE:
-                line = _with_room(line, size)
+                if size == line.shape[0]:
+                    line = grown(line, size + 1)
                 line[size, 0], line[size, 1] = u_new, v_new
                 line[size, 2] = line[size - 1, 2] + gap
                 size += 1
@@ -302,16 +304,6 @@ def _coasting_step(limit: float, rate: float, turn: float, bend: float) -> float
     step = min(limit, 0.25, _TURN_PER_STEP / (rate * turn + 1e-300))
     step = min(step, _RATE_PER_STEP / (np.sqrt(rate * min(bend, 1e12)) + 1e-300))
     return float(max(step, _SHORTEST_STEP))
-
-
-@kernel
-def _with_room(line: FloatArray, size: int) -> FloatArray:
-    """The buffer ``line``, twice as long if its ``size`` rows fill it."""
-    if size < line.shape[0]:
-        return line
-    longer = np.empty((2 * line.shape[0], 3))
-    longer[:size] = line
-    return longer
 
 
 @lean

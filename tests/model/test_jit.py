@@ -38,6 +38,13 @@ def test_machine_code_is_kept_in_the_folder_asked_for_and_only_ours(tmp_path):
     assert list(tmp_path.rglob("*.nbi"))
 
 
+def test_machine_code_is_made_only_of_what_python_calls(tmp_path):
+    code = "import numpy as np; from sassgis.model import rng; rng.normal(np.uint64(1), 0, 0)"
+    in_a_process(code, SASSGIS_CACHE_DIR=str(tmp_path))
+    # It calls two others, which are part of it.
+    assert [index.name.split("-")[0] for index in tmp_path.rglob("*.nbi")] == ["rng.normal"]
+
+
 #: Compiles one short function, or runs what is kept of it.
 CALL = "from sassgis.model import rng; rng.uniform(rng.mix(1), 0, 0)"
 

@@ -366,7 +366,8 @@ def _with_room(chain: IntArray, used: Whole, more: Whole) -> IntArray:
     if used + more <= chain.shape[0]:
         return chain
     grown = np.empty((2 * (chain.shape[0] + more), 2), np.int64)
-    grown[:used] = chain[:used]
+    for i in range(used):
+        grown[i, 0], grown[i, 1] = chain[i, 0], chain[i, 1]
     return grown
 
 

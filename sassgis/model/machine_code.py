@@ -1,0 +1,130 @@
+"""Machine code that is made once: of a function that Python calls, with all that it calls.
+
+numba optimises each function together with those that it calls, and writes machine code for it:
+what stands under ten others is made eleven times. Here all functions are parts. A part stays LLVM
+code as numba's front end leaves it. Where Python enters, the parts below are linked into one
+module, which is optimised and written once. Nothing else can call them there, so that LLVM puts
+what is called once into its caller, and hands on no arguments that are not read: most of an array.
+"""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import CompilerBase, DefaultPassBuilder
+
+# Objects that are made before Python looks for garbage among the youngest. numba makes millions
+# that stay; at Python's own 700 looking through them takes a fifth of the time to compile.
+_OBJECTS_BEFORE_GARBAGE = 100_000
+
+# Instructions, as the front end leaves them, up to which a part is copied to where it is called.
+# LLVM's own limit is for functions of a few arguments; those of the motion have a hundred.
+_LONGEST_COPIED = 1750
+
+
+class _NoMachineCode:
+    """In the place of what writes machine code: a part has no variables to set."""
+
+    def set_env(self, name: str, environment: object) -> None:
+        """Set nothing: an entry sets those of its parts."""
+
+
+class PartLibrary(JITCodeLibrary):
+    """LLVM code of one function, to be linked into entries."""
+
+    @property
+    def codegen(self) -> _NoMachineCode:
+        """Where machine code is written; here nowhere."""
+        return _NoMachineCode()
+
+    def add_ir_module(self, module: Any) -> None:
+        """Take what numba's front end has made of the function."""
+        for function in module.functions:
+            n = sum(len(block.instructions) for block in function.blocks)
+            if 0 < n <= _LONGEST_COPIED:
+                function.attributes.add("alwaysinline")
+        super().add_ir_module(module)
+
+    def finalize(self) -> None:
+        """Let other modules link the code, several times if need be."""
+        for function in self._final_module.functions:
+            if not function.is_declaration:
+                function.linkage = "linkonce_odr"
+        self._finalize_dynamic_globals()
+        self._finalized = True
+
+    def _get_module_for_linking(self) -> Any:
+        self._ensure_finalized()
+        return self._final_module
+
+    def get_pointer_to_function(self, name: str) -> int:
+        """Address of the machine code: there is none."""
+        self._ensure_finalized()
+        return 0
+
+
+class EntryLibrary(JITCodeLibrary):
+    """Machine code of a function that Python calls, and of all parts below it."""
+
+    def finalize(self) -> None:
+        """Link the parts, optimise, write machine code."""
+        below: dict[Any, None] = {}
+        waiting = list(self._linking_libraries)
+        while waiting:
+            library = waiting.pop()
+            if library not in below:
+                below[library] = None
+                if isinstance(library, PartLibrary):
+                    waiting += library._linking_libraries
+        self._linking_libraries = list(below)
+        super().finalize()
+
+    def _optimize_final_module(self) -> None:
+        for function in self._final_module.functions:
+            if not function.is_declaration and function.linkage.name == "linkonce_odr":
+                function.linkage = "internal"
+        super()._optimize_final_module()
+
+
+class _Compiler(CompilerBase):
+    """numba's own passes, with the result in a library of ours."""
+
+    library: type[JITCodeLibrary]
+
+    def define_pipelines(self) -> list[Any]:
+        """Passes of numba."""
+        state = self.state
+        state.library = self.library(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.library.enable_object_caching()
+        return [DefaultPassBuilder.define_nopython_pipeline(state)]
+
+
+class PartCompiler(_Compiler):
+    """Compiles a function as a part of others."""
+
+    library = PartLibrary
+
+
+class EntryCompiler(_Compiler):
+    """Compiles a function as one that Python calls."""
+
+    library = EntryLibrary
+
+    def compile_extra(self, function: Callable[..., Any]) -> Any:
+        """Compile it with all parts that it calls."""
+        with _rare_garbage_collection():
+            return super().compile_extra(function)
+
+
+@contextmanager
+def _rare_garbage_collection() -> Iterator[None]:
+    before = gc.get_threshold()
+    gc.set_threshold(max(before[0], _OBJECTS_BEFORE_GARBAGE) if before[0] else 0, *before[1:])
+    try:
+        yield
+    finally:
+        gc.set_threshold(*before)
