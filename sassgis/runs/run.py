@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from sassgis.hazard.progress import Progress
 from sassgis.io.staging import staged_output
@@ -12,13 +13,14 @@ from sassgis.model.languages import in_language
 from sassgis.model.map_run import MapRun
 from sassgis.model.results import RasterLayer, StopReason
 from sassgis.model.run_config import Config
-from sassgis.report.notebook import in_short
-from sassgis.report.page import ReportContext
 from sassgis.runs.inputs import collected_notices, placed_objects
 from sassgis.runs.job import OnProgress, Simulation, configured, read_job, simulate_config
-from sassgis.runs.publish import Extras, Published, publish_map
 from sassgis.runs.workers import Jobs
 from sassgis.terrain.plan import Plan
+
+if TYPE_CHECKING:
+    from sassgis.report.page import ReportContext
+    from sassgis.runs.publish import Published
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +53,8 @@ class RunResult:
     report: ReportContext = field(repr=False)
 
     def _repr_html_(self) -> str:
+        from sassgis.report.notebook import in_short
+
         return in_short(self.report, self.folder)
 
 
@@ -105,6 +109,9 @@ def run(
             on_progress=on_progress,
             tell=tell,
         )
+        # What writes takes longer to load than what computes: not before there is a result.
+        from sassgis.runs.publish import Extras, publish_map
+
         with in_language(config.project.language):
             published = publish_map(work, simulation, areas, tell, Extras(placed=placed))
     return result_of(Path(out), simulation, published)

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from sassgis.hazard.assess import Assessment, Rules, assess, curves_of, share_uncertain
 from sassgis.hazard.bins import bins_of
@@ -18,10 +19,11 @@ from sassgis.model.map_run import MapRun
 from sassgis.model.run_config import Config
 from sassgis.runs.inputs import compares_barriers, most_repetitions, read_rules, with_rules
 from sassgis.runs.job import Job, OnProgress, Simulation, configured, read_job, simulate_config
-from sassgis.runs.publish import Published, publish_map
-from sassgis.runs.publish_zones import zone_extras
 from sassgis.runs.run import RunResult, result_of
 from sassgis.runs.workers import Jobs
+
+if TYPE_CHECKING:
+    from sassgis.runs.publish import Published
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,6 +113,10 @@ def write_zones(
     first : callable, optional
         Called with what was found before anything is written.
     """
+    # As in sassgis.runs.run.run: loaded when there is something to write.
+    from sassgis.runs.publish import publish_map
+    from sassgis.runs.publish_zones import zone_extras
+
     tell("Drawing the zones")
     found = assessed(rules, done, without)
     if first is not None:
