@@ -14,7 +14,14 @@ from sassgis.model.map_run import MapRun
 from sassgis.model.results import RasterLayer, StopReason
 from sassgis.model.run_config import Config
 from sassgis.runs.inputs import collected_notices, placed_objects
-from sassgis.runs.job import OnProgress, Simulation, configured, read_job, simulate_config
+from sassgis.runs.job import (
+    OnProgress,
+    Simulation,
+    configured,
+    jobs_within,
+    read_job,
+    simulate_config,
+)
 from sassgis.runs.workers import Jobs
 from sassgis.terrain.plan import Plan
 
@@ -66,6 +73,7 @@ def run(
     areas: Sequence[str] | None = None,
     seed: int | None = None,
     jobs: Jobs = None,
+    memory_gb: float | None = None,
     on_progress: OnProgress | None = None,
     say: Callable[[str], None] | None = None,
 ) -> RunResult:
@@ -83,6 +91,9 @@ def run(
         Names of the release areas to run; default: all. Their blocks are those of a run of all.
     seed, jobs : int, optional
         In place of those of the configuration.
+    memory_gb : float, optional
+        Memory that the run may take (GB): it limits the number of threads. What grows with the
+        cells that blocks come to is not known before and not counted.
     on_progress : callable, optional
         Called with (chunks done, chunks in all, blocks done).
     say : callable, optional
@@ -98,6 +109,7 @@ def run(
     tell = say or (lambda _text: None)
     with staged_output(Path(out), overwrite) as work:
         job = read_job(config, areas, tell)
+        jobs = jobs_within(config, job.run, jobs, memory_gb)
         # Read before the blocks are simulated: an error should not come at the end.
         with collected_notices():
             placed = placed_objects(config, job.run.grid)

@@ -13,13 +13,16 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from contextlib import contextmanager
+from contextvars import copy_context
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 from sassgis.model.errors import OutputError
 from sassgis.runs.interrupts import held_back
 from sassgis.runs.worker_process import WorkerLost, WorkerProcess
+
+R = TypeVar("R")
 
 #: Processes that may be lost, one after the other, at the same task.
 _LOST_MOST = 3
@@ -160,6 +163,16 @@ def task_map(common: Any, jobs: int | Workers, ahead: int = 16) -> Iterator[Task
     else:
         with Processes(jobs, ahead) as own:
             yield lambda work, tasks: own.in_order(work, common, tasks)
+
+
+@contextmanager
+def beside(work: Callable[[], R]) -> Iterator[Callable[[], R]]:
+    """A function at work in a thread beside the ``with`` block, and what waits for its result.
+
+    It works in the language of the caller, and has ended when the block ends.
+    """
+    with ThreadPoolExecutor(1) as pool:
+        yield pool.submit(copy_context().run, work).result
 
 
 def _in_order(

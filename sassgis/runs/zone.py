@@ -18,7 +18,15 @@ from sassgis.model.languages import in_language
 from sassgis.model.map_run import MapRun
 from sassgis.model.run_config import Config
 from sassgis.runs.inputs import compares_barriers, most_repetitions, read_rules, with_rules
-from sassgis.runs.job import Job, OnProgress, Simulation, configured, read_job, simulate_config
+from sassgis.runs.job import (
+    Job,
+    OnProgress,
+    Simulation,
+    configured,
+    jobs_within,
+    read_job,
+    simulate_config,
+)
 from sassgis.runs.run import RunResult, result_of
 from sassgis.runs.workers import Jobs
 
@@ -61,6 +69,7 @@ def zone(
     areas: Sequence[str] | None = None,
     seed: int | None = None,
     jobs: Jobs = None,
+    memory_gb: float | None = None,
     on_progress: OnProgress | None = None,
     say: Callable[[str], None] | None = None,
 ) -> ZoneResult:
@@ -71,7 +80,7 @@ def zone(
 
     Parameters
     ----------
-    config, out, overwrite, areas, seed, jobs, on_progress, say
+    config, out, overwrite, areas, seed, jobs, memory_gb, on_progress, say
         As for sassgis.runs.run.run.
 
     Raises
@@ -86,6 +95,7 @@ def zone(
         job = read_job(config, areas, tell)
         rules = read_rules(config, job.run)
         job = prepared(job, rules)
+        jobs = jobs_within(config, job.run, jobs, memory_gb)
         began = time.perf_counter()
         done, without = simulations(config, work, job, rules, jobs, on_progress, tell)
         found, published = write_zones(work, rules, done, without, areas, tell)
