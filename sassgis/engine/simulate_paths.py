@@ -148,8 +148,8 @@ def room_at_first(steps: int) -> int:
     """Cells for which there is room at first, if so many windows are listed for each.
 
     Where it was too few the blocks are simulated again, with room for four times as many. Room that
-    is not used costs next to nothing, but the list of windows is in one piece: as many cells as 64 MB
-    hold, and 8192 at least.
+    is not used costs next to nothing, but the list of windows is in one piece: as many cells as
+    64 MB hold, and 8192 at least.
     """
     return max(1 << 13, min(1 << 16, (1 << 23) // max(steps, 1)))
 
