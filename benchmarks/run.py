@@ -32,26 +32,18 @@ import slope
 
 def simulate_once(folder: Path, repeats: int, path: str) -> dict[str, Any]:
     """In this process: time runs on the slope, the first of them with compilation."""
+    import dataclasses
+
     from sassgis.io.read.config import load_config
     from sassgis.runs.inputs import read_map_run
     from sassgis.runs.map import chunks_of, simulate_map
+    from sassgis.runs.sample_check import plan_of_points
     from sassgis.terrain.plan import plan
 
     run = read_map_run(load_config(folder / "config.toml", {"terrain.path": path}))
     began = time.perf_counter()
     planned = plan(run)
-    few = chunks_of(planned)[0].points
-    import dataclasses
-
-    from sassgis.terrain.release import take
-
-    small = dataclasses.replace(
-        planned,
-        points=take(planned.points, few),
-        starts=take(planned.starts, few),
-        moved=planned.moved[few],
-    )
-    simulate_map(run, small, jobs=1)
+    simulate_map(run, plan_of_points(planned, chunks_of(planned)[0].points), jobs=1)
     first = time.perf_counter() - began
     wall, cpu, per_rock = [], [], []
     rocks = 0
@@ -83,12 +75,15 @@ def simulate_together(folder: Path, path: str, most: int) -> list[dict[str, Any]
 
     from sassgis.io.read.config import load_config
     from sassgis.runs.inputs import read_map_run
-    from sassgis.runs.map import simulate_map
+    from sassgis.runs.map import chunks_of, simulate_map
+    from sassgis.runs.sample_check import plan_of_points
     from sassgis.runs.workers import Processes, Threads
     from sassgis.terrain.plan import plan
 
     run = read_map_run(load_config(folder / "config.toml", {"terrain.path": path}))
     planned = plan(run)
+    # Loads what was compiled before.
+    simulate_map(run, plan_of_points(planned, chunks_of(planned)[0].points))
     found = []
     for kind in ("threads", "processes"):
         for count in (1, most):
