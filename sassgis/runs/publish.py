@@ -28,6 +28,7 @@ from sassgis.model.results import RasterLayer, StopReason
 from sassgis.model.run_config import Config
 from sassgis.model.statistics_table import Bins
 from sassgis.report.page import ReportContext
+from sassgis.report.pictures import GIVEN_UP
 from sassgis.runs.checkpoint import read_rows
 from sassgis.runs.job import Simulation
 from sassgis.runs.origin import Origin, facts_of, write_origin
@@ -118,7 +119,7 @@ def publish_map(
         publish_report, work, done, layers, extras.layers, extras.placed, warnings, facts,
         extras.report,
     )  # fmt: skip
-    with beside(report) as reported:
+    with beside(report, GIVEN_UP) as reported:
         terrain = terrain_layer(run.grid)
         for layer in (*extras.layers, *layers, terrain):
             write_raster(layer, run.grid, work / "maps")

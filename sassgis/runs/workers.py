@@ -13,7 +13,7 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from contextlib import contextmanager
-from contextvars import copy_context
+from contextvars import ContextVar, copy_context
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Protocol, TypeVar
@@ -166,13 +166,22 @@ def task_map(common: Any, jobs: int | Workers, ahead: int = 16) -> Iterator[Task
 
 
 @contextmanager
-def beside(work: Callable[[], R]) -> Iterator[Callable[[], R]]:
+def beside(
+    work: Callable[[], R], given_up: ContextVar[threading.Event | None]
+) -> Iterator[Callable[[], R]]:
     """A function at work in a thread beside the ``with`` block, and what waits for its result.
 
-    It works in the language of the caller, and has ended when the block ends.
+    It works in the language of the caller, and has ended when the block ends. ``given_up`` tells it
+    when the block has failed or was stopped, so that nobody waits for all of it.
     """
+    stop, context = threading.Event(), copy_context()
+    context.run(given_up.set, stop)
     with ThreadPoolExecutor(1) as pool:
-        yield pool.submit(copy_context().run, work).result
+        try:
+            yield pool.submit(context.run, work).result
+        except BaseException:
+            stop.set()
+            raise
 
 
 def _in_order(
