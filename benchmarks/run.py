@@ -1,11 +1,13 @@
 """Rate, memory and compilation time of sassgis on the benchmark slope, compared with SAGA.
 
-    python benchmarks/run.py [--repeats 3] [--rough] [--path followed] [--flowpy FOLDER] [--json F]
+    python benchmarks/run.py [--repeats 3] [--rough] [--path followed] [--flowpy FOLDER] [--jobs N]
+                             [--json FILE]
 
 Each figure comes from a process of its own. The rate counts complete trajectories with all map
 statistics on, from release points to sums per cell, on one core, after compilation. The comparison
 with SAGA has two ratios: of complete runs, and of blocks and walks only, without set-up. With
-``--flowpy`` com4FlowPy is timed too, in an environment that pip makes in FOLDER.
+``--flowpy`` com4FlowPy is timed too, in an environment that pip makes in FOLDER; with ``--jobs``
+one area on 1 and on N threads and processes, the start of the workers included.
 """
 
 from __future__ import annotations
@@ -30,26 +32,18 @@ import slope
 
 def simulate_once(folder: Path, repeats: int, path: str) -> dict[str, Any]:
     """In this process: time runs on the slope, the first of them with compilation."""
+    import dataclasses
+
     from sassgis.io.read.config import load_config
     from sassgis.runs.inputs import read_map_run
     from sassgis.runs.map import chunks_of, simulate_map
+    from sassgis.runs.sample_check import plan_of_points
     from sassgis.terrain.plan import plan
 
     run = read_map_run(load_config(folder / "config.toml", {"terrain.path": path}))
     began = time.perf_counter()
     planned = plan(run)
-    few = chunks_of(planned)[0].points
-    import dataclasses
-
-    from sassgis.terrain.release import take
-
-    small = dataclasses.replace(
-        planned,
-        points=take(planned.points, few),
-        starts=take(planned.starts, few),
-        moved=planned.moved[few],
-    )
-    simulate_map(run, small, jobs=1)
+    simulate_map(run, plan_of_points(planned, chunks_of(planned)[0].points), jobs=1)
     first = time.perf_counter() - began
     wall, cpu, per_rock = [], [], []
     rocks = 0
@@ -58,10 +52,10 @@ def simulate_once(folder: Path, repeats: int, path: str) -> dict[str, Any]:
     one = dataclasses.replace(run, release=dataclasses.replace(run.release, rocks_per_point=1))
     for _ in range(repeats):
         t, c = time.perf_counter(), time.process_time()
-        progress = simulate_map(run, plan(run), jobs=1)
+        # The sums of one run are not held beside those of the next.
+        rocks = int(simulate_map(run, plan(run), jobs=1).reasons.sum())
         wall.append(time.perf_counter() - t)
         cpu.append(time.process_time() - c)
-        rocks = int(progress.reasons.sum())
         t = time.perf_counter()
         single = int(simulate_map(one, plan(one), jobs=1).reasons.sum())
         per_rock.append((wall[-1] - (time.perf_counter() - t)) / (rocks - single))
@@ -75,9 +69,48 @@ def simulate_once(folder: Path, repeats: int, path: str) -> dict[str, Any]:
     }
 
 
-def _child(folder: Path, repeats: int, path: str, cache: Path) -> dict[str, Any]:
+def simulate_together(folder: Path, path: str, most: int) -> list[dict[str, Any]]:
+    """In this process: the same blocks by 1 and more threads and processes, compiled before."""
+    from contextlib import nullcontext
+
+    from sassgis.io.read.config import load_config
+    from sassgis.runs.inputs import read_map_run
+    from sassgis.runs.map import chunks_of, simulate_map
+    from sassgis.runs.sample_check import plan_of_points
+    from sassgis.runs.workers import Processes, Threads
+    from sassgis.terrain.plan import plan
+
+    run = read_map_run(load_config(folder / "config.toml", {"terrain.path": path}))
+    planned = plan(run)
+    # Loads what was compiled before.
+    simulate_map(run, plan_of_points(planned, chunks_of(planned)[0].points))
+    found = []
+    for kind in ("threads", "processes"):
+        for count in (1, most):
+            began, used = time.perf_counter(), sum(os.times()[:4])
+            with nullcontext(Threads(count)) if kind == "threads" else Processes(count) as workers:
+                rocks = int(simulate_map(run, planned, jobs=workers).reasons.sum())
+            wall = time.perf_counter() - began
+            cpu = sum(os.times()[:4]) - used
+            found.append({"workers": kind, "count": count, "rocks_per_wall_s": rocks / wall,
+                          "wall_s": wall, "cpu_s": cpu})  # fmt: skip
+    return found
+
+
+def _child(folder: Path, repeats: int, path: str, cache: Path, jobs: int = 0) -> Any:
     done = subprocess.run(
-        [sys.executable, __file__, "--child", folder, "--repeats", f"{repeats}", "--path", path],
+        [
+            sys.executable,
+            __file__,
+            "--child",
+            folder,
+            "--repeats",
+            f"{repeats}",
+            "--path",
+            path,
+            "--jobs",
+            f"{jobs}",
+        ],
         env={**os.environ, "SASSGIS_CACHE_DIR": str(cache), "NUMBA_CACHE_DIR": ""},
         capture_output=True,
         text=True,
@@ -85,12 +118,11 @@ def _child(folder: Path, repeats: int, path: str, cache: Path) -> dict[str, Any]
     )
     if done.returncode:
         sys.exit(f"the run failed:\n{done.stderr}")
-    result: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
-    return result
+    return json.loads(done.stdout.splitlines()[-1])
 
 
 def measure(
-    repeats: int, rough: bool, path: str, environments: Path | None = None
+    repeats: int, rough: bool, path: str, environments: Path | None = None, jobs: int = 0
 ) -> dict[str, Any]:
     """All figures, in one run of this script."""
     with tempfile.TemporaryDirectory() as scratch:
@@ -99,6 +131,7 @@ def measure(
         cache = Path(scratch) / "cache"
         cold = _child(folder, 1, path, cache)
         warm = _child(folder, repeats, path, cache)
+        together = _child(folder, 1, path, cache, jobs) if jobs else []
         other = saga.measure(folder, repeats=repeats)
         routed = None
         if environments is not None:
@@ -118,6 +151,7 @@ def measure(
         "first_call_from_cache_s": warm["first_s"],
         "saga": other,
         "com4flowpy": routed,
+        "together": together,
     }
     if other.get("available"):
         result["ratio_whole"] = result["trajectories_per_wall_s"] / (
@@ -134,14 +168,18 @@ def main() -> None:
     parser.add_argument("--rough", action="store_true", help="metre-scale roughness on the slope")
     parser.add_argument("--path", choices=("fall_line", "followed"), default="fall_line")
     parser.add_argument("--flowpy", type=Path, help="also com4FlowPy, with an environment there")
+    parser.add_argument("--jobs", type=int, default=0, help="also by so many threads and processes")
     parser.add_argument("--json", type=Path, help="also write the figures to a file")
     parser.add_argument("--child", type=Path, help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.child:
-        print(json.dumps(simulate_once(given.child, given.repeats, given.path)))
+        if given.jobs:
+            print(json.dumps(simulate_together(given.child, given.path, given.jobs)))
+        else:
+            print(json.dumps(simulate_once(given.child, given.repeats, given.path)))
         return
     environments = given.flowpy.resolve() if given.flowpy else None
-    result = measure(given.repeats, given.rough, given.path, environments)
+    result = measure(given.repeats, given.rough, given.path, environments, given.jobs)
     if given.json:
         given.json.write_text(json.dumps(result, indent=2) + "\n")
     print(f"slope: {'rough' if given.rough else 'plain'}, {given.path}, {result['rocks']} blocks")
@@ -154,6 +192,11 @@ def main() -> None:
         f"first call: {result['first_call_compiling_s']:.1f} s compiling, "
         f"{result['first_call_from_cache_s']:.1f} s from the cache"
     )
+    for row in result["together"]:
+        print(
+            f"{row['count']} {row['workers']}: {row['rocks_per_wall_s']:,.0f} trajectories per "
+            f"second, {row['wall_s']:.1f} s, processor time {row['cpu_s']:.1f} s"
+        )
     if result["saga"].get("available"):
         walks = result["saga"]["walks"] / statistics.median(result["saga"]["seconds"])
         print(

@@ -40,6 +40,10 @@ WORKERS = (
     click.option("--scheduler", metavar="ADDRESS", help="Dask cluster: tcp://node:8786."),
     click.option("--workers", type=click.IntRange(1), help="Processes of this machine."),
 )
+MEMORY = click.option(
+    "--memory", "memory_gb", type=click.FloatRange(min=1.0), metavar="GB",
+    help="Memory for all of it: fewer threads, areas or blocks of a mosaic at a time.",
+)  # fmt: skip
 AS_JSON = click.option(
     "--json", "as_json", is_flag=True, help="Print one JSON object in place of lines."
 )

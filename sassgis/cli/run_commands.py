@@ -13,6 +13,7 @@ from sassgis.cli.options import (
     AS_JSON,
     CONFIG,
     JOBS,
+    MEMORY,
     OUT,
     OVERWRITE,
     PATH,
@@ -66,7 +67,7 @@ def profile(config: Path, out: Path, **given: Any) -> None:
 
 
 @command(
-    CONFIG, OUT, AREAS, SEED, *WORKERS, OVERWRITE, AS_JSON,
+    CONFIG, OUT, AREAS, SEED, *WORKERS, MEMORY, OVERWRITE, AS_JSON,
     short_help="Simulate blocks: maps, GeoPackage, QGIS project, report.",
     example="run sassgis.toml -o result",
 )  # fmt: skip
@@ -90,7 +91,7 @@ def _run_facts(result: RunResult) -> dict[str, object]:
 
 
 @command(
-    CONFIG, OUT, AREAS, SEED, *WORKERS, OVERWRITE, AS_JSON,
+    CONFIG, OUT, AREAS, SEED, *WORKERS, MEMORY, OVERWRITE, AS_JSON,
     short_help="Simulate blocks, and make hazard zones; risk.",
     example="zone sassgis.toml -o zones",
 )  # fmt: skip
@@ -137,10 +138,7 @@ def _zoned(config: Path, out: Path, as_json: bool, given: Mapping[str, Any]) -> 
     click.option(
         "--mosaic-only", is_flag=True, help="No maps, zones and report of each area by itself."
     ),
-    click.option(
-        "--memory", "memory_gb", type=click.FloatRange(min=1.0), metavar="GB",
-        help="Memory for all processes together; a mosaic that needs more is made block by block.",
-    ),
+    MEMORY,
     short_help="Zone many release areas, each alone and all on one map.",
     example="batch releases -c sassgis.toml --dem terrain -o batch",
 )  # fmt: skip

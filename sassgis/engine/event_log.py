@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -31,16 +29,11 @@ def trajectory(
     """
     if log.size == 0:
         return np.empty(0), np.empty(0)
-    s_parts: list[FloatArray] = []
-    z_parts: list[FloatArray] = []
-    for here, after in pairwise(log):
-        duration = after["t_s"] - here["t_s"]
-        if here["phase"] == FLIGHT and duration > 0.0:
-            t = np.linspace(0.0, duration, max(int(np.ceil(duration / step_s)), 1), endpoint=False)
-        else:
-            t = np.zeros(1)
-        s_parts.append(here["x_m"] + here["vx_mps"] * t)
-        z_parts.append(here["z_m"] + (here["vz_mps"] - 0.5 * gravity * t) * t)
-    s_parts.append(log["x_m"][-1:])
-    z_parts.append(log["z_m"][-1:])
-    return np.concatenate(s_parts), np.concatenate(z_parts)
+    duration = np.append(np.diff(log["t_s"]), 0.0)
+    duration[log["phase"] != FLIGHT] = 0.0
+    points = np.maximum(np.ceil(duration / step_s), 1.0).astype(np.int64)
+    of = np.repeat(np.arange(log.size), points)
+    number = np.arange(of.size) - np.repeat(np.cumsum(points) - points, points)
+    t = number * (duration / points)[of]
+    s = log["x_m"][of] + log["vx_mps"][of] * t
+    return s, log["z_m"][of] + (log["vz_mps"][of] - 0.5 * gravity * t) * t

@@ -46,10 +46,6 @@ from sassgis.model.results import ControlLine
 from sassgis.model.settings import EngineSettings
 from sassgis.model.statistics_table import Bins, default_bins
 
-# Cells for which there is room at first; four times as many each time that it was too few, which
-# costs all blocks again. Room that is not used costs next to nothing.
-ROOM = 65536
-
 
 @dataclass(frozen=True, slots=True)
 class PathTerrain:
@@ -120,7 +116,8 @@ def follow(
     setup = setup_of(table, blocks, settings, lines, effects, first_rock, rocks_per_point, seed)
     forest = terrain.forest
     hooked = prepare(effects, forest is not None and bool((forest.stems_per_m2 > 0.0).any()))
-    room, more = ROOM, 1
+    steps = 0 if window is None else window.steps()[0].size
+    room, more = room_at_first(steps), 1
     while True:
         register = empty_register(terrain.grid.shape, room, window, objects)
         totals = Totals(
@@ -145,6 +142,16 @@ def follow(
     if status == TOO_MANY_SPAWNED:
         raise too_many_spawned()
     return _named(terrain.grid, register, totals, rows, flat, log_events)
+
+
+def room_at_first(steps: int) -> int:
+    """Cells for which there is room at first, if so many windows are listed for each.
+
+    Where it was too few the blocks are simulated again, with room for four times as many. Room that
+    is not used costs next to nothing, but the list of windows is in one piece: as many cells as
+    64 MB hold, and 8192 at least.
+    """
+    return max(1 << 13, min(1 << 16, (1 << 23) // max(steps, 1)))
 
 
 def _places(grid: Grid, points: ReleasePoints) -> tuple[FloatArray, FloatArray]:

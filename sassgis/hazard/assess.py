@@ -116,19 +116,27 @@ def intensity_maps(
     """
     few = at_energies(curves, preset.thresholds_kj)
     years: list[float | None] = [*preset.return_periods, None]
-    classes = [intensity_class(few, preset, t) for t in years]
-    beside = 4 * felt_cells(settings, grid.cell_size)
+    maps = [(few.places, intensity_class(few, preset, t)) for t in years]
+    return tuple(map(IntensityMap, years, _nested_zones(maps, grid, settings)))
+
+
+def _nested_zones(
+    maps: Sequence[tuple[IntArray, np.ndarray]], grid: Grid, settings: ZoningSettings
+) -> list[Coverage]:
+    """Zones of maps, each some cells and their classes, of which none is above the next."""
+    felt = felt_cells(settings, grid.cell_size)
+    reached = np.unique(np.concatenate([cells for cells, _ in maps]))
+    beside = 4 * felt
     while True:
-        own, cells, cut = around(grid, few.places, beside)
+        own, cells, cut = around(grid, reached, beside)
         known = np.isfinite(own.values)
         smooth = generalised_series(
-            [raster(own, cells, c) for c in classes], grid.cell_size, settings, known
-        )
-        if not _feels_edge(smooth[-1], cut, felt_cells(settings, grid.cell_size)):
-            break
+            [raster(own, cells[np.searchsorted(reached, c)], classes) for c, classes in maps],
+            grid.cell_size, settings, known,
+        )  # fmt: skip
+        if not _feels_edge(smooth[-1], cut, felt):
+            return nested_coverages(smooth, own, settings, known)
         beside *= 2
-    drawn = nested_coverages(smooth, own, settings, known)
-    return tuple(IntensityMap(t, zones) for t, zones in zip(years, drawn, strict=True))
 
 
 def around(
@@ -180,15 +188,13 @@ def level_zones(
     Where no cell of a map is above that of the next, the zones of the first lie within those of the
     next: drawn each for itself, smoothing alone would make zones higher here and lower there.
     """
-    known = np.isfinite(grid.values)
-    maps = [raster(grid, c.places, hazard_level(c, preset)) for c in curves]
-    nested = all((one <= other).all() for one, other in pairwise(maps))
+    maps = [(c.places, hazard_level(c, preset)) for c in curves]
+    whole = (raster(grid, *own) for own in maps)
+    nested = all((one <= other).all() for one, other in pairwise(whole))
     return [
         drawn
         for series in ([maps] if nested else [[one] for one in maps])
-        for drawn in nested_coverages(
-            generalised_series(series, grid.cell_size, settings, known), grid, settings, known
-        )
+        for drawn in _nested_zones(series, grid, settings)
     ]
 
 

@@ -20,7 +20,7 @@ def zone_of_cells(coverage: Coverage, grid: Grid, cells: IntArray) -> IntArray:
     grid : Grid
         On which the zones were drawn.
     cells : int64, shape (n,)
-        Flat indices of cells.
+        Flat indices of cells, ascending.
 
     Returns
     -------
@@ -32,14 +32,15 @@ def zone_of_cells(coverage: Coverage, grid: Grid, cells: IntArray) -> IntArray:
     if zone.size == 0 or coverage.polygons.size == 0:
         return zone
     x, y = grid.cell_centres(cells)
-    # By boxes first: a test of polygons that are prepared takes little, whatever their size.
-    point, polygon = shapely.STRtree(coverage.polygons).query(shapely.points(x, y))
     shapely.prepare(coverage.polygons)
-    inside = shapely.intersects_xy(coverage.polygons[polygon], x[point], y[point])
-    point, polygon = point[inside], polygon[inside]
+    west, south, east, north = shapely.bounds(coverage.polygons).T
+    # Cells ascend from the north to the south.
+    first, last = np.searchsorted(-y, -north), np.searchsorted(-y, -south, side="right")
     # The last one written stays.
-    order = np.lexsort((-polygon, coverage.classes[polygon]))
-    zone[point[order]] = polygon[order]
+    for k in np.lexsort((-np.arange(west.size), coverage.classes)).tolist():
+        rows = slice(first[k], last[k])
+        near = first[k] + np.flatnonzero((x[rows] >= west[k]) & (x[rows] <= east[k]))
+        zone[near[shapely.intersects_xy(coverage.polygons[k], x[near], y[near])]] = k
     return zone
 
 

@@ -157,7 +157,10 @@ def uncertain(
 
 
 def rocks_factor(
-    curves: HazardCurves, preset: HazardPreset, confidence: float = 0.95
+    curves: HazardCurves,
+    preset: HazardPreset,
+    confidence: float = 0.95,
+    unsure: NDArray[np.bool_] | None = None,
 ) -> FloatArray:
     """How many times the blocks it would take to decide the level of each place.
 
@@ -169,6 +172,8 @@ def rocks_factor(
     ----------
     curves : HazardCurves
         With the thresholds of the preset among its energies.
+    unsure : bool, shape (n,), optional
+        What ``uncertain`` gives, where that is known already.
 
     Returns
     -------
@@ -177,7 +182,7 @@ def rocks_factor(
         no sample decides; NaN where the sample does not give its variance. Rounded up by 1.4 %.
     """
     few = at_energies(curves, preset.thresholds_kj)
-    unsure = uncertain(few, preset, confidence)
+    unsure = uncertain(few, preset, confidence) if unsure is None else unsure
     out = np.ones(unsure.size)
     untold = np.isnan(few.variance).any(axis=1)
     out[unsure & untold] = np.nan

@@ -18,6 +18,9 @@ from numpy.typing import NDArray
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.statistics_table import SUM_NAMES, SUMS, CellSum, Statistic, probability_of
 
+#: Histograms that are summed up at a time: they stay in the processor's cache.
+_ROWS = 2048
+
 
 class MapSums:
     """Growing sums over the cells that blocks reach.
@@ -92,8 +95,11 @@ class MapSums:
 
 
 def _enlarged(array: NDArray[Any], room: int, kept: CellSum) -> NDArray[Any]:
-    out = np.full((room, *array.shape[1:]), kept.empty, kept.dtype)
+    # Of zeros that nobody has written to no memory is taken.
+    out = np.zeros((room, *array.shape[1:]), kept.dtype)
     out[: array.shape[0]] = array
+    if kept.empty != 0:
+        out[array.shape[0] :] = kept.empty
     return out
 
 
@@ -121,23 +127,23 @@ def quantiles(
     float64, shape (n_probabilities, n)
         NaN where nothing was counted.
     """
-    total = counts.sum(axis=1)
-    below = np.cumsum(counts, axis=1, dtype=np.float64)
     out = np.full((len(probabilities), counts.shape[0]), np.nan)
-    some = total > 0
-    rows = np.flatnonzero(some)
-    for i, p in enumerate(probabilities):
-        wanted = p * total[rows]
-        bin_ = np.minimum((below[rows] < wanted[:, None]).sum(axis=1), counts.shape[1] - 1)
-        inside = counts[rows, bin_].astype(np.float64)
-        before = below[rows, bin_] - inside
-        share = np.where(inside > 0, (wanted - before) / np.maximum(inside, 1.0), 0.0)
-        value = edges[bin_] + np.clip(share, 0.0, 1.0) * (edges[bin_ + 1] - edges[bin_])
-        if largest is not None:
-            value = np.minimum(value, largest[rows])
-        if smallest is not None:
-            value = np.maximum(value, smallest[rows])
-        out[i, rows] = value
+    for first in range(0, counts.shape[0], _ROWS):
+        below = np.cumsum(counts[first : first + _ROWS], axis=1, dtype=np.int64)
+        some = np.flatnonzero(below[:, -1] > 0)
+        below, rows = below[some], first + some
+        for i, p in enumerate(probabilities):
+            wanted = p * below[:, -1]
+            bin_ = np.minimum((below < wanted[:, None]).sum(axis=1), counts.shape[1] - 1)
+            inside = counts[rows, bin_].astype(np.float64)
+            before = below[np.arange(rows.size), bin_] - inside
+            share = np.where(inside > 0, (wanted - before) / np.maximum(inside, 1.0), 0.0)
+            value = edges[bin_] + np.clip(share, 0.0, 1.0) * (edges[bin_ + 1] - edges[bin_])
+            if largest is not None:
+                value = np.minimum(value, largest[rows])
+            if smallest is not None:
+                value = np.maximum(value, smallest[rows])
+            out[i, rows] = value
     return out
 
 
@@ -249,9 +255,8 @@ def band_values(
     }
     out: dict[str, FloatArray] = dict(extremes)
     if shares:
-        counts = sums.column(row.quantity).astype(np.int64)
         found = quantiles(
-            counts, edges[row.quantity], tuple(shares.values()),
+            sums.column(row.quantity), edges[row.quantity], tuple(shares.values()),
             extremes.get("max"), extremes.get("min"),
         )  # fmt: skip
         out |= dict(zip(shares, found, strict=True))

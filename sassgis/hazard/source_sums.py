@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from sassgis.model.grid import IntArray
 from sassgis.model.hazard import SourceCounts
 
-# So many parts wait before they are joined: joining costs as much as all places reached so far.
-_WAITING = 32
+# Parts wait before they are joined, as that costs as much as all places reached so far, but no more
+# of them than so many, and no more rows than there are places so far, or than these.
+_WAITING, _WAITING_ROWS = 32, 1 << 14
 
 
 class SourceSums:
@@ -37,7 +38,8 @@ class SourceSums:
         reached = count[:, 0] > 0
         if reached.any():
             self._parts.append(SourceCounts(places[reached], count[reached], square[reached]))
-        if len(self._parts) > _WAITING:
+        rows = [part.places.size for part in self._parts]
+        if len(rows) > _WAITING or sum(rows[1:]) > max(sum(rows[:1]), _WAITING_ROWS):
             self._parts = [joined(self._parts, self.n_energies)]
 
     def counts(self) -> SourceCounts:
@@ -64,12 +66,10 @@ def joined(parts: list[SourceCounts], n_energies: int) -> SourceCounts:
         return parts[0]
     if not parts:
         return SourceCounts.none(n_energies)
-    places = np.concatenate([p.places for p in parts])
-    order = np.argsort(places, kind="stable")
-    places = places[order]
-    first = np.flatnonzero(np.concatenate([[True], places[1:] != places[:-1]]))
-    sums = (
-        np.add.reduceat(np.concatenate([getattr(p, n) for p in parts])[order], first, axis=0)
-        for n in ("count", "square")
-    )
-    return SourceCounts(places[first], *sums)
+    places = np.unique(np.concatenate([p.places for p in parts]))
+    out = SourceCounts(places, *(np.zeros((places.size, n_energies), np.int64) for _ in range(2)))
+    for part in parts:
+        rows = np.searchsorted(places, part.places)
+        out.count[rows] += part.count
+        out.square[rows] += part.square
+    return out

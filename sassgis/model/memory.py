@@ -13,7 +13,9 @@ _V2 = ("memory.max", "memory.current", "inactive_file")
 _V1 = ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file")
 
 
-def require_memory(need: Mapping[str, int], file: Path | None = None) -> None:
+def require_memory(
+    need: Mapping[str, int], file: Path | None = None, most: int | None = None
+) -> None:
     """Refuse what needs more memory than this process may have; where that is unknown, nothing.
 
     Parameters
@@ -22,23 +24,27 @@ def require_memory(need: Mapping[str, int], file: Path | None = None) -> None:
         Bytes by the key of the configuration that they depend on.
     file : Path, optional
         For the message.
+    most : int, optional
+        What the user allows (bytes), where that is less.
 
     Raises
     ------
     InputError
         It names the key that most of it depends on, and others with a quarter of that at least.
     """
-    free, total = memory_bytes(), sum(need.values())
+    free, total, words = memory_bytes(), sum(need.values()), "are free here"
+    if most is not None and (free is None or most < free):
+        free, words = most, "--memory allows"
     if free is None or total <= free:
         return
-    most = max(need.values())
-    keys = sorted((key for key in need if 4 * need[key] >= most), key=lambda key: -need[key])
+    largest = max(need.values())
+    keys = sorted((key for key in need if 4 * need[key] >= largest), key=lambda key: -need[key])
     raise InputError(
         "needs more memory than there is",
         file=file,
         field=", ".join(keys),
         found=f"about {total / 1e9:.3g} GB",
-        expected=f"at most {free / 1e9:.3g} GB, which are free here",
+        expected=f"at most {free / 1e9:.3g} GB, which {words}",
     )
 
 

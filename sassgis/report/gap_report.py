@@ -28,8 +28,14 @@ from sassgis.gap.words import (
 )
 from sassgis.model.grid import FloatArray
 from sassgis.model.ground import PARAMETERS, GroundTable
-from sassgis.report import figures
-from sassgis.report.figures.gap_figures import GapStretch
+from sassgis.report.figures.gap_figures import (
+    GapStretch,
+    gap_distributions_figure,
+    gap_hypotheses_figure,
+    gap_ladder_figure,
+    gap_map_figure,
+    gap_where_figure,
+)
 from sassgis.report.gap_answer import (
     MATTERS,
     UNNAMED,
@@ -169,7 +175,7 @@ def gap_figures(case: Case, diagnosis: Diagnosis, folder: Path) -> list[ReportFi
         "gap_map",
         "Where the gap lies",
         caption,
-        figures.gap_map_figure(
+        gap_map_figure(
             case.grid,
             lines=lines,
             stretches=stretches,
@@ -185,7 +191,7 @@ def gap_figures(case: Case, diagnosis: Diagnosis, folder: Path) -> list[ReportFi
             "gap_where",
             "Every comparison",
             "Observed less predicted by the calibrated base model, by place and phase.",
-            figures.gap_where_figure(diagnosis.where),
+            gap_where_figure(diagnosis.where),
         )
     if diagnosis.comparisons:
         named = verdict.effect if verdict.effect not in UNNAMED else ""
@@ -194,7 +200,7 @@ def gap_figures(case: Case, diagnosis: Diagnosis, folder: Path) -> list[ReportFi
             "Observed rocks and the models",
             "Curves of observed rocks are drawn as steps: nothing is smoothed. A step curve within "
             "the pale band does not differ from the base model.",
-            figures.gap_distributions_figure(diagnosis.comparisons, effect=named),
+            gap_distributions_figure(diagnosis.comparisons, effect=named),
         )
     if diagnosis.ladder:
         add(
@@ -202,7 +208,7 @@ def gap_figures(case: Case, diagnosis: Diagnosis, folder: Path) -> list[ReportFi
             "How far the gap shrinks",
             "Distance to the observed rocks, step by step. Each rock is compared with a model that "
             "was fitted without it.",
-            figures.gap_ladder_figure(diagnosis.ladder),
+            gap_ladder_figure(diagnosis.ladder),
         )
     if diagnosis.which:
         add(
@@ -210,7 +216,7 @@ def gap_figures(case: Case, diagnosis: Diagnosis, folder: Path) -> list[ReportFi
             "Explanations that were tried",
             "The base and the most probable ones were calibrated further than the others; all were "
             "scored on held-out rocks.",
-            figures.gap_hypotheses_figure(
+            gap_hypotheses_figure(
                 diagnosis.which, verdict=verdict.effect, confusion=verdict.confusion_set
             ),
         )

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from concurrent.futures import CancelledError
+from contextvars import ContextVar
 from pathlib import Path
+from threading import Event
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -18,11 +21,22 @@ from sassgis.report.figures.map_figure import class_numbers, shown_values
 from sassgis.report.figures.style import to_png
 from sassgis.report.page import Cell, ReportFigure, sensible
 
+#: Set where the figures are drawn beside other work, which may fail or be stopped.
+GIVEN_UP: ContextVar[Event | None] = ContextVar("given_up", default=None)
+
 
 def picture(
     folder: Path, name: str, title: str, caption: str, figure: Figure, alt: str = ""
 ) -> ReportFigure:
-    """Save a figure as ``<name>.png``, and give it as the report shows it."""
+    """Save a figure as ``<name>.png``, and give it as the report shows it.
+
+    Raises
+    ------
+    CancelledError
+        Nobody waits for figures any more.
+    """
+    if (given_up := GIVEN_UP.get()) is not None and given_up.is_set():
+        raise CancelledError
     png = to_png(figure)
     folder.mkdir(parents=True, exist_ok=True)
     noted(folder / f"{name}.png").write_bytes(png)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from sassgis.engine.simulate_paths import ROOM
+from sassgis.engine.simulate_paths import room_at_first
 from sassgis.hazard.along_profile import STRETCH_M
 from sassgis.hazard.bins import bins_for, bins_of
 from sassgis.model.grid import FloatArray
@@ -147,7 +147,8 @@ def _windows_bytes(run: MapRun) -> int:
     """Of the list of the windows around each cell of a chunk, which is made in one piece."""
     if run.window is None:
         return 0
-    steps, room = math.ceil(math.pi * (run.window.radius + 1.0) ** 2), ROOM
+    steps = math.ceil(math.pi * (run.window.radius + 1.0) ** 2)
+    room = room_at_first(steps)
     while 3 * room < steps:
         room *= 4
     return 8 * steps * room

@@ -100,6 +100,24 @@ def check_means(config: Config, run: MapRun, jobs: Jobs = None) -> None:
     require_memory(estimate_of(run, workers if isinstance(workers, int) else 1).need, config.file)
 
 
+def jobs_within(config: Config, run: MapRun, jobs: Jobs, memory_gb: float | None) -> Jobs:
+    """As many of the threads asked for as fit into a memory; others who work as they are.
+
+    Raises
+    ------
+    InputError
+        One thread does not fit, or what this process needs for others who work.
+    """
+    if memory_gb is None:
+        return jobs
+    most, asked = int(memory_gb * 1e9), workers_asked(config, jobs)
+    threads = asked if isinstance(asked, int) else 1
+    while threads > 1 and sum(estimate_of(run, threads).need.values()) > most:
+        threads -= 1
+    require_memory(estimate_of(run, threads).need, config.file, most)
+    return threads if isinstance(asked, int) else asked
+
+
 def simulate_config(
     config: Config,
     work: Path,

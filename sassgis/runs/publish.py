@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -27,11 +28,13 @@ from sassgis.model.results import RasterLayer, StopReason
 from sassgis.model.run_config import Config
 from sassgis.model.statistics_table import Bins
 from sassgis.report.page import ReportContext
+from sassgis.report.pictures import GIVEN_UP
 from sassgis.runs.checkpoint import read_rows
 from sassgis.runs.job import Simulation
 from sassgis.runs.origin import Origin, facts_of, write_origin
 from sassgis.runs.path_sample import sample_paths
 from sassgis.runs.publish_report import ReportPart, made_on, publish_report
+from sassgis.runs.workers import beside
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,40 +110,44 @@ def publish_map(
     tell("Writing the maps")
     config, run, planned, progress = done.config, done.run, done.planned, done.progress
     warnings = (*extras.warnings, *done.warnings)
-    sample = sample_of(run, planned, progress)
-    layers = block_maps(config, run.grid, progress.sums, sample, bins_of(run))
-    terrain = terrain_layer(run.grid)
-    for layer in (*extras.layers, *layers, terrain):
-        write_raster(layer, run.grid, work / "maps")
-    vectors = run_vectors.all_layers(run, planned, progress, layers)
-    vectors += exposed_layers(extras.placed, run.grid.crs)
-    paths = sample_paths(run, planned, config.output.paths_max)
-    if paths:
-        vectors.append(run_vectors.block_paths(paths, run.grid.crs))
+    layers = block_maps(
+        config, run.grid, progress.sums, sample_of(run, planned, progress), bins_of(run)
+    )
     counts = _counts(done)
     facts = facts_of(config, run) | extras.facts | counts
-    imprint = replace(config.project, date=made_on(config))
-    words = run_project.sheet_words(
-        run, int(progress.reasons.sum()), imprint, terrain_file=config.dem_path.name,
-        program=str(facts["program"]), vectors=vectors,
-        extent=run_project.reached_extent(layers, run.grid),
+    report = partial(
+        publish_report, work, done, layers, extras.layers, extras.placed, warnings, facts,
+        extras.report,
     )  # fmt: skip
-    sheets = (*extras.layouts(words), *run_project.run_layouts(words, layers))
-    write_layers(
-        work, config, run.grid, layers, terrain, vectors, extras, facts, (words.extent, sheets)
-    )
-    _write_rows(work / "tables", done, tell)
-    tell("Drawing the figures")
-    report = publish_report(
-        work, done, layers, extras.layers, extras.placed, warnings, facts, extras.report
-    )
+    with beside(report, GIVEN_UP) as reported:
+        terrain = terrain_layer(run.grid)
+        for layer in (*extras.layers, *layers, terrain):
+            write_raster(layer, run.grid, work / "maps")
+        vectors = run_vectors.all_layers(run, planned, progress, layers)
+        vectors += exposed_layers(extras.placed, run.grid.crs)
+        paths = sample_paths(run, planned, config.output.paths_max)
+        if paths:
+            vectors.append(run_vectors.block_paths(paths, run.grid.crs))
+        imprint = replace(config.project, date=made_on(config))
+        words = run_project.sheet_words(
+            run, int(progress.reasons.sum()), imprint, terrain_file=config.dem_path.name,
+            program=str(facts["program"]), vectors=vectors,
+            extent=run_project.reached_extent(layers, run.grid),
+        )  # fmt: skip
+        sheets = (*extras.layouts(words), *run_project.run_layouts(words, layers))
+        write_layers(
+            work, config, run.grid, layers, terrain, vectors, extras, facts, (words.extent, sheets)
+        )
+        _write_rows(work / "tables", done, tell)
+        tell("Drawing the figures")
+        context = reported()
     write_origin(
         work, config, counts, warnings, seed=run.seed, grid=run.grid, origin=extras.origin,
         settings=({} if areas is None else {"areas": sorted(areas)})
         | ({"zoning": extras.facts} if extras.facts else {}),
         checks={} if done.tolerance is None else {"segment_tolerance": done.tolerance.facts()},
     )  # fmt: skip
-    return Published(layers, report, warnings)
+    return Published(layers, context, warnings)
 
 
 def block_maps(

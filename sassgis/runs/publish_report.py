@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import date
 from pathlib import Path
@@ -35,6 +35,8 @@ class ReportPart:
 
     Attributes
     ----------
+    figures : callable
+        Draws its figures and gives them.
     key_results : ReportTable or None
         Heads the report, in place of the stopping reasons.
     described : tuple of (str, str)
@@ -45,7 +47,7 @@ class ReportPart:
         Added to the answer in short.
     """
 
-    figures: tuple[ReportFigure, ...] = ()
+    figures: Callable[[], tuple[ReportFigure, ...]] = tuple
     key_results: ReportTable | None = None
     tables: tuple[ReportTable, ...] = ()
     described: tuple[tuple[str, str], ...] = ()
@@ -95,7 +97,7 @@ def publish_report(
                 *part.summary[1:],
             ),
             key_results=part.key_results or context.key_results,
-            figures=(*part.figures, *context.figures),
+            figures=(*part.figures(), *context.figures),
             tables=(exposed, *part.tables, *first, *context.tables),
             what_was_run=(*part.described, *context.what_was_run),
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 from sassgis.hazard.assess import Assessment, Rules
@@ -32,7 +33,7 @@ _OF_GROUPS = ("hazard_zones", "hazard_area", "synoptic_intensity", "indicative_h
 
 
 def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path) -> Extras:
-    """Everything that zoning adds to a result; figures are drawn into the folder ``figures``."""
+    """Everything that zoning adds to a result; its figures go into the folder ``figures``."""
     config, run, preset = done.config, done.run, rules.preset
     grid, confidence, currency = run.grid, config.hazard.confidence, config.risk.currency
     hazard = found.hazard
@@ -74,8 +75,15 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
         groups=zone_groups(maps, own, risk, federal),
         layouts=lambda words: zone_layouts(words, rules, found, risk, grid),
         report=ReportPart(
-            zone_figures(
-                run, rules, found, maps, figures, confidence=confidence, currency=currency
+            partial(
+                zone_figures,
+                run,
+                rules,
+                found,
+                maps,
+                figures,
+                confidence=confidence,
+                currency=currency,
             ),
             levels,
             zone_tables(

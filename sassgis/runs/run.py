@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from sassgis.hazard.progress import Progress
 from sassgis.io.staging import staged_output
@@ -12,13 +13,21 @@ from sassgis.model.languages import in_language
 from sassgis.model.map_run import MapRun
 from sassgis.model.results import RasterLayer, StopReason
 from sassgis.model.run_config import Config
-from sassgis.report.notebook import in_short
-from sassgis.report.page import ReportContext
 from sassgis.runs.inputs import collected_notices, placed_objects
-from sassgis.runs.job import OnProgress, Simulation, configured, read_job, simulate_config
-from sassgis.runs.publish import Extras, Published, publish_map
+from sassgis.runs.job import (
+    OnProgress,
+    Simulation,
+    configured,
+    jobs_within,
+    read_job,
+    simulate_config,
+)
 from sassgis.runs.workers import Jobs
 from sassgis.terrain.plan import Plan
+
+if TYPE_CHECKING:
+    from sassgis.report.page import ReportContext
+    from sassgis.runs.publish import Published
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +60,8 @@ class RunResult:
     report: ReportContext = field(repr=False)
 
     def _repr_html_(self) -> str:
+        from sassgis.report.notebook import in_short
+
         return in_short(self.report, self.folder)
 
 
@@ -62,6 +73,7 @@ def run(
     areas: Sequence[str] | None = None,
     seed: int | None = None,
     jobs: Jobs = None,
+    memory_gb: float | None = None,
     on_progress: OnProgress | None = None,
     say: Callable[[str], None] | None = None,
 ) -> RunResult:
@@ -79,6 +91,9 @@ def run(
         Names of the release areas to run; default: all. Their blocks are those of a run of all.
     seed, jobs : int, optional
         In place of those of the configuration.
+    memory_gb : float, optional
+        Memory that the run may take (GB): it limits the number of threads. What grows with the
+        cells that blocks come to is not known before and not counted.
     on_progress : callable, optional
         Called with (chunks done, chunks in all, blocks done).
     say : callable, optional
@@ -94,6 +109,7 @@ def run(
     tell = say or (lambda _text: None)
     with staged_output(Path(out), overwrite) as work:
         job = read_job(config, areas, tell)
+        jobs = jobs_within(config, job.run, jobs, memory_gb)
         # Read before the blocks are simulated: an error should not come at the end.
         with collected_notices():
             placed = placed_objects(config, job.run.grid)
@@ -105,6 +121,9 @@ def run(
             on_progress=on_progress,
             tell=tell,
         )
+        # What writes takes longer to load than what computes: not before there is a result.
+        from sassgis.runs.publish import Extras, publish_map
+
         with in_language(config.project.language):
             published = publish_map(work, simulation, areas, tell, Extras(placed=placed))
     return result_of(Path(out), simulation, published)

@@ -13,13 +13,16 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from contextlib import contextmanager
+from contextvars import ContextVar, copy_context
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 from sassgis.model.errors import OutputError
 from sassgis.runs.interrupts import held_back
 from sassgis.runs.worker_process import WorkerLost, WorkerProcess
+
+R = TypeVar("R")
 
 #: Processes that may be lost, one after the other, at the same task.
 _LOST_MOST = 3
@@ -160,6 +163,25 @@ def task_map(common: Any, jobs: int | Workers, ahead: int = 16) -> Iterator[Task
     else:
         with Processes(jobs, ahead) as own:
             yield lambda work, tasks: own.in_order(work, common, tasks)
+
+
+@contextmanager
+def beside(
+    work: Callable[[], R], given_up: ContextVar[threading.Event | None]
+) -> Iterator[Callable[[], R]]:
+    """A function at work in a thread beside the ``with`` block, and what waits for its result.
+
+    It works in the language of the caller, and has ended when the block ends. ``given_up`` tells it
+    when the block has failed or was stopped, so that nobody waits for all of it.
+    """
+    stop, context = threading.Event(), copy_context()
+    context.run(given_up.set, stop)
+    with ThreadPoolExecutor(1) as pool:
+        try:
+            yield pool.submit(context.run, work).result
+        except BaseException:
+            stop.set()
+            raise
 
 
 def _in_order(

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from sassgis.hazard.assess import Assessment, Rules, assess, curves_of, share_uncertain
 from sassgis.hazard.bins import bins_of
@@ -17,11 +18,20 @@ from sassgis.model.languages import in_language
 from sassgis.model.map_run import MapRun
 from sassgis.model.run_config import Config
 from sassgis.runs.inputs import compares_barriers, most_repetitions, read_rules, with_rules
-from sassgis.runs.job import Job, OnProgress, Simulation, configured, read_job, simulate_config
-from sassgis.runs.publish import Published, publish_map
-from sassgis.runs.publish_zones import zone_extras
+from sassgis.runs.job import (
+    Job,
+    OnProgress,
+    Simulation,
+    configured,
+    jobs_within,
+    read_job,
+    simulate_config,
+)
 from sassgis.runs.run import RunResult, result_of
 from sassgis.runs.workers import Jobs
+
+if TYPE_CHECKING:
+    from sassgis.runs.publish import Published
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +69,7 @@ def zone(
     areas: Sequence[str] | None = None,
     seed: int | None = None,
     jobs: Jobs = None,
+    memory_gb: float | None = None,
     on_progress: OnProgress | None = None,
     say: Callable[[str], None] | None = None,
 ) -> ZoneResult:
@@ -69,7 +80,7 @@ def zone(
 
     Parameters
     ----------
-    config, out, overwrite, areas, seed, jobs, on_progress, say
+    config, out, overwrite, areas, seed, jobs, memory_gb, on_progress, say
         As for sassgis.runs.run.run.
 
     Raises
@@ -84,6 +95,7 @@ def zone(
         job = read_job(config, areas, tell)
         rules = read_rules(config, job.run)
         job = prepared(job, rules)
+        jobs = jobs_within(config, job.run, jobs, memory_gb)
         began = time.perf_counter()
         done, without = simulations(config, work, job, rules, jobs, on_progress, tell)
         found, published = write_zones(work, rules, done, without, areas, tell)
@@ -111,6 +123,10 @@ def write_zones(
     first : callable, optional
         Called with what was found before anything is written.
     """
+    # As in sassgis.runs.run.run: loaded when there is something to write.
+    from sassgis.runs.publish import publish_map
+    from sassgis.runs.publish_zones import zone_extras
+
     tell("Drawing the zones")
     found = assessed(rules, done, without)
     if first is not None:

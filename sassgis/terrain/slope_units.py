@@ -16,7 +16,7 @@ from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage, optimize, special
+from scipy import ndimage, special
 
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray
@@ -167,6 +167,9 @@ def _fitted(distribution: FloatArray, names: Sequence[str]) -> tuple[list[SlopeU
 
     That is the squared Hellinger distance.
     """
+    # Takes long to load, and only this needs it.
+    from scipy import optimize
+
     root = np.sqrt(distribution)
 
     def residual(numbers: FloatArray) -> FloatArray:

@@ -62,7 +62,7 @@ from sassgis.io.write.layers.gap_map import stand_polygon
 from sassgis.model.effects import EffectSettings
 from sassgis.model.errors import ConfigError, InputError, OutputError
 from sassgis.model.grid import Grid
-from sassgis.report import figures
+from sassgis.report.figures import gap_figures as figures
 from sassgis.report.figures.gap_figures import GapStretch, _band
 from sassgis.report.gap_answer import finding_sentence, verdict_sentence
 from sassgis.report.gap_report import answer, headline, map_parts

@@ -62,5 +62,11 @@ def test_the_line_names_what_most_depends_on(monkeypatch: pytest.MonkeyPatch) ->
         "a.toml: release.rocks_per_point, release.spacing_m: needs more memory than there is "
         "(found about 6 GB; expected at most 5 GB, which are free here)"
     )
+    with pytest.raises(InputError, match="2 GB; expected at most 1 GB, which --memory"):
+        require_memory(need, most=1_000_000_000)
+    with pytest.raises(InputError, match="5 GB, which are free here"):
+        require_memory(need | {"terrain.dem": 5_000_000_000}, most=6_000_000_000)
     monkeypatch.setattr(memory, "memory_bytes", lambda: None)
+    with pytest.raises(InputError, match="--memory allows"):
+        require_memory(need, most=1_000_000_000)
     require_memory({"terrain.dem": 10**30})

@@ -190,14 +190,22 @@ def _without_small_holes(classes: IntArray, smallest: int, known: BoolArray) -> 
     A hole hangs together over sides of cells and does not touch the edge of what is known.
     """
     out = classes.copy()
-    for k in range(1, int(classes.max()) + 1):
-        part = regions((out >= k).astype(np.int64))
+    # What lies outside of the cells next to a class hangs together up to the edge.
+    boxes = ndimage.find_objects(out)
+    for k in range(1, len(boxes) + 1):
+        above = [box for box in boxes[k - 1 :] if box is not None]
+        around = tuple(
+            slice(max(min(s.start for s in sides) - 1, 0), max(s.stop for s in sides) + 1)
+            for sides in zip(*above, strict=True)
+        )
+        own = out[around]
+        part = regions((own >= k).astype(np.int64))
         is_open = np.zeros(part.cells.size, np.bool_)
-        is_open[part.of_cell[~known]] = True
+        is_open[part.of_cell[~known[around]]] = True
         for side in (part.of_cell[[0, -1], :], part.of_cell[:, [0, -1]]):
             is_open[side] = True
         hole = (part.klass == 0) & (part.cells < smallest) & ~is_open
-        out = np.where(hole[part.of_cell], np.maximum(out, k), out)
+        np.maximum(own, k, out=own, where=hole[part.of_cell])
     return out
 
 

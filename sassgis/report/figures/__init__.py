@@ -4,11 +4,6 @@ from sassgis.report.figures.distributions import energy_profile_figure as energy
 from sassgis.report.figures.distributions import runout_counts_figure as runout_counts_figure
 from sassgis.report.figures.distributions import runout_figure as runout_figure
 from sassgis.report.figures.distributions import station_figure as station_figure
-from sassgis.report.figures.gap_figures import gap_distributions_figure as gap_distributions_figure
-from sassgis.report.figures.gap_figures import gap_hypotheses_figure as gap_hypotheses_figure
-from sassgis.report.figures.gap_figures import gap_ladder_figure as gap_ladder_figure
-from sassgis.report.figures.gap_figures import gap_map_figure as gap_map_figure
-from sassgis.report.figures.gap_figures import gap_where_figure as gap_where_figure
 from sassgis.report.figures.hazard_figures import hazard_curve_figure as hazard_curve_figure
 from sassgis.report.figures.hazard_figures import risk_figure as risk_figure
 from sassgis.report.figures.hazard_map_figures import change_figure as change_figure

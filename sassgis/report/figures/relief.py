@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -127,10 +126,12 @@ def coarsen(values: FloatArray, factor: int, how: str) -> FloatArray:
     padded = np.full((rows * factor, cols * factor), np.nan)
     padded[: values.shape[0], : values.shape[1]] = values
     blocks = padded.reshape(rows, factor, cols, factor).swapaxes(1, 2).reshape(rows, cols, -1)
-    with warnings.catch_warnings():
-        # A block without any value is what nodata is; numpy warns about it.
-        warnings.simplefilter("ignore", RuntimeWarning)
-        return np.asarray(np.nanmax(blocks, -1) if how == "max" else np.nanmean(blocks, -1))
+    if how == "max":
+        return np.asarray(np.fmax.reduce(blocks, -1))
+    # A block without any value is what nodata is.
+    known = ~np.isnan(blocks)
+    number, total = known.sum(-1), np.where(known, blocks, 0.0).sum(-1)
+    return np.asarray(np.where(number > 0, total / np.maximum(number, 1), np.nan))
 
 
 def _slope(z: FloatArray, axis: int, cell_size: float) -> FloatArray:

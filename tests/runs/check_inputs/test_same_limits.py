@@ -14,6 +14,12 @@ import shapely
 from helpers.small_slope import CELL, COLS, NORTH, ROWS, WEST, Slope, heights, release_box
 from rasterio.transform import from_origin
 
+from sassgis.io.read.config import load_config
+from sassgis.model.errors import InputError
+from sassgis.runs.estimate import estimate_of
+from sassgis.runs.inputs import read_map_run
+from sassgis.runs.job import jobs_within
+
 Call = Callable[..., tuple[int, str, str]]
 FALL_LINES = {"terrain__path": '"fall_line"'}
 ZONES = {"blocks__onset_frequency": "0.1", "hazard__ref_width_m": "10"}
@@ -116,6 +122,29 @@ def test_a_terrain_model_larger_than_the_memory_is_not_read(slope: Slope, call: 
         pass
     line = same_line(call, "run", slope.config)
     assert "dem.tif: terrain.dem: needs more memory than there is (found about 5e+03 GB" in line
+
+
+@pytest.mark.parametrize("command", ["run", "zone"])
+def test_what_the_user_allows_is_not_exceeded(slope: Slope, call: Call, command: str) -> None:
+    slope.write_config(**ZONES, release__rocks_per_point="1000000")
+    out = slope.folder / "out"
+    code, _, said = call(command, slope.config, "-o", out, "--memory", "1.5")
+    assert code == 2 and not out.exists()
+    line = said.splitlines()[-1]
+    assert "release.rocks_per_point" in line and "at most 1.5 GB, which --memory allows" in line
+
+
+def test_as_many_threads_work_as_fit(slope: Slope) -> None:
+    slope.write_config(release__spacing_m="0.5", release__rocks_per_point="1000")
+    config = load_config(slope.config)
+    run = read_map_run(config)
+    need = [sum(estimate_of(run, n).need.values()) for n in range(1, 6)]
+    assert min(np.diff(need)) > 1e6
+    for threads, fits in enumerate(need, start=1):
+        assert jobs_within(config, run, 5, (fits + 1) / 1e9) == threads
+    assert jobs_within(config, run, 2, need[-1] / 1e9) == 2
+    with pytest.raises(InputError, match="--memory allows"):
+        jobs_within(config, run, 5, (need[0] - 1) / 1e9)
 
 
 def test_tables_that_cannot_be_written_are_told_before(

@@ -175,14 +175,14 @@ class _Maker:
 
     def confidence(self) -> RasterLayer:
         lowest, highest = levels_of_interval(self._few.rate, *self._interval, self._preset)
-        open_ = (lowest != highest).astype(np.int16)
-        factor = rocks_factor(self._few, self._preset, self._confidence)
+        unsure = lowest != highest
+        factor = rocks_factor(self._few, self._preset, self._confidence, unsure)
         known = self._reached & np.isfinite(factor)
         key = "confidence"
         return described_raster(
             key,
             [
-                self._band(key, "uncertain", np.where(self._reached, open_, np.nan)),
+                self._band(key, "uncertain", np.where(self._reached, unsure, np.nan)),
                 self._classes(key, "lowest_level", lowest),
                 self._classes(key, "highest_level", highest),
                 self._band(key, "rocks_factor", np.where(known, factor, np.nan)),
