@@ -19,7 +19,7 @@ from sassgis.engine.heading import (
 )
 from sassgis.engine.landing import land
 from sassgis.engine.path import Path, note_passages
-from sassgis.engine.profile import segment_at, slope_angle, stretch_from
+from sassgis.engine.profile import angle_of, segment_at, stretch_from
 from sassgis.engine.rolling import rolling_friction
 from sassgis.engine.rows import Record, last_of
 from sassgis.engine.state import (
@@ -87,13 +87,13 @@ def simulate_block(
                 after_impact(state, block, site, path, physics, into, state.impacts > impacts)
         elif path is not None:
             hooks.before_turn(effects, state, block)
-            gu, gv = before_ground(state, block, site, path, physics)
+            steep2, descent = before_ground(state, block, site, path, physics)
             if state.phase != FLIGHT:
                 x = state.x
                 level = state.speed * site.profile[state.segment].tx
                 ground_motion(state, block, site, output, physics, effects)
                 stays_on_known(state, site)
-                after_ground(state, path, physics, gu, gv, x, level, abs(state.vx))
+                after_ground(state, physics, steep2, descent, x, level, abs(state.vx))
             if wedged(state):
                 end_at_rest(state, block)
         else:
@@ -162,7 +162,7 @@ def start_released(state: Record, block: Block, site: Site, physics: Physics, st
     segment = segment_at(profile, start.x, 0)
     here = profile[segment]
     state.segment = segment
-    state.theta = start.orientation + slope_angle(profile, segment)
+    state.theta = start.orientation + angle_of(profile, segment)
     lies = resting_height(start.x, state.theta, block.a, block.b, profile, segment)
     state.z = lies + start.drop
     state.vx = start.speed * here.tx

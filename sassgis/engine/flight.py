@@ -55,7 +55,7 @@ def _is_over_ground(state: Record, profile: Records, gravity: float, until: floa
 
 
 @fused
-def fly(
+def _advance(
     state: Record, block: Block, site: Site, output: Output, gravity: float, until: float
 ) -> None:
     """Move a block along its parabola for a time (s), and record what it passes."""
@@ -115,7 +115,7 @@ def flight(
         # The ground was missed: what would follow is no motion of a block.
         end(state, STEP_LIMIT)
         return
-    fly(state, block, site, output, g, until)
+    _advance(state, block, site, output, g, until)
     if at_barrier:
         state.x = site.crossings[barrier.line].x
     state.lines_from = state.x

@@ -5,16 +5,13 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 from sassgis.engine.angles import cos_sin
 from sassgis.engine.barriers import Stretch, after_barrier, control_lines_on_ground, no_meeting
-from sassgis.engine.contact import next_contact, span
+from sassgis.engine.contact import next_contact
 from sassgis.engine.effects import hooks
 from sassgis.engine.ellipse import frame_of
-from sassgis.engine.flight import fly
 from sassgis.engine.landing import FIRST_TURN, rolling_place
-from sassgis.engine.profile import STRAIGHT, along, slope_angle, turn
+from sassgis.engine.profile import STRAIGHT, along, angle_of, turn
 from sassgis.engine.recording import record_ground
 from sassgis.engine.rolling import (
     GROUND_AHEAD,
@@ -44,7 +41,7 @@ from sassgis.engine.state import (
     log_event,
     same_event,
 )
-from sassgis.engine.touching import Flying, contact_with_segment
+from sassgis.engine.touching import Flying
 from sassgis.model.jit import fused, inlined, lean
 
 # Gap at which a block that moves along the ground touches ground ahead of it (m).
@@ -147,8 +144,8 @@ def _look_ahead(
         narrow = block.roll_radius
         is_round = block.a - block.b < 1e-12 * block.a
         length, ends_by, lift = rolling_stretch(
-            block, state.theta - slope_angle(profile, state.segment), direction, v, pull, physics.gravity, ux,
-            -uz * direction, length, ends_by, physics.as_ellipse and not is_round,
+            block, state.theta - angle_of(profile, state.segment), direction, v, pull,
+            physics.gravity, ux, -uz * direction, length, ends_by, physics.as_ellipse and not is_round,
             physics.end_sliding and not is_round
         )  # fmt: skip
     # Ground ahead: the block is moved in a straight line until it touches.
@@ -285,8 +282,6 @@ def ground_motion(
         same_event(state, physics)
     else:
         _go_on(state, block, site, physics, ahead)
-        if effects is None and ends_by == LIFT_OFF and last_of(site.crossings) == 0:
-            _carry_hop(state, block, site, output, physics)
 
 
 @inlined
@@ -337,41 +332,6 @@ def _go_on(state: Record, block: Block, site: Site, physics: Physics, ahead: Ahe
         state.segment = after
 
 
-@fused
-def _carry_hop(state: Record, block: Block, site: Site, output: Output, physics: Physics) -> None:
-    """Carry a block that lifts off to where it lands, where it hops low and on straight ground.
-
-    It lands when and as it would in flight; but nothing else is looked for in its way.
-    """
-    here = site.profile[state.segment]
-    g = physics.gravity
-    off = state.vz * here.tx - state.vx * here.tz
-    if off * off >= 2.0 * g * here.tx * physics.smallest_hop * block.radius:
-        return
-    # It stays longer than its longest semi-axis before the end of the segment.
-    edge = here.x + block.a
-    if state.vx > 0.0:
-        edge = site.profile[state.segment + 1].x - block.a
-    if state.vx == 0.0 or (edge - state.x) * state.vx <= 0.0:
-        return
-    flying = Flying(
-        state.x, state.z, state.vx, state.vz, state.theta, state.omega, block.a, block.b, g
-    )
-    t, deep = contact_with_segment(
-        flying, state.clear_from, (edge - state.x) / state.vx, physics.tolerance, here,
-        span(site.profile, state.segment)
-    )  # fmt: skip
-    if t == np.inf or deep:
-        return
-    fly(state, block, site, output, g, t)
-    state.lines_from = state.x
-    state.furthest = max(state.furthest, state.x)
-    state.clear_from = 0.0
-    state.nx = -here.tz
-    state.nz = here.tx
-    state.phase = IMPACT
-
-
 @lean
 def _lift_off(state: Record, block: Block, site: Site, gravity: float, lift: float) -> None:
     """Let a rolling ellipse leave the ground where the normal force on it ends."""
@@ -380,7 +340,7 @@ def _lift_off(state: Record, block: Block, site: Site, gravity: float, lift: flo
     uz = here.tz
     direction = state.direction
     # Its centre is where it then stands.
-    state.theta = 0.5 * math.pi + direction * lift + slope_angle(site.profile, state.segment)
+    state.theta = 0.5 * math.pi + direction * lift + angle_of(site.profile, state.segment)
     c, s = cos_sin(lift)
     lever, support, _ = frame_of(block.a, block.b, c, -direction * s)
     rise = support - block.roll_radius

@@ -393,40 +393,44 @@ def before_ground(
 ) -> tuple[float, float]:
     """Turn the heading as far as is due, and look how far the ground may be followed.
 
-    Returns the slope of the terrain along u and v at the scale of the block (m per m). Where a
-    block has turned to, the ground may be far below it: then it is in flight.
+    Returns the square of the slope of the terrain at the scale of the block, and the angle from the
+    heading to the descent, to the right (rad). Where a block has turned to, the ground may be far
+    below it: then it is in flight.
     """
     u, v = place(state, state.x)
     gu, gv, _ = gradient(path, u, v, block.radius)
     steep2 = gu * gu + gv * gv
     step = max(path.cell_size, 2.0 * block.radius)
+    descent = _angle_to(state, gu, gv, path.cell_size) if steep2 > 1e-12 else 0.0
     angle = state.turn
     if state.speed <= 0.0:
         # What starts from rest starts down the descent.
         state.direction = 1
         if steep2 > 1e-12:
-            angle = _angle_to(state, path, gu, gv)
+            angle = descent
             state.turn = angle
     elif steep2 > 1e-12:
         level = state.speed * site.profile[state.segment].tx
         kappa = _bending(physics.gravity, steep2, level * level)
         step = min(step, max(_BEND_PER_STEP / kappa, _SHORTEST_STEP * block.radius))
         # Over the step the block moves as it heads in its middle.
-        angle += 0.5 * _bent(_angle_to(state, path, gu, gv) - angle, kappa * step)
+        angle += 0.5 * _bent(descent - angle, kappa * step)
     if abs(angle) > _TURN or state.direction < 0 or state.speed <= 0.0:
         state.turn -= angle
         turn_heading(state, block, site, path, physics.gravity, angle, gu, gv)
+        descent = _angle_to(state, gu, gv, path.cell_size) if steep2 > 1e-12 else 0.0
         if state.phase == FLIGHT:
-            return gu, gv
+            return steep2, descent
     if state.speed <= 0.0 and site.profile[state.segment].tz > 0.0:
         # In a dip the ground under it rises that way: it would start backwards.
         state.direction = -1
         turn_heading(state, block, site, path, physics.gravity, 0.0, gu, gv)
+        descent = _angle_to(state, gu, gv, path.cell_size) if steep2 > 1e-12 else 0.0
     state.reach = state.x + step
     needed = state.reach + 2.0 * block.a
     if state.open and state.sampled < needed:
         look_ahead(state, block, site, path, needed, physics.gravity)
-    return gu, gv
+    return steep2, descent
 
 
 @lean
@@ -445,21 +449,20 @@ def _bent(angle: float, kappa_s: float) -> float:
 
 
 @inlined
-def _angle_to(state: Record, path: Path, gu: float, gv: float) -> float:
+def _angle_to(state: Record, gu: float, gv: float, cell_size: float) -> float:
     """Angle from the heading to the descent as the block sees it, to the right (rad)."""
     tu, tv = _downhill(state, gu, gv)
-    hu = state.du * path.cell_size
-    hv = state.dv * path.cell_size
+    hu = state.du * cell_size
+    hv = state.dv * cell_size
     return math.atan2(hu * tv - hv * tu, hu * tu + hv * tv)
 
 
 @inlined
 def after_ground(
     state: Record,
-    path: Path,
     physics: Physics,
-    gu: float,
-    gv: float,
+    steep2: float,
+    descent: float,
     x: float,
     level: float,
     level_after: float,
@@ -468,18 +471,16 @@ def after_ground(
 
     Parameters
     ----------
-    gu, gv : float
-        Slope of the terrain at its start (m per m).
+    steep2, descent : float
+        At its start, as before_ground returns them.
     x : float
         Chainage of its start (m).
     level, level_after : float
         Horizontal speed at its start and end (m/s).
     """
-    steep2 = gu * gu + gv * gv
     if steep2 > 1e-12:
         kappa = _bending(physics.gravity, steep2, 0.5 * (level * level + level_after * level_after))
-        angle = _angle_to(state, path, gu, gv) - state.turn
-        state.turn += _bent(angle, kappa * (state.x - x))
+        state.turn += _bent(descent - state.turn, kappa * (state.x - x))
 
 
 @inlined

@@ -195,17 +195,13 @@ def land(
         omega = state.omega
         wt = state.vx * ux + state.vz * uz
         wn = state.vx * nx + state.vz * nz
-        least = 2.0 * g * nz * physics.smallest_hop * block.radius
-        if _leaves(physics, as_circle, wn, wn + lever * omega, low, least):
+        if _leaves(physics, as_circle, wn, wn + lever * omega, low):
             if as_circle:
                 _leave_as_ellipse(state, block)
             state.phase = FLIGHT
             return
         force = normal_force(lever, support, curvature, block.inertia, omega, nz, -uz, g)
-        if wn > 0.0 and wn * wn < least:
-            # The hop is carried along the ground; where it ends its rise is lost.
-            wn = 0.0
-        elif force < 0.0 and curvature * omega * omega < -g * nz:
+        if force < 0.0 and curvature * omega * omega < -g * nz:
             state.clear_from = FIRST_TURN / abs(omega)
             state.phase = FLIGHT
             return
@@ -215,17 +211,14 @@ def land(
 
 
 @inlined
-def _leaves(
-    physics: Physics, as_circle: bool, wn: float, contact: float, low: float, least: float
-) -> bool:
+def _leaves(physics: Physics, as_circle: bool, wn: float, contact: float, low: float) -> bool:
     """Whether an impact that leaves some normal speeds of centre and contact is one into flight.
 
-    ``low`` and ``least`` are squares of the speeds below which a rebound of the contact alone, and
-    a hop of the centre, do not count.
+    ``low`` is the square of the speed below which a rebound of the contact alone does not count.
     """
     if physics.eta_rule == RESTITUTION and contact > 1e-12 and contact * contact >= low:
         return True
-    return wn > 1e-12 and not as_circle and wn * wn >= least
+    return wn > 1e-12 and not as_circle
 
 
 @lean

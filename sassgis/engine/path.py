@@ -162,6 +162,7 @@ def add_vertex(site: Site, x: float, z: float) -> None:
     here.length = math.sqrt(dx * dx + dz * dz)
     here.tx = dx / here.length
     here.tz = dz / here.length
+    here.angle = math.nan
     after = profile[n + 1]
     after.x = x
     after.z = z
@@ -210,7 +211,7 @@ class Interval(NamedTuple):
 
     end: float  # chainage (m)
     z: float  # height of the terrain at its end (m)
-    ground: int
+    ground: int | np.int64
     cells: int  # how many it crosses, 1 to 3; 0 where the terrain is not known
     cell: int  # flat indices of them
     second: int
@@ -286,6 +287,22 @@ def _passed(line: float, at: float, x: float, rate: float) -> float:
     return line
 
 
+@fused
+def _met_next(state: Record, line_u: float, line_v: float) -> tuple[float, float, float, float]:
+    """The next lines of a kind that are not just met, and the chainages at which they are (m)."""
+    while True:
+        to_u = to_v = np.inf
+        if state.du != 0.0:
+            to_u = state.from_x + (line_u - state.from_u) / state.du
+        if state.dv != 0.0:
+            to_v = state.from_x + (line_v - state.from_v) / state.dv
+        first = min(to_u, to_v)
+        if first - state.sampled > SHORTEST_STRETCH:
+            return line_u, line_v, to_u, to_v
+        line_u = _passed(line_u, to_u, first, state.du)
+        line_v = _passed(line_v, to_v, first, state.dv)
+
+
 @lean
 def _next_interval(state: Record, path: Path, lines: _Lines) -> tuple[Interval, _Lines]:
     """The interval that follows the last sample, and the lines ahead of its end.
@@ -300,24 +317,10 @@ def _next_interval(state: Record, path: Path, lines: _Lines) -> tuple[Interval, 
     centre_u, centre_v, border_u, border_v = lines
     du = state.du
     dv = state.dv
-    per_u = 1.0 / du if du != 0.0 else np.inf
-    per_v = 1.0 / dv if dv != 0.0 else np.inf
-    while True:
-        to_u = state.from_x + (centre_u - state.from_u) * per_u if du != 0.0 else np.inf
-        to_v = state.from_x + (centre_v - state.from_v) * per_v if dv != 0.0 else np.inf
-        end = min(to_u, to_v)
-        if end - x > SHORTEST_STRETCH:
-            break
-        centre_u = _passed(centre_u, to_u, end, du)
-        centre_v = _passed(centre_v, to_v, end, dv)
-    while True:
-        over_u = state.from_x + (border_u - state.from_u) * per_u if du != 0.0 else np.inf
-        over_v = state.from_x + (border_v - state.from_v) * per_v if dv != 0.0 else np.inf
-        border = min(over_u, over_v)
-        if border - x > SHORTEST_STRETCH:
-            break
-        border_u = _passed(border_u, over_u, border, du)
-        border_v = _passed(border_v, over_v, border, dv)
+    centre_u, centre_v, to_u, to_v = _met_next(state, centre_u, centre_v)
+    border_u, border_v, over_u, over_v = _met_next(state, border_u, border_v)
+    end = min(to_u, to_v)
+    border = min(over_u, over_v)
     later = max(over_u, over_v)
     # The cell and the four centres between two lines each, of which those ahead are known.
     behind_u = 1 if du > 0.0 else 0

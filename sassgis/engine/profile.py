@@ -51,6 +51,7 @@ def profile_of(s: FloatArray, z: FloatArray, ground: NDArray[np.int32]) -> Recor
         row.length = length
         row.tx = dx / length
         row.tz = dz / length
+        row.angle = math.nan
         row.ground = ground[i]
     return rows
 
@@ -162,11 +163,13 @@ def segment_at(profile: Records, x: float, near: int) -> int:
 
 
 @inlined
-def slope_angle(profile: Records, j: int) -> float:
+def angle_of(profile: Records, j: int) -> float:
     """Angle of segment j to the horizontal, positive if it rises (rad)."""
     here = profile[j]
-    after = profile[j + 1]
-    return math.atan2(after.z - here.z, after.x - here.x)
+    if math.isnan(here.angle):
+        after = profile[j + 1]
+        here.angle = math.atan2(after.z - here.z, after.x - here.x)
+    return float(here.angle)
 
 
 @lean

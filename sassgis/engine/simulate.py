@@ -225,7 +225,6 @@ def physics_of(settings: EngineSettings) -> Physics:
         tipping=bool(settings.tipping),
         corner_as_circle=settings.corner == "circle",
         end_sliding=bool(settings.end_sliding),
-        smallest_hop=float(settings.smallest_hop or 0.0),
         tolerance=float(settings.contact_tolerance_m),
         max_events=int(settings.max_events),
     )

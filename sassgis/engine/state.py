@@ -34,6 +34,7 @@ VERTEX_DTYPE = record_type(
     ("tx", _F),  # unit tangent of the segment
     ("tz", _F),
     ("length", _F),  # of the segment (m)
+    ("angle", _F),  # of the segment (rad); NaN where it has not been asked for yet
     ("ground", _I),  # position in the ground table
     ("last", _I),  # of the first row: position of the last vertex
 )
@@ -190,7 +191,6 @@ class Physics(NamedTuple):
     tipping: bool
     corner_as_circle: bool
     end_sliding: bool
-    smallest_hop: float  # rise, as a share of the radius of a block
     tolerance: float
     max_events: int
 

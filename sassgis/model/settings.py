@@ -382,11 +382,11 @@ class BarrierSettings(StationSettings):
 _READINGS: Mapping[str, Mapping[str, Any]] = {
     "1986": {
         "eta_max_rule": "scale", "rolling": "round", "rolling_threshold": 0.1, "tipping": False,
-        "corner": "ellipse", "smallest_hop": 0.0,
+        "corner": "ellipse",
     },
     "hazard": {
         "eta_max_rule": "restitution", "rolling": "ellipse", "rolling_threshold": None,
-        "tipping": True, "corner": "circle", "smallest_hop": 0.25,
+        "tipping": True, "corner": "circle",
     },
 }  # fmt: skip
 
@@ -449,13 +449,6 @@ class EngineSettings(Section):
         'has, "circle" of its mean radius, as which it rolls: it then loses once per corner '
         '(default: "circle"; "1986": "ellipse")',
         Example("circle"),
-    ] = None
-    smallest_hop: Annotated[
-        float | None,
-        Interval(ge=0.0, le=1.0),
-        "a hop that rises by less than this share of the block's radius is carried along the "
-        'ground: it ends as it would, but makes no flight of its own (default: 0.25; "1986": 0)',
-        Example(0.25),
     ] = None
     end_sliding: Annotated[
         bool, "whether a block too slow to turn over its longer axis ends by sliding"
