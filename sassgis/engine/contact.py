@@ -68,13 +68,26 @@ def _core_contact(
     """
     ball = Flying(flying.x, flying.z, flying.vx, flying.vz, 0.0, 0.0, core, core, flying.gravity)
     here = profile[j]
-    best, _ = contact_with_segment(ball, start, end, tolerance, here, length)
+    best = np.inf
+    along = (flying.x - here.x) * here.tx + (flying.z - here.z) * here.tz
+    rate = flying.vx * here.tx + flying.vz * here.tz
+    first = along + rate * start
+    last = along + rate * end
+    # Moved along the ground it may stay beside a segment all the way.
+    beside = max(first, last) < -2.0 * tolerance or min(first, last) > length + 2.0 * tolerance
+    if flying.gravity != 0.0 or not beside:
+        best, _ = contact_with_segment(ball, start, end, tolerance, here, length)
     nx = -here.tz
     nz = here.tx
     met = -1
     for k in range(max(j, 1), min(j + 1, last_of(profile) - 1) + 1):
         if not is_convex(profile, k):
             continue
+        if flying.gravity == 0.0:
+            # Moved along the ground, by a unit vector: it passes what lies beside its way.
+            aside = (profile[k].x - flying.x) * flying.vz - (profile[k].z - flying.z) * flying.vx
+            if abs(aside) > core + 1.5 * tolerance:
+                continue
         t, vertex_nx, vertex_nz = contact_with_vertex(
             ball, start, min(end, best), tolerance, profile[k - 1], profile[k]
         )
@@ -171,10 +184,6 @@ def next_contact(
         here = profile[j]
         # Of what the block has just left, only its core can be stopped.
         left = skip_to >= 0 and (j <= skip_to if step > 0 else j >= skip_to)
-        if left and flying.gravity == 0.0:
-            # One that is moved along the ground comes no nearer to what it has left.
-            j += step
-            continue
         first = start
         last = best.t + same
         if still:

@@ -145,8 +145,8 @@ def _look_ahead(
         is_round = block.a - block.b < 1e-12 * block.a
         length, ends_by, lift = rolling_stretch(
             block, state.theta - angle_of(profile, state.segment), direction, v, pull,
-            physics.gravity, ux, -uz * direction, length, ends_by, physics.as_ellipse and not is_round,
-            physics.end_sliding and not is_round
+            physics.gravity, ux, -uz * direction, length, ends_by,
+            physics.as_ellipse and not is_round, physics.end_sliding and not is_round
         )  # fmt: skip
     # Ground ahead: the block is moved in a straight line until it touches.
     # A next segment that does not rise can only be met at the end of this one.
