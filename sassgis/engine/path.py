@@ -206,7 +206,7 @@ def _full(site: Site) -> bool:
     )
 
 
-class Interval(NamedTuple):
+class Patch(NamedTuple):
     """A piece of the path under which the terrain has no kink, and the cells that it crosses."""
 
     end: float  # chainage (m)
@@ -304,7 +304,7 @@ def _met_next(state: Record, line_u: float, line_v: float) -> tuple[float, float
 
 
 @lean
-def _next_interval(state: Record, path: Path, lines: _Lines) -> tuple[Interval, _Lines]:
+def _next_interval(state: Record, path: Path, lines: _Lines) -> tuple[Patch, _Lines]:
     """The interval that follows the last sample, and the lines ahead of its end.
 
     Between the centres of four cells the terrain is bilinear: along the path a parabola, which an
@@ -330,7 +330,7 @@ def _next_interval(state: Record, path: Path, lines: _Lines) -> tuple[Interval, 
     row = int(border_v) - behind_v
     col = int(border_u) - behind_u
     if not (0 <= row < n_rows and 0 <= col < n_cols) or math.isnan(heights[row, col]):
-        return Interval(x, 0.0, 0, 0, -1, -1, -1, x, x), lines
+        return Patch(x, 0.0, 0, 0, -1, -1, -1, x, x), lines
     cell = row * n_cols + col
     ground = np.int64(path.ground[row, col])
     up = int(centre_v - 0.5) - behind_v
@@ -368,7 +368,7 @@ def _next_interval(state: Record, path: Path, lines: _Lines) -> tuple[Interval, 
         _passed(centre_u, to_u, end, du), _passed(centre_v, to_v, end, dv),
         _passed(border_u, over_u, end, du), _passed(border_v, over_v, end, dv)
     )  # fmt: skip
-    return Interval(end, z, ground, cells, cell, second, third, border, later), following
+    return Patch(end, z, ground, cells, cell, second, third, border, later), following
 
 
 @inlined
@@ -398,7 +398,7 @@ def _open_cone(state: Record) -> None:
 
 @fused
 def _add_stretches(
-    state: Record, site: Site, path: Path, after: Interval, segment: int, end: float
+    state: Record, site: Site, path: Path, after: Patch, segment: int, end: float
 ) -> None:
     """Let the stretches go on over an interval, to its end or to where it is cut (m)."""
     first = end if after.cells == 1 else min(after.border, end)
@@ -414,7 +414,7 @@ def _add_stretches(
 
 @fused
 def _along_plane(
-    state: Record, site: Site, path: Path, after: Interval, limit: float, least: float
+    state: Record, site: Site, path: Path, after: Patch, limit: float, least: float
 ) -> None:
     """Go on to the next sample on the plane, or end it where the terrain has left it.
 
@@ -453,7 +453,7 @@ def _along_plane(
 
 
 @fused
-def _along_cone(state: Record, site: Site, path: Path, after: Interval, limit: float) -> None:
+def _along_cone(state: Record, site: Site, path: Path, after: Patch, limit: float) -> None:
     """Go on to the next sample on the open segment, or on a new one."""
     profile = site.profile
     n = last_of(profile)
