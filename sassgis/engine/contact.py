@@ -14,7 +14,7 @@ import numpy as np
 
 from sassgis.engine.angles import cos_sin
 from sassgis.engine.profile import segment_at
-from sassgis.engine.rows import Records, last_of
+from sassgis.engine.rows import Record, Records, last_of
 from sassgis.engine.touching import Flying, contact_with_segment, contact_with_vertex
 from sassgis.model.jit import fused, inlined, lean
 
@@ -51,6 +51,20 @@ def is_convex(profile: Records, k: int) -> bool:
     return bool(behind.tx * here.tz - behind.tz * here.tx < -1e-12)
 
 
+@inlined
+def _stays_beside(
+    flying: Flying, here: Record, length: float, start: float, end: float, tolerance: float
+) -> bool:
+    """Whether a block that is moved along the ground is before or past a segment all the time."""
+    if flying.gravity != 0.0:
+        return False
+    along = (flying.x - here.x) * here.tx + (flying.z - here.z) * here.tz
+    rate = flying.vx * here.tx + flying.vz * here.tz
+    first = along + rate * start
+    last = along + rate * end
+    return bool(max(first, last) < -2.0 * tolerance or min(first, last) > length + 2.0 * tolerance)
+
+
 @lean
 def _core_contact(
     flying: Flying,
@@ -69,13 +83,7 @@ def _core_contact(
     ball = Flying(flying.x, flying.z, flying.vx, flying.vz, 0.0, 0.0, core, core, flying.gravity)
     here = profile[j]
     best = np.inf
-    along = (flying.x - here.x) * here.tx + (flying.z - here.z) * here.tz
-    rate = flying.vx * here.tx + flying.vz * here.tz
-    first = along + rate * start
-    last = along + rate * end
-    # Moved along the ground it may stay beside a segment all the way.
-    beside = max(first, last) < -2.0 * tolerance or min(first, last) > length + 2.0 * tolerance
-    if flying.gravity != 0.0 or not beside:
+    if not _stays_beside(flying, here, length, start, end, tolerance):
         best, _ = contact_with_segment(ball, start, end, tolerance, here, length)
     nx = -here.tz
     nz = here.tx

@@ -401,7 +401,7 @@ def before_ground(
     gu, gv, _ = gradient(path, u, v, block.radius)
     steep2 = gu * gu + gv * gv
     step = max(path.cell_size, 2.0 * block.radius)
-    descent = _angle_to(state, gu, gv, path.cell_size) if steep2 > 1e-12 else 0.0
+    descent = _angle_to(state, gu, gv, path.cell_size)
     angle = state.turn
     if state.speed <= 0.0:
         # What starts from rest starts down the descent.
@@ -418,14 +418,14 @@ def before_ground(
     if abs(angle) > _TURN or state.direction < 0 or state.speed <= 0.0:
         state.turn -= angle
         turn_heading(state, block, site, path, physics.gravity, angle, gu, gv)
-        descent = _angle_to(state, gu, gv, path.cell_size) if steep2 > 1e-12 else 0.0
+        descent = _angle_to(state, gu, gv, path.cell_size)
         if state.phase == FLIGHT:
             return steep2, descent
     if state.speed <= 0.0 and site.profile[state.segment].tz > 0.0:
         # In a dip the ground under it rises that way: it would start backwards.
         state.direction = -1
         turn_heading(state, block, site, path, physics.gravity, 0.0, gu, gv)
-        descent = _angle_to(state, gu, gv, path.cell_size) if steep2 > 1e-12 else 0.0
+        descent = _angle_to(state, gu, gv, path.cell_size)
     state.reach = state.x + step
     needed = state.reach + 2.0 * block.a
     if state.open and state.sampled < needed:
@@ -450,7 +450,9 @@ def _bent(angle: float, kappa_s: float) -> float:
 
 @inlined
 def _angle_to(state: Record, gu: float, gv: float, cell_size: float) -> float:
-    """Angle from the heading to the descent as the block sees it, to the right (rad)."""
+    """Angle from heading to descent as the block sees it, to the right; 0 on level ground (rad)."""
+    if gu * gu + gv * gv <= 1e-12:
+        return 0.0
     tu, tv = _downhill(state, gu, gv)
     hu = state.du * cell_size
     hv = state.dv * cell_size

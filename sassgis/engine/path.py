@@ -240,7 +240,7 @@ def look_ahead(
     aloft = state.phase == FLIGHT and state.vx > 1e-6
     lines = _lines_ahead(state)
     while state.open and (state.sampled < to_x or aloft) and not _full(site):
-        after, lines = _next_interval(state, path, lines)
+        after, lines = _next_patch(state, path, lines)
         if after.cells == 0:
             state.open = False
             break
@@ -304,11 +304,11 @@ def _met_next(state: Record, line_u: float, line_v: float) -> tuple[float, float
 
 
 @lean
-def _next_interval(state: Record, path: Path, lines: _Lines) -> tuple[Patch, _Lines]:
-    """The interval that follows the last sample, and the lines ahead of its end.
+def _next_patch(state: Record, path: Path, lines: _Lines) -> tuple[Patch, _Lines]:
+    """The patch that follows the last sample, and the lines ahead of its end.
 
-    Between the centres of four cells the terrain is bilinear: along the path a parabola, which an
-    interval takes for a straight line. It ends where it leaves the four cells; where the parabola
+    Between the centres of four cells the terrain is bilinear: along the path a parabola, which is
+    taken for a straight line. The patch ends where it leaves the four cells; where the parabola
     bends by too much, the kind of ground changes, or not all four have a height, at each border.
     """
     heights = path.heights
@@ -400,7 +400,7 @@ def _open_cone(state: Record) -> None:
 def _add_stretches(
     state: Record, site: Site, path: Path, after: Patch, segment: int, end: float
 ) -> None:
-    """Let the stretches go on over an interval, to its end or to where it is cut (m)."""
+    """Let the stretches go on over a patch, to its end or to where it is cut (m)."""
     first = end if after.cells == 1 else min(after.border, end)
     if first > state.sampled:
         _add_stretch(state, site, path, after.cell, segment, first)
