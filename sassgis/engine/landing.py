@@ -131,10 +131,11 @@ def _rebound(
     log_event(output.log, state, mz, -mx)
     vx = state.vx
     vz = state.vz
-    resistance = _resistance(block, ground)
+    # As a circle it goes on rolling: rounding the corner costs what rolling costs.
+    ploughing = _resistance(block, ground) if as_circle else 1.0 - ground.eta_max
     wt, wn, omega = impact(
         px, py, block.inertia, vx * mz - vz * mx, vx * mx + vz * mz, state.omega, ground.eta_max,
-        rule, friction, ground.restitution, ground.restitution_speed_mps, resistance
+        rule, friction, ground.restitution, ground.restitution_speed_mps, ploughing
     )  # fmt: skip
     wt, wn, omega = hooks.after_impact(
         effects, state, block, ground, -(vx * mx + vz * mz), wt, wn, omega

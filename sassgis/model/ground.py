@@ -37,7 +37,8 @@ class GroundClass:
     Attributes
     ----------
     eta_max : float
-        Largest share of the kinetic energy kept in an impact, 0 to 1 (equation 7).
+        Readings "1986": largest share of the kinetic energy kept in an impact, 0 to 1 (equation 7).
+        Else 1 − η_max is the impulse against the way over the normal impulse: impact.held_back.
     dp_min, dp_max : float
         Limits of the relative slope variation Δp/p met at an impact (Table 1).
     mu_f : float

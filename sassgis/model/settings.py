@@ -413,8 +413,8 @@ class EngineSettings(Section):
         '"scale": no velocity is left at the contact, and what keeps more energy than η_max is '
         'scaled down to it. "coulomb": the contact slips where friction μ_f cannot hold it; then '
         'as "scale". "restitution": the contact rebounds with the coefficient of the ground class '
-        "and slips as μ_f says; what is taken beyond that is at most 1 − η_max, and no more than "
-        'rolling takes (default: "restitution"; "1986": "scale")',
+        "and slips as μ_f says; besides, the ground gives the impulse (1 − η_max) × normal impulse "
+        'against its way (default: "restitution"; "1986": "scale")',
         Example("restitution"),
     ] = None
     slope_variation: Annotated[

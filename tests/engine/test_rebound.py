@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from sassgis.engine.ellipse import contact_frame, inertia
 from sassgis.engine.impact import (
     RESTITUTION,
-    charged,
     impact,
     rebound_at_contact,
     restitution_at,
@@ -142,25 +141,33 @@ def test_restitution_falls_with_speed():
 
 
 @pytest.mark.parametrize("e", [0.0, 0.5])
-def test_a_small_hop_costs_what_rolling_costs(e):
-    # A sphere that rolls at v and meets the ground at v_n: E lost = μ_r (1 + I/r²) (1 + e) v_n v.
-    r, v, vn, mu_r = 0.5, 10.0, 1e-4, 0.6
-    i = inertia(r, r)
-    share = 1.4
-    after = impact(0.0, r, i, v, -vn, v / r, 0.0, RESTITUTION, 0.8, e, 1e9, mu_r * share)
-    lost = 0.5 * (energy((0.0, r, i), (v, -vn, v / r)) - energy((0.0, r, i), after))
-    assert lost == pytest.approx(mu_r * share * (1.0 + e) * vn * v, rel=1e-3)
-    # A steep impact is charged 1 − η_max at most.
-    steep = impact(0.0, r, i, 8.0, -8.0, 8.0 / r, 0.7, RESTITUTION, 0.8, 1.0, 1e9, mu_r * share)
-    body = (0.0, r, i)
-    assert energy(body, steep) == pytest.approx(0.7 * energy(body, (8.0, -8.0, 8.0 / r)))
+@pytest.mark.parametrize("degrees", [5.0, 30.0, 60.0, 85.0])
+def test_a_rolling_sphere_is_held_back_by_angle(e, degrees):
+    # v_x'/v_x = 1 − p (1 + e) tan α, at least 0; rebound and spin are those without it.
+    r, v, p = 0.5, 10.0, 0.3
+    vn = v * math.tan(math.radians(degrees))
+    body = (0.0, r, inertia(r, r), v, -vn, v / r)
+    wx, wy, spin = impact(*body, 0.0, RESTITUTION, 0.8, e, 1e9, p)
+    assert wx / v == pytest.approx(max(1.0 - p * (1.0 + e) * vn / v, 0.0), abs=1e-12)
+    assert (wy, spin) == (pytest.approx(e * vn), v / r)
 
 
-def test_no_cap_leaves_the_contact_law_alone():
+@given(m=meetings(), e=st.floats(0.0, 1.0), p=st.floats(0.0, 2.0))
+@QUICK
+def test_held_back_takes_energy_and_turns_nothing_round(m, e, p):
+    body, v = m
+    free = rebound_at_contact(*body, *v, 0.8, e)
+    held = impact(*body, *v, 0.0, RESTITUTION, 0.8, e, 1e9, p)
+    if v[1] + body[0] * v[2] < 0.0:
+        assert held[1:] == pytest.approx(free[1:], rel=1e-6)
+    assert energy(body, held) <= energy(body, v) * (1.0 + 1e-9)
+    assert held[0] * free[0] >= 0.0 or v[1] + body[0] * v[2] >= 0.0
+
+
+def test_nothing_held_back_leaves_the_contact_law_alone():
     body, v = (0.12, 0.43, 0.08), (9.0, -5.0, 12.0)
     alone = rebound_at_contact(*body, *v, 0.8, 0.3)
-    assert impact(*body, *v, 1.0, RESTITUTION, 0.8, 0.3, 1e9, 5.0) == pytest.approx(alone, rel=1e-6)
-    assert charged(0.0, 9.0, 5.0, 100.0) == 0.0
+    assert impact(*body, *v, 0.2, RESTITUTION, 0.8, 0.3, 1e9) == pytest.approx(alone, rel=1e-6)
 
 
 def test_a_flank_that_recedes_lets_the_core_be_met():

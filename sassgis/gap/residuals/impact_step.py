@@ -11,7 +11,6 @@ from sassgis.engine.draws import block_of
 from sassgis.engine.effects import hooks
 from sassgis.engine.ellipse import frame_of
 from sassgis.engine.impact import impact
-from sassgis.engine.rolling import rolling_friction
 from sassgis.engine.rows import Records
 from sassgis.engine.state import Physics
 from sassgis.model.grid import FloatArray, IntArray
@@ -126,13 +125,11 @@ def impact_draws(
             )
             turn = theta - dip + math.atan2(mx, mz)
             x, y, _ = frame_of(a, b, math.sin(turn), math.cos(turn))
-            resistance = block.roll_share * rolling_friction(
-                ground.mu_0, ground.k, ground.d_star_m, block.radius
-            )
             into = state.vx * mx + state.vz * mz
             wt, wn, spin = impact(
                 x, y, block.inertia, state.vx * mz - state.vz * mx, into, omega, ground.eta_max,
-                rule, friction, ground.restitution, ground.restitution_speed_mps, resistance,
+                rule, friction, ground.restitution, ground.restitution_speed_mps,
+                1.0 - ground.eta_max,
             )  # fmt: skip
             wt, wn, spin = hooks.after_impact(effects, state, block, ground, -into, wt, wn, spin)
             vx, vz = wt * mz + wn * mx, wn * mz - wt * mx

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from sassgis.gap.check.worlds.law import GRAVITY, kinetic, lever, rolling_friction, rolling_radius
+from sassgis.gap.check.worlds.law import GRAVITY, lever, rolling_friction, rolling_radius
 from sassgis.model.grid import FloatArray
 from sassgis.model.jit import kernel
 
@@ -58,14 +58,13 @@ def contact(
     bare : bool
         Whether the rock is met as the circle as which it rolls.
     """
-    eta_max = law[ETA_MAX] * shrunk
     inertia = (a * a + b * b) / 5.0
     x, y = lever(a, b, theta)
     if bare:
         x, y = 0.0, rolling_radius(a, b)
     if kind == LUMPED:
         normal = law[E] / (1.0 + (vy / law[E_SPEED]) ** 2)
-        along = vx * eta_max
+        along = vx * law[ETA_MAX] * shrunk
         return along, -normal * vy, along / rolling_radius(a, b)
     if kind == PENALTY and not bare:
         return _spring(a, b, theta, inertia, vx, vy, spin, law[MU_F], law[E])
@@ -78,13 +77,11 @@ def contact(
         e /= 1.0 + (approach / law[E_SPEED]) ** 2
     wx, wy, after = compressed(x, y, inertia, vx, vy, spin, law[MU_F], e)
     if kind == OWN:
-        before = kinetic(inertia, vx, vy, spin)
-        taken = rolling_charge(a, b, c, law) * abs(wy - vy) * abs(vx)
-        most = max(eta_max * before, (before - taken) * shrunk)
-        kept = kinetic(inertia, wx, wy, after)
-        if kept > most:
-            scale = math.sqrt(most / kept)
-            wx, wy, after = wx * scale, wy * scale, after * scale
+        share = rolling_charge(a, b, c, law) if bare else 1.0 - law[ETA_MAX]
+        least = share * abs(wy - vy)
+        wx = 0.0 if abs(wx) < least else wx - math.copysign(least, wx)
+        scale = math.sqrt(shrunk)
+        wx, wy, after = wx * scale, wy * scale, after * scale
     return wx, wy, after
 
 
