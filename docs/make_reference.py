@@ -41,7 +41,7 @@ needs `[profile]` (or `--csv`, `--point`) and one `[[blocks]]`. Everything else 
 
 Paths, numbers of cores and output settings do not change the simulated blocks. The sections
 terrain, release, ground, blocks, stations, barriers, effects, engine and run (except
-`jobs`) may.
+`jobs` and `ground_uncertainty`) may.
 """
 
 _INTRO = {
