@@ -8,7 +8,7 @@ import pandas as pd
 
 from sassgis.hazard.ground_spread import SpreadBand
 from sassgis.hazard.sensitivity import Names, RangeEffect, Variant, VariantFinding, measures
-from sassgis.model.ground_ranges import ParameterRange
+from sassgis.model.ground_ranges import ParameterRange, RangeRule
 from sassgis.model.labels import rounded
 
 
@@ -80,3 +80,20 @@ def simulation_table(
             row[measure if unit == "1" else f"{measure} ({unit})"] = rounded(value, 5)
         rows.append(row)
     return pd.DataFrame(rows)
+
+
+def rule_table(rules: Sequence[RangeRule]) -> pd.DataFrame:
+    """Ranges as ``--ranges`` and ``[ground] ranges`` take them."""
+    return pd.DataFrame(
+        {
+            "class": [r.class_name for r in rules],
+            "parameter": [r.parameter for r in rules],
+            "kind": [r.kind for r in rules],
+            "low": [rounded(r.low, 6) for r in rules],
+            "high": [rounded(r.high, 6) for r in rules],
+            "source": [r.source for r in rules],
+            "verified": [r.verified for r in rules],
+            "sites": [r.sites for r in rules],
+            "rocks": [r.rocks for r in rules],
+        }
+    )
