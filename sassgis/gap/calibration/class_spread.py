@@ -9,14 +9,13 @@ sites alone hardly tell it (Gelman 2006; Röver 2020).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from sassgis.gap.calibration.calibrator import Calibrated
 from sassgis.gap.calibration.class_calibration import CalibrationTask
 from sassgis.gap.calibration.parameters import classes_met
-from sassgis.gap.calibration.search import posterior_of
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray
 from sassgis.model.ground import LIMITS
@@ -26,6 +25,10 @@ from sassgis.model.ground_ranges import ParameterRange, RangeRule
 #: prior scales.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(100)
 _END = 6.0
+#: Samples of the rocks of a site, and from how many points the best for each is looked for.
+_BOOTSTRAP, _BEGINNINGS = 60, 3
+#: Least error, as a share of the range: a value that is always at a limit is not known exactly.
+_LEAST_ERROR = 0.02
 #: Half of the middle 90 % of a normal distribution, in standard deviations.
 _MIDDLE = 1.645
 
@@ -139,21 +142,26 @@ def class_spread(
 
 
 def site_values(task: CalibrationTask, found: Calibrated) -> tuple[SiteValue, ...]:
-    """Values that the scores of each site alone leave, with next to no prior."""
+    """Values that the scores of each site alone leave, and how they scatter with other rocks.
+
+    Rocks are drawn anew, and so is the noise of the simulated campaigns. The search for the least
+    score begins anywhere, so that what the rocks do not tell scatters over its range.
+    """
     surface, out = found.surface, []
     for k, site in enumerate(task.sites):
-        columns = surface.columns[k]
-        alone = replace(surface, columns=(columns,), emulators=(surface.emulators[k],))
-        shares = posterior_of(alone, found.points, task.seed + k).of_scores
+        rng = np.random.default_rng([task.seed, 11, k])
+        columns, n, d = surface.columns[k], surface.sizes[k], len(task.parameters)
+        best = np.empty((_BOOTSTRAP, d))
+        for i in range(_BOOTSTRAP):
+            drawn = rng.multinomial(n, np.full(n, 1.0 / n)).astype(float)
+            weights = [drawn if j == k else np.zeros(m) for j, m in enumerate(surface.sizes)]
+            best[i], _ = surface.weighted(weights, rng).minimum(rng.random((_BEGINNINGS, d)))
         met = classes_met(site.case)
         for j in columns.tolist():
             p = task.parameters[j]
             if p.class_name in met:
-                values = p.value(shares[:, j])
-                out.append(
-                    SiteValue(
-                        site.name, p.class_name, p.name, float(values.mean()), float(values.std()),
-                        site.n_rocks,
-                    )
-                )  # fmt: skip
+                values = p.value(best[:, j])
+                error = max(float(values.std()), _LEAST_ERROR * (p.limits.high - p.limits.low))
+                value = float(values.mean())
+                out.append(SiteValue(site.name, p.class_name, p.name, value, error, site.n_rocks))
     return tuple(out)

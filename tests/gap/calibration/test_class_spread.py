@@ -3,11 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from sassgis.gap.calibration.class_spread import SiteValue, between_sites, class_spread
+from sassgis.gap.calibration import class_spread as module
+from sassgis.gap.calibration.class_spread import (
+    SiteValue,
+    between_sites,
+    class_spread,
+    site_values,
+)
+from sassgis.gap.calibration.parameters import RANGES, ClassParameter
 from sassgis.io.read.ground_map import built_in_table
 from sassgis.io.read.range_table import read_ranges
 from sassgis.io.write.frames import write_table
@@ -88,3 +97,42 @@ def test_the_table_is_read_again_and_goes_before_what_was_assumed(tmp_path: Path
     told = between_sites(np.array([0.97, 0.95]), np.array([0.02, 0.02]), before[0].sd)
     assert rule.low == pytest.approx(told.mean - 1.645 * told.predictive_sd)
     assert "A, B: mean 0.96" in read.source
+
+
+class Bowls:
+    """Squared distances of the first parameter from the centres of the rocks of each site."""
+
+    def __init__(self, *centres: np.ndarray) -> None:
+        self.centres, self.sizes = centres, [c.size for c in centres]
+        self.columns = [np.array([0, 1])] * len(centres)
+
+    def weighted(self, weights: list[np.ndarray], _rng: object) -> Any:
+        total = sum(w.sum() for w in weights)
+        best = sum(float(w @ c) for w, c in zip(weights, self.centres, strict=True)) / total
+        # Of the second parameter the scores say nothing: the search ends where it begins.
+        return SimpleNamespace(minimum=lambda own: (np.array([best, own[0, 1]]), 0.0))
+
+
+def test_the_error_of_a_site_is_that_of_the_mean_of_its_rocks(monkeypatch) -> None:
+    rng = np.random.default_rng(1)
+    centres = rng.normal(0.3, 0.1, 40), rng.normal(0.7, 0.2, 10)
+    ranges = RANGES["mu_0"]
+    parameters = (
+        ClassParameter("a", "mu_0", ranges, 0.4), ClassParameter("b", "mu_0", ranges, 0.4),
+    )  # fmt: skip
+    sites = tuple(
+        SimpleNamespace(name=n, n_rocks=c.size, case=n) for n, c in zip("AB", centres, strict=True)
+    )
+    monkeypatch.setattr(module, "classes_met", lambda name: ("a", "b") if name == "A" else ("a",))
+    task: Any = SimpleNamespace(sites=sites, parameters=parameters, seed=3)
+    found: Any = SimpleNamespace(surface=Bowls(*centres))
+    values = {(v.site, v.class_name): v for v in site_values(task, found)}
+    assert set(values) == {("A", "a"), ("A", "b"), ("B", "a")}
+    width = ranges.high - ranges.low
+    for name, own in zip("AB", centres, strict=True):
+        error = width * max(own.std() / np.sqrt(own.size), 0.02)
+        told = values[name, "a"]
+        assert told.value == pytest.approx(ranges.low + width * own.mean(), abs=error)
+        assert told.error == pytest.approx(error, rel=0.3) and told.rocks == own.size
+    # What is not told scatters over its range, as a uniform distribution does.
+    assert values["A", "b"].error == pytest.approx(width / np.sqrt(12.0), rel=0.25)
