@@ -26,6 +26,7 @@ from sassgis.hazard.response import RunOutcome, outcome_of, response
 from sassgis.hazard.sources import sampled_sources
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.ground_ranges import ParameterRange
+from sassgis.model.languages import phrase
 from sassgis.model.map_run import MapRun, ObjectCells
 from sassgis.model.statistics_table import Bins
 
@@ -267,17 +268,18 @@ def measures(
         "energy (95 %) on the map, over the base": ("1", ratio),
     }
     for code, name in enumerate(names.levels, start=1):
-        out[f"area of level {name}"] = ("m²", int((finding.level == code).sum()) * cell_m2)
+        area = int((finding.level == code).sum()) * cell_m2
+        out[phrase("area of level {}", phrase(name))] = ("m²", area)
     for name, energy, share in zip(
         names.lines, finding.line_energy_kj, finding.line_share, strict=True
     ):
-        out[f"energy (95 %) at {name}"] = ("kJ", float(energy))
-        out[f"share of blocks that reach {name}"] = ("1", float(share))
+        out[phrase("energy (95 %) at {}", name)] = ("kJ", float(energy))
+        out[phrase("share of blocks that reach {}", name)] = ("1", float(share))
     for name, energy in zip(names.objects, finding.object_energy_kj, strict=True):
-        out[f"energy (95 %) at {name}"] = ("kJ", float(energy))
+        out[phrase("energy (95 %) at {}", name)] = ("kJ", float(energy))
     if finding.object_share.size:
         for name, share in zip(names.objects, finding.object_share, strict=True):
-            out[f"share of blocks that reach {name}"] = ("1", float(share))
+            out[phrase("share of blocks that reach {}", name)] = ("1", float(share))
     return out
 
 

@@ -12,9 +12,9 @@ from sassgis.hazard.sensitivity import FAR, MEDIAN
 from sassgis.model.languages import joined, phrase
 from sassgis.model.map_run import MapRun
 from sassgis.model.results import RasterLayer
-from sassgis.report.figures import MapMarks, map_figure
+from sassgis.report.figures import map_figure
 from sassgis.report.figures.map_marks import MapObject
-from sassgis.report.map_report import release_outlines
+from sassgis.report.map_report import map_marks
 from sassgis.report.page import ReportFigure, ReportTable, heads, sensible
 from sassgis.report.pictures import map_alt, picture
 from sassgis.report.run_summary import Lines
@@ -50,10 +50,10 @@ def spread_lines(spread: GroundSpread) -> Lines:
         known.append(phrase("none of the classes that blocks meet has a spread"))
     if spread.assumed or spread.weak:
         text = (
-            "weakly told: of {} drawn values the spread of {} is an assumption, that of {} from "
-            "fewer than 3 sites"
+            "weakly told: the spread of {} of {} drawn values is an assumption, that of {} comes "
+            "from fewer than 3 sites"
         )
-        known.append(phrase(text, len(spread.ranges), spread.assumed, spread.weak))
+        known.append(phrase(text, spread.assumed, len(spread.ranges), spread.weak))
     if spread.few_draws:
         known.append(phrase("{} draws are few: 10 or more give a band", spread.draws))
     if known:
@@ -79,7 +79,7 @@ def spread_figures(
     run: MapRun, layers: Sequence[RasterLayer], objects: Sequence[MapObject], folder: Path
 ) -> tuple[ReportFigure, ...]:
     """The maps, where they hold anything."""
-    marks = MapMarks(release_outlines(run), objects=objects)
+    marks = map_marks(run, objects)
     return tuple(
         picture(
             folder, f"map_{layer.stem}", layer.title, layer.note,

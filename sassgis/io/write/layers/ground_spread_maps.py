@@ -66,8 +66,11 @@ def spread_vectors(
     layers = []
     if preset is not None:
         codes = [level.code for level in preset.levels]
-        for key, other in (("higher", maps.level_high), ("lower", maps.level_low)):
-            pieces = _pieces(maps.cells, maps.level, other, grid)
+        for key, other, which in (
+            ("higher", maps.level_high, maps.level_high > maps.level),
+            ("lower", maps.level_low, maps.level_low < maps.level),
+        ):
+            pieces = _pieces(maps.cells[which], maps.level[which], other[which], grid)
             layer = level_changes(pieces, codes, grid.crs, f"level_changes.ground_{key}")
             layers.append(replace(layer, name=f"ground_level_{key}"))
     place = Place(maps.cells, grid.shape)
@@ -92,11 +95,9 @@ def spread_vectors(
 
 
 def _pieces(cells: IntArray, before: IntArray, after: IntArray, grid: Grid) -> gpd.GeoDataFrame:
-    """Patches of cells whose level changes, as :func:`level_changes` takes them."""
+    """Patches of cells with the same two levels, as :func:`level_changes` takes them."""
     most = int(max(before.max(initial=0), after.max(initial=0))) + 1
-    change = before != after
-    both = 1 + before[change] * most + after[change]
-    numbers = raster(grid, cells[change], both).astype(np.int32)
+    numbers = raster(grid, cells, 1 + before * most + after).astype(np.int32)
     found = [(shape, *divmod(number - 1, most)) for shape, number in cell_outlines(numbers, grid)]
     return gpd.GeoDataFrame(
         {"before": [b for _, b, _ in found], "after": [a for _, _, a in found]},
