@@ -26,7 +26,6 @@ from sassgis.runs import job as module
 from sassgis.runs.ground_draws import runout_bands
 from sassgis.runs.inputs import read_map_run
 from sassgis.runs.map import simulate_map
-from sassgis.runs.run import run
 from sassgis.runs.zone import ZoneResult, zone
 from sassgis.terrain.plan import plan
 
@@ -38,14 +37,10 @@ def config(make_valley: Callable[..., Path]) -> Config:
     return load_config(make_valley(spacing_m=30.0))
 
 
-def with_draws(config: Config, draws: int, ranges: Path | None = None) -> Config:
-    own = replace(config, run=replace(config.run, ground_uncertainty=draws))
-    return replace(own, ground=replace(own.ground, ranges=ranges))
-
-
 @pytest.fixture(scope="module")
 def zoned(config: Config, tmp_path_factory: pytest.TempPathFactory) -> ZoneResult:
-    return zone(with_draws(config, 4), tmp_path_factory.mktemp("zoned") / "out", **AREA)
+    drawn = replace(config, run=replace(config.run, ground_uncertainty=4))
+    return zone(drawn, tmp_path_factory.mktemp("zoned") / "out", **AREA)
 
 
 def digests(folder: Path) -> dict[str, str]:
@@ -113,22 +108,6 @@ def test_jobs_do_not_matter(config: Config, tmp_path: Path) -> None:
     assert not (tmp_path / "none").exists() or not any((tmp_path / "none").iterdir())
 
 
-def test_without_spread_the_bands_have_no_width(config: Config, tmp_path: Path) -> None:
-    rows = [f"{c},{p},factor,1,1" for c in ("*", "rock", "debris") for p in RANGED]
-    own = tmp_path / "none.csv"
-    own.write_text("class,parameter,kind,low,high\n" + "\n".join(rows) + "\n", encoding="utf-8")
-    result = run(with_draws(config, 3, own), tmp_path / "out", **AREA)
-    assert result.spread is not None and not result.spread.ranges
-    for band in result.spread.bands:
-        assert np.array_equal([band.low, band.high], [band.base] * 2, equal_nan=True), band.measure
-    maps = tmp_path / "out" / "maps"
-    with rasterio.open(maps / "reach_probability.tif") as base:
-        reach = base.read(1)
-    for limit in ("q10", "q90"):
-        with rasterio.open(maps / f"ground_reach_{limit}.tif") as own_map:
-            assert np.array_equal(own_map.read(1), reach, equal_nan=True)
-
-
 def test_an_interrupted_draw_goes_on_where_it_was(
     config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -156,11 +135,33 @@ def test_an_interrupted_draw_goes_on_where_it_was(
     assert simulated == [0, 0, 0, 2, 0]
 
 
-def test_command_line(call: Callable, config: Config, tmp_path: Path) -> None:
-    code, _, err = call("run", config.file, "-o", tmp_path / "o", "--ground-uncertainty", "-1")
+def test_without_spread_the_bands_have_no_width(
+    call: Callable, config: Config, tmp_path: Path
+) -> None:
+    """By the command line, with a table of ranges that the configuration names."""
+    rows = [f"{c},{p},factor,1,1" for c in ("*", "rock", "debris") for p in RANGED]
+    own = tmp_path / "none.csv"
+    own.write_text("class,parameter,kind,low,high\n" + "\n".join(rows) + "\n", encoding="utf-8")
+    text = config.file.read_text(encoding="utf-8")
+    file = config.file.with_name("no_spread.toml")
+    file.write_text(text.replace("[ground]", f'[ground]\nranges = "{own}"'), encoding="utf-8")
+    out = tmp_path / "out"
+    arguments = ("run", file, "-o", out, "--area", "Nord", "--jobs", "1", "--ground-uncertainty")
+    code, _, err = call(*arguments, "-1")
     assert code == 2 and "run.ground_uncertainty" in err.splitlines()[-1]
-    arguments = ("--area", "Nord", "--jobs", "1", "--ground-uncertainty", "2")
-    code, out, _ = call("run", config.file, "-o", tmp_path / "o", *arguments)
-    assert code == 0 and "the 90 % run-out lies between" in out and "2 draws are few" in out
-    settings = json.loads((tmp_path / "o" / "manifest.json").read_text("utf-8"))["settings"]
-    assert settings["run"]["ground_uncertainty"] == 2
+    code, said, _ = call(*arguments, "3")
+    lines = said.splitlines()
+    assert code == 0 and lines[1].startswith("With the spread of the ground classes between sites")
+    assert lines[2].startswith("None of the classes that blocks meet has a spread; 3 draws are few")
+    bands = pd.read_csv(out / "tables" / "ground_uncertainty.csv")
+    for limit in ("q10", "q90"):
+        assert np.array_equal(bands[limit], bands["base"], equal_nan=True)
+    assert {"energy (95 %) at wall Nord", "energy (95 %) at valley road"} <= set(bands["measure"])
+    with rasterio.open(out / "maps" / "reach_probability.tif") as base:
+        reach = base.read(1)
+    for limit in ("q10", "q90"):
+        with rasterio.open(out / "maps" / f"ground_reach_{limit}.tif") as own_map:
+            assert np.array_equal(own_map.read(1), reach, equal_nan=True)
+    settings = json.loads((out / "manifest.json").read_text("utf-8"))
+    assert settings["settings"]["run"]["ground_uncertainty"] == 3
+    assert "ground ranges" in {i["role"] for i in settings["inputs"]}
