@@ -19,7 +19,7 @@ from sassgis.gap.calibration.parameters import classes_met
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray
 from sassgis.model.ground import LIMITS
-from sassgis.model.ground_ranges import ParameterRange, RangeRule
+from sassgis.model.ground_ranges import ParameterRange, RangeRule, ranges_of
 
 #: Nodes and weights of the quadrature over the standard deviation between sites, and its end in
 #: prior scales.
@@ -139,6 +139,19 @@ def class_spread(
             )
         )  # fmt: skip
     return tuple(rules)
+
+
+def spread_of_sites(
+    task: CalibrationTask, found: Calibrated, rules: Sequence[RangeRule]
+) -> tuple[RangeRule, ...]:
+    """What class_spread says of the calibrated classes; ``rules`` are those from before."""
+    tables = {name: site.case.table for site in task.sites for name in site.case.table.names}
+    known = [
+        own
+        for p in task.parameters
+        for own in ranges_of(tables[p.class_name], [p.class_name], rules, [p.name])
+    ]
+    return class_spread(site_values(task, found), known)
 
 
 def site_values(task: CalibrationTask, found: Calibrated) -> tuple[SiteValue, ...]:

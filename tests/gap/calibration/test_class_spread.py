@@ -15,6 +15,7 @@ from sassgis.gap.calibration.class_spread import (
     between_sites,
     class_spread,
     site_values,
+    spread_of_sites,
 )
 from sassgis.gap.calibration.parameters import RANGES, ClassParameter
 from sassgis.io.read.ground_map import built_in_table
@@ -118,21 +119,30 @@ def test_the_error_of_a_site_is_that_of_the_mean_of_its_rocks(monkeypatch) -> No
     centres = rng.normal(0.3, 0.1, 40), rng.normal(0.7, 0.2, 10)
     ranges = RANGES["mu_0"]
     parameters = (
-        ClassParameter("a", "mu_0", ranges, 0.4), ClassParameter("b", "mu_0", ranges, 0.4),
+        ClassParameter("rock", "mu_0", ranges, 0.4), ClassParameter("debris", "mu_0", ranges, 0.4),
     )  # fmt: skip
+    table = built_in_table()
+    met = {"A": ("rock", "debris"), "B": ("rock",)}
     sites = tuple(
-        SimpleNamespace(name=n, n_rocks=c.size, case=n) for n, c in zip("AB", centres, strict=True)
+        SimpleNamespace(name=n, n_rocks=c.size, case=SimpleNamespace(table=table, met=met[n]))
+        for n, c in zip("AB", centres, strict=True)
     )
-    monkeypatch.setattr(module, "classes_met", lambda name: ("a", "b") if name == "A" else ("a",))
+    monkeypatch.setattr(module, "classes_met", lambda case: case.met)
     task: Any = SimpleNamespace(sites=sites, parameters=parameters, seed=3)
     found: Any = SimpleNamespace(surface=Bowls(*centres))
     values = {(v.site, v.class_name): v for v in site_values(task, found)}
-    assert set(values) == {("A", "a"), ("A", "b"), ("B", "a")}
+    assert set(values) == {("A", "rock"), ("A", "debris"), ("B", "rock")}
     width = ranges.high - ranges.low
     for name, own in zip("AB", centres, strict=True):
         error = width * max(own.std() / np.sqrt(own.size), 0.02)
-        told = values[name, "a"]
+        told = values[name, "rock"]
         assert told.value == pytest.approx(ranges.low + width * own.mean(), abs=error)
         assert told.error == pytest.approx(error, rel=0.3) and told.rocks == own.size
     # What is not told scatters over its range, as a uniform distribution does.
-    assert values["A", "b"].error == pytest.approx(width / np.sqrt(12.0), rel=0.25)
+    assert values["A", "debris"].error == pytest.approx(width / np.sqrt(12.0), rel=0.25)
+    # Each class by the sites whose rocks meet it, from the spread that was assumed before.
+    rules = {r.class_name: r for r in spread_of_sites(task, found, read_ranges(table))}
+    assert [(name, r.sites, r.rocks) for name, r in rules.items()] == [
+        ("rock", 2, 50),
+        ("debris", 1, 40),
+    ]
