@@ -36,7 +36,7 @@ def with_spread(
     if drawn is None:
         return extras
     spread, run = drawn.spread, done.run
-    layers = spread_layers(drawn.maps, spread.draws, run.grid, preset)
+    layers = spread_layers(drawn.maps, spread.draws, run.grid, preset, run.ref_width_m)
     vectors = spread_vectors(drawn.maps, spread.draws, run.grid, preset)
     write_geopackage(work / _VECTORS, vectors, facts_of(done.config, run))
     rasters = (LayerEntry(own, f"maps/{own.stem}.tif", visible=False) for own in layers)

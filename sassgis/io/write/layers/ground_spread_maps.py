@@ -29,16 +29,20 @@ _REACHED = (
 
 
 def spread_layers(
-    maps: SpreadMaps, draws: int, grid: Grid, preset: HazardPreset | None
+    maps: SpreadMaps, draws: int, grid: Grid, preset: HazardPreset | None, ref_width_m: float
 ) -> tuple[RasterLayer, ...]:
-    """Limits of the bands of the hazard level, with a preset, and of the reach probability."""
+    """Limits of the bands of the hazard level, with a preset, and of the reach probability.
+
+    The reference width (m) is that of the hazard level.
+    """
     place = Place(maps.cells, grid.shape)
 
     def layer(key: str, share: float, values: NDArray[Any], **look: Any) -> RasterLayer:
+        width = ref_width_m if key == "ground_level" else grid.cell_size
         words: dict[str, Any] = {
             "percent": f"{100 * share:g}",
             "draws": draws,
-            "width": f"{grid.cell_size:.4g}",
+            "width": f"{width:.4g}",
         }
         # No block and no level are no 0, as on the maps of the run itself.
         own = place.map_of(np.where(values > 0, values.astype(float), np.nan))
