@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from sassgis.engine.effects.registry import EFFECTS
 from sassgis.gap.causes.all_causes import CAUSES
-from sassgis.gap.observations.tables import METADATA_KEYS, TABLE_TYPES, Column
+from sassgis.gap.observations.tables import METADATA_KEYS, METADATA_TEXTS, TABLE_TYPES, Column
 from sassgis.gap.observations.tables import TABLES as OBSERVED
 from sassgis.io.read.config import LISTS, declared_sections
 from sassgis.io.read.plain_file import LONGEST_TEXT
@@ -41,7 +41,7 @@ needs `[profile]` (or `--csv`, `--point`) and one `[[blocks]]`. Everything else 
 
 Paths, numbers of cores and output settings do not change the simulated blocks. The sections
 terrain, release, ground, blocks, stations, barriers, effects, engine and run (except
-`jobs`) may.
+`jobs` and `ground_uncertainty`) may.
 """
 
 _INTRO = {
@@ -175,8 +175,11 @@ def observation_tables() -> list[str]:
             "",
             *columns_table("column", columns),
         ]
-    about = "Two columns, `key` and `value`. Other keys are passed on to the report."
-    keys = columns_table("key", METADATA_KEYS.values())
+    about = (
+        "Two columns, `key` and `value`. The last keys hold words for whoever uses the site later. "
+        "Other keys are passed on (`Metadata.others`)."
+    )
+    keys = columns_table("key", (*METADATA_KEYS.values(), *METADATA_TEXTS.values()))
     return [*rows, "### `metadata`", "", about, "", *keys[:-1]]
 
 

@@ -44,6 +44,11 @@ MEMORY = click.option(
     "--memory", "memory_gb", type=click.FloatRange(min=1.0), metavar="GB",
     help="Memory for all of it: fewer threads, areas or blocks of a mosaic at a time.",
 )  # fmt: skip
+# Its limits are those of the setting, too.
+GROUND_DRAWS = click.option(
+    "--ground-uncertainty", type=int, metavar="N",
+    help="Simulate N draws of the ground classes, too: bands by their spread between sites.",
+)  # fmt: skip
 AS_JSON = click.option(
     "--json", "as_json", is_flag=True, help="Print one JSON object in place of lines."
 )

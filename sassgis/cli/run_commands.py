@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,7 @@ from sassgis.cli.options import (
     AREAS,
     AS_JSON,
     CONFIG,
+    GROUND_DRAWS,
     JOBS,
     MEMORY,
     OUT,
@@ -25,6 +27,7 @@ from sassgis.cli.options import (
 from sassgis.cli.progress_bar import conclude, notes, printed
 
 if TYPE_CHECKING:
+    from sassgis.model.run_config import Config
     from sassgis.runs.run import RunResult
 
 
@@ -67,7 +70,7 @@ def profile(config: Path, out: Path, **given: Any) -> None:
 
 
 @command(
-    CONFIG, OUT, AREAS, SEED, *WORKERS, MEMORY, OVERWRITE, AS_JSON,
+    CONFIG, OUT, AREAS, SEED, GROUND_DRAWS, *WORKERS, MEMORY, OVERWRITE, AS_JSON,
     short_help="Simulate blocks: maps, GeoPackage, QGIS project, report.",
     example="run sassgis.toml -o result",
 )  # fmt: skip
@@ -76,9 +79,27 @@ def run(config: Path, out: Path, as_json: bool, **given: Any) -> None:
     from sassgis.runs.run import run as run_map
 
     with at_work(given) as how:
-        result = run_map(config, out, **how)
-    summary = f"{result.rocks} blocks in {result.seconds:.1f} s."
+        result = run_map(_with_draws(config, how), out, **how)
+    summary = _with_spread(f"{result.rocks} blocks in {result.seconds:.1f} s.", result)
     conclude(result.warnings, summary, out, _run_facts(result) if as_json else None)
+
+
+def _with_draws(config: Path, how: dict[str, Any]) -> Config:
+    """The configuration with the seed and the draws that options give in place of its own."""
+    from sassgis.io.read.config import load_config
+
+    asked = {key: how.pop(key, None) for key in ("seed", "ground_uncertainty")}
+    return load_config(config, {f"run.{key}": own for key, own in asked.items() if own is not None})
+
+
+def _with_spread(summary: str, result: RunResult) -> str:
+    """What a command says at its end, with what the spread of the ground classes does, if known."""
+    if result.spread is None:
+        return summary
+    from sassgis.report.spread_report import spread_lines
+
+    lines = (f"{text[:1].upper()}{text[1:]}." for _, text in spread_lines(result.spread))
+    return "\n".join((summary, *lines))
 
 
 def _run_facts(result: RunResult) -> dict[str, object]:
@@ -87,11 +108,12 @@ def _run_facts(result: RunResult) -> dict[str, object]:
         "blocks": result.rocks,
         "stopping_reasons": {r.name.lower(): count for r, count in result.reasons.items()},
         "seconds": result.seconds,
+        **({} if result.spread is None else {"ground_uncertainty": asdict(result.spread)}),
     }
 
 
 @command(
-    CONFIG, OUT, AREAS, SEED, *WORKERS, MEMORY, OVERWRITE, AS_JSON,
+    CONFIG, OUT, AREAS, SEED, GROUND_DRAWS, *WORKERS, MEMORY, OVERWRITE, AS_JSON,
     short_help="Simulate blocks, and make hazard zones; risk.",
     example="zone sassgis.toml -o zones",
 )  # fmt: skip
@@ -105,11 +127,12 @@ def _zoned(config: Path, out: Path, as_json: bool, given: Mapping[str, Any]) -> 
     from sassgis.runs.zone import zone as make_zones
 
     with at_work(given) as how:
-        result = make_zones(config, out, **how)
+        result = make_zones(_with_draws(config, how), out, **how)
     hazard = result.found.hazard
-    summary = (
+    summary = _with_spread(
         f"{result.run.rocks} blocks, {hazard.levels.polygons.size} zones, "
-        f"{100 * hazard.uncertain_share:.1f} % of the reached cells statistically uncertain."
+        f"{100 * hazard.uncertain_share:.1f} % of the reached cells statistically uncertain.",
+        result.run,
     )
     facts = {
         **_run_facts(result.run),

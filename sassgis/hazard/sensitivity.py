@@ -20,15 +20,20 @@ from sassgis.hazard.assess import Rules, curves_of
 from sassgis.hazard.bins import bins_of
 from sassgis.hazard.curves import at_energies
 from sassgis.hazard.levels import hazard_level
+from sassgis.hazard.map_sums import quantiles
 from sassgis.hazard.progress import Progress
 from sassgis.hazard.response import RunOutcome, outcome_of, response
 from sassgis.hazard.sources import sampled_sources
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.ground_ranges import ParameterRange
-from sassgis.model.map_run import MapRun
+from sassgis.model.languages import phrase
+from sassgis.model.map_run import MapRun, ObjectCells
+from sassgis.model.statistics_table import Bins
 
 #: Names of the simulations that are no points of the sample and no ends of a range.
 BASE, CHANCE, FARTHEST = "base", "another seed", "all for the longest run-out"
+#: Names of two measures: quantiles of the run-out.
+MEDIAN, FAR = "median run-out", "run-out (90 %)"
 #: More of these makes blocks go farther, more of the others less; of dp_max it is not known.
 _FARTHER = ("eta_max", "restitution", "restitution_speed_mps")
 
@@ -100,23 +105,31 @@ class VariantFinding:
         Those that started.
     runout, cells, energy_kj
         As in RunOutcome.
+    reach : int64, shape (n_cells,)
+        Blocks that reach each of ``cells``.
     places, level : int64, shape (n_places,)
         Cells with a hazard level, ascending, and their level; none without onset frequencies.
     line_energy_kj : float64, shape (n_lines,)
         95 % quantile of the energy at stations and barriers (kJ); NaN where no block arrives.
     line_share, object_share : float64
-        Share of the blocks that arrive at each station and barrier, and at each object.
+        Share of the blocks that arrive at each station and barrier, and at each object; the latter
+        empty where blocks are not counted at objects.
+    object_energy_kj : float64, shape (n_objects,)
+        Largest 95 % quantile of the energy on the cells of each object (kJ); NaN where no block
+        arrives.
     """
 
     blocks: int
     runout: IntArray
     cells: IntArray
+    reach: IntArray
     energy_kj: FloatArray
     places: IntArray
     level: IntArray
     line_energy_kj: FloatArray
     line_share: FloatArray
     object_share: FloatArray
+    object_energy_kj: FloatArray
 
     @property
     def outcome(self) -> RunOutcome:
@@ -134,16 +147,24 @@ class VariantFinding:
         return cls(**(given | {"blocks": int(arrays["blocks"])}))  # type: ignore[arg-type]
 
 
-def finding_of(run: MapRun, progress: Progress, rules: Rules | None) -> VariantFinding:
-    """What a simulation says, with levels if there are rules."""
+def finding_of(
+    run: MapRun, progress: Progress, rules: Rules | None, exposed: ObjectCells | None = None
+) -> VariantFinding:
+    """What a simulation says, with levels if there are rules.
+
+    ``exposed`` are cells of objects in place of those of the run, at which blocks are counted.
+    """
     bins = bins_of(run)
     outcome = outcome_of(progress, bins)
+    cells, reach = progress.sums.cells, np.empty(0, np.int64)
+    if cells.size:
+        reach = progress.sums.column("reach")[np.argsort(cells)].astype(np.int64)
     blocks = max(outcome.blocks, 1)
     lines = progress.control_lines
     n_lines = len(run.control_lines)
     energy = [float(lines.distribution(i, "energy_kj").quantile(0.95)[0]) for i in range(n_lines)]
-    hits = np.zeros(run.objects.n_objects)
-    for tally in progress.sources.values():
+    hits = np.zeros(run.objects.n_objects if exposed is None else 0)
+    for tally in progress.sources.values() if exposed is None else ():
         counts = tally.objects.counts()
         hits[counts.places] += counts.count[:, 0]
     places, level = np.empty(0, np.int64), np.empty(0, np.int64)
@@ -157,13 +178,33 @@ def finding_of(run: MapRun, progress: Progress, rules: Rules | None) -> VariantF
         outcome.blocks,
         outcome.runout,
         outcome.cells,
+        reach[reach > 0],
         outcome.energy_kj,
         places,
         level,
         np.array(energy, np.float64),
         np.array([lines.arrivals(i) for i in range(n_lines)], np.float64) / blocks,
         hits / blocks,
+        _object_energy_kj(progress, bins, exposed or run.objects),
     )
+
+
+def _object_energy_kj(progress: Progress, bins: Bins, exposed: ObjectCells) -> FloatArray:
+    """As in VariantFinding: what the map of the energy shows, however few blocks arrive."""
+    sums = progress.sums
+    under, own = np.isin(sums.cells, exposed.cell), np.full(exposed.n_objects, np.nan)
+    if not under.any():
+        return own
+    (energy,) = quantiles(
+        sums.column("energy")[under], bins.edges["energy"], (0.95,),
+        sums.column("energy_max")[under],
+    )  # fmt: skip
+    cells = sums.cells[under]
+    order = np.argsort(cells)
+    reached = np.isin(exposed.cell, cells)
+    place = order[np.searchsorted(cells[order], exposed.cell[reached])]
+    np.fmax.at(own, exposed.number[reached], energy[place])
+    return own
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,23 +258,28 @@ def measures(
 
     The energy on the map is the median ratio to the base over the cells that enough blocks reach.
     """
-    middle, far = finding.outcome.runout_m(0.5, 0.95)
+    middle, far, farther = finding.outcome.runout_m(0.5, 0.9, 0.95)
     ratio = response(base.outcome, finding.outcome)["energy_q95"].value + 1.0
     out = {
-        "median run-out": ("m", float(middle)),
-        "run-out (95 %)": ("m", float(far)),
+        MEDIAN: ("m", float(middle)),
+        FAR: ("m", float(far)),
+        "run-out (95 %)": ("m", float(farther)),
         "reached area": ("m²", finding.cells.size * cell_m2),
         "energy (95 %) on the map, over the base": ("1", ratio),
     }
     for code, name in enumerate(names.levels, start=1):
-        out[f"area of level {name}"] = ("m²", int((finding.level == code).sum()) * cell_m2)
+        area = int((finding.level == code).sum()) * cell_m2
+        out[phrase("area of level {}", phrase(name))] = ("m²", area)
     for name, energy, share in zip(
         names.lines, finding.line_energy_kj, finding.line_share, strict=True
     ):
-        out[f"energy (95 %) at {name}"] = ("kJ", float(energy))
-        out[f"share of blocks that reach {name}"] = ("1", float(share))
-    for name, share in zip(names.objects, finding.object_share, strict=True):
-        out[f"share of blocks that reach {name}"] = ("1", float(share))
+        out[phrase("energy (95 %) at {}", name)] = ("kJ", float(energy))
+        out[phrase("share of blocks that reach {}", name)] = ("1", float(share))
+    for name, energy in zip(names.objects, finding.object_energy_kj, strict=True):
+        out[phrase("energy (95 %) at {}", name)] = ("kJ", float(energy))
+    if finding.object_share.size:
+        for name, share in zip(names.objects, finding.object_share, strict=True):
+            out[phrase("share of blocks that reach {}", name)] = ("1", float(share))
     return out
 
 
@@ -321,7 +367,7 @@ def sensitivity_maps(
     """Maps of what the simulations of a design say together."""
     everything = [base, *ends, *filling]
     cells = np.unique(np.concatenate([p for f in everything for p in (f.cells, f.places)]))
-    levels = [_spread(f.level, f.places, cells, 0) for f in everything]
+    levels = [on_cells(f.level, f.places, cells, 0) for f in everything]
     level = levels[0]
     of_sample = np.array(levels[1 + len(ends) :]).reshape(len(filling), cells.size)
     count = max(len(filling), 1)
@@ -342,7 +388,7 @@ def sensitivity_maps(
     )
 
 
-def _spread(values: NDArray[Any], places: IntArray, cells: IntArray, empty: float) -> NDArray[Any]:
+def on_cells(values: NDArray[Any], places: IntArray, cells: IntArray, empty: float) -> NDArray[Any]:
     """Values of some places on more of them."""
     out = np.full(cells.size, empty, values.dtype)
     out[np.searchsorted(cells, places)] = values
@@ -351,7 +397,7 @@ def _spread(values: NDArray[Any], places: IntArray, cells: IntArray, empty: floa
 
 def _log_ratio(base: VariantFinding, other: VariantFinding, cells: IntArray) -> FloatArray:
     """Logarithm of the ratio of the energies; NaN where too few blocks arrive in one of them."""
-    before, after = (_spread(f.energy_kj, f.cells, cells, np.nan) for f in (base, other))
+    before, after = (on_cells(f.energy_kj, f.cells, cells, np.nan) for f in (base, other))
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio: FloatArray = np.log(after / before)
     return np.where(np.isfinite(ratio), ratio, np.nan)

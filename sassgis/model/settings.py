@@ -155,6 +155,11 @@ class GroundSettings(Section):
         "own class table (CSV or TOML), added to the built-in one or overriding it",
         Example("classes.csv"),
     ] = None
+    ranges: Annotated[
+        Path | None,
+        "own table of the spread of ground classes between sites (CSV), before the built-in one",
+        Example("class_spread.csv"),
+    ] = None
     raster_classes: Annotated[
         Mapping[int, Name] | None,
         Codes(),
@@ -560,6 +565,12 @@ class RunSettings(Section):
         int, Interval(ge=0, le=2**63 - 1), "the same seed gives the same blocks, whatever the jobs"
     ] = 1
     jobs: Annotated[int, Interval(ge=0, le=4096), "processor cores; 0: all of them"] = 0
+    ground_uncertainty: Annotated[
+        int,
+        Interval(ge=0, le=10_000),
+        "of run and zone: how often all blocks are simulated once more, with values of the ground "
+        "classes that are drawn from their spread between sites; 0: no bands",
+    ] = 0
 
 
 TableFormat = Literal["none", "csv", "parquet"]

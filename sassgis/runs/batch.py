@@ -127,6 +127,8 @@ def batch(
     loaded = batch_config(Path(releases), config, dem, seed)
     candidates = find_areas(loaded)
     setting, notices = read_setting(loaded, candidates, first_margin_m, mosaic_only)
+    if loaded.run.ground_uncertainty:
+        notices += ("A batch draws no ground classes: run.ground_uncertainty is for run and zone.",)
     _check_folder(folder)
     kept = kept_areas(setting, candidates, folder, overwrite, tell)
     waiting = [c for c in candidates if c.stem not in kept]

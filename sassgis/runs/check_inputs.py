@@ -22,6 +22,7 @@ from sassgis.model.release_areas import ReleaseArea
 from sassgis.model.results import ControlLine
 from sassgis.model.run_config import Config
 from sassgis.runs.estimate import RunEstimate, estimate_of, require_profile
+from sassgis.runs.ground_draws import spread_rules
 from sassgis.runs.inputs import (
     collected_notices,
     compares_barriers,
@@ -275,11 +276,14 @@ def _checked(
 ) -> tuple[tuple[AreaSummary, ...], RunEstimate]:
     """The release areas with their points, and what a run on them takes, which must be there."""
     check_means(config, run)
+    spread_rules(config, run)
     points = placed_points(run)
     check_starts(run, points, lambda: plan(run), config.release.file)
     counts = np.bincount(points.area, minlength=len(run.areas))
     areas = tuple(_area_summary(a, int(n)) for a, n in zip(run.areas, counts, strict=True))
-    more = most_repetitions(config) * (1 + compares_barriers(config, run)) if zones else 1
+    more = 1 + config.run.ground_uncertainty
+    if zones:
+        more = most_repetitions(config) * (more + compares_barriers(config, run))
     cores = workers_asked(config, None)
     assert isinstance(cores, int)
     return areas, estimate_of(run, cores, len(points), more)

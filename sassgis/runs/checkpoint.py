@@ -89,6 +89,11 @@ class Checkpoint:
             state = state_of(progress) | {"parts": np.array(self._digests, np.str_)}
             write_saved(self.folder / "state.npz", state, self._fingerprint)
 
+    def forget(self) -> None:
+        """Remove what was saved, if anything: it is of no use any more."""
+        for file in (*self.rows(), self.folder / "state.npz"):
+            file.unlink(missing_ok=True)
+
     def rows(self) -> list[Path]:
         """Files of the rows that were handed on, in order."""
         return [self._part(i) for i in range(len(self._digests))]

@@ -154,6 +154,7 @@ def input_files(config: Config) -> dict[str, Path]:
         "release": config.release.file,
         "ground": config.ground.file,
         "ground classes": config.ground.classes,
+        "ground ranges": config.ground.ranges,
         "profile": config.profile.file if config.profile else None,
     }
     if config.trees is not None:

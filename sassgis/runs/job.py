@@ -170,7 +170,13 @@ def simulate_config(
     while True:
         repetitions = min(repetitions, repetitions_max)
         run = replace(run, repetitions=repetitions)
-        _simulate(config, run, planned, progress, checkpoint, jobs, on_progress, tell)
+        tell("Simulating")
+        simulate_saved(
+            run, planned, progress, checkpoint, workers_asked(config, jobs), on_progress,
+            _keeps_rows(config),
+        )  # fmt: skip
+        # Whatever happens while the result is written, the simulation is not lost.
+        checkpoint.save(progress)
         if enough is None or repetitions >= repetitions_max or enough(run, progress):
             break
         repetitions *= 2
@@ -243,35 +249,42 @@ def workers_asked(config: Config, jobs: Jobs) -> int | Workers:
         return os.cpu_count() or 1
 
 
-def _simulate(
-    config: Config,
-    job: MapRun,
+def simulate_saved(
+    run: MapRun,
     planned: Plan,
     progress: Progress,
     checkpoint: Checkpoint,
-    jobs: Jobs,
-    on_progress: OnProgress | None,
-    tell: Callable[[str], None],
+    jobs: int | Workers,
+    on_progress: OnProgress | None = None,
+    rows: bool = False,
 ) -> None:
-    """Simulate, saving the state now and then and when the user stops the run."""
-    keep = _keeps_rows(config)
+    """Simulate, saving the state now and then and when the user stops the run.
+
+    Parameters
+    ----------
+    progress : Progress
+        What there is already; grows.
+    rows : bool
+        Whether the checkpoint keeps the rows of single blocks.
+
+    Raises
+    ------
+    Interrupted, OutputError
+    """
     saved = time.monotonic()
 
-    def on_chunk(now: Progress, chunks: int, rows: BlockRows) -> None:
+    def on_chunk(now: Progress, chunks: int, own: BlockRows) -> None:
         nonlocal saved
-        if keep:
-            checkpoint.hand_on(rows)
+        if rows:
+            checkpoint.hand_on(own)
         if time.monotonic() - saved > SAVE_EVERY_S:
             checkpoint.save(now)
             saved = time.monotonic()
         if on_progress is not None:
             on_progress(now.chunks, chunks, int(now.reasons.sum()))
 
-    tell("Simulating")
     try:
-        simulate_map(
-            job, planned, jobs=workers_asked(config, jobs), resume=progress, on_chunk=on_chunk
-        )
+        simulate_map(run, planned, jobs=jobs, resume=progress, on_chunk=on_chunk)
     except (KeyboardInterrupt, OutputError) as stopped:
         with held_back():
             checkpoint.save(progress)
@@ -282,5 +295,3 @@ def _simulate(
             f"stopped by the user after {int(progress.reasons.sum())} blocks; what was computed is "
             f"kept in {checkpoint.folder}: the same command goes on from there"
         ) from None
-    # Whatever happens while the result is written, the simulation is not lost.
-    checkpoint.save(progress)

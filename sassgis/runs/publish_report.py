@@ -45,6 +45,8 @@ class ReportPart:
         The hazard level of each exposed object by its name; empty without zones.
     summary : tuple of (str, str)
         Added to the answer in short.
+    spread : tuple of (str, str)
+        Added to it after the run-out.
     """
 
     figures: Callable[[], tuple[ReportFigure, ...]] = tuple
@@ -53,6 +55,7 @@ class ReportPart:
     described: tuple[tuple[str, str], ...] = ()
     levels: dict[str, str] = field(default_factory=dict)
     summary: tuple[tuple[str, str], ...] = ()
+    spread: tuple[tuple[str, str], ...] = ()
 
 
 def publish_report(
@@ -85,6 +88,7 @@ def publish_report(
     if len(placed):
         cells = ObjectCells(len(placed), *object_cells(placed, run.grid))
     exposed = exposed_table(placed, cells, layers, part.levels)
+    lines = run_lines(progress, reach_angles(run, planned, progress))
     first = () if part.key_results is None else (context.key_results,)
     report = translated_report(
         replace(
@@ -92,7 +96,9 @@ def publish_report(
             byline=byline(config),
             summary=(
                 *part.summary[:1],
-                *run_lines(progress, reach_angles(run, planned, progress)),
+                *lines[:1],
+                *part.spread,
+                *lines[1:],
                 *object_lines(exposed),
                 *part.summary[1:],
             ),

@@ -7,12 +7,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from sassgis.hazard.ground_spread import GroundSpread
 from sassgis.hazard.progress import Progress
 from sassgis.io.staging import staged_output
 from sassgis.model.languages import in_language
 from sassgis.model.map_run import MapRun
 from sassgis.model.results import RasterLayer, StopReason
 from sassgis.model.run_config import Config
+from sassgis.runs.ground_draws import DrawnGround, drawn_ground, spread_rules
 from sassgis.runs.inputs import collected_notices, placed_objects
 from sassgis.runs.job import (
     OnProgress,
@@ -46,6 +48,8 @@ class RunResult:
         Inputs, plan, sums and layers, for further work in Python.
     report : ReportContext
         What the report says; a notebook shows it in short.
+    spread : GroundSpread or None
+        Bands by the spread of the ground classes; None where no draws were asked for.
     """
 
     folder: Path
@@ -58,6 +62,7 @@ class RunResult:
     progress: Progress = field(repr=False)
     layers: tuple[RasterLayer, ...] = field(repr=False)
     report: ReportContext = field(repr=False)
+    spread: GroundSpread | None = field(default=None, repr=False)
 
     def _repr_html_(self) -> str:
         from sassgis.report.notebook import in_short
@@ -113,6 +118,7 @@ def run(
         # Read before the blocks are simulated: an error should not come at the end.
         with collected_notices():
             placed = placed_objects(config, job.run.grid)
+        known = spread_rules(config, job.run)
         simulation = simulate_config(
             config,
             work,
@@ -121,18 +127,24 @@ def run(
             on_progress=on_progress,
             tell=tell,
         )
+        drawn = drawn_ground(config, work, simulation, known, None, placed, jobs, on_progress, tell)
         # What writes takes longer to load than what computes: not before there is a result.
         from sassgis.runs.publish import Extras, publish_map
+        from sassgis.runs.publish_ground import with_spread
 
         with in_language(config.project.language):
-            published = publish_map(work, simulation, areas, tell, Extras(placed=placed))
-    return result_of(Path(out), simulation, published)
+            extras = with_spread(Extras(placed=placed), drawn, work, simulation)
+            published = publish_map(work, simulation, areas, tell, extras)
+    return result_of(Path(out), simulation, published, drawn)
 
 
-def result_of(out: Path, done: Simulation, published: Published) -> RunResult:
+def result_of(
+    out: Path, done: Simulation, published: Published, drawn: DrawnGround | None
+) -> RunResult:
     """What a run left."""
     reasons = {r: int(done.progress.reasons[r]) for r in StopReason}
     return RunResult(
         out, int(done.progress.reasons.sum()), reasons, published.warnings, done.seconds,
         done.run, done.planned, done.progress, published.layers, published.report,
+        None if drawn is None else drawn.spread,
     )  # fmt: skip

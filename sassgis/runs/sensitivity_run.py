@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,7 +21,6 @@ from sassgis.hazard.sensitivity import (
     design,
     effects,
     farthest,
-    finding_of,
     sensitivity_maps,
 )
 from sassgis.hazard.warnings import rule_warnings
@@ -31,31 +28,25 @@ from sassgis.io.qgis.entries import LayerEntry, LayerGroup
 from sassgis.io.qgis.project import write_project
 from sassgis.io.read.config import settings_hash
 from sassgis.io.read.range_table import read_ranges
-from sassgis.io.saved_arrays import read_saved, write_saved
-from sassgis.io.staging import CHECKPOINT_STEM, staged_output, writing
+from sassgis.io.staging import staged_output
 from sassgis.io.write.frames import write_table
 from sassgis.io.write.layers.sensitivity_maps import sensitivity_layers
 from sassgis.io.write.layers.terrain_layer import terrain_layer
 from sassgis.io.write.raster import write_raster
 from sassgis.io.write.sensitivity_tables import effect_table, range_table, simulation_table
-from sassgis.model.errors import InputError, Interrupted
-from sassgis.model.ground_ranges import (
-    ParameterRange,
-    RangeRule,
-    acting,
-    ranges_of,
-    with_values,
-)
+from sassgis.model.errors import InputError
+from sassgis.model.ground_ranges import ParameterRange, RangeRule, acting, ranges_of
 from sassgis.model.map_run import MapRun
 from sassgis.model.results import RasterLayer
 from sassgis.model.run_config import Config
 from sassgis.report.page import write_report
 from sassgis.report.sensitivity_report import sensitivity_report
 from sassgis.runs.inputs import read_rules
-from sassgis.runs.job import Job, OnProgress, configured, read_job, state_fingerprint, workers_asked
-from sassgis.runs.map import check_starts, simulate_map
+from sassgis.runs.job import OnProgress, configured, read_job, workers_asked
+from sassgis.runs.map import check_starts
 from sassgis.runs.origin import Origin, write_origin
-from sassgis.runs.workers import Jobs, Workers
+from sassgis.runs.variant_lab import VariantLab, classes_on
+from sassgis.runs.workers import Jobs
 from sassgis.runs.zone import prepared
 
 #: Blocks of each release point in each simulation, as a share of those of the configuration.
@@ -102,7 +93,7 @@ def sensitivity(
     rocks : int, optional
         Blocks of each release point in each simulation; default: a fifth of the configured ones.
     ranges : Path, optional
-        Own table of ranges, before the built-in one.
+        Own table of ranges, before the built-in one; default: that of the configuration.
     overwrite, areas, seed, jobs, on_progress, say
         As for sassgis.runs.run.run; progress counts simulations.
 
@@ -116,7 +107,7 @@ def sensitivity(
     tell = say or (lambda _text: None)
     with staged_output(Path(out), overwrite) as work:
         job = read_job(config, areas, tell)
-        known = read_ranges(job.run.table, ranges)
+        known = read_ranges(job.run.table, ranges or config.ground.ranges)
         rules = read_rules(config, job.run) if _has_frequencies(config) else None
         if rules is not None:
             job = prepared(job, rules)
@@ -126,7 +117,7 @@ def sensitivity(
         run = replace(job.run, release=release, stop_points_max=0)
         check_starts(run, job.planned.points, lambda: job.planned, config.release.file)
         ready = replace(job, run=run)
-        lab = _Lab(config, ready, rules, work, workers_asked(config, jobs), on_progress, tell)
+        lab = VariantLab(config, ready, rules, work, workers_asked(config, jobs), on_progress, tell)
         done = _simulated(lab, known, samples, tell)
         tell("Writing maps, tables and report")
         warnings = (*job.notices, *_warnings(rules, config, done.ranges))
@@ -140,65 +131,6 @@ def _has_frequencies(config: Config) -> bool:
     """Whether any onset frequency is stated: then all must be."""
     stated = any(o.frequency is not None for o in config.onsets.values())
     return stated or config.hazard.frequencies is not None
-
-
-class _Lab:
-    """Simulates variants; what was found is kept beside the result, by what was asked."""
-
-    def __init__(
-        self,
-        config: Config,
-        job: Job,
-        rules: Rules | None,
-        work: Path,
-        jobs: int | Workers,
-        on_progress: OnProgress | None,
-        tell: Callable[[str], None],
-    ) -> None:
-        self.job, self.rules, self._tell = job, rules, tell
-        self.total = 0
-        self._folder = work / CHECKPOINT_STEM
-        self._jobs = jobs
-        self._step = on_progress
-        self._asked, self._blocks = 0, 0
-        judged = None if rules is None else (rules.preset, rules.frequencies)
-        schedule = repr((job.run.release.rocks_per_point, judged))
-        self._fingerprint = state_fingerprint(config, job.run, schedule)
-
-    def find(self, variant: Variant, seed: int | None = None) -> VariantFinding:
-        """What the variant finds, now or in an earlier call."""
-        asked = [self._fingerprint, sorted([*k, v] for k, v in variant.values.items()), seed]
-        digest = hashlib.sha256(json.dumps(asked).encode()).hexdigest()
-        file = self._folder / f"{digest}.npz"
-        arrays = read_saved(file, digest, self._tell)
-        if arrays is not None:
-            found = VariantFinding.from_arrays(arrays)
-        else:
-            found = self._simulate(variant, seed)
-            with writing(file):
-                file.parent.mkdir(parents=True, exist_ok=True)
-                write_saved(file, found.arrays(), digest)
-        self._asked += 1
-        self._blocks += found.blocks
-        if self._step is not None:
-            self._step(self._asked, max(self.total, self._asked), self._blocks)
-        return found
-
-    def _simulate(self, variant: Variant, seed: int | None) -> VariantFinding:
-        run = self.job.run
-        run = replace(
-            run,
-            table=with_values(run.table, variant.values),
-            seed=run.seed if seed is None else seed,
-        )
-        try:
-            progress = simulate_map(run, self.job.planned, jobs=self._jobs)
-        except KeyboardInterrupt:
-            raise Interrupted(
-                f"stopped by the user after {self._asked} simulations; they are kept in "
-                f"{self._folder}: the same command goes on from there"
-            ) from None
-        return finding_of(run, progress, self.rules)
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,20 +151,20 @@ class _Done:
 
 
 def _simulated(
-    lab: _Lab, rules: Sequence[RangeRule], samples: int, tell: Callable[[str], None]
+    lab: VariantLab, rules: Sequence[RangeRule], samples: int, tell: Callable[[str], None]
 ) -> _Done:
     """Find the classes that blocks may meet, and simulate the design for their ranges."""
     run = lab.job.run
     tell("Simulating the classes as they are, and at their farthest")
     used = acting(run.engine)
-    everywhere = _classes_on(run, np.flatnonzero(np.isfinite(run.grid.values)))
+    everywhere = classes_on(run, np.flatnonzero(np.isfinite(run.grid.values)))
     first = [
         (Variant(BASE, {}), None),
         (Variant(CHANCE, {}), run.seed + 1),
         (farthest(ranges_of(run.table, everywhere, rules, used)), None),
     ]
     findings = [lab.find(v, s) for v, s in first]
-    met = _classes_on(run, np.unique(np.concatenate([f.cells for f in findings])))
+    met = classes_on(run, np.unique(np.concatenate([f.cells for f in findings])))
     ranges = ranges_of(run.table, met, rules, used)
     if not ranges:
         raise InputError(
@@ -243,10 +175,6 @@ def _simulated(
     tell(f"Simulating {len(ranges)} ranges alone and {samples} points of all")
     findings += [lab.find(v) for v in (*ends, *filling)]
     return _Done(ranges, (*(v for v, _ in first), *ends, *filling), tuple(findings))
-
-
-def _classes_on(run: MapRun, cells: np.ndarray) -> list[str]:
-    return [run.table.names[i] for i in np.unique(run.ground.ravel()[cells])]
 
 
 def _warnings(
@@ -272,7 +200,7 @@ def _warnings(
 def _publish(
     work: Path,
     config: Config,
-    lab: _Lab,
+    lab: VariantLab,
     done: _Done,
     warnings: Sequence[str],
     own_ranges: Path | None,

@@ -17,6 +17,7 @@ from sassgis.io.staging import staged_output
 from sassgis.model.languages import in_language
 from sassgis.model.map_run import MapRun
 from sassgis.model.run_config import Config
+from sassgis.runs.ground_draws import DrawnGround, drawn_ground, spread_rules
 from sassgis.runs.inputs import compares_barriers, most_repetitions, read_rules, with_rules
 from sassgis.runs.job import (
     Job,
@@ -95,12 +96,16 @@ def zone(
         job = read_job(config, areas, tell)
         rules = read_rules(config, job.run)
         job = prepared(job, rules)
+        known = spread_rules(config, job.run)
         jobs = jobs_within(config, job.run, jobs, memory_gb)
         began = time.perf_counter()
         done, without = simulations(config, work, job, rules, jobs, on_progress, tell)
-        found, published = write_zones(work, rules, done, without, areas, tell)
+        drawn = drawn_ground(
+            config, work, done, known, rules, rules.placed, jobs, on_progress, tell
+        )
+        found, published = write_zones(work, rules, done, without, areas, tell, drawn=drawn)
         seconds = time.perf_counter() - began
-    return ZoneResult(result_of(Path(out), done, published), rules, found, seconds)
+    return ZoneResult(result_of(Path(out), done, published, drawn), rules, found, seconds)
 
 
 def write_zones(
@@ -111,6 +116,7 @@ def write_zones(
     areas: Sequence[str] | None,
     tell: Callable[[str], None],
     first: Callable[[Assessment], None] | None = None,
+    drawn: DrawnGround | None = None,
 ) -> tuple[Assessment, Published]:
     """Find the zones and write everything into ``work``, in the language of the configuration.
 
@@ -122,9 +128,12 @@ def write_zones(
         The same blocks without walls and nets.
     first : callable, optional
         Called with what was found before anything is written.
+    drawn : DrawnGround, optional
+        The same blocks on draws of the ground classes.
     """
     # As in sassgis.runs.run.run: loaded when there is something to write.
     from sassgis.runs.publish import publish_map
+    from sassgis.runs.publish_ground import with_spread
     from sassgis.runs.publish_zones import zone_extras
 
     tell("Drawing the zones")
@@ -133,6 +142,7 @@ def write_zones(
         first(found)
     with in_language(done.config.project.language):
         extras = zone_extras(rules, found, done, work / "figures")
+        extras = with_spread(extras, drawn, work, done, rules.preset)
         return found, publish_map(work, done, areas, tell, extras)
 
 

@@ -32,8 +32,9 @@ def finding(
     runout[runout_m] = 100
     every = np.arange(cells, dtype=np.int64)
     return VariantFinding(
-        100, runout, every, np.full(cells, energy), every, np.full(cells, level, np.int64),
-        np.array([energy]), np.array([0.5]), np.array([0.1]),
+        100, runout, every, np.full(cells, 10), np.full(cells, energy), every,
+        np.full(cells, level, np.int64), np.array([energy]), np.array([0.5]), np.array([0.1]),
+        np.array([3.0 * energy]),
     )  # fmt: skip
 
 
@@ -71,6 +72,7 @@ def test_effects_are_those_of_the_ends() -> None:
     assert not weak.beyond_chance and weak.correlation == pytest.approx(-1.0)
     assert found["eta_max", "energy (95 %) on the map, over the base"].high == pytest.approx(2.0)
     assert found["eta_max", "energy (95 %) at road"].high == 200.0
+    assert found["eta_max", "energy (95 %) at house"].high == 600.0
     assert found["mu_0", "reached area"].base == found["mu_0", "area of level low"].base == 4.0 * N
     assert found["mu_0", "share of blocks that reach house"].base == 0.1
     assert np.isnan(found["mu_0", "share of blocks that reach house"].correlation)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from scipy.stats import norm
 
 from sassgis.model.errors import InputError
 from sassgis.model.ground import GroundClass, GroundTable
@@ -33,16 +34,20 @@ def test_limits(kind, low: float, high: float, limits: tuple[float, float]) -> N
 
 def test_the_rule_of_the_class_goes_before_that_of_all_and_the_later_before_the_earlier() -> None:
     rules = [
-        RangeRule("a", "mu_0", "value", 0.1, 0.9, "own"),
+        RangeRule("a", "mu_0", "value", 0.1, 0.9, "own", sites=2),
         RangeRule("*", "mu_0", "factor", 0.5, 2.0, "all"),
         RangeRule("b", "mu_0", "value", 0.1, 0.9, "old"),
         RangeRule("b", "mu_0", "value", 0.3, 0.9, "new"),
     ]
     found = ranges_of(TABLE, ["a", "b"], rules)
-    assert [(r.label, r.source, r.low) for r in found] == [
-        ("a: mu_0", "own", 0.1),
-        ("b: mu_0", "new", 0.3),
+    assert [(r.label, r.source, r.low, r.sites) for r in found] == [
+        ("a: mu_0", "own", 0.1, 2),
+        ("b: mu_0", "new", 0.3, 0),
     ]
+    # Of a normal distribution nine tenths lie within 1.645 standard deviations of its middle.
+    assert norm.cdf(0.4 / found[0].sd) - norm.cdf(-0.4 / found[0].sd) == pytest.approx(
+        0.9, abs=1e-4
+    )
 
 
 def test_ranges_stay_within_what_a_class_can_take_and_without_width_they_go() -> None:

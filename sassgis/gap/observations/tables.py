@@ -428,3 +428,17 @@ class Metadata:
 
 #: Keys of ``metadata``.
 METADATA_KEYS: Mapping[str, Column] = {own.name: own for own in _columns_of(Metadata)}
+#: Keys of ``metadata`` that hold words for whoever uses the site later; they are passed on.
+METADATA_TEXTS: Mapping[str, Column] = {
+    name: replace(_text(meaning), name=name)
+    for name, meaning in (
+        ("terrain_survey", "date, means and cell size of the terrain model: before the releases"),
+        ("ground", "ground by stretch: kind, depth, moisture, diameter of blocks that lie on it"),
+        ("start", "how rocks were started: pushed, dropped from a height, rolled, blasted"),
+        ("film_scale", "known length in the pictures and where it lies; place of the camera"),
+        (
+            "stops",
+            "whether every rock has its stop; which left the survey; what held some",
+        ),
+    )
+}

@@ -109,7 +109,7 @@ def write_run_project(
     vectors : sequence of VectorLayer
         In ``result.gpkg``.
     groups : sequence of LayerGroup
-        Of a zoning: below what was drawn, above the maps of the blocks.
+        Of a zoning, and of draws of the ground: below what was drawn, above the maps of the blocks.
     """
     by_name = {v.name: v for v in vectors}
 
@@ -118,8 +118,9 @@ def write_run_project(
             LayerEntry(by_name[n], "result.gpkg", visible=visible) for n in names if n in by_name
         )
 
+    zoned = any(entry.visible for group in groups for entry in group.entries)
     maps = tuple(
-        LayerEntry(layer, f"maps/{layer.stem}.tif", visible=layer.stem == "energy" and not groups)
+        LayerEntry(layer, f"maps/{layer.stem}.tif", visible=layer.stem == "energy" and not zoned)
         for layer in layers
     )
     shown = [
@@ -129,7 +130,7 @@ def write_run_project(
             entries("release_areas")
             + entries("release_points", "fall_lines", "paths", "stops", visible=False),
         ),
-        LayerGroup("Exposed objects", entries(*_EXPOSED, visible=not groups)),
+        LayerGroup("Exposed objects", entries(*_EXPOSED, visible=not zoned)),
         *groups,
         LayerGroup("Footprint", entries("footprint", visible=False)),
         LayerGroup("Maps", maps, exclusive=True),

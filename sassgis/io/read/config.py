@@ -304,7 +304,8 @@ PHYSICS_SECTIONS = (
 def settings_hash(config: Config, *, sections: Iterable[str] = PHYSICS_SECTIONS) -> str:
     """Fingerprint of a run: equal if and only if the settings and the files they name are equal.
 
-    Files count by what they hold, and not by where they are; the number of jobs does not count.
+    Files count by what they hold, and not by where they are. The number of jobs does not count,
+    nor that of draws of the ground classes: the blocks of the run itself are the same.
 
     Parameters
     ----------
@@ -331,7 +332,8 @@ def settings_hash(config: Config, *, sections: Iterable[str] = PHYSICS_SECTIONS)
     plain = resolved(config)
     chosen = {section: plain[section] for section in sections}
     if chosen.get("run"):
-        chosen["run"] = {k: v for k, v in chosen["run"].items() if k != "jobs"}
+        idle = ("jobs", "ground_uncertainty")
+        chosen["run"] = {k: v for k, v in chosen["run"].items() if k not in idle}
     text = json.dumps(by_content(chosen), sort_keys=True, ensure_ascii=True, allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()
 

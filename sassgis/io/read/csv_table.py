@@ -24,7 +24,7 @@ class CsvColumn:
 
     Attributes
     ----------
-    kind : {str, float, bool}
+    kind : {str, float, int, bool}
         Numbers may have decimal commas where a spreadsheet separates by ``;``.
     known : sequence of str
         The texts that may stand in it; empty for any.
@@ -47,11 +47,13 @@ class CsvColumn:
         wrong = partial(InputError, file=file, field=name, found=repr(cell))
         if self.default is not None and (cell is None or cell == ""):
             return self.default
-        if self.kind is float:
+        if self.kind in (float, int):
             found = number(cell, where, name, file)
             if found < self.low:
                 raise wrong(f"{where}: is out of range", expected=f"{self.low:g} or more")
-            return found
+            if self.kind is int and not found.is_integer():
+                raise wrong(f"{where}: is not a whole number", expected="a whole number")
+            return self.kind(found)
         if self.kind is bool:
             truth = str(cell).strip().lower()
             if truth not in _TRUTH:
@@ -86,7 +88,7 @@ def read_table(
         Value by column.
     """
     required, optional = required_and_optional(columns)
-    numbers = [name for name, column in columns.items() if column.kind is float]
+    numbers = [name for name, column in columns.items() if column.kind in (float, int)]
     for where, row in csv_rows(read_text(file, field, what), file, required, optional, numbers):
         yield where, row_of(row, columns, where, file)
 

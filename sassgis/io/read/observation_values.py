@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from sassgis.gap.observations.observation_finding import LeftOut, Level, ObservationFinding
 from sassgis.gap.observations.tables import (
     METADATA_KEYS,
+    METADATA_TEXTS,
     POINT_TABLES,
     TABLE_TYPES,
     TABLES,
@@ -386,7 +387,9 @@ def metadata_of(raw: RawTable, findings: Findings) -> Metadata:
         name = key.lower()
         if name not in METADATA_KEYS:
             others[key] = text
-            if key and "nearest" in (hint := nearest(name, tuple(METADATA_KEYS))):
+            if not key or name in METADATA_TEXTS:
+                continue
+            if "nearest" in (hint := nearest(name, tuple(METADATA_KEYS))):
                 findings.add(
                     "warning", f"key {key} is only passed on", raw, "key", [row], expected=hint
                 )

@@ -19,7 +19,7 @@ def read_ranges(table: GroundTable, own: Path | None = None) -> tuple[RangeRule,
         Of the run: the classes that an own table may name.
     own : Path, optional
         CSV with the columns class (``*`` for every other class), parameter, kind (value, offset,
-        factor), low, high and, if wanted, source and verified.
+        factor), low, high and, if wanted, source, verified, sites, rocks and together.
     """
     with resources.as_file(resources.files("sassgis") / "data" / "ground_ranges.csv") as file:
         rules = _read(file, None)
@@ -36,6 +36,9 @@ def _read(file: Path, table: GroundTable | None) -> tuple[RangeRule, ...]:
         "high": CsvColumn(float),
         "source": CsvColumn(default=f"own table {file.name}"),
         "verified": CsvColumn(bool, default=False),
+        "sites": CsvColumn(int, low=0, default=0),
+        "rocks": CsvColumn(int, low=0, default=0),
+        "together": CsvColumn(default=""),
     }
     rules = []
     what = "a table of ranges of ground classes (CSV)"

@@ -10,7 +10,13 @@ from pathlib import Path
 import geopandas as gpd
 import pandas as pd
 
-from sassgis.gap.observations.tables import METADATA_KEYS, POINT_TABLES, TABLES, Column
+from sassgis.gap.observations.tables import (
+    METADATA_KEYS,
+    METADATA_TEXTS,
+    POINT_TABLES,
+    TABLES,
+    Column,
+)
 from sassgis.io.staging import writing
 from sassgis.io.write.geopackage import add_layer, register_columns, register_table
 from sassgis.model.crs import parse_crs
@@ -18,6 +24,7 @@ from sassgis.model.errors import OutputError
 
 _METADATA = "metadata"
 _README = "README.txt"
+_KEYS = {**METADATA_KEYS, **METADATA_TEXTS}
 #: Columns that the geometry of a layer takes the place of.
 _PLACES = frozenset({"x", "y", "x0", "y0", "x1", "y1"})
 
@@ -46,7 +53,7 @@ def observations_template(path: Path | str, *, crs: str | None = None) -> Path:
         for table, columns in TABLES.items():
             header = ",".join(c.name for c in columns)
             (path / f"{table}.csv").write_text(header + "\n", encoding="utf-8")
-        keys = "".join(f"{key},\n" for key in METADATA_KEYS)
+        keys = "".join(f"{key},\n" for key in _KEYS)
         (path / f"{_METADATA}.csv").write_text(f"key,value\n{keys}", encoding="utf-8")
         (path / _README).write_text(_guide(), encoding="utf-8")
     return path
@@ -63,7 +70,7 @@ def _guide() -> str:
     for table, columns in TABLES.items():
         lines += ["", table, *_rows(columns)]
     lines += ["", f"{_METADATA} (key, value)"]
-    lines += _rows(METADATA_KEYS.values())
+    lines += _rows(_KEYS.values())
     return "\n".join(lines) + "\n"
 
 
@@ -94,9 +101,7 @@ def _describe(path: Path) -> None:
             f'CREATE TABLE "{_METADATA}" (fid INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, '
             '"key" TEXT, "value" TEXT)'
         )
-        database.executemany(
-            f'INSERT INTO "{_METADATA}" ("key") VALUES (?)', [(k,) for k in METADATA_KEYS]
-        )
+        database.executemany(f'INSERT INTO "{_METADATA}" ("key") VALUES (?)', [(k,) for k in _KEYS])
         register_table(database, _METADATA, "metadata", "How well was measured")
         register_columns(database, list(_descriptions()))
 

@@ -1,13 +1,14 @@
-"""Tables of a sensitivity: ranges, effects, and every simulation."""
+"""Tables of a sensitivity and of a spread: ranges, effects, bands, and every simulation."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import pandas as pd
 
+from sassgis.hazard.ground_spread import SpreadBand
 from sassgis.hazard.sensitivity import Names, RangeEffect, Variant, VariantFinding, measures
-from sassgis.model.ground_ranges import ParameterRange
+from sassgis.model.ground_ranges import ParameterRange, RangeRule
 from sassgis.model.labels import rounded
 
 
@@ -21,8 +22,11 @@ def range_table(ranges: Sequence[ParameterRange]) -> pd.DataFrame:
             "value": [r.value for r in ranges],
             "low": [rounded(r.low, 6) for r in ranges],
             "high": [rounded(r.high, 6) for r in ranges],
+            "sd": [rounded(r.sd, 6) for r in ranges],
             "source": [r.source for r in ranges],
             "verified": [r.verified for r in ranges],
+            "sites": [r.sites for r in ranges],
+            "rocks": [r.rocks for r in ranges],
         }
     )
 
@@ -45,9 +49,23 @@ def effect_table(effects: Sequence[RangeEffect]) -> pd.DataFrame:
     )
 
 
+def band_table(bands: Sequence[SpreadBand]) -> pd.DataFrame:
+    """A row for each measure, with the values of the classes and over the draws."""
+    return pd.DataFrame(
+        {
+            "measure": [b.measure for b in bands],
+            "unit": [b.unit for b in bands],
+            "base": [rounded(b.base, 5) for b in bands],
+            "q10": [rounded(b.low, 5) for b in bands],
+            "q50": [rounded(b.middle, 5) for b in bands],
+            "q90": [rounded(b.high, 5) for b in bands],
+        }
+    )
+
+
 def simulation_table(
     base: VariantFinding,
-    simulations: Sequence[tuple[Variant, VariantFinding]],
+    simulations: Iterable[tuple[Variant, VariantFinding]],
     ranges: Sequence[ParameterRange],
     names: Names,
     cell_m2: float,
@@ -62,3 +80,20 @@ def simulation_table(
             row[measure if unit == "1" else f"{measure} ({unit})"] = rounded(value, 5)
         rows.append(row)
     return pd.DataFrame(rows)
+
+
+def rule_table(rules: Sequence[RangeRule]) -> pd.DataFrame:
+    """Ranges as ``--ranges`` and ``[ground] ranges`` take them."""
+    return pd.DataFrame(
+        {
+            "class": [r.class_name for r in rules],
+            "parameter": [r.parameter for r in rules],
+            "kind": [r.kind for r in rules],
+            "low": [rounded(r.low, 6) for r in rules],
+            "high": [rounded(r.high, 6) for r in rules],
+            "source": [r.source for r in rules],
+            "verified": [r.verified for r in rules],
+            "sites": [r.sites for r in rules],
+            "rocks": [r.rocks for r in rules],
+        }
+    )

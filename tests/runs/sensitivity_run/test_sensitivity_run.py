@@ -18,7 +18,7 @@ from sassgis.io.staging import partial_folder
 from sassgis.model.errors import Interrupted
 from sassgis.model.ground_ranges import RANGED
 from sassgis.model.run_config import Config
-from sassgis.runs import sensitivity_run as module
+from sassgis.runs import job as module
 from sassgis.runs.sensitivity_run import SensitivityResult, sensitivity
 
 OPTIONS = {"samples": 4, "rocks": 12, "jobs": 1, "areas": ["Nord"]}

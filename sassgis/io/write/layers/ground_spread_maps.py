@@ -1,0 +1,109 @@
+"""Maps and areas of what the spread of ground classes between sites may change."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import geopandas as gpd
+import numpy as np
+from numpy.typing import NDArray
+
+from sassgis.hazard.assess import raster
+from sassgis.hazard.ground_spread import HIGH, LOW, SpreadMaps
+from sassgis.io.vector_layer import VectorLayer, described_layer
+from sassgis.io.write.layers.footprint import cell_outlines, footprints
+from sassgis.io.write.layers.maps import Place, described_band, described_raster, level_classes
+from sassgis.io.write.layers.zones import level_changes
+from sassgis.model.grid import Grid, IntArray
+from sassgis.model.hazard import HazardPreset
+from sassgis.model.results import RasterLayer
+from sassgis.model.statistics_table import STATISTICS
+from sassgis.model.styles import FOOTPRINT_STYLE, categorised_style
+
+#: Label and colour of what blocks reach in some and in most draws, the larger first.
+_REACHED = (
+    ("reached in a tenth of the draws", "#fdcc8a"),
+    ("reached in nine tenths of the draws", "#d7301f"),
+)
+
+
+def spread_layers(
+    maps: SpreadMaps, draws: int, grid: Grid, preset: HazardPreset | None, ref_width_m: float
+) -> tuple[RasterLayer, ...]:
+    """Limits of the bands of the hazard level, with a preset, and of the reach probability.
+
+    The reference width (m) is that of the hazard level.
+    """
+    place = Place(maps.cells, grid.shape)
+
+    def layer(key: str, share: float, values: NDArray[Any], **look: Any) -> RasterLayer:
+        width = ref_width_m if key == "ground_level" else grid.cell_size
+        words: dict[str, Any] = {
+            "percent": f"{100 * share:g}",
+            "draws": draws,
+            "width": f"{width:.4g}",
+        }
+        # No block and no level are no 0, as on the maps of the run itself.
+        own = place.map_of(np.where(values > 0, values.astype(float), np.nan))
+        band = described_band(key, "value", own, **words)
+        stem = f"{key}_q{100 * share:g}"
+        return described_raster(key, [band], stem=stem, **words, **look)
+
+    layers = []
+    if preset is not None:
+        classes = level_classes(preset)
+        layers = [
+            layer("ground_level", HIGH, maps.level_high, classes=classes),
+            layer("ground_level", LOW, maps.level_low, classes=classes),
+        ]
+    look = next(row for row in STATISTICS if row.stem == "reach_probability")
+    for share, values in ((HIGH, maps.reach_high), (LOW, maps.reach_low)):
+        layers.append(layer("ground_reach", share, values, breaks=look.breaks, ramp=look.ramp))
+    return tuple(layers)
+
+
+def spread_vectors(
+    maps: SpreadMaps, draws: int, grid: Grid, preset: HazardPreset | None
+) -> tuple[VectorLayer, ...]:
+    """Areas that blocks reach in some and in most draws, and pieces where levels change."""
+    layers = []
+    if preset is not None:
+        codes = [level.code for level in preset.levels]
+        for key, other, which in (
+            ("higher", maps.level_high, maps.level_high > maps.level),
+            ("lower", maps.level_low, maps.level_low < maps.level),
+        ):
+            pieces = _pieces(maps.cells[which], maps.level[which], other[which], grid)
+            layer = level_changes(pieces, codes, grid.crs, f"level_changes.ground_{key}")
+            layers.append(replace(layer, name=f"ground_level_{key}"))
+    place = Place(maps.cells, grid.shape)
+    rows = [
+        (label, own[0.0])
+        for (label, _), reach in zip(_REACHED, (maps.reach_high, maps.reach_low), strict=True)
+        if (own := footprints(place.map_of(np.where(reach > 0, reach, np.nan)), grid, [0.0]))
+    ]
+    columns = {
+        "label": [label for label, _ in rows],
+        "area_m2": np.array([outline.area for _, outline in rows], float),
+    }
+    colours: dict[str | int, tuple[str, str]] = {
+        label: (label, colour) for label, colour in _REACHED
+    }
+    style = categorised_style(FOOTPRINT_STYLE.symbol, "label", colours)
+    outlines = [outline for _, outline in rows]
+    return (
+        *layers,
+        described_layer("ground_reached", columns, outlines, grid.crs, style, draws=draws),
+    )
+
+
+def _pieces(cells: IntArray, before: IntArray, after: IntArray, grid: Grid) -> gpd.GeoDataFrame:
+    """Patches of cells with the same two levels, as :func:`level_changes` takes them."""
+    most = int(max(before.max(initial=0), after.max(initial=0))) + 1
+    numbers = raster(grid, cells, 1 + before * most + after).astype(np.int32)
+    found = [(shape, *divmod(number - 1, most)) for shape, number in cell_outlines(numbers, grid)]
+    return gpd.GeoDataFrame(
+        {"before": [b for _, b, _ in found], "after": [a for _, _, a in found]},
+        geometry=[shape for shape, _, _ in found],
+    )

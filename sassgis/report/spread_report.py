@@ -1,0 +1,90 @@
+"""What a report says of the spread of ground classes between sites: lines, table, figures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from sassgis.hazard.ground_spread import GroundSpread
+from sassgis.hazard.sensitivity import FAR, MEDIAN
+from sassgis.model.languages import joined, phrase
+from sassgis.model.map_run import MapRun
+from sassgis.model.results import RasterLayer
+from sassgis.report.figures import map_figure
+from sassgis.report.figures.map_marks import MapObject
+from sassgis.report.map_report import map_marks
+from sassgis.report.page import ReportFigure, ReportTable, heads, sensible
+from sassgis.report.pictures import map_alt, picture
+from sassgis.report.run_summary import Lines
+
+
+def spread_lines(spread: GroundSpread) -> Lines:
+    """What the spread does to run-out and levels, and how well it is known."""
+    median, far = spread.band(MEDIAN), spread.band(FAR)
+    parts = [
+        phrase(
+            "with the spread of the ground classes between sites the 90 % run-out lies between {} "
+            "and {} m, the median between {} and {} m (80 % of {} draws; with their own values {} "
+            "and {} m)",
+            *(f"{value:.0f}" for value in (far.low, far.high, median.low, median.high)),
+            spread.draws,
+            *(f"{value:.0f}" for value in (far.base, median.base)),
+        )
+    ]
+    if (areas := spread.areas) is not None:
+        parts.append(
+            phrase(
+                "the level of {} m² ({} %) of the zoned area may be higher, of {} m² lower; {} m² "
+                "beyond it may have one",
+                sensible(round(areas.higher)),
+                f"{100.0 * areas.higher / areas.zoned if areas.zoned else 0.0:.0f}",
+                sensible(round(areas.lower)),
+                sensible(round(areas.beyond)),
+            )
+        )
+    lines = [("Spread of the ground classes", joined("; ", parts))]
+    known = []
+    if not spread.ranges:
+        known.append(phrase("none of the classes that blocks meet has a spread"))
+    if spread.assumed or spread.weak:
+        text = (
+            "weakly told: the spread of {} of {} drawn values is an assumption, that of {} comes "
+            "from fewer than 3 sites"
+        )
+        known.append(phrase(text, spread.assumed, len(spread.ranges), spread.weak))
+    if spread.few_draws:
+        known.append(phrase("{} draws are few: 10 or more give a band", spread.draws))
+    if known:
+        lines.append(("How well the spread is known", joined("; ", known)))
+    return tuple(lines)
+
+
+def spread_table(spread: GroundSpread) -> ReportTable:
+    """All measures with their bands."""
+    return ReportTable(
+        "Spread of the ground classes",
+        heads("measure; unit; values of the classes; 10 % of the draws below; median; 90 % below"),
+        tuple((b.measure, b.unit, b.base, b.low, b.middle, b.high) for b in spread.bands),
+        phrase(
+            "{} simulations of the same blocks with values of the classes drawn from their spread "
+            "between sites (tables/ground_spread.csv). An energy where no block arrives is 0.",
+            spread.draws,
+        ),
+    )
+
+
+def spread_figures(
+    run: MapRun, layers: Sequence[RasterLayer], objects: Sequence[MapObject], folder: Path
+) -> tuple[ReportFigure, ...]:
+    """The maps, where they hold anything."""
+    marks = map_marks(run, objects)
+    return tuple(
+        picture(
+            folder, f"map_{layer.stem}", layer.title, layer.note,
+            map_figure(run.grid, layer, marks), map_alt(run.grid, layer),
+        )
+        for layer in layers
+        if np.isfinite(layer.bands[0].values).any()
+    )  # fmt: skip

@@ -1,0 +1,193 @@
+"""The blocks of a run once more on drawn ground classes: what their spread does to the result."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from sassgis.hazard.assess import Rules
+from sassgis.hazard.ground_spread import (
+    GroundSpread,
+    SpreadBand,
+    SpreadMaps,
+    draw_of,
+    level_areas,
+    spread_bands,
+    spread_maps,
+)
+from sassgis.hazard.sensitivity import (
+    BASE,
+    FAR,
+    MEDIAN,
+    Names,
+    Variant,
+    VariantFinding,
+    finding_of,
+)
+from sassgis.io.read.objects import object_cells
+from sassgis.io.read.range_table import read_ranges
+from sassgis.io.staging import staged_output
+from sassgis.model.exposure import PlacedObjects
+from sassgis.model.ground_ranges import ParameterRange, RangeRule, acting, ranges_of
+from sassgis.model.map_run import MapRun, ObjectCells
+from sassgis.model.run_config import Config
+from sassgis.runs.job import Job, OnProgress, Simulation, configured, read_job, workers_asked
+from sassgis.runs.map import check_starts
+from sassgis.runs.variant_lab import VariantLab, classes_on
+from sassgis.runs.workers import Jobs
+
+#: Folder of the draws among the saved states of a run.
+_PART = "ground_draws"
+
+
+@dataclass(frozen=True, slots=True)
+class DrawnGround:
+    """What the draws of a run found.
+
+    Attributes
+    ----------
+    simulations : callable
+        Gives the base and the draws one by one, as they are kept until the result is whole.
+    """
+
+    spread: GroundSpread
+    maps: SpreadMaps
+    base: VariantFinding
+    names: Names
+    simulations: Callable[[], Iterator[tuple[Variant, VariantFinding]]]
+
+
+def spread_rules(config: Config, run: MapRun) -> tuple[RangeRule, ...]:
+    """Rules of the spread of ground classes; none where no draws are wanted.
+
+    Raises
+    ------
+    InputError
+        The table of the configuration cannot be used.
+    """
+    if not config.run.ground_uncertainty and config.ground.ranges is None:
+        return ()
+    return read_ranges(run.table, config.ground.ranges)
+
+
+def drawn_ground(
+    config: Config,
+    work: Path,
+    done: Simulation,
+    known: tuple[RangeRule, ...],
+    rules: Rules | None,
+    placed: PlacedObjects,
+    jobs: Jobs,
+    on_progress: OnProgress | None,
+    tell: Callable[[str], None],
+) -> DrawnGround | None:
+    """Simulate the blocks of a run on the draws that the configuration asks for; None for none.
+
+    Parameters
+    ----------
+    known : tuple of RangeRule
+        From spread_rules, before the run itself.
+    rules : Rules or None
+        Of a zoning.
+    """
+    draws = config.run.ground_uncertainty
+    if not draws:
+        return None
+    tell(f"Simulating {draws} draws of the ground classes")
+    run = replace(done.run, stop_points_max=0)
+    # Of a road the whole, as in the report: a band of each stretch says less.
+    wholes = list(dict.fromkeys(o.whole for o in placed.objects))
+    cells, number = object_cells(placed, run.grid)
+    owner = np.array([wholes.index(o.whole) for o in placed.objects], np.int64)
+    exposed = ObjectCells(len(wholes), cells, owner[number])
+    lab = VariantLab(
+        config, Job(run, done.planned, ()), rules, work, workers_asked(config, jobs), on_progress,
+        tell, _PART, exposed,
+    )  # fmt: skip
+    base = finding_of(done.run, done.progress, rules, exposed)
+    return _drawn(lab, known, draws, base, wholes)
+
+
+def _drawn(
+    lab: VariantLab,
+    known: tuple[RangeRule, ...],
+    draws: int,
+    base: VariantFinding,
+    exposed: Sequence[str] = (),
+) -> DrawnGround:
+    """Simulate draws and say what they found beside the base; ``exposed`` are names of objects."""
+    run, rules = lab.job.run, lab.rules
+    levels = () if rules is None else tuple(c.label for c in rules.preset.levels)
+    lines = tuple(line.name for line, _ in run.control_lines)
+    names = Names(levels, lines, tuple(exposed))
+    ranges = _ranges_on(run, known, np.flatnonzero(np.isfinite(run.grid.values)))
+    variants = [draw_of(ranges, run.seed, k) for k in range(draws)]
+    lab.total = draws
+    for variant in variants:
+        # Only one is held at a time.
+        lab.find(variant)
+
+    def findings() -> Iterator[VariantFinding]:
+        return (lab.found(variant) for variant in variants)
+
+    def simulations() -> Iterator[tuple[Variant, VariantFinding]]:
+        yield Variant(BASE, {}), base
+        yield from zip(variants, findings(), strict=True)
+
+    cell_m2 = run.grid.cell_size**2
+    maps = spread_maps(base, findings)
+    spread = GroundSpread(
+        draws,
+        _ranges_on(run, known, maps.cells),
+        spread_bands(base, findings, names, cell_m2),
+        level_areas(maps, cell_m2) if levels else None,
+    )
+    return DrawnGround(spread, maps, base, names, simulations)
+
+
+def _ranges_on(
+    run: MapRun, known: tuple[RangeRule, ...], cells: np.ndarray
+) -> tuple[ParameterRange, ...]:
+    return ranges_of(run.table, classes_on(run, cells), known, acting(run.engine))
+
+
+def runout_bands(
+    config: Config | str | Path,
+    draws: int,
+    out: str | Path,
+    *,
+    seed: int | None = None,
+    jobs: Jobs = None,
+    on_progress: OnProgress | None = None,
+    say: Callable[[str], None] | None = None,
+) -> tuple[SpreadBand, SpreadBand]:
+    """Bands of the median and of the 90 % quantile of the run-out, without any maps.
+
+    Parameters
+    ----------
+    out : path
+        New folder, which stays empty: while it works, what was simulated is kept beside it, and the
+        same call goes on from there.
+
+    Raises
+    ------
+    ConfigError, InputError, OutputError
+    Interrupted
+        If the user stops it; what was simulated is kept.
+    """
+    config = configured(config, seed)
+    tell = say or (lambda _text: None)
+    with staged_output(Path(out), False) as work:
+        job = read_job(config, None, tell)
+        known = read_ranges(job.run.table, config.ground.ranges)
+        check_starts(job.run, job.planned.points, lambda: job.planned, config.release.file)
+        ready = replace(job, run=replace(job.run, stop_points_max=0))
+        lab = VariantLab(
+            config, ready, None, work, workers_asked(config, jobs), on_progress, tell, _PART
+        )
+        base = lab.found(Variant(BASE, {}))
+        found = _drawn(lab, known, draws, base).spread
+    return found.band(MEDIAN), found.band(FAR)

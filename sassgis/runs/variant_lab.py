@@ -1,0 +1,112 @@
+"""Simulations of one configuration with other values of its ground classes, each kept as found."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+
+from sassgis.hazard.assess import Rules
+from sassgis.hazard.progress import Progress
+from sassgis.hazard.sensitivity import Variant, VariantFinding, finding_of
+from sassgis.io.saved_arrays import read_saved, write_saved
+from sassgis.io.staging import writing
+from sassgis.model.errors import Interrupted
+from sassgis.model.ground_ranges import with_values
+from sassgis.model.map_run import MapRun, ObjectCells
+from sassgis.model.run_config import Config
+from sassgis.runs.checkpoint import Checkpoint
+from sassgis.runs.job import Job, OnProgress, simulate_saved, state_fingerprint
+from sassgis.runs.workers import Workers
+
+_KEPT = [f.name for f in fields(VariantFinding)]
+
+
+class VariantLab:
+    """Simulates variants; what was found is kept beside the result, by what was asked.
+
+    Parameters
+    ----------
+    work : Path
+        Working folder of the result.
+    part : str
+        Distinguishes what is kept from the states of other simulations for the same result.
+    exposed : ObjectCells, optional
+        As for finding_of.
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        job: Job,
+        rules: Rules | None,
+        work: Path,
+        jobs: int | Workers,
+        on_progress: OnProgress | None,
+        tell: Callable[[str], None],
+        part: str = "",
+        exposed: ObjectCells | None = None,
+    ) -> None:
+        self.job, self.rules, self._tell = job, rules, tell
+        self.total = 0
+        judged = None if rules is None else (rules.preset, rules.frequencies)
+        release = (job.run.release.rocks_per_point, job.run.repetitions)
+        self._fingerprint = state_fingerprint(config, job.run, repr((release, judged, _KEPT)))
+        self._work, self._part, self._exposed = work, part, exposed
+        self._folder = Checkpoint(work, self._fingerprint, part).folder
+        self._jobs, self._step = jobs, on_progress
+        self._asked, self._blocks = 0, 0
+
+    def find(self, variant: Variant, seed: int | None = None) -> VariantFinding:
+        """What the variant finds, now or in an earlier call; counted as progress."""
+        found = self.found(variant, seed)
+        self._asked += 1
+        self._blocks += found.blocks
+        if self._step is not None:
+            self._step(self._asked, max(self.total, self._asked), self._blocks)
+        return found
+
+    def found(self, variant: Variant, seed: int | None = None) -> VariantFinding:
+        """What the variant finds."""
+        asked = [self._fingerprint, sorted([*k, v] for k, v in variant.values.items()), seed]
+        digest = hashlib.sha256(json.dumps(asked).encode()).hexdigest()
+        file = self._folder / f"{digest}.npz"
+        arrays = read_saved(file, digest, self._tell)
+        if arrays is not None:
+            return VariantFinding.from_arrays(arrays)
+        # What is left of a simulation that was stopped is of use to the same one alone.
+        under_way = Checkpoint(self._work, digest, str(Path(self._part, "under_way")))
+        found = self._simulate(variant, seed, under_way)
+        with writing(file):
+            file.parent.mkdir(parents=True, exist_ok=True)
+            write_saved(file, found.arrays(), digest)
+        under_way.forget()
+        return found
+
+    def _simulate(
+        self, variant: Variant, seed: int | None, under_way: Checkpoint
+    ) -> VariantFinding:
+        run = self.job.run
+        run = replace(
+            run,
+            table=with_values(run.table, variant.values),
+            seed=run.seed if seed is None else seed,
+        )
+        progress = under_way.restore(run, self._tell) or Progress.fresh(run)
+        try:
+            simulate_saved(run, self.job.planned, progress, under_way, self._jobs)
+        except Interrupted:
+            raise Interrupted(
+                f"stopped by the user after {self._asked} simulations; they are kept in "
+                f"{self._folder}: the same command goes on from there"
+            ) from None
+        return finding_of(run, progress, self.rules, self._exposed)
+
+
+def classes_on(run: MapRun, cells: np.ndarray) -> list[str]:
+    """Names of the ground classes on some cells (flat indices)."""
+    return [run.table.names[i] for i in np.unique(run.ground.ravel()[cells])]
