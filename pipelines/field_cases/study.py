@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import itertools
-import json
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 import sassgis
 from field_cases.distances import energy_distance, energy_scores, observed_scale
 from field_cases.figures import stops_figure
-from field_cases.tables import FieldCase
+from field_cases.tables import FieldCase, write_json
 from sassgis.engine.effects.registry import EFFECTS
 from sassgis.gap.diagnosis import Diagnosis, GapFinding
 from sassgis.gap.inference.intervals import bootstrap_interval, bootstrap_rows
@@ -115,11 +114,6 @@ def study(
     write_json(out / "results.json", results)
     print(f"Wrote {out / 'results.json'}")
     return results
-
-
-def write_json(file: Path, results: Mapping[str, Any]) -> None:
-    """Plain values, numbers to four digits."""
-    file.write_text(json.dumps(_plain(results), indent=1) + "\n", encoding="utf-8")
 
 
 def stops(case: Case, model: HypothesisModel, seed: int) -> tuple[FloatArray, FloatArray]:
@@ -403,16 +397,3 @@ def _distance(seen: FloatArray, made: FloatArray, scale: FloatArray) -> float:
 
 def _shrinkage(d: Mapping[str, float]) -> float:
     return (d["base"] - d["effect"]) / (d["base"] - d["floor"])
-
-
-def _plain(item: Any) -> Any:
-    """Plain values, numbers to four digits: more would be noise."""
-    if isinstance(item, Mapping):
-        return {str(k): _plain(v) for k, v in item.items()}
-    if isinstance(item, np.ndarray):
-        return _plain(item.tolist())
-    if isinstance(item, list | tuple):
-        return [_plain(v) for v in item]
-    if isinstance(item, float | np.floating):
-        return float(f"{item:.4g}") if np.isfinite(item) else None
-    return int(item) if isinstance(item, np.integer) else item

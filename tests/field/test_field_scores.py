@@ -9,8 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sassgis.model.settings import EngineSettings
-
 pytestmark = pytest.mark.battery
 
 #: Simulations of each rock. With 2600 and 3900 blocks another seed moves median and 90 % quantile
@@ -23,7 +21,9 @@ WIDTH = {"tschamut": 0.40, "authume": 0.33}
 
 
 @pytest.fixture(scope="module")
-def scored(shared_data: Path) -> Callable[[str], tuple[Any, Any, dict[str, Any]]]:
+def scored(
+    shared_data: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Callable[[str], tuple[Any, Any, dict[str, Any]]]:
     from field_cases import sites
     from field_cases.scores import score
 
@@ -33,8 +33,9 @@ def scored(shared_data: Path) -> Callable[[str], tuple[Any, Any, dict[str, Any]]
         if not (shared_data / FOLDERS[name]).is_dir():
             pytest.skip(f"{FOLDERS[name]} is not in the folder of the field data")
         if name not in made:
-            site = getattr(sites, name)(shared_data)
-            blocks = sites.simulated(site, sites.table_of(site), EngineSettings(), COUNT)
+            folder = tmp_path_factory.mktemp(name)
+            site = getattr(sites, name)(shared_data, folder)
+            blocks = sites.simulated(site, folder / "run", COUNT)
             made[name] = site, blocks, score(site, blocks)
         return made[name]
 
@@ -60,15 +61,31 @@ def test_two_heaps_at_authume(scored: Callable[[str], Any]) -> None:
     """The median lies between bench and floor, so that only the shares of both say much."""
     from field_cases.sites import run_out
 
-    site, blocks, _ = scored("authume")
-    seen = np.sort(run_out(site, site.stops)[:, 0])
-    # The widest gap between stops, but for those above the faces.
-    beyond = seen[seen > 30.0]
-    gap = int(np.argmax(np.diff(beyond[:-5])))
-    edge = beyond[gap : gap + 2].mean()
-    share = float(np.mean(seen < edge))
+    site, blocks, found = scored("authume")
+    beyond = found["beyond"]
+    share = beyond["observed"]
     error = float(np.sqrt(share * (1.0 - share) / len(site)))
-    simulated = run_out(site, blocks.stops)[blocks.started][:, 0]
-    assert np.mean(simulated < edge) == pytest.approx(share, abs=2.0 * error)
+    assert beyond["simulated"] == pytest.approx(share, abs=2.0 * error)
     # Few come to rest on the overgrown slope, by observation and simulation.
+    seen = run_out(site, site.stops)[:, 0]
+    simulated = run_out(site, blocks.stops)[blocks.started][:, 0]
     assert np.mean(simulated < 30.0) == pytest.approx(np.mean(seen < 30.0), abs=0.07)
+
+
+def test_calibration_starts_the_rocks_as_a_run_does(scored: Callable[[str], Any]) -> None:
+    """Stops of its campaigns are those of ``sassgis run``, with the configured classes."""
+    from scipy.stats import ks_2samp
+
+    from sassgis.gap.replicas.hypothesis_model import configured_model
+    from sassgis.gap.replicas.released_rocks import all_rocks, in_plane, move
+    from sassgis.gap.replicas.rock_lines import rock_lines_of
+    from sassgis.runs.gap_case import read_case
+
+    site, blocks, _ = scored("tschamut")
+    case = read_case(site.case.config, site.case.observations["all"])
+    lines = rock_lines_of(case)
+    moved = move(case, lines, all_rocks(case, lines), configured_model(case), seed=3, count=COUNT)
+    other = moved.rocks["runout_m"].reshape(len(site), COUNT)
+    for rock in np.flatnonzero(blocks.started.all(axis=1)).tolist():
+        own, _ = in_plane(case, np.full(COUNT, rock), *blocks.stops[rock].T)
+        assert ks_2samp(own, other[rock]).pvalue > 1e-5
