@@ -213,10 +213,10 @@ def field_gain() -> str:
     for name, one in field()["held_out"].items():
         gain = one["gain"]
         cells = [" / ".join(f"{v:+.1f}" for v in gain[k]) for k in ("claimed_m", "crps_m")]
-        counts = [f"{gain[k]} of {one['halves']}" for k in ("clear_of_zero", "changed")]
-        body.append([name, *(c.replace("-", "−") for c in cells), *counts])
+        chosen = f"{one['fitted_classes_recommended']} of {one['halves']}"
+        body.append([name, *(c.replace("-", "−") for c in cells), chosen])
     head = ["site", "gain stated by `calibrate`, 10 / 50 / 90 % of the halves (CRPS, m)"]
-    head += ["gain on the other half (CRPS, m)", "stated clear of zero", "classes changed"]
+    head += ["gain on the other half (CRPS, m)", "fitted classes recommended"]
     return markdown(head, body)
 
 

@@ -65,7 +65,8 @@ def held_out(
     """
     names = ("left_out", "left_out_configured", "halves_observed", f"at {other.name}")
     errors: dict[str, list[FloatArray]] = {name: [] for name in names}
-    gains: list[dict[str, Any]] = []
+    gains: dict[str, list[float]] = {"claimed_m": [], "crps_m": []}
+    changed = 0
     rank: dict[str, list[FloatArray]] = {name: [] for name in names[:2]}
     divisions = [s for s in site.case.splits if s.startswith("halves")]
     for division in divisions:
@@ -78,33 +79,22 @@ def held_out(
             errors[name].append(errors_of(rocks, own))
             rank[name].append(ranks(rocks, own))
         errors["halves_observed"].append(between(site.take(fit), rocks))
+        # None where the configured ground stays.
         classes = load_config(config).ground.classes
         table = {} if classes is None else {"ground.classes": str(classes)}
         strange = simulated(other, folder / "run_elsewhere", count, table)
         errors[names[-1]].append(errors_of(other, strange))
-        gains.append({"crps_m": crps(rocks, before) - crps(rocks, made), **_claimed(found)})
+        (claimed,) = (e.gain for e in found.sites[0].errors if e.name == "run-out")
+        gains["crps_m"].append(crps(rocks, before) - crps(rocks, made))
+        gains["claimed_m"].append(claimed.value)
+        changed += classes is not None
     return {
         "halves": len(divisions),
         "rocks_left_out": len(site) // 2,
         **summary(errors),
         "bands": {name: bands(own) for name, own in rank.items()},
-        "gain": {
-            "crps_m": quantiles(np.array([g["crps_m"] for g in gains])),
-            "claimed_m": quantiles(np.array([g["claimed_m"] for g in gains])),
-            "clear_of_zero": sum(g["clear"] for g in gains),
-            "changed": sum(g["changed"] for g in gains),
-        },
-    }
-
-
-def _claimed(found: SiteCalibration) -> dict[str, Any]:
-    """What a calibration says of its own gain in run-out (CRPS, m), and whether it changed any."""
-    (gain,) = (e.gain for e in found.sites[0].errors if e.name == "run-out")
-    configured = [f.parameter.configured for f in found.fitted]
-    return {
-        "claimed_m": gain.value,
-        "clear": bool(gain.low > 0.0),
-        "changed": bool([f.value for f in found.fitted] != configured),
+        "gain": {name: quantiles(np.array(own)) for name, own in gains.items()},
+        "fitted_classes_recommended": changed,
     }
 
 

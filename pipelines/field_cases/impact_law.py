@@ -129,7 +129,7 @@ def predict(
     table = GroundTable((law.ground,)).with_rolling_threshold(settings.rolling_threshold)
     effects = EffectSettings()
     if law.soft is not None:
-        effects = effects.having(law.soft)
+        effects = effects.having(replace(law.soft, classes=(law.ground.name,)))
     radius = float(np.cbrt(np.prod(state.axes)))
     density = state.mass_kg / (4.0 / 3.0 * math.pi * radius**3)
     factor = np.maximum(1.0 + error * rng.standard_normal((draws, 3)), 0.1)

@@ -36,9 +36,10 @@ BEYOND_M = 10.0
 TSCHAMUT_BLOCKS = {1: "St. Leonard", 2: "heaviest", 4: "plate"}
 #: Tschamut: release places, by the least x of each; within one, positions scatter by a metre.
 PLACES_M = (0.0, 17.5, 25.0, 32.0, 45.0)
-#: Authume: code of the zones of the substratum whose class is ``slope``, and of the others. Cells
-#: without a code are hard ground, as in the quarry around them.
-SLOPE_ZONE, AUTHUME_ZONES = 1, {2: "rock", 3: "debris"}
+#: Authume: the substratum zones, read as ground classes by their description; the slope has the
+#: first code. Cells without one are hard ground, as in the quarry around them.
+AUTHUME_ZONES = {1: "overgrown_slope", 2: "rock", 3: "debris"}
+SLOPE_ZONE = 1
 #: Distance of the release points in the square of release (m).
 SPACING_M = 1.0
 #: Authume: limestone; the mass of a rock cancels out of its motion.
@@ -171,7 +172,7 @@ def tschamut(
 def authume(
     data: Path,
     out: Path,
-    slope: str = "overgrown_slope",
+    slope: str = AUTHUME_ZONES[SLOPE_ZONE],
     more: Sections | None = None,
     divisions: int = 1,
 ) -> Site:
@@ -202,7 +203,7 @@ def authume(
     under = grid.values.ravel()[(x >= west) & (x <= east) & (y >= south) & (y <= north)]
     height = corners[:, 1].mean() - float(rocks[AXES[2]].median())
     drop = [max(float(height - under.max()), 0.0), float(height - under.min())]
-    codes = {SLOPE_ZONE: slope, **AUTHUME_ZONES}
+    codes = {**AUTHUME_ZONES, SLOPE_ZONE: slope}
     sections = {
         "terrain": f"dem = {json.dumps(str(dem))}",
         "ground": f'default = "rock"\nfile = {json.dumps(str(zones))}\nraster_classes = '

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib.util
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -16,6 +18,7 @@ pytestmark = pytest.mark.battery
 #: the share of the first heap falls below a half: see the test of the two heaps.
 COUNT = 64
 FOLDERS = {"tschamut": "tschamut2014", "authume": "authume_quarry_p1"}
+CONTACTS = "chant_sura_2020"
 #: The aim for widths is 25 %. What is reached is 32 to 35 % and 24 to 28 %, by the seed.
 WIDTH = {"tschamut": 0.40, "authume": 0.33}
 
@@ -89,3 +92,28 @@ def test_calibration_starts_the_rocks_as_a_run_does(scored: Callable[[str], Any]
     for rock in np.flatnonzero(blocks.started.all(axis=1)).tolist():
         own, _ = in_plane(case, np.full(COUNT, rock), *blocks.stops[rock].T)
         assert ks_2samp(own, other[rock]).pvalue > 1e-5
+
+
+def test_one_command_makes_every_table_of_the_page(
+    shared_data: Path, repository: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With few simulations: calibrated on a half, run, scored on the other half."""
+    import field_scores
+
+    if not all((shared_data / folder).is_dir() for folder in (*FOLDERS.values(), CONTACTS)):
+        pytest.skip("not all sites are in the folder of the field data")
+    monkeypatch.setattr(field_scores, "TILTS", (7.0,))
+    monkeypatch.setattr(field_scores, "DRIFTS", (4.0,))
+    few = ["--count", "16", "--halves", "1", "--draws", "8", "--jobs", "1"]
+    field_scores.main([str(shared_data), "-o", str(tmp_path / "out"), *few])
+    found = json.loads((tmp_path / "out" / "results.json").read_text("utf-8"))
+    # The default settings are among those whose widths are compared.
+    for name, one in found["built_in"].items():
+        assert found["widths"][0][name]["width_error"] == one["width_error"]
+    spec = importlib.util.spec_from_file_location("tables", repository / "docs/studies/tables.py")
+    assert spec is not None and spec.loader is not None
+    tables = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(tables)
+    monkeypatch.setattr(tables, "field", lambda: found)
+    made = {name: table() for name, table in tables.TABLES.items() if name.startswith("field")}
+    assert len(made) > 8 and all(text.count("\n") >= 2 for text in made.values())
