@@ -12,8 +12,7 @@ hold no coordinates; what is in ``OUT/work`` must not be passed on.
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +21,7 @@ from field_cases import tables
 from field_cases.figures import field_figure
 from field_cases.held_out import calibrated, held_out, parameters
 from field_cases.impact_law import fast_contacts, grazing
-from field_cases.scores import by_group, by_mass, repeated, score
+from field_cases.scores import by_group, by_mass, repeated, score, widths
 from field_cases.sites import Simulated, Site, authume, run_out, simulated, tschamut
 from field_cases.tables import write_json
 
@@ -31,31 +30,12 @@ from sassgis.model.errors import SassgisError
 from sassgis.model.settings import EngineSettings, TerrainSettings
 from sassgis.report.figures import save
 
-#: Sideways tilts and drifts (degrees) whose widths are compared.
-TILTS = (4.0, 7.0, 10.0, 15.0)
-DRIFTS = (2.0, 4.0, 6.0)
-
 
 def published(data: Path) -> list[dict[str, str]]:
     """Scores of other open codes on the same data."""
     rows = pd.read_csv(tables.field_file(data, ".", "published_field_numbers.csv"), dtype=str)
     own = rows[rows["quantity"].str.contains("simulator")]
     return own[["site", "quantity", "value", "unit", "source"]].to_dict("records")
-
-
-def widths(
-    sites: Mapping[str, Site], run: Callable[[Site, str, Mapping[str, Any]], Simulated]
-) -> list[dict[str, Any]]:
-    """Run-out and width against what turns the heading."""
-    rows = []
-    for tilt, drift in itertools.product(TILTS, DRIFTS):
-        row: dict[str, Any] = {"side_tilt_deg": tilt, "drift_deg": drift}
-        settings = {f"engine.{name}": value for name, value in row.items()}
-        for name, site in sites.items():
-            found = score(site, run(site, f"widths_{tilt:g}_{drift:g}", settings))
-            row[name] = {"error": found["error"], "width_error": found["width_error"]}
-        rows.append(row)
-    return rows
 
 
 def main(argv: list[str] | None = None) -> None:
@@ -82,6 +62,7 @@ def main(argv: list[str] | None = None) -> None:
         name: write(given.data, tables.fresh(work / f"{name}_with_other"), foreign[name])
         for name, write in writers.items()
     }
+    elsewhere = dict(zip(slope, reversed(others.values()), strict=True))
     now = {name: run(site, "built_in") for name, site in sites.items()}
     strange = {name: run(site, "other_class") for name, site in others.items()}
     paper = {"engine.readings": "1986"}
@@ -108,15 +89,9 @@ def main(argv: list[str] | None = None) -> None:
         "published": published(given.data),
         "held_out": {
             name: held_out(
-                site,
-                now[name],
-                next(o for n, o in others.items() if n != name),
-                work,
-                given.count,
-                given.jobs,
-                given.draws,
+                s, now[name], elsewhere[name], work, given.count, given.jobs, given.draws
             )
-            for name, site in sites.items()
+            for name, s in sites.items()
         },
         "parameters": parameters(all_rocks),
         "widths": widths(sites, run),

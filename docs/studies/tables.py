@@ -167,7 +167,8 @@ def field_untuned() -> str:
         ("readings_and_classes_1986", "readings and classes of 1986"),
     ):
         for name, one in found[key].items():
-            limits = one["error_95"]
+            limits, beyond = one["error_95"], one["beyond"]
+            observed, simulated = (100.0 * beyond[key] for key in ("observed", "simulated"))
             body.append(
                 [
                     f"{name}, {label.format(own=slope[name], other=other[name])}",
@@ -178,11 +179,12 @@ def field_untuned() -> str:
                     error_95(one["error"][2], limits[2]),
                     error_95(one["width_error"], one["width_error_95"]),
                     f"{one['crps_m']:.1f} m",
+                    f"{beyond['edge_m']:.0f} m: {observed:.0f} / {simulated:.0f} %",
                     f"{100.0 * one['left_the_terrain']:.0f} %",
                 ]
             )
     head = ["site, class of the slope", "rocks", "observed 10 / 50 / 90 % (m)", "simulated"]
-    head += ["median", "90 %", "width", "CRPS", "left the terrain"]
+    head += ["median", "90 %", "width", "CRPS", "stopped beyond", "left the terrain"]
     return markdown(head, body)
 
 

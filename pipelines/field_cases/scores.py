@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import itertools
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,9 @@ SHARES = (0.1, 0.5, 0.9)
 BOOTSTRAPS = 1000
 #: Bands of single rocks whose coverage is counted.
 BANDS = (0.8, 0.9)
+#: Sideways tilts and drifts (degrees) whose widths are compared.
+TILTS = (4.0, 7.0, 10.0, 15.0)
+DRIFTS = (2.0, 4.0, 6.0)
 #: Runs of one block from one place below which their spread is not looked at.
 FEWEST_RUNS = 3
 
@@ -218,6 +222,21 @@ def _within(values: FloatArray, place: NDArray[np.int64]) -> float:
 def _spread(rows: FloatArray) -> FloatArray:
     """Standard deviation of each row; NaN of blocks that never started."""
     return pd.DataFrame(rows).std(axis=1).to_numpy()
+
+
+def widths(
+    sites: Mapping[str, Site], run: Callable[[Site, str, Mapping[str, Any]], Simulated]
+) -> list[dict[str, Any]]:
+    """Run-out and width against what turns the heading; ``run`` takes a name and settings."""
+    rows = []
+    for tilt, drift in itertools.product(TILTS, DRIFTS):
+        row: dict[str, Any] = {"side_tilt_deg": tilt, "drift_deg": drift}
+        settings = {f"engine.{name}": value for name, value in row.items()}
+        for name, site in sites.items():
+            found = score(site, run(site, f"widths_{tilt:g}_{drift:g}", settings))
+            row[name] = {"error": found["error"], "width_error": found["width_error"]}
+        rows.append(row)
+    return rows
 
 
 def summary(errors: Mapping[str, list[FloatArray]]) -> dict[str, Any]:

@@ -99,11 +99,12 @@ def test_one_command_makes_every_table_of_the_page(
 ) -> None:
     """With few simulations: calibrated on a half, run, scored on the other half."""
     import field_scores
+    from field_cases import scores
 
     if not all((shared_data / folder).is_dir() for folder in (*FOLDERS.values(), CONTACTS)):
         pytest.skip("not all sites are in the folder of the field data")
-    monkeypatch.setattr(field_scores, "TILTS", (7.0,))
-    monkeypatch.setattr(field_scores, "DRIFTS", (4.0,))
+    monkeypatch.setattr(scores, "TILTS", (7.0,))
+    monkeypatch.setattr(scores, "DRIFTS", (4.0,))
     few = ["--count", "16", "--halves", "1", "--draws", "8", "--jobs", "1"]
     field_scores.main([str(shared_data), "-o", str(tmp_path / "out"), *few])
     found = json.loads((tmp_path / "out" / "results.json").read_text("utf-8"))
