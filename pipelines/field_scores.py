@@ -1,40 +1,33 @@
 """Are run-out and width of the stops right at Tschamut and Authume, on rocks left out as well?
 
-    python pipelines/field_scores.py [DATA] -o OUT [--sets 256] [--count 16]
+    python pipelines/field_scores.py [DATA] -o OUT [--count 96] [--halves 5] [--draws N] [--jobs 2]
 
-Simulates the observed rocks from where they were released, each along the path that it takes: with
-the built-in classes, chosen by the description of the site alone; with the class that was
-calibrated at the other site; with the class of the slope calibrated on random halves of the rocks,
-and scored on the other halves and at the other site. Adds single contacts at Chant Sura. Writes
-``results.json`` and a figure. The data of Authume state no licence: no coordinates are written.
+Writes each site as a user would (configuration, release, observations) and runs ``sassgis run``
+with the built-in classes, chosen by the description of the site alone; with the class of the other
+site; with the readings and classes of 1986; and with what ``sassgis calibrate`` recommends after it
+saw a random half of the rocks, scored on the other half and at the other site. Adds single contacts
+at Chant Sura. Writes ``results.json`` and a figure. The data of Authume state no licence: these two
+hold no coordinates; what is in ``OUT/work`` must not be passed on.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 from field_cases import tables
-from field_cases.contact_scores import contacts, grazing
 from field_cases.figures import field_figure
-from field_cases.held_out import by_group, held_out, ranges, with_class_of
-from field_cases.scores import design, score, tried, widths
-from field_cases.sites import (
-    TOLERANCE_M,
-    Simulated,
-    Site,
-    authume,
-    run_out,
-    simulated,
-    table_of,
-    tschamut,
-)
-from field_cases.study import write_json
+from field_cases.held_out import calibrated, held_out, parameters
+from field_cases.impact_law import fast_contacts, grazing
+from field_cases.scores import by_group, by_mass, repeated, score, widths
+from field_cases.sites import Simulated, Site, authume, run_out, simulated, tschamut
+from field_cases.tables import write_json
 
 import sassgis
 from sassgis.model.errors import SassgisError
-from sassgis.model.settings import EngineSettings
+from sassgis.model.settings import EngineSettings, TerrainSettings
 from sassgis.report.figures import save
 
 
@@ -46,47 +39,64 @@ def published(data: Path) -> list[dict[str, str]]:
 
 
 def main(argv: list[str] | None = None) -> None:
-    """Score, and write what was found."""
+    """Run, score, and write what was found."""
     parser = tables.parser(__doc__)
-    parser.add_argument("--sets", type=int, default=256, help="parameter sets that are tried")
-    parser.add_argument("--count", type=int, default=16, help="simulations of each rock and set")
+    parser.add_argument("--count", type=int, default=96, help="simulations of each rock")
+    parser.add_argument("--halves", type=int, default=5, help="random halves calibrated on")
+    parser.add_argument("--draws", type=int, help="as of sassgis calibrate")
     given = parser.parse_args(argv)
     out: Path = tables.fresh(given.output)
-    (out / "notes.txt").write_text("Written by field_scores.py\n", encoding="utf-8")
-    meadow, quarry = tschamut(given.data), authume(given.data)
-    sites = {site.name: site for site in (meadow, quarry)}
+    work = out / "work"
+
+    def run(site: Site, name: str, settings: Mapping[str, Any] | None = None) -> Simulated:
+        return simulated(site, work / f"{site.name}_{name}", given.count, settings)
+
+    writers = {"Tschamut": tschamut, "Authume": authume}
+    sites = {
+        name: write(given.data, tables.fresh(work / f"{name}_site"), divisions=given.halves)
+        for name, write in writers.items()
+    }
+    slope = {name: site.slope for name, site in sites.items()}
+    foreign = dict(zip(slope, reversed(slope.values()), strict=True))
     others = {
-        meadow.name: with_class_of(meadow, quarry), quarry.name: with_class_of(quarry, meadow)
-    }  # fmt: skip
-    settings, many = EngineSettings(), 6 * given.count
-
-    def of(some: Mapping[str, Site], readings: str = "hazard") -> dict[str, Simulated]:
-        engine = EngineSettings(readings=readings)  # type: ignore[arg-type]
-        return {
-            n: simulated(s, table_of(s, readings=readings), engine, many) for n, s in some.items()
-        }
-
-    now, before, strange = of(sites), of(sites, "1986"), of(others)
-    sets = design(given.sets)
-    made = {name: tried(site, sets, settings, given.count) for name, site in sites.items()}
-    soft = table_of(meadow).classes[0]
+        name: write(given.data, tables.fresh(work / f"{name}_with_other"), foreign[name])
+        for name, write in writers.items()
+    }
+    elsewhere = dict(zip(slope, reversed(others.values()), strict=True))
+    now = {name: run(site, "built_in") for name, site in sites.items()}
+    strange = {name: run(site, "other_class") for name, site in others.items()}
+    paper = {"engine.readings": "1986"}
+    before = {name: run(site, "1986", paper) for name, site in sites.items()}
+    all_rocks = {
+        name: calibrated(site, "all", work / f"{name}_calibrated", given.jobs, given.draws)[0]
+        for name, site in sites.items()
+    }
     chant_sura = given.data / "chant_sura_2020"
+    settings = EngineSettings()
     results = {
         "program": f"sassgis {sassgis.__version__}",
         "side_tilt_deg": settings.side_tilt_deg,
         "drift_deg": settings.drift_deg,
-        "segment_tolerance_m": TOLERANCE_M,
-        "classes": {name: site.classes for name, site in sites.items()},
+        "segment_tolerance_m": TerrainSettings().segment_tolerance_m,
+        "simulations_of_each_rock": given.count,
+        "classes": slope,
         "built_in": {name: score(s, now[name]) for name, s in sites.items()},
         "class_of_the_other_site": {name: score(s, strange[name]) for name, s in others.items()},
         "readings_and_classes_1986": {name: score(s, before[name]) for name, s in sites.items()},
-        "by_group": by_group(sites, now),
+        "by_group": {k: v for n, s in sites.items() for k, v in by_group(s, now[n]).items()},
+        "by_mass": {name: by_mass(s, now[name]) for name, s in sites.items()},
+        "repeated": {k: v for n, s in sites.items() for k, v in repeated(s, now[n]).items()},
         "published": published(given.data),
-        "held_out": held_out(sites, sets, made),
-        "ranges": {s.classes[0]: ranges(s, settings, given.count) for s in sites.values()},
-        "widths": widths(sites, 2 * given.count),
-        "contacts": contacts(chant_sura, soft),
-        "grazing": grazing(chant_sura, soft),
+        "held_out": {
+            name: held_out(
+                s, now[name], elsewhere[name], work, given.count, given.jobs, given.draws
+            )
+            for name, s in sites.items()
+        },
+        "parameters": parameters(all_rocks),
+        "widths": widths(sites, run),
+        "contacts": fast_contacts(chant_sura, slope["Tschamut"]),
+        "grazing": grazing(chant_sura, slope["Tschamut"]),
     }
     write_json(out / "results.json", results)
     shown = {

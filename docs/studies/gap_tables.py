@@ -37,15 +37,6 @@ def metres(value: float | None) -> str:
     return "–" if value is None else f"{value:.1f}".replace("-0.0", "0.0").replace("-", "−")
 
 
-def pair(interval: list[float] | None, digits: int = 3) -> str:
-    """An interval in words."""
-    return (
-        "–"
-        if interval is None
-        else f"{number(interval[0], digits)} to {number(interval[1], digits)}"
-    )
-
-
 def markdown(head: list[str], body: list[list[str]]) -> str:
     """A table in Markdown."""
     lines = [head, ["---"] * len(head), *body]
@@ -71,56 +62,6 @@ def untuned(case: str) -> str:
             )
     head = ["rocks", "(m)", "observed 10 / 50 / 90 %", "predicted", "gap of the mean (95 %)", "p"]
     return markdown(head, body)
-
-
-def recalibrated(case: str) -> str:
-    """One class of ground calibrated widely, on held-out rocks."""
-    body = []
-    for split, one in results(case)["recalibrated"].items():
-        for model, word in (
-            ("untuned", "uncalibrated"),
-            ("recalibrated", f"η_max {number(one['eta_max'])}, μ_0 {number(one['mu_0'])}"),
-        ):
-            q = one[model]
-            body.append(
-                [
-                    f"{split} ({one['rocks']})" if model == "untuned" else "",
-                    word,
-                    " / ".join(metres(v) for v in q["predicted"]),
-                    f"{metres(q['gap_m'])} ({metres(q['ci95'][0])} to {metres(q['ci95'][1])})",
-                    metres(q["crps_m"]),
-                    metres(q["energy_distance_m"]),
-                    f"{100.0 * q['to_the_end']:.0f} %",
-                ]
-            )
-        seen = one["untuned"]["observed"]
-        body.append(["", "*observed*", " / ".join(metres(v) for v in seen), "", "", "", ""])
-    head = ["held out", "soft_meadow", "run-out 10 / 50 / 90 % (m)", "mean gap (m, 95 %)"]
-    return markdown([*head, "CRPS (m)", "energy distance (m)", "to the end of the path"], body)
-
-
-def deflected(case: str) -> str:
-    """Lateral offset of held-out rocks, with an angle from the fitted rocks."""
-    body = []
-    for split, one in results(case)["recalibrated"].items():
-        for model, word in (
-            ("recalibrated", "on the fall line"),
-            ("deflected", f"{number(one['angle_deg'])}° per hop of 10 m"),
-        ):
-            q = one[model]["aside"]
-            body.append(
-                [
-                    f"{split} ({one['rocks']})" if model == "recalibrated" else "",
-                    word,
-                    " / ".join(metres(v) for v in q["predicted"]),
-                    metres(q["crps_m"]),
-                    metres(q["energy_distance_m"]),
-                ]
-            )
-        seen = one["untuned"]["aside"]["observed"]
-        body.append(["", "*observed*", " / ".join(metres(v) for v in seen), "", ""])
-    head = ["held out", "paths", "lateral offset 10 / 50 / 90 % (m)", "CRPS (m)"]
-    return markdown([*head, "energy distance (m)"], body)
 
 
 def which(case: str, split: str) -> str:
@@ -176,41 +117,38 @@ def ladder(case: str) -> str:
 
 
 def left_out(case: str) -> str:
-    """Scores on held-out rocks."""
+    """What was calibrated and handed over, on held-out rocks."""
     body = []
     for split, one in results(case).get("splits", {}).items():
-        held = one["left_out"]
-        for model in ("untuned", "base", "effect", "floor"):
-            distance = held["energy_distance"][model]
-            gap = held["gap_m"]
-            cells = ["–", "–", "–", "–"]
-            if model != "floor":
-                cells = [
-                    pair(held["above_floor_ci95"][model], 2),
-                    number(held["energy_score"][model]),
-                    metres(gap["runout_m"][model]),
-                    number(held["by_quantity_m"]["aside_m"][model]),
+        for model, q in one["left_out"].items():
+            body.append(
+                [
+                    f"{split} ({q['rocks']})" if model == "uncalibrated" else "",
+                    model if model == "uncalibrated" else f"`{model}`",
+                    " / ".join(metres(v) for v in q["predicted"]),
+                    f"{metres(q['gap_m'])} ({metres(q['ci95'][0])} to {metres(q['ci95'][1])})",
+                    *(metres(q[f"{k}_m"]) for k in ("crps", "energy_distance")),
+                    metres(q["aside_energy_distance_m"]),
+                    f"{100.0 * q['to_the_end']:.0f} %",
                 ]
-            name = f"{split} ({held['rocks']})" if model == "untuned" else ""
-            word = {
-                "untuned": "uncalibrated",
-                "base": "base, calibrated",
-                "effect": "handed over",
-                "floor": "replicates of the last",
-            }[model]
-            body.append([name, word, f"{number(distance)}", *cells])
-        body.append(
-            [
-                "",
-                "**shrinkage**",
-                f"**{number(held['shrinkage'], 2)}**", pair(held["shrinkage_ci95"], 2),
-                "", "", "",
-            ]
-        )  # fmt: skip
+            )
+        seen = " / ".join(metres(v) for v in one["left_out"]["uncalibrated"]["observed"])
+        body.append(["", "*observed*", seen, "", "", "", "", ""])
     if not body:
         return "*Not diagnosed.*"
-    head = ["held out", "model", "energy distance", "above the floor (95 %)"]
-    return markdown([*head, "energy score", "mean gap (m)", "lateral offset (m)"], body)
+    head = ["held out", "model", "run-out 10 / 50 / 90 % (m)", "mean gap (m, 95 %)", "CRPS (m)"]
+    head += ["energy distance (m)", "the same, lateral offset (m)", "to the end of the path"]
+    return markdown(head, body)
+
+
+def parameters(case: str) -> str:
+    """What ``sassgis calibrate`` sets on the fitted rocks."""
+    found = {s: one["calibrated"] for s, one in results(case).get("splits", {}).items()}
+    labels = list(dict.fromkeys(label for one in found.values() for label in one))
+    return markdown(
+        ["fitted on", *(f"`{label}`" for label in labels)],
+        [[split, *(number(one.get(k), 2) for k in labels)] for split, one in found.items()],
+    )
 
 
 def contacts(which_ones: str) -> str:
@@ -246,8 +184,7 @@ TABLES = {
     **{f"{c} uncalibrated": (lambda c=c: untuned(c)) for c in ("tschamut", "authume")},
     **{f"{c} verdict": (lambda c=c: verdict(c)) for c in ("tschamut", "authume", "chant_sura")},
     **{f"{c} ladder": (lambda c=c: ladder(c)) for c in ("tschamut", "authume")},
-    **{f"{c} recalibrated": (lambda c=c: recalibrated(c)) for c in ("tschamut", "authume")},
-    **{f"{c} lateral offset": (lambda c=c: deflected(c)) for c in ("tschamut", "authume")},
+    **{f"{c} parameters": (lambda c=c: parameters(c)) for c in ("tschamut", "authume")},
     **{f"{c} held out": (lambda c=c: left_out(c)) for c in ("tschamut", "authume")},
     "tschamut which": lambda: which("tschamut", "halves"),
     "authume which": lambda: which("authume", "halves"),

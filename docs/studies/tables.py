@@ -158,7 +158,7 @@ def metres(values: list[float]) -> str:
 def field_untuned() -> str:
     """Stops with classes chosen by the description alone, and two other choices."""
     found = field()
-    slope = {name: classes[0] for name, classes in found["classes"].items()}
+    slope = found["classes"]
     other = dict(zip(slope, reversed(slope.values()), strict=True))
     body = []
     for key, label in (
@@ -167,7 +167,8 @@ def field_untuned() -> str:
         ("readings_and_classes_1986", "readings and classes of 1986"),
     ):
         for name, one in found[key].items():
-            limits = one["error_95"]
+            limits, beyond = one["error_95"], one["beyond"]
+            observed, simulated = (100.0 * beyond[key] for key in ("observed", "simulated"))
             body.append(
                 [
                     f"{name}, {label.format(own=slope[name], other=other[name])}",
@@ -178,11 +179,12 @@ def field_untuned() -> str:
                     error_95(one["error"][2], limits[2]),
                     error_95(one["width_error"], one["width_error_95"]),
                     f"{one['crps_m']:.1f} m",
+                    f"{beyond['edge_m']:.0f} m: {observed:.0f} / {simulated:.0f} %",
                     f"{100.0 * one['left_the_terrain']:.0f} %",
                 ]
             )
     head = ["site, class of the slope", "rocks", "observed 10 / 50 / 90 % (m)", "simulated"]
-    head += ["median", "90 %", "width", "CRPS", "left the terrain"]
+    head += ["median", "90 %", "width", "CRPS", "stopped beyond", "left the terrain"]
     return markdown(head, body)
 
 
@@ -192,19 +194,83 @@ def field_left_out() -> str:
     for name, one in field()["held_out"].items():
         labels = {
             "left_out": f"the other half ({one['rocks_left_out']} rocks)",
+            "left_out_configured": "the same, configured classes",
             "halves_observed": "*observed halves against each other*",
+            **{key: key.removeprefix("at ") + ", all rocks" for key in one if key[:3] == "at "},
         }
-        for key, row in one.items():
-            if not isinstance(row, dict):
-                continue
+        for key, label in labels.items():
             cells = []
             for measure in ("median", "q90", "width"):
-                low, middle, high = (percent(v) for v in row[measure]["quantiles"])
+                row = one[key][measure]
+                low, middle, high = (percent(v) for v in row["quantiles"])
                 spread = f"({low.removesuffix(' %')} to {high.removesuffix(' %')})"
-                cells.append(f"{middle} {spread}, rms {100.0 * row[measure]['rms']:.0f} %")
-            scored = labels.get(key, key.removeprefix("at ") + ", all rocks")
-            body.append([f"{name}, {one['halves']} halves", scored, *cells])
+                cells.append(f"{middle} {spread}, rms {100.0 * row['rms']:.0f} %")
+            body.append([f"{name}, {one['halves']} halves", label, *cells])
     return markdown(["fitted on", "scored on", "median", "90 %", "width"], body)
+
+
+def field_gain() -> str:
+    """What calibration says that it gains, and what it gains on the other half."""
+    body = []
+    for name, one in field()["held_out"].items():
+        gain = one["gain"]
+        cells = [" / ".join(f"{v:+.1f}" for v in gain[k]) for k in ("claimed_m", "crps_m")]
+        chosen = f"{one['fitted_classes_recommended']} of {one['halves']}"
+        body.append([name, *(c.replace("-", "−") for c in cells), chosen])
+    head = ["site", "gain stated by `calibrate`, 10 / 50 / 90 % of the halves (CRPS, m)"]
+    head += ["gain on the other half (CRPS, m)", "fitted classes recommended"]
+    return markdown(head, body)
+
+
+def field_bands() -> str:
+    """How many rocks lie in the bands of their own simulations."""
+    found = field()
+    labels = {
+        "left_out": "calibrated, rocks left out",
+        "left_out_configured": "the same, as configured",
+    }
+    rows = [(f"{n}, built-in classes", one["bands"]) for n, one in found["built_in"].items()]
+    rows += [
+        (f"{name}, {label}", one["bands"][key])
+        for name, one in found["held_out"].items()
+        for key, label in labels.items()
+    ]
+    body = []
+    for label, own in rows:
+        cells = []
+        for band in own.values():
+            low, high = band["inside_95"]
+            cells.append(f"{100 * band['inside']:.0f} % ({100 * low:.0f} to {100 * high:.0f})")
+        last = own["0.9"]
+        body.append([label, *cells, f"{100 * last['short']:.0f} %", f"{100 * last['far']:.0f} %"])
+    head = ["site", "in the 80 % band", "in the 90 % band", "stopped short of it", "went beyond it"]
+    return markdown(head, body)
+
+
+def field_repeated() -> str:
+    """Spread of repeated runs of one block."""
+    body = [
+        [
+            name, f"{one['runs']} from {one['places']}", f"{one['observed_m']:.0f}",
+            f"{one['simulated_m']:.0f} ({' to '.join(f'{v:.0f}' for v in one['simulated_95'])})",
+            f"{one['one_release_m']:.0f}",
+        ]
+        for name, one in field()["repeated"].items()
+    ]  # fmt: skip
+    head = ["block", "runs, places", "observed spread (m)", "simulated (m)"]
+    return markdown([*head, "simulated, from one point (m)"], body)
+
+
+def field_mass() -> str:
+    """How much farther a rock of twice the mass goes."""
+    body = []
+    for name, one in field()["by_mass"].items():
+        cells = [
+            f"{one[f'{side}_m']:+.1f} ({' to '.join(f'{v:+.1f}' for v in one[f'{side}_95'])})"
+            for side in ("observed", "simulated")
+        ]
+        body.append([name, *(c.replace("-", "−") for c in cells)])
+    return markdown(["site", "observed (m)", "simulated (m)"], body)
 
 
 def field_groups() -> str:
@@ -231,20 +297,18 @@ def field_published() -> str:
     return markdown(["site", "program", "mean signed error of the run-out (m)"], body)
 
 
-def field_ranges() -> str:
-    """Between which values of single parameters the stops are met about as well."""
-    body = [
-        [
-            f"`{name}`",
-            f"`{parameter}`",
-            f"{one['value']:g}",
-            f"{one['low']:.2g} to {one['high']:.2g}",
-            "{:g} to {:g}".format(*one["tried"]),
-        ]
-        for name, parameters in field()["ranges"].items()
-        for parameter, one in parameters.items()
-    ]
-    return markdown(["class", "parameter", "value", "about as good", "tried"], body)
+def field_parameters() -> str:
+    """What calibrations on all rocks of a site say of the parameters."""
+    body = []
+    for one in field()["parameters"]:
+        low, high = one["ci95"]
+        said = "identified" if one["identified"] else ""
+        if one["at_limit"]:
+            said = f"{said}, at a limit".removeprefix(", ")
+        names = [f"{one['site']}: `{one['class']}`", f"`{one['parameter']}`"]
+        values = [rounded(one[key], 2) for key in ("configured", "value")]
+        body.append([*names, *values, f"{rounded(low, 2)} to {rounded(high, 2)}", said])
+    return markdown(["site and class", "parameter", "shipped", "best", "95 %", ""], body)
 
 
 def field_widths() -> str:
@@ -453,7 +517,11 @@ TABLES = {
     "field left out": field_left_out,
     "field groups": field_groups,
     "field published": field_published,
-    "field ranges": field_ranges,
+    "field gain": field_gain,
+    "field bands": field_bands,
+    "field repeated": field_repeated,
+    "field mass": field_mass,
+    "field parameters": field_parameters,
     "field widths": field_widths,
     "field contacts": field_contacts,
     "safety kills": safety_kills,

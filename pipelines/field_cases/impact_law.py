@@ -7,26 +7,32 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
-from field_cases.contacts import REACH_M, read_contacts
+from field_cases.contacts import PLATE_KG, REACH_M, plate_axes, read_contacts
 from field_cases.distances import energy_scores, observed_scale
 from field_cases.figures import contacts_figure
-from sassgis.engine.effects import soft_ground
+from sassgis.engine.effects import hooks
 from sassgis.engine.effects.soft_ground import SoftGround
-from sassgis.engine.ellipse import frame_of, inertia
-from sassgis.engine.impact import COULOMB, SCALE, impact
-from sassgis.gap.residuals.impact_step import orientation_at_contact
+from sassgis.engine.ellipse import inertia
+from sassgis.engine.simulate import physics_of
+from sassgis.gap.residuals.impact_step import impact_draws
 from sassgis.io.read.ground_map import built_in_table
-from sassgis.model.ground import GroundClass
+from sassgis.model.effects import EffectSettings
+from sassgis.model.ground import GroundClass, GroundTable
+from sassgis.model.settings import EngineSettings
 from sassgis.report.figures import save
 
 FloatArray = NDArray[np.float64]
+Readings = Literal["1986", "hazard"]
 
 DRAWS = 400
+#: Slower contacts along the normal are not compared (m/s).
+FAST_MPS = 3.0
 #: Relative error of a velocity: the effect of another radius of the plane through the ground.
 SPEED_ERROR = 0.1
 #: Ground by expert judgement.
@@ -67,10 +73,11 @@ class State:
 
 @dataclass(frozen=True)
 class Law:
-    """The law of impacts: a ground class, and a form of soft ground or none."""
+    """The law of impacts: a ground class, a form of soft ground or none, and the readings."""
 
     ground: GroundClass
     soft: SoftGround | None = None
+    readings: Readings = "1986"
 
     @property
     def name(self) -> str:
@@ -78,9 +85,9 @@ class Law:
         return "base" if self.soft is None else self.soft.form
 
 
-def ground_class(name: str = GROUND) -> GroundClass:
-    """A class as the readings of 1986 have it, with which the campaign is diagnosed."""
-    table = built_in_table("1986")
+def ground_class(name: str = GROUND, readings: Readings = "1986") -> GroundClass:
+    """A built-in class; as the readings of 1986 have it the campaign is diagnosed."""
+    table = built_in_table(readings)
     return table.classes[table.index(name)]
 
 
@@ -105,50 +112,121 @@ def defaults(ground: GroundClass) -> dict[str, Law]:
     }
 
 
-def predict(state: State, law: Law, rng: np.random.Generator, draws: int = DRAWS) -> FloatArray:
+def predict(
+    state: State,
+    law: Law,
+    rng: np.random.Generator,
+    draws: int = DRAWS,
+    error: float = SPEED_ERROR,
+) -> FloatArray:
     """v_t, v_n, ω after the impact, kept share of the total and of the translational energy.
 
-    Shape (draws, 5), in the order of QUANTITIES.
-
-    Orientation and slope variation are drawn as the engine draws them, the errors of measurement on
-    top. The order of things is that of the engine: the law of impacts, then the soft ground.
+    Shape (draws, 5), in the order of QUANTITIES. Orientation and slope variation are drawn as the
+    engine draws them, the errors of measurement on top. A rock that would roll on keeps its speed.
     """
-    a, b, c = state.axes
-    inert, radius = inertia(a, b), (a * b * c) ** (1.0 / 3.0)
-    ground, soft = law.ground, law.soft
-    numbers = None if soft is None else soft_ground.prepare(soft)
-    phase = rng.uniform(0.0, math.pi, draws)
-    u = rng.uniform(ground.dp_min, ground.dp_max, draws)
-    error = np.maximum(1.0 + SPEED_ERROR * rng.standard_normal((draws, 3)), 0.1)
-    made = np.empty((draws, 5))
-    before = state.vt**2 + state.vn**2 + inert * state.omega**2
-    for k in range(draws):
-        vt, vn, omega = state.vt / error[k, 0], state.vn / error[k, 0], state.omega / error[k, 1]
-        theta = orientation_at_contact(a, b, phase[k], vn, omega)
-        turn = 0.0
-        if state.dip > 0.0:
-            turn = state.dip - math.atan(math.tan(state.dip) * (1.0 - u[k]))
-        cosine, sine = math.cos(turn), math.sin(turn)
-        mt, mn = vt * cosine + vn * sine, vn * cosine - vt * sine
-        x, y, _ = frame_of(a, b, math.sin(theta - turn), math.cos(theta - turn))
-        slips = soft is not None and soft.form == "slip"
-        wt, wn, spin = impact(
-            x, y, inert, mt, mn, omega, ground.eta_max,
-            COULOMB if slips else SCALE, soft.friction if soft is not None else ground.mu_f,
-        )  # fmt: skip
-        if soft is not None and numbers is not None:
-            if soft.form == "velocity_scaled" and wn > 0.0:
-                wn *= soft_ground.rebound_left(numbers, -mn)
-            elif soft.form == "scar":
-                kept = soft_ground.scar_energy_left(numbers, state.mass_kg, radius, -mn)
-                wt, wn, spin = (v * math.sqrt(kept) for v in (wt, wn, spin))
-        made[k, 0] = (wt * cosine - wn * sine) * error[k, 2]
-        made[k, 1] = (wn * cosine + wt * sine) * error[k, 2]
-        made[k, 2] = spin
-        energy = made[k, 0] ** 2 + made[k, 1] ** 2
-        made[k, 3] = (energy + inert * spin**2) / before
-        made[k, 4] = energy / (state.vt**2 + state.vn**2)
-    return made
+    inert = inertia(*state.axes[:2])
+    settings = EngineSettings(readings=law.readings).resolved()
+    table = GroundTable((law.ground,)).with_rolling_threshold(settings.rolling_threshold)
+    effects = EffectSettings()
+    if law.soft is not None:
+        effects = effects.having(replace(law.soft, classes=(law.ground.name,)))
+    radius = float(np.cbrt(np.prod(state.axes)))
+    density = state.mass_kg / (4.0 / 3.0 * math.pi * radius**3)
+    factor = np.maximum(1.0 + error * rng.standard_normal((draws, 3)), 0.1)
+    before = np.array([state.vt, state.vn, state.omega]) / factor[:, [0, 0, 1]]
+    drawn = np.empty((draws, 1, 3))
+    drawn[:, 0, 0] = rng.uniform(0.0, math.pi, draws)
+    drawn[:, 0, 1] = rng.uniform(law.ground.dp_min, law.ground.dp_max, draws)
+    after = np.empty((draws, 1, 3))
+    impact_draws(
+        np.column_stack([np.full(draws, state.dip), before]), np.zeros(draws, np.int64),
+        np.tile(state.axes, (draws, 1, 1)), drawn,
+        rng.integers(2**64, size=(draws, 1), dtype=np.uint64), np.full(draws, density),
+        hooks.ground_of(effects, table), np.zeros(1, hooks.BLOCK_DTYPE), physics_of(settings),
+        hooks.prepare(effects, has_stems=False), after,
+    )  # fmt: skip
+    rolls = np.column_stack([before[:, 0], np.zeros(draws), before[:, 0] / radius])
+    made = np.where(np.isfinite(after[:, 0]), after[:, 0], rolls)
+    made[:, :2] *= factor[:, 2:]
+    moving = made[:, 0] ** 2 + made[:, 1] ** 2
+    speed2 = state.vt**2 + state.vn**2
+    kept = (moving + inert * made[:, 2] ** 2) / (speed2 + inert * state.omega**2)
+    return np.column_stack([made, kept, moving / speed2])
+
+
+def fast_contacts(folder: Path, name: str, seed: int = 1986) -> dict[str, Any]:
+    """Medians of R_n, R_t and of the share of the energy kept, over fast contacts.
+
+    Contacts that were measured: not the first of a run, of which the flight before starts at one
+    nominal point. With the built-in class ``name``.
+    """
+    contacts, rocks = read_contacts(folder)
+    axes = _axes(rocks)
+    spun = contacts["omega_in_radps"].notna() & contacts["omega_out_radps"].notna()
+    fast = contacts[(contacts["impact"] > 0) & spun & (contacts["vn_in_mps"] < -FAST_MPS)]
+    law = Law(ground_class(name, "hazard"), readings="hazard")
+    seen, made = [], []
+    for i, row in enumerate(fast.to_dict("records")):
+        state = _state(row, axes)
+        into = np.array([-state.vn, state.vt, 1.0])
+        draws = predict(state, law, np.random.default_rng([seed, i]), error=0.0)
+        made.append(np.median(draws[:, [1, 0, 3]] / into, axis=0))
+        seen.append(_outcome(row, state)[[1, 0, 3]] / into)
+    names = ("r_n", "r_t", "energy_kept")
+    return {
+        "contacts": len(fast),
+        "observed_median": dict(zip(names, np.median(seen, axis=0), strict=True)),
+        "simulated_median": dict(zip(names, np.median(made, axis=0), strict=True)),
+    }
+
+
+def grazing(folder: Path, name: str, seed: int = 1986) -> dict[str, Any]:
+    """Horizontal speed after over before fast grazing impacts (G. Lu et al. 2019, Table 2).
+
+    The slope is that from one impact to the next; the last row has no flight after it.
+    """
+    table = pd.read_csv(folder / "scarring_lu2019" / "lu2019_table2_impacts.csv")
+    level = np.hypot(table["vx_mps"], table["vy_mps"]).to_numpy()
+    run = np.hypot(np.diff(table["x_start_lv95"]), np.diff(table["y_start_lv95"]))
+    dips = np.arctan2(-np.diff(table["z_start_m"]), run)
+    law = Law(ground_class(name, "hazard"), readings="hazard")
+    seen, made = [], []
+    for i, dip in enumerate(dips.tolist()):
+        down = -float(table["vz_mps"][i])
+        vt = level[i] * math.cos(dip) + down * math.sin(dip)
+        vn = level[i] * math.sin(dip) - down * math.cos(dip)
+        if vn >= 0.0:
+            continue
+        spin = float(table["wres_radps"][i])
+        state = State(dip, vt, vn, spin, plate_axes(PLATE_KG), PLATE_KG)
+        out = predict(state, law, np.random.default_rng([seed, i]), error=0.0)
+        after = out[:, 0] * math.cos(dip) + out[:, 1] * math.sin(dip)
+        made.append(float(np.median(after)) / level[i])
+        seen.append(float(level[i + 1] / level[i]))
+    return {"observed": seen, "simulated_median": made}
+
+
+def _axes(rocks: pd.DataFrame) -> dict[str, tuple[float, float, float]]:
+    return {
+        r["rock_id"]: (r["semi_axis_a_m"], r["semi_axis_b_m"], r["semi_axis_c_m"])
+        for r in rocks.to_dict("records")
+    }
+
+
+def _state(row: Mapping[str, Any], axes: Mapping[str, tuple[float, float, float]]) -> State:
+    return State(
+        math.radians(row["slope_deg"]), row["vt_in_mps"], row["vn_in_mps"], row["omega_in_radps"],
+        axes[row["rock_id"]], row["mass_kg"],
+    )  # fmt: skip
+
+
+def _outcome(row: Mapping[str, Any], state: State) -> FloatArray:
+    """What was observed after a contact, in the order of QUANTITIES."""
+    out = np.array([row[name] for name in QUANTITIES[:3]])
+    inert = inertia(*state.axes[:2])
+    moving, speed2 = out[0] ** 2 + out[1] ** 2, state.vt**2 + state.vn**2
+    kept = (moving + inert * out[2] ** 2) / (speed2 + inert * state.omega**2)
+    return np.array([*out, kept, moving / speed2])
 
 
 def left_out_scores(
@@ -236,10 +314,7 @@ def _means(states: Sequence[State], law: Law, seed: int) -> FloatArray:
 def contact_study(folder: Path, out: Path, seed: int) -> dict[str, Any]:
     """Contacts of the flights, predicted with each form; writes ``contacts.png``."""
     contacts, rocks = read_contacts(folder)
-    axes: dict[str, tuple[float, float, float]] = {
-        r["rock_id"]: (r["semi_axis_a_m"], r["semi_axis_b_m"], r["semi_axis_c_m"])
-        for r in rocks.to_dict("records")
-    }
+    axes = _axes(rocks)
     spun = contacts["omega_in_radps"].notna() & contacts["omega_out_radps"].notna()
     ahead = contacts["vn_in_mps"] < 0.0
     near, _ = read_contacts(folder, 0.6 * REACH_M)
@@ -255,18 +330,9 @@ def contact_study(folder: Path, out: Path, seed: int) -> dict[str, Any]:
         ("used", contacts[used]),
         ("all with a spin", contacts[spun & ahead]),
     ):
-        states = [
-            State(math.radians(r["slope_deg"]), r["vt_in_mps"], r["vn_in_mps"], r["omega_in_radps"],
-                  axes[r["rock_id"]], r["mass_kg"])
-            for r in rows.to_dict("records")
-        ]  # fmt: skip
-        seen = np.empty((len(rows), 5))
-        seen[:, :3] = rows[list(QUANTITIES[:3])].to_numpy()
-        for i, (s, v) in enumerate(zip(states, seen, strict=True)):
-            inert = inertia(*s.axes[:2])
-            before = s.vt**2 + s.vn**2 + inert * s.omega**2
-            seen[i, 3] = (v[0] ** 2 + v[1] ** 2 + inert * v[2] ** 2) / before
-            seen[i, 4] = (v[0] ** 2 + v[1] ** 2) / (s.vt**2 + s.vn**2)
+        records = rows.to_dict("records")
+        states = [_state(row, axes) for row in records]
+        seen = np.array([_outcome(r, s) for r, s in zip(records, states, strict=True)])
         runs = rows["rock_id"].tolist()
         scored = left_out_scores(states, seen, runs, (0, 1, 2), seed)
         untuned = {

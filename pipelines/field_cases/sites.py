@@ -1,8 +1,9 @@
-"""Sites with observed stops: terrain, ground by description, blocks, simulated stops."""
+"""Sites with observed stops as folders of a user: configuration, release, terrain, observations."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import json
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,33 +12,40 @@ import pandas as pd
 import shapely
 from numpy.typing import NDArray
 
-from field_cases.tables import field_file
-from sassgis.engine.simulate_paths import PathTerrain, follow
-from sassgis.io.read.ground_map import built_in_table
+from field_cases.tables import (
+    SEED,
+    FieldCase,
+    field_file,
+    split_in_two,
+    write_areas,
+    write_case,
+    write_dem,
+)
+from sassgis.io.read.config import load_config
 from sassgis.io.read.tiles import read_terrain
-from sassgis.model import rng
-from sassgis.model.blocks import BlockPopulation
-from sassgis.model.grid import Grid
-from sassgis.model.ground import GroundTable
-from sassgis.model.profiles import ReleasePoints
 from sassgis.model.results import StopReason
-from sassgis.model.settings import EngineSettings, TerrainSettings
-from sassgis.terrain.block_scale import block_scale_grid
+from sassgis.runs.run import run
+from sassgis.terrain.release import points_in_polygon
 
 FloatArray = NDArray[np.float64]
+#: Lines of the configuration by section.
+Sections = Mapping[str, str]
 
-#: Largest vertical gap between terrain and segments (m): the default of a run.
-TOLERANCE_M = TerrainSettings().segment_tolerance_m
 #: Tschamut: the terrain is known this far beyond the tracks (m), further out it is a plane.
 BEYOND_M = 10.0
 TSCHAMUT_BLOCKS = {1: "St. Leonard", 2: "heaviest", 4: "plate"}
-#: Tschamut: release places, by the least x of each (m).
+#: Tschamut: release places, by the least x of each; within one, positions scatter by a metre.
 PLACES_M = (0.0, 17.5, 25.0, 32.0, 45.0)
-#: Authume: the substratum zones, read as ground classes by their description alone.
+#: Authume: the substratum zones, read as ground classes by their description; the slope has the
+#: first code. Cells without one are hard ground, as in the quarry around them.
 AUTHUME_ZONES = {1: "overgrown_slope", 2: "rock", 3: "debris"}
-#: Authume: rocks beyond this plan distance have left the slope above the faces (m).
-EDGE_M = 30.0
+SLOPE_ZONE = 1
+#: Distance of the release points in the square of release (m).
+SPACING_M = 1.0
+#: Authume: limestone; the mass of a rock cancels out of its motion.
 DENSITY_KGM3 = 2600.0
+AXES = [f"semi_axis_{c}_m" for c in "abc"]
+STOP = ["x_stop", "y_stop"]
 
 
 @dataclass(frozen=True)
@@ -46,145 +54,237 @@ class Site:
 
     Attributes
     ----------
-    name : str
-    heights : Grid
-        At the scale of the blocks.
-    ground : int32, shape of the grid
-        Number of the class in ``classes``.
-    classes : tuple of str
-        The first one is that of the slope below the release, which is calibrated.
-    release : float64, shape (n, 2)
-        Plan position of each rock (m); of the middle of the square where single ones are unknown.
-    square_m : float
-        Side of that square, 0 where each position is known.
-    blocks : tuple of BlockPopulation
-        Of each rock.
-    labels : tuple of str
-        Group of each rock, of which each half holds as many.
-    stops : float64, shape (n, 2)
-        Observed (m).
+    case : FieldCase
+        Its files. Each rock is a release area of its own.
+    slope : str
+        Class of the ground below the release.
+    rocks : DataFrame
+        Of each rock: ``rock_id``, ``x`` and ``y`` of the release (of the middle of the square where
+        single ones are unknown), ``x_stop``, ``y_stop``, ``mass_kg``, ``label`` of the group of
+        which each half holds as many, ``place`` of release.
+    points : int
+        Release points of each rock.
     """
 
-    name: str
-    heights: Grid
-    ground: NDArray[np.int32]
-    classes: tuple[str, ...]
-    release: FloatArray
-    square_m: float
-    blocks: tuple[BlockPopulation, ...]
-    labels: tuple[str, ...]
-    stops: FloatArray
+    case: FieldCase
+    slope: str
+    rocks: pd.DataFrame
+    points: int
+
+    @property
+    def name(self) -> str:
+        """As the configuration has it."""
+        return self.case.name
 
     def __len__(self) -> int:
-        return len(self.stops)
+        return len(self.rocks)
 
-    def take(self, rocks: Sequence[int]) -> Site:
+    @property
+    def release(self) -> FloatArray:
+        """Plan positions, shape (n, 2) (m)."""
+        return self.rocks[["x", "y"]].to_numpy(float)
+
+    @property
+    def stops(self) -> FloatArray:
+        """Observed plan positions, shape (n, 2) (m)."""
+        return self.rocks[STOP].to_numpy(float)
+
+    @property
+    def groups(self) -> dict[str, str]:
+        """Label of each rock."""
+        return dict(zip(self.rocks["rock_id"], self.rocks["label"], strict=True))
+
+    def numbers(self, side: str) -> list[int]:
+        """Rows of the rocks of a set of observations."""
+        names = set(pd.read_csv(self.case.observations[side] / "rocks.csv")["rock_id"])
+        return [i for i, name in enumerate(self.rocks["rock_id"]) if name in names]
+
+    def take(self, rocks: list[int]) -> Site:
         """The same site with some of the rocks."""
-        return replace(
-            self, release=self.release[rocks], stops=self.stops[rocks],
-            blocks=tuple(self.blocks[i] for i in rocks),
-            labels=tuple(self.labels[i] for i in rocks),
-        )  # fmt: skip
+        return replace(self, rocks=self.rocks.iloc[rocks])
 
 
-def halves(site: Site, seed: int = 2014) -> tuple[list[int], list[int]]:
-    """Rocks to fit and rocks to score, half of each group."""
-    draw = np.random.default_rng(seed)
-    fit: list[int] = []
-    for number, label in enumerate(sorted(set(site.labels))):
-        own = draw.permutation([i for i, group in enumerate(site.labels) if group == label])
-        fit.extend(own[: (len(own) + number % 2) // 2].tolist())
-    return sorted(fit), sorted(set(range(len(site))) - set(fit))
+def tschamut(
+    data: Path,
+    out: Path,
+    slope: str = "soft_meadow",
+    more: Sections | None = None,
+    divisions: int = 1,
+) -> Site:
+    """Write the runs of Tschamut 2014, each from where it was released.
 
-
-def _block(
-    name: str, half: Sequence[float], mass_kg: float, drop: tuple[float, float]
-) -> BlockPopulation:
-    """A block of known semi-axes (m) and mass."""
-    a, b, c = (float(h) for h in half)
-    density = mass_kg / (4.0 / 3.0 * np.pi * a * b * c)
-    return BlockPopulation(name, (a, a), (b, b), (c, c), (density, density), drop_m=drop)
-
-
-def tschamut(data: Path) -> Site:
-    """The runs of Tschamut 2014, each from where it was released."""
+    Parameters
+    ----------
+    data, out : Path
+        Folder of the field data; folder to write.
+    slope : str
+        Class of the slope.
+    more : mapping, optional
+        Further lines of the configuration.
+    divisions : int
+        Random divisions into halves whose observations are written.
+    """
     folder = "tschamut2014"
     release = pd.read_csv(field_file(data, folder, "release_points.csv"))
     ends = pd.read_csv(field_file(data, folder, "observed_deposition.csv"))
     sizes = pd.read_csv(field_file(data, folder, "block_metadata.csv")).set_index("block_id")
     runs = release.merge(ends, on="trajectory_id", suffixes=("", "_stop"), validate="1:1")
-    # One run is there twice.
-    runs = runs[~runs.duplicated(["x_m", "y_m", "x_m_stop", "y_m_stop"])]
-    start = runs[["x_m", "y_m"]].to_numpy(float)
-    stops = runs[["x_m_stop", "y_m_stop"]].to_numpy(float)
+    same = runs.duplicated(["x_m", "y_m", "x_m_stop", "y_m_stop"])
+    copies = runs.loc[same, "trajectory_id"].tolist()
+    runs = runs[~same].reset_index(drop=True)
     half = np.sort(sizes[["size_x_m", "size_y_m", "size_z_m"]].to_numpy() / 2.0, axis=1)[:, ::-1]
-    made = {
-        number: _block(TSCHAMUT_BLOCKS[int(number)], axes, sizes.loc[number, "mass_kg"], (0.0, 0.0))
-        for number, axes in zip(sizes.index, half, strict=True)
-    }
-    tracks = shapely.MultiPoint(np.vstack([start, stops])).convex_hull.buffer(BEYOND_M)
-    grid = _clipped(read_terrain(field_file(data, folder, "terrain.asc"), "local"), tracks)
-    return Site(
-        name="Tschamut",
-        heights=_at_block_scale(grid, list(made.values())),
-        ground=np.zeros(grid.shape, np.int32),
-        classes=("soft_meadow",),
-        release=start,
-        square_m=0.0,
-        blocks=tuple(made[number] for number in runs["block_id"]),
-        labels=tuple(TSCHAMUT_BLOCKS[int(number)] for number in runs["block_id"]),
-        stops=stops,
+    rocks = pd.DataFrame(
+        {"rock_id": runs["trajectory_id"], "x": runs["x_m"], "y": runs["y_m"],
+         "x_stop": runs["x_m_stop"], "y_stop": runs["y_m_stop"], "mass_kg": runs["mass_kg"],
+         "label": runs["block_id"].map(TSCHAMUT_BLOCKS),
+         "place": np.searchsorted(PLACES_M, runs["x_m"]) - 1}
+    )  # fmt: skip
+    rocks[AXES] = pd.DataFrame(half, index=sizes.index).loc[runs["block_id"]].to_numpy()
+    rocks["density_kgm3"] = rocks["mass_kg"] / (4.0 / 3.0 * np.pi * rocks[AXES].prod(axis=1))
+    away = rocks[["x", "y"]] - rocks.groupby("place")[["x", "y"]].transform("mean")
+    scatter = float(np.sqrt((away.to_numpy() ** 2).sum() / (2 * (len(rocks) - len(PLACES_M)))))
+    points = rocks[["x", "y"]].to_numpy(float)
+    tracks = shapely.MultiPoint(np.vstack([points, rocks[STOP]])).convex_hull.buffer(BEYOND_M)
+    write_dem(field_file(data, folder, "terrain.asc"), out / "dem.tif", tracks)
+    notes = [
+        f"{len(release)} runs; left out as exact copies of another run: {copies}",
+        f"{rocks['label'].value_counts().to_dict()} runs of each block",
+        f"positions at a release place scatter by {scatter:.2f} m: stated as position_error_m",
+        "heights are taken from the terrain and release speeds are first samples: not used",
+        "density: the weighed mass over the volume of the ellipsoid of the measured axes",
+        f"ground by its description (not in the data): {slope} everywhere",
+    ]
+    plate = rocks["label"] == "plate"
+    of_plate = {"plate": tuple(rocks.loc[own, "rock_id"].tolist() for own in (~plate, plate))}
+    return _written(
+        "Tschamut",
+        out,
+        _joined({"terrain": 'dem = "dem.tif"', "ground": f'default = "{slope}"'}, more),
+        slope,
+        rocks,
+        [shapely.Point(*xy) for xy in points],
+        halves(rocks, divisions) | of_plate,
+        round(scatter, 2),
+        notes,
     )
 
 
-def authume(data: Path) -> Site:
-    """The blocks of position P1, let go somewhere in a square above the quarry."""
+def authume(
+    data: Path,
+    out: Path,
+    slope: str = AUTHUME_ZONES[SLOPE_ZONE],
+    more: Sections | None = None,
+    divisions: int = 1,
+) -> Site:
+    """Write the blocks of position P1, released somewhere in a square above the quarry.
+
+    Arguments are those of tschamut. The data state no licence: terrain and zones are read from
+    their folder.
+    """
     folder = "authume_quarry_p1"
     ends = np.loadtxt(field_file(data, folder, "Endpoints_P1.txt"), ndmin=2)
     corners = np.loadtxt(field_file(data, folder, "positions_P1.xyz"), ndmin=2)
-    grid = read_terrain(field_file(data, folder, "derived_dtm_0p5m_local.tif"), "local")
-    zones = read_terrain(
-        field_file(data, folder, "derived_substratum_zones_0p5m_local.tif"), "local"
-    )
-    half = np.sort(ends[:, 4:7], axis=1)[:, ::-1] / 2.0
+    dem = field_file(data, folder, "derived_dtm_0p5m_local.tif").resolve()
+    zones = field_file(data, folder, "derived_substratum_zones_0p5m_local.tif").resolve()
     mass = ends[:, 3]
-    # Y is the vertical.
+    # Y is the vertical. The heights of the stops lie 2.9 m above the terrain: not used.
     square = corners[:, [0, 2]]
+    middle = square.mean(axis=0)
+    rocks = pd.DataFrame(
+        {"rock_id": [f"P1-{i + 1:02d}" for i in range(len(ends))], "x": middle[0], "y": middle[1],
+         "x_stop": ends[:, 0], "y_stop": ends[:, 2], "mass_kg": mass,
+         "label": np.where(mass > np.median(mass), "heavy", "light"), "place": 0}
+    )  # fmt: skip
+    rocks[AXES] = np.sort(ends[:, 4:7], axis=1)[:, ::-1] / 2.0
+    rocks["density_kgm3"] = DENSITY_KGM3
+    grid = read_terrain(dem, "local")
     x, y = grid.cell_centres(np.arange(grid.values.size))
     (west, south), (east, north) = square.min(axis=0), square.max(axis=0)
     under = grid.values.ravel()[(x >= west) & (x <= east) & (y >= south) & (y <= north)]
-    height = corners[:, 1].mean() - np.median(half[:, 2])
-    drop = (max(float(height - under.max()), 0.0), float(height - under.min()))
-    blocks = [_block(f"P1-{i + 1:02d}", half[i], mass[i], drop) for i in range(len(ends))]
-    classes = tuple(AUTHUME_ZONES.values())
-    ground = np.zeros(grid.shape, np.int32)
-    for number, code in enumerate(AUTHUME_ZONES):
-        ground[zones.values == code] = number
-    # Unmapped cells are hard ground, as in the quarry around them.
-    ground[~np.isin(zones.values, list(AUTHUME_ZONES))] = classes.index("rock")
-    return Site(
-        name="Authume",
-        heights=_at_block_scale(grid, blocks),
-        ground=ground,
-        classes=classes,
-        release=np.tile(square.mean(axis=0), (len(ends), 1)),
-        square_m=float((east - west + north - south) / 2.0),
-        blocks=tuple(blocks),
-        labels=tuple(np.where(mass > np.median(mass), "heavy", "light")),
-        stops=ends[:, [0, 2]],
+    height = corners[:, 1].mean() - float(rocks[AXES[2]].median())
+    drop = [max(float(height - under.max()), 0.0), float(height - under.min())]
+    codes = {**AUTHUME_ZONES, SLOPE_ZONE: slope}
+    sections = {
+        "terrain": f"dem = {json.dumps(str(dem))}",
+        "ground": f'default = "rock"\nfile = {json.dumps(str(zones))}\nraster_classes = '
+        f"{{ {', '.join(f'{code} = {json.dumps(own)}' for code, own in codes.items())} }}",
+        "blocks": f"drop_m = {drop}",
+    }
+    notes = [
+        f"{len(ends)} stops; their heights lie 2.9 m above the terrain: not used",
+        "release points of single rocks are not known: each may start anywhere in the square",
+        "semi-axes: half of the measured boxes; the ellipsoid is lighter than the rock as weighed",
+        f"ground by its description: {', '.join(codes.values())}",
+    ]
+    return _written(
+        "Authume",
+        out,
+        _joined(sections, more),
+        slope,
+        rocks,
+        [shapely.MultiPoint(square).convex_hull] * len(rocks),
+        halves(rocks, divisions),
+        0.5,
+        notes,
     )
 
 
-def _clipped(grid: Grid, within: shapely.Geometry) -> Grid:
-    """The terrain within an outline."""
-    x, y = grid.cell_centres(np.arange(grid.values.size))
-    known = shapely.contains_xy(within, x, y).reshape(grid.shape)
-    return replace(grid, values=np.where(known, grid.values, np.nan))
+def _joined(sections: Sections, more: Sections | None) -> Sections:
+    """Lines of both."""
+    names = dict.fromkeys([*sections, *(more or {})])
+    return {n: "\n".join(s[n] for s in (sections, more or {}) if n in s) for n in names}
 
 
-def _at_block_scale(grid: Grid, blocks: Sequence[BlockPopulation]) -> Grid:
-    """Heights as a run with a typical one of the blocks has them."""
-    return block_scale_grid(grid, float(np.median([b.mean_width_m for b in blocks])))
+def halves(rocks: pd.DataFrame, divisions: int) -> dict[str, tuple[list[str], list[str]]]:
+    """Random divisions into a half to fit on and one to score, with as many of each label."""
+    strata = dict(zip(rocks["rock_id"], rocks["label"], strict=True))
+    names = ["halves", *(f"halves_{k + 1}" for k in range(1, divisions))]
+    return {name: split_in_two(strata, SEED + k) for k, name in enumerate(names)}
+
+
+def _written(
+    name: str,
+    out: Path,
+    sections: Sections,
+    slope: str,
+    rocks: pd.DataFrame,
+    areas: list[shapely.Geometry],
+    splits: Mapping[str, tuple[list[str], list[str]]],
+    position_error_m: float,
+    notes: list[str],
+) -> Site:
+    """Write a site: a release area for each rock, a scenario for each block."""
+    scenario = rocks.groupby([*AXES, "density_kgm3"])["rock_id"].transform("first").tolist()
+    places = dict(zip(rocks["rock_id"], areas, strict=True))
+    write_areas(out / "release.gpkg", places, None, scenario=scenario)
+    lines = {
+        "project": f'name = "{name}"',
+        "terrain": 'crs = "local"',
+        "release": 'file = "release.gpkg"\nname_field = "name"\nscenario_field = "scenario"\n'
+        f"spacing_m = {SPACING_M}",
+        "output": 'rock_table = "csv"\npaths_max = 0',
+    }
+    joined = dict(_joined(lines, sections))
+    block = joined.pop("blocks", "")
+    text = [f"[{section}]\n{own_lines}\n" for section, own_lines in joined.items()]
+    for row in rocks[rocks["rock_id"] == scenario].to_dict("records"):
+        axes = "\n".join(f"axis_{k + 1}_m = {row[axis]!r}" for k, axis in enumerate(AXES))
+        text.append(
+            f'[[blocks]]\nname = "{row["rock_id"]}"\n{axes}\n'
+            f"density_kgm3 = {row['density_kgm3']!r}\n{block}\n"
+        )
+    measured = ["x", "y", "density_kgm3"] if areas[0].geom_type == "Point" else []
+    tables = {
+        "rocks": rocks[["rock_id", *measured, "mass_kg", *AXES]],
+        "deposits": rocks[["rock_id", *STOP, "mass_kg"]].rename(
+            columns=dict(zip(STOP, "xy", strict=True))
+        ),
+    }
+    meta = {"position_error_m": position_error_m}
+    case = write_case(name, out, "\n".join(text), tables, meta, splits, notes)
+    # All rocks of a site are released from a point each, or from the same square.
+    points = 1 if measured else len(points_in_polygon(areas[0], SPACING_M))
+    return Site(case, slope, rocks, points)
 
 
 @dataclass(frozen=True)
@@ -204,42 +304,41 @@ class Simulated:
     left: NDArray[np.bool_]
     started: NDArray[np.bool_]
 
+    def take(self, rocks: list[int]) -> Simulated:
+        """The simulations of some of the rocks."""
+        return Simulated(self.stops[rocks], self.left[rocks], self.started[rocks])
+
 
 def simulated(
-    site: Site, table: GroundTable, settings: EngineSettings, count: int, seed: int = 1986
-) -> Simulated:
-    """Simulate each rock of a site ``count`` times; the draws depend on the seed only."""
-    terrain = PathTerrain(site.heights, site.ground, TOLERANCE_M)
-    stops = np.empty((len(site), count, 2))
-    reason = np.empty((len(site), count), np.uint8)
-    groups: dict[BlockPopulation, list[int]] = {}
-    for i, block in enumerate(site.blocks):
-        groups.setdefault(block, []).append(i)
-    for block, own in groups.items():
-        x, y = np.ascontiguousarray(site.release[own].T)
-        key = np.array([rng.combined(np.uint64(7), np.uint64(i)) for i in own], np.uint64)
-        points = ReleasePoints(x, y, np.zeros(len(own), np.int64), key, (site.name,))
-        result = follow(
-            terrain, points, table, block, settings, seed=seed, rocks_per_point=count,
-            point_keys=key, spread_m=site.square_m,
-        )  # fmt: skip
-        stops[own] = np.stack([result.x, result.y], axis=1).reshape(len(own), count, 2)
-        reason[own] = result.rocks["reason"].reshape(len(own), count)
-    return Simulated(stops, reason == StopReason.LEFT_PROFILE, reason != StopReason.NEVER_STARTED)
-
-
-def table_of(
     site: Site,
-    changes: Mapping[str, Mapping[str, float]] | None = None,
-    readings: str = "hazard",
-) -> GroundTable:
-    """The built-in classes of a site, some with other parameters."""
-    built_in = built_in_table(readings)
-    return GroundTable(
-        tuple(
-            replace(built_in.classes[built_in.index(name)], **(changes or {}).get(name, {}))
-            for name in site.classes
-        )
+    out: Path,
+    count: int,
+    settings: Mapping[str, object] | None = None,
+    config: Path | None = None,
+) -> Simulated:
+    """``sassgis run`` of a site, and where its rocks stop.
+
+    Parameters
+    ----------
+    site : Site
+    out : Path
+        For the result of the run.
+    count : int
+        Simulations of each rock, about.
+    settings : mapping of key to value, optional
+        In place of those of the configuration.
+    config : Path, optional
+        In place of that of the site, with the same releases.
+    """
+    each = {"release.rocks_per_point": max(1, round(count / site.points)), **(settings or {})}
+    run(load_config(config or site.case.config, each), out, overwrite=True)
+    table = pd.read_csv(out / "tables" / "rocks.csv").set_index("area")
+    own = [table.loc[[name]] for name in site.rocks["rock_id"]]
+    reason = np.array([rows["reason"] for rows in own])
+    return Simulated(
+        np.array([rows[["x_m", "y_m"]].to_numpy(float) for rows in own]),
+        reason == StopReason.LEFT_PROFILE.name.lower(),
+        reason != StopReason.NEVER_STARTED.name.lower(),
     )
 
 

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import itertools
-import json
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,26 +11,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 import sassgis
-from field_cases.distances import energy_distance, energy_scores, observed_scale
+from field_cases.distances import energy_distance, energy_scores
 from field_cases.figures import stops_figure
-from field_cases.tables import FieldCase
-from sassgis.engine.effects.registry import EFFECTS
-from sassgis.gap.diagnosis import Diagnosis, GapFinding
-from sassgis.gap.inference.intervals import bootstrap_interval, bootstrap_rows
+from field_cases.tables import FieldCase, write_json
+from sassgis.gap.diagnosis import GapFinding
+from sassgis.gap.inference.intervals import bootstrap_interval
 from sassgis.gap.inference.rock_tests import mean_gap_tests
 from sassgis.gap.observations.campaign import main_blocks, observed_campaign
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.campaigns import campaigns
-from sassgis.gap.replicas.hypothesis_model import (
-    HypothesisModel,
-    LateralWalk,
-    configured_model,
-)
+from sassgis.gap.replicas.hypothesis_model import HypothesisModel, configured_model
 from sassgis.gap.replicas.rock_lines import rock_lines_of
 from sassgis.gap.residuals.table import residuals_of
 from sassgis.gap.where.findings import where
-from sassgis.model.ground import GroundTable
 from sassgis.report.figures import save
+from sassgis.runs.calibrate import calibrate
+from sassgis.runs.diagnose import diagnose
 from sassgis.runs.gap_case import read_case
 
 FloatArray = NDArray[np.float64]
@@ -45,16 +38,8 @@ DRAWS = 1000
 FEWEST = 5
 #: Findings that are kept.
 SHOWN = 12
-#: The class of which nothing was published, and the grid on which it is calibrated widely.
-SOFT = "soft_meadow"
-ETA_MAX = (0.35, 0.5, 0.65, 0.8, 0.95)
-MU_0 = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
 #: Within this of the end of a line, a rock has left it (m).
 END_M = 3.0
-#: Angles of ways aside on the grid (degrees).
-ANGLES_DEG = (0.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0)
-#: Scores up to this many times the best one are told.
-AS_GOOD = 1.1
 QUANTITIES = ("runout_m", "aside_m")
 
 
@@ -98,10 +83,6 @@ def study(
         results["apparent_friction"] = apparent_friction(everything, labels)
         title = f"{case.name}: stops of the untuned model"
         save(stops_figure(seen, made, labels, title), out / "untuned.png")
-        results["recalibrated"] = {
-            split: recalibrated(case, fit, left_out, given.seed)
-            for split, (fit, left_out) in case.splits.items()
-        }
     found = where(
         everything, residuals_of(everything, everything.table, seed=given.seed), seed=given.seed
     )
@@ -115,11 +96,6 @@ def study(
     write_json(out / "results.json", results)
     print(f"Wrote {out / 'results.json'}")
     return results
-
-
-def write_json(file: Path, results: Mapping[str, Any]) -> None:
-    """Plain values, numbers to four digits."""
-    file.write_text(json.dumps(_plain(results), indent=1) + "\n", encoding="utf-8")
 
 
 def stops(case: Case, model: HypothesisModel, seed: int) -> tuple[FloatArray, FloatArray]:
@@ -185,85 +161,40 @@ def compare(
     return report
 
 
-def recalibrated(case: FieldCase, fit: str, left_out: str, seed: int) -> dict[str, Any]:
-    """The ground alone, calibrated far beyond what is published for a kind of ground.
+def recalibrated(
+    case: FieldCase, split: str, fit: str, given: argparse.Namespace
+) -> tuple[Path, dict[str, float]]:
+    """``sassgis calibrate`` on the rocks to fit on: its configuration, and the values in it."""
+    folder = given.output / f"calibrated_{split}"
+    observed = case.observations[fit]
+    found = calibrate([(case.config, observed)], folder, jobs=given.jobs, seed=given.seed)
+    return folder / "config.toml", {f.parameter.label: f.value for f in found.fitted}
 
-    η_max and μ_0 of one class, with μ_f kept above μ_0 by as much as it was, on a grid; chosen by
-    the CRPS of run-outs of the rocks to fit on, and scored on those left out. Then, for the
-    distance aside alone, the angle of ways that leave the fall line (hops of 10 m).
-    """
-    fitted = read_case(case.config, case.observations[fit])
-    other = read_case(case.config, case.observations[left_out])
-    scores: dict[tuple[float, float], float] = {}
-    for point in itertools.product(ETA_MAX, MU_0):
-        seen, made = stops(fitted, _with_ground(fitted, *point), seed)
-        scores[point] = _crps(seen, made, 0)
-    chosen = min(scores, key=lambda point: scores[point])
-    by_angle = {}
-    for angle in ANGLES_DEG:
-        model = replace(_with_ground(fitted, *chosen), lateral_walk=LateralWalk(angle_deg=angle))
-        by_angle[angle] = _crps(*stops(fitted, model, seed), 1)
-    angle = min(by_angle, key=lambda a: by_angle[a])
-    ground = _with_ground(other, *chosen)
-    models = {
-        "untuned": configured_model(other),
-        "recalibrated": ground,
-        "deflected": replace(ground, lateral_walk=LateralWalk(angle_deg=angle)),
-    }
-    report: dict[str, Any] = {
-        "ground": SOFT,
-        "eta_max": chosen[0],
-        "mu_0": chosen[1],
-        "angle_deg": angle,
-        "as_good": [list(p) for p in scores if scores[p] <= AS_GOOD * scores[chosen]],
-        "rocks": other.n_rocks,
-    }
+
+def left_out_scores(config: Path, observed: Path, seed: int) -> dict[str, Any]:
+    """Stops of rocks that were left out, simulated by a configuration: run-out and its scores."""
+    other = read_case(config, observed)
+    seen, made = stops(other, configured_model(other), seed)
+    gap = (seen - made.mean(axis=1))[:, 0]
+
+    def mean(k: NDArray[np.int64]) -> float:
+        return float(gap[k].mean())
+
     rng = np.random.default_rng([seed, 3])
-    for name, model in models.items():
-        seen, made = stops(other, model, seed)
-        gap = (seen - made.mean(axis=1))[:, 0]
-
-        def mean(k: NDArray[np.int64], gap: FloatArray = gap) -> float:
-            return float(gap[k].mean())
-
-        interval = bootstrap_interval(mean, np.arange(gap.size), draws=DRAWS, rng=rng)
-        report[name] = {
-            "gap_m": interval.value,
-            "ci95": [interval.low, interval.high],
-            "crps_m": _crps(seen, made, 0),
-            "aside": {
-                "crps_m": _crps(seen, made, 1),
-                "energy_distance_m": energy_distance(seen[:, 1], made[:, :, 1].ravel()),
-                "predicted": np.quantile(made[:, :, 1], [0.1, 0.5, 0.9]),
-                "observed": np.quantile(seen[:, 1], [0.1, 0.5, 0.9]),
-            },
-            "energy_distance_m": energy_distance(seen[:, 0], made[:, :, 0].ravel()),
-            "predicted": np.quantile(made[:, :, 0], [0.1, 0.5, 0.9]),
-            "observed": np.quantile(seen[:, 0], [0.1, 0.5, 0.9]),
-            # A run-out at the end of the line is at least that.
-            "to_the_end": float(np.mean(made[:, :, 0] > _ends(other)[:, None] - END_M)),
-        }
-    return report
-
-
-def _crps(seen: FloatArray, made: FloatArray, quantity: int) -> float:
-    """Mean over the rocks of the CRPS of one quantity (m)."""
-    one = slice(quantity, quantity + 1)
-    return float(np.mean(energy_scores(made[:, :, one], seen[:, one])))
-
-
-def _ends(case: Case) -> FloatArray:
-    """Chainage at which the line of each rock ends (m)."""
-    ends: FloatArray = case.profiles.s[case.profiles.offset[1:] - 1][case.line]
-    return ends
-
-
-def _with_ground(case: Case, eta_max: float, mu_0: float) -> HypothesisModel:
-    classes = [
-        replace(c, eta_max=eta_max, mu_0=mu_0, mu_f=c.mu_f - c.mu_0 + mu_0) if c.name == SOFT else c
-        for c in case.table.classes
-    ]
-    return replace(configured_model(case), table=GroundTable(tuple(classes)))
+    interval = bootstrap_interval(mean, np.arange(gap.size), draws=DRAWS, rng=rng)
+    ends = other.profiles.s[other.profiles.offset[1:] - 1][other.line]
+    return {
+        "rocks": gap.size,
+        "observed": np.quantile(seen[:, 0], [0.1, 0.5, 0.9]),
+        "predicted": np.quantile(made[:, :, 0], [0.1, 0.5, 0.9]),
+        "gap_m": interval.value,
+        "ci95": [interval.low, interval.high],
+        "crps_m": float(np.mean(energy_scores(made[:, :, :1], seen[:, :1]))),
+        "energy_distance_m": energy_distance(seen[:, 0], made[:, :, 0].ravel()),
+        "aside_energy_distance_m": energy_distance(seen[:, 1], made[:, :, 1].ravel()),
+        # A run-out at the end of the line is at least that.
+        "to_the_end": float(np.mean(made[:, :, 0] > ends[:, None] - END_M)),
+    }
 
 
 def between_groups(gap: FloatArray, labels: list[str], seed: int) -> dict[str, float]:
@@ -308,9 +239,7 @@ def _finding(found: GapFinding) -> dict[str, Any]:
 def diagnosed(
     case: FieldCase, split: str, fit: str, left_out: str, given: argparse.Namespace
 ) -> dict[str, Any]:
-    """Diagnose on the rocks to fit on, score on those left out."""
-    from sassgis.runs.diagnose import diagnose
-
+    """Calibrate and diagnose on the rocks to fit on; score both models on those left out."""
     folder = given.output / f"diagnosis_{split}"
     answer = diagnose(case.config, case.observations[fit], folder, jobs=given.jobs, seed=given.seed)
     verdict, shrinkage = answer.verdict, answer.shrinkage
@@ -335,84 +264,15 @@ def diagnosed(
         "cannot_tell": answer.not_identifiable,
         "measure_next": answer.measure_next,
     }  # fmt: skip
-    other = read_case(case.config, case.observations[left_out])
-    if len(other.observations.deposits):
-        report["left_out"] = held_out(other, answer, given.seed)
+    if (case.observations[left_out] / "deposits.csv").is_file():
+        config, report["calibrated"] = recalibrated(case, split, fit, given)
+        models = {
+            "uncalibrated": case.config,
+            "sassgis calibrate": config,
+            "sassgis gap diagnose": folder / "model" / "config.toml",
+        }
+        report["left_out"] = {
+            name: left_out_scores(own, case.observations[left_out], given.seed)
+            for name, own in models.items()
+        }
     return report
-
-
-def held_out(case: Case, answer: Diagnosis, seed: int) -> dict[str, Any]:
-    """How far the gap shrinks on rocks that the diagnosis has not seen.
-
-    S = (D_base − D_effect)/(D_base − D_floor), D the energy distance of stops (chainage and
-    distance aside over their observed spread) of all rocks left out, D_floor the mean of it where
-    campaigns of the model with the effect stand in for what was observed. Base: the calibrated one.
-    """
-    rng = np.random.default_rng([seed, 5])
-    models = {
-        "untuned": configured_model(case), "base": answer.base, "effect": answer.effect
-    }  # fmt: skip
-    made: dict[str, FloatArray] = {}
-    for name, model in models.items():
-        seen, made[name] = stops(case, model, seed)
-    scale = observed_scale(seen)
-    rocks = np.arange(case.n_rocks)
-
-    def distances(rows: NDArray[np.int64]) -> dict[str, float]:
-        found = {k: _distance(seen[rows], v[rows], scale) for k, v in made.items()}
-        alike = [
-            _distance(made["effect"][rows, k], np.delete(made["effect"][rows], k, axis=1), scale)
-            for k in range(0, CAMPAIGNS, 6)
-        ]
-        return {**found, "floor": float(np.mean(alike))}
-
-    drawn = [distances(rows) for rows, _ in bootstrap_rows(rocks, 200, rng)]
-    point = distances(rocks)
-    shrinkage = np.array([_shrinkage(d) for d in drawn])
-    above = np.quantile([d["base"] - d["floor"] for d in drawn], 0.05)
-    # Without an effect that is named there is nothing that could shrink the gap, and errors of
-    # the observation are in no calibrated model.
-    named = set(answer.verdict.effect.split("+")) & set(EFFECTS)
-    told = bool(above > 0.0) and bool(named)
-    return {
-        "rocks": case.n_rocks,
-        "energy_distance": point,
-        # Rocks that are drawn twice lengthen every distance; what is above the floor, much less.
-        "above_floor_ci95": {
-            k: np.quantile([d[k] - d["floor"] for d in drawn], [0.025, 0.975]) for k in made
-        },
-        "energy_score": {
-            k: float(np.mean(energy_scores(v, seen, scale=scale))) for k, v in made.items()
-        },
-        "shrinkage": _shrinkage(point) if told else None,
-        "shrinkage_ci95": np.quantile(shrinkage, [0.025, 0.975]) if told else None,
-        "by_quantity_m": {
-            q: {k: energy_distance(seen[:, i], v[:, :, i].ravel()) for k, v in made.items()}
-            for i, q in enumerate(QUANTITIES)
-        },
-        "gap_m": {
-            q: {k: float((seen - v.mean(axis=1))[:, i].mean()) for k, v in made.items()}
-            for i, q in enumerate(QUANTITIES)
-        },
-    }
-
-
-def _distance(seen: FloatArray, made: FloatArray, scale: FloatArray) -> float:
-    return energy_distance(seen, made.reshape(-1, 2), scale=scale)
-
-
-def _shrinkage(d: Mapping[str, float]) -> float:
-    return (d["base"] - d["effect"]) / (d["base"] - d["floor"])
-
-
-def _plain(item: Any) -> Any:
-    """Plain values, numbers to four digits: more would be noise."""
-    if isinstance(item, Mapping):
-        return {str(k): _plain(v) for k, v in item.items()}
-    if isinstance(item, np.ndarray):
-        return _plain(item.tolist())
-    if isinstance(item, list | tuple):
-        return [_plain(v) for v in item]
-    if isinstance(item, float | np.floating):
-        return float(f"{item:.4g}") if np.isfinite(item) else None
-    return int(item) if isinstance(item, np.integer) else item

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -209,8 +211,10 @@ def write_dem(source: Path, target: Path, within: shapely.Geometry | None = None
     return target
 
 
-def write_areas(target: Path, areas: Mapping[str, shapely.Geometry], crs: str | None) -> Path:
-    """Release areas as GeoPackage."""
+def write_areas(
+    target: Path, areas: Mapping[str, shapely.Geometry], crs: str | None, **columns: Sequence[str]
+) -> Path:
+    """Release areas as GeoPackage, with further columns."""
     import warnings
 
     import geopandas as gpd
@@ -218,6 +222,25 @@ def write_areas(target: Path, areas: Mapping[str, shapely.Geometry], crs: str | 
     with warnings.catch_warnings():
         # Local coordinates have no system to state.
         warnings.filterwarnings("ignore", "'crs' was not provided", UserWarning)
-        frame = gpd.GeoDataFrame({"name": list(areas)}, geometry=list(areas.values()), crs=crs)
+        rows = {"name": list(areas), **columns}
+        frame = gpd.GeoDataFrame(rows, geometry=list(areas.values()), crs=crs)
         frame.to_file(target)
     return target
+
+
+def write_json(file: Path, results: Mapping[str, Any]) -> None:
+    """Plain values, numbers to four digits."""
+    file.write_text(json.dumps(_plain(results), indent=1) + "\n", encoding="utf-8")
+
+
+def _plain(item: Any) -> Any:
+    """Plain values, numbers to four digits: more would be noise."""
+    if isinstance(item, Mapping):
+        return {str(k): _plain(v) for k, v in item.items()}
+    if isinstance(item, np.ndarray):
+        return _plain(item.tolist())
+    if isinstance(item, list | tuple):
+        return [_plain(v) for v in item]
+    if isinstance(item, float | np.floating):
+        return float(f"{item:.4g}") if np.isfinite(item) else None
+    return int(item) if isinstance(item, np.integer) else item

@@ -79,7 +79,7 @@ def case_of(run: MapRun, observations: Observations, file: Path) -> Case:
             field="rocks",
             expected="one row or more",
         )
-    traces, line = _fall_lines(run, observations, file)
+    traces, line, moved = _fall_lines(run, observations, file)
     prepared = prepare_lines(run, traces)
     stations = station_chainages(traces, observations.stations, prolong_m=PROLONG_M)
     masses = rock_masses_kg(observations)
@@ -96,7 +96,7 @@ def case_of(run: MapRun, observations: Observations, file: Path) -> Case:
         profiles=prepared.profiles,
         line=line,
         blocks=blocks,
-        start=np.zeros((len(names), 2)),
+        start=prepared.starts(moved)[line],
         mass_kg=masses,
         radius_m=radius,
         stations=stations,
@@ -114,8 +114,13 @@ def case_of(run: MapRun, observations: Observations, file: Path) -> Case:
     return replace(case, terrain=terrain)
 
 
-def _fall_lines(run: MapRun, observations: Observations, file: Path) -> tuple[TraceSet, IntArray]:
-    """Fall lines, and the line of each rock: its own, or one of the configured release points."""
+def _fall_lines(
+    run: MapRun, observations: Observations, file: Path
+) -> tuple[TraceSet, IntArray, FloatArray]:
+    """Fall lines, the line of each rock: its own, or one of the configured release points.
+
+    The last array is of each line: how far up the slope from the release point it begins (m).
+    """
     points, rock = observed_release_points(observations)
     n = len(observations.rock_names)
     if len(points):
@@ -131,8 +136,10 @@ def _fall_lines(run: MapRun, observations: Observations, file: Path) -> tuple[Tr
         )
         line = np.full(n, -1, np.int64)
         line[rock] = which.ravel()
+        moved = np.zeros(len(unique))
     else:
-        starts = plan(run).starts
+        planned = plan(run)
+        starts, moved = planned.starts, planned.moved
         line = np.full(n, -1, np.int64)
     surface = fall_line_surface(run.grid, run.terrain)
     good = prepare_lines(run, trace(run.grid, surface, starts, run.terrain)).good
@@ -150,7 +157,7 @@ def _fall_lines(run: MapRun, observations: Observations, file: Path) -> tuple[Tr
     line[loose] = np.resize(np.flatnonzero(good), loose.size)
     used, line = np.unique(line, return_inverse=True)
     traces = trace(run.grid, surface, take(starts, used), run.terrain)
-    return traces, line.ravel().astype(np.int64)
+    return traces, line.ravel().astype(np.int64), moved[used]
 
 
 def rock_populations(

@@ -14,7 +14,6 @@ from helpers.scripts import load, run_script
 
 import sassgis
 from sassgis.io.read.ground_map import built_in_table
-from sassgis.io.read.range_table import read_ranges
 from sassgis.model.settings import EngineSettings
 
 
@@ -217,20 +216,13 @@ def test_tables_of_the_studies_are_those_of_their_files(repository):
     assert seen == set(tables.TABLES)
 
 
-def test_class_tables_hold_what_the_field_study_found(repository):
+def test_field_study_was_made_with_the_shipped_classes(repository):
     found = json.loads((repository / "docs/studies/field/results.json").read_text("utf-8"))
     table = {c.name: c for c in built_in_table().classes}
-    rules = {(r.class_name, r.parameter): r for r in read_ranges(built_in_table())}
-    for site, (name, *_) in found["classes"].items():
-        rms = [100.0 * found["held_out"][site]["left_out"][q]["rms"] for q in ("median", "q90")]
-        wanted = "wrong by {:.0f} % and the 90 % quantile by {:.0f} %".format(*rms)
-        assert wanted in table[name].source
-        for parameter, one in found["ranges"][name].items():
-            # The study was made with the values that are shipped.
-            assert getattr(table[name], parameter) == one["value"]
-            if name == "overgrown_slope":
-                rule = rules[name, parameter]
-                assert (rule.low, rule.high) == pytest.approx((one["low"], one["high"]), abs=0.006)
+    assert set(found["classes"].values()) <= {one["class"] for one in found["parameters"]}
+    for one in found["parameters"]:
+        shipped = getattr(table[one["class"]], one["parameter"])
+        assert shipped == pytest.approx(one["configured"], rel=1e-3)
 
 
 def test_fig9_study(repository, tmp_path):

@@ -95,6 +95,9 @@ def _curves(ax: Axes, label: str, seen: FloatArray, made: Mapping[str, FloatArra
     ax.step(known, 100.0 * share, where="post", color=INK, lw=1.4, label="observed")
     everything = np.concatenate([known, *(v[np.isfinite(v)] for v in made.values())])
     low, high = np.quantile(everything, [0.002, 0.998])
-    ax.set_xlim(min(low, known[0]), max(high, known[-1]))
+    low, high = min(low, known[0]), max(high, known[-1])
+    # Of numbers of blocks all may be alike: the axis is then as it comes.
+    if low < high:
+        ax.set_xlim(low, high)
     ax.set_ylim(0.0, 100.0)
     ax.yaxis.set_major_formatter(percent_formatter())

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
+from helpers.made_diagnosis import write_observations, write_slope
 from helpers.simulated_slope import ERRORS, STATIONS, TABLE, observed, slope
 
 from sassgis.engine.simulate_paths import PathTerrain, follow
@@ -15,9 +18,15 @@ from sassgis.gap.replicas.campaigns import campaigns
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel
 from sassgis.gap.replicas.released_rocks import all_rocks, move, station_traces, with_stations_at
 from sassgis.gap.replicas.rock_lines import control_lines_of, rock_lines_of
+from sassgis.io.read.config import load_config
 from sassgis.model.effects import EffectSettings
+from sassgis.model.grid import Grid
 from sassgis.model.profiles import ReleasePoints
 from sassgis.model.settings import EngineSettings
+from sassgis.runs.gap_case import read_case
+from sassgis.runs.inputs import read_map_run
+from sassgis.terrain.flatten import chainage_to_xy
+from sassgis.terrain.plan import placed_points
 
 COUNT = 60
 MODEL = HypothesisModel(TABLE, EffectSettings())
@@ -120,3 +129,20 @@ def test_other_stations_are_where_they_are_asked_for() -> None:
     lines = replace(rock_lines_of(case), control_lines=control_lines_of(there))
     (one, *_) = campaigns(there, lines, MODEL, count=2, seed=1, tables=frozenset({"passages"}))
     assert set(one.passages.station.tolist()) == {0, 1}
+
+
+@pytest.mark.parametrize("path", ["fall_line", "followed"])
+def test_rocks_of_unknown_release_start_around_the_release_points(
+    tmp_path: Path, slope: Grid, path: str
+) -> None:
+    """As blocks of a run do: half the spacing up and down the slope, not all of them above."""
+    config = load_config(write_slope(tmp_path, slope), {"terrain.path": path})
+    folder = write_observations(tmp_path / "observed", 12, passages=False)
+    rocks = pd.read_csv(folder / "rocks.csv").drop(columns=["x", "y", "z"])
+    rocks.to_csv(folder / "rocks.csv", index=False)
+    case = read_case(config, folder)
+    points = placed_points(read_map_run(config))
+    for end, aside in enumerate((5.0, -5.0)):
+        _, y = chainage_to_xy(case.traces, case.line, case.start[:, end])
+        # Fall lines of this slope run straight to the south; the spacing is 10 m in plan.
+        assert np.unique(y.round(3)) == pytest.approx(np.unique(points.y) + aside, abs=1e-3)
