@@ -20,7 +20,7 @@ from field_cases import tables
 from field_cases.contact_figure import contact_figure
 from field_cases.contacts import plate_axes, read_contacts
 from field_cases.program_contacts import DENSITY_KGM3, FloatArray, program_contacts
-from field_cases.study import write_json
+from field_cases.tables import write_json
 
 import sassgis
 from sassgis.engine.effects import hooks

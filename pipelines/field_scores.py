@@ -5,9 +5,9 @@
 Writes each site as a user would (configuration, release, observations) and runs ``sassgis run``
 with the built-in classes, chosen by the description of the site alone; with the class of the other
 site; with the readings and classes of 1986; and with what ``sassgis calibrate`` recommends after it
-saw a random half of the rocks, scored on the other half and at the other site. Adds single contacts
-at Chant Sura. Writes ``results.json`` and a figure. The data of Authume state no licence: these two
-hold no coordinates; what is in ``OUT/work`` must not be passed on.
+saw a random half of the rocks, scored on the other half and at the other site. Writes
+``results.json`` and a figure. The data of Authume state no licence: these two hold no coordinates;
+what is in ``OUT/work`` must not be passed on.
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ import pandas as pd
 from field_cases import tables
 from field_cases.figures import field_figure
 from field_cases.held_out import calibrated, held_out, parameters
-from field_cases.impact_law import fast_contacts, grazing
 from field_cases.scores import by_group, by_mass, repeated, score, widths
 from field_cases.sites import Simulated, Site, authume, run_out, simulated, tschamut
 from field_cases.tables import write_json
@@ -71,7 +70,6 @@ def main(argv: list[str] | None = None) -> None:
         name: calibrated(site, "all", work / f"{name}_calibrated", given.jobs, given.draws)[0]
         for name, site in sites.items()
     }
-    chant_sura = given.data / "chant_sura_2020"
     settings = EngineSettings()
     results = {
         "program": f"sassgis {sassgis.__version__}",
@@ -95,8 +93,6 @@ def main(argv: list[str] | None = None) -> None:
         },
         "parameters": parameters(all_rocks),
         "widths": widths(sites, run),
-        "contacts": fast_contacts(chant_sura, slope["Tschamut"]),
-        "grazing": grazing(chant_sura, slope["Tschamut"]),
     }
     write_json(out / "results.json", results)
     shown = {

@@ -326,21 +326,56 @@ def field_widths() -> str:
     return markdown(["side tilt", "drift", *(f"{n}: width, median" for n in names)], body)
 
 
-def field_contacts() -> str:
-    """Single contacts at Chant Sura."""
-    found = field()
-    one, jump = found["contacts"], found["grazing"]
-    names = {"r_n": "R_n", "r_t": "R_t", "energy_kept": "energy kept"}
+def contacts() -> Any:
+    """Results of the study of single contacts."""
+    return json.loads((HERE / "contacts/results.json").read_text(encoding="utf-8"))
+
+
+CONTACT_NAMES = {"r_n": "R_n", "r_t": "R_t", "energy_kept": "energy kept"}
+
+
+def contacts_filmed() -> str:
+    """Each filmed contact, observed and simulated."""
     body = [
-        [f"{word}, median of {one['contacts']} contacts",
-         *(f"{one[side][key]:.2f}" for side in ("observed_median", "simulated_median"))]
-        for key, word in names.items()
-    ]  # fmt: skip
-    body += [
-        ["horizontal speed after / before, grazing impact", f"{seen:.2f}", f"{made:.2f}"]
-        for seen, made in zip(jump["observed"], jump["simulated_median"], strict=True)
+        [
+            f"{row['mass_kg']:.0f}",
+            f"{-row['vn_mps']:.1f} / {row['vt_mps']:.1f}",
+            *(
+                f"{row['observed'][key][1]:.2f} / {low_mid_high(row['simulated'][key])}"
+                for key in (*CONTACT_NAMES, "spin_share")
+            ),
+        ]
+        for row in contacts()["single"]
     ]
-    return markdown(["", "observed", "simulated"], body)
+    found = contacts()["grazing"]
+    for seen, made in zip(found["observed"], found["simulated"], strict=True):
+        body.append(["780", "grazing", "", f"horizontal: {seen:.2f} / {made:.2f}", "", ""])
+    head = ["kg", "normal / along (m/s)", *CONTACT_NAMES.values(), "spin / rolling"]
+    return markdown(head, body)
+
+
+def low_mid_high(three: list[float]) -> str:
+    """A median and, in brackets, the 10 and 90 % quantile."""
+    low, middle, high = three
+    return f"{middle:.2f} ({low:.2f} to {high:.2f})"
+
+
+def contacts_program() -> str:
+    """Contacts of the discrete-element program by ground and normal speed."""
+    body = [
+        [
+            row["ground"],
+            "{:g} to {:g}".format(*row["vn_mps"]),
+            str(row["contacts"]),
+            *(
+                f"{low_mid_high(row['observed'][key])}; {row['simulated'][key][1]:.2f}"
+                for key in (*CONTACT_NAMES, "spin_share")
+            ),
+        ]
+        for row in contacts()["by_speed"]
+    ]
+    head = ["ground", "normal (m/s)", "contacts", *CONTACT_NAMES.values(), "spin / rolling"]
+    return markdown(head, body)
 
 
 def safety_kills() -> str:
@@ -523,7 +558,8 @@ TABLES = {
     "field mass": field_mass,
     "field parameters": field_parameters,
     "field widths": field_widths,
-    "field contacts": field_contacts,
+    "contacts filmed": contacts_filmed,
+    "contacts program": contacts_program,
     "safety kills": safety_kills,
     "safety fuzz": safety_fuzz,
     "safety extremes": safety_extremes,

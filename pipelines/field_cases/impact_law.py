@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from field_cases.contacts import PLATE_KG, REACH_M, plate_axes, read_contacts
+from field_cases.contacts import REACH_M, read_contacts
 from field_cases.distances import energy_scores, observed_scale
 from field_cases.figures import contacts_figure
 from sassgis.engine.effects import hooks
@@ -31,8 +31,6 @@ FloatArray = NDArray[np.float64]
 Readings = Literal["1986", "hazard"]
 
 DRAWS = 400
-#: Slower contacts along the normal are not compared (m/s).
-FAST_MPS = 3.0
 #: Relative error of a velocity: the effect of another radius of the plane through the ground.
 SPEED_ERROR = 0.1
 #: Ground by expert judgement.
@@ -152,58 +150,6 @@ def predict(
     speed2 = state.vt**2 + state.vn**2
     kept = (moving + inert * made[:, 2] ** 2) / (speed2 + inert * state.omega**2)
     return np.column_stack([made, kept, moving / speed2])
-
-
-def fast_contacts(folder: Path, name: str, seed: int = 1986) -> dict[str, Any]:
-    """Medians of R_n, R_t and of the share of the energy kept, over fast contacts.
-
-    Contacts that were measured: not the first of a run, of which the flight before starts at one
-    nominal point. With the built-in class ``name``.
-    """
-    contacts, rocks = read_contacts(folder)
-    axes = _axes(rocks)
-    spun = contacts["omega_in_radps"].notna() & contacts["omega_out_radps"].notna()
-    fast = contacts[(contacts["impact"] > 0) & spun & (contacts["vn_in_mps"] < -FAST_MPS)]
-    law = Law(ground_class(name, "hazard"), readings="hazard")
-    seen, made = [], []
-    for i, row in enumerate(fast.to_dict("records")):
-        state = _state(row, axes)
-        into = np.array([-state.vn, state.vt, 1.0])
-        draws = predict(state, law, np.random.default_rng([seed, i]), error=0.0)
-        made.append(np.median(draws[:, [1, 0, 3]] / into, axis=0))
-        seen.append(_outcome(row, state)[[1, 0, 3]] / into)
-    names = ("r_n", "r_t", "energy_kept")
-    return {
-        "contacts": len(fast),
-        "observed_median": dict(zip(names, np.median(seen, axis=0), strict=True)),
-        "simulated_median": dict(zip(names, np.median(made, axis=0), strict=True)),
-    }
-
-
-def grazing(folder: Path, name: str, seed: int = 1986) -> dict[str, Any]:
-    """Horizontal speed after over before fast grazing impacts (G. Lu et al. 2019, Table 2).
-
-    The slope is that from one impact to the next; the last row has no flight after it.
-    """
-    table = pd.read_csv(folder / "scarring_lu2019" / "lu2019_table2_impacts.csv")
-    level = np.hypot(table["vx_mps"], table["vy_mps"]).to_numpy()
-    run = np.hypot(np.diff(table["x_start_lv95"]), np.diff(table["y_start_lv95"]))
-    dips = np.arctan2(-np.diff(table["z_start_m"]), run)
-    law = Law(ground_class(name, "hazard"), readings="hazard")
-    seen, made = [], []
-    for i, dip in enumerate(dips.tolist()):
-        down = -float(table["vz_mps"][i])
-        vt = level[i] * math.cos(dip) + down * math.sin(dip)
-        vn = level[i] * math.sin(dip) - down * math.cos(dip)
-        if vn >= 0.0:
-            continue
-        spin = float(table["wres_radps"][i])
-        state = State(dip, vt, vn, spin, plate_axes(PLATE_KG), PLATE_KG)
-        out = predict(state, law, np.random.default_rng([seed, i]), error=0.0)
-        after = out[:, 0] * math.cos(dip) + out[:, 1] * math.sin(dip)
-        made.append(float(np.median(after)) / level[i])
-        seen.append(float(level[i + 1] / level[i]))
-    return {"observed": seen, "simulated_median": made}
 
 
 def _axes(rocks: pd.DataFrame) -> dict[str, tuple[float, float, float]]:

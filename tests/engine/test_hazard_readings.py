@@ -50,7 +50,9 @@ def test_the_threshold_is_that_of_the_class_unless_it_is_given(lab):
     line = lab.rough(4)
 
     def rocks(column, **key):
-        own = dataclasses.replace(lab.ground(eta_max=0.85), restitution=0.5, rolling_threshold=column)
+        own = dataclasses.replace(
+            lab.ground(eta_max=0.85), restitution=0.5, rolling_threshold=column
+        )
         settings = dataclasses.replace(lab.HAZARD, **key)
         dropped = dataclasses.replace(lab.MIXED, drop_m=(0.5, 0.5))
         return lab.run(line, own, dropped, n=60, settings=settings).rocks.tobytes()
