@@ -69,6 +69,11 @@ class ParameterRange:
         """Class and parameter."""
         return f"{self.class_name}: {self.parameter}"
 
+    @property
+    def sd(self) -> float:
+        """Standard deviation between sites: the range holds the middle 90 % of them."""
+        return (self.high - self.low) / 3.29
+
 
 def ranges_of(
     table: GroundTable,

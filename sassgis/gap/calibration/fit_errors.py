@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import t as student
 
 from sassgis.gap.calibration.problem import CalibrationProblem
 from sassgis.gap.inference.distances import energy_scores
@@ -48,6 +49,63 @@ class QuantityErrors:
     crps: Mapping[str, float]
     median_error: Mapping[str, Interval]
     gain: Interval
+
+
+@dataclass(frozen=True, slots=True)
+class TableScore:
+    """What one table of observations has to do with the calibration.
+
+    Attributes
+    ----------
+    table : str
+    rocks : int
+        With anything in it that is scored.
+    score : mapping
+        Energy score, mean over these rocks: "before", "after", "left out".
+    gain : Interval
+        Score before less that of rocks left out, as a share of the score before.
+    """
+
+    table: str
+    rocks: int
+    score: Mapping[str, float]
+    gain: Interval
+
+
+def table_scores(
+    site: CalibrationProblem, models: Mapping[str, Mapping[str, FloatArray]]
+) -> tuple[TableScore, ...]:
+    """Scores by table.
+
+    Parameters
+    ----------
+    site : CalibrationProblem
+    models : mapping of str to mapping of table to float64, shape (n_rocks,)
+        Scores "before", "after", "left out".
+    """
+    found = []
+    for table in models["before"]:
+        own = {name: np.nan_to_num(scores[table]) for name, scores in models.items()}
+        known = own["before"] != 0.0
+        gain = paired_gain(site.per_unit(own["before"]), site.per_unit(own["left out"]))
+        means = {name: float(v[known].mean()) if known.any() else 0.0 for name, v in own.items()}
+        found.append(TableScore(table, int(known.sum()), means, gain))
+    return tuple(found)
+
+
+def paired_gain(before: FloatArray, left_out: FloatArray, level: float = 0.95) -> Interval:
+    """Mean of the differences of paired scores over the mean score before, with Student's interval.
+
+    Units of which nothing is scored have no score and do not count.
+    """
+    known = (before != 0.0) | (left_out != 0.0)
+    gain = (before - left_out)[known]
+    if gain.size < 2:
+        return Interval(float("nan"), float("nan"), float("nan"))
+    mean, whole = float(gain.mean()), float(before[known].mean())
+    half = float(student.ppf(0.5 + 0.5 * level, gain.size - 1) * gain.std(ddof=1))
+    half /= float(np.sqrt(gain.size))
+    return Interval(mean / whole, (mean - half) / whole, (mean + half) / whole)
 
 
 _NAMES = {

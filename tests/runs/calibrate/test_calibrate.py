@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import html
 import json
 import shutil
 from collections.abc import Iterator
@@ -65,10 +66,18 @@ def test_what_is_written_can_be_run_and_says_where_it_comes_from(case: Path, don
     for name in ("report.html", "figures/parameters.png", "figures/rocks_1.png", "manifest.json"):
         assert (done / name).is_file(), name
     check_output(done, overwrite=True)
-    config = load_config(done / "config.toml")
-    table = read_ground_table(config.ground.classes)
+    table = read_ground_table(done / "fitted_classes.csv")
     own = table.classes[table.index("talus")]
     found = json.loads((done / "calibration.json").read_text())
+    # What is to be run is what was recommended.
+    run_with = load_config(done / "config.toml").ground.classes
+    stays = load_config(case / CONFIG_NAME).ground.classes
+    assert run_with == (
+        done / "fitted_classes.csv" if found["recommended"] == "calibrated" else stays
+    )
+    report = (done / "report.html").read_text()
+    assert found["recommendation"] in html.unescape(report)
+    assert found["recommendation"] in (done / "config.toml").read_text()
     for f in found["parameters"]:
         assert getattr(own, f["parameter"]) == pytest.approx(f["value"], rel=1e-4)
     assert "Calibrated by sassgis" in own.source and "24 rocks" in own.source
