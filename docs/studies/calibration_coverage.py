@@ -127,6 +127,7 @@ def main() -> None:
     parser.add_argument("--observed", default="both", help="of the synthetic site")
     parser.add_argument("--rocks", type=int, default=40, help="of the synthetic site")
     parser.add_argument("--campaigns", type=int, default=20)
+    parser.add_argument("--seed", type=int, default=101, help="of the first campaign")
     parser.add_argument("--draws", type=int)
     parser.add_argument("--jobs", type=int, default=1)
     given = parser.parse_args()
@@ -138,7 +139,7 @@ def main() -> None:
             case = synthetic(Path(folder) / "case", given.observed, given.rocks)
         names = fitted_names(given.names or ("eta_max", "mu_f", "mu_0"), [case.engine])
         rows: list[dict[str, Any]] = []
-        for seed in range(1, given.campaigns + 1):
+        for seed in range(given.seed, given.seed + given.campaigns):
             rows += campaign(
                 case, given.classes or ("talus",), names, seed, given.draws, given.jobs
             )

@@ -2,9 +2,9 @@
 
 The score of a proper scoring rule takes the place of a likelihood, which a simulation of rocks does
 not have: the posterior is proportional to prior × exp(−w × sum of the scores) (Bissiri, Holmes and
-Walker 2016, J. R. Stat. Soc. B 78, 1103-1130). Its sharpness w is chosen so that the mean excess of
-the score over its minimum is that which drawing the rocks anew makes (compare Syring and Martin
-2019, Biometrika 106, 479-486). It is sampled by emcee (Foreman-Mackey et al. 2013, PASP 125, 306)
+Walker 2016, J. R. Stat. Soc. B 78, 1103-1130). Its sharpness w is chosen so that the excess of the
+score over its minimum is that which drawing the rocks anew makes (compare Syring and Martin 2019,
+Biometrika 106, 479-486). It is sampled by emcee (Foreman-Mackey et al. 2013, PASP 125, 306)
 from emulators of the scores.
 """
 
@@ -27,7 +27,9 @@ from sassgis.model.grid import FloatArray, IntArray
 BoolArray = NDArray[np.bool_]
 
 #: Samples of rocks drawn anew.
-_BOOTSTRAP = 60
+_BOOTSTRAP, _FEW = 60, 20
+#: Attempts at the sharpness, each from the one before.
+_ROUNDS = 4
 #: Steps of each walker, of which the first half is thrown away, and of the rest every so many kept.
 _STEPS, _THIN = 300, 10
 _STEPS_OF_DESIGN = 100
@@ -169,7 +171,7 @@ class Posterior:
         Highest density.
     sharpness : float
     excess : float
-        By how much the sum of the scores exceeds its minimum at the minimum of other rocks, mean
+        By how much the sum of the scores exceeds its minimum at the best of other rocks, median
         over samples of rocks.
     """
 
@@ -186,17 +188,18 @@ def posterior_of(surface: ScoreSurface, points: FloatArray, seed: int) -> Poster
     total = surface.total
     order = np.argsort(total.value(points), kind="stable")
     bottom, least = total.minimum(points[order[:4]])
-    excess = bootstrap_excess(surface, bottom, rng)
-    wanted = float(np.mean(excess)) * small_sample_factor(surface.informative)
-    sharpness = 1.0 / max(wanted, 1e-9)
-    of_scores, beginnings = points, np.vstack([bottom, points[order]])
+    sharpness = 1.0 / max(float(bootstrap_excess(surface, bottom, rng, _FEW).mean()), 1e-9)
+    beginnings = np.vstack([bottom, points[order]])
     # The prior has next to no part in the sharpness: a sharper score would make up for it. Where
     # nothing was tried the emulators know nothing: the samples stay where the first design lies.
     broad = surface.prior.wider(_BEYOND_PRIOR)
-    for _ in range(3):
+    for _ in range(_ROUNDS):
         of_scores = _sample(total, broad, sharpness, beginnings, rng)
         over = total.value(of_scores) - least
-        found = _sharpness(over, sharpness, wanted)
+        anew = _bests_of_other_rocks(surface, broad, sharpness, bottom, rng)
+        # Some rocks drawn anew find a false minimum where little was tried: the median does not.
+        excess = float(np.median(total.value(anew) - least))
+        found = _sharpness(over, sharpness, excess)
         done = abs(np.log(found / sharpness)) < 0.15
         sharpness = found
         if done:
@@ -204,7 +207,33 @@ def posterior_of(surface: ScoreSurface, points: FloatArray, seed: int) -> Poster
     prior = surface.prior
     best, _ = total.minimum(np.vstack([bottom, prior.centre, points[order[:4]]]), prior, sharpness)
     samples = _sample(total, prior, sharpness, np.vstack([best, beginnings]), rng)
-    return Posterior(samples, of_scores, best, sharpness, wanted)
+    return Posterior(samples, of_scores, best, sharpness, excess)
+
+
+def _bests_of_other_rocks(
+    surface: ScoreSurface,
+    prior: Prior,
+    sharpness: float,
+    bottom: FloatArray,
+    rng: np.random.Generator,
+) -> FloatArray:
+    """Best parameters for rocks, campaigns and centres of the prior drawn anew, shape (n, d).
+
+    Where the rocks say nothing these scatter as the prior does, as samples of a posterior do: what
+    is left of the difference between both is what the rocks say (the posterior bootstrap of Lyddon,
+    Walker and Holmes 2018, NeurIPS 31).
+    """
+    factor = np.sqrt(small_sample_factor(surface.informative))
+    found = []
+    for _ in range(_BOOTSTRAP):
+        weights = [
+            1.0 + factor * (rng.multinomial(n, np.full(n, 1.0 / n)) - 1.0) for n in surface.sizes
+        ]
+        centre = prior.quantiles(rng.random(bottom.size))
+        own = surface.weighted(weights, rng)
+        best, _ = own.minimum(bottom[None], replace(prior, centre=centre), sharpness)
+        found.append(best)
+    return np.array(found)
 
 
 def small_sample_factor(n: int) -> float:
@@ -218,20 +247,21 @@ def small_sample_factor(n: int) -> float:
 
 
 def _sharpness(over: FloatArray, sampled_at: float, wanted: float) -> float:
-    """Sharpness at which the mean excess is the one wanted, by weights of the samples."""
+    """Sharpness at which the median excess is the one wanted, by weights of the samples."""
+    over = np.sort(over)
 
-    def mean(factor: float) -> float:
-        weight = np.exp(-(factor - 1.0) * sampled_at * (over - over.min()))
-        return float((weight * over).sum() / weight.sum())
+    def middle(factor: float) -> float:
+        below = np.cumsum(np.exp(-(factor - 1.0) * sampled_at * (over - over[0])))
+        return float(over[np.searchsorted(below, 0.5 * below[-1])])
 
     low, high = 0.2, 5.0
-    if mean(high) > wanted:
+    if middle(high) > wanted:
         return high * sampled_at
-    if mean(low) < wanted:
+    if middle(low) < wanted:
         return low * sampled_at
     for _ in range(40):
-        middle = np.sqrt(low * high)
-        low, high = (middle, high) if mean(middle) > wanted else (low, middle)
+        tried = np.sqrt(low * high)
+        low, high = (tried, high) if middle(tried) > wanted else (low, tried)
     return float(np.sqrt(low * high)) * sampled_at
 
 
@@ -283,7 +313,7 @@ def next_design(surface: ScoreSurface, points: FloatArray, draws: int, seed: int
     total = surface.total
     order = np.argsort(total.value(points), kind="stable")
     bottom, _ = total.minimum(points[order[:4]])
-    wanted = float(np.mean(bootstrap_excess(surface, bottom, rng, 20)))
+    wanted = float(np.mean(bootstrap_excess(surface, bottom, rng, _FEW)))
     beginnings = np.vstack([bottom, points[order]])
     chosen = [bottom[None]]
     for sharpness, part in zip(_WIDER, np.array_split(np.arange(draws - 1), 2), strict=True):

@@ -95,6 +95,7 @@ def _curves(ax: Axes, label: str, seen: FloatArray, made: Mapping[str, FloatArra
     ax.step(known, 100.0 * share, where="post", color=INK, lw=1.4, label="observed")
     everything = np.concatenate([known, *(v[np.isfinite(v)] for v in made.values())])
     low, high = np.quantile(everything, [0.002, 0.998])
-    ax.set_xlim(min(low, known[0]), max(high, known[-1]))
+    low, high = min(low, known[0]), max(high, known[-1])
+    ax.set_xlim((low, high) if high > low else (low - 0.5, high + 0.5))
     ax.set_ylim(0.0, 100.0)
     ax.yaxis.set_major_formatter(percent_formatter())
