@@ -54,7 +54,14 @@ def run(case: Path, out: Path, **options: object) -> object:
 @pytest.fixture(scope="module")
 def done(case: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("calibrated") / "out"
-    run(case, out)
+    arguments = [case / CONFIG_NAME, "--observations", case / OBSERVATIONS_NAME, "-o", out]
+    options = [f"--{k}={v}" for k, own in (("class", CLASSES), ("parameter", NAMES)) for v in own]
+    options.append(f"--draws={DRAWS}")
+    said = CliRunner().invoke(cli, ["calibrate", *map(str, arguments), *options])
+    assert said.exit_code == 0, said.output
+    # The last line says which ground to run.
+    found = json.loads((out / "calibration.json").read_text())
+    assert said.stdout.splitlines()[-1] == found["recommendation"]
     return out
 
 
