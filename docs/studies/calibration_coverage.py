@@ -148,7 +148,7 @@ def main() -> None:
                 "tables": [n for n, t in case.observations.tables.items() if len(t)],
                 "samples": SAMPLES, "levels": LEVELS, "summary": summary(rows), "rows": rows,
             }  # fmt: skip
-            text = json.dumps(content, indent=1) + "\n"
+            text = json.dumps(content) + "\n"
             (given.output / "results.json").write_text(text, encoding="utf-8")
             print(seed, [(r["rank"], round(r["off_sd"], 2)) for r in rows if r["campaign"] == seed])
 

@@ -6,12 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import t as student
 
 from sassgis.gap.calibration.problem import CalibrationProblem
 from sassgis.gap.inference.distances import energy_scores
-from sassgis.gap.inference.intervals import Interval, bootstrap_interval
-from sassgis.model.grid import FloatArray, IntArray
+from sassgis.gap.inference.intervals import Interval, bootstrap_interval, mean_interval
+from sassgis.model.grid import FloatArray
 
 #: Shares of the rocks whose quantiles are compared.
 SHARES = (0.1, 0.5, 0.9)
@@ -93,19 +92,14 @@ def table_scores(
     return tuple(found)
 
 
-def paired_gain(before: FloatArray, left_out: FloatArray, level: float = 0.95) -> Interval:
+def paired_gain(before: FloatArray, left_out: FloatArray) -> Interval:
     """Mean of the differences of paired scores over the mean score before, with Student's interval.
 
     Units of which nothing is scored have no score and do not count.
     """
     known = (before != 0.0) | (left_out != 0.0)
-    gain = (before - left_out)[known]
-    if gain.size < 2:
-        return Interval(float("nan"), float("nan"), float("nan"))
-    mean, whole = float(gain.mean()), float(before[known].mean())
-    half = float(student.ppf(0.5 + 0.5 * level, gain.size - 1) * gain.std(ddof=1))
-    half /= float(np.sqrt(gain.size))
-    return Interval(mean / whole, (mean - half) / whole, (mean + half) / whole)
+    whole = float(before[known].mean()) if known.any() else float("nan")
+    return mean_interval((before - left_out)[known] / whole)
 
 
 _NAMES = {
@@ -176,21 +170,12 @@ def _errors(
         )  # fmt: skip
 
     gain = scores["before"] - scores["left out"]
-    known = np.flatnonzero(np.isfinite(gain))
-
-    def mean(i: IntArray) -> float:
-        return float(gain[known[i]].mean())
-
     return QuantityErrors(
         title, unit, rocks.size, _quantiles(own),
         {k: _quantiles(v) for k, v in finite.items()},
         {k: float(np.nanmean(v)) for k, v in scores.items()},
         {k: error(centre(v)) for k, v in finite.items()},
-        bootstrap_interval(
-            mean, np.arange(known.size), draws=_DRAWS, rng=rng, method="percentile"
-        )
-        if known.size > 1
-        else Interval(float("nan"), float("nan"), float("nan")),
+        mean_interval(gain[np.isfinite(gain)]),
     )  # fmt: skip
 
 

@@ -14,7 +14,7 @@ from sassgis.gap.observations.case import Case
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray
 from sassgis.model.ground import PARAMETERS, GroundTable
-from sassgis.model.ground_ranges import RangeRule, ranges_of
+from sassgis.model.ground_ranges import RangeRule, ranges_of, with_values
 from sassgis.model.settings import EngineSettings
 
 
@@ -187,15 +187,14 @@ def table_with(
 
     Classes that the table does not have are passed over: they are of another site.
     """
-    changes: dict[str, dict[str, float]] = {}
-    for parameter, share in zip(parameters, shares.tolist(), strict=True):
-        own = changes.setdefault(parameter.class_name, {})
-        own[parameter.name] = float(parameter.value(share))
-    return GroundTable(
-        tuple(
-            replace(c, **changes[c.name]) if c.name in changes else c  # type: ignore[arg-type]
-            for c in table.classes
-        )
+    pairs = zip(parameters, shares.tolist(), strict=True)
+    return with_values(
+        table,
+        {
+            (p.class_name, p.name): float(p.value(share))
+            for p, share in pairs
+            if p.class_name in table.names
+        },
     )
 
 
