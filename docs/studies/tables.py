@@ -1,7 +1,8 @@
 """Put the tables of the studies into their pages.
 
 ``python docs/studies/tables.py`` rewrites what stands between ``<!-- table: NAME -->`` and
-``<!-- end -->`` in the pages of this folder from the committed CSV and JSON files.
+``<!-- end -->`` in the pages of this folder, and in docs/calibration.md, from the committed CSV and
+JSON files.
 """
 
 from __future__ import annotations
@@ -540,7 +541,30 @@ def speed_canton() -> str:
     )
 
 
+def calibration_coverage() -> str:
+    """Ranks of the truth, and how often intervals hold it."""
+    found = json.loads((HERE / "calibration_coverage" / "results.json").read_text("utf-8"))
+    body = []
+    for row in found["summary"]:
+        held = [f"{n} ({100.0 * n / row['intervals']:.0f} %)" for n in row["held"]]
+        ranks = " / ".join(str(n) for n in row["ranks"])
+        body.append(
+            [
+                row["parameter"],
+                str(row["intervals"]),
+                ranks,
+                f"{row['p_uniform']:.2f}",
+                *held,
+                f"{row['off_sd']:.2f}",
+                f"{row['narrowed']:.2f}",
+            ]
+        )
+    head = ["parameter", "intervals", "ranks in five parts", "p", "80 % hold", "95 % hold"]
+    return markdown([*head, "distance over sd", "width over prior"], body)
+
+
 TABLES = {
+    "calibration coverage": calibration_coverage,
     "discretisation valley": lambda: discretisation("valley"),
     "discretisation bedrina": lambda: discretisation("bedrina"),
     "discretisation piota_negra": lambda: discretisation("piota_negra"),
@@ -584,7 +608,7 @@ def filled(text: str) -> str:
 
 def main() -> None:
     """Rewrite the pages."""
-    for page in sorted(HERE.glob("*.md")):
+    for page in (*sorted(HERE.glob("*.md")), HERE.parent / "calibration.md"):
         text = page.read_text(encoding="utf-8")
         new = filled(text)
         if new != text:

@@ -62,6 +62,7 @@ def calibrate(
     notes(calibration_warnings(result))
     click.echo(verdict(result))
     click.echo(f"Open {out / 'report.html'} in a browser; run {out / 'config.toml'}.")
+    click.echo(result.recommendation)
 
 
 @command(

@@ -40,11 +40,12 @@ _MEANING = ReportAnswer(
 
 
 def verdict(calibration: SiteCalibration) -> str:
-    """The result in a sentence or two."""
+    """The result in a few sentences; the first says which ground to run."""
     told = [f for f in calibration.fitted if f.identified]
     text = (
-        f"{calibration.rocks} rocks identify {len(told)} of {len(calibration.fitted)} parameters "
-        f"by themselves, and {calibration.combinations} combinations of them."
+        f"{calibration.recommendation} {calibration.rocks} rocks identify {len(told)} of "
+        f"{len(calibration.fitted)} parameters by themselves, and {calibration.combinations} "
+        "combinations of them."
     )
     for site in calibration.sites:
         if site.errors:
@@ -63,8 +64,10 @@ def _headline(site: SiteResult) -> int:
 
 
 def calibration_warnings(calibration: SiteCalibration) -> list[str]:
-    """What a reader must know before the classes are used."""
-    out = []
+    """What a reader must know before the classes are used; the findings first."""
+    many = len(calibration.sites) > 1
+    # The recommendation states the gain at one site.
+    out = [f.text for f in calibration.findings if many or f.kind != "gain"]
     if calibration.contradict:
         worse = ", ".join(
             f"{100.0 * (s.fit.score / s.fit.own_score - 1.0):.0f} % at {s.name}"
@@ -80,28 +83,14 @@ def calibration_warnings(calibration: SiteCalibration) -> list[str]:
         out.append(
             "The observations do not identify "
             + ", ".join(unknown)
-            + " by themselves: of all values that fit as well, those nearest to the configured "
-            "ones are given."
+            + " by themselves: they stay near the configured values, as far as such values vary "
+            "between sites."
         )
     out += [
         f"The observations do not tell {one} and {other} apart." for one, other in calibration.alike
     ]
-    limits = [f"{f.parameter.label} ({f.limit})" for f in calibration.fitted if f.limit]
-    if limits:
-        out.append(
-            "Values at a limit of the range fit best: "
-            + ", ".join(limits)
-            + ". The model may lack something that acts there."
-        )
     if calibration.rocks < FEW_ROCKS:
         out.append(f"Only {calibration.rocks} rocks were observed: intervals are wide.")
-    for site in calibration.sites:
-        e = site.errors[_headline(site)]
-        if e.gain.high < 0.0:
-            out.append(
-                f"On rocks of {site.name} left out the calibrated classes predict the {e.name} "
-                "worse than the configured ones: do not use them."
-            )
     return out
 
 
@@ -132,6 +121,7 @@ def calibration_report(
         key_results=_parameter_table(calibration.fitted),
         figures=tuple(_figures(calibration, folder)),
         tables=(
+            _score_table(calibration),
             *(_error_table(site) for site in calibration.sites),
             _trade_off_table(calibration),
             _as_good_table(calibration),
@@ -168,20 +158,38 @@ def _parameter_table(fitted: Sequence[Fitted]) -> ReportTable:
     return ReportTable(
         "Calibrated parameters",
         heads(
-            "class; parameter; configured; calibrated; 95 % interval; range; identified; at a limit"
+            "class; parameter; configured; spread between sites; calibrated; 95 % interval; "
+            "limits of the search; identified; at a limit"
         ),
         tuple(
             (
-                f.parameter.class_name, f.parameter.name, f.parameter.configured, f.value,
+                f.parameter.class_name, f.parameter.name, f.parameter.configured,
+                float(f"{f.parameter.spread:.2g}"), f.value,
                 interval_text((f.low, f.high), 2),
                 interval_text((f.parameter.limits.low, f.parameter.limits.high), 2),
                 "yes" if f.identified else "no", f.limit or "–",
             )
             for f in fitted
         ),
-        "Identified: the interval is clearly narrower than without observations. Of all values "
-        "that fit as well, the one nearest to the configured value is given.",
+        "Identified: the interval is clearly narrower than without observations. Spread between "
+        "sites: standard deviation of the prior about the configured value.",
     )  # fmt: skip
+
+
+def _score_table(calibration: SiteCalibration) -> ReportTable:
+    rows: list[tuple[Cell, ...]] = []
+    for s in calibration.sites:
+        for t in s.scores:
+            means = (sensible(t.score[m], 2) for m in ("before", "after", "left out"))
+            rows.append((s.name, t.table, t.rocks, *means, _percent(t.gain)))
+        rows.append((s.name, "all", s.rocks, None, None, None, _percent(s.gain)))
+    return ReportTable(
+        "What each table of observations contributes",
+        heads("site; table; rocks; before; after; left out; gain on rocks left out | 95 %"),
+        tuple(rows),
+        "Energy score, mean over the rocks; less is better. Gain: of the score before, paired by "
+        "rock. The tables count alike, however many stations or impacts a rock has.",
+    )
 
 
 def _error_table(site: SiteResult) -> ReportTable:

@@ -15,15 +15,19 @@ from sassgis.gap.calibration.class_calibration import (
     SiteCalibration,
     budget_of,
     calibration_task,
-    final_replicas,
+    final_prediction,
     result_of,
     score_draw,
     search,
 )
+from sassgis.gap.calibration.class_spread import spread_of_sites
 from sassgis.gap.calibration.parameters import classes_met, fitted_names
 from sassgis.gap.calibration.problem import CalibrationProblem, problem_of
 from sassgis.io.read.config import load_config
+from sassgis.io.read.range_table import read_ranges
 from sassgis.io.staging import CHECKPOINT_STEM, staged_output
+from sassgis.io.write.frames import write_table
+from sassgis.io.write.sensitivity_tables import rule_table
 from sassgis.model.errors import InputError, Interrupted
 from sassgis.model.ground import PARAMETERS
 from sassgis.model.run_config import Config
@@ -51,6 +55,9 @@ def calibrate(
     say: Callable[[str], None] | None = None,
 ) -> SiteCalibration:
     """Fit the parameters of ground classes that observed rocks can identify.
+
+    The configuration that is written has the fitted classes only if they predict rocks left out
+    better than the configured ones, by more than chance.
 
     Parameters
     ----------
@@ -92,7 +99,8 @@ def calibrate(
         names = fitted_names(parameters, [config.engine for config in configs])
         ready = _sites(configs, files, seed)
         chosen = _chosen(ready, classes)
-        task = calibration_task(ready, chosen, names, seed)
+        rules = read_ranges(ready[0].case.table, configs[0].ground.ranges)
+        task = calibration_task(ready, chosen, names, rules, seed)
         if task.measured < _FEWEST:
             raise InputError(
                 "too few rocks to calibrate on",
@@ -115,7 +123,7 @@ def calibrate(
                 scored = partial(store.scored, run=partial(run, score_draw), step=progress.step)
                 found = search(task, scored, draws)
                 tell("Predicting rocks left out")
-                calibration = result_of(task, found, lambda tasks: list(run(final_replicas, tasks)))
+                calibration = result_of(task, found, lambda due: list(run(final_prediction, due)))
         except KeyboardInterrupt:
             raise Interrupted(
                 "stopped by the user; what was computed is kept: the same command goes on from "
@@ -123,6 +131,7 @@ def calibrate(
             ) from None
         tell("Writing the results")
         write_calibration(work, configs, [s.case for s in ready], calibration)
+        write_table(work / "class_spread.csv", [rule_table(spread_of_sites(task, found, rules))])
     return calibration
 
 

@@ -8,8 +8,8 @@ from pathlib import Path
 from sassgis.gap.calibration.class_calibration import SiteCalibration
 from sassgis.gap.observations.case import Case
 from sassgis.io.read.config import resolved
-from sassgis.io.write.calibrated_config import CLASSES_NAME
 from sassgis.io.write.calibration_files import (
+    FITTED_NAME,
     write_calibrated_config,
     write_calibration_json,
     write_classes,
@@ -30,8 +30,9 @@ def write_calibration(
 ) -> None:
     """Write a calibration into a folder.
 
-    ``ground_classes.csv``, ``config.toml`` (``config_2.toml`` and so on for further sites),
-    ``calibration.json``, ``figures/*.png``, ``report.html`` and last ``manifest.json``.
+    ``fitted_classes.csv``, ``config.toml`` with the recommended ground (``config_2.toml`` and so on
+    for further sites), ``calibration.json``, ``figures/*.png``, ``report.html`` and last
+    ``manifest.json``.
 
     Raises
     ------
@@ -40,7 +41,7 @@ def write_calibration(
     OutputError
         If the disk is full or not writable.
     """
-    write_classes(work / CLASSES_NAME, calibration, _joined(cases))
+    write_classes(work / FITTED_NAME, calibration, _joined(cases))
     for k, config in enumerate(configs):
         name = "config.toml" if k == 0 else f"config_{k + 1}.toml"
         write_calibrated_config(work / name, config.file, calibration)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.gap.calibration.identifiability import Fitted, fitted_parameters
-from sassgis.gap.calibration.parameters import ClassParameter
+from sassgis.gap.calibration.parameters import ClassParameter, Prior
 from sassgis.gap.calibration.problem import CalibrationProblem
 from sassgis.gap.calibration.search import (
     Posterior,
@@ -52,9 +52,9 @@ class Space:
     kept: NDArray[np.bool_]
 
     @property
-    def starts(self) -> FloatArray:
-        """Configured values as shares of the ranges."""
-        return np.array([p.start for p in self.parameters])
+    def prior(self) -> Prior:
+        """About the configured values."""
+        return Prior.of(self.parameters)
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +110,7 @@ def calibrate_on(
     budget : Budget
     """
     seed = problems[0].seed
-    points = first_design(len(space.parameters), budget.first, seed)
+    points = first_design(space.prior, budget.first, seed)
     scores = np.stack(run([(1 + k, share) for k, share in enumerate(points)]))
     for repetition in range(budget.repetitions + 1):
         surface = _surface(problems, space, points, scores, budget.first)
@@ -139,4 +139,4 @@ def _surface(
         SiteScores(columns, problem.per_unit(own))
         for columns, problem, own in zip(space.columns, problems, parts, strict=True)
     ]
-    return surface_of(points, sites, space.starts, first)
+    return surface_of(points, sites, space.prior, first)

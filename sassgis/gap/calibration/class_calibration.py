@@ -15,7 +15,14 @@ from sassgis.gap.calibration.calibrator import (
     Space,
     calibrate_on,
 )
-from sassgis.gap.calibration.fit_errors import QuantityErrors, quantity_errors
+from sassgis.gap.calibration.findings import CalibrationFinding, findings_of, gain_text
+from sassgis.gap.calibration.fit_errors import (
+    QuantityErrors,
+    TableScore,
+    paired_gain,
+    quantity_errors,
+    table_scores,
+)
 from sassgis.gap.calibration.identifiability import (
     Fitted,
     SiteFit,
@@ -32,10 +39,18 @@ from sassgis.gap.calibration.parameters import (
     parameters_of,
     table_with,
 )
-from sassgis.gap.calibration.problem import CalibrationProblem, compared_replicas, scores_of
+from sassgis.gap.calibration.problem import (
+    CalibrationProblem,
+    Prediction,
+    added,
+    prediction,
+    scores_of,
+)
+from sassgis.gap.inference.intervals import Interval
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel, configured_model
-from sassgis.model.grid import FloatArray
+from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.ground import GroundTable
+from sassgis.model.ground_ranges import RangeRule
 
 #: Campaigns made with one set of parameters: the scatter of each rock is known from them.
 COUNT = 16
@@ -74,13 +89,17 @@ class CalibrationTask:
 
 
 def calibration_task(
-    sites: Sequence[CalibrationProblem], class_names: Sequence[str], names: Sequence[str], seed: int
+    sites: Sequence[CalibrationProblem],
+    class_names: Sequence[str],
+    names: Sequence[str],
+    rules: Sequence[RangeRule],
+    seed: int,
 ) -> CalibrationTask:
-    """The parameters of some classes at some sites."""
+    """The parameters of some classes at some sites; ``rules`` say how values vary between sites."""
     parameters: list[ClassParameter] = []
     for own in class_names:
         table = next(s.case.table for s in sites if own in s.case.table.names)
-        parameters += parameters_of(table, [own], names)
+        parameters += parameters_of(table, [own], names, rules)
     return CalibrationTask(tuple(sites), tuple(parameters), seed)
 
 
@@ -102,7 +121,9 @@ def search(task: CalibrationTask, run: RunDraws, first: int | None = None) -> Ca
     """Calibrate the classes of all sites together."""
     met = [classes_met(site.case) for site in task.sites]
     columns = tuple(np.flatnonzero([p.class_name in own for p in task.parameters]) for own in met)
-    space = Space(task.parameters, columns, np.ones(len(task.parameters), np.bool_))
+    # The prior alone keeps parameters near their configured values: rocks left out are predicted
+    # with parameters that were chosen in the same way.
+    space = Space(task.parameters, columns, np.zeros(len(task.parameters), np.bool_))
     return calibrate_on(task.sites, space, run, budget_of(task, first))
 
 
@@ -115,20 +136,18 @@ class FinalTask:
     number: int
 
 
-def final_replicas(task: CalibrationTask, final: FinalTask) -> dict[str, FloatArray]:
-    """Replicas of the rocks of a site."""
+def final_prediction(task: CalibrationTask, final: FinalTask) -> Prediction:
+    """Prediction of the rocks of a site."""
     site = task.sites[final.site]
     model = configured_model(site.case) if final.shares is None else task.model(site, final.shares)
-    return compared_replicas(site, model, final.number, FINAL_COUNT)
+    return prediction(site, model, final.number, FINAL_COUNT)
 
 
-RunFinals = Callable[[Sequence[FinalTask]], Sequence[Mapping[str, FloatArray]]]
+RunFinals = Callable[[Sequence[FinalTask]], Sequence[Prediction]]
 
 
-def held_out(
-    task: CalibrationTask, found: Calibrated, run: RunFinals
-) -> list[dict[str, FloatArray]]:
-    """Replicas of each rock with parameters chosen on the rocks of the other parts, by site."""
+def held_out(task: CalibrationTask, found: Calibrated, run: RunFinals) -> list[Prediction]:
+    """Prediction of each rock with parameters chosen on the rocks of the other parts, by site."""
     parts = range(max(site.n_parts for site in task.sites))
     tasks = []
     for part in parts:
@@ -138,12 +157,15 @@ def held_out(
     merged = []
     for k, site in enumerate(task.sites):
         own = made[k :: len(task.sites)]
-        of_part = np.arange(len(parts))[:, None, None] == site.part
+
+        def of_part(
+            values: Sequence[Mapping[str, FloatArray]], part: IntArray = site.part
+        ) -> dict[str, FloatArray]:
+            rocks = np.arange(part.size)
+            return {n: np.stack([v[n] for v in values])[part, ..., rocks].T for n in values[0]}
+
         merged.append(
-            {
-                name: np.where(of_part, np.stack([one[name] for one in own]), 0.0).sum(axis=0)
-                for name in own[0]
-            }
+            Prediction(of_part([p.replicas for p in own]), of_part([p.scores for p in own]))
         )
     return merged
 
@@ -158,6 +180,9 @@ class SiteResult:
     rocks : int
     tables : mapping of table to rows
     errors : tuple of QuantityErrors
+    scores : tuple of TableScore
+    gain : Interval
+        Of the score, on rocks left out, as a share of the score before.
     fit : SiteFit
     own : mapping
         Parameters that fit this site best, by label.
@@ -170,6 +195,8 @@ class SiteResult:
     rocks: int
     tables: Mapping[str, int]
     errors: tuple[QuantityErrors, ...]
+    scores: tuple[TableScore, ...]
+    gain: Interval
     fit: SiteFit
     own: Mapping[str, float]
     replicas: Mapping[str, Mapping[str, FloatArray]]
@@ -193,6 +220,9 @@ class SiteCalibration:
     sites : tuple of SiteResult
     contradict : bool
         Whether no common parameters fit the sites.
+    gain : Interval
+        Of the score over all sites, on rocks left out, as a share of the score before.
+    findings : tuple of CalibrationFinding
     draws : int
         Parameter sets that were tried.
     seed : int
@@ -205,6 +235,8 @@ class SiteCalibration:
     alike: tuple[tuple[str, str], ...]
     sites: tuple[SiteResult, ...]
     contradict: bool
+    gain: Interval
+    findings: tuple[CalibrationFinding, ...]
     draws: int
     seed: int
 
@@ -212,6 +244,27 @@ class SiteCalibration:
     def rocks(self) -> int:
         """Rocks of all sites."""
         return sum(site.rocks for site in self.sites)
+
+    @property
+    def recommended(self) -> bool:
+        """Whether the calibrated classes are to be run: their gain on rocks left out clears zero.
+
+        At no site may they be worse by as much.
+        """
+        return self.gain.low > 0.0 and not any(s.gain.high < 0.0 for s in self.sites)
+
+    @property
+    def recommendation(self) -> str:
+        """Which ground to run and why, in one line."""
+        of_gain = gain_text(self.gain)
+        worse = ", ".join(s.name for s in self.sites if s.gain.high < 0.0)
+        if self.recommended:
+            return f"Run the fitted classes: {of_gain}."
+        if not np.isfinite(self.gain.value):
+            return "The configured ground stays: too few rocks to predict any that were left out."
+        if worse:
+            return f"The configured ground stays: {of_gain}; they are worse at {worse}."
+        return f"The configured ground stays: {of_gain}, which does not clear zero."
 
     def table(self, configured: GroundTable) -> GroundTable:
         """A table with the calibrated values."""
@@ -232,21 +285,26 @@ def result_of(task: CalibrationTask, found: Calibrated, run: RunFinals) -> SiteC
     made = list(run(finals))
     left_out = held_out(task, found, run)
     fits, contradict = site_fits([s.name for s in task.sites], surface, posterior, task.seed)
-    sites = []
+    sites, pairs = [], []
     for k, (site, fit) in enumerate(zip(task.sites, fits, strict=True)):
         models = {"before": made[2 * k], "after": made[2 * k + 1], "left out": left_out[k]}
+        replicas = {name: model.replicas for name, model in models.items()}
+        pairs.append((_of_units(site, models["before"]), _of_units(site, models["left out"])))
         sites.append(
             SiteResult(
                 site.name,
                 site.n_rocks,
                 {n: len(t) for n, t in site.case.observations.tables.items() if len(t)},
-                quantity_errors(site, models, task.seed),
+                quantity_errors(site, replicas, task.seed),
+                table_scores(site, {name: model.scores for name, model in models.items()}),
+                paired_gain(*pairs[-1]),
                 fit,
                 _by_label(parameters, fit.own),
-                models,
+                replicas,
                 site.quantities,
             )
         )
+    before, left = (np.concatenate(own) for own in zip(*pairs, strict=True))
     return SiteCalibration(
         found.fitted,
         identified_combinations(parameters, posterior),
@@ -255,9 +313,16 @@ def result_of(task: CalibrationTask, found: Calibrated, run: RunFinals) -> SiteC
         classes_alike(parameters, posterior),
         tuple(sites),
         contradict,
+        paired_gain(before, left),
+        findings_of(found.fitted, {s.name: s.gain for s in sites}),
         len(found.points),
         task.seed,
     )
+
+
+def _of_units(site: CalibrationProblem, predicted: Prediction) -> FloatArray:
+    """Score of each unit, added over the tables."""
+    return site.per_unit(added(predicted.scores))
 
 
 def _by_label(parameters: Sequence[ClassParameter], shares: FloatArray) -> dict[str, float]:

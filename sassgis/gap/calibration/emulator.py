@@ -15,10 +15,10 @@ _LENGTHS = (0.15, 20.0)
 #: Standard deviation of the logarithm of a correlation length about 1, beforehand.
 _PRIOR = 1.0
 #: Limits of the variances of parabola, bumps and sampling noise, over the variance of the scores.
-_PARABOLA, _BUMPS, _NOISE = (1e-3, 100.0), (1e-3, 100.0), (1e-3, 2.0)
+_PARABOLA, _BUMPS, _NOISE = (1e-3, 100.0), (1e-3, 100.0), (1e-5, 2.0)
 #: Scores are capped at this many times the distance from the best to this quantile of draws that
 #: are spread evenly.
-_CAP, _GOOD = 2.0, 0.25
+_CAP, _GOOD = 2.0, 0.75
 #: Draws from which the correlations are fitted, at most.
 _FITTED_ON = 240
 

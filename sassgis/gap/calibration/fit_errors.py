@@ -9,8 +9,8 @@ import numpy as np
 
 from sassgis.gap.calibration.problem import CalibrationProblem
 from sassgis.gap.inference.distances import energy_scores
-from sassgis.gap.inference.intervals import Interval, bootstrap_interval
-from sassgis.model.grid import FloatArray, IntArray
+from sassgis.gap.inference.intervals import Interval, bootstrap_interval, mean_interval
+from sassgis.model.grid import FloatArray
 
 #: Shares of the rocks whose quantiles are compared.
 SHARES = (0.1, 0.5, 0.9)
@@ -48,6 +48,58 @@ class QuantityErrors:
     crps: Mapping[str, float]
     median_error: Mapping[str, Interval]
     gain: Interval
+
+
+@dataclass(frozen=True, slots=True)
+class TableScore:
+    """What one table of observations has to do with the calibration.
+
+    Attributes
+    ----------
+    table : str
+    rocks : int
+        With anything in it that is scored.
+    score : mapping
+        Energy score, mean over these rocks: "before", "after", "left out".
+    gain : Interval
+        Score before less that of rocks left out, as a share of the score before.
+    """
+
+    table: str
+    rocks: int
+    score: Mapping[str, float]
+    gain: Interval
+
+
+def table_scores(
+    site: CalibrationProblem, models: Mapping[str, Mapping[str, FloatArray]]
+) -> tuple[TableScore, ...]:
+    """Scores by table.
+
+    Parameters
+    ----------
+    site : CalibrationProblem
+    models : mapping of str to mapping of table to float64, shape (n_rocks,)
+        Scores "before", "after", "left out".
+    """
+    found = []
+    for table in models["before"]:
+        own = {name: np.nan_to_num(scores[table]) for name, scores in models.items()}
+        known = own["before"] != 0.0
+        gain = paired_gain(site.per_unit(own["before"]), site.per_unit(own["left out"]))
+        means = {name: float(v[known].mean()) if known.any() else 0.0 for name, v in own.items()}
+        found.append(TableScore(table, int(known.sum()), means, gain))
+    return tuple(found)
+
+
+def paired_gain(before: FloatArray, left_out: FloatArray) -> Interval:
+    """Mean of the differences of paired scores over the mean score before, with Student's interval.
+
+    Units of which nothing is scored have no score and do not count.
+    """
+    known = (before != 0.0) | (left_out != 0.0)
+    whole = float(before[known].mean()) if known.any() else float("nan")
+    return mean_interval((before - left_out)[known] / whole)
 
 
 _NAMES = {
@@ -118,21 +170,12 @@ def _errors(
         )  # fmt: skip
 
     gain = scores["before"] - scores["left out"]
-    known = np.flatnonzero(np.isfinite(gain))
-
-    def mean(i: IntArray) -> float:
-        return float(gain[known[i]].mean())
-
     return QuantityErrors(
         title, unit, rocks.size, _quantiles(own),
         {k: _quantiles(v) for k, v in finite.items()},
         {k: float(np.nanmean(v)) for k, v in scores.items()},
         {k: error(centre(v)) for k, v in finite.items()},
-        bootstrap_interval(
-            mean, np.arange(known.size), draws=_DRAWS, rng=rng, method="percentile"
-        )
-        if known.size > 1
-        else Interval(float("nan"), float("nan"), float("nan")),
+        mean_interval(gain[np.isfinite(gain)]),
     )  # fmt: skip
 
 

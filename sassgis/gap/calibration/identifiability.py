@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sassgis.gap.calibration.parameters import ClassParameter, prior_of_one
+from sassgis.gap.calibration.parameters import ClassParameter, Prior
 from sassgis.gap.calibration.search import (
     Posterior,
     ScoreSurface,
@@ -21,6 +21,8 @@ from sassgis.model.grid import FloatArray
 _NARROWER = 0.7
 #: A limit is met where this share of the posterior lies in the outermost part of the range.
 _AT_LIMIT, _OUTERMOST = 0.25, 0.05
+#: A value this near to a limit lies there, however little is known of it.
+_LAST = 0.005
 #: Correlations of the posterior from here on are stated as trade-offs.
 _CORRELATED = 0.4
 #: Combinations that are shown.
@@ -65,18 +67,21 @@ def fitted_parameters(
 ) -> tuple[Fitted, ...]:
     """Values, intervals, and what the observations identify."""
     found = []
+    d = len(parameters)
+    before = Prior.of(parameters).quantiles(np.repeat([[0.025], [0.975]], d, axis=1))
     for k, parameter in enumerate(parameters):
         own = posterior.samples[:, k]
         low, high = np.quantile(own, [0.025, 0.975])
-        least, most, _ = prior_of_one(parameter.start)
-        narrowed = float((high - low) / (most - least))
+        narrowed = float((high - low) / (before[1, k] - before[0, k]))
         identified = narrowed < _NARROWER
-        limit = ""
-        if identified and np.mean(own < _OUTERMOST) > _AT_LIMIT:
-            limit = "low"
-        elif identified and np.mean(own > 1.0 - _OUTERMOST) > _AT_LIMIT:
-            limit = "high"
         share = float(posterior.best[k])
+        limit = ""
+        for name, end in (("low", 0.0), ("high", 1.0)):
+            # What was configured there has not gone there.
+            went = abs(parameter.start - end) > _OUTERMOST
+            lies = identified and np.mean(np.abs(own - end) < _OUTERMOST) > _AT_LIMIT
+            if went and (lies or abs(share - end) < _LAST):
+                limit = name
         value = float(parameter.value(share))
         ends = parameter.value(np.array([low, high]))
         # The best value lies within its interval, also where the interval ends at a limit.
@@ -91,8 +96,8 @@ def identified_combinations(parameters: Sequence[ClassParameter], posterior: Pos
     Where two parameters can make up for each other, neither is identified by itself, yet a
     combination of both is: a direction in which the posterior is clearly narrower than the prior.
     """
-    sd = np.array([prior_of_one(p.start)[2] for p in parameters])
-    spread = np.atleast_2d(np.cov((posterior.samples / sd).T))
+    scaled = posterior.samples / Prior.of(parameters).spread
+    spread = np.atleast_2d(np.cov(scaled.T))
     return int((np.sqrt(np.linalg.eigvalsh(spread)) < _NARROWER).sum())
 
 
@@ -142,7 +147,8 @@ def classes_alike(
     """Pairs of classes that the observations cannot tell apart.
 
     Two classes are told apart if the 95 % interval of the difference of one of their parameters,
-    corrected for the number of parameters, does not contain zero.
+    corrected for the number of parameters, does not contain zero. The interval is that of the
+    scores without the prior, which sets classes apart that no rock has told apart.
     """
     names = list(dict.fromkeys(p.class_name for p in parameters))
     alike = []
@@ -155,7 +161,7 @@ def classes_alike(
         tail = 0.025 / len(pairs)
         differ = False
         for i, j in pairs:
-            apart = posterior.samples[:, i] - posterior.samples[:, j]
+            apart = posterior.of_scores[:, i] - posterior.of_scores[:, j]
             low, high = np.quantile(apart, [tail, 1.0 - tail])
             differ = differ or bool(low > 0.0 or high < 0.0)
         if not differ:
@@ -201,7 +207,7 @@ def site_fits(
         common, least = (float(total.value(u[None])[0]) for u in (posterior.best, own))
         found.append(SiteFit(name, common / n, least / n, own))
         if len(names) > 1:
-            alone = ScoreSurface((surface.columns[k],), (surface.emulators[k],), surface.starts)
+            alone = ScoreSurface((surface.columns[k],), (surface.emulators[k],), surface.prior)
             chance = chance + bootstrap_excess(alone, own, np.random.default_rng([seed, 9, k]))
         worse += common - least
         total_score += least

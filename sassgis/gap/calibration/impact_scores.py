@@ -72,11 +72,13 @@ def impact_scores(
 ) -> FloatArray:
     """Energy score of the impacts of each rock, mean over them, shape (n_rocks,); 0 without any.
 
-    The unit of each quantity is its scatter among the observed impacts.
+    It is over the root of the number of quantities, as those of other tables are. The unit of each
+    quantity is its scatter among the observed impacts.
     """
     spread = np.nanstd(observed, axis=0, ddof=1) if len(observed) > 1 else np.zeros(3)
     unit = np.where(spread > 1e-9, spread, 1.0)
     scores = energy_scores(observed / unit, np.swapaxes(simulated / unit, 0, 1))
+    scores /= np.sqrt(observed.shape[1])
     return _per_rock(scores[:, None], impacts, n_rocks)[:, 0]
 
 

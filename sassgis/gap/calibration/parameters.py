@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,8 @@ from scipy.stats import truncnorm
 from sassgis.gap.observations.case import Case
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray
-from sassgis.model.ground import PARAMETERS, GroundClass, GroundTable
+from sassgis.model.ground import PARAMETERS, GroundTable
+from sassgis.model.ground_ranges import RangeRule, ranges_of, with_values
 from sassgis.model.settings import EngineSettings
 
 
@@ -40,7 +42,7 @@ _BEYOND = 1.5
 #: Share of the length of the fall lines below which a class is not calibrated.
 _LEAST_SHARE = 0.02
 #: Ranges wide enough for any ground that rocks have been observed on. They are limits of the
-#: search, not values of any ground: a result at a limit is reported.
+#: search, not values of any ground: a result at a limit is a finding.
 RANGES: Mapping[str, CalibrationRange] = {
     "restitution": CalibrationRange(0.0, 0.9, False, "impacts, passing heights; less run-out"),
     "eta_max": CalibrationRange(0.1, 1.0, False, "impacts, speeds, run-out"),
@@ -66,6 +68,9 @@ class ClassParameter:
     name: str
     limits: CalibrationRange
     configured: float
+    #: Standard deviation of the prior about the configured value, as a share of the range. Half the
+    #: range where nothing is known of how such values vary between sites.
+    sd: float = 0.5
 
     @property
     def label(self) -> str:
@@ -79,14 +84,23 @@ class ClassParameter:
         at = low + (high - low) * np.asarray(share, np.float64)
         return np.exp(at) if own.log else at
 
+    def share(self, value: float) -> float:
+        """Share of the range at which a value lies; above 1 beyond it."""
+        own = self.limits
+        if own.log:
+            return float(np.log(max(value, own.low) / own.low) / np.log(own.high / own.low))
+        return (value - own.low) / (own.high - own.low)
+
+    @property
+    def spread(self) -> float:
+        """Standard deviation of the prior in the unit of the parameter, at the configured value."""
+        at = self.start + np.array([-0.5, 0.5]) * self.sd
+        return float(np.ptp(self.value(at)))
+
     @property
     def start(self) -> float:
         """Share of the range at which the configured value lies; the nearer limit if outside."""
-        own = self.limits
-        value = min(max(self.configured, own.low), own.high)
-        if own.log:
-            return float(np.log(value / own.low) / np.log(own.high / own.low))
-        return (value - own.low) / (own.high - own.low)
+        return min(max(self.share(self.configured), 0.0), 1.0)
 
 
 def fitted_names(names: Iterable[str] | None, engines: Iterable[EngineSettings]) -> tuple[str, ...]:
@@ -149,18 +163,21 @@ def _read_by(engine: EngineSettings) -> Iterator[str]:
 
 
 def parameters_of(
-    table: GroundTable, class_names: Sequence[str], names: Sequence[str]
+    table: GroundTable, class_names: Sequence[str], names: Sequence[str], rules: Sequence[RangeRule]
 ) -> tuple[ClassParameter, ...]:
-    """The parameters of some classes, class by class."""
-    return tuple(
-        ClassParameter(own, name, RANGES[name], float(getattr(_class(table, own), name)))
-        for own in class_names
-        for name in names
-    )
-
-
-def _class(table: GroundTable, name: str) -> GroundClass:
-    return table.classes[table.index(name)]
+    """The parameters of some classes, class by class; ``rules`` give the spread between sites."""
+    spread = {(r.class_name, r.parameter): r for r in ranges_of(table, class_names, rules, names)}
+    found = []
+    for own in class_names:
+        ground = table.classes[table.index(own)]
+        for name in names:
+            one = ClassParameter(own, name, RANGES[name], float(getattr(ground, name)))
+            if (between := spread.get((own, name))) is not None:
+                # On the scale of the search, so that a factor counts alike up and down.
+                low, high = one.share(between.low), one.share(between.high)
+                one = replace(one, sd=replace(between, low=low, high=high).sd)
+            found.append(one)
+    return tuple(found)
 
 
 def table_with(
@@ -170,39 +187,59 @@ def table_with(
 
     Classes that the table does not have are passed over: they are of another site.
     """
-    changes: dict[str, dict[str, float]] = {}
-    for parameter, share in zip(parameters, shares.tolist(), strict=True):
-        own = changes.setdefault(parameter.class_name, {})
-        own[parameter.name] = float(parameter.value(share))
-    return GroundTable(
-        tuple(
-            replace(c, **changes[c.name]) if c.name in changes else c  # type: ignore[arg-type]
-            for c in table.classes
-        )
+    pairs = zip(parameters, shares.tolist(), strict=True)
+    return with_values(
+        table,
+        {
+            (p.class_name, p.name): float(p.value(share))
+            for p, share in pairs
+            if p.class_name in table.names
+        },
     )
 
 
-#: Standard deviation of the prior about the configured value, as a share of the range.
-PRIOR_SD = 0.5
+@dataclass(frozen=True, slots=True)
+class Prior:
+    """Normal about the configured values, cut at the limits of the search.
 
+    It keeps what the observations say nothing about where it was configured, as near as such values
+    lie together from site to site.
 
-def log_prior(starts: FloatArray, shares: FloatArray) -> FloatArray:
-    """Logarithm of the prior at shares of the ranges, shape (n,); minus infinity outside.
-
-    Normal about the configured values with half the range as standard deviation, so that what the
-    observations say nothing about stays near what was configured.
-
-    Parameters
+    Attributes
     ----------
-    starts : float64, shape (d,)
-    shares : float64, shape (n, d)
+    centre, sd : float64, shape (d,)
+        As shares of the ranges.
     """
-    inside: NDArray[np.bool_] = np.all((shares >= 0.0) & (shares <= 1.0), axis=1)
-    return np.where(inside, -0.5 * (((shares - starts) / PRIOR_SD) ** 2).sum(axis=1), -np.inf)
 
+    centre: FloatArray
+    sd: FloatArray
 
-def prior_of_one(start: float, level: float = 0.95) -> tuple[float, float, float]:
-    """Interval and standard deviation of the prior of one parameter, as shares of its range."""
-    own = truncnorm(-start / PRIOR_SD, (1.0 - start) / PRIOR_SD, start, PRIOR_SD)
-    low, high = own.interval(level)
-    return float(low), float(high), float(own.std())
+    @staticmethod
+    def of(parameters: Sequence[ClassParameter]) -> Prior:
+        """The prior of some parameters."""
+        return Prior(np.array([p.start for p in parameters]), np.array([p.sd for p in parameters]))
+
+    def wider(self, factor: float) -> Prior:
+        """The same with a larger standard deviation."""
+        return replace(self, sd=factor * self.sd)
+
+    def log_density(self, shares: FloatArray) -> FloatArray:
+        """Logarithm of the density at shares of the ranges, shape (n,); minus infinity outside."""
+        inside: NDArray[np.bool_] = np.all((shares >= 0.0) & (shares <= 1.0), axis=1)
+        return np.where(
+            inside, -0.5 * (((shares - self.centre) / self.sd) ** 2).sum(axis=1), -np.inf
+        )
+
+    def quantiles(self, levels: FloatArray) -> FloatArray:
+        """Shares below which the prior of each parameter has some levels, shape of levels."""
+        return np.asarray(self._cut.ppf(levels))
+
+    @property
+    def spread(self) -> FloatArray:
+        """Standard deviations of what is cut at the limits, shape (d,)."""
+        return np.asarray(self._cut.std())
+
+    @property
+    def _cut(self) -> Any:
+        low, high = -self.centre / self.sd, (1.0 - self.centre) / self.sd
+        return truncnorm(low, high, self.centre, self.sd)

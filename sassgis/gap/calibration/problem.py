@@ -1,8 +1,10 @@
 """A site made ready for many campaigns: its rocks, what is compared of them, and their scores.
 
 A campaign releases all observed rocks once. What it shows is kept as one row per rock, from which
-it is scored against the rock that was observed; each observed impact is scored by what the model
-makes of the state before it. Both scores of a rock are added.
+it is scored against the rock that was observed, its stop and its passages apart; each observed
+impact is scored by what the model makes of the state before it. The scores of a rock are added. A
+score is over the root of the number of its quantities, so that the tables count alike: many
+stations or many impacts do not outweigh a stop.
 """
 
 from __future__ import annotations
@@ -33,6 +35,8 @@ from sassgis.model.grid import FloatArray, IntArray
 
 #: A quantity that fewer rocks than this have is not scored.
 _FEWEST = 5
+#: Tables whose quantities stand in the row of a rock, by the first letter of these.
+_TABLES = {"deposits": "s", "passages": "S"}
 #: Groups from which on a group counts as one: fewer say nothing of their scatter.
 _FEWEST_GROUPS = 3
 
@@ -140,10 +144,33 @@ class CalibrationProblem:
 
 
 def problem_of(
-    case: Case, seed: int, scale: Scale | None = None, name: str = ""
+    case: Case,
+    seed: int,
+    scale: Scale | None = None,
+    name: str = "",
+    simulated: tuple[HypothesisModel, int] | None = None,
 ) -> CalibrationProblem:
-    """Prepare a case; ``scale`` is that of other rocks of the same slope."""
+    """Prepare a case.
+
+    Parameters
+    ----------
+    case : Case
+    seed : int
+    scale : Scale, optional
+        That of other rocks of the same slope.
+    name : str
+    simulated : (HypothesisModel, int), optional
+        What this model makes of the rocks, in its campaign of this number, stands for what was
+        observed: a synthetic site with all that goes with the real one.
+    """
+    rock_lines = rock_lines_of(case)
     observed = observed_campaign(case)
+    if simulated is not None:
+        model, number = simulated
+        tables = frozenset({"passages", "deposits"})
+        observed = campaigns(
+            case, rock_lines, model, count=1, seed=seed, number=number, tables=tables
+        )[0]
     quantities = rock_quantities(case, observed)
     scale = scale_of(case, quantities) if scale is None else scale
     unseen = np.zeros((case.n_rocks, 2 * len(scale.names)), np.bool_)
@@ -154,11 +181,18 @@ def problem_of(
     impacts, outcomes = observed_impacts(case), np.empty((0, 3))
     if impacts is not None:
         outcomes = observed_outcomes(impacts)
+        if simulated is not None:
+            model, number = simulated
+            made = simulated_outcomes(
+                case, model.table, model.effects, impacts, seed=seed, number=number
+            )
+            # What was not measured of an impact is not known of the simulated one either.
+            outcomes = np.where(np.isfinite(outcomes), made[:, 0], np.nan)
         seen_after = impact_quantities(impacts, outcomes[:, None], case.n_rocks)
         compared |= {k: v[:, 0] for k, v in seen_after.items() if np.isfinite(v).any()}
     groups = np.unique(case.group).size
     return CalibrationProblem(
-        name, case, rock_lines_of(case), scale, observed, compared, scale.rows(quantities),
+        name, case, rock_lines, scale, observed, compared, scale.rows(quantities),
         impacts, outcomes, seed, folds_of(case.n_rocks, seed, case.group),
         np.unique(case.group, return_inverse=True)[1]
         if groups >= _FEWEST_GROUPS
@@ -228,20 +262,36 @@ def rows_of(problem: CalibrationProblem, samples: Sequence[Mapping[str, FloatArr
     return np.where(problem.unseen, problem.rows, rows)
 
 
-def compared_replicas(
+@dataclass(frozen=True, slots=True)
+class Prediction:
+    """What a model makes of the observed rocks.
+
+    Attributes
+    ----------
+    replicas : mapping of quantity to float64, shape (count or draws, n_rocks)
+        Everything that is compared.
+    scores : mapping of table to float64, shape (n_rocks,)
+    """
+
+    replicas: Mapping[str, FloatArray]
+    scores: Mapping[str, FloatArray]
+
+
+def prediction(
     problem: CalibrationProblem, model: HypothesisModel, number: int, count: int
-) -> dict[str, FloatArray]:
-    """Everything that is compared, each of shape (count or draws, n_rocks)."""
+) -> Prediction:
+    """Predict the rocks in ``count`` campaigns of a model; ``number`` distinguishes them."""
     made: dict[str, FloatArray] = {}
+    rows = outcomes = None
     if problem.scale.names:
         each = replicas(problem, model, number, count)
+        rows = rows_of(problem, each)
         made = {name: np.stack([one[name] for one in each]) for name in problem.scale.names}
     if problem.impacts is not None:
-        found = impact_quantities(
-            problem.impacts, _outcomes(problem, model, number), problem.n_rocks
-        )
+        outcomes = _outcomes(problem, model, number)
+        found = impact_quantities(problem.impacts, outcomes, problem.n_rocks)
         made |= {name: v.T for name, v in found.items() if name in problem.quantities}
-    return made
+    return Prediction(made, _table_scores(problem, rows, outcomes))
 
 
 def scores_of(
@@ -251,19 +301,38 @@ def scores_of(
     count: int,
     rows: FloatArray | None = None,
 ) -> FloatArray:
-    """Energy score of each observed rock in a model, shape (n_rocks,).
+    """Energy score of each observed rock in a model, shape (n_rocks,), added over the tables.
 
-    That of its stop and its passages, and that of its impacts, one by one, are added. ``rows`` of
-    campaigns that were made already spare new ones.
+    ``rows`` of campaigns that were made already spare new ones.
     """
-    total = np.zeros(problem.n_rocks)
-    if problem.scale.names:
-        made = model_rows(problem, model, number, count) if rows is None else rows
-        total += energy_scores(problem.rows, made)
-    if problem.impacts is not None:
-        outcomes = _outcomes(problem, model, number)
-        total += impact_scores(problem.impacts, problem.outcomes, outcomes, problem.n_rocks)
+    if rows is None and problem.scale.names:
+        rows = model_rows(problem, model, number, count)
+    outcomes = None if problem.impacts is None else _outcomes(problem, model, number)
+    return added(_table_scores(problem, rows, outcomes))
+
+
+def added(scores: Mapping[str, FloatArray]) -> FloatArray:
+    """Scores of all tables together; a table that says nothing of a rock adds nothing."""
+    total: FloatArray = np.sum([np.nan_to_num(s) for s in scores.values()], axis=0)
     return total
+
+
+def _table_scores(
+    problem: CalibrationProblem, rows: FloatArray | None, outcomes: FloatArray | None
+) -> dict[str, FloatArray]:
+    """Energy score of each rock by table, over the root of the number of quantities."""
+    scores = {}
+    for table, letter in _TABLES.items():
+        own = np.array([name.startswith(letter) for name in problem.scale.names], np.bool_)
+        if rows is not None and own.any():
+            both = np.concatenate([own, own])
+            apart = energy_scores(problem.rows[:, both], rows[..., both])
+            scores[table] = apart / np.sqrt(own.sum())
+    if problem.impacts is not None and outcomes is not None:
+        scores["impacts"] = impact_scores(
+            problem.impacts, problem.outcomes, outcomes, problem.n_rocks
+        )
+    return scores
 
 
 def _outcomes(problem: CalibrationProblem, model: HypothesisModel, number: int) -> FloatArray:

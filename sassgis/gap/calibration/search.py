@@ -2,9 +2,9 @@
 
 The score of a proper scoring rule takes the place of a likelihood, which a simulation of rocks does
 not have: the posterior is proportional to prior × exp(−w × sum of the scores) (Bissiri, Holmes and
-Walker 2016, J. R. Stat. Soc. B 78, 1103-1130). Its sharpness w is chosen so that the mean excess of
-the score over its minimum is that which drawing the rocks anew makes (compare Syring and Martin
-2019, Biometrika 106, 479-486). It is sampled by emcee (Foreman-Mackey et al. 2013, PASP 125, 306)
+Walker 2016, J. R. Stat. Soc. B 78, 1103-1130). Its sharpness w is chosen so that the excess of the
+score over its minimum is that which drawing the rocks anew makes (compare Syring and Martin 2019,
+Biometrika 106, 479-486). It is sampled by emcee (Foreman-Mackey et al. 2013, PASP 125, 306)
 from emulators of the scores.
 """
 
@@ -21,26 +21,31 @@ from scipy.stats import norm, qmc
 from scipy.stats import t as student
 
 from sassgis.gap.calibration.emulator import Emulator, WeightedSum, fit
-from sassgis.gap.calibration.parameters import PRIOR_SD, log_prior
+from sassgis.gap.calibration.parameters import Prior
 from sassgis.model.grid import FloatArray, IntArray
 
 BoolArray = NDArray[np.bool_]
 
 #: Samples of rocks drawn anew.
-_BOOTSTRAP = 60
+_BOOTSTRAP, _FEW = 60, 20
+#: Attempts at the sharpness, each from the one before.
+_ROUNDS = 4
 #: Steps of each walker, of which the first half is thrown away, and of the rest every so many kept.
 _STEPS, _THIN = 300, 10
 _STEPS_OF_DESIGN = 100
+#: The first design is spread like the prior with this many times its standard deviation: values of
+#: unusual ground are tried as well.
+_BEYOND_PRIOR = 2.5
 #: Sharpness of the two posteriors, wider than the one looked for, that new draws come from, over
 #: that of a single identified parameter.
 _WIDER = (0.5, 0.1)
 
 
-def first_design(d: int, draws: int, seed: int) -> FloatArray:
-    """Shares of the ranges, spread evenly (scrambled Sobol sequence), shape (draws, d)."""
-    size = int(np.ceil(np.log2(max(draws, 2))))
-    made: FloatArray = qmc.Sobol(d, rng=np.random.default_rng([seed, 3])).random_base2(size)
-    return made[:draws]
+def first_design(prior: Prior, draws: int, seed: int) -> FloatArray:
+    """Shares of the ranges, spread evenly over a wider prior (Sobol sequence), shape (draws, d)."""
+    size, d = int(np.ceil(np.log2(max(draws, 2)))), prior.centre.size
+    made = qmc.Sobol(d, rng=np.random.default_rng([seed, 3])).random_base2(size)
+    return prior.wider(_BEYOND_PRIOR).quantiles(made[:draws])
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,13 +71,12 @@ class ScoreSurface:
     ----------
     columns : tuple of int64
     emulators : tuple of Emulator
-    starts : float64, shape (d,)
-        Configured values, as shares of the ranges.
+    prior : Prior
     """
 
     columns: tuple[IntArray, ...]
     emulators: tuple[Emulator, ...]
-    starts: FloatArray
+    prior: Prior
 
     @property
     def sizes(self) -> tuple[int, ...]:
@@ -114,28 +118,28 @@ class Total:
     def minimum(
         self,
         beginnings: FloatArray,
-        starts: FloatArray | None = None,
+        prior: Prior | None = None,
         sharpness: float = 1.0,
         kept: BoolArray | None = None,
     ) -> tuple[FloatArray, float]:
         """Lowest point reached from some beginnings, and the sum there.
 
-        With ``starts`` the prior about them is weighed against ``sharpness`` times the sum, and
-        parameters that are ``kept`` stay there.
+        A ``prior`` is weighed against ``sharpness`` times the sum, and parameters that are ``kept``
+        stay at its centre.
         """
         bounds = [(0.0, 1.0)] * beginnings.shape[1]
-        if starts is not None and kept is not None:
-            beginnings = np.where(kept, starts, beginnings)
-            bounds = [(u, u) if k else (0.0, 1.0) for u, k in zip(starts, kept, strict=True)]
+        if prior is not None and kept is not None:
+            beginnings = np.where(kept, prior.centre, beginnings)
+            bounds = [(u, u) if k else (0.0, 1.0) for u, k in zip(prior.centre, kept, strict=True)]
 
         def both(u: FloatArray) -> tuple[float, FloatArray]:
             slope = np.zeros(u.size)
             for columns, own in zip(self.columns, self.sums, strict=True):
                 slope[columns] += own.gradient(u[columns])
             value = float(self.value(u[None])[0])
-            if starts is not None:
-                pull = (u - starts) / PRIOR_SD**2 / sharpness
-                value += 0.5 * float((u - starts) @ pull)
+            if prior is not None:
+                pull = (u - prior.centre) / prior.sd**2 / sharpness
+                value += 0.5 * float((u - prior.centre) @ pull)
                 slope = slope + pull
             return value, slope
 
@@ -145,13 +149,13 @@ class Total:
 
 
 def surface_of(
-    points: FloatArray, sites: Sequence[SiteScores], starts: FloatArray, first: int
+    points: FloatArray, sites: Sequence[SiteScores], prior: Prior, first: int
 ) -> ScoreSurface:
     """Emulate the scores of all sites; ``first`` draws are those of the first design."""
     return ScoreSurface(
         tuple(s.columns for s in sites),
         tuple(fit(points[:, s.columns], s.scores, first) for s in sites),
-        starts,
+        prior,
     )
 
 
@@ -161,16 +165,18 @@ class Posterior:
 
     Attributes
     ----------
-    samples : float64, shape (n, d)
+    samples, of_scores : float64, shape (n, d)
+        With the prior, and by the scores with next to none.
     best : float64, shape (d,)
         Highest density.
     sharpness : float
     excess : float
-        By how much the sum of the scores exceeds its minimum at the minimum of other rocks, mean
+        By how much the sum of the scores exceeds its minimum at the best of other rocks, median
         over samples of rocks.
     """
 
     samples: FloatArray
+    of_scores: FloatArray
     best: FloatArray
     sharpness: float
     excess: float
@@ -182,24 +188,52 @@ def posterior_of(surface: ScoreSurface, points: FloatArray, seed: int) -> Poster
     total = surface.total
     order = np.argsort(total.value(points), kind="stable")
     bottom, least = total.minimum(points[order[:4]])
-    excess = bootstrap_excess(surface, bottom, rng)
-    wanted = float(np.mean(excess)) * small_sample_factor(surface.informative)
-    sharpness = 1.0 / max(wanted, 1e-9)
-    samples = points
-    for _ in range(3):
-        samples = _sample(surface, sharpness, np.vstack([bottom, points[order]]), rng)
-        over = total.value(samples) - least
-        found = _sharpness(over, sharpness, wanted)
+    sharpness = 1.0 / max(float(bootstrap_excess(surface, bottom, rng, _FEW).mean()), 1e-9)
+    beginnings = np.vstack([bottom, points[order]])
+    # The prior has next to no part in the sharpness: a sharper score would make up for it. Where
+    # nothing was tried the emulators know nothing: the samples stay where the first design lies.
+    broad = surface.prior.wider(_BEYOND_PRIOR)
+    for _ in range(_ROUNDS):
+        of_scores = _sample(total, broad, sharpness, beginnings, rng)
+        over = total.value(of_scores) - least
+        anew = _bests_of_other_rocks(surface, broad, sharpness, bottom, rng)
+        # Some rocks drawn anew find a false minimum where little was tried: the median does not.
+        excess = float(np.median(total.value(anew) - least))
+        found = _sharpness(over, sharpness, excess)
         done = abs(np.log(found / sharpness)) < 0.15
         sharpness = found
         if done:
             break
-    density = log_prior(surface.starts, samples) - sharpness * total.value(samples)
-    beginnings = samples[np.argsort(-density, kind="stable")[:4]]
-    best, _ = total.minimum(
-        np.vstack([bottom, surface.starts, beginnings]), surface.starts, sharpness
-    )
-    return Posterior(samples, best, sharpness, wanted)
+    prior = surface.prior
+    best, _ = total.minimum(np.vstack([bottom, prior.centre, points[order[:4]]]), prior, sharpness)
+    samples = _sample(total, prior, sharpness, np.vstack([best, beginnings]), rng)
+    return Posterior(samples, of_scores, best, sharpness, excess)
+
+
+def _bests_of_other_rocks(
+    surface: ScoreSurface,
+    prior: Prior,
+    sharpness: float,
+    bottom: FloatArray,
+    rng: np.random.Generator,
+) -> FloatArray:
+    """Best parameters for rocks, campaigns and centres of the prior drawn anew, shape (n, d).
+
+    Where the rocks say nothing these scatter as the prior does, as samples of a posterior do: what
+    is left of the difference between both is what the rocks say (the posterior bootstrap of Lyddon,
+    Walker and Holmes 2018, NeurIPS 31).
+    """
+    factor = np.sqrt(small_sample_factor(surface.informative))
+    found = []
+    for _ in range(_BOOTSTRAP):
+        weights = [
+            1.0 + factor * (rng.multinomial(n, np.full(n, 1.0 / n)) - 1.0) for n in surface.sizes
+        ]
+        centre = prior.quantiles(rng.random(bottom.size))
+        own = surface.weighted(weights, rng)
+        best, _ = own.minimum(bottom[None], replace(prior, centre=centre), sharpness)
+        found.append(best)
+    return np.array(found)
 
 
 def small_sample_factor(n: int) -> float:
@@ -213,20 +247,21 @@ def small_sample_factor(n: int) -> float:
 
 
 def _sharpness(over: FloatArray, sampled_at: float, wanted: float) -> float:
-    """Sharpness at which the mean excess is the one wanted, by weights of the samples."""
+    """Sharpness at which the median excess is the one wanted, by weights of the samples."""
+    over = np.sort(over)
 
-    def mean(factor: float) -> float:
-        weight = np.exp(-(factor - 1.0) * sampled_at * (over - over.min()))
-        return float((weight * over).sum() / weight.sum())
+    def middle(factor: float) -> float:
+        below = np.cumsum(np.exp(-(factor - 1.0) * sampled_at * (over - over[0])))
+        return float(over[np.searchsorted(below, 0.5 * below[-1])])
 
     low, high = 0.2, 5.0
-    if mean(high) > wanted:
+    if middle(high) > wanted:
         return high * sampled_at
-    if mean(low) < wanted:
+    if middle(low) < wanted:
         return low * sampled_at
     for _ in range(40):
-        middle = np.sqrt(low * high)
-        low, high = (middle, high) if mean(middle) > wanted else (low, middle)
+        tried = np.sqrt(low * high)
+        low, high = (tried, high) if middle(tried) > wanted else (low, tried)
     return float(np.sqrt(low * high)) * sampled_at
 
 
@@ -237,17 +272,19 @@ def bootstrap_excess(
 
     Rocks are drawn anew within their sites, and so is the noise of the simulated campaigns.
     """
-    found = np.empty(draws)
+    found, broad = np.empty(draws), surface.prior.wider(_BEYOND_PRIOR)
     for k in range(draws):
         weights = [rng.multinomial(n, np.full(n, 1.0 / n)).astype(float) for n in surface.sizes]
         own = surface.weighted(weights, rng)
-        _, least = own.minimum(np.vstack([bottom, rng.random((1, bottom.size))]))
+        elsewhere = broad.quantiles(rng.random((1, bottom.size)))
+        _, least = own.minimum(np.vstack([bottom, elsewhere]))
         found[k] = float(own.value(bottom[None])[0]) - least
     return np.maximum(found, 0.0)
 
 
 def _sample(
-    surface: ScoreSurface,
+    total: Total,
+    prior: Prior,
     sharpness: float,
     beginnings: FloatArray,
     rng: np.random.Generator,
@@ -256,11 +293,9 @@ def _sample(
     d = beginnings.shape[1]
     # Many walkers and few steps: a step of all of them at once costs little more than one of few.
     walkers = max(96, 8 * d)
-    total = surface.total
 
     def log_density(shares: FloatArray) -> FloatArray:
-        prior = log_prior(surface.starts, shares)
-        return prior - sharpness * total.value(np.clip(shares, 0.0, 1.0))
+        return prior.log_density(shares) - sharpness * total.value(np.clip(shares, 0.0, 1.0))
 
     place = beginnings[np.arange(walkers) % min(len(beginnings), walkers)]
     place = np.clip(place + 0.02 * rng.standard_normal(place.shape), 0.001, 0.999)
@@ -278,11 +313,12 @@ def next_design(surface: ScoreSurface, points: FloatArray, draws: int, seed: int
     total = surface.total
     order = np.argsort(total.value(points), kind="stable")
     bottom, _ = total.minimum(points[order[:4]])
-    wanted = float(np.mean(bootstrap_excess(surface, bottom, rng, 20)))
+    wanted = float(np.mean(bootstrap_excess(surface, bottom, rng, _FEW)))
     beginnings = np.vstack([bottom, points[order]])
     chosen = [bottom[None]]
     for sharpness, part in zip(_WIDER, np.array_split(np.arange(draws - 1), 2), strict=True):
-        samples = _sample(surface, sharpness / max(wanted, 1e-9), beginnings, rng, _STEPS_OF_DESIGN)
+        own = sharpness / max(wanted, 1e-9)
+        samples = _sample(total, surface.prior, own, beginnings, rng, _STEPS_OF_DESIGN)
         chosen.append(samples[rng.choice(len(samples), part.size, replace=False)])
     return np.vstack(chosen)
 
@@ -305,7 +341,7 @@ def keeping_configured(
         tried = kept.copy()
         tried[k] = True
         beginnings = np.vstack([best, posterior.samples[:: len(posterior.samples) // 3][:3]])
-        found, score = total.minimum(beginnings, surface.starts, posterior.sharpness, tried)
+        found, score = total.minimum(beginnings, surface.prior, posterior.sharpness, tried)
         if score <= enough:
             kept, best = tried, found
     return replace(posterior, best=best)
@@ -317,5 +353,5 @@ def minimum_without(
     """Best parameters for weighted rocks: a weight of 0 leaves a rock out."""
     own = surface.weighted(weights)
     beginnings = np.vstack([posterior.best, posterior.samples[:: len(posterior.samples) // 3][:3]])
-    found, _ = own.minimum(beginnings, surface.starts, posterior.sharpness)
+    found, _ = own.minimum(beginnings, surface.prior, posterior.sharpness)
     return found

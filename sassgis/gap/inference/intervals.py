@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 from scipy import stats
 
-from sassgis.model.grid import IntArray
+from sassgis.model.grid import FloatArray, IntArray
 
 
 def bootstrap_rows(
@@ -111,6 +111,16 @@ def bootstrap_interval(
             rng=rng,
         ).confidence_interval
     return Interval(value, float(found.low), float(found.high))
+
+
+def mean_interval(values: FloatArray, level: float = 0.95) -> Interval:
+    """Student's interval of the mean of independent values; NaN of fewer than two."""
+    if values.size < 2:
+        return Interval(math.nan, math.nan, math.nan)
+    mean = float(values.mean())
+    error = float(values.std(ddof=1)) / math.sqrt(values.size)
+    half = float(stats.t.ppf(0.5 + 0.5 * level, values.size - 1)) * error
+    return Interval(mean, mean - half, mean + half)
 
 
 def share_interval(

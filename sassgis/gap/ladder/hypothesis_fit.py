@@ -175,7 +175,7 @@ def chosen_draws(
 ) -> list[HypothesisDraw]:
     """The best draw without each part of the rocks, and last of all rocks."""
     if found is None:
-        shares = [space.starts] * (problem.n_parts + 1)
+        shares = [space.prior.centre] * (problem.n_parts + 1)
     else:
         left_out = [found.without([problem], part) for part in range(problem.n_parts)]
         shares = [*left_out, found.posterior.best]

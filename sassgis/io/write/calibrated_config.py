@@ -62,7 +62,7 @@ def write_config_back(path: Path, config_file: Path, diagnosis: Diagnosis, case:
     """
     calibrated = diagnosis.effect
     sections = calibrated.sections(case.effects)
-    document = document_with_classes(config_file, path)
+    document = document_with_classes(config_file, path, CLASSES_NAME)
     with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
     effects = document.setdefault("effects", {})
@@ -106,13 +106,17 @@ def write_config_back(path: Path, config_file: Path, diagnosis: Diagnosis, case:
     return path
 
 
-def document_with_classes(config_file: Path, path: Path) -> dict[str, Any]:
-    """A configuration as it is written to ``path``, with the table of classes beside that."""
+def document_with_classes(config_file: Path, path: Path, classes: str | None) -> dict[str, Any]:
+    """A configuration as it is written to ``path``.
+
+    ``classes`` names a table beside that; None: the configured classes stay.
+    """
     document = tomllib.loads(config_file.read_bytes().decode("utf-8-sig"))
     # Symbolic links are followed: the way up from the new place counts real folders.
     base, place = Path(os.path.realpath(config_file)).parent, Path(os.path.realpath(path)).parent
     _move_paths(document, base, place)
-    document.setdefault("ground", {})["classes"] = CLASSES_NAME
+    if classes is not None:
+        document.setdefault("ground", {})["classes"] = classes
     return document
 
 

@@ -17,13 +17,15 @@ from sassgis.gap.inference.intervals import Interval
 from sassgis.io.read.config import load_config
 from sassgis.io.read.ground_map import read_ground_table
 from sassgis.io.write.calibrated_config import (
-    CLASSES_NAME,
     classes_csv,
     document_with_classes,
     write_text,
 )
 from sassgis.io.write.manifest import plain
 from sassgis.model.ground import GroundClass, GroundTable
+
+#: The table of the fitted classes.
+FITTED_NAME = "fitted_classes.csv"
 
 
 def write_calibration_json(path: Path, calibration: SiteCalibration) -> Path:
@@ -32,6 +34,13 @@ def write_calibration_json(path: Path, calibration: SiteCalibration) -> Path:
         "program": f"sassgis {sassgis.__version__}",
         "seed": calibration.seed,
         "draws": calibration.draws,
+        "recommendation": calibration.recommendation,
+        "recommended": "calibrated" if calibration.recommended else "configured",
+        "gain_left_out": _interval(calibration.gain),
+        "findings": [
+            {"kind": f.kind, "parameters": f.parameters, "text": f.text}
+            for f in calibration.findings
+        ],
         "parameters": [
             {
                 "class": f.parameter.class_name,
@@ -39,6 +48,7 @@ def write_calibration_json(path: Path, calibration: SiteCalibration) -> Path:
                 "configured": f.parameter.configured,
                 "value": f.value,
                 "ci95": [f.low, f.high],
+                "prior_sd": f.parameter.spread,
                 "range": [f.parameter.limits.low, f.parameter.limits.high],
                 "identified": f.identified,
                 "width_over_prior": f.narrowed,
@@ -69,6 +79,11 @@ def _site(site: SiteResult) -> dict[str, Any]:
         "score": site.fit.score,
         "own_score": site.fit.own_score,
         "own_parameters": site.own,
+        "gain_left_out": _interval(site.gain),
+        "scores": [
+            {"table": t.table, "rocks": t.rocks, **t.score, "gain_left_out": _interval(t.gain)}
+            for t in site.scores
+        ],
         "errors": [_errors(e) for e in site.errors],
     }
 
@@ -143,19 +158,23 @@ def class_provenance(calibration: SiteCalibration, name: str) -> str:
 
 
 def write_calibrated_config(path: Path, config_file: Path, calibration: SiteCalibration) -> Path:
-    """Write a configuration with the table of classes that lies beside it.
+    """Write a configuration with the recommended ground.
+
+    That is the table of fitted classes beside it, or what was configured.
 
     Raises
     ------
     ConfigError, InputError
         If the result could not be used in a run.
     """
-    document = document_with_classes(config_file, path)
+    used = FITTED_NAME if calibration.recommended else None
+    document = document_with_classes(config_file, path, used)
     lines = [
         f"Made by sassgis {sassgis.__version__} (calibrate) from {config_file.name} and "
         f"observations of {calibration.rocks} rocks.",
-        f"Ground classes are calibrated; {CLASSES_NAME} says where each value comes from.",
-        "Calibrated for these sites and rocks of these sizes; elsewhere it is untested.",
+        calibration.recommendation,
+        f"{FITTED_NAME} has the fitted classes and says where each value comes from.",
+        "They are fitted to these sites and rocks of these sizes; elsewhere they are untested.",
         "Comments of the original file are not copied.",
     ]
     write_text(path, "".join(f"# {line}\n" for line in lines) + "\n" + tomli_w.dumps(document))

@@ -8,18 +8,18 @@ from helpers.simulated_slope import TABLE
 
 from sassgis.gap.calibration.parameters import (
     RANGES,
+    Prior,
     fitted_names,
-    log_prior,
     parameters_of,
-    prior_of_one,
     table_with,
 )
 from sassgis.model.errors import InputError
+from sassgis.model.ground_ranges import EVERY_CLASS, RangeRule
 from sassgis.model.settings import EngineSettings
 
 
 def test_shares_are_places_in_the_range() -> None:
-    one, other = parameters_of(TABLE, ["debris"], ["mu_0", "rolling_threshold"])
+    one, other = parameters_of(TABLE, ["debris"], ["mu_0", "rolling_threshold"], ())
     assert one.value(0.0) == pytest.approx(RANGES["mu_0"].low)
     assert one.value(one.start) == pytest.approx(0.45)
     # Half of a logarithmic range is its geometric mean.
@@ -28,7 +28,7 @@ def test_shares_are_places_in_the_range() -> None:
 
 
 def test_a_table_changes_only_what_is_calibrated() -> None:
-    parameters = parameters_of(TABLE, ["debris"], ["eta_max", "mu_f"])
+    parameters = parameters_of(TABLE, ["debris"], ["eta_max", "mu_f"], ())
     made = table_with(TABLE, parameters, np.array([1.0, 0.0]))
     changed = made.classes[made.index("debris")]
     assert (changed.eta_max, changed.mu_f) == (1.0, 0.2)
@@ -46,13 +46,34 @@ def test_what_the_engine_does_not_read_is_not_calibrated() -> None:
         fitted_names(["restitution"], [paper])
 
 
+def test_the_prior_is_as_wide_as_values_vary_between_sites() -> None:
+    """The middle 90 % of a normal distribution is 3.29 standard deviations wide."""
+    rules = (
+        RangeRule(EVERY_CLASS, "mu_0", "factor", 0.8, 1.2),
+        RangeRule(EVERY_CLASS, "rolling_threshold", "factor", 0.5, 2.0),
+        RangeRule("debris", "mu_0", "value", 0.30, 0.62),
+    )
+    names = ["mu_0", "rolling_threshold", "eta_max"]
+    friction, threshold, eta = parameters_of(TABLE, ["debris"], names, rules)
+    assert friction.sd * (0.9 - 0.05) == pytest.approx(0.32 / 3.29)
+    assert friction.spread == pytest.approx(0.32 / 3.29)
+    # On a logarithmic scale half as much and twice as much are as likely.
+    assert threshold.sd * np.log(2.0 / 0.02) == pytest.approx(np.log(4.0) / 3.29)
+    # Of the third no spread is known.
+    assert eta.sd == 0.5
+    prior = Prior.of([friction, threshold])
+    middle = prior.quantiles(np.array([[0.05, 0.05], [0.95, 0.95]]))
+    assert friction.value(middle[:, 0]) == pytest.approx(0.45 + np.array([-0.16, 0.16]), abs=1e-3)
+    assert threshold.value(middle[:, 1]) == pytest.approx([0.05, 0.2], rel=0.01)
+
+
 def test_the_prior_stays_within_the_range() -> None:
-    low, high, sd = prior_of_one(0.0)
-    assert 0.0 <= low < high <= 1.0
+    prior = Prior(np.zeros(1), np.array([0.5]))
     # Half of a normal distribution of sd 0.5, cut at two sd.
     rng = np.random.default_rng(1)
     drawn = np.abs(rng.normal(0.0, 0.5, 200_000))
     drawn = drawn[drawn <= 1.0]
-    assert (low, high) == pytest.approx(tuple(np.quantile(drawn, [0.025, 0.975])), abs=0.01)
-    assert sd == pytest.approx(drawn.std(), abs=0.01)
-    assert log_prior(np.zeros(1), np.array([[-0.1]]))[0] == -np.inf
+    levels = np.array([0.025, 0.975])
+    assert prior.quantiles(levels) == pytest.approx(np.quantile(drawn, levels), abs=0.01)
+    assert prior.spread == pytest.approx(drawn.std(), abs=0.01)
+    assert prior.log_density(np.array([[-0.1]]))[0] == -np.inf

@@ -7,7 +7,7 @@ import pytest
 
 from sassgis.gap.calibration.emulator import fit
 from sassgis.gap.calibration.identifiability import identified_combinations, site_fits
-from sassgis.gap.calibration.parameters import RANGES, ClassParameter
+from sassgis.gap.calibration.parameters import RANGES, ClassParameter, Prior
 from sassgis.gap.calibration.search import (
     SiteScores,
     first_design,
@@ -23,16 +23,21 @@ def bowl(points: np.ndarray, centres: np.ndarray) -> np.ndarray:
     return 1.0 + (points[:, :1] - centres) ** 2
 
 
-def emulated(centres: np.ndarray, d: int = 2, columns: tuple[int, ...] = (0, 1)):
-    points = first_design(d, 128, 1)
-    own = SiteScores(np.array(columns), bowl(points[:, list(columns)], centres))
-    return points, surface_of(points, [own], np.full(d, 0.5), 128)
+def wide(d: int, sd: float = 0.5) -> Prior:
+    return Prior(np.full(d, 0.5), np.full(d, sd))
+
+
+def emulated(centres: np.ndarray, prior: Prior | None = None):
+    prior = wide(2) if prior is None else prior
+    points = first_design(prior, 128, 1)
+    own = SiteScores(np.array([0, 1]), bowl(points, centres))
+    return points, surface_of(points, [own], prior, 128)
 
 
 def test_emulator_meets_a_smooth_score_and_any_sum_of_rocks() -> None:
     rng = np.random.default_rng(2)
     centres = rng.normal(0.5, 0.1, 30)
-    points = first_design(3, 128, 1)
+    points = first_design(wide(3), 128, 1)
     made = fit(points, bowl(points, centres) + 0.01 * rng.standard_normal((128, 30)), 128)
     new = rng.random((40, 3))
     # The best half is met; what lies far from the best is only told to be bad.
@@ -77,6 +82,25 @@ def test_posterior_is_as_wide_as_the_mean_of_rocks_scatters() -> None:
     assert identified_combinations(parameters, found) == 1
 
 
+def test_a_prior_as_sharp_as_the_rocks_counts_as_much_as_they_do() -> None:
+    """Normal prior and normal mean of the rocks: precisions add, means are weighted by them."""
+    rng = np.random.default_rng(6)
+    n, sd = 40, 0.3
+    centres = rng.normal(0.6, sd, n)
+    scatter = centres.std(ddof=1) / np.sqrt(n) * np.sqrt(small_sample_factor(n) * (n - 1) / n)
+    points, surface = emulated(centres, wide(2, scatter))
+    found = posterior_of(surface, points, 1)
+    middle = 0.5 * (0.5 + centres.mean())
+    assert found.best[0] == pytest.approx(middle, abs=0.3 * scatter)
+    assert found.samples[:, 0].mean() == pytest.approx(middle, abs=0.3 * scatter)
+    assert found.samples[:, 0].std() == pytest.approx(scatter / np.sqrt(2.0), rel=0.25)
+    # With a prior of two and a half times the width, what the rocks say is nearly all.
+    nearly = (centres.mean() + 0.5 / 2.5**2) / (1.0 + 1.0 / 2.5**2)
+    assert found.of_scores[:, 0].mean() == pytest.approx(nearly, abs=0.3 * scatter)
+    assert found.of_scores[:, 0].std() == pytest.approx(scatter, rel=0.3)
+    assert found.samples[:, 1].std() == pytest.approx(scatter, rel=0.2)
+
+
 def test_rocks_that_are_left_out_do_not_count() -> None:
     centres = np.r_[np.full(20, 0.4), np.full(20, 0.6)]
     points, surface = emulated(centres)
@@ -92,12 +116,12 @@ def test_rocks_that_are_left_out_do_not_count() -> None:
 )
 def test_sites_contradict_if_the_common_best_suits_none(second: float, contradict: bool) -> None:
     rng = np.random.default_rng(4)
-    points = first_design(2, 160, 1)
+    points = first_design(wide(2), 160, 1)
     scores = [
         SiteScores(np.array([0, 1]), bowl(points, rng.normal(mean, 0.1, 25)) * 4.0 - 3.9)
         for mean in (0.5, second)
     ]
-    surface = surface_of(points, scores, np.array([0.5, 0.5]), 160)
+    surface = surface_of(points, scores, wide(2), 160)
     found = posterior_of(surface, points, 1)
     fits, told = site_fits(("one", "two"), surface, found, 1)
     assert told == contradict

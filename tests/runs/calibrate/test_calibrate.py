@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import html
 import json
 import shutil
 from collections.abc import Iterator
@@ -53,7 +54,14 @@ def run(case: Path, out: Path, **options: object) -> object:
 @pytest.fixture(scope="module")
 def done(case: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("calibrated") / "out"
-    run(case, out)
+    arguments = [case / CONFIG_NAME, "--observations", case / OBSERVATIONS_NAME, "-o", out]
+    options = [f"--{k}={v}" for k, own in (("class", CLASSES), ("parameter", NAMES)) for v in own]
+    options.append(f"--draws={DRAWS}")
+    said = CliRunner().invoke(cli, ["calibrate", *map(str, arguments), *options])
+    assert said.exit_code == 0, said.output
+    # The last line says which ground to run.
+    found = json.loads((out / "calibration.json").read_text())
+    assert said.stdout.splitlines()[-1] == found["recommendation"]
     return out
 
 
@@ -65,10 +73,18 @@ def test_what_is_written_can_be_run_and_says_where_it_comes_from(case: Path, don
     for name in ("report.html", "figures/parameters.png", "figures/rocks_1.png", "manifest.json"):
         assert (done / name).is_file(), name
     check_output(done, overwrite=True)
-    config = load_config(done / "config.toml")
-    table = read_ground_table(config.ground.classes)
+    table = read_ground_table(done / "fitted_classes.csv")
     own = table.classes[table.index("talus")]
     found = json.loads((done / "calibration.json").read_text())
+    # What is to be run is what was recommended.
+    run_with = load_config(done / "config.toml").ground.classes
+    stays = load_config(case / CONFIG_NAME).ground.classes
+    assert run_with == (
+        done / "fitted_classes.csv" if found["recommended"] == "calibrated" else stays
+    )
+    report = (done / "report.html").read_text()
+    assert found["recommendation"] in html.unescape(report)
+    assert found["recommendation"] in (done / "config.toml").read_text()
     for f in found["parameters"]:
         assert getattr(own, f["parameter"]) == pytest.approx(f["value"], rel=1e-4)
     assert "Calibrated by sassgis" in own.source and "24 rocks" in own.source
