@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 HERE = Path(__file__).parent
+PAGES = (*sorted(HERE.glob("*.md")), HERE.parent / "calibration.md")
 
 
 def rows_of(name: str) -> list[dict[str, str]]:
@@ -608,7 +609,7 @@ def filled(text: str) -> str:
 
 def main() -> None:
     """Rewrite the pages."""
-    for page in (*sorted(HERE.glob("*.md")), HERE.parent / "calibration.md"):
+    for page in PAGES:
         text = page.read_text(encoding="utf-8")
         new = filled(text)
         if new != text:

@@ -359,8 +359,8 @@ class Calibrate(Command):
     WORDS = ("calibrate",)
     HELP = (
         "Fits the ground classes to observed stops, passages or impacts, and states what the "
-        "observations do not determine. Writes a report and a configuration with the fitted "
-        "classes." + _OBSERVATIONS + _GO_ON
+        "observations do not determine. Writes a report and a configuration that has the fitted "
+        "classes where they predict rocks left out better." + _OBSERVATIONS + _GO_ON
     )
 
     def own_parameters(self):

@@ -13,6 +13,7 @@ from sassgis.gap.calibration.fit_errors import paired_gain
 from sassgis.gap.calibration.identifiability import Fitted
 from sassgis.gap.calibration.parameters import RANGES, ClassParameter
 from sassgis.gap.inference.intervals import Interval
+from sassgis.report.figures.calibration_figures import quantity_curves_figure
 
 
 def fitted(name: str, parameter: str, before: float, after: float, limit: str = "") -> Fitted:
@@ -69,3 +70,10 @@ def test_the_gain_is_paired_by_rock() -> None:
     own = stats.ttest_rel(before, after).confidence_interval(0.95)
     want = np.array([(before - after).mean(), own.low, own.high]) / before.mean()
     assert (ours.value, ours.low, ours.high) == pytest.approx(want)
+
+
+def test_rocks_that_are_all_alike_are_drawn() -> None:
+    """One block each, say: the axis needs some width, and a warning of matplotlib is an error."""
+    made = {name: np.ones((4, 6)) for name in ("before", "left out", "after")}
+    low, high = quantity_curves_figure([("stopped blocks", np.ones(6), made)]).axes[0].get_xlim()
+    assert low < 1.0 < high
