@@ -388,7 +388,7 @@ def test_every_key_that_names_a_file_is_known() -> None:
     assert {name: set(keys) for name, keys in FILE_KEYS.items() if keys} == {
         "terrain": {"dem"},
         "release": {"file"},
-        "ground": {"file", "classes"},
+        "ground": {"file", "classes", "ranges"},
         "stations": {"file"},
         "barriers": {"file"},
         "effects.trees": {"file", "stems_raster", "dbh_raster"},
