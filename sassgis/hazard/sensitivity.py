@@ -389,9 +389,11 @@ def sensitivity_maps(
 
 
 def on_cells(values: NDArray[Any], places: IntArray, cells: IntArray, empty: float) -> NDArray[Any]:
-    """Values of some places on more of them."""
+    """Values of some places on others; ``empty`` where they have none."""
     out = np.full(cells.size, empty, values.dtype)
-    out[np.searchsorted(cells, places)] = values
+    both, at, own = np.intersect1d(cells, places, assume_unique=True, return_indices=True)
+    if both.size:
+        out[at] = values[own]
     return out
 
 

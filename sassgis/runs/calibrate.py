@@ -130,8 +130,8 @@ def calibrate(
                 "there"
             ) from None
         tell("Writing the results")
-        write_calibration(work, configs, [s.case for s in ready], calibration)
         write_table(work / "class_spread.csv", [rule_table(spread_of_sites(task, found, rules))])
+        write_calibration(work, configs, [s.case for s in ready], calibration)
     return calibration
 
 

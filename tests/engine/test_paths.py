@@ -567,5 +567,5 @@ def test_rough_ground_with_steps_and_pits(cell: float) -> None:
         )  # fmt: skip
         sunk += bool((log["z_m"][inside] <= below - 0.25 - rock["a_m"]).any())
     # On cells of 0.5 m, with pits narrower than they and walls of 80°, rock throws some blocks
-    # backwards against walls that lie a cell aside. Without the ground behind them it were far more.
+    # backwards against walls that lie a cell aside.
     assert sunk <= 10

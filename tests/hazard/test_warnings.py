@@ -15,7 +15,7 @@ from sassgis.hazard.warnings import (
 from sassgis.io.read.ground_map import built_in_table
 from sassgis.model.ground import GroundClass
 
-BUILT_IN = built_in_table().classes
+BUILT_IN = built_in_table("1986").classes
 
 
 def with_blocks() -> GroundClass:

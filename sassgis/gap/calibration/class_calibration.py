@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sassgis.gap.calibration.calibration_findings import CalibrationFinding, findings_of, gain_text
 from sassgis.gap.calibration.calibrator import (
     Budget,
     Calibrated,
@@ -15,7 +16,6 @@ from sassgis.gap.calibration.calibrator import (
     Space,
     calibrate_on,
 )
-from sassgis.gap.calibration.findings import CalibrationFinding, findings_of, gain_text
 from sassgis.gap.calibration.fit_errors import (
     QuantityErrors,
     TableScore,

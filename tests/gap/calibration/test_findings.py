@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from sassgis.gap.calibration.findings import findings_of
+from sassgis.gap.calibration.calibration_findings import findings_of
 from sassgis.gap.calibration.fit_errors import paired_gain
 from sassgis.gap.calibration.identifiability import Fitted
 from sassgis.gap.calibration.parameters import RANGES, ClassParameter

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sassgis.io.read.ground_map import built_in_table
 from sassgis.model.map_run import MapRun
 from sassgis.model.settings import EngineSettings
 from sassgis.runs.map import simulate_map
@@ -27,6 +28,7 @@ def on_waves(job: MapRun, height_m: float) -> MapRun:
     grid = replace(job.grid, values=z)
     return replace(
         job, grid=grid, ground_heights=None, control_lines=(), engine=engine,
+        table=built_in_table("1986"),
         terrain=replace(job.terrain, segment_tolerance_m=0.25, path="fall_line"),
     )  # fmt: skip
 

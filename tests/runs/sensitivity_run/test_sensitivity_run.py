@@ -33,7 +33,7 @@ def config(make_valley: Callable[..., Path]) -> Config:
 def eta_only(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Ranges without width but for η_max of the debris."""
     file = tmp_path_factory.mktemp("ranges") / "eta.csv"
-    still = [f"{c},{p},factor,1,1" for c in ("*", "rock", "debris") for p in RANGED]
+    still = [f"{c},{p},factor,1,1" for c in ("*", "rock", "debris", "soft_meadow") for p in RANGED]
     rows = ["class,parameter,kind,low,high", *still, "debris,eta_max,value,0.3,0.8"]
     file.write_text("\n".join(rows) + "\n", encoding="utf-8")
     return file

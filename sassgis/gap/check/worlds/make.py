@@ -30,6 +30,18 @@ LAW_KEYS = (
 )  # fmt: skip
 
 
+#: The same for laws of nature other than the package's: they have no speed law, or lose energy in
+#: other ways, and with the restitution of its classes rocks would leave the sites.
+FOREIGN_LAW = (
+    (0.70, 0.0, 0.3, 0.70, 0.40, 0.17, 0.0, 0.0, 9.144, 0.1),
+    (0.55, 0.2, 0.6, 0.80, 0.52, 0.21, 0.3, 0.0, 9.144, 0.1),
+    (0.70, 0.2, 0.6, 0.85, 0.45, 0.25, 0.6, 0.35, 9.144, 0.1),
+    (0.90, 0.0, 0.4, 0.65, 0.38, 0.17, 0.05, 0.2, 5.5, 1.5),
+    (0.90, 0.0, 0.5, 0.65, 0.38, 0.17, 0.05, 0.2, 5.5, 1.5),
+    (0.60, 0.0, 0.4, 0.65, 0.50, 0.17, 0.05, 0.2, 5.5, 0.1),
+)
+
+
 _N_RELEASES = 12
 
 
@@ -86,7 +98,7 @@ def base_world(spec: WorldSpec, seed: int) -> World:
     """A site without effects: relief, laws of the ground, stations, release points, blocks."""
     relief = make_relief(spec.slope, seed)
     rng = np.random.default_rng([seed, 202])
-    law = nominal_law()
+    law = nominal_law() if spec.law == "own" else np.array(FOREIGN_LAW)
     n = len(law)
     law[:, 0] = np.clip(law[:, 0] + rng.uniform(-0.06, 0.06, n), 0.2, 0.95)
     law[:, 1] = np.clip(law[:, 1] + rng.uniform(-0.05, 0.05, n), 0.0, 0.5)

@@ -18,8 +18,9 @@ from sassgis.model.ground import GroundTable
 from sassgis.runs.blinded_cases import write_seen
 from sassgis.runs.gap_case import read_case
 
-#: Sampling errors of the difference of two means are near 0.1 standard deviations.
-ROCKS, REPLICATES, NEAR_SD = 120, 4, 0.35
+#: Sampling errors of the difference of two means are near 0.1 standard deviations. On soft forest
+#: soil, where most contacts are soft landings, the sites' rocks are slower by half of one.
+ROCKS, REPLICATES, NEAR_SD = 120, 4, 0.6
 
 
 @pytest.fixture(scope="module", params=["cliff_talus_meadow", "forested_slope"])

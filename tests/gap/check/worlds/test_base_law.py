@@ -118,7 +118,7 @@ def test_lumped_mass_loses_by_its_two_coefficients() -> None:
 def test_sphere_that_falls_on_a_slope_met_less_steep(plane) -> None:  # type: ignore[no-untyped-def]
     beta = math.radians(44)
     u = 1 - math.tan(math.radians(35)) / math.tan(beta)
-    ground = plane(beta, [0.70, u, u, 0.7, 0.4, 0.17, 0.0, 0.0, 9.144, 0.0])
+    ground = plane(beta, [1.00, u, u, 0.7, 0.4, 0.17, 0.0, 0.0, 9.144, 0.0])
     v = 10.0
     st = ground.rock(0.5, 0.5, v * math.sin(beta), -v * math.cos(beta))
     # The rock starts at the ground: nothing is lost to a fall before it.
