@@ -1,4 +1,4 @@
-"""Are speed and spin after single contacts right? Films, and a program with real block shapes.
+"""Are speed and spin after single contacts right?
 
     python pipelines/field_contacts.py [DATA] -o OUT [--draws 200]
 
