@@ -133,7 +133,7 @@ def test_without_tilt_and_drift_a_block_keeps_to_the_fall_line_and_its_run_out()
     same = np.abs(out.rocks["runout_m"] - line.rocks["runout_m"]) < 1e-3
     assert same.mean() > 0.15
     middles = [np.median(r.rocks["runout_m"]) for r in (out, line)]
-    assert middles[0] == pytest.approx(middles[1], rel=0.003)
+    assert middles[0] == pytest.approx(middles[1], rel=0.01)
 
 
 def straight(
