@@ -176,8 +176,7 @@ def _limits(draws: Draws, count: int, cells: IntArray) -> tuple[FloatArray, IntA
     for k, own in enumerate(draws()):
         share = own.reach / max(own.blocks, 1)
         for values, places, rows in ((share, own.cells, reach), (own.level, own.places, level)):
-            here = np.isin(places, cells, assume_unique=True)
-            rows[k] = on_cells(values[here], places[here], cells, 0)
+            rows[k] = on_cells(values, places, cells, 0)
     shares = np.quantile(reach.astype(np.float64), (LOW, HIGH), axis=0)
     low = np.quantile(level, LOW, axis=0, method="lower")
     high = np.quantile(level, HIGH, axis=0, method="higher")

@@ -128,5 +128,5 @@ def test_profile_runs_are_checked_without_a_map(tmp_path):
     assert {c.name: c.share for c in report.classes} == {"rock": 0.25, "debris": 0.75}
     text = "\n".join(report.lines())
     assert "3 vertices, chainage 0 to 20 m, heights 94.0 to 100.0 m" in text
-    assert "debris: 75.0 % of the profile" in text
+    assert "debris: 75.0 % of the profile, UNVERIFIED" in text
     assert "blocks         large" in text
