@@ -480,7 +480,8 @@ def after_ground(
     level, level_after : float
         Horizontal speed at its start and end (m/s).
     """
-    if steep2 > 1e-12:
+    # What has moved backwards is turned about before it goes on.
+    if steep2 > 1e-12 and state.x > x:
         kappa = _bending(physics.gravity, steep2, 0.5 * (level * level + level_after * level_after))
         state.turn += _bent(descent - state.turn, kappa * (state.x - x))
 

@@ -9,7 +9,7 @@ import shutil
 import signal
 import threading
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -250,6 +250,15 @@ def test_results_that_cannot_be_written_leave_the_state(
     assert mine == theirs
 
 
+@pytest.fixture
+def ctrl_c() -> Iterator[None]:
+    """As in a terminal: where the tests run in the background, SIGINT is ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("ctrl_c")
 def test_ctrl_c_waits_until_a_chunk_is_added(job, planned, monkeypatch) -> None:
     """Asked for in the middle of adding, it comes after: sums, stops and count go together."""
     add = map_run.add_chunk
@@ -272,6 +281,7 @@ def test_ctrl_c_waits_until_a_chunk_is_added(job, planned, monkeypatch) -> None:
     assert held.sums.column("reach").sum() == whole.sums.column("reach").sum()
 
 
+@pytest.mark.usefixtures("ctrl_c")
 def test_held_back_restores_the_handler_and_leaves_other_threads_alone() -> None:
     before = signal.getsignal(signal.SIGINT)
     with held_back():
