@@ -191,7 +191,7 @@ def _start_at_rest(state: Record, block: Block, site: Site, physics: Physics) ->
     ground = site.grounds[here.ground]
     steep = abs(here.tz) / here.tx
     state.direction = 1 if here.tz <= 0.0 else -1
-    rolls = steep > rolling_friction(ground.mu_0, ground.k, ground.d_star_m, block.radius)
+    rolls = steep > rolling_friction(block, ground)
     if steep > ground.mu_f and not (rolls and physics.tipping and tips(block, ground.mu_f)):
         state.phase = SLIDING
     elif rolls:

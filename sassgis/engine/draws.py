@@ -61,7 +61,7 @@ def block_of(a: float, b: float, c: float, density: float, mass: float, key: np.
     roll_radius = mean_radius(a, b)
     return Block(
         a, b, c, density, mass, key, own, (a * b * c) ** (1.0 / 3.0), roll_radius,
-        1.0 + own / (roll_radius * roll_radius)
+        1.0 + own / (roll_radius * roll_radius), 1.0
     )  # fmt: skip
 
 
@@ -70,7 +70,19 @@ def with_inertia(block: Block, own: float) -> Block:
     """The block with another moment of inertia per unit mass (m²)."""
     return Block(
         block.a, block.b, block.c, block.density, block.mass, block.key, own, block.radius,
-        block.roll_radius, 1.0 + own / (block.roll_radius * block.roll_radius)
+        block.roll_radius, 1.0 + own / (block.roll_radius * block.roll_radius), block.drag
+    )  # fmt: skip
+
+
+@lean
+def with_drag(block: Block, sd: float) -> Block:
+    """The block with a rolling friction of its own: log-normal, sd is that of the logarithm."""
+    if sd <= 0.0:
+        return block
+    drag = math.exp(sd * rng.normal(block.key, rng.ROLLING_FRICTION, 0))
+    return Block(
+        block.a, block.b, block.c, block.density, block.mass, block.key, block.inertia,
+        block.radius, block.roll_radius, block.roll_share, drag
     )  # fmt: skip
 
 

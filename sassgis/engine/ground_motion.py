@@ -84,7 +84,7 @@ def _tip(state: Record, block: Block, site: Site, gravity: float, down: float) -
     foot_x = here.x + u * here.tx
     foot_z = here.z + u * here.tz
     needed = gravity * (foot_z + radius * here.tx - state.z)
-    mu_r = rolling_friction(ground.mu_0, ground.k, ground.d_star_m, block.radius)
+    mu_r = rolling_friction(block, ground)
     if down < mu_r * here.tx:
         needed += gravity * here.tx * (block.a - radius)
     if 0.5 * state.speed * state.speed < needed * block.roll_share:
@@ -106,7 +106,7 @@ def _friction(state: Record, block: Block, site: Site) -> float:
     """Friction on the segment under a block that rolls or slides."""
     ground = site.grounds[site.profile[state.segment].ground]
     if state.phase == ROLLING:
-        return rolling_friction(ground.mu_0, ground.k, ground.d_star_m, block.radius)
+        return rolling_friction(block, ground)
     return float(ground.mu_f)
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from sassgis.engine.barriers import crossings_of
 from sassgis.engine.block import simulate_block, start_released, start_spawned
 from sassgis.engine.cell_register import FULL
-from sassgis.engine.draws import block_of, draw_block, draw_start
+from sassgis.engine.draws import block_of, draw_block, draw_start, with_drag
 from sassgis.engine.effects import hooks
 from sassgis.engine.effects.spawning import room_for
 from sassgis.engine.heading import continue_path, start_path
@@ -290,7 +290,8 @@ def simulate_blocks(
     for r in range(setup.n_blocks):
         # The released block first, then those that it and they spawn, in turn.
         key = rng.block_key(setup.seed, line_key, setup.first_rock + r)
-        block = hooks.on_block(effects, draw_block(limits[0], limits[1], key))
+        spread = setup.physics.rolling_friction_sd
+        block = with_drag(hooks.on_block(effects, draw_block(limits[0], limits[1], key)), spread)
         start = release(effects, state, block, site, setup, limits, key, first, second, path)
         number = i * setup.n_blocks + r
         row = rows.rocks[number]
@@ -324,7 +325,8 @@ def simulate_blocks(
                 return NO_ROOM
             leaving = spawned.rows[n_spawned]
             n_spawned += 1
-            block = hooks.on_block(effects, spawned_block(leaving, block.density, key, n_spawned))
+            spawned_one = spawned_block(leaving, block.density, key, n_spawned)
+            block = with_drag(hooks.on_block(effects, spawned_one), spread)
             if path is not None:
                 continue_path(effects, state, block, site, path, leaving)
             start_spawned(state, block, site, leaving, start.x)

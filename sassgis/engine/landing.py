@@ -86,7 +86,7 @@ def _varied_normal(state: Record, block: Block, site: Site, vt: float) -> tuple[
 @lean
 def _resistance(block: Block, ground: Record) -> float:
     """μ_r (1 + I/r²): energy that rolling takes, over the normal force and the path."""
-    mu_r = rolling_friction(ground.mu_0, ground.k, ground.d_star_m, block.radius)
+    mu_r = rolling_friction(block, ground)
     return float(block.roll_share * mu_r)
 
 

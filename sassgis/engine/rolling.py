@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from sassgis.engine.angles import cos_sin
+from sassgis.engine.rows import Record
 from sassgis.engine.state import Block
 from sassgis.model.jit import lean
 
@@ -24,9 +25,9 @@ _MOST_STEPS = 60
 
 
 @lean
-def rolling_friction(mu_0: float, k: float, d_star: float, radius: float) -> float:
-    """μ_r = μ_0 + k d*/d, equation (2); d is the diameter of the block."""
-    return mu_0 + k * d_star / (2.0 * radius)
+def rolling_friction(block: Block, ground: Record) -> float:
+    """μ_r = μ_0 + k d*/d, equation (2), d the diameter of the block; times a factor of its own."""
+    return float(block.drag * (ground.mu_0 + ground.k * ground.d_star_m / (2.0 * block.radius)))
 
 
 @lean

@@ -227,6 +227,7 @@ def physics_of(settings: EngineSettings) -> Physics:
         end_sliding=bool(settings.end_sliding),
         tolerance=float(settings.contact_tolerance_m),
         max_events=int(settings.max_events),
+        rolling_friction_sd=float(settings.rolling_friction_sd or 0.0),
     )
 
 

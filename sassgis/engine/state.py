@@ -169,6 +169,7 @@ class Block(NamedTuple):
     radius: float  # of the sphere of equal volume (m)
     roll_radius: float  # (m)
     roll_share: float  # kinetic energy of rolling over that of its translation
+    drag: float  # its rolling friction over that of the ground class
 
 
 class Start(NamedTuple):
@@ -193,6 +194,7 @@ class Physics(NamedTuple):
     end_sliding: bool
     tolerance: float
     max_events: int
+    rolling_friction_sd: float  # of the logarithm
 
 
 class Site(NamedTuple):

@@ -387,11 +387,11 @@ class BarrierSettings(StationSettings):
 _READINGS: Mapping[str, Mapping[str, Any]] = {
     "1986": {
         "eta_max_rule": "scale", "rolling": "round", "rolling_threshold": 0.1, "tipping": False,
-        "corner": "ellipse",
+        "corner": "ellipse", "rolling_friction_sd": 0.0,
     },
     "hazard": {
         "eta_max_rule": "restitution", "rolling": "ellipse", "rolling_threshold": None,
-        "tipping": True, "corner": "circle",
+        "tipping": True, "corner": "circle", "rolling_friction_sd": 0.15,
     },
 }  # fmt: skip
 
@@ -406,8 +406,8 @@ class EngineSettings(Section):
     readings: Annotated[
         Literal["hazard", "1986"],
         'named set of readings: "hazard" for hazard work, "1986" for the words of the paper. '
-        "eta_max_rule, rolling, rolling_threshold, tipping and corner are as in the set unless "
-        "given",
+        "eta_max_rule, rolling, rolling_threshold, rolling_friction_sd, tipping and corner are as "
+        "in the set unless given",
     ] = "hazard"
     gravity_mps2: Annotated[float, Interval(ge=0.1, le=30.0), "acceleration of gravity (m/s2)"] = (
         9.81
@@ -440,6 +440,14 @@ class EngineSettings(Section):
         "and falls, and it leaves the ground where the normal force on it ends (N <= 0) (default: "
         '"ellipse"; "1986": "round")',
         Example("ellipse"),
+    ] = None
+    rolling_friction_sd: Annotated[
+        float | None,
+        Interval(ge=0.0, le=1.0),
+        "how much the rolling friction differs from block to block: that of each is multiplied by "
+        "a factor drawn once, log-normal about 1 with this standard deviation of its logarithm "
+        '(default: 0.15; "1986": 0)',
+        Example(0.15),
     ] = None
     tipping: Annotated[
         bool | None,

@@ -127,7 +127,9 @@ def test_a_rolling_rock_loses_once_at_a_concave_corner(lab, turn):
     own = lab.ground(eta_max=0.35, mu_0=0.4, dp=(0.1, 0.4))
     blocks = lab.ellipsoid(0.5, 0.4, 0.3, speed_mps=(0.0, 0.0))
     line = lab.slope((60, 35), (60, 35 - turn), (200, 0))
-    settings = dataclasses.replace(lab.HAZARD, rolling="round", rolling_threshold=0.0)
+    settings = dataclasses.replace(
+        lab.HAZARD, rolling="round", rolling_threshold=0.0, rolling_friction_sd=0.0
+    )
     out = lab.run(line, own, blocks, n=40, settings=settings, log_events=400, start=[(5.0, 30.0)])
     r = mean_radius(0.5, 0.4)
     for log in out.event_logs:
@@ -160,6 +162,20 @@ def test_many_small_corners_cost_what_few_large_ones_do(lab):
     assert max(ends) < 1.15 * min(ends)
 
 
+def test_rolling_friction_differs_from_block_to_block(lab):
+    """On a level the way to rest is v²/(2 g μ), log-normal about that of the class."""
+    own = lab.ground(mu_0=0.4, k=0.0)
+    blocks = lab.sphere(0.4, speed_mps=(6.0, 6.0), spin_radps=(15.0, 15.0))
+    settings = dataclasses.replace(lab.HAZARD, rolling="round", end_sliding=False)
+    assert settings.resolved().rolling_friction_sd == 0.15
+    out = lab.run(lab.slope((100, 0)), own, blocks, n=2000, settings=settings, start=[(5.0, 5.0)])
+    ways = np.log((out.rocks["runout_m"] - 5.0) / (36.0 / (2.0 * G * 0.4)))
+    assert np.mean(ways) == pytest.approx(0.0, abs=0.015)
+    assert np.std(ways) == pytest.approx(0.15, rel=0.06)
+    paper = lab.run(lab.slope((100, 0)), own, blocks, n=50, start=[(5.0, 5.0)])
+    assert np.ptp(paper.rocks["runout_m"]) < 1e-12
+
+
 @pytest.mark.parametrize("drop", [0.0, 0.05, 0.4])
 def test_hops_cost_what_rolling_costs(lab, drop):
     """A sphere that hops with 1 − η_max = μ_r (1 + I/r²): each impulse J takes μ_r J, as rolling.
@@ -170,7 +186,8 @@ def test_hops_cost_what_rolling_costs(lab, drop):
         lab.ground(eta_max=0.3, mu_0=0.5), restitution=0.5, restitution_speed_mps=1e6
     )
     blocks = lab.sphere(0.5, speed_mps=(12.0, 12.0), spin_radps=(24.0, 24.0), drop_m=(drop, drop))
-    out = lab.run(lab.slope((100, 0)), own, blocks, settings=lab.HAZARD, start=[(5.0, 5.0)])
+    settings = dataclasses.replace(lab.HAZARD, rolling_friction_sd=0.0)
+    out = lab.run(lab.slope((100, 0)), own, blocks, settings=settings, start=[(5.0, 5.0)])
     fall = math.sqrt(2.0 * G * drop)
     v, way = 12.0, 12.0 * fall / G
     while fall**2 > 2.0 * G * 0.1 * 0.5:

@@ -159,7 +159,7 @@ def test_run_out_along_the_path_is_that_of_the_line(on: GroundClass, angle: floa
     # Some stop where they start, some on the slope: those that come to its foot are compared.
     for q in (50, 75, 90):
         far = [np.percentile(r["runout_m"], q) for r in (out, line)]
-        assert far[0] == pytest.approx(far[1], rel=0.02), q
+        assert far[0] == pytest.approx(far[1], rel=0.025), q
 
 
 @pytest.mark.parametrize("length", [100.0, 800.0])
@@ -327,8 +327,9 @@ def test_a_rolling_sphere_turns_as_an_independent_integration_says() -> None:
     mu, slope = 0.45, 0.6
     on = ground(mu_0=mu, k=0.0, d_star_m=0.0, dp_min=0.0, dp_max=0.0, mu_f=5.0)
     settings = EngineSettings(
-        side_tilt_deg=35.0, drift_deg=0.0, slope_variation="off", rolling="round"
-    )
+        side_tilt_deg=35.0, drift_deg=0.0, slope_variation="off", rolling="round",
+        rolling_friction_sd=0.0,
+    )  # fmt: skip
     # Small: the centre of a larger one stands the higher, the steeper its heading is. Fast: it
     # turns little in each step, which is as long as half of the turn at most.
     sphere = BlockPopulation(

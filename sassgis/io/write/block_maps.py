@@ -25,6 +25,7 @@ from sassgis.io.write.raster import (
 )
 from sassgis.model.grid import Grid
 from sassgis.model.results import RasterLayer
+from sassgis.model.styles import zero_is_nothing
 
 #: Side of the tiles of the files in between; blocks that begin at multiples of it are quickest.
 TILE = 512
@@ -104,6 +105,8 @@ class BlockMaps:
                 dataset.write(stored(band, number_type, nodata), number, window=window)
         shown = layer.bands[0].values
         shown = shown[np.isfinite(shown)]
+        if zero_is_nothing(layer.bands[0].unit):
+            shown = shown[shown != 0]
         if shown.size:
             low, high = self._limits.get(layer.stem, (np.inf, -np.inf))
             self._limits[layer.stem] = min(low, float(shown.min())), max(high, float(shown.max()))

@@ -124,7 +124,7 @@ def test_blocks_give_the_maps_of_the_whole_to_the_last_bit(
                     sums = [float(t.pop(name, "0")) for t in (tags, others)]
                     assert sums[1] == pytest.approx(sums[0], rel=1e-9)
                 assert tags == others
-        assert file.with_suffix(".qml").read_bytes() == own.with_suffix(".qml").read_bytes()
+        assert file.with_suffix(".qml").read_text() == own.with_suffix(".qml").read_text(), file
     for layer in ("hazard_zones", "hazard_area", "synoptic_intensity", "indicative_hazard_area"):
         one, two = (
             gpd.read_file(f / "mosaic" / "hazard.gpkg", layer=layer) for f in (done.folder, out)

@@ -83,7 +83,10 @@ def rolling_case(folder: Path) -> Case:
             },
             "ground": {"default": "smooth", "classes": "classes.csv", "file": "ground.gpkg"},
             # Without chance a path that is followed is the fall line of the plane.
-            "engine": {"slope_variation": "off", "side_tilt_deg": 0.0, "drift_deg": 0.0},
+            "engine": {
+                "slope_variation": "off", "side_tilt_deg": 0.0, "drift_deg": 0.0,
+                "rolling_friction_sd": 0.0,
+            },
             # Zones that are the cells themselves.
             "zones": {"min_area_m2": 0.0, "closing_m": 0.0, "min_width_m": 0.0, "tolerance_m": 0.0},
             "hazard": {"frequencies": "frequencies.csv", "ref_width_m": 2.0},
