@@ -21,6 +21,7 @@ from field_cases import tables
 from field_cases.figures import field_figure
 from field_cases.held_out import calibrated, held_out, parameters
 from field_cases.scores import by_group, by_mass, repeated, score, widths
+from field_cases.site_bands import site_bands
 from field_cases.sites import Simulated, Site, authume, run_out, simulated, tschamut
 from field_cases.tables import write_json
 
@@ -80,6 +81,13 @@ def main(argv: list[str] | None = None) -> None:
         "classes": slope,
         "built_in": {name: score(s, now[name]) for name, s in sites.items()},
         "class_of_the_other_site": {name: score(s, strange[name]) for name, s in others.items()},
+        "bands_of_classes": {
+            kind: {
+                n: site_bands(s, m[n], work / f"{n}_{kind}_bands", given.jobs)
+                for n, s in of.items()
+            }
+            for kind, of, m in (("own", sites, now), ("other", others, strange))
+        },
         "readings_and_classes_1986": {name: score(s, before[name]) for name, s in sites.items()},
         "by_group": {k: v for n, s in sites.items() for k, v in by_group(s, now[n]).items()},
         "by_mass": {name: by_mass(s, now[name]) for name, s in sites.items()},

@@ -50,8 +50,8 @@ def map_change(folder: Path) -> None:
         samples, out = sample_folder(), Path(work) / "diagnosis"
         config = samples / "valley" / "config.toml"
         diagnose(config, samples / "observed", out, jobs=0)
-        change = gap_map_change.map_change(config, out / "model" / "config.toml", out / "map")
-        picture = change.folder / "figures" / "reach_probability_change.png"
+        gap_map_change.map_change(config, out / "model" / "config.toml", out / "map")
+        picture = out / "map" / "figures" / "reach_probability_change.png"
         shutil.copyfile(picture, folder / "gap_map_change.png")
 
 

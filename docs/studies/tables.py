@@ -190,6 +190,26 @@ def field_untuned() -> str:
     return markdown(head, body)
 
 
+def field_site_bands() -> str:
+    """Bands by the spread of classes between sites, beside what was observed."""
+    found = field()
+    slope = found["classes"]
+    other = dict(zip(slope, reversed(slope.values()), strict=True))
+    body = []
+    for kind, label in (("own", "`{own}`"), ("other", "`{other}`, not fitted here")):
+        for name, one in found["bands_of_classes"][kind].items():
+            cells = [f"{name}, {label.format(own=slope[name], other=other[name])}"]
+            for row in one.values():
+                low, high = row["band_m"]
+                cells += [f"{row['observed_m']:.0f}", f"{row['simulated_m']:.0f}"]
+                cells.append(f"{low:.0f} to {high:.0f}{'' if row['holds'] else ' (not held)'}")
+            body.append(cells)
+    head = ["site, class of the slope"]
+    for measure in ("median", "90 %"):
+        head += [f"{measure}: observed (m)", "simulated", "80 % band"]
+    return markdown(head, body)
+
+
 def field_left_out() -> str:
     """Errors on rocks left out, over random halves, and at the other site."""
     body = []
@@ -574,6 +594,7 @@ TABLES = {
     "convergence tolerance": lambda: convergence("tolerance"),
     "convergence assumption": lambda: convergence("assumption"),
     "field untuned": field_untuned,
+    "field site bands": field_site_bands,
     "field left out": field_left_out,
     "field groups": field_groups,
     "field published": field_published,
