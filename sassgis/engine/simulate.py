@@ -27,7 +27,15 @@ from sassgis.engine.kernel import (
     working_space,
 )
 from sassgis.engine.state import EVENT_DTYPE, Physics
-from sassgis.engine.statistics import Disks, Exceedance, Objects, by_name, empty_sums, flat_bins
+from sassgis.engine.statistics import (
+    Disks,
+    Exceedance,
+    Objects,
+    by_name,
+    counted,
+    empty_sums,
+    flat_bins,
+)
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.effects import EffectSettings
 from sassgis.model.errors import InputError
@@ -91,7 +99,7 @@ def no_exceedance(n: int, bins: Bins) -> Exceedance:
     return Exceedance(*(np.zeros((n, bins.threshold.size), np.int64) for _ in range(2)))
 
 
-def exceedance(sums: Exceedance) -> dict[str, IntArray]:
+def by_threshold(sums: Exceedance) -> dict[str, IntArray]:
     """Counts under their names."""
     return {"exceed": sums.blocks, "exceed_square": sums.square}
 
@@ -391,11 +399,12 @@ def simulate(
     left = blocks_of(rows, log_events)
     # Where a given line lies on the map is not known here.
     left["passages"]["x_m"] = left["passages"]["y_m"] = np.nan
+    reach = counted(totals.reach)
     return Simulated(
         cells=cells,
-        sums=by_name(totals.sums, totals.reach, flat) | exceedance(totals.reach),
+        sums=by_name(totals.sums, reach, flat) | by_threshold(reach),
         windows=centres,
-        window_sums=exceedance(totals.windows.reach),
-        objects=exceedance(totals.objects.reach),
+        window_sums=by_threshold(counted(totals.windows.reach)),
+        objects=by_threshold(counted(totals.objects.reach)),
         **left,
     )

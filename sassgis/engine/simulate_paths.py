@@ -26,14 +26,14 @@ from sassgis.engine.path import Path
 from sassgis.engine.simulate import (
     Simulated,
     blocks_of,
+    by_threshold,
     control_line_table,
     empty_rows,
-    exceedance,
     no_exceedance,
     setup_of,
     too_many_spawned,
 )
-from sassgis.engine.statistics import by_name, empty_sums, flat_bins
+from sassgis.engine.statistics import Exceedance, by_name, counted, empty_sums, flat_bins
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.cell_geometry import exact_positions
 from sassgis.model.effects import EffectSettings
@@ -205,12 +205,13 @@ def _named(
 ) -> Simulated:
     """What the blocks left, cells and windows in ascending order."""
     known = int(register.counts[CELLS])
-    sums = by_name(totals.sums, totals.reach, flat) | exceedance(totals.reach)  # type: ignore[arg-type]
-    reached = np.flatnonzero((totals.reach.blocks[:known, 0] > 0) | (totals.sums.stops[:known] > 0))
+    reach = counted(Exceedance(*(own[:known] for own in totals.reach)))
+    sums = by_name(totals.sums, reach, flat) | by_threshold(reach)  # type: ignore[arg-type]
+    reached = np.flatnonzero((reach.blocks[:, 0] > 0) | (totals.sums.stops[:known] > 0))
     order = reached[np.argsort(register.cells[reached])]
     windows = np.argsort(register.windows[: register.counts[WINDOWS]])
-    came = totals.windows.reach.blocks[windows, 0] > 0
-    windows = windows[came]
+    met = counted(Exceedance(*(own[windows] for own in totals.windows.reach)))
+    came = met.blocks[:, 0] > 0
     ends = np.concatenate([rows.ends, rows.spawned_ends[: rows.filled[1]]])
     left = blocks_of(rows, log_events)
     passages = left["passages"]
@@ -219,9 +220,9 @@ def _named(
     return Simulated(
         cells=register.cells[order],
         sums={name: values[order] for name, values in sums.items()},
-        windows=register.windows[windows],
-        window_sums={n: v[windows] for n, v in exceedance(totals.windows.reach).items()},
-        objects=exceedance(totals.objects.reach),
+        windows=register.windows[windows[came]],
+        window_sums={n: v[came] for n, v in by_threshold(met).items()},
+        objects=by_threshold(counted(totals.objects.reach)),
         **left,
         x=grid.west + ends[:, 0] * grid.cell_size,
         y=grid.north - ends[:, 1] * grid.cell_size,

@@ -49,10 +49,19 @@ class Disks(NamedTuple):
 
 
 class Exceedance(NamedTuple):
-    """Blocks that came to each place (cell or object) with at least the energy of a threshold."""
+    """Blocks that came to each place (cell or object) with at least the energy of a threshold.
+
+    While they are counted: by how much the number at a threshold exceeds that at the next one. So a
+    block is one entry.
+    """
 
     blocks: NDArray[np.int64]  # (n, thresholds)
     square: NDArray[np.int64]  # sum over strata of the square of the stratum's number of blocks
+
+
+def counted(sums: Exceedance) -> Exceedance:
+    """The numbers themselves, where all blocks are counted."""
+    return Exceedance(*(np.cumsum(own[:, ::-1], axis=1)[:, ::-1] for own in sums))
 
 
 class CellSums(NamedTuple):
@@ -188,14 +197,16 @@ def close_line(tally: LineTally, n_line: int, sums: Exceedance) -> None:
     last = tally.hits.shape[1] - 1
     for k in range(n_line):
         place = tally.touched[k]
-        blocks = np.int64(0)
+        above = np.int64(0)
         for i in range(last, -1, -1):
-            blocks += np.int64(tally.hits[place, i])
-            if blocks == 0:
+            hits = np.int64(tally.hits[place, i])
+            if hits == 0:
                 continue
             tally.hits[place, i] = np.uint32(0)
-            sums.blocks[place, i] += blocks
-            sums.square[place, i] += blocks * blocks
+            blocks = above + hits
+            sums.blocks[place, i] += hits
+            sums.square[place, i] += blocks * blocks - above * above
+            above = blocks
         tally.came[place] = False
 
 

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.statistics_table import SUM_NAMES, SUMS, CellSum, Statistic, probability_of
 
-#: Histograms that are summed up at a time: they stay in the processor's cache.
+#: Rows that are worked on at a time: they stay in the processor's cache, and no memory is asked of
+#: the system for them.
 _ROWS = 2048
 
 
@@ -55,12 +56,13 @@ class MapSums:
         sums : mapping
             Arrays with one row per cell, by name as in the table.
         """
-        reached = (np.asarray(sums["reach"], np.int64) + np.asarray(sums["stops"], np.int64)) > 0
-        cells = cells[reached]
-        rows = self._rows_of(cells, sums)
+        reached = np.flatnonzero((sums["reach"] > 0) | (sums["stops"] > 0))
+        rows = self._rows_of(cells[reached], sums)
         for kept in SUMS:
-            own = self._sums[kept.name]
-            own[rows] = kept.join(own[rows], sums[kept.name][reached])
+            own, more = self._sums[kept.name], sums[kept.name]
+            for first in range(0, rows.size, _ROWS):
+                part = slice(first, first + _ROWS)
+                own[rows[part]] = kept.join(own[rows[part]], more[reached[part]])
 
     def _rows_of(self, cells: IntArray, like: Mapping[str, NDArray[Any]]) -> IntArray:
         """Rows of the cells, made where there were none."""

@@ -73,8 +73,7 @@ class SourceTally:
         if result.windows.size:
             self.cells.add(result.windows, *result.window_sums.values())
         else:
-            exceed = (result.sums[n].astype(np.int64) for n in ("exceed", "exceed_square"))
-            self.cells.add(result.cells, *exceed)
+            self.cells.add(result.cells, result.sums["exceed"], result.sums["exceed_square"])
         numbers = np.arange(result.objects["exceed"].shape[0], dtype=np.int64)
         self.objects.add(numbers, result.objects["exceed"], result.objects["exceed_square"])
         self.control_lines.add(result.passages)

@@ -66,7 +66,9 @@ def joined(parts: list[SourceCounts], n_energies: int) -> SourceCounts:
         return parts[0]
     if not parts:
         return SourceCounts.none(n_energies)
-    places = np.unique(np.concatenate([p.places for p in parts]))
+    # In runs that ascend, which np.unique would not make use of.
+    places = np.sort(np.concatenate([p.places for p in parts]), kind="stable")
+    places = places[np.diff(places, prepend=-1) > 0]
     out = SourceCounts(places, *(np.zeros((places.size, n_energies), np.int64) for _ in range(2)))
     for part in parts:
         rows = np.searchsorted(places, part.places)

@@ -43,7 +43,7 @@ from sassgis.terrain.prepare import (
 )
 from sassgis.terrain.release import take
 
-CHUNK_POINTS = 32
+CHUNK_POINTS = 96
 
 
 class TerrainTooSmall(Exception):
