@@ -73,7 +73,8 @@ class SourceTally:
         if result.windows.size:
             self.cells.add(result.windows, *result.window_sums.values())
         else:
-            self.cells.add(result.cells, result.sums["exceed"], result.sums["exceed_square"])
+            exceed = (np.asarray(result.sums[n], np.int64) for n in ("exceed", "exceed_square"))
+            self.cells.add(result.cells, *exceed)
         numbers = np.arange(result.objects["exceed"].shape[0], dtype=np.int64)
         self.objects.add(numbers, result.objects["exceed"], result.objects["exceed_square"])
         self.control_lines.add(result.passages)

@@ -135,7 +135,7 @@ def test_what_the_user_allows_is_not_exceeded(slope: Slope, call: Call, command:
 
 
 def test_as_many_threads_work_as_fit(slope: Slope) -> None:
-    slope.write_config(release__spacing_m="0.5", release__rocks_per_point="1000")
+    slope.write_config(release__spacing_m="0.25", release__rocks_per_point="1000")
     config = load_config(slope.config)
     run = read_map_run(config)
     need = [sum(estimate_of(run, n).need.values()) for n in range(1, 6)]
