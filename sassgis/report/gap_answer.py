@@ -10,6 +10,7 @@ from sassgis.gap.words import (
     effect_phrase,
     place_words,
     quantity_name,
+    rung_name,
     significance,
     tested_by,
 )
@@ -29,6 +30,8 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     """The answer in one or two sentences."""
     verdict = diagnosis.verdict
     sure = f"Confidence {100 * verdict.confidence:.0f} %." if verdict.confidence >= 0.0 else ""
+    if verdict.group_probability >= 0.0:
+        sure = f"{sure} Group “{verdict.group}”: {100 * verdict.group_probability:.0f} %.".strip()
     if verdict.effect == "none":
         return (
             "No effect has to be added: once the ground is calibrated, what is left between "
@@ -36,11 +39,7 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
             f"{sure}"
         ).strip()
     if verdict.effect == "unknown":
-        group = f"; it belongs to the group “{verdict.group}”" if verdict.group else ""
-        return (
-            "After calibration gaps are left that are significant and large, and these data cannot "
-            f"answer which cause they have{group}. {sure}"
-        ).strip()
+        return f"These data cannot answer which cause the gap has. {sure}".strip()
     return f"The gap is best explained by {effect_phrase(verdict.effect)}. {sure}"
 
 
@@ -62,6 +61,13 @@ def _why(diagnosis: Diagnosis) -> ReportAnswer:
         place = " and ".join(place_words(s) for s in verdict.segments)
         acts = f"It acts in the phase “{verdict.phase}”" if verdict.phase else "It acts"
         out.append(f"{acts}{' ' + place if place else ''}.")
+    if verdict.effect not in UNNAMED:
+        added = {*diagnosis.advice.recommended.split("+")} >= {*verdict.effect.split("+")}
+        if not added:
+            out.append(
+                f"It is named, but not recommended: what is handed over has "
+                f"{rung_name(diagnosis.advice.recommended)}."
+            )
     if verdict.effect != "unknown":
         out.append(
             "The confidence is that of synthetic sites of several laws of motion. Take the answer "
@@ -96,6 +102,11 @@ def _confused(diagnosis: Diagnosis) -> ReportAnswer:
     sentences = ["None of the other explanations that were tried remains possible."]
     if others:
         sentences = [f"These data do not separate it from: {names}."]
+    if verdict.cannot_exclude:
+        unseen = ", ".join(effect_name(e) for e in verdict.cannot_exclude)
+        sentences.append(
+            f"Neither seen nor excluded, as these data could show no fingerprint of it: {unseen}."
+        )
     if diagnosis.measure_next:
         sentences.append(f"What would {'separate them' if others else 'make it surer'}:")
     return ReportAnswer("What it may be mistaken for", tuple(sentences), diagnosis.measure_next)
