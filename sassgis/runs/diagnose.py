@@ -272,13 +272,14 @@ def _diagnosis(
     ladder = Ladder(problem, [Step(name, over[name], own) for name, own in rows.items()])
     first_rungs = ladder.rungs(*rows)
     law = CONTACT_LAW in significant(prints, frozen.level) or needs_contact_law(first_rungs)
-    # An effect is added to the base that the contact asks for.
-    added = AddedCauses(made, law)
-    weighed = weighed_causes(added, ladder, prints, weights, frozen)
     bases = (CONFIGURED, GROUND, *([CONTACT_LAW] if law else []))
-    short = falls_short(model_gaps(problem, rows[ladder.recommended(*bases)[0]]))
+    simplest = ladder.recommended(*bases)[0]
+    # An effect is added to the base that the contact asks for, if that is certainly the better one.
+    added = AddedCauses(made, simplest == CONTACT_LAW)
+    weighed = weighed_causes(added, ladder, prints, weights, frozen)
+    short = falls_short(model_gaps(problem, rows[simplest]))
     verdict, shrinkage = verdict_of(
-        added, weighed, prints, weights, frozen, adequate(findings) and not short,
+        added, weighed, prints, weights, frozen, law, adequate(findings) and not short,
         ground_is_enough(first_rungs), findings,
     )  # fmt: skip
     named = verdict.effect if verdict.effect not in (NONE, UNKNOWN, CONTACT_LAW) else ""

@@ -147,20 +147,21 @@ def verdict_of(
     prints: Sequence[Fingerprint],
     weights: CauseWeights,
     frozen: Thresholds,
+    law: bool,
     sound: bool,
     enough: bool,
     findings: Sequence[GapFinding],
 ) -> tuple[Verdict, Shrinkage]:
     """The answer, and how far the gap shrinks by what is named.
 
-    ``sound``: whether the calibrated base leaves nothing that is significant and large;
-    ``enough``: whether what it leaves may be chance.
+    ``law``: whether the contact obeys another law; ``sound``: whether the calibrated base leaves
+    nothing that is significant and large; ``enough``: whether what it leaves may be chance.
     """
     problem, shares = added.made.problem, weighed.shares
     first = next((name for name in shares if name in weighed.ratios), NONE)
     shrinkage = added.shrinkage(first) if first != NONE else _nothing_added(added)
     closes = shrinkage.value if first != NONE and CAUSES[first].closes else None
-    effect, group, reason = decide(prints, shares, sound, closes, frozen, added.law)
+    effect, group, reason = decide(prints, shares, sound, closes, frozen, law)
     if effect == first and effect != NONE:
         second = _second(added, first, prints, shares, weights, frozen)
         if second:
@@ -185,7 +186,7 @@ def verdict_of(
         reason,
         dict(shares),
         group,
-        CONTACT_LAW if added.law else "ground" if enough or adequate(findings) else "unresolved",
+        CONTACT_LAW if law else "ground" if enough or adequate(findings) else "unresolved",
         # The law of the contact is that of the base, whichever families there are.
         group_probability(group, shares) + (shares[NONE] if effect == CONTACT_LAW else 0.0),
         tuple(name for name in families_to_try(case) if name not in shares),

@@ -157,12 +157,12 @@ class Ladder:
                 continue
             simpler, gain = unsure[-1]
             why.append(
-                f"on rocks left out, {rung_name(name)} closes no certain part of the distance "
-                f"that is left by {rung_name(simpler)} ({signed(gain.value)} of "
-                f"{self._found[simpler][1].value():.2g}; 95 %: {signed(gain.low)} to "
-                f"{signed(gain.high)})"
+                f"by {rung_name(name)} beyond {rung_name(simpler)} (energy distance "
+                f"{signed(gain.value)} of {self._found[simpler][1].value():.2g}; 95 %: "
+                f"{signed(gain.low)} to {signed(gain.high)})"
             )
-        return best, "; ".join(why)
+        nothing = "on rocks left out nothing is closed for certain "
+        return best, nothing + ", ".join(why) if why else ""
 
 
 def signed(value: float) -> str:

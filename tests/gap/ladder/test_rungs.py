@@ -134,13 +134,15 @@ def test_nothing_is_recommended_whose_gain_does_not_clear_zero(
     )
     best, why = made.recommended(*names)
     assert best == "ground"
-    assert why.startswith("on rocks left out, trees closes no certain part") and "\n" not in why
+    assert "for certain by trees beyond calibrated ground (" in why and "\n" not in why
     # What helps is taken, and what is added to a model that helps no more must better that one.
     made = ladder(own, ("configured", near + 1.0), ("ground", near + 0.9), ("trees", near))
     assert made.recommended(*names) == ("trees", "")
     made = ladder(own, ("configured", near), ("ground", near + 0.9), ("trees", near))
     best, why = made.recommended(*names)
-    assert best == "configured" and "calibrated ground closes no" in why and "trees" in why
+    assert (
+        best == "configured" and "by calibrated ground beyond" in why and "by trees beyond" in why
+    )
     gain = made.gain("ground", "trees")
     assert gain is not None and gain[0].low > 0.0
 
