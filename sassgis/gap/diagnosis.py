@@ -278,6 +278,11 @@ class ModelGap:
     side: str = ""
 
     @property
+    def key(self) -> tuple[str, str, str]:
+        """What it is of."""
+        return self.place, self.quantity, self.statistic
+
+    @property
     def counts(self) -> bool:
         """Whether it is distinguished from chance, and relevant."""
         return bool(self.side) and abs(self.gap) >= self.limit
@@ -306,24 +311,6 @@ class GroundSetting:
 
 
 @dataclass(frozen=True, slots=True)
-class Consequence:
-    """What the model that is handed over changes, in the unit of the quantity.
-
-    Attributes
-    ----------
-    place, quantity, unit : str
-    before, after : float
-        As configured, and as handed over.
-    """
-
-    place: str
-    quantity: str
-    unit: str
-    before: float
-    after: float
-
-
-@dataclass(frozen=True, slots=True)
 class Advice:
     """What to set, and what follows from it.
 
@@ -339,7 +326,6 @@ class Advice:
     settings : tuple of GroundSetting
     trade_offs : tuple of (one, other, correlation)
         Parameters that move together in sets that fit alike.
-    consequences : tuple of Consequence
     compared, left : tuple of ModelGap
         All gaps of the configured model, and of the one that is handed over on rocks left out.
     recommended : str
@@ -353,11 +339,25 @@ class Advice:
     ground_range: float = 1.0
     settings: tuple[GroundSetting, ...] = ()
     trade_offs: tuple[tuple[str, str, float], ...] = ()
-    consequences: tuple[Consequence, ...] = ()
     compared: tuple[ModelGap, ...] = ()
     left: tuple[ModelGap, ...] = ()
     recommended: str = "ground"
     why: str = ""
+
+    @property
+    def consequences(self) -> list[dict[str, Any]]:
+        """What the recommended model changes of the rocks, as in ``diagnosis.json``."""
+        after = {g.key: g.predicted for g in self.left}
+        return [
+            {
+                "place": g.place,
+                "quantity": f"{g.quantity} ({g.statistic})",
+                "unit": g.unit,
+                "before": g.predicted,
+                "after": after.get(g.key),
+            }
+            for g in self.compared
+        ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -445,7 +445,10 @@ def as_json(diagnosis: Diagnosis) -> dict[str, Any]:
             "which": [asdict(c) for c in diagnosis.which],
             "fingerprints": [asdict(f) for f in diagnosis.fingerprints],
             "ladder": [asdict(r) for r in diagnosis.ladder],
-            "advice": asdict(diagnosis.advice),
+            "advice": {
+                **asdict(diagnosis.advice),
+                "consequences": diagnosis.advice.consequences,
+            },
             "shrinkage": asdict(diagnosis.shrinkage),
             "data": {
                 "rocks": diagnosis.rocks,

@@ -88,6 +88,17 @@ def effect_phrase(effect: str) -> str:
     )
 
 
+def number_text(value: float) -> str:
+    """Two digits for large numbers, as many decimals as a setting needs for small ones."""
+    text = f"{value:.0f}" if abs(value) >= 10.0 else f"{value:.2g}"
+    return text.replace("-", "\u2212")
+
+
+def range_text(low: float, high: float) -> str:
+    """An interval, low to high."""
+    return f"{number_text(low)} to {number_text(high)}"
+
+
 def quantity_name(quantity: str) -> str:
     """Name of a quantity, without its unit: "passing height" for ``height_m``."""
     if quantity.startswith("stop "):

@@ -32,11 +32,15 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     sure = f"Confidence {100 * verdict.confidence:.0f} %." if verdict.confidence >= 0.0 else ""
     if verdict.group_probability >= 0.0:
         sure = f"{sure} Group “{verdict.group}”: {100 * verdict.group_probability:.0f} %.".strip()
+    advice = diagnosis.advice
     if verdict.effect == "none":
+        once = "" if advice.recommended == "configured" else "once the ground is calibrated, "
+        left = f"is no more than chance among {diagnosis.rocks} rocks"
+        if any(gap.counts and gap.side == "unsafe" for gap in advice.left):
+            left = "is that of no known cause, and small"
         return (
-            "No effect has to be added: once the ground is calibrated, what is left between "
-            f"observed and simulated rocks is no more than chance among {diagnosis.rocks} rocks. "
-            f"{sure}"
+            f"No effect has to be added: {once}what is left between observed and simulated rocks "
+            f"{left}. {sure}"
         ).strip()
     if verdict.effect == "unknown":
         return f"These data cannot answer which cause the gap has. {sure}".strip()
@@ -61,13 +65,13 @@ def _why(diagnosis: Diagnosis) -> ReportAnswer:
         place = " and ".join(place_words(s) for s in verdict.segments)
         acts = f"It acts in the phase “{verdict.phase}”" if verdict.phase else "It acts"
         out.append(f"{acts}{' ' + place if place else ''}.")
-    if verdict.effect not in UNNAMED:
-        added = {*diagnosis.advice.recommended.split("+")} >= {*verdict.effect.split("+")}
-        if not added:
-            out.append(
-                f"It is named, but not recommended: what is handed over has "
-                f"{rung_name(diagnosis.advice.recommended)}."
-            )
+    recommended = diagnosis.advice.recommended
+    if verdict.effect not in UNNAMED and not {*recommended.split("+")} >= {
+        *verdict.effect.split("+")
+    }:
+        out.append(
+            f"It is named, but not recommended: what is handed over has {rung_name(recommended)}."
+        )
     if verdict.effect != "unknown":
         out.append(
             "The confidence is that of synthetic sites of several laws of motion. Take the answer "

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import sassgis
-from sassgis.gap.diagnosis import Diagnosis, GapFinding, ModelGap
+from sassgis.gap.diagnosis import Advice, Diagnosis, GapFinding, ModelGap
 from sassgis.gap.observations.case import Case
 from sassgis.gap.where.places import (
     is_stretch,
@@ -266,21 +266,7 @@ def gap_tables(case: Case, diagnosis: Diagnosis) -> list[ReportTable]:
             "be chance. Gain: distance of the model that it is added to, less its own; a model "
             "whose interval holds zero is not recommended.",
         ),
-        _gaps_table("How far the configured model is off", diagnosis.advice.compared),
-        _gaps_table(
-            f"What the recommended model leaves: {rung_name(diagnosis.advice.recommended)}",
-            diagnosis.advice.left,
-        ),
-        ReportTable(
-            "What changes for these rocks",
-            heads("place; quantity; unit; configured; handed over"),
-            tuple(
-                (c.place, c.quantity, c.unit, c.before, c.after)
-                for c in diagnosis.advice.consequences
-            ),
-            "The observed rocks, released with the configured model and with that of model/. "
-            "Energy: of translation, at the furthest station.",
-        ),
+        _gaps_table(diagnosis.advice),
         _shrinkage_table(diagnosis),
         _ground_table(case.table, diagnosis.effect.table),
         ReportTable(
@@ -291,22 +277,33 @@ def gap_tables(case: Case, diagnosis: Diagnosis) -> list[ReportTable]:
     ]
 
 
-def _gaps_table(title: str, gaps: Sequence[ModelGap]) -> ReportTable:
+def _gaps_table(advice: Advice) -> ReportTable:
+    left = {g.key: g for g in advice.left}
+
+    def cells(gap: ModelGap | None) -> tuple[Cell, ...]:
+        if gap is None:
+            return "–", "–", "–"
+        side = gap.side if gap.counts or not gap.side else f"({gap.side})"
+        return gap.predicted, f"{sensible(gap.gap, 2)} ({interval_text(gap.ci95, 2)})", side or "–"
+
     return ReportTable(
-        title,
-        heads("place; quantity; observed; predicted; gap; 95 % interval; counts from; rocks; side"),
+        "Observed rocks, the configured model and the recommended one",
+        heads(
+            "place; quantity; observed; counts from; configured; gap | 95 % interval; side; "
+            "recommended; gap | 95 % interval; side"
+        ),
         tuple(
             (
                 g.place,
                 f"{with_unit_in_brackets(quantity_name(g.quantity), g.unit)}, {g.statistic}",
-                g.observed, g.predicted, g.gap, interval_text(g.ci95, 2), g.limit, g.rocks,
-                (g.side or "not distinguished") if g.counts or not g.side else f"({g.side})",
+                g.observed, g.limit, *cells(g), *cells(left.get(g.key)),
             )
-            for g in gaps
+            for g in advice.compared
         ),
-        "Gap: observed less predicted; above zero the model falls short, on the unsafe side. In "
-        "brackets: certain, but too small to count. Interval: rocks resampled. Width: from the "
-        "10 % to the 90 % quantile.",
+        f"Recommended: {rung_name(advice.recommended)}, on rocks left out. Gap: observed less "
+        "predicted; above zero the model falls short, on the unsafe side. In brackets: certain, "
+        "but too small to count. Interval: rocks resampled. Width: from the 10 % to the 90 % "
+        "quantile. Energy: of translation.",
     )  # fmt: skip
 
 

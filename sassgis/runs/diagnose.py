@@ -25,7 +25,6 @@ from sassgis.gap.diagnosis import (
 from sassgis.gap.inference.distances import RockDistances
 from sassgis.gap.ladder.handover import (
     CONFIGURED_NUMBER,
-    consequences_of,
     falls_short,
     first_sentence,
     model_gaps,
@@ -301,7 +300,6 @@ def _diagnosis(
         case.ground_range,
         () if fit is None else settings_of(case, fit, intervals[fit.effect]),
         () if fit is None else tuple((t.one, t.other, t.correlation) for t in fit.trade_offs),
-        consequences_of(problem, configured_model(case), handed),
         before,
         before if fit is None else model_gaps(problem, added.rows(recommended)),
         recommended,

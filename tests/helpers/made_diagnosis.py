@@ -15,7 +15,6 @@ from sassgis.engine.effects.trees import Trees
 from sassgis.gap.diagnosis import (
     Advice,
     Comparison,
-    Consequence,
     Diagnosis,
     GapFinding,
     GroundSetting,
@@ -270,7 +269,6 @@ def with_trees(case: Case) -> Diagnosis:
             (), 1.0,
             (GroundSetting("debris", "eta_max", 0.55, 0.612, (0.58, 0.65), True),),
             (("debris.eta_max", "debris.mu_f", 0.8),),
-            (Consequence("stop", "runout_m (90 %)", "m", 230.0, 205.0),),
             (LONG,), (replace(LONG, gap=1.0, ci95=(-3.0, 5.0), side=""),), "trees",
         ),
         first_sentence="As configured, the model is 21 m long.",

@@ -9,24 +9,18 @@ import numpy as np
 from sassgis.gap.calibration.problem import CalibrationProblem, Scale
 from sassgis.gap.diagnosis import (
     Advice,
-    Consequence,
     GroundSetting,
     ModelGap,
     Range,
     Rung,
 )
 from sassgis.gap.inference.intervals import bootstrap_rows
-from sassgis.gap.ladder.hypothesis_fit import FRESH, FittedHypothesis
-from sassgis.gap.observations.campaign import main_blocks
+from sassgis.gap.ladder.hypothesis_fit import FittedHypothesis
 from sassgis.gap.observations.case import Case
-from sassgis.gap.replicas.campaigns import campaigns
-from sassgis.gap.replicas.features import rock_quantities
-from sassgis.gap.replicas.hypothesis_model import HypothesisModel, MeasurementError
 from sassgis.gap.which.hypotheses import at_physical_limit
-from sassgis.gap.words import quantity_name, rung_name
+from sassgis.gap.words import number_text, quantity_name, range_text, rung_name
 from sassgis.model.grid import FloatArray, IntArray
 
-_COMPARED = frozenset({"passages", "deposits"})
 #: Share of what was observed from which a gap is relevant; of a width, of the 90 % run-out.
 RELEVANT: Mapping[str, float] = {"runout_m": 0.05, "energy_kj": 0.15, "speed_mps": 0.07}
 #: Bootstrap samples, and rocks that must be known.
@@ -164,59 +158,6 @@ def classes_at_limit(case: Case, fit: FittedHypothesis) -> list[str]:
     return list(dict.fromkeys(found))
 
 
-def consequences_of(
-    problem: CalibrationProblem, before: HypothesisModel, after: HypothesisModel
-) -> tuple[Consequence, ...]:
-    """Run-out and energy of the observed rocks in two models, without errors of measurement."""
-    found = [_reached(problem, model) for model in (before, after)]
-    return tuple(
-        Consequence(*key, value, found[1][key])
-        for key, value in found[0].items()
-        if key in found[1]
-    )
-
-
-def _reached(
-    problem: CalibrationProblem, model: HypothesisModel
-) -> dict[tuple[str, str, str], float]:
-    """Medians and 90 % quantiles of run-out, and of the energy at the furthest station."""
-    case = problem.case
-    samples = campaigns(
-        case,
-        problem.rock_lines,
-        HypothesisModel(
-            model.table, model.effects, model.stand, model.lateral_walk, model.release,
-            MeasurementError(),
-        ),
-        count=FRESH,
-        seed=problem.seed,
-        number=CONFIGURED_NUMBER,
-        tables=_COMPARED,
-    )  # fmt: skip
-    found: dict[tuple[str, str, str], FloatArray] = {}
-    stops = [s.deposits for s in samples if s.deposits is not None]
-    if stops:
-        main = [main_blocks(rows, case.n_rocks) for rows in stops]
-        # Of rocks whose stop is known in nature as well.
-        seen = np.isfinite(rock_quantities(case, problem.observed)["stop:runout"])
-        ends = [rows.s[own[seen & (own >= 0)]] for rows, own in zip(stops, main, strict=True)]
-        found["stop", "runout_m", "m"] = np.concatenate(ends)
-    passed = [s.passages for s in samples if s.passages is not None]
-    if passed and case.station_names:
-        last = len(case.station_names) - 1
-        energy = [
-            0.5e-3 * (rows.mass_kg * rows.speed_mps**2)[rows.station == last] for rows in passed
-        ]
-        found[case.station_names[last], "energy_kj", "kJ"] = np.concatenate(energy)
-    out = {}
-    for (place, quantity, unit), values in found.items():
-        known = values[np.isfinite(values)]
-        for name, level in (("median", 0.5), ("90 %", 0.9)):
-            if known.size:
-                out[place, f"{quantity} ({name})", unit] = float(np.quantile(known, level))
-    return out
-
-
 # ---------------------------------------------------------------------------------------------
 # In words
 
@@ -282,8 +223,7 @@ def _off_by(gap: ModelGap, advice: Advice) -> str:
         return (
             f"the model is not distinguished from {gap.rocks} rocks in {' and '.join(compared)}: "
             f"{gap.statistic} {quantity_name(gap.quantity)} observed less predicted "
-            f"{_number(gap.gap)} {gap.unit} (95 %: {_number(gap.ci95[0])} to "
-            f"{_number(gap.ci95[1])} {gap.unit})."
+            f"{number_text(gap.gap)} {gap.unit} (95 %: {range_text(*gap.ci95)} {gap.unit})."
         )
     low, high = sorted(abs(v) for v in gap.ci95)
     if gap.statistic == "width":
@@ -298,10 +238,10 @@ def _off_by(gap: ModelGap, advice: Advice) -> str:
         word = "is {} too slow/is {} too fast"
         if gap.quantity == "energy_kj":
             word = "is {} too low/is {} too high"
-    off = word.split("/")[gap.side == "safe"].format(f"{_number(abs(gap.gap))} {gap.unit}")
+    off = word.split("/")[gap.side == "safe"].format(f"{number_text(abs(gap.gap))} {gap.unit}")
     return (
-        f"the model {off} ({what}; 95 %: {_number(low)} to {_number(high)} {gap.unit}), on the "
-        f"{gap.side} side."
+        f"the model {off} ({what}; 95 %: {range_text(low, high)} {gap.unit}), on the {gap.side} "
+        "side."
     )
 
 
@@ -310,7 +250,7 @@ def _what_to_set(advice: Advice) -> list[str]:
     for s in advice.settings:
         if s.identified and s.value != s.before:
             by_class.setdefault(s.ground, []).append(
-                f"{s.parameter} {_number(s.value)} ({_number(s.ci95[0])} to {_number(s.ci95[1])})"
+                f"{s.parameter} {number_text(s.value)} ({range_text(*s.ci95)})"
             )
     if not by_class:
         return [
@@ -325,9 +265,3 @@ def _what_to_set(advice: Advice) -> list[str]:
         if {one, other} <= known
     ][:1]
     return said
-
-
-def _number(value: float) -> str:
-    """Two digits for large numbers, as many decimals as a setting needs for small ones."""
-    text = f"{value:.0f}" if abs(value) >= 10.0 else f"{value:.2g}"
-    return text.replace("-", "\u2212")

@@ -12,7 +12,7 @@ from sassgis.gap.diagnosis import Range, Rung, Shrinkage
 from sassgis.gap.inference.distances import RockDistances
 from sassgis.gap.inference.intervals import Interval
 from sassgis.gap.which.hypotheses import NONE
-from sassgis.gap.words import rung_name
+from sassgis.gap.words import number_text, range_text, rung_name
 from sassgis.model.grid import FloatArray, IntArray
 
 #: Rungs that are no effect; calibrated ground is the hypothesis "none".
@@ -158,16 +158,11 @@ class Ladder:
             simpler, gain = unsure[-1]
             why.append(
                 f"by {rung_name(name)} beyond {rung_name(simpler)} (energy distance "
-                f"{signed(gain.value)} of {self._found[simpler][1].value():.2g}; 95 %: "
-                f"{signed(gain.low)} to {signed(gain.high)})"
+                f"{number_text(gain.value)} of {number_text(self._found[simpler][1].value())}; "
+                f"95 %: {range_text(gain.low, gain.high)})"
             )
         nothing = "on rocks left out nothing is closed for certain "
         return best, nothing + ", ".join(why) if why else ""
-
-
-def signed(value: float) -> str:
-    """A number with two digits and a minus that is one."""
-    return f"{value:.2g}".replace("-", "\u2212")
 
 
 def needs_contact_law(ladder: Sequence[Rung]) -> bool:

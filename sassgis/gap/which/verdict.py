@@ -170,7 +170,8 @@ def decide(
         return UNKNOWN, group, refused + reason
     if is_adequate:
         reason = (
-            "no cause is probable, and no gap of the calibrated base is both significant and large"
+            f"no {'other ' * bool(refused)}cause is probable, and no gap of the calibrated base is "
+            "both significant and large"
         )
         return NONE, "", refused + reason
     if law and shares[NONE] > max((shares[name] for name in tried), default=0.0):
