@@ -338,8 +338,14 @@ def _measure_next(added: AddedCauses, verdict: Verdict) -> tuple[str, ...]:
     """What would tell the causes apart that remain possible and were calibrated."""
     # Two causes that are named together are one answer.
     parts = set(verdict.effect.split("+")) - {verdict.effect}
+    unknown = verdict.effect == UNKNOWN
     possible = dict.fromkeys(
-        [*([verdict.effect] if parts else []), *causes_in(verdict.confusion_set)]
+        [
+            *([verdict.effect] if parts else []),
+            *causes_in(verdict.confusion_set),
+            # One cause alone is told from none.
+            *([NONE] if unknown else []),
+        ]
     )
     models = {}
     case, lines = added.made.problem.case, added.made.problem.rock_lines
@@ -351,7 +357,7 @@ def _measure_next(added: AddedCauses, verdict: Verdict) -> tuple[str, ...]:
             others = fit.samples(case, DRAWS_COMPARED - 1)
             models[name] = [fit.handed_over.draw.model, *(draw.model for draw in others)]
     found = separations(case, lines, models, added.made.problem.seed)
-    more = tables_to_add(case, tuple(possible)) if verdict.effect == UNKNOWN else ()
+    more = tables_to_add(case, tuple(possible)) if unknown else ()
     return (*(one.sentence for one in found), *more)
 
 
