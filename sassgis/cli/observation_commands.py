@@ -145,6 +145,7 @@ def diagnose(
 
     The same command goes on after an interruption.
     """
+    from sassgis.gap.words import rung_name
     from sassgis.report.gap_answer import verdict_sentence
     from sassgis.runs.diagnose import MAP_NAME
     from sassgis.runs.diagnose import diagnose as run_diagnosis
@@ -155,7 +156,10 @@ def diagnose(
     notes(result.warnings)
     click.echo(result.first_sentence)
     click.echo(verdict_sentence(result))
-    click.echo(f"Open {out / 'report.html'} in a browser, {out / 'gap.gpkg'} in QGIS.")
+    click.echo(
+        f"Open {out / 'report.html'} in a browser, {out / 'gap.gpkg'} in QGIS; "
+        f"{out / 'model' / 'config.toml'} has {rung_name(result.advice.recommended)}."
+    )
     if with_map:
         from sassgis.runs.gap_map_change import map_change
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
@@ -72,22 +73,29 @@ class Verdict:
     effect : str
         A family, two joined by "+", "none" or "unknown".
     confidence : float
-        Weight of the answer among all causes (0 to 1); not a calibrated probability.
+        Probability of the answer (0 to 1); NaN where none is given.
     confusion_set : tuple of str
-        What these data do not identify from it, itself included.
+        What these data do not identify from it, itself included; groups where they do not tell
+        families of one apart.
     phase, segments
         Where the effect acts, as far as it is identifiable: phase of motion and reaches; "" and ()
         where it is not.
     reason : str
         In a sentence.
     probabilities : mapping
-        Weight of every cause by its fingerprint, most likely first; not calibrated.
+        Of every cause that these data could show and of "none", by fingerprints and gains, most
+        likely first.
     group : str
         Group of the cause, which is often sure where the cause itself is not: "instruments",
-        "start", "extra blocks", "along the way", "contact", "sideways"; "" for none and unknown.
+        "start", "extra blocks", "along the way", "contact", "sideways"; "" where not even that is.
     base : str
         What the base needs: "ground" (calibrated ground is adequate), "contact_law" (the contact
         follows another law), "unresolved".
+    group_probability : float
+        Of its causes together; NaN without a group.
+    cannot_exclude : tuple of str
+        Causes of which these data could show no fingerprint: neither named nor excluded, and not
+        counted in the probabilities.
     """
 
     effect: str
@@ -99,6 +107,8 @@ class Verdict:
     probabilities: Mapping[str, float] = field(default_factory=dict)
     group: str = ""
     base: str = "unresolved"
+    group_probability: float = math.nan
+    cannot_exclude: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,6 +165,9 @@ class Hypothesis:
         Calibrated parameters by name, with their unit in the name.
     intervals : mapping
         95 % intervals of the parameters.
+    gain_ratio : float
+        How many times likelier what it closes of the gap is if it acts: it multiplies the odds by
+        the fingerprints. 1 where it does not count.
     """
 
     effect: str
@@ -165,6 +178,7 @@ class Hypothesis:
     probability: float
     parameters: Mapping[str, float] = field(default_factory=dict)
     intervals: Mapping[str, Range] = field(default_factory=dict)
+    gain_ratio: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,42 +223,69 @@ class Rung:
         be chance.
     ci95 : (low, high) or None
         Bootstrap over rocks, or groups of rocks.
+    over : str
+        The simpler rung to which ``gain`` is compared; "" of the first and the last.
+    gain : float or None
+        Distance of that rung less this one's.
+    gain_ci95 : (low, high) or None
     """
 
     rung: str
     distance: float
     share: float | None = None
     ci95: Range | None = None
+    over: str = ""
+    gain: float | None = None
+    gain_ci95: Range | None = None
 
 
 @dataclass(frozen=True, slots=True)
-class ConfiguredGap:
-    """How far the model as configured is off, in the quantity that matters most.
+class ModelGap:
+    """How far a model is off in one statistic of the rocks.
 
     Attributes
     ----------
     place : str
         Station, or "stop".
-    quantity, unit : str
+    quantity : str
+        "runout_m", "energy_kj" or, where masses are not known, "speed_mps".
+    statistic : str
+        "median", "90 %" (quantile) or "width" (from the 10 % to the 90 % quantile).
+    unit : str
     observed, predicted : float
-        Medians.
     gap : float
-        Observed less predicted: above zero the model comes less far, or is slower, than the rocks.
+        Observed less predicted: above zero the model comes less far, is slower or scatters less
+        than the rocks, which is the unsafe side.
     ci95 : (low, high)
+    limit : float
+        From which size on the gap is relevant.
+    rocks : int
+        On which it rests.
+    side : str
+        "unsafe" or "safe" where the interval excludes zero; else "".
     """
 
     place: str
     quantity: str
+    statistic: str
     unit: str
     observed: float
     predicted: float
     gap: float
     ci95: Range
+    limit: float = 0.0
+    rocks: int = 0
+    side: str = ""
 
     @property
-    def significant(self) -> bool:
-        """Whether the interval excludes zero."""
-        return self.ci95[0] * self.ci95[1] > 0.0
+    def key(self) -> tuple[str, str, str]:
+        """What it is of."""
+        return self.place, self.quantity, self.statistic
+
+    @property
+    def counts(self) -> bool:
+        """Whether it is distinguished from chance, and relevant."""
+        return bool(self.side) and abs(self.gap) >= self.limit
 
 
 @dataclass(frozen=True, slots=True)
@@ -270,31 +311,14 @@ class GroundSetting:
 
 
 @dataclass(frozen=True, slots=True)
-class Consequence:
-    """What the model that is handed over changes, in the unit of the quantity.
-
-    Attributes
-    ----------
-    place, quantity, unit : str
-    before, after : float
-        As configured, and as handed over.
-    """
-
-    place: str
-    quantity: str
-    unit: str
-    before: float
-    after: float
-
-
-@dataclass(frozen=True, slots=True)
 class Advice:
     """What to set, and what follows from it.
 
     Attributes
     ----------
-    configured : ConfiguredGap or None
-        None where neither stops nor speeds were observed.
+    configured : ModelGap or None
+        Worst gap of the configured model, on the unsafe side if there is one; None where neither
+        stops nor speeds were observed.
     wrong_ground : tuple of str
         Classes whose calibration ran into the limits of its range, so that it was widened.
     ground_range : float
@@ -302,15 +326,38 @@ class Advice:
     settings : tuple of GroundSetting
     trade_offs : tuple of (one, other, correlation)
         Parameters that move together in sets that fit alike.
-    consequences : tuple of Consequence
+    compared, left : tuple of ModelGap
+        All gaps of the configured model, and of the one that is handed over on rocks left out.
+    recommended : str
+        Rung that is handed over: the last one whose gain over the simpler one clears zero.
+    why : str
+        In a sentence.
     """
 
-    configured: ConfiguredGap | None = None
+    configured: ModelGap | None = None
     wrong_ground: tuple[str, ...] = ()
     ground_range: float = 1.0
     settings: tuple[GroundSetting, ...] = ()
     trade_offs: tuple[tuple[str, str, float], ...] = ()
-    consequences: tuple[Consequence, ...] = ()
+    compared: tuple[ModelGap, ...] = ()
+    left: tuple[ModelGap, ...] = ()
+    recommended: str = "ground"
+    why: str = ""
+
+    @property
+    def consequences(self) -> list[dict[str, Any]]:
+        """What the recommended model changes of the rocks, as in ``diagnosis.json``."""
+        after = {g.key: g.predicted for g in self.left}
+        return [
+            {
+                "place": g.place,
+                "quantity": f"{g.quantity} ({g.statistic})",
+                "unit": g.unit,
+                "before": g.predicted,
+                "after": after.get(g.key),
+            }
+            for g in self.compared
+        ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -352,7 +399,7 @@ class Diagnosis:
         What further measurement would separate the confused effects.
     comparisons : tuple of Comparison
     base, effect : HypothesisModel
-        Calibrated models without and with the named effect; the same if none is named.
+        The calibrated base, and the model that is handed over.
     settings_hash : str
     seed : int
     warnings : tuple of str
@@ -398,7 +445,10 @@ def as_json(diagnosis: Diagnosis) -> dict[str, Any]:
             "which": [asdict(c) for c in diagnosis.which],
             "fingerprints": [asdict(f) for f in diagnosis.fingerprints],
             "ladder": [asdict(r) for r in diagnosis.ladder],
-            "advice": asdict(diagnosis.advice),
+            "advice": {
+                **asdict(diagnosis.advice),
+                "consequences": diagnosis.advice.consequences,
+            },
             "shrinkage": asdict(diagnosis.shrinkage),
             "data": {
                 "rocks": diagnosis.rocks,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from sassgis.gap.causes.all_causes import CAUSES
+from sassgis.gap.causes.all_causes import CAUSES, GROUPS
 from sassgis.gap.diagnosis import GapFinding
 from sassgis.model.styles import with_unit
 
@@ -62,16 +62,23 @@ _TESTS: Mapping[str, str] = {
 
 #: Rungs of the ladder that are no effect.
 RUNG_NAMES: Mapping[str, str] = {
-    "configured": "as configured",
-    "ground": "ground calibrated",
+    "configured": "the configured ground",
+    "ground": "calibrated ground",
     "contact_law": EFFECT_NAMES["contact_law"],
     "floor": "chance alone",
 }
 
 
 def effect_name(effect: str) -> str:
-    """Name of a cause, or of two joined by "+"."""
+    """Name of a cause, of two joined by "+", or of a group."""
+    if effect in GROUPS:
+        return f"the group “{effect}”"
     return " and ".join(EFFECT_NAMES.get(e, e.replace("_", " ")) for e in effect.split("+"))
+
+
+def rung_name(rung: str) -> str:
+    """Name of a model of the ladder."""
+    return RUNG_NAMES.get(rung) or effect_name(rung)
 
 
 def effect_phrase(effect: str) -> str:
@@ -79,6 +86,17 @@ def effect_phrase(effect: str) -> str:
     return ", together with ".join(
         CAUSES[e].words[1] if e in CAUSES else effect_name(e) for e in effect.split("+")
     )
+
+
+def number_text(value: float) -> str:
+    """Two digits for large numbers, as many decimals as a setting needs for small ones."""
+    text = f"{value:.0f}" if abs(value) >= 10.0 else f"{value:.2g}"
+    return text.replace("-", "\u2212")
+
+
+def range_text(low: float, high: float) -> str:
+    """An interval, low to high."""
+    return f"{number_text(low)} to {number_text(high)}"
 
 
 def quantity_name(quantity: str) -> str:

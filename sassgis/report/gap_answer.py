@@ -10,6 +10,7 @@ from sassgis.gap.words import (
     effect_phrase,
     place_words,
     quantity_name,
+    rung_name,
     significance,
     tested_by,
 )
@@ -29,18 +30,20 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     """The answer in one or two sentences."""
     verdict = diagnosis.verdict
     sure = f"Confidence {100 * verdict.confidence:.0f} %." if verdict.confidence >= 0.0 else ""
+    if verdict.group_probability >= 0.0:
+        sure = f"{sure} Group “{verdict.group}”: {100 * verdict.group_probability:.0f} %.".strip()
+    advice = diagnosis.advice
     if verdict.effect == "none":
+        once = "" if advice.recommended == "configured" else "once the ground is calibrated, "
+        left = f"is no more than chance among {diagnosis.rocks} rocks"
+        if any(gap.counts and gap.side == "unsafe" for gap in advice.left):
+            left = "is that of no known cause, and small"
         return (
-            "No effect has to be added: once the ground is calibrated, what is left between "
-            f"observed and simulated rocks is no more than chance among {diagnosis.rocks} rocks. "
-            f"{sure}"
+            f"No effect has to be added: {once}what is left between observed and simulated rocks "
+            f"{left}. {sure}"
         ).strip()
     if verdict.effect == "unknown":
-        group = f"; it belongs to the group “{verdict.group}”" if verdict.group else ""
-        return (
-            "After calibration gaps are left that are significant and large, and these data cannot "
-            f"answer which cause they have{group}. {sure}"
-        ).strip()
+        return f"These data cannot answer which cause the gap has. {sure}".strip()
     return f"The gap is best explained by {effect_phrase(verdict.effect)}. {sure}"
 
 
@@ -62,6 +65,13 @@ def _why(diagnosis: Diagnosis) -> ReportAnswer:
         place = " and ".join(place_words(s) for s in verdict.segments)
         acts = f"It acts in the phase “{verdict.phase}”" if verdict.phase else "It acts"
         out.append(f"{acts}{' ' + place if place else ''}.")
+    recommended = diagnosis.advice.recommended
+    if verdict.effect not in UNNAMED and not {*recommended.split("+")} >= {
+        *verdict.effect.split("+")
+    }:
+        out.append(
+            f"It is named, but not recommended: what is handed over has {rung_name(recommended)}."
+        )
     if verdict.effect != "unknown":
         out.append(
             "The confidence is that of synthetic sites of several laws of motion. Take the answer "
@@ -96,6 +106,11 @@ def _confused(diagnosis: Diagnosis) -> ReportAnswer:
     sentences = ["None of the other explanations that were tried remains possible."]
     if others:
         sentences = [f"These data do not separate it from: {names}."]
+    if verdict.cannot_exclude:
+        unseen = ", ".join(effect_name(e) for e in verdict.cannot_exclude)
+        sentences.append(
+            f"Neither seen nor excluded, as these data could show no fingerprint of it: {unseen}."
+        )
     if diagnosis.measure_next:
         sentences.append(f"What would {'separate them' if others else 'make it surer'}:")
     return ReportAnswer("What it may be mistaken for", tuple(sentences), diagnosis.measure_next)

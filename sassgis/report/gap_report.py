@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import sassgis
-from sassgis.gap.diagnosis import Diagnosis, GapFinding
+from sassgis.gap.diagnosis import Advice, Diagnosis, GapFinding, ModelGap
 from sassgis.gap.observations.case import Case
 from sassgis.gap.where.places import (
     is_stretch,
@@ -19,10 +19,11 @@ from sassgis.gap.where.places import (
     observed_end,
     used_lines,
 )
+from sassgis.gap.which.verdict import causes_in
 from sassgis.gap.words import (
-    RUNG_NAMES,
     effect_name,
     quantity_name,
+    rung_name,
     significance,
     with_unit_in_brackets,
 )
@@ -217,7 +218,7 @@ def gap_figures(case: Case, diagnosis: Diagnosis, folder: Path) -> list[ReportFi
             "The base and the most probable ones were calibrated further than the others; all were "
             "scored on held-out rocks.",
             gap_hypotheses_figure(
-                diagnosis.which, verdict=verdict.effect, confusion=verdict.confusion_set
+                diagnosis.which, verdict=verdict.effect, confusion=causes_in(verdict.confusion_set)
             ),
         )
     return out
@@ -244,30 +245,28 @@ def gap_tables(case: Case, diagnosis: Diagnosis) -> list[ReportTable]:
         ),
         ReportTable(
             "From the configured model to chance",
-            heads("model; energy distance; closes of the gap | %; 95 % interval | %"),
+            heads(
+                "model; energy distance; closes of the gap | %; 95 % interval | %; added to; "
+                "gain over it; 95 % interval of it"
+            ),
             tuple(
                 (
-                    RUNG_NAMES.get(r.rung) or effect_name(r.rung),
+                    rung_name(r.rung),
                     r.distance,
                     _percent(r.share),
                     _interval_cell(r.ci95 and (100.0 * r.ci95[0], 100.0 * r.ci95[1]), 2),
+                    rung_name(r.over) if r.over else "–",
+                    r.gain,
+                    _interval_cell(r.gain_ci95, 2),
                 )
                 for r in diagnosis.ladder
             ),
             "Each rock is compared with a model that was drawn, chosen and fitted without it. "
             "Closes: share of the gap of the configured model beyond chance. A dash: that gap may "
-            "be chance.",
+            "be chance. Gain: distance of the model that it is added to, less its own; a model "
+            "whose interval holds zero is not recommended.",
         ),
-        ReportTable(
-            "What changes for these rocks",
-            heads("place; quantity; unit; configured; handed over"),
-            tuple(
-                (c.place, c.quantity, c.unit, c.before, c.after)
-                for c in diagnosis.advice.consequences
-            ),
-            "The observed rocks, released with the configured model and with that of model/. "
-            "Energy: of translation, at the furthest station.",
-        ),
+        _gaps_table(diagnosis.advice),
         _shrinkage_table(diagnosis),
         _ground_table(case.table, diagnosis.effect.table),
         ReportTable(
@@ -276,6 +275,36 @@ def gap_tables(case: Case, diagnosis: Diagnosis) -> list[ReportTable]:
             tuple((name, int(n)) for name, n in diagnosis.tables.items()),
         ),
     ]
+
+
+def _gaps_table(advice: Advice) -> ReportTable:
+    left = {g.key: g for g in advice.left}
+
+    def cells(gap: ModelGap | None) -> tuple[Cell, ...]:
+        if gap is None:
+            return "–", "–", "–"
+        side = gap.side if gap.counts or not gap.side else f"({gap.side})"
+        return gap.predicted, f"{sensible(gap.gap, 2)} ({interval_text(gap.ci95, 2)})", side or "–"
+
+    return ReportTable(
+        "Observed rocks, the configured model and the recommended one",
+        heads(
+            "place; quantity; observed; counts from; configured; gap | 95 % interval; side; "
+            "recommended; gap | 95 % interval; side"
+        ),
+        tuple(
+            (
+                g.place,
+                f"{with_unit_in_brackets(quantity_name(g.quantity), g.unit)}, {g.statistic}",
+                g.observed, g.limit, *cells(g), *cells(left.get(g.key)),
+            )
+            for g in advice.compared
+        ),
+        f"Recommended: {rung_name(advice.recommended)}, on rocks left out. Gap: observed less "
+        "predicted; above zero the model falls short, on the unsafe side. In brackets: certain, "
+        "but too small to count. Interval: rocks resampled. Width: from the 10 % to the 90 % "
+        "quantile. Energy: of translation.",
+    )  # fmt: skip
 
 
 def _percent(share: float | None) -> float | None:
@@ -311,20 +340,24 @@ def _where_table(findings: tuple[GapFinding, ...]) -> ReportTable:
 
 
 def _which_table(diagnosis: Diagnosis) -> ReportTable:
-    separated = dict.fromkeys(diagnosis.verdict.confusion_set, "no")
+    separated = dict.fromkeys(causes_in(diagnosis.verdict.confusion_set), "no")
     separated[diagnosis.verdict.effect] = "the answer"
     return ReportTable(
         "Explanations",
-        heads("effect; form; score; gain; 95 % interval; weight | %; separated from the answer"),
+        heads(
+            "effect; form; score; gain; 95 % interval; weight | %; of the distance; "
+            "separated from the answer"
+        ),
         tuple(
             (
                 effect_name(c.effect), c.form or "–", c.score, c.gain, interval_text(c.ci95),
-                100.0 * c.probability, separated.get(c.effect, "yes"),
+                100.0 * c.probability, c.gain_ratio, separated.get(c.effect, "yes"),
             )
             for c in diagnosis.which
         ),
         "Score: energy score of rocks held out of the calibration; less is better. Gain: score of "
-        "the calibrated base less this one. Probability: by the fingerprints.",
+        "the calibrated base less this one. Weight: probability by the fingerprints and by what "
+        "is closed of the distance, which multiplies the odds by the number that follows.",
     )  # fmt: skip
 
 

@@ -25,37 +25,40 @@ from sassgis.gap.diagnosis import (
 from sassgis.gap.inference.distances import RockDistances
 from sassgis.gap.ladder.handover import (
     CONFIGURED_NUMBER,
-    configured_gap,
-    consequences_of,
+    falls_short,
     first_sentence,
+    model_gaps,
     settings_of,
     values_of,
+    worst_of,
 )
 from sassgis.gap.ladder.hypothesis_fit import CHOSEN, FRESH, gain_of
 from sassgis.gap.ladder.rungs import (
+    CONFIGURED,
+    GROUND,
+    Ladder,
+    Step,
     ground_is_enough,
-    ladder_of,
     needs_contact_law,
-    shrinkage_of,
 )
 from sassgis.gap.observations.case import Case
-from sassgis.gap.replicas.hypothesis_model import configured_model
+from sassgis.gap.replicas.hypothesis_model import HypothesisModel, configured_model
 from sassgis.gap.replicas.model_json import model_as_json
 from sassgis.gap.residuals.table import ResidualTable, residuals_of
 from sassgis.gap.where.findings import where
 from sassgis.gap.which.cause_weights import CauseWeights
 from sassgis.gap.which.fingerprints import fingerprints
-from sassgis.gap.which.hypotheses import NONE, families_to_try
+from sassgis.gap.which.hypotheses import NONE
 from sassgis.gap.which.identifiable import what_is_identifiable
 from sassgis.gap.which.measure_next import DRAWS as DRAWS_COMPARED
-from sassgis.gap.which.measure_next import separations
+from sassgis.gap.which.measure_next import separations, tables_to_add
 from sassgis.gap.which.verdict import (
     CONTACT_LAW,
     UNKNOWN,
     Thresholds,
-    second_of,
+    adequate,
+    causes_in,
     significant,
-    verdict_of,
 )
 from sassgis.io.read.config import load_config
 from sassgis.io.read.gap_thresholds import cause_weights_of, read_thresholds, thresholds_of
@@ -75,6 +78,7 @@ from sassgis.runs.hypothesis_fits import (
     calibrated_base,
 )
 from sassgis.runs.job import workers_asked
+from sassgis.runs.weighed_causes import AddedCauses, Weighed, verdict_of, weighed_causes
 from sassgis.runs.workers import Jobs, task_map
 
 #: Folder of the result in which the maps before and after are put, where they are wanted.
@@ -83,9 +87,6 @@ MAP_NAME = "map"
 _FEWEST_ROCKS = 5
 #: With fewer groups of rocks a warning is given.
 _FEWEST_GROUPS = 4
-#: Effects that are calibrated further, the most probable ones.
-_FURTHER = 2
-
 _ATYPICAL = (
     "The fingerprints are unlike those of any synthetic site: the probabilities of the causes may "
     "not hold here."
@@ -252,133 +253,129 @@ def _diagnosis(
     weights: CauseWeights,
     fingerprint: str,
 ) -> Diagnosis:
-    """The answer, from a base that is calibrated and first draws of all effects."""
-    problem, case, seed = made.problem, made.problem.case, made.problem.seed
-    tried = families_to_try(case)
+    """The answer, from a base that is calibrated."""
+    problem, case = made.problem, made.problem.case
     # Fingerprints are of the base within the usual range of the ground, as the weights know them.
     residuals = _residuals(usual)
     prints = fingerprints(case, residuals, group=case.group)
     if usual is not made:
         residuals = _residuals(made)
-    shares = weights.shares(prints, tried)
+    findings = where(case, residuals, seed=problem.seed)
     made.add(CONTACT_LAW)
-    configured = model_rows(problem, configured_model(case), CONFIGURED_NUMBER, FRESH)
-    bases = [
-        ("configured", configured),
-        ("ground", made.rows(NONE)),
-        (CONTACT_LAW, made.rows(CONTACT_LAW)),
-    ]
-    # An effect is added to the base that the contact asks for.
-    first_rungs = ladder_of(problem, bases)
+    rows = {
+        CONFIGURED: model_rows(problem, configured_model(case), CONFIGURED_NUMBER, FRESH),
+        GROUND: made.rows(NONE),
+        CONTACT_LAW: made.rows(CONTACT_LAW),
+    }
+    over = {CONFIGURED: "", GROUND: CONFIGURED, CONTACT_LAW: GROUND}
+    ladder = Ladder(problem, [Step(name, over[name], own) for name, own in rows.items()])
+    first_rungs = ladder.rungs(*rows)
     law = CONTACT_LAW in significant(prints, frozen.level) or needs_contact_law(first_rungs)
-    base = CONTACT_LAW if law else NONE
-
-    def with_base(effect: str) -> str:
-        names = set(effect.split("+")) | ({CONTACT_LAW} if law else set())
-        return "+".join(sorted(names - {NONE})) or NONE
-
-    families = [n for n in shares if n != NONE]
-    second = second_of(families[0], prints, shares, frozen, tried)
-    best = "+".join(sorted([families[0], second])) if second else families[0]
-    made.add(*map(with_base, families[:_FURTHER]), with_base(best))
-    shrinkage = shrinkage_of(problem, made.rows(base), best, made.rows(with_base(best)))
-    findings = where(case, residuals, seed=seed)
-    most = None if shrinkage.ci95 is None else shrinkage.ci95[1]
-    draws = [own.draw for own in made.fits[with_base(best)].models]
-    enough = ground_is_enough(first_rungs)
-    verdict = verdict_of(prints, shares, most, frozen, law, enough, case, draws, findings)
+    bases = (CONFIGURED, GROUND, *([CONTACT_LAW] if law else []))
+    simplest = ladder.recommended(*bases)[0]
+    # An effect is added to the base that the contact asks for, if that is certainly the better one.
+    added = AddedCauses(made, simplest == CONTACT_LAW)
+    weighed = weighed_causes(added, ladder, prints, weights, frozen)
+    short = falls_short(model_gaps(problem, rows[simplest]))
+    verdict, shrinkage = verdict_of(
+        added, weighed, prints, weights, frozen, law, adequate(findings) and not short,
+        ground_is_enough(first_rungs), findings,
+    )  # fmt: skip
     named = verdict.effect if verdict.effect not in (NONE, UNKNOWN, CONTACT_LAW) else ""
-    if named and named != best:
-        made.add(with_base(named))
-        shrinkage = shrinkage_of(problem, made.rows(base), named, made.rows(with_base(named)))
-    elif verdict.effect == NONE:
-        shrinkage = shrinkage_of(problem, made.rows(base), NONE, made.rows(base))
-    elif not named:
-        shrinkage = replace(
-            shrinkage, note=f"No effect is named; this is of {best.replace('_', ' ')}, as a bound."
-        )
-    final = with_base(named) if named else base if verdict.effect == CONTACT_LAW else NONE
     # With two causes the surer one comes first.
-    parts = sorted(named.split("+"), key=lambda n: -shares.get(n, 0.0)) if named else []
-    steps = list(dict.fromkeys([*parts[:1], *([named] if named else [])]))
-    made.add(final, *map(with_base, steps))
-    ladder = ladder_of(problem, [*bases, *((step, made.rows(with_base(step))) for step in steps)])
-    intervals = {e: made.fits[e].intervals(case) for e in dict.fromkeys([NONE, final])}
-    ground = made.fits[final]
-    model = made.model(final).model
+    parts = sorted(named.split("+"), key=lambda n: -weighed.shares.get(n, 0.0)) if named else []
+    steps = tuple(dict.fromkeys([*parts[:1], *([named] if named else [])]))
+    for step in steps:
+        ladder.add(Step(step, added.rung if step == parts[0] else parts[0], added.rows(step)))
+    recommended, why = ladder.recommended(*bases, *steps)
+    before = model_gaps(problem, rows[CONFIGURED])
+    # Of the configured ground nothing was calibrated.
+    fit = None if recommended == CONFIGURED else added.fit(recommended)
+    handed = configured_model(case) if fit is None else fit.handed_over.draw.model
+    reported = {NONE, *map(added.name, steps), *(() if fit is None else (fit.effect,))}
+    intervals = {effect: made.fits[effect].intervals(case) for effect in reported}
     advice = Advice(
-        configured_gap(problem, configured),
+        worst_of(before),
         wrong_ground,
         case.ground_range,
-        settings_of(case, ground, intervals[final]),
-        tuple((t.one, t.other, t.correlation) for t in ground.trade_offs),
-        consequences_of(problem, configured_model(case), model),
+        () if fit is None else settings_of(case, fit, intervals[fit.effect]),
+        () if fit is None else tuple((t.one, t.other, t.correlation) for t in fit.trade_offs),
+        before,
+        before if fit is None else model_gaps(problem, added.rows(recommended)),
+        recommended,
+        why,
     )
-    known = what_is_identifiable(case.observations)
-    calibrated = (e for e in (*families, best) if with_base(e) in made.fits)
-    tested = list(dict.fromkeys([NONE, CONTACT_LAW, *calibrated]))
+    rungs = ladder.rungs(*rows, *steps)
     return Diagnosis(
         verdict=verdict,
         where=findings,
-        which=_hypotheses(made, tested, with_base, shares, intervals),
+        which=_hypotheses(added, [NONE, CONTACT_LAW, *weighed.ratios, *steps], weighed, intervals),
         shrinkage=shrinkage,
         rocks=case.n_rocks,
         tables={name: len(table) for name, table in case.observations.tables.items()},
-        not_identifiable=known.not_identifiable,
-        measure_next=_measure_next(made, verdict, base, with_base),
-        comparisons=_comparisons(problem, made.rows(base), made.rows(final) if named else None),
-        base=made.model(base).model,
-        effect=model,
+        not_identifiable=what_is_identifiable(case.observations).not_identifiable,
+        measure_next=_measure_next(added, verdict),
+        comparisons=_comparisons(
+            problem, made.rows(added.base), added.rows(named) if named else None
+        ),
+        base=made.model(added.base).model,
+        effect=handed,
         settings_hash=fingerprint,
-        seed=seed,
+        seed=problem.seed,
         # Errors were logged while reading.
         warnings=(
             *(str(f) for f in case.observations.findings if f.level == "warning"),
             *(() if weights.is_typical(prints) else (_ATYPICAL,)),
         ),
         fingerprints=prints,
-        ladder=ladder,
+        ladder=rungs,
         advice=advice,
-        first_sentence=first_sentence(advice, ladder, verdict.effect),
+        first_sentence=first_sentence(advice, rungs),
     )
 
 
-def _measure_next(
-    made: HypothesisFits, verdict: Verdict, base: str, with_base: Callable[[str], str]
-) -> tuple[str, ...]:
+def _measure_next(added: AddedCauses, verdict: Verdict) -> tuple[str, ...]:
     """What would tell the causes apart that remain possible and were calibrated."""
     # Two causes that are named together are one answer.
     parts = set(verdict.effect.split("+")) - {verdict.effect}
-    possible = dict.fromkeys([*([verdict.effect] if parts else []), *verdict.confusion_set])
+    unknown = verdict.effect == UNKNOWN
+    possible = dict.fromkeys(
+        [
+            *([verdict.effect] if parts else []),
+            *causes_in(verdict.confusion_set),
+            # One cause alone is told from none.
+            *([NONE] if unknown else []),
+        ]
+    )
     models = {}
+    case, lines = added.made.problem.case, added.made.problem.rock_lines
     for cause in (c for c in possible if c not in parts):
-        own = base if cause == NONE else with_base(cause)
-        if own in made.fits:
-            name = base if cause == NONE else cause
-            fit = made.fits[own]
-            others = fit.samples(made.problem.case, DRAWS_COMPARED - 1)
+        own = added.base if cause == NONE else added.name(cause)
+        if own in added.made.fits:
+            name = added.base if cause == NONE else cause
+            fit = added.made.fits[own]
+            others = fit.samples(case, DRAWS_COMPARED - 1)
             models[name] = [fit.handed_over.draw.model, *(draw.model for draw in others)]
-    case, lines = made.problem.case, made.problem.rock_lines
-    found = separations(case, lines, models, made.problem.seed)
-    return tuple(one.sentence for one in found)
+    found = separations(case, lines, models, added.made.problem.seed)
+    more = tables_to_add(case, tuple(possible)) if unknown else ()
+    return (*(one.sentence for one in found), *more)
 
 
 def _hypotheses(
-    made: HypothesisFits,
+    added: AddedCauses,
     effects: Sequence[str],
-    with_base: Callable[[str], str],
-    shares: Mapping[str, float],
+    weighed: Weighed,
     intervals: Mapping[str, Mapping[str, Range]],
 ) -> tuple[Hypothesis, ...]:
     """Everything that was tried, most probable first."""
-    problem = made.problem
+    made = added.made
     base = made.scores(NONE)
-    rng = np.random.default_rng([problem.seed, 81])
+    rng = np.random.default_rng([made.problem.seed, 81])
     found = []
-    for name in effects:
-        tried = with_base(name) if name != NONE and with_base(name) in made.fits else name
+    for name in dict.fromkeys(effects):
+        tried = added.name(name)
         own = made.scores(tried)
-        gain = gain_of(base, own, problem.case.group, rng)
+        gain = gain_of(base, own, made.problem.case.group, rng)
         top = made.model(tried)
         found.append(
             Hypothesis(
@@ -387,9 +384,10 @@ def _hypotheses(
                 float(np.nanmean(own)),
                 gain.value,
                 (gain.low, gain.high),
-                shares.get(name.split("+")[0], 0.0),
+                weighed.shares.get(name.split("+")[0], 0.0),
                 dict(top.parameters),
                 intervals.get(tried, {}),
+                weighed.ratios.get(name, 1.0),
             )
         )
     return tuple(sorted(found, key=lambda c: -c.probability))
@@ -444,21 +442,27 @@ def _write_models(file: Path, made: HypothesisFits, diagnosis: Diagnosis) -> Non
         },
         **{
             name: {
-                "number": CHOSEN,
-                "distance": RockDistances.of(
-                    made.problem.rows, made.fits[own].handed_over.rows
-                ).value()
+                "number": number,
+                "distance": RockDistances.of(made.problem.rows, rows).value()
                 if made.problem.rows.shape[1]
                 else None,
                 "model": model_as_json(model),
             }
             for name, model in (("base", diagnosis.base), ("effect", diagnosis.effect))
-            for own in (next(e for e in made.fits if made.model(e).model == model),)
+            for number, rows in (_campaigns_of(made, model),)
         },
     }
     with writing(file):
         file.parent.mkdir()
         file.write_text(json.dumps(kept, indent=1), encoding="utf-8")
+
+
+def _campaigns_of(made: HypothesisFits, model: HypothesisModel) -> tuple[int, FloatArray]:
+    """Number and rows of the campaigns of a calibrated model, or else of the configured one."""
+    for fit in made.fits.values():
+        if fit.handed_over.draw.model == model:
+            return CHOSEN, fit.handed_over.rows
+    return CONFIGURED_NUMBER, model_rows(made.problem, model, CONFIGURED_NUMBER, FRESH)
 
 
 def answer(config: str | Path, observations: str | Path, out: str | Path, **options: Any) -> None:

@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 from helpers.changed_arrays import change_arrays
 
-from sassgis.engine.effects.fragmentation import Fragmentation
 from sassgis.gap.calibration.problem import model_rows, problem_of
 from sassgis.gap.check.worlds import EffectSpec, WorldSpec, make_world, observe, setup
 from sassgis.gap.inference.distances import RockDistances
@@ -97,10 +96,21 @@ def test_all_that_is_promised_is_there(answered: Path) -> None:
 
 
 def test_the_calibrated_configuration_can_be_run(answered: Path) -> None:
+    """It has what is recommended: the last rung whose gain over the simpler ones clears zero."""
     settings = load_config(answered / "model" / "config.toml")
-    assert settings.effects.get(Fragmentation) is not None
+    found = json.loads((answered / "diagnosis.json").read_text())
+    rungs = {r["rung"]: r for r in found["ladder"]}
+    clears = [name for name, r in rungs.items() if r["gain"] and r["gain_ci95"][0] > 0.0]
+    recommended = found["advice"]["recommended"]
+    assert recommended == "configured" or recommended in clears
     # Scatter to the side is no part of the motion on fall lines.
-    assert settings.effects.names == ("fragmentation",)
+    named = ("fragmentation",) if recommended == "fragmentation" else ()
+    assert settings.effects.names == named
+    assert ("Keep the configured ground." in found["first_sentence"]) == (
+        recommended == "configured"
+    )
+    assert bool(found["advice"]["why"]) == (recommended != "fragmentation")
+    assert found["advice"]["why"][1:] in found["first_sentence"]
 
 
 def test_the_model_that_is_handed_over_is_the_one_scored(everything: Path, answered: Path) -> None:
@@ -128,7 +138,8 @@ def test_the_ladder_and_the_first_sentence_are_there(answered: Path) -> None:
     assert found["first_sentence"].startswith("As configured, the model is ")
     assert found["first_sentence"] in unescape((answered / "report.html").read_text())
     assert {c["quantity"] for c in found["advice"]["consequences"]} == {
-        "runout_m (median)", "runout_m (90 %)", "energy_kj (median)", "energy_kj (90 %)",
+        "runout_m (median)", "runout_m (90 %)", "runout_m (width)", "energy_kj (median)",
+        "energy_kj (90 %)",
     }  # fmt: skip
     settings = found["advice"]["settings"]
     assert all(s["ci95"][0] <= s["value"] <= s["ci95"][1] for s in settings)

@@ -501,11 +501,31 @@ def test_comments_say_where_the_model_comes_from(made: Made, tmp_path: Path) -> 
     assert text.startswith("# Made by sassgis")
     assert "Named: trees, with a confidence of 0.71; fitted: [effects.trees]." in text
     assert "do not separate: trees, soft ground" in text
+    none = unnamed(case, "none")
     error = replace(
-        unnamed(case, "none"), verdict=replace(with_trees(case).verdict, effect="release_error")
+        none,
+        verdict=replace(with_trees(case).verdict, effect="release_error"),
+        advice=replace(none.advice, recommended="release_error"),
     )
     write_config_back(tmp_path / "b.toml", config, error, case)
     assert "not a part of the motion" in (tmp_path / "b.toml").read_text()
+
+
+def test_what_is_named_and_not_recommended_is_said_apart(made: Made, tmp_path: Path) -> None:
+    config, case = made
+    named = with_trees(case)
+    why = "on rocks left out nothing is closed for certain by trees beyond calibrated ground"
+    apart = replace(
+        named, effect=named.base, advice=replace(named.advice, recommended="ground", why=why)
+    )
+    write_outputs(tmp_path / "out", case, apart, config)
+    text = (tmp_path / "out" / "model" / "config.toml").read_text()
+    assert (
+        "Named: trees, with a confidence of 0.71, but not added: the model has calibrated" in text
+    )
+    assert "effects" not in tomllib.loads(text) and why[1:] in text
+    words = words_of(tmp_path / "out" / "report.html")
+    assert "Confidence 71 %" in words and "what is handed over has calibrated ground" in words
 
 
 def test_toml_is_read_back_as_it_was() -> None:

@@ -32,7 +32,7 @@ def answer(
     Path(out).mkdir(parents=True, exist_ok=True)
     rung = "ground" if effect in ("none", "unknown") else effect
     ladder = [{"rung": rung, "share": shrinkage, "ci95": None}]
-    content = {"verdict": verdict, "ladder": ladder}
+    content = {"verdict": verdict, "ladder": ladder, "advice": {"recommended": rung}}
     (Path(out) / "diagnosis.json").write_text(json.dumps(content))
 
 

@@ -15,12 +15,11 @@ from sassgis.engine.effects.trees import Trees
 from sassgis.gap.diagnosis import (
     Advice,
     Comparison,
-    ConfiguredGap,
-    Consequence,
     Diagnosis,
     GapFinding,
     GroundSetting,
     Hypothesis,
+    ModelGap,
     Rung,
     Shrinkage,
     Verdict,
@@ -215,6 +214,11 @@ def _hypotheses(*ranked: tuple[str, str, float, float]) -> tuple[Hypothesis, ...
     )  # fmt: skip
 
 
+LONG = ModelGap(
+    "stop", "runout_m", "median", "m", 180.0, 201.0, -21.0, (-27.0, -15.0), 9.0, 40, "safe"
+)
+
+
 def with_trees(case: Case) -> Diagnosis:
     """Trees are named; soft ground may be it as well."""
     table = calibrated(case.table, eta_max=0.61234567, mu_f=0.75)
@@ -261,11 +265,11 @@ def with_trees(case: Case) -> Diagnosis:
             Rung("floor", 0.05),
         ),
         advice=Advice(
-            ConfiguredGap("stop", "runout_m", "m", 180.0, 201.0, -21.0, (-27.0, -15.0)),
+            LONG,
             (), 1.0,
             (GroundSetting("debris", "eta_max", 0.55, 0.612, (0.58, 0.65), True),),
             (("debris.eta_max", "debris.mu_f", 0.8),),
-            (Consequence("stop", "runout_m (90 %)", "m", 230.0, 205.0),),
+            (LONG,), (replace(LONG, gap=1.0, ci95=(-3.0, 5.0), side=""),), "trees",
         ),
         first_sentence="As configured, the model is 21 m long.",
     )  # fmt: skip
@@ -285,4 +289,5 @@ def unnamed(case: Case, effect: str) -> Diagnosis:
         comparisons=comparisons(case, False),
         base=base,
         effect=base,
+        advice=replace(with_trees(case).advice, recommended="ground"),
     )

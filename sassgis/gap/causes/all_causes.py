@@ -46,5 +46,11 @@ FAMILIES: tuple[str, ...] = tuple(
     row.name for row in sorted(_ROWS, key=lambda row: row.number) if row.weighed
 )
 
+#: Groups of causes with similar traces.
+GROUPS: Mapping[str, tuple[str, ...]] = {
+    group: tuple(row.name for row in _ROWS if row.group == group)
+    for group in dict.fromkeys(row.group for row in _ROWS)
+}
+
 #: Every fingerprint, and the cause that it speaks for.
 STATISTICS: Mapping[str, str] = {own.name: row.name for row in _ROWS for own in row.statistics}

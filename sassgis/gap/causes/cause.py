@@ -102,7 +102,7 @@ class Cause:
     number
         Its random draws hang on it: a new cause takes the next one that is free.
     group
-        Of causes that leave similar traces (``sassgis.gap.which.verdict``).
+        Of causes that leave similar traces.
     phase
         Of the observed motion in which it shows.
     draw
@@ -116,6 +116,9 @@ class Cause:
         those of the effect of the engine.
     weighed
         Whether it is weighed against the other causes; the law of the contact is that of the base.
+    closes
+        Whether it closes some of the distance between observed and simulated rocks where it acts.
+        Masses of pieces and instruments that contradict each other show it without.
     place
         Reaches in which fitted models have it act.
     """
@@ -130,6 +133,7 @@ class Cause:
     label: str = ""
     summary: str = ""
     weighed: bool = True
+    closes: bool = True
     place: Callable[[Case, Sequence[HypothesisModel]], tuple[str, ...]] = no_place
 
     @property

@@ -149,6 +149,7 @@ FRAGMENTATION = Cause(
     group="extra blocks",
     phase="impact",
     draw=_broken,
+    closes=False,
     shown_by=f"{_MASS_BUDGET}; what the ranks lack lies in pieces",
     statistics=(
         Trace(
@@ -185,6 +186,7 @@ ENTRAINMENT = Cause(
     group="extra blocks",
     phase="impact",
     draw=_entrained,
+    closes=False,
     shown_by=f"{_MASS_BUDGET}; what is more than came down was set in motion",
     statistics=(
         Trace(

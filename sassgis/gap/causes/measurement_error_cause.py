@@ -137,6 +137,7 @@ CAUSE = Cause(
     phase="observation",
     label="error of measurement",
     summary="an error of the measurement, not of the motion",
+    closes=False,
     draw=_draw,
     shown_by="speeds as stated against those from positions and times of the path, all rocks alike "
     "or each by its own share; what is off at one station is made up for at the next; stops beside "

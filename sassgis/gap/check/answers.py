@@ -7,8 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from sassgis.gap.causes.all_causes import GROUPS
 from sassgis.gap.diagnosis import GapFinding
-from sassgis.gap.which.verdict import CONTACT_LAW, GROUPS, NONE, UNKNOWN, adequate
+from sassgis.gap.which.verdict import CONTACT_LAW, adequate, causes_in
 
 #: Law of the sites that obey the model.
 OWN_LAW = "own"
@@ -103,6 +104,8 @@ class Answer:
         Of the cause; "" if none is stated.
     large_findings : bool
         Whether a gap of the calibrated base is both significant and large.
+    cannot_exclude : tuple of str
+        Causes that the observations could not show.
     failure : str
         Why there is no answer.
     """
@@ -116,6 +119,7 @@ class Answer:
     shrinkage: float | None = None
     group: str = ""
     large_findings: bool = False
+    cannot_exclude: tuple[str, ...] = ()
     failure: str = ""
 
 
@@ -135,7 +139,7 @@ def answer_from(case: str, diagnosis: Mapping[str, Any]) -> Answer:
     """
     verdict = diagnosis["verdict"]
     confidence = verdict["confidence"]
-    shrinkage = _stated_shrinkage(diagnosis["ladder"], str(verdict["effect"]))
+    shrinkage = _stated_shrinkage(diagnosis["ladder"], diagnosis["advice"]["recommended"])
     return Answer(
         case=case,
         effect=str(verdict["effect"]),
@@ -146,15 +150,15 @@ def answer_from(case: str, diagnosis: Mapping[str, Any]) -> Answer:
         shrinkage=shrinkage,
         group=str(verdict.get("group", "")),
         large_findings=not adequate([f for f in map(_finding, diagnosis.get("where", ())) if f]),
+        cannot_exclude=tuple(verdict.get("cannot_exclude", ())),
     )
 
 
-def _stated_shrinkage(ladder: Sequence[Mapping[str, Any]], effect: str) -> float | None:
+def _stated_shrinkage(ladder: Sequence[Mapping[str, Any]], rung: str) -> float | None:
     """Share of the gap of the configured model that the model handed over closes, as it is said.
 
     None where its interval holds zero: then no share is stated.
     """
-    rung = "ground" if effect in (NONE, UNKNOWN) else effect
     for row in ladder:
         if row["rung"] == rung and row["share"] is not None:
             stated = row["ci95"] is None or row["ci95"][0] > 0.0
@@ -180,8 +184,8 @@ def is_right(truth: Truth, answer: Answer) -> bool:
 
 
 def is_covered(truth: Truth, answer: Answer) -> bool:
-    """Whether the truth is in the confusion set; of a pair, itself or both of its members."""
-    sets = {in_order(name) for name in answer.confusion_set}
+    """Whether the truth or its group is in the confusion set; of a pair, itself or both of it."""
+    sets = {in_order(name) for name in causes_in(answer.confusion_set)}
     return bool(sets & {*truth.right}) or bool(
         truth.part == "pair" and names_in(truth.verdict) <= sets
     )

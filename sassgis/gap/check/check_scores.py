@@ -411,7 +411,8 @@ def _measures(pairs: Sequence[Pair]) -> dict[str, Share]:
         return [a.group in t.groups for t, a in chosen]
 
     def covered(chosen: Sequence[Pair]) -> list[bool]:
-        return [is_covered(t, a) for t, a in chosen]
+        # What could not be seen is listed apart from the set.
+        return [is_covered(t, a) for t, a in chosen if not {*t.effects} & {*a.cannot_exclude}]
 
     everything = [p for p in pairs if p[0].kind == "everything"]
     otherwise = [p for p in pairs if p[0].kind != "everything"]

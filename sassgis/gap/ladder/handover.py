@@ -9,24 +9,22 @@ import numpy as np
 from sassgis.gap.calibration.problem import CalibrationProblem, Scale
 from sassgis.gap.diagnosis import (
     Advice,
-    ConfiguredGap,
-    Consequence,
     GroundSetting,
+    ModelGap,
     Range,
     Rung,
 )
-from sassgis.gap.inference.intervals import bootstrap_interval
-from sassgis.gap.ladder.hypothesis_fit import FRESH, FittedHypothesis
-from sassgis.gap.observations.campaign import main_blocks
+from sassgis.gap.inference.intervals import bootstrap_rows
+from sassgis.gap.ladder.hypothesis_fit import FittedHypothesis
 from sassgis.gap.observations.case import Case
-from sassgis.gap.replicas.campaigns import campaigns
-from sassgis.gap.replicas.features import rock_quantities
-from sassgis.gap.replicas.hypothesis_model import HypothesisModel, MeasurementError
 from sassgis.gap.which.hypotheses import at_physical_limit
-from sassgis.gap.words import effect_name
+from sassgis.gap.words import number_text, quantity_name, range_text, rung_name
 from sassgis.model.grid import FloatArray, IntArray
 
-_COMPARED = frozenset({"passages", "deposits"})
+#: Share of what was observed from which a gap is relevant; of a width, of the 90 % run-out.
+RELEVANT: Mapping[str, float] = {"runout_m": 0.05, "energy_kj": 0.15, "speed_mps": 0.07}
+#: Bootstrap samples, and rocks that must be known.
+_SAMPLES, _FEWEST = 999, 3
 #: Number of the campaigns of the configured model.
 CONFIGURED_NUMBER = 3990
 
@@ -40,46 +38,89 @@ def values_of(scale: Scale, rows: FloatArray, column: int) -> FloatArray:
     return values
 
 
-def configured_gap(problem: CalibrationProblem, configured: FloatArray) -> ConfiguredGap | None:
-    """How far the configured model is off: median run-out, or speed at the furthest station.
+def model_gaps(problem: CalibrationProblem, rows: FloatArray) -> tuple[ModelGap, ...]:
+    """How far a model is off: run-out, and energy, or else speed, at the stations.
 
     Parameters
     ----------
     problem : CalibrationProblem
-    configured : float64, shape (m, n_rocks, p)
-        Rows of rocks in the configured model.
+    rows : float64, shape (m, n_rocks, p)
+        Of rocks in the model.
     """
-    names = problem.scale.names
-    stations = sorted(int(n[1 : n.index(":")]) for n in names if n.endswith(":speed"))
-    if "stop:runout" in names:
-        place, column, quantity, unit = "stop", names.index("stop:runout"), "runout_m", "m"
-    elif stations:
-        place = problem.case.station_names[stations[-1]]
-        column = names.index(f"S{stations[-1]}:speed")
-        quantity, unit = "speed_mps", "m/s"
-    else:
-        return None
-    seen = values_of(problem.scale, problem.rows, column)
-    made = values_of(problem.scale, configured, column)
-    known = np.flatnonzero(np.isfinite(seen) & np.isfinite(made).any(axis=0))
-    if known.size < 3:
-        return None
-    seen, made = seen[known], made[:, known]
+    names, scale = problem.scale.names, problem.scale
+    mass = problem.case.mass_kg
+    found: list[ModelGap] = []
+    for column, name in enumerate(names):
+        place, _, what = name.partition(":")
+        if what not in ("runout", "speed"):
+            continue
+        seen, made = (values_of(scale, own, column) for own in (problem.rows, rows))
+        quantity, unit = "runout_m", "m"
+        if what == "speed":
+            place = problem.case.station_names[int(place[1:])]
+            quantity, unit = "speed_mps", "m/s"
+            if np.isfinite(mass[np.isfinite(seen)]).all():
+                seen, made = 0.5e-3 * mass * seen**2, 0.5e-3 * mass * made**2
+                quantity, unit = "energy_kj", "kJ"
+        known = np.flatnonzero(np.isfinite(seen) & np.isfinite(made).any(axis=0))
+        if known.size < _FEWEST:
+            continue
+        rng = np.random.default_rng([problem.seed, 57, column])
+        compared = _compared(seen[known], made[:, known], problem.case.group[known], rng)
+        least = RELEVANT[quantity]
+        for statistic in compared if what == "runout" else ("median", "90 %"):
+            observed, predicted, (low, high) = compared[statistic]
+            side = "unsafe" if low > 0.0 else "safe" if high < 0.0 else ""
+            limit = least * (compared["90 %"][0] if statistic == "width" else observed)
+            found.append(
+                ModelGap(
+                    place, quantity, statistic, unit, observed, predicted, observed - predicted,
+                    (low, high), abs(limit), known.size, side,
+                )
+            )  # fmt: skip
+    # Run-out first.
+    return tuple(sorted(found, key=lambda gap: gap.place != "stop"))
 
-    def gap(rows: IntArray) -> float:
-        return float(np.median(seen[rows]) - np.nanmedian(made[:, rows]))
 
-    found = bootstrap_interval(
-        gap,
-        problem.case.group[known],
-        draws=999,
-        rng=np.random.default_rng([problem.seed, 57]),
-        method="percentile",
-    )
-    return ConfiguredGap(
-        place, quantity, unit, float(np.median(seen)), float(np.nanmedian(made)), found.value,
-        (found.low, found.high),
-    )  # fmt: skip
+def _compared(
+    seen: FloatArray, made: FloatArray, group: IntArray, rng: np.random.Generator
+) -> dict[str, tuple[float, float, Range]]:
+    """Observed and predicted median, 90 % quantile and width, and interval of the difference."""
+
+    def statistics(values: FloatArray) -> FloatArray:
+        low, middle, high = np.quantile(values[np.isfinite(values)], (0.1, 0.5, 0.9))
+        return np.array([middle, high, high - low])
+
+    observed, predicted = statistics(seen), statistics(made)
+    drawn = np.full((2, 3), np.nan)
+    if np.unique(group).size > 1:
+        samples = [
+            statistics(seen[rows]) - statistics(made[:, rows])
+            for rows, _ in bootstrap_rows(group, _SAMPLES, rng)
+        ]
+        drawn = np.quantile(samples, (0.025, 0.975), axis=0)
+    return {
+        name: (float(observed[k]), float(predicted[k]), (float(drawn[0, k]), float(drawn[1, k])))
+        for k, name in enumerate(("median", "90 %", "width"))
+    }
+
+
+def worst_of(gaps: Sequence[ModelGap]) -> ModelGap | None:
+    """The surest relevant gap on the unsafe side, else on the safe side, else the first of all."""
+
+    def sureness(gap: ModelGap) -> float:
+        return abs(gap.gap) / max(gap.ci95[1] - gap.ci95[0], 1e-9)
+
+    for side in ("unsafe", "safe"):
+        own = [gap for gap in gaps if gap.counts and gap.side == side]
+        if own:
+            return max(own, key=sureness)
+    return next(iter(gaps), None)
+
+
+def falls_short(gaps: Sequence[ModelGap]) -> bool:
+    """Whether a gap on the unsafe side is certain, and twice as large as it must be to count."""
+    return any(g.side == "unsafe" and g.gap >= 2.0 * g.limit for g in gaps)
 
 
 def settings_of(
@@ -117,77 +158,16 @@ def classes_at_limit(case: Case, fit: FittedHypothesis) -> list[str]:
     return list(dict.fromkeys(found))
 
 
-def consequences_of(
-    problem: CalibrationProblem, before: HypothesisModel, after: HypothesisModel
-) -> tuple[Consequence, ...]:
-    """Run-out and energy of the observed rocks in two models, without errors of measurement."""
-    found = [_reached(problem, model) for model in (before, after)]
-    return tuple(
-        Consequence(*key, value, found[1][key])
-        for key, value in found[0].items()
-        if key in found[1]
-    )
-
-
-def _reached(
-    problem: CalibrationProblem, model: HypothesisModel
-) -> dict[tuple[str, str, str], float]:
-    """Medians and 90 % quantiles of run-out, and of the energy at the furthest station."""
-    case = problem.case
-    samples = campaigns(
-        case,
-        problem.rock_lines,
-        HypothesisModel(
-            model.table, model.effects, model.stand, model.lateral_walk, model.release,
-            MeasurementError(),
-        ),
-        count=FRESH,
-        seed=problem.seed,
-        number=CONFIGURED_NUMBER,
-        tables=_COMPARED,
-    )  # fmt: skip
-    found: dict[tuple[str, str, str], FloatArray] = {}
-    stops = [s.deposits for s in samples if s.deposits is not None]
-    if stops:
-        main = [main_blocks(rows, case.n_rocks) for rows in stops]
-        # Of rocks whose stop is known in nature as well.
-        seen = np.isfinite(rock_quantities(case, problem.observed)["stop:runout"])
-        ends = [rows.s[own[seen & (own >= 0)]] for rows, own in zip(stops, main, strict=True)]
-        found["stop", "runout_m", "m"] = np.concatenate(ends)
-    passed = [s.passages for s in samples if s.passages is not None]
-    if passed and case.station_names:
-        last = len(case.station_names) - 1
-        energy = [
-            0.5e-3 * (rows.mass_kg * rows.speed_mps**2)[rows.station == last] for rows in passed
-        ]
-        found[case.station_names[last], "energy_kj", "kJ"] = np.concatenate(energy)
-    out = {}
-    for (place, quantity, unit), values in found.items():
-        known = values[np.isfinite(values)]
-        for name, level in (("median", 0.5), ("90 %", 0.9)):
-            if known.size:
-                out[place, f"{quantity} ({name})", unit] = float(np.quantile(known, level))
-    return out
-
-
 # ---------------------------------------------------------------------------------------------
 # In words
 
 
-def first_sentence(advice: Advice, ladder: Sequence[Rung], answer: str) -> str:
-    """How far the configured model is off and on which side, what to set, and what that does.
-
-    Parameters
-    ----------
-    advice : Advice
-    ladder : sequence of Rung
-    answer : str
-        Of the verdict.
-    """
+def first_sentence(advice: Advice, ladder: Sequence[Rung]) -> str:
+    """How far the configured model is off and on which side, what to set, and what that leaves."""
     gap = advice.configured
     if gap is None:
         return "Neither stops nor speeds were observed: how far the model is off cannot be stated."
-    said = [_off_by(gap)]
+    said = [f"As configured, {_off_by(gap, advice)}"]
     if advice.wrong_ground:
         names = " and ".join(advice.wrong_ground)
         said.append(
@@ -195,37 +175,33 @@ def first_sentence(advice: Advice, ladder: Sequence[Rung], answer: str) -> str:
             if len(advice.wrong_ground) == 1
             else f"The ground classes {names} are wrong: no values in their usual ranges fit."
         )
-    named = answer not in ("none", "unknown")
-    if not (gap.significant or advice.wrong_ground or named):
-        return " ".join(said)
+    said += _to_run(advice, ladder)
+    left = worst_of(advice.left)
+    if left is not None and left.counts and left.side == "unsafe" and left != gap:
+        said.append(f"Even so, {_off_by(left, advice)}")
+    return " ".join(said)
+
+
+def _to_run(advice: Advice, ladder: Sequence[Rung]) -> list[str]:
+    """What is recommended, what it closes, and why nothing more is."""
+    why = [f"{advice.why[:1].upper()}{advice.why[1:]}."] if advice.why else []
+    if advice.recommended == "configured":
+        return ["Keep the configured ground.", *why]
     # A share whose interval holds zero may be chance.
     closed = {
         r.rung: _closed(r)
         for r in ladder
         if r.share is not None and (r.ci95 is None or r.ci95[0] > 0.0)
     }
-    if named:
-        what = " and ".join(effect_name(e) for e in answer.split("+"))
-        share = closed.get(answer, "")
-        alone = closed.get("ground", "")
-        said.append(
-            f"Run model/config.toml, which has {what}"
-            + (
-                f": on rocks left out of the calibration, it closes {share} of the gap"
-                if share
-                else ""
-            )
-            + (f", calibrated ground alone {alone}." if share and alone else ".")
-        )
-        return " ".join(said)
-    said += _what_to_set(advice)
-    share = closed.get("ground", "")
-    said.append(
-        f"On rocks left out of the calibration, this closes {share} of the gap."
-        if share
-        else "Whether these values hold for rocks left out of the calibration is not certain."
-    )
-    return " ".join(said)
+    share = closed.get(advice.recommended, "")
+    on_rocks = f"n rocks left out of the calibration, this closes {share} of the gap"
+    if advice.recommended == "ground":
+        return [*_what_to_set(advice), *([f"O{on_rocks}."] if share else []), *why]
+    said = f"Run model/config.toml, which has {rung_name(advice.recommended)}"
+    if share:
+        said += f": o{on_rocks}"
+        said += f", calibrated ground alone {closed['ground']}" if "ground" in closed else ""
+    return [f"{said}.", *why]
 
 
 def _closed(rung: Rung) -> str:
@@ -236,23 +212,36 @@ def _closed(rung: Rung) -> str:
     return f"{100.0 * (rung.share or 0.0):.0f} %{span}"
 
 
-def _off_by(gap: ConfiguredGap) -> str:
-    low, high = sorted(abs(v) for v in gap.ci95)
-    where = "median run-out" if gap.quantity == "runout_m" else f"median speed at {gap.place}"
-    if not gap.significant:
-        return (
-            f"As configured, the model is not distinguished from the rocks in {where}: observed "
-            f"less predicted {_number(gap.gap)} {gap.unit} (95 %: {_number(gap.ci95[0])} to "
-            f"{_number(gap.ci95[1])} {gap.unit})."
+def _off_by(gap: ModelGap, advice: Advice) -> str:
+    """A gap of the configured model or of the one that is handed over, in words."""
+    if not gap.counts:
+        names = {"runout_m": "median, 90 % and width of run-out"}
+        compared = dict.fromkeys(
+            names.get(g.quantity, f"median and 90 % {quantity_name(g.quantity)} at stations")
+            for g in advice.compared
         )
-    if gap.quantity == "runout_m":
-        word = "short" if gap.gap > 0.0 else "long"
+        return (
+            f"the model is not distinguished from {gap.rocks} rocks in {' and '.join(compared)}: "
+            f"{gap.statistic} {quantity_name(gap.quantity)} observed less predicted "
+            f"{number_text(gap.gap)} {gap.unit} (95 %: {range_text(*gap.ci95)} {gap.unit})."
+        )
+    low, high = sorted(abs(v) for v in gap.ci95)
+    if gap.statistic == "width":
+        word, what = (
+            "scatters {} too little/scatters {} too much",
+            "width of the run-out, 10 to 90 %",
+        )
+    elif gap.quantity == "runout_m":
+        word, what = "is {} short/is {} long", f"{gap.statistic} run-out"
     else:
-        word = "too slow" if gap.gap > 0.0 else "too fast"
-    side = "unsafe" if gap.gap > 0.0 else "safe"
+        what = f"{gap.statistic} {quantity_name(gap.quantity)} at {gap.place}"
+        word = "is {} too slow/is {} too fast"
+        if gap.quantity == "energy_kj":
+            word = "is {} too low/is {} too high"
+    off = word.split("/")[gap.side == "safe"].format(f"{number_text(abs(gap.gap))} {gap.unit}")
     return (
-        f"As configured, the model is {_number(abs(gap.gap))} {gap.unit} {word} ({where}; 95 %: "
-        f"{_number(low)} to {_number(high)} {gap.unit}), on the {side} side."
+        f"the model {off} ({what}; 95 %: {range_text(low, high)} {gap.unit}), on the {gap.side} "
+        "side."
     )
 
 
@@ -261,7 +250,7 @@ def _what_to_set(advice: Advice) -> list[str]:
     for s in advice.settings:
         if s.identified and s.value != s.before:
             by_class.setdefault(s.ground, []).append(
-                f"{s.parameter} {_number(s.value)} ({_number(s.ci95[0])} to {_number(s.ci95[1])})"
+                f"{s.parameter} {number_text(s.value)} ({range_text(*s.ci95)})"
             )
     if not by_class:
         return [
@@ -276,9 +265,3 @@ def _what_to_set(advice: Advice) -> list[str]:
         if {one, other} <= known
     ][:1]
     return said
-
-
-def _number(value: float) -> str:
-    """Two digits for large numbers, as many decimals as a setting needs for small ones."""
-    text = f"{value:.0f}" if abs(value) >= 10.0 else f"{value:.2g}"
-    return text.replace("-", "\u2212")

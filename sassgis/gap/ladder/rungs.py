@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from sassgis.gap.calibration.problem import CalibrationProblem
 from sassgis.gap.diagnosis import Range, Rung, Shrinkage
 from sassgis.gap.inference.distances import RockDistances
+from sassgis.gap.inference.intervals import Interval
 from sassgis.gap.which.hypotheses import NONE
+from sassgis.gap.words import number_text, range_text, rung_name
 from sassgis.model.grid import FloatArray, IntArray
 
-#: Rungs that are no hypothesis.
-CONFIGURED, FLOOR = "configured", "floor"
+#: Rungs that are no effect; calibrated ground is the hypothesis "none".
+CONFIGURED, GROUND, FLOOR = "configured", "ground", "floor"
 #: Bootstrap samples of groups of rocks.
 _SAMPLES = 999
 
@@ -42,44 +45,124 @@ def share_of(
     weights : float64, shape (samples, n_rocks)
         Of ``group_weights``; a sample without a gap is left out.
     """
-    value = (above.value() - below.value()) / (above.value() - floor)
-    drawn = np.array([(above.value(w), below.value(w)) for w in weights]).reshape(-1, 2)
-    gap = drawn[:, 0] - floor
-    found = (drawn[:, 0] - drawn[:, 1])[gap > 0.0] / gap[gap > 0.0]
+    drawn = (np.array([own.value(w) for w in weights]) for own in (above, below))
+    return _share(above.value(), below.value(), floor, *drawn)
+
+
+def _share(
+    above: float, below: float, floor: float, drawn_above: FloatArray, drawn_below: FloatArray
+) -> tuple[float, Range | None]:
+    """The same of distances, and of those in bootstrap samples."""
+    value = (above - below) / (above - floor)
+    gap = drawn_above - floor
+    found = (drawn_above - drawn_below)[gap > 0.0] / gap[gap > 0.0]
     if found.size < 20:
         return value, None
     low, high = np.quantile(found, [0.025, 0.975])
     return value, (float(low), float(high))
 
 
-def ladder_of(
-    problem: CalibrationProblem, rungs: Sequence[tuple[str, FloatArray]]
-) -> tuple[Rung, ...]:
-    """Distance and share of the gap of each model, the configured one first, and the floor.
+@dataclass(frozen=True, slots=True)
+class Step:
+    """A model of the ladder: its name, the simpler one that it is added to, and held-out rows."""
 
-    Parameters
-    ----------
-    problem : CalibrationProblem
-    rungs : sequence of (name, rows)
-        Held-out replicas of each rock.
+    rung: str
+    over: str
+    rows: FloatArray
 
-    Returns
-    -------
-    tuple of Rung
-        Empty where nothing could be compared. Shares are withheld where the gap of the configured
-        model may be chance.
+
+class Ladder:
+    """Distances of models from the observed rocks, and what each closes beyond simpler ones.
+
+    Rocks, or groups of them, are resampled alike for all.
     """
-    if not problem.rows.shape[1]:
-        return ()
-    found = [RockDistances.of(problem.rows, rows) for _, rows in rungs]
-    first, floor = found[0], found[-1].floor
-    rng = np.random.default_rng([problem.seed, 53])
-    weights = group_weights(problem.case.group, rng, _SAMPLES)
-    out = [Rung(rungs[0][0], first.value())]
-    for (name, _), own in zip(rungs[1:], found[1:], strict=True):
-        shared = share_of(first, own, floor, weights) if first.above_chance else (None, None)
-        out.append(Rung(name, own.value(), *shared))
-    return (*out, Rung(FLOOR, floor))
+
+    def __init__(self, problem: CalibrationProblem, steps: Sequence[Step]) -> None:
+        self._group, self._seed = problem.case.group, problem.seed
+        self._observed = problem.rows
+        self._found: dict[str, tuple[Step, RockDistances, FloatArray]] = {}
+        self.add(*steps)
+
+    def add(self, *steps: Step) -> None:
+        """Compare more models."""
+        if not self._observed.shape[1]:
+            return
+        rng = np.random.default_rng([self._seed, 53])
+        weights = group_weights(self._group, rng, _SAMPLES)
+        for step in steps:
+            own = RockDistances.of(self._observed, step.rows)
+            drawn = np.array([own.value(w) for w in weights])
+            self._found[step.rung] = step, own, drawn
+
+    def gap(self, rung: str) -> float:
+        """Distance of a model beyond what chance leaves."""
+        own = self._found[rung][1]
+        return own.value() - own.floor
+
+    def gain(self, simpler: str, rung: str) -> tuple[Interval, float] | None:
+        """Distance of a simpler model less that of another, and its standard error.
+
+        None where nothing could be compared.
+        """
+        if not {simpler, rung} <= self._found.keys():
+            return None
+        before, after = self._found[simpler], self._found[rung]
+        value = before[1].value() - after[1].value()
+        drawn = before[2] - after[2]
+        if drawn.size < 2:
+            return Interval(value, float("nan"), float("nan")), float("nan")
+        low, high = np.quantile(drawn, [0.025, 0.975])
+        return Interval(value, float(low), float(high)), float(drawn.std(ddof=1))
+
+    def rungs(self, *names: str) -> tuple[Rung, ...]:
+        """Distance, share of the gap of the first model and gain of each, and the floor.
+
+        Empty where nothing could be compared. Shares are withheld where the gap of the first model
+        may be chance.
+        """
+        if not self._found:
+            return ()
+        found = [self._found[name] for name in names]
+        (_, first, drawn), floor = found[0], found[-1][1].floor
+        out = [Rung(names[0], first.value())]
+        for step, own, its in found[1:]:
+            share, span = (
+                _share(first.value(), own.value(), floor, drawn, its)
+                if first.above_chance
+                else (None, None)
+            )
+            gain = self.gain(step.over, step.rung)
+            beyond = (None, None) if gain is None else (gain[0].value, (gain[0].low, gain[0].high))
+            out.append(Rung(step.rung, own.value(), share, span, step.over, *beyond))
+        return (*out, Rung(FLOOR, floor))
+
+    def recommended(self, *names: str) -> tuple[str, str]:
+        """The last of some models whose gain over the simpler ones clears zero, and why no other.
+
+        A model must close certainly more (95 %, rocks left out) than the one that it is added to,
+        and than the one that is recommended without it.
+        """
+        best, why = names[0], list[str]()
+        if not self._found:
+            return best, "nothing was observed of which a gain on rocks left out could be shown"
+        for name in names[1:]:
+            gains = {
+                simpler: found[0]
+                for simpler in (self._found[name][0].over, best)
+                if (found := self.gain(simpler, name)) is not None
+            }
+            unsure = [(simpler, gain) for simpler, gain in gains.items() if not gain.low > 0.0]
+            if not unsure:
+                best, why = name, []
+                continue
+            simpler, gain = unsure[-1]
+            why.append(
+                f"by {rung_name(name)} beyond {rung_name(simpler)} (energy distance "
+                f"{number_text(gain.value)} of {number_text(self._found[simpler][1].value())}; "
+                f"95 %: {range_text(gain.low, gain.high)})"
+            )
+        nothing = "on rocks left out nothing is closed for certain "
+        return best, nothing + ", ".join(why) if why else ""
 
 
 def needs_contact_law(ladder: Sequence[Rung]) -> bool:

@@ -8,10 +8,11 @@ import numpy as np
 
 from sassgis.gap.observations.campaign import Campaign
 from sassgis.gap.observations.case import Case
-from sassgis.gap.replicas.hypothesis_model import HypothesisModel, LateralWalk
+from sassgis.gap.replicas.hypothesis_model import HypothesisModel, LateralWalk, ReleaseError
 from sassgis.gap.replicas.recorded import observe
 from sassgis.gap.replicas.released_rocks import all_rocks, move
 from sassgis.gap.replicas.rock_lines import RockLines
+from sassgis.model.grid import FloatArray
 
 #: Tables of a campaign.
 TABLES = frozenset({"passages", "deposits", "impacts"})
@@ -58,21 +59,10 @@ def campaigns(
         # Followed paths turn; only on fall lines the offset is no part of the motion.
         model = replace(model, effects=model.effects.having(aside), lateral_walk=LateralWalk())
     rng = np.random.default_rng([seed, number, 77])
-    release = model.release
-    rocks = all_rocks(case, rock_lines)
-    if release.faster_mps > 0.0:
-        faster = [
-            replace(b, speed_mps=(b.speed_mps[0], b.speed_mps[1] + release.faster_mps))
-            for b in case.blocks
-        ]
-        rocks = replace(rocks, blocks=faster)
-    if release.ahead_m > 0.0:
-        last = np.minimum(case.start[:, 1] + release.ahead_m, rock_lines.end - 1.0)
-        rocks = replace(rocks, start=np.column_stack([case.start[:, 0], last]))
     moved = move(
         case,
         rock_lines,
-        rocks,
+        all_rocks(with_release(case, model.release, rock_lines.end), rock_lines),
         model,
         seed=seed,
         count=count,
@@ -80,3 +70,20 @@ def campaigns(
         log_events=_MOST_EVENTS if "impacts" in tables else 0,
     )
     return observe(case, rock_lines, model, moved, count, rng, tables)
+
+
+def with_release(case: Case, error: ReleaseError, end: FloatArray) -> Case:
+    """The case with rocks that start further down, or faster, than stated; lateral offsets apart.
+
+    ``end``: chainage before which they start (m).
+    """
+    blocks, start = case.blocks, case.start
+    if error.faster_mps > 0.0:
+        blocks = tuple(
+            replace(b, speed_mps=(b.speed_mps[0], b.speed_mps[1] + error.faster_mps))
+            for b in blocks
+        )
+    if error.ahead_m > 0.0:
+        last = np.minimum(start[:, 1] + error.ahead_m, end - 1.0)
+        start = np.column_stack([start[:, 0], last])
+    return replace(case, blocks=blocks, start=start)

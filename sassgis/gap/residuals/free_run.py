@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.gap.observations.campaign import errors_of, main_blocks, observed_campaign
 from sassgis.gap.observations.case import Case
-from sassgis.gap.replicas.hypothesis_model import HypothesisModel
+from sassgis.gap.replicas.hypothesis_model import ForestStand, HypothesisModel
 from sassgis.gap.replicas.recorded import impacts_of, turns_of
 from sassgis.gap.replicas.released_rocks import Moved, all_rocks, move
 from sassgis.gap.replicas.rock_lines import RockLines, dips_at, rock_lines_of
@@ -117,13 +117,25 @@ class RunModel:
     effects: EffectSettings
     rock_lines: RockLines
     seed: int
+    stand: ForestStand | None = None
 
     @classmethod
     def of(
-        cls, case: Case, table: GroundTable, effects: EffectSettings | None, seed: int
+        cls,
+        case: Case,
+        table: GroundTable,
+        effects: EffectSettings | None,
+        seed: int,
+        stand: ForestStand | None = None,
     ) -> RunModel:
         """The model of a case; without effects those of its configuration."""
-        return cls(table, case.effects if effects is None else effects, rock_lines_of(case), seed)
+        own = case.effects if effects is None else effects
+        return cls(table, own, rock_lines_of(case), seed, stand)
+
+    @property
+    def moving(self) -> HypothesisModel:
+        """What moves its rocks."""
+        return HypothesisModel(self.table, self.effects, self.stand)
 
 
 def observed_at_stations(case: Case) -> AtStations:
@@ -207,7 +219,7 @@ def free_run(case: Case, model: RunModel, replicates: int) -> FreeRun:
         case,
         model.rock_lines,
         all_rocks(case, model.rock_lines),
-        HypothesisModel(model.table, model.effects),
+        model.moving,
         seed=model.seed,
         count=replicates,
         log_events=_MOST_EVENTS if turned else 0,

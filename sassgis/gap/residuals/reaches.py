@@ -18,7 +18,6 @@ from scipy.spatial import cKDTree
 from sassgis.gap.inference.rock_tests import t_statistics
 from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case
-from sassgis.gap.replicas.hypothesis_model import HypothesisModel
 from sassgis.gap.replicas.released_rocks import Releases, move
 from sassgis.gap.replicas.rock_lines import RockLines, dips_at
 from sassgis.gap.residuals.free_run import (
@@ -139,7 +138,7 @@ def _restarted(
             np.nan_to_num(seen.lateral_m[rock, k]),
             np.arange(rock.size, dtype=np.uint64),
         ),
-        HypothesisModel(model.table, model.effects),
+        model.moving,
         seed=model.seed + 1 + k,
         count=1,
     )

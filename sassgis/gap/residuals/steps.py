@@ -26,6 +26,7 @@ from sassgis.gap.residuals.one_step import (
     usable_impacts,
 )
 from sassgis.gap.residuals.residuals import mean_of_draws
+from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.ground import GroundTable
 
@@ -100,6 +101,7 @@ def steps_of(
     run: FreeRun,
     recorded: Sequence[ImpactRows],
     rng: np.random.Generator,
+    effects: EffectSettings | None = None,
 ) -> StepTable:
     """The table of residuals of a case.
 
@@ -111,10 +113,12 @@ def steps_of(
         Its replicates of the rocks.
     recorded : sequence of ImpactRows
         Impacts of the rocks in the model, as the observer of the case records them.
+    effects : EffectSettings, optional
+        Those that act in impacts; default: the law of the contact alone.
     """
     flat = run.axes_m[:, :, 2].mean(axis=1) / run.axes_m[:, :, 1].mean(axis=1)
     parts = [
-        *_impacts(case, table, run.axes_m, rng),
+        *_impacts(case, table, run.axes_m, rng, effects),
         *_flights(case, observed_campaign(case).impacts, "flight"),
         *(part for rows in recorded for part in _flights(case, rows, MODEL_FLIGHT)),
         *_aloft(case, run.axes_m),
@@ -143,7 +147,11 @@ _Part = dict[str, Any]
 
 
 def _impacts(
-    case: Case, table: GroundTable, axes_m: FloatArray, rng: np.random.Generator
+    case: Case,
+    table: GroundTable,
+    axes_m: FloatArray,
+    rng: np.random.Generator,
+    effects: EffectSettings | None,
 ) -> list[_Part]:
     if not len(case.observations.impacts):
         return []
@@ -151,7 +159,7 @@ def _impacts(
     seen = impacts_in_flight(case, axes_m, rows, IMPACT_DRAWS) if rows.size else None
     if seen is None:
         return []
-    draws = rebound_draws(case, table, seen, rng)
+    draws = rebound_draws(case, table, seen, rng, effects)
     own = seen.impacts
     common: _Part = {
         "rock": seen.rock, "step": np.array("impact"), "ground": seen.kind,

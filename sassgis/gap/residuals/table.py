@@ -9,8 +9,14 @@ import numpy as np
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.gap.observations.campaign import ImpactRows
 from sassgis.gap.observations.case import Case
-from sassgis.gap.replicas.campaigns import campaigns
-from sassgis.gap.replicas.hypothesis_model import configured_model
+from sassgis.gap.replicas.campaigns import campaigns, with_release
+from sassgis.gap.replicas.hypothesis_model import (
+    ForestStand,
+    HypothesisModel,
+    MeasurementError,
+    configured_model,
+)
+from sassgis.gap.replicas.rock_lines import rock_lines_of
 from sassgis.gap.residuals.flights import path_residuals
 from sassgis.gap.residuals.free_run import (
     AtStations,
@@ -64,6 +70,7 @@ def residuals_of(
     *,
     seed: int,
     effects: EffectSettings | None = None,
+    stand: ForestStand | None = None,
     replicates: int = REPLICATES,
 ) -> ResidualTable:
     """Compare a case with a model.
@@ -73,12 +80,14 @@ def residuals_of(
     table : GroundTable
         Ground classes of the model, calibrated.
     effects : EffectSettings, optional
-        Of the model; default: those of the configuration.
+        Of the model; default: those of the configuration, and none in single impacts.
+    stand : ForestStand, optional
+        In place of the configured forest.
     replicates : int
         Runs of each rock.
     """
     rng = np.random.default_rng([seed, 31])
-    model = RunModel.of(case, table, effects, seed)
+    model = RunModel.of(case, table, effects, seed, stand)
     run = free_run(case, model, replicates)
     seen = observed_at_stations(case)
     edges = reach_edges(case, run)
@@ -88,14 +97,63 @@ def residuals_of(
         *path_residuals(case, model, edges, run.axes_m),
         *impact_residuals(case, table, run, edges, model.effects, draws=IMPACT_DRAWS, rng=rng),
     ]
-    steps = steps_of(case, table, run, _recorded(case, model), rng)
+    steps = steps_of(case, table, run, _recorded(case, model), rng, effects)
     return ResidualTable(run, seen, tuple(rows), steps)
+
+
+def residuals_with(
+    case: Case, model: HypothesisModel, *, seed: int, replicates: int = REPLICATES
+) -> tuple[Case, ResidualTable]:
+    """Residuals of the base with a cause in it, and the case as that cause leaves it.
+
+    Rocks start where and as fast as the error of the release has them; what instruments scale is
+    scaled back. Offsets from fall lines are no part of the motion on them.
+    """
+    effects, aside = model.effects, model.lateral_walk.effect
+    if case.terrain is not None and aside is not None:
+        effects = effects.having(aside)
+    end = rock_lines_of(case).end
+    case = with_release(_scaled_back(case, model.measurement), model.release, end)
+    found = residuals_of(
+        case, model.table, seed=seed, effects=effects, stand=model.stand, replicates=replicates
+    )
+    return case, found
+
+
+def _scaled_back(case: Case, error: MeasurementError) -> Case:
+    """The case with speeds, heights and spins as they are without an error of the instruments."""
+    seen, scale, spin = case.observations, error.scale, error.rotation_scale
+    passed, hit, path = seen.passages, seen.impacts, seen.trajectories
+    observations = replace(
+        seen,
+        passages=replace(
+            passed,
+            speed_mps=passed.speed_mps / scale,
+            height_m=passed.height_m / scale,
+            rotation_hz=passed.rotation_hz / spin,
+        ),
+        impacts=replace(
+            hit,
+            vt_in_mps=hit.vt_in_mps / scale,
+            vn_in_mps=hit.vn_in_mps / scale,
+            vt_out_mps=hit.vt_out_mps / scale,
+            vn_out_mps=hit.vn_out_mps / scale,
+            omega_in_radps=hit.omega_in_radps / spin,
+            omega_out_radps=hit.omega_out_radps / spin,
+        ),
+        trajectories=replace(
+            path, speed_mps=path.speed_mps / scale, rotation_hz=path.rotation_hz / spin
+        ),
+    )
+    return replace(case, observations=observations)
 
 
 def _recorded(case: Case, model: RunModel) -> list[ImpactRows]:
     """Impacts of the rocks in the model, as the observer records them."""
     own = replace(
-        configured_model(case, model.table), effects=model.effects.without(LateralDeflection)
+        configured_model(case, model.table),
+        effects=model.effects.without(LateralDeflection),
+        stand=model.stand,
     )
     made = campaigns(
         case, model.rock_lines, own, count=_RECORDED, seed=model.seed, number=_NUMBER,

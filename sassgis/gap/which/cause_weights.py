@@ -1,17 +1,19 @@
-"""How likely each cause is, from the z of its fingerprints: a logistic regression of few numbers.
+"""How likely each cause is: by the z of its fingerprints, and by what it closes of the gap.
 
 The fingerprints need no synthetic site. What they weigh against each other does: where stems stand,
-stops are early as well. The weights (``data/gap_thresholds.json``) were fitted on sites of several
-laws of motion; each law was judged by weights that never saw it (docs/studies/gap_weights.md).
+stops are early as well. The weights (``data/gap_thresholds.json``) of a logistic regression were
+fitted on sites of several laws of motion; each law was judged by weights that never saw it
+(docs/studies/gap_weights.md). What a cause closes on rocks left out multiplies the odds.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import softmax
+from scipy.special import ndtr, softmax
 
 from sassgis.gap.causes.all_causes import CAUSES, FAMILIES, STATISTICS
 from sassgis.gap.diagnosis import Fingerprint
@@ -19,6 +21,12 @@ from sassgis.model.grid import FloatArray
 
 #: What z counts for: against a cause up to the first, for it up to the second; its unit.
 _LEAST, _MOST, _UNIT = -2.0, 8.0, 4.0
+#: Share of a gap (standard deviation) that a cause closes, or opens, which does not act: its
+#: parameters take up some of whatever the base lacks. No data set it; a site without an effect
+#: keeps a third of its distance, and any cause may close that.
+_FREEDOM = 1.0 / 3.0
+#: No gain multiplies or divides odds by more.
+_MOST_RATIO = 100.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +77,37 @@ class CauseWeights:
         logits = self.offset + self.weights @ counts_of(z_of(prints, self.statistics))
         p = softmax(self.sharpness * logits[own])
         return {self.causes[own[k]]: float(p[k]) for k in np.argsort(-p, kind="stable").tolist()}
+
+
+def gain_ratio(gain: float, error: float, gap: float) -> float:
+    """How many times likelier a gain is if the cause acts than if it does not.
+
+    A cause that acts closes any share of the gap with the same chance; one that does not closes
+    nothing in the mean. Both are seen with the error of the gain. Where next to no gap is left
+    there is nothing to close, and the gain says nothing: the ratio is near 1.
+
+    Parameters
+    ----------
+    gain, error : float
+        What is closed of the distance on rocks left out, and its standard error.
+    gap : float
+        Distance without the cause, beyond what chance leaves.
+    """
+    if not (gap > 0.0 and error > 0.0 and math.isfinite(gain)):
+        return 1.0
+    # More than all of it is all of it, and chance.
+    gain = min(gain, gap)
+    acts = float(ndtr(gain / error) - ndtr((gain - gap) / error)) / gap
+    sd = math.hypot(error, _FREEDOM * gap)
+    none = math.exp(-0.5 * (gain / sd) ** 2) / (sd * math.sqrt(2.0 * math.pi))
+    return min(max(acts / none, 1.0 / _MOST_RATIO), _MOST_RATIO)
+
+
+def with_gains(shares: Mapping[str, float], ratios: Mapping[str, float]) -> dict[str, float]:
+    """Probabilities by fingerprints and gains, most likely first; no ratio counts as 1."""
+    odds = {name: p * ratios.get(name, 1.0) for name, p in shares.items()}
+    total = sum(odds.values())
+    return {n: odds[n] / total for n in sorted(odds, key=lambda n: -odds[n])}
 
 
 def z_of(prints: Sequence[Fingerprint], statistics: Sequence[str]) -> FloatArray:

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sassgis.gap.causes.all_causes import CAUSES
 from sassgis.gap.observations.campaign import WHOLE, Campaign, ImpactRows, errors_of
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.campaigns import campaigns
@@ -88,6 +89,21 @@ def separations(
     seen = {name: _shown(case, rock_lines, models[name], places, seed) for name in causes}
     first = causes[0]
     return tuple(_best(first, name, seen[first], seen[name]) for name in causes[1:])
+
+
+def tables_to_add(case: Case, causes: Sequence[str]) -> tuple[str, ...]:
+    """Tables of observations that lack, and the causes that have a fingerprint in them."""
+    tables = case.observations.tables
+    shown: dict[str, list[str]] = {}
+    for cause in (CAUSES[name] for name in causes if name in CAUSES):
+        for own in cause.statistics:
+            lacks = [name for name in own.tables if not len(tables[name])]
+            if lacks and cause.words[0] not in shown.setdefault(" and ".join(lacks), []):
+                shown[" and ".join(lacks)].append(cause.words[0])
+    return tuple(
+        f"Not recorded yet, with fingerprints of {', '.join(names)}: {lacks}."
+        for lacks, names in shown.items()
+    )
 
 
 def _places(case: Case, rock_lines: RockLines) -> FloatArray:

@@ -1,34 +1,19 @@
-"""The answer: from fingerprints and findings to a cause, its group and what is confused."""
+"""The answer: from fingerprints, gains and findings to a cause, its group and what is confused."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
-from sassgis.gap.causes.all_causes import CAUSES
-from sassgis.gap.diagnosis import Fingerprint, GapFinding, Verdict
+from sassgis.gap.causes.all_causes import CAUSES, GROUPS
+from sassgis.gap.diagnosis import Fingerprint, GapFinding
 from sassgis.gap.observations.case import Case
 from sassgis.gap.where.findings import locate
-from sassgis.gap.which.hypotheses import Draw
+from sassgis.gap.which.hypotheses import NONE, Draw
 
-#: Causes besides the families.
-NONE, UNKNOWN, CONTACT_LAW = "none", "unknown", "contact_law"
-#: Groups of causes and what looks like a second cause where one of them acts, in the order in which
-#: they are asked: an error of the instruments shows in all that follows, an error of the start in
-#: all below it, a loss on the way turns the path as well.
-_FOLLOWS: Mapping[str, tuple[str, ...]] = {
-    "instruments": ("start", "along the way", "contact", "sideways"),
-    "start": ("sideways",),
-    "extra blocks": ("along the way", "contact", "sideways"),
-    "along the way": ("contact", "sideways"),
-    "contact": ("sideways",),
-    "sideways": ("contact",),
-}
-GROUPS: Mapping[str, tuple[str, ...]] = {
-    group: tuple(cause.name for cause in CAUSES.values() if cause.group == group)
-    for group in _FOLLOWS
-}
+#: Answers besides the families.
+UNKNOWN, CONTACT_LAW = "unknown", "contact_law"
 #: A gap is large from this share of the scatter of the rocks on (J. Cohen, 1988, Statistical power
 #: analysis for the behavioral sciences, p. 26: d = 0.8).
 _LARGE = 0.8
@@ -47,16 +32,20 @@ class Thresholds:
     grouped : float
         Probability of all families of a group together from which the group is certain.
     second : float
-        z of a second fingerprint, of another group, from which two causes are named.
-    covered : float
-        Probability of the causes in the confusion set together.
+        z of a second fingerprint, beside the first cause, from which two causes are named.
+    possible : mapping
+        Probability from which a family, and "none", is in the confusion set, where impacts were
+        recorded ("impacts") and "otherwise": so that nine sets of ten hold the truth, at sites
+        with an effect and at those without.
     """
 
     level: float = 0.01
     named: float = 0.6
     grouped: float = 0.7
     second: float = 6.0
-    covered: float = 0.95
+    possible: Mapping[str, Sequence[float]] = field(
+        default_factory=lambda: {"impacts": (0.05, 0.05), "otherwise": (0.05, 0.05)}
+    )
 
 
 def group_of(effect: str) -> str:
@@ -94,45 +83,43 @@ def significant(prints: Sequence[Fingerprint], level: float) -> dict[str, Finger
     return {n: f for n, f in strongest(prints).items() if f.p_adjusted <= level and f.z > 0.0}
 
 
+def seen_of(prints: Sequence[Fingerprint], tried: Sequence[str]) -> tuple[str, ...]:
+    """Families of which these data could show a fingerprint."""
+    best = strongest(prints)
+    return tuple(name for name in tried if name in best)
+
+
 def second_of(
     first: str,
-    prints: Sequence[Fingerprint],
+    left: Sequence[Fingerprint],
     shares: Mapping[str, float],
     thresholds: Thresholds,
-    tried: Sequence[str],
 ) -> str:
-    """A second cause beside the first, whose fingerprint is none of its consequences; "" if none.
-
-    It is more probable than all others together, were the first one none.
+    """A second cause: what is left once the first one is in the model; "" if nothing is.
 
     Parameters
     ----------
     first : str
         A family.
-    tried : sequence of str
-        Families that may be named.
+    left : sequence of Fingerprint
+        Of the base with the first cause.
+    shares : mapping
+        Probability of the other families and of "none", by these fingerprints.
     """
-    others = 1.0 - shares.get(first, 0.0)
     sure = {
-        name: one
-        for name, one in significant(prints, thresholds.level).items()
-        if one.z >= thresholds.second and name in tried
+        name: one.z
+        for name, one in significant(left, thresholds.level).items()
+        if one.z >= thresholds.second and name != first
     }
-    likely = {n for n in sure if shares.get(n, 0.0) > 0.5 * others}
-    hidden = {group_of(first), *_FOLLOWS[group_of(first)]}
-    for name in sure:
-        # What another sure cause brings about by itself is no cause of its own either.
-        hidden |= set(_FOLLOWS[group_of(name)]) - {group_of(first)}
-    return max(
-        (n for n in likely if group_of(n) not in hidden), key=lambda n: sure[n].z, default=""
-    )
+    likely = [name for name in sure if shares.get(name, 0.0) >= thresholds.named]
+    return max(likely, key=lambda n: sure[n], default="")
 
 
 def decide(
     prints: Sequence[Fingerprint],
     shares: Mapping[str, float],
-    findings: Sequence[GapFinding],
-    closes_at_most: float | None,
+    is_adequate: bool,
+    closes: float | None,
     thresholds: Thresholds,
     law: bool,
 ) -> tuple[str, str, str]:
@@ -142,18 +129,18 @@ def decide(
     ----------
     shares : mapping
         Probability of each family that may be named and of "none".
-    findings : sequence of GapFinding
-        Of the calibrated base.
-    closes_at_most : float or None
-        Upper limit of the shrinkage by the most probable family, on held-out rocks; None where it
-        is withheld.
+    is_adequate : bool
+        Whether the calibrated base leaves no gap that is significant and large.
+    closes : float or None
+        Share of the gap that the most probable family closes, on rocks left out; None where that
+        says nothing of it.
     law : bool
         Whether the base needs another law of the contact.
 
     Returns
     -------
     effect : str
-        "none", "unknown", "contact_law", a family or a pair.
+        "none", "unknown", "contact_law" or a family.
     group : str
         "" for none, and where not even the group is certain.
     reason : str
@@ -161,58 +148,79 @@ def decide(
     tried = [name for name in shares if name != NONE]
     best = strongest(prints)
     first = max(tried, key=lambda n: shares[n], default="")
-    seen = first in best and best[first].z >= SEEN
-    if seen and shares[first] >= thresholds.named:
-        if closes_at_most is not None and closes_at_most < 0.0:
+    refused = ""
+    if first in best and best[first].z >= SEEN and shares[first] >= thresholds.named:
+        if closes is None or closes > 0.0:
             reason = (
-                f"the fingerprints are those of {first.replace('_', ' ')}, but the effect "
-                "certainly closes none of the gap on rocks that took no part in its calibration"
+                f"{shares[first]:.0%} probable by its fingerprints and by what it closes; the "
+                f"surest of its own: {best[first].statistic} (z = {best[first].z:.1f})"
             )
-            return UNKNOWN, "", reason
-        second = second_of(first, prints, shares, thresholds, tried)
-        named = "+".join(sorted([first, second])) if second else first
-        reason = (
-            f"{shares[first]:.0%} probable by its fingerprints; the surest of its own: "
-            f"{best[first].statistic} (z = {best[first].z:.1f})"
+            return first, group_of(first), reason
+        refused = (
+            f"the fingerprints are those of {first.replace('_', ' ')}, but the effect closes none "
+            "of the gap on rocks that took no part in its calibration; "
         )
-        return named, group_of(named), reason
-    together = {g: sum(shares.get(n, 0.0) for n in names) for g, names in GROUPS.items()}
+    together = {g: group_probability(g, shares) for g in GROUPS}
     group = max(together, key=lambda g: together[g])
     if together[group] >= thresholds.grouped:
         reason = (
             f"a cause of the group {group} is {together[group]:.0%} probable; these data cannot "
             "answer which"
         )
-        return UNKNOWN, group, reason
-    if adequate(findings):
+        return UNKNOWN, group, refused + reason
+    if is_adequate:
         reason = (
-            "no cause is probable, and no gap of the calibrated base is both significant and large"
+            f"no {'other ' * bool(refused)}cause is probable, and no gap of the calibrated base is "
+            "both significant and large"
         )
-        return NONE, "", reason
+        return NONE, "", refused + reason
     if law and shares[NONE] > max((shares[name] for name in tried), default=0.0):
         reason = (
             "the contact follows another law: the motion is shifted in the same way for all sizes, "
             "or it certainly closes more of the gap than any values of the ground"
         )
-        return CONTACT_LAW, group_of(CONTACT_LAW), reason
+        return CONTACT_LAW, group_of(CONTACT_LAW), refused + reason
     reason = (
         "gaps are significant and large, and no known cause is probable: these data cannot answer "
         "which"
     )
-    return UNKNOWN, "", reason
+    return UNKNOWN, "", refused + reason
 
 
-def confusion_set(effect: str, shares: Mapping[str, float], covered: float) -> tuple[str, ...]:
-    """The answer, and the most probable causes until they are together as probable as asked."""
-    held = effect.split("+")
-    total = 0.0
-    for name, share in shares.items():
-        if total >= covered:
-            break
-        total += share
-        if name not in held:
-            held.append(name)
-    return tuple(held)
+def group_probability(group: str, shares: Mapping[str, float]) -> float:
+    """Probability of the families of a group together; NaN without a group."""
+    if not group:
+        return math.nan
+    return sum(shares.get(name, 0.0) for name in GROUPS[group])
+
+
+def confusion_set(
+    effect: str, least: Sequence[float], shares: Mapping[str, float], *others: Mapping[str, float]
+) -> tuple[str, ...]:
+    """The answer, and what is as probable as ``least`` by any of the probabilities.
+
+    ``least``: of a family, and of "none". Two or more families of one group that are not the answer
+    become the group, which then stands for all of its causes.
+    """
+    possible = [
+        name
+        for name in shares
+        if max(p.get(name, 0.0) for p in (shares, *others)) >= least[name == NONE]
+    ]
+    named = effect.split("+")
+    held = [n for n in possible if n not in named]
+    found = list(named)
+    for name in held:
+        group = group_of(name)
+        mates = [n for n in possible if group and group_of(n) == group]
+        apart = [n for n in GROUPS.get(group, ()) if n in shares and n not in named]
+        found.append(group if len(mates) > 1 and len(apart) > 1 else name)
+    return tuple(dict.fromkeys(found))
+
+
+def causes_in(confusion: Sequence[str]) -> tuple[str, ...]:
+    """A confusion set with the causes of its groups in their place."""
+    return tuple(dict.fromkeys(n for one in confusion for n in GROUPS.get(one, (one,))))
 
 
 def place_of(
@@ -248,33 +256,3 @@ def confidence_of(effect: str, shares: Mapping[str, float]) -> float:
         NONE if effect == CONTACT_LAW else max(effect.split("+"), key=lambda n: shares.get(n, 0.0))
     )
     return float(min(shares.get(own, 0.0), 0.99))
-
-
-def verdict_of(
-    prints: Sequence[Fingerprint],
-    shares: Mapping[str, float],
-    closes_at_most: float | None,
-    thresholds: Thresholds,
-    law: bool,
-    enough: bool,
-    case: Case,
-    fitted: Sequence[Draw],
-    findings: Sequence[GapFinding],
-) -> Verdict:
-    """Put the answer together; parameters as for ``decide`` and ``place_of``.
-
-    ``enough``: whether what calibrated ground leaves of the gap may be chance.
-    """
-    effect, group, reason = decide(prints, shares, findings, closes_at_most, thresholds, law)
-    phase, segments = place_of(effect, case, fitted, findings)
-    return Verdict(
-        effect,
-        confidence_of(effect, shares),
-        confusion_set(effect, shares, thresholds.covered),
-        phase,
-        segments,
-        reason,
-        dict(shares),
-        group,
-        CONTACT_LAW if law else "ground" if enough or adequate(findings) else "unresolved",
-    )

@@ -17,9 +17,7 @@ import sassgis
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.gap.diagnosis import Diagnosis
 from sassgis.gap.observations.case import Case
-from sassgis.gap.words import (
-    effect_name,
-)
+from sassgis.gap.words import effect_name, rung_name
 from sassgis.io.read.checked import is_preset_file
 from sassgis.io.read.config import declared_sections, load_config
 from sassgis.io.read.ground_map import read_ground_table
@@ -134,18 +132,28 @@ def _comments(
     stand: bool,
     left_out: bool,
 ) -> str:
-    verdict = diagnosis.verdict
+    verdict, recommended = diagnosis.verdict, diagnosis.advice.recommended
     named = verdict.effect not in ("none", "unknown")
+    added = {*recommended.split("+")} >= {*verdict.effect.split("+")}
     lines = [
         f"Made by sassgis {sassgis.__version__} (gap diagnose) from {config_file.name} and "
         f"observations of {diagnosis.rocks} rocks.",
-        f"Ground classes are calibrated to these observations ({CLASSES_NAME}).",
+        f"Ground classes are as configured ({CLASSES_NAME})."
+        if recommended == "configured"
+        else f"Ground classes are calibrated to these observations ({CLASSES_NAME}).",
     ]
+    if diagnosis.advice.why:
+        lines.append(f"{diagnosis.advice.why[:1].upper()}{diagnosis.advice.why[1:]}.")
     if not named:
         lines.append(
-            "No effect was named: the model is that of the configuration, calibrated."
+            "No effect was named."
             if verdict.effect == "none"
-            else "No known effect explains the gap: the model is calibrated, and a gap is left."
+            else "No known effect explains the gap."
+        )
+    elif not added:
+        lines.append(
+            f"Named: {effect_name(verdict.effect)}, with a confidence of {verdict.confidence:.2f}, "
+            f"but not added: the model has {rung_name(recommended)}."
         )
     elif not set(verdict.effect.split("+")) & set(sections):
         lines.append(

@@ -16,10 +16,10 @@ from scipy.stats import binom, energy_distance
 
 from sassgis.gap.diagnosis import Comparison, GapFinding, Hypothesis, Rung
 from sassgis.gap.words import (
-    RUNG_NAMES,
     effect_name,
     place_words,
     quantity_name,
+    rung_name,
     significance,
     tested_by,
     with_unit_in_brackets,
@@ -398,7 +398,7 @@ def gap_ladder_figure(ladder: Sequence[Rung]) -> Figure:
             text = f" closes {100 * rung.share:.0f} %{span}".replace("-", "\u2212")
             ax.text(max(rung.distance, 0.0), i, text, va="center", size=SMALL)
     ax.axvline(0.0, color=GREY, lw=0.8, zorder=1)
-    names = [RUNG_NAMES.get(r.rung) or effect_name(r.rung) for r in ladder]
+    names = [rung_name(r.rung) for r in ladder]
     ax.set_yticks(range(n), names, size=TEXT)
     _rows_only(ax, n, 0.6)
     ax.grid(visible=False)

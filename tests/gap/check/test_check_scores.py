@@ -298,7 +298,10 @@ def test_large_findings_are_read_from_the_answer() -> None:
 
     def read(**changes: object) -> Answer:
         where = [{**row, **changes}]
-        return answer_from("1", {"verdict": verdict, "ladder": [], "where": where})
+        advice = {"recommended": "ground"}
+        return answer_from(
+            "1", {"verdict": verdict, "ladder": [], "where": where, "advice": advice}
+        )
 
     assert read().large_findings and read().group == "contact"
     assert not read(p_adjusted=0.2).large_findings

@@ -13,9 +13,10 @@ from sassgis.gap.calibration.problem import CalibrationProblem, model_rows, prob
 from sassgis.gap.diagnosis import Rung
 from sassgis.gap.inference.distances import RockDistances
 from sassgis.gap.ladder.rungs import (
+    Ladder,
+    Step,
     ground_is_enough,
     group_weights,
-    ladder_of,
     needs_contact_law,
     share_of,
     shrinkage_of,
@@ -90,19 +91,60 @@ def rows_of(problem: CalibrationProblem, count: int = 6) -> np.ndarray:
     return model_rows(problem, configured_model(problem.case), 7, count)
 
 
+def ladder(problem: CalibrationProblem, *models: tuple[str, np.ndarray]) -> Ladder:
+    """Each model added to the one before it."""
+    over = ["", *(name for name, _ in models)]
+    return Ladder(
+        problem, [Step(name, o, rows) for (name, rows), o in zip(models, over, strict=False)]
+    )
+
+
 def test_the_ladder_goes_from_the_configured_model_to_chance(problem: CalibrationProblem) -> None:
     near = rows_of(problem)
     far = near + 1.0
-    ladder = ladder_of(problem, [("configured", far), ("ground", near)])
-    assert [r.rung for r in ladder] == ["configured", "ground", "floor"]
-    assert ladder[0].share is None and ladder[0].distance > ladder[1].distance
-    share = (ladder[0].distance - ladder[1].distance) / (ladder[0].distance - ladder[2].distance)
-    assert ladder[1].share == pytest.approx(share)
-    assert ladder[1].ci95 is not None and ladder[1].ci95[0] < share < ladder[1].ci95[1]
+    first, ground, floor = ladder(problem, ("configured", far), ("ground", near)).rungs(
+        "configured", "ground"
+    )
+    assert [r.rung for r in (first, ground, floor)] == ["configured", "ground", "floor"]
+    assert first.share is None and first.distance > ground.distance
+    share = (first.distance - ground.distance) / (first.distance - floor.distance)
+    assert ground.share == pytest.approx(share)
+    assert ground.ci95 is not None and ground.ci95[0] < share < ground.ci95[1]
+    assert ground.over == "configured" and ground.gain_ci95 is not None
+    assert ground.gain == pytest.approx(first.distance - ground.distance)
+    assert ground.gain_ci95[0] < ground.gain < ground.gain_ci95[1]
     # Without a gap there are no shares.
     seen = replace(problem, rows=near[0])
-    rungs = ladder_of(seen, [("configured", near[1:]), ("ground", near[1:])])
+    rungs = ladder(seen, ("configured", near[1:]), ("ground", near[1:])).rungs(
+        "configured", "ground"
+    )
     assert [r.share for r in rungs] == [None] * 3
+
+
+def test_nothing_is_recommended_whose_gain_does_not_clear_zero(
+    problem: CalibrationProblem,
+) -> None:
+    near = rows_of(problem)
+    own = replace(problem, rows=near[0])
+    # Each rock of the model a bit off by itself: no nearer to the observed ones, and no farther.
+    noise = 0.3 * np.random.default_rng(4).normal(size=near[1:].shape)
+    names = ("configured", "ground", "trees")
+    made = ladder(
+        own, ("configured", near[1:] + 1.0), ("ground", near[1:]), ("trees", near[1:] + noise)
+    )
+    best, why = made.recommended(*names)
+    assert best == "ground"
+    assert "for certain by trees beyond calibrated ground (" in why and "\n" not in why
+    # What helps is taken, and what is added to a model that helps no more must better that one.
+    made = ladder(own, ("configured", near + 1.0), ("ground", near + 0.9), ("trees", near))
+    assert made.recommended(*names) == ("trees", "")
+    made = ladder(own, ("configured", near), ("ground", near + 0.9), ("trees", near))
+    best, why = made.recommended(*names)
+    assert (
+        best == "configured" and "by calibrated ground beyond" in why and "by trees beyond" in why
+    )
+    gain = made.gain("ground", "trees")
+    assert gain is not None and gain[0].low > 0.0
 
 
 def test_without_a_gap_no_shrinkage_is_stated(problem: CalibrationProblem) -> None:
@@ -119,7 +161,9 @@ def test_impacts_alone_have_scores_but_no_distance() -> None:
     rows = rows_of(alone, 2)
     found = shrinkage_of(alone, rows, "air_drag", rows)
     assert found.value is None and "no distance" in found.note
-    assert ladder_of(alone, [("configured", rows), ("ground", rows)]) == ()
+    made = ladder(alone, ("configured", rows), ("ground", rows))
+    assert made.rungs("configured", "ground") == ()
+    assert made.recommended("configured", "ground")[0] == "configured"
 
 
 def test_a_stop_that_is_not_known_is_no_stop_that_did_not_happen() -> None:

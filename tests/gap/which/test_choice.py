@@ -22,14 +22,18 @@ from sassgis.gap.replicas.hypothesis_model import (
     LateralWalk,
 )
 from sassgis.gap.replicas.model_json import model_as_json, model_from_json
+from sassgis.gap.which.cause_weights import gain_ratio, with_gains
 from sassgis.gap.which.hypotheses import NONE, draw, families_to_try
 from sassgis.gap.which.verdict import (
     CONTACT_LAW,
     Thresholds,
     adequate,
+    causes_in,
     confusion_set,
     decide,
     group_of,
+    second_of,
+    seen_of,
 )
 from sassgis.io.read.gap_thresholds import cause_weights_of, read_thresholds
 from sassgis.model.effects import EffectSettings
@@ -110,9 +114,9 @@ FROZEN = Thresholds(named=0.6, grouped=0.7)
 
 
 def answer(prints: list[Fingerprint], p: dict[str, float], gaps: list[GapFinding],
-           most: float | None = None) -> tuple[str, str]:  # fmt: skip
+           closes: float | None = None) -> tuple[str, str]:  # fmt: skip
     law = any(f.effect == CONTACT_LAW for f in prints)
-    return decide(prints, p, gaps, most, FROZEN, law)[:2]
+    return decide(prints, p, adequate(gaps), closes, FROZEN, law)[:2]
 
 
 def test_none_is_answered_only_where_the_base_is_adequate() -> None:
@@ -129,30 +133,80 @@ def test_none_is_answered_only_where_the_base_is_adequate() -> None:
 def test_a_family_is_named_where_it_is_probable_and_could_be_seen() -> None:
     trees = shares(trees=0.8)
     assert answer([printed("trees", 5.0)], trees, [gap(1.0)], 0.5) == ("trees", "along the way")
-    # Neither where its fingerprint cannot be seen, nor where it certainly closes none of the gap.
+    # Neither where its fingerprint cannot be seen, nor where it closes none of the gap: then the
+    # group is certain all the same.
     assert answer([printed("air_drag", 5.0)], trees, [gap(1.0)])[0] == "unknown"
-    assert answer([printed("trees", 5.0)], trees, [gap(1.0)], -0.1) == ("unknown", "")
+    assert answer([printed("trees", 5.0)], trees, [gap(1.0)], -0.1) == ("unknown", "along the way")
     two = shares(trees=0.45, air_drag=0.4)
     assert answer([printed("trees", 5.0)], two, [gap(1.0)]) == ("unknown", "along the way")
 
 
-def test_a_second_cause_is_named_if_it_is_none_of_the_consequences_of_the_first() -> None:
-    first = printed("fragmentation", 9.0)
-    start, side = printed("release_error", 8.0), printed("lateral_deflection", 11.0)
-    p = shares(fragmentation=0.9, release_error=0.06, lateral_deflection=0.03)
-    assert answer([first, start], p, [gap(1.0)]) == ("fragmentation+release_error", "extra blocks")
-    assert answer([first, side], p, [gap(1.0)]) == ("fragmentation", "extra blocks")
-    assert answer([first, printed("release_error", 5.0)], p, [gap(1.0)])[0] == "fragmentation"
-    # Nor where another cause is as probable as the second.
-    p = shares(fragmentation=0.9, release_error=0.03)
-    assert answer([first, start], p, [gap(1.0)]) == ("fragmentation", "extra blocks")
-    assert group_of("trees") == "along the way" and group_of("unknown") == ""
+def test_a_gain_multiplies_the_odds_by_how_well_it_speaks_for_the_cause() -> None:
+    # By numbers: shares of the gap closed, evenly likely, seen with the error; against none.
+    gain, error, gap_left = 0.3, 0.1, 0.8
+    closed = np.linspace(0.0, gap_left, 20_001)
+    acts = np.exp(-0.5 * ((gain - closed) / error) ** 2).mean() / error
+    sd = np.hypot(error, gap_left / 3.0)
+    none = np.exp(-0.5 * (gain / sd) ** 2) / sd
+    assert gain_ratio(gain, error, gap_left) == pytest.approx(acts / none, rel=1e-3)
+    # Where nothing is left to close it says nothing; where much is, a gain of nothing says a lot.
+    assert gain_ratio(0.0, 0.1, 0.001) == pytest.approx(1.0, abs=0.01)
+    assert gain_ratio(0.3, 0.1, -0.1) == gain_ratio(float("nan"), 0.1, 1.0) == 1.0
+    ratios = [gain_ratio(g, 0.05, 1.0) for g in (-0.12, 0.0, 0.3, 0.9)]
+    assert ratios == sorted(ratios) and ratios[0] < 0.02 < ratios[1] < 0.5 and ratios[3] > 10.0
+    # What closes more than all of the gap is not worse for it.
+    assert gain_ratio(1.5, 0.05, 1.0) == gain_ratio(1.0, 0.05, 1.0) > 10.0
 
 
-def test_the_confusion_set_holds_the_answer_and_what_is_probable() -> None:
-    p = shares(trees=0.7, air_drag=0.2)
-    assert confusion_set("trees", p, 0.85) == ("trees", "air_drag")
-    assert confusion_set("unknown", p, 0.6) == ("unknown", "trees")
+def test_what_closes_nothing_is_not_named_whatever_its_fingerprints() -> None:
+    found = with_gains(shares(trees=0.94), {"trees": gain_ratio(-0.12, 0.1, 1.0)})
+    assert sum(found.values()) == pytest.approx(1.0)
+    assert found["trees"] < 0.65
+    sure = with_gains(shares(trees=0.6, none=0.2), {"trees": gain_ratio(0.8, 0.1, 1.0)})
+    assert next(iter(sure)) == "trees" and sure["trees"] > 0.9
+
+
+PAIRS = [(a, b) for a in FAMILIES for b in FAMILIES if a != b]
+
+
+@pytest.mark.parametrize("pair", PAIRS, ids="+".join)
+def test_every_second_cause_is_nameable_if_it_is_left_beside_the_first(
+    pair: tuple[str, str],
+) -> None:
+    first, second = pair
+    left = shares(**{second: 0.8})
+    frozen = Thresholds(named=0.6, second=6.0)
+    assert second_of(first, [printed(second, 8.0)], left, frozen) == second
+    # Not if little of it is left, if something else is as probable, or if it is the first itself.
+    assert second_of(first, [printed(second, 5.0)], left, frozen) == ""
+    assert second_of(first, [printed(second, 8.0)], shares(**{second: 0.4}), frozen) == ""
+    assert second_of(second, [printed(second, 8.0)], left, frozen) == ""
+
+
+def test_what_could_not_be_seen_is_neither_named_nor_counted() -> None:
+    weights = cause_weights_of(read_thresholds())
+    prints = [printed("trees", 9.0), replace(printed("air_drag", 0.0), observable=False)]
+    assert seen_of(prints, FAMILIES) == ("trees",)
+    assert set(weights.shares(prints, seen_of(prints, FAMILIES))) == {"trees", NONE}
+
+
+def test_the_confusion_set_has_groups_where_families_are_not_told_apart() -> None:
+    p = {"trees": 0.4, "air_drag": 0.3, "none": 0.2, "roughness": 0.07, "rock_shape": 0.03}
+    assert confusion_set("unknown", (0.05, 0.05), p) == (
+        "unknown",
+        "along the way",
+        "none",
+        "roughness",
+    )
+    assert confusion_set("trees", (0.25, 0.25), p) == ("trees", "air_drag")
+    assert confusion_set("trees", (0.03, 0.03), p) == ("trees", "air_drag", "none", "contact")
+    assert confusion_set("trees", (0.03, 0.5), p) == ("trees", "air_drag", "contact")
+    # What only the fingerprints leave possible stays possible.
+    assert confusion_set("trees", (0.35, 0.35), p, {"rock_shape": 0.5}) == ("trees", "rock_shape")
+    found = causes_in(("unknown", "along the way", "none"))
+    assert found == ("unknown", "air_drag", "trees", "none") and group_of("trees+x") == group_of(
+        "air_drag"
+    )
 
 
 def test_the_frozen_weights_follow_the_fingerprints() -> None:

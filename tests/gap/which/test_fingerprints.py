@@ -8,15 +8,22 @@ import numpy as np
 import pytest
 from helpers.simulated_slope import TABLE, observed
 
+from sassgis.engine.effects.soft_ground import SoftGround
 from sassgis.gap.causes.all_causes import STATISTICS
 from sassgis.gap.causes.extra_blocks import mass_budget
 from sassgis.gap.diagnosis import Fingerprint
 from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.tables import Deposits
+from sassgis.gap.replicas.hypothesis_model import (
+    HypothesisModel,
+    MeasurementError,
+    ReleaseError,
+)
 from sassgis.gap.residuals.steps import StepTable
-from sassgis.gap.residuals.table import ResidualTable, residuals_of
+from sassgis.gap.residuals.table import ResidualTable, residuals_of, residuals_with
 from sassgis.gap.which.fingerprints import fingerprints
 from sassgis.gap.which.verdict import strongest
+from sassgis.model.effects import EffectSettings
 
 
 @pytest.fixture(scope="module")
@@ -140,6 +147,30 @@ def test_a_shift_for_all_sizes_is_the_law_of_the_contact(
     found = printed(case, changed(residuals, "impact", "normal_speed_mps", shift))
     assert found["contact_law"].p_adjusted <= 0.01
     assert "rock_shape" not in found or found["rock_shape"].p_adjusted > 0.01
+
+
+def test_a_cause_in_the_model_leaves_no_fingerprint_of_its_own() -> None:
+    effects = EffectSettings(SoftGround("velocity_scaled", classes=(), reference_speed_mps=2.0))
+    soft = observed(30, 3, effects=effects)
+    assert printed(soft, table_of(soft))["contact_law"].p_adjusted <= 0.01
+    again, left = residuals_with(soft, HypothesisModel(TABLE, effects), seed=5, replicates=8)
+    assert not [f for f in printed(again, left).values() if f.p_adjusted <= 0.01 and f.z > 0.0]
+
+
+def test_what_instruments_scale_is_scaled_back(case: Case) -> None:
+    seen = case.observations
+    fast = seen.passages.speed_mps * 1.2
+    scaled = replace(
+        case, observations=replace(seen, passages=replace(seen.passages, speed_mps=fast))
+    )
+    model = HypothesisModel(
+        TABLE, EffectSettings(), release=ReleaseError(faster_mps=4.0),
+        measurement=MeasurementError(scale=1.2),
+    )  # fmt: skip
+    again, left = residuals_with(scaled, model, seed=5, replicates=4)
+    np.testing.assert_allclose(again.observations.passages.speed_mps, seen.passages.speed_mps)
+    assert [b.speed_mps[1] for b in again.blocks] == [b.speed_mps[1] + 4.0 for b in case.blocks]
+    assert left.run.ends.runout_m.shape == (case.n_rocks, 4)
 
 
 def test_rocks_of_one_group_count_once(case: Case, residuals: ResidualTable) -> None:

@@ -1,0 +1,113 @@
+"""What is told first: the worst gap on the unsafe side, what to run, and what that leaves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sassgis.gap.calibration.problem import CalibrationProblem, model_rows
+from sassgis.gap.diagnosis import Advice, GroundSetting, ModelGap, Rung
+from sassgis.gap.ladder.handover import falls_short, first_sentence, model_gaps, values_of, worst_of
+from sassgis.gap.replicas.hypothesis_model import configured_model
+
+
+def gap(size: float, half: float, statistic: str = "median", **changes: object) -> ModelGap:
+    side = "unsafe" if size > half else "safe" if size < -half else ""
+    made = ModelGap(
+        "stop", "runout_m", statistic, "m", 100.0, 100.0 - size, size, (size - half, size + half),
+        5.0, 40, side,
+    )  # fmt: skip
+    return replace(made, **changes)  # type: ignore[arg-type]
+
+
+ENERGY = {"place": "S2", "quantity": "energy_kj", "unit": "kJ", "limit": 15.0}
+
+
+def test_the_worst_is_the_surest_on_the_unsafe_side() -> None:
+    long, short, low = gap(-60.0, 5.0), gap(20.0, 8.0, "90 %"), gap(40.0, 30.0, "90 %", **ENERGY)
+    assert worst_of([long, low, short]) == short
+    assert worst_of([long, low]) == low
+    # Certain, but too small to count; too uncertain.
+    assert worst_of([gap(3.0, 1.0), gap(20.0, 30.0), long]) == long
+    assert worst_of([gap(3.0, 1.0), gap(20.0, 30.0)]) == gap(3.0, 1.0)
+    assert worst_of([]) is None
+    assert falls_short([long, short]) and not falls_short([long, gap(8.0, 1.0)])
+
+
+@pytest.mark.parametrize("shift", [30.0, -30.0])
+def test_every_statistic_has_its_gap_side_and_interval(
+    problem: CalibrationProblem, shift: float
+) -> None:
+    """Observed rocks that stop further down, and a model whose far ones lack."""
+    column = problem.scale.names.index("stop:runout")
+    rows = model_rows(problem, configured_model(problem.case), 7, 6)
+    rows[:, :, column] -= shift / problem.scale.scale[column]
+    found = {(g.place, g.statistic): g for g in model_gaps(problem, rows)}
+    own = found["stop", "90 %"]
+    seen = values_of(problem.scale, problem.rows, column)
+    made = values_of(problem.scale, rows, column)
+    assert own.observed == pytest.approx(np.nanquantile(seen, 0.9))
+    assert own.predicted == pytest.approx(np.nanquantile(made, 0.9))
+    assert own.gap == own.observed - own.predicted
+    assert own.ci95[0] < own.gap < own.ci95[1]
+    assert own.side == ("unsafe" if shift > 0.0 else "safe")
+    width = found["stop", "width"]
+    assert width.observed == pytest.approx(own.observed - np.nanquantile(seen, 0.1))
+    # A shift moves all rocks alike.
+    assert width.side == "" and width.ci95[0] < 0.0 < width.ci95[1]
+    at_stations = [g for g in found.values() if g.place != "stop"]
+    assert at_stations and {g.quantity for g in at_stations} == {"energy_kj"}
+    k = problem.scale.names.index("S0:speed")
+    speed = values_of(problem.scale, problem.rows, k)
+    energy = 0.5e-3 * problem.case.mass_kg * speed**2
+    first = found[problem.case.station_names[0], "median"]
+    assert first.observed == pytest.approx(np.nanmedian(energy), rel=1e-3)
+
+
+SETTING = GroundSetting("debris", "eta_max", 0.8, 0.72, (0.67, 0.74), True)
+RUNGS = (
+    Rung("configured", 1.6),
+    Rung("ground", 1.0, 0.66, (0.5, 0.8)),
+    Rung("trees", 0.9, 0.66, (0.5, 0.8)),
+)
+
+
+def advice(recommended: str, why: str = "", left: tuple[ModelGap, ...] = ()) -> Advice:
+    worst = gap(20.0, 8.0, "90 %")
+    return Advice(
+        worst, settings=(SETTING,), compared=(worst,), left=left, recommended=recommended, why=why
+    )
+
+
+def test_the_sentence_recommends_what_gains_and_says_why_not_more() -> None:
+    why = "on rocks left out, trees closes no certain part of what is left"
+    said = first_sentence(advice("ground", why), RUNGS)
+    assert said.startswith(
+        "As configured, the model is 20 m short (90 % run-out; 95 %: 12 to 28 m), on the unsafe"
+    )
+    assert "Set debris: eta_max 0.72" in said and "closes 66 %" in said
+    assert "On rocks left out, trees closes no certain part of what is left." in said
+    assert "Run model/config.toml" not in said
+    said = first_sentence(advice("configured", "ground closes nothing"), RUNGS)
+    assert "Keep the configured ground. Ground closes nothing." in said and "Set" not in said
+    said = first_sentence(advice("trees"), RUNGS)
+    assert "Run model/config.toml, which has trees: on rocks left out" in said
+    assert "calibrated ground alone 66 %" in said
+
+
+def test_what_the_recommended_model_leaves_on_the_unsafe_side_is_said() -> None:
+    left = (gap(40.0, 20.0, "90 %", **ENERGY), gap(-9.0, 2.0))
+    said = first_sentence(advice("ground", left=left), RUNGS)
+    assert said.endswith(
+        "Even so, the model is 40 kJ too low (90 % energy at S2; 95 %: 20 to 60 kJ), on the unsafe "
+        "side."
+    )
+    assert "Even so" not in first_sentence(advice("ground", left=left[1:]), RUNGS)
+    unclear = (gap(1.0, 4.0), gap(2.0, 9.0, "90 %"), gap(1.0, 9.0, "width"))
+    said = first_sentence(Advice(unclear[0], compared=unclear, recommended="configured"), RUNGS)
+    assert said.startswith(
+        "As configured, the model is not distinguished from 40 rocks in median, 90 % and width of "
+        "run-out: median run-out observed less predicted 1 m (95 %: \u22123 to 5 m)."
+    )
