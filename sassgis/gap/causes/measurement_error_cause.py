@@ -36,6 +36,9 @@ from sassgis.model.grid import FloatArray
 
 #: Time between two points of a path whose distance gives a speed (s), and least speed (m/s).
 _LAG_S, _FAST_MPS = 0.5, 5.0
+#: Scale of speeds that is within what instruments state, and least fall on the flights of a rock
+#: that tells it (m).
+_SCALE_USUAL, _LEAST_FALL_M = 1.05, 2.0
 #: Product of neighbouring residuals that restarts from slightly wrong states make.
 _MADE_UP = 0.1
 #: Most distance of a stop below the last station, for its offset to be one of the instruments (m).
@@ -95,6 +98,26 @@ def _all_alike(case: Case, residuals: ResidualTable) -> Scores:
     return Scores(math.copysign(1.0, middle) * ratio - 0.05, abs(middle) - 0.05)
 
 
+def _against_falls(case: Case, residuals: ResidualTable) -> Scores:
+    """Energy gained between two contacts over that which gravity gives: the square of the scale.
+
+    Air, stems and contacts that were missed take energy: only a scale above 1 is certain.
+    """
+    rows = residuals.steps.of("flight", "energy_jpkg")
+    gained = rows.observed - rows.predicted
+    more, fell = (
+        np.bincount(rows.rock, values, case.n_rocks) for values in (gained, rows.fell_jpkg)
+    )
+    flew = np.bincount(rows.rock, minlength=case.n_rocks) > 0
+    if flew.sum() < LEAST or fell[flew].mean() < _LEAST_FALL_M * case.engine.gravity_mps2:
+        raise Unseen
+    # Not of each rock by itself: one that hardly fell would have any scale.
+    share = np.where(flew, more / fell[flew].mean(), np.nan)
+    own = np.where(flew, fell / fell[flew].mean(), np.nan)
+    scale = math.sqrt(max(1.0 + float(np.nanmean(share)), 0.0))
+    return Scores(share - (_SCALE_USUAL**2 - 1.0) * np.abs(own), scale)
+
+
 def _each_its_own(case: Case, residuals: ResidualTable) -> Scores:
     ratio, usual = _speed_ratios(case)
     away = np.abs(ratio - float(np.nanmedian(ratio)))
@@ -140,13 +163,20 @@ CAUSE = Cause(
     closes=False,
     draw=_draw,
     shown_by="speeds as stated against those from positions and times of the path, all rocks alike "
-    "or each by its own share; what is off at one station is made up for at the next; stops beside "
+    "or each by its own share; more energy gained between contacts than the fall gives; what is "
+    "off at one station is made up for at the next; stops beside "
     "the fall line, where the rock was on it at a station at most 30 m above",
     statistics=(
         Trace(
             "speeds against distances in time, all rocks alike",
             _all_alike,
             ("trajectories",),
+            CLEAR,
+        ),
+        Trace(
+            "speeds against the falls between contacts, too high for all",
+            _against_falls,
+            ("impacts",),
             CLEAR,
         ),
         Trace(

@@ -29,6 +29,7 @@ from sassgis.gap.causes.lateral_scatter import walk_too
 from sassgis.gap.causes.parameter_draws import Fit, ParameterDraws, Range, rounded
 from sassgis.gap.causes.reach_gaps import reach_contrasts
 from sassgis.gap.inference.rock_tests import t_statistics
+from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.hypothesis_model import ForestStand, HypothesisModel
 from sassgis.gap.residuals.residuals import per_rock
@@ -47,10 +48,15 @@ FIT = Fit(
     forms={"stems": 0.45, "full_stems": 0.4, "viscous": 0.15},
     parameters={"stems": ("efficiency",), "full_stems": ("efficiency",), "viscous": ("drag_kgps",)},
 )
+_ENERGY = "energy_jpkg"
 #: Loss of the energy of a flight, and in standard deviations, from which something was struck.
 _STRUCK_SHARE, _STRUCK_SD = 0.15, 3.5
 #: The same far above the ground, in standard deviations, and share of flights that seem so without.
 _STRUCK_ALOFT_SD, _SEEM_STRUCK = 5.0, 0.004
+#: Rise of a flight above the straight way between two contacts, in radii and at least (m), from
+#: which no contact can have been missed on it: grazing ones and those of a rock that rolls or
+#: slides are in no table of impacts.
+_CLEAR_RADII, _CLEAR_M = 1.0, 0.5
 #: Least share of flights between contacts that seem struck without; else that of the base.
 _SEEM_STRUCK_AT_CONTACTS = 0.01
 
@@ -102,13 +108,20 @@ def _in_the_stand(case: Case, models: Sequence[HypothesisModel]) -> tuple[str, .
 
 def _on_few_flights(case: Case, residuals: ResidualTable) -> Scores:
     """More often than on flights of the base, which contacts that are not recorded cut as well."""
-    rows, loss, usual = loss_of_flights(residuals.steps.of("flight", "energy_jpkg"))
+    error = errors_of(case).position_m
+    rows, loss, usual = loss_of_flights(_above_ground(residuals.steps.of("flight", _ENERGY), error))
     struck, chance = _struck(rows, loss, usual), _SEEM_STRUCK_AT_CONTACTS
     with suppress(Unseen):
-        base = loss_of_flights(residuals.steps.of(MODEL_FLIGHT, "energy_jpkg"))
+        base = loss_of_flights(_above_ground(residuals.steps.of(MODEL_FLIGHT, _ENERGY), error))
         chance = max(chance, float(_struck(*base).mean()))
     scores = per_rock(struck.astype(np.float64) - chance, rows.rock, case.n_rocks)
     return Scores(scores, float(struck.mean()))
+
+
+def _above_ground(rows: StepTable, error_m: float) -> StepTable:
+    """Flights on which what was struck stood above the ground."""
+    least = np.maximum(_CLEAR_RADII * rows.radius_m, _CLEAR_M)
+    return rows.where(rows.clear_m > least + 2.0 * error_m)
 
 
 def _struck(rows: StepTable, loss: FloatArray, usual: FloatArray) -> NDArray[np.bool_]:
@@ -125,7 +138,7 @@ def _struck(rows: StepTable, loss: FloatArray, usual: FloatArray) -> NDArray[np.
 
 def _aloft(case: Case, residuals: ResidualTable) -> Scores:
     """Speed lost at one point far above the ground: no contact, and no air."""
-    rows = residuals.steps.of("aloft", "energy_jpkg")
+    rows = residuals.steps.of("aloft", _ENERGY)
     if len(rows) < 2 * LEAST:
         raise Unseen
     share = 1.0 - rows.observed / np.maximum(rows.predicted, 1.0)
@@ -153,7 +166,8 @@ CAUSE = Cause(
     shown_by="energy lost at one point of a path in time, at least 1.5 m above the resting "
     "position (more than 15 % and 5 standard deviations, without the upward speed that a contact "
     "gives); energy lost at once between two impacts (more than 15 % and 3.5 standard deviations) "
-    "on few flights; speed lost on one reach alone",
+    "on few of the flights that rise above the way between them by more than the radius and half a "
+    "metre, so that no contact can have been missed; speed lost on one reach alone",
     statistics=(
         Trace("energy lost at once, on few flights", _on_few_flights, ("impacts",), CLEAR),
         Trace("energy lost at once, far above the ground", _aloft, ("trajectories",), CLEAR),

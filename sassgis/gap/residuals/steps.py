@@ -56,9 +56,10 @@ class StepTable:
         Class; -1 where it does not matter.
     station : int64, shape (n,)
         -1 where there is none.
-    vn_mps, way_m, radius_m, flatness, reach : float64, shape (n,)
+    vn_mps, way_m, radius_m, flatness, reach, clear_m, fell_jpkg : float64, shape (n,)
         Normal speed before an impact; length of a flight; radius and c/b of the rock; length of
-        the flight as a share of that of a free one.
+        the flight as a share of that of a free one; how far it rises above the straight way;
+        energy that gravity gives on it.
     """
 
     rock: IntArray
@@ -74,6 +75,8 @@ class StepTable:
     radius_m: FloatArray
     flatness: FloatArray
     reach: FloatArray
+    clear_m: FloatArray
+    fell_jpkg: FloatArray
 
     def __len__(self) -> int:
         return int(self.rock.size)
@@ -82,7 +85,11 @@ class StepTable:
         """Rows of one quantity that have an observed and a predicted value."""
         own = (self.step == step) & (self.quantity == quantity)
         own &= np.isfinite(self.observed) & np.isfinite(self.predicted) & (self.sd > 0.0)
-        return StepTable(*(getattr(self, f.name)[own] for f in fields(self)))
+        return self.where(own)
+
+    def where(self, chosen: NDArray[np.bool_]) -> StepTable:
+        """Some of the rows."""
+        return StepTable(*(getattr(self, f.name)[chosen] for f in fields(self)))
 
     @property
     def z(self) -> FloatArray:
@@ -222,6 +229,7 @@ def _flights(case: Case, rows: ImpactRows | None, step: str) -> list[_Part]:
             "quantity": np.array("energy_jpkg"), "observed": into[flown],
             "predicted": (out + g * fall)[flown], "sd": sd[flown],
             "way_m": length[flown], "reach": share[flown],
+            "clear_m": (g * (way / level) ** 2 / 8.0)[flown], "fell_jpkg": (g * fall)[flown],
         }
     ]  # fmt: skip
 
