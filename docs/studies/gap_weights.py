@@ -72,12 +72,22 @@ STUDY = Path(__file__).with_suffix("")
 ROWS, RESULTS, PAGE = STUDY / "rows.csv", STUDY / "results.json", STUDY.with_suffix(".md")
 CAUSES = (*FAMILIES, NONE)
 #: Fingerprints of what synthetic sites can have: cause, and weight for it before any site.
-STATISTICS: Mapping[str, tuple[str, float]] = {
+_ALL: Mapping[str, tuple[str, float]] = {
     own.name: (name, own.weight)
     for name, row in ROWS_OF_CAUSES.items()
     for own in row.statistics
     if name in (*FAMILIES, CONTACT_LAW)
 }
+
+
+def read_rows(file: Path = ROWS) -> list[dict[str, str]]:
+    """The committed rows."""
+    with file.open(encoding="utf-8", newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+#: Those that the committed rows have: one that is newer has its weight from before any site.
+STATISTICS = {name: own for name, own in _ALL.items() if name in read_rows()[0]}
 #: Before any site a fingerprint speaks for its own cause with the weight of its row, and no cause
 #: is more likely than "none" by this; the ridge holds the weights there.
 NONE_OFFSET, OFFSET_RIDGE = 3.0, 0.1
@@ -175,22 +185,16 @@ def as_row(
         "error_factor": spec.error_factor,
         "disturbance": spec.disturbance,
         "adequate": int(is_adequate),
-        **{name: z.get(name, "") for name in STATISTICS},
+        **{name: z.get(name, "") for name in _ALL},
     }
 
 
 def write_rows(rows: Sequence[dict[str, Any]], file: Path) -> None:
     """Rows as CSV, by site."""
     with file.open("w", encoding="utf-8", newline="") as stream:
-        table = csv.DictWriter(stream, [*FIXED, *STATISTICS], lineterminator="\n")
+        table = csv.DictWriter(stream, [*FIXED, *_ALL], lineterminator="\n")
         table.writeheader()
         table.writerows(sorted(rows, key=lambda r: int(r["site"])))
-
-
-def read_rows(file: Path = ROWS) -> list[dict[str, str]]:
-    """The committed rows."""
-    with file.open(encoding="utf-8", newline="") as stream:
-        return list(csv.DictReader(stream))
 
 
 def make_rows(folder: Path, jobs: int, n: int) -> None:
