@@ -4,7 +4,7 @@
     python docs/studies/gap_weights.py fit                     # seconds
     python docs/studies/gap_weights.py page
 
-``rows`` makes synthetic sites of five laws of motion, calibrates the base model on what was
+``rows`` makes synthetic sites of all laws of motion, calibrates the base model on what was
 observed in each, and writes the z of all fingerprints, one row per site, as
 ``docs/studies/gap_weights/rows.csv``. Their seeds are no battery's. ``fit`` fits the weights to all
 rows (``sassgis/data/gap_thresholds.json``) and writes ``docs/studies/gap_weights/results.json``:
@@ -41,7 +41,6 @@ from sassgis.gap.check.check_scores import (
 )
 from sassgis.gap.check.worlds import EffectSpec, WorldSpec
 from sassgis.gap.check.worlds.observe import KINDS
-from sassgis.gap.check.worlds.polygons import SUPPORTED
 from sassgis.gap.check.worlds.slopes import SLOPE_TYPES
 from sassgis.gap.check.worlds.world import DISTURBANCES, FAMILIES, LAWS, MOST_STATIONS, UNKNOWNS
 from sassgis.gap.diagnosis import Fingerprint
@@ -142,10 +141,9 @@ def sites(n: int) -> list[tuple[int, WorldSpec]]:
         spec = WorldSpec(
             slope, effects, n_rocks=rocks, kind=kind, law=law, n_stations=stations,
             named=bool(rng.random() < 0.7), error_factor=one_of((0.5, 1.0, 1.0, 1.5)),
-            disturbance=disturbance,
+            disturbance=disturbance, faults=True,
         )  # fmt: skip
-        if law != "polygons" or all(e.name in SUPPORTED for e in effects):
-            found.append((k, spec))
+        found.append((k, spec))
     return found
 
 

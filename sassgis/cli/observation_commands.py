@@ -176,6 +176,10 @@ def diagnose(
         "--seed", type=click.IntRange(0, 2**63 - 1), default=2026, show_default=True,
         help="Of the battery.",
     ),
+    click.option(
+        "--law", type=click.Choice(["own", "elastic", "rigid"]), default="", show_default=False,
+        help="Of the motion at all sites; default: all in turn. rigid needs sassgis[rigid].",
+    ),
     *WORKERS,
     click.option("--quick", is_flag=True, help="Six small sites, to see whether everything runs."),
     click.option(

@@ -56,7 +56,7 @@ FRESH_ROCKS = 300
 DIAGNOSER = "sassgis.runs.diagnose:answer"
 MEASURER = "sassgis.runs.fresh_shrinkage:measured_shrinkage"
 
-_FORMAT = 1
+_FORMAT = 2
 _MAKER = "sassgis.runs.blinded_cases"
 #: Sites whose fresh rocks are on the disk at the same time.
 _BATCH = 8
@@ -83,6 +83,7 @@ def check(
     *,
     worlds: int = WORLDS,
     seed: int = SEED,
+    law: str = "",
     jobs: Jobs = None,
     quick: bool = False,
     development: bool = False,
@@ -109,6 +110,8 @@ def check(
     worlds : int
     seed : int
         Of the battery.
+    law : str
+        Of the motion at all sites; "" for all in turn.
     jobs : int or Workers, optional
         Processes of this machine, default: one for each core; or processes of a cluster, to all of
         which ``out`` is the same folder.
@@ -145,10 +148,11 @@ def check(
     step = on_progress or (lambda _done, _total, _rocks: None)
     jobs = jobs or _cores()
     digest = _thresholds_digest(thresholds, seed, development)
-    planned = _battery(seed, worlds, quick)
+    planned = _battery(seed, worlds, law, quick)
     plan = {
         "format": _FORMAT,
         "seed": seed,
+        "law": law,
         "worlds": len(planned),
         "quick": quick,
         "development": development,
@@ -192,8 +196,9 @@ def _thresholds_digest(file: Path | None, seed: int, development: bool) -> str:
     return frozen_digest(file)
 
 
-def _battery(seed: int, worlds: int, quick: bool) -> list[PlannedSite]:
-    specs = quick_battery(seed) if quick else battery(seed, worlds)
+def _battery(seed: int, worlds: int, law: str, quick: bool) -> list[PlannedSite]:
+    laws = {"laws": (law,)} if law else {}
+    specs = quick_battery(seed, **laws) if quick else battery(seed, worlds, **laws)
     seeds = world_seeds(seed, len(specs))
     width = max(3, len(str(len(specs))))
     return [

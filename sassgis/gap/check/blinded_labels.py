@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+from dataclasses import asdict
 from typing import Any
 
 from sassgis.gap.check.answers import (
@@ -30,6 +31,7 @@ def label_of(world: World, case: str) -> dict[str, Any]:
         "named": spec.named,
         "error_factor": spec.error_factor,
         "disturbance": spec.disturbance,
+        "faults": asdict(world.faults),
         "asked": [[e.name, e.strength] for e in spec.effects],
         "verdict": spec.verdict,
         "reaches": list(world.segments),

@@ -82,6 +82,7 @@ _CLEAR_MODEST = "single effect, medium or strong, 40 rocks, stations and stops"
 #: What is asked of a diagnosis on the full battery.
 AIMS: tuple[Aim, ...] = (
     Aim("false_alarm", "no effect, yet one is named", 0.05, at_least=False),
+    Aim("wrong_named", "an effect, yet one is named that is not there", 0.08, at_least=False),
     Aim("family_full", f"{_CLEAR_FULL}: named", 0.80),
     Aim("group_full", f"{_CLEAR_FULL}: group right", 0.90),
     Aim("family_modest", f"{_CLEAR_MODEST}: named", 0.50),
@@ -431,6 +432,10 @@ def _measures(pairs: Sequence[Pair]) -> dict[str, Share]:
         "all_right": share("all sites", right(pairs)),
         "false_alarm": share(
             "no effect, yet one is named", [bool(names_in(a.effect)) for _, a in nulls]
+        ),
+        "wrong_named": share(
+            "an effect, yet one is named that is not there",
+            [bool(names_in(a.effect) - {*t.effects}) for t, a in pairs if t.effects],
         ),
         "null_unknown": share(
             "no effect, answer unknown", [a.effect == "unknown" for _, a in nulls]

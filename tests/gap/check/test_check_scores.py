@@ -91,6 +91,8 @@ def test_each_share_as_counted_by_hand() -> None:
         "group_single": (2, 4),
         "all_right": (5, 11),
         "false_alarm": (1, 3),
+        # 6 and B.
+        "wrong_named": (2, 8),
         "null_unknown": (1, 3),
         "null_right": (1, 3),
         # 1 and 4; the gap of 1 is no large one.

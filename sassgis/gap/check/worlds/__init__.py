@@ -7,7 +7,7 @@ effects of nature in other functional forms than those that a diagnosis would tr
 from sassgis.gap.check.worlds.battery import battery, quick_battery, world_seeds
 from sassgis.gap.check.worlds.make import make_world
 from sassgis.gap.check.worlds.observe import ObservedTables, SiteSetup, fresh_rocks, observe, setup
-from sassgis.gap.check.worlds.polygons import require_library
+from sassgis.gap.check.worlds.rigid import require_library
 from sassgis.gap.check.worlds.world import EffectSpec, World, WorldSpec
 
 __all__ = [

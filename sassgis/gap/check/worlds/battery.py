@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
 
 from sassgis.gap.check.worlds.observe import KINDS
-from sassgis.gap.check.worlds.polygons import LAW as POLYGONS
-from sassgis.gap.check.worlds.polygons import SUPPORTED
 from sassgis.gap.check.worlds.slopes import SLOPE_TYPES
 from sassgis.gap.check.worlds.world import (
     DISTURBANCES,
@@ -38,8 +37,6 @@ MODEST: Design = (40, "both")
 _NONE, _SINGLE, _PAIR = 1 / 3, 2 / 5, 2 / 15
 # Shares of the single effects in the two designs, and of the unknown ones in the first.
 _SINGLE_FULL, _SINGLE_MODEST, _UNKNOWN_FULL = 2 / 5, 1 / 3, 7 / 10
-# A quarter of the sites obeys the model's own law, the others share the rest evenly.
-_LAWS = (LAWS[0],) * 4 + LAWS[1:] * 3
 # Half of the sites without an effect is disturbed otherwise; as many state wrong errors.
 _DISTURBANCES = ("", "", *DISTURBANCES[1:])
 _ERROR_FACTORS = (1.0, 1.0, 0.5, 1.5)
@@ -49,7 +46,7 @@ _NAMED = (True, True, False)
 _STRENGTHS: tuple[Strength, ...] = ("weak", "medium", "strong", "medium", "strong")
 
 
-def battery(seed: int, n: int) -> list[WorldSpec]:
+def battery(seed: int, n: int, laws: Sequence[str] = LAWS) -> list[WorldSpec]:
     """Specifications of a battery of sites, in shuffled order.
 
     A third has no effect, two fifths a single one, two fifteenths a pair, the rest an unknown one.
@@ -60,15 +57,17 @@ def battery(seed: int, n: int) -> list[WorldSpec]:
     within one; in five cycles each of them is weak once, medium twice and strong twice. Pairs and
     unknown effects are medium or strong.
 
-    Laws of the motion, slopes, numbers of stations, names and stated errors go round all sites. A
-    law that does not know an effect gives its place to one that does. Half of the sites without an
-    effect has a patch of ground that no map shows, or a loss that grows with the speed.
+    Laws of the motion, slopes, numbers of stations, names and stated errors go round all sites.
+    Half of the sites without an effect has a patch of ground that no map shows, or a loss that
+    grows with the speed. All observers and terrain models have faults.
 
     Parameters
     ----------
     seed : int
     n : int
         Number of sites, at least 1.
+    laws : sequence of str
+        Of the motion.
 
     Returns
     -------
@@ -96,11 +95,10 @@ def battery(seed: int, n: int) -> list[WorldSpec]:
     designs = [FULL] * n_full + _cycle(rng, elsewhere, n_unknown - n_full)
     cells += zip(_unknown(rng, n_unknown), designs, strict=True)
 
-    effects = [cell[0] for cell in cells]
     disturbances = _cycle(rng, _DISTURBANCES, n_none) + [""] * (n - n_none)
     circumstances = zip(
         _cycle(rng, SLOPE_TYPES, n),
-        _laws(rng, effects),
+        _cycle(rng, laws, n),
         _cycle(rng, range(1, MOST_STATIONS + 1), n),
         _cycle(rng, _NAMED, n),
         _cycle(rng, _ERROR_FACTORS, n),
@@ -108,32 +106,17 @@ def battery(seed: int, n: int) -> list[WorldSpec]:
         strict=True,
     )
     specs = [
-        WorldSpec(slope, own, *design, *rest)
+        replace(WorldSpec(slope, own, *design, *rest), faults=True)
         for (own, design), (slope, *rest) in zip(cells, circumstances, strict=True)
     ]
     return [specs[k] for k in rng.permutation(n).tolist()]
 
 
-def _laws(rng: np.random.Generator, effects: Sequence[tuple[EffectSpec, ...]]) -> list[str]:
-    """Laws of the sites, each of which knows the effects of its site."""
-    laws = _cycle(rng, _LAWS, len(effects))
-    known = [all(e.name in SUPPORTED for e in own) for own in effects]
-    for k in range(len(laws)):
-        if laws[k] == POLYGONS and not known[k]:
-            # The next site that any law can have.
-            others = [j for j in range(len(laws)) if known[j] and laws[j] != POLYGONS]
-            other = min(others, key=lambda j: (j - k) % len(laws), default=None)
-            laws[k] = LAWS[0]
-            if other is not None:
-                laws[k], laws[other] = laws[other], POLYGONS
-    return laws
-
-
-def quick_battery(seed: int) -> list[WorldSpec]:
+def quick_battery(seed: int, laws: Sequence[str] = LAWS[:-1]) -> list[WorldSpec]:
     """Six sites that show whether a check runs, not how good a diagnosis is.
 
-    Two without an effect, three with a strong one, one with an unknown one; 20 to 40 rocks; under
-    the laws that need no library.
+    Two without an effect, three with a strong one, one with an unknown one; 20 to 40 rocks; if not
+    asked for otherwise under the laws that need no library.
     """
     rng = np.random.default_rng([seed, 1986])
     effects: list[tuple[EffectSpec, ...]] = [(), ()]
@@ -141,9 +124,9 @@ def quick_battery(seed: int) -> list[WorldSpec]:
     effects += [(EffectSpec(name, "strong"),) for name in _cycle(rng, UNKNOWNS, 1)]
     designs: list[Design] = [(20, "both"), (40, "everything")] * 3
     slopes = _cycle(rng, SLOPE_TYPES, len(effects))
-    laws = _cycle(rng, LAWS[:-1], len(effects))
+    motions = _cycle(rng, laws, len(effects))
     return [
-        WorldSpec(slopes[k], effects[k], n_rocks=designs[k][0], kind=designs[k][1], law=laws[k])
+        WorldSpec(slopes[k], effects[k], designs[k][0], designs[k][1], motions[k], faults=True)
         for k in rng.permutation(len(effects)).tolist()
     ]
 

@@ -1,28 +1,25 @@
-"""What a contact does to a rock, under several laws of nature.
+"""What a contact does to a rock, under two laws of nature.
 
 Axes at the contact point P: x down-slope, y outward normal, clockwise spin positive; (x, y) is the
-centre seen from P. Impulses and energies are per unit mass. Every law but the first is one that
-the model of the diagnosing side does not have.
+centre seen from P. Impulses and energies are per unit mass. The second law is one that the model of
+the diagnosing side does not have.
 """
 
 from __future__ import annotations
 
 import math
 
-from sassgis.gap.check.worlds.law import GRAVITY, lever, rolling_friction, rolling_radius
+from sassgis.gap.check.worlds.law import lever, rolling_friction, rolling_radius
 from sassgis.model.grid import FloatArray
 from sassgis.model.jit import kernel
 
 #: own: that of the model. elastic: a constant coefficient of restitution and Coulomb friction,
-#: and nothing else is lost. lumped: the speeds of the centre times R_n and R_t, and a spin that
-#: follows (Pfeiffer and Bowen 1989). penalty: a damped spring with friction, in small time steps.
-OWN, ELASTIC, LUMPED, PENALTY = range(4)
+#: and nothing else is lost.
+OWN, ELASTIC = range(2)
 #: Columns of a law of the ground.
 ETA_MAX, DP_MIN, DP_MAX, MU_F, MU_0, K, D_STAR, E, E_SPEED, SOFT = range(10)
 _INCREMENTS = 300
 _MOST = 60_000
-_STIFF_S = 0.01
-_STEPS = 150
 
 
 @kernel
@@ -44,7 +41,7 @@ def contact(
     Parameters
     ----------
     kind : int
-        OWN, ELASTIC, LUMPED or PENALTY.
+        OWN or ELASTIC.
     a, b, c : float
         Semi-axes (m); the first two lie in the plane of motion.
     theta : float
@@ -62,12 +59,6 @@ def contact(
     x, y = lever(a, b, theta)
     if bare:
         x, y = 0.0, rolling_radius(a, b)
-    if kind == LUMPED:
-        normal = law[E] / (1.0 + (vy / law[E_SPEED]) ** 2)
-        along = vx * law[ETA_MAX] * shrunk
-        return along, -normal * vy, along / rolling_radius(a, b)
-    if kind == PENALTY and not bare:
-        return _spring(a, b, theta, inertia, vx, vy, spin, law[MU_F], law[E])
     if vy + x * spin >= 0.0:
         # The flank recedes: it is met with its round core.
         x = 0.0
@@ -140,40 +131,3 @@ def compressed(
         jx += ratio * dp
         jy += dp
     return vx + jx, vy + jy, spin + (x * jy - y * jx) / inertia
-
-
-@kernel
-def _spring(
-    a: float,
-    b: float,
-    theta: float,
-    inertia: float,
-    vx: float,
-    vy: float,
-    spin: float,
-    mu: float,
-    e: float,
-) -> tuple[float, float, float]:
-    """Contact with a damped spring under the ellipse, which turns meanwhile."""
-    natural = math.pi / _STIFF_S
-    damping = -math.log(max(e, 0.01)) / math.hypot(math.pi, math.log(max(e, 0.01)))
-    dt = _STIFF_S / _STEPS
-    _, y = lever(a, b, theta)
-    height = y
-    for _ in range(20 * _STEPS):
-        x, y = lever(a, b, theta)
-        depth = y - height
-        speed = vy + x * spin
-        if depth < 0.0 and speed > 0.0:
-            break
-        push = 0.0
-        if depth >= 0.0:
-            push = max(natural * natural * depth - 2.0 * damping * natural * speed, 0.0)
-        slip = vx - y * spin
-        rub = -mu * push * math.tanh(slip / 0.02)
-        vx += rub * dt
-        vy += (push - GRAVITY) * dt
-        spin += (x * push - y * rub) / inertia * dt
-        height += vy * dt
-        theta -= spin * dt
-    return vx, vy, spin

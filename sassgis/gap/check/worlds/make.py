@@ -10,12 +10,15 @@ from importlib import resources
 import numpy as np
 
 from sassgis.gap.check.worlds.forces import FAR
+from sassgis.gap.check.worlds.rigid import drawn_contacts
 from sassgis.gap.check.worlds.simulation import draw_rocks, heights_of, simulate
-from sassgis.gap.check.worlds.slopes import CLASSES, Relief, make_relief
-from sassgis.gap.check.worlds.strength import calibrated
+from sassgis.gap.check.worlds.slopes import CLASSES, Relief, make_relief, surveyed
+from sassgis.gap.check.worlds.strength import MEASURE_STEP_S, calibrated, n_measure
 from sassgis.gap.check.worlds.world import (
+    RIGID,
     Blocks,
     EffectSpec,
+    Faults,
     PlacedEffect,
     World,
     WorldSpec,
@@ -106,6 +109,8 @@ def base_world(spec: WorldSpec, seed: int) -> World:
     law[:, 3] += rng.uniform(-0.08, 0.08, n)
     law[:, 4] += rng.uniform(-0.06, 0.06, n)
     law[:, 7] = np.clip(law[:, 7] + rng.uniform(-0.08, 0.08, n), 0.0, 0.9)
+    if spec.law == RIGID:
+        law = drawn_contacts(rng)
     low, high = relief.release_s
     s = rng.uniform(low, high, _N_RELEASES)
     width = rng.uniform(10.0, 25.0)
@@ -128,6 +133,7 @@ def base_world(spec: WorldSpec, seed: int) -> World:
         spec=spec,
         seed=seed,
         relief=relief,
+        survey=relief.grid,
         true_grid=relief.grid,
         law=law,
         speed_loss=float(rng.uniform(0.08, 0.25)) if spec.disturbance == "speed_loss" else 0.0,
@@ -136,12 +142,35 @@ def base_world(spec: WorldSpec, seed: int) -> World:
         releases=np.column_stack([x, y, heights_of(relief.grid, x, y)]),
         blocks=blocks,
     )
+    if spec.faults:
+        survey = surveyed(relief.grid, rng)
+        world = replace(
+            world,
+            survey=survey,
+            releases=np.column_stack([x, y, heights_of(survey, x, y)]),
+            faults=drawn_faults(rng),
+        )
     # Stations where four fifths to a third of the rocks still pass, evenly over the distance.
-    run = simulate(world, draw_rocks(world, 200, 11))
+    run = simulate(world, draw_rocks(world, n_measure(world) + 20, 11), MEASURE_STEP_S)
     ends = np.sort(relief.frame.s(run.deposits[:, 3], run.deposits[:, 4]))
     first = float(relief.breaks_m[2]) - rng.uniform(0.0, 6.0)
     last = max(float(np.quantile(ends, 0.65)), first + 30.0)
     return replace(world, stations_s=np.linspace(first, last, spec.n_stations), _fields={})
+
+
+def drawn_faults(rng: np.random.Generator) -> Faults:
+    """Faults of the observers of a site, as real tables have them."""
+    known = ("contact_min_normal_speed_mps", "contact_min_interval_s", "passages_missed_share")
+    return Faults(
+        contact_min_normal_speed_mps=float(rng.uniform(0.2, 1.2)),
+        contact_min_interval_s=float(rng.uniform(0.03, 0.25)),
+        passages_missed_share=float(rng.uniform(0.0, 0.15)),
+        clipped_share=float(rng.choice([0.0, 0.2, 0.5])),
+        stops_m=2.0 if rng.random() < 0.5 else 0.0,
+        axes_sd=float(rng.choice([0.0, 0.1, 0.2])),
+        release_m=(float(rng.uniform(-1.5, 1.5)), float(rng.uniform(0.0, 0.5))),
+        stated=tuple(name for name in known if rng.random() < 0.5),
+    )
 
 
 def _patched(relief: Relief, rng: np.random.Generator) -> IntArray:

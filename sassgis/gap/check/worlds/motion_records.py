@@ -94,6 +94,7 @@ def write_impact(
             math.atan2(old_hy * st[HX] - old_hx * st[HY], old_hx * st[HX] + old_hy * st[HY])
         )
         row[15] = mass_of(st)
+        row[16] = st[TIME]
 
 
 @kernel

@@ -55,6 +55,7 @@ IMPACT_COLUMNS = (
     "omega_out_radps",
     "turn_deg",
     "mass_kg",
+    "t_s",
 )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.gap.check.worlds import motion_state
-from sassgis.gap.check.worlds.simulation import draw_rocks, simulate
+from sassgis.gap.check.worlds.simulation import draw_rocks, heights_of, simulate
 from sassgis.gap.check.worlds.slopes import CLASSES
 from sassgis.gap.check.worlds.world import Run, World, WorldRocks
 from sassgis.model.errors import InputError
@@ -27,6 +27,8 @@ HEIGHT_ERROR_M = 0.10
 POSITION_ERROR_M = 0.25
 MASS_ERROR_REL = 0.05
 FPS = 25.0
+#: Column of the time of a contact.
+CONTACT_TIME = 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +84,7 @@ def distort(world: World, run: Run) -> Run:
 
     A wrong scale stretches lengths (speeds, heights, distances from the first station), a wrong
     time base speeds and rotations, each rock's by its own share; a low frame rate loses turns of
-    fast rocks.
+    fast rocks. At half of the sites one camera of two is wrong: only some of the rocks are.
     """
     q = max((e.magnitude for e in world.effects if e.name == "measurement_error"), default=0.0)
     if q <= 0.0:
@@ -91,9 +93,10 @@ def distort(world: World, run: Run) -> Run:
     sign = 1.0 if effect.seed % 2 else -1.0
     n = len(run.rocks.state)
     rng = np.random.default_rng([effect.seed, 111, n])
-    scale = 1.0 + sign * 0.5 * q
     clock = 1.0 + 0.6 * q * rng.standard_t(4, n).clip(-3.0, 3.0) * 0.4
     clock = np.clip(clock, 0.4, 2.5)
+    wrong = np.random.default_rng([effect.seed, 112]).random() < 0.5 or rng.random(n) < 0.6
+    scale, clock = np.where(wrong, 1.0 + sign * 0.5 * q, 1.0), np.where(wrong, clock, 1.0)
     frame = world.relief.frame
     anchor_s = float(world.stations_s[0]) if len(world.stations_s) else 0.0
 
@@ -105,17 +108,17 @@ def distort(world: World, run: Run) -> Run:
     d, p, i, t = (v.copy() for v in (run.deposits, run.passages, run.impacts, run.tracks))
     d[:, 3], d[:, 4] = move(d[:, 3], d[:, 4], 8.0 * q)
     rock = p[:, 0].astype(int)
-    p[:, 7] *= scale / clock[rock]
+    p[:, 7] *= scale[rock] / clock[rock]
     p[:, 8] = _by_frames(p[:, 8] / clock[rock], FPS * (1.0 - min(0.9, q)))
-    p[:, 9] *= scale
+    p[:, 9] *= scale[rock]
     rock = i[:, 0].astype(int)
     for column in (8, 9, 11, 12):
-        i[:, column] *= scale / clock[rock]
+        i[:, column] *= scale[rock] / clock[rock]
     for column in (10, 13):
         i[:, column] /= clock[rock]
     rock = t[:, 0].astype(int)
     t[:, 3] *= clock[rock]
-    t[:, 7] *= scale / clock[rock]
+    t[:, 7] *= scale[rock] / clock[rock]
     t[:, 8] = _by_frames(t[:, 8] / clock[rock], FPS * (1.0 - min(0.9, q)))
     return replace(run, deposits=d, passages=p, impacts=i, tracks=t)
 
@@ -152,9 +155,10 @@ def _names(world: World, table: FloatArray, own: str = "") -> NDArray[Any]:
 
 
 def write_down(world: World, run: Run, kind: Kind, rng: np.random.Generator) -> ObservedTables:
-    """What observers note of a run, with their errors."""
+    """What observers note of a run, with their errors and faults."""
+    run = _recorded(world, run)
     tables: dict[str, Table] = {
-        "rocks": _rocks(run.rocks, rng),
+        "rocks": _rocks(world, run.rocks, rng),
         "stations": _stations(world),
     }
     if kind in ("stations", "both", "everything"):
@@ -176,8 +180,52 @@ def write_down(world: World, run: Run, kind: Kind, rng: np.random.Generator) -> 
     metadata = {
         "fps": FPS,
         **{key: world.spec.error_factor * value for key, value in believed.items()},
+        **{key: float(getattr(world.faults, key)) for key in world.faults.stated},
     }
     return ObservedTables(tables, metadata, kind)
+
+
+def _recorded(world: World, run: Run) -> Run:
+    """A run as it is recorded: films clipped, contacts too light or soon, passages missed."""
+    f = world.faults
+    n = len(run.rocks.keys)
+    rng = np.random.default_rng([world.seed, 818, int(run.rocks.keys[0] >> np.uint64(32))])
+    p, i, t = run.passages, run.impacts, run.tracks
+    if f.clipped_share > 0.0:
+        ends = np.zeros(n)
+        np.maximum.at(ends, t[:, 0].astype(int), t[:, 3])
+        late = rng.random(n) < 0.5
+        cut = ends * rng.uniform(0.1, 0.5, n) * (rng.random(n) < f.clipped_share)
+        begin, end = np.where(late, cut, 0.0), np.where(late, ends, ends - cut)
+        i, t = (
+            v[(v[:, k] >= begin[v[:, 0].astype(int)]) & (v[:, k] <= end[v[:, 0].astype(int)])]
+            for v, k in ((i, CONTACT_TIME), (t, 3))
+        )
+    i = i[-i[:, 9] >= f.contact_min_normal_speed_mps]
+    return replace(
+        run,
+        passages=p[rng.random(len(p)) >= f.passages_missed_share],
+        impacts=merged_contacts(i, f.contact_min_interval_s),
+        tracks=t,
+    )
+
+
+def merged_contacts(impacts: FloatArray, least_s: float) -> FloatArray:
+    """Contacts sooner than ``least_s`` after another as one: before the first, after the last.
+
+    The turn is that of all of them together.
+    """
+    kept: list[FloatArray] = []
+    began = -math.inf
+    for row in impacts[np.lexsort((impacts[:, CONTACT_TIME], impacts[:, 1], impacts[:, 0]))]:
+        same = bool(kept) and (kept[-1][:2] == row[:2]).all()
+        if same and row[CONTACT_TIME] - began < least_s:
+            kept[-1][11:14] = row[11:14]
+            kept[-1][14] += row[14]
+            continue
+        began = float(row[CONTACT_TIME])
+        kept.append(row.copy())
+    return np.array(kept).reshape(-1, impacts.shape[1])
 
 
 def _factor(rng: np.random.Generator, n: int, sd: float) -> FloatArray:
@@ -192,24 +240,43 @@ def _place(
     return x, y, z
 
 
-def _rocks(rocks: WorldRocks, rng: np.random.Generator) -> Table:
+def _rocks(world: World, rocks: WorldRocks, rng: np.random.Generator) -> Table:
     n = len(rocks.state)
+    x, y, z = _stated_release(world, rocks.stated[:, :3], n).T
+    by_eye = np.random.default_rng([world.seed, 819, n]).normal(0.0, world.faults.axes_sd, (n, 3))
     a, b, c = (rocks.state[:, k] for k in (motion_state.A, motion_state.B, motion_state.C))
     density = rocks.state[:, motion_state.DENSITY]
     volume = 4.0 / 3.0 * math.pi * a * b * c
+    axes = -np.sort(-np.column_stack([a, b, c]) * np.exp(by_eye), axis=1)
     return {
         "rock_id": np.array([f"R{k + 1}" for k in range(n)]),
         "mass_kg": volume * density * _factor(rng, n, 0.01),
         "volume_m3": volume * _factor(rng, n, 0.01),
-        "semi_axis_a_m": a,
-        "semi_axis_b_m": b,
-        "semi_axis_c_m": c,
+        "semi_axis_a_m": axes[:, 0],
+        "semi_axis_b_m": axes[:, 1],
+        "semi_axis_c_m": axes[:, 2],
         "density_kgm3": density,
-        "x": rocks.stated[:, 0],
-        "y": rocks.stated[:, 1],
-        "z": rocks.stated[:, 2],
+        "x": x,
+        "y": y,
+        "z": z,
         "release_speed_mps": rocks.stated[:, 3],
     }
+
+
+def _stated_release(world: World, places: FloatArray, n: int = 0) -> FloatArray:
+    """Release points as they are written down, with as much height above the terrain model.
+
+    All are wrong together, and each of ``n`` rocks on its own.
+    """
+    together, each = world.faults.release_m
+    if together == each == 0.0:
+        return places
+    frame, (x, y, z) = world.relief.frame, places.T
+    apart = np.random.default_rng([world.seed, 820, n]).standard_normal(n)
+    down = together + (each * apart if n else 0.0)
+    to_x, to_y = frame.xy(frame.s(x, y) + down, frame.c(x, y))
+    above = z - heights_of(world.survey, x, y)
+    return np.column_stack([to_x, to_y, heights_of(world.survey, to_x, to_y) + above])
 
 
 def _stations(world: World) -> Table:
@@ -243,6 +310,8 @@ def _passages(world: World, run: Run, rng: np.random.Generator) -> Table:
 def _deposits(world: World, run: Run, rng: np.random.Generator) -> Table:
     d = run.deposits
     x, y, z = _place(rng, d, (3, 4, 5))
+    if world.faults.stops_m > 0.0:
+        x, y = (world.faults.stops_m * np.round(v / world.faults.stops_m) for v in (x, y))
     error = _factor(rng, len(d), MASS_ERROR_REL)
     return {
         "rock_id": _names(world, d, "D"),
@@ -324,10 +393,10 @@ def setup(world: World) -> SiteSetup:
     b = world.blocks
     lines = world.station_lines()
     return SiteSetup(
-        dem=world.relief.grid,
+        dem=world.survey,
         class_names=CLASSES,
         class_codes=world.relief.ground,
-        releases=world.releases,
+        releases=_stated_release(world, world.releases),
         blocks={
             "axis_1_m": b.axis_1_m,
             "axis_2_m": b.axis_2_m,

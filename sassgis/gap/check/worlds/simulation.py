@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 from scipy import ndimage
 
-from sassgis.gap.check.worlds import motion, motion_state, polygons
+from sassgis.gap.check.worlds import motion, motion_state, rigid
 from sassgis.gap.check.worlds.forces import Forces, Local, SteadyWind
 from sassgis.gap.check.worlds.motion_state import Field, Tables
 from sassgis.gap.check.worlds.slopes import guide
-from sassgis.gap.check.worlds.world import LAWS, Run, World, WorldRocks
+from sassgis.gap.check.worlds.world import LAWS, RIGID, Run, World, WorldRocks
 from sassgis.model.grid import FloatArray, Grid, IntArray
 
 STEP_S = 0.002
@@ -42,6 +42,11 @@ def draw_rocks(world: World, n: int, stream: int) -> WorldRocks:
             between(blocks.axis_3_m, 2),
         ]
     )
+    flat = _magnitude(world, "rock_shape")
+    if world.spec.law == RIGID and flat > 0.0:
+        # Slabs: the flat ones flatter, of the same volume.
+        thin = np.maximum((axes[:, 2] / axes[:, :2].max(axis=1)) ** flat, 0.25)
+        axes *= np.column_stack([thin**-0.5, thin**-0.5, thin])
     axes = -np.sort(-axes, axis=1)
     release = world.releases[np.arange(n) % len(world.releases)]
     speed = between(blocks.speed_mps, 4)
@@ -49,11 +54,13 @@ def draw_rocks(world: World, n: int, stream: int) -> WorldRocks:
     x, y, speed = release[:, 0].copy(), release[:, 1].copy(), speed.copy()
     wrong = _magnitude(world, "release_error")
     if wrong > 0.0:
-        # The true places lie beside those written down, and the rocks had been moving.
+        # The true places lie elsewhere than those written down, beside or below them and all on one
+        # side, and the rocks had been moving.
         offset = np.random.default_rng([world.seed, 404, stream])
         frame = world.relief.frame
-        ds = np.abs(offset.normal(0.0, 0.25 * wrong, n))
-        dc = offset.normal(0.5 * wrong, 0.8 * wrong, n)
+        side = np.random.default_rng([world.seed, 405]).uniform(-0.5, 0.5) * math.pi
+        ds = np.abs(offset.normal(wrong * math.cos(side), 0.4 * wrong, n))
+        dc = offset.normal(wrong * math.sin(side), 0.4 * wrong, n)
         speed += 0.8 * wrong * offset.gamma(2.0, 0.5, n)
         x, y = frame.xy(frame.s(x, y) + ds, frame.c(x, y) + dc)
     gx, gy = guide(world.true_grid)
@@ -94,6 +101,8 @@ def simulate(world: World, rocks: WorldRocks, dt: float = STEP_S) -> Run:
     dt : float
         Time step (s).
     """
+    if world.spec.law == RIGID:
+        return rigid.run_rocks(world, rocks, _obstacles(world), _wind_direction(world), dt)
     if "field" not in world._fields:
         world._fields["field"] = _field(world)
     n = len(rocks.state)
@@ -108,10 +117,7 @@ def simulate(world: World, rocks: WorldRocks, dt: float = STEP_S) -> Run:
             gain=np.full(n, -1.0),
         )
         ground, forces = world._fields["field"], forces_of(world)
-        if world.spec.law == polygons.LAW:
-            polygons.run_rocks(ground, forces, rocks.state, rocks.keys, dt, tables)
-        else:
-            motion.run_rocks(ground, forces, rocks.state, rocks.keys, rocks.campaign, dt, tables)
+        motion.run_rocks(ground, forces, rocks.state, rocks.keys, rocks.campaign, dt, tables)
         if (tables.used <= room).all():
             break
         room = np.maximum(room, tables.used)
@@ -152,13 +158,17 @@ def forces_of(world: World) -> Forces:
             local = Local(float(effect.magnitude), float(effect.s0_m), float(effect.s1_m))
             found[slots[effect.name]] = local
         elif effect.name == "wind":
-            turn = np.random.default_rng([effect.seed, 5]).uniform(0.5, 1.2)
-            sign = 1.0 if effect.seed % 2 else -1.0
-            frame = world.relief.frame
-            c, s = math.cos(sign * turn), math.sin(sign * turn)
-            x, y = c * frame.ux - s * frame.uy, s * frame.ux + c * frame.uy
-            wind = SteadyWind(float(effect.magnitude), float(x), float(y))
+            turn = _wind_direction(world)
+            wind = SteadyWind(float(effect.magnitude), math.cos(turn), math.sin(turn))
     return Forces(**found, wind=wind, loss=Local(world.speed_loss))
+
+
+def _wind_direction(world: World) -> float:
+    """Direction of a wind in plan, askew to the slope (rad, counter-clockwise from east)."""
+    seed = next((e.seed for e in world.effects if e.name == "wind"), 0)
+    turn = float(np.random.default_rng([seed, 5]).uniform(0.5, 1.2))
+    frame = world.relief.frame
+    return math.atan2(frame.uy, frame.ux) + (turn if seed % 2 else -turn)
 
 
 def _field(world: World) -> Field:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
@@ -75,6 +75,14 @@ _SLOPES: dict[str, tuple[_Stretch, ...]] = {
         ((7.0, 10.0), (6.0, 12.0), "rock"),
         ((5.0, 8.0), (64.0, 70.0), "rock"),
         ((12.0, 20.0), (14.0, 20.0), "debris"),
+        ((200.0, 250.0), (4.0, 9.0), "soft_meadow"),
+    ),
+    "carved_slope": (
+        ((12.0, 18.0), (38.0, 42.0), "debris"),
+        ((20.0, 30.0), (33.0, 36.0), "debris"),
+        ((35.0, 55.0), (36.0, 39.0), "debris"),
+        ((25.0, 40.0), (39.0, 43.0), "talus"),
+        ((30.0, 45.0), (24.0, 29.0), "talus"),
         ((200.0, 250.0), (4.0, 9.0), "soft_meadow"),
     ),
 }
@@ -179,6 +187,8 @@ def make_relief(kind: str, seed: int) -> Relief:
     )
     s, c = frame.s(x, y), frame.c(x, y)
     heights = _fall(s, breaks, dips) + _across(kind, s, c, breaks, rng)
+    if kind == "carved_slope":
+        heights += _fractal((n_rows, n_cols), rng.uniform(0.9, 1.6), rng)
     for sd_m, amplitude in ((14.0, rng.uniform(0.15, 0.35)), (4.0, rng.uniform(0.02, 0.05))):
         field = ndimage.gaussian_filter(rng.standard_normal((n_rows, n_cols)), sd_m / CELL_M)
         heights += amplitude * field / field.std()
@@ -207,7 +217,7 @@ def _across(
 ) -> FloatArray:
     """What the slope does across: a channel, a fan, or long waves (m)."""
     down = (s - breaks[0]) / (breaks[-1] - breaks[0])
-    if kind == "gully":
+    if kind in ("gully", "carved_slope"):
         axis = rng.uniform(3.0, 8.0) * np.sin(s / rng.uniform(35.0, 55.0) + rng.uniform(0.0, 6.0))
         depth = rng.uniform(0.25, 0.4) * np.clip(1.15 - 1.2 * down, 0.0, 1.0)
         channel: FloatArray = depth * (np.sqrt((c - axis) ** 2 + 18.0**2) - 18.0)
@@ -220,6 +230,42 @@ def _across(
         c / rng.uniform(14.0, 24.0) + rng.uniform(0.0, 6.0)
     )
     return wave
+
+
+def _fractal(shape: tuple[int, int], standard_m: float, rng: np.random.Generator) -> FloatArray:
+    """A self-affine surface with a Hurst exponent of 0.8, of waves up to 120 m (m)."""
+    fy, fx = np.meshgrid(
+        np.fft.fftfreq(shape[0], CELL_M), np.fft.rfftfreq(shape[1], CELL_M), indexing="ij"
+    )
+    frequency = np.maximum(np.hypot(fx, fy), 1.0 / 120.0)
+    # The spectrum of a surface falls with the frequency to the power of 2 (H + 1).
+    waves = np.fft.rfft2(rng.standard_normal(shape)) * frequency**-1.8
+    surface: FloatArray = np.fft.irfft2(waves, shape)
+    surface -= surface.mean()
+    surface *= standard_m / surface.std()
+    return surface
+
+
+def surveyed(grid: Grid, rng: np.random.Generator) -> Grid:
+    """A terrain model of a slope with one of the faults of real ones, or with none.
+
+    Smoothed over some metres, shifted by one or two, or measured on cells of 6 m.
+    """
+    fault = int(rng.integers(4))
+    z = grid.values
+    if fault == 1:
+        z = ndimage.gaussian_filter(z, rng.uniform(2.0, 5.0) / grid.cell_size, mode="nearest")
+    elif fault == 2:
+        angle, way = rng.uniform(0.0, 2.0 * math.pi), rng.uniform(1.0, 2.0) / grid.cell_size
+        z = ndimage.shift(
+            z, (way * math.sin(angle), way * math.cos(angle)), order=1, mode="nearest"
+        )
+    elif fault == 3:
+        coarse = ndimage.uniform_filter(z, 3, mode="nearest")[1::3, 1::3]
+        rows, cols = ((np.arange(n) - 1.0) / 3.0 for n in z.shape)
+        at = np.meshgrid(rows, cols, indexing="ij")
+        z = ndimage.map_coordinates(coarse, at, order=1, mode="nearest")
+    return replace(grid, values=z)
 
 
 def guide(grid: Grid) -> tuple[FloatArray, FloatArray]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from sassgis.gap.check.worlds.observe import distort
 from sassgis.gap.check.worlds.simulation import draw_rocks, simulate
-from sassgis.gap.check.worlds.world import LIMITS, PlacedEffect, Run, World, with_effects
+from sassgis.gap.check.worlds.world import LIMITS, RIGID, PlacedEffect, Run, World, with_effects
 from sassgis.model.grid import FloatArray
 
 # Sizes that go by each name, as (lowest, aimed at, highest).
@@ -24,12 +24,16 @@ BANDS: dict[str, tuple[float, float, float]] = {
     "medium": (0.28, 0.33, 0.38),
     "strong": (0.42, 0.48, 0.58),
 }
-N_MEASURE = 180
 _TRIES = 8
 # Blur (standard deviation) of the columns of stops (m, m, -) and of stations (m/s, Hz, m).
 _BLUR = (np.array([1.0, 1.0, 0.0]), np.array([0.5, 0.1, 1.0]))
 # Twice the step of a site: what is measured here does not move with it.
-_STEP_S = 0.004
+MEASURE_STEP_S = 0.004
+
+
+def n_measure(world: World) -> int:
+    """Rocks on which a site is measured; fewer where each takes a tenth of a second."""
+    return 100 if world.spec.law == RIGID else 180
 
 
 def inhomogeneity(one: FloatArray, other: FloatArray) -> float:
@@ -124,16 +128,16 @@ def calibrated(world: World, effect: PlacedEffect) -> PlacedEffect:
     on top of the first. Where even the strongest magnitude is too weak, the nearest one is taken,
     and the effect is called by the strength that it has.
     """
-    rocks = draw_rocks(world, N_MEASURE, 21)
+    rocks = draw_rocks(world, n_measure(world), 21)
     before = with_effects(world, world.effects)
-    base = features(before, simulate(before, rocks, _STEP_S))
+    base = features(before, simulate(before, rocks, MEASURE_STEP_S))
 
     first_station = min(int((world.stations_s <= effect.s0_m).sum()), len(world.stations_s) - 1)
 
     def size(magnitude: float) -> float:
         changed = with_effects(world, (*world.effects, replace(effect, magnitude=float(magnitude))))
         # Other rocks than those of the base: a difference of two samples, as a diagnosis has it.
-        run = simulate(changed, draw_rocks(changed, N_MEASURE, 22), _STEP_S)
+        run = simulate(changed, draw_rocks(changed, n_measure(world), 22), MEASURE_STEP_S)
         return effect_size(base, features(changed, run), first_station)
 
     low_size, aim, high_size = BANDS[effect.strength]

@@ -29,8 +29,10 @@ Family = Literal[
 Unknown = Literal["wind", "snow", "ice", "wetting", "terrace", "magnus", "collisions"]
 Strength = Literal["weak", "medium", "strong"]
 FAMILIES: tuple[Family, ...] = get_args(Family)
-#: Laws of the motion; the first four are those of the contact, as ``contact_laws`` numbers them.
-LAWS: tuple[str, ...] = ("own", "elastic", "lumped", "penalty", "polygons")
+#: Law of the motion in the rigid-body library.
+RIGID = "rigid"
+#: Laws of the motion; the first two are those of the contact, as ``contact_laws`` numbers them.
+LAWS: tuple[str, ...] = ("own", "elastic", RIGID)
 UNKNOWNS: tuple[Unknown, ...] = get_args(Unknown)
 STRENGTHS: tuple[Strength, ...] = get_args(Strength)
 #: What nature does besides at a site, and no effect: a patch of ground that no map shows, and a
@@ -115,6 +117,8 @@ class WorldSpec:
         Stated errors of measurement over the true ones.
     disturbance : str
         One of DISTURBANCES.
+    faults : bool
+        Whether observers and terrain model have the faults of real ones.
 
     Raises
     ------
@@ -131,6 +135,7 @@ class WorldSpec:
     named: bool = True
     error_factor: float = 1.0
     disturbance: str = ""
+    faults: bool = False
 
     def __post_init__(self) -> None:
         counts = tuple(range(1, MOST_STATIONS + 1))
@@ -206,6 +211,37 @@ class Blocks:
 
 
 @dataclass(frozen=True, slots=True)
+class Faults:
+    """What the observers of a site do not see, or see wrongly; without values, nothing.
+
+    Attributes
+    ----------
+    contact_min_normal_speed_mps, contact_min_interval_s : float
+        Lighter contacts are not recorded, and those that follow sooner are taken for one.
+    passages_missed_share : float
+    clipped_share : float
+        Share of the rocks whose film begins late or ends early.
+    stops_m : float
+        Grid to which stops are rounded; 0 for none.
+    axes_sd : float
+        Relative error of semi-axes that are taken by eye.
+    release_m : tuple of float
+        Down the slope, of all release points together and of each (standard deviation).
+    stated : tuple of str
+        Which of the first three the metadata state.
+    """
+
+    contact_min_normal_speed_mps: float = 0.0
+    contact_min_interval_s: float = 0.0
+    passages_missed_share: float = 0.0
+    clipped_share: float = 0.0
+    stops_m: float = 0.0
+    axes_sd: float = 0.0
+    release_m: tuple[float, float] = (0.0, 0.0)
+    stated: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
 class World:
     """A synthetic site.
 
@@ -214,12 +250,15 @@ class World:
     spec : WorldSpec
     seed : int
     relief : Relief
-        The slope as it is surveyed: the grid that the diagnosing side is given.
+        The slope, without a terrace.
+    survey : Grid
+        The terrain model that the diagnosing side is given.
     true_grid : Grid
-        The slope on which the rocks move; differs from the survey only where a terrace is missing.
-    law : float64, shape (n_classes, 10)
+        The slope on which the rocks move.
+    law : float64, shape (n_classes, 10) or (n_classes, 6)
         True parameters by class of ground: eta_max, dp_min, dp_max, mu_f, mu_0, k, d_star_m,
-        restitution, restitution_speed_mps, rolling_threshold.
+        restitution, restitution_speed_mps, rolling_threshold; in the rigid-body library those of
+        ``rigid_bodies``.
     speed_loss : float
         Share of the speed that a contact at 10 m/s takes besides, about.
     ground : int64, shape of the grid
@@ -229,6 +268,7 @@ class World:
     releases : float64, shape (n_releases, 3)
         Release points x, y, z (m).
     blocks : Blocks
+    faults : Faults
     effects : tuple of PlacedEffect
         The truth.
     """
@@ -236,6 +276,7 @@ class World:
     spec: WorldSpec
     seed: int
     relief: Relief
+    survey: Grid
     true_grid: Grid
     law: FloatArray
     speed_loss: float
@@ -243,6 +284,7 @@ class World:
     stations_s: FloatArray
     releases: FloatArray
     blocks: Blocks
+    faults: Faults = Faults()
     effects: tuple[PlacedEffect, ...] = ()
     _fields: dict[str, Field] = field(default_factory=dict, compare=False, repr=False)
 

@@ -80,7 +80,7 @@ class Plane:
         tables = Tables(
             deposits=np.zeros((200, 8)),
             passages=np.zeros((10, 11)),
-            impacts=np.zeros((2000, 16)),
+            impacts=np.zeros((2000, 17)),
             tracks=np.zeros((20000, 9)),
             used=np.zeros(4, np.int64),
             gain=np.full(1, -1.0),
