@@ -3,9 +3,8 @@
     python rigid_bodies.py < job.npz > tables.npz
 
 It shares nothing with the rest of the package but the columns of the tables. A block is the convex
-hull of some points about its ellipsoid, with the mass and the inertia of that hull; the ground is a
-height field of 1 m with bumps of its own. What is recorded is read from the motion, sampled
-every 4 ms: a contact is where the velocity changes by more than gravity does.
+hull of points about its ellipsoid; the ground is a height field of 1 m with bumps of its own. What
+is recorded is read from the motion: a contact is where the velocity changes by more than gravity.
 """
 
 from __future__ import annotations
@@ -14,6 +13,7 @@ import io
 import math
 import os
 import sys
+from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -50,7 +50,7 @@ _HARD, _TAKEN_BACK, _DAMPED = 1e9, 0.05, 0.4
 
 
 @dataclass(frozen=True)
-class Effect:
+class ActingEffect:
     """An effect of strength q between s0 and s1 (m down the slope)."""
 
     q: float = 0.0
@@ -64,7 +64,7 @@ class Effect:
 
 
 @dataclass(frozen=True)
-class Block:
+class RigidBlock:
     """A block as it is set in motion: place, velocity and spin in space (m, m/s, rad/s)."""
 
     rock: int
@@ -132,17 +132,10 @@ def hull_of(axes: Vector, rng: np.random.Generator) -> tuple[FloatArray, FloatAr
     return points[ConvexHull(points).vertices], second.sum() - second
 
 
-def turned(rng: np.random.Generator) -> list[float]:
-    """A quaternion, all orientations alike."""
-    four = rng.standard_normal(4)
-    found: list[float] = (four / np.linalg.norm(four)).tolist()
-    return found
-
-
 class Ground:
     """Heights, classes and contacts; places are counted from the middle of the grid."""
 
-    def __init__(self, job: Mapping[str, NDArray[Any]], bumps: Effect) -> None:
+    def __init__(self, job: Mapping[str, NDArray[Any]], bumps: ActingEffect) -> None:
         heights, codes = job["heights"], job["ground"]
         west, north, self._cell = (float(v) for v in job["corner"])
         n_rows, n_cols = heights.shape
@@ -150,7 +143,6 @@ class Ground:
         self.x0 = west + 0.5 * n_cols * self._cell
         self.y0 = north - 0.5 * n_rows * self._cell
         self._half = (0.5 * n_cols * self._cell, 0.5 * n_rows * self._cell)
-        self.z0 = 0.0
         self.codes, self.law = codes, job["law"]
         self._frame = [float(v) for v in job["frame"]]
         # Rows from the south, as the library counts them.
@@ -164,8 +156,7 @@ class Ground:
             np.round(at[0]).astype(int), np.round(at[1]).astype(int)
         ]
         if bumps.q > 0.0:
-            x = (at[1] + 0.5) * self._cell - self._half[0]
-            y = (at[0] + 0.5) * self._cell - self._half[1]
+            x, y = ((at[k] + 0.5) * self._cell - self._half[1 - k] for k in (1, 0))
             s = self.down(x, y)
             height = height + 0.35 * bumps.q * ((s >= bumps.s0) & (s <= bumps.s1))
         rng = np.random.default_rng(job["seed"].tolist())
@@ -211,17 +202,16 @@ class Ground:
         return found - self.z0
 
 
-class Site:
+class RigidSite:
     """The ground and what stands on it, in the library; one block moves at a time."""
 
     def __init__(self, job: Mapping[str, NDArray[Any]]) -> None:
         values = job["effect_values"].tolist()
-        self.effects = {
-            str(name): Effect(q, s0, s1, int(seed))
-            for name, (q, s0, s1, seed) in zip(job["effects"], values, strict=True)
-        }
+        self.effects = defaultdict(ActingEffect)
+        for name, (q, s0, s1, seed) in zip(job["effects"], values, strict=True):
+            self.effects[str(name)] = ActingEffect(q, s0, s1, int(seed))
         self.loss = float(job["speed_loss"])
-        self.ground = Ground(job, self.effect("roughness"))
+        self.ground = Ground(job, self.effects["roughness"])
         self._stations = job["stations"]
         steps = math.ceil(SAMPLE_S / float(job["dt"]) - 1e-9)
         self._step_s = SAMPLE_S / steps
@@ -256,10 +246,6 @@ class Site:
             "deposits": [], "passages": [], "impacts": [], "tracks": []
         }  # fmt: skip
 
-    def effect(self, name: str) -> Effect:
-        """An effect; of no strength where there is none."""
-        return self.effects.get(name, Effect())
-
     def _stand(self, row: list[float]) -> int:
         """Put up a stem or a lying block as a cylinder."""
         x, y, radius, _, height, _ = row
@@ -272,7 +258,7 @@ class Site:
         bullet.changeDynamics(body, -1, lateralFriction=1.0, restitution=0.8)
         return body
 
-    def release(self, block: Block) -> None:
+    def release(self, block: RigidBlock) -> None:
         """Let a block move, and all that it makes."""
         waiting, made = [block], 1
         while waiting:
@@ -282,10 +268,10 @@ class Site:
             waiting += children
             moved.write(self.tables, self._stations)
 
-    def surface_values(self, code: int, on_ice: bool, block: Block) -> dict[str, float]:
+    def surface_values(self, code: int, on_ice: bool, block: RigidBlock) -> dict[str, float]:
         """What the library is told of a block on a class of ground."""
         e, friction, rolling, spinning, soft = self.ground.law[code, :BUMPS_M].tolist()
-        dry = 1.0 - self.effect("wetting").q * (0.3 + 0.7 * block.campaign)
+        dry = 1.0 - self.effects["wetting"].q * (0.3 + 0.7 * block.campaign)
         # Hard ground rebounds in one step, with its coefficient; soft ground as a damped spring.
         stiffness, damping = _HARD, _HARD * self._step_s * (1.0 / _TAKEN_BACK - 1.0)
         if soft > 0.0:
@@ -302,11 +288,11 @@ class Site:
 
     def on_ice(self, x: float, y: float, s: float) -> bool:
         """Whether a place lies on a lens of ice."""
-        ice = self.effect("ice")
+        ice = self.effects["ice"]
         lens = [int(x // _LENS_M) + 4096, int(y // _LENS_M) + 4096, ice.seed]
         return bool(np.random.default_rng(lens).random() < ice.at(s))
 
-    def meet_stems(self, body: int, block: Block, x: float, y: float, z: float, v: Any) -> Any:
+    def meet_stems(self, body: int, block: RigidBlock, x: float, y: float, z: float, v: Any) -> Any:
         """Velocity beyond a stem that gives way, or as it is; others the library lets it hit."""
         for k in self._near.get(self.ground.cell_of(x, y), ()):
             sx, sy, radius, capacity, height, _ = self._stems[k].tolist()
@@ -332,11 +318,13 @@ class Site:
 class _Motion:
     """One block on its way, with its samples."""
 
-    def __init__(self, site: Site, block: Block, made: int) -> None:
+    def __init__(self, site: RigidSite, block: RigidBlock, made: int) -> None:
         self._site, self._block, self._made = site, block, made
         self._rng = np.random.default_rng(block.key)
         self._points, inertia = hull_of(block.axes, self._rng)
-        quaternion = turned(self._rng)
+        # All orientations alike.
+        quaternion = self._rng.standard_normal(4)
+        quaternion = (quaternion / np.linalg.norm(quaternion)).tolist()
         #: Specific energy at which it breaks, over that of the weakest (J/kg).
         self._strength = math.exp(0.4 * self._rng.standard_normal())
         self._side = 1.0 if self._rng.random() < 0.5 else -1.0
@@ -361,14 +349,14 @@ class _Motion:
         self._rows: list[tuple[float, ...]] = [first]
         self._stopped = False
 
-    def run(self) -> list[Block]:
+    def run(self) -> list[RigidBlock]:
         """Move until it stops, breaks or leaves the terrain; blocks that come of it."""
         site, block, ground = self._site, self._block, self._site.ground
-        children: list[Block] = []
+        children: list[RigidBlock] = []
         t, still, touched = block.time, 0.0, False
         before = block.velocity
-        airs = [site.effect(name).q > 0.0 for name in ("air_drag", "wind", "magnus")]
-        standing, snow, ice = bool(len(site._stems)), site.effect("snow"), site.effect("ice")
+        airs = [site.effects[name].q > 0.0 for name in ("air_drag", "wind", "magnus")]
+        standing, snow, ice = bool(len(site._stems)), site.effects["snow"], site.effects["ice"]
         while t < _LONGEST_S:
             bullet.stepSimulation()
             (x, y, z), quaternion = bullet.getBasePositionAndOrientation(self._body)
@@ -415,7 +403,7 @@ class _Motion:
         """Velocity after what air does in one sample: drag, wind, lift."""
         site, block = self._site, self._block
         speed = math.hypot(*v)
-        drag, wind, lift = (site.effect(name) for name in ("air_drag", "wind", "magnus"))
+        drag, wind, lift = (site.effects[name] for name in ("air_drag", "wind", "magnus"))
         out = np.array(v)
         if drag.q > 0.0 and speed > 0.0:
             # The shadow of the ellipsoid along the path.
@@ -437,41 +425,43 @@ class _Motion:
 
     def _meet(
         self, place: Vector, before: Vector, v: Vector, w: Vector, s: float, t: float
-    ) -> tuple[Vector, Vector, list[Block]]:
+    ) -> tuple[Vector, Vector, list[RigidBlock]]:
         """Velocity and spin after what effects do at a contact, and new blocks."""
         site, block = self._site, self._block
         _, gx, gy = site.ground.surface(place[0], place[1])
         size = math.sqrt(1.0 + gx * gx + gy * gy)
         into = (float(gx) * before[0] + float(gy) * before[1] - before[2]) / size
-        new: list[Block] = []
+        new: list[RigidBlock] = []
         if into < 0.3:
             return v, w, new
         # Work on the dent that the block leaves: deep for fast and heavy ones.
-        dent = 0.02 * site.effect("soft_ground").at(s) * into * (block.mass / 1000.0) ** (1.0 / 3.0)
+        dent = (
+            0.02 * site.effects["soft_ground"].at(s) * into * (block.mass / 1000.0) ** (1.0 / 3.0)
+        )
         held = math.exp(-dent) / (1.0 + site.loss * sum(c * c for c in v) / 100.0)
         if held < 1.0:
             v = (held * v[0], held * v[1], held * v[2])
             w = (held * w[0], held * w[1], held * w[2])
-        q = site.effect("lateral_deflection").at(s)
+        q = site.effects["lateral_deflection"].at(s)
         if q > 0.0:
             # Each block has a side to which it tends.
             angle = q * (0.4 * self._side + 0.8 * self._rng.standard_normal()) * into / (into + 2.0)
             c, d = math.cos(angle), math.sin(angle)
             v = (c * v[0] - d * v[1], d * v[0] + c * v[1], v[2])
-        q = site.effect("entrainment").at(s)
+        q = site.effects["entrainment"].at(s)
         if q > 0.0 and block.kind == _ROCK and self._made < _MAX_PIECES:
             change = math.dist(v, before)
             if self._rng.random() < 1.0 - math.exp(-0.5 * q * change):
                 loose, v = self._loosened(place, v, s, t)
                 new.append(loose)
                 self._made += 1
-        q = site.effect("fragmentation").at(s)
+        q = site.effects["fragmentation"].at(s)
         weak = 200.0 / max(q, 1e-9) * self._strength * (0.5 / block.volume) ** 0.25
         if q > 0.0 and block.volume > 0.01 and 0.5 * into * into > weak:
             new += self._pieces(place, v, w, t)
         return v, w, new
 
-    def _loosened(self, place: Vector, v: Vector, s: float, t: float) -> tuple[Block, Vector]:
+    def _loosened(self, place: Vector, v: Vector, s: float, t: float) -> tuple[RigidBlock, Vector]:
         """A smaller block that takes some of the momentum, and what is left."""
         block, rng = self._block, self._rng
         share = float(rng.uniform(0.25, 0.65))
@@ -487,7 +477,7 @@ class _Motion:
         )  # fmt: skip
         return loose, (x, y, z)
 
-    def _pieces(self, place: Vector, v: Vector, w: Vector, t: float) -> list[Block]:
+    def _pieces(self, place: Vector, v: Vector, w: Vector, t: float) -> list[RigidBlock]:
         """Pieces of a block: its volume and its momentum, each with the velocity of its place."""
         block, rng = self._block, self._rng
         count = 2 + int(rng.poisson(1.2))
@@ -533,7 +523,11 @@ class _Motion:
         if self._stopped:
             under = (*xyz[last, :2], floor[last] + ground.z0)
             tables["deposits"].append((*who, *under, block.mass, block.volume))
-        for number, (first, end) in enumerate(_contacts(rows[:, 10] > 0.5), start=1):
+        # Each spell of contact that begins and ends in the air: its first and last sample.
+        edge = np.diff((rows[:, 10] > 0.5).astype(np.int8), prepend=0)
+        firsts, ends = np.flatnonzero(edge == 1), np.flatnonzero(edge == -1) - 1
+        spells = [(a, b) for a, b in zip(firsts.tolist(), ends.tolist(), strict=False) if a > 0]
+        for number, (first, end) in enumerate(spells, start=1):
             row = self._contact(rows, first, end)
             if row is not None:
                 tables["impacts"].append((*who, number, *row, block.mass, t[first]))
@@ -551,18 +545,15 @@ class _Motion:
         if into > -_SOFTEST_MPS or beyond or (end - first + 1) * SAMPLE_S > _LONGEST_CONTACT_S:
             return None
         along, along_out = v - into * normal, v_out - (v_out @ normal) * normal
-        plan, plan_out = math.hypot(v[0], v[1]), math.hypot(v_out[0], v_out[1])
-        heading = v[:2] / max(plan, 1e-9)
+        heading = v[:2] / max(math.hypot(v[0], v[1]), 1e-9)
         speed = float(np.linalg.norm(along))
         forward = along / max(speed, 1e-9)
         back = -1.0 if along_out @ forward < 0.0 else 1.0
         # Clockwise as seen with the travel to the right.
         across = np.cross(normal, forward)
-        turn = 0.0
-        if min(plan, plan_out) > 1e-6:
-            # Azimuths grow clockwise.
-            cross = v[1] * v_out[0] - v[0] * v_out[1]
-            turn = math.degrees(math.atan2(cross, v[0] * v_out[0] + v[1] * v_out[1]))
+        # Azimuths grow clockwise.
+        cross = v[1] * v_out[0] - v[0] * v_out[1]
+        turn = math.degrees(math.atan2(cross, v[0] * v_out[0] + v[1] * v_out[1]))
         under = (x + ground.x0, y + ground.y0, floor + ground.z0)
         slope = math.degrees(math.atan(-(gx * heading[0] + gy * heading[1])))
         return (
@@ -572,23 +563,16 @@ class _Motion:
         )  # fmt: skip
 
 
-def _contacts(touched: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """First and last sample of each spell of contact that begins and ends in the air."""
-    edges = np.diff(touched.astype(np.int8), prepend=0)
-    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
-    return [(int(a), int(b)) for a, b in zip(starts, ends, strict=False) if a > 0]
-
-
 def run(job: Mapping[str, NDArray[Any]]) -> dict[str, FloatArray]:
     """What all blocks of a job did: the tables by their names."""
     if not bullet.isConnected():
         bullet.connect(bullet.DIRECT)
-    site = Site(job)
+    site = RigidSite(job)
     ground = site.ground
     for k, row in enumerate(job["blocks"].tolist()):
         x, y, z, vx, vy, vz, a, b, c, density = row
         site.release(
-            Block(
+            RigidBlock(
                 rock=k, key=(int(job["keys"][k]),),
                 place=(x - ground.x0, y - ground.y0, z - ground.z0), velocity=(vx, vy, vz),
                 axes=(a, b, c), density=density, campaign=float(job["campaign"][k]),
@@ -608,10 +592,8 @@ def main() -> None:
     os.dup2(2, 1)
     with np.load(io.BytesIO(sys.stdin.buffer.read())) as job:
         found = run(dict(job))
-    buffer = io.BytesIO()
-    np.savez(buffer, **found)  # type: ignore[arg-type]
-    out.write(buffer.getvalue())
-    out.close()
+    with out:
+        np.savez(out, **found)  # type: ignore[arg-type]
 
 
 if __name__ == "__main__":
