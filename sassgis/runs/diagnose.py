@@ -225,10 +225,11 @@ def fingerprints_of(
 
     # No rock is left out: what is asked for are no scores.
     whole = replace(problem, part=np.full(problem.case.n_rocks, -1))
-    made = calibrated_base(whole, run, DRAWS, None, Keeping(None, "", lambda _text: None))
-    residuals = _residuals(made)
-    case = problem.case
-    return fingerprints(case, residuals, group=case.group), where(case, residuals, seed=seed)
+    with threadpool_limits(1, "blas"):
+        made = calibrated_base(whole, run, DRAWS, None, Keeping(None, "", lambda _text: None))
+        residuals = _residuals(made)
+        case = problem.case
+        return fingerprints(case, residuals, group=case.group), where(case, residuals, seed=seed)
 
 
 def _residuals(made: HypothesisFits) -> ResidualTable:

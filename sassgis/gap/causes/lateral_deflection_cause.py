@@ -19,6 +19,8 @@ from sassgis.gap.causes.cause import (
     Unseen,
 )
 from sassgis.gap.causes.lateral_scatter import (
+    EDGES_GROWTH,
+    EDGES_TURN_DEG,
     STRAIGHT,
     base_size,
     known_mean,
@@ -28,7 +30,7 @@ from sassgis.gap.causes.lateral_scatter import (
 from sassgis.gap.causes.parameter_draws import Fit, ParameterDraws, Range, rounded
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel, LateralWalk
-from sassgis.gap.residuals.residuals import per_rock
+from sassgis.gap.residuals.residuals import mean_of_draws, per_rock
 from sassgis.gap.residuals.table import ResidualTable
 
 FIT = Fit(
@@ -66,19 +68,32 @@ def _turn(case: Case, residuals: ResidualTable) -> Scores:
         raise Unseen
     size = np.abs(rows.observed - rows.predicted)
     usual = (1.0 + MISSTATED) * rows.sd * math.sqrt(2.0 / math.pi) + 0.5
-    usual = usual + residuals.run.turn_deg[rows.rock]
+    usual = usual + np.maximum(residuals.run.turn_deg[rows.rock], EDGES_TURN_DEG)
     return Scores(per_rock(size - usual, rows.rock, case.n_rocks), float(size.mean()))
 
 
 def _growth(case: Case, residuals: ResidualTable) -> Scores:
-    """Further down fall lines part, and offsets grow by themselves."""
-    at = station_offsets(case, residuals)
-    growth = np.abs(at[:, 1] - at[:, 0])
-    made = residuals.run.at.lateral_m
-    usual = usual_offset(case) + base_size(made[:, :, 1] - made[:, :, 0])
+    """From the first station to all others and to the stop, beyond that of the simulated rocks.
+
+    And beyond what blocks with edges do by themselves.
+    """
+    at = station_offsets(case, residuals, least=1)
+    stops = residuals.steps.of("stop", "lateral_m")
+    end = np.full((2, case.n_rocks), np.nan)
+    end[:, stops.rock] = stops.observed, stops.way_m
+    if at.shape[1] < 2 and not len(stops):
+        raise Unseen
+    growth = np.abs(np.column_stack([at[:, 1:], end[0]]) - at[:, :1])
+    run = residuals.run
+    below = np.concatenate([run.at.lateral_m[:, :, 1:], run.ends.lateral_m[:, :, None]], axis=2)
+    # A replicate that stopped above a station is at neither.
+    made = below - run.at.lateral_m[:, :, :1]
+    usual = np.column_stack([base_size(made[:, :, k]) for k in range(made.shape[2])])
+    way = np.column_stack([case.station_s[:, 1:], end[1]]) - case.station_s[:, :1]
     if case.terrain is None:
-        usual = usual + STRAIGHT * (case.station_s[:, 1] - case.station_s[:, 0])
-    return Scores(growth - usual, known_mean(growth))
+        usual = usual + STRAIGHT * way
+    usual = np.maximum(usual, EDGES_GROWTH * way) + usual_offset(case)
+    return Scores(mean_of_draws(growth - usual, least=1), known_mean(growth))
 
 
 CAUSE = Cause(
@@ -88,12 +103,12 @@ CAUSE = Cause(
     phase="impact",
     draw=_draw,
     shown_by="turn of the heading at impacts beyond that of the fall line and of the simulated "
-    "paths; growth of the lateral offset between the first two stations beyond that of the "
-    "simulated rocks: further down fall lines part, and offsets grow by themselves",
+    "paths; growth of the lateral offset from the first station to all others and to the stop, "
+    "beyond that of the simulated rocks",
     statistics=(
         Trace(TURN, _turn, ("impacts",), CLEAR),
         Trace(
-            "growth of the lateral offset between the first two stations",
+            "growth of the lateral offset below the first station",
             _growth,
             ("passages", "stations"),
             CLEAR,

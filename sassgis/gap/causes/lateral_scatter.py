@@ -15,6 +15,10 @@ from sassgis.gap.residuals.residuals import mean_of_draws
 from sassgis.gap.residuals.table import ResidualTable
 from sassgis.model.grid import FloatArray
 
+#: Mean turn at a contact (deg), and growth of offsets over the way, that edges of blocks and uneven
+#: ground make anywhere: no effect of its own. Published standard deviations are 5 to 20° and 10 to
+#: 20 % of the way (docs/effects.md); rigid bodies of the check turn by 7 to 12°.
+EDGES_TURN_DEG, EDGES_GROWTH = 10.0, 0.15
 #: How far paths leave their fall line by flying straight, where they are still near it (m per m).
 STRAIGHT = 0.02
 

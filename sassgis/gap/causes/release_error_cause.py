@@ -25,11 +25,14 @@ from sassgis.gap.causes.reach_gaps import reach_contrasts
 from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.hypothesis_model import ReleaseError
+from sassgis.gap.residuals.residuals import per_rock
 from sassgis.gap.residuals.table import ResidualTable
 from sassgis.model.grid import IntArray
 
 #: Errors as they scatter are exceeded by this.
 _MORE = 1.25
+#: Starts of a campaign are known to this, whatever is stated of its instruments (m).
+_STATED_M = 1.5
 
 
 def _draw(case: Case, draws: ParameterDraws) -> CausePart:
@@ -72,8 +75,22 @@ def _first_point(case: Case, residuals: ResidualTable) -> Scores:
             )
     if np.isfinite(off).sum() < LEAST:
         raise Unseen
-    usual = _MORE * _position_error(case, paths) * math.sqrt(0.5 * math.pi)
+    usual = _MORE * _position_error(case, paths) * math.sqrt(0.5 * math.pi) + _STATED_M
     return Scores(off - usual, float(np.nanmean(off)))
+
+
+def _first_contact(case: Case, residuals: ResidualTable) -> Scores:
+    """Where a rock first touches the ground, up or down the slope from where the model does."""
+    rows = residuals.steps.of("start", "chainage_m")
+    if len(rows) < LEAST:
+        raise Unseen
+    off = rows.observed - rows.predicted
+    middle = float(np.median(off))
+    # Films that begin late miss the first contacts of some: they do not shift the others.
+    near = float(np.median(np.abs(off - middle))) / MEDIAN_OF_NORMAL
+    kept = math.copysign(1.0, middle) * np.clip(off, middle - near, middle + near)
+    scores = kept - _MORE * rows.sd - _STATED_M
+    return Scores(per_rock(scores, rows.rock, case.n_rocks), middle)
 
 
 def _offset_that_stays(case: Case, residuals: ResidualTable) -> Scores:
@@ -97,13 +114,20 @@ CAUSE = Cause(
     label="error of the release",
     summary="an error in where or how fast the rocks are taken to start, not in the motion below",
     draw=_draw,
-    shown_by="first point of the path against the stated start; an offset at the first station "
+    shown_by="first point of the path against the stated start; first contacts up or down the "
+    "slope from those of the model; an offset at the first station "
     "that does not grow to the second; a speed that is wrong on the first reach alone",
     statistics=(
         Trace(
             "first point of the path against the stated start",
             _first_point,
             ("rocks", "trajectories"),
+            CLEAR,
+        ),
+        Trace(
+            "first contact up or down the slope from where the model has it",
+            _first_contact,
+            ("impacts",),
             CLEAR,
         ),
         Trace(

@@ -7,6 +7,7 @@ standard deviation of that, and what a cause could depend on.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
@@ -47,8 +48,8 @@ class StepTable:
     ----------
     rock : int64, shape (n,)
     step : str, shape (n,)
-        "impact", "flight", "aloft" (the largest sudden loss on a flight), "run" (from the release
-        to a station) or "stop".
+        "impact", "flight", "aloft" (the largest sudden loss on a flight), "start" (from the release
+        to the first contact), "run" (to a station) or "stop".
     quantity : str, shape (n,)
     observed, predicted, sd : float64, shape (n,)
         ``sd`` is that of the prediction, with errors of measurement.
@@ -129,6 +130,7 @@ def steps_of(
         *_flights(case, observed_campaign(case).impacts, "flight"),
         *(part for rows in recorded for part in _flights(case, rows, MODEL_FLIGHT)),
         *_aloft(case, run.axes_m),
+        *_first_contacts(case, observed_campaign(case).impacts, recorded),
         *_runs(case, run),
         *_stops(case, run),
     ]
@@ -242,6 +244,40 @@ def _aloft(case: Case, axes_m: FloatArray) -> list[_Part]:
             "observed": after, "predicted": before, "sd": sd,
         }
     ]  # fmt: skip
+
+
+def _first_contacts(
+    case: Case, rows: ImpactRows | None, recorded: Sequence[ImpactRows]
+) -> list[_Part]:
+    """Chainage of the first contact, against that in the model as the observer records it."""
+    if rows is None:
+        return []
+    observed = _first_chainage(rows, case.n_rocks)
+    made = np.empty((case.n_rocks, 0))
+    if recorded:
+        made = np.column_stack([_first_chainage(one, case.n_rocks) for one in recorded])
+    predicted = mean_of_draws(made)
+    scatter = mean_of_draws((made - predicted[:, None]) ** 2)
+    known = np.isfinite(observed) & np.isfinite(predicted)
+    if not known.any():
+        return []
+    # Few runs of each rock: all of them tell the scatter.
+    sd = math.hypot(math.sqrt(float(scatter[known].mean())), side_error(case))
+    return [
+        {
+            "rock": np.flatnonzero(known), "step": np.array("start"),
+            "quantity": np.array("chainage_m"), "observed": observed[known],
+            "predicted": predicted[known], "sd": np.full(int(known.sum()), sd),
+        }
+    ]  # fmt: skip
+
+
+def _first_chainage(rows: ImpactRows, n_rocks: int) -> FloatArray:
+    """Of the uppermost contact of each rock (m), shape (n_rocks,); NaN for rocks without one."""
+    first = np.full(n_rocks, np.inf)
+    own = rows.rock >= 0
+    np.fmin.at(first, rows.rock[own], rows.s[own])
+    return np.where(np.isfinite(first), first, np.nan)
 
 
 def _runs(case: Case, run: FreeRun) -> list[_Part]:

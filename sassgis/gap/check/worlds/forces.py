@@ -52,6 +52,7 @@ class Forces(NamedTuple):
     ice: Local = Local()  # share of the ground under lenses of ice
     wet: Local = Local()  # share of η_max lost by the last rock of the campaign; less friction
     magnus: Local = Local()  # lift over spin times speed, in 1/50
+    edges: Local = Local()  # scale of the cross tilt (rad) that edges of blocks make; no effect
     loss: Local = Local()  # speed that a contact leaves, less a share q at 10 m/s; no effect
 
 

@@ -149,6 +149,7 @@ def base_world(spec: WorldSpec, seed: int) -> World:
             survey=survey,
             releases=np.column_stack([x, y, heights_of(survey, x, y)]),
             faults=drawn_faults(rng),
+            edges_rad=float(rng.uniform(0.05, 0.2)),
         )
     # Stations where four fifths to a third of the rocks still pass, evenly over the distance.
     run = simulate(world, draw_rocks(world, n_measure(world) + 20, 11), MEASURE_STEP_S)

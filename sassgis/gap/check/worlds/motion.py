@@ -369,6 +369,8 @@ def _contact(
         held = 1.0 / (1.0 + snow_drag(forces.snow, vt))
         vt *= held
         spin *= held
+    if forces.edges.q > 0.0:
+        cross += min(max(forces.edges.q * draws.laplace(key, draws.EDGE, n), -0.9), 0.9)
     if active(forces.facets, s):
         facet = forces.facets.q * draws.laplace(key, draws.LATERAL, n)
         cross += min(max(facet, -0.9), 0.9)

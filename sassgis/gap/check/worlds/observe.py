@@ -95,7 +95,8 @@ def distort(world: World, run: Run) -> Run:
     rng = np.random.default_rng([effect.seed, 111, n])
     clock = 1.0 + 0.6 * q * rng.standard_t(4, n).clip(-3.0, 3.0) * 0.4
     clock = np.clip(clock, 0.4, 2.5)
-    wrong = np.random.default_rng([effect.seed, 112]).random() < 0.5 or rng.random(n) < 0.6
+    one_camera = np.random.default_rng([effect.seed, 112]).random() < 0.5
+    wrong = one_camera | (rng.random(n) < 0.6)
     scale, clock = np.where(wrong, 1.0 + sign * 0.5 * q, 1.0), np.where(wrong, clock, 1.0)
     frame = world.relief.frame
     anchor_s = float(world.stations_s[0]) if len(world.stations_s) else 0.0

@@ -22,7 +22,7 @@ _S31 = np.uint64(31)
 _S11 = np.uint64(11)
 
 # Streams: one for each purpose.
-SLOPE, LATERAL, BUMP, PLATE, BREAK, PIECES, LOOSE, SIZE, PATCH = range(1, 10)
+SLOPE, LATERAL, BUMP, PLATE, BREAK, PIECES, LOOSE, SIZE, PATCH, EDGE = range(1, 11)
 
 
 @kernel

@@ -160,7 +160,8 @@ def forces_of(world: World) -> Forces:
         elif effect.name == "wind":
             turn = _wind_direction(world)
             wind = SteadyWind(float(effect.magnitude), math.cos(turn), math.sin(turn))
-    return Forces(**found, wind=wind, loss=Local(world.speed_loss))
+    own = {"loss": Local(world.speed_loss), "edges": Local(world.edges_rad)}
+    return Forces(**found, **own, wind=wind)
 
 
 def _wind_direction(world: World) -> float:

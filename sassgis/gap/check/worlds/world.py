@@ -261,6 +261,9 @@ class World:
         ``rigid_bodies``.
     speed_loss : float
         Share of the speed that a contact at 10 m/s takes besides, about.
+    edges_rad : float
+        Scale of the tilt across the path that edges of the blocks make at contacts; real blocks
+        leave their line so. In the rigid-body library corners do.
     ground : int64, shape of the grid
         Position in CLASSES of each cell, in truth.
     stations_s : float64, shape (n_stations,)
@@ -285,6 +288,7 @@ class World:
     releases: FloatArray
     blocks: Blocks
     faults: Faults = Faults()
+    edges_rad: float = 0.0
     effects: tuple[PlacedEffect, ...] = ()
     _fields: dict[str, Field] = field(default_factory=dict, compare=False, repr=False)
 
