@@ -104,7 +104,8 @@ CAUSE = Cause(
     draw=_draw,
     shown_by="turn of the heading at impacts beyond that of the fall line and of the simulated "
     "paths; growth of the lateral offset from the first station to all others and to the stop, "
-    "beyond that of the simulated rocks",
+    "beyond that of the simulated rocks; both also beyond what edges of blocks make anywhere, 10° "
+    "and 15 % of the way",
     statistics=(
         Trace(TURN, _turn, ("impacts",), CLEAR),
         Trace(

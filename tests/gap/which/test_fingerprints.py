@@ -205,7 +205,7 @@ def test_rough_ground_scatters_the_rebound_and_turns_the_path(
     steps = residuals.steps
     away = rng.standard_normal(len(steps))
     edges = changed(residuals, "impact", "normal_speed_mps", 3.0 * np.nan_to_num(steps.sd) * away)
-    rough = changed(edges, "impact", "turn_deg", 12.0 * rng.standard_normal(len(steps)))
+    rough = changed(edges, "impact", "turn_deg", 30.0 * rng.standard_normal(len(steps)))
     both = "scatter of the rebound, and turn of the heading"
     for own, seen in ((edges, False), (rough, True)):
         found = {f.statistic: f for f in fingerprints(case, own)}
@@ -233,8 +233,9 @@ def test_offsets_that_grow_that_stay_and_that_only_stops_have(
     )
     steps = replace(residuals.steps, way_m=near)
     residuals = replace(residuals, steps=steps)
-    # The walk of a rock, m: 4 m more at each station; the same everywhere; none but at the stop.
-    walk = np.where(steps.step == "stop", 20.0, 4.0 * (steps.station + 1.0)) * side[steps.rock]
+    # The walk of a rock, m: 12 m more at each station, a third of the way, where edges of blocks
+    # make half of that; the same everywhere; none but at the stop.
+    walk = np.where(steps.step == "stop", 60.0, 12.0 * (steps.station + 1.0)) * side[steps.rock]
     start = 6.0 * side[steps.rock]
     aside = np.where(steps.step == "stop", 6.0 * side[steps.rock], 0.0)
     for added, cause in (
@@ -244,3 +245,30 @@ def test_offsets_that_grow_that_stay_and_that_only_stops_have(
         found = printed(case, off)
         named = {c for c, f in found.items() if f.z > 0.0 and f.p_adjusted <= 0.01}
         assert named == {cause}
+
+
+def test_first_contacts_up_or_down_the_slope_are_errors_of_the_release(
+    case: Case, residuals: ResidualTable
+) -> None:
+    name = "first contact up or down the slope from where the model has it"
+    some = np.isin(residuals.steps.rock, np.arange(0, case.n_rocks, 5))
+
+    def z(shift_m: float, only: np.ndarray | bool = True) -> float:
+        off = changed(
+            residuals, "start", "chainage_m", np.full(len(residuals.steps), shift_m) * only
+        )
+        return {f.statistic: f for f in fingerprints(case, off)}[name].z
+
+    assert z(0.0) < 0.0 and z(1.0) < 2.0
+    assert z(20.0) > 4.0 and z(-20.0) > 4.0
+    # Films of a fifth of the rocks begin late.
+    assert z(20.0, some) < 0.0
+
+
+def test_offsets_at_any_station_are_seen(case: Case, residuals: ResidualTable) -> None:
+    name = "growth of the lateral offset below the first station"
+    steps = residuals.steps
+    for station in range(1, len(case.station_names)):
+        far = 250.0 * (steps.station == station)
+        off = changed(residuals, "run", "lateral_m", far)
+        assert {f.statistic: f for f in fingerprints(case, off)}[name].z > 4.0
