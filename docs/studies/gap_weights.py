@@ -8,7 +8,7 @@
 observed in each, and writes the z of all fingerprints, one row per site, as
 ``docs/studies/gap_weights/rows.csv``. Their seeds are no battery's. ``fit`` fits the weights to all
 rows (``sassgis/data/gap_thresholds.json``) and writes ``docs/studies/gap_weights/results.json``:
-scores of answers on the sites of each law by weights fitted to the two others. ``page`` writes these
+scores of answers on the sites of each law by weights fitted to the others. ``page`` writes these
 into ``docs/studies/gap_weights.md``.
 """
 
@@ -92,7 +92,7 @@ NONE_OFFSET, OFFSET_RIDGE = 3.0, 0.1
 RIDGES = (1.0, 3.0, 10.0)
 SHARPNESS = (0.6, 0.8, 1.0, 1.3, 1.7)
 NAMED = (0.4, 0.45, 0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8)
-#: Most false alarms among sites without an effect, wrong names among those with one, and known names
+#: Most false alarms among sites without an effect, wrong names among those with one, known names
 #: among those with an unknown one; share of the sites whose confusion set need not hold the truth.
 FALSE_ALARMS, WRONG_NAMED, UNKNOWN_NAMED, OUTSIDE = 0.05, 0.08, 0.2, 0.1
 FIXED = (

@@ -115,7 +115,8 @@ CAUSE = Cause(
     summary="an error in where or how fast the rocks are taken to start, not in the motion below",
     draw=_draw,
     shown_by="first point of the path against the stated start; first contacts up or down the "
-    "slope from those of the model, both by more than 1.5 m and the errors; an offset at the first station "
+    "slope from those of the model, both by more than 1.5 m and the errors; "
+    "an offset at the first station "
     "that does not grow to the second; a speed that is wrong on the first reach alone",
     statistics=(
         Trace(

@@ -132,6 +132,12 @@ def hull_of(axes: Vector, rng: np.random.Generator) -> tuple[FloatArray, FloatAr
     return points[ConvexHull(points).vertices], second.sum() - second
 
 
+def turned(rng: np.random.Generator) -> list[float]:
+    """A quaternion, all orientations alike."""
+    four = rng.standard_normal(4)
+    return [float(v) for v in four / np.linalg.norm(four)]
+
+
 class Ground:
     """Heights, classes and contacts; places are counted from the middle of the grid."""
 
@@ -297,15 +303,12 @@ class RigidSite:
         for k in self._near.get(self.ground.cell_of(x, y), ()):
             sx, sy, radius, capacity, height, _ = self._stems[k].tolist()
             ex, ey = x + self.ground.x0 - sx, y + self.ground.y0 - sy
-            distance = math.hypot(ex, ey)
+            distance, longest = math.hypot(ex, ey), max(block.axes)
             approach = -(v[0] * ex + v[1] * ey) / max(distance, 1e-9)
-            reach = radius + max(block.axes) + 2.0 * SAMPLE_S * approach
-            if approach <= 0.0 or distance > reach:
-                continue
-            if z - max(block.axes) > float(self.ground.surface(x, y)[0]) + height:
-                continue
+            near = 0.0 < approach >= (distance - radius - longest) / (2.0 * SAMPLE_S)
+            above = z - longest > float(self.ground.surface(x, y)[0]) + height
             energy = 0.5 * block.mass * approach * approach
-            if energy <= capacity:
+            if not near or above or energy <= capacity:
                 continue
             # It breaks, and is no longer in the way of this block.
             bullet.setCollisionFilterPair(body, self._stem_bodies[k], -1, -1, 0)
@@ -322,9 +325,7 @@ class _Motion:
         self._site, self._block, self._made = site, block, made
         self._rng = np.random.default_rng(block.key)
         self._points, inertia = hull_of(block.axes, self._rng)
-        # All orientations alike.
-        quaternion = self._rng.standard_normal(4)
-        quaternion = (quaternion / np.linalg.norm(quaternion)).tolist()
+        quaternion = turned(self._rng)
         #: Specific energy at which it breaks, over that of the weakest (J/kg).
         self._strength = math.exp(0.4 * self._rng.standard_normal())
         self._side = 1.0 if self._rng.random() < 0.5 else -1.0
@@ -464,8 +465,7 @@ class _Motion:
     def _loosened(self, place: Vector, v: Vector, s: float, t: float) -> tuple[RigidBlock, Vector]:
         """A smaller block that takes some of the momentum, and what is left."""
         block, rng = self._block, self._rng
-        share = float(rng.uniform(0.25, 0.65))
-        given = float(rng.uniform(0.1, 0.5))
+        share, given = float(rng.uniform(0.25, 0.65)), float(rng.uniform(0.1, 0.5))
         axes = tuple(share * a for a in rng.permutation(block.axes).tolist())
         speed = (given * v[0], given * v[1], given * v[2])
         x, y, z = (c - share**3 * d for c, d in zip(v, speed, strict=True))

@@ -88,8 +88,8 @@ def test_a_box_dropped_flat_rebounds_to_e_squared_of_its_height(as_box) -> None:
 def test_flight_is_a_parabola_that_keeps_energy_and_spin(monkeypatch: pytest.MonkeyPatch) -> None:
     """Free of torque, angular momentum and energy of rotation last while the spin itself nods."""
     job = plane_job(0.0, (0.0, 0.5, 0.0, 0.0, 0.01, 0.0), on_plane(0.0, 0.0, 60.0))
-    site = bodies.Site(job)
-    block = bodies.Block(
+    site = bodies.RigidSite(job)
+    block = bodies.RigidBlock(
         0, (3,), (-60.0, 0.0, 60.0), (8.0, 1.0, 2.0), (0.7, 0.5, 0.3), 2700.0, spin=(3.0, 9.0, 2.0)
     )
     moved = bodies._Motion(site, block, 1)
@@ -161,7 +161,7 @@ def test_the_library_has_the_ground_that_is_given(site: World) -> None:
         patch.setattr(rigid.subprocess, "run", keep)
         with pytest.raises(InputError, match="kept"):
             simulate(site, draw_rocks(site, 2, 3))
-    ground = bodies.Site(job).ground
+    ground = bodies.RigidSite(job).ground
     rng = np.random.default_rng(1)
     x, y = rng.uniform(-80.0, 80.0, (2, 200))
     rays = bodies.bullet.rayTestBatch(
