@@ -89,7 +89,7 @@ STATISTICS = {name: own for name, own in _ALL.items() if name in read_rows()[0]}
 #: Before any site a fingerprint speaks for its own cause with the weight of its row, and no cause
 #: is more likely than "none" by this; the ridge holds the weights there.
 NONE_OFFSET, OFFSET_RIDGE = 3.0, 0.1
-RIDGES = (1.0, 3.0, 10.0)
+RIDGES = (1.0, 3.0, 10.0, 30.0)
 SHARPNESS = (0.6, 0.8, 1.0, 1.3, 1.7)
 NAMED = (0.4, 0.45, 0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8)
 #: Most false alarms among sites without an effect, wrong names among those with one, known names

@@ -91,14 +91,16 @@ def validate_observations(observations: Path, config: Path | None) -> None:
     from sassgis.io.read.observation_files import read_observations
     from sassgis.io.read.observation_files import validate_observations as check
     from sassgis.io.read.tiles import read_terrain
+    from sassgis.runs.gap_case import drop_of
 
-    grid = None
+    grid, drop_m = None, 0.0
     if config is not None:
         settings = load_config(config)
+        drop_m = drop_of(settings.blocks)
         terrain = settings.terrain
         grid = read_terrain(settings.dem_path, terrain.crs, terrain.vertical_datum)
-    read = read_observations(observations, grid)
-    for finding in check(read, grid):
+    read = read_observations(observations, grid, drop_m)
+    for finding in check(read, grid, drop_m):
         click.echo(str(finding))
     found = what_is_identifiable(read)
     click.echo(f"{found.rocks} rocks, {found.unattributed} blocks of unknown origin")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -54,8 +55,13 @@ def read_case(config: Config | str | Path, observations: str | Path) -> Case:
         Files that cannot be used, or no rock whose fall line can be traced.
     """
     run = read_map_run(configured(config, None))
-    read = read_observations(Path(observations), run.grid)
+    read = read_observations(Path(observations), run.grid, drop_of(run.blocks))
     return case_of(run, read, Path(observations))
+
+
+def drop_of(blocks: Sequence[BlockPopulation]) -> float:
+    """Height above the ground from which blocks are let go, at most (m)."""
+    return max((own.drop_m[1] for own in blocks), default=0.0)
 
 
 def fingerprint_of(config: Config, observations: Path, options: str) -> str:

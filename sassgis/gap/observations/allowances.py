@@ -24,14 +24,17 @@ def stated_or(value: float, otherwise: float) -> float:
     return value if math.isfinite(value) else otherwise
 
 
-def tops_m(obs: Observations, grid: Grid | None) -> FloatArray:
-    """Height from which each rock came, at most; the last one for unattributed blocks."""
+def tops_m(obs: Observations, grid: Grid | None, drop_m: float = 0.0) -> FloatArray:
+    """Height from which each rock came, at most; the last one for unattributed blocks.
+
+    Blocks are let go up to ``drop_m`` above the ground, or where their height is stated.
+    """
     n = len(obs.rock_names)
     top = np.full(n + 1, np.nan)
     rocks = obs.rocks
     z = rocks.z
     if grid is not None:
-        z = np.fmax(z, heights_at(grid, rocks.x, rocks.y))
+        z = np.fmax(z, heights_at(grid, rocks.x, rocks.y) + drop_m)
     place = {name: i for i, name in enumerate(obs.rock_names)}
     radius = np.nan_to_num(rock_radii_m(obs))
     for name, height in zip(rocks.rock_id.tolist(), z.tolist(), strict=True):

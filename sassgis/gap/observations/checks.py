@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,10 +31,11 @@ from sassgis.gap.observations.tables import POINT_TABLES, TABLE_TYPES, TABLES
 from sassgis.model.grid import Grid
 
 BoolArray = NDArray[np.bool_]
+Check = Callable[[Observations, Grid | None], Iterator[ObservationFinding]]
 
 
 def check_observations(
-    observations: Observations, grid: Grid | None = None
+    observations: Observations, grid: Grid | None = None, drop_m: float = 0.0
 ) -> list[ObservationFinding]:
     """Look for what cannot be true.
 
@@ -43,6 +45,8 @@ def check_observations(
         In the coordinates of the grid.
     grid : Grid, optional
         The DEM; without it, nothing is compared with the terrain.
+    drop_m : float
+        Height above the ground from which blocks were let go, at most.
 
     Returns
     -------
@@ -52,7 +56,8 @@ def check_observations(
     """
     found: list[ObservationFinding] = []
     left = observations
-    for check in _CHECKS:
+    drops: Check = partial(check_drops, drop_m=drop_m)
+    for check in (*_CHECKS, drops):
         # What one check leaves out is not found again by the next, under another name.
         new = list(check(left, grid))
         found += new
@@ -164,7 +169,7 @@ def empty_tables(observations: Observations, read: Iterable[str]) -> list[Observ
 
 
 #: In this order: names first, then places, then what hangs on them.
-_CHECKS: tuple[Callable[[Observations, Grid | None], Iterator[ObservationFinding]], ...] = (
+_CHECKS: tuple[Check, ...] = (
     _identifiers,
     _same_stop,
     _belonging,
@@ -177,5 +182,4 @@ _CHECKS: tuple[Callable[[Observations, Grid | None], Iterator[ObservationFinding
     check_impacts,
     check_spins,
     check_trajectory_speeds,
-    check_drops,
 )

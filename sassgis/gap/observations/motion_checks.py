@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,9 @@ _GRAVITY = 9.81
 _KMH = 3.6
 
 
+#: Falls between impacts that tell a scale (m), their least number, and the scale that is certainly
+#: wrong.
+_LEAST_FALL_M, _LEAST_FLIGHTS, _SCALE_USUAL = 1.0, 12, 1.05
 #: Surface speed of a rock over its own speed: rolling is 1, a median of twice that is another unit.
 _SPIN_RATIO = 2.0
 
@@ -173,9 +177,50 @@ def _apart(points: FloatArray, span: float) -> IntArray:
     return np.array(kept, np.int64)
 
 
-def check_drops(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
-    """Speeds that no drop explains."""
-    top = tops_m(obs, grid)
+def fall_scale(obs: Observations, grid: Grid | None) -> tuple[float, float, int]:
+    """Speeds at impacts over those that the falls between them give: middle, lower bound, flights.
+
+    Energy gained from one impact to the next over that of the fall is the square of it. Air, stems
+    and impacts that were not recorded only take energy, so that a scale above 1 is certain. The
+    bound is that of 97.5 %, by order statistics of the flights.
+    """
+    hit = obs.impacts
+    z = hit.z.copy()
+    if grid is not None and len(hit):
+        z = np.where(np.isfinite(z), z, heights_at(grid, hit.x, hit.y))
+    into = hit.vt_in_mps**2 + hit.vn_in_mps**2
+    out = hit.vt_out_mps**2 + hit.vn_out_mps**2
+    ratios = []
+    for rock in np.unique(hit.rock_id).tolist():
+        rows = np.flatnonzero(hit.rock_id == rock)
+        for a, b in pairwise(rows[np.argsort(hit.impact[rows], kind="stable")].tolist()):
+            fell = 2.0 * _GRAVITY * (z[a] - z[b])
+            if fell > 2.0 * _GRAVITY * _LEAST_FALL_M:
+                ratios.append((into[b] - out[a]) / fell)
+    known = np.sort(np.array(ratios)[np.isfinite(ratios)])
+    if known.size < _LEAST_FLIGHTS:
+        return 1.0, 1.0, int(known.size)
+    low = max(int(0.5 * known.size - 0.98 * math.sqrt(known.size)), 0)
+    middle, bound = np.sqrt(np.maximum([np.median(known), known[low]], 0.0)).tolist()
+    return middle, bound, int(known.size)
+
+
+def check_drops(
+    obs: Observations, grid: Grid | None, drop_m: float = 0.0
+) -> Iterator[ObservationFinding]:
+    """Speeds that no drop explains; blocks were let go up to ``drop_m`` above the ground."""
+    top = tops_m(obs, grid, drop_m)
+    scale, certain, flights = fall_scale(obs, grid)
+    if certain < _SCALE_USUAL:
+        scale = 1.0
+    else:
+        yield from RULES["scale"].at(
+            obs,
+            "impacts",
+            np.isfinite(obs.impacts.vt_in_mps),
+            f"{100.0 * (scale - 1.0):.0f} % more than the falls between impacts give, at least "
+            f"{100.0 * (certain - 1.0):.0f} %, {flights} flights",
+        )
     start = start_speeds_mps(obs)
     error = stated_or(obs.metadata.speed_error_rel, SPEED_ERROR_REL)
     slack = SIGMAS * stated_or(obs.metadata.height_error_m, HEIGHT_ERROR_M)
@@ -197,7 +242,9 @@ def check_drops(obs: Observations, grid: Grid | None) -> Iterator[ObservationFin
         fastest = np.sqrt(2.0 * _GRAVITY * drop + start[owner] ** 2)
         ratio = speed / fastest
         known = np.isfinite(ratio)
-        too_fast = known & (ratio > 1.0 + SIGMAS * error)
+        # Rows that only a wrong scale makes too fast are right but for that.
+        room = (scale if table == "impacts" else 1.0) * (1.0 + SIGMAS * error)
+        too_fast = known & (ratio > room)
         if not too_fast.any():
             continue
         worst = int(np.flatnonzero(too_fast)[np.argmax(ratio[too_fast])])

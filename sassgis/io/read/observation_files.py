@@ -36,7 +36,9 @@ _METADATA = "metadata"
 _FOREIGN = frozenset({"layer_styles", "run_metadata"})
 
 
-def read_observations(path: Path | str, grid: Grid | None = None) -> Observations:
+def read_observations(
+    path: Path | str, grid: Grid | None = None, drop_m: float = 0.0
+) -> Observations:
     """Read observations, check them, and leave out what cannot be used.
 
     Parameters
@@ -46,6 +48,8 @@ def read_observations(path: Path | str, grid: Grid | None = None) -> Observation
         ``sassgis.gap.observations.tables.TABLES``, and ``metadata``. Any of them may be missing.
     grid
         The DEM. Geometries are brought into its coordinates, and all is compared with it.
+    drop_m
+        Height above the ground from which blocks were let go, at most.
 
     Returns
     -------
@@ -82,7 +86,7 @@ def read_observations(path: Path | str, grid: Grid | None = None) -> Observation
         files={name: str(raw.file) for name, raw in raws.items()},
     )
     found = [*findings.all, *empty_tables(observations, [r for r in raws if r in tables])]
-    checked = check_observations(observations, grid)
+    checked = check_observations(observations, grid, drop_m)
     hopeless = [f for f in found if f.problem == "holds no observed rock"]
     if hopeless and failed:
         raise failed[0]
@@ -104,7 +108,7 @@ def read_observations(path: Path | str, grid: Grid | None = None) -> Observation
 
 
 def validate_observations(
-    observations: Observations, grid: Grid | None = None
+    observations: Observations, grid: Grid | None = None, drop_m: float = 0.0
 ) -> list[ObservationFinding]:
     """All that their owner should know about observations.
 
@@ -120,7 +124,8 @@ def validate_observations(
     list of ObservationFinding
         Errors first; ``str`` gives one line that names file, table, column and row.
     """
-    fresh = [f for f in check_observations(observations, grid) if f not in observations.findings]
+    checked = check_observations(observations, grid, drop_m)
+    fresh = [f for f in checked if f not in observations.findings]
     # Leaving values out must not turn into new findings of the same kind.
     known = {(f.problem, f.table, f.column) for f in observations.findings}
     fresh = [f for f in fresh if (f.problem, f.table, f.column) not in known]

@@ -657,3 +657,66 @@ def test_masses_and_radii_from_what_is_there():
     ball = 4 / 3 * np.pi * 0.125
     np.testing.assert_allclose(rock_masses_kg(observed), [100.0, 5000.0, 2700 * ball, np.nan])
     np.testing.assert_allclose(rock_radii_m(observed)[2], 0.5)
+
+
+def hops(scale, wrong=()):
+    """Impacts at 5 places down the slope: a half of the energy is lost at each, 5 % in the air."""
+
+    def change(_records):
+        made = []
+        for i in range(1, 6):
+            square, before = 2.0 * 9.81 * 14.0, None
+            for k, down in enumerate((40.0, 62.0, 85.0, 110.0, 140.0), 1):
+                place = at(2.0 * i, down)
+                if before is not None:
+                    square = 0.5 * square + 0.95 * 2.0 * 9.81 * (before - place[2])
+                before = place[2]
+                fast = scale * (3.0 if (i, k) in wrong else 1.0) * np.sqrt(square)
+                slow = scale * np.sqrt(0.5 * square)
+                made.append(
+                    {
+                        "rock_id": f"R{i}", "impact": k, "x": place[0], "y": place[1],
+                        "z": place[2], "vt_in_mps": 0.8 * fast, "vn_in_mps": -0.6 * fast,
+                        "vt_out_mps": 0.9 * slow, "vn_out_mps": np.sqrt(0.19) * slow,
+                    }
+                )  # fmt: skip
+        return made
+
+    return change
+
+
+def test_a_wrong_scale_of_speeds_is_named_and_the_rows_are_kept(folder, slope):
+    path = folder(impacts=hops(1.2), deposits=None, trajectories=None)
+    found = only(read := read_observations(path, slope), slope)
+    assert "impacts.vt_in_mps" in found and "speeds are too high for all" in found
+    # The air takes 5 % of the energy: 1.2 times √(1 − 0.05 × fall over gain).
+    assert "found 17 % more" in found and "20 flights" in found
+    assert np.isfinite(read.impacts.vt_in_mps).all()
+    assert (
+        lines(read_observations(folder(impacts=hops(1.0), deposits=None, trajectories=None), slope))
+        == []
+    )
+
+
+def test_one_impact_too_fast_is_left_out_whatever_the_scale(folder, slope):
+    for scale in (1.0, 1.2):
+        read = read_observations(
+            folder(impacts=hops(scale, [(2, 4)]), deposits=None, trajectories=None), slope
+        )
+        assert np.flatnonzero(np.isnan(read.impacts.vt_in_mps)).tolist() == [8]
+
+
+def test_blocks_that_are_let_go_above_the_ground_may_be_as_fast(folder, slope):
+    def first(records):
+        place = at(2.0, 20.5)
+        return [
+            records[0] | {"x": place[0], "y": place[1], "z": place[2], "vt_in_mps": 5.0,
+                          "vn_in_mps": -7.5},
+            *records[1:],
+        ]  # fmt: skip
+
+    path = folder(impacts=first, rocks=setting("z", ""), deposits=None, trajectories=None)
+    assert "faster than the drop allows" in only(read_observations(path, slope), slope)
+    read = read_observations(path, slope, 4.0)
+    assert validate_observations(read, slope, 4.0) == []
+    assert np.isfinite(read.impacts.vt_in_mps).all()
