@@ -15,14 +15,14 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from field_cases.sites import AUTHUME_ZONES
+from field_cases.sites import AUTHUME, AUTHUME_ZONES, QUARRY_DEM, QUARRY_ZONES
 from field_cases.tables import field_file
 from sassgis.io.read.tiles import read_terrain
 from sassgis.model.grid import Grid
 
 FloatArray = NDArray[np.float64]
 
-RUNS, QUARRY = "authume_rockable_p1", "authume_quarry_p1"
+RUNS = "authume_rockable_p1"
 GRAVITY = 9.81
 DENSITY_KGM3 = 2700.0
 #: A block flies where the resultant force is its weight, to this share of it.
@@ -37,19 +37,18 @@ _SLOWEST_MPS, _STEEPEST_DEG = 0.5, 50.0
 def program_contacts(data: Path) -> pd.DataFrame:
     """Short contacts between two flights, in the columns of observed impacts.
 
-    The velocities are those at the middle of the contact, along the ground smoothed over about the
-    size of a block and along its normal; the spin is that part of it that goes with the way.
+    Time and place (in plan) are those of the sample before. The velocities are those at the middle
+    of the contact, along the ground smoothed over about the size of a block and along its normal;
+    the spin is that part of it that goes with the way.
     """
     runs = np.load(field_file(data, RUNS, "trajectories.npz"))
-    heights = read_terrain(field_file(data, QUARRY, "derived_dtm_0p5m_local.tif"), "local")
-    zones = read_terrain(
-        field_file(data, QUARRY, "derived_substratum_zones_0p5m_local.tif"), "local"
-    )
+    heights = read_terrain(field_file(data, AUTHUME, QUARRY_DEM), "local")
+    zones = read_terrain(field_file(data, AUTHUME, QUARRY_ZONES), "local")
     axes = {shape: semi_axes(data, shape) for shape in np.unique(runs["shape"]).tolist()}
     samples = runs["samples"].astype(np.float64)
     found = []
     for k, (first, last) in enumerate(zip(runs["first"], runs["last"], strict=True)):
-        own = samples[first : last + 1]
+        own = samples[first:last]
         shape = str(runs["shape"][k])
         for before, after in _between_flights(own):
             found.append((f"{shape}-{k}", *own[before], *own[after], *axes[shape]))
@@ -71,6 +70,9 @@ def program_contacts(data: Path) -> pd.DataFrame:
     table = pd.DataFrame(
         {
             "rock_id": [row[0] for row in found],
+            "t_s": into[:, 0],
+            "x": into[:, 1],
+            "y": into[:, 3],
             "ground": [AUTHUME_ZONES.get(int(c), "") if np.isfinite(c) else "" for c in code],
             # The dip along the way.
             "slope_deg": np.degrees(np.arcsin(-ahead[:, 1])),
@@ -80,6 +82,13 @@ def program_contacts(data: Path) -> pd.DataFrame:
             "vt_out_mps": (v_out * ahead).sum(1),
             "vn_out_mps": vn_out,
             "omega_out_radps": (out[:, 7:10] * axle).sum(1),
+            # Azimuths grow clockwise, as seen from above with y to the north.
+            "turn_deg": np.degrees(
+                np.arctan2(
+                    v_in[:, 2] * v_out[:, 0] - v_in[:, 0] * v_out[:, 2],
+                    v_in[:, 0] * v_out[:, 0] + v_in[:, 2] * v_out[:, 2],
+                )
+            ),
             **{f"semi_axis_{c}_m": ends[:, i] for i, c in enumerate("abc")},
         }
     )

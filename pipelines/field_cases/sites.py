@@ -40,6 +40,9 @@ PLACES_M = (0.0, 17.5, 25.0, 32.0, 45.0)
 #: first code. Cells without one are hard ground, as in the quarry around them.
 AUTHUME_ZONES = {1: "overgrown_slope", 2: "rock", 3: "debris"}
 SLOPE_ZONE = 1
+AUTHUME = "authume_quarry_p1"
+QUARRY_DEM = "derived_dtm_0p5m_local.tif"
+QUARRY_ZONES = "derived_substratum_zones_0p5m_local.tif"
 #: Distance of the release points in the square of release (m).
 SPACING_M = 1.0
 #: Authume: limestone; the mass of a rock cancels out of its motion.
@@ -156,7 +159,7 @@ def tschamut(
     ]
     plate = rocks["label"] == "plate"
     of_plate = {"plate": tuple(rocks.loc[own, "rock_id"].tolist() for own in (~plate, plate))}
-    return _written(
+    return written(
         "Tschamut",
         out,
         _joined({"terrain": 'dem = "dem.tif"', "ground": f'default = "{slope}"'}, more),
@@ -181,11 +184,9 @@ def authume(
     Arguments are those of tschamut. The data state no licence: terrain and zones are read from
     their folder.
     """
-    folder = "authume_quarry_p1"
+    folder = AUTHUME
     ends = np.loadtxt(field_file(data, folder, "Endpoints_P1.txt"), ndmin=2)
     corners = np.loadtxt(field_file(data, folder, "positions_P1.xyz"), ndmin=2)
-    dem = field_file(data, folder, "derived_dtm_0p5m_local.tif").resolve()
-    zones = field_file(data, folder, "derived_substratum_zones_0p5m_local.tif").resolve()
     mass = ends[:, 3]
     # Y is the vertical. The heights of the stops lie 2.9 m above the terrain: not used.
     square = corners[:, [0, 2]]
@@ -197,29 +198,23 @@ def authume(
     )  # fmt: skip
     rocks[AXES] = np.sort(ends[:, 4:7], axis=1)[:, ::-1] / 2.0
     rocks["density_kgm3"] = DENSITY_KGM3
-    grid = read_terrain(dem, "local")
+    sections = quarry(data, slope)
+    grid = read_terrain(field_file(data, AUTHUME, QUARRY_DEM), "local")
     x, y = grid.cell_centres(np.arange(grid.values.size))
     (west, south), (east, north) = square.min(axis=0), square.max(axis=0)
     under = grid.values.ravel()[(x >= west) & (x <= east) & (y >= south) & (y <= north)]
     height = corners[:, 1].mean() - float(rocks[AXES[2]].median())
     drop = [max(float(height - under.max()), 0.0), float(height - under.min())]
-    codes = {**AUTHUME_ZONES, SLOPE_ZONE: slope}
-    sections = {
-        "terrain": f"dem = {json.dumps(str(dem))}",
-        "ground": f'default = "rock"\nfile = {json.dumps(str(zones))}\nraster_classes = '
-        f"{{ {', '.join(f'{code} = {json.dumps(own)}' for code, own in codes.items())} }}",
-        "blocks": f"drop_m = {drop}",
-    }
     notes = [
         f"{len(ends)} stops; their heights lie 2.9 m above the terrain: not used",
         "release points of single rocks are not known: each may start anywhere in the square",
         "semi-axes: half of the measured boxes; the ellipsoid is lighter than the rock as weighed",
-        f"ground by its description: {', '.join(codes.values())}",
+        f"ground by its description: {', '.join(AUTHUME_ZONES.values())}",
     ]
-    return _written(
+    return written(
         "Authume",
         out,
-        _joined(sections, more),
+        _joined({**sections, "blocks": f"drop_m = {drop}"}, more),
         slope,
         rocks,
         [shapely.MultiPoint(square).convex_hull] * len(rocks),
@@ -227,6 +222,18 @@ def authume(
         0.5,
         notes,
     )
+
+
+def quarry(data: Path, slope: str) -> Sections:
+    """Terrain and ground at Authume, read from the folder of the data."""
+    dem, zones = (field_file(data, AUTHUME, f).resolve() for f in (QUARRY_DEM, QUARRY_ZONES))
+    codes = {**AUTHUME_ZONES, SLOPE_ZONE: slope}
+    classes = ", ".join(f"{code} = {json.dumps(own)}" for code, own in codes.items())
+    return {
+        "terrain": f"dem = {json.dumps(str(dem))}",
+        "ground": f'default = "rock"\nfile = {json.dumps(str(zones))}\n'
+        f"raster_classes = {{ {classes} }}",
+    }
 
 
 def _joined(sections: Sections, more: Sections | None) -> Sections:
@@ -242,7 +249,7 @@ def halves(rocks: pd.DataFrame, divisions: int) -> dict[str, tuple[list[str], li
     return {name: split_in_two(strata, SEED + k) for k, name in enumerate(names)}
 
 
-def _written(
+def written(
     name: str,
     out: Path,
     sections: Sections,

@@ -20,6 +20,7 @@ from sassgis.io.read.observation_files import read_observations, validate_observ
 from sassgis.io.read.tiles import read_terrain
 from sassgis.model.errors import InputError, OutputError
 from sassgis.model.grid import Grid
+from sassgis.runs.gap_case import drop_of
 
 #: Beside the repository.
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
@@ -188,10 +189,11 @@ def check(case: FieldCase) -> list[str]:
     InputError
         If it finds an error.
     """
-    grid = terrain_of(case.config)
+    grid, drop_m = terrain_of(case.config), drop_of(load_config(case.config).blocks)
     warnings = []
     for name, folder in case.observations.items():
-        for finding in validate_observations(read_observations(folder, grid), grid):
+        read = read_observations(folder, grid, drop_m)
+        for finding in validate_observations(read, grid, drop_m):
             if finding.level == "error":
                 raise InputError(f"observations do not pass the check: {finding}", file=folder)
             warnings.append(f"{name}: {finding}")
