@@ -180,6 +180,19 @@ def scars() -> str:
     return markdown(["form", "energy kept, mean", "energy score", "chosen on the other run"], body)
 
 
+def program() -> str:
+    """Answers on runs of another program."""
+    body = []
+    for row in results("authume_program")["campaigns"]:
+        seen = "everything" if row["everything"] else "stations and stops"
+        named = row["group"] if row["effect"] == "unknown" and row["group"] else ""
+        confident = number(row["confidence"], 2)
+        answer = row["effect"] + (f" ({named})" if named else "")
+        body.append([row["truth"] or "none", f"{row['rocks']} rocks, {seen}", answer, confident])
+    head = ["put on the runs", "observed", "answer (group)", "confidence"]
+    return markdown(head, [[cell.replace("_", " ") for cell in row] for row in body])
+
+
 TABLES = {
     **{f"{c} uncalibrated": (lambda c=c: untuned(c)) for c in ("tschamut", "authume")},
     **{f"{c} verdict": (lambda c=c: verdict(c)) for c in ("tschamut", "authume", "chant_sura")},
@@ -191,6 +204,7 @@ TABLES = {
     "chant_sura contacts": lambda: contacts("used"),
     "chant_sura all contacts": lambda: contacts("all with a spin"),
     "chant_sura scars": scars,
+    "authume program": program,
 }
 
 

@@ -179,7 +179,7 @@ def diagnose(
         help="Of the battery.",
     ),
     click.option(
-        "--law", type=click.Choice(["own", "elastic", "rigid"]), default="", show_default=False,
+        "--law", type=click.Choice(["own", "elastic", "rigid"]), default=None,
         help="Of the motion at all sites; default: all in turn. rigid needs sassgis[rigid].",
     ),
     *WORKERS,

@@ -83,7 +83,7 @@ def check(
     *,
     worlds: int = WORLDS,
     seed: int = SEED,
-    law: str = "",
+    law: str | None = None,
     jobs: Jobs = None,
     quick: bool = False,
     development: bool = False,
@@ -110,8 +110,8 @@ def check(
     worlds : int
     seed : int
         Of the battery.
-    law : str
-        Of the motion at all sites; "" for all in turn.
+    law : str, optional
+        Of the motion at all sites; default: all in turn.
     jobs : int or Workers, optional
         Processes of this machine, default: one for each core; or processes of a cluster, to all of
         which ``out`` is the same folder.
@@ -196,7 +196,7 @@ def _thresholds_digest(file: Path | None, seed: int, development: bool) -> str:
     return frozen_digest(file)
 
 
-def _battery(seed: int, worlds: int, law: str, quick: bool) -> list[PlannedSite]:
+def _battery(seed: int, worlds: int, law: str | None, quick: bool) -> list[PlannedSite]:
     laws = {"laws": (law,)} if law else {}
     specs = quick_battery(seed, **laws) if quick else battery(seed, worlds, **laws)
     seeds = world_seeds(seed, len(specs))

@@ -300,3 +300,25 @@ def test_pages_hold_the_tables_of_the_results(repository: Path) -> None:
         seen |= set(re.findall(r"<!-- gap: (.+?) -->", text))
         assert module.filled(text) == text, f"{page.name}: run python docs/studies/gap_tables.py"
     assert seen == set(module.TABLES)
+
+
+def test_campaigns_of_another_program_are_noted_as_their_observer_can(shared_data: Path) -> None:
+    from field_cases.program_campaigns import ProgramRuns, campaign
+
+    if not (shared_data / "authume_rockable_p1").is_dir():
+        pytest.skip("authume_rockable_p1 is not in the folder of the field data")
+    runs = ProgramRuns.read(shared_data)
+    plain, scaled = (campaign(runs, 60, True, effect, 5) for effect in ("", "scale"))
+    start = campaign(runs, 60, True, "start", 5)
+    impacts = plain.tables["impacts"]
+    own = runs.contacts[runs.contacts["rock_id"].isin(plain.rocks["rock_id"])]
+    assert 0.3 * len(own) < len(impacts) < len(own)
+    assert -impacts["vn_in_mps"].max() > 0.2 * 0.8 and not impacts.isna().any().any()
+    for name, column in (("impacts", "vt_in_mps"), ("trajectories", "speed_mps")):
+        np.testing.assert_allclose(
+            scaled.tables[name][column], 1.2 * plain.tables[name][column], rtol=1e-12
+        )
+    moved = start.rocks[["x", "y"]].to_numpy() - plain.rocks[["x", "y"]].to_numpy()
+    np.testing.assert_allclose(np.hypot(*moved.T), 15.0)
+    stops = start.rocks[["x_stop", "y_stop"]] - plain.rocks[["x_stop", "y_stop"]]
+    assert not stops.to_numpy().any()
