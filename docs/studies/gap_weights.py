@@ -62,12 +62,11 @@ from sassgis.model.grid import FloatArray
 from sassgis.runs.blinded_cases import make_case
 from sassgis.runs.diagnose import fingerprints_of
 
-SEED = 4712
-#: Worlds have the seeds from this on.
-FIRST_SEED = 910_000
-SITES = 240
 STUDY = Path(__file__).with_suffix("")
-ROWS, RESULTS, PAGE = STUDY / "rows.csv", STUDY / "results.json", STUDY.with_suffix(".md")
+#: Of each table: seed of the designs, first seed of the worlds, sites. Weights are fitted to
+#: "rows"; "fresh" was made when these, the fingerprints and all thresholds stood.
+TABLES = {"rows": (4712, 910_000, 240), "fresh": (4713, 920_000, 60)}
+RESULTS, PAGE = STUDY / "results.json", STUDY.with_suffix(".md")
 CAUSES = (*FAMILIES, NONE)
 #: Fingerprints of what synthetic sites can have: cause, and weight for it before any site.
 _ALL: Mapping[str, tuple[str, float]] = {
@@ -78,9 +77,9 @@ _ALL: Mapping[str, tuple[str, float]] = {
 }
 
 
-def read_rows(file: Path = ROWS) -> list[dict[str, str]]:
-    """The committed rows."""
-    with file.open(encoding="utf-8", newline="") as stream:
+def read_rows(name: str = "rows") -> list[dict[str, str]]:
+    """A committed table."""
+    with (STUDY / f"{name}.csv").open(encoding="utf-8", newline="") as stream:
         return list(csv.DictReader(stream))
 
 
@@ -96,7 +95,7 @@ NAMED = (0.4, 0.45, 0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8)
 #: among those with an unknown one; share of the sites whose confusion set need not hold the truth.
 FALSE_ALARMS, WRONG_NAMED, UNKNOWN_NAMED, OUTSIDE = 0.05, 0.08, 0.2, 0.1
 FIXED = (
-    "site", "seed", "law", "slope", "effects", "strengths", "rocks", "kind", "stations", "named",
+    "site", "law", "slope", "effects", "strengths", "rocks", "kind", "stations", "named",
     "error_factor", "disturbance", "adequate",
 )  # fmt: skip
 
@@ -105,9 +104,9 @@ FIXED = (
 # Rows
 
 
-def sites(n: int) -> list[tuple[int, WorldSpec]]:
-    """Numbers and specifications: a third without effect, one in twelve an unknown one."""
-    rng = np.random.default_rng(SEED)
+def sites(seed: int, first: int, n: int) -> list[tuple[int, WorldSpec]]:
+    """Seeds and specifications: a third without effect, one in twelve an unknown one."""
+    rng = np.random.default_rng(seed)
 
     def one_of(values: Sequence[Any]) -> Any:
         return values[int(rng.integers(len(values)))]
@@ -142,26 +141,26 @@ def sites(n: int) -> list[tuple[int, WorldSpec]]:
             named=bool(rng.random() < 0.7), error_factor=one_of((0.5, 1.0, 1.0, 1.5)),
             disturbance=disturbance, faults=True,
         )  # fmt: skip
-        found.append((k, spec))
+        found.append((first + k, spec))
     return found
 
 
 def row_of(task: tuple[int, WorldSpec, Path]) -> dict[str, Any]:
     """Fingerprints of one site; the site itself is made only where it is not there yet."""
-    k, spec, folder = task
-    label = folder / f"{k}.json"
+    seed, spec, folder = task
+    label = folder / f"{seed}.json"
     if not label.exists():
-        made = make_case(spec, FIRST_SEED + k, str(k), str(folder / str(k)))
+        made = make_case(spec, seed, str(seed), str(folder / str(seed)))
         label.write_text(json.dumps(made["label"]), encoding="utf-8")
     effects = json.loads(label.read_text(encoding="utf-8"))["effects"]
     prints, findings = fingerprints_of(
-        folder / str(k) / "config.toml", folder / str(k) / "observations"
+        folder / str(seed) / "config.toml", folder / str(seed) / "observations"
     )
-    return as_row(k, spec, [str(e["strength"]) for e in effects], prints, adequate(findings))
+    return as_row(seed, spec, [str(e["strength"]) for e in effects], prints, adequate(findings))
 
 
 def as_row(
-    k: int,
+    seed: int,
     spec: WorldSpec,
     strengths: Sequence[str],
     prints: Sequence[Fingerprint],
@@ -170,8 +169,7 @@ def as_row(
     """One row of the table."""
     z = {f.statistic: round(f.z, 2) for f in prints if f.observable}
     return {
-        "site": k,
-        "seed": FIRST_SEED + k,
+        "site": seed,
         "law": spec.law,
         "slope": spec.slope,
         "effects": "+".join(e.name for e in spec.effects),
@@ -195,18 +193,18 @@ def write_rows(rows: Sequence[dict[str, Any]], file: Path) -> None:
         table.writerows(sorted(rows, key=lambda r: int(r["site"])))
 
 
-def make_rows(folder: Path, jobs: int, n: int) -> None:
-    """Rows of all sites; sites and rows that are there already are not made again."""
+def make_rows(name: str, folder: Path, jobs: int) -> None:
+    """A table; sites and rows that are there already are not made again."""
     cases, done = folder / "cases", folder / "rows"
     for one in (cases, done):
         one.mkdir(parents=True, exist_ok=True)
-    due = [(k, s, cases) for k, s in sites(n) if not (done / f"{k}.json").exists()]
+    due = [(k, s, cases) for k, s in sites(*TABLES[name]) if not (done / f"{k}.json").exists()]
     with ProcessPoolExecutor(jobs) as pool:
-        for (k, *_), row in zip(due, pool.map(row_of, due), strict=True):
-            (done / f"{k}.json").write_text(json.dumps(row), encoding="utf-8")
-            print(k, flush=True)
+        for (seed, *_), row in zip(due, pool.map(row_of, due), strict=True):
+            (done / f"{seed}.json").write_text(json.dumps(row), encoding="utf-8")
+            print(seed, flush=True)
     made = [json.loads(f.read_text(encoding="utf-8")) for f in done.glob("*.json")]
-    write_rows(made, ROWS)
+    write_rows(made, STUDY / f"{name}.csv")
 
 
 # ---------------------------------------------------------------------------------------------
@@ -452,6 +450,7 @@ def fit() -> None:
                 "possible": thresholds.possible, "sets": sets_left_out(rows, left_out, thresholds),
                 **scored,
                 "answers": {a.case: a.effect for a in answers_with(rows, left_out, thresholds)},
+                "fresh": fresh_scores(left_out, rows, thresholds),
             },
             indent=1,
         )
@@ -480,6 +479,18 @@ def fit() -> None:
         },
     }
     THRESHOLDS.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+
+
+def fresh_scores(
+    left_out: Sequence[CauseWeights], rows: Sequence[dict[str, str]], thresholds: Thresholds
+) -> dict[str, Any]:
+    """Scores of sites that nothing was chosen on, by weights that never saw their law either."""
+    by_law = {row["law"]: own for row, own in zip(rows, left_out, strict=True)}
+    fresh = read_rows("fresh")
+    found = scores_as_json(scores_with(fresh, [by_law[row["law"]] for row in fresh], thresholds))
+    kept = "measures", "numbers"
+    of_law = {law: {k: own[k] for k in kept} for law, own in found["by_law"].items()}
+    return {k: found[k] for k in kept} | {"by_law": of_law}
 
 
 def answers_with(
@@ -518,9 +529,10 @@ def chosen(rows: Sequence[dict[str, str]], weights: Sequence[CauseWeights]) -> T
 # Page
 
 
-def table() -> str:
-    """Figures in all and by law."""
+def table(name: str = "") -> str:
+    """Figures in all and by law; of another table if it is named."""
     found = json.loads(RESULTS.read_text(encoding="utf-8"))
+    found = found[name] if name else found
     names = {
         "false_alarm": "no effect, yet one is named",
         "wrong_named": "an effect, yet another one is named",
@@ -595,7 +607,9 @@ def confusion() -> str:
 
 def filled(text: str) -> str:
     """The page with its tables."""
-    for name, made in (("laws", table), ("sets", sets), ("confusion", confusion)):
+    for name, made in (
+        ("laws", table), ("fresh", lambda: table("fresh")), ("sets", sets), ("confusion", confusion)
+    ):  # fmt: skip
         text = re.sub(
             rf"(<!-- {name} -->\n).*?(\n<!-- end {name} -->)",
             lambda m, made=made: m[1] + made() + m[2],  # type: ignore[misc]
@@ -612,12 +626,12 @@ def main() -> None:
     rows = command.add_parser("rows")
     rows.add_argument("-o", "--out", type=Path, required=True)
     rows.add_argument("--jobs", type=int, default=1)
-    rows.add_argument("--sites", type=int, default=SITES)
+    rows.add_argument("--table", choices=TABLES, default="rows")
     command.add_parser("fit")
     command.add_parser("page")
     given = parser.parse_args()
     if given.command == "rows":
-        make_rows(given.out, given.jobs, given.sites)
+        make_rows(given.table, given.out, given.jobs)
     elif given.command == "fit":
         fit()
     else:

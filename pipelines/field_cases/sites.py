@@ -209,7 +209,7 @@ def authume(
         f"{len(ends)} stops; their heights lie 2.9 m above the terrain: not used",
         "release points of single rocks are not known: each may start anywhere in the square",
         "semi-axes: half of the measured boxes; the ellipsoid is lighter than the rock as weighed",
-        f"ground by its description: {', '.join(AUTHUME_ZONES.values())}",
+        f"ground by its description: {', '.join(_classes(slope).values())}",
     ]
     return written(
         "Authume",
@@ -227,13 +227,17 @@ def authume(
 def quarry(data: Path, slope: str) -> Sections:
     """Terrain and ground at Authume, read from the folder of the data."""
     dem, zones = (field_file(data, AUTHUME, f).resolve() for f in (QUARRY_DEM, QUARRY_ZONES))
-    codes = {**AUTHUME_ZONES, SLOPE_ZONE: slope}
-    classes = ", ".join(f"{code} = {json.dumps(own)}" for code, own in codes.items())
+    classes = ", ".join(f"{code} = {json.dumps(own)}" for code, own in _classes(slope).items())
     return {
         "terrain": f"dem = {json.dumps(str(dem))}",
         "ground": f'default = "rock"\nfile = {json.dumps(str(zones))}\n'
         f"raster_classes = {{ {classes} }}",
     }
+
+
+def _classes(slope: str) -> dict[int, str]:
+    """Ground classes at Authume by their code, with that of the slope."""
+    return {**AUTHUME_ZONES, SLOPE_ZONE: slope}
 
 
 def _joined(sections: Sections, more: Sections | None) -> Sections:
