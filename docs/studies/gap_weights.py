@@ -33,7 +33,7 @@ from scipy.special import log_softmax
 
 from sassgis.gap.causes.all_causes import CAUSES as ROWS_OF_CAUSES
 from sassgis.gap.causes.all_causes import GROUPS
-from sassgis.gap.check.answers import Answer, Truth, is_covered
+from sassgis.gap.check.answers import Answer, Truth, is_covered, is_right
 from sassgis.gap.check.check_scores import (
     score,
     scores_as_json,
@@ -268,7 +268,7 @@ def answer_of(
     return Answer(
         case=row["site"],
         effect=effect,
-        confidence=confidence_of(effect, shares),
+        confidence=confidence_of(effect, shares, thresholds.right),
         confusion_set=confusion_set(effect, thresholds.possible[design(row)], shares),
         group=group,
         large_findings=not is_adequate,
@@ -440,7 +440,8 @@ def fit() -> None:
     entropy, ridge, sharpness = min(options)
     left_out = [replace(w, sharpness=sharpness) for w in without_law(rows, ridge)]
     thresholds = chosen(rows, left_out)
-    scored = scores_as_json(scores_with(rows, left_out, thresholds))
+    right = right_without_law(rows, left_out, thresholds)
+    scored = scores_as_json(scores_with(rows, left_out, thresholds, right))
     law = sorted({row["law"] for row in rows})
     RESULTS.write_text(
         json.dumps(
@@ -450,7 +451,7 @@ def fit() -> None:
                 "possible": thresholds.possible, "sets": sets_left_out(rows, left_out, thresholds),
                 **scored,
                 "answers": {a.case: a.effect for a in answers_with(rows, left_out, thresholds)},
-                "fresh": fresh_scores(left_out, rows, thresholds),
+                "fresh": fresh_scores(left_out, rows, thresholds, right), "right": right,
             },
             indent=1,
         )
@@ -462,6 +463,7 @@ def fit() -> None:
     weights, offset = fitted(counts_of(z_of(rows))[cause >= 0], cause[cause >= 0], ridge)
     content = read_thresholds()
     content |= {"named": thresholds.named, "possible": thresholds.possible}
+    content |= {"right": right_of(rows, left_out, thresholds)}
     content["weights"] = {
         "statistics": list(STATISTICS),
         "sharpness": sharpness,
@@ -482,32 +484,71 @@ def fit() -> None:
 
 
 def fresh_scores(
-    left_out: Sequence[CauseWeights], rows: Sequence[dict[str, str]], thresholds: Thresholds
+    left_out: Sequence[CauseWeights],
+    rows: Sequence[dict[str, str]],
+    thresholds: Thresholds,
+    right: Mapping[str, Mapping[str, float]],
 ) -> dict[str, Any]:
     """Scores of sites that nothing was chosen on, by weights that never saw their law either."""
     by_law = {row["law"]: own for row, own in zip(rows, left_out, strict=True)}
     fresh = read_rows("fresh")
-    found = scores_as_json(scores_with(fresh, [by_law[row["law"]] for row in fresh], thresholds))
+    own = [by_law[row["law"]] for row in fresh]
+    found = scores_as_json(scores_with(fresh, own, thresholds, right))
     kept = "measures", "numbers"
     of_law = {law: {k: own[k] for k in kept} for law, own in found["by_law"].items()}
     return {k: found[k] for k in kept} | {"by_law": of_law}
 
 
 def answers_with(
-    rows: Sequence[dict[str, str]], weights: Sequence[CauseWeights], thresholds: Thresholds
+    rows: Sequence[dict[str, str]],
+    weights: Sequence[CauseWeights],
+    thresholds: Thresholds,
+    right: Mapping[str, Mapping[str, float]] | None = None,
 ) -> list[Answer]:
-    """Answers to all rows."""
+    """Answers to all rows; ``right``, by the law of a site, in place of that of the thresholds."""
     return [
-        answer_of(row, z, w, thresholds)
+        answer_of(row, z, w, replace(thresholds, right=right[row["law"]]) if right else thresholds)
         for row, z, w in zip(rows, z_of(rows), weights, strict=True)
     ]
 
 
 def scores_with(
-    rows: Sequence[dict[str, str]], weights: Sequence[CauseWeights], thresholds: Thresholds
+    rows: Sequence[dict[str, str]],
+    weights: Sequence[CauseWeights],
+    thresholds: Thresholds,
+    right: Mapping[str, Mapping[str, float]] | None = None,
 ) -> Any:
     """Scores of all rows."""
-    return score([truth_of(row) for row in rows], answers_with(rows, weights, thresholds))
+    answers = answers_with(rows, weights, thresholds, right)
+    return score([truth_of(row) for row in rows], answers)
+
+
+def right_of(
+    rows: Sequence[dict[str, str]], weights: Sequence[CauseWeights], thresholds: Thresholds
+) -> dict[str, float]:
+    """Share of the sites at which an answer that names no family was right (Laplace's rule)."""
+    found = {}
+    answers = answers_with(rows, weights, thresholds)
+    for name in (NONE, CONTACT_LAW):
+        right = [
+            is_right(truth_of(row), answer)
+            for row, answer in zip(rows, answers, strict=True)
+            if answer.effect == name
+        ]
+        found[name] = round((sum(right) + 1) / (len(right) + 2), 2)
+    return found
+
+
+def right_without_law(
+    rows: Sequence[dict[str, str]], weights: Sequence[CauseWeights], thresholds: Thresholds
+) -> dict[str, dict[str, float]]:
+    """``right_of`` for each law, from the sites of the others."""
+    pairs = list(zip(rows, weights, strict=True))
+    found: dict[str, dict[str, float]] = {}
+    for law in sorted({row["law"] for row in rows}):
+        others = [pair for pair in pairs if pair[0]["law"] != law]
+        found[law] = right_of([r for r, _ in others], [w for _, w in others], thresholds)
+    return found
 
 
 def chosen(rows: Sequence[dict[str, str]], weights: Sequence[CauseWeights]) -> Thresholds:

@@ -179,7 +179,7 @@ def verdict_of(
     least = frozen.possible["impacts" if len(case.observations.impacts) else "otherwise"]
     verdict = Verdict(
         effect,
-        confidence_of(effect, shares),
+        confidence_of(effect, shares, frozen.right),
         confusion_set(effect, least, shares, weighed.by_prints),
         phase,
         segments,

@@ -37,6 +37,9 @@ class Thresholds:
         Probability from which a family, and "none", is in the confusion set, where impacts were
         recorded ("impacts") and "otherwise": so that nine sets of ten hold the truth, at sites
         with an effect and at those without.
+    right : mapping
+        Share of the sites at which an answer that names no family was right; its confidence is
+        never higher.
     """
 
     level: float = 0.01
@@ -46,6 +49,7 @@ class Thresholds:
     possible: Mapping[str, Sequence[float]] = field(
         default_factory=lambda: {"impacts": (0.05, 0.05), "otherwise": (0.05, 0.05)}
     )
+    right: Mapping[str, float] = field(default_factory=dict)
 
 
 def group_of(effect: str) -> str:
@@ -245,14 +249,15 @@ def place_of(
     return first.phase, first.place(case, [draw.model for draw in fitted])
 
 
-def confidence_of(effect: str, shares: Mapping[str, float]) -> float:
+def confidence_of(effect: str, shares: Mapping[str, float], right: Mapping[str, float]) -> float:
     """Probability of an answer; NaN where none is given.
 
-    Of the contact law that none of the families is the cause.
+    Of the contact law that none of the families is the cause, but no more than ``right``: the share
+    of the sites of development at which such an answer was right (``Thresholds.right``).
     """
     if effect == UNKNOWN:
         return math.nan
     own = (
         NONE if effect == CONTACT_LAW else max(effect.split("+"), key=lambda n: shares.get(n, 0.0))
     )
-    return float(min(shares.get(own, 0.0), 0.99))
+    return float(min(shares.get(own, 0.0), right.get(effect, 1.0), 0.99))
