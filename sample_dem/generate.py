@@ -554,7 +554,7 @@ file = "wall.gpkg"
 name_field = "name"
 
 [hazard]
-preset = "ch-federal"
+preset = "ch-so"
 ref_width_m = 10.0                    # about a house and a block
 
 # Values, people and traffic are attributes of the layers; they are invented, as the table is.

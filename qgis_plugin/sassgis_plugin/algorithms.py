@@ -275,7 +275,7 @@ class Zone(Command):
     HELP = (
         "All that Run does, and hazard levels, intensities, zones and, where the configuration "
         "names exposed objects, risk.\n\nFrom layers, the rules are those of the preset "
-        "ch-federal; the onset frequency holds for each release area. The level depends on the "
+        "ch-so; the onset frequency holds for each release area. The level depends on the "
         "reference width: choose the same for maps that are to be compared. Both count only with "
         "layers; a configuration states its own."
     ) + _GO_ON

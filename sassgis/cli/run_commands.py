@@ -130,13 +130,14 @@ def _zoned(config: Path, out: Path, as_json: bool, given: Mapping[str, Any]) -> 
         result = make_zones(_with_draws(config, how), out, **how)
     hazard = result.found.hazard
     summary = _with_spread(
-        f"{result.run.rocks} blocks, {hazard.levels.polygons.size} zones, "
-        f"{100 * hazard.uncertain_share:.1f} % of the reached cells statistically uncertain.",
+        f"{result.run.rocks} blocks, {hazard.levels.polygons.size} zones. Another sample of as many "
+        f"blocks would change the level on {100 * hazard.changed_share:.1f} % of the zoned area.",
         result.run,
     )
     facts = {
         **_run_facts(result.run),
         "zones": int(hazard.levels.polygons.size),
+        "changed_share": float(hazard.changed_share),
         "uncertain_share": float(hazard.uncertain_share),
     }
     conclude(result.run.warnings, summary, out, facts if as_json else None)

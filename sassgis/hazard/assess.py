@@ -11,7 +11,13 @@ import numpy as np
 
 from sassgis.hazard.attribution import attribution, governing, zone_of_cells
 from sassgis.hazard.curves import at_energies, hazard_curves
-from sassgis.hazard.levels import deciding_energy, hazard_level, intensity_class, uncertain
+from sassgis.hazard.levels import (
+    changed_share,
+    deciding_energy,
+    hazard_level,
+    intensity_class,
+    uncertain,
+)
 from sassgis.hazard.risk import RiskTable, assess_risk
 from sassgis.hazard.sources import Sampled
 from sassgis.hazard.zoning.generalise import (
@@ -71,6 +77,9 @@ class Hazard:
         From frequent to rare; class k is the preset's intensity k - 1.
     uncertain : bool, shape (n_cells,)
         Whether another sample of blocks might change the level of a cell of ``curves``.
+    changed_share : float
+        Area whose level another sample would change, as a share of the area that has a level; an
+        expected value.
     """
 
     sampled: tuple[Sampled, ...]
@@ -79,11 +88,12 @@ class Hazard:
     facts: ZoneFacts
     intensities: tuple[IntensityMap, ...]
     uncertain: BoolArray
+    changed_share: float
 
     @property
     def uncertain_share(self) -> float:
         """Share of the cells that blocks reach whose level another sample might change."""
-        return _share(self.uncertain)
+        return float(self.uncertain.mean()) if self.uncertain.size else 0.0
 
 
 def raster(grid: Grid, cells: IntArray, classes: np.ndarray) -> IntArray:
@@ -96,15 +106,6 @@ def raster(grid: Grid, cells: IntArray, classes: np.ndarray) -> IntArray:
 def curves_of(sampled: Sequence[Sampled], energies_kj: np.ndarray) -> HazardCurves:
     """Hazard curves of all cells."""
     return hazard_curves([s.source for s in sampled], [s.cells for s in sampled], energies_kj)
-
-
-def share_uncertain(curves: HazardCurves, preset: HazardPreset, confidence: float) -> float:
-    """Share of the reached cells whose level another sample might change."""
-    return _share(uncertain(curves, preset, confidence))
-
-
-def _share(cells: BoolArray) -> float:
-    return float(cells.mean()) if cells.size else 0.0
 
 
 def intensity_maps(
@@ -257,6 +258,7 @@ def hazard_of(
         zone_facts(sampled, curves, preset, zones, grid, unsure),
         intensity_maps(curves, preset, grid, settings),
         unsure,
+        changed_share(curves, preset),
     )
 
 

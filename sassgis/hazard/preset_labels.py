@@ -34,14 +34,17 @@ def preset_unverified(preset: HazardPreset) -> list[str]:
         One text per source, with the values that rest on it; empty if all are verified.
     """
     periods = ", ".join(f"{t:g}" for t in preset.return_periods)
-    values = [(f"intensity {c.code}", c.provenance) for c in preset.intensities]
-    values.append((f"return periods {periods} years", preset.return_period_provenance))
-    values += [(f"level {c.code}", c.provenance) for c in preset.levels]
+    values = [(phrase("intensity {}", c.code), c.provenance) for c in preset.intensities]
+    values.append((phrase("return periods {} years", periods), preset.return_period_provenance))
+    if preset.rarest_provenance is not None:
+        beyond = phrase("no level beyond {} years", f"{preset.rarest_years:g}")
+        values.append((beyond, preset.rarest_provenance))
+    values += [(phrase("level {}", c.code), c.provenance) for c in preset.levels]
     by_source = _by_source(values)
     for source, text in _unverified_fields(preset).items():
         by_source.setdefault(source, []).append(text)
     return [
-        f"preset {preset.name}, unverified: {', '.join(what)}. {source}"
+        phrase("preset {}, unverified: {}. {}", preset.name, ", ".join(what), phrase(source))
         for source, what in by_source.items()
     ]
 
@@ -58,16 +61,16 @@ def _by_source(values: Sequence[tuple[str, Provenance]]) -> dict[str, list[str]]
 def _unverified_fields(preset: HazardPreset) -> dict[str, str]:
     """Unverified fields of the matrix in a few words, by their source."""
     fields = [
-        (f"{intensity.code} {period} years", provenance)
+        (phrase("{} {} years", intensity.code, period), provenance)
         for intensity, row in zip(preset.intensities, preset.matrix_provenance, strict=True)
         for period, provenance in zip(period_labels(preset.return_periods), row, strict=True)
     ]
     words = {}
     for source, own in _by_source(fields).items():
         if len(own) == len(fields):
-            words[source] = "the whole matrix"
+            words[source] = phrase("the whole matrix")
         elif 2 * len(own) > len(fields):
-            words[source] = f"{len(own)} of {len(fields)} fields of the matrix"
+            words[source] = phrase("{} of {} fields of the matrix", len(own), len(fields))
         else:
-            words[source] = f"matrix {', '.join(own)}"
+            words[source] = phrase("matrix {}", ", ".join(own))
     return words

@@ -135,13 +135,14 @@ def rule_warnings(preset: HazardPreset, frequencies: Mapping[tuple[str, str], fl
     return out
 
 
-def zone_warnings(uncertain_share: float, limit: float | None, repetitions_max: int) -> list[str]:
+def zone_warnings(changed_share: float, limit: float | None, repetitions_max: int) -> list[str]:
     """What a zoning has not settled; ``limit`` is the largest share that is wanted."""
-    if limit is None or uncertain_share <= limit:
+    if limit is None or changed_share <= limit:
         return []
     return [
-        f"{100 * uncertain_share:.1f} % of the reached cells are still statistically uncertain "
-        f"after {repetitions_max} repetitions (hazard.uncertain_share_max: {100 * limit:g} %)."
+        f"Another sample of blocks would change the level on {100 * changed_share:.1f} % of the "
+        f"zoned area, after {repetitions_max} repetitions (hazard.repetitions_max; wanted: "
+        f"{100 * limit:g} %, hazard.changed_share_max)."
     ]
 
 

@@ -134,7 +134,7 @@ class HazardPreset:
         If the rules contradict each other.
     """
 
-    # As "ch-federal", and a line for people.
+    # As "ch-so", and a line for people.
     name: str
     title: str
     intensities: tuple[IntensityClass, ...]  # from weak to strong
@@ -147,6 +147,9 @@ class HazardPreset:
     matrix: tuple[tuple[int, ...], ...]
     matrix_provenance: tuple[tuple[Provenance, ...], ...]  # of each field of the matrix
     file: str = ""  # where the preset was read
+    # What is rarer than once in so many years has no level; None: whatever arrives at all has one.
+    rarest_years: float | None = None
+    rarest_provenance: Provenance | None = None
 
     def __post_init__(self) -> None:
         limits = [c.from_kj for c in self.intensities]
@@ -164,6 +167,13 @@ class HazardPreset:
                 "return_periods",
                 list(periods),
                 "years above 0, in ascending order",
+            )
+        if self.rarest_years is not None and self.rarest_years <= periods[-1]:
+            raise self._refused(
+                "is within the classes of return period",
+                "rarest.years",
+                f"{self.rarest_years:g}",
+                f"more than {periods[-1]:g}, the last limit of the return periods",
             )
         for field, codes in (
             ("intensity", [c.code for c in self.intensities]),
@@ -251,9 +261,9 @@ class HazardSettings(Section):
     preset: Annotated[
         Text,
         PresetName(),
-        "rules for intensity and level: a built-in preset (ch-federal, ti), or a "
+        "rules for intensity and level: a built-in preset (ch-so, ti), or a "
         "TOML file of your own (docs/presets.md)",
-    ] = "ch-federal"
+    ] = "ch-so"
     frequencies: Annotated[
         Path | None,
         "table (CSV) with columns area, scenario, frequency, unit: onset frequencies "
@@ -274,18 +284,18 @@ class HazardSettings(Section):
         Interval(ge=0.5, le=0.9999),
         "of the sampling interval that decides whether a level is statistically certain",
     ] = 0.95
-    uncertain_share_max: Annotated[
+    changed_share_max: Annotated[
         float | None,
-        Interval(ge=0, lt=1),
-        "if given, the simulation is repeated until no larger share of the reached "
-        "cells has a statistically uncertain level",
-        Renamed("undecided_share_max"),
-        Example(0.05),
+        Interval(gt=0, lt=1),
+        "if given, the simulation is repeated until another sample of as many blocks would change "
+        "the level on no larger share of the zoned area",
+        Renamed("uncertain_share_max"),
+        Example(0.02),
     ] = None
     repetitions_max: Annotated[
         int,
         Interval(ge=1, le=1024),
-        "most repetitions of rocks_per_point with uncertain_share_max",
+        "most repetitions of rocks_per_point with changed_share_max",
         Renamed("rounds_max"),
     ] = 8
     by_source: Annotated[bool, "whether intensities are also written for each release area"] = True

@@ -104,9 +104,10 @@ def zone_figures(
         "confidence",
         "Where the level is statistically uncertain",
         phrase(
-            "Cells whose level changes within the {} % interval of the sampling of blocks. More "
-            "blocks settle them; other frequencies or ground values may change any cell.",
-            f"{100 * confidence:g}",
+            "Cells whose level another sample of as many blocks may change, with a probability of "
+            "{} % or more. With more blocks they become fewer; other frequencies or values of the "
+            "ground may change any cell.",
+            f"{100 * (1.0 - confidence):.3g}",
         ),
         map_alt(grid, unsure),
         figures.confidence_figure(grid, level, unsure.bands[0].values == 1, marks, width),
@@ -255,18 +256,18 @@ def zone_facts_of(
     rules: Rules, found: Assessment, repetitions: int, confidence: float
 ) -> tuple[tuple[str, str], ...]:
     """What was computed, in words."""
-    share = 100.0 * found.hazard.uncertain_share
     return (
         ("Rules", phrase("{} ({})", phrase(rules.preset.title), rules.preset.name)),
         ("Reference width of all frequencies", f"{rules.ref_width_m:.4g} m"),
         ("Repetitions", str(repetitions)),
         (
-            "Statistically uncertain",
+            "Sampling",
             phrase(
-                "{} % of the cells that blocks reach: their level changes within the {} % "
-                "sampling interval",
-                f"{share:.1f}",
-                f"{100 * confidence:g}",
+                "another sample of as many blocks would change the level on {} % of the zoned "
+                "area; it may do so ({} % or more) on the hatched cells, {} % of those reached",
+                f"{100 * found.hazard.changed_share:.1f}",
+                f"{100 * (1.0 - confidence):.3g}",
+                f"{100 * found.hazard.uncertain_share:.1f}",
             ),
         ),
     )

@@ -308,7 +308,7 @@ def with_rules(run: MapRun, rules: Rules) -> MapRun:
 
 def most_repetitions(config: Config) -> int:
     """Repetitions that a zoning may take."""
-    return 1 if config.hazard.uncertain_share_max is None else config.hazard.repetitions_max
+    return 1 if config.hazard.changed_share_max is None else config.hazard.repetitions_max
 
 
 def compares_barriers(config: Config, run: MapRun) -> bool:

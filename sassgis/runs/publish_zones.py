@@ -97,6 +97,7 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
             "preset": f"{preset.name}: {preset.title}",
             "hazard_ref_width_m": rules.ref_width_m,
             "confidence": confidence,
+            "changed_share": round(hazard.changed_share, 4),
             "uncertain_share": round(hazard.uncertain_share, 4),
             "repetitions": run.repetitions,
         },
@@ -104,8 +105,8 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
         warnings=(
             *rule_warnings(preset, rules.frequencies),
             *zone_warnings(
-                hazard.uncertain_share,
-                config.hazard.uncertain_share_max,
+                hazard.changed_share,
+                config.hazard.changed_share_max,
                 config.hazard.repetitions_max,
             ),
         ),

@@ -8,9 +8,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sassgis.hazard.assess import Assessment, Rules, assess, curves_of, share_uncertain
+from sassgis.hazard.assess import Assessment, Rules, assess, curves_of
 from sassgis.hazard.bins import bins_of
 from sassgis.hazard.curves import at_energies
+from sassgis.hazard.levels import changed_share
 from sassgis.hazard.progress import Progress
 from sassgis.hazard.sources import sampled_sources
 from sassgis.io.staging import staged_output
@@ -178,22 +179,21 @@ def simulations(
 
     Parameters are those of simulate_config.
     """
-    limit = config.hazard.uncertain_share_max
-    confidence = config.hazard.confidence
+    limit = config.hazard.changed_share_max
 
     def enough(run: MapRun, progress: Progress) -> bool:
         assert limit is not None
         sampled = sampled_sources(run, progress, rules.frequencies)
         curves = curves_of(sampled, bins_of(run).threshold)
         few = at_energies(curves, rules.preset.thresholds_kj)
-        share = share_uncertain(few, rules.preset, confidence)
-        tell(f"{100 * share:.1f} % of the reached cells are statistically uncertain")
+        share = changed_share(few, rules.preset)
+        tell(f"Another sample would change the level on {100 * share:.1f} % of the zoned area")
         return share <= limit
 
     repetitions_max = most_repetitions(config)
     schedule = ""
     if repetitions_max > 1:
-        schedule = repr((limit, repetitions_max, confidence, rules.preset, rules.frequencies))
+        schedule = repr((limit, repetitions_max, rules.preset, rules.frequencies))
     done = simulate_config(
         config, work, job, jobs=jobs, on_progress=on_progress, tell=tell,
         repetitions_max=repetitions_max, enough=None if limit is None else enough,

@@ -5,7 +5,13 @@ import pytest
 from helpers.hazard_samples import curves_of, swiss
 
 from sassgis.hazard.curves import energy_at, rate_interval
-from sassgis.hazard.levels import hazard_level, intensity_class, level_interval, rocks_factor
+from sassgis.hazard.levels import (
+    change_chance,
+    hazard_level,
+    intensity_class,
+    level_interval,
+    rocks_factor,
+)
 from sassgis.io.read.presets import preset_names, read_preset
 from sassgis.io.write.layers.hazard_maps import hazard_layers
 from sassgis.model.hazard import HazardCurves
@@ -128,8 +134,10 @@ def test_frequency(layers: dict[str, RasterLayer]) -> None:
 def test_confidence(layers: dict[str, RasterLayer]) -> None:
     found = bands(layers["confidence"])
     lowest, highest = level_interval(CURVES, PRESET)
-    assert flat(found["lowest_level"]) == lowest[:4].tolist()
+    assert np.nan_to_num(flat(found["lowest_level"])).tolist() == lowest[:4].tolist()
     assert flat(found["highest_level"]) == highest[:4].tolist()
+    chance = change_chance(CURVES, PRESET)[:4]
+    np.testing.assert_allclose(flat(found["change_chance"]), chance, rtol=1e-6)
     uncertain = (lowest != highest)[:4]
     assert flat(found["uncertain"]) == uncertain.astype(float).tolist()
     # Both are among the four cells, or the test would say little.
@@ -159,4 +167,4 @@ def test_untold_errors_are_missing_and_the_cell_uncertain() -> None:
 def test_every_built_in_preset_makes_maps(name: str) -> None:
     made = hazard_layers(CURVES, read_preset(name), SHAPE, 5.0, return_periods=())
     assert [layer.stem for layer in made][:2] == ["hazard_level", "intensity_extreme"]
-    assert ("unverified" in made[0].note) == (name != "ch-federal")
+    assert "unverified: no level beyond 10000 years" in made[0].note

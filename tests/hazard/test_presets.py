@@ -26,7 +26,7 @@ def matrix_of(name: str) -> dict[str, tuple[str, ...]]:
 
 
 def test_built_in_names() -> None:
-    assert preset_names() == ("ch-federal", "ti")
+    assert preset_names() == ("ch-so", "ti")
 
 
 @pytest.mark.parametrize("name", preset_names())
@@ -50,9 +50,9 @@ def test_what_the_built_in_presets_share(name: str) -> None:
 
 
 def test_matrices() -> None:
-    assert matrix_of("ch-federal") == FEDERAL
+    assert matrix_of("ch-so") == FEDERAL
     assert matrix_of("ti") == FEDERAL
-    assert read_preset("ch-federal").matrix == swiss().matrix
+    assert read_preset("ch-so").matrix == swiss().matrix
 
 
 def test_names_in_ticino() -> None:
@@ -61,16 +61,18 @@ def test_names_in_ticino() -> None:
 
 
 def test_unverified_values_are_told_once_per_source() -> None:
-    assert preset_unverified(read_preset("ch-federal")) == []
+    (solothurn,) = preset_unverified(read_preset("ch-so"))
+    assert solothurn.startswith("preset ch-so, unverified: no level beyond 10000 years. Our choice")
     ticino = preset_unverified(read_preset("ti"))
     assert [line.split(". ")[0] for line in ticino] == [
         "preset ti, unverified: intensity low, intensity mean, intensity high",
+        "preset ti, unverified: no level beyond 10000 years",
         "preset ti, unverified: the whole matrix",
     ]
 
 
 def test_the_matrix_names_where_it_was_read() -> None:
-    rows = read_preset("ch-federal").matrix_provenance
+    rows = read_preset("ch-so").matrix_provenance
     assert all("IWCodeSteinBlockschlag" in p.source for row in rows for p in row)
 
 
@@ -272,12 +274,12 @@ def test_levels_as_one_section(tmp_path: Path) -> None:
 
 def test_unknown_names(tmp_path: Path) -> None:
     with pytest.raises(
-        InputError, match=r"preset: is not a known hazard preset \(found 'ch-fed"
+        InputError, match=r"preset: is not a known hazard preset \(found 'ch-s"
     ) as e:
-        read_preset("ch-fedral")
-    assert "nearest: ch-federal" in str(e.value)
+        read_preset("ch-solo")
+    assert "nearest: ch-so" in str(e.value)
     # One that was built in once, and had no source.
-    with pytest.raises(InputError, match=r"found 'ch-low-yellow'; expected one of ch-federal, ti"):
+    with pytest.raises(InputError, match=r"found 'ch-low-yellow'; expected one of ch-so, ti"):
         read_preset("ch-low-yellow")
     with pytest.raises(InputError, match=r"none\.toml: preset: file not found"):
         read_preset(tmp_path / "none.toml")

@@ -53,4 +53,4 @@ def test_what_stays_uncertain_is_told_beyond_the_limit_only() -> None:
     assert not zone_warnings(0.3, None, 8)
     assert not zone_warnings(0.05, 0.05, 8)
     (text,) = zone_warnings(0.123, 0.05, 8)
-    assert text.startswith("12.3 % of the reached cells") and "after 8 repetitions" in text
+    assert "level on 12.3 % of the zoned area" in text and "after 8 repetitions" in text

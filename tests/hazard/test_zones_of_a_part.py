@@ -22,7 +22,7 @@ def test_the_part_changes_nothing(corner: tuple[int, int], seed: int) -> None:
     grid.values[rng.integers(0, 160, 200), rng.integers(0, 200, 200)] = np.nan
     rows, cols = np.nonzero(rng.random((20, 25)) < 0.3)
     places = np.sort((rows + corner[0]) * 200 + cols + corner[1])
-    preset, settings = read_preset("ch-federal"), ZoningSettings()
+    preset, settings = read_preset("ch-so"), ZoningSettings()
     energies = np.array(preset.thresholds_kj)
     rate = np.cumsum(rng.random((places.size, energies.size))[:, ::-1], axis=1)[:, ::-1] * 0.01
     curves = HazardCurves(places, energies, rate, np.zeros_like(rate), np.zeros(places.size))

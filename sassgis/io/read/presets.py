@@ -52,6 +52,11 @@ class _ReturnPeriods(_Section):
     source: str
 
 
+class _Rarest(_Section):
+    years: _Number
+    source: str
+
+
 class _Level(_Section):
     code: _Code
     label: _Text
@@ -72,6 +77,7 @@ class _File(_Section):
     return_periods: _ReturnPeriods
     levels: list[_Level]
     matrix: dict[str, _Row]
+    rarest: _Rarest | None = None
 
 
 def preset_names() -> tuple[str, ...]:
@@ -169,6 +175,8 @@ class _Reading:
             tuple(self._levels(row, f"matrix.{c}") for row, c in zip(rows, known, strict=True)),
             tuple(self._fields(row, f"matrix.{c}") for row, c in zip(rows, known, strict=True)),
             self._file,
+            None if content.rarest is None else content.rarest.years,
+            None if content.rarest is None else self._source(content.rarest.source, "rarest"),
         )
 
     def _source(self, key: str, where: str) -> Provenance:
@@ -220,6 +228,7 @@ _MODELS: Mapping[str, type[BaseModel]] = {
     "return_periods": _ReturnPeriods,
     "levels": _Level,
     "matrix": _Row,
+    "rarest": _Rarest,
 }
 _LISTS = ("intensity", "levels")
 _EXPECTED = {
@@ -247,6 +256,7 @@ _KEYS = {
     "from_kj": "the lower limit of the energy (kJ), 0 for the lowest class",
     "colour": _MEANT["colour"],
     "source": "the KEY of one of the sections [sources.KEY]",
+    "years": "the return period (years) beyond which there is no level",
     "limits_years": "upper limits of the classes of return period, such as [30, 100, 300]",
 }
 

@@ -136,7 +136,7 @@ def confidence_figure(
         "Statistically uncertain: {} % of the cells that have a level.", f"{100.0 * share:.1f}"
     )
     legend = ClassRow("", level.classes, RasterClass(0, "statistically uncertain", INK))
-    title = "Where the sample of blocks leaves the level open"
+    title = "Levels that another sample of blocks may change"
     return _class_maps(
         grid, [panel], [legend], marks, title, joined(" ", filter(None, (words, note)))
     )

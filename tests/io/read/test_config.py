@@ -386,16 +386,16 @@ def test_former_keys_are_read_and_noted_once(load):
         MINIMAL
         + (BARRIER + "lets_go = true\n")
         + (BARRIER.replace('"n"', '"m"') + "lets_go = false\n")
-        + "[hazard]\nundecided_share_max = 0.1\nrounds_max = 3\n"
+        + "[hazard]\nuncertain_share_max = 0.1\nrounds_max = 3\n"
     )
     assert [b.restarts_from_rest for b in old.barriers] == [True, False]
-    assert (old.hazard.uncertain_share_max, old.hazard.repetitions_max) == (0.1, 3)
+    assert (old.hazard.changed_share_max, old.hazard.repetitions_max) == (0.1, 3)
     assert len(old.notes) == 3
     for note, words in zip(
         old.notes,
         (
             ("barriers.lets_go", "restarts_from_rest"),
-            ("hazard.undecided_share_max", "uncertain_share_max"),
+            ("hazard.uncertain_share_max", "changed_share_max"),
             ("hazard.rounds_max", "repetitions_max"),
         ),
         strict=True,
@@ -405,7 +405,7 @@ def test_former_keys_are_read_and_noted_once(load):
         MINIMAL
         + (BARRIER + "restarts_from_rest = true\n")
         + (BARRIER.replace('"n"', '"m"') + "restarts_from_rest = false\n")
-        + "[hazard]\nuncertain_share_max = 0.1\nrepetitions_max = 3\n"
+        + "[hazard]\nchanged_share_max = 0.1\nrepetitions_max = 3\n"
     )
     assert new.notes == ()
     assert resolved(new) == resolved(old)

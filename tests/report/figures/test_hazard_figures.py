@@ -199,7 +199,7 @@ def test_before_after_and_what_changed(valley: Grid, find, texts) -> None:
 
 # --- hazard curve ------------------------------------------------------------------------------
 
-PRESET = read_preset("ch-federal")
+PRESET = read_preset("ch-so")
 ENERGIES = np.array([0.0, 10.0, 30.0, 100.0, 300.0, 1000.0])
 
 

@@ -97,7 +97,7 @@ def test_effects_reach_the_mosaic_as_well(valley: Valley, tmp_path: Path, path: 
     stand = shapely.box(east, south + 30.0, east + 150.0, north)
     gpd.GeoDataFrame(geometry=[stand], crs=good.crs).to_file(inputs / "stand.gpkg", driver="GPKG")
     config = inputs / valley.config.name
-    more = "[hazard]\nuncertain_share_max = 0.0001\nrepetitions_max = 2\n"
+    more = "[hazard]\nchanged_share_max = 0.0001\nrepetitions_max = 2\n"
     text = config.read_text().replace("[hazard]\n", more)
     config.write_text(text.replace("[terrain]\n", f'[terrain]\npath = "{path}"\n'))
     with config.open("a") as text:

@@ -167,7 +167,7 @@ def make(folder: Path, **settings: dict[str, object]) -> tuple[Case, Zoned]:
     # where a block lands softly: with this spacing none does so at the rim of a window.
     case.sections["engine"] = {"readings": "1986"}
     # A second round of rocks, which is never enough.
-    case.sections["hazard"] |= {"uncertain_share_max": 0.0001, "repetitions_max": 2}
+    case.sections["hazard"] |= {"changed_share_max": 0.0001, "repetitions_max": 2}
     case.write()
     return case, zoned(case.config, folder / "work")
 

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from helpers.zone_slope import Case, Zoned, place, two_areas, zoned
 
-from sassgis.hazard.assess import share_uncertain
 from sassgis.io.read.config import load_config
 from sassgis.model.errors import Interrupted
 from sassgis.model.hazard import HazardCurves
@@ -53,7 +52,7 @@ def adaptive(folder: Path, share: float, rounds_max: int = 64) -> Case:
     # Frequencies between the limits of the matrix, so that rocks can decide the level.
     case.blocks[0]["onset_frequency"], case.blocks[1]["onset_frequency"] = 0.2, 0.02
     case.sections["release"]["rocks_per_point"] = 8
-    case.sections["hazard"] |= {"uncertain_share_max": share, "repetitions_max": rounds_max}
+    case.sections["hazard"] |= {"changed_share_max": share, "repetitions_max": rounds_max}
     case.write()
     return case
 
@@ -63,15 +62,12 @@ def test_repetitions_go_on_until_few_cells_are_uncertain(tmp_path: Path) -> None
     said: list[str] = []
     found = zoned(case.config, tmp_path / "work", say=said.append)
     assert found.done.run.repetitions in (2, 4, 8, 16, 32)
-    assert found.found.hazard.uncertain_share <= 0.3
+    assert found.found.hazard.changed_share <= 0.3
     # What was said of each try is what made it go on.
-    shares = [float(s.split()[0]) for s in said if "uncertain" in s]
+    shares = [float(s.split(" %")[0].split()[-1]) for s in said if "Another sample" in s]
     assert len(shares) == np.log2(found.done.run.repetitions) + 1
     assert all(s > 30.0 for s in shares[:-1]) and shares[-1] <= 30.0
-    assert shares[-1] == round(100.0 * found.found.hazard.uncertain_share, 1)
-    # It is the share of all reached cells.
-    rules = found.rules
-    assert share_uncertain(found.curves, rules.preset, 0.95) == found.found.hazard.uncertain_share
+    assert shares[-1] == round(100.0 * found.found.hazard.changed_share, 1)
     # The number of rocks of each source is that of its repetitions.
     for s in found.found.hazard.sampled:
         assert s.source.rocks % (8 * found.done.run.repetitions) == 0
@@ -81,12 +77,12 @@ def test_too_few_repetitions_are_told(tmp_path: Path) -> None:
     case = adaptive(tmp_path, 0.01, rounds_max=3)
     result = zone(case.config, tmp_path / "out", jobs=1)
     assert result.run.run.repetitions == 3
-    share = result.found.hazard.uncertain_share
+    share = result.found.hazard.changed_share
     assert share > 0.01
-    told = [w for w in result.run.warnings if "still statistically uncertain" in w]
+    told = [w for w in result.run.warnings if "Another sample of blocks" in w]
     assert len(told) == 1
-    assert told[0].startswith(f"{100 * share:.1f} % of the reached cells")
-    assert "3 repetitions" in told[0] and "uncertain_share_max: 1 %" in told[0]
+    assert f"{100 * share:.1f} % of the zoned area" in told[0]
+    assert "3 repetitions" in told[0] and "1 %, hazard.changed_share_max" in told[0]
     assert told[0] in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
 
 
@@ -185,7 +181,7 @@ def test_interrupted_and_resumed_is_uninterrupted(
 @pytest.mark.parametrize(
     ("change", "repetitions"),
     [
-        ({"hazard.uncertain_share_max": None}, 1),
+        ({"hazard.changed_share_max": None}, 1),
         ({"hazard.repetitions_max": 2}, 2),
     ],
     ids=["no repetitions", "two repetitions"],

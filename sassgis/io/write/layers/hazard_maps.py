@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from sassgis.hazard.curves import at_energies, energy_at, rate_interval, return_period
 from sassgis.hazard.levels import (
+    change_chance,
     hazard_level,
     intensity_class,
-    levels_of_interval,
+    level_interval,
     rocks_factor,
 )
 from sassgis.hazard.preset_labels import energy_labels, preset_unverified
@@ -174,15 +175,17 @@ class _Maker:
         return described_raster("frequency", bands, breaks, "plasma_r", **self._words)
 
     def confidence(self) -> RasterLayer:
-        lowest, highest = levels_of_interval(self._few.rate, *self._interval, self._preset)
+        lowest, highest = level_interval(self._few, self._preset, self._confidence)
         unsure = lowest != highest
-        factor = rocks_factor(self._few, self._preset, self._confidence, unsure)
+        chance = change_chance(self._few, self._preset)
+        factor = rocks_factor(self._few, self._preset, self._confidence)
         known = self._reached & np.isfinite(factor)
         key = "confidence"
         return described_raster(
             key,
             [
                 self._band(key, "uncertain", np.where(self._reached, unsure, np.nan)),
+                self._band(key, "change_chance", np.where(self._reached, chance, np.nan)),
                 self._classes(key, "lowest_level", lowest),
                 self._classes(key, "highest_level", highest),
                 self._band(key, "rocks_factor", np.where(known, factor, np.nan)),
