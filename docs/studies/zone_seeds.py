@@ -2,11 +2,15 @@
 
 ``python docs/studies/zone_seeds.py samples DATA -o FOLDER`` simulates the sample valley, and two
 terrain models of Land Tirol in DATA, with twenty seeds each, and keeps the hazard curves.
+``python docs/studies/zone_seeds.py page FOLDER`` compares the seeds, also several of them joined to
+one sample, and writes the table into ``docs/studies/zone_seeds.md``.
 """
 
 from __future__ import annotations
 
 import argparse
+import re
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -14,11 +18,17 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from docs.studies.tirol import CONFIG, SITES
-from sassgis.hazard.assess import curves_of
+from sassgis.hazard.assess import curves_of, level_zones, raster
+from sassgis.hazard.attribution import zone_of_cells
+from sassgis.hazard.beyond_sampling import beyond_sampling
 from sassgis.hazard.bins import bins_of
 from sassgis.hazard.curves import at_energies
+from sassgis.hazard.levels import changed_share, hazard_level, uncertain
 from sassgis.hazard.sources import sampled_sources
 from sassgis.io.read.config import load_config
+from sassgis.io.read.presets import read_preset
+from sassgis.model.grid import Grid
+from sassgis.model.hazard import HazardCurves, HazardPreset, ZoningSettings
 from sassgis.model.run_config import Config
 from sassgis.runs.inputs import read_rules
 from sassgis.runs.job import read_job
@@ -55,9 +65,7 @@ def sample(config: Config, file: Path) -> None:
             check=False,
         )  # fmt: skip
     sampled = sampled_sources(done.run, done.progress, rules.frequencies)
-    few = at_energies(
-        curves_of(sampled, bins_of(done.run).threshold), rules.preset.thresholds_kj
-    )
+    few = at_energies(curves_of(sampled, bins_of(done.run).threshold), rules.preset.thresholds_kj)
     np.savez(
         file, places=few.places, rate=few.rate, variance=few.variance,
         of_a_rock=few.rate_of_a_rock, shape=done.run.grid.shape, cell=done.run.grid.cell_size,
@@ -74,6 +82,124 @@ def samples(data: Path, out: Path) -> None:
                 print(file, flush=True)
 
 
+# ---------------------------------------------------------------------------------------------
+# What changes
+
+
+def read_sample(file: Path) -> tuple[HazardCurves, Grid]:
+    """Curves of a seed, and the grid of its cells."""
+    kept = np.load(file)
+    energies = np.array(read_preset("ch-so").thresholds_kj)
+    grid = Grid(np.zeros(kept["shape"]), 0.0, 0.0, float(kept["cell"]))
+    curves = HazardCurves(
+        kept["places"], energies, kept["rate"], kept["variance"], kept["of_a_rock"]
+    )
+    return curves, grid
+
+
+def joined(samples: Sequence[HazardCurves]) -> HazardCurves:
+    """Several seeds as one sample of as many times the blocks."""
+    places = np.unique(np.concatenate([s.places for s in samples]))
+    rate = np.zeros((places.size, samples[0].rate.shape[1]))
+    variance, of_a_rock = np.zeros_like(rate), np.zeros(places.size)
+    for one in samples:
+        rows = np.searchsorted(places, one.places)
+        rate[rows] += one.rate / len(samples)
+        variance[rows] += one.variance / len(samples) ** 2
+        of_a_rock[rows] = np.maximum(of_a_rock[rows], one.rate_of_a_rock / len(samples))
+    return HazardCurves(places, samples[0].energies_kj, rate, variance, of_a_rock)
+
+
+def drawn_levels(curves: HazardCurves, grid: Grid, preset: HazardPreset) -> np.ndarray:
+    """Level of the drawn zone of each cell, flat."""
+    (zones,) = level_zones([curves], preset, grid, ZoningSettings())
+    cells = np.arange(grid.values.size)
+    zone = zone_of_cells(zones, grid, cells)
+    return np.where(zone >= 0, np.append(zones.classes, 0)[zone], 0)
+
+
+def found_by_compare(one: HazardCurves, other: HazardCurves) -> bool:
+    """Whether any frequency of the two is found to differ, as ``compare`` does."""
+    places = np.union1d(one.places, other.places)
+    rates, variances, of_a_block = np.zeros((3, 2, places.size))
+    for k, own in enumerate((one, other)):
+        rows = np.searchsorted(places, own.places)
+        rates[k, rows], variances[k, rows] = own.rate[:, 0], own.variance[:, 0]
+        of_a_block[k, rows] = own.rate_of_a_rock
+    of_a_block = np.where(of_a_block > 0.0, of_a_block, of_a_block[::-1])
+    return bool(beyond_sampling(tuple(rates), tuple(variances), tuple(of_a_block)).any())
+
+
+def row_of(samples: Sequence[HazardCurves], grid: Grid, preset: HazardPreset) -> dict[str, float]:
+    """What is stated of each sample, and what the next one changes; means over the samples."""
+    n = grid.values.size
+    stated, cells, caught, flagged, zones, areas, found = [], [], [], [], [], [], []
+    levels = [raster(grid, s.places, hazard_level(s, preset)).ravel() for s in samples]
+    drawn = [drawn_levels(s, grid, preset) for s in samples]
+    for k, own in enumerate(samples):
+        other = (k + 1) % len(samples)
+        unsure = np.zeros(n, bool)
+        unsure[own.places] = uncertain(own, preset)
+        changed = levels[k] != levels[other]
+        zoned = (levels[k] > 0).sum()
+        stated.append(changed_share(own, preset))
+        cells.append(changed.sum() / zoned)
+        caught.append((changed & unsure).sum() / max(changed.sum(), 1))
+        flagged.append(unsure.sum() / zoned)
+        zones.append((drawn[k] != drawn[other]).sum() / (drawn[k] > 0).sum())
+        found.append(found_by_compare(own, samples[other]))
+        areas.append((drawn[k] > 0).sum() * grid.cell_size**2)
+    means = {
+        "stated": stated, "cells": cells, "caught": caught, "flagged": flagged, "zones": zones,
+        "area_m2": areas,
+    }  # fmt: skip
+    one_block = max(float(s.rate_of_a_rock.max()) for s in samples)
+    return {k: float(np.mean(v)) for k, v in means.items()} | {
+        "one_block_years": 1 / one_block, "found": sum(found), "pairs": len(samples),
+    }  # fmt: skip
+
+
+def table(folder: Path) -> str:
+    """Rows of all sites and numbers of blocks."""
+    preset = read_preset("ch-so")
+    rows = [
+        "| site | blocks | one block is once in … years at most | stated | levels of cells | "
+        "zones as drawn | marked as uncertain | of what changes, marked | zoned (m²) | `compare` finds a change |",
+        "|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    for site in ("valley", "avaMal", "avaKot"):
+        read = [read_sample(folder / f"{site}_{k}.npz") for k in range(1, SEEDS + 1)]
+        grid = read[0][1]
+        for times in (1, 2, 4, 8):
+            parts = [
+                joined([c for c, _ in read[k : k + times]])
+                for k in range(0, SEEDS - times + 1, times)
+            ]
+            own = row_of(parts, grid, preset)
+            rows.append(
+                f"| {site} | {times} × | {own['one_block_years']:,.0f} | "
+                f"{100 * own['stated']:.1f} % | {100 * own['cells']:.1f} % | {100 * own['zones']:.1f} % | "
+                f"{100 * own['flagged']:.0f} % | {100 * own['caught']:.0f} % | "
+                f"{own['area_m2']:,.0f} | {own['found']} of {own['pairs']} |"
+            )
+            print(rows[-1], flush=True)
+    return "\n".join(rows)
+
+
+def page(folder: Path) -> None:
+    """Write the table into the page."""
+    file = Path(__file__).with_suffix(".md")
+    text = file.read_text(encoding="utf-8")
+    made = table(folder)
+    text = re.sub(
+        r"(<!-- seeds -->\n).*?(\n<!-- end seeds -->)",
+        lambda m: m[1] + made + m[2],
+        text,
+        flags=re.S,
+    )
+    file.write_text(text, encoding="utf-8")
+
+
 def main() -> None:
     """Run what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -81,9 +207,13 @@ def main() -> None:
     made = command.add_parser("samples")
     made.add_argument("data", type=Path)
     made.add_argument("-o", "--output", type=Path, required=True)
+    command.add_parser("page").add_argument("folder", type=Path)
     given = parser.parse_args()
-    given.output.mkdir(parents=True, exist_ok=True)
-    samples(given.data, given.output)
+    if given.command == "page":
+        page(given.folder)
+    else:
+        given.output.mkdir(parents=True, exist_ok=True)
+        samples(given.data, given.output)
 
 
 if __name__ == "__main__":

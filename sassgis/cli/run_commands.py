@@ -129,9 +129,10 @@ def _zoned(config: Path, out: Path, as_json: bool, given: Mapping[str, Any]) -> 
     with at_work(given) as how:
         result = make_zones(_with_draws(config, how), out, **how)
     hazard = result.found.hazard
+    share = f"{100 * hazard.changed_share:.1f} %"
     summary = _with_spread(
-        f"{result.run.rocks} blocks, {hazard.levels.polygons.size} zones. Another sample of as many "
-        f"blocks would change the level on {100 * hazard.changed_share:.1f} % of the zoned area.",
+        f"{result.run.rocks} blocks, {hazard.levels.polygons.size} zones. Another sample of as "
+        f"many blocks would change the level on {share} of the zoned area.",
         result.run,
     )
     facts = {

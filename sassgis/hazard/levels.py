@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-
 from scipy import special
 
 from sassgis.hazard.curves import at_energies, meets

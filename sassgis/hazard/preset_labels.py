@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 from sassgis.model.hazard import HazardPreset, Provenance
-from sassgis.model.languages import phrase
+from sassgis.model.languages import joined, phrase
 
 
 def period_labels(return_periods: Sequence[float]) -> tuple[str, ...]:
@@ -44,7 +44,12 @@ def preset_unverified(preset: HazardPreset) -> list[str]:
     for source, text in _unverified_fields(preset).items():
         by_source.setdefault(source, []).append(text)
     return [
-        phrase("preset {}, unverified: {}. {}", preset.name, ", ".join(what), phrase(source))
+        phrase(
+            "Preset {}, unverified: {}. {}.",
+            preset.name,
+            joined(", ", what),
+            phrase(source.rstrip(".")),
+        )
         for source, what in by_source.items()
     ]
 
@@ -65,12 +70,12 @@ def _unverified_fields(preset: HazardPreset) -> dict[str, str]:
         for intensity, row in zip(preset.intensities, preset.matrix_provenance, strict=True)
         for period, provenance in zip(period_labels(preset.return_periods), row, strict=True)
     ]
-    words = {}
+    words: dict[str, str] = {}
     for source, own in _by_source(fields).items():
         if len(own) == len(fields):
             words[source] = phrase("the whole matrix")
         elif 2 * len(own) > len(fields):
             words[source] = phrase("{} of {} fields of the matrix", len(own), len(fields))
         else:
-            words[source] = phrase("matrix {}", ", ".join(own))
+            words[source] = phrase("matrix {}", joined(", ", own))
     return words

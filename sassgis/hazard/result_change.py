@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import shapely
 
+from sassgis.hazard.beyond_sampling import beyond_sampling
 from sassgis.hazard.stored_result import StoredResult
 from sassgis.model.grid import FloatArray, IntArray
 
@@ -18,8 +19,6 @@ LEVEL = "hazard_level"
 REACH_MEAN = "reach probability, mean over the cells reached by either"
 ENERGY_MEAN = "energy (95 % quantile), mean over the cells reached by both"
 HEIGHT_MEAN = "passing height (95 % quantile), mean over the cells reached by both"
-#: Of a normal distribution: 95 % lie within so many standard errors.
-_Z95 = 1.959964
 _RUNOUT = (("median", 0.5), ("95 % quantile", 0.95), ("99 % quantile", 0.99), ("largest", 1.0))
 
 
@@ -91,7 +90,8 @@ class ResultChange:
     higher_m2, lower_m2 : float
         Area of higher and lower hazard level (m²); NaN if levels were not compared.
     certain_m2 : float
-        Area on which the reach probability changes beyond the sampling error of both (m²).
+        Area on which the reach probability changes beyond the sampling of both, of which a
+        twentieth at most is by chance (m²).
     notes : tuple of str
         What a reader must know before comparing numbers.
     """
@@ -224,13 +224,16 @@ def _level(result: StoredResult) -> FloatArray:
 
 def _beyond_sampling(before: StoredResult, after: StoredResult) -> np.ndarray:
     """Cells whose reach probability differs by more than both samples explain."""
-    old, new = (r.band(REACH.stem, REACH.band) for r in (before, after))
-    variance = np.zeros(old.shape)
-    for values, result in ((old, before), (new, after)):
-        error = result.band(REACH.stem, "standard_error")
-        variance += np.where(np.isfinite(values), error**2, 0.0)
-    # NaN where an error cannot be estimated: not beyond it.
-    return np.abs(difference(old, new)) > _Z95 * np.sqrt(variance)
+    reach = [r.band(REACH.stem, REACH.band) for r in (before, after)]
+    errors = [r.band(REACH.stem, "standard_error") for r in (before, after)]
+    variance = [
+        np.where(np.isfinite(p), e**2, 0.0).ravel() for p, e in zip(reach, errors, strict=True)
+    ]
+    return beyond_sampling(
+        (reach[0].ravel(), reach[1].ravel()),
+        (variance[0], variance[1]),
+        (1.0 / max(before.blocks, 1), 1.0 / max(after.blocks, 1)),
+    )
 
 
 def _mean(values: FloatArray) -> float:

@@ -128,7 +128,7 @@ def rule_warnings(preset: HazardPreset, frequencies: Mapping[tuple[str, str], fl
     frequencies : mapping of (area, scenario) to float
         Blocks per year.
     """
-    out = [f"{text[:1].upper()}{text[1:]}" for text in preset_unverified(preset)]
+    out = preset_unverified(preset)
     idle = [f"{area} / {scenario}" for (area, scenario), n in frequencies.items() if n == 0.0]
     if idle:
         out.append("Onset frequency 0, so without any hazard: " + ", ".join(idle) + ".")

@@ -97,8 +97,14 @@ def change_report(
         "From the two manifests. Inputs are compared by their content, not by their name.",
     )
     sure = (
-        f"On {sensible(change.certain_m2)} m² the reach probability changes by more than the "
-        "sampling of the blocks explains (95 %, the two samples taken as independent).",
+        (
+            f"On {sensible(change.certain_m2)} m² the reach probability changes by more than the "
+            "sampling of the blocks explains; of this area 5 % at most are to be expected by chance "
+            "(false discovery rate, the two samples taken as independent)."
+            if change.certain_m2 > 0.0
+            else "Nowhere does the reach probability change by more than the sampling of the blocks "
+            "explains: another seed changes as much."
+        ),
         "With the same seed and release points the samples are alike, and smaller changes are "
         "real as well. Errors of the model, its parameters and the onset frequencies are not "
         "included.",

@@ -62,12 +62,12 @@ def test_names_in_ticino() -> None:
 
 def test_unverified_values_are_told_once_per_source() -> None:
     (solothurn,) = preset_unverified(read_preset("ch-so"))
-    assert solothurn.startswith("preset ch-so, unverified: no level beyond 10000 years. Our choice")
+    assert solothurn.startswith("Preset ch-so, unverified: no level beyond 10000 years. Our choice")
     ticino = preset_unverified(read_preset("ti"))
     assert [line.split(". ")[0] for line in ticino] == [
-        "preset ti, unverified: intensity low, intensity mean, intensity high",
-        "preset ti, unverified: no level beyond 10000 years",
-        "preset ti, unverified: the whole matrix",
+        "Preset ti, unverified: intensity low, intensity mean, intensity high",
+        "Preset ti, unverified: no level beyond 10000 years",
+        "Preset ti, unverified: the whole matrix",
     ]
 
 
@@ -157,7 +157,7 @@ def test_own_preset(tmp_path: Path) -> None:
         [True, False],
     ]
     assert preset_unverified(preset) == [
-        "preset own, unverified: 3 of 4 fields of the matrix. What we have always done"
+        "Preset own, unverified: 3 of 4 fields of the matrix. What we have always done."
     ]
 
 

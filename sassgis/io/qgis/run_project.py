@@ -243,7 +243,7 @@ def zone_layouts(
         ),
         notes=(
             "Hazard follows from the onset frequencies that the user stated.",
-            *(f"{text[:1].upper()}{text[1:]}" for text in preset_unverified(preset)[:1]),
+            *preset_unverified(preset)[:1],
         ),
         extent=_zone_extent(found.hazard.intensities[-1].zones, grid),
     )

@@ -74,7 +74,7 @@ class _Maker:
         self._place = Place(curves.places, shape)
         self._confidence = confidence
         percent = f"{100.0 * confidence:g} %"
-        rules = [f"{t[:1].upper()}{t[1:].rstrip('.')}." for t in preset_unverified(preset)]
+        rules = preset_unverified(preset)
         self._words: dict[str, Any] = {
             "percent": percent,
             "frequencies": phrase(
