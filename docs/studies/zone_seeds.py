@@ -164,7 +164,8 @@ def table(folder: Path) -> str:
     preset = read_preset("ch-so")
     rows = [
         "| site | blocks | one block is once in … years at most | stated | levels of cells | "
-        "zones as drawn | marked as uncertain | of what changes, marked | zoned (m²) | `compare` finds a change |",
+        "zones as drawn | marked as uncertain | of what changes, marked | zoned (m²) | "
+        "`compare` finds a change |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for site in ("valley", "avaMal", "avaKot"):
@@ -178,7 +179,8 @@ def table(folder: Path) -> str:
             own = row_of(parts, grid, preset)
             rows.append(
                 f"| {site} | {times} × | {own['one_block_years']:,.0f} | "
-                f"{100 * own['stated']:.1f} % | {100 * own['cells']:.1f} % | {100 * own['zones']:.1f} % | "
+                f"{100 * own['stated']:.1f} % | {100 * own['cells']:.1f} % | "
+                f"{100 * own['zones']:.1f} % | "
                 f"{100 * own['flagged']:.0f} % | {100 * own['caught']:.0f} % | "
                 f"{own['area_m2']:,.0f} | {own['found']} of {own['pairs']} |"
             )

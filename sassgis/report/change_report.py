@@ -99,11 +99,11 @@ def change_report(
     sure = (
         (
             f"On {sensible(change.certain_m2)} m² the reach probability changes by more than the "
-            "sampling of the blocks explains; of this area 5 % at most are to be expected by chance "
-            "(false discovery rate, the two samples taken as independent)."
+            "sampling of the blocks explains; of this area 5 % at most are to be expected by "
+            "chance (false discovery rate, the two samples taken as independent)."
             if change.certain_m2 > 0.0
-            else "Nowhere does the reach probability change by more than the sampling of the blocks "
-            "explains: another seed changes as much."
+            else "Nowhere does the reach probability change by more than the sampling of the "
+            "blocks explains: another seed changes as much."
         ),
         "With the same seed and release points the samples are alike, and smaller changes are "
         "real as well. Errors of the model, its parameters and the onset frequencies are not "

@@ -112,9 +112,10 @@ def test_nothing_changes_from_a_result_to_itself() -> None:
     assert (found.higher_m2, found.lower_m2, found.certain_m2) == (0.0, 0.0, 0.0)
 
 
-@pytest.mark.parametrize(("error", "certain"), [(0.1, 24.0), (0.2, 0.0), (np.nan, 0.0)])
+@pytest.mark.parametrize(("error", "certain"), [(0.05, 24.0), (0.1, 0.0), (np.nan, 0.0)])
 def test_a_change_within_the_sampling_error_is_not_certain(error: float, certain: float) -> None:
-    # 25 blocks and one; 6 and a quarter of one, alike in 8 of 100 pairs. NaN: not to be estimated.
+    # A share of 0.5 stands for 100 or 25 blocks, one of 0.1 for 4 or one that count for five of
+    # them. NaN: cannot be estimated.
     found = result_change(
         stored(block(2), error=error), stored(block(2, 0.1), error=error), NO_OBJECTS
     )
