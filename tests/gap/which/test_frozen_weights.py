@@ -46,10 +46,10 @@ def test_the_page_has_the_figures_of_the_results(study: ModuleType) -> None:
 
 
 def test_the_sites_are_those_of_the_rows(study: ModuleType) -> None:
-    sites = dict(study.sites(study.SITES))
-    for row in study.read_rows():
-        if int(row["site"]) in sites:
-            spec = sites[int(row["site"])]
+    for name, design in study.TABLES.items():
+        sites = dict(study.sites(*design))
+        for row in study.read_rows(name):
+            spec = sites[int(row.get("seed") or row["site"])]
             assert (spec.law, spec.kind, spec.n_rocks) == (
                 row["law"], row["kind"], int(row["rocks"]),
             )  # fmt: skip
