@@ -61,21 +61,27 @@ seed = 1
 """
 
 
+def config_of(
+    data: Path, name: str, spacing: float, path: str = "followed", tolerance: float = 0.05,
+    engine: str = "",
+) -> str:  # fmt: skip
+    """Configuration of one terrain."""
+    dem, release = (data / part for part in SITES[name])
+    return CONFIG.format(
+        dem=dem.resolve(), release=release.resolve(), path=path, tolerance=tolerance,
+        spacing=spacing, engine=engine,
+    )  # fmt: skip
+
+
 def run_site(data: Path, out: Path, name: str, spacing: float) -> dict[str, Path]:
     """Zone one terrain both ways; the folders of the results."""
-    dem, release = (data / part for part in SITES[name])
     folders = {}
     for label, path, tolerance, engine in (
         ("before", "fall_line", 0.25, BEFORE),
         ("after", "followed", 0.05, ""),
     ):
         config = out / f"{name}_{label}.toml"
-        config.write_text(
-            CONFIG.format(
-                dem=dem.resolve(), release=release.resolve(), path=path, tolerance=tolerance,
-                spacing=spacing, engine=engine,
-            )
-        )  # fmt: skip
+        config.write_text(config_of(data, name, spacing, path, tolerance, engine))
         folders[label] = out / f"{name}_{label}"
         zone(config, folders[label])
     return folders

@@ -17,13 +17,14 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from docs.studies.tirol import CONFIG, SITES
+from docs.studies.tirol import config_of
+from sassgis.hazard.another_sample import level_chances
 from sassgis.hazard.assess import curves_of, level_zones, raster
 from sassgis.hazard.attribution import zone_of_cells
 from sassgis.hazard.beyond_sampling import beyond_sampling
 from sassgis.hazard.bins import bins_of
 from sassgis.hazard.curves import at_energies
-from sassgis.hazard.levels import changed_share, hazard_level, uncertain
+from sassgis.hazard.levels import hazard_level
 from sassgis.hazard.sources import sampled_sources
 from sassgis.io.read.config import load_config
 from sassgis.io.read.presets import read_preset
@@ -42,15 +43,8 @@ def configs(data: Path, out: Path) -> dict[str, Path]:
     """Configuration of each site; those on real terrain are written to ``out``."""
     found = {"valley": VALLEY}
     for name in ("avaMal", "avaKot"):
-        dem, release = (data / part for part in SITES[name])
         found[name] = out / f"{name}.toml"
-        found[name].write_text(
-            CONFIG.format(
-                dem=dem.resolve(), release=release.resolve(), path="followed", tolerance=0.05,
-                spacing=20.0, engine="",
-            ),
-            encoding="utf-8",
-        )  # fmt: skip
+        found[name].write_text(config_of(data, name, spacing=20.0), encoding="utf-8")
     return found
 
 
@@ -139,10 +133,11 @@ def row_of(samples: Sequence[HazardCurves], grid: Grid, preset: HazardPreset) ->
     for k, own in enumerate(samples):
         other = (k + 1) % len(samples)
         unsure = np.zeros(n, bool)
-        unsure[own.places] = uncertain(own, preset)
+        chances = level_chances(own, preset)
+        unsure[own.places] = chances.uncertain(0.95)
         changed = levels[k] != levels[other]
         zoned = (levels[k] > 0).sum()
-        stated.append(changed_share(own, preset))
+        stated.append(chances.changed_share)
         cells.append(changed.sum() / zoned)
         caught.append((changed & unsure).sum() / max(changed.sum(), 1))
         flagged.append(unsure.sum() / zoned)

@@ -9,25 +9,19 @@ from itertools import pairwise
 
 import numpy as np
 
+from sassgis.hazard.another_sample import level_chances
 from sassgis.hazard.attribution import attribution, governing, zone_of_cells
 from sassgis.hazard.curves import at_energies, hazard_curves
-from sassgis.hazard.levels import (
-    changed_share,
-    deciding_energy,
-    hazard_level,
-    intensity_class,
-    uncertain,
-)
+from sassgis.hazard.levels import deciding_energy, hazard_level, intensity_class
 from sassgis.hazard.risk import RiskTable, assess_risk
 from sassgis.hazard.sources import Sampled
 from sassgis.hazard.zoning.generalise import (
-    BoolArray,
     Coverage,
     generalised_series,
     nested_coverages,
 )
 from sassgis.model.exposure import PlacedObjects, Vulnerability
-from sassgis.model.grid import Grid, IntArray
+from sassgis.model.grid import BoolArray, Grid, IntArray
 from sassgis.model.hazard import HazardCurves, HazardPreset, ZoningSettings
 
 
@@ -250,7 +244,8 @@ def hazard_of(
     confidence : float
         Of the sampling interval.
     """
-    unsure = uncertain(curves, preset, confidence)
+    chances = level_chances(curves, preset)
+    unsure = chances.uncertain(confidence)
     return Hazard(
         tuple(sampled),
         curves,
@@ -258,7 +253,7 @@ def hazard_of(
         zone_facts(sampled, curves, preset, zones, grid, unsure),
         intensity_maps(curves, preset, grid, settings),
         unsure,
-        changed_share(curves, preset),
+        chances.changed_share,
     )
 
 

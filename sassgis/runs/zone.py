@@ -8,10 +8,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from sassgis.hazard.another_sample import level_chances
 from sassgis.hazard.assess import Assessment, Rules, assess, curves_of
 from sassgis.hazard.bins import bins_of
-from sassgis.hazard.curves import at_energies
-from sassgis.hazard.levels import changed_share
 from sassgis.hazard.progress import Progress
 from sassgis.hazard.sources import sampled_sources
 from sassgis.io.staging import staged_output
@@ -185,8 +184,7 @@ def simulations(
         assert limit is not None
         sampled = sampled_sources(run, progress, rules.frequencies)
         curves = curves_of(sampled, bins_of(run).threshold)
-        few = at_energies(curves, rules.preset.thresholds_kj)
-        share = changed_share(few, rules.preset)
+        share = level_chances(curves, rules.preset).changed_share
         tell(f"Another sample would change the level on {100 * share:.1f} % of the zoned area")
         return share <= limit
 

@@ -9,13 +9,10 @@ import heapq
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
-from sassgis.model.grid import FloatArray
+from sassgis.model.grid import BoolArray, FloatArray
 from sassgis.model.jit import kernel
-
-BoolArray = NDArray[np.bool_]
 
 #: Steps in which heights are stored (m), the foot among them.
 _STEPS_M = (100.0, 50.0, 25.0, 20.0, 10.0, 5.0, 2.0, 1.0, 0.5, 0.3048, 0.25, 0.2, 0.1, 0.05, 0.01)

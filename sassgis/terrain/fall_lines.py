@@ -25,12 +25,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.model.cell_geometry import exact, exact_positions, height_at
-from sassgis.model.grid import FloatArray, Grid, IntArray
+from sassgis.model.grid import BoolArray, FloatArray, Grid, IntArray
 from sassgis.model.jit import kernel, lean
 from sassgis.model.profiles import LineEnd, ReleasePoints, TraceSet
 from sassgis.model.settings import TerrainSettings
 from sassgis.terrain.cells import grown, next_share
-from sassgis.terrain.surface import BoolArray, Surface, shape_at, slope_at, smoothed, standing
+from sassgis.terrain.surface import Surface, shape_at, slope_at, smoothed, standing
 from sassgis.terrain.surface import surface as spline
 
 _VALID = -1

@@ -19,9 +19,7 @@ from numpy.typing import NDArray
 from scipy import ndimage, special
 
 from sassgis.model.errors import InputError
-from sassgis.model.grid import FloatArray
-
-BoolArray = NDArray[np.bool_]
+from sassgis.model.grid import BoolArray, FloatArray
 
 #: Bins of the distribution (degrees).
 _EDGES = np.arange(0.0, 91.0)

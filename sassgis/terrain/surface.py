@@ -13,15 +13,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
 from sassgis.model.errors import InputError
-from sassgis.model.grid import FloatArray, Grid
+from sassgis.model.grid import BoolArray, FloatArray, Grid
 from sassgis.model.jit import kernel, lean
 from sassgis.model.profiles import LineEnd
-
-BoolArray = NDArray[np.bool_]
 
 # The mirror condition that the prefilter sets at the rim decays by 0.268 per cell: after 24 cells
 # it is below the rounding of a double.

@@ -4,14 +4,9 @@ import numpy as np
 import pytest
 from helpers.hazard_samples import curves_of, swiss
 
+from sassgis.hazard.another_sample import level_chances, rocks_factor
 from sassgis.hazard.curves import energy_at, rate_interval
-from sassgis.hazard.levels import (
-    change_chance,
-    hazard_level,
-    intensity_class,
-    level_interval,
-    rocks_factor,
-)
+from sassgis.hazard.levels import hazard_level, intensity_class
 from sassgis.io.read.presets import preset_names, read_preset
 from sassgis.io.write.layers.hazard_maps import hazard_layers
 from sassgis.model.hazard import HazardCurves
@@ -133,17 +128,17 @@ def test_frequency(layers: dict[str, RasterLayer]) -> None:
 
 def test_confidence(layers: dict[str, RasterLayer]) -> None:
     found = bands(layers["confidence"])
-    lowest, highest = level_interval(CURVES, PRESET)
+    chances = level_chances(CURVES, PRESET)
+    lowest, highest = chances.interval(0.95)
     assert np.nan_to_num(flat(found["lowest_level"])).tolist() == lowest[:4].tolist()
     assert flat(found["highest_level"]) == highest[:4].tolist()
-    chance = change_chance(CURVES, PRESET)[:4]
-    np.testing.assert_allclose(flat(found["change_chance"]), chance, rtol=1e-6)
+    np.testing.assert_allclose(flat(found["change_chance"]), chances.changed[:4], rtol=1e-6)
     uncertain = (lowest != highest)[:4]
     assert flat(found["uncertain"]) == uncertain.astype(float).tolist()
     # Both are among the four cells, or the test would say little.
     assert set(flat(found["uncertain"])) == {0.0, 1.0}
     np.testing.assert_allclose(
-        flat(found["rocks_factor"]), rocks_factor(CURVES, PRESET)[:4], rtol=1e-6
+        flat(found["rocks_factor"]), rocks_factor(CURVES, PRESET, chances, 0.95)[:4], rtol=1e-6
     )
     assert [(c.value, c.label) for c in layers["confidence"].classes] == [
         (0, "statistically certain"),

@@ -8,24 +8,19 @@ from helpers.hazard_samples import BLUE, RED, RESIDUAL, YELLOW, curves_of, swiss
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sassgis.hazard.another_sample import level_chances, rocks_factor
 from sassgis.hazard.curves import meets
-from sassgis.hazard.levels import (
-    chance_of_at_least,
-    change_chance,
-    changed_share,
-    deciding_energy,
-    hazard_level,
-    intensity_class,
-    level_interval,
-    rocks_factor,
-    uncertain,
-)
+from sassgis.hazard.levels import deciding_energy, hazard_level, intensity_class
 from sassgis.model.errors import InputError
-from sassgis.model.hazard import HazardCurves
+from sassgis.model.hazard import HazardCurves, HazardPreset
 
 #: All that arrives has a level; and only what is not rarer than once in 10,000 years.
 PRESET = swiss()
 FLOOR = replace(PRESET, rarest_years=10_000.0)
+
+
+def factor(curves: HazardCurves, preset: HazardPreset = PRESET) -> np.ndarray:
+    return rocks_factor(curves, preset, level_chances(curves, preset), 0.95)
 
 
 @pytest.mark.parametrize(
@@ -60,11 +55,11 @@ def test_places_without_rocks() -> None:
     assert hazard_level(curves, PRESET).tolist() == [0]
     assert intensity_class(curves, PRESET, None).tolist() == [0]
     assert deciding_energy(curves, PRESET).tolist() == [-1]
-    assert [x.tolist() for x in level_interval(curves, PRESET)] == [[0], [0]]
-    assert rocks_factor(curves, PRESET).tolist() == [1.0]
+    assert [x.tolist() for x in level_chances(curves, PRESET).interval(0.95)] == [[0], [0]]
+    assert factor(curves).tolist() == [1.0]
     nothing = curves_of(np.zeros((0, 3)))
     assert hazard_level(nothing, PRESET).shape == (0,)
-    assert rocks_factor(nothing, PRESET).shape == (0,)
+    assert factor(nothing).shape == (0,)
 
 
 def test_intensity_by_hand() -> None:
@@ -132,7 +127,7 @@ def test_chance_is_that_of_two_samples_of_one_poisson_rate() -> None:
     one, other = rng.poisson(mean), rng.poisson(mean)
     for n in (5, 9, 10, 14):
         seen = other[one == n] >= k
-        chance = chance_of_at_least(counted([[n, 0, 0]], w), PRESET)[0, YELLOW + 1]
+        chance = level_chances(counted([[n, 0, 0]], w), PRESET).at_least[0, YELLOW + 1]
         assert abs(seen.mean() - chance) < 4.0 * 0.5 / np.sqrt(seen.size)
 
 
@@ -146,8 +141,8 @@ def test_as_many_cells_rise_as_fall() -> None:
     )
     levels = [hazard_level(c, FLOOR) for c in (one, other)]
     changed = (levels[0] != levels[1]).sum() / (levels[0] > 0).sum()
-    assert changed_share(one, FLOOR) == pytest.approx(changed, rel=0.05)
-    caught = uncertain(one, FLOOR)[levels[0] != levels[1]].mean()
+    assert level_chances(one, FLOOR).changed_share == pytest.approx(changed, rel=0.05)
+    caught = level_chances(one, FLOOR).uncertain(0.95)[levels[0] != levels[1]].mean()
     assert 0.9 <= caught <= 0.98
 
 
@@ -156,23 +151,23 @@ def test_many_rocks_decide_few_do_not() -> None:
     # Low intensity 40 times in 1000 years: T = 25 years, blue; yellow is below 10. Six times are
     # yellow; residual below 3.3 and blue from 10 on are both possible.
     curves = counted([[40, 0, 0], [6, 0, 0]], w)
-    lowest, highest = level_interval(curves, PRESET)
+    lowest, highest = level_chances(curves, PRESET).interval(0.95)
     assert lowest.tolist() == [BLUE + 1, RESIDUAL + 1]
     assert highest.tolist() == [BLUE + 1, BLUE + 1]
-    assert uncertain(curves, PRESET).tolist() == [False, True]
+    assert level_chances(curves, PRESET).uncertain(0.95).tolist() == [False, True]
     # 20 times the blocks: 80 of them, with 66.7 for 300 years and 200 for 100 years.
     more = counted([[80, 0, 0], [100, 0, 0]], w / 20)
-    assert uncertain(more, PRESET).tolist() == [True, False]
+    assert level_chances(more, PRESET).uncertain(0.95).tolist() == [True, False]
 
 
 def test_without_a_rarest_event_few_blocks_leave_it_open_whether_any_comes() -> None:
     curves = counted([[1, 0, 0], [9, 0, 0]], 1e-6)
-    lowest, highest = level_interval(curves, PRESET)
+    lowest, highest = level_chances(curves, PRESET).interval(0.95)
     assert lowest.tolist() == [0, RESIDUAL + 1]
     assert highest.tolist() == [RESIDUAL + 1] * 2
-    np.testing.assert_allclose(change_chance(curves, PRESET), [0.5, 0.5**9])
+    np.testing.assert_allclose(level_chances(curves, PRESET).changed, [0.5, 0.5**9])
     # What is lost is as much as what is new, where this sample has no block.
-    assert changed_share(counted([[1, 0, 0]], 1e-6), PRESET) == pytest.approx(1.0)
+    assert level_chances(counted([[1, 0, 0]], 1e-6), PRESET).changed_share == pytest.approx(1.0)
 
 
 def test_rarer_than_the_rarest_event_has_no_level() -> None:
@@ -180,19 +175,19 @@ def test_rarer_than_the_rarest_event_has_no_level() -> None:
     assert hazard_level(curves, FLOOR).tolist() == [0, RESIDUAL + 1, RESIDUAL + 1]
     assert intensity_class(curves, FLOOR, None).tolist() == [0, 1, 1]
     assert deciding_energy(curves, FLOOR).tolist() == [-1, 0, 0]
-    assert uncertain(curves, FLOOR).tolist() == [False, True, False]
+    assert level_chances(curves, FLOOR).uncertain(0.95).tolist() == [False, True, False]
     with pytest.raises(InputError, match="within the classes of return period"):
         replace(PRESET, rarest_years=300.0)
 
 
 def test_an_unknown_variance_leaves_everything_open() -> None:
     curves = curves_of([[0.02, 0.0, 0.0]], [[np.nan, 0.0, 0.0]], 1e-9)
-    lowest, highest = level_interval(curves, PRESET)
+    lowest, highest = level_chances(curves, PRESET).interval(0.95)
     assert (lowest[0], highest[0]) == (0, BLUE + 1)
-    assert np.isnan(rocks_factor(curves, PRESET)[0])
+    assert np.isnan(factor(curves)[0])
     # Unless other classes of intensity decide.
     red = curves_of([[1.0, 1.0, 1.0]], [[np.nan, 0.0, 0.0]], 1e-9)
-    assert not uncertain(red, PRESET)[0]
+    assert not level_chances(red, PRESET).uncertain(0.95)[0]
 
 
 @given(
@@ -202,10 +197,10 @@ def test_an_unknown_variance_leaves_everything_open() -> None:
 )
 def test_level_lies_in_its_interval(count: list[int], w: float, confidence: float) -> None:
     curves = counted([count], w)
-    lowest, highest = level_interval(curves, PRESET, confidence)
+    lowest, highest = level_chances(curves, PRESET).interval(confidence)
     level = hazard_level(curves, PRESET)
     assert lowest[0] <= level[0] <= highest[0]
-    wider = level_interval(curves, PRESET, 0.5 + 0.5 * confidence)
+    wider = level_chances(curves, PRESET).interval(0.5 + 0.5 * confidence)
     assert wider[0][0] <= lowest[0] <= highest[0] <= wider[1][0]
 
 
@@ -215,29 +210,29 @@ def test_level_lies_in_its_interval(count: list[int], w: float, confidence: floa
 )
 def test_the_factor_of_rocks_about_decides(count: list[int], w: float) -> None:
     curves = counted([count], w)
-    factor = float(rocks_factor(curves, PRESET)[0])
+    times = float(factor(curves)[0])
 
-    def with_rocks(times: float) -> bool:
-        more = replace(curves, variance=curves.variance / times)
-        return not uncertain(more, PRESET)[0]
+    def with_rocks(more: float) -> bool:
+        rarer = replace(curves, variance=curves.variance / more)
+        return not level_chances(rarer, PRESET).uncertain(0.95)[0]
 
-    if not uncertain(curves, PRESET)[0]:
-        assert factor == 1.0
-    elif np.isinf(factor):
+    if not level_chances(curves, PRESET).uncertain(0.95)[0]:
+        assert times == 1.0
+    elif np.isinf(times):
         assert not with_rocks(1e5)
     else:
-        assert with_rocks(1.3 * factor)
-        assert factor < 1.5 or not with_rocks(factor / 1.3)
+        assert with_rocks(1.3 * times)
+        assert times < 1.5 or not with_rocks(times / 1.3)
 
 
 def test_no_sample_decides_a_rate_on_a_limit() -> None:
     k = 10
     curves = counted([[k, 0, 0]], 1 / (300.0 * k))
     assert hazard_level(curves, PRESET).tolist() == [YELLOW + 1]
-    assert rocks_factor(curves, PRESET).tolist() == [np.inf]
+    assert factor(curves).tolist() == [np.inf]
 
 
 def test_the_factor_by_hand() -> None:
     # 80 blocks of 1/20000: 1/250 a year, short of 1/300 by 1/1500; 2 · 1.645² · 80/20000² · 1500².
-    factor = rocks_factor(counted([[80, 0, 0]], 1 / 20_000), PRESET)[0]
-    assert factor == pytest.approx(2.4350, rel=1e-3)
+    times = factor(counted([[80, 0, 0]], 1 / 20_000))[0]
+    assert times == pytest.approx(2.4350, rel=1e-3)

@@ -15,16 +15,13 @@ from dataclasses import dataclass, replace
 
 import emcee
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.stats import norm, qmc
 from scipy.stats import t as student
 
 from sassgis.gap.calibration.emulator import Emulator, WeightedSum, fit
 from sassgis.gap.calibration.parameters import Prior
-from sassgis.model.grid import FloatArray, IntArray
-
-BoolArray = NDArray[np.bool_]
+from sassgis.model.grid import BoolArray, FloatArray, IntArray
 
 #: Samples of rocks drawn anew.
 _BOOTSTRAP, _FEW = 60, 20

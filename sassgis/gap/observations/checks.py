@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sassgis.gap.observations.allowances import POSITION_ERROR_M, stated_or
 from sassgis.gap.observations.motion_checks import (
@@ -30,7 +29,6 @@ from sassgis.gap.observations.size_checks import check_pieces, check_sizes
 from sassgis.gap.observations.tables import POINT_TABLES, TABLE_TYPES, TABLES
 from sassgis.model.grid import Grid
 
-BoolArray = NDArray[np.bool_]
 Check = Callable[[Observations, Grid | None], Iterator[ObservationFinding]]
 
 

@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.gap.observations.campaign import errors_of, main_blocks, observed_campaign
@@ -24,13 +23,10 @@ from sassgis.gap.residuals.residuals import (
     spread,
 )
 from sassgis.model.effects import EffectSettings
-from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.grid import BoolArray, FloatArray, IntArray
 from sassgis.model.ground import GroundTable
 from sassgis.model.profiles import ProfileSet
 from sassgis.model.results import StopReason
-
-BoolArray = NDArray[np.bool_]
-
 
 #: Events of each block from which the turns of its path are taken.
 _MOST_EVENTS = 160

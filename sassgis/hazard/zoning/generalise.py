@@ -19,11 +19,8 @@ from scipy import ndimage
 from sassgis.hazard.zoning.outlines import smoothed
 from sassgis.hazard.zoning.planar_graph import Outlines, regions
 from sassgis.model.errors import InputError
-from sassgis.model.grid import Grid, IntArray
+from sassgis.model.grid import BoolArray, Grid, IntArray
 from sassgis.model.hazard import ZoningSettings
-
-BoolArray = NDArray[np.bool_]
-
 
 #: Coordinates of zones are multiples of it (m): 1 m divided by a whole number.
 _PRECISION_M = 0.001

@@ -12,16 +12,14 @@ from pathlib import Path
 
 import numpy as np
 import pyproj
-from numpy.typing import NDArray
 
 from sassgis.io.read.dem import DemFile, describe_dem, read_dem, read_dem_part, require_room
 from sassgis.model.crs import crs_name, same_crs
 from sassgis.model.errors import InputError, InputLost
-from sassgis.model.grid import FloatArray, Grid, IntArray
+from sassgis.model.grid import BoolArray, FloatArray, Grid, IntArray
 
 log = logging.getLogger(__name__)
 
-BoolArray = NDArray[np.bool_]
 
 #: Rasters by their suffix; other files of a folder of tiles are left alone.
 TILE_SUFFIXES = (".tif", ".tiff", ".asc", ".img", ".bil", ".flt")

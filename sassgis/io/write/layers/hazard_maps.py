@@ -8,14 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sassgis.hazard.another_sample import level_chances, rocks_factor
 from sassgis.hazard.curves import at_energies, energy_at, rate_interval, return_period
-from sassgis.hazard.levels import (
-    change_chance,
-    hazard_level,
-    intensity_class,
-    level_interval,
-    rocks_factor,
-)
+from sassgis.hazard.levels import hazard_level, intensity_class
 from sassgis.hazard.preset_labels import energy_labels, preset_unverified
 from sassgis.io.write.layers.maps import Place, described_band, described_raster, level_classes
 from sassgis.model.grid import FloatArray
@@ -175,17 +170,17 @@ class _Maker:
         return described_raster("frequency", bands, breaks, "plasma_r", **self._words)
 
     def confidence(self) -> RasterLayer:
-        lowest, highest = level_interval(self._few, self._preset, self._confidence)
+        chances = level_chances(self._few, self._preset)
+        lowest, highest = chances.interval(self._confidence)
         unsure = lowest != highest
-        chance = change_chance(self._few, self._preset)
-        factor = rocks_factor(self._few, self._preset, self._confidence)
+        factor = rocks_factor(self._few, self._preset, chances, self._confidence)
         known = self._reached & np.isfinite(factor)
         key = "confidence"
         return described_raster(
             key,
             [
                 self._band(key, "uncertain", np.where(self._reached, unsure, np.nan)),
-                self._band(key, "change_chance", np.where(self._reached, chance, np.nan)),
+                self._band(key, "change_chance", np.where(self._reached, chances.changed, np.nan)),
                 self._classes(key, "lowest_level", lowest),
                 self._classes(key, "highest_level", highest),
                 self._band(key, "rocks_factor", np.where(known, factor, np.nan)),
