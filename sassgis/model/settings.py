@@ -24,6 +24,7 @@ from sassgis.model.declared import (
 )
 from sassgis.model.errors import ConfigError
 from sassgis.model.hazard import OnsetUnit
+from sassgis.model.in_memory import Input
 from sassgis.model.languages import Language
 from sassgis.model.results import ControlLine
 
@@ -61,7 +62,7 @@ class TerrainSettings(Section):
     """The DEM, and how fall lines are traced and flattened."""
 
     dem: Annotated[
-        Path | None,
+        Input | None,
         "terrain model: a raster, such as GeoTIFF, or a folder of tiles",
         Example("dem.tif", needed=True),
     ] = None
@@ -114,7 +115,7 @@ class ReleaseSettings(Section):
     """Where blocks start."""
 
     file: Annotated[
-        Path | None, "polygons, lines or points of release", Example("release.gpkg", needed=True)
+        Input | None, "polygons, lines or points of release", Example("release.gpkg", needed=True)
     ] = None
     layer: Annotated[Text | None, "layer, where the file has several", Example("release")] = None
     name_field: Annotated[
@@ -146,17 +147,17 @@ class GroundSettings(Section):
 
     default: Annotated[Name, "class where no file names another"] = "debris"
     file: Annotated[
-        Path | None, "polygons or a raster of ground classes", Example("ground.gpkg")
+        Input | None, "polygons or a raster of ground classes", Example("ground.gpkg")
     ] = None
     layer: Annotated[Text | None, "layer, where the file has several", Example("ground")] = None
     class_field: Annotated[Text, "attribute with the class names"] = "class"
     classes: Annotated[
-        Path | None,
+        Input | None,
         "own class table (CSV or TOML), added to the built-in one or overriding it",
         Example("classes.csv"),
     ] = None
     ranges: Annotated[
-        Path | None,
+        Input | None,
         "own table of the spread of ground classes between sites (CSV), before the built-in one",
         Example("class_spread.csv"),
     ] = None
@@ -300,7 +301,7 @@ class StationSettings(Section):
         Example(((2700010.0, 1150000.0), (2700090.0, 1150010.0))),
     ] = None
     file: Annotated[
-        Path | None, "layer of lines; each feature is a station", Example("stations.gpkg")
+        Input | None, "layer of lines; each feature is a station", Example("stations.gpkg")
     ] = None
     layer: Annotated[Text | None, "layer, where the file has several", Example("stations")] = None
     name_field: Annotated[
@@ -504,7 +505,7 @@ class ForestPlace(Section):
     """Where the forest of ``[effects.trees]`` stands."""
 
     file: Annotated[
-        Path | None,
+        Input | None,
         "polygons of forest; without it and rasters, forest is everywhere",
         Example("forest.gpkg"),
     ] = None
@@ -516,10 +517,10 @@ class ForestPlace(Section):
         Text | None, "attribute with the diameter at breast height (cm)", Example("dbh_cm")
     ] = None
     stems_raster: Annotated[
-        Path | None, "raster of stems per hectare, in place of polygons", Example("stems.tif")
+        Input | None, "raster of stems per hectare, in place of polygons", Example("stems.tif")
     ] = None
     dbh_raster: Annotated[
-        Path | None, "raster of diameters at breast height (cm)", Example("dbh.tif")
+        Input | None, "raster of diameters at breast height (cm)", Example("dbh.tif")
     ] = None
     stems_per_ha: Annotated[
         float | None,
@@ -559,7 +560,7 @@ class ProfileSettings(Section):
     """A run along a single profile (sassgis profile), which needs neither terrain nor release."""
 
     file: Annotated[
-        Path | None, "CSV with columns s_m, z_m and, if wanted, ground", Example("profile.csv")
+        Input | None, "CSV with columns s_m, z_m and, if wanted, ground", Example("profile.csv")
     ] = None
     start_m: Annotated[Span, "chainages between which blocks start (m)"] = (0.0, 0.0)
     rocks: Annotated[int, Interval(ge=1, le=100_000_000), "number of blocks"] = 100

@@ -235,7 +235,7 @@ def _write_one_block(
             for c in candidates
         ]
     with collected_notices() as overlaps:
-        warn_of_overlaps(released, config.release_path)
+        warn_of_overlaps(released, config.release_source)
     whole = setting.outline()
     run = replace(
         mosaic.run,

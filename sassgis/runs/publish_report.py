@@ -76,7 +76,7 @@ def publish_report(
     config, run, planned, progress = done.config, done.run, done.planned, done.progress
     furthest = progress.furthest
     shown = None if furthest is None else paths_on_line(run, planned, *furthest[1:])
-    named = {"terrain_file": config.dem_path.name, "config_file": config.file.name}
+    named = {"terrain_file": config.dem_source.name, "config_file": config.label}
     if done.tolerance is not None:
         named["tolerance_check"] = done.tolerance.sentence()
     objects = map_objects(placed)

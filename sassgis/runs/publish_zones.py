@@ -18,6 +18,7 @@ from sassgis.io.write.layers.risk_objects import risk_tables, risk_vectors
 from sassgis.io.write.zone_tables import design_table, layer_table, source_table
 from sassgis.model.grid import Grid
 from sassgis.model.hazard import HazardCurves
+from sassgis.model.in_memory import Input
 from sassgis.model.results import RasterLayer
 from sassgis.model.run_config import Config
 from sassgis.report.exposed_report import levels_of
@@ -173,5 +174,5 @@ def _origin(config: Config, rules: Rules) -> Origin:
     files |= {f"objects {o.name}": o.file for o in config.objects}
     if config.hazard.preset.endswith(".toml"):
         files["preset"] = Path(config.hazard.preset)
-    inputs = {role: path for role, path in files.items() if path is not None}
+    inputs: dict[str, Input] = {r: path for r, path in files.items() if path is not None}
     return Origin(inputs, rules.preset.name, {"hazard": rules.ref_width_m})

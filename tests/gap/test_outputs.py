@@ -53,10 +53,10 @@ from sassgis.gap.words import (
     with_unit_in_brackets,
 )
 from sassgis.hazard.result_change import ENERGY_MEAN, difference
-from sassgis.io.read.config import load_config
+from sassgis.io.read.config import FILE_KEYS, load_config
 from sassgis.io.read.ground_map import read_ground_table
 from sassgis.io.staging import check_output
-from sassgis.io.write.calibrated_config import FILE_KEYS, write_config_back
+from sassgis.io.write.calibrated_config import write_config_back
 from sassgis.io.write.gap_files import write_diagnosis_json, write_gap_gpkg
 from sassgis.io.write.layers.gap_map import stand_polygon
 from sassgis.model.effects import EffectSettings
@@ -372,7 +372,7 @@ def test_paths_hold_in_the_new_place(slope: Grid, tmp_path: Path) -> None:
     def same(a: Path | str | None, b: Path | str | None) -> bool:
         return a is not None and b is not None and Path(a).resolve() == Path(b).resolve()
 
-    assert same(before.terrain.dem, after.terrain.dem) and after.dem_path.is_file()
+    assert same(before.terrain.dem, after.terrain.dem) and after.dem_source.is_file()
     assert same(before.release.file, after.release.file)
     assert same(before.hazard.preset, after.hazard.preset)
     assert same(before.hazard.frequencies, after.hazard.frequencies)

@@ -9,8 +9,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
-from os import PathLike
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,14 +17,16 @@ from affine import Affine
 from numpy.typing import NDArray
 from rasterio.enums import ColorInterp, Resampling
 from rasterio.errors import NotGeoreferencedWarning, RasterioError, RasterioIOError
+from rasterio.io import MemoryFile
 from rasterio.warp import reproject
 from rasterio.windows import Window
 
 from sassgis.io.read.dem_system import dem_system
 from sassgis.io.read.offline import RASTER, offline, open_dataset
-from sassgis.io.read.plain_file import check_file, check_text
+from sassgis.io.read.plain_file import check_file, check_text, in_memory
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid
+from sassgis.model.in_memory import AnyInput, InMemory, Input, named
 from sassgis.model.memory import require_memory
 
 log = logging.getLogger(__name__)
@@ -66,7 +66,7 @@ class DemFile:
         Metres per unit of the height system.
     """
 
-    file: Path
+    file: Input
     band: int
     transform: Affine
     shape: tuple[int, int]
@@ -81,10 +81,10 @@ class DemFile:
 
 
 def describe_dem(
-    path: str | PathLike[str], crs: str | None = None, vertical_datum: str | None = None
+    path: AnyInput, crs: str | None = None, vertical_datum: str | None = None
 ) -> DemFile:
     """What a terrain model is, without its heights; parameters and errors are those of read_dem."""
-    file = Path(path)
+    file = named(path)
     with open_raster(file, "terrain.dem") as dataset:
         return _described(dataset, file, crs, vertical_datum)
 
@@ -106,9 +106,7 @@ def read_dem_part(dem: DemFile, rows: slice, cols: slice) -> FloatArray:
         return _heights(dataset, dem, Window.from_slices(rows, cols))
 
 
-def read_dem(
-    path: str | PathLike[str], crs: str | None = None, vertical_datum: str | None = None
-) -> Grid:
+def read_dem(path: AnyInput, crs: str | None = None, vertical_datum: str | None = None) -> Grid:
     """Read a terrain model.
 
     Parameters
@@ -128,7 +126,7 @@ def read_dem(
         Heights in metres, NaN where nothing is known. Rotated rasters and rasters whose cells are
         not square are resampled (bilinear) to square cells of the shorter side; the log says so.
     """
-    file = Path(path)
+    file = named(path)
     with open_raster(file, "terrain.dem") as dataset:
         dem = _described(dataset, file, crs, vertical_datum)
         require_room(dem.shape, file)
@@ -156,12 +154,12 @@ def read_dem(
     )
 
 
-def require_room(shape: tuple[int, int], file: Path) -> None:
+def require_room(shape: tuple[int, int], file: Input) -> None:
     """Raise InputError if the heights of so many rows and columns do not fit into the memory."""
     require_memory({"terrain.dem": _READING * shape[0] * shape[1]}, file)
 
 
-def _described(dataset: Any, file: Path, crs: str | None, vertical_datum: str | None) -> DemFile:
+def _described(dataset: Any, file: Input, crs: str | None, vertical_datum: str | None) -> DemFile:
     band = height_band(dataset, file)
     if min(dataset.shape) < 3:
         raise InputError(
@@ -184,9 +182,13 @@ def _described(dataset: Any, file: Path, crs: str | None, vertical_datum: str | 
 
 
 @contextmanager
-def open_raster(file: Path, key: str) -> Iterator[Any]:
+def open_raster(file: Input, key: str) -> Iterator[Any]:
     """Open a raster or say in one line why that cannot be done."""
     check_file(file, key, RASTER)
+    if isinstance(file, InMemory):
+        with MemoryFile(in_memory(file, "raster", key, RASTER)) as held, held.open() as dataset:
+            yield dataset
+        return
     with warnings.catch_warnings(), offline(), rasterio.Env(GTIFF_REPORT_COMPD_CS="YES"):
         warnings.simplefilter("ignore", NotGeoreferencedWarning)
         try:
@@ -203,12 +205,12 @@ def open_raster(file: Path, key: str) -> Iterator[Any]:
             yield dataset
 
 
-def _reason(error: Exception, file: Path) -> str:
+def _reason(error: Exception, file: Input) -> str:
     text = str(error).replace(f"'{file}' ", "").replace(str(file), file.name)
     return (text.splitlines() or [type(error).__name__])[0][:160]
 
 
-def height_band(dataset: Any, file: Path) -> int:
+def height_band(dataset: Any, file: Input) -> int:
     """Number of the one band with heights; a transparency band beside it does no harm."""
     wrong = partial(InputError, file=file)
     bands = [i for i, kind in enumerate(dataset.colorinterp, start=1) if kind != ColorInterp.alpha]
@@ -236,7 +238,7 @@ def height_band(dataset: Any, file: Path) -> int:
     return bands[0]
 
 
-def _transform(dataset: Any, file: Path) -> Affine:
+def _transform(dataset: Any, file: Input) -> Affine:
     transform: Affine = dataset.transform
     # GDAL reports the identity, with rows running down, where a file has no georeference.
     if transform.is_identity:
@@ -263,7 +265,7 @@ def _outer_bounds(transform: Affine, shape: tuple[int, int]) -> tuple[float, flo
 # Heights
 
 
-def _height_unit(dataset: Any, band: int, file: Path, vertical_unit: float) -> float:
+def _height_unit(dataset: Any, band: int, file: Input, vertical_unit: float) -> float:
     """Metres per unit of the band: what the band states counts before the height system."""
     stated = (dataset.units[band - 1] or "").strip().lower()
     if stated not in METRES:
@@ -280,7 +282,7 @@ def _height_unit(dataset: Any, band: int, file: Path, vertical_unit: float) -> f
     return unit
 
 
-def read_band(dataset: Any, band: int, file: Path, part: Window | None = None) -> Any:
+def read_band(dataset: Any, band: int, file: Input, part: Window | None = None) -> Any:
     """A band as stored, masked where it is nodata or transparent."""
     try:
         raw = dataset.read(band, masked=True, window=part)
@@ -330,7 +332,7 @@ def _heights(dataset: Any, dem: DemFile, part: Window | None = None) -> FloatArr
     return values
 
 
-def _warn_of_zeros(values: FloatArray, file: Path, band: int) -> None:
+def _warn_of_zeros(values: FloatArray, file: Input, band: int) -> None:
     """Zero often means nodata; amid mountains it shows."""
     zero = values == 0.0
     if not zero.any():
@@ -347,7 +349,7 @@ def _warn_of_zeros(values: FloatArray, file: Path, band: int) -> None:
         )
 
 
-def _refuse_infinite(values: FloatArray, file: Path, band: int, first: tuple[int, int]) -> None:
+def _refuse_infinite(values: FloatArray, file: Input, band: int, first: tuple[int, int]) -> None:
     infinite = np.isinf(values)
     if infinite.any():
         row, col = np.unravel_index(int(np.argmax(infinite)), values.shape)
@@ -383,7 +385,7 @@ def _is_square(transform: Affine, shape: tuple[int, ...]) -> bool:
     return cell > 0.0 and transform.e < 0.0 and skew * max(shape) <= _SQUARE_TOLERANCE * cell
 
 
-def _squared(values: FloatArray, transform: Affine, file: Path) -> tuple[FloatArray, Affine]:
+def _squared(values: FloatArray, transform: Affine, file: Input) -> tuple[FloatArray, Affine]:
     """Resample to square cells with north up: bilinear, cells of the shorter side."""
     width = math.hypot(transform.a, transform.d)
     height = math.hypot(transform.b, transform.e)

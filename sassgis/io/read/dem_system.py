@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import math
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import pyproj
@@ -13,6 +12,7 @@ from pyproj.exceptions import CRSError, ProjError
 
 from sassgis.model.crs import crs_parts, parse_crs, same_crs
 from sassgis.model.errors import InputError
+from sassgis.model.in_memory import Input
 
 log = logging.getLogger(__name__)
 
@@ -24,7 +24,7 @@ _SCALE_WARNING, _SCALE_ERROR = 0.005, 0.05
 
 def dem_system(
     dataset: Any,
-    file: Path,
+    file: Input,
     configured: str | None,
     configured_datum: str | None,
     bounds: tuple[float, float, float, float],
@@ -59,7 +59,7 @@ def dem_system(
     return plane, datum, unit
 
 
-def _stated_crs(dataset: Any, file: Path) -> pyproj.CRS | None:
+def _stated_crs(dataset: Any, file: Input) -> pyproj.CRS | None:
     if not dataset.crs:
         return None
     try:
@@ -78,7 +78,7 @@ def _agree(stated: pyproj.CRS, wanted: pyproj.CRS) -> bool:
     return same_crs(crs_parts(stated)[0], crs_parts(wanted)[0])
 
 
-def _check_plane(plane: pyproj.CRS, file: Path, bounds: tuple[float, float, float, float]) -> None:
+def _check_plane(plane: pyproj.CRS, file: Input, bounds: tuple[float, float, float, float]) -> None:
     """Refuse what cannot be measured in metres, or cannot be where it says it is."""
     wrong = partial(InputError, file=file, field="terrain.crs")
     west, south, east, north = bounds
@@ -124,7 +124,7 @@ def _utm(lon: float, lat: float) -> int:
     return (32600 if lat >= 0.0 else 32700) + zone
 
 
-def _check_place(plane: pyproj.CRS, file: Path, x: float, y: float, extent: str) -> None:
+def _check_place(plane: pyproj.CRS, file: Input, x: float, y: float, extent: str) -> None:
     """Coordinates must belong to the system, and its metres must be metres on the ground."""
     wrong = partial(InputError, file=file, field="terrain.crs")
     base = plane.source_crs if plane.is_bound and plane.source_crs is not None else plane
@@ -175,7 +175,7 @@ def _area_of_use(crs: pyproj.CRS) -> Any:
 
 
 def _height_system(
-    vertical: pyproj.CRS | None, configured: str | None, file: Path
+    vertical: pyproj.CRS | None, configured: str | None, file: Input
 ) -> tuple[str, float]:
     if vertical is None:
         return configured or "", 1.0

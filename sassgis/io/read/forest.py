@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import rasterio
@@ -17,6 +16,7 @@ from sassgis.io.read.dem import open_raster
 from sassgis.io.read.vector_features import read_features
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid
+from sassgis.model.in_memory import Input
 from sassgis.model.settings import ForestPlace
 
 _HECTARE_M2 = 1e4
@@ -54,7 +54,7 @@ def read_forest(
 
 
 def _from_polygons(
-    trees: ForestPlace, file: Path, grid: Grid, whole: Grid
+    trees: ForestPlace, file: Input, grid: Grid, whole: Grid
 ) -> tuple[FloatArray, FloatArray]:
     features = read_features(
         file,
@@ -98,7 +98,7 @@ def _from_polygons(
     return maps[0], maps[1]
 
 
-def _from_raster(file: Path, grid: Grid, field: str) -> FloatArray:
+def _from_raster(file: Input, grid: Grid, field: str) -> FloatArray:
     """Values at the nearest cell; 0 where the raster has none."""
     wrong = partial(InputError, file=file, field=field)
     west, _, _, north = grid.bounds

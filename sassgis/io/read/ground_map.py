@@ -6,8 +6,6 @@ import logging
 from collections.abc import Iterator
 from functools import partial
 from importlib import resources
-from os import PathLike
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -33,6 +31,7 @@ from sassgis.model.crs import same_crs
 from sassgis.model.errors import InputError
 from sassgis.model.grid import Grid
 from sassgis.model.ground import PARAMETERS, GroundClass, GroundTable
+from sassgis.model.in_memory import AnyInput, InMemory, Input, named
 from sassgis.model.settings import GroundSettings
 
 log = logging.getLogger(__name__)
@@ -59,9 +58,7 @@ def built_in_table(readings: str = "hazard") -> GroundTable:
         return GroundTable(tuple(_read_classes(file)))
 
 
-def read_ground_table(
-    path: str | PathLike[str] | None = None, readings: str = "hazard"
-) -> GroundTable:
+def read_ground_table(path: AnyInput | None = None, readings: str = "hazard") -> GroundTable:
     """Read the ground classes of a run.
 
     Parameters
@@ -78,7 +75,7 @@ def read_ground_table(
     if path is None:
         return table
     classes = {c.name: c for c in table.classes}
-    own = _read_classes(Path(path))
+    own = _read_classes(named(path))
     names = [c.name for c in own]
     for name in names:
         if names.count(name) > 1:
@@ -96,7 +93,7 @@ def read_ground_table(
     return GroundTable(tuple(classes.values()))
 
 
-def _columns(file: Path) -> dict[str, CsvColumn]:
+def _columns(file: Input) -> dict[str, CsvColumn]:
     """Columns of a table of classes; one without a source or its check is taken as unverified."""
     return {
         "name": CsvColumn(),
@@ -106,7 +103,7 @@ def _columns(file: Path) -> dict[str, CsvColumn]:
     }
 
 
-def _read_classes(file: Path) -> list[GroundClass]:
+def _read_classes(file: Input) -> list[GroundClass]:
     what = "a table of ground classes, CSV or TOML"
     if file.suffix.lower() == ".toml":
         text = read_text(file, "ground.classes", what)
@@ -122,7 +119,7 @@ def _read_classes(file: Path) -> list[GroundClass]:
     return classes
 
 
-def _toml_rows(text: str, file: Path) -> Iterator[tuple[str, dict[str, Any]]]:
+def _toml_rows(text: str, file: Input) -> Iterator[tuple[str, dict[str, Any]]]:
     document = toml_table(text, file, "[[classes]] sections")
     rows = document.get("classes")
     if set(document) != {"classes"} or not isinstance(rows, list):
@@ -178,7 +175,7 @@ def default_class(ground: GroundSettings, table: GroundTable) -> int:
     )
 
 
-def _class_index(name: str, table: GroundTable, who: str, file: Path | None, field: str) -> int:
+def _class_index(name: str, table: GroundTable, who: str, file: Input | None, field: str) -> int:
     if name in table.names:
         return table.index(name)
     raise InputError(
@@ -192,7 +189,7 @@ def _class_index(name: str, table: GroundTable, who: str, file: Path | None, fie
 
 def _from_polygons(
     ground: GroundSettings,
-    file: Path,
+    file: Input,
     grid: Grid,
     table: GroundTable,
     default: int,
@@ -239,8 +236,10 @@ def _from_polygons(
     )
 
 
-def _is_raster(file: Path) -> bool:
+def _is_raster(file: Input) -> bool:
     """Whether a file holds a raster (a GeoPackage may hold both: then its layers count)."""
+    if isinstance(file, InMemory):
+        return file.kind == "raster"
     if file.suffix.lower() == ".gpkg":
         return False
     try:
@@ -252,7 +251,7 @@ def _is_raster(file: Path) -> bool:
 
 def _from_codes(
     ground: GroundSettings,
-    file: Path,
+    file: Input,
     grid: Grid,
     table: GroundTable,
     default: int,
@@ -297,7 +296,7 @@ def _from_codes(
     return result
 
 
-def _codes(dataset: Any, file: Path) -> NDArray[np.int32]:
+def _codes(dataset: Any, file: Input) -> NDArray[np.int32]:
     """Codes as whole numbers; nodata as a number that no code can have."""
     wrong = partial(InputError, file=file, field="ground.file")
     try:
@@ -317,7 +316,7 @@ def _codes(dataset: Any, file: Path) -> NDArray[np.int32]:
     return np.where(known, values, _NO_CODE).astype(np.int32)
 
 
-def _pair_of_systems(dataset: Any, grid: Grid, file: Path) -> tuple[str, str]:
+def _pair_of_systems(dataset: Any, grid: Grid, file: Input) -> tuple[str, str]:
     """Coordinate systems of the codes and of the DEM; two empty texts where they are the same."""
     if not dataset.crs:
         log.info("%s: states no coordinate system: taken to be that of the DEM", file)

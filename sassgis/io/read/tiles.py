@@ -7,7 +7,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from os import PathLike
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +16,7 @@ from sassgis.io.read.dem import DemFile, describe_dem, read_dem, read_dem_part, 
 from sassgis.model.crs import crs_name, same_crs
 from sassgis.model.errors import InputError, InputLost
 from sassgis.model.grid import BoolArray, FloatArray, Grid, IntArray
+from sassgis.model.in_memory import AnyInput, InMemory, Input, named
 
 log = logging.getLogger(__name__)
 
@@ -170,15 +170,14 @@ def _within(part: Part, whole: Part) -> tuple[slice, slice]:
 
 
 def _heights(tile: Tile, part: Part) -> FloatArray:
-    if not tile.dem.file.exists():
-        raise InputLost(
-            f"{tile.dem.file}: was there when the terrain model was opened, and is gone"
-        )
+    file = tile.dem.file
+    if isinstance(file, Path) and not file.exists():
+        raise InputLost(f"{file}: was there when the terrain model was opened, and is gone")
     return read_dem_part(tile.dem, *_within(part, tile.place))
 
 
 def open_terrain(
-    path: str | PathLike[str], crs: str | None = None, vertical_datum: str | None = None
+    path: AnyInput, crs: str | None = None, vertical_datum: str | None = None
 ) -> Terrain:
     """Open a terrain model without reading its heights.
 
@@ -190,8 +189,8 @@ def open_terrain(
     crs, vertical_datum
         As for sassgis.io.read.dem.read_dem.
     """
-    given = Path(path)
-    if not given.is_dir():
+    given = named(path)
+    if isinstance(given, InMemory) or not given.is_dir():
         dem = describe_dem(given, crs, vertical_datum)
         if not dem.is_plain:
             return _resampled(dem, read_dem(given, crs, vertical_datum))
@@ -222,17 +221,15 @@ def open_tiles(
     return _laid_out([describe_dem(f, crs, vertical_datum) for f in files], given)
 
 
-def read_terrain(
-    path: str | PathLike[str], crs: str | None = None, vertical_datum: str | None = None
-) -> Grid:
+def read_terrain(path: AnyInput, crs: str | None = None, vertical_datum: str | None = None) -> Grid:
     """Read a terrain model as a whole: a raster, or a folder of tiles.
 
     Parameters and errors are those of open_terrain.
     """
-    if not Path(path).is_dir():
+    if not named(path).is_dir():
         return read_dem(path, crs, vertical_datum)
     terrain = open_terrain(path, crs, vertical_datum)
-    require_room((terrain.whole.n_rows, terrain.whole.n_cols), Path(path))
+    require_room((terrain.whole.n_rows, terrain.whole.n_cols), named(path))
     grid = terrain.read(terrain.whole)
     if not np.isfinite(grid.values).any():
         raise InputError("holds no height at all", file=path, field="terrain.dem")
@@ -247,7 +244,7 @@ def _resampled(dem: DemFile, grid: Grid) -> Terrain:
     )  # fmt: skip
 
 
-def _laid_out(dems: Sequence[DemFile], given: Path) -> Terrain:
+def _laid_out(dems: Sequence[DemFile], given: Input) -> Terrain:
     """Put tiles on one lattice."""
     first = dems[0]
     for dem in dems:

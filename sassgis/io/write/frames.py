@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -60,6 +61,46 @@ def profile_passage_frame(result: ProfileResult) -> pd.DataFrame:
     frame = _columns(result.passages).drop(columns=["line", *_PLACE])
     _name_control_lines(frame, [line.name for line, _ in result.profile.control_lines])
     return frame
+
+
+class ProfileTables(NamedTuple):
+    """What blocks did along one profile.
+
+    Attributes
+    ----------
+    blocks : DataFrame
+        A row for each block and fragment: size, run-out, why it stopped, largest values.
+    passages : DataFrame
+        A row for each block at each station or barrier: speed, energy, height, outcome.
+    along : DataFrame
+        By stretch of the profile (``from_m``, ``to_m``): quantiles of energy, speed and height.
+    paths : DataFrame
+        Centres of some blocks: ``path``, ``s_m``, ``z_m``.
+    """
+
+    blocks: pd.DataFrame
+    passages: pd.DataFrame
+    along: pd.DataFrame
+    paths: pd.DataFrame
+
+
+def profile_tables(result: ProfileResult, scenarios: Sequence[str]) -> ProfileTables:
+    """Blocks, passages, quantiles by stretch, and paths of a profile."""
+    units = {"energy": "kj", "speed": "mps", "height": "m"}
+    along = {"from_m": result.stretches[:-1], "to_m": result.stretches[1:]}
+    for quantity, quantiles in result.along.items():
+        for p, values in quantiles.items():
+            along[f"{quantity}_q{100 * p:.0f}_{units[quantity]}"] = values
+    paths = [
+        pd.DataFrame({"path": k, "s_m": s, "z_m": z}) for k, (s, z) in enumerate(result.paths, 1)
+    ]
+    none = pd.DataFrame({"path": [], "s_m": [], "z_m": []})
+    return ProfileTables(
+        profile_rock_frame(result, scenarios),
+        profile_passage_frame(result),
+        pd.DataFrame(along),
+        pd.concat(paths, ignore_index=True) if paths else none,
+    )
 
 
 def _columns(rows: NDArray[np.void], scenario: NDArray[np.str_] | None = None) -> pd.DataFrame:

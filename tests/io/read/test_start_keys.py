@@ -88,7 +88,7 @@ def barriers(folder: Path, **columns: list[object]):
     frame.to_file(folder / "nets.gpkg", driver="GPKG")
     slope.config.write_text(slope.config.read_text() + NETS)
     config = load_config(slope.config)
-    return [own for own, _ in read_control_lines(config, read_terrain(config.dem_path))]
+    return [own for own, _ in read_control_lines(config, read_terrain(config.dem_source))]
 
 
 def test_each_barrier_has_its_own_kind_height_and_capacity(tmp_path: Path) -> None:
