@@ -40,9 +40,8 @@ def main(argv: list[str] | None = None) -> None:
         [area.name for area in job.areas],
         [control_line.name for control_line, _ in job.control_lines],
     )
-    energy = next(layer for layer in result.layers if layer.stem == "energy")
     classes = class_table(
-        energy.bands[0].values, config.output.energy_classes_kj, "kJ", job.grid.cell_size
+        result.maps.energy_q95.values, config.output.energy_classes_kj, "kJ", job.grid.cell_size
     )
     write_table(given.output / "tables" / "areas.csv", [areas])
     write_table(given.output / "tables" / "energy_classes.csv", [classes])

@@ -14,12 +14,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import sassgis
-from sassgis.hazard.assess import Rules, assess
+from sassgis.hazard.along_profile import ProfileInput
+from sassgis.hazard.assess import Hazard, Rules, assess
 from sassgis.hazard.bins import bins_of
 from sassgis.hazard.sources import sampled_sources
 from sassgis.io.read.config import configure, resolved
 from sassgis.io.read.presets import read_preset
 from sassgis.model.exposure import PlacedObjects
+from sassgis.model.grid import Grid
 from sassgis.model.ground import GroundClass
 from sassgis.model.hazard import ZoningSettings
 from sassgis.model.results import StopReason
@@ -47,9 +49,9 @@ Section = Mapping[str, Any]
 
 def simulate(
     dem: Any,
-    release: Any,
+    release: Any = None,
     *,
-    blocks: Any,
+    blocks: Any = None,
     ground: Any = None,
     barriers: Any = None,
     stations: Any = None,
@@ -67,7 +69,7 @@ def simulate(
     Parameters
     ----------
     dem : path, DataArray, or (array, affine transform, coordinate system)
-        Heights (m) on square cells of a projected system in metres.
+        Heights (m) on square cells of a projected system in metres; or a Config, which has all.
     release : path, GeoDataFrame, GeoSeries, or mapping
         Polygons, lines or points where blocks start; or the section ``[release]``, as
         ``{"file": frame, "name_field": "name", "spacing_m": 10}``.
@@ -130,6 +132,8 @@ def simulate(
     >>> sorted(set(zones["hazard_level"])) != []
     True
     """
+    if isinstance(dem, Config):
+        return _simulated(dem, jobs, on_progress, say)
     hazard = {"preset": rules, "ref_width_m": ref_width_m} | dict(sections.pop("hazard", {}))
     terrain = {"dem": dem, "crs": crs} | dict(sections.pop("terrain", {}))
     config = configure(
@@ -143,17 +147,15 @@ def simulate(
         run={"seed": seed} | dict(sections.pop("run", {})),
         **sections,
     )
-    return simulated_maps(config, jobs=jobs, on_progress=on_progress, say=say)
+    return _simulated(config, jobs, on_progress, say)
 
 
-def simulated_maps(
+def _simulated(
     config: Config,
-    *,
-    jobs: Jobs = None,
-    on_progress: OnProgress | None = None,
-    say: Callable[[str], None] | None = None,
+    jobs: Jobs,
+    on_progress: OnProgress | None,
+    say: Callable[[str], None] | None,
 ) -> xr.Dataset:
-    """The maps of a configuration as a dataset; see ``simulate``."""
     from sassgis.io.write.map_dataset import with_sources
 
     tell = say or (lambda _text: None)
@@ -228,8 +230,10 @@ def _named_blocks(blocks: Any) -> Any:
     return {"name": "blocks"} | dict(blocks) if isinstance(blocks, Mapping) else blocks
 
 
-def _rules(maps: xr.Dataset, rules: str | None, confidence: float, zoning: Section) -> Any:
-    """Preset, counts and settings with which zones are drawn, and what they say."""
+def _assessed(
+    maps: xr.Dataset, rules: str | None, confidence: float, zoning: Section
+) -> tuple[Rules, Grid, Hazard]:
+    """The rules with which zones are drawn, the grid, and what the counts say of the hazard."""
     from sassgis.io.read.dataset_sources import dataset_grid, dataset_sources
 
     grid = dataset_grid(maps)
@@ -274,7 +278,7 @@ def zones(
     """
     from sassgis.io.write.layers.zones import hazard_zones
 
-    own, grid, hazard = _rules(ds, rules, confidence, zoning)
+    own, grid, hazard = _assessed(ds, rules, confidence, zoning)
     return hazard_zones(hazard, own.preset, grid, own.ref_width_m, confidence).frame
 
 
@@ -294,7 +298,7 @@ def hazard_maps(
     from sassgis.io.write.layers.hazard_maps import hazard_layers
     from sassgis.io.write.map_dataset import maps_dataset
 
-    own, grid, hazard = _rules(ds, rules, confidence, {})
+    own, grid, hazard = _assessed(ds, rules, confidence, {})
     layers = hazard_layers(
         hazard.curves, own.preset, grid.shape, own.ref_width_m,
         return_periods=own.preset.return_periods, confidence=confidence,
@@ -312,7 +316,7 @@ def hazard_maps(
 def profile(
     line: Any = None,
     *,
-    blocks: Any,
+    blocks: Any = None,
     dem: Any = None,
     point: tuple[float, float] | None = None,
     ground: Any = None,
@@ -320,7 +324,7 @@ def profile(
     stations: Any = None,
     crs: str | None = None,
     start_m: float | tuple[float, float] | None = None,
-    n_blocks: int = 100,
+    n_blocks: int | None = None,
     seed: int = 1,
     **sections: Section,
 ) -> ProfileTables:
@@ -330,7 +334,8 @@ def profile(
     ----------
     line : DataFrame, path, or line; optional
         A table with the columns ``s_m``, ``z_m`` and, if wanted, ``ground``. With ``dem`` a line on
-        the map, drawn downwards: a shapely LineString, a GeoDataFrame or a vector file.
+        the map, drawn downwards: a shapely LineString, a GeoDataFrame or a vector file. Or a
+        Config, which has all but the point.
     blocks, ground, barriers, stations, crs, seed, **sections
         As of ``simulate``. Without ``dem`` stations and barriers have ``chainage_m``.
     dem : optional
@@ -339,8 +344,8 @@ def profile(
         With ``dem`` and without ``line``: where the fall line starts.
     start_m : float or (low, high), optional
         Chainages between which blocks start (m); default: the first of the profile.
-    n_blocks : int
-        Blocks of each block scenario.
+    n_blocks : int, optional
+        Blocks of each block scenario; default: 100.
 
     Returns
     -------
@@ -364,8 +369,9 @@ def profile(
     (100, ['road'])
     """
     from sassgis.io.read.given_inputs import as_input
-    from sassgis.io.write.frames import profile_tables
 
+    if isinstance(line, Config):
+        return _tables(line, profile_input(line, point=point), n_blocks)
     own: dict[str, Any] = {"rocks": n_blocks, "start_m": start_m}
     if dem is None:
         own["file"] = line
@@ -380,6 +386,11 @@ def profile(
         **sections,
     )
     drawn = None if dem is None or line is None else as_input(line, "line")
-    found = profile_input(config, point=point, line=drawn)
-    result = simulate_profile(config, found)
+    return _tables(config, profile_input(config, point=point, line=drawn), n_blocks)
+
+
+def _tables(config: Config, found: ProfileInput, n_blocks: int | None) -> ProfileTables:
+    from sassgis.io.write.frames import profile_tables
+
+    result = simulate_profile(config, found, rocks=n_blocks)
     return profile_tables(result, [b.name for b in config.blocks])
