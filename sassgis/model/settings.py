@@ -71,6 +71,9 @@ class TerrainSettings(Section):
         "coordinate system where the DEM states none, e.g. EPSG:2056, or 'local'",
         Example("EPSG:2056"),
     ] = None
+    override_crs: Annotated[
+        bool, "whether crs counts even though the DEM states another system, which is wrong"
+    ] = False
     vertical_datum: Annotated[
         Text | None, "name of the height system where the DEM states none", Example("LN02")
     ] = None
@@ -108,6 +111,12 @@ class TerrainSettings(Section):
     flat_slope_deg: Annotated[
         float, Interval(ge=0, le=30), "slope below which a line tends to keep its heading (degrees)"
     ] = 8.0
+
+    def _fits_together(self) -> None:
+        if self.override_crs and self.crs is None:
+            raise ConfigError(
+                "has no system to go with", field="override_crs", expected="terrain.crs as well"
+            )
 
 
 @dataclass(frozen=True, slots=True)

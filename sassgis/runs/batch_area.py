@@ -128,7 +128,8 @@ def read_setting(
     """
     names = tuple(dict.fromkeys(c.name for c in candidates))
     with collected_notices() as notices:
-        terrain = open_terrain(config.dem_source, config.terrain.crs, config.terrain.vertical_datum)
+        own = config.terrain
+        terrain = open_terrain(config.dem_source, own.crs, own.vertical_datum, own.override_crs)
         outline = terrain.outline()
         table = read_ground_table(config.ground.classes, config.engine.readings)
         control_lines = tuple(read_control_lines(config, outline))

@@ -11,7 +11,7 @@ import numpy as np
 
 from sassgis.hazard.along_profile import ProfileInput
 from sassgis.hazard.warnings import ground_warnings, path_warnings, rule_warnings
-from sassgis.io.read.ground_map import built_in_table, default_class, read_ground_table
+from sassgis.io.read.ground_map import default_class, read_ground_table
 from sassgis.io.read.readiness import Readiness, readiness
 from sassgis.model.crs import crs_name
 from sassgis.model.errors import InputError
@@ -181,8 +181,10 @@ class InputReport:
             out.append(f"               {self.points} release points in all")
         out.append(f"blocks         {', '.join(self.blocks)}")
         for c in self.classes:
-            state = "verified" if c.verified else "UNVERIFIED"
-            out.append(f"ground         {c.name}: {100.0 * c.share:.1f} % of the {extent}, {state}")
+            state = "values as in the source" if c.verified else "UNVERIFIED values"
+            out.append(
+                f"ground         {c.name}, on {100.0 * c.share:.1f} % of the {extent}: {state}"
+            )
             out.append(f"               {c.source}")
         for control_line in self.control_lines:
             text = f"{control_line.kind:<15}{control_line.name}"
@@ -260,10 +262,7 @@ def check_inputs(config: Config) -> InputReport:
         warnings=(
             *config.notes,
             *warned,
-            *ground_warnings(
-                [table.classes[i] for i in sorted(shares)],
-                built_in_table(config.engine.readings).classes,
-            ),
+            *ground_warnings([table.classes[i] for i in sorted(shares)]),
             *(path_warnings(config.terrain.path) if areas else ()),
         ),
         estimate=estimate,

@@ -55,7 +55,8 @@ def write_outputs(
     write_diagnosis_json(work / "diagnosis.json", diagnosis)
     write_gap_gpkg(work / "gap.gpkg", case, diagnosis)
     write_config_back(work / "model" / "config.toml", config, diagnosis, case)
-    warnings = [*config.notes, *report_warnings(case, diagnosis)]
+    # What the console says, and what only the report has.
+    warnings = list(dict.fromkeys((*diagnosis.warnings, *report_warnings(case, diagnosis))))
     context = gap_report(
         case,
         diagnosis,

@@ -62,12 +62,14 @@ def collected_notices(quietly: list[str] | None = None) -> Iterator[list[str]]:
                 own.append(text)
 
     logger = logging.getLogger("sassgis")
-    handler = _Collector(logging.WARNING if quietly is None else logging.INFO)
+    wanted = logging.WARNING if quietly is None else logging.INFO
+    handler = _Collector(wanted)
     level, passes_on = logger.level, logger.propagate
     logger.addHandler(handler)
-    if quietly is not None:
-        logger.setLevel(logging.INFO)
-        logger.propagate = False
+    # What a program does not want in its log, as the command line, is collected all the same.
+    logger.propagate = passes_on and quietly is None and logger.isEnabledFor(wanted)
+    if not logger.isEnabledFor(wanted):
+        logger.setLevel(wanted)
     try:
         yield notices
     finally:
@@ -96,7 +98,9 @@ def read_map_run(config: Config, areas: Sequence[str] | None = None) -> MapRun:
         With the file, the field, what was found and what is expected.
     """
     terrain = config.terrain
-    grid = read_terrain(config.dem_source, terrain.crs, terrain.vertical_datum)
+    grid = read_terrain(
+        config.dem_source, terrain.crs, terrain.vertical_datum, terrain.override_crs
+    )
     walls = wall_share(slopes_deg(grid.values, grid.cell_size, grid.cell_size))
     if walls > WALL_SHARE:
         log.warning(

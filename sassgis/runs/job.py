@@ -15,7 +15,6 @@ from sassgis.hazard.progress import Progress
 from sassgis.hazard.tolerance_check import ToleranceCheck
 from sassgis.hazard.warnings import simulation_warnings
 from sassgis.io.read.config import configure, load_config, settings_hash
-from sassgis.io.read.ground_map import built_in_table
 from sassgis.io.write.frames import require_parquet
 from sassgis.model.errors import Interrupted, OutputError
 from sassgis.model.map_run import BlockRows, MapRun
@@ -193,7 +192,7 @@ def simulate_config(
     warnings = (
         *job.notices,
         *(() if tolerance is None else tolerance.warnings()),
-        *simulation_warnings(run, progress, built_in_table(config.engine.readings).classes),
+        *simulation_warnings(run, progress),
     )
     return Simulation(config, run, planned, progress, checkpoint, warnings, seconds, tolerance)
 

@@ -45,6 +45,8 @@ LOWEST_M, HIGHEST_M = -500.0, 9000.0
 ZERO_GAP_M = 50.0
 #: Shift (in cells) over the whole raster below which cells count as square.
 _SQUARE_TOLERANCE = 0.01
+#: So many whole numbers or fewer, in so many rows, are no heights.
+_MOST_CLASSES, _LOOKED_AT = 20, 500
 #: Of a cell while its height is read: as stored, as a number, and what is known of it (bytes).
 _READING = 20
 
@@ -81,12 +83,15 @@ class DemFile:
 
 
 def describe_dem(
-    path: AnyInput, crs: str | None = None, vertical_datum: str | None = None
+    path: AnyInput,
+    crs: str | None = None,
+    vertical_datum: str | None = None,
+    override_crs: bool = False,
 ) -> DemFile:
     """What a terrain model is, without its heights; parameters and errors are those of read_dem."""
     file = named(path)
     with open_raster(file, "terrain.dem") as dataset:
-        return _described(dataset, file, crs, vertical_datum)
+        return _described(dataset, file, crs, vertical_datum, override_crs)
 
 
 def read_dem_part(dem: DemFile, rows: slice, cols: slice) -> FloatArray:
@@ -106,7 +111,12 @@ def read_dem_part(dem: DemFile, rows: slice, cols: slice) -> FloatArray:
         return _heights(dataset, dem, Window.from_slices(rows, cols))
 
 
-def read_dem(path: AnyInput, crs: str | None = None, vertical_datum: str | None = None) -> Grid:
+def read_dem(
+    path: AnyInput,
+    crs: str | None = None,
+    vertical_datum: str | None = None,
+    override_crs: bool = False,
+) -> Grid:
     """Read a terrain model.
 
     Parameters
@@ -116,9 +126,11 @@ def read_dem(path: AnyInput, crs: str | None = None, vertical_datum: str | None 
     crs
         Coordinate system that is used where the file has none, as pyproj understands it
         ("EPSG:2056"), or "local" for local coordinates in metres. If the file has one, both must
-        be the same.
+        be the same, unless ``override_crs``.
     vertical_datum
         Name of the height system that is used where the file states none.
+    override_crs
+        Whether ``crs`` counts even though the file states another system.
 
     Returns
     -------
@@ -128,7 +140,7 @@ def read_dem(path: AnyInput, crs: str | None = None, vertical_datum: str | None 
     """
     file = named(path)
     with open_raster(file, "terrain.dem") as dataset:
-        dem = _described(dataset, file, crs, vertical_datum)
+        dem = _described(dataset, file, crs, vertical_datum, override_crs)
         require_room(dem.shape, file)
         values = _heights(dataset, dem)
     if not np.isfinite(values).any():
@@ -159,7 +171,9 @@ def require_room(shape: tuple[int, int], file: Input) -> None:
     require_memory({"terrain.dem": _READING * shape[0] * shape[1]}, file)
 
 
-def _described(dataset: Any, file: Input, crs: str | None, vertical_datum: str | None) -> DemFile:
+def _described(
+    dataset: Any, file: Input, crs: str | None, vertical_datum: str | None, override_crs: bool
+) -> DemFile:
     band = height_band(dataset, file)
     if min(dataset.shape) < 3:
         raise InputError(
@@ -170,7 +184,9 @@ def _described(dataset: Any, file: Input, crs: str | None, vertical_datum: str |
         )
     transform = _transform(dataset, file)
     bounds = _outer_bounds(transform, dataset.shape)
-    plane, datum, vertical_unit = dem_system(dataset, file, crs, vertical_datum, bounds)
+    plane, datum, vertical_unit = dem_system(
+        dataset, file, crs, vertical_datum, bounds, override_crs
+    )
     check_text(datum, file, "height system")
     check_text("" if plane is None else plane.name, file, "coordinate system")
     wkt = "" if plane is None else plane.to_wkt()
@@ -219,22 +235,17 @@ def height_band(dataset: Any, file: Input) -> int:
         raise wrong(
             "holds no band itself",
             found=f"subdatasets {names}",
-            expected="a raster with one band; extract the heights with gdal_translate",
+            expected="a raster with one band; extract the heights with rio convert",
         )
     if len(bands) != 1:
         raise wrong(
             "has several bands",
             found=f"{dataset.count} bands",
-            expected="one band of heights; extract it with gdal_translate -b",
+            expected="one band of heights; extract it with rio stack FILE --bidx 1 -o NEW",
         )
     kind = np.dtype(dataset.dtypes[bands[0] - 1])
     if kind.kind not in "iuf":
         raise wrong("holds no real numbers", found=str(kind), expected="heights in metres")
-    if kind == np.uint8:
-        log.warning(
-            "%s: heights are stored as bytes (0 to 255); this may be an image such as a hillshade",
-            file,
-        )
     return bands[0]
 
 
@@ -246,7 +257,7 @@ def _transform(dataset: Any, file: Input) -> Affine:
             "has no georeference",
             file=file,
             found="control points only" if dataset.gcps[0] else "no corner and no cell size",
-            expected="a raster placed on the map; use gdalwarp, or add a world file",
+            expected="a raster on the map: place it in QGIS (Georeferencer), or add a world file",
         )
     if transform.is_degenerate or not all(math.isfinite(v) for v in transform[:6]):
         raise InputError("has an unusable georeference", file=file, found=tuple(transform[:6]))
@@ -326,10 +337,37 @@ def _heights(dataset: Any, dem: DemFile, part: Window | None = None) -> FloatArr
             found=f"{int(absurd.sum())} cells, the first {stored:g} at "
             f"row {row + first[0] + 1}, column {col + first[1] + 1}",
             expected=f"heights from {LOWEST_M:g} to {HIGHEST_M:g} m; "
-            f"declare nodata with gdal_edit.py -a_nodata {stored:g}",
+            f"declare nodata with rio edit-info FILE --nodata {stored:g}",
         )
     _warn_of_zeros(values, file, band)
+    kinds = few_values(values)
+    if kinds:
+        log.warning(
+            "%s: band %d holds %d different numbers from %g to %g: a map of classes, such as zones "
+            "or codes of ground, is no terrain model",
+            file, band, len(kinds), kinds[0], kinds[-1],
+        )  # fmt: skip
+    elif raw.dtype == np.uint8:
+        log.warning(
+            "%s: heights are stored as bytes (0 to 255); this may be an image such as a hillshade",
+            file,
+        )
     return values
+
+
+def few_values(values: FloatArray) -> list[float]:
+    """The numbers of a raster, if they are whole and so few that they are codes of classes."""
+    kinds: list[float] = []
+    cells = 0
+    for row in values[:: max(1, values.shape[0] // _LOOKED_AT)]:
+        known = row[np.isfinite(row)]
+        if (known != np.rint(known)).any():
+            return []
+        kinds, cells = np.union1d(kinds, known).tolist(), cells + known.size
+        if len(kinds) > _MOST_CLASSES:
+            return []
+    # A plain has one height, and a few cells have few.
+    return kinds if len(kinds) > 1 and cells >= _MOST_CLASSES * len(kinds) else []
 
 
 def _warn_of_zeros(values: FloatArray, file: Input, band: int) -> None:

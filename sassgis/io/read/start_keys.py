@@ -8,11 +8,15 @@ from pathlib import Path
 from typing import Any
 
 import pyogrio
+import pyproj
 
 from sassgis.io.read.config import declared_sections
+from sassgis.io.read.dem_system import NO_SYSTEM
 from sassgis.io.read.offline import read_frame, vector_file
 from sassgis.io.read.plain_file import toml_table
 from sassgis.io.read.site_layers import SiteLayer, site_layers
+from sassgis.io.read.tiles import open_terrain
+from sassgis.io.read.vector_features import open_layer, with_shapes, without_shapes
 from sassgis.model.errors import InputError
 
 #: Keys with their values by section; sections with double brackets are not told apart, as there is
@@ -100,6 +104,40 @@ def with_values(given: StartKeys, assignments: Sequence[str]) -> StartKeys:
             own = {}
             keys.append((section, own))
         own[key] = _toml(value.strip())
+    return keys
+
+
+def with_system(given: StartKeys, dem: Path | None, release: Path | None) -> StartKeys:
+    """The keys, checked to lie in one place; with the system of the release areas if only they
+    state one.
+
+    Raises
+    ------
+    InputError
+        If the terrain model has no coordinate system that can be used, or the release areas do not
+        lie on it.
+    """
+    if dem is None:
+        return given
+    keys = [(section, dict(values)) for section, values in given]
+    by_name = dict(reversed(keys))
+    terrain = by_name["terrain"]
+    crs, override = terrain.get("crs"), bool(terrain.get("override_crs", False))
+    drawn = None
+    if release is not None:
+        own = str(by_name["release"].get("layer") or _layers(release)[0])
+        drawn = open_layer(release, own, "release", {})
+    try:
+        frame = open_terrain(dem, None if crs is None else str(crs), None, override).outline()
+    except InputError as error:
+        system = None if drawn is None or drawn.crs is None else pyproj.CRS(drawn.crs)
+        code = None if system is None else system.to_authority(min_confidence=90)
+        if error.problem != NO_SYSTEM or system is None or not system.is_projected or code is None:
+            raise
+        terrain["crs"] = ":".join(code)
+        frame = open_terrain(dem, ":".join(code)).outline()
+    if drawn is not None and release is not None:
+        with_shapes(without_shapes(drawn), drawn, release, frame, "release", None)
     return keys
 
 

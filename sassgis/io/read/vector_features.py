@@ -197,6 +197,9 @@ def _read_layer(
         # Geometries that cannot be decoded come as None and are reported by feature.
         frame = read_frame(file, name, on_invalid="ignore")
     texts = dict.fromkeys(" ".join(str(w.message).split()) for w in warned)
+    if frame.crs is None and (beside := file.with_suffix(".prj")).is_file():
+        unknown = f"{beside.name} states no coordinate system that is understood"
+        texts[f"{unknown}: coordinates are taken to be those of the DEM"] = None
     # Measures along lines are dropped with the heights: nothing is lost.
     return frame, name, tuple(t for t in texts if not t.startswith("Measured"))
 
