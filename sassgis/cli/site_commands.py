@@ -153,6 +153,10 @@ def new(file: Path, **given: Any) -> None:
         "--set", "settings", multiple=True, metavar="KEY=VALUE",
         help="Set a key, as release.spacing_m=5; may be given several times.",
     ),
+    click.option(
+        "--rockyfor3d", "folder", type=PATH,
+        help="Folder of inputs of Rockyfor3D, in place of --dem and --release.",
+    ),
     click.option("--all", "every", is_flag=True, help="Every key, with its meaning and default."),
     click.option("--overwrite", is_flag=True, help="Replace a file that nobody has changed."),
     short_help="Write a configuration: the lines that every site decides.",
@@ -163,10 +167,16 @@ def init(
     dem: Path | None,
     release: Path | None,
     settings: tuple[str, ...],
+    folder: Path | None,
     every: bool,
     overwrite: bool,
 ) -> None:
     """Write a configuration to FILE (default: sassgis.toml): the lines that every site decides."""
+    if folder is not None:
+        if dem or release or every:
+            raise click.UsageError("--rockyfor3d takes no --dem, --release and --all")
+        _from_rockyfor3d(file, folder, settings, overwrite)
+        return
     from sassgis.io.read.start_keys import start_keys, with_system, with_values
     from sassgis.io.write.config_template import config_template, short_template, write_new
     from sassgis.runs.inputs import collected_notices
@@ -182,6 +192,15 @@ def init(
     names = [name for name, path in (("terrain.dem", dem), ("release.file", release)) if not path]
     todo = f"Fill in {' and '.join(names)}, then: " if names else "Now: "
     click.echo(f"Wrote {file}. {todo}sassgis validate {file}")
+
+
+def _from_rockyfor3d(file: Path, folder: Path, settings: tuple[str, ...], overwrite: bool) -> None:
+    """Write what a folder of Rockyfor3D becomes, and what has no counterpart."""
+    from sassgis.io.write.rockyfor3d_site import write_rockyfor3d_site
+
+    site = write_rockyfor3d_site(file, folder, settings, overwrite)
+    notes(site.notes)
+    click.echo(f"Wrote {', '.join(str(f) for f in site.files)}. Now: sassgis validate {file}")
 
 
 @command(

@@ -515,7 +515,7 @@ class ForestPlace(Section):
 
     file: Annotated[
         Input | None,
-        "polygons of forest; without it and rasters, forest is everywhere",
+        "polygons of forest; without it, rasters and single trees, forest is everywhere",
         Example("forest.gpkg"),
     ] = None
     layer: Annotated[Text | None, "layer, where the file has several", Example("forest")] = None
@@ -530,6 +530,13 @@ class ForestPlace(Section):
     ] = None
     dbh_raster: Annotated[
         Input | None, "raster of diameters at breast height (cm)", Example("dbh.tif")
+    ] = None
+    single_trees: Annotated[
+        Input | None,
+        "trees one by one, in place of polygons: a CSV table with columns x, y, dbh_cm and, if "
+        "wanted, conifer_share (0 to 1), or points with these attributes; stems are counted within "
+        "5 m",
+        Example("trees.csv"),
     ] = None
     stems_per_ha: Annotated[
         float | None,
@@ -546,10 +553,14 @@ class ForestPlace(Section):
 
     def _fits_together(self) -> None:
         rasters = self.stems_raster is not None or self.dbh_raster is not None
-        if rasters and self.file is not None:
+        if rasters + (self.file is not None) + (self.single_trees is not None) > 1:
             raise ConfigError(
-                "forest is given twice", field="stems_raster", expected="polygons or rasters"
+                "forest is given twice",
+                field="stems_raster" if self.single_trees is None else "single_trees",
+                expected="polygons, rasters or single trees",
             )
+        if self.single_trees is not None:
+            return
         for what, attribute, raster in (
             ("stems_per_ha", self.stems_field, self.stems_raster),
             ("dbh_cm", self.dbh_field, self.dbh_raster),

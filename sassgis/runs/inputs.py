@@ -14,7 +14,7 @@ from sassgis.hazard.along_profile import ProfileInput, stretches_of
 from sassgis.hazard.assess import Rules
 from sassgis.hazard.sources import OnsetTable, onset_frequencies
 from sassgis.hazard.zoning.generalise import check_cells
-from sassgis.io.read.config import profile_control_lines
+from sassgis.io.read.config import FILE_KEYS, profile_control_lines
 from sassgis.io.read.forest import read_forest
 from sassgis.io.read.frequencies import read_frequencies
 from sassgis.io.read.ground_map import default_class, ground_raster, read_ground_table
@@ -162,7 +162,7 @@ def input_files(config: Config) -> dict[str, Input]:
         "profile": config.profile.file if config.profile else None,
     }
     if config.trees is not None:
-        for key in ("file", "stems_raster", "dbh_raster"):
+        for key in FILE_KEYS["effects.trees"]:
             candidates[f"trees {key}"] = getattr(config.trees, key)
     for item in (*config.stations, *config.barriers):
         candidates[item.name] = item.file
@@ -199,7 +199,7 @@ def _even_forest(config: Config, s: FloatArray) -> Forest | None:
     trees = config.trees
     if trees is None:
         return None
-    for key in ("file", "stems_raster", "dbh_raster"):
+    for key in FILE_KEYS["effects.trees"]:
         if getattr(trees, key) is not None:
             raise ConfigError(
                 "has no place along a profile from a table",

@@ -12,6 +12,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+import pyproj
 import rasterio
 from affine import Affine
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ from rasterio.windows import Window
 from sassgis.io.read.dem_system import dem_system
 from sassgis.io.read.offline import RASTER, offline, open_dataset
 from sassgis.io.read.plain_file import check_file, check_text, in_memory
+from sassgis.model.crs import same_crs
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.in_memory import AnyInput, InMemory, Input, named
@@ -489,3 +491,32 @@ def resample(
         resampling=how,
     )
     return result
+
+
+def affine_of(grid: Grid) -> Affine:
+    """From columns and rows of a grid to coordinates."""
+    return Affine(grid.cell_size, 0.0, grid.west, 0.0, -grid.cell_size, grid.north)
+
+
+def pair_of_systems(dataset: Any, grid: Grid, file: Input, field: str) -> tuple[str, str]:
+    """Coordinate systems of a raster and of the DEM; two empty texts where they are the same."""
+    if not dataset.crs:
+        log.info("%s: states no coordinate system: taken to be that of the DEM", file)
+        return "", ""
+    own = pyproj.CRS.from_user_input(dataset.crs)
+    own = own.sub_crs_list[0] if own.is_compound else own
+    if own.is_engineering:
+        return "", ""
+    if not grid.crs:
+        raise InputError(
+            "has a coordinate system, yet the DEM is in local coordinates",
+            file=file,
+            field=field,
+            found=str(own.name),
+            expected="local coordinates without a coordinate system",
+        )
+    target = pyproj.CRS.from_wkt(grid.crs)
+    if same_crs(own, target):
+        return "", ""
+    log.info("%s: reprojected from %s to %s (nearest cell)", file, own.name, target.name)
+    return own.to_wkt(), grid.crs

@@ -9,8 +9,6 @@ from importlib import resources
 from typing import Any
 
 import numpy as np
-import pyproj
-from affine import Affine
 from numpy.typing import NDArray
 from rasterio.enums import Resampling
 from rasterio.errors import RasterioError
@@ -24,10 +22,9 @@ from sassgis.io.read.csv_table import (
     required_and_optional,
     row_of,
 )
-from sassgis.io.read.dem import open_raster, resample
+from sassgis.io.read.dem import affine_of, open_raster, pair_of_systems, resample
 from sassgis.io.read.plain_file import read_text, toml_table
 from sassgis.io.read.vector_features import nearest, read_features
-from sassgis.model.crs import same_crs
 from sassgis.model.errors import InputError
 from sassgis.model.grid import Grid
 from sassgis.model.ground import PARAMETERS, GroundClass, GroundTable
@@ -223,13 +220,12 @@ def _from_polygons(
             )
         index = _class_index(name, table, f"class of {feature.label()}", file, field)
         shapes.append((feature.geometry, index))
-    west, _, _, north = grid.bounds
     return np.asarray(
         rasterize(
             shapes,
             out_shape=grid.shape,
             fill=default,
-            transform=Affine(grid.cell_size, 0.0, west, 0.0, -grid.cell_size, north),
+            transform=affine_of(grid),
             all_touched=False,
             dtype=np.int32,
         )
@@ -271,11 +267,10 @@ def _from_codes(
         if dataset.transform.is_identity:
             raise wrong("has no georeference", expected="a raster that lies on the map")
         codes = _codes(dataset, file)
-        own, target = _pair_of_systems(dataset, grid, file)
+        own, target = pair_of_systems(dataset, grid, file, "ground.file")
         transform = dataset.transform
-    there = Affine(grid.cell_size, 0.0, grid.west, 0.0, -grid.cell_size, grid.north)
     aligned = resample(
-        codes, transform, there, grid.shape, Resampling.nearest, _NO_CODE, own, target
+        codes, transform, affine_of(grid), grid.shape, Resampling.nearest, _NO_CODE, own, target
     )
     present, counts = np.unique(aligned, return_counts=True)
     if present.tolist() == [_NO_CODE] and not may_miss:
@@ -314,27 +309,3 @@ def _codes(dataset: Any, file: Input) -> NDArray[np.int32]:
             expected="whole numbers",
         )
     return np.where(known, values, _NO_CODE).astype(np.int32)
-
-
-def _pair_of_systems(dataset: Any, grid: Grid, file: Input) -> tuple[str, str]:
-    """Coordinate systems of the codes and of the DEM; two empty texts where they are the same."""
-    if not dataset.crs:
-        log.info("%s: states no coordinate system: taken to be that of the DEM", file)
-        return "", ""
-    own = pyproj.CRS.from_user_input(dataset.crs)
-    own = own.sub_crs_list[0] if own.is_compound else own
-    if own.is_engineering:
-        return "", ""
-    if not grid.crs:
-        raise InputError(
-            "has a coordinate system, yet the DEM is in local coordinates",
-            file=file,
-            field="ground.file",
-            found=str(own.name),
-            expected="local coordinates without a coordinate system",
-        )
-    target = pyproj.CRS.from_wkt(grid.crs)
-    if same_crs(own, target):
-        return "", ""
-    log.info("%s: reprojected from %s to %s (nearest cell)", file, own.name, target.name)
-    return own.to_wkt(), grid.crs

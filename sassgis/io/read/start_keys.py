@@ -50,10 +50,10 @@ def start_keys(folder: Path, dem: Path | None, release: Path | None) -> StartKey
             raise InputError(
                 "file not found", file=dem, field="--dem", expected="a raster or folder of tiles"
             )
-        keys.append(("terrain", {"dem": _seen_from(folder, dem)}))
+        keys.append(("terrain", {"dem": seen_from_folder(folder, dem)}))
     if release is None:
         return keys
-    place = _seen_from(folder, release)
+    place = seen_from_folder(folder, release)
     layers = _layers(release)
     site = {own.name: own for own in site_layers()}
     if "release_areas" in layers and len(layers) > 1:
@@ -190,5 +190,6 @@ def _table(file: Path, layer: str) -> Any:
         return read_frame(file, layer, read_geometry=False)
 
 
-def _seen_from(folder: Path, file: Path) -> str:
+def seen_from_folder(folder: Path, file: Path) -> str:
+    """A file as it is named from the folder of a configuration."""
     return Path(os.path.relpath(file.resolve(), folder.resolve())).as_posix()
