@@ -10,7 +10,7 @@ from typing import Any
 import pyogrio
 import pyproj
 
-from sassgis.io.read.config import declared_sections
+from sassgis.io.read.config import LISTS, declared_sections
 from sassgis.io.read.dem_system import NO_SYSTEM
 from sassgis.io.read.offline import read_frame, vector_file
 from sassgis.io.read.plain_file import toml_table
@@ -88,12 +88,17 @@ def with_values(given: StartKeys, assignments: Sequence[str]) -> StartKeys:
     given : list of (section, keys)
         As of start_keys.
     assignments : sequence of str
-        ``section.key=value``; the value is TOML, or a text without quotes.
+        ``section.key=value``; the value is TOML, or a text without quotes. Of a section with
+        double brackets also all of them: ``blocks=[{name="a", volume_m3=1}, {...}]``.
     """
     keys = [(section, dict(values)) for section, values in given]
     for text in assignments:
         dotted, equals, value = text.partition("=")
         section, _, key = dotted.strip().rpartition(".")
+        several = _toml(value.strip()) if equals and not section and key in LISTS else None
+        if isinstance(several, list) and all(isinstance(own, dict) for own in several):
+            keys = [own for own in keys if own[0] != key] + [(key, dict(own)) for own in several]
+            continue
         if not equals or key not in declared_sections().get(section, {}):
             raise InputError(
                 "is no key with a value", field="--set", found=text,
