@@ -164,7 +164,8 @@ _WORDS = {
     "rarer": "rarer than once in {} years",
     "none": "No simulated block comes here.",
     "level": "Hazard level",
-    "no_level": "no level: rarer than the rules count",
+    "no_level": "no level",
+    "why_none": "Blocks come here more rarely than the rules count.",
     "certain": "Another sample of blocks changes the level with a chance of {}.",
     "between": "Within the sampling error it is between {} and {}.",
     "frequency": "How often blocks come here",
@@ -190,8 +191,7 @@ _WORDS = {
     "station": "Station",
     "wall": "Wall",
     "net": "Net",
-    "median": "half of them",
-    "q95": "95 %",
+    "of_blocks": "of the blocks that come",
     "largest": "largest",
 }
 _LABELS = {
