@@ -23,6 +23,7 @@ from qgis.PyQt.QtWidgets import (
     QFormLayout,
     QGroupBox,
     QHBoxLayout,
+    QHeaderView,
     QLabel,
     QProgressBar,
     QPushButton,
@@ -40,7 +41,7 @@ from .result_tools import sheets_of
 from .run_tools import PRESETS
 from .steps import LOOK_SHARE, Scenario, Site, next_step, steps_of, verdict
 
-_COLUMNS = ("Name", "From (m³)", "To (m³)", "Onset (1/year)")
+_COLUMNS = ("Name", "From (m³)", "To (m³)", "Onset/year")
 _COLOURS = {"good": "#1b7837", "look": "#b35806", "bad": "#b2182b", "none": "#6b6b6b"}
 #: Further layers: parameter of the algorithms, what it is, kind of geometry.
 _FURTHER = (
@@ -130,6 +131,9 @@ class SiteDock(QDockWidget):
         combo.setFilters(kind)
         combo.setAllowEmptyLayer(True)
         combo.setLayer(None)
+        # Long names of layers must not make the panel wide.
+        combo.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
+        combo.setMinimumContentsLength(10)
         combo.layerChanged.connect(self.refresh)
         return combo
 
@@ -176,6 +180,7 @@ class SiteDock(QDockWidget):
         self.table = QTableWidget(1, len(_COLUMNS))
         self.table.setHorizontalHeaderLabels(list(_COLUMNS))
         self.table.verticalHeader().hide()
+        self.table.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Stretch)
         self.table.setMinimumHeight(110)
         for place, text in enumerate(("blocks", "0.5", "2", "")):
             self.table.setItem(0, place, QTableWidgetItem(text))
@@ -185,8 +190,8 @@ class SiteDock(QDockWidget):
             form,
             ("Another scenario", self._add_row),
             ("Remove it", self._remove_row),
-            ("From volumes ...", lambda: self._open("frequency", {})),
         )
+        self._buttons(form, ("Onsets from volumes ...", lambda: self._open("frequency", {})))
         self.spacing, self.count = QDoubleSpinBox(), QSpinBox()
         self.spacing.setRange(0.01, 10_000.0)
         self.spacing.setValue(5.0)

@@ -84,7 +84,7 @@ def steps_of(site: Site) -> list[Step]:
                    site.release)  # fmt: skip
     ground = Step("ground", "Ground", "" if site.ground else "a ground class", site.ground)
     rows = Step("blocks", "Blocks", blocks, "" if blocks else f"{len(site.scenarios)} scenario(s)")
-    before = [site.program, *(own.missing for own in (terrain, release, ground, rows))]
+    before = [site.program.rstrip("."), *(own.missing for own in (terrain, release, ground, rows))]
     before += [] if site.folder else ["a folder for the result"]
     wanted = [text for text in before if text]
     run = Step("run", "Run", "; ".join(wanted), site.simulated)

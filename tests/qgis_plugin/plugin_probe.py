@@ -166,6 +166,13 @@ def states(dock):
     }
 
 
+def picture(dock, file):
+    """All steps of the panel, also those below its edge."""
+    inner = dock.widget().widget()
+    inner.resize(420, inner.sizeHint().height())
+    inner.grab().save(file)
+
+
 def steps(window, task):
     """Go through the steps of the panel as a user does; pictures of it on the way."""
     from qgis.PyQt.QtCore import QEventLoop, QTimer
@@ -175,7 +182,6 @@ def steps(window, task):
     project.clear()
     dock = window.dock
     dock.setVisible(True)
-    dock.resize(420, 1500)
     seen = {"begin": states(dock)}
     dem = QgsRasterLayer(task["dem"], "terrain")
     layers = {name: QgsVectorLayer(file, name, "ogr") for name, file in task["layers"].items()}
@@ -195,7 +201,7 @@ def steps(window, task):
             dock.table.setItem(row, place, QTableWidgetItem(text))
     dock.folder.setFilePath(task["folder"])
     seen["ready"] = states(dock)
-    dock.grab().save(task["pictures"] + "/before.png")
+    picture(dock, task["pictures"] + "/before.png")
 
     def wait(press):
         loop, ended = QEventLoop(), []
@@ -204,7 +210,7 @@ def steps(window, task):
         press()
         seen.setdefault("busy", states(dock))
         loop.exec() if hasattr(loop, "exec") else loop.exec_()
-        return ended
+        return list(ended)
 
     seen["run ended"] = wait(dock.run_button.click)
     seen["after run"] = {**states(dock), "line": dock.line.text()}
@@ -219,7 +225,7 @@ def steps(window, task):
         "bar": dock.share_bar.value(), "sheets": [dock.sheet.itemText(k)
                                                   for k in range(dock.sheet.count())],
     }  # fmt: skip
-    dock.grab().save(task["pictures"] + "/after.png")
+    picture(dock, task["pictures"] + "/after.png")
     seen["tree"] = tree(project.layerTreeRoot())
     return seen
 
