@@ -5,7 +5,9 @@ from __future__ import annotations
 import ast
 import configparser
 import contextlib
+import importlib
 import json
+import operator
 import os
 import subprocess
 import sys
@@ -244,6 +246,54 @@ def test_nothing_of_the_program_is_imported_and_qt_has_no_version() -> None:
         text = file.read_text(encoding="utf-8")
         for word in ("PyQt5", "PyQt6", "exec_(", "import sassgis", "import numba", "import numpy"):
             assert word not in text, f"{file.name}: {word}"
+
+
+def dotted(node: ast.expr) -> list[str]:
+    """Parts of a name with points: ``Qt.MouseButton.LeftButton``."""
+    if isinstance(node, ast.Attribute):
+        return [*dotted(node.value), node.attr]
+    return [node.id] if isinstance(node, ast.Name) else [""]
+
+
+def names_of_qt() -> dict[str, tuple[set[str], set[str]]]:
+    """Names that the plugin takes from Qt: the modules it looks in, and what it asks of each."""
+    found: dict[str, tuple[set[str], set[str]]] = {}
+    for file in PLUGIN.glob("*.py"):
+        nodes = list(ast.walk(ast.parse(file.read_text(encoding="utf-8"))))
+        own = set()
+        for node in nodes:
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("qgis.PyQt."):
+                for name in node.names:
+                    own.add(name.name)
+                    found.setdefault(name.name, (set(), set()))[0].add(str(node.module))
+        for node in nodes:
+            parts = dotted(node) if isinstance(node, ast.Attribute) else [""]
+            if parts[0] in own:
+                found[parts[0]][1].add(".".join(parts[1:]))
+    return found
+
+
+def test_values_of_qt_are_named_with_their_kind_as_qt_6_wants() -> None:
+    names = names_of_qt()
+    assert len(names) > 20 and "MouseButton.RightButton" in names["Qt"][1]
+    for name, (_, asked) in names.items():
+        for chain in asked:
+            # In Qt 6 there is Qt.MouseButton.RightButton, and no Qt.RightButton.
+            alone = chain[0].isupper() and "." not in chain
+            assert not alone or any(own.startswith(f"{chain}.") for own in asked), f"{name}.{chain}"
+
+
+def test_qt_6_has_the_names() -> None:
+    pytest.importorskip("PyQt6")
+    for name, (modules, asked) in names_of_qt().items():
+        parts = [module.replace("qgis.PyQt", "PyQt6") for module in modules]
+        (own, *_) = [
+            getattr(module, name)
+            for module in map(importlib.import_module, parts)
+            if hasattr(module, name)
+        ]
+        for chain in asked:
+            operator.attrgetter(chain)(own)
 
 
 def constants(name: str) -> dict[str, Any]:
