@@ -136,10 +136,9 @@ def write_map_page(file: Path, page: MapPage) -> None:
         "maps": [_map(by_stem[stem], view) for stem in _SHOWN if stem in by_stem],
         "cells": _cells(page, by_stem),
         "curve": _curve_facts(page.hazard),
-        "shapes": [*_zone_shapes(page), *_area_shapes(page), *_object_shapes(page),
-                   *_line_shapes(page)],
+        "shapes": _shapes(page),
         "paths": [_path(shown) for shown in page.paths],
-    }  # fmt: skip
+    }
     folder = files("sassgis.data")
     library = folder.joinpath("leaflet")
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True)
@@ -177,7 +176,6 @@ _WORDS = {
     "sources": "Where they come from",
     "others": "others",
     "of_width": "Reference width {} m.",
-    "per_year": "blocks per year",
     "thinned": "Of {} x {} cells the one that is reached most often.",
     "chainage": "chainage",
     "ground": "ground at",
@@ -448,34 +446,21 @@ def _points(geometry: Any) -> list[list[float]]:
     return points
 
 
-def _zone_shapes(page: MapPage) -> list[dict[str, Any]]:
-    if page.hazard is None:
-        return []
-    levels = page.hazard.preset.levels
-    return [
-        _shape("zone", translated(phrase(levels[k].label)), polygon, rows, levels[k].colour)
-        for k, polygon, rows in page.hazard.zones
-    ]
-
-
-def _area_shapes(page: MapPage) -> list[dict[str, Any]]:
-    return [_shape("release", name, geometry, rows) for name, geometry, rows in page.areas]
-
-
-def _object_shapes(page: MapPage) -> list[dict[str, Any]]:
+def _shapes(page: MapPage) -> list[dict[str, Any]]:
+    """Zones, release areas, objects, stations and barriers: what lies on top comes last."""
     found = []
-    for name, geometry in page.objects:
+    if page.hazard is not None:
+        levels = page.hazard.preset.levels
+        found += [
+            _shape("zone", translated(phrase(levels[k].label)), polygon, rows, levels[k].colour)
+            for k, polygon, rows in page.hazard.zones
+        ]
+    found += [_shape("release", name, geometry, rows) for name, geometry, rows in page.areas]
+    placed = [("object", name, geometry) for name, geometry in page.objects]
+    placed += [(c.kind, c.name, shapely.LineString(trace)) for c, trace in page.run.control_lines]
+    for kind, name, geometry in placed:
         facts = page.places.get(name, PlaceFacts())
-        found.append(_shape("object", name, geometry, facts.rows, "", facts.curve))
-    return found
-
-
-def _line_shapes(page: MapPage) -> list[dict[str, Any]]:
-    found = []
-    for line, trace in page.run.control_lines:
-        facts = page.places.get(line.name, PlaceFacts())
-        geometry = shapely.LineString(trace)
-        found.append(_shape(line.kind, line.name, geometry, facts.rows, "", facts.curve))
+        found.append(_shape(kind, name, geometry, facts.rows, curve=facts.curve))
     return found
 
 

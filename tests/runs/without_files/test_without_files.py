@@ -84,7 +84,7 @@ def test_maps_are_those_that_the_same_run_writes(
                 both = {**maps, **hazard}
                 name = next(n for n in (f"{file.stem}_{band}", file.stem) if n in both)
                 found = both[name]
-                expected = raster.read(i, masked=True).filled(np.nan)
+                expected = raster.read(i, masked=True).astype(float).filled(np.nan)
                 assert np.array_equal(found.values, expected, equal_nan=True), name
                 assert raster.descriptions[i - 1].startswith(found.attrs["long_name"])
                 assert found.attrs["units"] in (raster.units[i - 1], "1")
