@@ -60,15 +60,15 @@ from sassgis.gap.which.verdict import (
     causes_in,
     significant,
 )
-from sassgis.io.read.config import load_config
 from sassgis.io.read.gap_thresholds import cause_weights_of, read_thresholds, thresholds_of
-from sassgis.io.staging import staged_output, writing
+from sassgis.io.read.observation_files import AnyObservations
+from sassgis.io.staging import output_if_asked, writing
 from sassgis.io.write.gap_files import write_diagnosis_json
 from sassgis.model.errors import InputError, Interrupted
 from sassgis.model.grid import FloatArray
 from sassgis.runs.draw_store import OnProgress
 from sassgis.runs.fresh_shrinkage import ENSEMBLE
-from sassgis.runs.gap_case import fingerprint_of, read_case
+from sassgis.runs.gap_case import fingerprint_of, observations_name, read_case
 from sassgis.runs.gap_outputs import write_outputs
 from sassgis.runs.hypothesis_fits import (
     DRAWS,
@@ -77,7 +77,7 @@ from sassgis.runs.hypothesis_fits import (
     best_base,
     calibrated_base,
 )
-from sassgis.runs.job import workers_asked
+from sassgis.runs.job import AnyConfig, configured, workers_asked
 from sassgis.runs.weighed_causes import AddedCauses, Weighed, verdict_of, weighed_causes
 from sassgis.runs.workers import Jobs, task_map
 
@@ -94,9 +94,9 @@ _ATYPICAL = (
 
 
 def diagnose(
-    config: str | Path,
-    observations: str | Path,
-    out: str | Path,
+    config: AnyConfig,
+    observations: AnyObservations,
+    out: str | Path | None = None,
     *,
     jobs: Jobs = 1,
     seed: int = 1,
@@ -111,12 +111,12 @@ def diagnose(
 
     Parameters
     ----------
-    config : path
+    config : path, Config or mapping
         Configuration of the model.
-    observations : path
-        A GeoPackage, or a folder of CSV files.
-    out : path
-        Folder to write.
+    observations : path, or mapping of str to DataFrame
+        A GeoPackage, a folder of CSV files, or the tables by name.
+    out : path, optional
+        Folder to write; without it nothing is written.
     jobs : int, optional
         Processes; 0 or None: all cores. The answer does not depend on it.
     seed : int
@@ -146,15 +146,15 @@ def diagnose(
     # Many small products of matrices: threads of the linear algebra would only wait for each other.
     with (
         threadpool_limits(1, "blas"),
-        staged_output(Path(out), overwrite, parts=(MAP_NAME,)) as work,
+        output_if_asked(out, overwrite, parts=(MAP_NAME,)) as work,
     ):
-        settings = load_config(config)
+        settings = configured(config, None)
         tell("Reading the inputs")
         case = replace(read_case(settings, observations), ground_range=ground_range)
         if case.n_rocks < _FEWEST_ROCKS:
             raise InputError(
                 "too few rocks to distinguish a cause from chance",
-                file=observations,
+                file=observations_name(observations),
                 field="rocks",
                 found=case.n_rocks,
                 expected=f"{_FEWEST_ROCKS} or more",
@@ -162,9 +162,7 @@ def diagnose(
         chosen = read_thresholds()
         frozen, weights = thresholds_of(chosen), cause_weights_of(chosen)
         problem = problem_of(case, seed)
-        fingerprint = fingerprint_of(
-            settings, Path(observations), f"{seed} {draws} {ground_range:g}"
-        )
+        fingerprint = fingerprint_of(settings, observations, f"{seed} {draws} {ground_range:g}")
         try:
             with task_map(problem, workers_asked(settings, jobs)) as run:
                 tell(f"Calibrating the base model with {case.n_rocks} rocks")
@@ -174,10 +172,10 @@ def diagnose(
                 tell("Calibrating the most probable hypotheses")
                 diagnosis = _diagnosis(made, wrong_ground, usual, frozen, weights, fingerprint)
         except KeyboardInterrupt:
-            raise Interrupted(
-                "stopped by the user; campaigns of finished hypotheses are kept: the same command "
-                "goes on from there"
-            ) from None
+            kept = (
+                "; campaigns of finished hypotheses are kept: the same command goes on from there"
+            )
+            raise Interrupted(f"stopped by the user{'' if out is None else kept}") from None
         diagnosis = replace(
             diagnosis,
             warnings=(
@@ -186,10 +184,12 @@ def diagnose(
                 *diagnosis.warnings,
             ),
         )
+        if out is None:
+            return diagnosis
         tell("Writing the results")
         _write_models(work / ENSEMBLE, made, diagnosis)
         if report:
-            write_outputs(work, case, diagnosis, Path(config))
+            write_outputs(work, case, diagnosis, settings)
         else:
             write_diagnosis_json(work / "diagnosis.json", diagnosis)
     return diagnosis
@@ -208,7 +208,7 @@ def _group_warnings(case: Case) -> tuple[str, ...]:
 
 
 def fingerprints_of(
-    config: str | Path, observations: str | Path, seed: int = 1
+    config: AnyConfig, observations: AnyObservations, seed: int = 1
 ) -> tuple[tuple[Fingerprint, ...], tuple[GapFinding, ...]]:
     """Fingerprints and findings of the calibrated base alone, in this process.
 
@@ -218,7 +218,7 @@ def fingerprints_of(
         As for ``diagnose``.
     seed : int
     """
-    problem = problem_of(read_case(load_config(config), observations), seed)
+    problem = problem_of(read_case(config, observations), seed)
 
     def run(function: Callable[[Any, Any], Any], tasks: Sequence[Any]) -> Iterator[Any]:
         return (function(problem, task) for task in tasks)
