@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -15,14 +14,12 @@ from sassgis.hazard.curves import at_energies, hazard_curves
 from sassgis.hazard.levels import deciding_energy, hazard_level, intensity_class
 from sassgis.hazard.risk import RiskTable, assess_risk
 from sassgis.hazard.sources import Sampled
-from sassgis.hazard.zoning.generalise import (
-    Coverage,
-    generalised_series,
-    nested_coverages,
-)
+from sassgis.hazard.zoning.coverage import Coverage
+from sassgis.hazard.zoning.drawing import drawn_zones, reach_cells
+from sassgis.hazard.zoning.outer_limit import cells_within_limit
 from sassgis.model.exposure import PlacedObjects, Vulnerability
 from sassgis.model.grid import BoolArray, Grid, IntArray
-from sassgis.model.hazard import HazardCurves, HazardPreset, ZoningSettings
+from sassgis.model.hazard import Drawing, HazardCurves, HazardPreset
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,49 +100,37 @@ def curves_of(sampled: Sequence[Sampled], energies_kj: np.ndarray) -> HazardCurv
 
 
 def intensity_maps(
-    curves: HazardCurves, preset: HazardPreset, grid: Grid, settings: ZoningSettings
+    curves: HazardCurves, preset: HazardPreset, grid: Grid, rules: Drawing
 ) -> tuple[IntensityMap, ...]:
     """Zones of intensity for the preset's return periods and the extreme event.
 
-    The zones of a rarer event contain those of a more frequent one.
+    The zones of a rarer event contain those of a more frequent one. The extreme event has the outer
+    limit of the hazard levels.
     """
     few = at_energies(curves, preset.thresholds_kj)
     years: list[float | None] = [*preset.return_periods, None]
-    maps = [(few.places, intensity_class(few, preset, t)) for t in years]
-    return tuple(map(IntensityMap, years, _nested_zones(maps, grid, settings)))
+    classes = [intensity_class(few, preset, t) for t in years]
+    classes[-1] = np.maximum(classes[-1], cells_within_limit(few, preset, grid, rules.smoothing_m))
+    maps = [(few.places, c) for c in classes]
+    envelopes = [t is None for t in years]
+    return tuple(map(IntensityMap, years, _nested_zones(maps, grid, rules, envelopes)))
 
 
 def _nested_zones(
-    maps: Sequence[tuple[IntArray, np.ndarray]], grid: Grid, settings: ZoningSettings
+    maps: Sequence[tuple[IntArray, np.ndarray]],
+    grid: Grid,
+    rules: Drawing,
+    envelopes: Sequence[bool],
 ) -> list[Coverage]:
     """Zones of maps, each some cells and their classes, of which none is above the next."""
-    felt = felt_cells(settings, grid.cell_size)
     reached = np.unique(np.concatenate([cells for cells, _ in maps]))
-    beside = 4 * felt
-    while True:
-        own, cells, cut = around(grid, reached, beside)
-        known = np.isfinite(own.values)
-        smooth = generalised_series(
-            [raster(own, cells[np.searchsorted(reached, c)], classes) for c, classes in maps],
-            grid.cell_size, settings, known,
-        )  # fmt: skip
-        if not _feels_edge(smooth[-1], cut, felt):
-            return nested_coverages(smooth, own, settings, known)
-        beside *= 2
+    own, cells = around(grid, reached, reach_cells(rules, grid.cell_size))
+    rasters = [raster(own, cells[np.searchsorted(reached, c)], k) for c, k in maps]
+    return drawn_zones(rasters, own, rules, np.isfinite(own.values), envelopes)
 
 
-def around(
-    grid: Grid, cells: IntArray, beside: int
-) -> tuple[Grid, IntArray, tuple[bool, bool, bool, bool]]:
-    """The part of a grid around some cells, with so many cells beside them on each side.
-
-    Returns
-    -------
-    cells : int64
-        On that part.
-    cut : (bool, bool, bool, bool)
-        Whether the grid goes on in the north, east, south and west.
-    """
+def around(grid: Grid, cells: IntArray, beside: int) -> tuple[Grid, IntArray]:
+    """The part of a grid around some cells, with so many cells beside them, and they on it."""
     n_rows, n_cols = grid.shape
     row, col = np.divmod(cells, n_cols)
     if not cells.size:
@@ -160,36 +145,32 @@ def around(
         north=grid.north - top * grid.cell_size,
     )
     flat = (row - top) * (right - left) + (col - left)
-    return own, flat[: cells.size], (top > 0, right < n_cols, bottom < n_rows, left > 0)
-
-
-def felt_cells(settings: ZoningSettings, cell_size: float) -> int:
-    """Cells from a zone within which drawing it looks at others."""
-    growth = math.ceil(1.2 * math.sqrt(settings.smallest_cells(cell_size)))
-    return settings.closing_cells(cell_size) + settings.width_cells(cell_size) + growth + 2
-
-
-def _feels_edge(classes: IntArray, cut: tuple[bool, bool, bool, bool], felt: int) -> bool:
-    """Whether zones come near an edge beyond which the grid goes on."""
-    edges = (classes[:felt], classes[:, -felt:], classes[-felt:], classes[:, :felt])
-    return any(c and bool(edge.any()) for c, edge in zip(cut, edges, strict=True))
+    return own, flat[: cells.size]
 
 
 def level_zones(
-    curves: Sequence[HazardCurves], preset: HazardPreset, grid: Grid, settings: ZoningSettings
+    curves: Sequence[HazardCurves], preset: HazardPreset, grid: Grid, rules: Drawing
 ) -> list[Coverage]:
     """Zones of hazard level of several simulations, as with and without barriers.
 
     Where no cell of a map is above that of the next, the zones of the first lie within those of the
     next: drawn each for itself, smoothing alone would make zones higher here and lower there.
     """
-    maps = [(c.places, hazard_level(c, preset)) for c in curves]
+    maps = [
+        (
+            c.places,
+            np.maximum(
+                hazard_level(c, preset), cells_within_limit(c, preset, grid, rules.smoothing_m)
+            ),
+        )
+        for c in curves
+    ]
     whole = (raster(grid, *own) for own in maps)
     nested = all((one <= other).all() for one, other in pairwise(whole))
     return [
         drawn
         for series in ([maps] if nested else [[one] for one in maps])
-        for drawn in _nested_zones(series, grid, settings)
+        for drawn in _nested_zones(series, grid, rules, [True] * len(series))
     ]
 
 
@@ -230,7 +211,7 @@ def hazard_of(
     zones: Coverage,
     preset: HazardPreset,
     grid: Grid,
-    settings: ZoningSettings,
+    drawing: Drawing,
     confidence: float,
 ) -> Hazard:
     """Everything that the counts of a simulation say of the hazard.
@@ -251,7 +232,7 @@ def hazard_of(
         curves,
         zones,
         zone_facts(sampled, curves, preset, zones, grid, unsure),
-        intensity_maps(curves, preset, grid, settings),
+        intensity_maps(curves, preset, grid, drawing),
         unsure,
         chances.changed_share,
     )
@@ -262,7 +243,7 @@ def by_area(
     energies_kj: np.ndarray,
     preset: HazardPreset,
     grid: Grid,
-    settings: ZoningSettings,
+    drawing: Drawing,
 ) -> dict[str, tuple[IntensityMap, ...]]:
     """Zones of intensity of each release area alone."""
     areas = dict.fromkeys(s.source.area for s in sampled)
@@ -271,7 +252,7 @@ def by_area(
             curves_of([s for s in sampled if s.source.area == area], energies_kj),
             preset,
             grid,
-            settings,
+            drawing,
         )
         for area in areas
     }
@@ -297,7 +278,7 @@ class Rules:
     frequencies: dict[tuple[str, str], float]
     placed: PlacedObjects
     vulnerability: Vulnerability | None
-    zones: ZoningSettings
+    zones: Drawing
     ref_width_m: float
     notices: tuple[str, ...]
 

@@ -16,7 +16,7 @@ from sassgis.hazard.curves import source_rate
 from sassgis.hazard.levels import hazard_level
 from sassgis.hazard.preset_labels import energy_labels, period_labels
 from sassgis.hazard.risk import RiskTable, risk_totals
-from sassgis.hazard.zoning.generalise import Coverage
+from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.model.grid import FloatArray
 from sassgis.model.hazard import HazardPreset
 from sassgis.model.labels import rounded

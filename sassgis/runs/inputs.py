@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from sassgis.hazard.along_profile import ProfileInput, stretches_of
 from sassgis.hazard.assess import Rules
 from sassgis.hazard.sources import OnsetTable, onset_frequencies
-from sassgis.hazard.zoning.generalise import check_cells
+from sassgis.hazard.zoning.coverage import check_cells
 from sassgis.io.read.config import profile_control_lines
 from sassgis.io.read.forest import read_forest
 from sassgis.io.read.frequencies import read_frequencies
@@ -255,11 +255,9 @@ def read_rules(config: Config, run: MapRun) -> Rules:
             vulnerability = read_vulnerability(config.risk.vulnerability, codes)
             vulnerability.check_covers(placed.objects)
     width = ref_width(config, run.grid.cell_size)
-    zones = config.zones
-    if zones.closing_m is None:
-        # Between two fall lines nothing was computed: the gap is not a place that is safe.
-        zones = replace(zones, closing_m=max(zones.min_width_m, run.release.spacing_m))
-    check_cells(run.grid.cell_size)
+    cell_size = run.grid.cell_size
+    zones = config.zones.drawing(preset.sheet, width, run.release.spacing_m, cell_size)
+    check_cells(cell_size)
     return Rules(preset, frequencies, placed, vulnerability, zones, width, tuple(notices))
 
 

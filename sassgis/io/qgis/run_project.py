@@ -11,7 +11,7 @@ import shapely
 
 from sassgis.hazard.assess import Assessment, Rules
 from sassgis.hazard.preset_labels import preset_unverified
-from sassgis.hazard.zoning.generalise import Coverage
+from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.io.qgis.entries import LayerEntry, LayerGroup, without_empty
 from sassgis.io.qgis.layout import Extent, PrintLayout
 from sassgis.io.qgis.project import write_project

@@ -15,7 +15,7 @@ import shapely
 from pyogrio.errors import DataLayerError
 
 from sassgis.hazard.stored_result import StoredResult
-from sassgis.hazard.zoning.generalise import Coverage
+from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.io.own_files import MANIFEST_NAME
 from sassgis.io.read.dem import open_raster
 from sassgis.io.read.offline import read_frame, vector_file

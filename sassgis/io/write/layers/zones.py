@@ -12,7 +12,7 @@ import pandas as pd
 from sassgis.hazard.assess import Hazard, raster
 from sassgis.hazard.attribution import shares_by_area, shares_by_scenario
 from sassgis.hazard.zone_styles import hazard_level_style, level_change_style, uncertain_style
-from sassgis.hazard.zoning.generalise import Coverage, coverage
+from sassgis.hazard.zoning.coverage import Coverage, cells_as_zones
 from sassgis.io.vector_layer import VectorLayer, described_layer
 from sassgis.model.grid import Grid
 from sassgis.model.hazard import HazardPreset
@@ -94,7 +94,8 @@ def hazard_zones(
 
 def uncertain_zones(uncertain_cells: np.ndarray, grid: Grid, confidence: float) -> VectorLayer:
     """Cells whose level another sample of blocks might change."""
-    shown = coverage(raster(grid, uncertain_cells, np.ones(uncertain_cells.size)), grid).polygons
+    ones = np.ones(uncertain_cells.size)
+    shown = cells_as_zones(raster(grid, uncertain_cells, ones), grid).polygons
     columns = {"area_m2": [round(p.area, 1) for p in shown]}
     percent = f"{100 * confidence:g} %"
     return described_layer(
