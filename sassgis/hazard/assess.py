@@ -16,7 +16,9 @@ from sassgis.hazard.risk import RiskTable, assess_risk
 from sassgis.hazard.sources import Sampled
 from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.hazard.zoning.drawing import drawn_zones, reach_cells
+from sassgis.hazard.zoning.edits import AppliedEdit, with_edits
 from sassgis.hazard.zoning.outer_limit import cells_within_limit
+from sassgis.model.edits import Edit
 from sassgis.model.exposure import PlacedObjects, Vulnerability
 from sassgis.model.grid import BoolArray, Grid, IntArray
 from sassgis.model.hazard import Drawing, HazardCurves, HazardPreset
@@ -37,6 +39,8 @@ class ZoneFacts:
         Of each source in the rate that makes the level; NaN in zones without a reached cell.
     governing : int64, shape (n_zones,)
         Source with the largest share; -1 for none.
+    edit : int64, shape (n_zones,)
+        The edit that set the level; -1 for none.
     """
 
     area_m2: np.ndarray
@@ -44,6 +48,7 @@ class ZoneFacts:
     uncertain: np.ndarray
     shares: np.ndarray
     governing: IntArray
+    edit: IntArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,8 +65,10 @@ class Hazard:
 
     Attributes
     ----------
-    levels : Coverage
+    computed : Coverage
         Zones of hazard level; class k is the preset's level k - 1.
+    levels : Coverage
+        The same with the edits of experts.
     facts : ZoneFacts
         Of the zones of ``levels``.
     intensities : tuple of IntensityMap
@@ -71,15 +78,18 @@ class Hazard:
     changed_share : float
         Area whose level another sample would change, as a share of the area that has a level; an
         expected value.
+    edits : tuple of AppliedEdit
     """
 
     sampled: tuple[Sampled, ...]
     curves: HazardCurves
+    computed: Coverage
     levels: Coverage
     facts: ZoneFacts
     intensities: tuple[IntensityMap, ...]
     uncertain: BoolArray
     changed_share: float
+    edits: tuple[AppliedEdit, ...]
 
     @property
     def uncertain_share(self) -> float:
@@ -181,8 +191,12 @@ def zone_facts(
     zones: Coverage,
     grid: Grid,
     unsure: BoolArray,
+    edit: IntArray,
 ) -> ZoneFacts:
-    """Attribution and confidence of zones of hazard level; ``unsure`` cells of the curves."""
+    """Attribution and confidence of zones of hazard level; ``unsure`` cells of the curves.
+
+    What an edit has set no sample of blocks changes.
+    """
     n = zones.polygons.size
     zone = zone_of_cells(zones, grid, curves.places)
     inside = zone >= 0
@@ -199,9 +213,10 @@ def zone_facts(
     return ZoneFacts(
         np.array([p.area for p in zones.polygons], np.float64),
         cells,
-        np.where(cells > 0, unsure_cells / np.maximum(cells, 1), np.nan),
+        np.where((cells > 0) & (edit < 0), unsure_cells / np.maximum(cells, 1), np.nan),
         shares,
         governing(shares)[0],
+        edit,
     )
 
 
@@ -213,6 +228,7 @@ def hazard_of(
     grid: Grid,
     drawing: Drawing,
     confidence: float,
+    edits: Sequence[Edit] = (),
 ) -> Hazard:
     """Everything that the counts of a simulation say of the hazard.
 
@@ -224,17 +240,22 @@ def hazard_of(
         Of hazard level.
     confidence : float
         Of the sampling interval.
+    edits : sequence of Edit
+        Of these zones.
     """
     chances = level_chances(curves, preset)
     unsure = chances.uncertain(confidence)
+    levels, edit, applied = with_edits(zones, edits, [c.code for c in preset.levels])
     return Hazard(
         tuple(sampled),
         curves,
         zones,
-        zone_facts(sampled, curves, preset, zones, grid, unsure),
+        levels,
+        zone_facts(sampled, curves, preset, levels, grid, unsure, edit),
         intensity_maps(curves, preset, grid, drawing),
         unsure,
         chances.changed_share,
+        applied,
     )
 
 
@@ -272,6 +293,8 @@ class Rules:
         Reference width of all frequencies (m): one cell or more.
     notices : tuple of str
         What the readers had to say.
+    edits : tuple of Edit
+        Of the zones with the walls and nets there are.
     """
 
     preset: HazardPreset
@@ -281,6 +304,7 @@ class Rules:
     zones: Drawing
     ref_width_m: float
     notices: tuple[str, ...]
+    edits: tuple[Edit, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -335,11 +359,9 @@ def assess(
     both = [sampled] if without is None else [sampled, without]
     curves = [curves_of(own, energies_kj) for own in both]
     zones = level_zones(curves, rules.preset, grid, rules.zones)
-    after, *others = (
-        hazard_of(*own, rules.preset, grid, rules.zones, confidence)
-        for own in zip(both, curves, zones, strict=True)
-    )
-    before = others[0] if others else None
+    others = rules.preset, grid, rules.zones, confidence
+    after = hazard_of(sampled, curves[0], zones[0], *others, rules.edits)
+    before = None if without is None else hazard_of(without, curves[1], zones[1], *others)
     alone = (
         by_area(after.sampled, energies_kj, rules.preset, grid, rules.zones) if by_source else {}
     )

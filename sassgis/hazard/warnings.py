@@ -14,8 +14,10 @@ from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.hazard.along_profile import ProfileResult
 from sassgis.hazard.preset_labels import preset_unverified
 from sassgis.hazard.progress import Progress, line_ends
+from sassgis.hazard.zoning.edits import AppliedEdit, shares_text
 from sassgis.model.effects import EffectSettings
-from sassgis.model.ground import GroundClass
+from sassgis.model.grid import IntArray
+from sassgis.model.ground import GroundClass, Trust
 from sassgis.model.hazard import HazardPreset
 from sassgis.model.labels import STOP_TEXT
 from sassgis.model.languages import phrase
@@ -28,6 +30,10 @@ _LINE_ENDS = (
     (LineEnd.NODATA, "run into nodata"),
     (LineEnd.MAX_LENGTH, "are cut at terrain.max_line_length_m"),
     (LineEnd.CLOSED_LOOP, "close upon themselves"),
+)
+_TRUST_WARNINGS: tuple[tuple[Trust, str], ...] = (
+    ("estimate", "Ground classes that are estimates, with their share of the ground: {}."),
+    ("fitted", "Ground classes fitted to one site, with their share of the ground: {}."),
 )
 _STOPS = (
     (
@@ -49,22 +55,37 @@ _STOPS = (
 )
 
 
-def ground_warnings(used: Sequence[GroundClass], built_in: Sequence[GroundClass]) -> list[str]:
-    """Values of the ground that nobody has checked for this slope.
+def ground_shares(run: MapRun, cells: IntArray) -> list[tuple[GroundClass, float]]:
+    """Ground classes of flat cells with their share; of all known cells where none are given."""
+    known = np.isfinite(run.grid.values)
+    of_cells = run.ground.ravel()[cells] if cells.size else run.ground[known]
+    used, counts = np.unique(of_cells, return_counts=True)
+    return [(run.table.classes[k], n / of_cells.size) for k, n in zip(used, counts, strict=True)]
+
+
+def trusted(used: Sequence[tuple[GroundClass, float]], trust: Trust) -> str:
+    """Classes of one kind of trust with their share: "rock 12 %, debris 30 %"."""
+    parts = (f"{c.name} {100 * share:.0f} %" for c, share in used if c.trust == trust)
+    return ", ".join(parts)
+
+
+def ground_warnings(
+    used: Sequence[tuple[GroundClass, float]], built_in: Sequence[GroundClass]
+) -> list[str]:
+    """How far the values of the ground may be trusted on this slope.
 
     Parameters
     ----------
-    used : sequence of GroundClass
-        Those that occur.
+    used : sequence of (GroundClass, float)
+        Those that occur, and their share.
     built_in : sequence of GroundClass
         The built-in ones: their diameters of blocks are placeholders.
     """
     out: list[str] = []
-    names = [c.name for c in used if not c.verified]
-    if names:
-        text = "Ground classes with values that are not from the paper (unverified): {}."
-        out.append(phrase(text, ", ".join(names)))
-    assumed = [c for c in used if c.verified and c in built_in and c.d_star_m > 0.0]
+    for trust, text in _TRUST_WARNINGS:
+        if names := trusted(used, trust):
+            out.append(phrase(text, names))
+    assumed = [c for c, _ in used if c.trust == "paper" and c in built_in and c.d_star_m > 0.0]
     if assumed:
         text = (
             "Ground classes whose diameter of the blocks on the ground is a placeholder for a "
@@ -111,11 +132,9 @@ def simulation_warnings(
     ]
     if idle:
         out.append(phrase("No block reaches: {}.", ", ".join(idle)))
-    used = np.unique(run.ground[np.isfinite(run.grid.values)])
-    classes = [run.table.classes[i] for i in used]
     return [
         *out,
-        *ground_warnings(classes, built_in),
+        *ground_warnings(ground_shares(run, progress.sums.cells), built_in),
         *path_warnings(run.terrain.path),
     ]
 
@@ -143,6 +162,30 @@ def zone_warnings(changed_share: float, limit: float | None, repetitions_max: in
         f"Another sample of blocks would change the level on {100 * changed_share:.1f} % of the "
         f"zoned area, after {repetitions_max} repetitions (hazard.repetitions_max; wanted: "
         f"{100 * limit:g} %, hazard.changed_share_max)."
+    ]
+
+
+def edit_lines(applied: Sequence[AppliedEdit]) -> list[str]:
+    """That zones were edited by hand, in one sentence; nothing without edits."""
+    if not applied:
+        return []
+    authors = ", ".join(dict.fromkeys(a.edit.author for a in applied))
+    return [phrase("Zones edited by hand at {} places ({}).", len(applied), authors)]
+
+
+def edit_warnings(applied: Sequence[AppliedEdit]) -> list[str]:
+    """Edits below which another level is computed than when they were made."""
+    return [
+        phrase(
+            "The level computed below an edit ({}) is another one on {} % of its area since: then "
+            "{}; now {}.",
+            a.edit.words,
+            f"{100 * a.changed:.0f}",
+            shares_text(a.then),
+            shares_text(a.now),
+        )
+        for a in applied
+        if a.has_changed
     ]
 
 

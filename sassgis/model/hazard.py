@@ -337,6 +337,7 @@ class HazardSettings(Section):
 class Drawing:
     """How zones are drawn (m and m2); of zeros, zones are their cells as they are."""
 
+    scale: float = 0.0  # denominator of the scale of the sheet; 0: none
     width_m: float = 0.0  # least width of a zone
     area_m2: float = 0.0  # smallest zone, and smallest hole in one
     gap_m: float = 0.0  # gaps and slots up to this width are closed
@@ -409,6 +410,7 @@ class ZoningSettings(Section):
             return default if own is None else own
 
         return Drawing(
+            self.scale,
             metres(self.min_width_m, rules.width_mm * mm),
             metres(self.min_area_m2, rules.area_mm2 * mm**2),
             # Between two fall lines nothing was computed: the gap is not a place that is safe.

@@ -15,6 +15,7 @@ from sassgis.hazard.along_profile import ProfileInput, stretches_of
 from sassgis.hazard.assess import Rules
 from sassgis.hazard.sources import OnsetTable, onset_frequencies
 from sassgis.hazard.zoning.coverage import check_cells
+from sassgis.io.read.base_map import read_base_map
 from sassgis.io.read.config import profile_control_lines
 from sassgis.io.read.forest import read_forest
 from sassgis.io.read.frequencies import read_frequencies
@@ -97,6 +98,8 @@ def read_map_run(config: Config, areas: Sequence[str] | None = None) -> MapRun:
     """
     terrain = config.terrain
     grid = read_terrain(config.dem_path, terrain.crs, terrain.vertical_datum)
+    # Looked at before anything is simulated, though only the project shows it.
+    read_base_map(config.project.base_map, grid)
     walls = wall_share(slopes_deg(grid.values, grid.cell_size, grid.cell_size))
     if walls > WALL_SHARE:
         log.warning(

@@ -35,6 +35,7 @@ _RISK_LAYERS = ("risk_objects", "risk_lines", "risk_points")
 _OBJECT_LAYERS = ("exposed_areas", "exposed_lines", "exposed_points")
 _PER_YEAR = ("deaths_per_year", "loss_per_year")
 RESULT_FILE, ZONE_FILE = "result.gpkg", "hazard.gpkg"
+EDITS_FILE, EDITS_LAYER = "edits.gpkg", "edits"
 
 
 def check_is_result(folder: Path) -> None:

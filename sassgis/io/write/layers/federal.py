@@ -91,8 +91,10 @@ def federal_layers(
     reached = shapely.get_parts(shapely.coverage_union_all(hazard.levels.polygons))
     rows: dict[str, list[Row]] = {
         "hazard_area": [
-            (polygon, {"hazard_level": level_codes[k - 1]})
-            for polygon, k in zip(hazard.levels.polygons, hazard.levels.classes, strict=True)
+            (polygon, {"hazard_level": level_codes[k - 1], "comments": comment})
+            for polygon, k, comment in zip(
+                hazard.levels.polygons, hazard.levels.classes, _comments(hazard), strict=True
+            )
         ],
         "synoptic_intensity": list(intensity_rows(_zones(hazard.intensities, preset))),
         "intensity_by_source": [
@@ -130,6 +132,15 @@ def _zones(maps: Sequence[IntensityMap], preset: HazardPreset) -> Iterator[Inten
     for m in maps:
         codes = [preset.intensities[k - 1].code for k in m.zones.classes]
         yield IntensityZones(m.years, m.years is None, list(m.zones.polygons), codes)
+
+
+def _comments(hazard: Hazard) -> list[str | None]:
+    """What is said of each zone: who edited it by hand, when and why."""
+    longest = next(
+        a.longest for a in FEDERAL_CLASSES["hazard_area"].attributes if a.name == "comments"
+    )
+    words = [shortened(f"edited by hand: {a.edit.words}", longest) for a in hazard.edits]
+    return [words[k] if k >= 0 else None for k in hazard.facts.edit]
 
 
 def _scenarios(hazard: Hazard, area: str) -> str:
