@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import shapely
 
-from sassgis.hazard.zoning.generalise import Coverage
+from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.model.exposure import PlacedObjects
 from sassgis.model.hazard import HazardLevel
 from sassgis.model.languages import joined, phrase

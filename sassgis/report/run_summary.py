@@ -99,6 +99,10 @@ def zone_lines(levels: ReportTable, found: Assessment, currency: str) -> Lines:
     """Area of the zones by level, and the risk of all objects."""
     areas = [phrase("{} {} m²", phrase(str(row[0])), sensible(row[2])) for row in levels.rows]
     lines = [("Hazard zones", joined("; ", areas))]
+    if found.hazard.edits:
+        changed = sum(a.has_changed for a in found.hazard.edits)
+        text = "{} places; below {} of them another level is computed than when they were made"
+        lines.append(("Edited by hand", phrase(text, len(found.hazard.edits), changed)))
     if found.risk is not None:
         (total,) = (t for t in risk_totals(found.risk) if t.scope == "all")
         text = "loss {} {}/year; deaths {} per year; largest individual risk {} per year"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -16,7 +17,9 @@ from sassgis.hazard.curves import source_rate
 from sassgis.hazard.levels import hazard_level
 from sassgis.hazard.preset_labels import energy_labels, period_labels
 from sassgis.hazard.risk import RiskTable, risk_totals
-from sassgis.hazard.zoning.generalise import Coverage
+from sassgis.hazard.zoning.coverage import Coverage
+from sassgis.hazard.zoning.edits import AppliedEdit, shares_text
+from sassgis.model.edits import LIMIT_TEXT
 from sassgis.model.grid import FloatArray
 from sassgis.model.hazard import HazardPreset
 from sassgis.model.labels import rounded
@@ -27,7 +30,7 @@ from sassgis.report import figures
 from sassgis.report.exposed_report import map_objects
 from sassgis.report.map_report import map_marks
 from sassgis.report.page import Cell, ReportFigure, ReportTable, heads, sensible
-from sassgis.report.pictures import map_alt, picture
+from sassgis.report.pictures import classes_alt, map_alt, picture
 
 
 def telling_place(hazard: Hazard) -> int | None:
@@ -76,21 +79,28 @@ def zone_figures(
         out.append(picture(folder, name, title, caption, figure, alt))
 
     by_stem = {layer.stem: layer for layer in maps}
+    zones = hazard.levels
     level, unsure = by_stem["hazard_level"], by_stem["confidence"]
     marks = map_marks(run, map_objects(rules.placed))
     width = phrase("Reference width {} m.", f"{rules.ref_width_m:.4g}")
-    rings = [shapely.get_coordinates(r) for r in shapely.get_rings(hazard.levels.polygons)]
     add(
         "hazard_level",
         "Hazard zones",
         phrase(
-            "Preset {}: {}. Cells, and the zones drawn around them, which are never lower. {}",
+            "Preset {}: {}. Zones as they are drawn, which are never lower than the cells in them, "
+            "but for edits. {}",
             rules.preset.name,
             phrase(rules.preset.title),
             width,
         ),
-        map_alt(grid, level),
-        figures.map_figure(grid, level, replace(marks, zones=rings), note=width),
+        classes_alt(
+            level.title,
+            [
+                (c.label, float(shapely.area(zones.polygons[zones.classes == c.value]).sum()))
+                for c in reversed(level.classes)
+            ],
+        ),
+        figures.map_figure(grid, level, replace(marks, **_zone_marks(hazard, level)), note=width),
     )
     intensities = [m for m in maps if m.stem.startswith("intensity")]
     add(
@@ -174,6 +184,17 @@ def zone_figures(
     return tuple(out)
 
 
+def _zone_marks(hazard: Hazard, level: RasterLayer) -> dict[str, Any]:
+    """Zones in the classes of the map of levels, and the outlines of edits."""
+    zones = hazard.levels
+    entry = {c.value: c for c in level.classes}
+    edited = [a.edit.geometry for a in hazard.edits]
+    return {
+        "zones": [(p, entry[k]) for p, k in zip(zones.polygons, zones.classes, strict=True)],
+        "edits": [shapely.get_coordinates(r) for r in shapely.get_rings(shapely.get_parts(edited))],
+    }
+
+
 def zone_tables(
     preset: HazardPreset,
     found: Assessment,
@@ -221,6 +242,8 @@ def zone_tables(
                 ("Passing height at stations and barriers", "height", "m", "m"),
             )
         ]
+    if found.hazard.edits:
+        tables.append(_edit_table(preset, found.hazard.edits))
     if found.risk is not None:
         money = phrase("{}/year", currency)
         tables.append(_risk_table(found.risk, found.risk_without, money))
@@ -286,6 +309,32 @@ def _design_table(
         "dash: blocks arrive less often than that. Height of the centre above its resting "
         "height: a barrier needs the block's half height and freeboard on top. How many "
         "simulated blocks lie beyond each value is in tables/design.csv.",
+    )
+
+
+def _edit_table(preset: HazardPreset, applied: Sequence[AppliedEdit]) -> ReportTable:
+    labels = ["none", *(c.label for c in preset.levels)]
+    return ReportTable(
+        "Edited by hand",
+        heads(
+            "level; limit; author; date; reason; computed at the time; computed now; "
+            "share with another level since"
+        ),
+        tuple(
+            (
+                labels[a.edit.level],
+                phrase(LIMIT_TEXT[a.edit.limit]),
+                a.edit.author,
+                a.edit.date,
+                a.edit.reason,
+                shares_text(a.then) or None,
+                shares_text(a.now),
+                f"{100 * a.changed:.0f} %" if a.then else None,
+            )
+            for a in applied
+        ),
+        "Zones, map sheets and the federal model have these levels in place of the computed ones. "
+        "Maps of cells, intensities, frequencies and risk are as computed.",
     )
 
 

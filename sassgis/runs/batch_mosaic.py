@@ -19,13 +19,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sassgis.hazard.assess import Assessment, assess, curves_of, felt_cells, risk_of
+from sassgis.hazard.assess import Assessment, assess, curves_of, risk_of
 from sassgis.hazard.bins import bins_for
 from sassgis.hazard.map_sums import Sample
 from sassgis.hazard.progress import Progress
 from sassgis.hazard.risk import RiskTable
 from sassgis.hazard.sources import Sampled, sampled_sources
 from sassgis.hazard.warnings import simulation_warnings
+from sassgis.hazard.zoning.drawing import reach_cells
 from sassgis.io.read.ground_map import ground_raster
 from sassgis.io.read.tiles import Part, hull
 from sassgis.io.read.vectors import release_area, warn_of_overlaps
@@ -109,7 +110,7 @@ class Mosaic:
     @property
     def beside(self) -> int:
         """Cells around counts within which drawing their zones looks at others."""
-        return 4 * felt_cells(self.setting.rules.zones, self.run.grid.cell_size)
+        return reach_cells(self.setting.rules.zones, self.run.grid.cell_size)
 
 
 def write_mosaic(

@@ -11,12 +11,13 @@ import numpy as np
 
 from sassgis.hazard.along_profile import ProfileInput
 from sassgis.hazard.warnings import ground_warnings, path_warnings, rule_warnings
+from sassgis.io.read.edits import read_edits
 from sassgis.io.read.ground_map import default_class, read_ground_table
 from sassgis.io.read.readiness import Readiness, readiness
 from sassgis.model.crs import crs_name
 from sassgis.model.errors import InputError
 from sassgis.model.grid import Grid
-from sassgis.model.ground import GroundTable
+from sassgis.model.ground import TRUST_TEXT, GroundTable, Trust
 from sassgis.model.in_memory import Input
 from sassgis.model.map_run import MapRun
 from sassgis.model.release_areas import ReleaseArea
@@ -84,7 +85,7 @@ class ClassSummary:
 
     name: str
     share: float
-    verified: bool
+    trust: Trust
     source: str
 
 
@@ -181,10 +182,8 @@ class InputReport:
             out.append(f"               {self.points} release points in all")
         out.append(f"blocks         {', '.join(self.blocks)}")
         for c in self.classes:
-            state = "values as in the source" if c.verified else "UNVERIFIED values"
-            out.append(
-                f"ground         {c.name}, on {100.0 * c.share:.1f} % of the {extent}: {state}"
-            )
+            text = f"on {100.0 * c.share:.1f} % of the {extent}: {TRUST_TEXT[c.trust]}"
+            out.append(f"ground         {c.name}, {text}")
             out.append(f"               {c.source}")
         for control_line in self.control_lines:
             text = f"{control_line.kind:<15}{control_line.name}"
@@ -246,7 +245,7 @@ def check_inputs(config: Config) -> InputReport:
         table, shares = run.table, _shares(run.ground, run.grid)
         control_lines = tuple(control_line for control_line, _ in run.control_lines)
     classes = tuple(
-        ClassSummary(c.name, shares[i], c.verified, c.source)
+        ClassSummary(c.name, shares[i], c.trust, c.source)
         for i, c in enumerate(table.classes)
         if i in shares
     )
@@ -262,7 +261,7 @@ def check_inputs(config: Config) -> InputReport:
         warnings=(
             *config.notes,
             *warned,
-            *ground_warnings([table.classes[i] for i in sorted(shares)]),
+            *ground_warnings([(table.classes[i], share) for i, share in sorted(shares.items())]),
             *(path_warnings(config.terrain.path) if areas else ()),
         ),
         estimate=estimate,
@@ -299,6 +298,8 @@ def _zoning(config: Config, run: MapRun, complete: bool) -> tuple[tuple[str, ...
             f"  onset: {annual:.4g} blocks a year in all, from {len(rules.frequencies)} sources",
             f"  reference width: {rules.ref_width_m:.4g} m",
         ]
+        if edits := read_edits(config.edits, rules.preset, run.grid):
+            lines.append(f"  edits by hand: {len(edits)}")
         if len(rules.placed):
             lines.append(f"  exposed objects: {len(rules.placed)}")
         notes = rule_warnings(rules.preset, rules.frequencies)

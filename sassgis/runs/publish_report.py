@@ -140,6 +140,6 @@ def made_on(config: Config) -> str:
 def byline(config: Config) -> tuple[str, ...]:
     """Who made it, when, with which program; where to ask; whose data."""
     project = config.project
-    parts = (project.author, made_on(config), f"sassgis {sassgis.__version__}", project.contact,
-             project.rights)  # fmt: skip
+    parts = (project.status, project.author, made_on(config), f"sassgis {sassgis.__version__}",
+             project.contact, project.rights)  # fmt: skip
     return tuple(part for part in parts if part)

@@ -8,10 +8,11 @@ from pathlib import Path
 
 from sassgis.hazard.assess import Assessment, Rules
 from sassgis.hazard.risk import RiskTable
-from sassgis.hazard.warnings import rule_warnings, zone_warnings
+from sassgis.hazard.warnings import edit_warnings, rule_warnings, zone_warnings
 from sassgis.io.qgis.run_project import zone_groups, zone_layouts
 from sassgis.io.vector_layer import VectorLayer
 from sassgis.io.write.layers import zones as zone_layers
+from sassgis.io.write.layers.edits import edits_layer
 from sassgis.io.write.layers.federal import federal_layers
 from sassgis.io.write.layers.hazard_maps import hazard_layers
 from sassgis.io.write.layers.risk_objects import risk_tables, risk_vectors
@@ -43,7 +44,12 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
     width = rules.ref_width_m
     zones = zone_layers.hazard_zones(hazard, preset, grid, width, confidence)
     uncertain = hazard.curves.places[hazard.uncertain]
-    own = [zones, zone_layers.uncertain_zones(uncertain, grid, confidence)]
+    own = [
+        zones,
+        zone_layers.uncertain_zones(uncertain, grid, confidence),
+        zone_layers.reached_limit(hazard.curves.places, grid),
+    ]
+    edits = edits_layer(hazard.edits, preset, grid.crs)
     risk: list[VectorLayer] = []
     sources = source_table(hazard.sampled)
     frames = {
@@ -59,7 +65,7 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
         before = zone_layers.hazard_zones(
             found.without, preset, grid, rules.ref_width_m, confidence
         )
-        both = zone_layers.changes(found.without.levels, hazard.levels)
+        both = zone_layers.changes(found.without.levels, hazard.computed)
         codes, labels = zip(*((c.code, c.label) for c in preset.levels), strict=True)
         own += [
             zone_layers.without_barriers(before),
@@ -75,7 +81,7 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
     return Extras(
         layers=maps,
         vectors=(*own, *risk, *federal),
-        groups=zone_groups(maps, own, risk, federal),
+        groups=zone_groups(maps, own, risk, federal, edits),
         layouts=lambda words: zone_layouts(words, rules, found, risk, grid),
         report=ReportPart(
             partial(
@@ -119,8 +125,10 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
                 config.hazard.changed_share_max,
                 config.hazard.repetitions_max,
             ),
+            *edit_warnings(hazard.edits),
         ),
         placed=rules.placed,
+        edits=edits,
         origin=_origin(config, rules),
     )
 
@@ -180,6 +188,7 @@ def group_extras(
 def _origin(config: Config, rules: Rules) -> Origin:
     """What a zoning is made from besides the run."""
     files = {"frequencies": config.hazard.frequencies, "vulnerability": config.risk.vulnerability}
+    files["edits"] = config.edits.file
     files |= {f"objects {o.name}": o.file for o in config.objects}
     if config.hazard.preset.endswith(".toml"):
         files["preset"] = Path(config.hazard.preset)

@@ -13,6 +13,7 @@ from sassgis.hazard.assess import Assessment, Rules, assess, curves_of
 from sassgis.hazard.bins import bins_of
 from sassgis.hazard.progress import Progress
 from sassgis.hazard.sources import sampled_sources
+from sassgis.io.read.edits import read_edits, with_earlier
 from sassgis.io.staging import staged_output
 from sassgis.model.languages import in_language
 from sassgis.model.map_run import MapRun
@@ -96,6 +97,8 @@ def zone(
     with staged_output(Path(out), overwrite) as work:
         job = read_job(config, areas, tell)
         rules = read_rules(config, job.run)
+        edits = read_edits(config.edits, rules.preset, job.run.grid)
+        rules = replace(rules, edits=with_earlier(edits, Path(out)))
         job = prepared(job, rules)
         known = spread_rules(config, job.run)
         jobs = jobs_within(config, job.run, jobs, memory_gb)

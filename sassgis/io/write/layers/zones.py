@@ -12,14 +12,15 @@ import pandas as pd
 from sassgis.hazard.assess import Hazard, raster
 from sassgis.hazard.attribution import shares_by_area, shares_by_scenario
 from sassgis.hazard.zone_styles import hazard_level_style, level_change_style, uncertain_style
-from sassgis.hazard.zoning.generalise import Coverage, coverage
+from sassgis.hazard.zoning.coverage import Coverage, cells_as_zones
 from sassgis.io.vector_layer import VectorLayer, described_layer
-from sassgis.model.grid import Grid
+from sassgis.model.edits import NO_LEVEL
+from sassgis.model.grid import Grid, IntArray
 from sassgis.model.hazard import HazardPreset
+from sassgis.model.styles import REACHED_STYLE
 
 #: Sources that are named in the table of a zone.
 _NAMED_SOURCES = 5
-_NO_LEVEL = "not_in_danger"
 
 
 def joined_layers(parts: Sequence[Sequence[VectorLayer]]) -> list[VectorLayer]:
@@ -78,6 +79,7 @@ def hazard_zones(
         "share_by_scenario": _largest(*shares_by_scenario(facts.shares, sources)),
         "cells": facts.cells,
         "uncertain_share": np.round(facts.uncertain, 4),
+        "edited": [hazard.edits[k].edit.words if k >= 0 else "" for k in facts.edit],
         "ref_width_m": np.full(len(levels), ref_width_m),
     }
     return described_layer(
@@ -94,12 +96,20 @@ def hazard_zones(
 
 def uncertain_zones(uncertain_cells: np.ndarray, grid: Grid, confidence: float) -> VectorLayer:
     """Cells whose level another sample of blocks might change."""
-    shown = coverage(raster(grid, uncertain_cells, np.ones(uncertain_cells.size)), grid).polygons
+    ones = np.ones(uncertain_cells.size)
+    shown = cells_as_zones(raster(grid, uncertain_cells, ones), grid).polygons
     columns = {"area_m2": [round(p.area, 1) for p in shown]}
     percent = f"{100 * confidence:g} %"
     return described_layer(
         "uncertain", columns, list(shown), grid.crs, uncertain_style(), percent=percent
     )
+
+
+def reached_limit(reached: IntArray, grid: Grid) -> VectorLayer:
+    """How far simulated blocks came at all, however rarely; ``reached`` are flat cells."""
+    shown = cells_as_zones(raster(grid, reached, np.ones(reached.size)), grid).polygons
+    columns = {"area_m2": [round(p.area, 1) for p in shown]}
+    return described_layer("reached_limit", columns, list(shown), grid.crs, REACHED_STYLE)
 
 
 def changes(before: Coverage, after: Coverage) -> gpd.GeoDataFrame:
@@ -124,7 +134,7 @@ def level_changes(
     ``codes`` are those of the levels, from low to high; ``key`` is the layer of
     ``data/map_layers.csv`` that says what is compared.
     """
-    codes = [_NO_LEVEL, *codes]
+    codes = [NO_LEVEL, *codes]
     before, after = both["before"], both["after"]
     columns = {
         "level_before": [codes[k] for k in before],
