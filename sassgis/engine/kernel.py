@@ -51,6 +51,7 @@ from sassgis.engine.statistics import (
     meet_disks,
     meet_objects,
     place_work,
+    worth_of_line,
 )
 from sassgis.model import rng
 from sassgis.model.cell_geometry import exact
@@ -89,6 +90,14 @@ class Points(NamedTuple):
     v: NDArray[np.float64]
     number: NDArray[np.int64]  # of the point in the run
     key: NDArray[np.uint64]  # its identity for random draws
+
+
+class Wanted(NamedTuple):
+    """Where it is worth to know more, as in model.map_run.Worth; of no cell if nobody asks."""
+
+    energy: NDArray[np.int64]
+    of_cell: NDArray[np.float32]
+    found: NDArray[np.float64]  # filled: the worth of what the blocks of each point leave open
 
 
 class ControlLineTable(NamedTuple):
@@ -235,6 +244,7 @@ def simulate_paths(
     work: Work,
     effects: hooks.Effects | None,
     path: Path,
+    wanted: Wanted,
 ) -> int:
     """Simulate all blocks of some release points, each along the path that it takes.
 
@@ -250,6 +260,11 @@ def simulate_paths(
         )  # fmt: skip
         if status != DONE:
             return status
+        if wanted.of_cell.shape[0]:
+            wanted.found[i] = worth_of_line(
+                work.windows.tally, work.n_line[1], path.register.windows, wanted.of_cell,
+                wanted.energy, setup.n_blocks
+            )  # fmt: skip
         close_stratum(totals, work)
     add_visits(work.visits, totals.sums)
     return DONE

@@ -78,6 +78,8 @@ class Simulated:
     looked_at : (int, int, int, int) or None
         First and last row, first and last column of the grid of the cells that followed paths
         looked at, ahead of the blocks; None on given lines.
+    worth : float64, shape (n_points,)
+        Of what the blocks of each point leave open; empty on given lines, 0 unless asked for.
     """
 
     cells: IntArray
@@ -92,6 +94,7 @@ class Simulated:
     x: FloatArray = field(default_factory=lambda: np.empty(0))
     y: FloatArray = field(default_factory=lambda: np.empty(0))
     looked_at: tuple[int, int, int, int] | None = None
+    worth: FloatArray = field(default_factory=lambda: np.empty(0))
 
 
 def no_exceedance(n: int, bins: Bins) -> Exceedance:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from sassgis.engine.kernel import (
     Points,
     Rows,
     Totals,
+    Wanted,
     Windows,
     simulate_paths,
     working_space,
@@ -40,7 +41,7 @@ from sassgis.model.effects import EffectSettings
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.ground import GroundTable
-from sassgis.model.map_run import Forest, ObjectCells, Window
+from sassgis.model.map_run import Forest, ObjectCells, Window, Worth
 from sassgis.model.profiles import ReleasePoints
 from sassgis.model.results import ControlLine
 from sassgis.model.settings import EngineSettings
@@ -78,6 +79,7 @@ def follow(
     bins: Bins | None = None,
     log_events: int = 0,
     effects: EffectSettings | None = None,
+    worth: Worth | None = None,
 ) -> Simulated:
     """Simulate blocks from release points, each along the path that it takes over the terrain.
 
@@ -93,6 +95,8 @@ def follow(
         Number of each point in the run, which stands for the line; default 0, 1, 2, ...
     spread_m : float
         Side of the square around each point in which its blocks start (m).
+    worth : Worth, optional
+        Of what the blocks of a point leave open in the windows.
 
     Returns
     -------
@@ -132,7 +136,8 @@ def follow(
         rows = empty_rows(n * rocks_per_point, passages, spawned, log_events)
         work = working_space(totals, most_spawned(effects))
         path = _path(terrain, settings, register, spread_m)
-        status = simulate_paths(given, setup, totals, rows, work, hooked, path)
+        wanted = _wanted(worth, n)
+        status = simulate_paths(given, setup, totals, rows, work, hooked, path, wanted)
         if status != NO_ROOM:
             break
         if register.full:
@@ -141,7 +146,18 @@ def follow(
             more *= 4
     if status == TOO_MANY_SPAWNED:
         raise too_many_spawned()
-    return _named(terrain.grid, register, totals, rows, flat, log_events)
+    return replace(
+        _named(terrain.grid, register, totals, rows, flat, log_events), worth=wanted.found
+    )
+
+
+def _wanted(worth: Worth | None, n: int) -> Wanted:
+    """Where more is wanted as the kernel takes it, for so many points."""
+    if worth is None:
+        return Wanted(np.empty(0, np.int64), np.empty((0, 0), np.float32), np.zeros(n))
+    # A copy where it may not be written to, as of another process: see _checked_starts.
+    of_cell = np.require(worth.of_cell, np.float32, ["C", "W"])
+    return Wanted(np.array(worth.energy, np.int64), of_cell, np.zeros(n))
 
 
 def room_at_first(steps: int) -> int:

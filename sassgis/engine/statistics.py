@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.engine.recording import ARRIVAL, ENERGY, HEIGHT, N_RECORDED, SPEED2, CellWork
-from sassgis.model.grid import FloatArray
+from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.jit import lean
 from sassgis.model.statistics_table import QUANTITIES, Bins, Reducer, sums_by
 
@@ -208,6 +208,41 @@ def close_line(tally: LineTally, n_line: int, sums: Exceedance) -> None:
             sums.square[place, i] += blocks * blocks - above * above
             above = blocks
         tally.came[place] = False
+
+
+@lean
+def worth_of_line(
+    tally: LineTally,
+    n_line: int,
+    cell: IntArray,
+    worth: NDArray[np.float32],
+    energy: IntArray,
+    n_blocks: int,
+) -> float:
+    """What the blocks of a line leave open, by what it is worth to know it.
+
+    Sum over places and energies of worth · k (n - k)/(n - 1), k of the n blocks having come there
+    with the energy: worth times the variance of k.
+
+    Parameters
+    ----------
+    cell : int64
+        Flat index of the cell of each place.
+    worth, energy
+        As in model.map_run.Worth.
+    """
+    total = 0.0
+    for i in range(n_line):
+        place = tally.touched[i]
+        own = worth[cell[place]]
+        level = tally.hits.shape[1] - 1
+        came = np.int64(0)
+        for j in range(energy.size - 1, -1, -1):
+            while level >= energy[j]:
+                came += np.int64(tally.hits[place, level])
+                level -= 1
+            total += own[j] * came * (n_blocks - came)
+    return total / max(n_blocks - 1, 1)
 
 
 @lean

@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from sassgis.hazard.another_sample import level_chances
+from sassgis.hazard.another_sample import LevelChances, level_chances
 from sassgis.hazard.attribution import attribution, governing, zone_of_cells
 from sassgis.hazard.curves import at_energies, hazard_curves
 from sassgis.hazard.levels import deciding_energy, hazard_level, intensity_class
@@ -69,11 +69,10 @@ class Hazard:
         Of the zones of ``levels``.
     intensities : tuple of IntensityMap
         From frequent to rare; class k is the preset's intensity k - 1.
-    uncertain : bool, shape (n_cells,)
-        Whether another sample of blocks might change the level of a cell of ``curves``.
-    changed_share : float
-        Area whose level another sample would change, as a share of the area that has a level; an
-        expected value.
+    chances : LevelChances
+        What another sample of blocks would make of the level of cells.
+    uncertain : bool, shape (n,)
+        Whether it might change the level of a cell of ``chances``.
     """
 
     sampled: tuple[Sampled, ...]
@@ -81,13 +80,19 @@ class Hazard:
     levels: Coverage
     facts: ZoneFacts
     intensities: tuple[IntensityMap, ...]
+    chances: LevelChances
     uncertain: BoolArray
-    changed_share: float
+
+    @property
+    def changed_share(self) -> float:
+        """Area whose level another sample would change, over the area that has a level."""
+        return self.chances.changed_share
 
     @property
     def uncertain_share(self) -> float:
-        """Share of the cells that blocks reach whose level another sample might change."""
-        return float(self.uncertain.mean()) if self.uncertain.size else 0.0
+        """Area whose level another sample might change, over the area that has a level."""
+        zoned = int((self.chances.level > 0).sum())
+        return float(self.uncertain.sum()) / zoned if zoned else 0.0
 
 
 def raster(grid: Grid, cells: IntArray, classes: np.ndarray) -> IntArray:
@@ -244,16 +249,17 @@ def hazard_of(
     confidence : float
         Of the sampling interval.
     """
-    chances = level_chances(curves, preset)
+    chances = level_chances(curves, preset, np.isfinite(grid.values))
     unsure = chances.uncertain(confidence)
+    of_reached = unsure[np.searchsorted(chances.places, curves.places)]
     return Hazard(
         tuple(sampled),
         curves,
         zones,
-        zone_facts(sampled, curves, preset, zones, grid, unsure),
+        zone_facts(sampled, curves, preset, zones, grid, of_reached),
         intensity_maps(curves, preset, grid, settings),
+        chances,
         unsure,
-        chances.changed_share,
     )
 
 

@@ -105,6 +105,34 @@ def _enlarged(array: NDArray[Any], room: int, kept: CellSum) -> NDArray[Any]:
     return out
 
 
+def weighted_counts(
+    count: IntArray, square: IntArray, weight: int, rocks_per_line: int
+) -> tuple[IntArray, IntArray]:
+    """Numbers of blocks, and their squares by stratum, of blocks that count ``weight`` times each.
+
+    The square is the one with which count_variance gives the variance of the weighted number: it
+    adds up over blocks of several weights, and is no sum of squares then.
+    """
+    apart = rocks_per_line * weight * (weight - 1)
+    return weight * count, weight * weight * square - apart * count
+
+
+def weighted_sums(
+    sums: Mapping[str, NDArray[Any]], weight: int, rocks_per_line: int
+) -> Mapping[str, NDArray[Any]]:
+    """Sums of the table, of blocks that count ``weight`` times each."""
+    if weight == 1:
+        return sums
+    out = {
+        s.name: sums[s.name] if s.reducer in ("max", "min") else weight * sums[s.name] for s in SUMS
+    }
+    _, out["reach_square"] = weighted_counts(
+        sums["reach"].astype(np.int64), sums["reach_square"].astype(np.int64), weight,
+        rocks_per_line,
+    )  # fmt: skip
+    return out
+
+
 def quantiles(
     counts: NDArray[np.integer],
     edges: FloatArray,

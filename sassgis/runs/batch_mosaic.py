@@ -38,7 +38,7 @@ from sassgis.io.write.layers.terrain_layer import terrain_layer
 from sassgis.model.exposure import PlacedObjects
 from sassgis.model.grid import Grid
 from sassgis.model.languages import in_language
-from sassgis.model.map_run import MapRun
+from sassgis.model.map_run import MapRun, Round
 from sassgis.model.release_areas import ReleaseArea
 from sassgis.model.results import RasterLayer
 from sassgis.model.statistics_table import Bins
@@ -191,7 +191,7 @@ def _mosaic(setting: Setting, areas: Sequence[Reached]) -> Mosaic:
         map_run_of(config, cell, no_ground(cell), setting.table, (), setting.control_lines, None),
         thresholds_kj=rules.preset.thresholds_kj,
         ref_width_m=rules.ref_width_m,
-        repetitions=max(a.record.repetitions for a in areas),
+        rounds=(Round(0, max(a.record.repetitions for a in areas)),),
     )
     rocks = sum(a.record.rocks for a in areas)
     sample = Sample(
@@ -423,7 +423,7 @@ def _maps_of(mosaic: Mosaic, block: tuple[Part, Sequence[Reached]]) -> Maps:
     of_hazard: tuple[RasterLayer, ...] = ()
     of_blocks: tuple[RasterLayer, ...] = ()
     if curves.places.size:
-        of_hazard = hazard_maps(rules, curves, grid.shape, config.hazard.confidence)
+        of_hazard = hazard_maps(rules, curves, grid, config.hazard.confidence)
     if total.sums.cells.size:
         of_blocks = block_maps(config, grid, total.sums, mosaic.sample, mosaic.bins)
     return Maps(of_hazard, of_blocks, terrain_layer(grid))

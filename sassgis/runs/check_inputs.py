@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +26,6 @@ from sassgis.runs.ground_draws import spread_rules
 from sassgis.runs.inputs import (
     collected_notices,
     compares_barriers,
-    most_repetitions,
     named_preset,
     placed_objects,
     profile_from_csv,
@@ -36,6 +35,7 @@ from sassgis.runs.inputs import (
 )
 from sassgis.runs.job import check_means, workers_asked
 from sassgis.runs.map import check_starts
+from sassgis.runs.more_blocks import check_budget
 from sassgis.terrain.plan import placed_points, plan
 
 
@@ -283,10 +283,16 @@ def _checked(
     areas = tuple(_area_summary(a, int(n)) for a, n in zip(run.areas, counts, strict=True))
     more = 1 + config.run.ground_uncertainty
     if zones:
-        more = most_repetitions(config) * (more + compares_barriers(config, run))
+        more += compares_barriers(config, run)
     cores = workers_asked(config, None)
     assert isinstance(cores, int)
-    return areas, estimate_of(run, cores, len(points), more)
+    estimate = estimate_of(run, cores, len(points), more)
+    budget = config.hazard.budget
+    if zones and budget is not None:
+        check_budget(config, run, estimate.blocks)
+        most = math.ceil(more * budget.blocks / max(estimate.blocks, 1))
+        estimate = replace(estimate, more=most)
+    return areas, estimate
 
 
 def _zoning(config: Config, run: MapRun, complete: bool) -> tuple[tuple[str, ...], MapRun]:

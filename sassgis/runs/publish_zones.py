@@ -37,10 +37,10 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
     config, run, preset = done.config, done.run, rules.preset
     grid, confidence, currency = run.grid, config.hazard.confidence, config.risk.currency
     hazard = found.hazard
-    maps = hazard_maps(rules, hazard.curves, grid.shape, confidence)
+    maps = hazard_maps(rules, hazard.curves, grid, confidence)
     width = rules.ref_width_m
     zones = zone_layers.hazard_zones(hazard, preset, grid, width, confidence)
-    uncertain = hazard.curves.places[hazard.uncertain]
+    uncertain = hazard.chances.places[hazard.uncertain]
     own = [zones, zone_layers.uncertain_zones(uncertain, grid, confidence)]
     risk: list[VectorLayer] = []
     sources = source_table(hazard.sampled)
@@ -104,11 +104,7 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
         frames=frames,
         warnings=(
             *rule_warnings(preset, rules.frequencies),
-            *zone_warnings(
-                hazard.changed_share,
-                config.hazard.changed_share_max,
-                config.hazard.repetitions_max,
-            ),
+            *zone_warnings(hazard.changed_share, config.hazard.budget),
         ),
         placed=rules.placed,
         origin=_origin(config, rules),
@@ -116,12 +112,12 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
 
 
 def hazard_maps(
-    rules: Rules, curves: HazardCurves, shape: tuple[int, int], confidence: float
+    rules: Rules, curves: HazardCurves, grid: Grid, confidence: float
 ) -> tuple[RasterLayer, ...]:
     """Maps of level, intensity, return period, frequency and confidence."""
     preset = rules.preset
     return hazard_layers(
-        curves, preset, shape, rules.ref_width_m, return_periods=preset.return_periods,
+        curves, preset, grid, rules.ref_width_m, return_periods=preset.return_periods,
         confidence=confidence,
     )  # fmt: skip
 

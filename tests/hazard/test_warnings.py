@@ -14,6 +14,7 @@ from sassgis.hazard.warnings import (
 )
 from sassgis.io.read.ground_map import built_in_table
 from sassgis.model.ground import GroundClass
+from sassgis.model.hazard import BlockBudget
 
 BUILT_IN = built_in_table("1986").classes
 
@@ -50,7 +51,7 @@ def test_sources_that_never_release_are_named() -> None:
 
 
 def test_what_stays_uncertain_is_told_beyond_the_limit_only() -> None:
-    assert not zone_warnings(0.3, None, 8)
-    assert not zone_warnings(0.05, 0.05, 8)
-    (text,) = zone_warnings(0.123, 0.05, 8)
-    assert "level on 12.3 % of the zoned area" in text and "after 8 repetitions" in text
+    assert not zone_warnings(0.3, None)
+    assert not zone_warnings(0.05, BlockBudget(0.05))
+    (text,) = zone_warnings(0.123, BlockBudget(0.05))
+    assert "level on 12.3 % of the zoned area" in text and "wanted: 5 %" in text
