@@ -40,6 +40,8 @@ class RunResult:
     ----------
     rocks : int
         Simulated blocks.
+    reasons : dict of StopReason to int
+        Blocks by the reason of their end, with their weights.
     warnings : tuple of str
         What the user should know before trusting the maps.
     seconds : float
@@ -144,7 +146,7 @@ def result_of(
     """What a run left."""
     reasons = {r: int(done.progress.reasons[r]) for r in StopReason}
     return RunResult(
-        out, int(done.progress.reasons.sum()), reasons, published.warnings, done.seconds,
+        out, done.progress.simulated, reasons, published.warnings, done.seconds,
         done.run, done.planned, done.progress, published.layers, published.report,
         None if drawn is None else drawn.spread,
     )  # fmt: skip
