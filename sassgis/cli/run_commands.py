@@ -130,9 +130,17 @@ def _zoned(config: Path, out: Path, as_json: bool, given: Mapping[str, Any]) -> 
         result = make_zones(_with_draws(config, how), out, **how)
     hazard = result.found.hazard
     share = f"{100 * hazard.changed_share:.1f} %"
+    lost = result.run.progress.lost_share
+    edge = ""
+    if lost > 0.0 and result.run.run.followed:
+        open_m = hazard.facts.open_m.sum()
+        edge = (
+            f" {100 * lost:.2g} % of the blocks left the terrain model: zones go on beyond its "
+            f"edge over {open_m:.0f} m, and nothing is said of them."
+        )
     summary = _with_spread(
         f"{result.run.rocks} blocks, {hazard.levels.polygons.size} zones. Another sample of as "
-        f"many blocks would change the level on {share} of the zoned area.",
+        f"many blocks would change the level on {share} of the zoned area.{edge}",
         result.run,
     )
     facts = {
@@ -140,6 +148,7 @@ def _zoned(config: Path, out: Path, as_json: bool, given: Mapping[str, Any]) -> 
         "zones": int(hazard.levels.polygons.size),
         "changed_share": float(hazard.changed_share),
         "uncertain_share": float(hazard.uncertain_share),
+        "left_terrain_share": lost,
     }
     conclude(result.run.warnings, summary, out, facts if as_json else None)
 

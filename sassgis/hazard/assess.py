@@ -21,8 +21,9 @@ from sassgis.hazard.zoning.generalise import (
     nested_coverages,
 )
 from sassgis.model.exposure import PlacedObjects, Vulnerability
-from sassgis.model.grid import BoolArray, Grid, IntArray
+from sassgis.model.grid import BoolArray, FloatArray, Grid, IntArray
 from sassgis.model.hazard import HazardCurves, HazardPreset, ZoningSettings
+from sassgis.terrain.edge import edge_cells
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +37,10 @@ class ZoneFacts:
         Cells that blocks reach; the others were raised when the zone was drawn.
     uncertain : float64, shape (n_zones,)
         Share of those cells whose level another sample of blocks might change; NaN without any.
+    moves_m : float64, shape (n_zones,)
+        Mean distance between the outer limit and that of another sample of as many blocks (m).
+    open_m : float64, shape (n_zones,)
+        Length along the edge of the known terrain, beyond which the zone goes on (m).
     shares : float64, shape (n_zones, n_sources)
         Of each source in the rate that makes the level; NaN in zones without a reached cell.
     governing : int64, shape (n_zones,)
@@ -45,6 +50,8 @@ class ZoneFacts:
     area_m2: np.ndarray
     cells: IntArray
     uncertain: np.ndarray
+    moves_m: np.ndarray
+    open_m: np.ndarray
     shares: np.ndarray
     governing: IntArray
 
@@ -205,8 +212,13 @@ def zone_facts(
     zones: Coverage,
     grid: Grid,
     unsure: BoolArray,
+    lowered: FloatArray,
 ) -> ZoneFacts:
-    """Attribution and confidence of zones of hazard level; ``unsure`` cells of the curves."""
+    """Attribution and confidence of zones of hazard level.
+
+    Of the cells of the curves, ``unsure`` are those whose level is, and ``lowered`` is the
+    probability that another sample lowers it.
+    """
     n = zones.polygons.size
     zone = zone_of_cells(zones, grid, curves.places)
     inside = zone >= 0
@@ -220,10 +232,16 @@ def zone_facts(
     )
     cells = np.bincount(zone[inside], minlength=n)
     unsure_cells = np.bincount(zone[inside], weights=unsure[inside], minlength=n)
+    # What a zone loses on one side of its limit it gains on the other, on average.
+    moved = 2.0 * grid.cell_size**2 * np.bincount(zone[inside], lowered[inside], minlength=n)
+    length = np.array([p.exterior.length for p in zones.polygons], np.float64)
+    edge = zone_of_cells(zones, grid, np.flatnonzero(edge_cells(np.isfinite(grid.values))))
     return ZoneFacts(
         np.array([p.area for p in zones.polygons], np.float64),
         cells,
         np.where(cells > 0, unsure_cells / np.maximum(cells, 1), np.nan),
+        moved / length,
+        grid.cell_size * np.bincount(edge[edge >= 0], minlength=n),
         shares,
         governing(shares)[0],
     )
@@ -251,12 +269,13 @@ def hazard_of(
     """
     chances = level_chances(curves, preset, np.isfinite(grid.values))
     unsure = chances.uncertain(confidence)
-    of_reached = unsure[np.searchsorted(chances.places, curves.places)]
+    reached = np.searchsorted(chances.places, curves.places)
+    of_cells = unsure[reached], chances.lowered[reached]
     return Hazard(
         tuple(sampled),
         curves,
         zones,
-        zone_facts(sampled, curves, preset, zones, grid, of_reached),
+        zone_facts(sampled, curves, preset, zones, grid, *of_cells),
         intensity_maps(curves, preset, grid, settings),
         chances,
         unsure,

@@ -159,6 +159,12 @@ class Progress:
     scores: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     history: list[tuple[int, float]] = field(default_factory=list)
 
+    @property
+    def lost_share(self) -> float:
+        """Share of the blocks that started which left the terrain model, or their fall line."""
+        started = int(self.reasons.sum() - self.reasons[StopReason.NEVER_STARTED])
+        return float(self.reasons[StopReason.LEFT_PROFILE]) / max(started, 1)
+
     @classmethod
     def fresh(cls, run: MapRun) -> Progress:
         """Nothing added yet."""

@@ -51,6 +51,7 @@ from sassgis.runs.inputs import (
     compares_barriers,
     forest_of,
     map_run_of,
+    with_rules,
     yearly_frequencies,
 )
 from sassgis.runs.job import Job, Simulation, workers_asked
@@ -246,6 +247,7 @@ def _write_one_block(
     )
     planned = replace(plan(run), repetitions=tuple(a.record.repetitions for a in areas))
     rules = replace(setting.rules, frequencies=yearly_frequencies(config, released, setting.names))
+    run = with_rules(run, rules)
     # Tables of single blocks and passages are in the folders of the areas.
     output = replace(config.output, rock_table="none", passage_table="none")
 

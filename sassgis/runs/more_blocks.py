@@ -82,17 +82,19 @@ class MoreBlocks:
         if progress.worth is None:
             return None
         last = run.rounds[-1]
-        halved = 0 if last.halvings is None else last.halvings
-        found: FloatArray = progress.scores / np.maximum(last.repetitions >> halved, 1)
+        halved = np.zeros(progress.scores.shape, np.int64)
+        if last.halvings is not None:
+            halved += last.halvings
+        repeated = last.repetitions >> halved
+        found: FloatArray = progress.scores / np.maximum(repeated, 1)
         out = np.zeros_like(found)
         for (area, k), tally in progress.sources.items():
             of = planned.points.area == area
             name = run.areas[area].name, run.blocks[k].name
             started = max(tally.rocks - tally.never_started, 1)
             # One repetition says little of one point: that of all points counts as one more.
-            repetitions = last.repetitions >> (halved if isinstance(halved, int) else halved[of, k])
-            own = found[of, k]
-            smooth = (repetitions * own + own.mean()) / (repetitions + 1)
+            own, n = found[of, k], repeated[of, k]
+            smooth = (n * own + own.mean()) / (n + 1)
             out[of, k] = (self.rules.frequencies[name] / started) ** 2 * smooth
         return out
 

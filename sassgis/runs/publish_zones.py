@@ -26,7 +26,7 @@ from sassgis.report.zone_report import level_table, zone_facts_of, zone_figures,
 from sassgis.runs.job import Simulation
 from sassgis.runs.origin import Origin
 from sassgis.runs.publish import Extras
-from sassgis.runs.publish_report import ReportPart
+from sassgis.runs.publish_report import ReportPart, values_at_objects
 
 #: Layers of a group of areas that make sense for all groups together; the first is a table, too.
 _OF_GROUPS = ("hazard_zones", "hazard_area", "synoptic_intensity", "indicative_hazard_area")
@@ -36,12 +36,14 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
     """Everything that zoning adds to a result; its figures go into the folder ``figures``."""
     config, run, preset = done.config, done.run, rules.preset
     grid, confidence, currency = run.grid, config.hazard.confidence, config.risk.currency
-    hazard = found.hazard
+    hazard, budget = found.hazard, config.hazard.budget
     maps = hazard_maps(rules, hazard.curves, grid, confidence)
     width = rules.ref_width_m
     zones = zone_layers.hazard_zones(hazard, preset, grid, width, confidence)
     uncertain = hazard.chances.places[hazard.uncertain]
-    own = [zones, zone_layers.uncertain_zones(uncertain, grid, confidence)]
+    open_ = zone_layers.open_limits(hazard, preset, grid)
+    own = [open_] if len(open_.frame) else []
+    own += [zones, zone_layers.uncertain_zones(uncertain, grid, confidence)]
     risk: list[VectorLayer] = []
     sources = source_table(hazard.sampled)
     frames = {
@@ -50,7 +52,9 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
         "sources": sources,
     }
     periods = config.hazard.design_return_periods_years
-    design = design_table([line for line, _ in run.control_lines], found.without_barriers, periods)
+    design = design_table(
+        [line for line, _ in run.control_lines], found.without_barriers, periods, confidence
+    )
     if len(design):
         frames["design"] = design
     if found.without is not None:
@@ -64,11 +68,21 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
             zone_layers.level_changes(both, codes, grid.crs),
         ]
         frames["level_changes"] = zone_layers.change_table(both, labels)
+    values = values_at_objects(done, hazard.sampled, periods)
     if found.risk is not None:
-        risk = risk_vectors(found.risk, rules.placed, grid.crs, currency)
-        frames |= risk_tables(found.risk, found.risk_without, currency)
+        without = found.without
+        # Heights are those of the maps, with walls and nets.
+        bare = (
+            None
+            if without is None
+            else values_at_objects(done, without.sampled, periods, heights=False)
+        )
+        risk = risk_vectors(found.risk, rules.placed, grid.crs, currency, values)
+        frames |= risk_tables(found.risk, found.risk_without, currency, (values, bare))
     federal = federal_layers(config, grid, preset, rules.ref_width_m, hazard, found.by_area)
     levels = level_table(preset, found)
+    # On fall lines blocks are lost at the ends of these, too.
+    lost = done.progress.lost_share if run.followed else 0.0
     return Extras(
         layers=maps,
         vectors=(*own, *risk, *federal),
@@ -84,14 +98,17 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
                 figures,
                 confidence=confidence,
                 currency=currency,
+                history=done.progress.history,
+                changed_share_max=0.0 if budget is None else budget.changed_share,
             ),
             levels,
             zone_tables(
                 preset, found, sources, design, return_periods_years=periods, currency=currency
             ),
-            zone_facts_of(rules, found, run.repetitions, confidence),
+            zone_facts_of(rules, found, run, done.progress.simulated),
             levels_of(rules.placed, hazard.levels, preset.levels),
-            zone_lines(levels, found, currency),
+            values,
+            zone_lines(levels, found, lost, confidence, currency),
         ),
         facts={
             "preset": f"{preset.name}: {preset.title}",
@@ -99,12 +116,13 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
             "confidence": confidence,
             "changed_share": round(hazard.changed_share, 4),
             "uncertain_share": round(hazard.uncertain_share, 4),
+            "left_terrain_share": round(done.progress.lost_share, 4),
             "repetitions": run.repetitions,
         },
         frames=frames,
         warnings=(
             *rule_warnings(preset, rules.frequencies),
-            *zone_warnings(hazard.changed_share, config.hazard.budget),
+            *zone_warnings(hazard.changed_share, budget),
         ),
         placed=rules.placed,
         origin=_origin(config, rules),

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sassgis.hazard.ground_spread import GroundSpread
 from sassgis.hazard.progress import Progress
+from sassgis.io.read.objects import object_cells
 from sassgis.io.staging import staged_output
 from sassgis.model.languages import in_language
-from sassgis.model.map_run import MapRun
+from sassgis.model.map_run import MapRun, ObjectCells
 from sassgis.model.results import RasterLayer, StopReason
 from sassgis.model.run_config import Config
 from sassgis.runs.ground_draws import DrawnGround, drawn_ground, spread_rules
@@ -120,6 +121,8 @@ def run(
         # Read before the blocks are simulated: an error should not come at the end.
         with collected_notices():
             placed = placed_objects(config, job.run.grid)
+        objects = ObjectCells(len(placed), *object_cells(placed, job.run.grid))
+        job = replace(job, run=replace(job.run, objects=objects))
         known = spread_rules(config, job.run)
         simulation = simulate_config(
             config,

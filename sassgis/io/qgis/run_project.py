@@ -210,7 +210,7 @@ def zone_groups(
         LayerGroup(
             "Hazard",
             (
-                *vectors(own, ("hazard_zones",)),
+                *vectors(own, ("hazard_zones", "open_limits")),
                 LayerGroup("Intensity maps", rasters("intensity"), True, False),
                 LayerGroup(
                     "Frequency and confidence",
