@@ -62,7 +62,7 @@ def sample(config: Config, file: Path) -> None:
     few = at_energies(curves_of(sampled, bins_of(done.run).threshold), rules.preset.thresholds_kj)
     np.savez(
         file, places=few.places, rate=few.rate, variance=few.variance,
-        of_a_rock=few.rate_of_a_rock, shape=done.run.grid.shape, cell=done.run.grid.cell_size,
+        of_a_rock=few.rate_of_a_rock, heights=done.run.grid.values, cell=done.run.grid.cell_size,
     )  # fmt: skip
 
 
@@ -133,8 +133,8 @@ def row_of(samples: Sequence[HazardCurves], grid: Grid, preset: HazardPreset) ->
     for k, own in enumerate(samples):
         other = (k + 1) % len(samples)
         unsure = np.zeros(n, bool)
-        chances = level_chances(own, preset)
-        unsure[own.places] = chances.uncertain(0.95)
+        chances = level_chances(own, preset, np.isfinite(grid.values))
+        unsure[chances.places] = chances.uncertain(0.95)
         changed = levels[k] != levels[other]
         zoned = (levels[k] > 0).sum()
         stated.append(chances.changed_share)

@@ -139,9 +139,18 @@ def _zoned(config: Path, out: Path, as_json: bool, given: Mapping[str, Any]) -> 
         result = make_zones(_with_draws(config, how), out, **how)
     hazard = result.found.hazard
     share = f"{100 * hazard.changed_share:.1f} %"
+    lost = result.run.progress.lost_share
+    edge = ""
+    if lost > 0.0 and result.run.run.followed:
+        open_m = hazard.facts.open_m.sum()
+        edge = (
+            f" {100 * lost:.2g} % of the blocks left the terrain model: zones go on beyond its "
+            f"edge over {open_m:.0f} m, and nothing is said of them."
+        )
     summary = _with_spread(
         f"{result.run.n_blocks} blocks, {hazard.levels.polygons.size} zones. Another sample of as "
-        f"many blocks would change the level on {share} of the zoned area." + _edited(hazard.edits),
+        f"many blocks would change the level on {share} of the zoned area.{edge}"
+        + _edited(hazard.edits),
         result.run,
     )
     facts = {
@@ -151,6 +160,7 @@ def _zoned(config: Path, out: Path, as_json: bool, given: Mapping[str, Any]) -> 
         "uncertain_share": float(hazard.uncertain_share),
         "edits": len(hazard.edits),
         "edits_with_another_level": sum(a.has_changed for a in hazard.edits),
+        "left_terrain_share": lost,
     }
     conclude(result.run.warnings, summary, out, facts if as_json else None)
 

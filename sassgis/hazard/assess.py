@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from sassgis.hazard.another_sample import level_chances
+from sassgis.hazard.another_sample import LevelChances, level_chances
 from sassgis.hazard.attribution import attribution, governing, zone_of_cells
 from sassgis.hazard.curves import at_energies, hazard_curves
 from sassgis.hazard.levels import deciding_energy, hazard_level, intensity_class
@@ -20,8 +20,9 @@ from sassgis.hazard.zoning.edits import AppliedEdit, with_edits
 from sassgis.hazard.zoning.outer_limit import cells_within_limit
 from sassgis.model.edits import Edit
 from sassgis.model.exposure import PlacedObjects, Vulnerability
-from sassgis.model.grid import BoolArray, Grid, IntArray
+from sassgis.model.grid import BoolArray, FloatArray, Grid, IntArray
 from sassgis.model.hazard import Drawing, HazardCurves, HazardPreset
+from sassgis.terrain.edge import edge_cells
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +36,10 @@ class ZoneFacts:
         Cells that blocks reach; the others were raised when the zone was drawn.
     uncertain : float64, shape (n_zones,)
         Share of those cells whose level another sample of blocks might change; NaN without any.
+    moves_m : float64, shape (n_zones,)
+        Mean distance between the outer limit and that of another sample of as many blocks (m).
+    open_m : float64, shape (n_zones,)
+        Length along the edge of the known terrain, beyond which the zone goes on (m).
     shares : float64, shape (n_zones, n_sources)
         Of each source in the rate that makes the level; NaN in zones without a reached cell.
     governing : int64, shape (n_zones,)
@@ -46,6 +51,8 @@ class ZoneFacts:
     area_m2: np.ndarray
     cells: IntArray
     uncertain: np.ndarray
+    moves_m: np.ndarray
+    open_m: np.ndarray
     shares: np.ndarray
     governing: IntArray
     edit: IntArray
@@ -73,11 +80,10 @@ class Hazard:
         Of the zones of ``levels``.
     intensities : tuple of IntensityMap
         From frequent to rare; class k is the preset's intensity k - 1.
-    uncertain : bool, shape (n_cells,)
-        Whether another sample of blocks might change the level of a cell of ``curves``.
-    changed_share : float
-        Area whose level another sample would change, as a share of the area that has a level; an
-        expected value.
+    chances : LevelChances
+        What another sample of blocks would make of the level of cells.
+    uncertain : bool, shape (n,)
+        Whether it might change the level of a cell of ``chances``.
     edits : tuple of AppliedEdit
     """
 
@@ -87,14 +93,20 @@ class Hazard:
     levels: Coverage
     facts: ZoneFacts
     intensities: tuple[IntensityMap, ...]
+    chances: LevelChances
     uncertain: BoolArray
-    changed_share: float
     edits: tuple[AppliedEdit, ...]
 
     @property
+    def changed_share(self) -> float:
+        """Area whose level another sample would change, over the area that has a level."""
+        return self.chances.changed_share
+
+    @property
     def uncertain_share(self) -> float:
-        """Share of the cells that blocks reach whose level another sample might change."""
-        return float(self.uncertain.mean()) if self.uncertain.size else 0.0
+        """Area whose level another sample might change, over the area that has a level."""
+        zoned = int((self.chances.level > 0).sum())
+        return float(self.uncertain.sum()) / zoned if zoned else 0.0
 
 
 def raster(grid: Grid, cells: IntArray, classes: np.ndarray) -> IntArray:
@@ -191,11 +203,13 @@ def zone_facts(
     zones: Coverage,
     grid: Grid,
     unsure: BoolArray,
+    lowered: FloatArray,
     edit: IntArray,
 ) -> ZoneFacts:
-    """Attribution and confidence of zones of hazard level; ``unsure`` cells of the curves.
+    """Attribution and confidence of zones of hazard level.
 
-    What an edit has set no sample of blocks changes.
+    Of the cells of the curves, ``unsure`` are those whose level is, and ``lowered`` is the
+    probability that another sample lowers it. What an edit has set no sample of blocks changes.
     """
     n = zones.polygons.size
     zone = zone_of_cells(zones, grid, curves.places)
@@ -210,10 +224,16 @@ def zone_facts(
     )
     cells = np.bincount(zone[inside], minlength=n)
     unsure_cells = np.bincount(zone[inside], weights=unsure[inside], minlength=n)
+    # What a zone loses on one side of its limit it gains on the other, on average.
+    moved = 2.0 * grid.cell_size**2 * np.bincount(zone[inside], lowered[inside], minlength=n)
+    length = np.array([p.exterior.length for p in zones.polygons], np.float64)
+    edge = zone_of_cells(zones, grid, np.flatnonzero(edge_cells(np.isfinite(grid.values))))
     return ZoneFacts(
         np.array([p.area for p in zones.polygons], np.float64),
         cells,
         np.where((cells > 0) & (edit < 0), unsure_cells / np.maximum(cells, 1), np.nan),
+        np.where(edit < 0, moved / length, 0.0),
+        grid.cell_size * np.bincount(edge[edge >= 0], minlength=n),
         shares,
         governing(shares)[0],
         edit,
@@ -243,18 +263,20 @@ def hazard_of(
     edits : sequence of Edit
         Of these zones.
     """
-    chances = level_chances(curves, preset)
+    chances = level_chances(curves, preset, np.isfinite(grid.values))
     unsure = chances.uncertain(confidence)
     levels, edit, applied = with_edits(zones, edits, [c.code for c in preset.levels])
+    reached = np.searchsorted(chances.places, curves.places)
+    of_cells = unsure[reached], chances.lowered[reached]
     return Hazard(
         tuple(sampled),
         curves,
         zones,
         levels,
-        zone_facts(sampled, curves, preset, levels, grid, unsure, edit),
+        zone_facts(sampled, curves, preset, levels, grid, *of_cells, edit),
         intensity_maps(curves, preset, grid, drawing),
+        chances,
         unsure,
-        chances.changed_share,
         applied,
     )
 

@@ -18,7 +18,7 @@ from sassgis.hazard.zoning.edits import AppliedEdit, shares_text
 from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import IntArray
 from sassgis.model.ground import GroundClass, Trust
-from sassgis.model.hazard import HazardPreset
+from sassgis.model.hazard import BlockBudget, HazardPreset
 from sassgis.model.labels import STOP_TEXT
 from sassgis.model.languages import phrase
 from sassgis.model.map_run import MapRun
@@ -139,15 +139,15 @@ def rule_warnings(preset: HazardPreset, frequencies: Mapping[tuple[str, str], fl
     return out
 
 
-def zone_warnings(changed_share: float, limit: float | None, repetitions_max: int) -> list[str]:
-    """What a zoning has not settled; ``limit`` is the largest share that is wanted."""
-    if limit is None or changed_share <= limit:
+def zone_warnings(changed_share: float, budget: BlockBudget | None) -> list[str]:
+    """What a zoning has not settled within its budget."""
+    if budget is None or changed_share <= budget.changed_share:
         return []
-    return [
-        f"Another sample of blocks would change the level on {100 * changed_share:.1f} % of the "
-        f"zoned area, after {repetitions_max} repetitions (hazard.repetitions_max; wanted: "
-        f"{100 * limit:g} %, hazard.changed_share_max)."
-    ]
+    text = (
+        "Another sample of blocks would change the level on {} % of the zoned area (wanted: {} %, "
+        "hazard.changed_share_max): hazard.blocks_max or hazard.minutes_max was spent before."
+    )
+    return [phrase(text, f"{100 * changed_share:.1f}", f"{100 * budget.changed_share:g}")]
 
 
 def edit_lines(applied: Sequence[AppliedEdit]) -> list[str]:

@@ -11,7 +11,7 @@ import numpy as np
 from annotated_types import Interval, MinLen
 
 from sassgis.model.declared import Example, PresetName, Renamed, Section, Text
-from sassgis.model.errors import InputError
+from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.in_memory import Input
 
@@ -273,6 +273,15 @@ Canton = Literal[
 ]  # fmt: skip
 
 
+@dataclass(frozen=True)
+class BlockBudget:
+    """How far a zoning goes on: to a share of the zoned area, a number of blocks, or a time."""
+
+    changed_share: float = 0.02  # whose level another sample would change
+    blocks: int = 10_000_000
+    seconds: float = 3600.0
+
+
 @dataclass(frozen=True, slots=True)
 class HazardSettings(Section):
     """From blocks to intensities and hazard levels (sassgis zone); needs onset frequencies."""
@@ -303,20 +312,32 @@ class HazardSettings(Section):
         Interval(ge=0.5, le=0.9999),
         "of the sampling interval that decides whether a level is statistically certain",
     ] = 0.95
+    blocks: Annotated[
+        Literal["given", "auto"],
+        '"given": release.rocks_per_point at each release point. "auto": so many times as many '
+        "that another sample would change the level on changed_share_max of the zoned area, most "
+        "of them at the points from which blocks reach places of uncertain level",
+    ] = "given"
     changed_share_max: Annotated[
         float | None,
         Interval(gt=0, lt=1),
-        "if given, the simulation is repeated until another sample of as many blocks would change "
-        "the level on no larger share of the zoned area",
+        'with blocks = "auto": largest share of the zoned area whose level another sample of as '
+        "many blocks may change; default: 0.02",
         Renamed("uncertain_share_max"),
         Example(0.02),
     ] = None
-    repetitions_max: Annotated[
-        int,
-        Interval(ge=1, le=1024),
-        "most repetitions of rocks_per_point with changed_share_max",
-        Renamed("rounds_max"),
-    ] = 8
+    blocks_max: Annotated[
+        int | None,
+        Interval(ge=1),
+        'with blocks = "auto": most blocks that are simulated; default: 10 million',
+        Example(10_000_000),
+    ] = None
+    minutes_max: Annotated[
+        float | None,
+        Interval(gt=0),
+        'with blocks = "auto": about how long blocks are simulated at most; default: 60 (minutes)',
+        Example(60.0),
+    ] = None
     by_source: Annotated[bool, "whether intensities are also written for each release area"] = True
     compare_barriers: Annotated[
         bool, "whether the zones are also made without walls and nets, and compared"
@@ -331,6 +352,26 @@ class HazardSettings(Section):
         "code of the canton that is responsible for the data, as TI (federal model)",
         Example("TI"),
     ] = None
+
+    def _fits_together(self) -> None:
+        for key in ("changed_share_max", "blocks_max", "minutes_max"):
+            if self.blocks != "auto" and getattr(self, key) is not None:
+                raise ConfigError(
+                    "says how many blocks to simulate, which nobody asked for",
+                    field=key,
+                    expected='hazard.blocks = "auto" as well',
+                )
+
+    @property
+    def budget(self) -> BlockBudget | None:
+        """What ends the search for as many blocks as the map needs; None where it is not asked."""
+        if self.blocks != "auto":
+            return None
+        return BlockBudget(
+            self.changed_share_max or BlockBudget.changed_share,
+            self.blocks_max or BlockBudget.blocks,
+            60.0 * (self.minutes_max or BlockBudget.seconds / 60.0),
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,8 +27,9 @@ from sassgis.model.languages import joined, phrase
 from sassgis.model.map_run import MapRun
 from sassgis.model.results import RasterLayer
 from sassgis.report import figures
-from sassgis.report.exposed_report import map_objects
+from sassgis.report.exposed_report import map_objects, with_limits
 from sassgis.report.map_report import map_marks
+from sassgis.report.number_text import thousands
 from sassgis.report.page import Cell, ReportFigure, ReportTable, heads, sensible
 from sassgis.report.pictures import classes_alt, map_alt, picture
 
@@ -67,8 +68,13 @@ def zone_figures(
     *,
     confidence: float,
     currency: str,
+    history: Sequence[tuple[int, float]] = (),
+    changed_share_max: float = 0.0,
 ) -> tuple[ReportFigure, ...]:
-    """Draw the figures of a zoning into a folder."""
+    """Draw the figures of a zoning into a folder.
+
+    ``history`` is that of Progress, with the share that was asked for.
+    """
     hazard, grid = found.hazard, run.grid
     place = telling_place(hazard)
     if place is None:
@@ -114,14 +120,26 @@ def zone_figures(
         "confidence",
         "Where the level is statistically uncertain",
         phrase(
-            "Cells whose level another sample of as many blocks may change, with a probability of "
-            "{} % or more. With more blocks they become fewer; other frequencies or values of the "
-            "ground may change any cell.",
-            f"{100 * (1.0 - confidence):.3g}",
+            "{} % of what another sample of as many blocks changes of the levels lies on these "
+            "cells. With more blocks they become fewer; other frequencies or values of the ground "
+            "may change any cell.",
+            f"{100 * confidence:.3g}",
         ),
         map_alt(grid, unsure),
         figures.confidence_figure(grid, level, unsure.bands[0].values == 1, marks, width),
     )
+    if len(history) > 1:
+        add(
+            "blocks",
+            "What more blocks did",
+            "Share of the zoned area whose level another sample of as many blocks would change, "
+            "after each round of blocks. Red line: what was asked for (hazard.changed_share_max).",
+            joined(", ", (
+                phrase("{} blocks: {} %", thousands(n), f"{100 * share:.1f}")
+                for n, share in history
+            )),
+            figures.blocks_figure(history, changed_share_max),
+        )  # fmt: skip
     if found.without is not None:
         both = []
         for one in (found.without, hazard):
@@ -276,39 +294,38 @@ def level_table(preset: HazardPreset, found: Assessment) -> ReportTable:
 
 
 def zone_facts_of(
-    rules: Rules, found: Assessment, repetitions: int, confidence: float
+    rules: Rules, found: Assessment, run: MapRun, simulated: int
 ) -> tuple[tuple[str, str], ...]:
     """What was computed, in words."""
+    blocks = phrase("{} repetitions of {} blocks at each release point", run.repetitions,
+                    run.release.rocks_per_point)  # fmt: skip
+    if run.weighted:
+        text = "{}; some points have down to an eighth of them, each of which counts as many times"
+        blocks = phrase(text, blocks)
     return (
         ("Rules", phrase("{} ({})", phrase(rules.preset.title), rules.preset.name)),
         ("Reference width of all frequencies", f"{rules.ref_width_m:.4g} m"),
-        ("Repetitions", str(repetitions)),
-        (
-            "Sampling",
-            phrase(
-                "another sample of as many blocks would change the level on {} % of the zoned "
-                "area; it may do so ({} % or more) on the hatched cells, {} % of those reached",
-                f"{100 * found.hazard.changed_share:.1f}",
-                f"{100 * (1.0 - confidence):.3g}",
-                f"{100 * found.hazard.uncertain_share:.1f}",
-            ),
-        ),
+        ("Blocks", phrase("{} simulated: {}", thousands(simulated), blocks)),
     )
 
 
 def _design_table(
     title: str, name: str, key: str, unit: str, years: Sequence[str], design: pd.DataFrame
 ) -> ReportTable:
-    keys = ["line", "arrivals_per_year", f"{name}_q95_{key}", f"{name}_q99_{key}"]
     columns = heads(f"line; arrivals | 1/year; 95 % | {unit}; 99 % | {unit}")
+    keys = [f"{name}_{what}_{key}" for what in ("q95", "q99", *(f"{t}y" for t in years))]
+    rows = []
+    for _, line in design.iterrows():
+        limited = (with_limits(*line[[k, f"{k}_low", f"{k}_high"]].astype(float)) for k in keys)
+        rows.append((line["line"], line["arrivals_per_year"], *limited))
     return ReportTable(
         title,
         (*columns, *((phrase("exceeded once in {} years", t), unit) for t in years)),
-        _cells(design[keys + [f"{name}_{t}y_{key}" for t in years]]),
-        "As if no wall or net held a block, sources weighted by their onset frequency. A "
-        "dash: blocks arrive less often than that. Height of the centre above its resting "
-        "height: a barrier needs the block's half height and freeboard on top. How many "
-        "simulated blocks lie beyond each value is in tables/design.csv.",
+        tuple(rows),
+        "As if no wall or net held a block, sources weighted by their onset frequency; with limits "
+        "by the sampling of blocks. A dash: blocks arrive less often than that. Height of the "
+        "centre above its resting height: a barrier needs the block's half height and freeboard on "
+        "top. How many simulated blocks lie beyond each value is in tables/design.csv.",
     )
 
 

@@ -39,7 +39,7 @@ from sassgis.io.write.layers.terrain_layer import terrain_layer
 from sassgis.model.exposure import PlacedObjects
 from sassgis.model.grid import Grid
 from sassgis.model.languages import in_language
-from sassgis.model.map_run import MapRun
+from sassgis.model.map_run import MapRun, Round
 from sassgis.model.release_areas import ReleaseArea
 from sassgis.model.results import RasterLayer
 from sassgis.model.statistics_table import Bins
@@ -52,6 +52,7 @@ from sassgis.runs.inputs import (
     compares_barriers,
     forest_of,
     map_run_of,
+    with_rules,
     yearly_frequencies,
 )
 from sassgis.runs.job import Job, Simulation, workers_asked
@@ -192,7 +193,7 @@ def _mosaic(setting: Setting, areas: Sequence[Reached]) -> Mosaic:
         map_run_of(config, cell, no_ground(cell), setting.table, (), setting.control_lines, None),
         thresholds_kj=rules.preset.thresholds_kj,
         ref_width_m=rules.ref_width_m,
-        repetitions=max(a.record.repetitions for a in areas),
+        rounds=(Round(0, max(a.record.repetitions for a in areas)),),
     )
     rocks = sum(a.record.rocks for a in areas)
     sample = Sample(
@@ -247,6 +248,7 @@ def _write_one_block(
     )
     planned = replace(plan(run), repetitions=tuple(a.record.repetitions for a in areas))
     rules = replace(setting.rules, frequencies=yearly_frequencies(config, released, setting.names))
+    run = with_rules(run, rules)
     # Tables of single blocks and passages are in the folders of the areas.
     output = replace(config.output, rock_table="none", passage_table="none")
 
@@ -423,7 +425,7 @@ def _maps_of(mosaic: Mosaic, block: tuple[Part, Sequence[Reached]]) -> Maps:
     of_hazard: tuple[RasterLayer, ...] = ()
     of_blocks: tuple[RasterLayer, ...] = ()
     if curves.places.size:
-        of_hazard = hazard_maps(rules, curves, grid.shape, config.hazard.confidence)
+        of_hazard = hazard_maps(rules, curves, grid, config.hazard.confidence)
     if total.sums.cells.size:
         of_blocks = block_maps(config, grid, total.sums, mosaic.sample, mosaic.bins)
     return Maps(of_hazard, of_blocks, terrain_layer(grid))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +28,6 @@ from sassgis.runs.ground_draws import spread_rules
 from sassgis.runs.inputs import (
     collected_notices,
     compares_barriers,
-    most_repetitions,
     named_preset,
     placed_objects,
     profile_from_csv,
@@ -38,6 +37,8 @@ from sassgis.runs.inputs import (
 )
 from sassgis.runs.job import check_means, workers_asked
 from sassgis.runs.map import check_starts
+from sassgis.runs.more_blocks import check_budget
+from sassgis.terrain.edge import ANGLE_DEG, beyond_edge
 from sassgis.terrain.plan import placed_points, plan
 
 
@@ -221,6 +222,7 @@ def check_inputs(config: Config) -> InputReport:
     areas: tuple[AreaSummary, ...] = ()
     zoning: tuple[str, ...] = ()
     estimate: RunEstimate | None = None
+    short: list[str] = []
     notices: list[str] = []
     with collected_notices(quietly=notices) as warned:
         if config.profile is not None and config.profile.file is not None:
@@ -237,7 +239,7 @@ def check_inputs(config: Config) -> InputReport:
             run = read_map_run(config, None if released else ())
             zoning, run = _zoning(config, run, not ready["zone"].missing)
         if run is not None and run.areas:
-            areas, estimate = _checked(config, run, not ready["zone"].missing)
+            areas, estimate, short = _checked(config, run, not ready["zone"].missing)
     if run is None:
         table, shares = _along(config, profile)
         control_lines = () if profile is None else tuple(own for own, _ in profile.control_lines)
@@ -263,6 +265,7 @@ def check_inputs(config: Config) -> InputReport:
             *warned,
             *ground_warnings([(table.classes[i], share) for i, share in sorted(shares.items())]),
             *(path_warnings(config.terrain.path) if areas else ()),
+            *short,
         ),
         estimate=estimate,
         zoning=zoning,
@@ -272,8 +275,8 @@ def check_inputs(config: Config) -> InputReport:
 
 def _checked(
     config: Config, run: MapRun, zones: bool
-) -> tuple[tuple[AreaSummary, ...], RunEstimate]:
-    """The release areas with their points, and what a run on them takes, which must be there."""
+) -> tuple[tuple[AreaSummary, ...], RunEstimate, list[str]]:
+    """The release areas with their points, what a run on them takes, and where terrain lacks."""
     check_means(config, run)
     spread_rules(config, run)
     points = placed_points(run)
@@ -282,10 +285,23 @@ def _checked(
     areas = tuple(_area_summary(a, int(n)) for a, n in zip(run.areas, counts, strict=True))
     more = 1 + config.run.ground_uncertainty
     if zones:
-        more = most_repetitions(config) * (more + compares_barriers(config, run))
+        more += compares_barriers(config, run)
     cores = workers_asked(config, None)
     assert isinstance(cores, int)
-    return areas, estimate_of(run, cores, len(points), more)
+    estimate = estimate_of(run, cores, len(points), more)
+    budget = config.hazard.budget
+    if zones and budget is not None:
+        check_budget(config, run, estimate.blocks)
+        most = math.ceil(more * budget.blocks / max(estimate.blocks, 1))
+        estimate = replace(estimate, more=most)
+    short = [
+        f"the terrain model should go on for {own.distance_m:.0f} m or more "
+        f"beyond {own.x:.0f}, {own.y:.0f} ({own.where}): there the energy line of {ANGLE_DEG:g} "
+        f"degrees from release area {points.area_names[points.area[own.start]]} is "
+        f"{own.height_m:.0f} m above the ground"
+        for own in beyond_edge(run.grid, points.x, points.y)
+    ]
+    return areas, estimate, short
 
 
 def _zoning(config: Config, run: MapRun, complete: bool) -> tuple[tuple[str, ...], MapRun]:

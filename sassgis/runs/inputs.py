@@ -312,11 +312,6 @@ def with_counts(run: MapRun, thresholds_kj: tuple[float, ...], ref_width_m: floa
     return replace(run, thresholds_kj=thresholds_kj, ref_width_m=ref_width_m)
 
 
-def most_repetitions(config: Config) -> int:
-    """Repetitions that a zoning may take."""
-    return 1 if config.hazard.changed_share_max is None else config.hazard.repetitions_max
-
-
 def compares_barriers(config: Config, run: MapRun) -> bool:
     """Whether there are walls and nets, and zones and risk without them are wanted too."""
     built = any(line.kind != "station" for line, _ in run.control_lines)

@@ -204,6 +204,7 @@ def _counts(done: Simulation) -> dict[str, int]:
         "release_points": len(planned.points),
         "fall_lines": sum(ends.values()),
         "rocks": int(progress.reasons.sum()),
+        "rocks_simulated": progress.simulated,
         "rocks_not_simulated": progress.lost,
         "fragments": progress.pieces,
         **{f"rocks_{r.name.lower()}": int(progress.reasons[r]) for r in StopReason},

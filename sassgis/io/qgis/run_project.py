@@ -247,7 +247,7 @@ def zone_groups(
             "Hazard",
             (
                 *([] if edits is None else [LayerEntry(edits, EDITS_FILE, to_draw_in=True)]),
-                *vectors(own, ("hazard_zones",)),
+                *vectors(own, ("hazard_zones", "open_limits")),
                 LayerGroup("Intensity maps", rasters("intensity"), True, False),
                 LayerGroup(
                     "Frequency and confidence",
