@@ -378,13 +378,13 @@ class HazardSettings(Section):
 class Drawing:
     """How zones are drawn (m and m2); of zeros, zones are their cells as they are."""
 
-    scale: float = 0.0  # denominator of the scale of the sheet; 0: none
     width_m: float = 0.0  # least width of a zone
     area_m2: float = 0.0  # smallest zone, and smallest hole in one
     gap_m: float = 0.0  # gaps and slots up to this width are closed
     envelope_m: float = 0.0  # those of the outer limit
     smoothing_m: float = 0.0  # width over which the frequency at the outer limit is averaged
     tolerance_m: float = 0.0  # how far a smoothed outline may lie outside its cells
+    scale: float = 0.0  # denominator of the scale of the sheet; 0: none
 
 
 @dataclass(frozen=True, slots=True)
@@ -451,7 +451,6 @@ class ZoningSettings(Section):
             return default if own is None else own
 
         return Drawing(
-            self.scale,
             metres(self.min_width_m, rules.width_mm * mm),
             metres(self.min_area_m2, rules.area_mm2 * mm**2),
             # Between two fall lines nothing was computed: the gap is not a place that is safe.
@@ -459,4 +458,5 @@ class ZoningSettings(Section):
             metres(self.envelope_m, rules.envelope_widths * ref_width_m),
             metres(self.smoothing_m, rules.smoothing_widths * ref_width_m),
             metres(self.tolerance_m, 1.5 * cell_size),
+            self.scale,
         )

@@ -181,8 +181,14 @@ def _followed(common: _Common, chunk: Chunk) -> ChunkResult:
         sums[k] = result
         parts.append(BlockRows.of_chunk(ended, result.x, result.y, passages, k, chunk.weight))
     lost = int((~known).sum()) * each * len(chunk.scenarios)
+    # For the map: where the descent leads from each point.
+    drawn = []
+    if not chunk.repetitions[0]:
+        starts = take(planned.starts, chunk.points)
+        traces = trace(run.grid, planned.surface, starts, run.terrain)
+        drawn.append(drawn_lines(traces, run.grid, chunk.points))
     return ChunkResult(
-        area, own.points, chunk.weight, sums, joined_rows(parts), joined_lines([]), lost
+        area, own.points, chunk.weight, sums, joined_rows(parts), joined_lines(drawn), lost
     )
 
 

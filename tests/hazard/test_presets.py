@@ -62,8 +62,9 @@ def test_names_in_ticino() -> None:
 
 
 def test_unverified_values_are_told_once_per_source() -> None:
-    (solothurn,) = preset_unverified(read_preset("ch-so"))
-    assert solothurn.startswith(
+    limits, ours = preset_unverified(read_preset("ch-so"))
+    assert limits.startswith("Preset ch-so, unverified: intensity low, intensity mean, ")
+    assert ours.startswith(
         "Preset ch-so, unverified: no level beyond 10000 years, "
         "zones of at least 2 mm and 40 mm² on the sheet. Our choice"
     )
@@ -161,7 +162,7 @@ def test_own_preset(tmp_path: Path) -> None:
         [False, False],
         [True, False],
     ]
-    own, ours = preset_unverified(preset)
+    ours, own = preset_unverified(preset)
     assert own == "Preset own, unverified: 3 of 4 fields of the matrix. What we have always done."
     # Rules that say nothing of sheets take those that come with sassgis.
     assert ours.startswith("Preset own, unverified: zones of at least 2 mm and 40 mm² on the sheet")
@@ -182,11 +183,12 @@ source = "directive"
 def test_own_rules_of_the_sheet(tmp_path: Path) -> None:
     preset = read_preset(written(tmp_path, OWN + SHEET))
     drawing = ZoningSettings(scale=10_000.0).drawing(preset.sheet, 8.0, 3.0, 2.0)
-    assert drawing == Drawing(10.0, 2500.0, 20.0, 40.0, 16.0, 3.0)
+    assert drawing == Drawing(10.0, 2500.0, 20.0, 40.0, 16.0, 3.0, 10_000.0)
     assert len(preset_unverified(preset)) == 1
     # Keys of the configuration come before the rules; wide spacing before the closing.
     own = ZoningSettings(10_000.0, min_width_m=4.0, tolerance_m=1.0)
-    assert own.drawing(preset.sheet, 8.0, 30.0, 2.0) == Drawing(4.0, 2500.0, 30.0, 40.0, 16.0, 1.0)
+    expected = Drawing(4.0, 2500.0, 30.0, 40.0, 16.0, 1.0, 10_000.0)
+    assert own.drawing(preset.sheet, 8.0, 30.0, 2.0) == expected
 
 
 @pytest.mark.parametrize(

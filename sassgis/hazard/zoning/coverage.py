@@ -143,6 +143,28 @@ def without_threads(faces: NDArray[Any], classes: IntArray) -> IntArray:
     return np.where(rounding & (lower >= 0), lower, out)
 
 
+def without_small(
+    faces: NDArray[Any], classes: IntArray, smallest_m2: float
+) -> tuple[Coverage, IntArray]:
+    """Zones of faces, and their classes; a small zone joins the next higher one that it borders."""
+    while True:
+        zones = dissolved(faces, classes)
+        is_small = shapely.area(zones.polygons) < smallest_m2
+        small, own = zones.polygons[is_small], zones.classes[is_small]
+        zone, face = shapely.STRtree(faces).query(small, predicate="touches")
+        border = shapely.length(shapely.intersection(small[zone], faces[face]))
+        beside = (border > PRECISION_M) & (classes[face] > own[zone])
+        if not beside.any():
+            return zones, classes
+        joined = np.full(small.size, np.iinfo(np.int64).max)
+        np.minimum.at(joined, zone[beside], classes[face[beside]])
+        inside = shapely.point_on_surface(faces)
+        zone, face = shapely.STRtree(inside).query(small, predicate="contains")
+        raised = joined[zone] < np.iinfo(np.int64).max
+        classes = classes.copy()
+        classes[face[raised]] = joined[zone[raised]]
+
+
 def joined_coverages(parts: Sequence[Coverage]) -> Coverage:
     """Zones of several places: those of the lowest class first, then from north and west."""
     classes = np.concatenate([np.empty(0, np.int64), *(p.classes for p in parts)])

@@ -22,10 +22,10 @@ from sassgis.hazard.zoning.coverage import (
     cell_faces,
     check_cells,
     classes_of,
-    dissolved,
     faces_of,
     joined_coverages,
     polygons_of,
+    without_small,
     without_threads,
 )
 from sassgis.model.grid import BoolArray, Grid, IntArray
@@ -273,7 +273,7 @@ def _drawn(
     for m, envelope in zip(maps, enveloped, strict=True):
         below = _stack(m, grid, rules, envelope, below, terrain)
         stacks.append([*below])
-    return _nested(stacks)
+    return _nested(stacks, rules.area_m2)
 
 
 def _stack(
@@ -293,7 +293,7 @@ def _stack(
     return stack
 
 
-def _nested(stacks: Sequence[Sequence[Any]]) -> list[Coverage]:
+def _nested(stacks: Sequence[Sequence[Any]], smallest_m2: float) -> list[Coverage]:
     """Maps on common lines, each of which contains the one before."""
     faces = faces_of([area for stack in stacks for area in stack])
     below = np.zeros(faces.size, np.int64)
@@ -301,5 +301,7 @@ def _nested(stacks: Sequence[Sequence[Any]]) -> list[Coverage]:
     for stack in stacks:
         classes = np.maximum(below, classes_of(faces, stack))
         below = np.maximum(below, without_threads(faces, classes))
-        out.append(dissolved(faces, below))
+        # What is cut off between this map and the one before may be small again.
+        zones, below = without_small(faces, below, smallest_m2)
+        out.append(zones)
     return out

@@ -68,8 +68,7 @@ def test_report_says_what_the_inputs_hold(config):
     shares = {c.name: c.share for c in report.classes}
     assert shares == pytest.approx({"talus": 130 / 540, "debris": 410 / 540})
     assert [g.name for g in report.control_lines] == ["road", "net"]
-    assert [w for w in report.warnings if "talus" in w and "unverified" in w]
-    assert [w for w in report.warnings if "debris" in w and "unverified" in w]
+    assert [w for w in report.warnings if "estimates" in w and "talus 24 %, debris 76 %" in w]
 
 
 def test_lines_are_lines(config):
