@@ -80,7 +80,8 @@ class Visits:
         self, histograms: tuple[NDArray[np.uint32], ...], row: NDArray[np.int32], weight: int = 1
     ) -> None:
         """Add them to histograms, each ``weight`` times; ``row`` is that of each cell."""
-        add_visits(self.visits, self.order, row[self.place], histograms, weight)
+        if self.order.size:
+            add_visits(self.visits, self.order, row[self.place], histograms, weight)
 
 
 @dataclass(frozen=True)

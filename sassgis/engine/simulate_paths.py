@@ -160,7 +160,8 @@ def _wanted(worth: Worth | None, register: CellRegister, n: int) -> Wanted | Non
         return None
     # A copy where it may not be written to, as of another process: see _checked_starts.
     of_cell = np.require(worth.of_cell, np.float32, ["C", "W"])
-    return Wanted(np.array(worth.energy, np.int64), of_cell, register.windows, np.zeros(n))
+    energy = np.array(worth.energy, np.int64)
+    return Wanted(energy, of_cell, register.windows, np.zeros(n), np.zeros_like(energy))
 
 
 def room_at_first(steps: int) -> int:

@@ -241,6 +241,7 @@ class Wanted(NamedTuple):
     of_cell: NDArray[np.float32]  # (n_cells, energies)
     cell: NDArray[np.int64]  # of each window
     found: NDArray[np.float64]  # (strata,)
+    came: NDArray[np.int64]  # (energies,) of zeros, working space
 
 
 @lean
@@ -248,7 +249,7 @@ def add_worth(
     visits: NDArray[np.uint64], order: NDArray[np.int32], wanted: Wanted, n_blocks: int
 ) -> None:
     """Add what visits to windows leave open; those of a stratum are all among them."""
-    came = np.zeros(wanted.energy.size, np.int64)
+    came = wanted.came
     m = 0
     while m < order.size:
         first = visits[order[m], 0]

@@ -92,7 +92,10 @@ class Checkpoint:
                 part = self._part(len(self._digests))
                 self._digests.append(write_saved(part, own, self._fingerprint))
                 self._waiting = []
-            state = state_of(progress) | {"parts": np.array(self._digests, np.str_)}
+            state = state_of(progress) | {
+                "parts": np.array(self._digests, np.str_),
+                "seconds": np.array(progress.seconds),
+            }
             write_saved(self.folder / "state.npz", state, self._fingerprint)
 
     def forget(self) -> None:
@@ -128,7 +131,6 @@ def state_of(progress: Progress) -> dict[str, NDArray[np.generic]]:
         "pieces": np.array(progress.pieces),
         "simulated": np.array(progress.simulated),
         "stop_share": np.array(progress.stop_share),
-        "seconds": np.array(progress.seconds),
         "rounds": np.array([(r.first, r.repetitions) for r in progress.rounds], np.int64),
         "scores": progress.scores,
         "history": np.array(progress.history, np.float64).reshape(-1, 2),
@@ -177,7 +179,8 @@ def progress_from(
     progress.pieces = int(state["pieces"])
     progress.simulated = int(state["simulated"])
     progress.stop_share = float(state["stop_share"])
-    progress.seconds = float(state["seconds"])
+    # Of what is kept as a result it says nothing.
+    progress.seconds = float(state.get("seconds", 0.0))
     progress.rounds = tuple(
         Round(int(first), int(repetitions), state.get(f"halvings.{i}"))
         for i, (first, repetitions) in enumerate(state["rounds"])

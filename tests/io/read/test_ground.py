@@ -110,7 +110,8 @@ def test_toml_and_spreadsheet_tables_say_the_same(tmp_path):
         b"\xef\xbb\xbf"
         + HEADER.replace(",", ";").encode()
         # A spreadsheet with decimal commas.
-        + b"scree;0,5;0,1;0,4;0,8;0,5;0,2;0,4;0,3;9,144;0,2;measured 2020;fitted\r\n;;;;;;;;;;;;\r\n"
+        + b"scree;0,5;0,1;0,4;0,8;0,5;0,2;0,4;0,3;9,144;0,2;measured 2020;fitted\r\n"
+        + b";;;;;;;;;;;;\r\n"
     )
     assert read_ground_table(toml) == read_ground_table(sheet)
 

@@ -90,7 +90,7 @@ def test_blocks_are_added_until_little_would_change(tmp_path: Path) -> None:
 def test_a_budget_that_is_spent_is_told(tmp_path: Path) -> None:
     case = adaptive(tmp_path, 0.01, most=1000)
     result = zone(case.config, tmp_path / "out", jobs=1)
-    assert result.run.rocks <= 1000 and result.run.run.repetitions > 3
+    assert result.run.n_blocks <= 1000 and result.run.run.repetitions > 3
     share = result.found.hazard.changed_share
     assert share > 0.01
     told = [w for w in result.run.warnings if "Another sample of blocks" in w]
