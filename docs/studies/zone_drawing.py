@@ -19,7 +19,7 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
 
 from docs.studies.tirol import config_of
-from docs.studies.zone_seeds import REF_WIDTH_M, VALLEY, read_sample, sample
+from docs.studies.zone_seeds import GIVEN, REF_WIDTH_M, VALLEY, read_sample, sample
 from sassgis.hazard.another_sample import level_chances
 from sassgis.hazard.assess import level_zones, raster
 from sassgis.hazard.attribution import zone_of_cells
@@ -51,7 +51,8 @@ def samples(data: Path, out: Path) -> None:
         else:
             config = out / f"{name}.toml"
             config.write_text(config_of(data, name, spacing=20.0), encoding="utf-8")
-        values: dict[str, object] = {"run.seed": 1, "hazard.blocks": "given"}
+        each = 50 if name in ("valley", "cliffs") else 20
+        values: dict[str, object] = {**GIVEN, "run.seed": 1, "release.rocks_per_point": each}
         if name == "cliffs":
             release = out / "cliffs.gpkg"
             propose_release(VALLEY.parent / "dem.tif", release)

@@ -41,6 +41,9 @@ from sassgis.runs.zone import prepared, simulations
 REF_WIDTH_M = 10.0
 VALLEY = Path(__file__).parents[2] / "sample_dem" / "valley" / "config.toml"
 SEEDS = 20
+#: Settings of the twenty seeds, and with as many blocks as the map needs.
+GIVEN = {"hazard.blocks": "given", "hazard.changed_share_max": None, "release.rocks_per_point": 50}
+NEEDED = {"hazard.blocks": "auto", "hazard.changed_share_max": 0.02, "release.rocks_per_point": 20}
 #: Sites with as many blocks as their maps need, and how many seeds of each.
 AUTO, AUTO_SEEDS = ("valley", "avaKot"), 3
 
@@ -77,15 +80,16 @@ def sample(config: Config, file: Path) -> None:
 def samples(data: Path, out: Path) -> None:
     """Curves of all sites and seeds; those that are there are not made again."""
     for name, path in configs(data, out).items():
+        own = GIVEN | ({} if name == "valley" else {"release.rocks_per_point": 20})
         for seed in range(1, SEEDS + 1):
             file = out / f"{name}_{seed}.npz"
             if not file.exists():
-                sample(load_config(path, {"run.seed": seed, "hazard.blocks": "given"}), file)
+                sample(load_config(path, {**own, "run.seed": seed}), file)
                 print(file, flush=True)
         for seed in range(1, AUTO_SEEDS + 1 if name in AUTO else 1):
             file = out / f"{name}_auto_{seed}.npz"
             if not file.exists():
-                sample(load_config(path, {"run.seed": seed, "hazard.blocks": "auto"}), file)
+                sample(load_config(path, {**NEEDED, "run.seed": seed}), file)
                 print(file, flush=True)
 
 
