@@ -322,10 +322,11 @@ def _design_table(
         title,
         (*columns, *((phrase("exceeded once in {} years", t), unit) for t in years)),
         tuple(rows),
-        "As if no wall or net held a block, sources weighted by their onset frequency; with limits "
-        "by the sampling of blocks. A dash: blocks arrive less often than that. Height of the "
-        "centre above its resting height: a barrier needs the block's half height and freeboard on "
-        "top. How many simulated blocks lie beyond each value is in tables/design.csv.",
+        "Without walls and nets; release areas and block scenarios are weighted by their onset "
+        "frequencies. Limits are those of the sampling error. A dash: blocks arrive less often "
+        "than that. Heights are of the centre of the block above its resting height: add half the "
+        "height of the block and the freeboard. How many simulated blocks lie beyond each value is "
+        "in tables/design.csv.",
     )
 
 

@@ -336,3 +336,15 @@ def test_unknown_names(tmp_path: Path) -> None:
     file.write_bytes(b"title = '\xff'")
     with pytest.raises(InputError, match="is not UTF-8 text"):
         read_preset(file)
+
+
+def test_a_floor_within_the_matrix_is_refused(tmp_path: Path) -> None:
+    text = OWN + '\n[rarest]\nyears = 40\nsource = "habit"\n'
+    with pytest.raises(InputError) as error:
+        read_preset(written(tmp_path, text))
+    expected = (
+        "rarest.years: is within the classes of return period (found 40; expected more than 50"
+    )
+    assert expected in str(error.value) and "\n" not in str(error.value)
+    own = read_preset(written(tmp_path, text.replace("years = 40", "years = 60")))
+    assert own.rarest_years == 60.0
