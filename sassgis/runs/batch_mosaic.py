@@ -165,6 +165,8 @@ def write_mosaic(
         keep()
         with in_language(setting.config.project.language):
             warnings = (*warnings, _SEVERAL_BLOCKS)
+            rules = replace(setting.rules, in_part=True)
+            mosaic = replace(mosaic, setting=replace(setting, rules=rules))
             return None, _write_blocks(work, mosaic, candidates, areas, warnings, most, cores, tell)
 
 

@@ -154,7 +154,7 @@ def hazard_maps(
     preset = rules.preset
     return hazard_layers(
         curves, preset, grid, rules.ref_width_m, return_periods=preset.return_periods,
-        confidence=confidence,
+        confidence=confidence, in_part=rules.in_part,
     )  # fmt: skip
 
 

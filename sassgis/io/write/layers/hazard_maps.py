@@ -30,6 +30,7 @@ def hazard_layers(
     *,
     return_periods: Sequence[float],
     confidence: float = 0.95,
+    in_part: bool = False,
 ) -> tuple[RasterLayer, ...]:
     """Maps of level, intensity, energy, return period and frequency, and how sure the level is.
 
@@ -37,7 +38,7 @@ def hazard_layers(
     but another sample may give a level to some that this one does not reach.
     The thresholds of the preset are among the energies of the curves. Intensity and energy are
     mapped for the return periods (years, ascending), all frequencies for the reference width (m);
-    ``confidence`` is that of the intervals.
+    ``confidence`` is that of the intervals; ``in_part`` is as in level_chances.
     """
     maker = _Maker(curves, preset, grid, ref_width_m, confidence)
     return (
@@ -47,7 +48,7 @@ def hazard_layers(
         maker.energy(return_periods),
         maker.return_period(),
         maker.frequency(),
-        maker.confidence(),
+        maker.confidence(in_part),
     )
 
 
@@ -170,9 +171,9 @@ class _Maker:
         breaks = (0.0, 0.1 * limits[0], *limits, 10.0 * limits[-1])
         return described_raster("frequency", bands, breaks, "plasma_r", **self._words)
 
-    def confidence(self) -> RasterLayer:
+    def confidence(self, in_part: bool) -> RasterLayer:
         few, preset = self._few, self._preset
-        chances = level_chances(few, preset, np.isfinite(self._grid.values))
+        chances = level_chances(few, preset, np.isfinite(self._grid.values), in_part)
         factor = rocks_factor(few, preset, chances, self._confidence)
         factor = np.where(self._reached & np.isfinite(factor), factor, np.nan)
         # Another sample may come where this one did not.
