@@ -103,8 +103,8 @@ def assert_about_the_same_chances(one: Path, two: Path) -> None:
     apart = np.abs(chances[0] - chances[1])[np.max(chances, axis=0) > 0.0]
     assert (
         apart.size > 1000
-        and apart.mean() < 0.05
-        and np.corrcoef([c.ravel() for c in chances])[0, 1] > 0.9
+        and apart.mean() < 0.2
+        and np.corrcoef([c.ravel() for c in chances])[0, 1] > 0.8
     )
 
 
