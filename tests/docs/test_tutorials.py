@@ -37,7 +37,10 @@ def followed(page: str, folder: Path, quick: bool, call) -> dict[str, str]:
                     shutil.copytree(*words[2:])
                     if quick:
                         config = folder / words[-1] / "config.toml"
-                        config.write_text(changed(config.read_text("utf-8"), QUICK), "utf-8")
+                        text = re.sub(
+                            r"(?m)^(blocks|changed_share_max) = .*\n", "", config.read_text("utf-8")
+                        )
+                        config.write_text(changed(text, QUICK), "utf-8")
                     continue
                 code, said[words[1]], err = call(*words[1:])
                 assert code == 0, (line, err)
