@@ -14,9 +14,9 @@ from sassgis.hazard.curves import at_energies, hazard_curves
 from sassgis.hazard.levels import deciding_energy, hazard_level, intensity_class
 from sassgis.hazard.risk import RiskTable, assess_risk
 from sassgis.hazard.sources import Sampled
+from sassgis.hazard.zoning.applied_edits import AppliedEdit, with_edits
 from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.hazard.zoning.drawing import drawn_zones, reach_cells
-from sassgis.hazard.zoning.edits import AppliedEdit, with_edits
 from sassgis.hazard.zoning.outer_limit import cells_within_limit
 from sassgis.model.edits import Edit
 from sassgis.model.exposure import PlacedObjects, Vulnerability

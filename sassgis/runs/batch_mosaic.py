@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sassgis.hazard.another_sample import level_chances
 from sassgis.hazard.assess import Assessment, assess, curves_of, risk_of
 from sassgis.hazard.bins import bins_for
 from sassgis.hazard.map_sums import Sample
@@ -427,7 +428,8 @@ def _maps_of(mosaic: Mosaic, block: tuple[Part, Sequence[Reached]]) -> Maps:
     of_hazard: tuple[RasterLayer, ...] = ()
     of_blocks: tuple[RasterLayer, ...] = ()
     if curves.places.size:
-        of_hazard = hazard_maps(rules, curves, grid, config.hazard.confidence)
+        chances = level_chances(curves, rules.preset, in_part=True)
+        of_hazard = hazard_maps(rules, curves, chances, grid, config.hazard.confidence)
     if total.sums.cells.size:
         of_blocks = block_maps(config, grid, total.sums, mosaic.sample, mosaic.bins)
     return Maps(of_hazard, of_blocks, terrain_layer(grid))
