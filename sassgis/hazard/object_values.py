@@ -19,7 +19,7 @@ _Q95 = 0.95
 
 
 @dataclass(frozen=True, slots=True)
-class Estimate:
+class ObjectEstimate:
     """Values of objects with an interval by the sampling of blocks, shape (n_objects,) each.
 
     NaN where nothing arrives, or not as often; a limit is NaN where the sample has none.
@@ -44,20 +44,20 @@ class ObjectValues:
 
     Attributes
     ----------
-    arrivals : Estimate
+    arrivals : ObjectEstimate
         Blocks per year; without frequencies, the blocks themselves.
-    energy_q95_kj, height_q95_m : Estimate
+    energy_q95_kj, height_q95_m : ObjectEstimate
         Not exceeded by 95 % of the blocks: of the energy each counts once with its largest on the
         object, as often as it is released; of the height once in each cell, as often as it was
         simulated.
-    energy_kj : mapping of float to Estimate
+    energy_kj : mapping of float to ObjectEstimate
         Exceeded once in a return period (years); empty without frequencies.
     """
 
-    arrivals: Estimate
-    energy_q95_kj: Estimate
-    height_q95_m: Estimate
-    energy_kj: Mapping[float, Estimate] = field(default_factory=dict)
+    arrivals: ObjectEstimate
+    energy_q95_kj: ObjectEstimate
+    height_q95_m: ObjectEstimate
+    energy_kj: Mapping[float, ObjectEstimate] = field(default_factory=dict)
 
 
 def object_values(
@@ -94,12 +94,12 @@ def object_values(
     ends = [replace(curves, rate=np.minimum.accumulate(rate, axis=1)) for rate in (lower, upper)]
     n = objects.n_objects
 
-    def placed(*values: FloatArray) -> Estimate:
+    def placed(*values: FloatArray) -> ObjectEstimate:
         out = np.full((3, n), np.nan)
         out[:, curves.places] = values
-        return Estimate(*out)
+        return ObjectEstimate(*out)
 
-    def energy(years: FloatArray) -> Estimate:
+    def energy(years: FloatArray) -> ObjectEstimate:
         low, high = (energy_at(end, years) for end in ends)
         value = energy_at(curves, years)
         # With the lowest frequency blocks may come less often; beyond the last energy of the
@@ -126,7 +126,7 @@ def _heights(
     sums: MapSums | None,
     edges: FloatArray,
     confidence: float,
-) -> Estimate:
+) -> ObjectEstimate:
     """95 % quantile of the passing height in the cells of each object, with an interval.
 
     Limits by the order of as many independent blocks as the rate of the object and its variance
@@ -154,4 +154,4 @@ def _heights(
         levels = (_Q95, max(_Q95 - room, 0.0), min(_Q95 + room, 1.0))
         own = slice(number, number + 1)
         out[:, number] = quantiles(pooled[own], edges, levels, largest[own])[:, 0]
-    return Estimate(*out)
+    return ObjectEstimate(*out)

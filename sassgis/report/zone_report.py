@@ -28,6 +28,7 @@ from sassgis.model.map_run import MapRun
 from sassgis.model.results import RasterLayer
 from sassgis.report import figures
 from sassgis.report.exposed_report import map_objects, with_limits
+from sassgis.report.figures import MapMarks
 from sassgis.report.map_report import map_marks
 from sassgis.report.number_text import thousands
 from sassgis.report.page import Cell, ReportFigure, ReportTable, heads, sensible
@@ -141,25 +142,7 @@ def zone_figures(
             figures.blocks_figure(history, changed_share_max),
         )  # fmt: skip
     if found.without is not None:
-        both = []
-        for one in (found.without, hazard):
-            levels = raster(grid, one.curves.places, hazard_level(one.curves, rules.preset))
-            drawn = np.where(levels == 0, np.nan, levels).astype(np.float32)
-            both.append(replace(level, bands=(replace(level.bands[0], values=drawn),)))
-        add(
-            "barriers",
-            "What walls and nets change",
-            "Hazard level of the cells without and with walls and nets, from the same blocks.",
-            phrase("Without: {} With: {}", *(map_alt(grid, layer) for layer in both)),
-            figures.change_figure(
-                grid,
-                both[0],
-                both[1],
-                marks,
-                names=("Without walls and nets", "With them"),
-                note=width,
-            ),
-        )
+        out.append(_barrier_figure(run, rules, found, level, marks, width, folder))
     curves, preset = hazard.curves, rules.preset
     x, y = grid.cell_centres(curves.places[place : place + 1])
     rates = [
@@ -179,27 +162,67 @@ def zone_figures(
             note=phrase("At {}, {}.", f"{x[0]:.0f}", f"{y[0]:.0f}"),
         ),
     )  # fmt: skip
+    if found.risk is not None:
+        out += _risk_figures(found.risk, currency, folder)
+    return tuple(out)
+
+
+def _barrier_figure(
+    run: MapRun,
+    rules: Rules,
+    found: Assessment,
+    level: RasterLayer,
+    marks: MapMarks,
+    width: str,
+    folder: Path,
+) -> ReportFigure:
+    """Levels of the cells without and with walls and nets, drawn as ``level`` is."""
+    grid = run.grid
+    both = []
+    for one in (found.without, found.hazard):
+        assert one is not None
+        levels = raster(grid, one.curves.places, hazard_level(one.curves, rules.preset))
+        drawn = np.where(levels == 0, np.nan, levels).astype(np.float32)
+        both.append(replace(level, bands=(replace(level.bands[0], values=drawn),)))
+    names = ("Without walls and nets", "With them")
+    return picture(
+        folder,
+        "barriers",
+        "What walls and nets change",
+        "Hazard level of the cells without and with walls and nets, from the same blocks.",
+        figures.change_figure(grid, both[0], both[1], marks, names=names, note=width),
+        phrase("Without: {} With: {}", *(map_alt(grid, layer) for layer in both)),
+    )
+
+
+def _risk_figures(risk: RiskTable, currency: str, folder: Path) -> list[ReportFigure]:
+    """The objects with the largest loss and with most deaths, where there are any."""
+    out = []
     per_year = phrase("{}/year", currency)
     for quantity, title, unit in (
         ("loss", "Risk: loss", per_year),
         ("deaths", "Risk: deaths", phrase("1/year")),
     ):
-        if found.risk is None or not ((values := found.risk.of_object(quantity)) > 0.0).any():
+        values = risk.of_object(quantity)
+        if not (values > 0.0).any():
             continue
-        names = [o.name for o in found.risk.objects]
+        names = [o.name for o in risk.objects]
         first = [i for i in np.argsort(-values, kind="stable")[:3] if values[i] > 0]
         largest = [phrase("{} {} {}", names[i], sensible(values[i]), unit) for i in first]
-        add(
-            f"risk_{quantity}",
-            title,
-            "Objects with the largest values, with the 95 % interval of the sampling of "
-            "blocks (at most). Values and vulnerability are the user's.",
-            phrase("Bars, the largest first: {}.", joined(", ", largest)),
-            figures.risk_figure(
-                names, values, found.risk.standard_error(quantity), quantity=quantity, unit=unit
-            ),
+        out.append(
+            picture(
+                folder,
+                f"risk_{quantity}",
+                title,
+                "Objects with the largest values, with the 95 % interval of the sampling of "
+                "blocks (at most). Values and vulnerability are the user's.",
+                figures.risk_figure(
+                    names, values, risk.standard_error(quantity), quantity=quantity, unit=unit
+                ),
+                phrase("Bars, the largest first: {}.", joined(", ", largest)),
+            )
         )
-    return tuple(out)
+    return out
 
 
 def _zone_marks(hazard: Hazard, level: RasterLayer) -> dict[str, Any]:

@@ -59,6 +59,7 @@ def place(repository: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     return tmp_path
 
 
+@pytest.mark.battery
 @both
 def test_from_tiles_to_a_hazard_sheet(repository: Path, place: Path, quick: bool, call) -> None:
     page = (repository / "docs" / "tutorials" / "hazard_sheet.md").read_text(encoding="utf-8")
@@ -71,6 +72,7 @@ def test_from_tiles_to_a_hazard_sheet(repository: Path, place: Path, quick: bool
     assert pyogrio.read_info(place / "zones" / "hazard.gpkg", layer="hazard_zones")["features"]
 
 
+@pytest.mark.battery
 @both
 def test_design_of_a_net(repository: Path, place: Path, quick: bool, call) -> None:
     page = (repository / "docs" / "tutorials" / "net.md").read_text(encoding="utf-8")

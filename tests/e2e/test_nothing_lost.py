@@ -115,6 +115,7 @@ def test_overwrite_stops_at_a_file_of_the_user(
     assert (site / "project.qgz").read_bytes().endswith(b"saved")
 
 
+@pytest.mark.battery
 def test_overwrite_of_a_batch_stops_at_a_file_of_the_user(
     site: Path, call, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -155,6 +156,7 @@ def test_a_folder_with_a_summary_is_no_batch(
     assert "summary.csv: has changed since sassgis wrote it, or is not of sassgis" in line
 
 
+@pytest.mark.battery
 def test_what_other_commands_write_is_replaced_as_long_as_nobody_changed_it(
     site: Path, call
 ) -> None:
@@ -295,7 +297,10 @@ FAULTS = {
 }
 
 
-@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize(
+    "fault",
+    [f if f == "full disk" else pytest.param(f, marks=pytest.mark.battery) for f in FAULTS],
+)
 def test_a_batch_keeps_what_was_done_before_a_fault(
     site: Path, disk: Path, call, fault: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -2,7 +2,7 @@
 
 Run by the system's Python: ``/usr/bin/python3 plugin_probe.py TASK.json``. The task names the
 folder of the unpacked plugin, the program ``sassgis``, and the calls: ``algorithm``,
-``parameters``, and ``cancel`` where the first progress is answered by cancelling. A parameter
+``parameters``, and ``cancel`` where progress beyond 10 % is answered by cancelling. A parameter
 ``@FILE|a,b`` is the layer of a file with these features selected.
 """
 
@@ -35,7 +35,7 @@ class Feedback(QgsProcessingFeedback):
         self.said = {"info": [], "warnings": [], "errors": [], "progress": []}
         self.progressChanged.connect(self.said["progress"].append)
         if cancel:
-            self.progressChanged.connect(lambda value: value > 0 and self.cancel())
+            self.progressChanged.connect(lambda value: value > 10 and self.cancel())
 
     def pushInfo(self, text):
         self.said["info"].append(text)

@@ -44,7 +44,7 @@ def across(grid, out):
     return out.y - middle(grid)[1]
 
 
-@pytest.mark.parametrize("step", [0.3, 4.0, 60.0])
+@pytest.mark.parametrize("step", [pytest.param(0.3, marks=pytest.mark.battery), 4.0, 60.0])
 def test_turns_come_after_hops_whatever_the_steps_of_the_path(step):
     # Hops of exponential length are a Poisson process: the variance of the sum is σ² L / h.
     sigma, hop, length, n = 7.0, 5.0, 120.0, 4000

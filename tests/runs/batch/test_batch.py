@@ -86,7 +86,8 @@ def test_the_mosaic_is_one_run_of_all_areas_to_the_last_bit(done: Stopped, joint
     assert_same_result(done.folder / "mosaic", joint)
 
 
-@pytest.mark.parametrize("path", ["followed", pytest.param("fall_line", marks=pytest.mark.battery)])
+@pytest.mark.battery
+@pytest.mark.parametrize("path", ["followed", "fall_line"])
 def test_effects_reach_the_mosaic_as_well(valley: Valley, tmp_path: Path, path: str) -> None:
     """Random paths, fragments, and a forest that one area never meets."""
     inputs = tmp_path / "inputs"
@@ -209,7 +210,11 @@ def planted(folder: Path) -> None:
 
 @pytest.mark.parametrize(
     ("change", "file"),
-    [(scaled, "simulation.npz"), (fewer, "area.json"), (planted, "without_barriers.npz")],
+    [
+        (fewer, "area.json"),
+        pytest.param(scaled, "simulation.npz", marks=pytest.mark.battery),
+        pytest.param(planted, "without_barriers.npz", marks=pytest.mark.battery),
+    ],
 )
 def test_an_area_that_was_changed_is_refused_until_it_is_moved_away(
     done: Stopped, valley: Valley, tmp_path: Path, change: Callable[[Path], None], file: str

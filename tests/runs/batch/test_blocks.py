@@ -33,6 +33,7 @@ def digests(folder: Path, suffix: str) -> dict[str, str]:
     return {f["path"]: f["sha256"] for f in files if f["path"].endswith(suffix)}
 
 
+@pytest.mark.battery
 def test_areas_at_the_same_time_files_tiles_and_sums_only_give_the_same_mosaic(
     done: Stopped, valley: Valley, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -89,6 +90,7 @@ def small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
 
 _CHANCES: dict[str, bytes] = {}
 #: Columns of zones that rest on what another sample would change.
+_POOLED = ("energy_", "height_")
 _BY_BLOCK = ["uncertain_share", "limit_moves_m"]
 
 
@@ -108,6 +110,7 @@ def assert_about_the_same_chances(one: Path, two: Path) -> None:
     )
 
 
+@pytest.mark.battery
 @pytest.mark.usefixtures("small_blocks")
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_blocks_give_the_maps_of_the_whole_to_the_last_bit(
@@ -165,7 +168,9 @@ def test_blocks_give_the_maps_of_the_whole_to_the_last_bit(
     for file, names in layers.items():
         for name in names:
             one, two = (gpd.read_file(f / "mosaic" / file, layer=name) for f in (done.folder, out))
-            assert len(one) and one.equals(two), name
+            # Values at objects are pooled over the areas of a mosaic that is made as a whole.
+            pooled = [c for c in one.columns.difference(two.columns) if c.startswith(_POOLED)]
+            assert len(one) and one.drop(columns=pooled).equals(two), name
     tables = {f.name: f.read_bytes() for f in (out / "mosaic" / "tables").glob("*.csv")}
     assert {"zones.csv", "risk_total.csv", "risk_objects_without_barriers.csv"} <= set(tables)
     for name, text in tables.items():
@@ -194,6 +199,7 @@ def test_blocks_give_the_maps_of_the_whole_to_the_last_bit(
     assert said[-1] == "The mosaic is there already" and again.found is None
 
 
+@pytest.mark.battery
 def test_an_area_without_barriers_left_the_same_with_and_without(
     done: Stopped, tmp_path: Path
 ) -> None:

@@ -96,6 +96,7 @@ def test_what_is_written_can_be_run_and_says_where_it_comes_from(case: Path, don
     assert set(errors[0]["crps"]) == {"before", "after", "left out"}
 
 
+@pytest.mark.battery
 @pytest.mark.parametrize("changed", [False, True], ids=["as it was", "scores changed"])
 def test_an_interruption_changes_nothing(
     case: Path, done: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, changed: bool

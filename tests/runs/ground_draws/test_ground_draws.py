@@ -51,6 +51,7 @@ def digests(folder: Path) -> dict[str, str]:
     }
 
 
+@pytest.mark.battery
 def test_the_result_itself_is_that_of_the_values(
     zoned: ZoneResult, config: Config, tmp_path: Path
 ) -> None:

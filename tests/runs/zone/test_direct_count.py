@@ -172,7 +172,11 @@ def make(folder: Path, **settings: dict[str, object]) -> tuple[Case, Zoned]:
     return case, zoned(case.config, folder / "work")
 
 
-@pytest.fixture(scope="module", params=[2.0, 5.0], ids=["one cell", "5 m"])
+@pytest.fixture(
+    scope="module",
+    params=[pytest.param(2.0, marks=pytest.mark.battery), 5.0],
+    ids=["one cell", "5 m"],
+)
 def both(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> tuple[Zoned, list[Rock], list[Rock]]:

@@ -45,6 +45,7 @@ def refused(found: ExportResult) -> str:
     return "\n".join(found.lines())
 
 
+@pytest.mark.battery
 def test_the_zoning_of_the_demo_is_accepted(
     make_valley: Callable[..., Path], tmp_path: Path, official_models: Path
 ) -> None:

@@ -86,6 +86,7 @@ def runs(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
     return repeated(tmp_path_factory.mktemp("repeated"), **CASES[request.param])
 
 
+@pytest.mark.battery
 @pytest.mark.parametrize("column", range(len(ENERGIES)), ids=[f"{e:g} kJ" for e in ENERGIES])
 def test_the_spread_is_as_predicted(runs: Repeated, column: int) -> None:
     rate, variance = runs.rate[..., column], runs.variance[..., column]

@@ -9,7 +9,7 @@ from itertools import pairwise
 import pandas as pd
 import shapely
 
-from sassgis.hazard.object_values import Estimate, ObjectValues
+from sassgis.hazard.object_values import ObjectEstimate, ObjectValues
 from sassgis.hazard.risk import (
     ADDITIVE,
     QUANTITIES,
@@ -99,7 +99,7 @@ def risk_frames(
     return frames
 
 
-def value_columns(values: ObjectValues | None) -> dict[str, Estimate]:
+def value_columns(values: ObjectValues | None) -> dict[str, ObjectEstimate]:
     """What reaches the objects by the names of the columns of its values."""
     if values is None:
         return {}
