@@ -13,6 +13,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+from sassgis.hazard.control_lines import QUANTITIES
 from sassgis.hazard.progress import Progress
 from sassgis.hazard.tolerance_check import ToleranceCheck
 from sassgis.hazard.warnings import simulation_warnings
@@ -224,6 +225,7 @@ def state_fingerprint(config: Config, job: MapRun, schedule: str = "") -> str:
         schedule,
         [(r.first, r.repetitions, r.halvings is not None) for r in job.rounds],
         SUM_NAMES,
+        list(QUANTITIES),
     ]
     digest = hashlib.sha256(json.dumps(parts).encode())
     arrays: list[NDArray[Any]] = [job.objects.cell, job.objects.number]
