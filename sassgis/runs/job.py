@@ -62,7 +62,7 @@ class Simulation:
     checkpoint : Checkpoint
         Holds the rows for tables.
     tolerance : ToleranceCheck or None
-        How a sample answers to the tolerance of the segments; None where that was not asked.
+        How a sample depends on the tolerance of the segments; None where that was not asked.
     """
 
     config: Config
@@ -203,7 +203,7 @@ def _checked(
     jobs: Jobs,
     tell: Callable[[str], None],
 ) -> ToleranceCheck | None:
-    """How a sample answers to the tolerance; the simulation itself has been saved."""
+    """How a sample depends on the tolerance; the simulation itself has been saved."""
     tell("Repeating a sample at half and double the tolerance")
     try:
         return check_tolerance(run, planned, workers_asked(config, jobs))
