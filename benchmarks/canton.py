@@ -57,7 +57,7 @@ rocks_per_point = {rocks}
 [ground]
 default = "debris"
 
-# Semi-axes: half of what a folding rule shows.
+# Semi-axes: half of the measured lengths.
 [[blocks]]
 name = "block"
 axis_1_m = [0.30, 0.60]

@@ -57,7 +57,7 @@ default = "debris"
 file = "ground.gpkg"
 class_field = "class"
 
-# Semi-axes: half of what a folding rule shows.
+# Semi-axes: half of the measured lengths.
 [[blocks]]
 name = "block"
 axis_1_m = [0.30, 0.60]

@@ -236,7 +236,7 @@ class SiteDock(QDockWidget):
         (self.zone_button,) = self._buttons(form, ("Make zones", lambda: self.start("zone")))
         self.share_bar, self.share_text = QProgressBar(), QLabel()
         self.share_bar.setRange(0, 1000)
-        self.share_bar.setFormat("zones not settled: %v ‰")
+        self.share_bar.setFormat("level changed by another sample: %v ‰")
         self.share_text.setWordWrap(True)
         form.addRow(self.share_bar)
         form.addRow(self.share_text)
@@ -333,7 +333,7 @@ class SiteDock(QDockWidget):
             f"QProgressBar::chunk {{ background: {_COLOURS[grade]} }}"
             " QProgressBar { text-align: center; }"
         )
-        self.share_bar.setToolTip(f"Up to {1000.0 * LOOK_SHARE:.0f} ‰ is settled enough.")
+        self.share_bar.setToolTip(f"Up to {1000.0 * LOOK_SHARE:.0f} ‰ is good enough.")
         self.share_text.setText(text)
         self.share_text.setStyleSheet(f"font-weight: bold; color: {_COLOURS[grade]}")
 

@@ -28,6 +28,7 @@ from sassgis.cli.site_commands import (
     frequency,
     init,
     new,
+    sample,
     schema,
     validate,
 )
@@ -75,8 +76,8 @@ def dem() -> None:
 
 
 for _command in (
-    demo, dem, cliffs, new, init, schema, frequency, validate, profile, run, zone, compare, export,
-    sensitivity, batch, calibrate, gap,
+    demo, sample, dem, cliffs, new, init, schema, frequency, validate, profile, run, zone, compare,
+    export, sensitivity, batch, calibrate, gap,
 ):  # fmt: skip
     cli.add_command(_command)
 for _command in (template, validate_observations, diagnose, check_diagnosis):

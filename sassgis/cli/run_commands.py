@@ -236,7 +236,7 @@ def batch(releases: Path, out: Path, **given: Any) -> None:
     example="sensitivity sassgis.toml -o sensitivity",
 )  # fmt: skip
 def sensitivity(config: Path, out: Path, **given: Any) -> None:
-    """Show how levels, reach and energy of CONFIG answer to the ranges of its ground classes."""
+    """Show how levels, reach and energy of CONFIG change with its ground classes."""
     from sassgis.runs.sensitivity_run import sensitivity as vary
 
     with at_work(given) as how:

@@ -125,6 +125,20 @@ def cliffs(dem: Path, out: Path, **given: Any) -> None:
 
 
 @command(
+    click.argument("folder", type=PATH, default="sample_dem"),
+    short_help="Write the files of the sample, with its configuration.",
+    example="sample sample_dem",
+)
+def sample(folder: Path) -> None:
+    """Write the synthetic sample terrain into FOLDER (default: sample_dem), which must be new."""
+    from sassgis.runs.samples import write_samples
+
+    write_samples(folder)
+    config = folder / "valley" / "config.toml"
+    click.echo(f"Wrote {folder}. Now: sassgis zone {config} -o zones")
+
+
+@command(
     click.argument("file", type=PATH),
     click.option("--crs", help="Projected system in metres, as EPSG:2056; default: that of --dem."),
     click.option("--dem", type=PATH, help="Terrain model to draw over."),

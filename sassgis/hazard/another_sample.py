@@ -1,4 +1,4 @@
-"""What another sample of as many blocks would make of the hazard levels."""
+"""How another sample of as many blocks would change the hazard levels."""
 
 from __future__ import annotations
 

@@ -12,13 +12,17 @@ from sassgis.hazard.map_sums import quantiles
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.results import ControlLine, Histogram, Outcome
 
+_ENERGY = ("kJ", np.concatenate([[0.0], 30.0 * 10.0 ** (np.arange(-160, 241) / 40.0)]))
+#: Energy with which a block goes on behind the line; 0 where a barrier takes it.
+BEHIND = "energy_behind_kj"
 #: Quantities of a passage: unit, and edges of their bins. Beyond the last edge counts in the last.
 QUANTITIES: dict[str, tuple[str, FloatArray]] = {
     "speed_mps": ("m/s", np.arange(0.0, 150.25, 0.25)),
     "rotation_hz": ("Hz", np.arange(0.0, 40.1, 0.1)),
     "height_m": ("m", np.arange(0.0, 200.1, 0.1)),
-    "energy_kj": ("kJ", np.concatenate([[0.0], 30.0 * 10.0 ** (np.arange(-160, 241) / 40.0)])),
+    "energy_kj": _ENERGY,
     "mass_kg": ("kg", np.concatenate([[0.0], 10.0 ** (np.arange(0, 281) / 40.0)])),
+    BEHIND: _ENERGY,
 }
 
 
@@ -60,6 +64,7 @@ class ControlLineSums:
     def __init__(self, control_lines: tuple[ControlLine, ...]) -> None:
         self.control_lines = control_lines
         n = len(control_lines)
+        self._capacities = np.array([line.capacity_kj for line in control_lines], np.float64)
         self._outcomes = np.zeros((n, len(Outcome)), np.int64)
         self._counts = {
             q: np.zeros((n, edges.size - 1), np.int64) for q, (_, edges) in QUANTITIES.items()
@@ -78,8 +83,11 @@ class ControlLineSums:
         control_line = passages["control_line"]
         np.add.at(self._outcomes, (control_line, passages["outcome"]), weight)
         energy = passages["energy_trans_kj"] + passages["energy_rot_kj"]
+        behind = energy_behind(energy, passages["outcome"], self._capacities[control_line])
         for q, (_, edges) in QUANTITIES.items():
-            values = energy if q == "energy_kj" else passages[q]
+            values = {"energy_kj": energy, BEHIND: behind}.get(q)
+            if values is None:
+                values = passages[q]
             bins = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, edges.size - 2)
             np.add.at(self._counts[q], (control_line, bins), weight)
             np.add.at(self._squares[q], (control_line, bins), weight * weight)
@@ -151,6 +159,22 @@ class ControlLineSums:
         return sums
 
 
+def energy_behind(
+    energy_kj: FloatArray, outcome: NDArray[np.uint8], capacity_kj: FloatArray
+) -> FloatArray:
+    """Energy with which blocks go on behind a line (kJ): 0 of those that a barrier takes.
+
+    Parameters
+    ----------
+    energy_kj, outcome, capacity_kj : shape (n,)
+        Of each block where it arrives; Outcome; of the barrier.
+    """
+    taken = np.isin(outcome, (Outcome.STOPPED, Outcome.HELD_BY_NET))
+    lost = np.where(outcome == Outcome.BROKE_THROUGH, capacity_kj, 0.0)
+    behind: FloatArray = np.where(taken, 0.0, np.maximum(energy_kj - lost, 0.0))
+    return behind
+
+
 def trimmed(histogram: Histogram, bins: int = 15) -> Histogram:
     """A histogram for drawing: evenly wide bins from 0 to just beyond what was counted.
 
@@ -192,7 +216,7 @@ def control_line_rows(control_lines: ControlLineSums) -> list[dict[str, object]]
             row["hits"] = control_lines.arrivals(i) - outcomes[Outcome.OVERTOPPED]
             for outcome in BARRIER_OUTCOMES:
                 row[outcome.name.lower()] = outcomes[outcome]
-        for quantity in QUANTITIES:
+        for quantity in (q for q in QUANTITIES if q != BEHIND):
             d = control_lines.distribution(i, quantity)
             values = dict(
                 zip(("q50", "q95", "q99"), d.quantile(0.5, 0.95, 0.99), strict=True),

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
+from importlib import resources
 
 import numpy as np
 
@@ -130,3 +133,31 @@ def rocks_beyond(curve: Arrivals, rate: float) -> int:
     if curve.rate[0] <= rate:
         return int(curve.rocks[0])
     return int(curve.rocks[int(np.flatnonzero(curve.rate > rate)[-1]) + 1])
+
+
+@cache
+def _net_classes() -> tuple[tuple[str, float], ...]:
+    """Name and maximum energy (kJ) of the classes, rising: sassgis/data/net_classes.csv."""
+    file = resources.files("sassgis").joinpath("data", "net_classes.csv")
+    rows = csv.DictReader(file.read_text(encoding="utf-8").splitlines())
+    return tuple((row["class"], float(row["maximum_energy_kj"] or "inf")) for row in rows)
+
+
+def net_class(energy_kj: float) -> str:
+    """The lowest class of nets whose maximum energy level is not below an energy; "" of NaN."""
+    if np.isnan(energy_kj):
+        return ""
+    return next(name for name, most in _net_classes() if energy_kj <= most)
+
+
+def sphere_diameter_m(mass_kg: float, density_kgm3: float) -> float:
+    """Diameter of a sphere of a mass (m)."""
+    return float(np.cbrt(6.0 * mass_kg / (np.pi * density_kgm3)))
+
+
+def passing_rate(behind: Arrivals) -> float:
+    """How often blocks go on behind a line (1/year), by the curve of control_lines.BEHIND.
+
+    Blocks that a barrier takes lie in the first bin.
+    """
+    return float(behind.rate[1])

@@ -1,4 +1,4 @@
-"""How levels, reach and energy answer to the ranges of the ground classes.
+"""How levels, reach and energy change within the ranges of the ground classes.
 
 All simulations release the same blocks with the same random draws. The base has the values of the
 classes. Each range is tried alone at its low and its high end; a sample of points that fill all

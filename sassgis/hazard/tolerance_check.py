@@ -16,7 +16,7 @@ _COMPARED = ("runout_q50", "runout_q95", "energy_q95")
 
 @dataclass(frozen=True, slots=True)
 class ToleranceCheck:
-    """How results answer to the tolerance of the segments.
+    """How results depend on the tolerance of the segments.
 
     Attributes
     ----------

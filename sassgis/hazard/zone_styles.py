@@ -16,7 +16,7 @@ from sassgis.model.styles import StyleClass, Symbol, VectorStyle
 ZONE_OPACITY = 0.7
 _ZONE = Symbol("fill", "#808080", opacity=ZONE_OPACITY, outline="#4d4d4d", outline_mm=0.25)
 
-#: What barriers make of the level of a place: label and colour. Green and purple stand apart for
+#: How barriers change the level of a place: label and colour. Green and purple stand apart for
 #: all common kinds of colour vision, and are no colours of levels.
 LEVEL_CHANGES: Mapping[str, tuple[str, str]] = {
     "lower": ("Lower level", "#7fbf7b"),
@@ -44,7 +44,7 @@ def hazard_level_style(column: str, levels: Sequence[HazardLevel]) -> VectorStyl
 
 
 def level_change_style(column: str) -> VectorStyle:
-    """Areas by what barriers make of their level: the codes of :data:`LEVEL_CHANGES`."""
+    """Areas by how barriers change their level: the codes of :data:`LEVEL_CHANGES`."""
     changes = LEVEL_CHANGES.items()
     return zone_style(column, [(code, label, colour, False) for code, (label, colour) in changes])
 

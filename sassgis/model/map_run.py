@@ -200,8 +200,8 @@ class MapRun:
         """In words: how blocks leave the fall line."""
         if self.followed:
             return phrase(
-                "the heading of each block turns at impacts and as it rolls (sideways tilt {}°, "
-                "drift {}°)",
+                "each block may change its direction at impacts and while it rolls (sideways tilt "
+                "{}°, drift {}°)",
                 f"{self.engine.side_tilt_deg:g}",
                 f"{self.engine.drift_deg:g}",
             )

@@ -130,7 +130,7 @@ class TerrainSettings(Section):
     ] = 5000.0
     path: Annotated[
         Literal["followed", "fall_line"],
-        '"followed": the heading of each block turns at its impacts and as it rolls, and the '
+        '"followed": each block may change its direction at impacts and while it rolls, and the '
         'terrain is flattened along its own path. "fall_line": all blocks of a release point move '
         "on its fall line",
     ] = "followed"

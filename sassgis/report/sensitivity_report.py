@@ -43,7 +43,7 @@ def sensitivity_report(
     measures = tuple(dict.fromkeys(e.measure for e in effects))
     return ReportContext(
         title=title,
-        subtitle="How results answer to the ranges of the ground classes",
+        subtitle="How results change within the ranges of the ground classes",
         what_was_run=(
             ("Ranges", len({e.range.label for e in effects})),
             ("Simulations of all ranges at once", samples),
@@ -81,7 +81,7 @@ def _key_table(effects: Sequence[RangeEffect]) -> ReportTable:
     energy = {e.range: e for e in effects if e.measure == _ENERGY}
     first = next(e for e in effects if e.measure == _RANKED)
     return ReportTable(
-        "What run-out and energy answer to",
+        "Which ranges change run-out and energy",
         heads(
             "class; parameter; value; range; run-out 95 %, low | m; high | m; energy ratio, low | "
             "1; high | 1; run-out beyond chance; range read in its source"

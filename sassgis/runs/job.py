@@ -13,6 +13,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+from sassgis.hazard.control_lines import QUANTITIES
 from sassgis.hazard.progress import Progress
 from sassgis.hazard.tolerance_check import ToleranceCheck
 from sassgis.hazard.warnings import simulation_warnings
@@ -61,7 +62,7 @@ class Simulation:
     checkpoint : Checkpoint
         Holds the rows for tables.
     tolerance : ToleranceCheck or None
-        How a sample answers to the tolerance of the segments; None where that was not asked.
+        How a sample depends on the tolerance of the segments; None where that was not asked.
     """
 
     config: Config
@@ -202,7 +203,7 @@ def _checked(
     jobs: Jobs,
     tell: Callable[[str], None],
 ) -> ToleranceCheck | None:
-    """How a sample answers to the tolerance; the simulation itself has been saved."""
+    """How a sample depends on the tolerance; the simulation itself has been saved."""
     tell("Repeating a sample at half and double the tolerance")
     try:
         return check_tolerance(run, planned, workers_asked(config, jobs))
@@ -224,6 +225,7 @@ def state_fingerprint(config: Config, job: MapRun, schedule: str = "") -> str:
         schedule,
         [(r.first, r.repetitions, r.halvings is not None) for r in job.rounds],
         SUM_NAMES,
+        list(QUANTITIES),
     ]
     digest = hashlib.sha256(json.dumps(parts).encode())
     arrays: list[NDArray[Any]] = [job.objects.cell, job.objects.number]

@@ -17,7 +17,12 @@ from sassgis.io.write.layers.edited_places import edits_layer
 from sassgis.io.write.layers.federal import federal_layers
 from sassgis.io.write.layers.hazard_maps import hazard_layers
 from sassgis.io.write.layers.risk_objects import risk_tables, risk_vectors
-from sassgis.io.write.zone_tables import design_table, layer_table, source_table
+from sassgis.io.write.zone_tables import (
+    design_table,
+    layer_table,
+    protection_table,
+    source_table,
+)
 from sassgis.model.grid import Grid
 from sassgis.model.hazard import HazardCurves
 from sassgis.model.in_memory import Input
@@ -61,11 +66,14 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
         "sources": sources,
     }
     periods = config.hazard.design_return_periods_years
-    design = design_table(
-        [line for line, _ in run.control_lines], found.without_barriers, periods, confidence
-    )
-    if len(design):
-        frames["design"] = design
+    lines = [line for line, _ in run.control_lines]
+    design = design_table(lines, found.without_barriers, periods, confidence)
+    protection = protection_table(
+        lines, found.without_barriers, hazard.sampled, periods,
+        min(b.density_kgm3[0] for b in run.blocks), confidence,
+    )  # fmt: skip
+    if lines:
+        frames |= {"design": design, "protection": protection}
     if found.without is not None:
         before = zone_layers.hazard_zones(
             found.without, preset, grid, rules.ref_width_m, confidence
@@ -113,7 +121,13 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
             ),
             levels,
             zone_tables(
-                preset, found, sources, design, return_periods_years=periods, currency=currency
+                preset,
+                found,
+                sources,
+                design,
+                protection,
+                return_periods_years=periods,
+                currency=currency,
             ),
             zone_facts_of(rules, found, run, done.progress.simulated),
             on_objects,

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 from pathlib import Path
 
 import sassgis
-from sassgis.model.errors import InputError
+from sassgis.io.staging import staged_output
+from sassgis.model.errors import InputError, OutputError
+from sassgis.model.noted_files import noted
 
 
 def sample_folder() -> Path:
@@ -21,3 +25,22 @@ def sample_folder() -> Path:
         if (folder / "valley" / "config.toml").is_file():
             return folder
     raise InputError("the sample terrain is missing from this installation", file=package)
+
+
+def write_samples(folder: Path) -> None:
+    """Write the samples, with their configurations, into a new folder; it appears whole or not.
+
+    Raises
+    ------
+    InputError, OutputError
+    """
+    if os.path.lexists(folder):
+        raise OutputError(f"{folder}: exists already; choose a new folder")
+    with staged_output(folder, overwrite=False) as work:
+        shutil.copytree(
+            sample_folder(),
+            work,
+            ignore=shutil.ignore_patterns("__pycache__", "*.py"),
+            copy_function=lambda source, target: shutil.copyfile(source, noted(Path(target))),
+            dirs_exist_ok=True,
+        )

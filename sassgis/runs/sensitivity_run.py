@@ -1,4 +1,4 @@
-"""How a configuration answers to the ranges of its ground classes: many small runs, one result."""
+"""How results change within the ranges of its ground classes: many small runs, one result."""
 
 from __future__ import annotations
 
@@ -281,5 +281,5 @@ def _project(
             LayerGroup("Terrain", (LayerEntry(terrain, "maps/terrain.tif"),)),
         ],
         extent=run.grid.bounds,
-        abstract="How results answer to the ranges of the ground classes.",
+        abstract="How results change within the ranges of the ground classes.",
     )

@@ -37,6 +37,11 @@ def test_the_installed_package_is_the_one_that_is_used(installed: Installed, dem
     assert Path(done.stdout.strip()).is_relative_to(installed.folder)
 
 
+def test_the_wheel_gives_the_files_of_the_sample(installed: Installed, tmp_path: Path) -> None:
+    done_in(tmp_path, installed.sassgis, "sample")
+    done_in(tmp_path, installed.sassgis, "validate", "sample_dem/valley/config.toml")
+
+
 def test_the_demo_is_whole(demo: Path) -> None:
     for pattern in (
         "maps/*.tif", "maps/*.qml", "*.gpkg", "tables/*.csv", "figures/*.png", "*.qgz",

@@ -6,8 +6,14 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
-from sassgis.hazard.design import Arrivals, rocks_beyond, value_at_rate, value_limits
+from sassgis.hazard.control_lines import ControlLineSums, energy_behind
+from sassgis.hazard.design import Arrivals, net_class, rocks_beyond, value_at_rate, value_limits
+from sassgis.hazard.sources import Sampled
+from sassgis.io.write.zone_tables import protection_table
+from sassgis.model.hazard import Source, SourceCounts
+from sassgis.model.results import PASSAGE_DTYPE, ControlLine, Outcome
 
 #: Ten, four and one rocks a year at 0, 10 and 20 m or more; none above 23 m. Each simulated one is
 #: a tenth of a rock a year.
@@ -71,3 +77,48 @@ def test_limits_end_where_the_sample_does() -> None:
     # Weights of two blocks each, half as many: wider.
     coarse = replace(CURVE, variance=2.0 * CURVE.variance, of_a_rock=0.2)
     assert value_limits(coarse, 2.5, 0.95)[0] < low and value_limits(coarse, 2.5, 0.95)[1] > high
+
+
+def test_class_of_a_net_is_the_lowest_that_takes_the_energy() -> None:
+    assert [net_class(e) for e in (99.0, 100.0, 100.1, 2500.0, 4500.1)] == list("00168")
+    assert net_class(math.nan) == ""
+
+
+def test_what_goes_on_behind_a_net_is_all_over_it_the_rest_through_it_and_nothing_else() -> None:
+    outcome = np.array(
+        [Outcome.STOPPED, Outcome.HELD_BY_NET, Outcome.OVERTOPPED, Outcome.BROKE_THROUGH], np.uint8
+    )
+    behind = energy_behind(np.full(4, 700.0), outcome, np.full(4, 500.0))
+    assert list(behind) == [0.0, 0.0, 700.0, 200.0]
+
+
+def passages(outcome: list[Outcome]) -> np.ndarray:
+    """A hundred blocks of 2700 kg, 5 m high and of 1 to 100 kJ, with outcomes in turn."""
+    rows = np.zeros(100, PASSAGE_DTYPE)
+    rows["outcome"] = np.resize(outcome, 100)
+    rows["energy_trans_kj"] = np.arange(1, 101)
+    rows["height_m"], rows["mass_kg"] = 5.0, 2700.0
+    return rows
+
+
+def test_table_of_protection_by_hand() -> None:
+    net = ControlLine("net", "net", 4.0, 1000.0)
+    source = Source("cliff", "block", 1.0, 100, 10)
+    none = SourceCounts(np.empty(0, np.int64), np.empty((0, 1)), np.empty((0, 1)))
+    before, after = (ControlLineSums((net,)) for _ in range(2))
+    before.add(passages([Outcome.PASSED]))
+    after.add(passages([Outcome.OVERTOPPED, Outcome.STOPPED, Outcome.STOPPED, Outcome.STOPPED]))
+    own = [[Sampled(source, none, none, sums)] for sums in (before, after)]
+    table = protection_table([net], own[0], own[1], (2.0, 10.0), 2700.0)
+    often, rare = (table.iloc[k] for k in range(2))
+    # A hundredth of a block a year each: half of them below 50 kJ, a tenth above 90 kJ.
+    assert often["energy_kj"] == pytest.approx(50.0, rel=0.06)
+    assert rare["energy_kj"] == pytest.approx(90.0, rel=0.06)
+    assert rare["net_class"] == "0" and often["energy_kj_low"] < 50.0 < often["energy_kj_high"]
+    # A sphere of a cubic metre on top of 5 m.
+    assert rare["block_m"] == pytest.approx(1.24, abs=0.01)
+    assert rare["net_height_m"] == pytest.approx(6.24, abs=0.12)
+    # A quarter goes on, of which four tenths once in ten years: every fourth from 61 kJ on.
+    assert often["behind_per_year"] == pytest.approx(0.25) and math.isnan(often["energy_behind_kj"])
+    assert rare["energy_behind_kj"] == pytest.approx(59.0, abs=4.0)
+    assert rare["arrivals_per_year"] == pytest.approx(1.0)

@@ -16,10 +16,12 @@ import shapely
 from rasterio.features import geometry_mask
 
 from sassgis.io.read.config import load_config
+from sassgis.model.errors import OutputError
 from sassgis.model.results import Outcome
 from sassgis.runs.inputs import read_rules
 from sassgis.runs.job import read_job
 from sassgis.runs.map import simulate_map
+from sassgis.runs.samples import write_samples
 from sassgis.runs.zone import prepared
 from sassgis.terrain.plan import plan
 
@@ -241,3 +243,17 @@ def test_noise_is_repeatable_and_of_unit_strength(generate: ModuleType) -> None:
         far = np.corrcoef(values[:, :-20].ravel(), values[:, 20:].ravel())[0, 1]
         assert near > 0.9 and abs(far) < 0.1
     assert not np.allclose(generate.noise(x, y, 20.0, 1), generate.noise(x, y, 20.0, 2))
+
+
+def test_written_samples_are_those_of_the_package_and_never_go_over_a_folder(
+    tmp_path: Path,
+) -> None:
+    folder = tmp_path / "own" / "sample"
+    write_samples(folder)
+    written = {p.relative_to(folder) for p in folder.rglob("*") if p.is_file()}
+    sample = {p.relative_to(SAMPLES) for p in SAMPLES.rglob("*") if p.is_file()}
+    assert written == {p for p in sample if p.suffix not in (".py", ".pyc")}
+    assert all((folder / p).read_bytes() == (SAMPLES / p).read_bytes() for p in written)
+    assert load_config(folder / "valley" / "config.toml").label
+    with pytest.raises(OutputError, match="exists"):
+        write_samples(folder)

@@ -6,7 +6,17 @@ from collections.abc import Sequence
 
 import pandas as pd
 
-from sassgis.hazard.design import arrivals, rocks_beyond, value_at_rate, value_limits
+from sassgis.hazard.control_lines import BEHIND
+from sassgis.hazard.design import (
+    Arrivals,
+    arrivals,
+    net_class,
+    passing_rate,
+    rocks_beyond,
+    sphere_diameter_m,
+    value_at_rate,
+    value_limits,
+)
 from sassgis.hazard.sources import Sampled
 from sassgis.io.vector_layer import VectorLayer
 from sassgis.model.labels import rounded
@@ -61,6 +71,61 @@ def design_table(
                     row[f"{name}_{what}_rocks_beyond"] = rocks_beyond(curve, rate)
         rows.append(row)
     return pd.DataFrame(rows)
+
+
+def protection_table(
+    control_lines: Sequence[ControlLine],
+    without_barriers: Sequence[Sampled],
+    with_barriers: Sequence[Sampled],
+    return_periods_years: Sequence[float],
+    density_kgm3: float,
+    confidence: float = 0.95,
+) -> pd.DataFrame:
+    """What a net at each line must be, and what goes on behind the barriers there are.
+
+    A row for each line and return period. Heights hold the whole block: the passing height and the
+    diameter of the block whose mass comes as rarely, as a sphere of a density.
+    """
+    columns = ["line", "kind", "return_period_years"]
+    rows = []
+    for i, line in enumerate(control_lines):
+        before, after = (
+            {q: arrivals([s.source for s in own], [s.control_lines for s in own], i, q)
+             for q in ("energy_kj", "height_m", "mass_kg", BEHIND)}
+            for own in (without_barriers, with_barriers)
+        )  # fmt: skip
+        for years in return_periods_years:
+            rate = 1.0 / years
+            energy, height = (
+                _limited(before[q], rate, confidence) for q in ("energy_kj", "height_m")
+            )
+            size = sphere_diameter_m(value_at_rate(before["mass_kg"], rate), density_kgm3)
+            row: dict[str, object] = dict(zip(columns, (line.name, line.kind, years), strict=True))
+            row |= _named("energy_kj", energy)
+            row |= {"net_class": net_class(energy[0]), "net_class_high": net_class(energy[2])}
+            row["block_m"] = rounded(size, 3)
+            row |= _named("net_height_m", tuple(value + size for value in height))
+            row["arrivals_per_year"] = rounded(before["energy_kj"].rate[0], 4)
+            behind: tuple[float, ...] = (float("nan"),) * 3
+            row["behind_per_year"] = float("nan")
+            if line.kind != "station":
+                passing = passing_rate(after[BEHIND])
+                row["behind_per_year"] = rounded(passing, 4)
+                if passing > rate:
+                    behind = _limited(after[BEHIND], rate, confidence)
+            rows.append(row | _named(BEHIND, behind))
+    return pd.DataFrame(rows)
+
+
+def _limited(curve: Arrivals, rate: float, confidence: float) -> tuple[float, ...]:
+    """The value at a rate and its limits."""
+    return value_at_rate(curve, rate), *value_limits(curve, rate, confidence)
+
+
+def _named(key: str, values: Sequence[float]) -> dict[str, object]:
+    """A value and its limits as columns."""
+    ends = ("", "_low", "_high")
+    return {f"{key}{end}": rounded(v, 4) for end, v in zip(ends, values, strict=True)}
 
 
 def layer_table(layer: VectorLayer) -> pd.DataFrame:

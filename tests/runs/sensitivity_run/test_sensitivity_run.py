@@ -79,7 +79,8 @@ def test_what_is_written(small: SensitivityResult, config: Config) -> None:
     assert counts["simulations"] == 9 and counts["rocks_per_point"] == OPTIONS["rocks"]
     assert {i["role"] for i in manifest["inputs"]} >= {"config", "dem", "ranges"}
     page = (small.folder / "report.html").read_text(encoding="utf-8")
-    assert "What run-out and energy answer to" in page and "1 of 1 ranges are assumptions" in page
+    assert "Which ranges change run-out and energy" in page
+    assert "1 of 1 ranges are assumptions" in page
     assert (small.folder / "project.qgz").is_file()
 
 

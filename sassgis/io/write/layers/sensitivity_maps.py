@@ -1,4 +1,4 @@
-"""Maps of how a result answers to the ranges of the ground classes."""
+"""Maps of how a result changes within the ranges of the ground classes."""
 
 from __future__ import annotations
 
