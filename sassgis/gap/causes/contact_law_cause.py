@@ -18,42 +18,65 @@ from sassgis.gap.residuals.table import ResidualTable
 from sassgis.model.ground import GroundTable
 
 #: Those that any ground has shown (``calibration.parameters.RANGES``).
-_BOUNDS = {"eta_max": (0.1, 1.0), "mu_f": (0.1, 1.5), "restitution": (0.0, 0.9)}
+_BOUNDS = {
+    "eta_max": (0.05, 1.0),
+    "mu_f": (0.05, 1.5),
+    "restitution": (0.0, 0.95),
+    "mu_0": (0.02, 1.0),
+}
+
+
+#: Normal speed at which the restitution of the classes has halved (m/s).
+_HALVED_AT_MPS = 9.144
 
 
 def _draw(case: Case, draws: ParameterDraws) -> CausePart:
-    """Freedom of the contact beyond calibration: one shift for all classes, in wide ranges.
+    """Freedom of the contact beyond calibration.
 
-    Classes keep the differences between them. The restitution counts only where the engine reads
+    Where contacts were recorded, it is as they have it (``calibration.contact_map``), and rolling
+    is shifted alike for all classes. Else there is one shift of all parameters, in wide ranges:
+    classes keep the differences between them. The restitution counts only where the engine reads
     it; from the highest speeds on it hardly falls with the normal speed.
     """
-    shifts = {
-        "eta_max": draws.uniform("law.eta_max", -0.5, 0.5),
-        "mu_f": draws.uniform("law.mu_f", -0.5, 0.7),
-    }
-    speed = math.nan
-    if case.engine.resolved().eta_max_rule == "restitution":
-        shifts["restitution"] = draws.uniform("law.restitution", -0.5, 0.9)
-        speed = draws.log("law.restitution_speed", 2.0, 200.0)
+    shifts = {"mu_0": draws.uniform("law.mu_0", -0.3, 0.3)}
+    values: dict[str, float] = {}
+    if case.learned is None:
+        shifts |= {
+            "eta_max": draws.uniform("law.eta_max", -0.5, 0.5),
+            "mu_f": draws.uniform("law.mu_f", -0.6, 0.6),
+        }
+        if case.engine.resolved().eta_max_rule == "restitution":
+            shifts["restitution"] = draws.uniform("law.restitution", -0.6, 0.6)
+            halved = draws.log("law.restitution_speed", 1.0 / 12.0, 12.0)
+            values["restitution_speed_mps"] = rounded(halved * _HALVED_AT_MPS)
     used = set(np.unique(case.profiles.ground).tolist())
 
     def change(model: HypothesisModel) -> HypothesisModel:
-        classes = []
-        for k, ground in enumerate(model.table.classes):
-            values = {
-                name: rounded(min(max(float(getattr(ground, name)) + shift, low), high))
-                for name, shift in shifts.items()
-                for low, high in (_BOUNDS[name],)
-            }
-            if math.isfinite(speed):
-                values["restitution_speed_mps"] = speed
-            classes.append(replace(ground, **values) if k in used else ground)  # type: ignore[arg-type]
+        classes = list(model.table.classes)
+        for k in sorted(used):
+            by = shifts | _beyond(case, k)
+            own = dict(values)
+            if case.learned is not None:
+                speed = case.learned.classes[k].restitution_speed_mps
+                own["restitution_speed_mps"] = speed
+            for name, shift in by.items():
+                low, high = _BOUNDS[name]
+                value = float(getattr(classes[k], name)) + shift
+                own[name] = rounded(min(max(value, low), high))
+            classes[k] = replace(classes[k], **own)
         return replace(model, table=GroundTable(tuple(classes)))
 
-    values = {f"shift_of_{name}": shift for name, shift in shifts.items()}
-    if math.isfinite(speed):
-        values["restitution_speed_mps"] = speed
-    return CausePart("shifted contact", change, values)
+    stated = {f"shift_of_{name}": shift for name, shift in shifts.items()}
+    return CausePart("shifted contact", change, stated | values)
+
+
+def _beyond(case: Case, kind: int) -> dict[str, float]:
+    """How far the contacts recorded on a class are from what is configured."""
+    if case.learned is None:
+        return {}
+    learned, configured = (table.classes[kind] for table in (case.learned, case.table))
+    names = ("eta_max", "mu_f", "restitution")
+    return {name: float(getattr(learned, name) - getattr(configured, name)) for name in names}
 
 
 def _after_impacts(quantity: str) -> Scoring:

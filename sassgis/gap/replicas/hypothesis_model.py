@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.gap.observations.case import Case
 from sassgis.model.effects import EffectSettings
 from sassgis.model.ground import GroundTable
+from sassgis.model.settings import EngineSettings
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,6 +125,8 @@ class HypothesisModel:
     measurement : MeasurementError
     turn_noise_deg : float
         Standard error of the change of azimuth at impacts.
+    side_tilt_deg, drift_deg : float or None
+        Of followed paths, in place of the configured ones.
     """
 
     table: GroundTable
@@ -133,6 +136,18 @@ class HypothesisModel:
     release: ReleaseError = ReleaseError()
     measurement: MeasurementError = MeasurementError()
     turn_noise_deg: float = 2.0
+    side_tilt_deg: float | None = None
+    drift_deg: float | None = None
+
+    @property
+    def engine_keys(self) -> dict[str, float]:
+        """Keys of ``[engine]`` that differ from the configuration."""
+        own = {"side_tilt_deg": self.side_tilt_deg, "drift_deg": self.drift_deg}
+        return {key: value for key, value in own.items() if value is not None}
+
+    def engine_of(self, configured: EngineSettings) -> EngineSettings:
+        """Settings of the engine that move its blocks."""
+        return replace(configured, **self.engine_keys)  # type: ignore[arg-type]
 
     def sections(self, configured: EffectSettings) -> dict[str, dict[str, Any]]:
         """``[effects.*]`` sections of a configuration that has only some of these effects.

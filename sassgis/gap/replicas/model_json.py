@@ -55,5 +55,5 @@ def model_from_json(plain: Mapping[str, Any]) -> HypothesisModel:
         LateralWalk(**plain["lateral_walk"]),
         ReleaseError(**plain["release"]),
         MeasurementError(**plain["measurement"]),
-        float(plain["turn_noise_deg"]),
+        *(plain[key] for key in ("turn_noise_deg", "side_tilt_deg", "drift_deg")),
     )

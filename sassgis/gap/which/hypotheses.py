@@ -33,6 +33,8 @@ _BOUNDS = {
     "mu_0": (0.02, 2.0),
     "restitution": (0.0, 0.95),
 }
+#: Factors on the configured sideways tilt and drift of followed paths between which they are free.
+_SIDEWAYS = (0.5, 2.0)
 NONE = "none"
 
 
@@ -69,6 +71,11 @@ def draw(case: Case, families: tuple[str, ...], parameter_draws: ParameterDraws)
     """
     table, parameters = _calibrated(case, parameter_draws)
     configured = case.effects.get(LateralDeflection)
+    sideways = {}
+    if case.terrain is not None:
+        for key in ("side_tilt_deg", "drift_deg"):
+            middle = max(float(getattr(case.engine, key)), 1.0)
+            sideways[key] = parameter_draws.log(key, *(factor * middle for factor in _SIDEWAYS))
     made = Draw(
         NONE,
         "calibrated ground",
@@ -79,8 +86,10 @@ def draw(case: Case, families: tuple[str, ...], parameter_draws: ParameterDraws)
             if configured is not None or case.terrain is not None
             else little_walk(parameter_draws),
             turn_noise_deg=parameter_draws.log("turn_noise", 0.7, 5.0),
+            side_tilt_deg=sideways.get("side_tilt_deg"),
+            drift_deg=sideways.get("drift_deg"),
         ),
-        parameters,
+        parameters | sideways,
     )
     for family in sorted(families):
         part = CAUSES[family].draw(case, parameter_draws)
@@ -119,7 +128,7 @@ def _calibrated(
     case: Case, parameter_draws: ParameterDraws
 ) -> tuple[GroundTable, dict[str, float]]:
     """Ground classes with shifted parameters; classes that no rock meets stay."""
-    met = classes_met(case)
+    met = case.met or classes_met(case)
     names = [name for name in fitted_names(None, [case.engine]) if name in GROUND_WIDTHS]
     classes, parameters = [], {}
     for ground in case.table.classes:
@@ -137,14 +146,6 @@ def _calibrated(
         classes.append(replace(ground, **values))  # type: ignore[arg-type]
         parameters.update({f"{ground.name}.{name}": v for name, v in values.items()})
     return GroundTable(tuple(classes)), parameters
-
-
-def at_physical_limit(case: Case, ground: str, name: str, end: str) -> bool:
-    """Whether the end of a range of calibration is that of all grounds, not that of this one."""
-    value = float(getattr(case.table.classes[case.table.index(ground)], name))
-    width = GROUND_WIDTHS[name] * case.ground_range
-    low, high = _BOUNDS[name]
-    return value - width <= low if end == "low" else value + width >= high
 
 
 def families_to_try(case: Case) -> tuple[str, ...]:
