@@ -13,11 +13,11 @@ from sassgis.gap.calibration.contact_map import learned_contacts
 from sassgis.gap.calibration.problem import problem_of
 from sassgis.gap.calibration.site_summary import SiteSummary, summary_of
 from sassgis.gap.diagnosis import CauseGain, Fingerprint, GapFinding
+from sassgis.gap.ladder.cause_gains import cause_gains
 from sassgis.gap.ladder.hypothesis_fit import FittedHypothesis
 from sassgis.gap.observations.case import Case
 from sassgis.gap.residuals.table import residuals_with
 from sassgis.gap.where.findings import where
-from sassgis.gap.ladder.cause_gains import cause_gains
 from sassgis.gap.which.fingerprints import fingerprints
 from sassgis.gap.which.hypotheses import families_to_try
 from sassgis.gap.which.verdict import CONTACT_LAW

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
 
-from sassgis.gap.causes.cause import SHIFT, Cause, CausePart, Scores, Scoring, Trace
-from sassgis.gap.causes.contact_gaps import contact_gaps
+from sassgis.gap.causes.cause import Cause, CausePart
 from sassgis.gap.causes.parameter_draws import ParameterDraws, rounded
-from sassgis.gap.causes.reach_gaps import over_scatter, reach_gaps, speed_gaps
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel
-from sassgis.gap.residuals.residuals import mean_of_draws, per_rock
-from sassgis.gap.residuals.table import ResidualTable
 from sassgis.model.ground import GroundTable
 
 #: Those that any ground has shown (``calibration.parameters.RANGES``).
@@ -79,29 +74,6 @@ def _beyond(case: Case, kind: int) -> dict[str, float]:
     return {name: float(getattr(learned, name) - getattr(configured, name)) for name in names}
 
 
-def _after_impacts(quantity: str) -> Scoring:
-    def scores(case: Case, residuals: ResidualTable) -> Scores:
-        rows, z = contact_gaps(residuals, quantity)
-        mean = float(z.mean())
-        shifted = math.copysign(1.0, mean) * z - SHIFT
-        return Scores(per_rock(shifted, rows.rock, case.n_rocks), mean)
-
-    return scores
-
-
-def _speed_on_reaches(case: Case, residuals: ResidualTable) -> Scores:
-    speed = speed_gaps(residuals)
-    mean, shift = mean_of_draws(over_scatter(speed, 0.05), least=1), float(np.nanmean(speed))
-    return Scores(math.copysign(1.0, shift) * mean - SHIFT, shift)
-
-
-def _height_on_reaches(case: Case, residuals: ResidualTable) -> Scores:
-    height = reach_gaps(residuals, "height_m")
-    own = over_scatter(height, 0.05)
-    shift = float(np.nanmean(own))
-    return Scores(math.copysign(1.0, shift) * mean_of_draws(own, least=1) - SHIFT, shift)
-
-
 CAUSE = Cause(
     "contact_law",
     number=10,
@@ -111,25 +83,7 @@ CAUSE = Cause(
     summary="another law of the contact: the same shift of rebound and slip for all sizes",
     weighed=False,
     draw=_draw,
-    shown_by="the same shift of rebound, slip, spin, speed or height for all sizes",
-    statistics=(
-        *(
-            Trace(f"shift of the {name} after impacts", _after_impacts(quantity), ("impacts",))
-            for name, quantity in (
-                ("normal speed", "normal_speed_mps"),
-                ("tangential speed", "tangential_speed_mps"),
-                ("spin", "spin_out_radps"),
-            )
-        ),
-        Trace(
-            "shift of the speed on reaches, for all sizes",
-            _speed_on_reaches,
-            ("passages", "stations"),
-        ),
-        Trace(
-            "shift of the height on reaches, for all sizes",
-            _height_on_reaches,
-            ("passages", "stations"),
-        ),
-    ),
+    shown_by="closes certainly more than any values of the ground; it is in the base, beyond which "
+    "all others are looked for",
+    statistics=(),
 )

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.gap.observations.campaign import errors_of, main_blocks, observed_campaign
 from sassgis.gap.observations.case import Case
-from sassgis.gap.replicas.hypothesis_model import HypothesisModel, LateralWalk
+from sassgis.gap.replicas.hypothesis_model import HypothesisModel
 from sassgis.gap.replicas.recorded import impacts_of, turns_of
 from sassgis.gap.replicas.released_rocks import Moved, all_rocks, move
 from sassgis.gap.replicas.rock_lines import RockLines, dips_at, rock_lines_of
@@ -115,12 +115,8 @@ class RunModel:
 
     @classmethod
     def of(cls, case: Case, model: HypothesisModel, seed: int) -> RunModel:
-        """A model for the rocks of a case; on fall lines its offsets are no part of the motion."""
-        aside, effects = model.lateral_walk.effect, model.effects
-        if case.terrain is not None and aside is not None:
-            effects = effects.having(aside)
-        moving = replace(model, effects=effects, lateral_walk=LateralWalk())
-        return cls(moving, rock_lines_of(case), seed)
+        """A model for the rocks of a case."""
+        return cls(model, rock_lines_of(case), seed)
 
     @property
     def table(self) -> GroundTable:
