@@ -68,6 +68,8 @@ STUDY = Path(__file__).with_suffix("")
 TABLES = {"rows": (4712, 910_000, 240), "fresh": (4713, 920_000, 60)}
 RESULTS, PAGE = STUDY / "results.json", STUDY.with_suffix(".md")
 CAUSES = (*FAMILIES, NONE)
+#: What is at ten sites of a generator, again and again.
+TRUTHS = (NONE, "effect", "effect", NONE, "effect", "effect", NONE, "effect", "effect", "unknown")
 #: Fingerprints of what synthetic sites can have: cause, and weight for it before any site.
 _ALL: Mapping[str, tuple[str, float]] = {
     own.name: (name, own.weight)
@@ -105,39 +107,34 @@ FIXED = (
 
 
 def sites(seed: int, first: int, n: int) -> list[tuple[int, WorldSpec]]:
-    """Seeds and specifications: a third without effect, one in twelve an unknown one."""
+    """Seeds and specifications, generators in turn: of ten sites three have no effect, one an
+    unknown one.
+    """
     rng = np.random.default_rng(seed)
 
     def one_of(values: Sequence[Any]) -> Any:
         return values[int(rng.integers(len(values)))]
 
+    families: dict[str, list[str]] = {law: [] for law in LAWS}
     found: list[tuple[int, WorldSpec]] = []
-    families: list[str] = []
     for k in range(n):
-        law = LAWS[k % len(LAWS)]
-        share = rng.random()
-        if share < 0.45:
-            rocks, kind = 100, "everything"
-        elif share < 0.85:
-            rocks, kind = 40, "both"
-        else:
-            rocks, kind = one_of((20, 40, 100)), one_of(KINDS)
-        share = rng.random()
+        law, number = LAWS[k % len(LAWS)], k // len(LAWS)
+        truth = TRUTHS[number % len(TRUTHS)]
         effects: tuple[EffectSpec, ...] = ()
-        disturbance = ""
-        if share < 0.33:
-            if rng.random() < 0.3:
-                disturbance = one_of(DISTURBANCES[1:])
-        elif share < 0.92:
-            families = families or rng.permutation(FAMILIES).tolist()
-            strength = one_of(("weak", "medium", "strong", "medium", "strong"))
-            effects = (EffectSpec(families.pop(), strength),)  # type: ignore[arg-type]
-        else:
+        disturbance = one_of(DISTURBANCES) if truth == NONE else ""
+        strength = one_of(("weak", "medium", "strong", "medium", "strong"))
+        if truth == "unknown":
             effects = (EffectSpec(one_of(UNKNOWNS), one_of(("medium", "strong"))),)
-        slope = one_of(SLOPE_TYPES)
-        stations = 4 if rng.random() < 0.5 else int(rng.integers(1, MOST_STATIONS + 1))
+        elif truth == "effect":
+            families[law] = families[law] or rng.permutation(FAMILIES).tolist()
+            effects = (EffectSpec(families[law].pop(), strength),)  # type: ignore[arg-type]
+        share = rng.random()
+        rocks, kind = (100, "everything") if share < 0.5 else (40, "both")
+        if share > 0.9:
+            rocks, kind = one_of((20, 40, 100)), one_of(KINDS)
+        stations = 4 if rng.random() < 0.5 else int(rng.integers(2, MOST_STATIONS + 1))
         spec = WorldSpec(
-            slope, effects, n_rocks=rocks, kind=kind, law=law, n_stations=stations,
+            one_of(SLOPE_TYPES), effects, n_rocks=rocks, kind=kind, law=law, n_stations=stations,
             named=bool(rng.random() < 0.7), error_factor=one_of((0.5, 1.0, 1.0, 1.5)),
             disturbance=disturbance, faults=True,
         )  # fmt: skip
