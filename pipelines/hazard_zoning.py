@@ -14,12 +14,31 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 from sassgis.io.read.config import load_config
-from sassgis.io.write.frames import area_control_line_table, class_table, write_table
+from sassgis.io.write.frames import write_table
 from sassgis.model.errors import SassgisError
 from sassgis.runs.run import run
+
+
+def arrivals(tables: Path, areas: list[str], control_lines: list[str]) -> pd.DataFrame:
+    """Blocks of each release area that arrive at each station and barrier, and how."""
+    released = pd.read_csv(tables / "rocks.csv")["area"].value_counts()
+    passages = pd.read_csv(tables / "passages.csv")
+    passages["energy_kj"] = passages["energy_trans_kj"] + passages["energy_rot_kj"]
+    groups = passages.groupby(["area", "control_line"])
+    columns = {"arrive": groups.size()}
+    for quantity in ("energy_kj", "speed_mps", "height_m"):
+        columns[f"{quantity}_q95"] = groups[quantity].quantile(0.95)
+        columns[f"{quantity}_max"] = groups[quantity].max()
+    pairs = pd.MultiIndex.from_product([areas, control_lines], names=["area", "control_line"])
+    table = pd.DataFrame(columns).reindex(pairs).reset_index()
+    table["arrive"] = table["arrive"].fillna(0).astype(int)
+    table.insert(2, "rocks", table["area"].map(released).fillna(0).astype(int))
+    table.insert(4, "share", table["arrive"] / table["rocks"])
+    return table
 
 
 def main(argv: list[str] | None = None) -> None:
@@ -34,16 +53,17 @@ def main(argv: list[str] | None = None) -> None:
     result = run(config, given.output, jobs=given.jobs, overwrite=given.overwrite, say=print)
 
     job = result.run
-    areas = area_control_line_table(
-        pd.read_csv(given.output / "tables" / "rocks.csv", usecols=["area"]),
-        pd.read_csv(given.output / "tables" / "passages.csv"),
+    areas = arrivals(
+        given.output / "tables",
         [area.name for area in job.areas],
         [control_line.name for control_line, _ in job.control_lines],
     )
-    energy = next(layer for layer in result.layers if layer.stem == "energy")
-    classes = class_table(
-        energy.bands[0].values, config.output.energy_classes_kj, "kJ", job.grid.cell_size
-    )
+    energy = result.maps.energy_q95.values
+    limits = [-np.inf, *config.output.energy_classes_kj, np.inf]
+    classes = pd.DataFrame({"from_kj": limits[:-1], "to_kj": limits[1:]})
+    classes["cells"] = np.histogram(energy[np.isfinite(energy)], limits)[0]
+    classes["area_m2"] = classes["cells"] * job.grid.cell_size**2
+    classes["share"] = classes["cells"] / max(classes["cells"].sum(), 1)
     write_table(given.output / "tables" / "areas.csv", [areas])
     write_table(given.output / "tables" / "energy_classes.csv", [classes])
     print(areas.to_string(index=False))

@@ -178,7 +178,7 @@ def terrain_of(config: Path) -> Grid:
     """The terrain model of a configuration."""
     settings = load_config(config)
     terrain = settings.terrain
-    return read_terrain(settings.dem_path, terrain.crs, terrain.vertical_datum)
+    return read_terrain(settings.dem_source, terrain.crs, terrain.vertical_datum)
 
 
 def check(case: FieldCase) -> list[str]:

@@ -29,8 +29,9 @@ _SUITS = "import sys, venv, ensurepip; print(sys.version_info >= (3, 11))"
 
 
 def source_of_program() -> str:
-    """Where the program comes from: the wheel in the plugin if there is one, else the index."""
-    wheels = sorted(PLUGIN_FOLDER.glob("sassgis-*.whl"))
+    """Where the program comes from: a wheel that lies beside, else the package index."""
+    folders = (environment_folder().parent, PLUGIN_FOLDER.parent)
+    wheels = [wheel for folder in folders for wheel in sorted(folder.glob("sassgis-*.whl"))]
     return str(wheels[-1]) if wheels else f"sassgis=={plugin_version()}"
 
 

@@ -1,4 +1,4 @@
-"""What the plugin adds to QGIS: a provider, a menu, and a tool to draw a profile."""
+"""What the plugin adds to QGIS: a provider, a menu, a panel, a tool to draw a profile."""
 
 from __future__ import annotations
 
@@ -6,8 +6,13 @@ from functools import partial
 
 from qgis.core import QgsApplication, QgsFeature, QgsProject, QgsVectorLayer
 from qgis.PyQt.QtGui import QIcon
-from qgis.PyQt.QtWidgets import QAction
 
+try:  # Qt 6 has moved it.
+    from qgis.PyQt.QtGui import QAction
+except ImportError:
+    from qgis.PyQt.QtWidgets import QAction
+
+from .dock import AREA, SiteDock
 from .draw_line import LineTool
 from .program import PLUGIN_FOLDER
 from .provider import SassgisProvider
@@ -24,6 +29,7 @@ class SassgisPlugin:
         self._actions = []
         self._tool = None
         self._dialog = None
+        self._dock = None
 
     def initProcessing(self):
         """Add the provider; all that there is without a window."""
@@ -33,6 +39,11 @@ class SassgisPlugin:
     def initGui(self):
         """Add the provider and the menu."""
         self.initProcessing()
+        self._dock = SiteDock(self._iface.mainWindow(), self._open)
+        self._iface.addDockWidget(AREA, self._dock)
+        self._dock.hide()
+        site = self._add_action("Site: the work step by step", self._toggle)
+        self._iface.addToolBarIcon(site)
         for command in ("run", "zone", "environment"):
             algorithm = self._provider.algorithm(command)
             self._add_action(f"{algorithm.displayName()} ...", partial(self._open, command))
@@ -48,6 +59,9 @@ class SassgisPlugin:
         for action in self._actions:
             self._iface.removePluginMenu(_MENU, action)
             self._iface.removeToolBarIcon(action)
+        if self._dock is not None:
+            self._iface.removeDockWidget(self._dock)
+            self._dock.deleteLater()
         if self._tool is not None:
             self._iface.mapCanvas().unsetMapTool(self._tool)
         QgsApplication.processingRegistry().removeProvider(self._provider)
@@ -64,6 +78,10 @@ class SassgisPlugin:
 
         self._dialog = processing.createAlgorithmDialog(f"sassgis:{command}", parameters or {})
         self._dialog.show()
+
+    def _toggle(self):
+        self._dock.setVisible(not self._dock.isVisible())
+        self._dock.refresh()
 
     def _draw(self):
         self._iface.mapCanvas().setMapTool(self._tool)

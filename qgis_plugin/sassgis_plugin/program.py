@@ -109,8 +109,13 @@ def answer(command: Sequence[object]) -> str:
     return done.stdout.strip()
 
 
-def run(command: Sequence[object], feedback: QgsProcessingFeedback) -> None:
+def run(command: Sequence[object], feedback: QgsProcessingFeedback) -> list[str]:
     """Run a command to its end; its lines go to the log, its progress to the bar.
+
+    Returns
+    -------
+    list of str
+        The lines, without those of the progress.
 
     Parameters
     ----------
@@ -139,6 +144,7 @@ def run(command: Sequence[object], feedback: QgsProcessingFeedback) -> None:
     lines: queue.Queue[str | None] = queue.Queue()
     threading.Thread(target=_read, args=(process.stdout, lines), daemon=True).start()
     error = last = ""
+    said: list[str] = []
     while not feedback.isCanceled():
         try:
             line = lines.get(timeout=0.1)
@@ -149,14 +155,15 @@ def run(command: Sequence[object], feedback: QgsProcessingFeedback) -> None:
         last = line.strip() or last
         if line.lower().startswith("error: "):
             error = line[len("error: ") :]
-        else:
-            _report(line, feedback)
+        elif _report(line, feedback):
+            said.append(line)
     else:
         _stop(process)
         raise QgsProcessingException("Stopped: the same call goes on from what is saved.")
     code = process.wait()
     if code != 0:
         raise QgsProcessingException(error or f"{words[0]} ended with code {code}; {last}")
+    return said
 
 
 def _read(stream, lines) -> None:
@@ -166,15 +173,21 @@ def _read(stream, lines) -> None:
     lines.put(None)
 
 
-def _report(line: str, feedback: QgsProcessingFeedback) -> None:
+def _report(line: str, feedback: QgsProcessingFeedback) -> bool:
+    """Show a line; whether it is one of the answer."""
     progress = _PROGRESS.match(line)
     if progress:
         feedback.setProgress(int(progress.group(1)))
         feedback.setProgressText(line.strip())
-    elif line.startswith("Note: "):
+        return False
+    if line.endswith(" ..."):
+        feedback.setProgressText(line)
+        return False
+    if line.startswith("Note: "):
         feedback.pushWarning(line)
     elif line:
         feedback.pushInfo(line)
+    return bool(line)
 
 
 def _stop(process: subprocess.Popen) -> None:

@@ -6,9 +6,18 @@ from processing.core.ProcessingConfig import ProcessingConfig, Setting
 from qgis.core import QgsProcessingProvider
 from qgis.PyQt.QtGui import QIcon
 
-from .algorithms import COMMANDS
 from .environment import MakeEnvironment
+from .observation_tools import Calibrate, Diagnose
 from .program import PLUGIN_FOLDER, SETTING
+from .result_tools import Compare, Export, Sheets
+from .run_tools import Batch, Configuration, Profile, Run, Sensitivity, Zone
+from .site_tools import Cliffs, DemCheck, Frequency, FromRockyfor3D, NewSite, Validate
+
+#: In the order of the work.
+TOOLS = (
+    DemCheck, Cliffs, NewSite, FromRockyfor3D, Configuration, Frequency, Validate, Run, Zone,
+    Profile, Batch, Sensitivity, Compare, Export, Sheets, Calibrate, Diagnose, MakeEnvironment,
+)  # fmt: skip
 
 
 class SassgisProvider(QgsProcessingProvider):
@@ -51,5 +60,5 @@ class SassgisProvider(QgsProcessingProvider):
 
     def loadAlgorithms(self):
         """Add each command."""
-        for command in (*COMMANDS, MakeEnvironment):
-            self.addAlgorithm(command())
+        for tool in TOOLS:
+            self.addAlgorithm(tool())

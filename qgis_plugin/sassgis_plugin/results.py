@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from qgis.core import (
+    Qgis,
     QgsLayerDefinition,
     QgsLayerTreeGroup,
     QgsProcessingContext,
@@ -17,6 +18,8 @@ from qgis.core import (
 )
 from qgis.PyQt.QtCore import QCoreApplication, QThread
 from qgis.PyQt.QtXml import QDomDocument
+
+from .steps import verdict
 
 
 def load_results(
@@ -38,9 +41,10 @@ def load_results(
     group = project.layerTreeRoot().insertGroup(0, folder.name)
     projects = [folder / part / "project.qgz" for part in ("", "mosaic", "map")]
     if not projects[0].is_file():
-        for layer in _layers_of(folder):
-            project.addMapLayer(layer, False)
-            group.addLayer(layer)
+        for file in sorted(folder.glob("*.gpkg")):
+            for layer in layers_in(file):
+                project.addMapLayer(layer, False)
+                group.addLayer(layer)
     for file in projects:
         if file.is_file():
             _take_over(file, project, group)
@@ -50,6 +54,31 @@ def load_results(
     broken = [node.name() for node in group.findLayers() if not node.layer().isValid()]
     if broken:
         feedback.pushWarning(f"These layers cannot be read: {', '.join(broken)}")
+
+
+def project_layers(
+    file: Path, context: QgsProcessingContext, feedback: QgsProcessingFeedback
+) -> None:
+    """Load the layers of a GeoPackage into a group on top of the project."""
+    project = context.project()
+    if project is None or QThread.currentThread() != QCoreApplication.instance().thread():
+        feedback.pushInfo(f"Layers are not loaded from within a model: see {file}")
+        return
+    group = project.layerTreeRoot().insertGroup(0, file.stem)
+    for layer in layers_in(file):
+        project.addMapLayer(layer, False)
+        group.addLayer(layer)
+
+
+def say_of_zones(share: float, feedback: QgsProcessingFeedback) -> None:
+    """Say how far the zones are settled: in the log, and on top of the map window."""
+    grade, text = verdict(share)
+    (feedback.pushInfo if grade == "good" else feedback.pushWarning)(text)
+    from qgis.utils import iface
+
+    if iface is not None and hasattr(iface, "messageBar"):
+        level = {"good": Qgis.Success, "look": Qgis.Warning, "bad": Qgis.Critical}[grade]
+        iface.messageBar().pushMessage("sassgis", text, level, 0)
 
 
 def _take_over(file: Path, project: QgsProject, group: QgsLayerTreeGroup) -> None:
@@ -63,12 +92,10 @@ def _take_over(file: Path, project: QgsProject, group: QgsLayerTreeGroup) -> Non
     QgsLayerDefinition.loadLayerDefinition(document, project, group, context)
 
 
-def _layers_of(folder: Path) -> list[QgsVectorLayer]:
-    """Layers of GeoPackages; each brings its style along."""
-    registry = QgsProviderRegistry.instance()
+def layers_in(file: Path) -> list[QgsVectorLayer]:
+    """Layers with geometry of a GeoPackage; each brings its style along."""
     found = [
         QgsVectorLayer(part.uri(), part.name(), part.providerKey())
-        for file in sorted(folder.glob("*.gpkg"))
-        for part in registry.querySublayers(str(file))
+        for part in QgsProviderRegistry.instance().querySublayers(str(file))
     ]
     return [layer for layer in found if layer.wkbType() != QgsWkbTypes.NoGeometry]

@@ -98,7 +98,9 @@ def validate_observations(observations: Path, config: Path | None) -> None:
         settings = load_config(config)
         drop_m = drop_of(settings.blocks)
         terrain = settings.terrain
-        grid = read_terrain(settings.dem_path, terrain.crs, terrain.vertical_datum)
+        grid = read_terrain(
+            settings.dem_source, terrain.crs, terrain.vertical_datum, terrain.override_crs
+        )
     read = read_observations(observations, grid, drop_m)
     for finding in check(read, grid, drop_m):
         click.echo(str(finding))

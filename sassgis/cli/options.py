@@ -53,6 +53,9 @@ AS_JSON = click.option(
     "--json", "as_json", is_flag=True, help="Print one JSON object in place of lines."
 )
 DEM_CRS = click.option("--crs", help="Coordinate system, where DEM states none.")
+OVERRIDE_CRS = click.option(
+    "--override-crs", is_flag=True, help="Use --crs even though DEM states another, wrong system."
+)
 OBSERVATIONS = click.option(
     "--observations", required=True, type=PATH, help="A GeoPackage, or a folder of CSV files."
 )
@@ -74,6 +77,23 @@ def command(*parameters: Decorator, example: str, **more: Any) -> Callable[[Any]
         return declared
 
     return made
+
+
+@contextmanager
+def settings_as_options() -> Iterator[None]:
+    """Have errors speak of the options of a command without a configuration, not of settings."""
+    from sassgis.io.read.dem_system import in_options
+    from sassgis.model.errors import InputError
+
+    try:
+        yield
+    except InputError as error:
+        field, expected = (
+            None if text is None else in_options(text) for text in (error.field, error.expected)
+        )
+        raise InputError(
+            error.problem, file=error.file, field=field, found=error.found, expected=expected
+        ) from None
 
 
 @contextmanager

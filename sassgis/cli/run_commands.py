@@ -80,7 +80,7 @@ def run(config: Path, out: Path, as_json: bool, **given: Any) -> None:
 
     with at_work(given) as how:
         result = run_map(_with_draws(config, how), out, **how)
-    summary = _with_spread(f"{result.rocks} blocks in {result.seconds:.1f} s.", result)
+    summary = _with_spread(f"{result.n_blocks} blocks in {result.seconds:.1f} s.", result)
     conclude(result.warnings, summary, out, _run_facts(result) if as_json else None)
 
 
@@ -105,7 +105,7 @@ def _with_spread(summary: str, result: RunResult) -> str:
 def _run_facts(result: RunResult) -> dict[str, object]:
     """What a run says with --json."""
     return {
-        "blocks": result.rocks,
+        "blocks": result.n_blocks,
         "stopping_reasons": {r.name.lower(): count for r, count in result.reasons.items()},
         "seconds": result.seconds,
         **({} if result.spread is None else {"ground_uncertainty": asdict(result.spread)}),
@@ -131,7 +131,7 @@ def _zoned(config: Path, out: Path, as_json: bool, given: Mapping[str, Any]) -> 
     hazard = result.found.hazard
     share = f"{100 * hazard.changed_share:.1f} %"
     summary = _with_spread(
-        f"{result.run.rocks} blocks, {hazard.levels.polygons.size} zones. Another sample of as "
+        f"{result.run.n_blocks} blocks, {hazard.levels.polygons.size} zones. Another sample of as "
         f"many blocks would change the level on {share} of the zoned area.",
         result.run,
     )

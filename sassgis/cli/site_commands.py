@@ -11,11 +11,13 @@ from sassgis.cli.options import (
     AS_JSON,
     CONFIG,
     DEM_CRS,
+    OVERRIDE_CRS,
     OVERWRITE,
     PATH,
     command,
+    settings_as_options,
 )
-from sassgis.cli.progress_bar import printed
+from sassgis.cli.progress_bar import notes, printed
 
 _ABOVE_0 = click.FloatRange(min=0.0, min_open=True)
 
@@ -61,6 +63,7 @@ def fetch(
 @command(
     click.argument("dem", type=PATH),
     DEM_CRS,
+    OVERRIDE_CRS,
     AS_JSON,
     click.option("--html", type=PATH, help="Write the page as HTML too."),
     OVERWRITE,
@@ -69,12 +72,17 @@ def fetch(
     example="dem check terrain/terrain.vrt",
 )
 def check_terrain(
-    dem: Path, crs: str | None, as_json: bool, html: Path | None, overwrite: bool
+    dem: Path,
+    crs: str | None,
+    override_crs: bool,
+    as_json: bool,
+    html: Path | None,
+    overwrite: bool,
 ) -> None:
     """Judge the terrain model DEM, a raster or a folder of tiles: a verdict for each item."""
     from sassgis.runs.dem_check import check_dem, write_dem_page
 
-    report = check_dem(dem, crs)
+    report = check_dem(dem, crs, override_crs)
     printed(report, as_json)
     if html is not None:
         write_dem_page(html, report, overwrite)
@@ -84,6 +92,7 @@ def check_terrain(
     click.argument("dem", type=PATH),
     click.option("-o", "--output", "out", required=True, type=PATH, help="GeoPackage."),
     DEM_CRS,
+    OVERRIDE_CRS,
     click.option(
         "--ground", type=PATH,
         help="Polygons of ground classes: mapped rock counts from a gentler slope on.",
@@ -109,7 +118,9 @@ def cliffs(dem: Path, out: Path, **given: Any) -> None:
     """Propose release areas from the slopes of DEM; to be checked in the field."""
     from sassgis.runs.propose_release import propose_release
 
-    printed(propose_release(dem, out, **given))
+    with settings_as_options():
+        proposal = propose_release(dem, out, **given)
+    printed(proposal)
     click.echo(f"Wrote {out}. Check it, then: sassgis init --dem {dem} --release {out}")
 
 
@@ -117,6 +128,7 @@ def cliffs(dem: Path, out: Path, **given: Any) -> None:
     click.argument("file", type=PATH),
     click.option("--crs", help="Projected system in metres, as EPSG:2056; default: that of --dem."),
     click.option("--dem", type=PATH, help="Terrain model to draw over."),
+    OVERRIDE_CRS,
     OVERWRITE,
     short_help="Write empty layers and a QGIS project to draw a site in.",
     example="new site.gpkg --dem terrain/terrain.vrt",
@@ -125,7 +137,8 @@ def new(file: Path, **given: Any) -> None:
     """Write an empty GeoPackage FILE to draw a site in, and a QGIS project beside it."""
     from sassgis.io.write.site_template import site_template
 
-    project = site_template(file, **given)
+    with settings_as_options():
+        project = site_template(file, **given)
     click.echo(f"Wrote {file}. Draw in {project}, then: sassgis init --dem ... --release {file}")
 
 
@@ -140,6 +153,10 @@ def new(file: Path, **given: Any) -> None:
         "--set", "settings", multiple=True, metavar="KEY=VALUE",
         help="Set a key, as release.spacing_m=5; may be given several times.",
     ),
+    click.option(
+        "--rockyfor3d", "folder", type=PATH,
+        help="Folder of inputs of Rockyfor3D, in place of --dem and --release.",
+    ),
     click.option("--all", "every", is_flag=True, help="Every key, with its meaning and default."),
     click.option("--overwrite", is_flag=True, help="Replace a file that nobody has changed."),
     short_help="Write a configuration: the lines that every site decides.",
@@ -150,19 +167,40 @@ def init(
     dem: Path | None,
     release: Path | None,
     settings: tuple[str, ...],
+    folder: Path | None,
     every: bool,
     overwrite: bool,
 ) -> None:
     """Write a configuration to FILE (default: sassgis.toml): the lines that every site decides."""
-    from sassgis.io.read.start_keys import start_keys, with_values
+    if folder is not None:
+        if dem or release or every:
+            raise click.UsageError("--rockyfor3d takes no --dem, --release and --all")
+        _from_rockyfor3d(file, folder, settings, overwrite)
+        return
+    from sassgis.io.read.start_keys import start_keys, with_system, with_values
     from sassgis.io.write.config_template import config_template, short_template, write_new
+    from sassgis.runs.inputs import collected_notices
 
-    given = with_values(start_keys(file.parent, dem, release), settings)
+    asked = with_values(start_keys(file.parent, dem, release), settings)
+    with collected_notices() as noticed:
+        given = with_system(asked, dem, release)
+    notes(noticed)
+    if given != asked:
+        click.echo(f"terrain.crs: {dict(given)['terrain']['crs']}, from {release}")
     text = config_template(given) if every else short_template(given)
     write_new(file, text, overwrite)
     names = [name for name, path in (("terrain.dem", dem), ("release.file", release)) if not path]
     todo = f"Fill in {' and '.join(names)}, then: " if names else "Now: "
     click.echo(f"Wrote {file}. {todo}sassgis validate {file}")
+
+
+def _from_rockyfor3d(file: Path, folder: Path, settings: tuple[str, ...], overwrite: bool) -> None:
+    """Write what a folder of Rockyfor3D becomes, and what has no counterpart."""
+    from sassgis.io.write.rockyfor3d_site import write_rockyfor3d_site
+
+    site = write_rockyfor3d_site(file, folder, settings, overwrite)
+    notes(site.notes)
+    click.echo(f"Wrote {', '.join(str(f) for f in site.files)}. Now: sassgis validate {file}")
 
 
 @command(

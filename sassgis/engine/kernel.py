@@ -30,22 +30,20 @@ from sassgis.engine.state import (
     Start,
 )
 from sassgis.engine.statistics import (
+    WORDS,
     CellSums,
     Disks,
     Event,
     Exceedance,
     FlatBins,
-    LineTally,
     Objects,
     PlaceWork,
-    Visits,
+    add_exceedance,
     add_visits,
-    close_line,
+    by_place,
     collect,
     count_places,
     empty_event,
-    empty_tally,
-    empty_visits,
     flush,
     give_back,
     meet_disks,
@@ -57,8 +55,9 @@ from sassgis.model.cell_geometry import exact
 from sassgis.model.jit import fused, inlined, kernel, lean
 
 #: What simulate_lines returns: whether all went well; whether there were too few rows for passages
-#: or spawned blocks; whether one released block spawned more blocks than there is room for.
-DONE, NO_ROOM, TOO_MANY_SPAWNED = 0, 1, 2
+#: or spawned blocks, or for visits; whether one released block spawned more blocks than there is
+#: room for.
+DONE, NO_ROOM, MANY_VISITS, TOO_MANY_SPAWNED = 0, 1, 2, 3
 
 
 class Lines(NamedTuple):
@@ -156,32 +155,33 @@ class Work(NamedTuple):
     state: Records  # hooks.BLOCK_DTYPE, one row
     cells: CellWork
     event: Event
-    visits: Visits
-    tally: LineTally
+    visits: NDArray[np.uint64]  # (room, WORDS), of cells
+    order: NDArray[np.int32]  # of the visits, in which those of a place are together
     windows: PlaceWork
     objects: PlaceWork
-    n_line: NDArray[np.int64]  # (3,) cells, windows and objects that the stratum touched
+    n_visits: NDArray[np.int64]  # (4,) of cells, windows, objects; of cells that are in histograms
     spawned: Spawned
     vertices: Records  # of the ground just ahead, on a path that is followed
     crossings: Records
     stretches: Records
 
 
-def working_space(totals: Totals, most_spawned: int) -> Work:
+def working_space(totals: Totals, most_spawned: int, visits: int) -> Work:
     """Working space for a chunk whose blocks are added to some totals.
 
-    ``most_spawned`` is how many blocks one released block may spawn.
+    ``most_spawned`` is how many blocks one released block may spawn, ``visits`` for how many of
+    them to cells, and as many to windows and to objects, there is room.
     """
     n = totals.sums.stops.size
     return Work(
         np.zeros(1, hooks.BLOCK_DTYPE),
         empty_work(n, chords=totals.windows.disks.u.size > 0),
         empty_event(n),
-        empty_visits(n),
-        empty_tally(totals.reach),
-        place_work(totals.windows.reach),
-        place_work(totals.objects.reach),
-        np.zeros(3, np.int64),
+        np.empty((visits, WORDS), np.uint64),
+        np.empty(visits, np.int32),
+        place_work(totals.windows.reach, visits),
+        place_work(totals.objects.reach, visits),
+        np.zeros(4, np.int64),
         room_for(most_spawned),
         *room_ahead(),
     )
@@ -212,7 +212,7 @@ def simulate_lines(
     Returns
     -------
     int
-        DONE; or NO_ROOM or TOO_MANY_SPAWNED: then nothing that was filled is of use.
+        DONE, or else why not: then nothing that was filled is of use.
     """
     for i in range(lines.number.size):
         status = simulate_blocks(
@@ -221,8 +221,8 @@ def simulate_lines(
         )  # fmt: skip
         if status != DONE:
             return status
-        close_stratum(totals, work)
-    add_visits(work.visits, totals.sums)
+        make_room(totals, work)
+    count_all(totals, work)
     return DONE
 
 
@@ -250,21 +250,49 @@ def simulate_paths(
         )  # fmt: skip
         if status != DONE:
             return status
-        close_stratum(totals, work)
-    add_visits(work.visits, totals.sums)
+        make_room(totals, work)
+    count_all(totals, work)
     return DONE
 
 
+@kernel
+def make_room(totals: Totals, work: Work) -> None:
+    """Add the visits at the end of a stratum, where there are many."""
+    n = work.n_visits
+    if 2 * n[1] > work.windows.visits.shape[0]:
+        count_at(work.windows, n[1], totals.windows.reach, work.order)
+        n[1] = 0
+    if 2 * n[0] > work.visits.shape[0]:
+        order = count_in_cells(totals, work)
+        rows = np.arange(totals.sums.stops.size).astype(np.int32)
+        add_visits(work.visits, order, rows, totals.sums.counts)
+        n[3] += n[0]
+        n[0] = 0
+
+
+@kernel
+def count_in_cells(totals: Totals, work: Work) -> NDArray[np.int32]:
+    """Count the blocks that came to each cell by threshold; their visits in order."""
+    order = by_place(work.visits, work.n_visits[0], totals.sums.stops.size, work.order)
+    add_exceedance(work.visits, order, totals.reach)
+    return order
+
+
+@kernel
+def count_at(own: PlaceWork, n: int, reach: Exceedance, order: NDArray[np.int32]) -> None:
+    """Count the blocks that came to each window or object by threshold."""
+    add_exceedance(own.visits, by_place(own.visits, n, own.peak.size, order), reach)
+
+
+@kernel
+def count_all(totals: Totals, work: Work) -> None:
+    """Count the blocks that came to all places, where nobody comes any more."""
+    count_at(work.windows, work.n_visits[1], totals.windows.reach, work.order)
+    count_at(work.objects, work.n_visits[2], totals.objects.reach, work.order)
+    count_in_cells(totals, work)
+
+
 @lean
-def close_stratum(totals: Totals, work: Work) -> None:
-    """Add the blocks of a stratum of the sample to the sums, and clear their tally."""
-    close_line(work.tally, work.n_line[0], totals.reach)
-    close_line(work.windows.tally, work.n_line[1], totals.windows.reach)
-    close_line(work.objects.tally, work.n_line[2], totals.objects.reach)
-    work.n_line[:] = 0
-
-
-@inlined
 def simulate_blocks(
     i: int,
     site: Site,
@@ -336,12 +364,14 @@ def simulate_blocks(
             open_row(row, line, setup.first_rock + r, n_spawned, state.x)
             log = EventLog(log.rows[:0], log.filled)
         if effects is None:
-            add_to_totals(totals, work, state.n_touched, block.mass)
+            added = add_to_totals(totals, work, i, state.n_touched, block.mass)
         else:
             if spawned.filled[0] > n_spawned:
                 return TOO_MANY_SPAWNED
             # They count together, with their energies in J.
-            add_to_totals(totals, work, give_back(work.event, work.cells), 1.0)
+            added = add_to_totals(totals, work, i, give_back(work.event, work.cells), 1.0)
+        if not added:
+            return MANY_VISITS
     return DONE
 
 
@@ -465,18 +495,23 @@ def finish_block(
 
 
 @inlined
-def add_to_totals(totals: Totals, work: Work, n_touched: int, mass: float) -> None:
+def add_to_totals(totals: Totals, work: Work, stratum: int, n_touched: int, mass: float) -> bool:
     """Add one block, or one with all that it has spawned, to the sums of the run.
 
-    ``mass`` (kg) is 1 where the energies in the work are not per unit mass.
+    ``mass`` (kg) is 1 where the energies in the work are not per unit mass. Returns whether there
+    was room for its visits.
     """
-    cells = work.cells
-    threshold = totals.bins.threshold
-    n_line = work.n_line
-    n_line[1] = count_places(work.windows, threshold, n_line[1])
-    if work.objects.peak.size:
-        meet_objects(cells, n_touched, mass, totals.objects.under, work.objects)
-        n_line[2] = count_places(work.objects, threshold, n_line[2])
-    n_line[0] = flush(
-        cells, n_touched, totals.sums, totals.bins, mass, work.visits, work.tally, n_line[0]
-    )
+    cells, windows, objects = work.cells, work.windows, work.objects
+    n = work.n_visits
+    if objects.peak.size:
+        meet_objects(cells, n_touched, mass, totals.objects.under, objects)
+    if (
+        n[0] + n_touched > work.visits.shape[0]
+        or n[1] + windows.n_met[0] > windows.visits.shape[0]
+        or n[2] + objects.n_met[0] > objects.visits.shape[0]
+    ):
+        return False
+    n[1] = count_places(windows, totals.bins, stratum, n[1])
+    n[2] = count_places(objects, totals.bins, stratum, n[2])
+    n[0] = flush(cells, n_touched, totals.sums, totals.bins, mass, work.visits, stratum, n[0])
+    return True

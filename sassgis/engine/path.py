@@ -175,26 +175,22 @@ def _add_stretch(
     state: Record, site: Site, path: Path, cell: int, segment: int, end: float
 ) -> None:
     """Let the stretches go on in a cell (flat index) up to a chainage (m)."""
-    u, v = place(state, end)
     stretches = site.stretches
     n = last_of(stretches)
     number = registered(path.register, cell) if cell >= 0 else -1
-    if n > 0 and stretches[n - 1].cell == number and stretches[n - 1].segment == segment:
-        stretches[n].start = end
-        stretches[n].u, stretches[n].v = u, v
-        return
-    row = stretches[n]
-    row.cell = number
-    row.segment = segment
-    row.stems = 0.0
-    row.diameter = 0.0
-    if path.stems.size and cell >= 0:
-        row.stems = path.stems[cell]
-        row.diameter = path.diameter[cell]
-    after = stretches[n + 1]
+    if n == 0 or stretches[n - 1].cell != number or stretches[n - 1].segment != segment:
+        row = stretches[n]
+        row.cell = number
+        row.segment = segment
+        if path.stems.size:
+            row.stems = path.stems[cell] if cell >= 0 else 0.0
+            row.diameter = path.diameter[cell] if cell >= 0 else 0.0
+        n += 1
+        stretches[0].last = n
+    after = stretches[n]
     after.start = end
-    after.u, after.v = u, v
-    stretches[0].last = n + 1
+    if path.register.windows.size:
+        after.u, after.v = place(state, end)
 
 
 @inlined
@@ -240,7 +236,7 @@ def look_ahead(
     aloft = state.phase == FLIGHT and state.vx > 1e-6
     lines = _lines_ahead(state)
     while state.open and (state.sampled < to_x or aloft) and not _full(site):
-        after, lines = _next_patch(state, path, lines)
+        after = _next_patch(state, path, lines)
         if after.cells == 0:
             state.open = False
             break
@@ -248,6 +244,7 @@ def look_ahead(
             _along_plane(state, site, path, after, limit, least)
         if not state.on_plane and after.end - state.sampled > SHORTEST_STRETCH:
             _along_cone(state, site, path, after, limit)
+        lines = _beyond(lines, state, after.end)
         if aloft:
             t = (after.end - state.x) / state.vx
             if state.z + (state.vz - 0.5 * gravity * t) * t < state.ahead_z - limit:
@@ -259,12 +256,25 @@ def look_ahead(
 
 
 class _Lines(NamedTuple):
-    """Next lines ahead: through centres of cells, where the terrain has a kink, and borders."""
+    """The lines ahead, through centres of cells, where the terrain has a kink, and of borders.
+
+    And the chainages at which they are met (m), infinite where they are not.
+    """
 
     centre_u: float  # (cells)
     centre_v: float
     border_u: float
     border_v: float
+    centre_u_at: float
+    centre_v_at: float
+    border_u_at: float
+    border_v_at: float
+
+
+@inlined
+def _met_at(line: float, origin: float, rate: float, from_x: float) -> float:
+    """Chainage at which a line is met (m)."""
+    return from_x + (line - origin) / rate if rate != 0.0 else np.inf
 
 
 @inlined
@@ -273,39 +283,54 @@ def _lines_ahead(state: Record) -> _Lines:
     u, v = place(state, state.sampled)
     to_u = np.inf if state.du > 0.0 else -np.inf
     to_v = np.inf if state.dv > 0.0 else -np.inf
-    return _Lines(
-        next_line(u - 0.5, to_u) + 0.5, next_line(v - 0.5, to_v) + 0.5, next_line(u, to_u),
-        next_line(v, to_v)
+    centre_u = next_line(u - 0.5, to_u) + 0.5
+    centre_v = next_line(v - 0.5, to_v) + 0.5
+    border_u = next_line(u, to_u)
+    border_v = next_line(v, to_v)
+    lines = _Lines(
+        centre_u, centre_v, border_u, border_v,
+        _met_at(centre_u, state.from_u, state.du, state.from_x),
+        _met_at(centre_v, state.from_v, state.dv, state.from_x),
+        _met_at(border_u, state.from_u, state.du, state.from_x),
+        _met_at(border_v, state.from_v, state.dv, state.from_x),
     )  # fmt: skip
+    return _beyond(lines, state, state.sampled)
 
 
 @inlined
-def _passed(line: float, at: float, x: float, rate: float) -> float:
-    """The next line, after the one that is met at some chainage, where that has been passed (m)."""
-    if at <= x:
-        return line + (1.0 if rate > 0.0 else -1.0)
-    return line
+def _next_beyond(
+    line: float, at: float, x: float, origin: float, rate: float, from_x: float
+) -> tuple[float, float]:
+    """The first line that is met after a chainage (m), and where; from one met before it on."""
+    while at - x <= SHORTEST_STRETCH:
+        line += 1.0 if rate > 0.0 else -1.0
+        at = _met_at(line, origin, rate, from_x)
+    return line, at
 
 
 @fused
-def _met_next(state: Record, line_u: float, line_v: float) -> tuple[float, float, float, float]:
-    """The next lines of a kind that are not just met, and the chainages at which they are (m)."""
-    while True:
-        to_u = to_v = np.inf
-        if state.du != 0.0:
-            to_u = state.from_x + (line_u - state.from_u) / state.du
-        if state.dv != 0.0:
-            to_v = state.from_x + (line_v - state.from_v) / state.dv
-        first = min(to_u, to_v)
-        if first - state.sampled > SHORTEST_STRETCH:
-            return line_u, line_v, to_u, to_v
-        line_u = _passed(line_u, to_u, first, state.du)
-        line_v = _passed(line_v, to_v, first, state.dv)
+def _beyond(lines: _Lines, state: Record, x: float) -> _Lines:
+    """The next lines after a chainage (m)."""
+    centre_u, centre_u_at = _next_beyond(
+        lines.centre_u, lines.centre_u_at, x, state.from_u, state.du, state.from_x
+    )
+    centre_v, centre_v_at = _next_beyond(
+        lines.centre_v, lines.centre_v_at, x, state.from_v, state.dv, state.from_x
+    )
+    border_u, border_u_at = _next_beyond(
+        lines.border_u, lines.border_u_at, x, state.from_u, state.du, state.from_x
+    )
+    border_v, border_v_at = _next_beyond(
+        lines.border_v, lines.border_v_at, x, state.from_v, state.dv, state.from_x
+    )
+    return _Lines(
+        centre_u, centre_v, border_u, border_v, centre_u_at, centre_v_at, border_u_at, border_v_at
+    )
 
 
 @lean
-def _next_patch(state: Record, path: Path, lines: _Lines) -> tuple[Patch, _Lines]:
-    """The patch that follows the last sample, and the lines ahead of its end.
+def _next_patch(state: Record, path: Path, lines: _Lines) -> Patch:
+    """The patch that follows the last sample.
 
     Between the centres of four cells the terrain is bilinear: along the path a parabola, which is
     taken for a straight line. The patch ends where it leaves the four cells; where the parabola
@@ -314,27 +339,24 @@ def _next_patch(state: Record, path: Path, lines: _Lines) -> tuple[Patch, _Lines
     heights = path.heights
     n_rows, n_cols = heights.shape
     x = state.sampled
-    centre_u, centre_v, border_u, border_v = lines
     du = state.du
     dv = state.dv
-    centre_u, centre_v, to_u, to_v = _met_next(state, centre_u, centre_v)
-    border_u, border_v, over_u, over_v = _met_next(state, border_u, border_v)
-    end = min(to_u, to_v)
-    border = min(over_u, over_v)
-    later = max(over_u, over_v)
+    end = min(lines.centre_u_at, lines.centre_v_at)
+    border = min(lines.border_u_at, lines.border_v_at)
+    later = max(lines.border_u_at, lines.border_v_at)
     # The cell and the four centres between two lines each, of which those ahead are known.
     behind_u = 1 if du > 0.0 else 0
     behind_v = 1 if dv > 0.0 else 0
     to_col = 2 * behind_u - 1
     to_row = 2 * behind_v - 1
-    row = int(border_v) - behind_v
-    col = int(border_u) - behind_u
-    if not (0 <= row < n_rows and 0 <= col < n_cols) or math.isnan(heights[row, col]):
-        return Patch(x, 0.0, 0, 0, -1, -1, -1, x, x), lines
+    row = int(lines.border_v) - behind_v
+    col = int(lines.border_u) - behind_u
+    if not (0 <= row < n_rows and 0 <= col < n_cols):
+        return Patch(x, 0.0, 0, 0, -1, -1, -1, x, x)
     cell = row * n_cols + col
     ground = np.int64(path.ground[row, col])
-    up = int(centre_v - 0.5) - behind_v
-    left = int(centre_u - 0.5) - behind_u
+    up = int(lines.centre_v - 0.5) - behind_v
+    left = int(lines.centre_u - 0.5) - behind_u
     own = across = down = twist = np.nan
     if 0 <= up < n_rows - 1 and 0 <= left < n_cols - 1:
         own = heights[up, left]
@@ -349,8 +371,8 @@ def _next_patch(state: Record, path: Path, lines: _Lines) -> tuple[Patch, _Lines
         if not ends:
             cells = 2
             at_corner = later - border <= SHORTEST_STRETCH
-            next_row = row + to_row if over_v == border or at_corner else row
-            next_col = col + to_col if over_u == border or at_corner else col
+            next_row = row + to_row if lines.border_v_at == border or at_corner else row
+            next_col = col + to_col if lines.border_u_at == border or at_corner else col
             second = next_row * n_cols + next_col
             ends = path.ground[next_row, next_col] != ground
             if later < end - SHORTEST_STRETCH and not at_corner:
@@ -363,12 +385,11 @@ def _next_patch(state: Record, path: Path, lines: _Lines) -> tuple[Patch, _Lines
     u, v = place(state, end)
     z = own + across * (u - left - 0.5) + (down + twist * (u - left - 0.5)) * (v - up - 0.5)
     if math.isnan(z):
+        # One of the four is not known, which may be the cell itself.
+        if math.isnan(heights[row, col]):
+            return Patch(x, 0.0, 0, 0, -1, -1, -1, x, x)
         z = height_at(heights, u, v, row, col)
-    following = _Lines(
-        _passed(centre_u, to_u, end, du), _passed(centre_v, to_v, end, dv),
-        _passed(border_u, over_u, end, du), _passed(border_v, over_v, end, dv)
-    )  # fmt: skip
-    return Patch(end, z, ground, cells, cell, second, third, border, later), following
+    return Patch(end, z, ground, cells, cell, second, third, border, later)
 
 
 @inlined

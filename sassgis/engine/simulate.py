@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from sassgis.engine import impact as impact_rules
 from sassgis.engine.effects.hooks import ground_of, most_spawned, prepare
 from sassgis.engine.effects.spawning import MOST_SPAWNED
 from sassgis.engine.kernel import (
+    MANY_VISITS,
     NO_ROOM,
     TOO_MANY_SPAWNED,
     ControlLineTable,
@@ -23,18 +25,23 @@ from sassgis.engine.kernel import (
     Setup,
     Totals,
     Windows,
+    Work,
     simulate_lines,
     working_space,
 )
 from sassgis.engine.state import EVENT_DTYPE, Physics
 from sassgis.engine.statistics import (
+    VISITS,
+    CellSums,
     Disks,
     Exceedance,
     Objects,
+    add_visits,
     by_name,
     counted,
     empty_sums,
     flat_bins,
+    histograms,
 )
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.effects import EffectSettings
@@ -53,6 +60,28 @@ _RECORDS_OF_PASSAGES = np.dtype((np.record, PASSAGE_DTYPE))
 
 
 @dataclass(frozen=True, slots=True)
+class Visits:
+    """Visits of blocks to cells, for their histograms.
+
+    Attributes
+    ----------
+    visits : uint64, shape (n, statistics.WORDS)
+    order : int32, shape (n,)
+        In which those of a cell are together.
+    place : int32
+        Position in the cells of the result of each cell as the visits count them.
+    """
+
+    visits: NDArray[np.uint64]
+    order: NDArray[np.int32]
+    place: NDArray[np.int32]
+
+    def add_to(self, histograms: tuple[NDArray[np.uint32], ...], row: NDArray[np.int32]) -> None:
+        """Add them to histograms; ``row`` is that of each cell of the result."""
+        add_visits(self.visits, self.order, row[self.place], histograms)
+
+
+@dataclass(frozen=True)
 class Simulated:
     """What the blocks of some lines left.
 
@@ -60,9 +89,14 @@ class Simulated:
     ----------
     cells : int64, shape (n_cells,)
         Flat indices of the grid cells under the lines, ascending.
-    sums : dict of str to array with a row for each of ``cells``
-        Those of model.statistics_table.SUMS, histograms in the bins of the run; and of the blocks
-        that reach each threshold "exceed" and, summed over lines, its square "exceed_square".
+    kept : dict of str to array with a row for each of ``cells``
+        Those of model.statistics_table.SUMS but the histograms; and of the blocks that reach each
+        threshold "exceed" and, summed over lines, its square "exceed_square". Histograms where
+        there were more visits than there was room for.
+    visits : Visits
+        What the histograms do not have yet.
+    n_bins : dict of str to int
+        Of each histogram, in the order of the visits.
     windows : int64, shape (n_windows,)
         Flat indices of the cells in the middle of the windows; empty unless asked for.
     window_sums, objects : dict
@@ -81,7 +115,9 @@ class Simulated:
     """
 
     cells: IntArray
-    sums: dict[str, NDArray[np.generic]]
+    kept: dict[str, NDArray[np.generic]]
+    visits: Visits
+    n_bins: dict[str, int]
     windows: IntArray
     window_sums: dict[str, IntArray]
     objects: dict[str, IntArray]
@@ -93,15 +129,43 @@ class Simulated:
     y: FloatArray = field(default_factory=lambda: np.empty(0))
     looked_at: tuple[int, int, int, int] | None = None
 
+    @cached_property
+    def sums(self) -> dict[str, NDArray[np.generic]]:
+        """All that is kept of each cell, histograms in the bins of the run included."""
+        n = self.cells.size
+        whole: dict[str, Any] = {
+            name: np.array(self.kept[name]) if name in self.kept else np.zeros((n, k), np.uint32)
+            for name, k in self.n_bins.items()
+        }
+        self.visits.add_to(tuple(whole.values()), np.arange(n, dtype=np.int32))
+        return self.kept | whole
+
+
+def left_in_cells(totals: Totals, work: Work, rows: IntArray | slice) -> dict[str, Any]:
+    """What blocks left in some cells, by their names in Simulated."""
+    reach = counted(totals.reach, rows)
+    sums = totals.sums
+    kept = by_name(CellSums(sums.stops[rows], sums.values[rows], ()), *reach) | by_threshold(*reach)
+    bins = histograms(sums)
+    if work.n_visits[3]:
+        kept |= {name: own[rows] for name, own in bins.items()}
+    n = int(work.n_visits[0])
+    place = np.full(sums.stops.size, -1, np.int32)
+    place[rows] = np.arange(place[rows].size, dtype=np.int32)
+    visits = Visits(work.visits[:n], work.order[:n], place)
+    n_bins = {name: own.shape[1] for name, own in bins.items()}
+    return {"kept": kept, "visits": visits, "n_bins": n_bins}
+
 
 def no_exceedance(n: int, bins: Bins) -> Exceedance:
     """Counts for ``n`` cells or objects to which nothing has come yet."""
-    return Exceedance(*(np.zeros((n, bins.threshold.size), np.int64) for _ in range(2)))
+    shapes = (n, bins.threshold.size), (n, bins.threshold.size), bins.threshold.size
+    return Exceedance(*(np.zeros(shape, np.int64) for shape in shapes))
 
 
-def by_threshold(sums: Exceedance) -> dict[str, IntArray]:
+def by_threshold(blocks: IntArray, square: IntArray) -> dict[str, IntArray]:
     """Counts under their names."""
-    return {"exceed": sums.blocks, "exceed_square": sums.square}
+    return {"exceed": blocks, "exceed_square": square}
 
 
 def _disks(window: Window | None, cells: IntArray) -> tuple[IntArray, Disks]:
@@ -378,7 +442,7 @@ def simulate(
     centres, disks = _disks(window, cells)
     hooked = prepare(effects, bool((lines.stems > 0.0).any()))
     n = n_lines * rocks_per_line
-    room = 1
+    room, visits = 1, VISITS
     while True:
         totals = Totals(
             flat,
@@ -389,22 +453,24 @@ def simulate(
         )
         n_passages = room * crossings.chainage.size * rocks_per_line
         rows = empty_rows(n, n_passages, room * n if hooked is not None else 0, log_events)
-        work = working_space(totals, most_spawned(effects))
+        work = working_space(totals, most_spawned(effects), visits)
         status = simulate_lines(lines, setup, totals, rows, work, hooked)
-        if status != NO_ROOM:
+        if status == NO_ROOM:
+            room *= 4
+        elif status == MANY_VISITS:
+            visits *= 4
+        else:
             break
-        room *= 4
     if status == TOO_MANY_SPAWNED:
         raise too_many_spawned()
     left = blocks_of(rows, log_events)
     # Where a given line lies on the map is not known here.
     left["passages"]["x_m"] = left["passages"]["y_m"] = np.nan
-    reach = counted(totals.reach)
     return Simulated(
         cells=cells,
-        sums=by_name(totals.sums, reach, flat) | by_threshold(reach),
+        **left_in_cells(totals, work, slice(None)),
         windows=centres,
-        window_sums=by_threshold(counted(totals.windows.reach)),
-        objects=by_threshold(counted(totals.objects.reach)),
+        window_sums=by_threshold(*counted(totals.windows.reach, slice(None))),
+        objects=by_threshold(*counted(totals.objects.reach, slice(None))),
         **left,
     )

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from sassgis.engine.cell_register import CELLS, WINDOWS, CellRegister, empty_register
 from sassgis.engine.effects.hooks import most_spawned, prepare
 from sassgis.engine.kernel import (
+    MANY_VISITS,
     NO_ROOM,
     TOO_MANY_SPAWNED,
     Places,
@@ -19,6 +20,7 @@ from sassgis.engine.kernel import (
     Rows,
     Totals,
     Windows,
+    Work,
     simulate_paths,
     working_space,
 )
@@ -29,11 +31,12 @@ from sassgis.engine.simulate import (
     by_threshold,
     control_line_table,
     empty_rows,
+    left_in_cells,
     no_exceedance,
     setup_of,
     too_many_spawned,
 )
-from sassgis.engine.statistics import Exceedance, by_name, counted, empty_sums, flat_bins
+from sassgis.engine.statistics import VISITS, counted, empty_sums, flat_bins
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.cell_geometry import exact_positions
 from sassgis.model.effects import EffectSettings
@@ -117,7 +120,7 @@ def follow(
     forest = terrain.forest
     hooked = prepare(effects, forest is not None and bool((forest.stems_per_m2 > 0.0).any()))
     steps = 0 if window is None else window.steps()[0].size
-    room, more = room_at_first(steps), 1
+    room, more, visits = room_at_first(steps), 1, VISITS
     while True:
         register = empty_register(terrain.grid.shape, room, window, objects)
         totals = Totals(
@@ -130,18 +133,20 @@ def follow(
         spawned = more * n * rocks_per_point if hooked is not None else 0
         passages = more * len(lines) * (n * rocks_per_point + 1)
         rows = empty_rows(n * rocks_per_point, passages, spawned, log_events)
-        work = working_space(totals, most_spawned(effects))
+        work = working_space(totals, most_spawned(effects), visits)
         path = _path(terrain, settings, register, spread_m)
         status = simulate_paths(given, setup, totals, rows, work, hooked, path)
-        if status != NO_ROOM:
+        if status == MANY_VISITS:
+            visits *= 4
+        elif status != NO_ROOM:
             break
-        if register.full:
+        elif register.full:
             room *= 4
         else:
             more *= 4
     if status == TOO_MANY_SPAWNED:
         raise too_many_spawned()
-    return _named(terrain.grid, register, totals, rows, flat, log_events)
+    return _named(terrain.grid, register, totals, rows, work, log_events)
 
 
 def room_at_first(steps: int) -> int:
@@ -201,17 +206,16 @@ def _path(
 
 
 def _named(
-    grid: Grid, register: CellRegister, totals: Totals, rows: Rows, flat: object, log_events: int
+    grid: Grid, register: CellRegister, totals: Totals, rows: Rows, work: Work, log_events: int
 ) -> Simulated:
     """What the blocks left, cells and windows in ascending order."""
     known = int(register.counts[CELLS])
-    reach = counted(Exceedance(*(own[:known] for own in totals.reach)))
-    sums = by_name(totals.sums, reach, flat) | by_threshold(reach)  # type: ignore[arg-type]
-    reached = np.flatnonzero((reach.blocks[:, 0] > 0) | (totals.sums.stops[:known] > 0))
+    came = (totals.reach.blocks[:known] > 0).any(axis=1) | (totals.sums.stops[:known] > 0)
+    reached = np.flatnonzero(came)
     order = reached[np.argsort(register.cells[reached])]
     windows = np.argsort(register.windows[: register.counts[WINDOWS]])
-    met = counted(Exceedance(*(own[windows] for own in totals.windows.reach)))
-    came = met.blocks[:, 0] > 0
+    met = by_threshold(*counted(totals.windows.reach, windows))
+    came = met["exceed"][:, 0] > 0
     ends = np.concatenate([rows.ends, rows.spawned_ends[: rows.filled[1]]])
     left = blocks_of(rows, log_events)
     passages = left["passages"]
@@ -219,10 +223,10 @@ def _named(
     passages["y_m"] = grid.north - passages["y_m"] * grid.cell_size
     return Simulated(
         cells=register.cells[order],
-        sums={name: values[order] for name, values in sums.items()},
+        **left_in_cells(totals, work, order),
         windows=register.windows[windows[came]],
-        window_sums={n: v[came] for n, v in by_threshold(met).items()},
-        objects=by_threshold(counted(totals.objects.reach)),
+        window_sums={n: v[came] for n, v in met.items()},
+        objects=by_threshold(*counted(totals.objects.reach, slice(None))),
         **left,
         x=grid.west + ends[:, 0] * grid.cell_size,
         y=grid.north - ends[:, 1] * grid.cell_size,

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.engine.recording import ARRIVAL, ENERGY, HEIGHT, N_RECORDED, SPEED2, CellWork
-from sassgis.model.grid import FloatArray
-from sassgis.model.jit import lean
+from sassgis.model.grid import IntArray
+from sassgis.model.jit import kernel, lean
 from sassgis.model.statistics_table import QUANTITIES, Bins, Reducer, sums_by
 
 
@@ -22,14 +22,25 @@ def _quantities(reducer: Reducer) -> tuple[int, ...]:
 # Constants of the compiled code.
 _SUMMED, _RAISED, _LOWERED = _quantities("sum"), _quantities("max"), _quantities("min")
 _BINNED = _quantities("histogram")
+_EMPTY = np.array([[s.empty for kind in ("sum", "max", "min") for s in sums_by(kind)]])
 
 
 class FlatBins(NamedTuple):
-    """Edges of all histograms, one after the other."""
+    """Where the bins of all histograms end, one after the other, and last the thresholds of energy.
 
-    edges: NDArray[np.float64]
-    first: NDArray[np.int64]  # (histograms + 1,)
-    threshold: NDArray[np.float64]  # kJ, ascending from 0: energies whose exceedance is counted
+    The last bin of each ends at infinity, the first begins there. At a threshold, in kJ and
+    ascending from 0, blocks are counted that have this energy or more.
+    """
+
+    end: NDArray[np.float64]
+    first: NDArray[np.int64]  # (histograms + 2,)
+    guess: NDArray[np.int16]  # (histograms + 1, keys): bin of the smallest value of each key
+
+
+# The bin of a value is looked for from that of its key on: the leading bits of its binary
+# representation, exponent and so many digits, from 2^-10 up to 2^21. So there is seldom a step.
+_DIGITS = 8
+_FIRST_KEY, _LAST_KEY = (int((e + 1023) << _DIGITS) for e in (-10, 21))
 
 
 class Objects(NamedTuple):
@@ -57,11 +68,13 @@ class Exceedance(NamedTuple):
 
     blocks: NDArray[np.int64]  # (n, thresholds)
     square: NDArray[np.int64]  # sum over strata of the square of the stratum's number of blocks
+    last: NDArray[np.int64]  # (thresholds,) working space
 
 
-def counted(sums: Exceedance) -> Exceedance:
-    """The numbers themselves, where all blocks are counted."""
-    return Exceedance(*(np.cumsum(own[:, ::-1], axis=1)[:, ::-1] for own in sums))
+def counted(sums: Exceedance, rows: IntArray | slice) -> tuple[IntArray, IntArray]:
+    """Blocks and squares at the thresholds of some places, where all blocks are counted."""
+    blocks, square = (np.cumsum(own[rows, ::-1], axis=1)[:, ::-1] for own in sums[:2])
+    return blocks, square
 
 
 class CellSums(NamedTuple):
@@ -71,143 +84,149 @@ class CellSums(NamedTuple):
     """
 
     stops: NDArray[np.int64]  # (n,)
-    total: NDArray[np.int64]  # (n, sums)
-    largest: NDArray[np.float64]  # (n, maxima)
-    smallest: NDArray[np.float64]  # (n, minima)
-    counts: NDArray[np.uint32]  # (n, bins of all histograms, one after the other)
+    # (n, sums, maxima and minima): together, as they are touched together. Sums are whole numbers.
+    values: NDArray[np.float64]
+    counts: tuple[NDArray[np.uint32], ...]  # (n, bins) of each histogram, of visits added to it
 
 
-class Visits(NamedTuple):
-    """What blocks left in cells, until it is added to the histograms.
-
-    A histogram takes kilobytes: cell by cell, each is fetched once for many blocks.
-    """
-
-    cell: NDArray[np.int32]  # (room,)
-    column: NDArray[np.uint16]  # (room, histograms): position in CellSums.counts
-    n: NDArray[np.int64]  # (1,) how many there are
-    start: NDArray[np.int32]  # (n_cells + 1,) working space
-    order: NDArray[np.int32]  # (room,) working space
-
-
-class LineTally(NamedTuple):
-    """Blocks of one stratum by place and highest threshold that they reach; cleared after each."""
-
-    hits: NDArray[np.uint32]  # (n, thresholds)
-    came: NDArray[np.bool_]
-    touched: NDArray[np.int64]  # places in the order in which they were first reached
-
-
-# Visits that are added to the histograms together.
-_VISITS = 2**18
-
-
-def empty_visits(n_cells: int) -> Visits:
-    """Room for visits of some cells."""
-    return Visits(
-        np.empty(_VISITS, np.int32), np.empty((_VISITS, len(_BINNED)), np.uint16),
-        np.zeros(1, np.int64), np.zeros(n_cells + 1, np.int32), np.empty(_VISITS, np.int32),
-    )  # fmt: skip
+# Blocks that came to places (cells, windows or objects) are noted as visits, one row for each block
+# and place. They are added place by place, as the histograms of a cell take kilobytes. The first
+# word has the place, the stratum of the block and the highest threshold that it reached, each of
+# the others the bins of four histograms.
+_THRESHOLD_BITS, _STRATUM_BITS, _BIN_BITS, _BINS_IN_WORD = 8, 24, 16, 4
+_THRESHOLDS, _STRATA, _BINS = (np.uint64(2**bits - 1) for bits in (8, 24, 16))
+_PLACE = np.uint64(_THRESHOLD_BITS + _STRATUM_BITS)
+#: Words of a visit to a cell.
+WORDS = 1 + -(-len(_BINNED) // _BINS_IN_WORD)
+#: Visits for which there is room at first.
+VISITS = 2**22
 
 
 class PlaceWork(NamedTuple):
     """Working space for disks or objects."""
 
-    tally: LineTally
+    visits: NDArray[np.uint64]  # (room, 1)
     peak: NDArray[np.float64]  # largest energy of the block there (J), -1 where it has not been
     met: NDArray[np.int64]
     n_met: NDArray[np.int64]  # (1,)
 
 
-def place_work(reach: Exceedance) -> PlaceWork:
+def place_work(reach: Exceedance, room: int) -> PlaceWork:
     """Working space for the places of some sums."""
     n = reach.blocks.shape[0]
     return PlaceWork(
-        empty_tally(reach), np.full(n, -1.0), np.zeros(n, np.int64), np.zeros(1, np.int64)
-    )
+        np.empty((room if n else 0, 1), np.uint64), np.full(n, -1.0), np.zeros(n, np.int64),
+        np.zeros(1, np.int64),
+    )  # fmt: skip
 
 
 def flat_bins(bins: Bins) -> FlatBins:
-    """The edges as the kernel takes them."""
-    edges = [bins.edges[s.name] for s in sums_by("histogram")]
-    first = np.cumsum([0, *(e.size for e in edges)]).astype(np.int64)
-    return FlatBins(np.concatenate(edges), first, bins.threshold)
+    """The bins as the kernel takes them."""
+    edges = [bins.edges[s.name][1:-1] for s in sums_by("histogram")]
+    edges.append(bins.threshold[1:])
+    end = [np.append(e, np.inf) for e in edges]
+    keys = np.arange(_FIRST_KEY, _LAST_KEY + 1, dtype=np.int64) << (52 - _DIGITS)
+    least = keys.view(np.float64)
+    # Below the first key there may be any value from 0 on.
+    least[0] = 0.0
+    guess = [np.searchsorted(e, least, side="right") for e in edges]
+    first = np.cumsum([0, *(e.size for e in end)]).astype(np.int64)
+    return FlatBins(np.concatenate(end), first, np.array(guess, np.int16))
 
 
 def empty_sums(n_cells: int, bins: FlatBins) -> CellSums:
     """Sums for ``n_cells`` cells to which nothing has come yet."""
-    n_bins = bins.edges.size - len(_BINNED)
     return CellSums(
         stops=np.zeros(n_cells, np.int64),
-        total=np.zeros((n_cells, len(_SUMMED)), np.int64),
-        largest=np.zeros((n_cells, len(_RAISED))),
-        smallest=np.full((n_cells, len(_LOWERED)), np.inf),
-        counts=np.zeros((n_cells, n_bins), np.uint32),
+        values=np.repeat(_EMPTY, n_cells, axis=0),
+        # Of zeros that nobody writes to no memory is taken.
+        counts=tuple(np.zeros((n_cells, n), np.uint32) for n in np.diff(bins.first)[:-1]),
     )
 
 
-def by_name(sums: CellSums, reach: Exceedance, bins: FlatBins) -> dict[str, NDArray[np.generic]]:
-    """The sums under their names in the table."""
+def by_name(sums: CellSums, blocks: IntArray, square: IntArray) -> dict[str, NDArray[np.generic]]:
+    """The sums under their names in the table, but for the histograms; blocks at the thresholds."""
     out: dict[str, NDArray[np.generic]] = {
-        "reach": reach.blocks[:, 0], "reach_square": reach.square[:, 0], "stops": sums.stops,
+        "reach": blocks[:, 0], "reach_square": square[:, 0], "stops": sums.stops,
     }  # fmt: skip
-    out |= {s.name: sums.total[:, i] for i, s in enumerate(sums_by("sum"))}
-    out |= {s.name: sums.largest[:, i] for i, s in enumerate(sums_by("max"))}
-    out |= {s.name: sums.smallest[:, i] for i, s in enumerate(sums_by("min"))}
-    for i, s in enumerate(sums_by("histogram")):
-        # A histogram has one bin less than edges.
-        out[s.name] = sums.counts[:, bins.first[i] - i : bins.first[i + 1] - i - 1]
-    return out
+    rows = [*sums_by("sum"), *sums_by("max"), *sums_by("min")]
+    return out | {s.name: sums.values[:, i].astype(s.dtype) for i, s in enumerate(rows)}
+
+
+def histograms(sums: CellSums) -> dict[str, NDArray[np.uint32]]:
+    """The histograms under their names in the table."""
+    return {s.name: own for s, own in zip(sums_by("histogram"), sums.counts, strict=True)}
 
 
 @lean
-def _hunt(edges: FloatArray, value: float, near: int) -> int:
-    """The bin that holds a value, looking from one near it; the end bins take what lies beyond."""
-    n = edges.size - 1
-    i = near
-    while i < n - 1 and value >= edges[i + 1]:
+def _bin_of(bins: FlatBins, which: int, value: float) -> int:
+    """The bin that holds a value.
+
+    ``which`` is the number of the histogram, that of all for the highest threshold that is reached.
+    """
+    key = (np.float64(value).view(np.int64) >> (52 - _DIGITS)) - _FIRST_KEY
+    i = np.int64(bins.guess[which, min(max(key, 0), bins.guess.shape[1] - 1)])
+    first = bins.first[which]
+    while value >= bins.end[first + i]:
         i += 1
-    while i > 0 and value < edges[i]:
-        i -= 1
-    return i
+    return int(i)
 
 
 @lean
-def _tally(tally: LineTally, n_line: int, place: int, level: int) -> int:
-    """Count a block of the line at a place; returns the number of places that the line touched."""
-    if not tally.came[place]:
-        tally.came[place] = True
-        tally.touched[n_line] = place
-        n_line += 1
-    tally.hits[place, level] += np.uint32(1)
-    return n_line
-
-
-def empty_tally(sums: Exceedance) -> LineTally:
-    """A tally for the places of some sums."""
-    n, n_levels = sums.blocks.shape
-    return LineTally(
-        np.zeros((n, n_levels), np.uint32), np.zeros(n, np.bool_), np.zeros(n, np.int64)
-    )
+def _visit(place: int, stratum: int, threshold: int) -> np.uint64:
+    """The first word of a visit."""
+    mark = (stratum << _THRESHOLD_BITS) + threshold
+    return (np.uint64(place) << _PLACE) + np.uint64(mark)
 
 
 @lean
-def close_line(tally: LineTally, n_line: int, sums: Exceedance) -> None:
-    """Add a line's blocks to the sums and clear its tally."""
-    last = tally.hits.shape[1] - 1
-    for k in range(n_line):
-        place = tally.touched[k]
+def _place_of(visit: np.uint64) -> int:
+    return int(visit >> _PLACE)
+
+
+@kernel
+def by_place(
+    visits: NDArray[np.uint64], n: int, n_places: int, order: NDArray[np.int32]
+) -> NDArray[np.int32]:
+    """The order of the first ``n`` visits by place, of each as they come, written to ``order``."""
+    start = np.zeros(n_places + 1, np.int64)
+    for k in range(n):
+        start[_place_of(visits[k, 0]) + 1] += 1
+    for i in range(1, start.size):
+        start[i] += start[i - 1]
+    for k in range(n):
+        place = _place_of(visits[k, 0])
+        order[start[place]] = k
+        start[place] += 1
+    return order[:n]
+
+
+@lean
+def add_exceedance(visits: NDArray[np.uint64], order: NDArray[np.int32], sums: Exceedance) -> None:
+    """Add visits in their order by place; those of a stratum are all among them."""
+    m = 0
+    while m < order.size:
+        first = visits[order[m], 0]
+        place = _place_of(first)
+        lowest = highest = int(first & _THRESHOLDS)
+        while m < order.size:
+            visit = visits[order[m], 0]
+            if (visit ^ first) > _THRESHOLDS:
+                break
+            i = int(visit & _THRESHOLDS)
+            lowest = min(lowest, i)
+            highest = max(highest, i)
+            sums.last[i] += 1
+            m += 1
         above = np.int64(0)
-        for i in range(last, -1, -1):
-            hits = np.int64(tally.hits[place, i])
-            if hits == 0:
-                continue
-            tally.hits[place, i] = np.uint32(0)
-            blocks = above + hits
-            sums.blocks[place, i] += hits
-            sums.square[place, i] += blocks * blocks - above * above
-            above = blocks
-        tally.came[place] = False
+        for i in range(highest, lowest - 1, -1):
+            own = sums.last[i]
+            if own > 0:
+                blocks = above + own
+                sums.blocks[place, i] += own
+                sums.square[place, i] += blocks * blocks - above * above
+                sums.last[i] = 0
+                above = blocks
 
 
 @lean
@@ -264,27 +283,16 @@ def meet_disks(work: CellWork, n_touched: int, mass: float, disks: Disks, own: P
 
 
 @lean
-def count_places(own: PlaceWork, threshold: FloatArray, n_line: int) -> int:
-    """Count a block at all places that it met; returns the number that its line has touched."""
-    near = 0
+def count_places(own: PlaceWork, bins: FlatBins, stratum: int, n_visits: int) -> int:
+    """Note a block at all places that it met; returns the number of visits."""
     for k in range(own.n_met[0]):
         number = own.met[k]
-        near = _level(threshold, 1e-3 * own.peak[number], near)
-        n_line = _tally(own.tally, n_line, number, near)
+        level = _bin_of(bins, len(_BINNED), 1e-3 * own.peak[number])
+        own.visits[n_visits + k, 0] = _visit(number, stratum, level)
         own.peak[number] = -1.0
+    n_visits += own.n_met[0]
     own.n_met[0] = 0
-    return n_line
-
-
-@lean
-def _level(threshold: FloatArray, value: float, near: int) -> int:
-    """The highest threshold that a value reaches, looking from one near it."""
-    i = near
-    while i < threshold.size - 1 and value >= threshold[i + 1]:
-        i += 1
-    while i > 0 and value < threshold[i]:
-        i -= 1
-    return i
+    return n_visits
 
 
 @lean
@@ -294,12 +302,11 @@ def flush(
     sums: CellSums,
     bins: FlatBins,
     mass: float,
-    visits: Visits,
-    tally: LineTally,
-    n_line: int,
+    visits: NDArray[np.uint64],
+    stratum: int,
+    n_visits: int,
 ) -> int:
-    """Add one block's cells to the sums; returns the number of cells that its line has touched."""
-    level = 0
+    """Add one block's cells to the sums, and note its visits; returns their number."""
     for k in range(n_touched):
         cell = work.touched[k]
         record = work.peak[cell]
@@ -307,63 +314,44 @@ def flush(
         record[ENERGY] = 1e-3 * joule
         record[SPEED2] = math.sqrt(record[SPEED2])
         thousandth = (joule, 1e3 * record[HEIGHT], 1e3 * record[SPEED2], 1e3 * record[ARRIVAL])
+        values = sums.values[cell]
         for i in range(len(_SUMMED)):
-            sums.total[cell, i] += np.int64(thousandth[_SUMMED[i]] + 0.5)
+            values[i] += math.floor(thousandth[_SUMMED[i]] + 0.5)
         for i in range(len(_RAISED)):
-            sums.largest[cell, i] = max(sums.largest[cell, i], record[_RAISED[i]])
+            at = len(_SUMMED) + i
+            values[at] = max(values[at], record[_RAISED[i]])
         for i in range(len(_LOWERED)):
-            sums.smallest[cell, i] = min(sums.smallest[cell, i], record[_LOWERED[i]])
-        level = _level(bins.threshold, record[ENERGY], level)
-        n_line = _tally(tally, n_line, cell, level)
-    done = 0
-    while done < n_touched:
-        if visits.n[0] == visits.cell.size:
-            add_visits(visits, sums)
-        n = min(n_touched - done, visits.cell.size - visits.n[0])
-        _note_visits(work, done, n, bins, visits)
-        done += n
-    for k in range(n_touched):
-        work.peak[work.touched[k], ENERGY] = -1.0
-    return n_line
-
-
-@lean
-def _note_visits(work: CellWork, first: int, n: int, bins: FlatBins, visits: Visits) -> None:
-    """Note ``n`` of a block's cells, from number ``first`` on."""
-    begin = visits.n[0]
-    for k in range(n):
-        visits.cell[begin + k] = work.touched[first + k]
-    for i in range(len(_BINNED)):
-        # A histogram has one bin less than edges.
-        base = bins.first[i] - i
-        edges = bins.edges[bins.first[i] : bins.first[i + 1]]
-        near = 0
-        for k in range(n):
-            near = _hunt(edges, work.peak[work.touched[first + k], _BINNED[i]], near)
-            visits.column[begin + k, i] = base + near
-    visits.n[0] = begin + n
-
-
-@lean
-def add_visits(visits: Visits, sums: CellSums) -> None:
-    """Add the visits to the histograms, cell by cell, and clear them."""
-    n = visits.n[0]
-    start = visits.start
-    start[:] = 0
-    for k in range(n):
-        start[visits.cell[k] + 1] += 1
-    for cell in range(1, start.size):
-        start[cell] += start[cell - 1]
-    for k in range(n):
-        cell = visits.cell[k]
-        visits.order[start[cell]] = k
-        start[cell] += 1
-    for m in range(n):
-        k = visits.order[m]
-        cell = visits.cell[k]
+            at = len(_SUMMED) + len(_RAISED) + i
+            values[at] = min(values[at], record[_LOWERED[i]])
+        visit = visits[n_visits + k]
+        visit[0] = _visit(cell, stratum, _bin_of(bins, len(_BINNED), record[ENERGY]))
+        for word in range(1, WORDS):
+            visit[word] = 0
         for i in range(len(_BINNED)):
-            sums.counts[cell, visits.column[k, i]] += np.uint32(1)
-    visits.n[0] = 0
+            own = np.uint64(_bin_of(bins, i, record[_BINNED[i]]))
+            shift = np.uint64(_BIN_BITS * (i % _BINS_IN_WORD))
+            visit[1 + i // _BINS_IN_WORD] += own << shift
+        record[ENERGY] = -1.0
+    return n_visits + n_touched
+
+
+@lean
+def add_visits(
+    visits: NDArray[np.uint64],
+    order: NDArray[np.int32],
+    row: NDArray[np.int32],
+    counts: tuple[NDArray[np.uint32], ...],
+) -> None:
+    """Add visits to the histograms of their cells.
+
+    In their order those of a cell are together; ``row`` is that of each cell in ``counts``.
+    """
+    for k in order:
+        at = row[_place_of(visits[k, 0])]
+        for i in range(len(_BINNED)):
+            shift = np.uint64(_BIN_BITS * (i % _BINS_IN_WORD))
+            own = (visits[k, 1 + i // _BINS_IN_WORD] >> shift) & _BINS
+            counts[i][at, np.int64(own)] += np.uint32(1)
 
 
 class Event(NamedTuple):

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sassgis.engine.simulate import Visits
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.statistics_table import SUM_NAMES, SUMS, CellSum, Statistic, probability_of
 
@@ -47,7 +48,13 @@ class MapSums:
         """One of the sums, rows as ``cells``."""
         return self._sums[name][: self._used]
 
-    def add(self, cells: IntArray, sums: Mapping[str, NDArray[Any]]) -> None:
+    def add(
+        self,
+        cells: IntArray,
+        sums: Mapping[str, NDArray[Any]],
+        visits: Visits | None = None,
+        n_bins: Mapping[str, int] | None = None,
+    ) -> None:
         """Join the sums of some cells, each of which is named once.
 
         Parameters
@@ -55,24 +62,36 @@ class MapSums:
         cells : int64, shape (n,)
         sums : mapping
             Arrays with one row per cell, by name as in the table.
+        visits : Visits, optional
+            Of these cells: what the histograms of ``sums`` do not have.
+        n_bins : mapping, optional
+            Bins of the histograms that are not among ``sums``, in the order of the visits.
         """
         reached = np.flatnonzero((sums["reach"] > 0) | (sums["stops"] > 0))
-        rows = self._rows_of(cells[reached], sums)
+        shapes = {name: own.shape[1:] for name, own in sums.items()}
+        shapes |= {name: (n,) for name, n in (n_bins or {}).items()}
+        rows = self._rows_of(cells[reached], shapes)
         for kept in SUMS:
+            if kept.name not in sums and kept.name in shapes:
+                continue
             own, more = self._sums[kept.name], sums[kept.name]
             for first in range(0, rows.size, _ROWS):
                 part = slice(first, first + _ROWS)
                 own[rows[part]] = kept.join(own[rows[part]], more[reached[part]])
+        if visits is not None:
+            row = np.full(cells.size, -1, np.int32)
+            row[reached] = rows
+            visits.add_to(tuple(self._sums[name] for name in n_bins or ()), row)
 
-    def _rows_of(self, cells: IntArray, like: Mapping[str, NDArray[Any]]) -> IntArray:
-        """Rows of the cells, made where there were none."""
+    def _rows_of(self, cells: IntArray, shapes: Mapping[str, tuple[int, ...]]) -> IntArray:
+        """Rows of the cells, made where there were none; ``shapes`` of a row of each sum."""
         fresh = cells[self._row[cells] < 0]
         end = self._used + fresh.size
         if end > self._cells.size or not self._sums:
             room = max(end, int(1.5 * self._cells.size), 1024)
             self._cells = np.concatenate([self._cells, np.zeros(room - self._cells.size, np.int64)])
             for kept in SUMS:
-                own = self._sums.get(kept.name, np.empty((0, *like[kept.name].shape[1:])))
+                own = self._sums.get(kept.name, np.empty((0, *shapes[kept.name])))
                 self._sums[kept.name] = _enlarged(own, room, kept)
         self._cells[self._used : end] = fresh
         self._row[fresh] = np.arange(self._used, end, dtype=np.int32)

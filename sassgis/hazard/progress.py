@@ -73,7 +73,7 @@ class SourceTally:
         if result.windows.size:
             self.cells.add(result.windows, *result.window_sums.values())
         else:
-            exceed = (np.asarray(result.sums[n], np.int64) for n in ("exceed", "exceed_square"))
+            exceed = (np.asarray(result.kept[n], np.int64) for n in ("exceed", "exceed_square"))
             self.cells.add(result.cells, *exceed)
         numbers = np.arange(result.objects["exceed"].shape[0], dtype=np.int64)
         self.objects.add(numbers, result.objects["exceed"], result.objects["exceed_square"])
@@ -142,7 +142,7 @@ def add_chunk(
         Whether the chunk belongs to the first repetition: its lines are drawn.
     """
     for scenario, result in outcome.sums.items():
-        progress.sums.add(result.cells, result.sums)
+        progress.sums.add(result.cells, result.kept, result.visits, result.n_bins)
         progress.control_lines.add(result.passages)
         source = (outcome.area, scenario)
         if source not in progress.sources:

@@ -13,6 +13,7 @@ from sassgis.hazard.progress import Progress
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.grid import Grid
 from sassgis.model.hazard import Onset, Source, SourceCounts
+from sassgis.model.in_memory import Input
 from sassgis.model.map_run import MapRun
 from sassgis.model.release_areas import ReleaseArea
 
@@ -43,14 +44,14 @@ class OnsetTable:
     """Onset frequencies of single sources; ``file`` is None where there is no table."""
 
     onsets: Mapping[tuple[str, str], Onset]
-    file: Path | None = None
+    file: Input | None = None
 
 
 def onset_frequencies(
     areas: Sequence[ReleaseArea],
     onsets: Mapping[str, Onset],
     table: OnsetTable,
-    config_file: Path,
+    config_file: Path | None,
 ) -> dict[tuple[str, str], float]:
     """Blocks released per year, by release area and block scenario.
 

@@ -49,29 +49,11 @@ _STOPS = (
 )
 
 
-def ground_warnings(used: Sequence[GroundClass], built_in: Sequence[GroundClass]) -> list[str]:
-    """Values of the ground that nobody has checked for this slope.
-
-    Parameters
-    ----------
-    used : sequence of GroundClass
-        Those that occur.
-    built_in : sequence of GroundClass
-        The built-in ones: their diameters of blocks are placeholders.
-    """
-    out: list[str] = []
+def ground_warnings(used: Sequence[GroundClass]) -> list[str]:
+    """Which of the classes that occur have values that were not read in their source."""
     names = [c.name for c in used if not c.verified]
-    if names:
-        text = "Ground classes with values that are not from the paper (unverified): {}."
-        out.append(phrase(text, ", ".join(names)))
-    assumed = [c for c in used if c.verified and c in built_in and c.d_star_m > 0.0]
-    if assumed:
-        text = (
-            "Ground classes whose diameter of the blocks on the ground is a placeholder for a "
-            "measurement on the site: {}."
-        )
-        out.append(phrase(text, ", ".join(f"{c.name} (d_star_m {c.d_star_m:g})" for c in assumed)))
-    return out
+    text = "Ground classes with values that are not from the paper (unverified): {}."
+    return [phrase(text, ", ".join(names))] if names else []
 
 
 def path_warnings(path: str) -> list[str]:
@@ -84,9 +66,7 @@ def path_warnings(path: str) -> list[str]:
     ]
 
 
-def simulation_warnings(
-    run: MapRun, progress: Progress, built_in: Sequence[GroundClass]
-) -> list[str]:
+def simulation_warnings(run: MapRun, progress: Progress) -> list[str]:
     """What happened to blocks and lines, and what the inputs leave open."""
     total = max(int(progress.reasons.sum()), 1)
     out: list[str] = []
@@ -115,7 +95,7 @@ def simulation_warnings(
     classes = [run.table.classes[i] for i in used]
     return [
         *out,
-        *ground_warnings(classes, built_in),
+        *ground_warnings(classes),
         *path_warnings(run.terrain.path),
     ]
 

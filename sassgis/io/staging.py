@@ -237,6 +237,19 @@ def staged_output(target: Path, overwrite: bool, parts: Sequence[str] = ()) -> I
 
 
 @contextmanager
+def output_if_asked(
+    target: str | Path | None, overwrite: bool, parts: Sequence[str] = ()
+) -> Iterator[Path]:
+    """As ``staged_output``; without a target a folder for the time of the block."""
+    if target is not None:
+        with staged_output(Path(target), overwrite, parts) as work:
+            yield work
+        return
+    with tempfile.TemporaryDirectory(prefix="sassgis-") as folder:
+        yield Path(folder)
+
+
+@contextmanager
 def alone(target: Path) -> Iterator[None]:
     """Keep other runs from writing into a folder that grows part by part.
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import warnings
-from os import PathLike
 
 import pyproj
 from pyproj.exceptions import CRSError
@@ -12,7 +11,7 @@ from pyproj.exceptions import CRSError
 from sassgis.model.errors import InputError
 
 
-def parse_crs(text: str, *, file: str | PathLike[str] | None = None, field: str = "") -> pyproj.CRS:
+def parse_crs(text: str, *, file: object = None, field: str = "") -> pyproj.CRS:
     """Coordinate system from a code or well-known text; InputError if it is not understood."""
     try:
         return pyproj.CRS.from_user_input(text)

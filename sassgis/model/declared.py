@@ -13,7 +13,9 @@ import types
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
+from numbers import Integral, Real
+from operator import is_
+from pathlib import Path, PurePath
 from typing import (
     Annotated,
     Any,
@@ -29,6 +31,7 @@ from typing import (
 from annotated_types import Interval, MaxLen, MinLen
 
 from sassgis.model.errors import ConfigError
+from sassgis.model.in_memory import InMemory
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,11 +92,17 @@ class Declared(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """What all settings share: they are checked when they are made, and do not change."""
+    """What all settings share: they are checked when they are made, and do not change.
+
+    A program may give a single number for a range, a list for a tuple and a text for a path.
+    """
 
     def __post_init__(self) -> None:
         for setting in declared(type(self)).values():
-            value = getattr(self, setting.name)
+            given = getattr(self, setting.name)
+            value = adapted(setting.kind, given)
+            if value is not given:
+                object.__setattr__(self, setting.name, value)
             wrong = fault(setting.kind, value)
             if wrong is not None:
                 raise ConfigError(
@@ -133,6 +142,41 @@ def _declared(cls: Any) -> Mapping[str, Declared]:
     return types.MappingProxyType(found)
 
 
+def adapted(kind: Any, value: Any) -> Any:
+    """A value in the form that its annotation asks for, as far as that is plain; else as it is."""
+    origin, parts = get_origin(kind), get_args(kind)
+    if value is None:
+        return None
+    if origin in (Union, types.UnionType):
+        return adapted(next(k for k in parts if k is not type(None)), value)
+    if origin is Annotated:
+        if any(isinstance(note, Limits) for note in parts[1:]) and isinstance(value, Real):
+            value = (value, value)
+        return adapted(parts[0], value)
+    if origin is tuple and isinstance(value, list | tuple):
+        kinds = parts[:1] * len(value) if parts[-1] is Ellipsis else parts
+        if len(kinds) != len(value):
+            return value
+        made = tuple(map(adapted, kinds, value))
+        return value if isinstance(value, tuple) and all(map(is_, made, value)) else made
+    if isinstance(value, bool):
+        return value
+    if kind is float and isinstance(value, Real):
+        return float(value)
+    if kind is int and isinstance(value, Integral):
+        return int(value)
+    return Path(value) if kind is Path and isinstance(value, str) else value
+
+
+_TYPES: Mapping[Any, tuple[Any, str]] = {
+    float: (float, "a number"),
+    int: (int, "a whole number"),
+    bool: (bool, "true or false"),
+    str: (str, "a text"),
+    Path: ((PurePath, InMemory), "a path"),
+}
+
+
 class Fault(NamedTuple):
     """What is wrong with a value, and what would have been accepted."""
 
@@ -142,7 +186,7 @@ class Fault(NamedTuple):
 
 
 def fault(kind: Any, value: Any) -> Fault | None:
-    """What is wrong with a value of the right type; None if it keeps its limits.
+    """What is wrong with a value; None if it is of the right type and keeps its limits.
 
     Parameters
     ----------
@@ -164,13 +208,20 @@ def fault(kind: Any, value: Any) -> Fault | None:
         return wrong
     if origin is Literal and value not in get_args(kind):
         return Fault("unknown choice", value, "one of " + ", ".join(map(repr, get_args(kind))))
-    if origin is tuple and isinstance(value, tuple):
+    if origin is tuple:
         parts = get_args(kind)
+        if not isinstance(value, tuple) or (parts[-1] is not Ellipsis and len(value) != len(parts)):
+            many = "numbers" if parts[-1] is Ellipsis else f"{len(parts)} values"
+            return Fault("cannot be used", value, f"a list of {many}")
         kinds = parts[:1] * len(value) if parts[-1] is Ellipsis else parts
         wrongs = (fault(k, v) for k, v in zip(kinds, value, strict=False))
         return next((w for w in wrongs if w is not None), None)
-    if kind is float and not math.isfinite(value):
-        return Fault("cannot be used", value, "a finite number")
+    if origin is None and kind in _TYPES:
+        known, expected = _TYPES[kind]
+        if not isinstance(value, known) or (kind is int and isinstance(value, bool)):
+            return Fault("cannot be used", value, expected)
+        if kind is float and not math.isfinite(value):
+            return Fault("cannot be used", value, "a finite number")
     return None
 
 

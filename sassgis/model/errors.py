@@ -5,8 +5,6 @@ Every one of them prints as a single line. Anything else that escapes is a bug i
 
 from __future__ import annotations
 
-from os import PathLike
-
 #: What a message repeats of an input, or offers instead, is cut to so many characters and the last.
 _FIRST, _LAST = 400, 150
 
@@ -38,7 +36,7 @@ class InputError(SassgisError):
         self,
         problem: str,
         *,
-        file: str | PathLike[str] | None = None,
+        file: object = None,
         field: str | None = None,
         found: object = None,
         expected: str | None = None,

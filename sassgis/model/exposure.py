@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from annotated_types import Interval, MaxLen
 
 from sassgis.model.declared import Example, Name, Section, Text
 from sassgis.model.errors import InputError
+from sassgis.model.in_memory import Input
 
 ObjectKind = Literal["building", "road", "line", "people"]
 OBJECT_KINDS: tuple[ObjectKind, ...] = ("building", "road", "line", "people")
@@ -288,7 +288,7 @@ class RiskSettings(Section):
     """What hits do to exposed objects."""
 
     vulnerability: Annotated[
-        Path | None,
+        Input | None,
         "table (CSV) with columns kind, intensity, vulnerability, lethality, source",
         Example("vulnerability.csv"),
     ] = None
@@ -306,7 +306,7 @@ class ObjectSettings(Section):
         Name, "name of the layer, for messages and as a name of its objects", Example("houses")
     ]
     kind: Annotated[ObjectKind, "kind of the objects", Example("building")]
-    file: Annotated[Path, "polygons, lines or points", Example("buildings.gpkg")]
+    file: Annotated[Input, "polygons, lines or points", Example("buildings.gpkg")]
     layer: Annotated[Text | None, "layer, where the file has several", Example("buildings")] = None
     name_field: Annotated[
         Text | None, "attribute with the names of the objects", Example("name")

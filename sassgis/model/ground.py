@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,6 +59,7 @@ class GroundClass:
     """
 
     name: str
+    _: KW_ONLY
     eta_max: float
     dp_min: float
     dp_max: float

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
@@ -14,6 +13,7 @@ from annotated_types import Interval, MinLen
 from sassgis.model.declared import Example, PresetName, Renamed, Section, Text
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.in_memory import Input
 
 
 @dataclass(frozen=True, slots=True)
@@ -265,7 +265,7 @@ class HazardSettings(Section):
         "TOML file of your own (docs/presets.md)",
     ] = "ch-so"
     frequencies: Annotated[
-        Path | None,
+        Input | None,
         "table (CSV) with columns area, scenario, frequency, unit: onset frequencies "
         "of single release areas, in place of onset_frequency and onset_unit of [[blocks]]; "
         "onset_above_m3 holds for them too",

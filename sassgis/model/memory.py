@@ -13,17 +13,15 @@ _V2 = ("memory.max", "memory.current", "inactive_file")
 _V1 = ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file")
 
 
-def require_memory(
-    need: Mapping[str, int], file: Path | None = None, most: int | None = None
-) -> None:
+def require_memory(need: Mapping[str, int], file: object = None, most: int | None = None) -> None:
     """Refuse what needs more memory than this process may have; where that is unknown, nothing.
 
     Parameters
     ----------
     need : mapping
         Bytes by the key of the configuration that they depend on.
-    file : Path, optional
-        For the message.
+    file : object, optional
+        What messages name.
     most : int, optional
         What the user allows (bytes), where that is less.
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.declared import declared
@@ -11,6 +13,7 @@ from sassgis.model.effects import EffectSettings
 from sassgis.model.errors import ConfigError
 from sassgis.model.exposure import ObjectSettings, RiskSettings
 from sassgis.model.hazard import HazardSettings, Onset, ZoningSettings
+from sassgis.model.in_memory import Input
 from sassgis.model.settings import (
     BarrierSettings,
     EngineSettings,
@@ -33,7 +36,7 @@ class Config:
     Names of blocks are unique, and those of stations and barriers together. Paths are absolute.
     """
 
-    file: Path
+    file: Path | None  # None where a program made it
     project: ProjectSettings
     terrain: TerrainSettings
     release: ReleaseSettings
@@ -54,17 +57,25 @@ class Config:
     onsets: dict[str, Onset]  # by the name of the block scenario
     # What the user should know of the file, as keys that have a new name.
     notes: tuple[str, ...] = ()
+    # What was given, section by section, and the folder from which its paths are seen.
+    given: Mapping[str, Any] = field(default_factory=dict, compare=False, repr=False)
+    base: Path = field(default_factory=Path, compare=False, repr=False)
 
     @property
-    def dem_path(self) -> Path:
-        """Path of the DEM; ConfigError if the file names none (it may, for profile runs)."""
+    def label(self) -> str:
+        """Name of the file, for reports."""
+        return "made by a program" if self.file is None else self.file.name
+
+    @property
+    def dem_source(self) -> Input:
+        """The DEM; ConfigError if the file names none (it may, for profile runs)."""
         if self.terrain.dem is None:
             raise _missing(self.file, "terrain", TerrainSettings, "dem")
         return self.terrain.dem
 
     @property
-    def release_path(self) -> Path:
-        """Path of the release areas; ConfigError if the file names none."""
+    def release_source(self) -> Input:
+        """The release areas; ConfigError if the file names none."""
         if self.release.file is None:
             raise _missing(self.file, "release", ReleaseSettings, "file")
         return self.release.file
@@ -75,7 +86,7 @@ class Config:
         return tuple(block.name for block in self.blocks)
 
 
-def _missing(file: Path, section: str, cls: type, key: str) -> ConfigError:
+def _missing(file: Path | None, section: str, cls: type, key: str) -> ConfigError:
     return ConfigError(
         "missing key", file=file, field=f"{section}.{key}", expected=declared(cls)[key].description
     )

@@ -24,6 +24,7 @@ from sassgis.model.declared import (
 )
 from sassgis.model.errors import ConfigError
 from sassgis.model.hazard import OnsetUnit
+from sassgis.model.in_memory import Input
 from sassgis.model.languages import Language
 from sassgis.model.results import ControlLine
 
@@ -61,7 +62,7 @@ class TerrainSettings(Section):
     """The DEM, and how fall lines are traced and flattened."""
 
     dem: Annotated[
-        Path | None,
+        Input | None,
         "terrain model: a raster, such as GeoTIFF, or a folder of tiles",
         Example("dem.tif", needed=True),
     ] = None
@@ -70,6 +71,9 @@ class TerrainSettings(Section):
         "coordinate system where the DEM states none, e.g. EPSG:2056, or 'local'",
         Example("EPSG:2056"),
     ] = None
+    override_crs: Annotated[
+        bool, "whether crs counts even though the DEM states another system, which is wrong"
+    ] = False
     vertical_datum: Annotated[
         Text | None, "name of the height system where the DEM states none", Example("LN02")
     ] = None
@@ -108,13 +112,19 @@ class TerrainSettings(Section):
         float, Interval(ge=0, le=30), "slope below which a line tends to keep its heading (degrees)"
     ] = 8.0
 
+    def _fits_together(self) -> None:
+        if self.override_crs and self.crs is None:
+            raise ConfigError(
+                "has no system to go with", field="override_crs", expected="terrain.crs as well"
+            )
+
 
 @dataclass(frozen=True, slots=True)
 class ReleaseSettings(Section):
     """Where blocks start."""
 
     file: Annotated[
-        Path | None, "polygons, lines or points of release", Example("release.gpkg", needed=True)
+        Input | None, "polygons, lines or points of release", Example("release.gpkg", needed=True)
     ] = None
     layer: Annotated[Text | None, "layer, where the file has several", Example("release")] = None
     name_field: Annotated[
@@ -146,17 +156,17 @@ class GroundSettings(Section):
 
     default: Annotated[Name, "class where no file names another"] = "debris"
     file: Annotated[
-        Path | None, "polygons or a raster of ground classes", Example("ground.gpkg")
+        Input | None, "polygons or a raster of ground classes", Example("ground.gpkg")
     ] = None
     layer: Annotated[Text | None, "layer, where the file has several", Example("ground")] = None
     class_field: Annotated[Text, "attribute with the class names"] = "class"
     classes: Annotated[
-        Path | None,
+        Input | None,
         "own class table (CSV or TOML), added to the built-in one or overriding it",
         Example("classes.csv"),
     ] = None
     ranges: Annotated[
-        Path | None,
+        Input | None,
         "own table of the spread of ground classes between sites (CSV), before the built-in one",
         Example("class_spread.csv"),
     ] = None
@@ -300,7 +310,7 @@ class StationSettings(Section):
         Example(((2700010.0, 1150000.0), (2700090.0, 1150010.0))),
     ] = None
     file: Annotated[
-        Path | None, "layer of lines; each feature is a station", Example("stations.gpkg")
+        Input | None, "layer of lines; each feature is a station", Example("stations.gpkg")
     ] = None
     layer: Annotated[Text | None, "layer, where the file has several", Example("stations")] = None
     name_field: Annotated[
@@ -504,8 +514,8 @@ class ForestPlace(Section):
     """Where the forest of ``[effects.trees]`` stands."""
 
     file: Annotated[
-        Path | None,
-        "polygons of forest; without it and rasters, forest is everywhere",
+        Input | None,
+        "polygons of forest; without it, rasters and single trees, forest is everywhere",
         Example("forest.gpkg"),
     ] = None
     layer: Annotated[Text | None, "layer, where the file has several", Example("forest")] = None
@@ -516,10 +526,17 @@ class ForestPlace(Section):
         Text | None, "attribute with the diameter at breast height (cm)", Example("dbh_cm")
     ] = None
     stems_raster: Annotated[
-        Path | None, "raster of stems per hectare, in place of polygons", Example("stems.tif")
+        Input | None, "raster of stems per hectare, in place of polygons", Example("stems.tif")
     ] = None
     dbh_raster: Annotated[
-        Path | None, "raster of diameters at breast height (cm)", Example("dbh.tif")
+        Input | None, "raster of diameters at breast height (cm)", Example("dbh.tif")
+    ] = None
+    single_trees: Annotated[
+        Input | None,
+        "trees one by one, in place of polygons: a CSV table with columns x, y, dbh_cm and, if "
+        "wanted, conifer_share (0 to 1), or points with these attributes; stems are counted within "
+        "5 m",
+        Example("trees.csv"),
     ] = None
     stems_per_ha: Annotated[
         float | None,
@@ -536,10 +553,14 @@ class ForestPlace(Section):
 
     def _fits_together(self) -> None:
         rasters = self.stems_raster is not None or self.dbh_raster is not None
-        if rasters and self.file is not None:
+        if rasters + (self.file is not None) + (self.single_trees is not None) > 1:
             raise ConfigError(
-                "forest is given twice", field="stems_raster", expected="polygons or rasters"
+                "forest is given twice",
+                field="stems_raster" if self.single_trees is None else "single_trees",
+                expected="polygons, rasters or single trees",
             )
+        if self.single_trees is not None:
+            return
         for what, attribute, raster in (
             ("stems_per_ha", self.stems_field, self.stems_raster),
             ("dbh_cm", self.dbh_field, self.dbh_raster),
@@ -559,7 +580,7 @@ class ProfileSettings(Section):
     """A run along a single profile (sassgis profile), which needs neither terrain nor release."""
 
     file: Annotated[
-        Path | None, "CSV with columns s_m, z_m and, if wanted, ground", Example("profile.csv")
+        Input | None, "CSV with columns s_m, z_m and, if wanted, ground", Example("profile.csv")
     ] = None
     start_m: Annotated[Span, "chainages between which blocks start (m)"] = (0.0, 0.0)
     rocks: Annotated[int, Interval(ge=1, le=100_000_000), "number of blocks"] = 100

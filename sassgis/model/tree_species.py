@@ -7,6 +7,9 @@ from collections.abc import Mapping
 from functools import cache
 from importlib import resources
 
+#: Power of the diameter at breast height with which the energy that a stem takes grows.
+ENERGY_EXPONENT = 2.31
+
 
 @cache
 def energy_ratios() -> Mapping[str, float]:

@@ -23,6 +23,7 @@ from sassgis.io.saved_arrays import UNFIT
 from sassgis.io.staging import check_output, writing
 from sassgis.io.write.batch_summary import BatchSummary
 from sassgis.model.errors import ConfigError, InputError, OutputError, SassgisError
+from sassgis.model.in_memory import InMemory, Input
 from sassgis.model.labels import file_stems
 from sassgis.model.run_config import Config
 from sassgis.model.settings import ReleaseSettings
@@ -36,7 +37,7 @@ from sassgis.runs.batch_area import (
 )
 from sassgis.runs.batch_mosaic import MOSAIC_NAME, write_mosaic
 from sassgis.runs.batch_state import RECORD_NAME, Record
-from sassgis.runs.job import OnProgress, workers_asked
+from sassgis.runs.job import OnProgress, configured, workers_asked
 from sassgis.runs.workers import Jobs, task_map
 
 log = logging.getLogger(__name__)
@@ -71,7 +72,7 @@ class BatchResult:
 
 
 def batch(
-    releases: str | Path,
+    releases: str | Path | Config,
     out: str | Path,
     *,
     config: str | Path | None = None,
@@ -91,7 +92,7 @@ def batch(
 
     Parameters
     ----------
-    releases : path
+    releases : path or Config
         A vector file, a folder of vector files, or a configuration, whose release areas are run.
     out : path
         Folder to write: ``areas/<name>/`` for each area, ``mosaic/`` and ``summary.csv``.
@@ -124,7 +125,9 @@ def batch(
     """
     tell = say or (lambda _text: None)
     folder = Path(out)
-    loaded = batch_config(Path(releases), config, dem, seed)
+    loaded = batch_config(
+        releases if isinstance(releases, Config) else Path(releases), config, dem, seed
+    )
     candidates = find_areas(loaded)
     setting, notices = read_setting(loaded, candidates, first_margin_m, mosaic_only)
     if loaded.run.ground_uncertainty:
@@ -153,7 +156,7 @@ def batch(
     if not records:
         first = next(iter(summary.reasons().values()))
         raise InputError(
-            f"no release area could be run; the first: {first}", file=loaded.release_path
+            f"no release area could be run; the first: {first}", file=loaded.release_source
         )
     skipped = tuple(f"{name} is skipped: {why}" for name, why in summary.reasons().items())
     stale = _stale(folder, records)
@@ -196,7 +199,8 @@ def _summary(
     kept: Mapping[str, Record],
 ) -> BatchSummary:
     """The table of all areas, with those that are there already."""
-    base = config.release_path if config.release_path.is_dir() else config.release_path.parent
+    given = config.release_source
+    base = Path() if isinstance(given, InMemory) else given if given.is_dir() else given.parent
     files = [c.release.file for c in candidates]
     summary = BatchSummary(
         folder / SUMMARY_NAME,
@@ -224,14 +228,18 @@ def _note(
     summary.done(_folder(candidate), facts, record.zones_m2, seconds)
 
 
-def _relative(file: Path, base: Path) -> str:
-    return file.relative_to(base).as_posix() if file.is_relative_to(base) else str(file)
+def _relative(file: Input, base: Path) -> str:
+    if isinstance(file, InMemory) or not file.is_relative_to(base):
+        return str(file)
+    return file.relative_to(base).as_posix()
 
 
 def batch_config(
-    releases: Path, config: str | Path | None, dem: str | Path | None, seed: int | None
+    releases: Path | Config, config: str | Path | None, dem: str | Path | None, seed: int | None
 ) -> Config:
     """The configuration, with the release areas in it."""
+    if isinstance(releases, Config):
+        return configured(releases, seed)
     overrides: dict[str, object] = {} if seed is None else {"run.seed": seed}
     if dem is not None:
         overrides["terrain.dem"] = str(Path(dem).expanduser().resolve())
@@ -276,14 +284,15 @@ def find_areas(config: Config) -> list[Candidate]:
     InputError
         If a single file cannot be used, or a folder holds no vector file.
     """
-    path = config.release_path
+    path = config.release_source
     named: list[tuple[str, ReleaseSettings, int, str]] = []
-    for file in _release_files(config) if path.is_dir() else [path]:
+    several = isinstance(path, Path) and path.is_dir()
+    for file in _release_files(config, path) if isinstance(path, Path) and several else [path]:
         release = replace(config.release, file=file)
         try:
-            named += _named(release, by_file=path.is_dir())
+            named += _named(release, by_file=several)
         except InputError as error:
-            if not path.is_dir():
+            if not several:
                 raise
             named.append((file.stem, release, 0, str(error)))
     counts = Counter(name for name, _, _, _ in named)
@@ -302,18 +311,17 @@ def find_areas(config: Config) -> list[Candidate]:
     ]  # fmt: skip
 
 
-def _release_files(config: Config) -> list[Path]:
+def _release_files(config: Config, folder: Path) -> list[Path]:
     """Vector files of the folder of release areas that serve no other purpose."""
-    folder = config.release_path
     others = {
-        Path(f).resolve()
+        f.resolve()
         for f in (
             config.ground.file,
             config.trees.file if config.trees is not None else None,
             *(item.file for item in (*config.stations, *config.barriers)),
             *(item.file for item in config.objects),
         )
-        if f is not None
+        if isinstance(f, Path)
     }
     files = sorted(
         f

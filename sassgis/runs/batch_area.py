@@ -128,7 +128,8 @@ def read_setting(
     """
     names = tuple(dict.fromkeys(c.name for c in candidates))
     with collected_notices() as notices:
-        terrain = open_terrain(config.dem_path, config.terrain.crs, config.terrain.vertical_datum)
+        own = config.terrain
+        terrain = open_terrain(config.dem_source, own.crs, own.vertical_datum, own.override_crs)
         outline = terrain.outline()
         table = read_ground_table(config.ground.classes, config.engine.readings)
         control_lines = tuple(read_control_lines(config, outline))
@@ -389,7 +390,7 @@ def _write_sums_manifest(work: Path, config: Config, done: Simulation) -> None:
     write_manifest(
         work / MANIFEST_NAME,
         inputs={},
-        base=config.file.parent,
+        base=config.base,
         crs=done.run.grid.crs,
         vertical_datum=done.run.grid.vertical_datum,
         seed=done.run.seed,

@@ -26,7 +26,7 @@ from sassgis.hazard.progress import Progress
 from sassgis.hazard.risk import RiskTable
 from sassgis.hazard.sources import Sampled, sampled_sources
 from sassgis.hazard.warnings import simulation_warnings
-from sassgis.io.read.ground_map import built_in_table, ground_raster
+from sassgis.io.read.ground_map import ground_raster
 from sassgis.io.read.tiles import Part, hull
 from sassgis.io.read.vectors import release_area, warn_of_overlaps
 from sassgis.io.staging import staged_output, writing
@@ -235,7 +235,7 @@ def _write_one_block(
             for c in candidates
         ]
     with collected_notices() as overlaps:
-        warn_of_overlaps(released, config.release_path)
+        warn_of_overlaps(released, config.release_source)
     whole = setting.outline()
     run = replace(
         mosaic.run,
@@ -253,8 +253,7 @@ def _write_one_block(
         progress = added_up(
             job.run, mosaic.place, areas, mosaic.bins, without=without, planned=planned
         )
-        classes = built_in_table(config.engine.readings).classes
-        said = (*warnings, *overlaps, *simulation_warnings(job.run, progress, classes))
+        said = (*warnings, *overlaps, *simulation_warnings(job.run, progress))
         return Simulation(
             replace(config, output=output), job.run, planned, progress,
             Checkpoint(work, fingerprint), said, time.perf_counter() - began,

@@ -23,9 +23,9 @@ from sassgis.gap.calibration.class_calibration import (
 from sassgis.gap.calibration.class_spread import spread_of_sites
 from sassgis.gap.calibration.parameters import classes_met, fitted_names
 from sassgis.gap.calibration.problem import CalibrationProblem, problem_of
-from sassgis.io.read.config import load_config
+from sassgis.io.read.observation_files import AnyObservations
 from sassgis.io.read.range_table import read_ranges
-from sassgis.io.staging import CHECKPOINT_STEM, staged_output
+from sassgis.io.staging import CHECKPOINT_STEM, output_if_asked
 from sassgis.io.write.frames import write_table
 from sassgis.io.write.sensitivity_tables import rule_table
 from sassgis.model.errors import InputError, Interrupted
@@ -33,8 +33,8 @@ from sassgis.model.ground import PARAMETERS
 from sassgis.model.run_config import Config
 from sassgis.runs.calibration_outputs import write_calibration
 from sassgis.runs.draw_store import DrawProgress, DrawStore, OnProgress
-from sassgis.runs.gap_case import fingerprint_of, read_case
-from sassgis.runs.job import workers_asked
+from sassgis.runs.gap_case import fingerprint_of, observations_name, read_case
+from sassgis.runs.job import AnyConfig, configured, workers_asked
 from sassgis.runs.workers import Jobs, task_map
 
 #: With fewer rocks nothing can be said of their scatter.
@@ -42,8 +42,8 @@ _FEWEST = 3
 
 
 def calibrate(
-    sites: Sequence[tuple[str | Path, str | Path]],
-    out: str | Path,
+    sites: Sequence[tuple[AnyConfig, AnyObservations]],
+    out: str | Path | None = None,
     *,
     classes: Sequence[str] | None = None,
     parameters: Sequence[str] | None = None,
@@ -62,9 +62,9 @@ def calibrate(
     Parameters
     ----------
     sites : sequence of (config, observations)
-        Configurations, and for each a GeoPackage or a folder of CSV files.
-    out : path
-        Folder to write.
+        Configurations, and for each a GeoPackage, a folder of CSV files, or DataFrames by name.
+    out : path, optional
+        Folder to write; without it nothing is written.
     classes : sequence of str, optional
         Ground classes to calibrate; default: those that the rocks meet.
     parameters : sequence of str, optional
@@ -92,12 +92,13 @@ def calibrate(
     """
     tell = say or (lambda _text: None)
     # Threads of the linear algebra would change the last digits with the number of cores.
-    with threadpool_limits(1, "blas"), staged_output(Path(out), overwrite) as work:
+    with threadpool_limits(1, "blas"), output_if_asked(out, overwrite) as work:
         tell("Reading the inputs")
-        configs = [load_config(config) for config, _ in sites]
-        files = [Path(observations) for _, observations in sites]
+        configs = [configured(config, None) for config, _ in sites]
+        observed = [observations for _, observations in sites]
+        files = [observations_name(own) for own in observed]
         names = fitted_names(parameters, [config.engine for config in configs])
-        ready = _sites(configs, files, seed)
+        ready = _sites(configs, observed, seed)
         chosen = _chosen(ready, classes)
         rules = read_ranges(ready[0].case.table, configs[0].ground.ranges)
         task = calibration_task(ready, chosen, names, rules, seed)
@@ -110,7 +111,7 @@ def calibrate(
                 expected=f"{_FEWEST} or more",
             )
         file = work / f"{CHECKPOINT_STEM}.draws.npz"
-        store = DrawStore(file, _fingerprint(configs, files, task), tell)
+        store = DrawStore(file, _fingerprint(configs, observed, task), tell)
         try:
             with task_map(task, workers_asked(configs[0], jobs)) as run:
                 tell(
@@ -125,24 +126,27 @@ def calibrate(
                 tell("Predicting rocks left out")
                 calibration = result_of(task, found, lambda due: list(run(final_prediction, due)))
         except KeyboardInterrupt:
-            raise Interrupted(
-                "stopped by the user; what was computed is kept: the same command goes on from "
-                "there"
-            ) from None
-        tell("Writing the results")
-        write_table(work / "class_spread.csv", [rule_table(spread_of_sites(task, found, rules))])
-        write_calibration(work, configs, [s.case for s in ready], calibration)
+            kept = "; what was computed is kept: the same command goes on from there"
+            raise Interrupted(f"stopped by the user{'' if out is None else kept}") from None
+        if out is not None:
+            tell("Writing the results")
+            spread = rule_table(spread_of_sites(task, found, rules))
+            write_table(work / "class_spread.csv", [spread])
+            write_calibration(work, configs, [s.case for s in ready], calibration)
     return calibration
 
 
-def _sites(configs: Sequence[Config], files: Sequence[Path], seed: int) -> list[CalibrationProblem]:
+def _sites(
+    configs: Sequence[Config], observed: Sequence[AnyObservations], seed: int
+) -> list[CalibrationProblem]:
     """The sites with names that differ; a class must be the same at all of them."""
     ready: list[CalibrationProblem] = []
-    for config, file in zip(configs, files, strict=True):
+    for config, of_site in zip(configs, observed, strict=True):
         name, number = config.project.name, 2
         while name in [s.name for s in ready]:
             name, number = f"{config.project.name} ({number})", number + 1
-        ready.append(_comparable(problem_of(read_case(config, file), seed, name=name), file))
+        problem = problem_of(read_case(config, of_site), seed, name=name)
+        ready.append(_comparable(problem, observations_name(of_site)))
     known = {c.name: c for c in ready[0].case.table.classes}
     for site, config in zip(ready, configs, strict=True):
         for own in site.case.table.classes:
@@ -194,10 +198,12 @@ def _chosen(sites: Sequence[CalibrationProblem], asked: Sequence[str] | None) ->
     return list(dict.fromkeys(asked))
 
 
-def _fingerprint(configs: Sequence[Config], files: Sequence[Path], task: CalibrationTask) -> str:
+def _fingerprint(
+    configs: Sequence[Config], observed: Sequence[AnyObservations], task: CalibrationTask
+) -> str:
     """Of all that the scores of a draw depend on."""
     digest = hashlib.sha256()
-    for config, file in zip(configs, files, strict=True):
+    for config, own in zip(configs, observed, strict=True):
         options = f"{task.seed} {[p.label for p in task.parameters]}"
-        digest.update(fingerprint_of(config, file, options).encode())
+        digest.update(fingerprint_of(config, own, options).encode())
     return digest.hexdigest()

@@ -16,9 +16,11 @@ from sassgis.io.write.calibration_files import (
 )
 from sassgis.io.write.manifest import write_manifest
 from sassgis.model.ground import GroundTable
+from sassgis.model.in_memory import Input
 from sassgis.model.run_config import Config
 from sassgis.report.calibration_report import calibration_report, calibration_warnings
 from sassgis.report.page import write_report
+from sassgis.runs.gap_outputs import observed_files
 from sassgis.runs.inputs import input_files
 
 
@@ -44,7 +46,7 @@ def write_calibration(
     write_classes(work / FITTED_NAME, calibration, _joined(cases))
     for k, config in enumerate(configs):
         name = "config.toml" if k == 0 else f"config_{k + 1}.toml"
-        write_calibrated_config(work / name, config.file, calibration)
+        write_calibrated_config(work / name, config, calibration)
     write_calibration_json(work / "calibration.json", calibration)
     warnings = [
         *dict.fromkeys(note for config in configs for note in config.notes),
@@ -53,20 +55,20 @@ def write_calibration(
     context = calibration_report(
         calibration,
         work / "figures",
-        configurations=[config.file.name for config in configs],
+        configurations=[config.label for config in configs],
         warnings=warnings,
     )
     write_report(work / "report.html", context)
     write_manifest(
         work / "manifest.json",
         inputs=_inputs(configs, cases),
-        base=configs[0].file.parent,
+        base=configs[0].base,
         crs=cases[0].grid.crs,
         vertical_datum=cases[0].grid.vertical_datum,
         seed=calibration.seed,
         ref_widths_m={},
         preset="",
-        settings={config.file.name if k == 0 else f"{config.file.name} ({k + 1})": resolved(config)
+        settings={config.label if k == 0 else f"{config.label} ({k + 1})": resolved(config)
                   for k, config in enumerate(configs)},
         counts={
             "sites": len(cases),
@@ -84,11 +86,10 @@ def _joined(cases: Sequence[Case]) -> GroundTable:
     return GroundTable(tuple(classes.values()))
 
 
-def _inputs(configs: Sequence[Config], cases: Sequence[Case]) -> dict[str, Path]:
-    found: dict[str, Path] = {}
+def _inputs(configs: Sequence[Config], cases: Sequence[Case]) -> dict[str, Input]:
+    found: dict[str, Input] = {}
     for k, (config, case) in enumerate(zip(configs, cases, strict=True)):
         mark = "" if k == 0 else f" ({k + 1})"
         found |= {f"{role}{mark}": file for role, file in input_files(config).items()}
-        observed = {Path(file) for file in case.observations.files.values() if file}
-        found |= {f"observations {file.name}{mark}": file for file in sorted(observed)}
+        found |= {f"{role}{mark}": file for role, file in observed_files(case).items()}
     return found

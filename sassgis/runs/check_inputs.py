@@ -11,12 +11,13 @@ import numpy as np
 
 from sassgis.hazard.along_profile import ProfileInput
 from sassgis.hazard.warnings import ground_warnings, path_warnings, rule_warnings
-from sassgis.io.read.ground_map import built_in_table, default_class, read_ground_table
+from sassgis.io.read.ground_map import default_class, read_ground_table
 from sassgis.io.read.readiness import Readiness, readiness
 from sassgis.model.crs import crs_name
 from sassgis.model.errors import InputError
 from sassgis.model.grid import Grid
 from sassgis.model.ground import GroundTable
+from sassgis.model.in_memory import Input
 from sassgis.model.map_run import MapRun
 from sassgis.model.release_areas import ReleaseArea
 from sassgis.model.results import ControlLine
@@ -43,7 +44,7 @@ from sassgis.terrain.plan import placed_points, plan
 class DemSummary:
     """What the terrain model holds; lengths in m."""
 
-    file: Path
+    file: Input
     n_rows: int
     n_cols: int
     cell_size: float
@@ -58,7 +59,7 @@ class DemSummary:
 class ProfileSummary:
     """What the profile of a run without a map holds; lengths in m."""
 
-    file: Path
+    file: Input
     vertices: int
     first: float
     last: float
@@ -109,7 +110,7 @@ class InputReport:
         What there is for a zoning.
     """
 
-    config: Path
+    config: Path | None
     dem: DemSummary | None
     profile: ProfileSummary | None
     areas: tuple[AreaSummary, ...]
@@ -150,7 +151,7 @@ class InputReport:
 
     def lines(self) -> list[str]:
         """Return the report for people, line by line."""
-        out = [f"configuration  {self.config}"]
+        out = [f"configuration  {self.config or 'made by a program'}"]
         if self.dem is not None:
             d = self.dem
             out += [
@@ -180,8 +181,10 @@ class InputReport:
             out.append(f"               {self.points} release points in all")
         out.append(f"blocks         {', '.join(self.blocks)}")
         for c in self.classes:
-            state = "verified" if c.verified else "UNVERIFIED"
-            out.append(f"ground         {c.name}: {100.0 * c.share:.1f} % of the {extent}, {state}")
+            state = "values as in the source" if c.verified else "UNVERIFIED values"
+            out.append(
+                f"ground         {c.name}, on {100.0 * c.share:.1f} % of the {extent}: {state}"
+            )
             out.append(f"               {c.source}")
         for control_line in self.control_lines:
             text = f"{control_line.kind:<15}{control_line.name}"
@@ -249,7 +252,7 @@ def check_inputs(config: Config) -> InputReport:
     )
     return InputReport(
         config=config.file,
-        dem=None if run is None else _dem_summary(config.dem_path, run.grid),
+        dem=None if run is None else _dem_summary(config.dem_source, run.grid),
         profile=None if profile is None else _profile_summary(config, profile),
         areas=areas,
         classes=classes,
@@ -259,10 +262,7 @@ def check_inputs(config: Config) -> InputReport:
         warnings=(
             *config.notes,
             *warned,
-            *ground_warnings(
-                [table.classes[i] for i in sorted(shares)],
-                built_in_table(config.engine.readings).classes,
-            ),
+            *ground_warnings([table.classes[i] for i in sorted(shares)]),
             *(path_warnings(config.terrain.path) if areas else ()),
         ),
         estimate=estimate,
@@ -313,7 +313,7 @@ def _zoning(config: Config, run: MapRun, complete: bool) -> tuple[tuple[str, ...
     return tuple(lines), run
 
 
-def _dem_summary(file: Path, grid: Grid) -> DemSummary:
+def _dem_summary(file: Input, grid: Grid) -> DemSummary:
     known = np.isfinite(grid.values)
     return DemSummary(
         file=file,

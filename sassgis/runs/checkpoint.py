@@ -33,22 +33,24 @@ class Checkpoint:
 
     Parameters
     ----------
-    work : Path
-        Working folder of the result.
+    work : Path or None
+        Working folder of the result; None where nothing is to be written: nothing is saved then.
     fingerprint : str
         Of settings and inputs.
     part : str
         Distinguishes several simulations for one result.
     """
 
-    def __init__(self, work: Path, fingerprint: str, part: str = "") -> None:
-        self.folder = work / CHECKPOINT_STEM / part
+    def __init__(self, work: Path | None, fingerprint: str, part: str = "") -> None:
+        self.folder = None if work is None else work / CHECKPOINT_STEM / part
         self._fingerprint = f"{fingerprint} {part}"
         self._waiting: list[BlockRows] = []
         self._digests: list[str] = []
 
     def restore(self, run: MapRun, tell: Callable[[str], None]) -> Progress | None:
         """Progress of an earlier run with the same fingerprint, if there is one that fits."""
+        if self.folder is None:
+            return None
         file = self.folder / "state.npz"
         state = read_saved(file, self._fingerprint, tell)
         if state is None:
@@ -68,7 +70,8 @@ class Checkpoint:
 
     def hand_on(self, rows: BlockRows) -> None:
         """Take rows that are to be written to tables; they are saved with the next state."""
-        self._waiting.append(rows)
+        if self.folder is not None:
+            self._waiting.append(rows)
 
     def save(self, progress: Progress) -> None:
         """Save the state; whole or not at all.
@@ -78,6 +81,8 @@ class Checkpoint:
         OutputError
             If the disk is full or not writable.
         """
+        if self.folder is None:
+            return
         with writing(self.folder):
             self.folder.mkdir(parents=True, exist_ok=True)
             if self._waiting:
@@ -91,14 +96,24 @@ class Checkpoint:
 
     def forget(self) -> None:
         """Remove what was saved, if anything: it is of no use any more."""
-        for file in (*self.rows(), self.folder / "state.npz"):
-            file.unlink(missing_ok=True)
+        if self.folder is not None:
+            for file in (*self.rows(), self.folder / "state.npz"):
+                file.unlink(missing_ok=True)
+
+    @property
+    def kept(self) -> str:
+        """In words: what becomes of what was computed when the user stops the run."""
+        if self.folder is None:
+            return ""
+        kept = f"what was computed is kept in {self.folder}"
+        return f"; {kept}: the same command goes on from there"
 
     def rows(self) -> list[Path]:
         """Files of the rows that were handed on, in order."""
         return [self._part(i) for i in range(len(self._digests))]
 
     def _part(self, number: int) -> Path:
+        assert self.folder is not None
         return self.folder / f"rows_{number:06d}.npz"
 
 

@@ -28,6 +28,7 @@ from sassgis.io.write.layers.terrain_layer import terrain_layer
 from sassgis.io.write.manifest import write_manifest
 from sassgis.io.write.raster import write_raster
 from sassgis.model.exposure import PlacedObjects
+from sassgis.model.in_memory import Input
 from sassgis.model.results import RasterLayer
 from sassgis.report.change_report import change_figures, change_report
 from sassgis.report.page import write_report
@@ -91,7 +92,7 @@ def write_comparison(
     after: StoredResult,
     placed: PlacedObjects,
     *,
-    inputs: Mapping[str, Path],
+    inputs: Mapping[str, Input],
     base: Path,
     say: Callable[[str], None] | None = None,
 ) -> ResultChange:
@@ -101,7 +102,7 @@ def write_comparison(
     ----------
     placed : PlacedObjects
         At which the largest values are compared.
-    inputs : mapping of str to Path
+    inputs : mapping of str to Input
         For the manifest, relative to ``base``.
 
     Raises

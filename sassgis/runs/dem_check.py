@@ -9,7 +9,9 @@ from typing import Any, Literal
 import numpy as np
 from scipy import ndimage
 
+from sassgis.io.read.dem import few_values
 from sassgis.io.read.dem_raw import RawDem, read_raw_dem
+from sassgis.io.read.dem_system import in_options
 from sassgis.io.staging import staged_file
 from sassgis.model.crs import crs_name
 from sassgis.model.grid import FloatArray
@@ -103,7 +105,7 @@ class DemReport:
         }
 
 
-def check_dem(path: Path, crs: str | None = None) -> DemReport:
+def check_dem(path: Path, crs: str | None = None, override_crs: bool = False) -> DemReport:
     """Judge a terrain model.
 
     Parameters
@@ -111,7 +113,7 @@ def check_dem(path: Path, crs: str | None = None) -> DemReport:
     path : Path
         A raster, or a folder of tiles.
     crs : str, optional
-        Coordinate system, where the file states none.
+        Coordinate system, where the file states none, or with ``override_crs`` in place of it.
 
     Raises
     ------
@@ -119,7 +121,7 @@ def check_dem(path: Path, crs: str | None = None) -> DemReport:
         If it is no raster of heights at all.
     """
     with collected_notices() as notices:
-        dem = read_raw_dem(path, crs)
+        dem = read_raw_dem(path, crs, override_crs)
     slopes = slopes_deg(dem.values, dem.dx_m, dem.dy_m)
     return DemReport(
         path,
@@ -163,7 +165,7 @@ def _system(dem: RawDem, notices: list[str]) -> DemFinding:
     fault = dem.system_fault
     if fault is not None:
         found = fault.problem if fault.found is None else f"{fault.problem}: {fault.found}"
-        return DemFinding("coordinate system", "bad", found, fault.expected or "", {})
+        return DemFinding("coordinate system", "bad", found, in_options(fault.expected or ""), {})
     name = crs_name(dem.crs)
     own = [n.partition(": ")[2] for n in notices]
     return DemFinding("coordinate system", "look" if own else "good", name, "; ".join(own), {})
@@ -175,6 +177,12 @@ def _units(dem: RawDem) -> DemFinding:
     found = f"heights from {low:.1f} to {high:.1f} m, " + (
         f"height system {dem.vertical_datum}" if dem.vertical_datum else "height system not stated"
     )
+    kinds = few_values(dem.values)
+    if kinds:
+        return DemFinding(
+            "units", "bad", f"{len(kinds)} different numbers from {low:g} to {high:g}",
+            "a map of classes, such as zones or codes of ground, is no terrain model", numbers,
+        )  # fmt: skip
     if dem.unit_fault:
         return DemFinding("units", "bad", dem.unit_fault, "heights in metres or feet", numbers)
     if dem.unit and dem.unit.lower() not in ("m", "metre", "meter", "metres", "meters"):
@@ -201,13 +209,13 @@ def _nodata(dem: RawDem) -> DemFinding:
             "bad",
             f"{share}; {wrong} cells hold numbers that are no heights (infinite, beyond the Earth, "
             "or 0 amid mountains)",
-            "declare them with gdal_edit.py -a_nodata",
+            "declare them with rio edit-info FILE --nodata NUMBER",
             numbers,
         )
     if holes > 0:
         return DemFinding(
             "nodata", "look", f"{share}, {holes} cells of it in holes",
-            "blocks end there: fill them with gdal_fillnodata.py, or keep them if they are water",
+            "blocks end there: fill them (QGIS: Fill NoData cells), or keep them if they are water",
             numbers,
         )  # fmt: skip
     return DemFinding("nodata", "good", share, "", numbers)
@@ -224,6 +232,9 @@ def _resolution(dem: RawDem) -> DemFinding:
         "look": f"ledges, gullies and walls narrower than about {2.0 * cell:.3g} m are not in it",
         "bad": "too coarse: slopes are flattened and cliffs are missing",
     }[verdict]
+    if not dem.in_metres:
+        verdict = "look" if verdict == "good" else verdict
+        advice = "; ".join([*([advice] if advice else []), "taken as metres: see the system above"])
     if not dem.square:
         verdict = "look" if verdict == "good" else verdict
         advice = "; ".join([*([advice] if advice else []), "is resampled to square cells"])

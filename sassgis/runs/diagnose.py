@@ -42,19 +42,19 @@ from sassgis.gap.which.identifiable import what_is_identifiable
 from sassgis.gap.which.measure_next import DRAWS as DRAWS_COMPARED
 from sassgis.gap.which.measure_next import separations, tables_to_add
 from sassgis.gap.which.verdict import CONTACT_LAW, UNKNOWN, adequate, causes_in
-from sassgis.io.read.config import load_config
 from sassgis.io.read.gap_thresholds import cause_weights_of, read_thresholds, thresholds_of
-from sassgis.io.staging import staged_output, writing
+from sassgis.io.read.observation_files import AnyObservations
+from sassgis.io.staging import output_if_asked, writing
 from sassgis.io.write.gap_files import write_diagnosis_json
 from sassgis.model.errors import InputError, Interrupted
 from sassgis.model.grid import FloatArray
 from sassgis.runs.draw_store import OnProgress
 from sassgis.runs.evidence import Evidence, evidence_beyond, prepared_case
 from sassgis.runs.fresh_shrinkage import ENSEMBLE
-from sassgis.runs.gap_case import fingerprint_of
+from sassgis.runs.gap_case import fingerprint_of, observations_name
 from sassgis.runs.gap_outputs import write_outputs
 from sassgis.runs.hypothesis_fits import DRAWS, HypothesisFits
-from sassgis.runs.job import workers_asked
+from sassgis.runs.job import AnyConfig, configured, workers_asked
 from sassgis.runs.weighed_causes import AddedCauses, shares_of, verdict_of
 from sassgis.runs.workers import Jobs, task_map
 
@@ -71,9 +71,9 @@ _ATYPICAL = (
 
 
 def diagnose(
-    config: str | Path,
-    observations: str | Path,
-    out: str | Path,
+    config: AnyConfig,
+    observations: AnyObservations,
+    out: str | Path | None = None,
     *,
     jobs: Jobs = 1,
     seed: int = 1,
@@ -88,12 +88,12 @@ def diagnose(
 
     Parameters
     ----------
-    config : path
+    config : path, Config or mapping
         Configuration of the model.
-    observations : path
-        A GeoPackage, or a folder of CSV files.
-    out : path
-        Folder to write.
+    observations : path, or mapping of str to DataFrame
+        A GeoPackage, a folder of CSV files, or the tables by name.
+    out : path, optional
+        Folder to write; without it nothing is written.
     jobs : int, optional
         Processes; 0 or None: all cores. The answer does not depend on it.
     seed : int
@@ -123,23 +123,21 @@ def diagnose(
     # Many small products of matrices: threads of the linear algebra would only wait for each other.
     with (
         threadpool_limits(1, "blas"),
-        staged_output(Path(out), overwrite, parts=(MAP_NAME,)) as work,
+        output_if_asked(out, overwrite, parts=(MAP_NAME,)) as work,
     ):
-        settings = load_config(config)
+        settings = configured(config, None)
         tell("Reading the inputs")
         case = prepared_case(settings, observations, seed, ground_range)
         if case.n_rocks < _FEWEST_ROCKS:
             raise InputError(
                 "too few rocks to distinguish a cause from chance",
-                file=observations,
+                file=observations_name(observations),
                 field="rocks",
                 found=case.n_rocks,
                 expected=f"{_FEWEST_ROCKS} or more",
             )
         summary = summary_of(problem_of(case, seed))
-        fingerprint = fingerprint_of(
-            settings, Path(observations), f"{seed} {draws} {ground_range:g}"
-        )
+        fingerprint = fingerprint_of(settings, observations, f"{seed} {draws} {ground_range:g}")
         try:
             with task_map(summary, workers_asked(settings, jobs)) as run:
                 tell(f"Calibrating the base model with {case.n_rocks} rocks")
@@ -155,10 +153,12 @@ def diagnose(
             diagnosis,
             warnings=(*settings.notes, *_group_warnings(case), *diagnosis.warnings),
         )
+        if out is None:
+            return diagnosis
         tell("Writing the results")
         _write_models(work / ENSEMBLE, made, diagnosis)
         if report:
-            write_outputs(work, case, diagnosis, Path(config))
+            write_outputs(work, case, diagnosis, settings)
         else:
             write_diagnosis_json(work / "diagnosis.json", diagnosis)
     return diagnosis

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 from threadpoolctl import threadpool_limits
@@ -21,10 +20,10 @@ from sassgis.gap.where.findings import where
 from sassgis.gap.which.fingerprints import fingerprints
 from sassgis.gap.which.hypotheses import families_to_try
 from sassgis.gap.which.verdict import CONTACT_LAW
-from sassgis.io.read.config import load_config
-from sassgis.model.run_config import Config
+from sassgis.io.read.observation_files import AnyObservations
 from sassgis.runs.gap_case import read_case
 from sassgis.runs.hypothesis_fits import DRAWS, HypothesisFits
+from sassgis.runs.job import AnyConfig
 from sassgis.runs.workers import TaskMap
 
 
@@ -46,7 +45,9 @@ class Evidence:
     gains: Mapping[str, CauseGain]
 
 
-def prepared_case(settings: Config, observations: str | Path, seed: int, ground: float) -> Case:
+def prepared_case(
+    settings: AnyConfig, observations: AnyObservations, seed: int, ground: float
+) -> Case:
     """A case with the contacts that were recorded, and the range of the ground."""
     case = replace(read_case(settings, observations), ground_range=ground)
     return replace(case, learned=learned_contacts(case, seed))
@@ -66,18 +67,18 @@ def evidence_beyond(
 
 
 def evidence_at(
-    config: str | Path, observations: str | Path, seed: int = 1
+    config: AnyConfig, observations: AnyObservations, seed: int = 1
 ) -> tuple[Evidence, HypothesisFits]:
     """Evidence at a site, in this process: beyond the base with a free contact.
 
     Parameters
     ----------
-    config, observations : path
+    config, observations
         As for ``diagnose``.
     seed : int
     """
     with threadpool_limits(1, "blas"):
-        case = prepared_case(load_config(config), observations, seed, 1.0)
+        case = prepared_case(config, observations, seed, 1.0)
         summary = summary_of(problem_of(case, seed))
         made = HypothesisFits(summary, _in_this_process(summary), DRAWS)
         return evidence_beyond(made, made.add(CONTACT_LAW), families_to_try(case)), made

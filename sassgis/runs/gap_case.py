@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,7 +22,11 @@ from sassgis.gap.observations.projection import (
 )
 from sassgis.gap.replicas.released_rocks import station_traces
 from sassgis.io.read.config import settings_hash
-from sassgis.io.read.observation_files import read_observations
+from sassgis.io.read.observation_files import (
+    AnyObservations,
+    observation_source,
+    read_observations,
+)
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, IntArray
@@ -30,21 +34,21 @@ from sassgis.model.map_run import MapRun
 from sassgis.model.profiles import ReleasePoints, TraceSet
 from sassgis.model.run_config import Config
 from sassgis.runs.inputs import read_map_run
-from sassgis.runs.job import configured
+from sassgis.runs.job import AnyConfig, configured
 from sassgis.terrain.fall_lines import fall_line_surface, trace
 from sassgis.terrain.plan import plan
 from sassgis.terrain.prepare import prepare_lines
 from sassgis.terrain.release import point_keys, take
 
 
-def read_case(config: Config | str | Path, observations: str | Path) -> Case:
+def read_case(config: AnyConfig, observations: AnyObservations) -> Case:
     """Read a configuration and observations.
 
     Parameters
     ----------
-    config : Config or path
-    observations : path
-        A GeoPackage, or a folder of CSV files.
+    config : Config, mapping or path
+    observations : path, or mapping of str to DataFrame
+        A GeoPackage, a folder of CSV files, or the tables by name.
 
     Returns
     -------
@@ -56,8 +60,13 @@ def read_case(config: Config | str | Path, observations: str | Path) -> Case:
         Files that cannot be used, or no rock whose fall line can be traced.
     """
     run = read_map_run(configured(config, None))
-    read = read_observations(Path(observations), run.grid, drop_of(run.blocks))
-    return case_of(run, read, Path(observations))
+    read = read_observations(observations, run.grid, drop_of(run.blocks))
+    return case_of(run, read, observations_name(observations))
+
+
+def observations_name(observations: AnyObservations) -> Path:
+    """What messages call them."""
+    return Path("observations" if isinstance(observations, Mapping) else observations)
 
 
 def drop_of(blocks: Sequence[BlockPopulation]) -> float:
@@ -65,13 +74,16 @@ def drop_of(blocks: Sequence[BlockPopulation]) -> float:
     return max((own.drop_m[1] for own in blocks), default=0.0)
 
 
-def fingerprint_of(config: Config, observations: Path, options: str) -> str:
+def fingerprint_of(config: Config, observations: AnyObservations, options: str) -> str:
     """Of settings, inputs, observations and options."""
     digest = hashlib.sha256(settings_hash(config).encode())
-    files = sorted(observations.iterdir()) if observations.is_dir() else [observations]
-    for file in files:
-        if file.is_file():
-            digest.update(file.name.encode() + file.read_bytes())
+    source = observation_source(observations)
+    if isinstance(source, Path):
+        for file in sorted(source.iterdir()) if source.is_dir() else [source]:
+            if file.is_file():
+                digest.update(file.name.encode() + file.read_bytes())
+    else:
+        digest.update("".join(f"{name} {own.digest}" for name, own in source.items()).encode())
     digest.update(options.encode())
     return digest.hexdigest()
 

@@ -77,7 +77,7 @@ def map_change(
                 for name, config in configs.items()
                 for role, file in input_files(config).items()
             },
-            base=before.file.parent,
+            base=before.base,
             say=say,
         )
 

@@ -6,21 +6,29 @@ from pathlib import Path
 
 from sassgis.gap.diagnosis import Diagnosis
 from sassgis.gap.observations.case import Case
-from sassgis.io.read.config import load_config, resolved
+from sassgis.io.read.config import resolved
 from sassgis.io.write.calibrated_config import write_config_back
 from sassgis.io.write.gap_files import write_diagnosis_json, write_gap_gpkg
 from sassgis.io.write.manifest import write_manifest
 from sassgis.model.crs import crs_name
+from sassgis.model.in_memory import Input
+from sassgis.model.run_config import Config
 from sassgis.report.gap_report import gap_report, report_warnings
 from sassgis.report.page import write_report
 from sassgis.runs.inputs import input_files
+
+
+def observed_files(case: Case) -> dict[str, Input]:
+    """The files of the observations, each once, by their role."""
+    files = sorted({*case.observations.files.values()}, key=str)
+    return {f"observations {file.name}": file for file in files}
 
 
 def write_outputs(
     work: Path,
     case: Case,
     diagnosis: Diagnosis,
-    config_file: Path,
+    config: Config,
 ) -> None:
     """Write a diagnosis into a folder; equal diagnoses give equal files.
 
@@ -34,41 +42,38 @@ def write_outputs(
         both.
     case : Case
     diagnosis : Diagnosis
-    config_file : Path
+    config : Config
         The configuration that was diagnosed.
 
     Raises
     ------
     ConfigError, InputError
-        If the configuration or a file that it names cannot be read.
+        If a file that the configuration names cannot be read.
     OutputError
         If the disk is full or not writable.
     """
-    config = load_config(config_file)
     write_diagnosis_json(work / "diagnosis.json", diagnosis)
     write_gap_gpkg(work / "gap.gpkg", case, diagnosis)
-    write_config_back(work / "model" / "config.toml", config_file, diagnosis, case)
-    warnings = [*config.notes, *report_warnings(case, diagnosis)]
+    write_config_back(work / "model" / "config.toml", config, diagnosis, case)
+    # What the console says, and what only the report has.
+    warnings = list(dict.fromkeys((*diagnosis.warnings, *report_warnings(case, diagnosis))))
     context = gap_report(
         case,
         diagnosis,
         work / "figures",
         project=config.project.name,
-        terrain=config.dem_path.name,
+        terrain=config.dem_source.name,
         crs=crs_name(case.grid.crs or ""),
-        configuration=config.file.name,
+        configuration=config.label,
         warnings=warnings,
     )
     write_report(work / "report.html", context)
-    observed = {Path(file) for file in case.observations.files.values() if file}
-    inputs = input_files(config)
-    for file in sorted(observed):
-        inputs[f"observations {file.name}"] = file
+    inputs = input_files(config) | observed_files(case)
     verdict = diagnosis.verdict
     write_manifest(
         work / "manifest.json",
         inputs=inputs,
-        base=config.file.parent,
+        base=config.base,
         crs=case.grid.crs,
         vertical_datum=case.grid.vertical_datum,
         seed=diagnosis.seed,

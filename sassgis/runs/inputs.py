@@ -6,7 +6,6 @@ import logging
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +14,7 @@ from sassgis.hazard.along_profile import ProfileInput, stretches_of
 from sassgis.hazard.assess import Rules
 from sassgis.hazard.sources import OnsetTable, onset_frequencies
 from sassgis.hazard.zoning.generalise import check_cells
-from sassgis.io.read.config import profile_control_lines
+from sassgis.io.read.config import FILE_KEYS, profile_control_lines
 from sassgis.io.read.forest import read_forest
 from sassgis.io.read.frequencies import read_frequencies
 from sassgis.io.read.ground_map import default_class, ground_raster, read_ground_table
@@ -33,7 +32,8 @@ from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.exposure import PlacedObjects
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.ground import GroundTable
-from sassgis.model.hazard import HazardPreset
+from sassgis.model.hazard import HazardPreset, ZoningSettings
+from sassgis.model.in_memory import Input
 from sassgis.model.map_run import Forest, MapRun, ObjectCells
 from sassgis.model.release_areas import ReleaseArea
 from sassgis.model.results import ControlLine
@@ -62,12 +62,14 @@ def collected_notices(quietly: list[str] | None = None) -> Iterator[list[str]]:
                 own.append(text)
 
     logger = logging.getLogger("sassgis")
-    handler = _Collector(logging.WARNING if quietly is None else logging.INFO)
+    wanted = logging.WARNING if quietly is None else logging.INFO
+    handler = _Collector(wanted)
     level, passes_on = logger.level, logger.propagate
     logger.addHandler(handler)
-    if quietly is not None:
-        logger.setLevel(logging.INFO)
-        logger.propagate = False
+    # What a program does not want in its log, as the command line, is collected all the same.
+    logger.propagate = passes_on and quietly is None and logger.isEnabledFor(wanted)
+    if not logger.isEnabledFor(wanted):
+        logger.setLevel(wanted)
     try:
         yield notices
     finally:
@@ -96,13 +98,15 @@ def read_map_run(config: Config, areas: Sequence[str] | None = None) -> MapRun:
         With the file, the field, what was found and what is expected.
     """
     terrain = config.terrain
-    grid = read_terrain(config.dem_path, terrain.crs, terrain.vertical_datum)
+    grid = read_terrain(
+        config.dem_source, terrain.crs, terrain.vertical_datum, terrain.override_crs
+    )
     walls = wall_share(slopes_deg(grid.values, grid.cell_size, grid.cell_size))
     if walls > WALL_SHARE:
         log.warning(
             "%s: %.1f %% of the cells are steeper than %g degrees, too steep for terrain: "
             "are heights or cells in another unit?",
-            config.dem_path, 100.0 * walls, WALL_DEG,
+            config.dem_source, 100.0 * walls, WALL_DEG,
         )  # fmt: skip
     none = areas is not None and not areas
     chosen = [] if none else read_release(config.release, grid, config.block_names, areas)
@@ -146,9 +150,9 @@ def on_block_scale(run: MapRun) -> MapRun:
     return replace(run, ground_heights=None if heights is run.grid else heights)
 
 
-def input_files(config: Config) -> dict[str, Path]:
-    """The files that a configuration names, by their role, for the manifest."""
-    files: dict[str, Path] = {"config": config.file}
+def input_files(config: Config) -> dict[str, Input]:
+    """The inputs that a configuration names, by their role, for the manifest."""
+    files: dict[str, Input] = {} if config.file is None else {"config": config.file}
     candidates = {
         "dem": config.terrain.dem,
         "release": config.release.file,
@@ -158,7 +162,7 @@ def input_files(config: Config) -> dict[str, Path]:
         "profile": config.profile.file if config.profile else None,
     }
     if config.trees is not None:
-        for key in ("file", "stems_raster", "dbh_raster"):
+        for key in FILE_KEYS["effects.trees"]:
             candidates[f"trees {key}"] = getattr(config.trees, key)
     for item in (*config.stations, *config.barriers):
         candidates[item.name] = item.file
@@ -166,7 +170,7 @@ def input_files(config: Config) -> dict[str, Path]:
     return files
 
 
-def profile_from_csv(config: Config, path: Path | None = None) -> ProfileInput:
+def profile_from_csv(config: Config, path: Input | None = None) -> ProfileInput:
     """The profile of ``[profile] file``, or of another CSV file in its place."""
     settings = config.profile
     file = path or (settings.file if settings else None)
@@ -195,7 +199,7 @@ def _even_forest(config: Config, s: FloatArray) -> Forest | None:
     trees = config.trees
     if trees is None:
         return None
-    for key in ("file", "stems_raster", "dbh_raster"):
+    for key in FILE_KEYS["effects.trees"]:
         if getattr(trees, key) is not None:
             raise ConfigError(
                 "has no place along a profile from a table",
@@ -255,12 +259,17 @@ def read_rules(config: Config, run: MapRun) -> Rules:
             vulnerability = read_vulnerability(config.risk.vulnerability, codes)
             vulnerability.check_covers(placed.objects)
     width = ref_width(config, run.grid.cell_size)
-    zones = config.zones
-    if zones.closing_m is None:
-        # Between two fall lines nothing was computed: the gap is not a place that is safe.
-        zones = replace(zones, closing_m=max(zones.min_width_m, run.release.spacing_m))
+    zones = closing_filled(config.zones, run.release.spacing_m)
     check_cells(run.grid.cell_size)
     return Rules(preset, frequencies, placed, vulnerability, zones, width, tuple(notices))
+
+
+def closing_filled(zones: ZoningSettings, spacing_m: float) -> ZoningSettings:
+    """The settings with the width of gaps that are closed, where it is not stated."""
+    if zones.closing_m is not None:
+        return zones
+    # Between two fall lines nothing was computed: the gap is not a place that is safe.
+    return replace(zones, closing_m=max(zones.min_width_m, spacing_m))
 
 
 def placed_objects(config: Config, grid: Grid) -> PlacedObjects:
@@ -298,12 +307,13 @@ def named_preset(config: Config) -> HazardPreset:
 def with_rules(run: MapRun, rules: Rules) -> MapRun:
     """The run with the energies, objects and windows at which a zoning needs counts."""
     cells, owner = object_cells(rules.placed, run.grid)
-    return replace(
-        run,
-        thresholds_kj=rules.preset.thresholds_kj,
-        objects=ObjectCells(len(rules.placed), cells, owner),
-        ref_width_m=rules.ref_width_m,
-    )
+    objects = ObjectCells(len(rules.placed), cells, owner)
+    return replace(with_counts(run, rules.preset.thresholds_kj, rules.ref_width_m), objects=objects)
+
+
+def with_counts(run: MapRun, thresholds_kj: tuple[float, ...], ref_width_m: float) -> MapRun:
+    """The run with the energies and windows at which hazard curves need counts."""
+    return replace(run, thresholds_kj=thresholds_kj, ref_width_m=ref_width_m)
 
 
 def most_repetitions(config: Config) -> int:

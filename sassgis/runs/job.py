@@ -6,15 +6,15 @@ import hashlib
 import json
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from sassgis.hazard.progress import Progress
 from sassgis.hazard.tolerance_check import ToleranceCheck
 from sassgis.hazard.warnings import simulation_warnings
-from sassgis.io.read.config import load_config, settings_hash
-from sassgis.io.read.ground_map import built_in_table
+from sassgis.io.read.config import configure, load_config, settings_hash
 from sassgis.io.write.frames import require_parquet
 from sassgis.model.errors import Interrupted, OutputError
 from sassgis.model.map_run import BlockRows, MapRun
@@ -33,6 +33,8 @@ from sassgis.terrain.plan import Plan, plan
 #: Seconds between two savings of the state of a run.
 SAVE_EVERY_S = 60.0
 
+#: A configuration: its file, its sections as a mapping, or what was read from either.
+AnyConfig = Config | str | Path | Mapping[str, Any]
 #: Called with (chunks done, chunks in all, blocks done).
 OnProgress = Callable[[int, int, int], None]
 
@@ -68,8 +70,10 @@ class Simulation:
     tolerance: ToleranceCheck | None = None
 
 
-def configured(config: Config | str | Path, seed: int | None) -> Config:
-    """The configuration, read if need be, with another seed if one is given."""
+def configured(config: AnyConfig, seed: int | None) -> Config:
+    """The configuration, read or made if need be, with another seed if one is given."""
+    if isinstance(config, Mapping):
+        config = configure(**config)
     if not isinstance(config, Config):
         return load_config(config, {} if seed is None else {"run.seed": seed})
     if seed is None:
@@ -120,7 +124,7 @@ def jobs_within(config: Config, run: MapRun, jobs: Jobs, memory_gb: float | None
 
 def simulate_config(
     config: Config,
-    work: Path,
+    work: Path | None,
     job: Job,
     *,
     jobs: Jobs,
@@ -136,8 +140,8 @@ def simulate_config(
 
     Parameters
     ----------
-    work : Path
-        Working folder of the result.
+    work : Path or None
+        Working folder of the result; None where nothing is to be written.
     jobs, on_progress, tell
         As for run.
     repetitions_max : int
@@ -188,7 +192,7 @@ def simulate_config(
     warnings = (
         *job.notices,
         *(() if tolerance is None else tolerance.warnings()),
-        *simulation_warnings(run, progress, built_in_table(config.engine.readings).classes),
+        *simulation_warnings(run, progress),
     )
     return Simulation(config, run, planned, progress, checkpoint, warnings, seconds, tolerance)
 
@@ -206,10 +210,7 @@ def _checked(
     try:
         return check_tolerance(run, planned, workers_asked(config, jobs))
     except KeyboardInterrupt:
-        raise Interrupted(
-            f"stopped by the user; what was computed is kept in {checkpoint.folder}: the same "
-            "command goes on from there"
-        ) from None
+        raise Interrupted(f"stopped by the user{checkpoint.kept}") from None
 
 
 def state_fingerprint(config: Config, job: MapRun, schedule: str = "") -> str:
@@ -291,7 +292,5 @@ def simulate_saved(
         if isinstance(stopped, OutputError):
             # The workers are lost.
             raise
-        raise Interrupted(
-            f"stopped by the user after {int(progress.reasons.sum())} blocks; what was computed is "
-            f"kept in {checkpoint.folder}: the same command goes on from there"
-        ) from None
+        blocks = int(progress.reasons.sum())
+        raise Interrupted(f"stopped by the user after {blocks} blocks{checkpoint.kept}") from None

@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +27,7 @@ from sassgis.hazard.progress import (
 )
 from sassgis.model.errors import InputError
 from sassgis.model.grid import IntArray
+from sassgis.model.in_memory import Input
 from sassgis.model.map_run import BlockRows, MapRun
 from sassgis.model.profiles import ReleasePoints
 from sassgis.model.statistics_table import Bins
@@ -97,7 +97,7 @@ def on_known_ground(run: MapRun, points: ReleasePoints) -> NDArray[np.bool_]:
 
 
 def check_starts(
-    run: MapRun, points: ReleasePoints, planned: Callable[[], Plan], file: Path | None
+    run: MapRun, points: ReleasePoints, planned: Callable[[], Plan], file: Input | None
 ) -> None:
     """Raise InputError where no block can start: an empty map would read as "no hazard".
 
@@ -105,7 +105,7 @@ def check_starts(
     ----------
     planned : callable
         Gives the plan; asked only where blocks keep to lines, which are traced to find one.
-    file : Path or None
+    file : Input or None
         Of the release areas, for the message.
     """
     if run.followed:

@@ -12,6 +12,7 @@ from sassgis.io.read.config import resolved, settings_hash
 from sassgis.io.write.manifest import write_manifest
 from sassgis.model.crs import crs_name
 from sassgis.model.grid import Grid
+from sassgis.model.in_memory import Input
 from sassgis.model.map_run import MapRun
 from sassgis.model.run_config import Config
 from sassgis.runs.inputs import input_files
@@ -23,13 +24,13 @@ class Origin:
 
     Attributes
     ----------
-    inputs : dict of str to Path
+    inputs : dict of str to Input
         Files by their role.
     ref_widths_m : dict of str to float
         Reference widths besides that of the reach probability (m).
     """
 
-    inputs: dict[str, Path] = field(default_factory=dict)
+    inputs: Mapping[str, Input] = field(default_factory=dict)
     preset: str = ""
     ref_widths_m: dict[str, float] = field(default_factory=dict)
 
@@ -59,8 +60,8 @@ def write_origin(
     reach = {} if grid is None else {"reach_probability": grid.cell_size}
     write_manifest(
         work / MANIFEST_NAME,
-        inputs=input_files(config) | origin.inputs,
-        base=config.file.parent,
+        inputs={**input_files(config), **origin.inputs},
+        base=config.base,
         crs="" if grid is None else grid.crs,
         vertical_datum="" if grid is None else grid.vertical_datum,
         seed=seed,

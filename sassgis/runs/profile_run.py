@@ -15,13 +15,14 @@ from sassgis.hazard.along_profile import ProfileInput, ProfileResult, stretches_
 from sassgis.hazard.control_lines import ControlLineSums
 from sassgis.hazard.map_sums import quantiles
 from sassgis.hazard.warnings import profile_warnings
-from sassgis.io.read.config import load_config, settings_hash
+from sassgis.io.read.config import settings_hash
 from sassgis.io.read.vectors import read_line
 from sassgis.io.staging import staged_output
 from sassgis.io.write.frames import profile_passage_frame, profile_rock_frame, write_table
 from sassgis.model import rng
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray
+from sassgis.model.in_memory import Input, named
 from sassgis.model.languages import in_language
 from sassgis.model.map_run import Forest, MapRun
 from sassgis.model.profiles import (
@@ -39,6 +40,7 @@ from sassgis.report.page import ReportContext, translated_report, write_report
 from sassgis.report.profile_report import profile_report
 from sassgis.runs.estimate import require_profile
 from sassgis.runs.inputs import collected_notices, profile_from_csv, read_map_run
+from sassgis.runs.job import AnyConfig, configured
 from sassgis.runs.origin import Origin, write_origin
 from sassgis.runs.publish_report import byline
 from sassgis.terrain.fall_lines import fall_line_surface, trace
@@ -81,7 +83,27 @@ def _forest_along(run: MapRun, traces: TraceSet, s: FloatArray) -> Forest | None
     return Forest(run.forest.stems_per_m2[cell], run.forest.diameter_m[cell])
 
 
-def profile_along_line(config: Config, file: Path) -> ProfileInput:
+def profile_input(
+    config: Config,
+    *,
+    csv: Input | None = None,
+    point: tuple[float, float] | None = None,
+    line: Input | None = None,
+) -> ProfileInput:
+    """The profile of the configuration, of a table, or of the terrain from a point or under a line.
+
+    Raises
+    ------
+    ConfigError, InputError
+    """
+    if point is not None:
+        return profile_from_terrain(config, *point)
+    if line is not None:
+        return profile_along_line(config, line)
+    return profile_from_csv(config, csv)
+
+
+def profile_along_line(config: Config, file: Input) -> ProfileInput:
     """The profile of the terrain under a line of the map, from its first vertex to its last.
 
     Raises
@@ -126,7 +148,7 @@ def profile_from_terrain(config: Config, x: float, y: float) -> ProfileInput:
         west, south, east, north = run.grid.bounds
         raise InputError(
             "no fall line starts here",
-            file=config.dem_path,
+            file=config.dem_source,
             field="--point",
             found=f"{x:.10g}, {y:.10g}",
             expected=f"a point on known terrain within x {west:.10g} to {east:.10g}, "
@@ -241,7 +263,7 @@ def simulate_profile(
 
 
 def run_profile(
-    config: Config | str | Path,
+    config: AnyConfig,
     out: str | Path,
     *,
     csv_file: str | Path | None = None,
@@ -270,27 +292,19 @@ def run_profile(
     ------
     ConfigError, InputError, OutputError
     """
-    if not isinstance(config, Config):
-        config = load_config(config, {} if seed is None else {"run.seed": seed})
-    given = csv_file or line_file
-    own_file = None if given is None else Path(given)
+    config = configured(config, seed)
+    csv, line = (None if f is None else named(f) for f in (csv_file, line_file))
     with staged_output(Path(out), overwrite) as work:
         with collected_notices() as notices:
-            if point is not None:
-                profile = profile_from_terrain(config, *point)
-            elif line_file is not None:
-                profile = profile_along_line(config, Path(line_file))
-            else:
-                profile = profile_from_csv(config, None if csv_file is None else Path(csv_file))
-        result = simulate_profile(config, profile, seed=seed, rocks=rocks)
+            profile = profile_input(config, csv=csv, point=point, line=line)
+        result = simulate_profile(config, profile, rocks=rocks)
         with in_language(config.project.language):
             report = _publish(
                 work,
                 config,
                 result,
                 [*config.notes, *notices, *profile_warnings(result, config.effects)],
-                own_file=own_file,
-                seed=config.run.seed if seed is None else seed,
+                own_file=csv or line,
             )
     return ProfileRunResult(Path(out), result, report)
 
@@ -301,8 +315,7 @@ def _publish(
     result: ProfileResult,
     warnings: Sequence[str],
     *,
-    own_file: Path | None,
-    seed: int,
+    own_file: Input | None,
 ) -> ReportContext:
     """Write the result of a run along one profile, in the language of the settings.
 
@@ -310,10 +323,8 @@ def _publish(
     ----------
     work : Path
         Working folder of the result.
-    own_file : Path or None
+    own_file : Input or None
         The profile, or the line under which it lies, if it is not that of the configuration.
-    seed : int
-        As used.
     """
     scenarios = [b.name for b in config.blocks]
     tables = work / "tables"
@@ -321,7 +332,7 @@ def _publish(
     write_table(tables / "passages.csv", [profile_passage_frame(result)])
     provenance = (
         ("Program", f"sassgis {sassgis.__version__}"),
-        ("Seed", str(seed)),
+        ("Seed", str(config.run.seed)),
         ("Settings and inputs (SHA-256)", settings_hash(config)),
     )
     effects = config.effects.names
@@ -336,5 +347,5 @@ def _publish(
         "fragments": int(result.pieces.size),
         **{f"rocks_{r.name.lower()}": int((reasons == r).sum()) for r in StopReason},
     }
-    write_origin(work, config, counts, warnings, seed=seed, origin=Origin(own))
+    write_origin(work, config, counts, warnings, seed=config.run.seed, origin=Origin(own))
     return report

@@ -71,6 +71,7 @@ def propose_release(
     out: Path,
     *,
     crs: str | None = None,
+    override_crs: bool = False,
     ground: Path | None = None,
     class_field: str = "class",
     layer: str | None = None,
@@ -88,7 +89,7 @@ def propose_release(
     out : Path
         GeoPackage to write.
     crs : str, optional
-        Of the terrain model, where it states none.
+        Of the terrain model, where it states none, or with ``override_crs`` in place of it.
     ground : Path, optional
         Polygons of ground classes: what they call rock counts from a gentler slope on.
     class_field, layer : str
@@ -110,7 +111,7 @@ def propose_release(
     if out.suffix.lower() != ".gpkg":
         raise InputError("is no GeoPackage", file=out, expected="a name ending in .gpkg")
     with staged_file(out, overwrite) as work:
-        grid = read_terrain(dem, crs)
+        grid = read_terrain(dem, crs, None, override_crs)
         slopes = slopes_deg(grid.values, grid.cell_size, grid.cell_size)
         found = _units(slopes, dem, threshold_deg)
         known = None

@@ -76,7 +76,7 @@ class Published:
     Attributes
     ----------
     layers : tuple of RasterLayer
-        The maps of the blocks.
+        All maps.
     report : ReportContext
         What the report says, in its language.
     warnings : tuple of str
@@ -130,7 +130,7 @@ def publish_map(
             vectors.append(run_vectors.block_paths(paths, run.grid.crs))
         imprint = replace(config.project, date=made_on(config))
         words = run_project.sheet_words(
-            run, int(progress.reasons.sum()), imprint, terrain_file=config.dem_path.name,
+            run, int(progress.reasons.sum()), imprint, terrain_file=config.dem_source.name,
             program=str(facts["program"]), vectors=vectors,
             extent=run_project.reached_extent(layers, run.grid),
         )  # fmt: skip
@@ -147,7 +147,7 @@ def publish_map(
         | ({"zoning": extras.facts} if extras.facts else {}),
         checks={} if done.tolerance is None else {"segment_tolerance": done.tolerance.facts()},
     )  # fmt: skip
-    return Published(layers, context, warnings)
+    return Published((*extras.layers, *layers, terrain), context, warnings)
 
 
 def block_maps(

@@ -1,4 +1,4 @@
-"""The report of a run on the map and the page of its paths, with what a zoning adds to them."""
+"""The report of a run on the map and the map that can be asked, with what a zoning adds to them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from sassgis.model.map_run import ObjectCells
 from sassgis.model.results import RasterLayer
 from sassgis.model.run_config import Config
 from sassgis.report.exposed_report import exposed_table, map_objects
-from sassgis.report.map_report import map_report, release_outlines
+from sassgis.report.map_page import Contribution, MapHazard, MapPage, PlaceFacts, write_map_page
+from sassgis.report.map_report import map_report
 from sassgis.report.page import (
     ReportContext,
     ReportFigure,
@@ -23,9 +24,9 @@ from sassgis.report.page import (
     translated_report,
     write_report,
 )
-from sassgis.report.path_page import write_path_page
 from sassgis.report.run_summary import object_lines, run_lines
 from sassgis.runs.job import Simulation
+from sassgis.runs.map_answers import area_rows, blocks_by_source
 from sassgis.runs.path_sample import paths_on_line, some_paths
 
 
@@ -47,6 +48,8 @@ class ReportPart:
         Added to the answer in short.
     spread : tuple of (str, str)
         Added to it after the run-out.
+    hazard, contributions, places, frequencies
+        What the map that can be asked says of zones, sources, objects and release areas.
     """
 
     figures: Callable[[], tuple[ReportFigure, ...]] = tuple
@@ -56,6 +59,10 @@ class ReportPart:
     levels: dict[str, str] = field(default_factory=dict)
     summary: tuple[tuple[str, str], ...] = ()
     spread: tuple[tuple[str, str], ...] = ()
+    hazard: MapHazard | None = None
+    contributions: Sequence[Contribution] = ()
+    places: Mapping[str, PlaceFacts] = field(default_factory=dict)
+    frequencies: Mapping[tuple[str, str], float] = field(default_factory=dict)
 
 
 def publish_report(
@@ -68,7 +75,7 @@ def publish_report(
     facts: Mapping[str, object],
     part: ReportPart,
 ) -> ReportContext:
-    """Write ``report.html`` with its figures, and ``paths.html``.
+    """Write ``report.html`` with its figures, and ``map.html``.
 
     ``layers`` are the maps of the blocks, ``more`` those of a zoning. Returns what the report says,
     in the language of the settings.
@@ -76,7 +83,7 @@ def publish_report(
     config, run, planned, progress = done.config, done.run, done.planned, done.progress
     furthest = progress.furthest
     shown = None if furthest is None else paths_on_line(run, planned, *furthest[1:])
-    named = {"terrain_file": config.dem_path.name, "config_file": config.file.name}
+    named = {"terrain_file": config.dem_source.name, "config_file": config.label}
     if done.tolerance is not None:
         named["tolerance_check"] = done.tolerance.sentence()
     objects = map_objects(placed)
@@ -109,14 +116,19 @@ def publish_report(
         )
     )
     write_report(work / "report.html", report)
-    paths = some_paths(run, planned)
-    if paths:
-        by_stem = {layer.stem: layer for layer in (*layers, *more)}
-        background = by_stem.get("hazard_level", by_stem["energy"])
-        write_path_page(
-            work / "paths.html", config.project.name, run, background, paths,
-            release_outlines(run), objects,
-        )  # fmt: skip
+    rows = area_rows(run, part.frequencies)
+    page = MapPage(
+        config.project.name,
+        run,
+        (*more, *layers),
+        [(area.name, area.geometry, rows[area.name]) for area in run.areas],
+        objects,
+        part.contributions or blocks_by_source(run, progress),
+        some_paths(run, planned),
+        part.places,
+        part.hazard,
+    )
+    write_map_page(work / "map.html", page)
     return report
 
 

@@ -18,12 +18,14 @@ from sassgis.io.write.layers.risk_objects import risk_tables, risk_vectors
 from sassgis.io.write.zone_tables import design_table, layer_table, source_table
 from sassgis.model.grid import Grid
 from sassgis.model.hazard import HazardCurves
+from sassgis.model.in_memory import Input
 from sassgis.model.results import RasterLayer
 from sassgis.model.run_config import Config
 from sassgis.report.exposed_report import levels_of
 from sassgis.report.run_summary import zone_lines
 from sassgis.report.zone_report import level_table, zone_facts_of, zone_figures, zone_tables
 from sassgis.runs.job import Simulation
+from sassgis.runs.map_answers import line_facts, map_hazard, object_facts, rates_by_source
 from sassgis.runs.origin import Origin
 from sassgis.runs.publish import Extras
 from sassgis.runs.publish_report import ReportPart
@@ -69,6 +71,7 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
         frames |= risk_tables(found.risk, found.risk_without, currency)
     federal = federal_layers(config, grid, preset, rules.ref_width_m, hazard, found.by_area)
     levels = level_table(preset, found)
+    on_objects = levels_of(rules.placed, hazard.levels, preset.levels)
     return Extras(
         layers=maps,
         vectors=(*own, *risk, *federal),
@@ -90,8 +93,15 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
                 preset, found, sources, design, return_periods_years=periods, currency=currency
             ),
             zone_facts_of(rules, found, run.repetitions, confidence),
-            levels_of(rules.placed, hazard.levels, preset.levels),
+            on_objects,
             zone_lines(levels, found, currency),
+            hazard=map_hazard(rules, found),
+            contributions=rates_by_source(hazard.sampled),
+            places=line_facts(run, found.without_barriers, periods)
+            | object_facts(
+                found.risk, hazard.sampled, hazard.curves.energies_kj, on_objects, currency
+            ),
+            frequencies=rules.frequencies,
         ),
         facts={
             "preset": f"{preset.name}: {preset.title}",
@@ -173,5 +183,5 @@ def _origin(config: Config, rules: Rules) -> Origin:
     files |= {f"objects {o.name}": o.file for o in config.objects}
     if config.hazard.preset.endswith(".toml"):
         files["preset"] = Path(config.hazard.preset)
-    inputs = {role: path for role, path in files.items() if path is not None}
+    inputs: dict[str, Input] = {r: path for r, path in files.items() if path is not None}
     return Origin(inputs, rules.preset.name, {"hazard": rules.ref_width_m})

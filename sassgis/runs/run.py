@@ -13,10 +13,10 @@ from sassgis.io.staging import staged_output
 from sassgis.model.languages import in_language
 from sassgis.model.map_run import MapRun
 from sassgis.model.results import RasterLayer, StopReason
-from sassgis.model.run_config import Config
 from sassgis.runs.ground_draws import DrawnGround, drawn_ground, spread_rules
 from sassgis.runs.inputs import collected_notices, placed_objects
 from sassgis.runs.job import (
+    AnyConfig,
     OnProgress,
     Simulation,
     configured,
@@ -28,6 +28,8 @@ from sassgis.runs.workers import Jobs
 from sassgis.terrain.plan import Plan
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from sassgis.report.page import ReportContext
     from sassgis.runs.publish import Published
 
@@ -38,14 +40,15 @@ class RunResult:
 
     Attributes
     ----------
-    rocks : int
+    n_blocks : int
         Simulated blocks.
     warnings : tuple of str
         What the user should know before trusting the maps.
     seconds : float
         Time of the simulation alone.
     run, planned, progress, layers
-        Inputs, plan, sums and layers, for further work in Python.
+        Inputs, plan, sums and all maps, for further work in Python; ``maps`` gives these as a
+        dataset.
     report : ReportContext
         What the report says; a notebook shows it in short.
     spread : GroundSpread or None
@@ -53,7 +56,7 @@ class RunResult:
     """
 
     folder: Path
-    rocks: int
+    n_blocks: int
     reasons: dict[StopReason, int]
     warnings: tuple[str, ...]
     seconds: float
@@ -64,6 +67,14 @@ class RunResult:
     report: ReportContext = field(repr=False)
     spread: GroundSpread | None = field(default=None, repr=False)
 
+    @property
+    def maps(self) -> xr.Dataset:
+        """All maps, as ``sassgis.simulate`` and ``sassgis.hazard_maps`` name them."""
+        from sassgis.io.write.map_dataset import maps_dataset
+
+        about = {"seed": self.run.seed, "blocks": self.n_blocks}
+        return maps_dataset(self.layers, self.run.grid, about)
+
     def _repr_html_(self) -> str:
         from sassgis.report.notebook import in_short
 
@@ -71,7 +82,7 @@ class RunResult:
 
 
 def run(
-    config: Config | str | Path,
+    config: AnyConfig,
     out: str | Path,
     *,
     overwrite: bool = False,

@@ -42,7 +42,7 @@ from sassgis.model.run_config import Config
 from sassgis.report.page import write_report
 from sassgis.report.sensitivity_report import sensitivity_report
 from sassgis.runs.inputs import read_rules
-from sassgis.runs.job import OnProgress, configured, read_job, workers_asked
+from sassgis.runs.job import AnyConfig, OnProgress, configured, read_job, workers_asked
 from sassgis.runs.map import check_starts
 from sassgis.runs.origin import Origin, write_origin
 from sassgis.runs.variant_lab import VariantLab, classes_on
@@ -66,7 +66,7 @@ class SensitivityResult:
 
 
 def sensitivity(
-    config: Config | str | Path,
+    config: AnyConfig,
     out: str | Path,
     *,
     samples: int = 32,
@@ -234,7 +234,7 @@ def _publish(
         "Program": f"sassgis {sassgis.__version__}",
         "Seed": str(run.seed),
         "Settings and inputs (SHA-256)": settings_hash(config),
-        "Configuration": config.file.name,
+        "Configuration": config.label,
     }
     context = sensitivity_report(
         config.project.name, run, found, maps, layers, len(filling), base.blocks, names,

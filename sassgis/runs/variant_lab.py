@@ -14,7 +14,7 @@ from sassgis.hazard.assess import Rules
 from sassgis.hazard.progress import Progress
 from sassgis.hazard.sensitivity import Variant, VariantFinding, finding_of
 from sassgis.io.saved_arrays import read_saved, write_saved
-from sassgis.io.staging import writing
+from sassgis.io.staging import CHECKPOINT_STEM, writing
 from sassgis.model.errors import Interrupted
 from sassgis.model.ground_ranges import with_values
 from sassgis.model.map_run import MapRun, ObjectCells
@@ -57,7 +57,7 @@ class VariantLab:
         release = (job.run.release.rocks_per_point, job.run.repetitions)
         self._fingerprint = state_fingerprint(config, job.run, repr((release, judged, _KEPT)))
         self._work, self._part, self._exposed = work, part, exposed
-        self._folder = Checkpoint(work, self._fingerprint, part).folder
+        self._folder = work / CHECKPOINT_STEM / part
         self._jobs, self._step = jobs, on_progress
         self._asked, self._blocks = 0, 0
 

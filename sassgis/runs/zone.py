@@ -20,6 +20,7 @@ from sassgis.model.run_config import Config
 from sassgis.runs.ground_draws import DrawnGround, drawn_ground, spread_rules
 from sassgis.runs.inputs import compares_barriers, most_repetitions, read_rules, with_rules
 from sassgis.runs.job import (
+    AnyConfig,
     Job,
     OnProgress,
     Simulation,
@@ -63,7 +64,7 @@ def without_barriers(job: Job) -> Job:
 
 
 def zone(
-    config: Config | str | Path,
+    config: AnyConfig,
     out: str | Path,
     *,
     overwrite: bool = False,

@@ -67,55 +67,81 @@ def _set_border(borders: FloatArray, i: int, s: float, u: float, v: float) -> No
     borders[i, 2] = v
 
 
+@lean
+def most_steps(u: FloatArray, v: FloatArray, per_cell: float) -> int:
+    """Most steps of a walk along a line from grid line to grid line, so many of them per cell.
+
+    ``u`` and ``v`` are its points (cells).
+    """
+    n = 0
+    for k in range(u.size - 1):
+        n += int(per_cell * abs(u[k + 1] - u[k])) + int(per_cell * abs(v[k + 1] - v[k])) + 3
+    return n
+
+
 @kernel
 def _stretches(
     offset: IntArray, s: FloatArray, u: FloatArray, v: FloatArray, n_rows: int, n_cols: int
 ) -> tuple[IntArray, FloatArray, IntArray, FloatArray]:
     n = offset.size - 1
     cell_offset = np.zeros(n + 1, np.int64)
+    most = most_steps(u, v, 1.0)
     # Chainage, u and v of each border.
-    borders = np.empty((max(16, 4 * s.size), 3), np.float64)
-    cells = np.empty(max(16, 4 * s.size), np.int64)
+    borders = np.empty((most + n, 3), np.float64)
+    cells = np.empty(most, np.int64)
     count = 0
     for i in range(n):
-        first, last = offset[i], offset[i + 1] - 1
-        if count + i + 1 >= borders.shape[0]:
-            borders = grown(borders, count + i + 2)
-        _set_border(borders, count + i, s[first], u[first], v[first])
-        begin = count
-        for k in range(first, last):
-            u0, v0, u1, v1 = u[k], v[k], u[k + 1], v[k + 1]
-            length = s[k + 1] - s[k]
-            line_u, line_v = next_line(u0, u1), next_line(v0, v1)
-            t = 0.0
-            while t < 1.0:
-                t_u, t_v = next_share(u0, u1, line_u), next_share(v0, v1, line_v)
-                t_next = min(1.0, t_u, t_v)
-                if t_u <= t_next:
-                    line_u += 1.0 if u1 > u0 else -1.0
-                if t_v <= t_next:
-                    line_v += 1.0 if v1 > v0 else -1.0
-                if (t_next - t) * length > SHORTEST_STRETCH:
-                    middle = 0.5 * (t + t_next)
-                    cell = cell_index(
-                        u0 + middle * (u1 - u0), v0 + middle * (v1 - v0), n_rows, n_cols
-                    )
-                    end = s[k] + t_next * length
-                    u_end, v_end = u0 + t_next * (u1 - u0), v0 + t_next * (v1 - v0)
-                    if count > begin and cells[count - 1] == cell:
-                        _set_border(borders, count + i, end, u_end, v_end)
-                    else:
-                        if count + 1 >= cells.size:
-                            cells = grown(cells, count + 2)
-                        if count + i + 2 >= borders.shape[0]:
-                            borders = grown(borders, count + i + 3)
-                        cells[count] = cell
-                        count += 1
-                        _set_border(borders, count + i, end, u_end, v_end)
-                t = t_next
-        # The last border is the end of the line itself, whatever was dropped along it.
-        if count > begin:
-            _set_border(borders, count + i, s[last], u[last], v[last])
+        count = _stretches_of_line(
+            offset[i], offset[i + 1] - 1, s, u, v, n_rows, n_cols, borders, cells, count, i
+        )
         cell_offset[i + 1] = count
     kept = borders[: count + n]
     return cell_offset, kept[:, 0].copy(), cells[:count].copy(), kept[:, 1:].copy()
+
+
+@lean
+def _stretches_of_line(
+    first: int,
+    last: int,
+    s: FloatArray,
+    u: FloatArray,
+    v: FloatArray,
+    n_rows: int,
+    n_cols: int,
+    borders: FloatArray,
+    cells: IntArray,
+    count: int,
+    i: int,
+) -> int:
+    """Add the stretches of line ``i``, from its first to its last point, to those that there are.
+
+    Returns their number.
+    """
+    _set_border(borders, count + i, s[first], u[first], v[first])
+    begin = count
+    for k in range(first, last):
+        u0, v0, u1, v1 = u[k], v[k], u[k + 1], v[k + 1]
+        length = s[k + 1] - s[k]
+        line_u, line_v = next_line(u0, u1), next_line(v0, v1)
+        t = 0.0
+        while t < 1.0:
+            t_u, t_v = next_share(u0, u1, line_u), next_share(v0, v1, line_v)
+            t_next = min(1.0, t_u, t_v)
+            if t_u <= t_next:
+                line_u += 1.0 if u1 > u0 else -1.0
+            if t_v <= t_next:
+                line_v += 1.0 if v1 > v0 else -1.0
+            if (t_next - t) * length > SHORTEST_STRETCH:
+                middle = 0.5 * (t + t_next)
+                cell = cell_index(u0 + middle * (u1 - u0), v0 + middle * (v1 - v0), n_rows, n_cols)
+                end = s[k] + t_next * length
+                u_end, v_end = u0 + t_next * (u1 - u0), v0 + t_next * (v1 - v0)
+                if count == begin or cells[count - 1] != cell:
+                    cells[count] = cell
+                    count += 1
+                _set_border(borders, count + i, end, u_end, v_end)
+            t = t_next
+    # The last border is the end of the line itself, whatever was dropped along it.
+    if count > begin:
+        _set_border(borders, count + i, s[last], u[last], v[last])
+    return count

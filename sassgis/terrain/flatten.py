@@ -8,6 +8,8 @@ straight segments.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,10 +21,10 @@ from sassgis.model.cell_geometry import (
     next_line,
 )
 from sassgis.model.errors import InputError
-from sassgis.model.grid import FloatArray, Grid, IntArray
-from sassgis.model.jit import kernel
+from sassgis.model.grid import BoolArray, FloatArray, Grid, IntArray
+from sassgis.model.jit import kernel, lean
 from sassgis.model.profiles import ProfileSet, TraceSet
-from sassgis.terrain.cells import cell_stretches, grown, next_share
+from sassgis.terrain.cells import cell_stretches, grown, most_steps, next_share
 
 # Height samples closer than this (cells) are not kept apart.
 _SAMPLE_GAP = 1e-3
@@ -223,50 +225,67 @@ def _flatten(
     out_s = np.empty(max(16, s.size))
     out_z = np.empty(out_s.size)
     out_class = np.empty(out_s.size, np.int32)
+    samples = _room_for_samples(0)
     count = 0
     for i in range(n):
         own = slice(offset[i], offset[i + 1])
-        samples, z, classes, fixed = _samples(s[own], u[own], v[own], heights, ground, gap)
-        keep = _kept(samples, z, fixed, tolerance)
-        if count + samples.size > out_s.size:
-            out_s = grown(out_s, count + samples.size)
-            out_z = grown(out_z, count + samples.size)
-            out_class = grown(out_class, count + samples.size)
-        for k in range(samples.size):
+        # A change of the class on the way makes a second sample of a step.
+        most = 2 * most_steps(u[own], v[own], 2.0) + 2
+        if most > samples.s.size:
+            samples = _room_for_samples(2 * most)
+        size = _sample(s[own], u[own], v[own], heights, ground, gap, samples)
+        keep = _kept(samples.s[:size], samples.z[:size], samples.fixed[:size], tolerance)
+        if count + size > out_s.size:
+            out_s = grown(out_s, count + size)
+            out_z = grown(out_z, count + size)
+            out_class = grown(out_class, count + size)
+        for k in range(size):
             if keep[k]:
-                out_s[count], out_z[count], out_class[count] = samples[k], z[k], classes[k]
+                out_s[count], out_z[count] = samples.s[k], samples.z[k]
+                out_class[count] = samples.ground[k]
                 count += 1
         out_offset[i + 1] = count
     return out_offset, out_s[:count].copy(), out_z[:count].copy(), out_class[:count].copy()
 
 
+class _Samples(NamedTuple):
+    """Samples of a line."""
+
+    s: FloatArray  # chainage (m)
+    z: FloatArray  # height (m)
+    ground: NDArray[np.int32]  # class from here on
+    fixed: BoolArray  # whether it must stay a vertex
+
+
 @kernel
-def _samples(
+def _room_for_samples(n: int) -> _Samples:
+    return _Samples(np.empty(n), np.empty(n), np.empty(n, np.int32), np.empty(n, np.bool_))
+
+
+@lean
+def _sample(
     s: FloatArray,
     u: FloatArray,
     v: FloatArray,
     heights: FloatArray,
     ground: NDArray[np.int32],
     gap: float,
-) -> tuple[FloatArray, FloatArray, NDArray[np.int32], NDArray[np.bool_]]:
-    """Chainage, height, class from here on, and whether the sample must stay a vertex.
+    out: _Samples,
+) -> int:
+    """Fill in the samples of a line; returns their number.
 
     The line is walked over a grid of half cells: whole numbers of 2u are borders of cells and
     middle lines in turn, and between them the bilinear height has no kink.
     """
     n_rows, n_cols = heights.shape
     size = 1
-    out_s = np.empty(6 * s.size + 16)
-    out_z = np.empty(out_s.size)
-    out_class = np.empty(out_s.size, np.int32)
-    out_fixed = np.zeros(out_s.size, np.bool_)
     cell = cell_index(u[0], v[0], n_rows, n_cols)
     row, col = cell // n_cols, cell % n_cols
     inside = cell >= 0
-    out_s[0] = s[0]
-    out_z[0] = height_at(heights, u[0], v[0], row, col) if inside else np.nan
-    out_class[0] = ground[row, col] if inside else -1
-    out_fixed[0] = True
+    out.s[0] = s[0]
+    out.z[0] = height_at(heights, u[0], v[0], row, col) if inside else np.nan
+    out.ground[0] = ground[row, col] if inside else -1
+    out.fixed[0] = True
     first = True
     for k in range(s.size - 1):
         u0, v0, u1, v1 = 2.0 * u[k], 2.0 * v[k], 2.0 * u[k + 1], 2.0 * v[k + 1]
@@ -285,75 +304,49 @@ def _samples(
                 continue
             middle = 0.5 * (t + t_next)
             cell = cell_index(
-                0.5 * (u0 + exact(middle * (u1 - u0))),
-                0.5 * (v0 + exact(middle * (v1 - v0))),
-                n_rows,
-                n_cols,
-            )
+                0.5 * (u0 + exact(middle * (u1 - u0))), 0.5 * (v0 + exact(middle * (v1 - v0))),
+                n_rows, n_cols
+            )  # fmt: skip
             row, col = cell // n_cols, cell % n_cols
             inside = cell >= 0
-            new_class = ground[row, col] if inside else -1
-            if size + 2 > out_s.size:
-                out_s = grown(out_s, size + 2)
-                out_z = grown(out_z, size + 2)
-                out_class = grown(out_class, size + 2)
-                out_fixed = grown(out_fixed, size + 2)
+            new_class = np.int32(ground[row, col] if inside else -1)
             if first:
-                out_class[0] = new_class
+                out.ground[0] = new_class
                 first = False
-            if new_class != out_class[size - 1]:
+            if new_class != out.ground[size - 1]:
                 begin = s[k] + t * length
-                if begin - out_s[size - 1] > SHORTEST_STRETCH:
-                    if out_fixed[size - 1] or begin - out_s[size - 1] > gap:
+                if begin - out.s[size - 1] > SHORTEST_STRETCH:
+                    if out.fixed[size - 1] or begin - out.s[size - 1] > gap:
                         size += 1
-                    out_s[size - 1] = begin
-                    out_z[size - 1] = (
-                        height_at(
-                            heights,
-                            0.5 * (u0 + exact(t * (u1 - u0))),
-                            0.5 * (v0 + exact(t * (v1 - v0))),
-                            row,
-                            col,
-                        )
-                        if inside
-                        else np.nan
-                    )
-                out_class[size - 1] = new_class
-                out_fixed[size - 1] = True
+                    out.s[size - 1] = begin
+                    out.z[size - 1] = np.nan
+                    if inside:
+                        at_u, at_v = u0 + exact(t * (u1 - u0)), v0 + exact(t * (v1 - v0))
+                        out.z[size - 1] = height_at(heights, 0.5 * at_u, 0.5 * at_v, row, col)
+                out.ground[size - 1] = new_class
+                out.fixed[size - 1] = True
             end = s[k] + t_next * length
-            if end - out_s[size - 1] > gap:
-                out_s[size] = end
-                out_z[size] = (
-                    height_at(
-                        heights,
-                        0.5 * (u0 + exact(t_next * (u1 - u0))),
-                        0.5 * (v0 + exact(t_next * (v1 - v0))),
-                        row,
-                        col,
-                    )
-                    if inside
-                    else np.nan
-                )
-                out_class[size] = new_class
-                out_fixed[size] = False
+            if end - out.s[size - 1] > gap:
+                out.s[size] = end
+                out.z[size] = np.nan
+                if inside:
+                    at_u, at_v = u0 + exact(t_next * (u1 - u0)), v0 + exact(t_next * (v1 - v0))
+                    out.z[size] = height_at(heights, 0.5 * at_u, 0.5 * at_v, row, col)
+                out.ground[size] = new_class
+                out.fixed[size] = False
                 size += 1
             t = t_next
     if s.size > 1:
         last = s.size - 1
         # The last sample is the end of the line, which may lie within the gap behind it.
-        if out_s[size - 1] < s[last]:
-            if out_fixed[size - 1]:
-                out_class[size] = out_class[size - 1]
+        if out.s[size - 1] < s[last]:
+            if out.fixed[size - 1]:
+                out.ground[size] = out.ground[size - 1]
                 size += 1
-            out_s[size - 1] = s[last]
-            out_z[size - 1] = height_at(heights, u[last], v[last], row, col) if inside else np.nan
-        out_fixed[size - 1] = True
-    return (
-        out_s[:size].copy(),
-        out_z[:size].copy(),
-        out_class[:size].copy(),
-        out_fixed[:size].copy(),
-    )
+            out.s[size - 1] = s[last]
+            out.z[size - 1] = height_at(heights, u[last], v[last], row, col) if inside else np.nan
+        out.fixed[size - 1] = True
+    return size
 
 
 @kernel

@@ -23,7 +23,7 @@ def test_a_share_has_its_cells_areas_and_points(tmp_path: Path) -> None:
     canton.write_canton(small, tmp_path)
     terrain = open_terrain(tmp_path / "tiles")
     assert terrain.whole == Part(0, 0, 1000, 1000)
-    areas = gpd.read_file(load_config(tmp_path / "config.toml").release_path)
+    areas = gpd.read_file(load_config(tmp_path / "config.toml").release_source)
     points = release_points(
         list(zip(areas["name"], areas.geometry, strict=True)), ReleaseSettings(spacing_m=5.0)
     )

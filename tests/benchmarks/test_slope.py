@@ -55,7 +55,7 @@ def test_there_are_3000_release_points_and_each_is_a_cell_centre(
     slope: ModuleType, plain: Path
 ) -> None:
     config = load_config(plain / "config.toml")
-    areas = gpd.read_file(config.release_path)
+    areas = gpd.read_file(config.release_source)
     points = release_points(
         list(zip(areas["name"], areas.geometry, strict=True)),
         config.release,

@@ -23,7 +23,17 @@ PAPER = EngineSettings(readings="1986")
 def ground(
     name="ground", eta_max=0.7, dp=(0.0, 0.0), mu_f=0.8, mu_0=0.5, k=0.0, d_star_m=0.0, **more
 ) -> GroundClass:
-    return GroundClass(name, eta_max, dp[0], dp[1], mu_f, mu_0, k, d_star_m, **more)
+    return GroundClass(
+        name,
+        eta_max=eta_max,
+        dp_min=dp[0],
+        dp_max=dp[1],
+        mu_f=mu_f,
+        mu_0=mu_0,
+        k=k,
+        d_star_m=d_star_m,
+        **more,
+    )
 
 
 #: Table 1 of Bozzolo and Pamini (1986), with frictions from the middle of their ranges.

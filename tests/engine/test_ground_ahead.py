@@ -7,7 +7,7 @@ import pytest
 from helpers.terrains import points_at
 from scipy import ndimage
 
-from sassgis.engine import statistics
+from sassgis.engine import simulate_paths
 from sassgis.engine.cell_register import empty_register
 from sassgis.engine.draws import block_of
 from sassgis.engine.effects.hooks import BLOCK_DTYPE
@@ -71,22 +71,23 @@ def test_segments_stay_near_the_terrain_and_stretches_name_its_cells(seed: int) 
     assert (under == classes.ravel()[walked])[~near_border & ~on_plane].all()
 
 
-def test_histograms_do_not_depend_on_how_many_visits_are_added_together(monkeypatch) -> None:
+@pytest.mark.parametrize("room", [7, 2000, 6000])
+def test_sums_do_not_depend_on_the_room_for_visits(monkeypatch, room: int) -> None:
     rows = np.arange(40.0)
     grid = Grid(np.repeat((-1.4 * rows)[:, None], 30, axis=1), 1000.0, 2000.0, CELL)
     terrain = PathTerrain(grid, np.zeros(grid.shape, np.int32), 0.25)
-    points = points_at(1030.0, 1994.0)
+    points = points_at([1030.0, 1031.0, 1036.0], [1994.0, 1992.0, 1994.0])
     blocks = BlockPopulation("b", (0.3, 0.6), (0.25, 0.5), (0.2, 0.4), (2600.0, 2750.0))
 
-    def counts() -> dict[str, np.ndarray]:
+    def sums() -> dict[str, np.ndarray]:
         out = follow(
             terrain, points, built_in_table(), blocks, EngineSettings(), seed=3,
             rocks_per_point=40, point_keys=points.key,
         )  # fmt: skip
-        return {k: v for k, v in out.sums.items() if v.ndim == 2 and v.dtype == np.uint32}
+        return out.sums
 
-    whole = counts()
-    monkeypatch.setattr(statistics, "_VISITS", 7)
-    few = counts()
-    assert whole and whole["energy"].sum() > 300
+    whole = sums()
+    monkeypatch.setattr(simulate_paths, "VISITS", room)
+    few = sums()
+    assert whole["energy"].sum() > 900
     assert all((few[name] == whole[name]).all() for name in whole)

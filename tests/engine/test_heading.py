@@ -19,7 +19,23 @@ from sassgis.model.settings import EngineSettings
 pytestmark = pytest.mark.kernels
 
 CELL, SIDE = 2.0, 60
-TABLE = GroundTable((GroundClass("slope", 0.85, 0.1, 0.3, 0.7, 0.4, 0.2, 0.2, 0.3, 9.144, 0.1),))
+TABLE = GroundTable(
+    (
+        GroundClass(
+            "slope",
+            eta_max=0.85,
+            dp_min=0.1,
+            dp_max=0.3,
+            mu_f=0.7,
+            mu_0=0.4,
+            k=0.2,
+            d_star_m=0.2,
+            restitution=0.3,
+            restitution_speed_mps=9.144,
+            rolling_threshold=0.1,
+        ),
+    )
+)
 BLOCKS = BlockPopulation(
     "b", (0.45, 0.45), (0.35, 0.35), (0.3, 0.3), (2700.0, 2700.0), (0.0, 0.0), (0.0, 0.0),
     (1.0, 1.0),

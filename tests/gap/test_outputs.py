@@ -53,10 +53,10 @@ from sassgis.gap.words import (
     with_unit_in_brackets,
 )
 from sassgis.hazard.result_change import ENERGY_MEAN, difference
-from sassgis.io.read.config import load_config
+from sassgis.io.read.config import FILE_KEYS, load_config
 from sassgis.io.read.ground_map import read_ground_table
 from sassgis.io.staging import check_output
-from sassgis.io.write.calibrated_config import FILE_KEYS, write_config_back
+from sassgis.io.write.calibrated_config import write_config_back
 from sassgis.io.write.gap_files import write_diagnosis_json, write_gap_gpkg
 from sassgis.io.write.layers.gap_map import stand_polygon
 from sassgis.model.effects import EffectSettings
@@ -103,7 +103,8 @@ def stops_only(tmp_path_factory: pytest.TempPathFactory, slope: Grid) -> Made:
 def written(made: Made, tmp_path_factory: pytest.TempPathFactory) -> Path:
     config, case = made
     folder = tmp_path_factory.mktemp("written") / "out"
-    write_outputs(folder, case, with_trees(case), config)
+    diagnosis = replace(with_trees(case), warnings=("Said on the console.",))
+    write_outputs(folder, case, diagnosis, load_config(config))
     return folder
 
 
@@ -134,7 +135,7 @@ def test_equal_diagnoses_give_equal_files(made: Made, written: Path, tmp_path: P
     config, case = made
     # As deep as the first, so that relative paths are the same.
     again = written.parent / "again"
-    write_outputs(again, case, with_trees(case), config)
+    write_outputs(again, case, with_trees(case), load_config(config))
     files = [p.relative_to(written) for p in written.rglob("*") if p.is_file()]
     assert all((again / f).read_bytes() == (written / f).read_bytes() for f in files)
 
@@ -143,7 +144,7 @@ def test_equal_diagnoses_give_equal_files(made: Made, written: Path, tmp_path: P
 def test_nothing_named_is_written_too(few: Made, tmp_path: Path, effect: str) -> None:
     config, case = few
     diagnosis = unnamed(case, effect)
-    write_outputs(tmp_path / "out", case, diagnosis, config)
+    write_outputs(tmp_path / "out", case, diagnosis, load_config(config))
     words = words_of(tmp_path / "out" / "report.html")
     assert verdict_sentence(diagnosis) in words
     assert "Only 15 rocks were observed" in words
@@ -157,7 +158,7 @@ def test_stops_alone_are_enough(stops_only: Made, tmp_path: Path) -> None:
     diagnosis = replace(
         with_trees(case), where=(finding("all", "stopping", "runout_m", -21.0),), which=()
     )
-    write_outputs(tmp_path / "out", case, diagnosis, config)
+    write_outputs(tmp_path / "out", case, diagnosis, load_config(config))
     assert not (tmp_path / "out" / "figures" / "gap_hypotheses.png").exists()
     assert len(gpd.read_file(tmp_path / "out" / "gap.gpkg", layer="stations")) == 0
     assert len(gpd.read_file(tmp_path / "out" / "gap.gpkg", layer="stops")) == 16
@@ -169,14 +170,14 @@ def test_a_diagnosis_that_found_nothing_at_all_is_written(few: Made, tmp_path: P
         unnamed(case, "none"), where=(), which=(), comparisons=(), not_identifiable=(),
         measure_next=(), tables={},
     )  # fmt: skip
-    write_outputs(tmp_path / "out", case, diagnosis, config)
+    write_outputs(tmp_path / "out", case, diagnosis, load_config(config))
     assert "Nothing could be compared" in words_of(tmp_path / "out" / "report.html")
 
 
 def test_local_coordinates_are_written(slope: Grid, tmp_path: Path) -> None:
     text = CONFIG.replace("[terrain]", '[terrain]\ncrs = "local"')
     config, case = made_case(tmp_path, replace(slope, crs=""), 6, config=text)
-    write_outputs(tmp_path / "out", case, with_trees(case), config)
+    write_outputs(tmp_path / "out", case, with_trees(case), load_config(config))
     stops = gpd.read_file(tmp_path / "out" / "gap.gpkg", layer="stops")
     assert stops.crs.name == "Undefined Cartesian SRS"
     assert "local coordinates" in words_of(tmp_path / "out" / "report.html")
@@ -365,14 +366,14 @@ def test_paths_hold_in_the_new_place(slope: Grid, tmp_path: Path) -> None:
     )
     before = load_config(file)
     new = write_config_back(
-        tmp_path / "x" / "y" / "z" / "config.toml", file, unnamed(case, "none"), case
+        tmp_path / "x" / "y" / "z" / "config.toml", load_config(file), unnamed(case, "none"), case
     )
     after = load_config(new)
 
     def same(a: Path | str | None, b: Path | str | None) -> bool:
         return a is not None and b is not None and Path(a).resolve() == Path(b).resolve()
 
-    assert same(before.terrain.dem, after.terrain.dem) and after.dem_path.is_file()
+    assert same(before.terrain.dem, after.terrain.dem) and after.dem_source.is_file()
     assert same(before.release.file, after.release.file)
     assert same(before.hazard.preset, after.hazard.preset)
     assert same(before.hazard.frequencies, after.hazard.frequencies)
@@ -404,7 +405,10 @@ def test_the_user_keeps_a_forest_of_their_own(slope: Grid, tmp_path: Path) -> No
     file, case = made_case(tmp_path, slope, 4, config=text)
     effect = HypothesisModel(case.table, EffectSettings(Trees("stems", efficiency=0.7)))
     new = write_config_back(
-        tmp_path / "m" / "config.toml", file, replace(with_trees(case), effect=effect), case
+        tmp_path / "m" / "config.toml",
+        load_config(file),
+        replace(with_trees(case), effect=effect),
+        case,
     )
     trees = load_config(new).trees
     assert trees is not None
@@ -419,7 +423,10 @@ def test_lateral_deflection_is_handed_over_where_paths_turn(
     for (file, case), path in ((made, "fall_line"), (followed, "followed")):
         effect = HypothesisModel(case.table, EffectSettings(), lateral_walk=LateralWalk(12.0, 7.5))
         new = write_config_back(
-            tmp_path / path / "config.toml", file, replace(with_trees(case), effect=effect), case
+            tmp_path / path / "config.toml",
+            load_config(file),
+            replace(with_trees(case), effect=effect),
+            case,
         )
         assert load_config(new).terrain.path == path
         lateral = load_config(new).effects.get(LateralDeflection)
@@ -438,7 +445,7 @@ def test_every_part_of_a_draw_is_read_back_from_its_configuration(
         own = draw(case, (family,), ParameterDraws(np.random.default_rng(seed))).model
         new = write_config_back(
             tmp_path / str(seed) / "config.toml",
-            config,
+            load_config(config),
             replace(with_trees(case), effect=own),
             case,
         )
@@ -467,7 +474,10 @@ def test_the_map_runs_what_was_scored(slope: Grid, tmp_path: Path) -> None:
     table = calibrated(case.table, mu_0=TAN + 0.25, mu_f=0.9, eta_max=0.3)
     model = HypothesisModel(table, EffectSettings(), lateral_walk=LateralWalk(8.0, 6.0))
     new = write_config_back(
-        tmp_path / "m" / "config.toml", config, replace(with_trees(case), effect=model), case
+        tmp_path / "m" / "config.toml",
+        load_config(config),
+        replace(with_trees(case), effect=model),
+        case,
     )
     points = gpd.GeoDataFrame(
         {"name": [r[0] for r in rows[1:]]},
@@ -496,7 +506,7 @@ def test_the_map_runs_what_was_scored(slope: Grid, tmp_path: Path) -> None:
 
 def test_comments_say_where_the_model_comes_from(made: Made, tmp_path: Path) -> None:
     config, case = made
-    write_config_back(tmp_path / "config.toml", config, with_trees(case), case)
+    write_config_back(tmp_path / "config.toml", load_config(config), with_trees(case), case)
     text = (tmp_path / "config.toml").read_text()
     assert text.startswith("# Made by sassgis")
     assert "Named: trees, with a confidence of 0.71; fitted: [effects.trees]." in text
@@ -507,7 +517,7 @@ def test_comments_say_where_the_model_comes_from(made: Made, tmp_path: Path) -> 
         verdict=replace(with_trees(case).verdict, effect="release_error"),
         advice=replace(none.advice, recommended="release_error"),
     )
-    write_config_back(tmp_path / "b.toml", config, error, case)
+    write_config_back(tmp_path / "b.toml", load_config(config), error, case)
     assert "not a part of the motion" in (tmp_path / "b.toml").read_text()
 
 
@@ -518,7 +528,7 @@ def test_what_is_named_and_not_recommended_is_said_apart(made: Made, tmp_path: P
     apart = replace(
         named, effect=named.base, advice=replace(named.advice, recommended="ground", why=why)
     )
-    write_outputs(tmp_path / "out", case, apart, config)
+    write_outputs(tmp_path / "out", case, apart, load_config(config))
     text = (tmp_path / "out" / "model" / "config.toml").read_text()
     assert (
         "Named: trees, with a confidence of 0.71, but not added: the model has calibrated" in text
@@ -544,7 +554,7 @@ def test_ground_table_is_read_back(made: Made, tmp_path: Path) -> None:
     config, case = made
     table = calibrated(case.table, eta_max=0.4, dp_max=0.55, d_star_m=0.123456)
     diagnosis = replace(with_trees(case), effect=HypothesisModel(table, EffectSettings()))
-    write_config_back(tmp_path / "config.toml", config, diagnosis, case)
+    write_config_back(tmp_path / "config.toml", load_config(config), diagnosis, case)
     read = read_ground_table(tmp_path / "ground_classes.csv")
     assert read.names == table.names
     assert np.array_equal(read.rows(), table.rows())
@@ -621,6 +631,10 @@ def test_the_answer_comes_first_with_its_uncertainty(made: Made, written: Path) 
     assert places == sorted(places)
     page = (written / "report.html").read_text()
     assert "http" not in re.sub(r"data:image/png;base64,[^\"]+", "", page).replace("http-equiv", "")
+
+
+def test_the_report_has_every_warning_of_the_console(written: Path) -> None:
+    assert "Said on the console." in words_of(written / "report.html")
 
 
 def test_withheld_shrinkage_is_told(made: Made) -> None:

@@ -13,29 +13,14 @@ from sassgis.hazard.warnings import (
     zone_warnings,
 )
 from sassgis.io.read.ground_map import built_in_table
-from sassgis.model.ground import GroundClass
-
-BUILT_IN = built_in_table("1986").classes
-
-
-def with_blocks() -> GroundClass:
-    """A verified class of the package with blocks on the ground."""
-    return next(c for c in BUILT_IN if c.verified and c.d_star_m > 0.0)
 
 
 def test_unverified_classes_are_named_in_one_sentence() -> None:
-    first, second = (replace(with_blocks(), name=n, verified=False) for n in ("one", "two"))
-    (text,) = ground_warnings([first, second], BUILT_IN)
+    own = built_in_table().classes[0]
+    first, second = (replace(own, name=n, verified=False) for n in ("one", "two"))
+    (text,) = ground_warnings([first, replace(own, name="three", verified=True), second])
     assert text.endswith("(unverified): one, two.")
-
-
-def test_the_diameter_of_a_class_of_the_package_is_a_placeholder() -> None:
-    known = with_blocks()
-    (text,) = ground_warnings([known], BUILT_IN)
-    assert f"{known.name} (d_star_m {known.d_star_m:g})" in text
-    # A value of the site is the user's own.
-    assert not ground_warnings([replace(known, d_star_m=known.d_star_m + 0.05)], BUILT_IN)
-    assert not ground_warnings([], BUILT_IN)
+    assert not ground_warnings([replace(own, verified=True)])
 
 
 def test_lines_without_a_width_are_told() -> None:

@@ -44,10 +44,32 @@ TANGENTS = (0.95, 0.72, 0.52, 0.2)
 STATIONS = (45.0, 80.0, 115.0, 150.0)
 TABLE = GroundTable(
     (
-        GroundClass("rock", 0.72, 0.0, 0.3, 0.7, 0.4, 0.17, 0.0),
-        GroundClass("debris", 0.62, 0.1, 0.4, 0.75, 0.45, 0.2, 0.1),
-        GroundClass("talus", 0.6, 0.1, 0.4, 0.75, 0.45, 0.2, 0.2),
-        GroundClass("meadow", 0.45, 0.1, 0.3, 0.8, 0.6, 0.17, 0.05),
+        GroundClass(
+            "rock", eta_max=0.72, dp_min=0.0, dp_max=0.3, mu_f=0.7, mu_0=0.4, k=0.17, d_star_m=0.0
+        ),
+        GroundClass(
+            "debris",
+            eta_max=0.62,
+            dp_min=0.1,
+            dp_max=0.4,
+            mu_f=0.75,
+            mu_0=0.45,
+            k=0.2,
+            d_star_m=0.1,
+        ),
+        GroundClass(
+            "talus", eta_max=0.6, dp_min=0.1, dp_max=0.4, mu_f=0.75, mu_0=0.45, k=0.2, d_star_m=0.2
+        ),
+        GroundClass(
+            "meadow",
+            eta_max=0.45,
+            dp_min=0.1,
+            dp_max=0.3,
+            mu_f=0.8,
+            mu_0=0.6,
+            k=0.17,
+            d_star_m=0.05,
+        ),
     )
 )
 CONFIGURED = BlockPopulation(

@@ -12,8 +12,12 @@ from sassgis.model.settings import EngineSettings
 
 TABLE = GroundTable(
     (
-        GroundClass("a", 0.9, 0.2, 0.6, 0.8, 0.5, 0.2, 0.0),
-        GroundClass("b", 0.3, 0.1, 0.4, 0.8, 0.6, 0.2, 0.3),
+        GroundClass(
+            "a", eta_max=0.9, dp_min=0.2, dp_max=0.6, mu_f=0.8, mu_0=0.5, k=0.2, d_star_m=0.0
+        ),
+        GroundClass(
+            "b", eta_max=0.3, dp_min=0.1, dp_max=0.4, mu_f=0.8, mu_0=0.6, k=0.2, d_star_m=0.3
+        ),
     )
 )
 

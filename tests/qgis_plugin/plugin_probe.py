@@ -122,6 +122,14 @@ class Window:
     def removePluginMenu(self, menu, action):
         self.menu.remove(action.text())
 
+    def addDockWidget(self, area, dock):
+        self.dock = dock
+        self.main.addDockWidget(area, dock)
+
+    def removeDockWidget(self, dock):
+        self.main.removeDockWidget(dock)
+        self.dock = None
+
     def addToolBarIcon(self, action):
         pass
 
@@ -148,6 +156,80 @@ def drawn(canvas):
     return lines
 
 
+def states(dock):
+    """What the panel says of each step, and which buttons can be pressed."""
+    return {
+        "next": dock._next.text(),
+        "status": {key: label.text() for key, label in dock._status.items()},
+        "run": dock.run_button.isEnabled(),
+        "zone": dock.zone_button.isEnabled(),
+    }
+
+
+def picture(dock, file):
+    """All steps of the panel, also those below its edge."""
+    inner = dock.widget().widget()
+    inner.resize(420, inner.sizeHint().height())
+    inner.grab().save(file)
+
+
+def steps(window, task):
+    """Go through the steps of the panel as a user does; pictures of it on the way."""
+    from qgis.PyQt.QtCore import QEventLoop, QTimer
+    from qgis.PyQt.QtWidgets import QTableWidgetItem
+
+    project = QgsProject.instance()
+    project.clear()
+    dock = window.dock
+    dock.setVisible(True)
+    seen = {"begin": states(dock)}
+    dem = QgsRasterLayer(task["dem"], "terrain")
+    layers = {name: QgsVectorLayer(file, name, "ogr") for name, file in task["layers"].items()}
+    project.addMapLayers([dem, *layers.values()])
+    dock.dem.setLayer(dem)
+    seen["terrain"] = states(dock)
+    dock.release.setLayer(layers["release"])
+    dock.ground_layer.setLayer(layers["ground"])
+    dock.further["BARRIERS"].setLayer(layers["nets"])
+    dock.spacing.setValue(6.0)
+    dock.count.setValue(5)
+    dock.table.setItem(0, 1, QTableWidgetItem("many"))
+    seen["wrong row"] = states(dock)
+    dock._add_row()
+    for row, texts in enumerate((("small", "0.1", "0.3", "0.2"), ("large", "1", "2", ""))):
+        for place, text in enumerate(texts):
+            dock.table.setItem(row, place, QTableWidgetItem(text))
+    dock.folder.setFilePath(task["folder"])
+    seen["ready"] = states(dock)
+    picture(dock, task["pictures"] + "/before.png")
+
+    def wait(press):
+        loop, ended = QEventLoop(), []
+        dock.finished.connect(lambda good: (ended.append(good), loop.quit()))
+        QTimer.singleShot(600_000, loop.quit)
+        press()
+        seen.setdefault("busy", states(dock))
+        loop.exec() if hasattr(loop, "exec") else loop.exec_()
+        return list(ended)
+
+    seen["run ended"] = wait(dock.run_button.click)
+    seen["after run"] = {**states(dock), "line": dock.line.text()}
+    dock.table.setItem(1, 3, QTableWidgetItem("0.05"))
+    dock.width_m.setValue(10.0)
+    dock.further["ROADS"].setLayer(layers["nets"])
+    seen["exposed"] = states(dock)
+    dock.further["ROADS"].setLayer(None)
+    seen["zone ended"] = wait(dock.zone_button.click)
+    seen["after zone"] = {
+        **states(dock), "line": dock.line.text(), "share": dock.share_text.text(),
+        "bar": dock.share_bar.value(), "sheets": [dock.sheet.itemText(k)
+                                                  for k in range(dock.sheet.count())],
+    }  # fmt: skip
+    picture(dock, task["pictures"] + "/after.png")
+    seen["tree"] = tree(project.layerTreeRoot())
+    return seen
+
+
 def main():
     # Deaf to Ctrl-C is whoever is started in the background; so would be what it starts.
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -172,6 +254,7 @@ def main():
         "algorithms": {a.name(): list(a.canExecute()) for a in provider.algorithms()},
         "calls": [call(own) for own in task["calls"]],
         "drawn": drawn(window.canvas),
+        "steps": steps(window, task["steps"]) if "steps" in task else None,
         "menu": list(window.menu),
     }
     heavy = ("sassgis", "numba", "rasterio", "geopandas")

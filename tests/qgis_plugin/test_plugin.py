@@ -2,26 +2,38 @@
 
 from __future__ import annotations
 
+import ast
 import configparser
+import contextlib
+import importlib
 import json
+import operator
 import os
 import subprocess
 import sys
 import zipfile
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import geopandas as gpd
+import numpy as np
 import pytest
 import shapely
 from helpers.small_slope import NORTH, WEST, Slope, heights, release_box
-from make_zip import PLUGIN, make_zip
+from make_zip import PLUGIN, REQUIRED, make_zip, problems_of
+from sassgis_plugin.steps import Scenario, Site, next_step, steps_of, verdict
 
 import sassgis
 from sassgis.io.read.config import load_config
 from sassgis.io.read.ground_map import built_in_table
+from sassgis.io.read.presets import preset_names
+from sassgis.io.read.site_layers import site_layers
+from sassgis.runs.inputs import read_map_run
 
+#: Each tool starts the program anew; one fixture of them may take many minutes.
+pytestmark = pytest.mark.timeout(1800)
 PROBE = Path(__file__).with_name("plugin_probe.py")
 #: Says what it is called with, and in which surroundings.
 ECHO = """\
@@ -67,20 +79,20 @@ Ask = Callable[..., dict[str, Any]]
 
 
 @pytest.fixture(scope="module")
-def ask(qgis: None, wheel: Path, program: Path, tmp_path_factory: pytest.TempPathFactory) -> Ask:
+def ask(qgis: None, program: Path, tmp_path_factory: pytest.TempPathFactory) -> Ask:
     folder = tmp_path_factory.mktemp("plugins")
-    make_zip(folder / "plugin.zip", wheel)
+    make_zip(folder / "plugin.zip")
     with zipfile.ZipFile(folder / "plugin.zip") as archive:
         archive.extractall(folder)
 
-    def report(*calls: dict[str, Any], program: object = program) -> dict[str, Any]:
+    def report(*calls: dict[str, Any], program: object = program, **more: object) -> dict[str, Any]:
         home = tmp_path_factory.mktemp("home")
-        task = {"plugins": str(folder), "program": str(program), "calls": calls}
+        task = {"plugins": str(folder), "program": str(program), "calls": calls, **more}
         (home / "task.json").write_text(json.dumps(task, default=str))
         kept = {k: v for k, v in os.environ.items() if k.startswith("SASSGIS")}
         done = subprocess.run(
             ["/usr/bin/python3", str(PROBE), str(home / "task.json")],
-            capture_output=True, text=True, timeout=900, check=False,
+            capture_output=True, text=True, timeout=1700, check=False,
             env={**kept, "QT_QPA_PLATFORM": "offscreen", "HOME": str(home), "LC_ALL": "C.UTF-8",
                  "PATH": f"{Path(sys.executable).parent}:/usr/bin:/bin", "PYTHONSTARTUP": "/x"},
         )  # fmt: skip
@@ -122,51 +134,111 @@ def line(slope: Slope) -> Path:
 
 
 @pytest.fixture(scope="module")
-def seen(ask: Ask, valley: Path, slope: Slope, line: Path) -> dict[str, Any]:
+def layers(slope: Slope) -> dict[str, str]:
+    """Layers as a user has them: ground, nets, trees, with attributes in capitals and others."""
+
+    def write(name: str, geometry: Any, **columns: object) -> str:
+        frame = gpd.GeoDataFrame({**columns, "note": ["x"]}, geometry=[geometry], crs="EPSG:2056")
+        frame.to_file(slope.folder / f"{name}.gpkg", driver="GPKG")
+        return str(slope.folder / f"{name}.gpkg")
+
+    foot = shapely.box(WEST + 100, NORTH - 100, WEST + 140, NORTH)
+    return {
+        "release": str(slope.folder / "release.gpkg"),
+        "ground": write("ground", foot, CLASS=["soft_meadow"]),
+        "nets": write(
+            "nets", shapely.LineString([(WEST + 70, NORTH - 80), (WEST + 70, NORTH - 10)]),
+            Name=["net A"], Kind=["net"], height_m=[3.0], capacity_kj=[1000],
+        ),
+        "forest": write("forest", foot, stems_per_ha=[300], dbh_cm=[30.0]),
+        "bare": write("bare", shapely.LineString([(WEST, NORTH - 9), (WEST + 9, NORTH - 9)])),
+    }  # fmt: skip
+
+
+SCENARIOS = ["small", 0.1, 0.3, 0.2, "large", 1, 2.5, 0.05]
+
+
+@pytest.fixture(scope="module")
+def seen(
+    ask: Ask, valley: Path, slope: Slope, line: Path, layers: dict[str, str]
+) -> dict[str, Any]:
     """One QGIS that runs, zones from layers, cuts a profile, and is given wrong input."""
     wrong = slope.folder / "wrong.toml"
     wrong.write_text(slope.config.read_text().replace("spacing_m", "spacing"))
     out = slope.folder
-    layers = {"DEM": out / "dem.tif", "RELEASE": f"@{out / 'release.gpkg'}"}
-    choices = {
-        "GROUND": "talus", "VOLUME_FROM": 0.2, "VOLUME_TO": 0.4, "SPACING": 6, "BLOCKS": 5,
+    plain = {"DEM": out / "dem.tif", "RELEASE": f"@{layers['release']}"}
+    more = {
+        "GROUND_LAYER": f"@{layers['ground']}", "BARRIERS": f"@{layers['nets']}",
+        "FOREST": f"@{layers['forest']}",
     }  # fmt: skip
-    zoned = {**layers, **choices, "FREQUENCY": 0.1, "REF_WIDTH": 10}
+    choices = {"GROUND": "talus", "SCENARIOS": SCENARIOS, "SPACING": 6, "BLOCKS": 5}
+    zoned = {**plain, **more, **choices, "REF_WIDTH": 10}
+    half = [*SCENARIOS[:7], ""]
     calls = {
-        "run": calling("run", out / "run", CONFIG=valley, SEED=5),
+        "run": calling("run", out / "run", CONFIG=valley, SEED=12345678),
         "zone": calling("zone", out / "zone", **zoned),
+        "again": calling("zone", out / "zone", **zoned, OVERWRITE=True),
         "profile": calling("profile", out / "one", CONFIG=slope.config, LINE=f"@{line}|1"),
         "two lines": calling("profile", out / "two", CONFIG=slope.config, LINE=f"@{line}"),
         "wrong key": calling("run", out / "x", CONFIG=wrong),
         "nothing": calling("run", out / "x"),
-        "both": calling("run", out / "x", CONFIG=valley, **layers),
-        "no width": calling("zone", out / "x", **layers, FREQUENCY=0.1),
+        "both": calling("run", out / "x", CONFIG=valley, **plain),
+        "no width": calling("zone", out / "x", **plain, SCENARIOS=SCENARIOS),
+        "no frequency": calling("zone", out / "x", **plain, SCENARIOS=half, REF_WIDTH=10),
+        "wrong row": calling("run", out / "x", **plain, SCENARIOS=["a", 2, 1, ""]),
+        "no kind": calling("run", out / "x", **plain, BARRIERS=f"@{layers['bare']}"),
+        "no vulnerability": calling("run", out / "x", **plain, ROADS=f"@{layers['bare']}"),
         "other choices": calling("zone", out / "zone", **{**zoned, "SPACING": 7}),
     }
     report = ask(*calls.values())
     return {**report, "calls": dict(zip(calls, report["calls"], strict=True))}
 
 
-def test_the_zip_has_what_a_plugin_must_have(tmp_path: Path, wheel: Path) -> None:
+@pytest.fixture(scope="module")
+def others(ask: Ask, seen: dict[str, Any], valley: Path, slope: Slope) -> dict[str, Any]:
+    """The other tools, at the results of the first."""
+    out = slope.folder
+    calls = {
+        "check": {"algorithm": "sassgis:dem_check", "parameters": {"DEM": str(out / "dem.tif")}},
+        "new": calling("new_site", out / "site.gpkg", DEM=str(out / "dem.tif")),
+        "cliffs": calling("cliffs", out / "cliffs.gpkg", DEM=str(out / "dem.tif"), THRESHOLD=35),
+        "validate": {"algorithm": "sassgis:validate", "parameters": {"CONFIG": str(valley)}},
+        "compare": calling("compare", out / "change", BEFORE=out / "run", AFTER=out / "run"),
+        "export": calling("export", out / "zones.geojson", RESULT=out / "zone"),
+        "sheets": calling("sheets", out / "sheets", RESULT=out / "zone", DPI=40),
+    }
+    return dict(zip(calls, ask(*calls.values())["calls"], strict=True))
+
+
+def test_the_zip_has_what_a_plugin_must_have(tmp_path: Path) -> None:
     for name in ("a.zip", "b.zip"):
-        make_zip(tmp_path / name, wheel)
+        make_zip(tmp_path / name, "https://code.sassgis.ch/sassgis", "rockfall@sassgis.ch")
     assert (tmp_path / "a.zip").read_bytes() == (tmp_path / "b.zip").read_bytes()
+    assert problems_of(tmp_path / "a.zip") == []
     with zipfile.ZipFile(tmp_path / "a.zip") as archive:
         names = {Path(name) for name in archive.namelist()}
         metadata = configparser.ConfigParser(interpolation=None)
         metadata.read_string(archive.read("sassgis_plugin/metadata.txt").decode())
-    assert {name.parts[0] for name in names} == {"sassgis_plugin"}
     files = {name.name for name in names}
     modules = {file.name for file in PLUGIN.glob("*.py")}
-    assert files == modules | {"metadata.txt", "icon.png", "icon.svg", "LICENSE", wheel.name}
+    assert files == modules | {"metadata.txt", "icon.png", "icon.svg", "LICENSE"}
     general = metadata["general"]
-    for key in (
-        "name", "qgisMinimumVersion", "description", "about", "version", "author", "email",
-        "repository", "tracker", "homepage", "category", "tags", "changelog",
-    ):  # fmt: skip
-        assert general[key].strip(), key
     assert general["version"] == sassgis.__version__
     assert general["hasProcessingProvider"] == "yes" and general["icon"] in files
+
+
+def test_a_zip_that_the_index_would_refuse_is_named(tmp_path: Path, wheel: Path) -> None:
+    file = tmp_path / "plugin.zip"
+    make_zip(file)
+    assert problems_of(file) == [f"metadata: no {key}" for key in REQUIRED[-3:]]
+    make_zip(file, "https://example.org/sassgis", "me@example.org")
+    assert [p.split(":")[1].split()[0] for p in problems_of(file)] == [
+        "repository", "tracker", "homepage", "email",
+    ]  # fmt: skip
+    make_zip(file, "https://code.sassgis.ch/sassgis", "rockfall@sassgis.ch")
+    with zipfile.ZipFile(file, "a") as archive:
+        archive.write(wheel, f"sassgis_plugin/{wheel.name}")
+    assert problems_of(file) == [f"holds sassgis_plugin/{wheel.name}; expected no binaries"]
 
 
 def test_nothing_of_the_program_is_imported_and_qt_has_no_version() -> None:
@@ -176,12 +248,119 @@ def test_nothing_of_the_program_is_imported_and_qt_has_no_version() -> None:
             assert word not in text, f"{file.name}: {word}"
 
 
+def dotted(node: ast.expr) -> list[str]:
+    """Parts of a name with points: ``Qt.MouseButton.LeftButton``."""
+    if isinstance(node, ast.Attribute):
+        return [*dotted(node.value), node.attr]
+    return [node.id] if isinstance(node, ast.Name) else [""]
+
+
+def names_of_qt() -> dict[str, tuple[set[str], set[str]]]:
+    """Names that the plugin takes from Qt: the modules it looks in, and what it asks of each."""
+    found: dict[str, tuple[set[str], set[str]]] = {}
+    for file in PLUGIN.glob("*.py"):
+        nodes = list(ast.walk(ast.parse(file.read_text(encoding="utf-8"))))
+        own = set()
+        for node in nodes:
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("qgis.PyQt."):
+                for name in node.names:
+                    own.add(name.name)
+                    found.setdefault(name.name, (set(), set()))[0].add(str(node.module))
+        for node in nodes:
+            parts = dotted(node) if isinstance(node, ast.Attribute) else [""]
+            if parts[0] in own:
+                found[parts[0]][1].add(".".join(parts[1:]))
+    return found
+
+
+def test_values_of_qt_are_named_with_their_kind_as_qt_6_wants() -> None:
+    names = names_of_qt()
+    assert len(names) > 20 and "MouseButton.RightButton" in names["Qt"][1]
+    for name, (_, asked) in names.items():
+        for chain in asked:
+            # In Qt 6 there is Qt.MouseButton.RightButton, and no Qt.RightButton.
+            alone = chain[0].isupper() and "." not in chain
+            assert not alone or any(own.startswith(f"{chain}.") for own in asked), f"{name}.{chain}"
+
+
+def test_qt_6_has_the_names() -> None:
+    pytest.importorskip("PyQt6")
+    for name, (modules, asked) in names_of_qt().items():
+        parts = [module.replace("qgis.PyQt", "PyQt6") for module in modules]
+        (own, *_) = [
+            getattr(module, name)
+            for module in map(importlib.import_module, parts)
+            if hasattr(module, name)
+        ]
+        for chain in asked:
+            operator.attrgetter(chain)(own)
+
+
+def constants(name: str) -> dict[str, Any]:
+    """Plain values that a module of the plugin begins with."""
+    found = {}
+    for node in ast.parse((PLUGIN / f"{name}.py").read_text(encoding="utf-8")).body:
+        with contextlib.suppress(ValueError, AttributeError):
+            target = node.target if isinstance(node, ast.AnnAssign) else node.targets[0]
+            found[target.id] = ast.literal_eval(node.value)
+    return found
+
+
 def test_choices_are_those_of_the_program() -> None:
-    text = (PLUGIN / "algorithms.py").read_text(encoding="utf-8")
-    written = text.partition("GROUND_CLASSES = (")[2].partition(")")[0]
-    assert tuple(part.strip(' "\n') for part in written.split(",") if part.strip()) == tuple(
-        built_in_table().names
-    )
+    assert constants("command")["GROUND_CLASSES"] == tuple(built_in_table().names)
+    assert set(constants("run_tools")["PRESETS"]) <= set(preset_names())
+    own = constants("site_files")
+    known = {layer.name: tuple(layer.fields) for layer in site_layers()}
+    assert own["SITE_LAYERS"] == known
+    needed = {layer.name: layer.fields for layer in site_layers()}
+    for name, columns in own["NEEDED"].items():
+        assert all(needed[name][column].needed for column in columns)
+
+
+def scenario(*row: str) -> Scenario:
+    return Scenario(*row)
+
+
+def test_each_step_says_what_is_missing() -> None:
+    good = scenario("small", "0.1", "0.5", "0.2")
+    site = Site(terrain="dem", release="areas", ground="debris", scenarios=(good,), folder="/x")
+
+    def missing(**changes: object) -> dict[str, str]:
+        return {own.key: own.missing for own in steps_of(replace(site, **changes))}
+
+    assert missing() == {
+        "terrain": "", "release": "", "ground": "", "blocks": "", "run": "",
+        "zones": "the reference width", "sheet": "a result with zones or maps",
+    }  # fmt: skip
+    assert missing(terrain="", folder="")["run"] == "a terrain model; a folder for the result"
+    assert missing(program="not installed", ref_width_m=10.0)["zones"] == "not installed"
+    assert missing(ref_width_m=10.0)["zones"] == ""
+    assert "vulnerability" in missing(ref_width_m=10.0, exposed=True)["zones"]
+    rows = {
+        ("", "1", "2", ""): "no name", ("a", "x", "2", ""): "volumes are numbers",
+        ("a", "2", "1", ""): "not above the greatest", ("a", "1", "2", "-1"): "0 or more",
+        ("a", "1", "2", "often"): "number of blocks a year",
+    }  # fmt: skip
+    for row, words in rows.items():
+        assert words in missing(scenarios=(scenario(*row),))["blocks"]
+        assert words in missing(scenarios=(scenario(*row),))["run"]
+    assert "differ" in missing(scenarios=(good, good))["blocks"]
+    assert "onset frequency" in missing(scenarios=(scenario("a", "1", "2", ""),))["zones"]
+    texts = [next_step(steps_of(replace(site, **own))) for own in (
+        {"terrain": ""}, {}, {"simulated": "/x"}, {"simulated": "/x", "ref_width_m": 10.0},
+        {"simulated": "/x", "ref_width_m": 10.0, "changed_share": 0.01},
+    )]  # fmt: skip
+    assert texts == [
+        "Next: terrain (a terrain model).", "Next: run.", "All steps are done.", "Next: zones.",
+        "All steps are done.",
+    ]  # fmt: skip
+
+
+def test_how_far_zones_are_settled_has_three_grades() -> None:
+    assert [verdict(share)[0] for share in (0.0, 0.02, 0.021, 0.1, 0.4)] == [
+        "good", "good", "look", "look", "bad",
+    ]  # fmt: skip
+    assert "on 12.3 % of the zoned area" in verdict(0.123)[1]
 
 
 @pytest.mark.qgis
@@ -189,8 +368,13 @@ def test_the_provider_loads_and_leaves(seen: dict[str, Any]) -> None:
     assert seen["icon"] and seen["unloaded"] and seen["imported"] == []
     assert seen["algorithms"] == {
         name: [True, ""]
-        for name in ("batch", "calibrate", "diagnose", "environment", "profile", "run", "zone")
-    }
+        for name in (
+            "batch", "calibrate", "cliffs", "compare", "configuration", "dem_check", "diagnose",
+            "environment", "export", "frequency", "new_site", "profile", "rockyfor3d", "run",
+            "sensitivity", "sheets", "validate", "zone",
+        )
+    }  # fmt: skip
+    assert seen["menu"][0] == "Site: the work step by step"
     assert seen["menu"][-2:] == ["Make the environment ...", "Draw a profile"]
     # A line of one vertex is none.
     assert seen["drawn"] == [3]
@@ -205,7 +389,7 @@ def leaves(tree: list[dict[str, Any]]) -> list[dict[str, Any]]:
 def test_a_run_arrives_in_order_and_styled(seen: dict[str, Any], slope: Slope) -> None:
     call = seen["calls"]["run"]
     assert call["error"] is None
-    assert json.loads((slope.folder / "run" / "manifest.json").read_text())["seed"] == 5
+    assert json.loads((slope.folder / "run" / "manifest.json").read_text())["seed"] == 12345678
     assert call["results"]["REPORT"] == str(slope.folder / "run" / "report.html")
     (group,) = call["tree"]
     assert group["name"] == "run"
@@ -238,7 +422,20 @@ def test_zones_from_layers_come_from_a_configuration_that_is_kept(
     made = load_config(config)
     assert (made.release.spacing_m, made.release.rocks_per_point) == (6.0, 5)
     assert made.ground.default == "talus" and made.hazard.ref_width_m == 10.0
-    assert [b.name for b in made.blocks] == ["0.2 to 0.4 m3"]
+    assert [(b.name, b.volume_m3) for b in made.blocks] == [
+        ("small", (0.1, 0.3)), ("large", (1.0, 2.5)),
+    ]  # fmt: skip
+    assert [made.onsets[b.name].frequency for b in made.blocks] == [0.2, 0.05]
+    run = read_map_run(made)
+    assert {run.table.names[i] for i in np.unique(run.ground)} == {"talus", "soft_meadow"}
+    ((net, _),) = run.control_lines
+    assert (net.name, net.kind, net.height_m, net.capacity_kj) == ("net A", "net", 3.0, 1000.0)
+    assert run.forest is not None and run.forest.stems_per_m2.max() == pytest.approx(0.03)
+    # Equal layers are equal inputs: the second call had nothing to do anew.
+    assert seen["calls"]["again"]["error"] is None
+    share = float(call["results"]["CHANGED_SHARE"])
+    told = [t for t in (*call["info"], *call["warnings"]) if "Another sample of blocks would" in t]
+    assert f"on {100 * share:.1f} % of the zoned area" in told[-1]
     other = seen["calls"]["other choices"]["error"]
     assert "sassgis.toml: differs from what would be written" in other
     assert load_config(config).release.spacing_m == 6.0
@@ -248,7 +445,7 @@ def test_zones_from_layers_come_from_a_configuration_that_is_kept(
 def test_a_profile_is_that_of_the_selected_line(seen: dict[str, Any], slope: Slope) -> None:
     call = seen["calls"]["profile"]
     assert call["error"] is None and Path(call["results"]["REPORT"]).is_file()
-    assert len(gpd.read_file(slope.folder / "one_inputs" / "line.fgb")) == 1
+    assert len(gpd.read_file(slope.folder / "one_inputs" / "site.gpkg")) == 1
     assert "holds several lines" in seen["calls"]["two lines"]["error"]
 
 
@@ -259,12 +456,58 @@ def test_what_is_wrong_is_one_line(seen: dict[str, Any], slope: Slope) -> None:
         ("nothing", "Give either a configuration, or"),
         ("both", "Give either a configuration, or"),
         ("no width", "Reference width of all frequencies (m): zones from layers need it"),
+        ("no frequency", "large: zones from layers need its onset frequency"),
+        ("wrong row", "Block scenarios: a: the least volume is above 0"),
+        ("no kind", "bare: no attribute kind and height_m (there are fid, note; expected name"),
+        ("no vulnerability", "Exposed objects need a table of vulnerability"),
     ):
         error = seen["calls"][name]["error"]
         assert error.startswith("QgsProcessingException: ") and words in error, error
         assert "\n" not in error and "Error: " not in error and seen["calls"][name]["tree"] == []
         assert not any(words in line for line in seen["calls"][name]["info"])
     assert not (slope.folder / "x").exists()
+
+
+@pytest.mark.qgis
+def test_the_other_tools_do_their_work(others: dict[str, Any], slope: Slope) -> None:
+    calls = others
+    for name, call in calls.items():
+        assert call["error"] is None, (name, call["error"])
+    assert "coordinate system  CH1903+ / LV95" in calls["check"]["results"]["ANSWER"]
+    assert "ready for      run" in calls["validate"]["results"]["ANSWER"]
+    drawn = {layer["name"] for layer in leaves(calls["new"]["tree"])}
+    assert {"release_areas", "barriers", "ground"} <= drawn
+    assert len(gpd.read_file(slope.folder / "cliffs.gpkg")) > 0
+    assert (slope.folder / "change" / "report.html").is_file()
+    assert len(gpd.read_file(slope.folder / "zones.geojson")) > 0
+    sheets = sorted((slope.folder / "sheets").glob("*.pdf"))
+    assert len(sheets) > 3 and all(file.read_bytes()[:4] == b"%PDF" for file in sheets)
+
+
+@pytest.mark.qgis
+def test_the_panel_leads_from_terrain_to_sheets(
+    ask: Ask, slope: Slope, layers: dict[str, str], tmp_path: Path
+) -> None:
+    pictures = Path(os.environ.get("SASSGIS_PICTURES", tmp_path))
+    task = {"dem": slope.folder / "dem.tif", "layers": layers, "folder": tmp_path / "result",
+            "pictures": str(pictures)}  # fmt: skip
+    seen = ask(steps=task)["steps"]
+    assert seen["begin"]["next"] == "<b>Next: terrain (a terrain model).</b>"
+    assert not seen["begin"]["run"] and not seen["begin"]["zone"]
+    assert seen["terrain"]["next"] == "<b>Next: release areas (a layer of release areas).</b>"
+    assert "volumes are numbers" in seen["wrong row"]["status"]["blocks"]
+    assert seen["ready"]["run"] and not seen["ready"]["zone"]
+    assert "an onset frequency in each row" in seen["ready"]["status"]["zones"]
+    assert not seen["busy"]["run"] and seen["run ended"] == [True]
+    assert "vulnerability" in seen["exposed"]["status"]["zones"]
+    assert seen["zone ended"][-1] is True, seen["after zone"]
+    after = seen["after zone"]
+    manifest = json.loads((tmp_path / "result" / "manifest.json").read_text())
+    share = manifest["settings"]["zoning"]["changed_share"]
+    assert after["bar"] == round(1000 * share) and f"on {100 * share:.1f} %" in after["share"]
+    assert after["next"] == "<b>All steps are done.</b>" and "Hazard level" in after["sheets"][0]
+    assert any("Hazard zones" in layer["name"] for layer in leaves(seen["tree"]))
+    assert all((pictures / f"{name}.png").stat().st_size > 10_000 for name in ("before", "after"))
 
 
 @pytest.mark.qgis
@@ -299,6 +542,12 @@ def test_commands_get_their_arguments_and_none_of_the_surroundings(
         calling("diagnose", out, **in_folder, MAP=True),
         calling("batch", out, **both, RELEASES=table, MOSAIC_ONLY=True, MEMORY=2.5),
         calling("batch", out, **both),
+        calling("sensitivity", out, **both, SAMPLES=16, SEED=2147483647),
+        {
+            "algorithm": "sassgis:frequency",
+            "parameters": {"VOLUMES": table, "COMPLETE": 0.05, "YEARS": 40, "LIMITS": "0.1,1"},
+        },
+        calling("rockyfor3d", tmp_path / "r.toml", FOLDER=slope.folder, CRS="EPSG:2056"),
         program=echo,
     )["calls"]
     tail, config, folder = f"--jobs 1 -o {out} --overwrite", slope.config, slope.folder
@@ -310,21 +559,32 @@ def test_commands_get_their_arguments_and_none_of_the_surroundings(
             f"batch {table} --config {config} --mosaic-only --memory 2.5",
             f"batch {config}",
         ),
-        strict=True,
+        strict=False,
     ):
         assert call["error"] is None
         assert f"called: {command} {tail}; PYTHONSTARTUP=[]" in call["info"]
         assert any("sassgis 9.9.9 is installed" in text for text in call["warnings"])
         # Without a project, each layer brings the style that the file has for it.
         assert "categorizedSymbol" in {layer["renderer"] for layer in leaves(call["tree"])}
+    # Numbers of a million and more keep all of their digits.
+    for call, words in zip(
+        report[4:],
+        (
+            f"sensitivity {config} --samples 16 --jobs 1 --seed 2147483647 -o {out} --overwrite",
+            f"frequency {table} --complete-from 0.05 --years 40 --scenarios 0.1,1",
+            f"init {tmp_path / 'r.toml'} --rockyfor3d {folder} --set terrain.crs=EPSG:2056",
+        ),
+        strict=True,
+    ):
+        assert f"called: {words}; PYTHONSTARTUP=[]" in call["info"], call
 
 
 @pytest.mark.qgis
-def test_the_environment_is_made_from_the_wheel_in_the_zip(
+def test_the_environment_is_made_from_a_wheel(
     ask: Ask, slope: Slope, wheel: Path, tmp_path: Path
 ) -> None:
     run = calling("run", tmp_path / "o", CONFIG=slope.config)
-    make = {"algorithm": "sassgis:environment", "parameters": {}}
+    make = {"algorithm": "sassgis:environment", "parameters": {"SOURCE": wheel}}
     wrong = {"algorithm": "sassgis:environment", "parameters": {"PYTHON": "/bin/false"}}
     report = ask(run, wrong, make, run, program="")
     before, refused, made, after = report["calls"]

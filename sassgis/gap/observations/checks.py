@@ -148,7 +148,9 @@ def _belonging(obs: Observations, grid: Grid | None) -> Iterator[ObservationFind
 def empty_tables(observations: Observations, read: Iterable[str]) -> list[ObservationFinding]:
     """Tables that are there and hold nothing, and none at all that can be used."""
     found = [
-        ObservationFinding("warning", "table has no rows", observations.files.get(name, ""), name)
+        ObservationFinding(
+            "warning", "table has no rows", str(observations.files.get(name, "")), name
+        )
         for name in read
         if name in TABLES and not len(observations.tables[name])
     ]
@@ -158,7 +160,7 @@ def empty_tables(observations: Observations, read: Iterable[str]) -> list[Observ
             ObservationFinding(
                 "error",
                 "holds no observed rock",
-                next(iter(observations.files.values()), ""),
+                str(next(iter(observations.files.values()), "")),
                 found=", ".join(counted) or "no table",
                 expected=f"rows in {', '.join(POINT_TABLES[1:-1])} or {POINT_TABLES[-1]}",
             )

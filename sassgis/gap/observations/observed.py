@@ -23,6 +23,7 @@ from sassgis.gap.observations.tables import (
     Trajectories,
 )
 from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.in_memory import Input
 
 #: Density where none is observed (kg/m³), to get a size from a mass.
 DENSITY_KGM3 = 2700.0
@@ -49,7 +50,7 @@ class Observations:
     deposits: Deposits = field(default_factory=Deposits.of)
     trajectories: Trajectories = field(default_factory=Trajectories.of)
     metadata: Metadata = field(default_factory=Metadata)
-    files: Mapping[str, str] = field(default_factory=dict)
+    files: Mapping[str, Input] = field(default_factory=dict)
     findings: tuple[ObservationFinding, ...] = ()
 
     @property

@@ -51,7 +51,7 @@ class Rule:
             yield ObservationFinding(
                 self.level,
                 self.problem.format(**words),
-                observations.files.get(table, ""),
+                str(observations.files.get(table, "")),
                 table,
                 column or self.column,
                 tuple(rows.tolist()),

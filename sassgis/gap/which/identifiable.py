@@ -138,6 +138,15 @@ def _missing_on_the_path(found: Identifiable) -> Iterable[str]:
         )
 
 
+#: Keys of ``metadata`` that state an error of measurement, by what was measured.
+_ERRORS = {
+    "positions": "position_error_m",
+    "speeds": "speed_error_rel",
+    "rotations": "rotation_error_rel",
+    "heights": "height_error_m",
+}
+
+
 def _missing_of_rocks(observations: Observations) -> Iterable[str]:
     rocks = observations.rocks
     masses = rock_masses_kg(observations)
@@ -151,13 +160,14 @@ def _missing_of_rocks(observations: Observations) -> Iterable[str]:
         )
     if not {"semi_axis_a_m", "semi_axis_b_m", "semi_axis_c_m"} <= rocks.present:
         yield "No semi-axes of the rocks: an effect of rock shape is not identifiable."
-    meta = observations.metadata
-    if all(
-        math.isnan(e) for e in (meta.speed_error_rel, meta.rotation_error_rel, meta.height_error_m)
-    ):
+    missing = [
+        what for what, key in _ERRORS.items() if math.isnan(getattr(observations.metadata, key))
+    ]
+    if missing:
+        whose = "" if len(missing) == len(_ERRORS) else f" of {' and '.join(missing)}"
         yield (
-            "Errors of measurement are not stated: noise of the measurement and scatter of the "
-            "rocks are kept apart by assumption only."
+            f"Errors of measurement{whose} are not stated: noise of the measurement and scatter of "
+            "the rocks are kept apart by assumption only."
         )
 
 

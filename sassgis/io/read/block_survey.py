@@ -33,6 +33,13 @@ def read_block_survey(file: Path) -> tuple[BlockSurvey, tuple[str, ...]]:
     columns, _, _ = csv_cells(text, file)
     needed = _CLASSES if "from_m3" in columns else _LIST
     read = {*needed, "count"}
+    for name in needed:
+        if name not in columns:
+            raise InputError(
+                "row 1: missing column", file=file, field=name,
+                found=", ".join(columns) or "nothing",
+                expected=f"{_LIST[0]}, or {', '.join(_CLASSES[:-1])} and {_CLASSES[-1]}",
+            )  # fmt: skip
     others = tuple(c for c in columns if c not in read)
     rows = []
     for where, row in csv_rows(text, file, needed, ("count", *others), tuple(read)):

@@ -30,6 +30,7 @@ from pydantic import (
     Strict,
     ValidationError,
     ValidationInfo,
+    WrapValidator,
 )
 from pydantic.json_schema import GenerateJsonSchema
 from pydantic_core import CoreSchema, PydanticCustomError
@@ -46,6 +47,7 @@ from sassgis.model.declared import (
     fault,
 )
 from sassgis.model.errors import ConfigError
+from sassgis.model.in_memory import InMemory, Input
 
 # The keys are known at run time only, which type checkers do not follow.
 new_table: Any = TypedDict
@@ -154,7 +156,8 @@ def _accepted(kind: Any) -> Any:
     """The pydantic type of an annotation: what the user may write for it."""
     origin, parts = get_origin(kind), get_args(kind)
     if origin in (Union, types.UnionType):
-        return _accepted(next(p for p in parts if p is not type(None))) | None
+        accepted = _accepted(next(p for p in parts if p is not type(None)))
+        return accepted | None if type(None) in parts else accepted
     if origin is Literal:
         return kind
     if origin is tuple:
@@ -162,7 +165,7 @@ def _accepted(kind: Any) -> Any:
     if origin is not None and origin is not Annotated:
         return dict[int, _keeping_limits(_accepted(parts[1]), parts[1])]  # type: ignore[misc]
     if kind is Path:
-        return Annotated[Path, AfterValidator(_anchored)]
+        return Annotated[Path, WrapValidator(_in_memory), AfterValidator(_anchored)]
     if origin is not Annotated:
         return _PLAIN[kind]
     accepted = _accepted(parts[0])
@@ -191,8 +194,15 @@ def _pair(value: object) -> object:
     return value
 
 
-def _anchored(value: Path, info: ValidationInfo) -> Path:
+def _in_memory(value: object, otherwise: Callable[[object], Path]) -> Input:
+    """What is in memory stays as it is; all else is a path."""
+    return value if isinstance(value, InMemory) else otherwise(value)
+
+
+def _anchored(value: Input, info: ValidationInfo) -> Input:
     """Paths are relative to the configuration file."""
+    if isinstance(value, InMemory):
+        return value
     if str(value) in ("", "."):
         raise _refused("is empty", "the path of a file", None, "''")
     base = (info.context or {}).get("base", Path())
@@ -314,7 +324,7 @@ class Messages:
         From the place of an unknown key to what was probably meant.
     """
 
-    file: Path
+    file: Path | None
     document: Mapping[str, Any]
     lists: tuple[str, ...]
     keys_at: Callable[[Place], Mapping[str, Declared]]

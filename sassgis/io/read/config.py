@@ -1,6 +1,8 @@
 """One TOML file describes a run: strict keys, units in the names, paths relative to the file.
 
-``load_config`` is cheap: it opens no raster and no layer. The readers check what the files hold.
+``load_config`` reads it, ``configure`` takes the same sections and keys from a program, with
+inputs in memory where files are named. Both are cheap: no raster and no layer is opened. The
+readers check what the inputs hold.
 """
 
 from __future__ import annotations
@@ -12,11 +14,13 @@ import json
 import os
 from collections import Counter
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from functools import cache, partial
 from os import PathLike
 from pathlib import Path
 from typing import Any, NotRequired
 
+import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
@@ -38,6 +42,7 @@ from sassgis.model.effects import EffectSection, EffectSettings
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.exposure import ObjectSettings, RiskSettings
 from sassgis.model.hazard import HazardSettings, Onset, ZoningSettings
+from sassgis.model.in_memory import AnyInput, InMemory
 from sassgis.model.results import ControlLine
 from sassgis.model.run_config import Config
 from sassgis.model.settings import (
@@ -92,6 +97,12 @@ def declared_sections() -> dict[str, Mapping[str, Declared]]:
             found[name] = declared(cls)
     return found
 
+
+#: Keys that name files, by section; the keys of ``[[...]]`` are those of each entry.
+FILE_KEYS: Mapping[str, tuple[str, ...]] = {
+    name: tuple(key for key, own in keys.items() if is_file(own.kind))
+    for name, keys in declared_sections().items()
+}
 
 # ---------------------------------------------------------------------------------------------
 # Reading
@@ -155,8 +166,80 @@ def load_config(path: str | PathLike[str], overrides: Mapping[str, object] | Non
         if not key or not isinstance(target, dict):
             raise ConfigError("cannot be overridden", field=dotted, expected="a key as in run.seed")
         target[key] = value
+    return _config_of(document, file.resolve(), file.parent.resolve())
 
-    file = file.resolve()
+
+def configure(**sections: Any) -> Config:
+    """A configuration made by a program: the sections and keys of the file, as keywords.
+
+    Parameters
+    ----------
+    **sections
+        Each a mapping of keys to values, or its settings as an object; ``blocks``, ``stations``,
+        ``barriers`` and ``objects`` a sequence of them. Where a key names a file, the value may be
+        a path, or what is in memory: a raster as xarray.DataArray or as (array, affine transform,
+        coordinate system), a layer as GeoDataFrame, a table as DataFrame, for ``ground.classes``
+        also ground classes. Paths are relative to the working folder.
+
+    Raises
+    ------
+    ConfigError
+        As load_config.
+    InputError
+        What is in memory cannot be used.
+
+    Examples
+    --------
+    >>> import sassgis
+    >>> config = sassgis.configure(
+    ...     terrain={"dem": "dem.tif"},
+    ...     release={"file": "release.gpkg", "spacing_m": 10},
+    ...     blocks=[{"name": "1 m3", "volume_m3": (0.5, 2), "onset_frequency": 0.1}],
+    ... )
+    >>> config.blocks[0].volume_m3
+    (0.5, 2.0)
+    """
+    document: dict[str, Any] = {}
+    for name, value in sections.items():
+        if name in LISTS:
+            several = [value] if isinstance(value, Mapping | Section) else value
+            document[name] = [_plain_section(name, one) for one in several]
+        elif name == "effects" and isinstance(value, Mapping):
+            document[name] = {k: _plain_section(f"effects.{k}", v) for k, v in value.items()}
+        elif value is not None:
+            document[name] = _plain_section(name, value)
+    return _config_of(document, None, Path.cwd())
+
+
+def _plain_section(name: str, value: Any) -> Any:
+    """A section as a file has it: plain values, and inputs that may be in memory."""
+    # What reads frames takes long to load.
+    from sassgis.io.read.given_inputs import as_input
+
+    if isinstance(value, Section):
+        keys = declared(type(value)).values()
+        value = {k.name: v for k in keys if (v := getattr(value, k.name)) != k.default}
+    if not isinstance(value, Mapping):
+        return value
+    files = FILE_KEYS.get(name, ())
+    given = {key: own for key, own in value.items() if own is not None}
+    return {
+        key: as_input(own, f"{name}.{key}") if key in files else _plain_value(own)
+        for key, own in given.items()
+    }
+
+
+def _plain_value(value: Any) -> Any:
+    """Numbers and lists without numpy's types."""
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    if isinstance(value, list | tuple):
+        return [_plain_value(v) for v in value]
+    return value
+
+
+def _config_of(document: dict[str, Any], file: Path | None, base: Path) -> Config:
+    """The configuration of a document, checked; ``file`` is None where a program made it."""
     for section in _GONE.keys() & document.keys():
         raise ConfigError(
             "is no section any more", file=file, field=section, found=f"[{section}]",
@@ -164,9 +247,7 @@ def load_config(path: str | PathLike[str], overrides: Mapping[str, object] | Non
         )  # fmt: skip
     notes = _with_new_names(document, file)
     try:
-        sections = _document().validate_python(
-            document, context={"base": file.parent, "file": file}
-        )
+        sections = _document().validate_python(document, context={"base": base, "file": file})
     except ValidationError as error:
         messages = Messages(file, document, LISTS, _keys_at, _nearest)
         raise _first_of(messages.of(error)) from None
@@ -175,11 +256,15 @@ def load_config(path: str | PathLike[str], overrides: Mapping[str, object] | Non
     problems += [m for m in made if isinstance(m, ConfigError)]
     if problems:
         raise _first_of(problems)
-    return _config(sections, tuple(m for m in made if isinstance(m, BlockPopulation)), file, notes)
+    blocks = tuple(m for m in made if isinstance(m, BlockPopulation))
+    return replace(_config(sections, blocks, file, notes), given=document, base=base)
 
 
 def _config(
-    sections: Mapping[str, Any], blocks: tuple[BlockPopulation, ...], file: Path, notes: list[str]
+    sections: Mapping[str, Any],
+    blocks: tuple[BlockPopulation, ...],
+    file: Path | None,
+    notes: list[str],
 ) -> Config:
     """The configuration from its sections; those that the file has not keep their defaults."""
     effects: dict[str, EffectTable] = sections.get("effects", {})
@@ -205,7 +290,7 @@ def _config(
     )
 
 
-def _with_new_names(document: dict[str, Any], file: Path) -> list[str]:
+def _with_new_names(document: dict[str, Any], file: Path | None) -> list[str]:
     """Put the present key in place of a former one; what was found, for the user."""
     notes: dict[str, None] = {}
     for section, keys in declared_sections().items():
@@ -224,8 +309,8 @@ def _with_new_names(document: dict[str, Any], file: Path) -> list[str]:
                     )
                 table[key] = table.pop(own.old_name)
                 notes[
-                    f"{file}: {section}.{own.old_name} is now called {key}; the next version will "
-                    "not know the former name"
+                    f"{file or 'configuration'}: {section}.{own.old_name} is now called {key}; the "
+                    "next version will not know the former name"
                 ] = None
     return list(notes)
 
@@ -282,11 +367,17 @@ def _plain(item: Any) -> dict[str, Any]:
     keys = declared(type(item)) if isinstance(item, Section) else dataclasses.fields(item)
     names = [own.name for own in (keys.values() if isinstance(keys, Mapping) else keys)]
     plain: dict[str, Any] = json.loads(
-        json.dumps({name: getattr(item, name) for name in names}, default=str)
+        json.dumps({name: getattr(item, name) for name in names}, default=_as_text)
     )
     return plain
 
 
+def _as_text(value: object) -> str:
+    """A path as it stands; an input in memory by what it holds."""
+    return f"{_IN_MEMORY}{value.digest}" if isinstance(value, InMemory) else str(value)
+
+
+_IN_MEMORY = "in memory: "
 #: Sections that bear on what the blocks do; the rest is about speed and presentation.
 PHYSICS_SECTIONS = (
     "terrain",
@@ -323,7 +414,7 @@ def settings_hash(config: Config, *, sections: Iterable[str] = PHYSICS_SECTIONS)
         if isinstance(node, dict):
             return {
                 k: digests.setdefault(v, file_digest(v))
-                if k in _PATH_KEYS and isinstance(v, str)
+                if k in _PATH_KEYS and isinstance(v, str) and not v.startswith(_IN_MEMORY)
                 else by_content(v)
                 for k, v in node.items()
             }
@@ -338,17 +429,17 @@ def settings_hash(config: Config, *, sections: Iterable[str] = PHYSICS_SECTIONS)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-_PATH_KEYS = frozenset(
-    key for keys in declared_sections().values() for key, own in keys.items() if is_file(own.kind)
-)
+_PATH_KEYS = frozenset(key for keys in FILE_KEYS.values() for key in keys)
 _SIDECARS = (
     *(".shx", ".dbf", ".prj", ".cpg", ".qpj", ".aux", ".hdr"),
     *(".tfw", ".tifw", ".wld", ".aux.xml", ".flt", ".bil"),
 )
 
 
-def file_digest(path: str | PathLike[str]) -> str:
+def file_digest(path: AnyInput) -> str:
     """SHA-256 of a file with the side files that give it meaning (.prj, .dbf, .aux.xml, ...)."""
+    if isinstance(path, InMemory):
+        return path.digest
     main = Path(path)
     if main.is_dir():  # an Esri file geodatabase
         parts = sorted(p for p in main.rglob("*") if p.is_file() and p.suffix != ".lock")
@@ -379,13 +470,13 @@ def _first_of(problems: list[ConfigError]) -> ConfigError:
     return first
 
 
-def _relocated(error: InputError, file: Path, field: str | None) -> ConfigError:
+def _relocated(error: InputError, file: Path | None, field: str | None) -> ConfigError:
     return ConfigError(
         error.problem, file=file, field=field, found=error.found, expected=error.expected
     )
 
 
-def _cross_checks(sections: Mapping[str, Any], file: Path) -> list[ConfigError]:
+def _cross_checks(sections: Mapping[str, Any], file: Path | None) -> list[ConfigError]:
     """What no section can see by itself."""
     wrong = partial(ConfigError, file=file)
     problems: list[ConfigError] = []
@@ -427,7 +518,7 @@ def _cross_checks(sections: Mapping[str, Any], file: Path) -> list[ConfigError]:
     return problems
 
 
-def _population(block: BlockSettings, file: Path) -> BlockPopulation | ConfigError:
+def _population(block: BlockSettings, file: Path | None) -> BlockPopulation | ConfigError:
     names = {field.name for field in dataclasses.fields(BlockPopulation)} - set(AXES)
     plain: dict[str, Any] = {name: getattr(block, name) for name in names} | block.axes
     try:

@@ -8,12 +8,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 from sassgis.io.read.plain_file import check_text, read_text
 from sassgis.io.read.vector_features import nearest
 from sassgis.model.errors import InputError
+from sassgis.model.in_memory import Input
 
 _TRUTH = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
 
@@ -42,7 +42,7 @@ class CsvColumn:
     default: object = None
     what: str = ""
 
-    def value(self, cell: object, where: str, name: str, file: Path) -> Any:
+    def value(self, cell: object, where: str, name: str, file: Input) -> Any:
         """What a cell holds; InputError with the row and the column if that cannot be."""
         wrong = partial(InputError, file=file, field=name, found=repr(cell))
         if self.default is not None and (cell is None or cell == ""):
@@ -71,7 +71,7 @@ Columns = Mapping[str, CsvColumn]
 
 
 def read_table(
-    file: Path, field: str | None, what: str, columns: Columns
+    file: Input, field: str | None, what: str, columns: Columns
 ) -> Iterator[tuple[str, dict[str, Any]]]:
     """Rows of a CSV file with the columns that are declared and no others.
 
@@ -99,7 +99,9 @@ def required_and_optional(columns: Columns) -> tuple[list[str], list[str]]:
     return required, [name for name in columns if name not in required]
 
 
-def row_of(cells: Mapping[str, object], columns: Columns, where: str, file: Path) -> dict[str, Any]:
+def row_of(
+    cells: Mapping[str, object], columns: Columns, where: str, file: Input
+) -> dict[str, Any]:
     """Values of a row as its columns declare them."""
     return {
         name: column.value(cells.get(name), where, name, file) for name, column in columns.items()
@@ -107,7 +109,7 @@ def row_of(cells: Mapping[str, object], columns: Columns, where: str, file: Path
 
 
 def csv_rows(
-    text: str, file: Path, required: Sequence[str], optional: Sequence[str], numbers: Sequence[str]
+    text: str, file: Input, required: Sequence[str], optional: Sequence[str], numbers: Sequence[str]
 ) -> Iterator[tuple[str, dict[str, str]]]:
     """Rows of a CSV text by column, with the number of their line.
 
@@ -146,7 +148,7 @@ def csv_rows(
         yield where, row
 
 
-def csv_cells(text: str, file: Path) -> tuple[list[str], str, Iterator[tuple[int, list[str]]]]:
+def csv_cells(text: str, file: Input) -> tuple[list[str], str, Iterator[tuple[int, list[str]]]]:
     """Cells of a CSV text as they stand.
 
     Returns
@@ -180,7 +182,7 @@ def csv_cells(text: str, file: Path) -> tuple[list[str], str, Iterator[tuple[int
 
 def check_columns(
     columns: Sequence[str],
-    file: Path,
+    file: Input,
     where: str,
     required: Sequence[str],
     optional: Sequence[str],
@@ -207,7 +209,7 @@ def check_columns(
 
 
 @contextmanager
-def errors_of_row(where: str, file: Path) -> Iterator[None]:
+def errors_of_row(where: str, file: Input) -> Iterator[None]:
     """Name row and file in the InputError of a class that checks its own values."""
     try:
         yield
@@ -221,7 +223,7 @@ def errors_of_row(where: str, file: Path) -> Iterator[None]:
         ) from None
 
 
-def number(value: object, where: str, column: str, file: Path) -> float:
+def number(value: object, where: str, column: str, file: Input) -> float:
     """Finite number in a cell; InputError with the row and the column otherwise."""
     try:
         if isinstance(value, bool):

@@ -9,24 +9,26 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
-from os import PathLike
-from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyproj
 import rasterio
 from affine import Affine
 from numpy.typing import NDArray
 from rasterio.enums import ColorInterp, Resampling
 from rasterio.errors import NotGeoreferencedWarning, RasterioError, RasterioIOError
+from rasterio.io import MemoryFile
 from rasterio.warp import reproject
 from rasterio.windows import Window
 
 from sassgis.io.read.dem_system import dem_system
 from sassgis.io.read.offline import RASTER, offline, open_dataset
-from sassgis.io.read.plain_file import check_file, check_text
+from sassgis.io.read.plain_file import check_file, check_text, in_memory
+from sassgis.model.crs import same_crs
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid
+from sassgis.model.in_memory import AnyInput, InMemory, Input, named
 from sassgis.model.memory import require_memory
 
 log = logging.getLogger(__name__)
@@ -45,6 +47,8 @@ LOWEST_M, HIGHEST_M = -500.0, 9000.0
 ZERO_GAP_M = 50.0
 #: Shift (in cells) over the whole raster below which cells count as square.
 _SQUARE_TOLERANCE = 0.01
+#: So many whole numbers or fewer, in so many rows, are no heights.
+_MOST_CLASSES, _LOOKED_AT = 20, 500
 #: Of a cell while its height is read: as stored, as a number, and what is known of it (bytes).
 _READING = 20
 
@@ -66,7 +70,7 @@ class DemFile:
         Metres per unit of the height system.
     """
 
-    file: Path
+    file: Input
     band: int
     transform: Affine
     shape: tuple[int, int]
@@ -81,12 +85,15 @@ class DemFile:
 
 
 def describe_dem(
-    path: str | PathLike[str], crs: str | None = None, vertical_datum: str | None = None
+    path: AnyInput,
+    crs: str | None = None,
+    vertical_datum: str | None = None,
+    override_crs: bool = False,
 ) -> DemFile:
     """What a terrain model is, without its heights; parameters and errors are those of read_dem."""
-    file = Path(path)
+    file = named(path)
     with open_raster(file, "terrain.dem") as dataset:
-        return _described(dataset, file, crs, vertical_datum)
+        return _described(dataset, file, crs, vertical_datum, override_crs)
 
 
 def read_dem_part(dem: DemFile, rows: slice, cols: slice) -> FloatArray:
@@ -107,7 +114,10 @@ def read_dem_part(dem: DemFile, rows: slice, cols: slice) -> FloatArray:
 
 
 def read_dem(
-    path: str | PathLike[str], crs: str | None = None, vertical_datum: str | None = None
+    path: AnyInput,
+    crs: str | None = None,
+    vertical_datum: str | None = None,
+    override_crs: bool = False,
 ) -> Grid:
     """Read a terrain model.
 
@@ -118,9 +128,11 @@ def read_dem(
     crs
         Coordinate system that is used where the file has none, as pyproj understands it
         ("EPSG:2056"), or "local" for local coordinates in metres. If the file has one, both must
-        be the same.
+        be the same, unless ``override_crs``.
     vertical_datum
         Name of the height system that is used where the file states none.
+    override_crs
+        Whether ``crs`` counts even though the file states another system.
 
     Returns
     -------
@@ -128,9 +140,9 @@ def read_dem(
         Heights in metres, NaN where nothing is known. Rotated rasters and rasters whose cells are
         not square are resampled (bilinear) to square cells of the shorter side; the log says so.
     """
-    file = Path(path)
+    file = named(path)
     with open_raster(file, "terrain.dem") as dataset:
-        dem = _described(dataset, file, crs, vertical_datum)
+        dem = _described(dataset, file, crs, vertical_datum, override_crs)
         require_room(dem.shape, file)
         values = _heights(dataset, dem)
     if not np.isfinite(values).any():
@@ -156,12 +168,14 @@ def read_dem(
     )
 
 
-def require_room(shape: tuple[int, int], file: Path) -> None:
+def require_room(shape: tuple[int, int], file: Input) -> None:
     """Raise InputError if the heights of so many rows and columns do not fit into the memory."""
     require_memory({"terrain.dem": _READING * shape[0] * shape[1]}, file)
 
 
-def _described(dataset: Any, file: Path, crs: str | None, vertical_datum: str | None) -> DemFile:
+def _described(
+    dataset: Any, file: Input, crs: str | None, vertical_datum: str | None, override_crs: bool
+) -> DemFile:
     band = height_band(dataset, file)
     if min(dataset.shape) < 3:
         raise InputError(
@@ -172,7 +186,9 @@ def _described(dataset: Any, file: Path, crs: str | None, vertical_datum: str | 
         )
     transform = _transform(dataset, file)
     bounds = _outer_bounds(transform, dataset.shape)
-    plane, datum, vertical_unit = dem_system(dataset, file, crs, vertical_datum, bounds)
+    plane, datum, vertical_unit = dem_system(
+        dataset, file, crs, vertical_datum, bounds, override_crs
+    )
     check_text(datum, file, "height system")
     check_text("" if plane is None else plane.name, file, "coordinate system")
     wkt = "" if plane is None else plane.to_wkt()
@@ -184,9 +200,13 @@ def _described(dataset: Any, file: Path, crs: str | None, vertical_datum: str | 
 
 
 @contextmanager
-def open_raster(file: Path, key: str) -> Iterator[Any]:
+def open_raster(file: Input, key: str) -> Iterator[Any]:
     """Open a raster or say in one line why that cannot be done."""
     check_file(file, key, RASTER)
+    if isinstance(file, InMemory):
+        with MemoryFile(in_memory(file, "raster", key, RASTER)) as held, held.open() as dataset:
+            yield dataset
+        return
     with warnings.catch_warnings(), offline(), rasterio.Env(GTIFF_REPORT_COMPD_CS="YES"):
         warnings.simplefilter("ignore", NotGeoreferencedWarning)
         try:
@@ -203,12 +223,12 @@ def open_raster(file: Path, key: str) -> Iterator[Any]:
             yield dataset
 
 
-def _reason(error: Exception, file: Path) -> str:
+def _reason(error: Exception, file: Input) -> str:
     text = str(error).replace(f"'{file}' ", "").replace(str(file), file.name)
     return (text.splitlines() or [type(error).__name__])[0][:160]
 
 
-def height_band(dataset: Any, file: Path) -> int:
+def height_band(dataset: Any, file: Input) -> int:
     """Number of the one band with heights; a transparency band beside it does no harm."""
     wrong = partial(InputError, file=file)
     bands = [i for i, kind in enumerate(dataset.colorinterp, start=1) if kind != ColorInterp.alpha]
@@ -217,26 +237,21 @@ def height_band(dataset: Any, file: Path) -> int:
         raise wrong(
             "holds no band itself",
             found=f"subdatasets {names}",
-            expected="a raster with one band; extract the heights with gdal_translate",
+            expected="a raster with one band; extract the heights with rio convert",
         )
     if len(bands) != 1:
         raise wrong(
             "has several bands",
             found=f"{dataset.count} bands",
-            expected="one band of heights; extract it with gdal_translate -b",
+            expected="one band of heights; extract it with rio stack FILE --bidx 1 -o NEW",
         )
     kind = np.dtype(dataset.dtypes[bands[0] - 1])
     if kind.kind not in "iuf":
         raise wrong("holds no real numbers", found=str(kind), expected="heights in metres")
-    if kind == np.uint8:
-        log.warning(
-            "%s: heights are stored as bytes (0 to 255); this may be an image such as a hillshade",
-            file,
-        )
     return bands[0]
 
 
-def _transform(dataset: Any, file: Path) -> Affine:
+def _transform(dataset: Any, file: Input) -> Affine:
     transform: Affine = dataset.transform
     # GDAL reports the identity, with rows running down, where a file has no georeference.
     if transform.is_identity:
@@ -244,7 +259,7 @@ def _transform(dataset: Any, file: Path) -> Affine:
             "has no georeference",
             file=file,
             found="control points only" if dataset.gcps[0] else "no corner and no cell size",
-            expected="a raster placed on the map; use gdalwarp, or add a world file",
+            expected="a raster on the map: place it in QGIS (Georeferencer), or add a world file",
         )
     if transform.is_degenerate or not all(math.isfinite(v) for v in transform[:6]):
         raise InputError("has an unusable georeference", file=file, found=tuple(transform[:6]))
@@ -263,7 +278,7 @@ def _outer_bounds(transform: Affine, shape: tuple[int, int]) -> tuple[float, flo
 # Heights
 
 
-def _height_unit(dataset: Any, band: int, file: Path, vertical_unit: float) -> float:
+def _height_unit(dataset: Any, band: int, file: Input, vertical_unit: float) -> float:
     """Metres per unit of the band: what the band states counts before the height system."""
     stated = (dataset.units[band - 1] or "").strip().lower()
     if stated not in METRES:
@@ -280,7 +295,7 @@ def _height_unit(dataset: Any, band: int, file: Path, vertical_unit: float) -> f
     return unit
 
 
-def read_band(dataset: Any, band: int, file: Path, part: Window | None = None) -> Any:
+def read_band(dataset: Any, band: int, file: Input, part: Window | None = None) -> Any:
     """A band as stored, masked where it is nodata or transparent."""
     try:
         raw = dataset.read(band, masked=True, window=part)
@@ -324,13 +339,40 @@ def _heights(dataset: Any, dem: DemFile, part: Window | None = None) -> FloatArr
             found=f"{int(absurd.sum())} cells, the first {stored:g} at "
             f"row {row + first[0] + 1}, column {col + first[1] + 1}",
             expected=f"heights from {LOWEST_M:g} to {HIGHEST_M:g} m; "
-            f"declare nodata with gdal_edit.py -a_nodata {stored:g}",
+            f"declare nodata with rio edit-info FILE --nodata {stored:g}",
         )
     _warn_of_zeros(values, file, band)
+    kinds = few_values(values)
+    if kinds:
+        log.warning(
+            "%s: band %d holds %d different numbers from %g to %g: a map of classes, such as zones "
+            "or codes of ground, is no terrain model",
+            file, band, len(kinds), kinds[0], kinds[-1],
+        )  # fmt: skip
+    elif raw.dtype == np.uint8:
+        log.warning(
+            "%s: heights are stored as bytes (0 to 255); this may be an image such as a hillshade",
+            file,
+        )
     return values
 
 
-def _warn_of_zeros(values: FloatArray, file: Path, band: int) -> None:
+def few_values(values: FloatArray) -> list[float]:
+    """The numbers of a raster, if they are whole and so few that they are codes of classes."""
+    kinds: list[float] = []
+    cells = 0
+    for row in values[:: max(1, values.shape[0] // _LOOKED_AT)]:
+        known = row[np.isfinite(row)]
+        if (known != np.rint(known)).any():
+            return []
+        kinds, cells = np.union1d(kinds, known).tolist(), cells + known.size
+        if len(kinds) > _MOST_CLASSES:
+            return []
+    # A plain has one height, and a few cells have few.
+    return kinds if len(kinds) > 1 and cells >= _MOST_CLASSES * len(kinds) else []
+
+
+def _warn_of_zeros(values: FloatArray, file: Input, band: int) -> None:
     """Zero often means nodata; amid mountains it shows."""
     zero = values == 0.0
     if not zero.any():
@@ -347,7 +389,7 @@ def _warn_of_zeros(values: FloatArray, file: Path, band: int) -> None:
         )
 
 
-def _refuse_infinite(values: FloatArray, file: Path, band: int, first: tuple[int, int]) -> None:
+def _refuse_infinite(values: FloatArray, file: Input, band: int, first: tuple[int, int]) -> None:
     infinite = np.isinf(values)
     if infinite.any():
         row, col = np.unravel_index(int(np.argmax(infinite)), values.shape)
@@ -383,7 +425,7 @@ def _is_square(transform: Affine, shape: tuple[int, ...]) -> bool:
     return cell > 0.0 and transform.e < 0.0 and skew * max(shape) <= _SQUARE_TOLERANCE * cell
 
 
-def _squared(values: FloatArray, transform: Affine, file: Path) -> tuple[FloatArray, Affine]:
+def _squared(values: FloatArray, transform: Affine, file: Input) -> tuple[FloatArray, Affine]:
     """Resample to square cells with north up: bilinear, cells of the shorter side."""
     width = math.hypot(transform.a, transform.d)
     height = math.hypot(transform.b, transform.e)
@@ -449,3 +491,32 @@ def resample(
         resampling=how,
     )
     return result
+
+
+def affine_of(grid: Grid) -> Affine:
+    """From columns and rows of a grid to coordinates."""
+    return Affine(grid.cell_size, 0.0, grid.west, 0.0, -grid.cell_size, grid.north)
+
+
+def pair_of_systems(dataset: Any, grid: Grid, file: Input, field: str) -> tuple[str, str]:
+    """Coordinate systems of a raster and of the DEM; two empty texts where they are the same."""
+    if not dataset.crs:
+        log.info("%s: states no coordinate system: taken to be that of the DEM", file)
+        return "", ""
+    own = pyproj.CRS.from_user_input(dataset.crs)
+    own = own.sub_crs_list[0] if own.is_compound else own
+    if own.is_engineering:
+        return "", ""
+    if not grid.crs:
+        raise InputError(
+            "has a coordinate system, yet the DEM is in local coordinates",
+            file=file,
+            field=field,
+            found=str(own.name),
+            expected="local coordinates without a coordinate system",
+        )
+    target = pyproj.CRS.from_wkt(grid.crs)
+    if same_crs(own, target):
+        return "", ""
+    log.info("%s: reprojected from %s to %s (nearest cell)", file, own.name, target.name)
+    return own.to_wkt(), grid.crs

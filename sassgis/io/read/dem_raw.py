@@ -42,6 +42,9 @@ class RawDem:
         Outer corner in the north-west, in the coordinates of the file.
     cell : (float, float)
         Size of the cells in the coordinates of the file.
+    in_metres : bool
+        Whether their size in metres is known: it is not where the file says degrees and holds
+        coordinates that cannot be. They are taken as metres then.
     square : bool
         Whether cells are square with north up.
     crs, vertical_datum : str
@@ -65,6 +68,7 @@ class RawDem:
     dy_m: float
     corner: tuple[float, float]
     cell: tuple[float, float]
+    in_metres: bool
     square: bool
     crs: str
     vertical_datum: str
@@ -82,26 +86,27 @@ class RawDem:
         )
 
 
-def read_raw_dem(path: Path, crs: str | None = None) -> RawDem:
+def read_raw_dem(path: Path, crs: str | None = None, override_crs: bool = False) -> RawDem:
     """Read a terrain model with its faults; a folder of tiles must be one that can be used.
 
     Parameters
     ----------
     crs : str, optional
-        Where the file states none.
+        Where the file states none, or with ``override_crs`` in place of it.
     """
     if path.is_dir():
-        grid = read_terrain(path, crs)
+        grid = read_terrain(path, crs, None, override_crs)
         size = grid.cell_size
         return RawDem(
-            path, grid.values, size, size, (grid.west, grid.north), (size, size), True, grid.crs,
+            path, grid.values, size, size, (grid.west, grid.north), (size, size), True, True,
+            grid.crs,
             grid.vertical_datum, "m", None, "", None, 0,
         )  # fmt: skip
     system_fault, wkt, datum = None, "", ""
     with open_raster(path, "DEM") as dataset:
         band = height_band(dataset, path)
         try:
-            described = describe_dem(path, crs)
+            described = describe_dem(path, crs, None, override_crs)
             wkt, datum, factor = described.crs, described.vertical_datum, described.vertical_unit
             square = described.is_plain
         except InputError as error:
@@ -113,13 +118,13 @@ def read_raw_dem(path: Path, crs: str | None = None) -> RawDem:
         if unit and not unit_fault:
             factor = METRES[unit.lower()]
         values, not_heights = _heights(dataset, band, path, factor)
-        dx, dy, width, height = _cell_sizes(dataset, wkt)
+        dx, dy, width, height, in_metres = _cell_sizes(dataset, wkt)
         west, north = dataset.transform.c, dataset.transform.f
         nodata = dataset.nodata
     if not np.isfinite(values).any():
         raise InputError("holds no height at all", file=path, field=f"band {band}")
     return RawDem(
-        path, values, dx, dy, (west, north), (width, height), square, wkt, datum, unit,
+        path, values, dx, dy, (west, north), (width, height), in_metres, square, wkt, datum, unit,
         system_fault, unit_fault, nodata, not_heights,
     )  # fmt: skip
 
@@ -142,18 +147,20 @@ def _heights(dataset: Any, band: int, file: Path, factor: float) -> tuple[FloatA
     return values, int((strange | infinite).sum())
 
 
-def _cell_sizes(dataset: Any, wkt: str) -> tuple[float, float, float, float]:
-    """Width and height of a cell in metres, and in the coordinates of the file."""
+def _cell_sizes(dataset: Any, wkt: str) -> tuple[float, float, float, float, bool]:
+    """Width and height of a cell in metres and in the coordinates of the file; whether known."""
     t = dataset.transform
     width, height = math.hypot(t.a, t.d), math.hypot(t.b, t.e)
     system = None
     if wkt or dataset.crs:
         system = pyproj.CRS.from_user_input(wkt or dataset.crs)
     if system is not None and system.is_geographic:
-        south = t.f + t.e * dataset.height
-        middle = math.radians(max(-89.0, min(89.0, 0.5 * (t.f + south))))
-        return width * _DEGREE_M * math.cos(middle), height * _DEGREE_M, width, height
+        west, south, east, north = dataset.bounds
+        if max(abs(west), abs(east)) > 360.0 or max(abs(south), abs(north)) > 90.0:
+            return width, height, width, height, False
+        middle = math.radians(0.5 * (north + south))
+        return width * _DEGREE_M * math.cos(middle), height * _DEGREE_M, width, height, True
     factor = 1.0
     if system is not None and system.axis_info:
         factor = float(system.axis_info[0].unit_conversion_factor)
-    return width * factor, height * factor, width, height
+    return width * factor, height * factor, width, height, True

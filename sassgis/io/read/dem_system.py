@@ -13,8 +13,14 @@ from pyproj.exceptions import CRSError, ProjError
 
 from sassgis.model.crs import crs_parts, parse_crs, same_crs
 from sassgis.model.errors import InputError
+from sassgis.model.in_memory import Input
 
 log = logging.getLogger(__name__)
+
+#: What is wrong with a terrain model that states no coordinate system.
+NO_SYSTEM = "has no coordinate system"
+#: What the settings are called as options of commands that read no configuration.
+_AS_OPTIONS = {"terrain.override_crs": "--override-crs", "terrain.crs": "--crs"}
 
 #: Outside the area of use of a coordinate system by more than this, a warning is due (degrees).
 _AREA_MARGIN_DEG = 1.0
@@ -24,28 +30,34 @@ _SCALE_WARNING, _SCALE_ERROR = 0.005, 0.05
 
 def dem_system(
     dataset: Any,
-    file: Path,
+    file: Input,
     configured: str | None,
     configured_datum: str | None,
     bounds: tuple[float, float, float, float],
+    override: bool = False,
 ) -> tuple[pyproj.CRS | None, str, float]:
     """Horizontal system (None: local), name of the height system, metres per unit of height."""
     wrong = partial(InputError, file=file, field="terrain.crs")
     local = configured is not None and configured.strip().lower() == "local"
-    stated = _stated_crs(dataset, file)
+    stated = None if override else _stated_crs(dataset, file)
     wanted = None
     if configured is not None and not local:
         wanted = parse_crs(configured, file=file, field="terrain.crs")
     if stated is None and configured is None:
+        beside = file.with_suffix(".prj") if isinstance(file, Path) else None
+        found = None
+        if beside is not None and beside.exists():
+            found = f"{beside.name}, which states none that is understood"
         raise wrong(
-            "has no coordinate system",
-            expected='terrain.crs in the configuration, such as "EPSG:2056" (or "local")',
+            NO_SYSTEM,
+            found=found,
+            expected='it as terrain.crs, such as "EPSG:2056" (or "local")',
         )
     if stated is not None and (local or (wanted is not None and not _agree(stated, wanted))):
         raise wrong(
             "the coordinate system of the file and the one configured differ",
             found=f"{stated.name} in the file, {configured} configured",
-            expected="the same; drop terrain.crs, or reproject or retag the DEM",
+            expected="the same; if that of the file is wrong: terrain.override_crs as well",
         )
     if stated is None and local:
         return None, configured_datum or "", 1.0
@@ -59,7 +71,14 @@ def dem_system(
     return plane, datum, unit
 
 
-def _stated_crs(dataset: Any, file: Path) -> pyproj.CRS | None:
+def in_options(text: str) -> str:
+    """What a message says of settings, said of the options of commands without a configuration."""
+    for setting, option in _AS_OPTIONS.items():
+        text = text.replace(setting, option)
+    return text
+
+
+def _stated_crs(dataset: Any, file: Input) -> pyproj.CRS | None:
     if not dataset.crs:
         return None
     try:
@@ -68,7 +87,7 @@ def _stated_crs(dataset: Any, file: Path) -> pyproj.CRS | None:
         raise InputError(
             "has a coordinate system that is not understood",
             file=file,
-            expected="a known one; retag the file with gdal_edit.py -a_srs",
+            expected="a known one: terrain.crs with terrain.override_crs",
         ) from None
     # Nameless local systems say nothing about where the raster lies.
     return None if crs.is_engineering else crs
@@ -78,7 +97,7 @@ def _agree(stated: pyproj.CRS, wanted: pyproj.CRS) -> bool:
     return same_crs(crs_parts(stated)[0], crs_parts(wanted)[0])
 
 
-def _check_plane(plane: pyproj.CRS, file: Path, bounds: tuple[float, float, float, float]) -> None:
+def _check_plane(plane: pyproj.CRS, file: Input, bounds: tuple[float, float, float, float]) -> None:
     """Refuse what cannot be measured in metres, or cannot be where it says it is."""
     wrong = partial(InputError, file=file, field="terrain.crs")
     west, south, east, north = bounds
@@ -89,13 +108,13 @@ def _check_plane(plane: pyproj.CRS, file: Path, bounds: tuple[float, float, floa
             raise wrong(
                 "coordinates cannot be degrees: the file is probably tagged with the wrong system",
                 found=f"{plane.name} with {extent}",
-                expected="its true, projected system; set it with gdal_edit.py -a_srs EPSG:...",
+                expected="its true, projected system: terrain.crs with terrain.override_crs",
             )
         utm = _utm(0.5 * (west + east), 0.5 * (south + north))
         raise wrong(
             "is in degrees",
             found=str(plane.name),
-            expected=f"a projected system in metres; reproject it with gdalwarp -t_srs EPSG:{utm}",
+            expected=f"a projected system in metres: rio warp FILE NEW --dst-crs EPSG:{utm}",
         )
     if not plane.is_projected:
         raise wrong(
@@ -108,13 +127,14 @@ def _check_plane(plane: pyproj.CRS, file: Path, bounds: tuple[float, float, floa
             raise wrong(
                 "coordinates are not in metres",
                 found=f"{plane.name} in {axis.unit_name}",
-                expected="a projected system in metres; reproject with gdalwarp -t_srs",
+                expected="a projected system in metres: rio warp FILE NEW --dst-crs EPSG:...",
             )
     if in_degrees:
         raise wrong(
             "coordinates look like degrees, yet the file is tagged with a system in metres",
             found=f"{plane.name} with {extent}",
-            expected="its true system (EPSG:4326?), then reprojected to metres with gdalwarp",
+            expected="a projected system in metres; if it is in degrees: rio edit-info FILE --crs "
+            "EPSG:4326, then rio warp FILE NEW --dst-crs EPSG:...",
         )
     _check_place(plane, file, 0.5 * (west + east), 0.5 * (south + north), extent)
 
@@ -124,7 +144,7 @@ def _utm(lon: float, lat: float) -> int:
     return (32600 if lat >= 0.0 else 32700) + zone
 
 
-def _check_place(plane: pyproj.CRS, file: Path, x: float, y: float, extent: str) -> None:
+def _check_place(plane: pyproj.CRS, file: Input, x: float, y: float, extent: str) -> None:
     """Coordinates must belong to the system, and its metres must be metres on the ground."""
     wrong = partial(InputError, file=file, field="terrain.crs")
     base = plane.source_crs if plane.is_bound and plane.source_crs is not None else plane
@@ -160,7 +180,7 @@ def _check_place(plane: pyproj.CRS, file: Path, x: float, y: float, extent: str)
         raise wrong(
             "map metres are not metres on the ground",
             found=f"{plane.name} with scale {scale:.3f} at the DEM",
-            expected=f"a system true to scale; gdalwarp -t_srs EPSG:{_utm(lon, lat)} makes one",
+            expected=f"a system true to scale: rio warp FILE NEW --dst-crs EPSG:{_utm(lon, lat)}",
         )
     if abs(scale - 1.0) > _SCALE_WARNING:
         log.warning(
@@ -175,7 +195,7 @@ def _area_of_use(crs: pyproj.CRS) -> Any:
 
 
 def _height_system(
-    vertical: pyproj.CRS | None, configured: str | None, file: Path
+    vertical: pyproj.CRS | None, configured: str | None, file: Input
 ) -> tuple[str, float]:
     if vertical is None:
         return configured or "", 1.0

@@ -2,27 +2,30 @@
 
 from __future__ import annotations
 
+import logging
+import math
 from functools import partial
-from pathlib import Path
 
 import numpy as np
-import rasterio
-from affine import Affine
-from rasterio.errors import RasterioError
 from rasterio.features import rasterize
-from rasterio.warp import Resampling, reproject
+from rasterio.warp import Resampling
+from scipy import ndimage
 
-from sassgis.io.read.csv_table import number
-from sassgis.io.read.dem import open_raster
-from sassgis.io.read.vector_features import read_features
+from sassgis.io.read.csv_table import CsvColumn, number, read_table
+from sassgis.io.read.dem import affine_of, open_raster, pair_of_systems, read_band, resample
+from sassgis.io.read.vector_features import Feature, read_features
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid
+from sassgis.model.in_memory import InMemory, Input
 from sassgis.model.settings import ForestPlace
+from sassgis.model.tree_species import ENERGY_EXPONENT, energy_ratios
+
+log = logging.getLogger(__name__)
 
 _HECTARE_M2 = 1e4
-#: Represents local coordinates, which have no system: the warper will not work without one, and as
-#: source and target are then set equal, any plane system in metres leaves them what they are.
-_ANY_PLANE = "EPSG:2056"
+#: Single trees are counted within so much of the centre of a cell (m).
+TREES_WITHIN_M = 5.0
+_TREES = "a CSV table with columns x, y, dbh_cm and, if wanted, conifer_share; or points"
 
 
 def read_forest(
@@ -44,6 +47,8 @@ def read_forest(
     diameter = np.full(grid.shape, trees.dbh_cm or 0.0)
     if trees.file is not None:
         stems, diameter = _from_polygons(trees, trees.file, grid, whole or grid)
+    if trees.single_trees is not None:
+        stems, diameter = _from_trees(trees.single_trees, grid, whole or grid)
     if trees.stems_raster is not None:
         stems = _from_raster(trees.stems_raster, grid, "effects.trees.stems_raster")
     if trees.dbh_raster is not None:
@@ -54,7 +59,7 @@ def read_forest(
 
 
 def _from_polygons(
-    trees: ForestPlace, file: Path, grid: Grid, whole: Grid
+    trees: ForestPlace, file: Input, grid: Grid, whole: Grid
 ) -> tuple[FloatArray, FloatArray]:
     features = read_features(
         file,
@@ -64,7 +69,6 @@ def _from_polygons(
         fields={"stems_field": trees.stems_field, "dbh_field": trees.dbh_field},
         kinds=("polygon",),
     )
-    west, _, _, north = grid.bounds
     maps = []
     for field, default in (
         (trees.stems_field, trees.stems_per_ha),
@@ -90,7 +94,7 @@ def _from_polygons(
                     shapes,
                     out_shape=grid.shape,
                     fill=0.0,
-                    transform=Affine(grid.cell_size, 0.0, west, 0.0, -grid.cell_size, north),
+                    transform=affine_of(grid),
                     dtype=np.float64,
                 )
             )
@@ -98,29 +102,108 @@ def _from_polygons(
     return maps[0], maps[1]
 
 
-def _from_raster(file: Path, grid: Grid, field: str) -> FloatArray:
+def _from_raster(file: Input, grid: Grid, field: str) -> FloatArray:
     """Values at the nearest cell; 0 where the raster has none."""
-    wrong = partial(InputError, file=file, field=field)
-    west, _, _, north = grid.bounds
-    out = np.full(grid.shape, np.nan)
     with open_raster(file, field) as raster:
-        if grid.crs and raster.crs is None:
-            raise wrong("states no coordinate system", expected="one")
-        crs = raster.crs or _ANY_PLANE
-        try:
-            reproject(
-                rasterio.band(raster, 1),
-                out,
-                src_crs=crs,
-                dst_crs=grid.crs or crs,
-                dst_transform=Affine(grid.cell_size, 0.0, west, 0.0, -grid.cell_size, north),
-                # Not 0: the warper shifts valid zeros by a hair where that means no value.
-                dst_nodata=np.nan,
-                resampling=Resampling.nearest,
-            )
-        except RasterioError as error:
-            raise wrong("cannot be read to the end", found=str(error)) from None
-    out = np.where(np.isnan(out), 0.0, out)
+        own, target = pair_of_systems(raster, grid, file, field)
+        # Not 0: the warper shifts valid zeros by a hair where that means no value.
+        values = np.ma.filled(read_band(raster, 1, file).astype(np.float64), np.nan)
+        transform = raster.transform
+    out: FloatArray = np.nan_to_num(
+        resample(
+            values, transform, affine_of(grid), grid.shape, Resampling.nearest, np.nan, own, target
+        ),
+        nan=0.0, posinf=np.inf,
+    )  # fmt: skip
     if not np.isfinite(out).all() or (out < 0.0).any():
-        raise wrong("holds numbers that cannot be used", expected="0 or more")
+        raise InputError(
+            "holds numbers that cannot be used", file=file, field=field, expected="0 or more"
+        )
     return out
+
+
+# ---------------------------------------------------------------------------------------------
+# Single trees
+
+
+def _from_trees(file: Input, grid: Grid, whole: Grid) -> tuple[FloatArray, FloatArray]:
+    """Stems per hectare within TREES_WITHIN_M of each cell, and the diameter (cm) of a fir that
+    takes as much energy as one of them on average.
+    """
+    x, y, dbh_cm, conifers = _trees_of(file, whole)
+    if not (whole.cell_of(x, y) >= 0).any():
+        raise InputError(
+            "no tree lies on the DEM",
+            file=file,
+            field="effects.trees.single_trees",
+            found=f"x {x.min():.10g} to {x.max():.10g}, y {y.min():.10g} to {y.max():.10g}",
+            expected="coordinates of the DEM",
+        )
+    ratios = energy_ratios()
+    factor = np.where(
+        np.isnan(conifers), 1.0,
+        conifers * ratios["conifers"] + (1.0 - conifers) * ratios["broadleaved"],
+    )  # fmt: skip
+    # Trees beyond the edge of the grid count within it.
+    reach = math.ceil(TREES_WITHIN_M / grid.cell_size)
+    col = np.floor((x - grid.west) / grid.cell_size).astype(np.int64) + reach
+    row = np.floor((grid.north - y) / grid.cell_size).astype(np.int64) + reach
+    shape = (grid.shape[0] + 2 * reach, grid.shape[1] + 2 * reach)
+    near = (row >= 0) & (row < shape[0]) & (col >= 0) & (col < shape[1])
+    count, energy = np.zeros(shape), np.zeros(shape)
+    place = (row[near], col[near])
+    np.add.at(count, place, 1.0)
+    np.add.at(energy, place, (factor * dbh_cm**ENERGY_EXPONENT)[near])
+    step = np.arange(-reach, reach + 1) * grid.cell_size
+    disk = (np.hypot(step[:, None], step[None, :]) <= TREES_WITHIN_M).astype(float)
+    own = (slice(reach, -reach), slice(reach, -reach))
+    stems, taken = (
+        np.asarray(ndimage.convolve(values, disk, mode="constant"))[own]
+        for values in (count, energy)
+    )
+    one: FloatArray = (taken / np.maximum(stems, 1.0)) ** (1.0 / ENERGY_EXPONENT)
+    per_hectare: FloatArray = stems * _HECTARE_M2 / (disk.sum() * grid.cell_size**2)
+    return per_hectare, one
+
+
+def _trees_of(file: Input, grid: Grid) -> tuple[FloatArray, ...]:
+    """X, y, diameter (cm) and share of conifers (NaN: not stated) of each tree."""
+    key = "effects.trees"
+    table = file.kind == "table" if isinstance(file, InMemory) else _is_table(file)
+    if table:
+        columns = {
+            "x": CsvColumn(float), "y": CsvColumn(float), "dbh_cm": CsvColumn(float, low=0.0),
+            "conifer_share": CsvColumn(float, low=0.0, default=math.nan),
+        }  # fmt: skip
+        rows = list(read_table(file, f"{key}.single_trees", _TREES, columns))
+        found = [(where, tuple(row.values())) for where, row in rows]
+    else:
+        features = read_features(
+            file, grid, key, fields={"single_trees": "dbh_cm"}, kinds=("point",)
+        )
+        found = [(f.label(), _tree(f, file)) for f in features]
+    if not found:
+        raise InputError("holds no tree", file=file, expected="a row for each")
+    for where, (_, _, _, conifers) in found:
+        if conifers > 1.0:
+            raise InputError(
+                f"{where}: is out of range", file=file, field="conifer_share", found=conifers,
+                expected="a share, 0 to 1",
+            )  # fmt: skip
+    return tuple(np.array([values for _, values in found], np.float64).T)
+
+
+def _is_table(file: Input) -> bool:
+    return file.suffix.lower() in (".csv", ".txt")
+
+
+def _tree(feature: Feature, file: Input) -> tuple[float, ...]:
+    numbers = partial(number, where=feature.label(), file=file)
+    share = feature.attributes.get("conifer_share")
+    missing = share is None or feature.text("conifer_share") is None
+    return (
+        feature.geometry.x,
+        feature.geometry.y,
+        numbers(feature.attributes["dbh_cm"], column="dbh_cm"),
+        math.nan if missing else numbers(share, column="conifer_share"),
+    )

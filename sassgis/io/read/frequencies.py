@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import get_args
 
 from sassgis.io.read.csv_table import CsvColumn, read_table
 from sassgis.model.errors import InputError
 from sassgis.model.hazard import Onset, OnsetUnit
+from sassgis.model.in_memory import Input
 
 
 def read_frequencies(
-    file: Path, areas: Sequence[str], scenarios: Sequence[str]
+    file: Input, areas: Sequence[str], scenarios: Sequence[str]
 ) -> dict[tuple[str, str], Onset]:
     """Read onset frequencies by release area and block scenario.
 
     Parameters
     ----------
-    file : Path
+    file : Input
         CSV with the columns area, scenario, frequency, unit (per_year, per_year_ha, per_year_m).
     areas, scenarios : sequence of str
         Names that there are.

@@ -6,13 +6,9 @@ import logging
 from collections.abc import Iterator
 from functools import partial
 from importlib import resources
-from os import PathLike
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyproj
-from affine import Affine
 from numpy.typing import NDArray
 from rasterio.enums import Resampling
 from rasterio.errors import RasterioError
@@ -26,13 +22,13 @@ from sassgis.io.read.csv_table import (
     required_and_optional,
     row_of,
 )
-from sassgis.io.read.dem import open_raster, resample
+from sassgis.io.read.dem import affine_of, open_raster, pair_of_systems, resample
 from sassgis.io.read.plain_file import read_text, toml_table
 from sassgis.io.read.vector_features import nearest, read_features
-from sassgis.model.crs import same_crs
 from sassgis.model.errors import InputError
 from sassgis.model.grid import Grid
 from sassgis.model.ground import PARAMETERS, GroundClass, GroundTable
+from sassgis.model.in_memory import AnyInput, InMemory, Input, named
 from sassgis.model.settings import GroundSettings
 
 log = logging.getLogger(__name__)
@@ -59,9 +55,7 @@ def built_in_table(readings: str = "hazard") -> GroundTable:
         return GroundTable(tuple(_read_classes(file)))
 
 
-def read_ground_table(
-    path: str | PathLike[str] | None = None, readings: str = "hazard"
-) -> GroundTable:
+def read_ground_table(path: AnyInput | None = None, readings: str = "hazard") -> GroundTable:
     """Read the ground classes of a run.
 
     Parameters
@@ -78,7 +72,7 @@ def read_ground_table(
     if path is None:
         return table
     classes = {c.name: c for c in table.classes}
-    own = _read_classes(Path(path))
+    own = _read_classes(named(path))
     names = [c.name for c in own]
     for name in names:
         if names.count(name) > 1:
@@ -96,7 +90,7 @@ def read_ground_table(
     return GroundTable(tuple(classes.values()))
 
 
-def _columns(file: Path) -> dict[str, CsvColumn]:
+def _columns(file: Input) -> dict[str, CsvColumn]:
     """Columns of a table of classes; one without a source or its check is taken as unverified."""
     return {
         "name": CsvColumn(),
@@ -106,7 +100,7 @@ def _columns(file: Path) -> dict[str, CsvColumn]:
     }
 
 
-def _read_classes(file: Path) -> list[GroundClass]:
+def _read_classes(file: Input) -> list[GroundClass]:
     what = "a table of ground classes, CSV or TOML"
     if file.suffix.lower() == ".toml":
         text = read_text(file, "ground.classes", what)
@@ -122,7 +116,7 @@ def _read_classes(file: Path) -> list[GroundClass]:
     return classes
 
 
-def _toml_rows(text: str, file: Path) -> Iterator[tuple[str, dict[str, Any]]]:
+def _toml_rows(text: str, file: Input) -> Iterator[tuple[str, dict[str, Any]]]:
     document = toml_table(text, file, "[[classes]] sections")
     rows = document.get("classes")
     if set(document) != {"classes"} or not isinstance(rows, list):
@@ -178,7 +172,7 @@ def default_class(ground: GroundSettings, table: GroundTable) -> int:
     )
 
 
-def _class_index(name: str, table: GroundTable, who: str, file: Path | None, field: str) -> int:
+def _class_index(name: str, table: GroundTable, who: str, file: Input | None, field: str) -> int:
     if name in table.names:
         return table.index(name)
     raise InputError(
@@ -192,7 +186,7 @@ def _class_index(name: str, table: GroundTable, who: str, file: Path | None, fie
 
 def _from_polygons(
     ground: GroundSettings,
-    file: Path,
+    file: Input,
     grid: Grid,
     table: GroundTable,
     default: int,
@@ -226,21 +220,22 @@ def _from_polygons(
             )
         index = _class_index(name, table, f"class of {feature.label()}", file, field)
         shapes.append((feature.geometry, index))
-    west, _, _, north = grid.bounds
     return np.asarray(
         rasterize(
             shapes,
             out_shape=grid.shape,
             fill=default,
-            transform=Affine(grid.cell_size, 0.0, west, 0.0, -grid.cell_size, north),
+            transform=affine_of(grid),
             all_touched=False,
             dtype=np.int32,
         )
     )
 
 
-def _is_raster(file: Path) -> bool:
+def _is_raster(file: Input) -> bool:
     """Whether a file holds a raster (a GeoPackage may hold both: then its layers count)."""
+    if isinstance(file, InMemory):
+        return file.kind == "raster"
     if file.suffix.lower() == ".gpkg":
         return False
     try:
@@ -252,7 +247,7 @@ def _is_raster(file: Path) -> bool:
 
 def _from_codes(
     ground: GroundSettings,
-    file: Path,
+    file: Input,
     grid: Grid,
     table: GroundTable,
     default: int,
@@ -272,11 +267,10 @@ def _from_codes(
         if dataset.transform.is_identity:
             raise wrong("has no georeference", expected="a raster that lies on the map")
         codes = _codes(dataset, file)
-        own, target = _pair_of_systems(dataset, grid, file)
+        own, target = pair_of_systems(dataset, grid, file, "ground.file")
         transform = dataset.transform
-    there = Affine(grid.cell_size, 0.0, grid.west, 0.0, -grid.cell_size, grid.north)
     aligned = resample(
-        codes, transform, there, grid.shape, Resampling.nearest, _NO_CODE, own, target
+        codes, transform, affine_of(grid), grid.shape, Resampling.nearest, _NO_CODE, own, target
     )
     present, counts = np.unique(aligned, return_counts=True)
     if present.tolist() == [_NO_CODE] and not may_miss:
@@ -297,7 +291,7 @@ def _from_codes(
     return result
 
 
-def _codes(dataset: Any, file: Path) -> NDArray[np.int32]:
+def _codes(dataset: Any, file: Input) -> NDArray[np.int32]:
     """Codes as whole numbers; nodata as a number that no code can have."""
     wrong = partial(InputError, file=file, field="ground.file")
     try:
@@ -315,27 +309,3 @@ def _codes(dataset: Any, file: Path) -> NDArray[np.int32]:
             expected="whole numbers",
         )
     return np.where(known, values, _NO_CODE).astype(np.int32)
-
-
-def _pair_of_systems(dataset: Any, grid: Grid, file: Path) -> tuple[str, str]:
-    """Coordinate systems of the codes and of the DEM; two empty texts where they are the same."""
-    if not dataset.crs:
-        log.info("%s: states no coordinate system: taken to be that of the DEM", file)
-        return "", ""
-    own = pyproj.CRS.from_user_input(dataset.crs)
-    own = own.sub_crs_list[0] if own.is_compound else own
-    if own.is_engineering:
-        return "", ""
-    if not grid.crs:
-        raise InputError(
-            "has a coordinate system, yet the DEM is in local coordinates",
-            file=file,
-            field="ground.file",
-            found=str(own.name),
-            expected="local coordinates without a coordinate system",
-        )
-    target = pyproj.CRS.from_wkt(grid.crs)
-    if same_crs(own, target):
-        return "", ""
-    log.info("%s: reprojected from %s to %s (nearest cell)", file, own.name, target.name)
-    return own.to_wkt(), grid.crs

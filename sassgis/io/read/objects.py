@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -28,6 +27,7 @@ from sassgis.model.exposure import (
     VulnerabilityRow,
 )
 from sassgis.model.grid import Grid, IntArray
+from sassgis.model.in_memory import Input
 from sassgis.model.profiles import TraceSet
 from sassgis.terrain.cells import cell_stretches
 
@@ -101,7 +101,7 @@ def read_objects(settings: ObjectSettings, grid: Grid) -> PlacedObjects:
     return placed
 
 
-def joined_objects(parts: Sequence[PlacedObjects], file: Path | None = None) -> PlacedObjects:
+def joined_objects(parts: Sequence[PlacedObjects], file: Input | None = None) -> PlacedObjects:
     """All objects of a run, in the order of the parts."""
     _check_names(parts, file)
     return PlacedObjects(
@@ -110,7 +110,7 @@ def joined_objects(parts: Sequence[PlacedObjects], file: Path | None = None) -> 
     )
 
 
-def _check_names(parts: Sequence[PlacedObjects], file: Path | None) -> None:
+def _check_names(parts: Sequence[PlacedObjects], file: Input | None) -> None:
     """Stretches share the name of their road; nothing else shares a name."""
     counts: Counter[str] = Counter()
     for part in parts:
@@ -154,7 +154,7 @@ def _numbers(
     kind: str,
     columns: Mapping[str, str],
     defaults: Mapping[str, float],
-    file: Path,
+    file: Input,
     key: str,
 ) -> dict[str, float]:
     """The numbers of one feature by name, those that are stated."""
@@ -181,7 +181,7 @@ def _object(
     values: Mapping[str, float],
     label: str,
     columns: Mapping[str, str],
-    file: Path,
+    file: Input,
     key: str,
 ) -> ExposedObject:
     own: dict[str, Any] = dict(values)
@@ -207,7 +207,7 @@ def _object(
 _ROAD_USE = (*_TRAFFIC, "vehicle_value", "trips_per_day")
 
 
-def _traffic(values: Mapping[str, float], label: str, file: Path, key: str) -> Traffic | None:
+def _traffic(values: Mapping[str, float], label: str, file: Input, key: str) -> Traffic | None:
     """The traffic of a road; None where no vehicles are stated."""
     if not values.get("traffic_per_day"):
         if values.get("traffic_per_day") is None and values:
@@ -231,7 +231,7 @@ def _traffic(values: Mapping[str, float], label: str, file: Path, key: str) -> T
     return Traffic(**values)
 
 
-def _warn(placed: PlacedObjects, grid: Grid, file: Path) -> None:
+def _warn(placed: PlacedObjects, grid: Grid, file: Input) -> None:
     """Warn of what can be used but deserves a look."""
     cells, owner = object_cells(placed, grid)
     known = np.isfinite(grid.values[np.divmod(cells, grid.shape[1])])
@@ -269,7 +269,7 @@ _MOST_STRETCHES = 50_000
 
 
 def _stretches(
-    whole: ExposedObject, geometry: Any, segment_m: float, grid: Grid, file: Path
+    whole: ExposedObject, geometry: Any, segment_m: float, grid: Grid, file: Input
 ) -> list[tuple[ExposedObject, Any]]:
     """Equal parts of about ``segment_m``; the chainage runs on over separate parts of a line."""
     line = shapely.line_merge(geometry) if geometry.geom_type.startswith("Multi") else geometry
@@ -432,7 +432,7 @@ def _under_polygon(shape: Any, grid: Grid) -> IntArray:
 
 
 def read_vulnerability(
-    file: Path, intensities: Sequence[str], *, field: str = "risk.vulnerability"
+    file: Input, intensities: Sequence[str], *, field: str = "risk.vulnerability"
 ) -> Vulnerability:
     """Read what a hit does to objects of each kind.
 

@@ -6,9 +6,10 @@ What cannot be used is left out and said so, row by row; reading fails only wher
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import geopandas as gpd
 import numpy as np
@@ -26,8 +27,10 @@ from sassgis.io.read.plain_file import read_text
 from sassgis.io.read.vector_features import nearest
 from sassgis.model.errors import InputError, shown
 from sassgis.model.grid import Grid
+from sassgis.model.in_memory import InMemory, Input
 
-__all__ = ["read_observations", "validate_observations"]
+#: A GeoPackage, a folder of CSV files, or DataFrames by the name of the table.
+AnyObservations = str | Path | Mapping[str, Any]
 
 log = logging.getLogger(__name__)
 
@@ -36,15 +39,39 @@ _METADATA = "metadata"
 _FOREIGN = frozenset({"layer_styles", "run_metadata"})
 
 
+def observation_source(given: AnyObservations) -> Path | dict[str, InMemory]:
+    """A path, or tables in memory by their names.
+
+    Raises
+    ------
+    InputError
+        What is in memory is no table.
+    """
+    if not isinstance(given, Mapping):
+        return Path(given)
+    from sassgis.io.read.given_inputs import as_input
+
+    tables: dict[str, InMemory] = {}
+    for name, table in given.items():
+        own = as_input(table, f"{KEY}.{name}")
+        if not isinstance(own, InMemory) or own.kind != "table":
+            raise InputError(
+                "is no table", field=f"{KEY}.{name}", found=type(table).__name__,
+                expected="a DataFrame",
+            )  # fmt: skip
+        tables[name] = own
+    return tables
+
+
 def read_observations(
-    path: Path | str, grid: Grid | None = None, drop_m: float = 0.0
+    path: AnyObservations, grid: Grid | None = None, drop_m: float = 0.0
 ) -> Observations:
     """Read observations, check them, and leave out what cannot be used.
 
     Parameters
     ----------
     path
-        A GeoPackage, or a folder of CSV files; with tables named as in
+        A GeoPackage, a folder of CSV files, or DataFrames by name; with tables named as in
         ``sassgis.gap.observations.tables.TABLES``, and ``metadata``. Any of them may be missing.
     grid
         The DEM. Geometries are brought into its coordinates, and all is compared with it.
@@ -62,9 +89,10 @@ def read_observations(
         If there is no such file or folder, it cannot be read, it holds no table of observations
         with rows, or no table with places lies on the DEM.
     """
-    path = Path(path)
+    source = observation_source(path)
+    path = source if isinstance(source, Path) else Path(KEY)
     findings = Findings()
-    raws, metadata = _raw_tables(path, findings)
+    raws, metadata = _raw_tables(source, findings)
     tables: dict[str, Table] = {}
     failed: list[InputError] = []
     for name, raw in raws.items():
@@ -83,7 +111,7 @@ def read_observations(
     observations = Observations(
         **tables,  # type: ignore[arg-type]
         metadata=metadata_of(metadata, findings) if metadata else Metadata(),
-        files={name: str(raw.file) for name, raw in raws.items()},
+        files={name: raw.file for name, raw in raws.items()},
     )
     found = [*findings.all, *empty_tables(observations, [r for r in raws if r in tables])]
     checked = check_observations(observations, grid, drop_m)
@@ -149,25 +177,34 @@ def _refuse_elsewhere(
         )
 
 
-def _raw_tables(path: Path, findings: Findings) -> tuple[dict[str, RawTable], RawTable | None]:
-    if not path.exists():
+def _raw_tables(
+    source: Path | Mapping[str, InMemory], findings: Findings
+) -> tuple[dict[str, RawTable], RawTable | None]:
+    each = ""
+    if not isinstance(source, Path):
+        raws = _csv_tables(source, findings)
+    elif source.is_dir():
+        each = " (each a CSV file)"
+        files = (p for p in sorted(source.iterdir()) if p.suffix.lower() == ".csv")
+        raws = _csv_tables({file.stem: file for file in files}, findings)
+    elif source.exists():
+        raws = _geopackage(source, findings)
+    else:
         raise InputError(
-            "not found", file=path, field=KEY, expected="a GeoPackage or a folder of CSV files"
+            "not found", file=source, field=KEY, expected="a GeoPackage or a folder of CSV files"
         )
-    raws = _csv_folder(path, findings) if path.is_dir() else _geopackage(path, findings)
     metadata = raws.pop(_METADATA, None)
     if not raws:
         raise InputError(
             "holds no table of observations",
-            file=path,
+            file=source if isinstance(source, Path) else None,
             field=KEY,
-            expected=f"at least one of {', '.join(TABLES)}"
-            + (" (each a CSV file)" if path.is_dir() else ""),
+            expected=f"at least one of {', '.join(TABLES)}{each}",
         )
     return {name: raws[name] for name in TABLES if name in raws}, metadata
 
 
-def _known_table(name: str, file: Path, findings: Findings) -> str | None:
+def _known_table(name: str, file: Input, findings: Findings) -> str | None:
     lower = name.strip().lower()
     if lower in TABLES or lower == _METADATA:
         return lower
@@ -178,10 +215,10 @@ def _known_table(name: str, file: Path, findings: Findings) -> str | None:
     return None
 
 
-def _csv_folder(folder: Path, findings: Findings) -> dict[str, RawTable]:
+def _csv_tables(tables: Mapping[str, Input], findings: Findings) -> dict[str, RawTable]:
     raws: dict[str, RawTable] = {}
-    for file in sorted(p for p in folder.iterdir() if p.suffix.lower() == ".csv"):
-        name = _known_table(file.stem, file, findings)
+    for stem, file in tables.items():
+        name = _known_table(stem, file, findings)
         if name is None:
             continue
         columns, delimiter, lines = csv_cells(read_text(file, KEY, "a table (CSV)"), file)

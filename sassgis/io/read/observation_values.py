@@ -9,7 +9,6 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -33,6 +32,7 @@ from sassgis.io.read.plain_file import check_text
 from sassgis.io.read.vector_features import nearest, onto_grid
 from sassgis.model.errors import InputError, shown
 from sassgis.model.grid import FloatArray, Grid, IntArray
+from sassgis.model.in_memory import Input
 
 #: Name under which messages speak of the observations.
 KEY = "observations"
@@ -58,7 +58,7 @@ class RawTable:
     """A table as it stands in its file: columns of text, numbers or whatever, and its shapes."""
 
     name: str
-    file: Path
+    file: Input
     rows: IntArray
     columns: Mapping[str, NDArray[Any]]
     shapes: tuple[Any, ...] | None = None

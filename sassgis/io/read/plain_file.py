@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from sassgis.model.errors import InputError
+from sassgis.model.in_memory import InMemory, Input
 
 #: Longest text of an input (characters): a name, a title, an attribute, a cell of a table, a key.
 LONGEST_TEXT = 1000
@@ -29,12 +30,14 @@ _LONG_KEY = re.compile(
 )
 
 
-def check_file(file: Path, field: str | None, expected: str, folders: bool = False) -> None:
+def check_file(file: Input, field: str | None, expected: str, folders: bool = False) -> None:
     """Raise InputError unless a path leads to a file, or to a folder where that is as good.
 
-    A pipe or a device could be read for ever.
+    A pipe or a device could be read for ever. What is in memory is looked at by its reader.
     """
     wrong = partial(InputError, file=file, field=field)
+    if isinstance(file, InMemory):
+        return
     try:
         kind = file.stat().st_mode
     except (FileNotFoundError, NotADirectoryError):
@@ -50,9 +53,21 @@ def check_file(file: Path, field: str | None, expected: str, folders: bool = Fal
         raise wrong("is no file", found=found, expected=expected)
 
 
-def read_text(file: Path, field: str | None, what: str, largest: int = _LARGEST_TABLE) -> str:
+def in_memory(given: InMemory, kind: str, field: str | None, expected: str) -> Any:
+    """The data of an input in memory; InputError if it is of another kind."""
+    if given.kind != kind:
+        raise InputError(
+            "cannot be used here", file=given, field=field, found=f"a {given.kind}",
+            expected=expected,
+        )  # fmt: skip
+    return given.data
+
+
+def read_text(file: Input, field: str | None, what: str, largest: int = _LARGEST_TABLE) -> str:
     """Text of a UTF-8 file; InputError if it is missing, too large or not text."""
     wrong = partial(InputError, file=file, field=field)
+    if isinstance(file, InMemory):
+        return str(in_memory(file, "table", field, what))
     check_file(file, field, what)
     if (size := file.stat().st_size) > largest:
         raise wrong(
@@ -74,7 +89,7 @@ def read_toml(file: Path, field: str | None, what: str) -> dict[str, Any]:
     return toml_table(read_text(file, field, what, _LARGEST_TOML), file, what)
 
 
-def toml_table(text: str, file: str | Path, what: str = "valid TOML") -> dict[str, Any]:
+def toml_table(text: str, file: str | Input, what: str = "valid TOML") -> dict[str, Any]:
     """A TOML document."""
     try:
         if _LONG_KEY.search(text):
@@ -109,12 +124,12 @@ def toml_table(text: str, file: str | Path, what: str = "valid TOML") -> dict[st
     return document
 
 
-def _too_deep(file: str | Path, field: str | None) -> InputError:
+def _too_deep(file: str | Input, field: str | None) -> InputError:
     expected = f"tables and lists at most {_DEEPEST} within each other"
     return InputError("is nested too deeply", file=file, field=field, expected=expected)
 
 
-def check_text(text: object, file: str | Path, field: str, where: str = "") -> None:
+def check_text(text: object, file: str | Input, field: str, where: str = "") -> None:
     """Raise InputError for a text that no map sheet can show; what is no text passes."""
     wrong = partial(InputError, file=file, field=field)
     if not isinstance(text, str):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-from pathlib import Path
 
 import numpy as np
 
@@ -11,13 +10,14 @@ from sassgis.io.read.config import profile_control_lines
 from sassgis.io.read.csv_table import CsvColumn, read_table
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.ground import GroundTable
+from sassgis.model.in_memory import Input
 from sassgis.model.profiles import ProfileSet
 from sassgis.model.run_config import Config
 
 log = logging.getLogger(__name__)
 
 
-def read_profile(path: Path, table: GroundTable, default: str) -> ProfileSet:
+def read_profile(path: Input, table: GroundTable, default: str) -> ProfileSet:
     """Read a profile.
 
     Parameters

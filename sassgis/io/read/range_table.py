@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 from importlib import resources
-from pathlib import Path
 
 from sassgis.io.read.csv_table import CsvColumn, errors_of_row, read_table
 from sassgis.model.ground import GroundTable
 from sassgis.model.ground_ranges import EVERY_CLASS, RANGED, RangeRule
+from sassgis.model.in_memory import Input
 
 
-def read_ranges(table: GroundTable, own: Path | None = None) -> tuple[RangeRule, ...]:
+def read_ranges(table: GroundTable, own: Input | None = None) -> tuple[RangeRule, ...]:
     """Rules of the built-in table, and after them those of the user's own.
 
     Parameters
     ----------
     table : GroundTable
         Of the run: the classes that an own table may name.
-    own : Path, optional
+    own : Input, optional
         CSV with the columns class (``*`` for every other class), parameter, kind (value, offset,
         factor), low, high and, if wanted, source, verified, sites, rocks and together.
     """
@@ -26,7 +26,7 @@ def read_ranges(table: GroundTable, own: Path | None = None) -> tuple[RangeRule,
     return rules if own is None else (*rules, *_read(own, table))
 
 
-def _read(file: Path, table: GroundTable | None) -> tuple[RangeRule, ...]:
+def _read(file: Input, table: GroundTable | None) -> tuple[RangeRule, ...]:
     classes = () if table is None else (*table.names, EVERY_CLASS)
     columns = {
         "class": CsvColumn(known=classes, what="ground class"),

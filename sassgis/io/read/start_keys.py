@@ -8,11 +8,15 @@ from pathlib import Path
 from typing import Any
 
 import pyogrio
+import pyproj
 
-from sassgis.io.read.config import declared_sections
+from sassgis.io.read.config import LISTS, declared_sections
+from sassgis.io.read.dem_system import NO_SYSTEM
 from sassgis.io.read.offline import read_frame, vector_file
 from sassgis.io.read.plain_file import toml_table
 from sassgis.io.read.site_layers import SiteLayer, site_layers
+from sassgis.io.read.tiles import open_terrain
+from sassgis.io.read.vector_features import open_layer, with_shapes, without_shapes
 from sassgis.model.errors import InputError
 
 #: Keys with their values by section; sections with double brackets are not told apart, as there is
@@ -46,10 +50,10 @@ def start_keys(folder: Path, dem: Path | None, release: Path | None) -> StartKey
             raise InputError(
                 "file not found", file=dem, field="--dem", expected="a raster or folder of tiles"
             )
-        keys.append(("terrain", {"dem": _seen_from(folder, dem)}))
+        keys.append(("terrain", {"dem": seen_from_folder(folder, dem)}))
     if release is None:
         return keys
-    place = _seen_from(folder, release)
+    place = seen_from_folder(folder, release)
     layers = _layers(release)
     site = {own.name: own for own in site_layers()}
     if "release_areas" in layers and len(layers) > 1:
@@ -84,12 +88,17 @@ def with_values(given: StartKeys, assignments: Sequence[str]) -> StartKeys:
     given : list of (section, keys)
         As of start_keys.
     assignments : sequence of str
-        ``section.key=value``; the value is TOML, or a text without quotes.
+        ``section.key=value``; the value is TOML, or a text without quotes. Of a section with
+        double brackets also all of them: ``blocks=[{name="a", volume_m3=1}, {...}]``.
     """
     keys = [(section, dict(values)) for section, values in given]
     for text in assignments:
         dotted, equals, value = text.partition("=")
         section, _, key = dotted.strip().rpartition(".")
+        several = _toml(value.strip()) if equals and not section and key in LISTS else None
+        if isinstance(several, list) and all(isinstance(own, dict) for own in several):
+            keys = [own for own in keys if own[0] != key] + [(key, dict(own)) for own in several]
+            continue
         if not equals or key not in declared_sections().get(section, {}):
             raise InputError(
                 "is no key with a value", field="--set", found=text,
@@ -100,6 +109,40 @@ def with_values(given: StartKeys, assignments: Sequence[str]) -> StartKeys:
             own = {}
             keys.append((section, own))
         own[key] = _toml(value.strip())
+    return keys
+
+
+def with_system(given: StartKeys, dem: Path | None, release: Path | None) -> StartKeys:
+    """The keys, checked to lie in one place; with the system of the release areas if only they
+    state one.
+
+    Raises
+    ------
+    InputError
+        If the terrain model has no coordinate system that can be used, or the release areas do not
+        lie on it.
+    """
+    if dem is None:
+        return given
+    keys = [(section, dict(values)) for section, values in given]
+    by_name = dict(reversed(keys))
+    terrain = by_name["terrain"]
+    crs, override = terrain.get("crs"), bool(terrain.get("override_crs", False))
+    drawn = None
+    if release is not None:
+        own = str(by_name["release"].get("layer") or _layers(release)[0])
+        drawn = open_layer(release, own, "release", {})
+    try:
+        frame = open_terrain(dem, None if crs is None else str(crs), None, override).outline()
+    except InputError as error:
+        system = None if drawn is None or drawn.crs is None else pyproj.CRS(drawn.crs)
+        code = None if system is None else system.to_authority(min_confidence=90)
+        if error.problem != NO_SYSTEM or system is None or not system.is_projected or code is None:
+            raise
+        terrain["crs"] = ":".join(code)
+        frame = open_terrain(dem, ":".join(code)).outline()
+    if drawn is not None and release is not None:
+        with_shapes(without_shapes(drawn), drawn, release, frame, "release", None)
     return keys
 
 
@@ -152,5 +195,6 @@ def _table(file: Path, layer: str) -> Any:
         return read_frame(file, layer, read_geometry=False)
 
 
-def _seen_from(folder: Path, file: Path) -> str:
+def seen_from_folder(folder: Path, file: Path) -> str:
+    """A file as it is named from the folder of a configuration."""
     return Path(os.path.relpath(file.resolve(), folder.resolve())).as_posix()

@@ -7,7 +7,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from os import PathLike
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +16,7 @@ from sassgis.io.read.dem import DemFile, describe_dem, read_dem, read_dem_part, 
 from sassgis.model.crs import crs_name, same_crs
 from sassgis.model.errors import InputError, InputLost
 from sassgis.model.grid import BoolArray, FloatArray, Grid, IntArray
+from sassgis.model.in_memory import AnyInput, InMemory, Input, named
 
 log = logging.getLogger(__name__)
 
@@ -170,15 +170,17 @@ def _within(part: Part, whole: Part) -> tuple[slice, slice]:
 
 
 def _heights(tile: Tile, part: Part) -> FloatArray:
-    if not tile.dem.file.exists():
-        raise InputLost(
-            f"{tile.dem.file}: was there when the terrain model was opened, and is gone"
-        )
+    file = tile.dem.file
+    if isinstance(file, Path) and not file.exists():
+        raise InputLost(f"{file}: was there when the terrain model was opened, and is gone")
     return read_dem_part(tile.dem, *_within(part, tile.place))
 
 
 def open_terrain(
-    path: str | PathLike[str], crs: str | None = None, vertical_datum: str | None = None
+    path: AnyInput,
+    crs: str | None = None,
+    vertical_datum: str | None = None,
+    override_crs: bool = False,
 ) -> Terrain:
     """Open a terrain model without reading its heights.
 
@@ -187,14 +189,14 @@ def open_terrain(
     path
         A raster, a virtual raster (VRT), or a folder of tiles, of which all rasters with one of
         TILE_SUFFIXES count.
-    crs, vertical_datum
+    crs, vertical_datum, override_crs
         As for sassgis.io.read.dem.read_dem.
     """
-    given = Path(path)
-    if not given.is_dir():
-        dem = describe_dem(given, crs, vertical_datum)
+    given = named(path)
+    if isinstance(given, InMemory) or not given.is_dir():
+        dem = describe_dem(given, crs, vertical_datum, override_crs)
         if not dem.is_plain:
-            return _resampled(dem, read_dem(given, crs, vertical_datum))
+            return _resampled(dem, read_dem(given, crs, vertical_datum, override_crs))
         return _laid_out([dem], given)
     files = sorted(f for f in given.iterdir() if f.suffix.lower() in TILE_SUFFIXES)
     if not files:
@@ -205,8 +207,8 @@ def open_terrain(
             expected="a raster, a VRT, or a folder of rasters (" + ", ".join(TILE_SUFFIXES) + ")",
         )
     if len(files) == 1:
-        return open_terrain(files[0], crs, vertical_datum)
-    return open_tiles(files, given, crs, vertical_datum)
+        return open_terrain(files[0], crs, vertical_datum, override_crs)
+    return open_tiles(files, given, crs, vertical_datum, override_crs)
 
 
 def open_tiles(
@@ -214,25 +216,29 @@ def open_tiles(
     given: Path,
     crs: str | None = None,
     vertical_datum: str | None = None,
+    override_crs: bool = False,
 ) -> Terrain:
     """Open tiles as one terrain model; ``given`` names them in the log.
 
     Parameters and errors are those of open_terrain.
     """
-    return _laid_out([describe_dem(f, crs, vertical_datum) for f in files], given)
+    return _laid_out([describe_dem(f, crs, vertical_datum, override_crs) for f in files], given)
 
 
 def read_terrain(
-    path: str | PathLike[str], crs: str | None = None, vertical_datum: str | None = None
+    path: AnyInput,
+    crs: str | None = None,
+    vertical_datum: str | None = None,
+    override_crs: bool = False,
 ) -> Grid:
     """Read a terrain model as a whole: a raster, or a folder of tiles.
 
     Parameters and errors are those of open_terrain.
     """
-    if not Path(path).is_dir():
-        return read_dem(path, crs, vertical_datum)
-    terrain = open_terrain(path, crs, vertical_datum)
-    require_room((terrain.whole.n_rows, terrain.whole.n_cols), Path(path))
+    if not named(path).is_dir():
+        return read_dem(path, crs, vertical_datum, override_crs)
+    terrain = open_terrain(path, crs, vertical_datum, override_crs)
+    require_room((terrain.whole.n_rows, terrain.whole.n_cols), named(path))
     grid = terrain.read(terrain.whole)
     if not np.isfinite(grid.values).any():
         raise InputError("holds no height at all", file=path, field="terrain.dem")
@@ -247,7 +253,7 @@ def _resampled(dem: DemFile, grid: Grid) -> Terrain:
     )  # fmt: skip
 
 
-def _laid_out(dems: Sequence[DemFile], given: Path) -> Terrain:
+def _laid_out(dems: Sequence[DemFile], given: Input) -> Terrain:
     """Put tiles on one lattice."""
     first = dems[0]
     for dem in dems:
@@ -256,7 +262,7 @@ def _laid_out(dems: Sequence[DemFile], given: Path) -> Terrain:
                 "cells are not square with north up, as tiles must be",
                 file=dem.file,
                 found=f"{tuple(dem.transform)[:6]}",
-                expected="a raster that gdalwarp has brought onto the lattice of the others",
+                expected="a raster that rio warp has brought onto the lattice of the others",
             )
         _check_alike(first, dem)
     cell = _cell(first)
@@ -308,7 +314,7 @@ def _place(dem: DemFile, west: float, north: float, cell: float, first: DemFile)
             file=dem.file,
             found=f"corner {dem.transform.c:.10g}, {dem.transform.f:.10g}, {off:.3g} of a cell off",
             expected=f"corners a whole number of cells of {cell:g} m from each other; "
-            "gdalwarp -tap makes it so",
+            "rio warp --target-aligned-pixels makes it so",
         )
     return Part(round(row), round(col), *dem.shape)
 

@@ -22,10 +22,11 @@ from pyproj.exceptions import ProjError
 from rasterio.features import rasterize
 
 from sassgis.io.read.offline import VECTOR, read_frame, vector_file
-from sassgis.io.read.plain_file import check_file, check_text
+from sassgis.io.read.plain_file import check_file, check_text, in_memory
 from sassgis.model.crs import crs_name, same_crs
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid
+from sassgis.model.in_memory import InMemory, Input
 
 log = logging.getLogger(__name__)
 
@@ -91,7 +92,7 @@ def _text(value: object) -> str | None:
 
 
 def read_features(
-    file: Path,
+    file: Input,
     grid: Grid,
     key: str,
     *,
@@ -124,7 +125,7 @@ def read_features(
 def with_shapes(
     plain: Sequence[Feature],
     frame: Any,
-    file: Path,
+    file: Input,
     grid: Grid,
     key: str,
     label: str | None,
@@ -150,11 +151,16 @@ def without_shapes(frame: Any) -> list[Feature]:
     return [Feature(n, row, None, "") for n, row in enumerate(rows, start=1)]
 
 
-def open_layer(file: Path, layer: str | None, key: str, fields: Mapping[str, str | None]) -> Any:
+def open_layer(file: Input, layer: str | None, key: str, fields: Mapping[str, str | None]) -> Any:
     """The layer as a frame with geometry."""
-    check_file(file, f"{key}.file", VECTOR, folders=True)
-    stat = file.stat()
-    frame, name, warned = _read_layer(file, layer, key, stat.st_ino, stat.st_size, stat.st_mtime_ns)
+    place = f"{key}.file"
+    check_file(file, place, VECTOR, folders=True)
+    warned: tuple[str, ...] = ()
+    if isinstance(file, InMemory):
+        frame, name = in_memory(file, "layer", place, "a GeoDataFrame"), file.name
+    else:
+        stat = (file.stat().st_ino, file.stat().st_size, file.stat().st_mtime_ns)
+        frame, name, warned = _read_layer(file, layer, key, *stat)
     for text in warned:
         log.warning("%s: %s", file, text)
     known = [c for c in frame.columns if c != "geometry"]
@@ -191,12 +197,15 @@ def _read_layer(
         # Geometries that cannot be decoded come as None and are reported by feature.
         frame = read_frame(file, name, on_invalid="ignore")
     texts = dict.fromkeys(" ".join(str(w.message).split()) for w in warned)
+    if frame.crs is None and (beside := file.with_suffix(".prj")).is_file():
+        unknown = f"{beside.name} states no coordinate system that is understood"
+        texts[f"{unknown}: coordinates are taken to be those of the DEM"] = None
     # Measures along lines are dropped with the heights: nothing is lost.
     return frame, name, tuple(t for t in texts if not t.startswith("Measured"))
 
 
 def _choose_layer(
-    layers: Mapping[str, str | None], wanted: str | None, file: Path, key: str
+    layers: Mapping[str, str | None], wanted: str | None, file: Input, key: str
 ) -> str:
     wrong = partial(InputError, file=file, field=f"{key}.layer")
     drawn = [name for name, kind in layers.items() if kind is not None]
@@ -223,7 +232,7 @@ def _choose_layer(
 _FARTHEST = 1e8
 
 
-def _check_shape(shape: Any, who: str, file: Path, key: str, kinds: Sequence[str]) -> str:
+def _check_shape(shape: Any, who: str, file: Input, key: str, kinds: Sequence[str]) -> str:
     """Kind of a geometry, in the coordinates of its file so that users find the place."""
     wrong = partial(InputError, file=file)
     place = f"{key}.file"
@@ -258,7 +267,7 @@ def _check_shape(shape: Any, who: str, file: Path, key: str, kinds: Sequence[str
 
 
 def onto_grid(
-    shapes: Sequence[Any], crs: Any, grid: Grid, file: Path, key: str, labels: Sequence[str]
+    shapes: Sequence[Any], crs: Any, grid: Grid, file: Input, key: str, labels: Sequence[str]
 ) -> list[Any]:
     """Geometries in the coordinates of the DEM; they must meet it somewhere."""
     wrong = partial(InputError, file=file)
@@ -320,7 +329,7 @@ def _reprojected(
     shapes: Sequence[Any],
     source: pyproj.CRS,
     target: pyproj.CRS,
-    file: Path,
+    file: Input,
     place: str,
     labels: Sequence[str],
 ) -> list[Any]:
@@ -373,7 +382,11 @@ def _extent(bounds: tuple[float, float, float, float]) -> str:
 
 
 def outside(
-    file: Path, place: str, label: str, bounds: tuple[float, float, float, float], grid: Grid
+    file: Input | None,
+    place: str,
+    label: str,
+    bounds: tuple[float, float, float, float],
+    grid: Grid,
 ) -> InputError:
     """The error for a feature beyond the DEM."""
     return InputError(

@@ -31,6 +31,7 @@ from sassgis.io.read.vector_features import (
 from sassgis.model.declared import declared, fault
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.grid import FloatArray, Grid
+from sassgis.model.in_memory import Input
 from sassgis.model.release_areas import ReleaseArea
 from sassgis.model.results import ControlLine
 from sassgis.model.run_config import Config
@@ -61,7 +62,7 @@ def release_names(release: ReleaseSettings) -> tuple[str, ...]:
     return tuple(feature_names(found, release.name_field, "area", file, "release"))
 
 
-def _release_file(release: ReleaseSettings) -> Path:
+def _release_file(release: ReleaseSettings) -> Input:
     if release.file is None:
         raise InputError(
             "no release areas are given",
@@ -155,7 +156,7 @@ def release_area(
 
 
 def feature_names(
-    features: Sequence[Feature], field: str | None, stem: str, file: Path, section: str
+    features: Sequence[Feature], field: str | None, stem: str, file: Input, section: str
 ) -> list[str]:
     """Names of the features: identities, so no two are the same."""
     wrong = partial(InputError, file=file, field=field)
@@ -181,7 +182,7 @@ def _scenarios(
     field: str | None,
     known: Sequence[str],
     name_field: str | None,
-    file: Path,
+    file: Input,
 ) -> tuple[str, ...]:
     text = None if field is None else feature.text(field)
     if text is None:
@@ -201,7 +202,7 @@ def _scenarios(
     return chosen or tuple(known)
 
 
-def _check_under(feature: Feature, label: str, grid: Grid, file: Path) -> None:
+def _check_under(feature: Feature, label: str, grid: Grid, file: Input) -> None:
     """Compare a release area with the DEM under it."""
     inside = share_inside(feature, grid)
     if inside == 0.0:
@@ -245,7 +246,7 @@ def _check_under(feature: Feature, label: str, grid: Grid, file: Path) -> None:
         )
 
 
-def warn_of_overlaps(areas: Sequence[ReleaseArea], file: Path) -> None:
+def warn_of_overlaps(areas: Sequence[ReleaseArea], file: Input) -> None:
     """Where areas of one scenario overlap, blocks start twice as densely."""
     shapes = [a.geometry for a in areas]
     first, second = shapely.STRtree(shapes).query(shapes, predicate="intersects")
@@ -291,7 +292,7 @@ def read_control_lines(config: Config, grid: Grid) -> list[tuple[ControlLine, Fl
 
 
 def _control_lines_of(
-    item: StationSettings, key: str, config_file: Path, grid: Grid
+    item: StationSettings, key: str, config_file: Path | None, grid: Grid
 ) -> list[tuple[ControlLine, FloatArray]]:
     if item.line is not None:
         line = shapely.LineString(item.line)
@@ -341,7 +342,7 @@ def _control_lines_of(
     return control_lines
 
 
-def read_line(file: Path, grid: Grid, key: str) -> FloatArray:
+def read_line(file: Input, grid: Grid, key: str) -> FloatArray:
     """The only line of a file, which must lie within the terrain model.
 
     Returns
@@ -364,7 +365,7 @@ def read_line(file: Path, grid: Grid, key: str) -> FloatArray:
     return vertices
 
 
-def _one_line(feature: Feature, label: str, file: Path, key: str) -> FloatArray:
+def _one_line(feature: Feature, label: str, file: Input, key: str) -> FloatArray:
     """Vertices of a line whose parts, if it has several, meet at their ends."""
     line = feature.geometry
     if line.geom_type == "MultiLineString":
@@ -381,7 +382,7 @@ def _one_line(feature: Feature, label: str, file: Path, key: str) -> FloatArray:
 
 
 def _with_attributes(
-    item: StationSettings, feature: Feature, label: str, file: Path
+    item: StationSettings, feature: Feature, label: str, file: Input
 ) -> StationSettings:
     """A barrier with what the attributes of one feature say; empty ones leave it as it is."""
     if not isinstance(item, BarrierSettings):
@@ -423,7 +424,7 @@ def _vertices(line: Any) -> FloatArray:
     return np.ascontiguousarray(points[keep], dtype=np.float64)
 
 
-def check_on_map(feature: Feature, grid: Grid, file: Path, key: str, label: str) -> None:
+def check_on_map(feature: Feature, grid: Grid, file: Input | None, key: str, label: str) -> None:
     """Raise InputError if a feature lies outside the DEM; warn if a part of it does."""
     if not feature.geometry.intersects(shapely.box(*grid.bounds)):
         raise outside(file, key, label, feature.geometry.bounds, grid)

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-import os
-import tomllib
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any
 
@@ -18,14 +16,15 @@ from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.gap.diagnosis import Diagnosis
 from sassgis.gap.observations.case import Case
 from sassgis.gap.words import effect_name, rung_name
-from sassgis.io.read.checked import is_preset_file
-from sassgis.io.read.config import declared_sections, load_config
+from sassgis.io.read.config import load_config
 from sassgis.io.read.ground_map import read_ground_table
 from sassgis.io.staging import writing
+from sassgis.io.write.config_file import written_document
 from sassgis.io.write.geopackage import write_geopackage
 from sassgis.io.write.layers.gap_map import stand_layer
-from sassgis.model.declared import declared, is_file
+from sassgis.model.declared import declared
 from sassgis.model.ground import PARAMETERS, GroundClass, GroundTable
+from sassgis.model.run_config import Config
 from sassgis.model.settings import ForestPlace
 
 #: Files of the calibrated model, beside its configuration.
@@ -33,14 +32,7 @@ CLASSES_NAME = "ground_classes.csv"
 FOREST_NAME = "forest.gpkg"
 
 
-#: Keys that name files, by section; the keys of ``[[...]]`` are those of each entry.
-FILE_KEYS: Mapping[str, tuple[str, ...]] = {
-    name: tuple(key for key, own in keys.items() if is_file(own.kind))
-    for name, keys in declared_sections().items()
-}
-
-
-def write_config_back(path: Path, config_file: Path, diagnosis: Diagnosis, case: Case) -> Path:
+def write_config_back(path: Path, config: Config, diagnosis: Diagnosis, case: Case) -> Path:
     """Write the user's configuration with the calibrated ground and the named effect.
 
     A ground-class table and, for fitted trees, a forest are written beside it. Files that the
@@ -50,7 +42,7 @@ def write_config_back(path: Path, config_file: Path, diagnosis: Diagnosis, case:
     ----------
     path : Path
         The new TOML file; its folder is made.
-    config_file : Path
+    config : Config
         The configuration that was diagnosed.
 
     Raises
@@ -60,9 +52,9 @@ def write_config_back(path: Path, config_file: Path, diagnosis: Diagnosis, case:
     """
     calibrated = diagnosis.effect
     sections = calibrated.sections(case.effects)
-    document = document_with_classes(config_file, path, CLASSES_NAME)
     with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
+    document = document_with_classes(config, path, CLASSES_NAME)
     if calibrated.engine_keys:
         document.setdefault("engine", {}).update(calibrated.engine_keys)
     effects = document.setdefault("effects", {})
@@ -97,24 +89,21 @@ def write_config_back(path: Path, config_file: Path, diagnosis: Diagnosis, case:
     )
     write_text(
         path,
-        _comments(diagnosis, sections, config_file, stand is not None, left_out)
+        _comments(diagnosis, sections, config.label, stand is not None, left_out)
         + tomli_w.dumps(document),
     )
     # What cannot be run again is reported now, not in the next run.
-    config = load_config(path)
-    read_ground_table(config.ground.classes, config.engine.readings)
+    written = load_config(path)
+    read_ground_table(written.ground.classes, written.engine.readings)
     return path
 
 
-def document_with_classes(config_file: Path, path: Path, classes: str | None) -> dict[str, Any]:
+def document_with_classes(config: Config, path: Path, classes: str | None) -> dict[str, Any]:
     """A configuration as it is written to ``path``.
 
     ``classes`` names a table beside that; None: the configured classes stay.
     """
-    document = tomllib.loads(config_file.read_bytes().decode("utf-8-sig"))
-    # Symbolic links are followed: the way up from the new place counts real folders.
-    base, place = Path(os.path.realpath(config_file)).parent, Path(os.path.realpath(path)).parent
-    _move_paths(document, base, place)
+    document = written_document(config, path)
     if classes is not None:
         document.setdefault("ground", {})["classes"] = classes
     return document
@@ -130,7 +119,7 @@ def write_text(path: Path, text: str) -> None:
 def _comments(
     diagnosis: Diagnosis,
     sections: Collection[str],
-    config_file: Path,
+    config_name: str,
     stand: bool,
     left_out: bool,
 ) -> str:
@@ -138,7 +127,7 @@ def _comments(
     named = verdict.effect not in ("none", "unknown")
     added = {*recommended.split("+")} >= {*verdict.effect.split("+")}
     lines = [
-        f"Made by sassgis {sassgis.__version__} (gap diagnose) from {config_file.name} and "
+        f"Made by sassgis {sassgis.__version__} (gap diagnose) from {config_name} and "
         f"observations of {diagnosis.rocks} rocks.",
         f"Ground classes are as configured ({CLASSES_NAME})."
         if recommended == "configured"
@@ -187,32 +176,6 @@ def _comments(
         "Comments of the original file are not copied.",
     ]
     return "".join(f"# {line}\n" for line in lines) + "\n"
-
-
-def _move_paths(document: dict[str, Any], base: Path, place: Path) -> None:
-    """Name the files of a configuration in ``base`` as seen from the folder ``place``."""
-
-    def moved(value: str) -> str:
-        file = Path(base, Path(value).expanduser())
-        try:
-            return Path(os.path.relpath(file, place)).as_posix()
-        except ValueError:  # On another drive (Windows).
-            return file.as_posix()
-
-    def change(section: Any, keys: Sequence[str]) -> None:
-        for entry in section if isinstance(section, list) else [section]:
-            for key in keys:
-                if isinstance(entry, dict) and isinstance(entry.get(key), str):
-                    entry[key] = moved(entry[key])
-
-    for name, keys in FILE_KEYS.items():
-        section, _, effect = name.partition(".")
-        table = document.get(section)
-        change(table.get(effect) if effect and isinstance(table, dict) else table, keys)
-    preset = document.get("hazard", {}).get("preset")
-    # As the configuration distinguishes a file from the name of a built-in preset.
-    if isinstance(preset, str) and is_preset_file(preset):
-        document["hazard"]["preset"] = moved(preset)
 
 
 def classes_csv(

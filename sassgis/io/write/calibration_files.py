@@ -23,6 +23,7 @@ from sassgis.io.write.calibrated_config import (
 )
 from sassgis.io.write.manifest import plain
 from sassgis.model.ground import GroundClass, GroundTable
+from sassgis.model.run_config import Config
 
 #: The table of the fitted classes.
 FITTED_NAME = "fitted_classes.csv"
@@ -157,7 +158,7 @@ def class_provenance(calibration: SiteCalibration, name: str) -> str:
     return "; ".join(parts)
 
 
-def write_calibrated_config(path: Path, config_file: Path, calibration: SiteCalibration) -> Path:
+def write_calibrated_config(path: Path, config: Config, calibration: SiteCalibration) -> Path:
     """Write a configuration with the recommended ground.
 
     That is the table of fitted classes beside it, or what was configured.
@@ -168,9 +169,9 @@ def write_calibrated_config(path: Path, config_file: Path, calibration: SiteCali
         If the result could not be used in a run.
     """
     used = FITTED_NAME if calibration.recommended else None
-    document = document_with_classes(config_file, path, used)
+    document = document_with_classes(config, path, used)
     lines = [
-        f"Made by sassgis {sassgis.__version__} (calibrate) from {config_file.name} and "
+        f"Made by sassgis {sassgis.__version__} (calibrate) from {config.label} and "
         f"observations of {calibration.rocks} rocks.",
         calibration.recommendation,
         f"{FITTED_NAME} has the fitted classes and says where each value comes from.",

@@ -58,17 +58,14 @@ def short_template(given: Given = ()) -> str:
     """
     keys = declared_sections()
     sections: list[tuple[str, dict[str, str]]] = []
-    by_name = {name: dict(values) for name, values in given if name in _SHORT}
     for name, short in _SHORT.items():
-        own = by_name.get(name, {})
-        shown = {
-            **{k: _value(keys[name][k]) if v is None else v for k, v in short.items()},
-            **own,
-        }
-        hidden = {k for k in _HIDDEN if k not in own}
-        sections.append(
-            (name, {f"{'# ' if k in hidden else ''}{k}": toml_value(v) for k, v in shown.items()})
-        )
+        plain = {k: _value(keys[name][k]) if v is None else v for k, v in short.items()}
+        for own in [dict(values) for section, values in given if section == name] or [{}]:
+            hidden = {k for k in _HIDDEN if k not in own}
+            lines = {
+                f"{'# ' if k in hidden else ''}{k}": toml_value(v) for k, v in (plain | own).items()
+            }
+            sections.append((name, lines))
     for name, values in given:
         if name not in _SHORT:
             sections.append((name, {k: toml_value(v) for k, v in values.items()}))

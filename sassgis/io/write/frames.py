@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -62,6 +62,46 @@ def profile_passage_frame(result: ProfileResult) -> pd.DataFrame:
     return frame
 
 
+class ProfileTables(NamedTuple):
+    """What blocks did along one profile.
+
+    Attributes
+    ----------
+    blocks : DataFrame
+        A row for each block and fragment: size, run-out, why it stopped, largest values.
+    passages : DataFrame
+        A row for each block at each station or barrier: speed, energy, height, outcome.
+    along : DataFrame
+        By stretch of the profile (``from_m``, ``to_m``): quantiles of energy, speed and height.
+    paths : DataFrame
+        Centres of some blocks: ``path``, ``s_m``, ``z_m``.
+    """
+
+    blocks: pd.DataFrame
+    passages: pd.DataFrame
+    along: pd.DataFrame
+    paths: pd.DataFrame
+
+
+def profile_tables(result: ProfileResult, scenarios: Sequence[str]) -> ProfileTables:
+    """Blocks, passages, quantiles by stretch, and paths of a profile."""
+    units = {"energy": "kj", "speed": "mps", "height": "m"}
+    along = {"from_m": result.stretches[:-1], "to_m": result.stretches[1:]}
+    for quantity, quantiles in result.along.items():
+        for p, values in quantiles.items():
+            along[f"{quantity}_q{100 * p:.0f}_{units[quantity]}"] = values
+    paths = [
+        pd.DataFrame({"path": k, "s_m": s, "z_m": z}) for k, (s, z) in enumerate(result.paths, 1)
+    ]
+    none = pd.DataFrame({"path": [], "s_m": [], "z_m": []})
+    return ProfileTables(
+        profile_rock_frame(result, scenarios),
+        profile_passage_frame(result),
+        pd.DataFrame(along),
+        pd.concat(paths, ignore_index=True) if paths else none,
+    )
+
+
 def _columns(rows: NDArray[np.void], scenario: NDArray[np.str_] | None = None) -> pd.DataFrame:
     frame = pd.DataFrame({name: rows[name] for name in rows.dtype.names or ()})
     for column, kind in (("reason", StopReason), ("outcome", Outcome)):
@@ -82,62 +122,6 @@ def _areas(line: IntArray, run: MapRun, planned: Plan) -> NDArray[np.object_]:
 def _name_control_lines(frame: pd.DataFrame, names: Sequence[str]) -> None:
     known = np.array(names, dtype=object)
     frame["control_line"] = known[frame["control_line"]] if known.size else []
-
-
-def area_control_line_table(
-    rocks: pd.DataFrame, passages: pd.DataFrame, areas: Sequence[str], control_lines: Sequence[str]
-) -> pd.DataFrame:
-    """Arrivals from each release area at each station and barrier; each pair has a row.
-
-    ``rocks`` simulated from the area, ``arrive`` at the control line, ``share``, and exact 95 %
-    quantiles (linear between ranks) and maxima of energy, speed and passing height.
-    """
-    released = rocks.groupby("area").size()
-    energy = passages["energy_trans_kj"] + passages["energy_rot_kj"]
-    arrived = passages.assign(energy_kj=energy).groupby(["area", "control_line"])
-    table = pd.DataFrame(
-        {
-            "arrive": arrived.size(),
-            **{
-                f"{quantity}_{name}": values
-                for quantity in ("energy_kj", "speed_mps", "height_m")
-                for name, values in (
-                    ("q95", arrived[quantity].quantile(0.95)),
-                    ("max", arrived[quantity].max()),
-                )
-            },
-        }
-    ).reindex(pd.MultiIndex.from_product([areas, control_lines], names=["area", "control_line"]))
-    table["arrive"] = table["arrive"].fillna(0).astype(np.int64)
-    table = table.reset_index()
-    table.insert(2, "rocks", released.reindex(table["area"]).fillna(0).astype(np.int64).to_numpy())
-    table.insert(4, "share", table["arrive"] / table["rocks"])
-    return table
-
-
-def class_table(
-    values: NDArray[np.floating], limits: Sequence[float], unit: str, cell_size: float
-) -> pd.DataFrame:
-    """Cells, area (m2) and share of the reached cells in each class of a quantity.
-
-    The values are NaN where nothing arrives; one that is equal to a limit belongs to the class
-    above.
-    """
-    known = np.asarray(values)[np.isfinite(values)]
-    counts = np.bincount(np.digitize(known, limits), minlength=len(limits) + 1)
-    names = [
-        f"below {limits[0]:g} {unit}",
-        *(f"{low:g} to {high:g} {unit}" for low, high in itertools.pairwise(limits)),
-        f"{limits[-1]:g} {unit} and more",
-    ]
-    return pd.DataFrame(
-        {
-            "class": names,
-            "cells": counts.astype(np.int64),
-            "area_m2": counts * cell_size**2,
-            "share": counts / max(known.size, 1),
-        }
-    )
 
 
 #: What a spreadsheet takes for the beginning of a formula.

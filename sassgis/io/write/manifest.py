@@ -21,6 +21,7 @@ from sassgis.io.digests import content_digest, json_digest
 from sassgis.io.own_files import MANIFEST_DIGEST
 from sassgis.io.staging import result_files, writing
 from sassgis.model.errors import InputError
+from sassgis.model.in_memory import InMemory, Input
 
 MANIFEST_FORMAT = 1
 
@@ -48,7 +49,7 @@ _SIDECARS = {
 def write_manifest(
     path: Path,
     *,
-    inputs: Mapping[str, Path],
+    inputs: Mapping[str, Input],
     base: Path,
     crs: str,
     vertical_datum: str,
@@ -70,7 +71,7 @@ def write_manifest(
     ----------
     path : Path
         ``manifest.json`` in the folder of the result.
-    inputs : mapping of role ("dem", "release", ...) to file or folder
+    inputs : mapping of role ("dem", "release", ...) to file, folder, or what was in memory
         Sidecar files (of a shapefile, for example) are listed with them.
     base : Path
         Folder of the configuration; inputs are named relative to it.
@@ -94,9 +95,9 @@ def write_manifest(
         "sassgis": sassgis.__version__,
         "versions": software_versions(),
         "inputs": [
-            {"role": role, **_described(file, _shown(file, base))}
+            {"role": role, **own}
             for role, given in inputs.items()
-            for file in input_files(given)
+            for own in _input_entries(given, base)
         ],
         "crs": crs,
         "vertical_datum": vertical_datum,
@@ -169,6 +170,13 @@ def plain(value: object) -> object:
 def settings_digest(settings: object) -> str:
     """SHA-256 of the settings; the order of the keys does not matter."""
     return json_digest(plain(settings))
+
+
+def _input_entries(given: Input, base: Path) -> list[dict[str, object]]:
+    """Name and digest of an input, and of what belongs to it."""
+    if isinstance(given, InMemory):
+        return [{"path": given.name, "size": None, "sha256": given.digest}]
+    return [_described(file, _shown(file, base)) for file in input_files(given)]
 
 
 def input_files(given: Path) -> list[Path]:

@@ -31,7 +31,12 @@ _GROUPS = (
 
 
 def site_template(
-    path: Path, *, crs: str | None = None, dem: Path | None = None, overwrite: bool = False
+    path: Path,
+    *,
+    crs: str | None = None,
+    override_crs: bool = False,
+    dem: Path | None = None,
+    overwrite: bool = False,
 ) -> Path:
     """Write an empty GeoPackage of a site and, beside it, a QGIS project to draw in; returns that.
 
@@ -40,7 +45,8 @@ def site_template(
     path : Path
         New file that ends in ``.gpkg``; the project has the same name with ``.qgz``.
     crs : str, optional
-        Projected system in metres, such as "EPSG:2056". Default: that of the terrain model.
+        Projected system in metres, such as "EPSG:2056". Default: that of the terrain model, in
+        place of which it counts with ``override_crs``.
     dem : Path, optional
         Terrain model that lies under the drawing. A folder of tiles gives system and extent only,
         as QGIS opens single files.
@@ -60,7 +66,7 @@ def site_template(
         extent = _area_of_use(system)
         wkt = system.to_wkt()
     else:
-        frame = open_terrain(dem, crs).outline()
+        frame = open_terrain(dem, crs, None, override_crs).outline()
         wkt, extent = frame.crs, frame.bounds
         if dem.is_file():
             place = Path(os.path.relpath(dem.resolve(), path.resolve().parent)).as_posix()

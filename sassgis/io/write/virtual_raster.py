@@ -36,7 +36,8 @@ def write_vrt(file: Path, terrain: Terrain, overwrite: bool = False) -> Path:
             block = raster.block_shapes[tile.dem.band - 1]
         kinds.add(kind)
         source = ET.Element("ComplexSource")
-        place = Path(os.path.relpath(tile.dem.file.resolve(), file.resolve().parent)).as_posix()
+        tile_file = Path(str(tile.dem.file)).resolve()
+        place = Path(os.path.relpath(tile_file, file.resolve().parent)).as_posix()
         ET.SubElement(source, "SourceFilename", relativeToVRT="1").text = place
         ET.SubElement(source, "SourceBand").text = str(tile.dem.band)
         rows, cols = tile.dem.shape

@@ -29,7 +29,20 @@ def rebounds(
     dip, state, eta_max, r, draws, readings="1986", effects=None, keys=None, density=2700.0
 ):
     """v_t, v_n, ω after one impact of spheres of radius r with some draws, shape (m, 3)."""
-    ground = GroundTable((GroundClass("ground", eta_max, 0.0, 0.0, 0.7, 0.5, 0.2, 0.3),))
+    ground = GroundTable(
+        (
+            GroundClass(
+                "ground",
+                eta_max=eta_max,
+                dp_min=0.0,
+                dp_max=0.0,
+                mu_f=0.7,
+                mu_0=0.5,
+                k=0.2,
+                d_star_m=0.3,
+            ),
+        )
+    )
     own = EffectSettings() if effects is None else effects
     out = np.empty((1, len(draws), 3))
     keys = np.arange(len(draws), dtype=np.uint64)

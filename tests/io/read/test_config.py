@@ -52,8 +52,8 @@ def load(tmp_path: Path) -> Callable[..., Config]:
 
 def test_minimal_file_gives_core_types_and_absolute_paths(load, tmp_path):
     config = load()
-    assert config.dem_path == tmp_path / "dem.tif"
-    assert config.release_path == tmp_path / "release.gpkg"
+    assert config.dem_source == tmp_path / "dem.tif"
+    assert config.release_source == tmp_path / "release.gpkg"
     assert config.blocks == (
         BlockPopulation("large", axis_1_m=(0.6, 0.8), axis_2_m=(0.5, 0.5), axis_3_m=(0.4, 0.4)),
     )
@@ -66,8 +66,8 @@ def test_paths_are_relative_to_the_file_not_to_the_working_folder(tmp_path, monk
     (tmp_path / "a" / "run.toml").write_text(MINIMAL.replace('"dem.tif"', '"../b/dem.tif"'))
     monkeypatch.chdir(tmp_path)
     config = load_config("a/run.toml")
-    assert config.dem_path.resolve() == tmp_path / "b" / "dem.tif"
-    assert config.dem_path.is_absolute()
+    assert config.dem_source.resolve() == tmp_path / "b" / "dem.tif"
+    assert config.dem_source.is_absolute()
 
 
 def test_settings_are_frozen(load):
@@ -365,7 +365,7 @@ def test_profile_runs_need_no_map(load, tmp_path, one_line):
         ("net", "net", 500.0, 90.0),
     ]
     with pytest.raises(ConfigError) as error:
-        _ = config.dem_path
+        _ = config.dem_source
     one_line(error, "run.toml", "terrain.dem", "missing key")
 
 

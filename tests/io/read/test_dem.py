@@ -250,7 +250,7 @@ WRONG = {
     "degrees tagged as metres": (HEIGHTS, place(1e-4, 8.9, 46.4), {},
                 ["terrain.crs", "look like degrees", "LV95", "8.9", "EPSG:4326"]),
     "feet": (HEIGHTS, {"crs": "EPSG:2272"}, {},
-             ["terrain.crs", "not in metres", "US survey foot", "gdalwarp"]),
+             ["terrain.crs", "not in metres", "US survey foot", "rio warp"]),
     "geocentric": (HEIGHTS, {"crs": "EPSG:4978"}, {}, ["terrain.crs", "projected"]),
     "no system": (HEIGHTS, {"crs": None}, {},
                   ["terrain.crs", "has no coordinate system", "EPSG:2056"]),
@@ -270,7 +270,7 @@ WRONG = {
     "infinite": (INFINITE, {}, {},
                  ["band 1", "infinite", "2 cells", "row 2, column 3", "expected numbers"]),
     "bands": (np.stack([HEIGHTS, HEIGHTS]), {}, {},
-              ["several bands", "2 bands", "one band", "gdal_translate"]),
+              ["several bands", "2 bands", "one band", "rio stack"]),
     "no georeference": (HEIGHTS, {"transform": Affine.identity()}, {},
                         ["no georeference", "no corner", "world file"]),
     "unit": (HEIGHTS, {"unit": "fathom"}, {}, ["band 1", "'fathom'", "metres or feet"]),
@@ -308,13 +308,34 @@ def test_undeclared_nodata(make_dem, one_line, value):
         "nodata that is not declared",
         f"2 cells, the first {value:g} at row 3, column 2",
         "-500 to 9000 m",
-        f"-a_nodata {value:g}",
+        f"--nodata {value:g}",
     )
 
 
 def test_images_draw_a_warning(make_dem, caplog):
-    read_dem(make_dem(np.full((3, 3), 200), dtype="uint8"))
+    grey = np.random.default_rng(1).integers(0, 256, (12, 12))
+    read_dem(make_dem(grey, dtype="uint8"))
     assert "hillshade" in caplog.text
+
+
+def test_maps_of_classes_draw_a_warning(make_dem, caplog):
+    zones = np.repeat([0, 1, 3, 4], 30).reshape(12, 10)
+    for kind in ("uint8", "float32"):
+        read_dem(make_dem(zones, dtype=kind))
+        assert "4 different numbers from 0 to 4: a map of classes" in caplog.text
+        assert "hillshade" not in caplog.text
+        caplog.clear()
+    read_dem(make_dem(zones + 0.5))
+    read_dem(make_dem(np.full((3, 3), 400.0)))
+    assert not caplog.text
+
+
+def test_a_wrong_system_can_be_overridden(make_dem, one_line):
+    path = make_dem(HEIGHTS, crs="EPSG:4326")
+    _refused(one_line, path, "terrain.crs", "cannot be degrees", "terrain.override_crs")
+    grid = read_dem(path, "EPSG:2056", override_crs=True)
+    assert crs_name(grid.crs).endswith("(EPSG:2056)")
+    assert read_dem(path, "local", override_crs=True).crs == ""
 
 
 def test_zeros_amid_mountains_draw_a_warning(make_dem, caplog):

@@ -80,7 +80,19 @@ def test_own_classes_are_added_or_replace(tmp_path):
     table = read_ground_table(path)
     assert table.names == (*built_in_table().names, "scree")
     assert table.classes[-1] == GroundClass(
-        "scree", 0.5, 0.1, 0.4, 0.8, 0.5, 0.2, 0.4, 0.3, 9.144, 0.2, "measured 2020", True
+        "scree",
+        eta_max=0.5,
+        dp_min=0.1,
+        dp_max=0.4,
+        mu_f=0.8,
+        mu_0=0.5,
+        k=0.2,
+        d_star_m=0.4,
+        restitution=0.3,
+        restitution_speed_mps=9.144,
+        rolling_threshold=0.2,
+        source="measured 2020",
+        verified=True,
     )
     assert table.classes[table.index("rock")].eta_max == 0.8
     assert table.classes[table.index("debris")] == built_in_table().classes[1]

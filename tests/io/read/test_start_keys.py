@@ -13,7 +13,13 @@ from sassgis.io.read.config import load_config
 from sassgis.io.read.start_keys import start_keys, with_values
 from sassgis.io.read.tiles import read_terrain
 from sassgis.io.read.vectors import read_control_lines
+from sassgis.io.write.config_template import short_template
 from sassgis.model.errors import ConfigError, InputError
+
+
+@pytest.fixture
+def slope_config(tmp_path: Path) -> Path:
+    return Slope.made(tmp_path).config
 
 
 def boxes(folder: Path, layer: str, **columns: list[object]) -> Path:
@@ -46,6 +52,25 @@ def test_files_must_be_there(tmp_path: Path) -> None:
     for files, word in (((Path("no.tif"), None), "--dem"), ((None, Path("no.gpkg")), "--release")):
         with pytest.raises(InputError, match=f"{word}: file not found"):
             start_keys(tmp_path, *files)
+
+
+def test_a_list_of_blocks_replaces_all(slope_config: Path) -> None:
+    both = 'blocks=[{name="a", volume_m3=1.0}, {name="b", volume_m3=[2, 3], onset_frequency=0.1}]'
+    asked = with_values([("blocks", {"name": "x"}), ("run", {"seed": 2})], [both])
+    assert asked[0] == ("run", {"seed": 2})
+    text = slope_config.read_text().split("[[blocks]]")[0]
+    slope_config.write_text(
+        text
+        + short_template(asked)
+        .split("[[blocks]]", 1)[1]
+        .join(("[[blocks]]", ""))
+        .split("[hazard]")[0]
+    )
+    config = load_config(slope_config)
+    assert [(b.name, b.volume_m3) for b in config.blocks] == [("a", (1.0, 1.0)), ("b", (2.0, 3.0))]
+    assert config.onsets["b"].frequency == 0.1 and config.onsets["a"].frequency is None
+    with pytest.raises(InputError, match="is no key with a value"):
+        with_values([], ["blocks=[1, 2]"])
 
 
 def test_values_of_the_user_stand_beside_those_of_the_files(tmp_path: Path) -> None:
@@ -88,7 +113,7 @@ def barriers(folder: Path, **columns: list[object]):
     frame.to_file(folder / "nets.gpkg", driver="GPKG")
     slope.config.write_text(slope.config.read_text() + NETS)
     config = load_config(slope.config)
-    return [own for own, _ in read_control_lines(config, read_terrain(config.dem_path))]
+    return [own for own, _ in read_control_lines(config, read_terrain(config.dem_source))]
 
 
 def test_each_barrier_has_its_own_kind_height_and_capacity(tmp_path: Path) -> None:

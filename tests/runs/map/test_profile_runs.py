@@ -165,8 +165,8 @@ def test_local_coordinates_run_from_end_to_end(make_valley, tmp_path: Path) -> N
     text = config.read_text()
     config.write_text(text.replace('dem = "dem.tif"', 'dem = "dem.tif"\ncrs = "local"'))
     result = run(config, tmp_path / "out", jobs=1)
-    assert result.run.grid.crs == "" and result.rocks > 200
+    assert result.run.grid.crs == "" and result.n_blocks > 200
     with rasterio.open(tmp_path / "out" / "maps" / "energy.tif") as raster:
         assert raster.crs is None or not raster.crs.is_projected
         assert raster.bounds == pytest.approx(result.run.grid.bounds)
-    assert len(gpd.read_file(tmp_path / "out" / "result.gpkg", layer="stops")) == result.rocks
+    assert len(gpd.read_file(tmp_path / "out" / "result.gpkg", layer="stops")) == result.n_blocks

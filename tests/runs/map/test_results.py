@@ -46,7 +46,7 @@ def test_every_file_is_there_and_in_the_manifest(small) -> None:
 
 def test_counts_add_up(small) -> None:
     counts = json.loads((small.folder / "manifest.json").read_text())["counts"]
-    assert counts["rocks"] == small.result.rocks > 200
+    assert counts["rocks"] == small.result.n_blocks > 200
     assert sum(counts[f"rocks_{r.name.lower()}"] for r in StopReason) == counts["rocks"]
     assert counts["rocks"] + counts["rocks_not_simulated"] == counts["release_points"] * 6
     assert counts["fall_lines"] == counts["release_points"]
@@ -57,7 +57,7 @@ def test_reach_times_rocks_is_passages(small) -> None:
     passages = small.band("passages", "passages")
     known = np.isfinite(passages)
     assert known.sum() > 5000 and np.array_equal(known, np.isfinite(reach))
-    started = small.result.rocks - small.result.reasons.get(StopReason.NEVER_STARTED, 0)
+    started = small.result.n_blocks - small.result.reasons.get(StopReason.NEVER_STARTED, 0)
     assert np.allclose(reach[known] * started, passages[known], rtol=1e-6)
     assert passages[known].min() >= 1 and reach[known].max() <= 1.0
 
@@ -101,7 +101,7 @@ def test_the_largest_values_on_the_map_are_those_of_the_rocks(small) -> None:
 
 def test_every_rock_is_once_in_the_table(small) -> None:
     rocks = pd.read_csv(small.folder / "tables" / "rocks.csv")
-    assert len(rocks) == small.result.rocks
+    assert len(rocks) == small.result.n_blocks
     assert not rocks.duplicated(["scenario", "line", "rock"]).any()
     per_area = gpd.read_file(small.folder / "result.gpkg", layer="release_areas")
     assert rocks.groupby("area").size().to_dict() == dict(
@@ -169,7 +169,7 @@ def test_stop_points_max_is_a_maximum(make_valley, tmp_path) -> None:
     config = load_config(make_valley(), {"output.stop_points_max": 50})
     result = run(config, tmp_path / "out", jobs=1)
     stops = gpd.read_file(tmp_path / "out" / "result.gpkg", layer="stops")
-    assert 25 <= len(stops) <= 50 < result.rocks
+    assert 25 <= len(stops) <= 50 < result.n_blocks
     with sqlite3.connect(tmp_path / "out" / "result.gpkg") as base:
         notes = base.execute("select description from gpkg_contents where table_name='stops'")
-        assert f"{len(stops)} of {result.rocks} blocks" in notes.fetchone()[0]
+        assert f"{len(stops)} of {result.n_blocks} blocks" in notes.fetchone()[0]

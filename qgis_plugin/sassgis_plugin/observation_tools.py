@@ -1,0 +1,80 @@
+"""Commands that compare simulations with observations."""
+
+from __future__ import annotations
+
+from qgis.core import QgsProcessingParameterFile
+
+from .command import GO_ON, INTEGER, Command, Inputs, advanced, box, config, file, number
+
+GROUP = "4 Observations"
+_OBSERVATIONS = (
+    "\n\nObservations: a GeoPackage, or any of the CSV tables of a folder ('sassgis gap template "
+    "FOLDER' writes empty ones)."
+)
+
+
+def _observations() -> QgsProcessingParameterFile:
+    return file("OBSERVATIONS", "Observations: GeoPackage, or a table of their folder")
+
+
+def _observed(inputs: Inputs) -> list[object]:
+    own = inputs.file("OBSERVATIONS")
+    return ["--observations", own.parent if own.suffix.lower() == ".csv" else own]
+
+
+class Calibrate(Command):
+    """``sassgis calibrate``."""
+
+    NAME = "calibrate"
+    TITLE = "Calibrate on observations"
+    GROUP = GROUP
+    WORDS = ("calibrate",)
+    HELP = (
+        "Fits the ground classes to observed stops, passages or impacts, and states what the "
+        "observations do not determine. Writes a report and a configuration that has the fitted "
+        "classes where they predict rocks left out better." + _OBSERVATIONS + GO_ON
+    )
+
+    def own_parameters(self):
+        """A configuration and observations."""
+        draws = number("DRAWS", "Parameter sets to begin with", INTEGER, low=16)
+        return [config(), _observations(), advanced(draws)]
+
+    def arguments(self, inputs):
+        """The configuration and the observations."""
+        return [inputs.config, *_observed(inputs), *inputs.option("DRAWS", "--draws")]
+
+
+class Diagnose(Command):
+    """``sassgis gap diagnose``."""
+
+    NAME = "diagnose"
+    TITLE = "Diagnose the gap to observations"
+    GROUP = GROUP
+    WORDS = ("gap", "diagnose")
+    HELP = (
+        "Where observation and simulation differ, which effect missing in the model explains it, "
+        "which explanations the data cannot distinguish, and how far the gap shrinks."
+        + _OBSERVATIONS
+        + GO_ON
+    )
+
+    def own_parameters(self):
+        """A configuration and observations."""
+        draws = number("DRAWS", "Parameter sets of each hypothesis", INTEGER, low=8)
+        return [
+            config(),
+            _observations(),
+            box("MAP", "Run the map with the calibrated model, too"),
+            advanced(draws),
+        ]
+
+    def arguments(self, inputs):
+        """The configuration, the observations, and whether the map is run."""
+        with_map = ["--map"] if inputs.flag("MAP") else []
+        return [
+            inputs.config,
+            *_observed(inputs),
+            *inputs.option("DRAWS", "--draws"),
+            *with_map,
+        ]

@@ -1,0 +1,344 @@
+"""Commands that simulate: from a configuration, or from layers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from qgis.core import (
+    QgsProcessing,
+    QgsProcessingException,
+    QgsProcessingOutputFile,
+    QgsProcessingParameterDefinition,
+    QgsProcessingParameterField,
+    QgsProcessingParameterFolderDestination,
+    QgsProcessingParameterMatrix,
+)
+
+from .command import (
+    ANY_GEOMETRY,
+    GO_ON,
+    GROUND_CLASSES,
+    INTEGER,
+    LINES,
+    POLYGONS,
+    Command,
+    Inputs,
+    Tool,
+    advanced,
+    box,
+    choice,
+    config,
+    features,
+    file,
+    number,
+    number_text,
+    raster,
+)
+from .program import check_program
+from .site_files import site_package, written_configuration
+from .steps import Scenario, table_problem
+
+GROUP = "2 Simulate"
+PRESETS = ("ch-so", "ti")
+#: Layers of a site: parameter, name of the layer, what it is, kind of geometry.
+_LAYERS = (
+    ("RELEASE", "release_areas", "Release areas (name, scenario)", ANY_GEOMETRY),
+    ("GROUND_LAYER", "ground", "Ground: polygons with their class", POLYGONS),
+    ("BARRIERS", "barriers", "Walls and nets (kind, height_m, capacity_kj)", LINES),
+    ("STATIONS", "stations", "Stations where passing blocks are recorded (name)", LINES),
+    ("FOREST", "forest", "Forest (stems_per_ha, dbh_cm)", POLYGONS),
+    ("BUILDINGS", "buildings", "Buildings (value, persons, presence)", POLYGONS),
+    ("ROADS", "roads", "Roads (value_per_m, traffic_per_day, ...)", LINES),
+    ("PEOPLE", "people", "Places of people (persons, presence)", QgsProcessing.TypeVectorPoint),
+)
+_EXPOSED = ("BUILDINGS", "ROADS", "PEOPLE")
+_COLUMNS = (
+    "Name", "Least volume (m³)", "Greatest volume (m³)", "Onset frequency (blocks a year)",
+)  # fmt: skip
+_FROM_LAYERS = (
+    "\n\nGive a configuration, or a terrain model, release areas and the choices below. From "
+    "layers a configuration is written beside the result, in the folder <result>_inputs; open it "
+    "to see all choices, or to go on with it. Attributes of the layers have the names in "
+    "brackets, as 'New site' writes them."
+)
+
+
+def _site_parameters(width: bool) -> list[QgsProcessingParameterDefinition]:
+    """A configuration, or layers and the choices that every site needs."""
+    first, *others = (features(name, text, kind) for name, _, text, kind in _LAYERS)
+    return [
+        config("Configuration of the site (sassgis.toml), or the layers below", optional=True),
+        raster("DEM", "Terrain model", optional=True),
+        first,
+        choice("GROUND", "Ground class where no polygon says it", GROUND_CLASSES, "debris"),
+        QgsProcessingParameterMatrix(
+            "SCENARIOS", "Block scenarios", 1, False, list(_COLUMNS), ["blocks", 0.5, 2.0, ""], True
+        ),
+        number("SPACING", "Spacing of the release points (m)", default=5.0, low=0.01),
+        number("BLOCKS", "Blocks per release point", INTEGER, default=100, low=1),
+        *(
+            [
+                number("REF_WIDTH", "Reference width of all frequencies (m)"),
+                choice("PRESET", "Rules of the hazard levels", PRESETS, PRESETS[0]),
+            ]
+            if width
+            else []
+        ),
+        *others,
+        advanced(
+            QgsProcessingParameterField(
+                "GROUND_FIELD", "Attribute of the ground polygons with the class (class)",
+                parentLayerParameterName="GROUND_LAYER", optional=True,
+            )
+        ),
+        file("VULNERABILITY", "Table of vulnerability (CSV), with exposed objects", True),
+    ]  # fmt: skip
+
+
+def _site(inputs: Inputs, more: Sequence[str] = ()) -> list[object]:
+    """The configuration that is given, or one that is written for the layers.
+
+    Raises
+    ------
+    QgsProcessingException
+        If there is neither, or both.
+    """
+    layers = [inputs.given("DEM"), inputs.given("RELEASE")]
+    if inputs.given("CONFIG") and not any(layers):
+        return [inputs.config]
+    if inputs.given("CONFIG") or not all(layers):
+        raise QgsProcessingException(
+            "Give either a configuration, or a terrain model and release areas."
+        )
+    scenarios = [Scenario(*row) for row in inputs.rows("SCENARIOS")]
+    problem = table_problem(scenarios)
+    if problem:
+        raise QgsProcessingException(f"Block scenarios: {problem}")
+    settings = [
+        f"ground.default={inputs.text('GROUND')}",
+        f"blocks=[{', '.join(map(_block, scenarios))}]",
+        f"release.spacing_m={number_text(inputs.number('SPACING'))}",
+        f"release.rocks_per_point={number_text(inputs.number('BLOCKS'))}",
+        *more,
+    ]
+    if any(inputs.given(name) for name in _EXPOSED):
+        # Without it exposed objects have no risk, and zones no end.
+        if not inputs.given("VULNERABILITY"):
+            raise QgsProcessingException("Exposed objects need a table of vulnerability.")
+        settings.append(f'risk.vulnerability="{inputs.file("VULNERABILITY").as_posix()}"')
+    renamed = {"class": inputs.text("GROUND_FIELD")} if inputs.given("GROUND_FIELD") else {}
+    site = site_package(
+        inputs.out,
+        {
+            layer: inputs.layer(name, layer, **(renamed if layer == "ground" else {}))
+            for name, layer, _, _ in _LAYERS
+            if inputs.given(name)
+        },
+        inputs.context,
+    )
+    inputs.config = written_configuration(
+        inputs.out,
+        ("--dem", inputs.terrain(), "--release", site),
+        settings,
+        replace=inputs.flag("OVERWRITE"),
+        feedback=inputs.feedback,
+    )
+    return [inputs.config]
+
+
+def _block(scenario: Scenario) -> str:
+    """A scenario as TOML."""
+    name = scenario.name.strip().replace('"', "'")
+    low, high = (number_text(float(v)) for v in (scenario.low_m3, scenario.high_m3))
+    frequency = scenario.frequency.strip()
+    onset = f", onset_frequency = {number_text(float(frequency))}" if frequency else ""
+    return f'{{name = "{name}", volume_m3 = [{low}, {high}]{onset}}}'
+
+
+def _width(inputs: Inputs) -> list[str]:
+    """Settings of zones from layers, all of which must be there."""
+    if not inputs.given("REF_WIDTH"):
+        raise QgsProcessingException(
+            "Reference width of all frequencies (m): zones from layers need it"
+        )
+    for row in inputs.rows("SCENARIOS"):
+        if not row[3]:
+            raise QgsProcessingException(
+                f"Block scenarios: {row[0]}: zones from layers need its onset frequency"
+            )
+    return [
+        f"hazard.ref_width_m={number_text(inputs.number('REF_WIDTH'))}",
+        f"hazard.preset={inputs.text('PRESET')}",
+    ]
+
+
+class Configuration(Tool):
+    """``sassgis init``: a configuration from layers."""
+
+    NAME = "configuration"
+    TITLE = "Configuration from layers"
+    GROUP = "1 Prepare a site"
+    HELP = (
+        "Writes the configuration that Run and Zone make of layers, without running it: a text "
+        "file (sassgis.toml) with the lines that every site decides, and a GeoPackage."
+    )
+
+    def own_parameters(self):
+        """Layers and choices."""
+        return [
+            *_site_parameters(width=True)[1:],
+            box("OVERWRITE", "Replace one with other choices"),
+            QgsProcessingParameterFolderDestination(
+                "OUTPUT", "Folder of the result to come; the inputs go to <folder>_inputs"
+            ),
+        ]
+
+    def initAlgorithm(self, configuration=None):
+        """Declare parameters and outputs."""
+        super().initAlgorithm(configuration)
+        self.addOutput(QgsProcessingOutputFile("USED_CONFIG", "Configuration"))
+
+    def processAlgorithm(self, parameters, context, feedback):
+        """Write the files."""
+        check_program(feedback)
+        inputs = Inputs(self, parameters, context, feedback)
+        width = _width(inputs) if inputs.given("REF_WIDTH") else []
+        (written,) = _site(inputs, width)
+        return {"USED_CONFIG": str(written)}
+
+
+class Run(Command):
+    """``sassgis run``."""
+
+    NAME = "run"
+    TITLE = "Run: simulate blocks"
+    GROUP = GROUP
+    WORDS = ("run",)
+    HELP = (
+        "Simulates blocks from release areas over a terrain model: reach probability, energy, "
+        "passing height, speed, stops."
+    ) + _FROM_LAYERS + GO_ON  # fmt: skip
+
+    def own_parameters(self):
+        """A configuration or layers."""
+        return _site_parameters(width=False)
+
+    def arguments(self, inputs):
+        """The configuration."""
+        return _site(inputs)
+
+
+class Zone(Command):
+    """``sassgis zone``."""
+
+    NAME = "zone"
+    TITLE = "Zone: hazard levels, zones and risk"
+    GROUP = GROUP
+    WORDS = ("zone",)
+    HELP = (
+        "All that Run does, and hazard levels, intensities, zones and, with exposed objects, risk. "
+        "How far another sample of blocks would change the levels is said on top of the map "
+        "window."
+        + _FROM_LAYERS
+        + "\n\nFrom layers, each scenario needs its onset frequency: blocks a year from each "
+        "release area. The level depends on the reference width: choose the same for maps that are "
+        "to be compared." + GO_ON
+    )
+
+    def own_parameters(self):
+        """A configuration or layers; onset frequency and width."""
+        return _site_parameters(width=True)
+
+    def arguments(self, inputs):
+        """The configuration."""
+        return _site(inputs) if inputs.given("CONFIG") else _site(inputs, _width(inputs))
+
+
+class Profile(Command):
+    """``sassgis profile``."""
+
+    NAME = "profile"
+    TITLE = "Profile along a drawn line"
+    GROUP = GROUP
+    WORDS = ("profile",)
+    PARALLEL = False
+    HELP = (
+        "Simulates blocks along one line over the terrain model, from its first vertex: "
+        "trajectories, run-out, energy and passing height along the slope. Draw the line "
+        "downwards, with the tool 'Draw a profile' of the plugin or in a layer of lines; of a "
+        "layer with several lines select one. Ground, forest, stations and barriers are those of "
+        "the configuration."
+    )
+
+    def own_parameters(self):
+        """A configuration and a line."""
+        return [
+            config(),
+            features("LINE", "Line, drawn downwards", LINES, optional=False),
+            number("BLOCKS", "Blocks of each scenario", INTEGER, low=1),
+        ]
+
+    def arguments(self, inputs):
+        """The configuration and a file with the line."""
+        source, _ = inputs.layer("LINE", "lines")
+        line = site_package(inputs.out, {"lines": (source, {})}, inputs.context)
+        return [inputs.config, "--line", line, *inputs.option("BLOCKS", "--rocks")]
+
+
+class Batch(Command):
+    """``sassgis batch``."""
+
+    NAME = "batch"
+    TITLE = "Batch: zone many release areas"
+    GROUP = GROUP
+    WORDS = ("batch",)
+    HELP = (
+        "Zones each release area by itself, and all of them on one map, which is loaded. Areas "
+        "that are done are not run again." + GO_ON
+    )
+
+    def own_parameters(self):
+        """A configuration, and what differs from it."""
+        memory = number("MEMORY", "Memory for all processes together (GB)", low=1.0)
+        return [
+            config(),
+            file("RELEASES", "Release areas, in place of those of the configuration", True),
+            box("MOSAIC_ONLY", "No maps, zones and report of each area by itself"),
+            advanced(memory),
+        ]
+
+    def arguments(self, inputs):
+        """The release areas, or the configuration that names them."""
+        releases = inputs.given("RELEASES")
+        named = [inputs.file("RELEASES"), "--config", inputs.config] if releases else []
+        mosaic_only = ["--mosaic-only"] if inputs.flag("MOSAIC_ONLY") else []
+        return [*(named or [inputs.config]), *mosaic_only, *inputs.option("MEMORY", "--memory")]
+
+
+class Sensitivity(Command):
+    """``sassgis sensitivity``."""
+
+    NAME = "sensitivity"
+    TITLE = "Sensitivity to the ground classes"
+    GROUP = GROUP
+    WORDS = ("sensitivity",)
+    HELP = (
+        "Varies the values of the ground classes within their ranges, and shows how levels, reach "
+        "and energy answer: which of them is worth measuring." + GO_ON
+    )
+
+    def own_parameters(self):
+        """A configuration and the size of the design."""
+        return [
+            config(),
+            number("SAMPLES", "Simulations that fill all ranges at once", INTEGER, 32, low=4),
+            advanced(number("ROCKS", "Blocks of each release point", INTEGER, low=2)),
+            advanced(file("RANGES", "Own ranges (CSV)", True)),
+        ]
+
+    def arguments(self, inputs):
+        """The configuration and the size."""
+        return [
+            inputs.config, *inputs.option("SAMPLES", "--samples"),
+            *inputs.option("ROCKS", "--rocks"), *inputs.words("RANGES", "--ranges"),
+        ]  # fmt: skip

@@ -1,0 +1,128 @@
+"""The steps of the work on a site, and what is missing for each. No QGIS is needed here."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+#: A map on which another sample would change the level of more than this is not finished, and of
+#: more than the second it cannot be used.
+LOOK_SHARE, BAD_SHARE = 0.02, 0.10
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A row of the table of blocks, as it was entered."""
+
+    name: str
+    low_m3: str
+    high_m3: str
+    frequency: str
+
+    def problem(self) -> str:
+        """What is wrong with the row; empty if nothing."""
+        if not self.name.strip():
+            return "a scenario has no name"
+        try:
+            low, high = float(self.low_m3), float(self.high_m3)
+        except ValueError:
+            return f"{self.name}: volumes are numbers (m³)"
+        if not 0.0 < low <= high:
+            return f"{self.name}: the least volume is above 0 and not above the greatest"
+        if not self.frequency.strip():
+            return ""
+        try:
+            return "" if float(self.frequency) >= 0.0 else f"{self.name}: a frequency is 0 or more"
+        except ValueError:
+            return f"{self.name}: the onset frequency is a number of blocks a year"
+
+
+@dataclass(frozen=True)
+class Site:
+    """What was entered, and what there is already."""
+
+    terrain: str = ""
+    release: str = ""
+    ground: str = ""
+    scenarios: tuple[Scenario, ...] = ()
+    exposed: bool = False
+    vulnerability: str = ""
+    folder: str = ""
+    ref_width_m: float = 0.0
+    program: str = ""  # why the program cannot be started
+    simulated: str = ""  # folder of a result
+    changed_share: float | None = None  # of its zones; None without any
+    sheets: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Step:
+    """A step with what is missing for it; ``done`` says what there is."""
+
+    key: str
+    title: str
+    missing: str
+    done: str = ""
+
+
+def table_problem(scenarios: Sequence[Scenario]) -> str:
+    """What is wrong with the table of blocks; empty if nothing."""
+    if not scenarios:
+        return "a row in the table of blocks"
+    problems = [problem for own in scenarios if (problem := own.problem())]
+    names = [own.name.strip() for own in scenarios]
+    if not problems and len(set(names)) < len(names):
+        return "names of scenarios that differ"
+    return problems[0] if problems else ""
+
+
+def steps_of(site: Site) -> list[Step]:
+    """The steps in the order of the work."""
+    blocks = table_problem(site.scenarios)
+    terrain = Step("terrain", "Terrain", "" if site.terrain else "a terrain model", site.terrain)
+    release = Step("release", "Release areas", "" if site.release else "a layer of release areas",
+                   site.release)  # fmt: skip
+    ground = Step("ground", "Ground", "" if site.ground else "a ground class", site.ground)
+    rows = Step("blocks", "Blocks", blocks, "" if blocks else f"{len(site.scenarios)} scenario(s)")
+    before = [site.program.rstrip("."), *(own.missing for own in (terrain, release, ground, rows))]
+    before += [] if site.folder else ["a folder for the result"]
+    wanted = [text for text in before if text]
+    run = Step("run", "Run", "; ".join(wanted), site.simulated)
+    more = list(wanted)
+    if not blocks and any(not own.frequency.strip() for own in site.scenarios):
+        more.append("an onset frequency in each row of the table of blocks")
+    if not site.ref_width_m > 0.0:
+        more.append("the reference width")
+    if site.exposed and not site.vulnerability:
+        more.append("a table of vulnerability for the objects")
+    share = site.changed_share
+    zones = Step("zones", "Zones", "; ".join(more), "" if share is None else verdict(share)[1])
+    sheet = Step("sheet", "Map sheets", "" if site.sheets else "a result with zones or maps",
+                 ", ".join(site.sheets))  # fmt: skip
+    return [terrain, release, ground, rows, run, zones, sheet]
+
+
+def next_step(steps: Sequence[Step]) -> str:
+    """What to do next, in a line."""
+    for own in steps:
+        if own.key in ("run", "zones"):
+            if not own.missing and not own.done:
+                return f"Next: {own.title.lower()}."
+        elif own.missing and own.key != "sheet":
+            return f"Next: {own.title.lower()} ({own.missing})."
+    return "All steps are done."
+
+
+def verdict(changed_share: float) -> tuple[str, str]:
+    """Whether zones are settled ("good", "look", "bad"), and the sentence that says so."""
+    grade = "good"
+    if changed_share > LOOK_SHARE:
+        grade = "look" if changed_share <= BAD_SHARE else "bad"
+    text = f"Another sample of blocks would change the level on {100.0 * changed_share:.1f} % of "
+    text += "the zoned area."
+    advice = {
+        "good": "",
+        "look": " More blocks per release point make it less.",
+        "bad": " Too much for a map: simulate more blocks per release point.",
+    }
+    return grade, text + advice[grade]

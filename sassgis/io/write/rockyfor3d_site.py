@@ -1,0 +1,68 @@
+"""The inputs of Rockyfor3D written as a configuration with its layers."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+from sassgis.io.read.rockyfor3d import read_rockyfor3d
+from sassgis.io.read.start_keys import with_values
+from sassgis.io.read.tiles import open_terrain
+from sassgis.io.staging import staged_file
+from sassgis.io.write.config_template import short_template
+from sassgis.io.write.frames import write_table
+
+
+@dataclass(frozen=True, slots=True)
+class WrittenSite:
+    """Files of a site, and what its user must know of them."""
+
+    files: tuple[Path, ...]
+    notes: tuple[str, ...]
+
+
+def write_rockyfor3d_site(
+    file: Path, folder: Path, assignments: Sequence[str] = (), overwrite: bool = False
+) -> WrittenSite:
+    """Write a configuration from a folder of Rockyfor3D, and beside it what it is made into.
+
+    Parameters
+    ----------
+    file : Path
+        The new TOML file.
+    assignments : sequence of str
+        Keys that the user sets, as ``terrain.crs=EPSG:2056``.
+    overwrite : bool
+        Whether files that are there already may be replaced.
+
+    Raises
+    ------
+    InputError, OutputError
+    """
+    terrain = dict(with_values([("terrain", {})], assignments))["terrain"]
+    dem = next((f for f in folder.glob("*") if f.stem.lower() == "dem"), folder / "dem.asc")
+    crs = terrain.get("crs")
+    frame = open_terrain(
+        dem, None if crs is None else str(crs), None, bool(terrain.get("override_crs", False))
+    ).outline()
+    made = read_rockyfor3d(folder, file.parent, frame.crs or None)
+    comments = "".join(
+        textwrap.fill(note, 100, initial_indent="# - ", subsequent_indent="#   ") + "\n"
+        for note in made.notes
+    )
+    text = f"# From {folder.name}, inputs of Rockyfor3D.\n{comments}\n"
+    text += short_template(with_values(made.keys, assignments))
+    files = [file]
+    with ExitStack() as staged:
+        for name, layer in made.layers.items():
+            files.append(file.parent / f"{name}.gpkg")
+            work = staged.enter_context(staged_file(files[-1], overwrite))
+            layer.to_file(work, driver="GPKG", layer=name)
+        for name, table in made.tables.items():
+            files.append(file.parent / f"{name}.csv")
+            write_table(staged.enter_context(staged_file(files[-1], overwrite)), [table])
+        staged.enter_context(staged_file(file, overwrite)).write_text(text, encoding="utf-8")
+    return WrittenSite(tuple(files), tuple(made.notes))

@@ -1,0 +1,471 @@
+"""A map that can be asked: one page, complete in itself, that says what comes to a place.
+
+The map library is Leaflet (``sassgis/data/leaflet``, BSD 2-clause), the rest is the template
+``map_page.html.j2``. Numbers of cells are packed: logarithms in steps of 0.23 %, compressed.
+"""
+
+from __future__ import annotations
+
+import base64
+import io
+import zlib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import matplotlib.image
+import numpy as np
+import shapely
+from jinja2 import Environment, StrictUndefined
+from markupsafe import Markup
+from numpy.typing import NDArray
+
+from sassgis.hazard.along_profile import LinePaths
+from sassgis.model.grid import FloatArray, Grid, IntArray
+from sassgis.model.hazard import HazardCurves, HazardPreset
+from sassgis.model.languages import current_language, phrase, translated
+from sassgis.model.map_run import MapRun
+from sassgis.model.noted_files import noted
+from sassgis.model.ramps import rgb
+from sassgis.model.results import RasterLayer
+from sassgis.model.styles import class_colours, class_labels
+from sassgis.report.figures.map_figure import class_numbers, shown_values
+from sassgis.report.figures.map_marks import MapObject
+from sassgis.report.figures.relief import MapView, footprint, hillshade, view_of
+from sassgis.report.page import data_uri
+
+#: Maps that can be chosen, the first that there is at the beginning.
+_SHOWN = ("hazard_level", "energy", "reach_probability", "passing_height", "return_period")
+#: Maps whose values are said of a cell: numbers of blocks, and quantiles of those that arrive.
+_COUNTS = (("passages", "passages"), ("reach_probability", "reach"), ("stops", "stops"))
+_QUANTILES = ("energy", "passing_height", "speed")
+_BANDS = ("q50", "q95", "max")
+#: Sources that are named of a cell; energies of a curve; dots of a picture; cells that are told
+#: apart.
+_SOURCES, _ENERGIES, _DOTS, _CELLS = 3, 12, 1200, 120_000
+#: Dots from one stripe of a hatched class to the next.
+_STRIPE = 6
+#: Steps of a decade, and the smallest power of ten.
+_STEPS, _LEAST = 1000, -10
+
+
+@dataclass(frozen=True, slots=True)
+class Contribution:
+    """What comes from one source: how often, or how many of the simulated blocks, by cell."""
+
+    area: str
+    scenario: str
+    cells: IntArray
+    weight: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class PlaceFacts:
+    """What is known of an object, a station or a barrier.
+
+    Attributes
+    ----------
+    rows : tuple of (str, str)
+        Said in a table.
+    curve : sequence of (energy in kJ, blocks per year with at least that energy)
+        Empty where there is none.
+    """
+
+    rows: tuple[tuple[str, str], ...] = ()
+    curve: Sequence[tuple[float, float]] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class MapHazard:
+    """What a zoning says of cells and zones.
+
+    Attributes
+    ----------
+    zones : sequence of (level, polygon, rows)
+        Position of the level in the preset, and what is said of the zone.
+    ref_width_m : float
+        Of all frequencies.
+    """
+
+    preset: HazardPreset
+    curves: HazardCurves
+    zones: Sequence[tuple[int, Any, tuple[tuple[str, str], ...]]]
+    ref_width_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class MapPage:
+    """What is on the page.
+
+    Attributes
+    ----------
+    layers : sequence of RasterLayer
+        All maps of the result.
+    areas : sequence of (name, geometry, rows)
+        Release areas.
+    places : mapping of str to PlaceFacts
+        By the name of the object, station or barrier.
+    """
+
+    title: str
+    run: MapRun
+    layers: Sequence[RasterLayer]
+    areas: Sequence[tuple[str, Any, tuple[tuple[str, str], ...]]]
+    objects: Sequence[MapObject]
+    contributions: Sequence[Contribution]
+    paths: Sequence[LinePaths]
+    places: Mapping[str, PlaceFacts] = field(default_factory=dict)
+    hazard: MapHazard | None = None
+
+
+def write_map_page(file: Path, page: MapPage) -> None:
+    """Write the page, in the language of the settings."""
+    by_stem = {layer.stem: layer for layer in page.layers}
+    first = by_stem[next(stem for stem in _SHOWN if stem in by_stem)]
+    around = [np.column_stack([p.x, p.y]) for p in page.paths]
+    around += [shapely.get_coordinates(geometry) for _, geometry, _ in page.areas]
+    everything = np.concatenate([np.empty((0, 2)), *around])
+    view = view_of(
+        page.run.grid, footprint(page.run.grid, shown_values(first.bands[0]), everything)
+    )
+    data = {
+        "extent": view.grid.bounds,
+        "relief": data_uri(_relief(view.grid)),
+        "maps": [_map(by_stem[stem], view) for stem in _SHOWN if stem in by_stem],
+        "cells": _cells(page, by_stem),
+        "curve": _curve_facts(page.hazard),
+        "shapes": _shapes(page),
+        "paths": [_path(shown) for shown in page.paths],
+    }
+    folder = files("sassgis.data")
+    library = folder.joinpath("leaflet")
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True)
+    environment.globals["translated"] = translated
+    template = folder.joinpath("map_page.html.j2").read_text(encoding="utf-8")
+    text = environment.from_string(template).render(
+        title=page.title,
+        language=current_language(),
+        data=data,
+        words={key: translated(word) for key, word in _WORDS.items()},
+        # The library holds no text that ends its element.
+        script=Markup(library.joinpath("leaflet.js").read_text(encoding="utf-8")),
+        style=Markup(library.joinpath("leaflet.css").read_text(encoding="utf-8")),
+        licence=library.joinpath("LICENSE").read_text(encoding="utf-8"),
+    )
+    noted(file).write_text(text, encoding="utf-8", newline="\n")
+
+
+_WORDS = {
+    "years": "years",
+    "once": "once in {} years",
+    "rarer": "rarer than once in {} years",
+    "none": "No simulated block comes here.",
+    "level": "Hazard level",
+    "no_level": "no level",
+    "why_none": "Blocks come here more rarely than the rules count.",
+    "certain": "Another sample of blocks changes the level with a chance of {}.",
+    "between": "Within the sampling error it is between {} and {}.",
+    "frequency": "How often blocks come here",
+    "energy": "energy",
+    "any": "any block",
+    "and_more": "and more",
+    "with_period": "Energy with return period",
+    "blocks": "Simulated blocks that come here",
+    "sources": "Where they come from",
+    "others": "others",
+    "of_width": "Reference width {} m.",
+    "thinned": "Of {} x {} cells the one that is reached most often.",
+    "chainage": "chainage",
+    "ground": "ground at",
+    "above": "block above the ground",
+    "path": "Path of a block",
+    "east": "east",
+    "north": "north",
+    "release": "Release area",
+    "zone": "Zone",
+    "object": "Object",
+    "station": "Station",
+    "wall": "Wall",
+    "net": "Net",
+    "of_blocks": "of the blocks that come",
+    "largest": "largest",
+}
+_LABELS = {
+    "passages": "Simulated blocks",
+    "reach_probability": "Reach probability",
+    "stops": "Stopping blocks",
+    "energy": "Energy",
+    "passing_height": "Passing height",
+    "speed": "Speed",
+}
+
+
+# ---------------------------------------------------------------------------------------------
+# Pictures
+
+
+def _png(image: NDArray[Any]) -> bytes:
+    buffer = io.BytesIO()
+    # An empty name in place of matplotlib's version: equal runs give equal pages.
+    matplotlib.image.imsave(
+        buffer, np.clip(image, 0.0, 1.0), format="png", metadata={"Software": ""}
+    )
+    return buffer.getvalue()
+
+
+def _relief(part: Grid) -> bytes:
+    """The relief, a dot for each cell or some of them."""
+    factor = -(-max(part.shape) // _DOTS)
+    grey = np.nan_to_num((hillshade(part) + 0.35) / 1.3, nan=1.0)[::factor, ::factor]
+    return _png(np.repeat(grey[..., None], 3, axis=2))
+
+
+def _map(layer: RasterLayer, view: MapView) -> dict[str, Any]:
+    """A map as a picture with its legend, the highest class first."""
+    values = view.cut(shown_values(layer.bands[0]))
+    striped = {float(c.value) for c in layer.classes if c.hatched}
+    if layer.classes:
+        entries = {float(c.value): (c.colour, c.label) for c in layer.classes}
+    else:
+        labels = class_labels(layer.breaks, layer.bands[0].unit)
+        entries = dict(enumerate(zip(class_colours(layer.breaks, layer.ramp), labels, strict=True)))
+        values = class_numbers(values, layer.breaks)
+    factor = -(-max(view.grid.shape) // _DOTS)
+    shown = values[::factor, ::factor]
+    image = np.zeros((*shown.shape, 4))
+    row, col = np.indices(shown.shape)
+    for value, (colour, _) in entries.items():
+        here = shown == value
+        image[here] = (*(c / 255.0 for c in rgb(colour)), 1.0)
+        if value in striped:
+            image[here & ((row + col) % _STRIPE >= _STRIPE // 2)] = 1.0
+    legend = [
+        (colour, translated(phrase(label)), value in striped)
+        for value, (colour, label) in sorted(entries.items())
+    ]
+    return {
+        "title": translated(layer.title),
+        "note": translated(layer.note),
+        "picture": data_uri(_png(image)),
+        "legend": legend[::-1],
+    }
+
+
+# ---------------------------------------------------------------------------------------------
+# Cells
+
+
+def _cells(page: MapPage, by_stem: Mapping[str, RasterLayer]) -> dict[str, Any]:
+    """What is said of each cell that blocks reach."""
+    shape = page.run.grid.shape
+    of_blocks = np.nan_to_num(by_stem["passages"].bands[0].values.ravel().astype(np.float64))
+    rate = np.zeros(of_blocks.size)
+    if page.hazard is not None:
+        rate[page.hazard.curves.places] = page.hazard.curves.rate[:, 0]
+    factor = 1
+    while np.count_nonzero((rate > 0.0) | (of_blocks > 0.0)) > _CELLS * factor**2:
+        factor += 1
+    cells = _strongest(rate + 1e-12 * of_blocks, shape, factor)
+    row, col = np.divmod(cells, shape[1])
+    own = (row // factor) * -(-shape[1] // factor) + col // factor
+
+    def column(stem: str, name: str, factor: float = 1.0) -> str:
+        band = next(b for b in by_stem[stem].bands if b.name == name)
+        values = np.nan_to_num(band.values.ravel()[cells].astype(np.float64))
+        return _packed(_logarithm(factor * values))
+
+    sources, shares = _shares(page.contributions, cells)
+    grid = page.run.grid
+    return {
+        "places": _packed(np.diff(own, prepend=0).astype(np.uint32)),
+        "count": int(cells.size),
+        "factor": factor,
+        "grid": (grid.west, grid.north, grid.cell_size, -(-shape[1] // factor)),
+        "counts": [
+            (
+                translated(_LABELS[stem]),
+                "%" if stem == "reach_probability" else "",
+                column(stem, name, 100.0 if stem == "reach_probability" else 1.0),
+            )
+            for stem, name in _COUNTS
+        ],
+        "quantiles": [
+            (
+                translated(_LABELS[stem]),
+                by_stem[stem].bands[0].unit,
+                [column(stem, name) for name in _BANDS],
+            )
+            for stem in _QUANTILES
+        ],
+        "names": [f"{c.area}, {c.scenario}" for c in page.contributions],
+        "sources": [_packed(column) for column in sources.T],
+        "shares": [_packed(column) for column in shares.T],
+        "hazard": _hazard(page.hazard, by_stem, cells),
+    }
+
+
+def _strongest(strength: FloatArray, shape: tuple[int, int], factor: int) -> IntArray:
+    """The cell of the largest strength of each square of so many cells that has any."""
+    cells = np.flatnonzero(strength > 0.0)
+    if factor == 1:
+        return cells
+    row, col = np.divmod(cells, shape[1])
+    square = (row // factor) * -(-shape[1] // factor) + col // factor
+    order = np.lexsort((cells, -strength[cells], square))
+    first = np.diff(square[order], prepend=-1) > 0
+    chosen: IntArray = cells[order[first]]
+    return chosen
+
+
+def _hazard(
+    hazard: MapHazard | None, by_stem: Mapping[str, RasterLayer], cells: IntArray
+) -> dict[str, Any] | None:
+    """Curve, level and certainty of each cell."""
+    if hazard is None:
+        return None
+    curves = hazard.curves
+    at = np.minimum(np.searchsorted(curves.places, cells), max(curves.places.size - 1, 0))
+    known = curves.places[at] == cells if curves.places.size else np.zeros(cells.size, bool)
+    columns = [curves.column(e) for e in _curve_energies(hazard)]
+    rate = np.where(known[:, None], curves.rate[at][:, columns], 0.0)
+
+    def band(stem: str, name: str) -> FloatArray:
+        found = next(b for b in by_stem[stem].bands if b.name == name)
+        values: FloatArray = np.nan_to_num(found.values.ravel()[cells].astype(np.float64))
+        return values
+
+    periods = [f"{years:g}" for years in hazard.preset.return_periods]
+    return {
+        "rates": [_packed(_logarithm(column)) for column in rate.T],
+        "level": _packed(band("hazard_level", "level").astype(np.uint16)),
+        "lowest": _packed(band("confidence", "lowest_level").astype(np.uint16)),
+        "highest": _packed(band("confidence", "highest_level").astype(np.uint16)),
+        "change": _packed(_logarithm(band("confidence", "change_chance"))),
+        "energies": [
+            [years, _packed(_logarithm(band("energy_at_return_period", f"e{years}")))]
+            for years in periods
+        ],
+    }
+
+
+def _curve_energies(hazard: MapHazard) -> list[float]:
+    """Energies of the curves on the page: evenly chosen, the thresholds among them."""
+    known = hazard.curves.energies_kj
+    even = known[np.unique(np.linspace(0, known.size - 1, _ENERGIES).round().astype(int))]
+    return sorted({*even.tolist(), *map(float, hazard.preset.thresholds_kj)})
+
+
+def _curve_facts(hazard: MapHazard | None) -> dict[str, Any] | None:
+    """What the curves of all cells have in common."""
+    if hazard is None:
+        return None
+    preset = hazard.preset
+    return {
+        "energies": _curve_energies(hazard),
+        "thresholds": [float(t) for t in preset.thresholds_kj if t > 0.0],
+        "periods": list(preset.return_periods),
+        "levels": [
+            [level.colour, translated(phrase(level.label)), level.hatched]
+            for level in preset.levels
+        ],
+        "width": hazard.ref_width_m,
+    }  # fmt: skip
+
+
+def _shares(
+    contributions: Sequence[Contribution], cells: IntArray
+) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
+    """The sources that most comes from at each cell, and their shares in thousandths."""
+    best = np.zeros((cells.size, _SOURCES))
+    which = np.zeros((cells.size, _SOURCES), np.uint16)
+    total = np.zeros(cells.size)
+    for number, own in enumerate(contributions):
+        at = np.minimum(np.searchsorted(cells, own.cells), max(cells.size - 1, 0))
+        here = cells[at] == own.cells if cells.size else np.zeros(own.cells.size, bool)
+        weight = np.zeros(cells.size)
+        weight[at[here]] = own.weight[here]
+        total += weight
+        new = np.full(cells.size, number, np.uint16)
+        for place in range(_SOURCES):
+            more = weight > best[:, place]
+            weight, best[:, place] = (
+                np.where(more, best[:, place], weight),
+                np.where(more, weight, best[:, place]),
+            )
+            new, which[:, place] = (
+                np.where(more, which[:, place], new),
+                np.where(more, new, which[:, place]),
+            )
+    shares = np.rint(1000.0 * best / np.where(total > 0.0, total, 1.0)[:, None])
+    return which, shares.astype(np.uint16)
+
+
+def _logarithm(values: FloatArray) -> NDArray[np.uint16]:
+    """Values as steps of their logarithm; 0 for what is not above 0."""
+    above = values > 0.0
+    power = np.log10(np.where(above, values, 1.0)) - _LEAST
+    steps = np.clip(np.rint(_STEPS * power), 0.0, 65_534.0)
+    return np.where(above, steps + 1.0, 0.0).astype(np.uint16)
+
+
+def _packed(values: NDArray[Any]) -> str:
+    """Numbers of a type that the page knows, compressed, as text."""
+    plain = values.astype(values.dtype.newbyteorder("<")).tobytes()
+    return base64.b64encode(zlib.compress(plain, 9)).decode("ascii")
+
+
+# ---------------------------------------------------------------------------------------------
+# Shapes
+
+_Rows = tuple[tuple[str, str], ...]
+
+
+def _shape(
+    kind: str, name: str, geometry: Any, rows: _Rows, colour: str = "", curve: Iterable[Any] = ()
+) -> dict[str, Any]:
+    """A geometry with what is said of it; lines, rings of polygons with their holes, points."""
+    parts = []
+    for part in shapely.get_parts(geometry):
+        if isinstance(part, shapely.Polygon):
+            parts.append([_points(ring) for ring in (part.exterior, *part.interiors)])
+        else:
+            parts.append([_points(part)])
+    plain = {"Point": "point", "LineString": "line"}
+    form = plain.get(shapely.get_parts(geometry)[0].geom_type, "area")
+    said = [[translated(key), translated(value)] for key, value in rows]
+    return {
+        "kind": kind, "name": name, "form": form, "parts": parts, "rows": said, "colour": colour,
+        "curve": [[float(f"{e:.5g}"), float(f"{r:.5g}")] for e, r in curve],
+    }  # fmt: skip
+
+
+def _points(geometry: Any) -> list[list[float]]:
+    points: list[list[float]] = np.round(shapely.get_coordinates(geometry), 1).tolist()
+    return points
+
+
+def _shapes(page: MapPage) -> list[dict[str, Any]]:
+    """Zones, release areas, objects, stations and barriers: what lies on top comes last."""
+    found = []
+    if page.hazard is not None:
+        levels = page.hazard.preset.levels
+        found += [
+            _shape("zone", translated(phrase(levels[k].label)), polygon, rows, levels[k].colour)
+            for k, polygon, rows in page.hazard.zones
+        ]
+    found += [_shape("release", name, geometry, rows) for name, geometry, rows in page.areas]
+    placed = [("object", name, geometry) for name, geometry in page.objects]
+    placed += [(c.kind, c.name, shapely.LineString(trace)) for c, trace in page.run.control_lines]
+    for kind, name, geometry in placed:
+        facts = page.places.get(name, PlaceFacts())
+        found.append(_shape(kind, name, geometry, facts.rows, curve=facts.curve))
+    return found
+
+
+def _path(shown: LinePaths) -> dict[str, Any]:
+    end = int(np.searchsorted(shown.s, max(float(s.max()) for s, _ in shown.paths))) + 1
+    part = {k: np.round(getattr(shown, k)[:end], 1).tolist() for k in ("s", "z", "x", "y")}
+    blocks = [{"s": np.round(s, 1).tolist(), "z": np.round(z, 1).tolist()} for s, z in shown.paths]
+    return {"name": f"{shown.area}, {shown.scenario}", **part, "blocks": blocks}

@@ -1,0 +1,110 @@
+"""Terrain and layers with faults of their coordinate system, before there is a configuration."""
+
+from __future__ import annotations
+
+import geopandas as gpd
+import numpy as np
+import pytest
+from helpers.small_slope import ROWS, Slope, heights, release_box
+
+from sassgis.io.read.config import load_config
+
+
+@pytest.mark.parametrize("command", [("cliffs", "{dem}", "-o"), ("new", "--dem", "{dem}")])
+def test_commands_without_a_configuration_ask_for_their_option(slope: Slope, call, command) -> None:
+    slope.write_dem(heights(), crs=None)
+    words = [w.format(dem=slope.folder / "dem.tif") for w in command]
+    words.append(str(slope.folder / "new.gpkg"))
+    code, _, err = call(*words)
+    assert code == 2 and "expected it as --crs" in err and "configuration" not in err
+    assert not (slope.folder / "new.gpkg").exists()
+    assert "coordinate system" not in call(*words, "--crs", "EPSG:2056")[2]
+
+
+def test_a_wrong_system_is_overridden_by_option_and_by_setting(slope: Slope, call) -> None:
+    slope.write_dem(heights(), crs="EPSG:4326")
+    dem, site = slope.folder / "dem.tif", slope.folder / "site.gpkg"
+    code, out, _ = call("dem", "check", dem)
+    assert code == 0 and "--crs with --override-crs" in out
+    # Nothing is said of cells of hundreds of kilometres.
+    assert "cells of 2 x 2 m" in out and "taken as metres" in out and "e+" not in out
+    assert call("new", site, "--dem", dem, "--crs", "EPSG:2056")[0] == 2
+    assert call("new", site, "--dem", dem, "--crs", "EPSG:2056", "--override-crs")[0] == 0
+    slope.write_config(terrain__crs='"EPSG:2056"')
+    assert "terrain.override_crs as well" in call("validate", slope.config)[2]
+    slope.write_config(terrain__crs='"EPSG:2056"', terrain__override_crs="true")
+    assert call("validate", slope.config)[0] == 0
+    slope.write_config(terrain__override_crs="true")
+    assert "terrain.crs as well" in call("validate", slope.config)[2]
+
+
+def test_init_takes_the_system_of_the_release_areas(slope: Slope, call) -> None:
+    slope.write_dem(heights(), crs=None)
+    new, files = slope.folder / "new.toml", ("--dem", slope.folder / "dem.tif", "--release")
+    code, out, err = call("init", new, *files, slope.folder / "release.gpkg")
+    assert code == 0 and "terrain.crs: EPSG:2056, from" in out, err
+    assert load_config(new).terrain.crs == "EPSG:2056"
+    assert call("validate", new)[0] == 0
+
+
+def test_init_writes_nothing_that_validate_would_refuse(slope: Slope, call) -> None:
+    new = slope.folder / "new.toml"
+    release = gpd.read_file(slope.folder / "release.gpkg")
+    release.set_crs(None, allow_override=True).to_file(slope.folder / "bare.shp")
+    slope.write_dem(heights(), crs=None)
+    dem = slope.folder / "dem.tif"
+    # No file states a system; it can be set.
+    code, _, err = call("init", new, "--dem", dem, "--release", slope.folder / "bare.shp")
+    assert code == 2 and "has no coordinate system" in err and not new.exists()
+    told = ("--set", "terrain.crs=EPSG:2056")
+    assert call("init", new, "--dem", dem, "--release", slope.folder / "bare.shp", *told)[0] == 0
+    # Areas that lie elsewhere.
+    slope.write_dem(heights())
+    release.translate(1e5, 0.0).to_file(slope.folder / "far.gpkg")
+    other = slope.folder / "other.toml"
+    code, _, err = call("init", other, "--dem", dem, "--release", slope.folder / "far.gpkg")
+    assert code == 2 and "lies outside the DEM" in err and not other.exists()
+
+
+def test_a_broken_prj_is_named(slope: Slope, call) -> None:
+    gpd.read_file(slope.folder / "release.gpkg").to_file(slope.folder / "areas.shp")
+    (slope.folder / "areas.prj").write_text("GARBAGE[")
+    dem = slope.folder / "dem.tif"
+    new = slope.folder / "new.toml"
+    code, _, err = call("init", new, "--dem", dem, "--release", slope.folder / "areas.shp")
+    assert code == 0 and "areas.prj states no coordinate system that is understood" in err
+    rows = "\n".join(" ".join(f"{v:.2f}" for v in row) for row in heights())
+    (slope.folder / "plain.asc").write_text(
+        f"ncols 70\nnrows {ROWS}\nxllcorner 2700000\nyllcorner 1149900\ncellsize 2\n{rows}\n"
+    )
+    (slope.folder / "plain.prj").write_text("GARBAGE[")
+    code, out, _ = call("dem", "check", slope.folder / "plain.asc")
+    assert code == 0 and "plain.prj, which states none that is understood" in out
+
+
+def test_what_the_readers_notice_is_said_by_a_run(slope: Slope, call) -> None:
+    """The command line keeps its log quiet, and collects what is in it all the same."""
+    slope.write_release(release_box(col=-2.0))
+    code, _, err = call("run", slope.config, "-o", slope.folder / "out", "--jobs", "1")
+    assert code == 0 and "of it lies outside the DEM; no block starts there" in err
+    report = (slope.folder / "out" / "report.html").read_text(encoding="utf-8")
+    assert "of it lies outside the DEM; no block starts there" in report
+
+
+def test_wrong_columns_of_a_survey_are_not_offered_again(slope: Slope, call) -> None:
+    survey = slope.folder / "blocks.csv"
+    survey.write_text("volume,who\n1,a\n")
+    code, _, err = call("frequency", survey, "--complete-from", "0.1", "--years", "10")
+    assert code == 2 and "missing column (found volume, who; expected volume_m3, or from_m3" in err
+
+
+def test_a_map_of_zones_is_no_terrain(slope: Slope, call) -> None:
+    slope.write_dem(np.repeat([0.0, 1.0, 2.0, 4.0, 4.0], ROWS // 5)[:, None] * np.ones((1, 70)))
+    code, out, _ = call("dem", "check", slope.folder / "dem.tif")
+    assert code == 0 and "a map of classes, such as zones" in out and "hillshade" not in out
+
+
+def test_classes_of_the_paper_are_not_called_verified(slope: Slope, call) -> None:
+    slope.write_config(engine__readings='"1986"')
+    _, out, _ = call("validate", slope.config)
+    assert "debris, on 100.0 % of the cells: UNVERIFIED values" in out

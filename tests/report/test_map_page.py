@@ -1,0 +1,269 @@
+"""The map that can be asked: its numbers are those of the result, also in a browser."""
+
+from __future__ import annotations
+
+import html
+import json
+import re
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+from helpers.zone_slope import Case, box, place, two_areas
+
+import sassgis
+from sassgis.hazard.curves import return_period
+from sassgis.report.map_page import Contribution, _logarithm, _shares, _strongest
+from sassgis.runs.zone import ZoneResult
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+browser = pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium (Debian: chromium)")
+#: What the script below leaves for the test.
+LEFT = re.compile(r'<pre id="left">(.*?)</pre>', re.S)
+Zoned = tuple[ZoneResult, Path]
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
+    """Two areas, a house with an evil name, a road, a net."""
+    made = two_areas(tmp_path_factory.mktemp("case"), output={}, hazard={"ref_width_m": 6.0})
+    made.write_layer("houses.gpkg", [box(60, 30, 3, 3)], {"name": ["</script><b>house"]})
+    made.write_layer("net.gpkg", [shapely.LineString([place(50, 25), place(50, 50)])])
+    rows = [
+        f"building,{intensity},{loss},0.01,invented"
+        for intensity, loss in (("low", 0.01), ("mean", 0.1), ("high", 0.5))
+    ]
+    made.write_text("v.csv", "kind,intensity,vulnerability,lethality,source", *rows)
+    made.sections["risk"] = {"vulnerability": "v.csv"}
+    made.lists["barriers"] = [
+        {"name": "net", "kind": "net", "height_m": 3.0, "capacity_kj": 500.0, "file": "net.gpkg"}
+    ]
+    made.lists["objects"] = [
+        {"name": "houses", "kind": "building", "file": "houses.gpkg", "name_field": "name",
+         "value": 1e6, "persons": 3, "presence": 0.5}
+    ]  # fmt: skip
+    made.set("project.name", "Slope & co")
+    return made
+
+
+@pytest.fixture(scope="module")
+def zoned(case: Case) -> Zoned:
+    out = case.folder / "out"
+    return sassgis.zone(case.config, out, jobs=1), out / "map.html"
+
+
+@pytest.fixture(scope="module")
+def opened(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Any]:
+    def run(page: Path, script: str, width: int | None = None) -> Any:
+        """Open a copy of the page, run a script once it is ready, and give what it leaves.
+
+        A width is that of a frame: windows of a headless browser are not as narrow as a phone.
+        """
+        folder = tmp_path_factory.mktemp("browser")
+        ready = f"""<script>
+        const wait = setInterval(() => {{
+          if (document.body.dataset.ready !== "true") return;
+          clearInterval(wait);
+          const left = document.createElement("pre");
+          left.id = "left";
+          try {{ left.textContent = JSON.stringify((() => {{ {script} }})()); }}
+          catch (error) {{ left.textContent = JSON.stringify("failed: " + error.stack); }}
+          parent.document.body.append(left);
+        }}, 20);
+        </script></body>"""
+        text = page.read_text(encoding="utf-8").replace("</body>", ready)
+        if width is not None:
+            frame = f'<iframe style="width:{width}px; height:844px; border:0" srcdoc="%s"></iframe>'
+            text = "<!DOCTYPE html><body>" + frame % html.escape(text)
+        copy = folder / "page.html"
+        copy.write_text(text, encoding="utf-8")
+        assert CHROMIUM is not None
+        done = subprocess.run(
+            [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic",
+             "--no-first-run", "--disable-background-networking", "--disable-component-update",
+             "--disable-sync", f"--user-data-dir={folder / 'user'}", "--window-size=1400,900",
+             "--virtual-time-budget=20000", "--dump-dom", copy.as_uri()],
+            capture_output=True, text=True, timeout=300, check=True,
+        )  # fmt: skip
+        left = LEFT.search(done.stdout)
+        assert left is not None, done.stdout[-2000:]
+        given = json.loads(html.unescape(left[1]))
+        assert not str(given).startswith("failed: "), given
+        return given
+
+    return run
+
+
+# --- the file ------------------------------------------------------------------------------------
+
+
+def test_nothing_is_fetched_and_names_cannot_end_the_script(zoned: Zoned) -> None:
+    text = zoned[1].read_text(encoding="utf-8")
+    style = text[text.index("<style>") : text.rindex("</style>")]
+    assert "default-src 'none'" in text and "url(" not in style and "@import" not in style
+    assert text.count("</script>") == 2 and "<b>house" not in text
+    assert "Slope &amp; co" in text and "BSD 2-Clause License" in text
+    own = re.sub(r"(?s)<script>.*?</script>", "", text)
+    assert not re.findall(r"(?:src|href)=|<link|<iframe|<object|<embed", own)
+    assert zoned[1].stat().st_size < 1_500_000
+
+
+def test_equal_runs_give_equal_pages(case: Case, zoned: Zoned, tmp_path: Path) -> None:
+    sassgis.zone(case.config, tmp_path / "out", jobs=1)
+    assert (tmp_path / "out" / "map.html").read_bytes() == zoned[1].read_bytes()
+
+
+def test_the_numbers_of_a_cell_are_kept_to_a_thousandth() -> None:
+    values = np.concatenate([[0.0, 1e-9, 0.123, 1.0, 30.0, 12345.6, 1e7], np.logspace(-8, 7, 500)])
+    steps = _logarithm(values)
+    back = np.where(steps > 0, 10.0 ** ((steps - 1.0) / 1000.0 - 10.0), 0.0)
+    assert np.allclose(back, values, rtol=1.2e-3) and steps[0] == 0
+
+
+def test_the_largest_sources_come_first_with_their_share_of_all() -> None:
+    rng = np.random.default_rng(2)
+    cells = np.sort(rng.choice(1000, 60, replace=False))
+    own = []
+    for k in range(7):
+        at = np.sort(rng.choice(cells, 40, replace=False))
+        own.append(Contribution(f"a{k}", "s", at, rng.uniform(0.1, 9.0, at.size)))
+    # One that reaches other cells, too.
+    own.append(Contribution("b", "s", np.arange(1000), np.full(1000, 3.0)))
+    which, share = _shares(own, cells)
+    dense = np.zeros((len(own), 1000))
+    for k, source in enumerate(own):
+        dense[k, source.cells] = source.weight
+    for row, cell in enumerate(cells):
+        order = np.argsort(-dense[:, cell], kind="stable")[:3]
+        expected = np.rint(1000.0 * dense[order, cell] / dense[:, cell].sum())
+        assert which[row].tolist() == order.tolist() and share[row].tolist() == expected.tolist()
+
+
+def test_of_squares_of_cells_the_strongest_stays() -> None:
+    strength = np.zeros((5, 7))
+    strength[0, 0], strength[1, 1], strength[4, 6], strength[2, 3] = 1.0, 2.0, 0.5, 3.0
+    assert _strongest(strength.ravel(), (5, 7), 2).tolist() == [8, 17, 34]
+    assert _strongest(strength.ravel(), (5, 7), 1).tolist() == [0, 8, 17, 34]
+
+
+# --- in a browser --------------------------------------------------------------------------------
+
+
+@browser
+def test_a_cell_says_what_the_maps_hold(zoned: Zoned, opened: Callable[..., Any]) -> None:
+    result, page = zoned
+    maps, curves = result.run.maps, result.found.hazard.curves
+    often = np.argsort(-curves.rate[:, 0])[[0, 7, 40, 200]]
+    x, y = result.run.run.grid.cell_centres(curves.places[often])
+    ask = "; ".join(
+        f"ask({a}, {b}); out.push(get('found').innerText)" for a, b in zip(x, y, strict=True)
+    )
+    texts = opened(page, f"const out = []; {ask}; return out;")
+    labels = [level.label for level in result.rules.preset.levels]
+
+    def close(text: str, expected: float) -> None:
+        assert float(text) == pytest.approx(expected, rel=0.06), text
+
+    for k, text in zip(often, texts, strict=True):
+        at = maps.isel(dict(zip("yx", np.divmod(curves.places[k], maps.sizes["x"]), strict=True)))
+        assert f"Hazard level: {labels[int(at.hazard_level) - 1]}" in text
+        chance = re.search(r"with a chance of ([\d.]+) %", text)
+        assert chance is not None
+        assert float(chance[1]) == pytest.approx(100 * float(at.confidence_change_chance), abs=0.6)
+        for energy, words in ((0.0, "any block"), (30.0, "30 kJ and more")):
+            years = float(return_period(curves.rate[k, curves.column(energy)]))
+            if np.isfinite(years):
+                found = re.search(rf"{words}\s+once in ([\d.]+) years", text)
+                assert found is not None, text
+                close(found[1], years)
+        energy = float(at.energy_at_return_period_e300)
+        found = re.search(r"300 years\s+([\d.]+) kJ", text)
+        assert (found is not None) == bool(energy > 0.0)
+        if found is not None:
+            close(found[1], energy)
+        row = re.search(r"Energy \(kJ\)\s+([\d.]+)\s+([\d.]+)\s+([\d.]+)", text)
+        assert row is not None
+        for shown, name in zip(row.groups(), ("q50", "q95", "max"), strict=True):
+            close(shown, float(at[f"energy_{name}"]))
+        blocks = re.search(r"Simulated blocks\s+(\d+)", text)
+        assert blocks is not None and int(blocks[1]) == int(at.passages)
+        assert re.search(r"(north|south), (frequent|rare)\s+\d+ %", text)
+
+
+@browser
+def test_objects_nets_areas_and_paths_can_be_asked(
+    zoned: Zoned, opened: Callable[..., Any]
+) -> None:
+    result, page = zoned
+    click = """
+    const out = {};
+    for (const shape of data.shapes) {
+      shape_found(shape);
+      out[shape.kind + " " + shape.name] = get("found").innerText;
+    }
+    follow(0); get("place").value = 500; step();
+    out.path = [get("found").innerText, get("where").textContent, get("follow").hidden];
+    // As a finger does it: on the lines that are drawn.
+    const lines = [...document.querySelectorAll("path.leaflet-interactive")];
+    const finger = { bubbles: true, clientX: 400, clientY: 400 };
+    lines[lines.length - 1].dispatchEvent(new MouseEvent("click", finger));
+    out.clicked = get("found").innerText;
+    map.fire("click", { latlng: L.latLng(north - south - 1, 1) });
+    out.nothing = get("found").innerText;
+    choice.value = 1; choice.dispatchEvent(new Event("change"));
+    out.legend = get("legend").innerText;
+    out.hash = location.hash;
+    return out;
+    """
+    found = opened(page, click)
+    risk = result.found.risk
+    assert risk is not None
+    house = found["object </script><b>house"]
+    years = float(re.search(r"Hits\s+once in ([\d.]+) years", house)[1])  # type: ignore[index]
+    assert years == pytest.approx(1.0 / risk.of_object("hits")[0], rel=0.01)
+    assert "How often blocks come here" in house
+    assert re.search(r"Capacity\s+500 kJ", found["net net"])
+    assert re.search(r"30 years\s+[\d.–]+ kJ, [\d.–]+ m high", found["net net"])
+    north = found["release north"]
+    assert re.search(r"frequent\s+0.4 blocks a year", north)
+    zones = [text for key, text in found.items() if key.startswith("zone ")]
+    assert zones and all("Governed by" in text for text in zones)
+    about, where, hidden = found["path"]
+    assert "Path of a block: " in about and not hidden
+    assert re.fullmatch(r"chainage \d+ m; ground at \d+ m; block above the ground [\d.]+ m", where)
+    assert found["clicked"] and "No simulated block comes here." in found["nothing"]
+    assert "kJ" in found["legend"] and re.fullmatch(r"#-?[\d.]+,-?[\d.]+", found["hash"])
+
+
+@browser
+def test_the_page_fits_a_phone(zoned: Zoned, opened: Callable[..., Any]) -> None:
+    script = """
+    cell_found(...data.extent.slice(0, 2).map((v, i) => (v + data.extent[i + 2]) / 2));
+    const size = get("map").getBoundingClientRect(), text = getComputedStyle(get("found"));
+    return [innerWidth, document.documentElement.scrollWidth, size.width, size.height,
+        get("found").getBoundingClientRect().top >= size.bottom, parseFloat(text.fontSize)];
+    """
+    width, scrolled, map_width, map_height, below, letters = opened(zoned[1], script, width=390)
+    assert width == 390 and scrolled <= 390 and 370 <= map_width <= 390
+    assert map_height > 250 and below and letters >= 16
+
+
+@browser
+def test_a_run_without_zones_says_what_comes(
+    case: Case, opened: Callable[..., Any], tmp_path: Path
+) -> None:
+    config = sassgis.load_config(case.config, {"project.language": "de"})
+    result = sassgis.run(config, tmp_path / "out", jobs=1)
+    cell = int(np.nanargmax(result.maps.passages))
+    x, y = result.run.grid.cell_centres(np.array([cell]))
+    text = opened(
+        tmp_path / "out" / "map.html", f"ask({x[0]}, {y[0]}); return get('found').innerText;"
+    )
+    assert "Simulierte Blöcke, die hierher kommen" in text and "Gefahrenstufe" not in text
+    blocks = re.search(r"Simulierte Blöcke\s+(\d+)", text)
+    assert blocks is not None and int(blocks[1]) == int(np.nanmax(result.maps.passages))
