@@ -127,7 +127,8 @@ def test_pieces_and_loose_blocks_keep_to_their_campaign(
     problem: CalibrationProblem,
 ) -> None:
     for family, kind in (("fragmentation", PIECE), ("entrainment", LOOSE)):
-        parameter_draws = {"break.energy": 0.1, "set_off.number": 0.9}
+        names = "fragmentation.form", "fragmentation.energy_jkg", "entrainment.form"
+        parameter_draws = {**dict.fromkeys(names, 0.1), "entrainment.number": 0.9}
         made = draw(
             problem.case,
             (family,),
