@@ -51,7 +51,7 @@ from sassgis.gap.which.verdict import (
     seen_of,
 )
 from sassgis.io.read.gap_thresholds import THRESHOLDS, read_thresholds, thresholds_of
-from sassgis.model.grid import FloatArray
+from sassgis.model.grid import BoolArray, FloatArray
 from sassgis.runs.blinded_cases import make_case
 from sassgis.runs.evidence import evidence_at
 
@@ -274,16 +274,22 @@ def least_possible(scores: Sequence[float]) -> float:
 
 
 def chosen(rows: Sequence[Row], weights: Sequence[CauseWeights]) -> Thresholds:
-    """The lowest threshold with few wrong names; sets that hold the truth nine times of ten."""
+    """The lowest threshold with few wrong names; sets that hold the truth nine times of ten.
+
+    Designs with fewer sites than a limit takes have that of all designs together.
+    """
     scores = np.array([possible_from(row, own) for row, own in zip(rows, weights, strict=True)])
     of = np.array([design(row) for row in rows])
     effect = np.array([bool(row["effects"]) for row in rows])
+
+    def limit(name: str, kind: BoolArray) -> float:
+        own = kind & np.isfinite(scores)
+        alone = own & (of == name)
+        enough = (alone.sum() + 1) * OUTSIDE >= 1.0
+        return round(least_possible(scores[alone if enough else own].tolist()), 4)
+
     possible = {
-        name: [
-            round(least_possible(scores[(of == name) & kind].tolist()), 4)
-            for kind in (effect, ~effect)
-        ]
-        for name in ("impacts", "otherwise")
+        name: [limit(name, kind) for kind in (effect, ~effect)] for name in ("impacts", "otherwise")
     }
     found = replace(thresholds_of(read_thresholds()), possible=possible, right={})
     for named in NAMED:

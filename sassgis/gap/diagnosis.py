@@ -94,7 +94,7 @@ class Verdict:
     group_probability : float
         Of its causes together; NaN without a group.
     cannot_exclude : tuple of str
-        Causes of which these data could show no fingerprint: neither named nor excluded, and not
+        Causes that these data could not show: neither named nor excluded, and not
         counted in the probabilities.
     """
 
