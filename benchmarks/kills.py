@@ -104,6 +104,7 @@ def site(folder: Path) -> Path:
     shutil.copytree(SAMPLE / "observed", folder / "observed")
     config = folder / "config.toml"
     text = config.read_text(encoding="utf-8")
+    text = re.sub(r"(?m)^(blocks|changed_share_max) = .*\n", "", text)
     for key, value in (("spacing_m", 6.0), ("rocks_per_point", 20)):
         text, found = re.subn(rf"(?m)^{key} = .*$", f"{key} = {value}", text)
         if found != 1:

@@ -516,7 +516,7 @@ default = "soft_meadow"
 file = "ground.gpkg"
 class_field = "class"
 
-# Semi-axes: half of what a folding rule shows.
+# Semi-axes: half the length, width and height of a block.
 [[blocks]]
 name = "frequent"
 axis_1_m = [0.30, 0.60]
@@ -722,7 +722,7 @@ rocks = 100
 [ground]
 default = "debris"
 
-# Semi-axes: half of what a folding rule shows.
+# Semi-axes: half the length, width and height of a block.
 [[blocks]]
 name = "blocks of various shapes"
 axis_1_m = [0.35, 0.70]

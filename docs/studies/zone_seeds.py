@@ -1,15 +1,17 @@
 """Do hazard levels stay where they are with another sample of blocks, and is what is said true?
 
 ``python docs/studies/zone_seeds.py samples DATA -o FOLDER`` simulates the sample valley, and two
-terrain models of Land Tirol in DATA, with twenty seeds each, and keeps the hazard curves.
+terrain models of Land Tirol in DATA, with twenty seeds each, and keeps the hazard curves; and the
+valley and one of the terrain models with ``hazard.blocks = "auto"``, with three seeds each.
 ``python docs/studies/zone_seeds.py page FOLDER`` compares the seeds, also several of them joined to
-one sample, and writes the table into ``docs/studies/zone_seeds.md``.
+one sample, and writes the tables into ``docs/studies/zone_seeds.md``.
 """
 
 from __future__ import annotations
 
 import argparse
 import re
+import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -35,8 +37,15 @@ from sassgis.runs.inputs import read_rules
 from sassgis.runs.job import read_job
 from sassgis.runs.zone import prepared, simulations
 
+#: As in the configurations.
+REF_WIDTH_M = 10.0
 VALLEY = Path(__file__).parents[2] / "sample_dem" / "valley" / "config.toml"
 SEEDS = 20
+#: Settings of the twenty seeds, and with as many blocks as the map needs.
+GIVEN = {"hazard.blocks": "given", "hazard.changed_share_max": None, "release.rocks_per_point": 50}
+NEEDED = {"hazard.blocks": "auto", "hazard.changed_share_max": 0.02, "release.rocks_per_point": 20}
+#: Sites with as many blocks as their maps need, and how many seeds of each.
+AUTO, AUTO_SEEDS = ("valley", "avaKot"), 3
 
 
 def configs(data: Path, out: Path) -> dict[str, Path]:
@@ -51,6 +60,7 @@ def configs(data: Path, out: Path) -> dict[str, Path]:
 def sample(config: Config, file: Path) -> None:
     """Hazard curves, at the thresholds of the preset, of one seed."""
     config = replace(config, hazard=replace(config.hazard, compare_barriers=False))
+    began = time.process_time()
     job = read_job(config, None, lambda _text: None)
     rules = read_rules(config, job.run)
     with TemporaryDirectory() as work:
@@ -62,17 +72,24 @@ def sample(config: Config, file: Path) -> None:
     few = at_energies(curves_of(sampled, bins_of(done.run).threshold), rules.preset.thresholds_kj)
     np.savez(
         file, places=few.places, rate=few.rate, variance=few.variance,
-        of_a_rock=few.rate_of_a_rock, shape=done.run.grid.shape, cell=done.run.grid.cell_size,
+        of_a_rock=few.rate_of_a_rock, heights=done.run.grid.values, cell=done.run.grid.cell_size,
+        blocks=done.progress.simulated, seconds=time.process_time() - began,
     )  # fmt: skip
 
 
 def samples(data: Path, out: Path) -> None:
     """Curves of all sites and seeds; those that are there are not made again."""
     for name, path in configs(data, out).items():
+        own = GIVEN | ({} if name == "valley" else {"release.rocks_per_point": 20})
         for seed in range(1, SEEDS + 1):
             file = out / f"{name}_{seed}.npz"
             if not file.exists():
-                sample(load_config(path, {"run.seed": seed}), file)
+                sample(load_config(path, {**own, "run.seed": seed}), file)
+                print(file, flush=True)
+        for seed in range(1, AUTO_SEEDS + 1 if name in AUTO else 1):
+            file = out / f"{name}_auto_{seed}.npz"
+            if not file.exists():
+                sample(load_config(path, {**NEEDED, "run.seed": seed}), file)
                 print(file, flush=True)
 
 
@@ -84,7 +101,7 @@ def read_sample(file: Path) -> tuple[HazardCurves, Grid]:
     """Curves of a seed, and the grid of its cells."""
     kept = np.load(file)
     energies = np.array(read_preset("ch-so").thresholds_kj)
-    grid = Grid(np.zeros(kept["shape"]), 0.0, 0.0, float(kept["cell"]))
+    grid = Grid(kept["heights"], 0.0, 0.0, float(kept["cell"]))
     curves = HazardCurves(
         kept["places"], energies, kept["rate"], kept["variance"], kept["of_a_rock"]
     )
@@ -106,7 +123,8 @@ def joined(samples: Sequence[HazardCurves]) -> HazardCurves:
 
 def drawn_levels(curves: HazardCurves, grid: Grid, preset: HazardPreset) -> np.ndarray:
     """Level of the drawn zone of each cell, flat."""
-    (zones,) = level_zones([curves], preset, grid, ZoningSettings())
+    drawing = ZoningSettings().drawing(preset.sheet, REF_WIDTH_M, 0.0, grid.cell_size)
+    (zones,) = level_zones([curves], preset, grid, drawing)
     cells = np.arange(grid.values.size)
     zone = zone_of_cells(zones, grid, cells)
     return np.where(zone >= 0, np.append(zones.classes, 0)[zone], 0)
@@ -133,8 +151,8 @@ def row_of(samples: Sequence[HazardCurves], grid: Grid, preset: HazardPreset) ->
     for k, own in enumerate(samples):
         other = (k + 1) % len(samples)
         unsure = np.zeros(n, bool)
-        chances = level_chances(own, preset)
-        unsure[own.places] = chances.uncertain(0.95)
+        chances = level_chances(own, preset, np.isfinite(grid.values))
+        unsure[chances.places] = chances.uncertain(0.95)
         changed = levels[k] != levels[other]
         zoned = (levels[k] > 0).sum()
         stated.append(chances.changed_share)
@@ -183,17 +201,41 @@ def table(folder: Path) -> str:
     return "\n".join(rows)
 
 
+def auto_table(folder: Path) -> str:
+    """Rows of the sites with as many blocks as their maps need."""
+    preset = read_preset("ch-so")
+    rows = [
+        "| site | blocks | processor time | stated | levels of cells | zones as drawn | "
+        "marked as uncertain | of what changes, marked | zoned (m²) |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for site in AUTO:
+        files = [folder / f"{site}_auto_{k}.npz" for k in range(1, AUTO_SEEDS + 1)]
+        read = [read_sample(file) for file in files]
+        own = row_of([c for c, _ in read], read[0][1], preset)
+        blocks, seconds = (
+            np.mean([float(np.load(file)[key]) for file in files]) for key in ("blocks", "seconds")
+        )
+        rows.append(
+            f"| {site} | {blocks:,.0f} | {seconds / 60:.1f} min | {100 * own['stated']:.1f} % | "
+            f"{100 * own['cells']:.1f} % | {100 * own['zones']:.1f} % | {100 * own['flagged']:.0f} "
+            f"% | {100 * own['caught']:.0f} % | {own['area_m2']:,.0f} |"
+        )
+        print(rows[-1], flush=True)
+    return "\n".join(rows)
+
+
 def page(folder: Path) -> None:
-    """Write the table into the page."""
+    """Write the tables into the page."""
     file = Path(__file__).with_suffix(".md")
     text = file.read_text(encoding="utf-8")
-    made = table(folder)
-    text = re.sub(
-        r"(<!-- seeds -->\n).*?(\n<!-- end seeds -->)",
-        lambda m: m[1] + made + m[2],
-        text,
-        flags=re.S,
-    )
+    for name, made in (("seeds", table(folder)), ("auto", auto_table(folder))):
+        text = re.sub(
+            rf"(<!-- {name} -->\n).*?(\n<!-- end {name} -->)",
+            lambda m, made=made: m[1] + made + m[2],  # type: ignore[misc]
+            text,
+            flags=re.S,
+        )
     file.write_text(text, encoding="utf-8")
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,6 +27,7 @@ from sassgis.cli.options import (
 from sassgis.cli.progress_bar import conclude, notes, printed
 
 if TYPE_CHECKING:
+    from sassgis.hazard.zoning.edits import AppliedEdit
     from sassgis.model.run_config import Config
     from sassgis.runs.run import RunResult
 
@@ -85,11 +86,14 @@ def run(config: Path, out: Path, as_json: bool, **given: Any) -> None:
 
 
 def _with_draws(config: Path, how: dict[str, Any]) -> Config:
-    """The configuration with the seed and the draws that options give in place of its own."""
+    """The configuration with what options give in place of its own."""
     from sassgis.io.read.config import load_config
 
-    asked = {key: how.pop(key, None) for key in ("seed", "ground_uncertainty")}
-    return load_config(config, {f"run.{key}": own for key, own in asked.items() if own is not None})
+    asked = {f"run.{key}": how.pop(key, None) for key in ("seed", "ground_uncertainty")}
+    values = {key: own for key, own in asked.items() if own is not None}
+    if (edits := how.pop("edits", None)) is not None:
+        values |= {"edits.file": str(edits.absolute()), "edits.layer": None}
+    return load_config(config, values)
 
 
 def _with_spread(summary: str, result: RunResult) -> str:
@@ -113,7 +117,12 @@ def _run_facts(result: RunResult) -> dict[str, object]:
 
 
 @command(
-    CONFIG, OUT, AREAS, SEED, GROUND_DRAWS, *WORKERS, MEMORY, OVERWRITE, AS_JSON,
+    CONFIG, OUT, AREAS, SEED, GROUND_DRAWS,
+    click.option(
+        "--edits", type=PATH,
+        help="Polygons of levels set by hand, with author, date and reason; in place of [edits].",
+    ),
+    *WORKERS, MEMORY, OVERWRITE, AS_JSON,
     short_help="Simulate blocks, and make hazard zones; risk.",
     example="zone sassgis.toml -o zones",
 )  # fmt: skip
@@ -130,9 +139,18 @@ def _zoned(config: Path, out: Path, as_json: bool, given: Mapping[str, Any]) -> 
         result = make_zones(_with_draws(config, how), out, **how)
     hazard = result.found.hazard
     share = f"{100 * hazard.changed_share:.1f} %"
+    lost = result.run.progress.lost_share
+    edge = ""
+    if lost > 0.0 and result.run.run.followed:
+        open_m = hazard.facts.open_m.sum()
+        edge = (
+            f" {100 * lost:.2g} % of the blocks left the terrain model: zones go on beyond its "
+            f"edge over {open_m:.0f} m, and nothing is said of them."
+        )
     summary = _with_spread(
         f"{result.run.n_blocks} blocks, {hazard.levels.polygons.size} zones. Another sample of as "
-        f"many blocks would change the level on {share} of the zoned area.",
+        f"many blocks would change the level on {share} of the zoned area.{edge}"
+        + _edited(hazard.edits),
         result.run,
     )
     facts = {
@@ -140,8 +158,20 @@ def _zoned(config: Path, out: Path, as_json: bool, given: Mapping[str, Any]) -> 
         "zones": int(hazard.levels.polygons.size),
         "changed_share": float(hazard.changed_share),
         "uncertain_share": float(hazard.uncertain_share),
+        "edits": len(hazard.edits),
+        "edits_with_another_level": sum(a.has_changed for a in hazard.edits),
+        "left_terrain_share": lost,
     }
     conclude(result.run.warnings, summary, out, facts if as_json else None)
+
+
+def _edited(edits: Sequence[AppliedEdit]) -> str:
+    """What the last line says of edits by hand; nothing without any."""
+    if not edits:
+        return ""
+    changed = sum(a.has_changed for a in edits)
+    since = f", below {changed} another level is computed than when they were made" * bool(changed)
+    return f" Edited by hand: {len(edits)} places{since}."
 
 
 @command(

@@ -38,8 +38,10 @@ from sassgis.engine.statistics import (
     FlatBins,
     Objects,
     PlaceWork,
+    Wanted,
     add_exceedance,
     add_visits,
+    add_worth,
     by_place,
     collect,
     count_places,
@@ -221,8 +223,8 @@ def simulate_lines(
         )  # fmt: skip
         if status != DONE:
             return status
-        make_room(totals, work)
-    count_all(totals, work)
+        make_room(totals, work, None, 0)
+    count_all(totals, work, None, 0)
     return DONE
 
 
@@ -235,6 +237,7 @@ def simulate_paths(
     work: Work,
     effects: hooks.Effects | None,
     path: Path,
+    wanted: Wanted | None,
 ) -> int:
     """Simulate all blocks of some release points, each along the path that it takes.
 
@@ -250,22 +253,22 @@ def simulate_paths(
         )  # fmt: skip
         if status != DONE:
             return status
-        make_room(totals, work)
-    count_all(totals, work)
+        make_room(totals, work, wanted, setup.n_blocks)
+    count_all(totals, work, wanted, setup.n_blocks)
     return DONE
 
 
 @kernel
-def make_room(totals: Totals, work: Work) -> None:
-    """Add the visits at the end of a stratum, where there are many."""
+def make_room(totals: Totals, work: Work, wanted: Wanted | None, n_blocks: int) -> None:
+    """Add the visits at the end of a stratum of so many blocks, where there are many."""
     n = work.n_visits
     if 2 * n[1] > work.windows.visits.shape[0]:
-        count_at(work.windows, n[1], totals.windows.reach, work.order)
+        count_in_windows(totals, work, wanted, n_blocks)
         n[1] = 0
     if 2 * n[0] > work.visits.shape[0]:
         order = count_in_cells(totals, work)
         rows = np.arange(totals.sums.stops.size).astype(np.int32)
-        add_visits(work.visits, order, rows, totals.sums.counts)
+        add_visits(work.visits, order, rows, totals.sums.counts, 1)
         n[3] += n[0]
         n[0] = 0
 
@@ -279,16 +282,22 @@ def count_in_cells(totals: Totals, work: Work) -> NDArray[np.int32]:
 
 
 @kernel
-def count_at(own: PlaceWork, n: int, reach: Exceedance, order: NDArray[np.int32]) -> None:
-    """Count the blocks that came to each window or object by threshold."""
-    add_exceedance(own.visits, by_place(own.visits, n, own.peak.size, order), reach)
+def count_in_windows(totals: Totals, work: Work, wanted: Wanted | None, n_blocks: int) -> None:
+    """Count the blocks that came to each window by threshold, and what they leave open."""
+    own = work.windows
+    order = by_place(own.visits, work.n_visits[1], own.peak.size, work.order)
+    add_exceedance(own.visits, order, totals.windows.reach)
+    if wanted is not None:
+        add_worth(own.visits, order, wanted, n_blocks)
 
 
 @kernel
-def count_all(totals: Totals, work: Work) -> None:
+def count_all(totals: Totals, work: Work, wanted: Wanted | None, n_blocks: int) -> None:
     """Count the blocks that came to all places, where nobody comes any more."""
-    count_at(work.windows, work.n_visits[1], totals.windows.reach, work.order)
-    count_at(work.objects, work.n_visits[2], totals.objects.reach, work.order)
+    count_in_windows(totals, work, wanted, n_blocks)
+    own = work.objects
+    order = by_place(own.visits, work.n_visits[2], own.peak.size, work.order)
+    add_exceedance(own.visits, order, totals.objects.reach)
     count_in_cells(totals, work)
 
 

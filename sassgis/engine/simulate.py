@@ -76,9 +76,12 @@ class Visits:
     order: NDArray[np.int32]
     place: NDArray[np.int32]
 
-    def add_to(self, histograms: tuple[NDArray[np.uint32], ...], row: NDArray[np.int32]) -> None:
-        """Add them to histograms; ``row`` is that of each cell of the result."""
-        add_visits(self.visits, self.order, row[self.place], histograms)
+    def add_to(
+        self, histograms: tuple[NDArray[np.uint32], ...], row: NDArray[np.int32], weight: int = 1
+    ) -> None:
+        """Add them to histograms, each ``weight`` times; ``row`` is that of each cell."""
+        if self.order.size:
+            add_visits(self.visits, self.order, row[self.place], histograms, weight)
 
 
 @dataclass(frozen=True)
@@ -112,6 +115,8 @@ class Simulated:
     looked_at : (int, int, int, int) or None
         First and last row, first and last column of the grid of the cells that followed paths
         looked at, ahead of the blocks; None on given lines.
+    worth : float64, shape (n_points,)
+        Of what the blocks of each point leave open; empty on given lines, 0 unless asked for.
     """
 
     cells: IntArray
@@ -128,6 +133,7 @@ class Simulated:
     x: FloatArray = field(default_factory=lambda: np.empty(0))
     y: FloatArray = field(default_factory=lambda: np.empty(0))
     looked_at: tuple[int, int, int, int] | None = None
+    worth: FloatArray = field(default_factory=lambda: np.empty(0))
 
     @cached_property
     def sums(self) -> dict[str, NDArray[np.generic]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,14 +36,14 @@ from sassgis.engine.simulate import (
     setup_of,
     too_many_spawned,
 )
-from sassgis.engine.statistics import VISITS, counted, empty_sums, flat_bins
+from sassgis.engine.statistics import VISITS, Wanted, counted, empty_sums, flat_bins
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.cell_geometry import exact_positions
 from sassgis.model.effects import EffectSettings
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.ground import GroundTable
-from sassgis.model.map_run import Forest, ObjectCells, Window
+from sassgis.model.map_run import Forest, ObjectCells, Window, Worth
 from sassgis.model.profiles import ReleasePoints
 from sassgis.model.results import ControlLine
 from sassgis.model.settings import EngineSettings
@@ -81,6 +81,7 @@ def follow(
     bins: Bins | None = None,
     log_events: int = 0,
     effects: EffectSettings | None = None,
+    worth: Worth | None = None,
 ) -> Simulated:
     """Simulate blocks from release points, each along the path that it takes over the terrain.
 
@@ -96,6 +97,8 @@ def follow(
         Number of each point in the run, which stands for the line; default 0, 1, 2, ...
     spread_m : float
         Side of the square around each point in which its blocks start (m).
+    worth : Worth, optional
+        Of what the blocks of a point leave open in the windows.
 
     Returns
     -------
@@ -135,7 +138,8 @@ def follow(
         rows = empty_rows(n * rocks_per_point, passages, spawned, log_events)
         work = working_space(totals, most_spawned(effects), visits)
         path = _path(terrain, settings, register, spread_m)
-        status = simulate_paths(given, setup, totals, rows, work, hooked, path)
+        wanted = _wanted(worth, register, n)
+        status = simulate_paths(given, setup, totals, rows, work, hooked, path, wanted)
         if status == MANY_VISITS:
             visits *= 4
         elif status != NO_ROOM:
@@ -146,7 +150,18 @@ def follow(
             more *= 4
     if status == TOO_MANY_SPAWNED:
         raise too_many_spawned()
-    return _named(terrain.grid, register, totals, rows, work, log_events)
+    found = np.zeros(n) if wanted is None else wanted.found / max(setup.n_blocks - 1, 1)
+    return replace(_named(terrain.grid, register, totals, rows, work, log_events), worth=found)
+
+
+def _wanted(worth: Worth | None, register: CellRegister, n: int) -> Wanted | None:
+    """Where more is wanted as the kernel takes it, for so many points."""
+    if worth is None:
+        return None
+    # A copy where it may not be written to, as of another process: see _checked_starts.
+    of_cell = np.require(worth.of_cell, np.float32, ["C", "W"])
+    energy = np.array(worth.energy, np.int64)
+    return Wanted(energy, of_cell, register.windows, np.zeros(n), np.zeros_like(energy))
 
 
 def room_at_first(steps: int) -> int:

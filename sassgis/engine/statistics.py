@@ -229,6 +229,44 @@ def add_exceedance(visits: NDArray[np.uint64], order: NDArray[np.int32], sums: E
                 above = blocks
 
 
+class Wanted(NamedTuple):
+    """Where it is worth to know more, as in model.map_run.Worth.
+
+    Filled is ``found``, for each stratum: what its blocks leave open, by what it is worth to know
+    it. That is the sum over windows and energies of worth · k (n - k), k of the n blocks of the
+    stratum having come there with the energy: n - 1 times worth times the variance of k.
+    """
+
+    energy: NDArray[np.int64]  # rising
+    of_cell: NDArray[np.float32]  # (n_cells, energies)
+    cell: NDArray[np.int64]  # of each window
+    found: NDArray[np.float64]  # (strata,)
+    came: NDArray[np.int64]  # (energies,) of zeros, working space
+
+
+@lean
+def add_worth(
+    visits: NDArray[np.uint64], order: NDArray[np.int32], wanted: Wanted, n_blocks: int
+) -> None:
+    """Add what visits to windows leave open; those of a stratum are all among them."""
+    came = wanted.came
+    m = 0
+    while m < order.size:
+        first = visits[order[m], 0]
+        while m < order.size:
+            visit = visits[order[m], 0]
+            if (visit ^ first) > _THRESHOLDS:
+                break
+            for j in range(came.size):
+                came[j] += np.int64(visit & _THRESHOLDS) >= wanted.energy[j]
+            m += 1
+        own = wanted.of_cell[wanted.cell[_place_of(first)]]
+        stratum = int((first >> np.uint64(_THRESHOLD_BITS)) & _STRATA)
+        for j in range(came.size):
+            wanted.found[stratum] += own[j] * came[j] * (n_blocks - came[j])
+            came[j] = 0
+
+
 @lean
 def _meet(own: PlaceWork, number: int, joule: float) -> None:
     """Raise the energy of a block at a place."""
@@ -341,8 +379,9 @@ def add_visits(
     order: NDArray[np.int32],
     row: NDArray[np.int32],
     counts: tuple[NDArray[np.uint32], ...],
+    weight: int,
 ) -> None:
-    """Add visits to the histograms of their cells.
+    """Add visits, each of which counts ``weight`` times, to the histograms of their cells.
 
     In their order those of a cell are together; ``row`` is that of each cell in ``counts``.
     """
@@ -351,7 +390,7 @@ def add_visits(
         for i in range(len(_BINNED)):
             shift = np.uint64(_BIN_BITS * (i % _BINS_IN_WORD))
             own = (visits[k, 1 + i // _BINS_IN_WORD] >> shift) & _BINS
-            counts[i][at, np.int64(own)] += np.uint32(1)
+            counts[i][at, np.int64(own)] += np.uint32(weight)
 
 
 class Event(NamedTuple):

@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
+from scipy import ndimage, special
 
 from sassgis.hazard.curves import at_energies
 from sassgis.hazard.levels import hazard_level, limits_of_levels
-from sassgis.model.grid import BoolArray, FloatArray
+from sassgis.model.grid import BoolArray, FloatArray, IntArray
 from sassgis.model.hazard import HazardCurves, HazardPreset
 
+#: Least and most of what few places say of all: shapes of a gamma distribution stay above 0, and no
+#: place that no block reached is certain to be.
+_MOST_BETA, _MOST_CHANCE = 0.95, 0.9
+#: Places that say β = 0 before there are any: few say little.
+_AT_FIRST = 20.0
+#: So many blocks will not come where none did.
+_FEW_BLOCKS = 8
 #: Beyond this many times the blocks a cell counts as one that no sample decides.
 MAX_FACTOR = 2.0**20
 
@@ -23,6 +31,8 @@ class LevelChances:
 
     Attributes
     ----------
+    places : int64, shape (n,)
+        As in HazardCurves, ascending; also some that no block of this sample reached.
     level : int16, shape (n,)
         Hazard level of this sample.
     at_least : float64, shape (n, n_levels + 2)
@@ -30,6 +40,7 @@ class LevelChances:
         One half where the sample does not give the variance.
     """
 
+    places: IntArray
     level: NDArray[np.int16]
     at_least: FloatArray
 
@@ -56,13 +67,10 @@ class LevelChances:
     def changed_share(self) -> float:
         """Area whose level would change, as a share of the area that has a level.
 
-        An expected value. Of two samples either may be the first: as many cells are raised as are
-        lowered, and so cells that this sample did not reach count like those that it did. Above 1
-        where more changes than has a level; 0 without any.
+        An expected value. Above 1 where more changes than has a level; 0 without any.
         """
-        lowered, raised = float(self.lowered.sum()), float(self.raised.sum())
         zoned = int((self.level > 0).sum())
-        return (lowered + max(lowered, raised)) / zoned if zoned else 0.0
+        return float(self.changed.sum()) / zoned if zoned else 0.0
 
     def interval(self, confidence: float) -> tuple[NDArray[np.int16], NDArray[np.int16]]:
         """Levels between which another sample would put each place.
@@ -85,50 +93,273 @@ class LevelChances:
         )
 
     def uncertain(self, confidence: float) -> BoolArray:
-        """Whether another sample might give a place another level, shape (n,)."""
+        """Whether another sample might give a place another level, shape (n,).
+
+        These are the places with another level in the interval, and as many more, the most probable
+        first, as hold a share ``confidence`` of all that another sample changes; but none that is
+        five times less probable than the interval asks for.
+        """
         lowest, highest = self.interval(confidence)
-        differ: BoolArray = lowest != highest
-        return differ
+        changed = self.changed
+        falling = np.sort(changed)[::-1]
+        held = np.cumsum(falling)
+        last = np.searchsorted(held, confidence * held[-1]) if held.size else 0
+        least = max(float(falling[last]) if held.size else 0.0, 0.2 * (1.0 - confidence))
+        out: BoolArray = (lowest != highest) | (changed >= least)
+        return out
 
 
-def level_chances(curves: HazardCurves, preset: HazardPreset) -> LevelChances:
+def level_chances(
+    curves: HazardCurves, preset: HazardPreset, known: BoolArray | None = None
+) -> LevelChances:
     """Levels that another sample of as many blocks would give.
 
-    With one weight w of all blocks a place has n = λ/w of them, and another sample, of which n is
-    all that is known, has a number N with P(N >= k) = I(k, n) at one half, the negative binomial
-    (the mean of N has a gamma distribution with shape n: no more blocks are to be expected than
-    there were). With several weights w = v/λ, for which λ has its variance v. The classes of
-    intensity are counted on the same blocks: the most probable of those that give a level decides.
+    With one weight w of all blocks a place has n = λ/w of them, with several w = v/λ, for which λ
+    has its variance v. What n says of the expected number m hangs on how many places there are of
+    each m. With as many as m^(−1−β), m has a gamma distribution with shape n − β, and another
+    sample a number N with P(N >= k) = I(k, n − β) at one half, the negative binomial. β follows
+    from the numbers of places with one and with two blocks, f₁ and f₂: the mean of m is 1 − β at
+    the former, and 2 f₂/f₁ by Good (1953, Biometrika 40: 237-264).
+
+    So of the places without a block f₁ (2^β − 1)/β are reached by another sample. Where they are,
+    the places with one block show: as many of them lie at a distance from those with several as
+    new ones at the same distance from those with any.
+
+    The classes of intensity are counted on the same blocks: the most probable of those that give a
+    level decides.
+
+    Parameters
+    ----------
+    curves : HazardCurves
+        With the thresholds of the preset among its energies. Its places are cells, if any are
+        known.
+    known : bool, shape (n_rows, n_cols), optional
+        Cells of the terrain with a height; without them nothing is said of places that no block
+        reached.
+    """
+    few = at_energies(curves, preset.thresholds_kj)
+    limits = limits_of_levels(preset)
+    reached = few.rate > 0.0
+    weight = np.divide(few.variance, few.rate, out=np.zeros_like(few.rate), where=reached)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        blocks = np.where(reached, few.rate / weight, 0.0)
+    beyond = None if known is None else _Beyond(few.places, blocks, weight[:, 0], limits, known)
+    places = few.places if beyond is None else beyond.places
+    own = np.searchsorted(places, few.places)
+    chance = np.zeros((places.size, len(limits) + 2))
+    chance[:, 0] = 1.0
+    for i in range(few.rate.shape[1]):
+        beta = _beta(blocks[:, i])
+        for k in np.flatnonzero(np.isfinite(limits[:, i])).tolist():
+            one = np.zeros(places.size)
+            limit = float(limits[k, i])
+            one[own] = _chance_of_rate(few.rate[:, i], weight[:, i], blocks[:, i], beta, limit)
+            if beyond is not None:
+                np.maximum(one, beyond.chance(i, beta, limit), out=one)
+            np.maximum(chance[:, k + 1], one, out=chance[:, k + 1])
+    # A level that is reached is reached by the lower ones too, whatever the rounding.
+    chance[:, ::-1] = np.maximum.accumulate(chance[:, ::-1], axis=1)
+    level = np.zeros(places.size, np.int16)
+    level[own] = hazard_level(few, preset)
+    return LevelChances(places, level, chance)
+
+
+def _beta(blocks: FloatArray) -> float:
+    """Exponent of how many places there are of each expected number, from blocks per place."""
+    one, two = (int(((blocks >= k - 0.5) & (blocks < k + 0.5)).sum()) for k in (1, 2))
+    beta = 1.0 - (2.0 * two + _AT_FIRST) / (one + _AT_FIRST)
+    return float(np.clip(beta, -1.0, _MOST_BETA))
+
+
+def _chance_of_rate(
+    rate: FloatArray, weight: FloatArray, blocks: FloatArray, beta: float, limit: float
+) -> FloatArray:
+    """Probability that another sample gives at least a rate ``limit``."""
+    out = ((rate > 0.0) & (rate >= limit * (1.0 - 1e-12))).astype(np.float64)
+    out[np.isnan(weight)] = 0.5
+    some = np.flatnonzero((weight > 1e-12 * limit) & (rate > 0.0))
+    shape = np.maximum(blocks[some] - beta, 1.0 - _MOST_BETA)
+    out[some] = special.betainc(_fewest(limit, weight[some]), shape, 0.5)
+    return out
+
+
+def _fewest(limit: float, weight: FloatArray) -> FloatArray:
+    """Fewest blocks of a weight that make a rate."""
+    return np.maximum(np.ceil(limit / weight - 1e-6), 1.0)
+
+
+class _Beyond:
+    """Places that no block of a sample reached, with some energy, and the chance that one will.
+
+    Parameters
+    ----------
+    places : int64, shape (n,)
+        Cells that blocks reached.
+    blocks : float64, shape (n, n_intensities)
+        How many, by the class of their energy.
+    weight : float64, shape (n,)
+        Rate of one of them.
+    limits : float64, shape (n_levels, n_intensities)
+        Rates that give levels; where no few blocks make one, nothing is looked for.
+    known : bool, shape (n_rows, n_cols)
+        Cells of the terrain with a height.
+    """
+
+    def __init__(
+        self,
+        places: IntArray,
+        blocks: FloatArray,
+        weight: FloatArray,
+        limits: FloatArray,
+        known: BoolArray,
+    ) -> None:
+        self.places, self._chance = places, np.zeros((places.size, blocks.shape[1]))
+        least = np.where(np.isfinite(limits), limits, np.inf).min(axis=0)
+        heaviest = float(weight[np.isfinite(weight)].max(initial=0.0))
+        asked = np.flatnonzero(least < _FEW_BLOCKS * heaviest)
+        self._weight = weight
+        if not (asked.size and places.size):
+            return
+        window = _Window(places, known)
+        several = window.map_of(blocks[:, 0] >= 1.5)
+        single = window.map_of((blocks[:, 0] > 0.0) & (blocks[:, 0] < 1.5))
+        if not (several.any() and single.any()):
+            return
+        # No new place is farther from the others than one of one block from those of several.
+        window = window.wider(math.ceil(float(distance(~several)[0][single].max())) + 1)
+        chances, before = [], window.known
+        for i in range(blocks.shape[1]):
+            some = window.map_of(blocks[:, i] > 0.0)
+            found = np.zeros(some.shape)
+            if i in asked:
+                several = window.map_of(blocks[:, i] >= 1.5)
+                found = _chance_of_first(some, several, before & ~some, _beta(blocks[:, i]))
+            chances.append(found)
+            # What comes with much energy comes with less.
+            before = some
+        near = distance(~window.map_of(weight > 0.0))[1]
+        rows = np.flatnonzero(np.any([c > 0.0 for c in chances], axis=0).ravel())
+        cells = window.cells(rows)
+        self.places = np.union1d(places, cells)
+        at = np.searchsorted(self.places, cells)
+        self._chance = np.zeros((self.places.size, blocks.shape[1]))
+        self._chance[at] = np.stack([c.ravel()[rows] for c in chances], axis=1)
+        own = np.zeros(window.known.shape)
+        own.ravel()[window.rows] = weight
+        self._weight = np.zeros(self.places.size)
+        self._weight[np.searchsorted(self.places, places)] = weight
+        self._weight[at] = own[tuple(near)].ravel()[rows]
+
+    def chance(self, intensity: int, beta: float, limit: float) -> FloatArray:
+        """Probability of at least a rate ``limit`` where no block came with such an energy."""
+        out = np.zeros(self.places.size)
+        some = np.flatnonzero((self._chance[:, intensity] > 0.0) & (self._weight > 0.0))
+        fewest = np.minimum(_fewest(limit, self._weight[some]), _FEW_BLOCKS).astype(np.int64)
+        out[some] = self._chance[some, intensity] * _of_first(beta)[fewest]
+        return out
+
+
+def _of_first(beta: float) -> FloatArray:
+    """Chance of k blocks or more where another sample is the first to come, k to _FEW_BLOCKS.
+
+    That of j is Γ(j − β)/(j! 2^(j − β)) over its sum, with as many places as m^(−1−β).
+    """
+    j = np.arange(1.0, 200.0)
+    some = np.exp(special.gammaln(j - beta) - special.gammaln(j + 1.0) - (j - beta) * math.log(2.0))
+    tail = np.cumsum(some[::-1])[::-1] / some.sum()
+    tail[_FEW_BLOCKS - 1 :] = 0.0
+    return np.concatenate([[1.0], tail])
+
+
+def _chance_of_first(
+    some: BoolArray, several: BoolArray, asked: BoolArray, beta: float
+) -> FloatArray:
+    """Chance that another sample is the first to come to each cell that is asked for."""
+    out = np.zeros(some.shape)
+    single = some & ~several
+    if not (single.any() and several.any() and asked.any()):
+        return out
+    from_several = _steps(distance(~several)[0][single])
+    from_some = _steps(distance(~some)[0][asked])
+    size = int(max(from_several.max(), from_some.max())) + 1
+    gone = np.bincount(from_several, minlength=size)
+    there = np.bincount(from_some, minlength=size)
+    new = math.log(2.0) if abs(beta) < 1e-9 else (2.0**beta - 1.0) / beta
+    out[asked] = np.minimum(new * gone / np.maximum(there, 1), _MOST_CHANCE)[from_some]
+    return out
+
+
+def _steps(cells: FloatArray) -> IntArray:
+    """Classes of distance, two to each doubling."""
+    classes: IntArray = np.floor(2.0 * np.log2(np.maximum(cells, 1.0))).astype(np.int64)
+    return classes
+
+
+def distance(beyond: BoolArray) -> tuple[FloatArray, IntArray]:
+    """Distance (cells) to the nearest cell that is not beyond, and which it is, shape (2, ...)."""
+    found, nearest = ndimage.distance_transform_edt(beyond, return_indices=True)
+    return found, nearest
+
+
+class _Window:
+    """The part of a terrain around some cells (flat indices)."""
+
+    def __init__(self, places: IntArray, known: BoolArray, margin: int = 0) -> None:
+        self._all, self._places = known, places
+        row, col = np.divmod(places, known.shape[1])
+        self._top, self._left = max(int(row.min()) - margin, 0), max(int(col.min()) - margin, 0)
+        self.known = known[
+            self._top : int(row.max()) + margin + 1, self._left : int(col.max()) + margin + 1
+        ]
+        self.rows = (row - self._top) * self.known.shape[1] + col - self._left
+
+    def wider(self, margin: int) -> _Window:
+        """The same cells with more around them."""
+        return _Window(self._places, self._all, margin)
+
+    def map_of(self, values: BoolArray) -> BoolArray:
+        """Values of the cells on the map."""
+        out = np.zeros(self.known.shape, bool)
+        out.ravel()[self.rows] = values
+        return out
+
+    def cells(self, rows: IntArray) -> IntArray:
+        """Flat indices on the terrain of places in the window."""
+        row, col = np.divmod(rows, self.known.shape[1])
+        cells: IntArray = (row + self._top) * self._all.shape[1] + col + self._left
+        return cells
+
+
+def worth_of_places(curves: HazardCurves, preset: HazardPreset) -> FloatArray:
+    """How much less area another sample changes for each bit less of variance.
+
+    What it changes along a limit grows with the standard error s of the rates there, of which the
+    cells within about two errors of the limit L tell: as many of them as the area that changes,
+    and exp(−d²/2)/s² of d = (λ − L)/s, summed over cells, is the change by s².
 
     Parameters
     ----------
     curves : HazardCurves
         With the thresholds of the preset among its energies.
+
+    Returns
+    -------
+    float64, shape (n, n_intensities)
+        Scaled to 1 at most.
     """
     few = at_energies(curves, preset.thresholds_kj)
     limits = limits_of_levels(preset)
-    known = few.rate > 0.0
-    weight = np.divide(few.variance, few.rate, out=np.zeros_like(few.rate), where=known)
-    chance = np.zeros((few.rate.shape[0], len(limits) + 2))
-    chance[:, 0] = 1.0
-    for k, of_class in enumerate(limits, start=1):
-        for i in np.flatnonzero(np.isfinite(of_class)).tolist():
-            own = _chance_of_rate(few.rate[:, i], weight[:, i], float(of_class[i]))
-            np.maximum(chance[:, k], own, out=chance[:, k])
-    # A level that is reached is reached by the lower ones too, whatever the rounding.
-    chance[:, ::-1] = np.maximum.accumulate(chance[:, ::-1], axis=1)
-    return LevelChances(hazard_level(few, preset), chance)
-
-
-def _chance_of_rate(rate: FloatArray, weight: FloatArray, limit: float) -> FloatArray:
-    """Probability that another sample gives at least a rate ``limit``."""
-    out = ((rate > 0.0) & (rate >= limit * (1.0 - 1e-12))).astype(np.float64)
-    out[np.isnan(weight)] = 0.5
-    some = np.flatnonzero((weight > 1e-12 * limit) & (rate > 0.0))
-    w = weight[some]
-    blocks = np.maximum(np.ceil(limit / w - 1e-6), 1.0)
-    out[some] = special.betainc(blocks, rate[some] / w, 0.5)
-    return out
+    out = np.zeros_like(few.rate)
+    some = few.variance > 0.0
+    spread = np.where(some, 2.0 * few.variance, 1.0)
+    for of_level in limits:
+        given = few.rate >= of_level
+        for i in np.flatnonzero(np.isfinite(of_level)).tolist():
+            # Where another class gives the level in any case, this one does not decide.
+            open_ = some[:, i] & ~np.delete(given, i, axis=1).any(axis=1)
+            apart = (few.rate[:, i] - of_level[i]) ** 2 / spread[:, i]
+            out[:, i] += np.where(open_, np.exp(-0.5 * apart) / spread[:, i], 0.0)
+    return out / max(float(out.max(initial=0.0)), np.finfo(np.float64).tiny)
 
 
 def rocks_factor(
@@ -145,7 +376,7 @@ def rocks_factor(
     curves : HazardCurves
         With the thresholds of the preset among its energies.
     chances : LevelChances
-        Of these curves.
+        Of these curves, and maybe of places that no block reached.
 
     Returns
     -------
@@ -154,7 +385,9 @@ def rocks_factor(
         no sample decides; NaN where the sample does not give its variance.
     """
     few = at_energies(curves, preset.thresholds_kj)
-    unsure, level = chances.uncertain(confidence), chances.level
+    own = np.searchsorted(chances.places, few.places)
+    lowest, highest = (k[own] for k in chances.interval(confidence))
+    unsure, level = lowest != highest, chances.level[own]
     limits = np.vstack(
         [np.zeros(few.rate.shape[1]), limits_of_levels(preset), np.full(few.rate.shape[1], np.inf)]
     )

@@ -2,27 +2,27 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
-from sassgis.hazard.another_sample import level_chances
+from sassgis.hazard.another_sample import LevelChances, level_chances
 from sassgis.hazard.attribution import attribution, governing, zone_of_cells
 from sassgis.hazard.curves import at_energies, hazard_curves
 from sassgis.hazard.levels import deciding_energy, hazard_level, intensity_class
 from sassgis.hazard.risk import RiskTable, assess_risk
 from sassgis.hazard.sources import Sampled
-from sassgis.hazard.zoning.generalise import (
-    Coverage,
-    generalised_series,
-    nested_coverages,
-)
+from sassgis.hazard.zoning.coverage import Coverage
+from sassgis.hazard.zoning.drawing import drawn_zones, reach_cells
+from sassgis.hazard.zoning.edits import AppliedEdit, with_edits
+from sassgis.hazard.zoning.outer_limit import cells_within_limit
+from sassgis.model.edits import Edit
 from sassgis.model.exposure import PlacedObjects, Vulnerability
-from sassgis.model.grid import BoolArray, Grid, IntArray
-from sassgis.model.hazard import HazardCurves, HazardPreset, ZoningSettings
+from sassgis.model.grid import BoolArray, FloatArray, Grid, IntArray
+from sassgis.model.hazard import Drawing, HazardCurves, HazardPreset
+from sassgis.terrain.edge import edge_cells
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,17 +36,26 @@ class ZoneFacts:
         Cells that blocks reach; the others were raised when the zone was drawn.
     uncertain : float64, shape (n_zones,)
         Share of those cells whose level another sample of blocks might change; NaN without any.
+    moves_m : float64, shape (n_zones,)
+        Mean distance between the outer limit and that of another sample of as many blocks (m).
+    open_m : float64, shape (n_zones,)
+        Length along the edge of the known terrain, beyond which the zone goes on (m).
     shares : float64, shape (n_zones, n_sources)
         Of each source in the rate that makes the level; NaN in zones without a reached cell.
     governing : int64, shape (n_zones,)
         Source with the largest share; -1 for none.
+    edit : int64, shape (n_zones,)
+        The edit that set the level; -1 for none.
     """
 
     area_m2: np.ndarray
     cells: IntArray
     uncertain: np.ndarray
+    moves_m: np.ndarray
+    open_m: np.ndarray
     shares: np.ndarray
     governing: IntArray
+    edit: IntArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,31 +72,41 @@ class Hazard:
 
     Attributes
     ----------
-    levels : Coverage
+    computed : Coverage
         Zones of hazard level; class k is the preset's level k - 1.
+    levels : Coverage
+        The same with the edits of experts.
     facts : ZoneFacts
         Of the zones of ``levels``.
     intensities : tuple of IntensityMap
         From frequent to rare; class k is the preset's intensity k - 1.
-    uncertain : bool, shape (n_cells,)
-        Whether another sample of blocks might change the level of a cell of ``curves``.
-    changed_share : float
-        Area whose level another sample would change, as a share of the area that has a level; an
-        expected value.
+    chances : LevelChances
+        What another sample of blocks would make of the level of cells.
+    uncertain : bool, shape (n,)
+        Whether it might change the level of a cell of ``chances``.
+    edits : tuple of AppliedEdit
     """
 
     sampled: tuple[Sampled, ...]
     curves: HazardCurves
+    computed: Coverage
     levels: Coverage
     facts: ZoneFacts
     intensities: tuple[IntensityMap, ...]
+    chances: LevelChances
     uncertain: BoolArray
-    changed_share: float
+    edits: tuple[AppliedEdit, ...]
+
+    @property
+    def changed_share(self) -> float:
+        """Area whose level another sample would change, over the area that has a level."""
+        return self.chances.changed_share
 
     @property
     def uncertain_share(self) -> float:
-        """Share of the cells that blocks reach whose level another sample might change."""
-        return float(self.uncertain.mean()) if self.uncertain.size else 0.0
+        """Area whose level another sample might change, over the area that has a level."""
+        zoned = int((self.chances.level > 0).sum())
+        return float(self.uncertain.sum()) / zoned if zoned else 0.0
 
 
 def raster(grid: Grid, cells: IntArray, classes: np.ndarray) -> IntArray:
@@ -103,49 +122,37 @@ def curves_of(sampled: Sequence[Sampled], energies_kj: np.ndarray) -> HazardCurv
 
 
 def intensity_maps(
-    curves: HazardCurves, preset: HazardPreset, grid: Grid, settings: ZoningSettings
+    curves: HazardCurves, preset: HazardPreset, grid: Grid, rules: Drawing
 ) -> tuple[IntensityMap, ...]:
     """Zones of intensity for the preset's return periods and the extreme event.
 
-    The zones of a rarer event contain those of a more frequent one.
+    The zones of a rarer event contain those of a more frequent one. The extreme event has the outer
+    limit of the hazard levels.
     """
     few = at_energies(curves, preset.thresholds_kj)
     years: list[float | None] = [*preset.return_periods, None]
-    maps = [(few.places, intensity_class(few, preset, t)) for t in years]
-    return tuple(map(IntensityMap, years, _nested_zones(maps, grid, settings)))
+    classes = [intensity_class(few, preset, t) for t in years]
+    classes[-1] = np.maximum(classes[-1], cells_within_limit(few, preset, grid, rules.smoothing_m))
+    maps = [(few.places, c) for c in classes]
+    envelopes = [t is None for t in years]
+    return tuple(map(IntensityMap, years, _nested_zones(maps, grid, rules, envelopes)))
 
 
 def _nested_zones(
-    maps: Sequence[tuple[IntArray, np.ndarray]], grid: Grid, settings: ZoningSettings
+    maps: Sequence[tuple[IntArray, np.ndarray]],
+    grid: Grid,
+    rules: Drawing,
+    envelopes: Sequence[bool],
 ) -> list[Coverage]:
     """Zones of maps, each some cells and their classes, of which none is above the next."""
-    felt = felt_cells(settings, grid.cell_size)
     reached = np.unique(np.concatenate([cells for cells, _ in maps]))
-    beside = 4 * felt
-    while True:
-        own, cells, cut = around(grid, reached, beside)
-        known = np.isfinite(own.values)
-        smooth = generalised_series(
-            [raster(own, cells[np.searchsorted(reached, c)], classes) for c, classes in maps],
-            grid.cell_size, settings, known,
-        )  # fmt: skip
-        if not _feels_edge(smooth[-1], cut, felt):
-            return nested_coverages(smooth, own, settings, known)
-        beside *= 2
+    own, cells = around(grid, reached, reach_cells(rules, grid.cell_size))
+    rasters = [raster(own, cells[np.searchsorted(reached, c)], k) for c, k in maps]
+    return drawn_zones(rasters, own, rules, np.isfinite(own.values), envelopes)
 
 
-def around(
-    grid: Grid, cells: IntArray, beside: int
-) -> tuple[Grid, IntArray, tuple[bool, bool, bool, bool]]:
-    """The part of a grid around some cells, with so many cells beside them on each side.
-
-    Returns
-    -------
-    cells : int64
-        On that part.
-    cut : (bool, bool, bool, bool)
-        Whether the grid goes on in the north, east, south and west.
-    """
+def around(grid: Grid, cells: IntArray, beside: int) -> tuple[Grid, IntArray]:
+    """The part of a grid around some cells, with so many cells beside them, and they on it."""
     n_rows, n_cols = grid.shape
     row, col = np.divmod(cells, n_cols)
     if not cells.size:
@@ -160,36 +167,32 @@ def around(
         north=grid.north - top * grid.cell_size,
     )
     flat = (row - top) * (right - left) + (col - left)
-    return own, flat[: cells.size], (top > 0, right < n_cols, bottom < n_rows, left > 0)
-
-
-def felt_cells(settings: ZoningSettings, cell_size: float) -> int:
-    """Cells from a zone within which drawing it looks at others."""
-    growth = math.ceil(1.2 * math.sqrt(settings.smallest_cells(cell_size)))
-    return settings.closing_cells(cell_size) + settings.width_cells(cell_size) + growth + 2
-
-
-def _feels_edge(classes: IntArray, cut: tuple[bool, bool, bool, bool], felt: int) -> bool:
-    """Whether zones come near an edge beyond which the grid goes on."""
-    edges = (classes[:felt], classes[:, -felt:], classes[-felt:], classes[:, :felt])
-    return any(c and bool(edge.any()) for c, edge in zip(cut, edges, strict=True))
+    return own, flat[: cells.size]
 
 
 def level_zones(
-    curves: Sequence[HazardCurves], preset: HazardPreset, grid: Grid, settings: ZoningSettings
+    curves: Sequence[HazardCurves], preset: HazardPreset, grid: Grid, rules: Drawing
 ) -> list[Coverage]:
     """Zones of hazard level of several simulations, as with and without barriers.
 
     Where no cell of a map is above that of the next, the zones of the first lie within those of the
     next: drawn each for itself, smoothing alone would make zones higher here and lower there.
     """
-    maps = [(c.places, hazard_level(c, preset)) for c in curves]
+    maps = [
+        (
+            c.places,
+            np.maximum(
+                hazard_level(c, preset), cells_within_limit(c, preset, grid, rules.smoothing_m)
+            ),
+        )
+        for c in curves
+    ]
     whole = (raster(grid, *own) for own in maps)
     nested = all((one <= other).all() for one, other in pairwise(whole))
     return [
         drawn
         for series in ([maps] if nested else [[one] for one in maps])
-        for drawn in _nested_zones(series, grid, settings)
+        for drawn in _nested_zones(series, grid, rules, [True] * len(series))
     ]
 
 
@@ -200,8 +203,14 @@ def zone_facts(
     zones: Coverage,
     grid: Grid,
     unsure: BoolArray,
+    lowered: FloatArray,
+    edit: IntArray,
 ) -> ZoneFacts:
-    """Attribution and confidence of zones of hazard level; ``unsure`` cells of the curves."""
+    """Attribution and confidence of zones of hazard level.
+
+    Of the cells of the curves, ``unsure`` are those whose level is, and ``lowered`` is the
+    probability that another sample lowers it. What an edit has set no sample of blocks changes.
+    """
     n = zones.polygons.size
     zone = zone_of_cells(zones, grid, curves.places)
     inside = zone >= 0
@@ -215,12 +224,19 @@ def zone_facts(
     )
     cells = np.bincount(zone[inside], minlength=n)
     unsure_cells = np.bincount(zone[inside], weights=unsure[inside], minlength=n)
+    # What a zone loses on one side of its limit it gains on the other, on average.
+    moved = 2.0 * grid.cell_size**2 * np.bincount(zone[inside], lowered[inside], minlength=n)
+    length = np.array([p.exterior.length for p in zones.polygons], np.float64)
+    edge = zone_of_cells(zones, grid, np.flatnonzero(edge_cells(np.isfinite(grid.values))))
     return ZoneFacts(
         np.array([p.area for p in zones.polygons], np.float64),
         cells,
-        np.where(cells > 0, unsure_cells / np.maximum(cells, 1), np.nan),
+        np.where((cells > 0) & (edit < 0), unsure_cells / np.maximum(cells, 1), np.nan),
+        np.where(edit < 0, moved / length, 0.0),
+        grid.cell_size * np.bincount(edge[edge >= 0], minlength=n),
         shares,
         governing(shares)[0],
+        edit,
     )
 
 
@@ -230,8 +246,9 @@ def hazard_of(
     zones: Coverage,
     preset: HazardPreset,
     grid: Grid,
-    settings: ZoningSettings,
+    drawing: Drawing,
     confidence: float,
+    edits: Sequence[Edit] = (),
 ) -> Hazard:
     """Everything that the counts of a simulation say of the hazard.
 
@@ -243,17 +260,24 @@ def hazard_of(
         Of hazard level.
     confidence : float
         Of the sampling interval.
+    edits : sequence of Edit
+        Of these zones.
     """
-    chances = level_chances(curves, preset)
+    chances = level_chances(curves, preset, np.isfinite(grid.values))
     unsure = chances.uncertain(confidence)
+    levels, edit, applied = with_edits(zones, edits, [c.code for c in preset.levels])
+    reached = np.searchsorted(chances.places, curves.places)
+    of_cells = unsure[reached], chances.lowered[reached]
     return Hazard(
         tuple(sampled),
         curves,
         zones,
-        zone_facts(sampled, curves, preset, zones, grid, unsure),
-        intensity_maps(curves, preset, grid, settings),
+        levels,
+        zone_facts(sampled, curves, preset, levels, grid, *of_cells, edit),
+        intensity_maps(curves, preset, grid, drawing),
+        chances,
         unsure,
-        chances.changed_share,
+        applied,
     )
 
 
@@ -262,7 +286,7 @@ def by_area(
     energies_kj: np.ndarray,
     preset: HazardPreset,
     grid: Grid,
-    settings: ZoningSettings,
+    drawing: Drawing,
 ) -> dict[str, tuple[IntensityMap, ...]]:
     """Zones of intensity of each release area alone."""
     areas = dict.fromkeys(s.source.area for s in sampled)
@@ -271,7 +295,7 @@ def by_area(
             curves_of([s for s in sampled if s.source.area == area], energies_kj),
             preset,
             grid,
-            settings,
+            drawing,
         )
         for area in areas
     }
@@ -291,15 +315,18 @@ class Rules:
         Reference width of all frequencies (m): one cell or more.
     notices : tuple of str
         What the readers had to say.
+    edits : tuple of Edit
+        Of the zones with the walls and nets there are.
     """
 
     preset: HazardPreset
     frequencies: dict[tuple[str, str], float]
     placed: PlacedObjects
     vulnerability: Vulnerability | None
-    zones: ZoningSettings
+    zones: Drawing
     ref_width_m: float
     notices: tuple[str, ...]
+    edits: tuple[Edit, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -354,11 +381,9 @@ def assess(
     both = [sampled] if without is None else [sampled, without]
     curves = [curves_of(own, energies_kj) for own in both]
     zones = level_zones(curves, rules.preset, grid, rules.zones)
-    after, *others = (
-        hazard_of(*own, rules.preset, grid, rules.zones, confidence)
-        for own in zip(both, curves, zones, strict=True)
-    )
-    before = others[0] if others else None
+    others = rules.preset, grid, rules.zones, confidence
+    after = hazard_of(sampled, curves[0], zones[0], *others, rules.edits)
+    before = None if without is None else hazard_of(without, curves[1], zones[1], *others)
     alone = (
         by_area(after.sampled, energies_kj, rules.preset, grid, rules.zones) if by_source else {}
     )

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import shapely
 
-from sassgis.hazard.zoning.generalise import Coverage
+from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.hazard import Source, SourceCounts
 

@@ -28,8 +28,12 @@ class Distribution:
 
     Attributes
     ----------
+    count : int
+        Blocks that arrived, with their weights.
     mean, smallest, largest : float
         Exact, to 1e-6 of the unit; NaN if no block arrived.
+    squares : int64, shape (n_bins,)
+        Sum of the squares of the weights of the blocks in each bin of the histogram.
     """
 
     count: int
@@ -37,6 +41,7 @@ class Distribution:
     smallest: float
     largest: float
     histogram: Histogram
+    squares: IntArray
 
     def quantile(self, *probabilities: float) -> tuple[float, ...]:
         """Quantiles, exact to the width of a bin; NaN if no block arrived."""
@@ -59,23 +64,26 @@ class ControlLineSums:
         self._counts = {
             q: np.zeros((n, edges.size - 1), np.int64) for q, (_, edges) in QUANTITIES.items()
         }
+        # The same of the squares of their weights.
+        self._squares = {q: np.zeros_like(counts) for q, counts in self._counts.items()}
         # Sums in millionths, whole, so that the order of adding does not matter.
         self._sum = {q: np.zeros(n, np.int64) for q in QUANTITIES}
         self._least = {q: np.full(n, np.inf) for q in QUANTITIES}
         self._most = {q: np.full(n, -np.inf) for q in QUANTITIES}
 
-    def add(self, passages: NDArray[np.void]) -> None:
-        """Count passages (PASSAGE_DTYPE)."""
+    def add(self, passages: NDArray[np.void], weight: int = 1) -> None:
+        """Count passages (PASSAGE_DTYPE) of blocks that count ``weight`` times each."""
         if not passages.size:
             return
         control_line = passages["control_line"]
-        np.add.at(self._outcomes, (control_line, passages["outcome"]), 1)
+        np.add.at(self._outcomes, (control_line, passages["outcome"]), weight)
         energy = passages["energy_trans_kj"] + passages["energy_rot_kj"]
         for q, (_, edges) in QUANTITIES.items():
             values = energy if q == "energy_kj" else passages[q]
             bins = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, edges.size - 2)
-            np.add.at(self._counts[q], (control_line, bins), 1)
-            np.add.at(self._sum[q], control_line, np.rint(values * 1e6).astype(np.int64))
+            np.add.at(self._counts[q], (control_line, bins), weight)
+            np.add.at(self._squares[q], (control_line, bins), weight * weight)
+            np.add.at(self._sum[q], control_line, weight * np.rint(values * 1e6).astype(np.int64))
             np.minimum.at(self._least[q], control_line, values)
             np.maximum.at(self._most[q], control_line, values)
 
@@ -90,6 +98,7 @@ class ControlLineSums:
         self._outcomes[numbers] += other._outcomes
         for q in QUANTITIES:
             self._counts[q][numbers] += other._counts[q]
+            self._squares[q][numbers] += other._squares[q]
             self._sum[q][numbers] += other._sum[q]
             self._least[q][numbers] = np.minimum(self._least[q][numbers], other._least[q])
             self._most[q][numbers] = np.maximum(self._most[q][numbers], other._most[q])
@@ -112,6 +121,7 @@ class ControlLineSums:
             float(self._least[quantity][control_line]) if count else float("nan"),
             float(self._most[quantity][control_line]) if count else float("nan"),
             Histogram(edges, self._counts[quantity][control_line].copy(), unit),
+            self._squares[quantity][control_line].copy(),
         )
 
     def state(self) -> dict[str, NDArray[np.generic]]:
@@ -119,6 +129,7 @@ class ControlLineSums:
         state: dict[str, NDArray[np.generic]] = {"outcomes": self._outcomes}
         for q in QUANTITIES:
             state[f"counts_{q}"] = self._counts[q]
+            state[f"squares_{q}"] = self._squares[q]
             state[f"sum_{q}"] = self._sum[q]
             state[f"least_{q}"] = self._least[q]
             state[f"most_{q}"] = self._most[q]
@@ -133,6 +144,7 @@ class ControlLineSums:
         sums._outcomes = np.array(state["outcomes"], np.int64)
         for q in QUANTITIES:
             sums._counts[q] = np.array(state[f"counts_{q}"], np.int64)
+            sums._squares[q] = np.array(state[f"squares_{q}"], np.int64)
             sums._sum[q] = np.array(state[f"sum_{q}"], np.int64)
             sums._least[q] = np.array(state[f"least_{q}"], np.float64)
             sums._most[q] = np.array(state[f"most_{q}"], np.float64)

@@ -159,21 +159,21 @@ def return_period(rate: ArrayLike) -> FloatArray:
     return out
 
 
-def meets(rate: ArrayLike, years: float) -> NDArray[np.bool_]:
+def meets(rate: ArrayLike, years: float | FloatArray) -> NDArray[np.bool_]:
     """Whether a rate is at least 1/T, apart from rounding; NaN does not meet anything.
 
     Parameters
     ----------
     rate : array_like
         Per year.
-    years : float
+    years : float or float64
         Return period T.
     """
     met: NDArray[np.bool_] = np.asarray(rate, np.float64) * years >= 1.0 - _ROUNDING
     return met
 
 
-def energy_at(curves: HazardCurves, years: float) -> FloatArray:
+def energy_at(curves: HazardCurves, years: float | FloatArray) -> FloatArray:
     """Energy that is reached or exceeded once in a return period.
 
     The largest energy e with λ(E >= e) >= 1/T. Between two energies of the curve both logarithms
@@ -184,7 +184,7 @@ def energy_at(curves: HazardCurves, years: float) -> FloatArray:
 
     Parameters
     ----------
-    years : float
+    years : float or float64, shape (n,)
         Return period T.
 
     Returns
@@ -193,14 +193,15 @@ def energy_at(curves: HazardCurves, years: float) -> FloatArray:
         kJ; NaN where blocks arrive less often than once in T.
     """
     energies = curves.energies_kj
-    met = meets(curves.rate, years)
+    periods = np.broadcast_to(np.asarray(years, np.float64), curves.places.shape)
+    met = meets(curves.rate, periods[:, None])
     # The last column that meets T; curves fall, so all before it do as well.
     last = np.where(met.any(axis=1), energies.size - 1 - np.argmax(met[:, ::-1], axis=1), -1)
     out = np.where(last < 0, np.nan, energies[last])
     rows = np.flatnonzero((last >= 0) & (last < energies.size - 1))
     at = last[rows]
     here, next_ = curves.rate[rows, at], curves.rate[rows, at + 1]
-    wanted = 1.0 / years
+    wanted = 1.0 / periods[rows]
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.where(
             next_ > 0.0,
@@ -239,12 +240,13 @@ def rate_interval(curves: HazardCurves, confidence: float = 0.95) -> tuple[Float
         Per year. With no block counted the lower limit is 0; with variance 0 it is the rate. NaN
         where the variance is.
     """
-    return _interval(curves.rate, curves.variance, curves.rate_of_a_rock[:, None], confidence)
+    return gamma_interval(curves.rate, curves.variance, curves.rate_of_a_rock[:, None], confidence)
 
 
-def _interval(
-    rate: FloatArray, variance: FloatArray, of_a_rock: FloatArray, confidence: float
+def gamma_interval(
+    rate: FloatArray, variance: FloatArray, of_a_rock: FloatArray | float, confidence: float
 ) -> tuple[FloatArray, FloatArray]:
+    """The interval of ``rate_interval`` from rates, their variance, and that of one block."""
     if not 0.0 < confidence < 1.0:
         raise ValueError(f"a confidence of {confidence} is not between 0 and 1")
     tail = 0.5 * (1.0 - confidence)

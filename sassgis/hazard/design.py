@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sassgis.hazard.control_lines import QUANTITIES, ControlLineSums
+from sassgis.hazard.curves import gamma_interval
 from sassgis.model.grid import FloatArray
 from sassgis.model.hazard import Source
 
@@ -22,16 +23,30 @@ class Arrivals:
         Of the bins in which the quantity was counted.
     rate : float64, shape (n + 1,)
         Frequency at or above each edge, per year; 0 at the last.
+    variance : float64, shape (n + 1,)
+        Of the rate by the sampling of blocks, as if they were drawn one by one (1/year²): at most.
     rocks : int64, shape (n + 1,)
-        Simulated blocks behind it.
+        Simulated blocks behind it; of blocks that count differently, as many alike as have the same
+        variance.
     largest : float
         Largest value of any block; NaN if none arrived.
+    of_a_rock : float
+        Largest frequency of one simulated block, per year.
     """
 
     edges: FloatArray
     rate: FloatArray
+    variance: FloatArray
     rocks: np.ndarray
     largest: float
+    of_a_rock: float
+
+    def limits(self, confidence: float) -> tuple[Arrivals, Arrivals]:
+        """Curves between which this one lies, given the sample: those of curves.rate_interval."""
+        ends = gamma_interval(self.rate, self.variance, self.of_a_rock, confidence)
+        low, high = (replace(self, rate=np.minimum.accumulate(rate)) for rate in ends)
+        # Of what is beyond the largest value nothing was seen.
+        return low, replace(high, largest=float("inf"))
 
 
 def arrivals(
@@ -52,17 +67,24 @@ def arrivals(
         One of sassgis.hazard.control_lines.QUANTITIES.
     """
     edges = QUANTITIES[quantity][1]
-    rate = np.zeros(edges.size)
-    rocks = np.zeros(edges.size, np.int64)
-    largest = -np.inf
+    rate, variance, alike = np.zeros((3, edges.size))
+    largest, of_a_rock = -np.inf, 0.0
     for source, sums in zip(sources, control_lines, strict=True):
         own = sums.distribution(control_line, quantity)
-        above = np.append(np.cumsum(own.histogram.counts[::-1])[::-1], 0)
+        above, squares = (
+            np.append(np.cumsum(counts[::-1])[::-1], 0.0)
+            for counts in (own.histogram.counts, own.squares)
+        )
         rate += source.rate_per_rock * above
-        rocks += above
+        variance += source.rate_per_rock**2 * squares
+        alike += np.divide(above**2, squares, out=np.zeros_like(above), where=squares > 0.0)
         if own.count:
             largest = max(largest, own.largest)
-    return Arrivals(edges, rate, rocks, largest if np.isfinite(largest) else float("nan"))
+            of_a_rock = max(of_a_rock, source.rate_per_rock)
+    return Arrivals(
+        edges, rate, variance, np.rint(alike).astype(np.int64),
+        largest if np.isfinite(largest) else float("nan"), of_a_rock,
+    )  # fmt: skip
 
 
 def value_at_rate(curve: Arrivals, rate: float) -> float:
@@ -85,9 +107,19 @@ def value_at_rate(curve: Arrivals, rate: float) -> float:
     return float(min(value, curve.largest))
 
 
-def quantile(curve: Arrivals, probability: float) -> float:
-    """Quantile of the blocks that arrive, weighted by their frequency; NaN where none arrives."""
-    return value_at_rate(curve, (1.0 - probability) * float(curve.rate[0]))
+def value_limits(curve: Arrivals, rate: float, confidence: float) -> tuple[float, float]:
+    """Limits of ``value_at_rate``, given the sample; NaN where there is none.
+
+    The lower one is 0 where blocks may come less often, the upper one NaN where more energy or
+    height than any block had may be that frequent.
+    """
+    if not np.isfinite(value_at_rate(curve, rate)):
+        return float("nan"), float("nan")
+    low, high = curve.limits(confidence)
+    least = value_at_rate(low, rate)
+    beyond = high.rate[curve.rate <= 0.0].max(initial=0.0)
+    most = float("nan") if beyond > rate else value_at_rate(high, rate)
+    return (least if np.isfinite(least) else 0.0), most
 
 
 def rocks_beyond(curve: Arrivals, rate: float) -> int:

@@ -54,6 +54,7 @@ class MapSums:
         sums: Mapping[str, NDArray[Any]],
         visits: Visits | None = None,
         n_bins: Mapping[str, int] | None = None,
+        weight: int = 1,
     ) -> None:
         """Join the sums of some cells, each of which is named once.
 
@@ -66,6 +67,8 @@ class MapSums:
             Of these cells: what the histograms of ``sums`` do not have.
         n_bins : mapping, optional
             Bins of the histograms that are not among ``sums``, in the order of the visits.
+        weight : int
+            How many times a visit counts.
         """
         reached = np.flatnonzero((sums["reach"] > 0) | (sums["stops"] > 0))
         shapes = {name: own.shape[1:] for name, own in sums.items()}
@@ -81,7 +84,7 @@ class MapSums:
         if visits is not None:
             row = np.full(cells.size, -1, np.int32)
             row[reached] = rows
-            visits.add_to(tuple(self._sums[name] for name in n_bins or ()), row)
+            visits.add_to(tuple(self._sums[name] for name in n_bins or ()), row, weight)
 
     def _rows_of(self, cells: IntArray, shapes: Mapping[str, tuple[int, ...]]) -> IntArray:
         """Rows of the cells, made where there were none; ``shapes`` of a row of each sum."""
@@ -121,6 +124,36 @@ def _enlarged(array: NDArray[Any], room: int, kept: CellSum) -> NDArray[Any]:
     out[: array.shape[0]] = array
     if kept.empty != 0:
         out[array.shape[0] :] = kept.empty
+    return out
+
+
+def weighted_counts(
+    count: IntArray, square: IntArray, weight: int, rocks_per_line: int
+) -> tuple[IntArray, IntArray]:
+    """Numbers of blocks, and their squares by stratum, of blocks that count ``weight`` times each.
+
+    The square is the one with which count_variance gives the variance of the weighted number: it
+    adds up over blocks of several weights, and is no sum of squares then.
+    """
+    apart = rocks_per_line * weight * (weight - 1)
+    return weight * count, weight * weight * square - apart * count
+
+
+def weighted_sums(
+    sums: Mapping[str, NDArray[Any]], weight: int, rocks_per_line: int
+) -> Mapping[str, NDArray[Any]]:
+    """Sums of the table, of blocks that count ``weight`` times each."""
+    if weight == 1:
+        return sums
+    out = {
+        s.name: sums[s.name] if s.reducer in ("max", "min") else weight * sums[s.name]
+        for s in SUMS
+        if s.name in sums
+    }
+    _, out["reach_square"] = weighted_counts(
+        sums["reach"].astype(np.int64), sums["reach_square"].astype(np.int64), weight,
+        rocks_per_line,
+    )  # fmt: skip
     return out
 
 

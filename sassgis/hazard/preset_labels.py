@@ -39,6 +39,13 @@ def preset_unverified(preset: HazardPreset) -> list[str]:
     if preset.rarest_provenance is not None:
         beyond = phrase("no level beyond {} years", f"{preset.rarest_years:g}")
         values.append((beyond, preset.rarest_provenance))
+    if preset.sheet is not None:
+        least = phrase(
+            "zones of at least {} mm and {} mm² on the sheet",
+            f"{preset.sheet.width_mm:g}",
+            f"{preset.sheet.area_mm2:g}",
+        )
+        values.append((least, preset.sheet.provenance))
     values += [(phrase("level {}", c.code), c.provenance) for c in preset.levels]
     by_source = _by_source(values)
     for source, text in _unverified_fields(preset).items():

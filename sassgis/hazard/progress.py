@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,11 +12,11 @@ from numpy.typing import NDArray
 from sassgis.engine.simulate import Simulated
 from sassgis.hazard.bins import bins_of
 from sassgis.hazard.control_lines import ControlLineSums
-from sassgis.hazard.map_sums import MapSums, Sample
+from sassgis.hazard.map_sums import MapSums, Sample, weighted_counts, weighted_sums
 from sassgis.hazard.source_sums import SourceSums
 from sassgis.model import rng
-from sassgis.model.grid import IntArray
-from sassgis.model.map_run import BlockRows, FallLines, MapRun
+from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.map_run import BlockRows, FallLines, MapRun, Round, Worth
 from sassgis.model.profiles import LineEnd
 from sassgis.model.results import PASSAGE_DTYPE, ROCK_DTYPE, StopReason
 from sassgis.terrain.plan import Plan
@@ -28,13 +30,21 @@ class ChunkResult:
     ----------
     area : int
         Position of its release area.
+    points : int64, shape (n,)
+        Release points of which it has a repetition each; some may be there several times.
+    weight : int
+        How many times each of its blocks counts.
     sums : dict of int to Simulated
         By the position of the block scenario in ``blocks``.
+    lines : FallLines
+        Of the first repetition; else none.
     lost : int
         Blocks of lines that are too short to be simulated on.
     """
 
     area: int
+    points: IntArray
+    weight: int
     sums: dict[int, Simulated]
     rows: BlockRows
     lines: FallLines
@@ -51,7 +61,9 @@ class SourceTally:
         Places are flat indices of cells and numbers of objects. A block counts for a cell if it
         comes within half the reference width of its centre.
     rocks, never_started : int
-        Simulated blocks, and those of them that never started.
+        Blocks with their weights, and those of them that never started.
+    simulated : int
+        Blocks, each once.
     """
 
     cells: SourceSums
@@ -59,6 +71,7 @@ class SourceTally:
     control_lines: ControlLineSums
     rocks: int = 0
     never_started: int = 0
+    simulated: int = 0
 
     @classmethod
     def fresh(cls, run: MapRun) -> SourceTally:
@@ -68,18 +81,24 @@ class SourceTally:
             SourceSums(n), SourceSums(n), ControlLineSums(tuple(g for g, _ in run.control_lines))
         )
 
-    def add(self, result: Simulated) -> None:
-        """Add the blocks of a chunk."""
+    def add(self, result: Simulated, weight: int = 1, each: int = 1) -> None:
+        """Add the blocks of a chunk, which count ``weight`` times; ``each`` are of one stratum."""
+
+        def counts(sums: Mapping[str, NDArray[Any]]) -> tuple[IntArray, IntArray]:
+            count, square = (np.asarray(sums[n], np.int64) for n in ("exceed", "exceed_square"))
+            return weighted_counts(count, square, weight, each)
+
         if result.windows.size:
-            self.cells.add(result.windows, *result.window_sums.values())
+            self.cells.add(result.windows, *counts(result.window_sums))
         else:
-            exceed = (np.asarray(result.kept[n], np.int64) for n in ("exceed", "exceed_square"))
-            self.cells.add(result.cells, *exceed)
+            self.cells.add(result.cells, *counts(result.kept))
         numbers = np.arange(result.objects["exceed"].shape[0], dtype=np.int64)
-        self.objects.add(numbers, result.objects["exceed"], result.objects["exceed_square"])
-        self.control_lines.add(result.passages)
-        self.rocks += result.rocks.size
-        self.never_started += int((result.rocks["reason"] == StopReason.NEVER_STARTED).sum())
+        self.objects.add(numbers, *counts(result.objects))
+        self.control_lines.add(result.passages, weight)
+        idle = int((result.rocks["reason"] == StopReason.NEVER_STARTED).sum())
+        self.simulated += result.rocks.size
+        self.rocks += weight * result.rocks.size
+        self.never_started += weight * idle
 
 
 @dataclass
@@ -91,19 +110,34 @@ class Progress:
     chunks : int
         Chunks added.
     reasons : int64, shape (len(StopReason),)
-        Blocks by the reason of their end.
+        Blocks by the reason of their end, with their weights.
+    simulated : int
+        Blocks, each once.
     lost : int
         Blocks of lines that are too short to be simulated on.
     runout : int64, shape (len(StopReason), n_bins)
-        Blocks by the reason of their end and by run-out chainage, in metres.
+        Blocks by the reason of their end and by run-out chainage, in metres, with their weights.
     stops : list of BlockRows
         The blocks whose stop is kept one by one; kept_stops joins them.
+    stop_share : float
+        Of all blocks that they are.
     furthest : (run-out, line, scenario, block) or None
         The block with the longest run-out of all (m).
     sources : dict of (area, scenario) to SourceTally
         By position in ``areas`` and ``blocks``.
     pieces : int
         Fragments and entrained blocks.
+    rounds : tuple of Round
+        What the chunks are of.
+    seconds : float
+        For which blocks have been simulated.
+    worth : Worth or None
+        By which the present round shows where more blocks would help.
+    scores : float64, shape (n_points, n_scenarios)
+        The worth of what the blocks of a repetition leave open, summed over those of the round.
+    history : list of (blocks, share)
+        After each round, blocks that were simulated, and the share of the zoned area whose level
+        another sample would change.
     """
 
     chunks: int
@@ -117,57 +151,73 @@ class Progress:
     furthest: tuple[float, int, int, int] | None = None
     sources: dict[tuple[int, int], SourceTally] = field(default_factory=dict)
     pieces: int = 0
+    simulated: int = 0
+    stop_share: float = 1.0
+    rounds: tuple[Round, ...] = (Round(),)
+    seconds: float = 0.0
+    worth: Worth | None = None
+    scores: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    history: list[tuple[int, float]] = field(default_factory=list)
+
+    @property
+    def lost_share(self) -> float:
+        """Share of the blocks that started which left the terrain model, or their fall line."""
+        started = int(self.reasons.sum() - self.reasons[StopReason.NEVER_STARTED])
+        return float(self.reasons[StopReason.LEFT_PROFILE]) / max(started, 1)
 
     @classmethod
     def fresh(cls, run: MapRun) -> Progress:
         """Nothing added yet."""
         n_rows, n_cols = run.grid.shape
         return cls(
-            0, MapSums(n_rows * n_cols), ControlLineSums(tuple(g for g, _ in run.control_lines))
-        )
+            0, MapSums(n_rows * n_cols), ControlLineSums(tuple(g for g, _ in run.control_lines)),
+            stop_share=1.0 if run.stop_points_max else 0.0, rounds=run.rounds,
+        )  # fmt: skip
 
 
-def add_chunk(
-    progress: Progress, outcome: ChunkResult, run: MapRun, share: float, first: bool
-) -> None:
-    """Add the result of a chunk; chunks are added in their order.
-
-    Parameters
-    ----------
-    progress : Progress
-        Grows.
-    share : float
-        Of the blocks whose stop is kept one by one.
-    first : bool
-        Whether the chunk belongs to the first repetition: its lines are drawn.
-    """
+def add_chunk(progress: Progress, outcome: ChunkResult, run: MapRun) -> None:
+    """Add the result of a chunk; chunks are added in their order."""
+    weight, each = outcome.weight, run.release.rocks_per_point
     for scenario, result in outcome.sums.items():
-        progress.sums.add(result.cells, result.kept, result.visits, result.n_bins)
-        progress.control_lines.add(result.passages)
+        kept = weighted_sums(result.kept, weight, each)
+        progress.sums.add(result.cells, kept, result.visits, result.n_bins, weight)
+        progress.control_lines.add(result.passages, weight)
         source = (outcome.area, scenario)
         if source not in progress.sources:
             progress.sources[source] = SourceTally.fresh(run)
-        progress.sources[source].add(result)
+        progress.sources[source].add(result, weight, each)
+        if progress.worth is not None:
+            np.add.at(progress.scores[:, scenario], outcome.points, result.worth)
     # Fragments and entrained blocks are no released blocks.
     released = outcome.rows.rocks["piece"] == 0
     progress.pieces += int((~released).sum())
     reasons = outcome.rows.rocks["reason"][released]
-    progress.reasons += np.bincount(reasons, minlength=len(StopReason))
+    progress.simulated += reasons.size
+    progress.reasons += weight * np.bincount(reasons, minlength=len(StopReason))
     progress.lost += outcome.lost
     if reasons.size:
         metres = np.maximum(outcome.rows.rocks["runout_m"][released], 0.0).astype(np.int64)
         width = max(int(metres.max()) + 1, progress.runout.shape[1])
         grown = np.zeros((len(StopReason), width), np.int64)
         grown[:, : progress.runout.shape[1]] = progress.runout
-        np.add.at(grown, (reasons, metres), 1)
+        np.add.at(grown, (reasons, metres), weight)
         progress.runout = grown
         longest = _furthest(outcome.rows)
         if progress.furthest is None or longest[0] > progress.furthest[0]:
             progress.furthest = longest
-    if first:
+    if outcome.lines.point.size:
         progress.lines.append(outcome.lines)
-    progress.stops.append(evenly_kept(outcome.rows, run.seed, share))
+    _keep_stops(progress, outcome.rows, run)
     progress.chunks += 1
+
+
+def _keep_stops(progress: Progress, rows: BlockRows, run: MapRun) -> None:
+    """Keep a share of the blocks; a smaller one of all where they become too many."""
+    progress.stops.append(evenly_kept(rows, run.seed, progress.stop_share))
+    while sum(own.rocks.size for own in progress.stops) > 2 * run.stop_points_max:
+        progress.stop_share /= 2.0
+        kept = evenly_kept(joined_rows(progress.stops), run.seed, progress.stop_share)
+        progress.stops = [kept]
 
 
 def _furthest(rows: BlockRows) -> tuple[float, int, int, int]:
@@ -197,14 +247,13 @@ def line_ends(progress: Progress) -> dict[LineEnd, int]:
 
 def joined_rows(parts: list[BlockRows]) -> BlockRows:
     """Rows of several chunks as one."""
-    return BlockRows(
-        np.concatenate([np.empty(0, ROCK_DTYPE), *(p.rocks for p in parts)]),
-        np.concatenate([np.empty(0, np.int64), *(p.rock_scenario for p in parts)]),
-        np.concatenate([np.empty(0), *(p.x for p in parts)]),
-        np.concatenate([np.empty(0), *(p.y for p in parts)]),
-        np.concatenate([np.empty(0, PASSAGE_DTYPE), *(p.passages for p in parts)]),
-        np.concatenate([np.empty(0, np.int64), *(p.passage_scenario for p in parts)]),
-    )
+    none = np.empty(0, np.int64)
+    empty = BlockRows(
+        np.empty(0, ROCK_DTYPE), none, np.empty(0), np.empty(0), np.empty(0, PASSAGE_DTYPE), none,
+        none, none,
+    )  # fmt: skip
+    names = [f.name for f in fields(BlockRows)]
+    return BlockRows(*(np.concatenate([getattr(p, n) for p in (empty, *parts)]) for n in names))
 
 
 def joined_lines(parts: list[FallLines]) -> FallLines:
@@ -225,10 +274,13 @@ def joined_lines(parts: list[FallLines]) -> FallLines:
 
 
 def evenly_kept(rows: BlockRows, seed: int, share: float) -> BlockRows:
-    """A share of the blocks, chosen by the identity of each; smaller shares are parts of larger."""
+    """A share of the blocks, chosen by the identity of each; smaller shares are parts of larger.
+
+    A block that counts several times is as much more likely to be among them.
+    """
     if share >= 1.0:
         return _rocks_alone(rows, np.ones(rows.rocks.size, bool))
-    return _rocks_alone(rows, _lots(rows, seed).astype(np.float64) < share * 2.0**64)
+    return _rocks_alone(rows, _lots(rows, seed) < share)
 
 
 def kept_stops(run: MapRun, progress: Progress) -> BlockRows:
@@ -244,20 +296,21 @@ def kept_stops(run: MapRun, progress: Progress) -> BlockRows:
     return _rocks_alone(rows, np.sort(order[: run.stop_points_max]))
 
 
-def _lots(rows: BlockRows, seed: int) -> NDArray[np.uint64]:
-    """A number for each block, drawn from its identity."""
-    lots: NDArray[np.uint64] = rng.combined(
+def _lots(rows: BlockRows, seed: int) -> FloatArray:
+    """A number from 0 to 1 for each block, drawn from its identity, over its weight."""
+    lots = rng.combined(
         rng.combined(
             rng.combined(rows.rocks["line"].astype(np.uint64), rows.rocks["rock"]),
             rows.rocks["piece"],
         ),
         np.full(rows.rocks.size, seed % 2**63) + rows.rock_scenario,
     )
-    return lots
+    return lots.astype(np.float64) / 2.0**64 / rows.rock_weight
 
 
 def _rocks_alone(rows: BlockRows, which: NDArray[np.generic]) -> BlockRows:
     return BlockRows(
         rows.rocks[which], rows.rock_scenario[which], rows.x[which], rows.y[which],
-        rows.passages[:0], rows.passage_scenario[:0],
+        rows.passages[:0], rows.passage_scenario[:0], rows.rock_weight[which],
+        rows.passage_weight[:0],
     )  # fmt: skip

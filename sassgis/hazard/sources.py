@@ -110,17 +110,21 @@ def _size(area: ReleaseArea, onset: Onset) -> float:
 
 
 def sampled_sources(
-    run: MapRun, progress: Progress, frequencies: dict[tuple[str, str], float]
+    run: MapRun, progress: Progress, frequencies: dict[tuple[str, str], float] | None
 ) -> list[Sampled]:
-    """Every source of a run with its counts, areas in their order, scenarios within them."""
+    """Every source of a run with its counts, areas in their order, scenarios within them.
+
+    Without frequencies the rate of each block is 1.
+    """
     out = []
     for (area, scenario), tally in sorted(progress.sources.items()):
         blocks = run.blocks[scenario]
         name = run.areas[area].name
+        started = float(tally.rocks - tally.never_started)
         source = Source(
             name,
             blocks.name,
-            frequencies[name, blocks.name],
+            started if frequencies is None else frequencies[name, blocks.name],
             tally.rocks,
             run.release.rocks_per_point,
             run.release.placement == "random",

@@ -11,7 +11,7 @@ import numpy as np
 import pyproj
 import shapely
 
-from sassgis.hazard.zoning.generalise import Coverage
+from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.model.crs import crs_name, same_crs
 from sassgis.model.errors import InputError
 from sassgis.model.exposure import PlacedObjects

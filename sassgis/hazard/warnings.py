@@ -14,9 +14,11 @@ from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.hazard.along_profile import ProfileResult
 from sassgis.hazard.preset_labels import preset_unverified
 from sassgis.hazard.progress import Progress, line_ends
+from sassgis.hazard.zoning.edits import AppliedEdit, shares_text
 from sassgis.model.effects import EffectSettings
-from sassgis.model.ground import GroundClass
-from sassgis.model.hazard import HazardPreset
+from sassgis.model.grid import IntArray
+from sassgis.model.ground import GroundClass, Trust
+from sassgis.model.hazard import BlockBudget, HazardPreset
 from sassgis.model.labels import STOP_TEXT
 from sassgis.model.languages import phrase
 from sassgis.model.map_run import MapRun
@@ -28,6 +30,10 @@ _LINE_ENDS = (
     (LineEnd.NODATA, "run into nodata"),
     (LineEnd.MAX_LENGTH, "are cut at terrain.max_line_length_m"),
     (LineEnd.CLOSED_LOOP, "close upon themselves"),
+)
+_TRUST_WARNINGS: tuple[tuple[Trust, str], ...] = (
+    ("estimate", "Ground classes that are estimates, with their share of the ground: {}."),
+    ("fitted", "Ground classes fitted to one site, with their share of the ground: {}."),
 )
 _STOPS = (
     (
@@ -49,11 +55,31 @@ _STOPS = (
 )
 
 
-def ground_warnings(used: Sequence[GroundClass]) -> list[str]:
-    """Which of the classes that occur have values that were not read in their source."""
-    names = [c.name for c in used if not c.verified]
-    text = "Ground classes with values that are not from the paper (unverified): {}."
-    return [phrase(text, ", ".join(names))] if names else []
+def ground_shares(run: MapRun, cells: IntArray) -> list[tuple[GroundClass, float]]:
+    """Ground classes of flat cells with their share; of all known cells where none are given."""
+    known = np.isfinite(run.grid.values)
+    of_cells = run.ground.ravel()[cells] if cells.size else run.ground[known]
+    used, counts = np.unique(of_cells, return_counts=True)
+    return [(run.table.classes[k], n / of_cells.size) for k, n in zip(used, counts, strict=True)]
+
+
+def trusted(used: Sequence[tuple[GroundClass, float]], trust: Trust) -> str:
+    """Classes of one kind of trust with their share: "rock 12 %, debris 30 %"."""
+    parts = (f"{c.name} {100 * share:.0f} %" for c, share in used if c.trust == trust)
+    return ", ".join(parts)
+
+
+def ground_warnings(used: Sequence[tuple[GroundClass, float]]) -> list[str]:
+    """How far the values of the classes that occur may be trusted; each with its share."""
+    out: list[str] = []
+    for trust, text in _TRUST_WARNINGS:
+        if names := trusted(used, trust):
+            out.append(phrase(text, names))
+    assumed = [f"{c.name} {c.d_star_m:g} m" for c, _ in used if c.trust == "paper" and c.d_star_m]
+    if assumed:
+        text = "Diameter of blocks on the ground from the table, to be measured on the site: {}."
+        out.append(phrase(text, ", ".join(assumed)))
+    return out
 
 
 def path_warnings(path: str) -> list[str]:
@@ -91,11 +117,9 @@ def simulation_warnings(run: MapRun, progress: Progress) -> list[str]:
     ]
     if idle:
         out.append(phrase("No block reaches: {}.", ", ".join(idle)))
-    used = np.unique(run.ground[np.isfinite(run.grid.values)])
-    classes = [run.table.classes[i] for i in used]
     return [
         *out,
-        *ground_warnings(classes),
+        *ground_warnings(ground_shares(run, progress.sums.cells)),
         *path_warnings(run.terrain.path),
     ]
 
@@ -115,14 +139,38 @@ def rule_warnings(preset: HazardPreset, frequencies: Mapping[tuple[str, str], fl
     return out
 
 
-def zone_warnings(changed_share: float, limit: float | None, repetitions_max: int) -> list[str]:
-    """What a zoning has not settled; ``limit`` is the largest share that is wanted."""
-    if limit is None or changed_share <= limit:
+def zone_warnings(changed_share: float, budget: BlockBudget | None) -> list[str]:
+    """What a zoning has not settled within its budget."""
+    if budget is None or changed_share <= budget.changed_share:
         return []
+    text = (
+        "Another sample of blocks would change the level on {} % of the zoned area (wanted: {} %, "
+        "hazard.changed_share_max): hazard.blocks_max or hazard.minutes_max was spent before."
+    )
+    return [phrase(text, f"{100 * changed_share:.1f}", f"{100 * budget.changed_share:g}")]
+
+
+def edit_lines(applied: Sequence[AppliedEdit]) -> list[str]:
+    """That zones were edited by hand, in one sentence; nothing without edits."""
+    if not applied:
+        return []
+    authors = ", ".join(dict.fromkeys(a.edit.author for a in applied))
+    return [phrase("Zones edited by hand at {} places ({}).", len(applied), authors)]
+
+
+def edit_warnings(applied: Sequence[AppliedEdit]) -> list[str]:
+    """Edits below which another level is computed than when they were made."""
     return [
-        f"Another sample of blocks would change the level on {100 * changed_share:.1f} % of the "
-        f"zoned area, after {repetitions_max} repetitions (hazard.repetitions_max; wanted: "
-        f"{100 * limit:g} %, hazard.changed_share_max)."
+        phrase(
+            "The level computed below an edit ({}) is another one on {} % of its area since: then "
+            "{}; now {}.",
+            a.edit.words,
+            f"{100 * a.changed:.0f}",
+            shares_text(a.then),
+            shares_text(a.now),
+        )
+        for a in applied
+        if a.has_changed
     ]
 
 

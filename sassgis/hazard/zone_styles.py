@@ -62,6 +62,11 @@ def uncertain_style() -> VectorStyle:
     )  # fmt: skip
 
 
+def open_limit_style() -> VectorStyle:
+    """A broad line in magenta, which no level has, where a zone is open."""
+    return VectorStyle(Symbol("line", "#d400aa", size_mm=1.2))
+
+
 def zone_style(column: str, entries: Sequence[tuple[str, str, str, bool]]) -> VectorStyle:
     """One sign per code, listed from the last.
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +16,13 @@ PARAMETERS = (
     "eta_max", "dp_min", "dp_max", "mu_f", "mu_0", "k", "d_star_m", "restitution",
     "restitution_speed_mps", "rolling_threshold",
 )  # fmt: skip
+#: How far values may be trusted, the most first, and how maps, report and warnings call that.
+Trust = Literal["paper", "fitted", "estimate"]
+TRUST_TEXT: Mapping[Trust, str] = {
+    "paper": "from a paper, what it leaves open chosen within its ranges",
+    "fitted": "fitted to one site",
+    "estimate": "estimate",
+}
 #: Between which each of them must lie.
 LIMITS = {
     "eta_max": (0.0, 1.0),
@@ -54,8 +63,9 @@ class GroundClass:
         A block lands softly and rolls where v_n²/(2 g cos β) is below this share of its radius.
     source : str
         Where the values come from.
-    verified : bool
-        Whether every value was read in the source that is named.
+    trust : {"paper", "fitted", "estimate"}
+        Whether every value was read in the source that is named, was fitted to observed blocks of
+        one site, or neither.
     """
 
     name: str
@@ -71,7 +81,7 @@ class GroundClass:
     restitution_speed_mps: float = 9.144
     rolling_threshold: float = 0.1
     source: str = ""
-    verified: bool = False
+    trust: Trust = "estimate"
 
     def __post_init__(self) -> None:
         """Raise InputError where a value is outside what the model can take."""

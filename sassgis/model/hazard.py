@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import pairwise
 from typing import Annotated, Literal
 
@@ -11,7 +11,7 @@ import numpy as np
 from annotated_types import Interval, MinLen
 
 from sassgis.model.declared import Example, PresetName, Renamed, Section, Text
-from sassgis.model.errors import InputError
+from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.in_memory import Input
 
@@ -125,6 +125,20 @@ class HazardLevel:
 
 
 @dataclass(frozen=True, slots=True)
+class SheetRules:
+    """How large zones must be to be drawn on a sheet, and how the outer limit is drawn."""
+
+    width_mm: float  # least width of a zone
+    area_mm2: float  # smallest zone, and smallest hole in one
+    gap_mm: float  # gaps and slots up to this width are closed
+    # The outer limit, in reference widths: gaps in it that are closed, and the width over which
+    # the frequency is averaged there.
+    envelope_widths: float
+    smoothing_widths: float
+    provenance: Provenance
+
+
+@dataclass(frozen=True, slots=True)
 class HazardPreset:
     """The rules of one authority: intensities, return periods, levels and the matrix of both.
 
@@ -150,6 +164,7 @@ class HazardPreset:
     # What is rarer than once in so many years has no level; None: whatever arrives at all has one.
     rarest_years: float | None = None
     rarest_provenance: Provenance | None = None
+    sheet: SheetRules | None = None  # None: zones are their cells, as they are
 
     def __post_init__(self) -> None:
         limits = [c.from_kj for c in self.intensities]
@@ -175,6 +190,10 @@ class HazardPreset:
                 f"{self.rarest_years:g}",
                 f"more than {periods[-1]:g}, the last limit of the return periods",
             )
+        for own in fields(self.sheet) if self.sheet is not None else ():
+            value = getattr(self.sheet, own.name)
+            if own.name != "provenance" and value < 0.0:
+                raise self._refused("is below 0", f"sheet.{own.name}", f"{value:g}", "0 or more")
         for field, codes in (
             ("intensity", [c.code for c in self.intensities]),
             ("levels", [c.code for c in self.levels]),
@@ -254,6 +273,15 @@ Canton = Literal[
 ]  # fmt: skip
 
 
+@dataclass(frozen=True)
+class BlockBudget:
+    """How far a zoning goes on: to a share of the zoned area, a number of blocks, or a time."""
+
+    changed_share: float = 0.02  # whose level another sample would change
+    blocks: int = 10_000_000
+    seconds: float = 3600.0
+
+
 @dataclass(frozen=True, slots=True)
 class HazardSettings(Section):
     """From blocks to intensities and hazard levels (sassgis zone); needs onset frequencies."""
@@ -284,20 +312,32 @@ class HazardSettings(Section):
         Interval(ge=0.5, le=0.9999),
         "of the sampling interval that decides whether a level is statistically certain",
     ] = 0.95
+    blocks: Annotated[
+        Literal["given", "auto"],
+        "how many blocks are simulated; given: release.rocks_per_point at each point; auto: so "
+        "many times as many that another sample would change the level on changed_share_max of "
+        "the zoned area, most of them at points from which blocks reach places of uncertain level",
+    ] = "given"
     changed_share_max: Annotated[
         float | None,
         Interval(gt=0, lt=1),
-        "if given, the simulation is repeated until another sample of as many blocks would change "
-        "the level on no larger share of the zoned area",
+        'with blocks = "auto": largest share of the zoned area whose level another sample of as '
+        "many blocks may change; default: 0.02",
         Renamed("uncertain_share_max"),
         Example(0.02),
     ] = None
-    repetitions_max: Annotated[
-        int,
-        Interval(ge=1, le=1024),
-        "most repetitions of rocks_per_point with changed_share_max",
-        Renamed("rounds_max"),
-    ] = 8
+    blocks_max: Annotated[
+        int | None,
+        Interval(ge=1),
+        'with blocks = "auto": most blocks that are simulated; default: 10 million',
+        Example(10_000_000),
+    ] = None
+    minutes_max: Annotated[
+        float | None,
+        Interval(gt=0),
+        'with blocks = "auto": about how long blocks are simulated at most; default: 60 (minutes)',
+        Example(60.0),
+    ] = None
     by_source: Annotated[bool, "whether intensities are also written for each release area"] = True
     compare_barriers: Annotated[
         bool, "whether the zones are also made without walls and nets, and compared"
@@ -313,30 +353,86 @@ class HazardSettings(Section):
         Example("TI"),
     ] = None
 
+    def _fits_together(self) -> None:
+        for key in ("changed_share_max", "blocks_max", "minutes_max"):
+            if self.blocks != "auto" and getattr(self, key) is not None:
+                raise ConfigError(
+                    "says how many blocks to simulate, which nobody asked for",
+                    field=key,
+                    expected='hazard.blocks = "auto" as well',
+                )
+
+    @property
+    def budget(self) -> BlockBudget | None:
+        """What ends the search for as many blocks as the map needs; None where it is not asked."""
+        if self.blocks != "auto":
+            return None
+        return BlockBudget(
+            self.changed_share_max or BlockBudget.changed_share,
+            self.blocks_max or BlockBudget.blocks,
+            60.0 * (self.minutes_max or BlockBudget.seconds / 60.0),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Drawing:
+    """How zones are drawn (m and m2); of zeros, zones are their cells as they are."""
+
+    width_m: float = 0.0  # least width of a zone
+    area_m2: float = 0.0  # smallest zone, and smallest hole in one
+    gap_m: float = 0.0  # gaps and slots up to this width are closed
+    envelope_m: float = 0.0  # those of the outer limit
+    smoothing_m: float = 0.0  # width over which the frequency at the outer limit is averaged
+    tolerance_m: float = 0.0  # how far a smoothed outline may lie outside its cells
+    scale: float = 0.0  # denominator of the scale of the sheet; 0: none
+
 
 @dataclass(frozen=True, slots=True)
 class ZoningSettings(Section):
-    """From cells to polygons; the defaults suit a map of 1:5000 (docs/zones.md).
+    """From cells to zones as they are drawn (docs/zones.md).
 
-    There parts and gaps of 2 mm and areas of 8 mm² are legible. They are in metres, so that zones
-    of one slope do not grow with the cells.
+    The preset says how wide and large a zone must be on the sheet, in millimetres; with the scale
+    that gives metres, so that zones do not grow with the cells.
     """
 
+    scale: Annotated[
+        float,
+        Interval(ge=100, le=1e6),
+        "denominator of the scale of the sheet for which zones are drawn, as 5000 or 10000",
+    ] = 5000.0
+    min_width_m: Annotated[
+        float | None,
+        Interval(ge=0, le=1000),
+        "least width of a zone (m); default: that of the preset (mm) at the scale",
+        Example(10.0),
+    ] = None
     min_area_m2: Annotated[
-        float, Interval(ge=0, le=1e6), "smallest area of a zone and of a hole in one (m2)"
-    ] = 200.0
+        float | None,
+        Interval(ge=0, le=1e6),
+        "smallest area of a zone and of a hole in one (m2); default: that of the preset",
+        Example(1000.0),
+    ] = None
     closing_m: Annotated[
         float | None,
         Interval(ge=0, le=1000),
-        "gaps between parts of a zone that are closed, up to this width (m); default: "
-        "min_width_m, or release.spacing_m if that is wider",
-        Example(5.0),
+        "gaps and slots that are closed, up to this width (m); default: that of the preset, or "
+        "release.spacing_m if that is wider",
+        Example(20.0),
     ] = None
-    min_width_m: Annotated[
-        float,
+    envelope_m: Annotated[
+        float | None,
         Interval(ge=0, le=1000),
-        "threads narrower than this are widened, rims of a higher zone join it (m)",
-    ] = 10.0
+        "gaps in the outer limit that are closed (m); default: that of the preset, ten reference "
+        "widths",
+        Example(100.0),
+    ] = None
+    smoothing_m: Annotated[
+        float | None,
+        Interval(ge=0, le=1000),
+        "width over which the frequency at the outer limit is averaged (m); default: that of the "
+        "preset, three reference widths",
+        Example(30.0),
+    ] = None
     tolerance_m: Annotated[
         float | None,
         Interval(ge=0, le=1000),
@@ -344,19 +440,23 @@ class ZoningSettings(Section):
         Example(3.0),
     ] = None
 
-    def smallest_cells(self, cell_size: float) -> int:
-        """Cells that make up the smallest area; at least one."""
-        return max(1, math.ceil(self.min_area_m2 / cell_size**2 - 1e-9))
+    def drawing(
+        self, sheet: SheetRules | None, ref_width_m: float, spacing_m: float, cell_size: float
+    ) -> Drawing:
+        """How zones are drawn by the rules of a preset."""
+        mm = self.scale / 1000.0
+        rules = SheetRules(0, 0, 0, 0, 0, Provenance("", False)) if sheet is None else sheet
 
-    def closing_cells(self, cell_size: float) -> int:
-        """Widest gap that is closed (whole cells)."""
-        closing_m = self.min_width_m if self.closing_m is None else self.closing_m
-        return math.floor(closing_m / cell_size + 1e-9)
+        def metres(own: float | None, default: float) -> float:
+            return default if own is None else own
 
-    def width_cells(self, cell_size: float) -> int:
-        """Least width of a part of a zone (whole cells, at least one)."""
-        return max(1, math.ceil(self.min_width_m / cell_size - 1e-9))
-
-    def tolerance_cells(self, cell_size: float) -> float:
-        """Largest distance of the boundary from the outline of the cells (cells)."""
-        return 1.5 if self.tolerance_m is None else self.tolerance_m / cell_size
+        return Drawing(
+            metres(self.min_width_m, rules.width_mm * mm),
+            metres(self.min_area_m2, rules.area_mm2 * mm**2),
+            # Between two fall lines nothing was computed: the gap is not a place that is safe.
+            metres(self.closing_m, max(rules.gap_mm * mm, spacing_m)),
+            metres(self.envelope_m, rules.envelope_widths * ref_width_m),
+            metres(self.smoothing_m, rules.smoothing_widths * ref_width_m),
+            metres(self.tolerance_m, 1.5 * cell_size),
+            self.scale,
+        )

@@ -89,6 +89,29 @@ class Window:
         return centres.astype(np.int64), offset, number.astype(np.int64)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Round:
+    """Repetitions of ``rocks_per_point`` blocks, of which some release points have fewer.
+
+    A point that is halved h times has ``repetitions / 2**h`` of them, and each of their blocks
+    counts ``2**h`` times: with its weights it has as many as any other point.
+    """
+
+    first: int = 0  # number of the first repetition
+    repetitions: int = 1  # a multiple of 2**h for every h that occurs
+    # Shape (n_points, n_scenarios): h of each release point and block scenario. None: 0 for all.
+    halvings: NDArray[np.uint8] | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Worth:
+    """What it is worth to know how often blocks come to each cell with how much energy."""
+
+    energy: IntArray  # shape (n,): positions of energies among those of the hazard curves, rising
+    # Shape (n_cells, n): by which a smaller variance of the frequency there is multiplied.
+    of_cell: NDArray[np.float32]
+
+
 @dataclass(frozen=True, slots=True)
 class MapRun:
     """Everything that a run on the map needs."""
@@ -106,9 +129,9 @@ class MapRun:
     release: ReleaseSettings
     seed: int
     stop_points_max: int = 100_000  # most stop points to keep one by one
-    # How often ``rocks_per_point`` blocks are released; those of the first repetitions stay the
-    # same when there are more.
-    repetitions: int = 1
+    # How often ``rocks_per_point`` blocks are released; those of the first rounds stay the same
+    # when there are more.
+    rounds: tuple[Round, ...] = (Round(),)
     thresholds_kj: tuple[float, ...] = ()  # energies that hazard curves must have a value for
     # Exposed objects at which blocks are counted.
     objects: ObjectCells = field(default_factory=ObjectCells.none)
@@ -131,6 +154,16 @@ class MapRun:
         north, east, south, west = self.rim
         top, bottom, left, right = looked_at
         return (top < north, right >= n_cols - east, bottom >= n_rows - south, left < west)
+
+    @property
+    def repetitions(self) -> int:
+        """How often ``rocks_per_point`` blocks are released at each point, with their weights."""
+        return sum(own.repetitions for own in self.rounds)
+
+    @property
+    def weighted(self) -> bool:
+        """Whether some blocks count several times."""
+        return any(own.halvings is not None for own in self.rounds)
 
     @property
     def heights(self) -> Grid:
@@ -194,6 +227,8 @@ class BlockRows:
         Position in ``blocks``.
     x, y : float64
         Where each block ends (m).
+    rock_weight, passage_weight : int64
+        How many times each counts.
     """
 
     rocks: NDArray[np.void]
@@ -202,6 +237,24 @@ class BlockRows:
     y: FloatArray
     passages: NDArray[np.void]
     passage_scenario: IntArray
+    rock_weight: IntArray
+    passage_weight: IntArray
+
+    @classmethod
+    def of_chunk(
+        cls,
+        rocks: NDArray[np.void],
+        x: FloatArray,
+        y: FloatArray,
+        passages: NDArray[np.void],
+        scenario: int,
+        weight: int,
+    ) -> BlockRows:
+        """Rows of blocks of one scenario that all count as often."""
+        blocks, passed = (
+            (np.full(n, scenario), np.full(n, weight)) for n in (rocks.size, passages.size)
+        )
+        return cls(rocks, blocks[0], x, y, passages, passed[0], blocks[1], passed[1])
 
 
 @dataclass(frozen=True, slots=True)

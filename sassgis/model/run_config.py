@@ -9,6 +9,7 @@ from typing import Any
 
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.declared import declared
+from sassgis.model.edits import EditSettings
 from sassgis.model.effects import EffectSettings
 from sassgis.model.errors import ConfigError
 from sassgis.model.exposure import ObjectSettings, RiskSettings
@@ -50,6 +51,7 @@ class Config:
     profile: ProfileSettings | None  # None if the file has no ``[profile]``
     hazard: HazardSettings
     zones: ZoningSettings
+    edits: EditSettings
     risk: RiskSettings
     objects: tuple[ObjectSettings, ...]
     run: RunSettings

@@ -25,7 +25,7 @@ from sassgis.model.declared import (
 from sassgis.model.errors import ConfigError
 from sassgis.model.hazard import OnsetUnit
 from sassgis.model.in_memory import Input
-from sassgis.model.languages import Language
+from sassgis.model.languages import Language, phrase
 from sassgis.model.results import ControlLine
 
 
@@ -44,17 +44,43 @@ class ProjectSettings(Section):
     date: Annotated[
         Text | None, "date, as 2026-01-31; default: the day of the run", Example("2026-01-31")
     ] = None
+    checked_by: Annotated[
+        Text | None,
+        "who has checked the result; without it sheets and report say that it is a draft",
+        Example("B. Name, Office"),
+    ] = None
+    checked_on: Annotated[Text | None, "date of that check", Example("2026-02-28")] = None
+    base_map: Annotated[
+        Path | None,
+        "raster in the coordinates of the terrain model that lies under the zones on map sheets, "
+        "in place of the relief",
+        Example("base_map.tif"),
+    ] = None
     language: Annotated[
         Language, "of legends, map sheets, figures and report: English, German, French, Italian"
     ] = "en"
 
     def _fits_together(self) -> None:
-        try:
-            date.fromisoformat(self.date or "2026-01-31")
-        except ValueError:
+        for key in ("date", "checked_on"):
+            day = getattr(self, key)
+            try:
+                date.fromisoformat(day or "2026-01-31")
+            except ValueError:
+                raise ConfigError(
+                    "is no date", field=key, found=day, expected="year-month-day: 2026-01-31"
+                ) from None
+        if (self.checked_by is None) != (self.checked_on is None):
             raise ConfigError(
-                "is no date", field="date", found=self.date, expected="year-month-day: 2026-01-31"
-            ) from None
+                "is given without the other", field="checked_by, checked_on",
+                expected="who has checked the result, and when",
+            )  # fmt: skip
+
+    @property
+    def status(self) -> str:
+        """Whether the result is a draft, or who has checked it and when."""
+        if self.checked_by is None:
+            return phrase("draft, not checked")
+        return phrase("checked by {}, {}", self.checked_by, self.checked_on)
 
 
 @dataclass(frozen=True, slots=True)

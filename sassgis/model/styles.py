@@ -19,6 +19,8 @@ from sassgis.model.results import RasterClass
 
 #: A RasterLayer of heights with this name as its ramp is shown as shaded relief.
 HILLSHADE = "hillshade"
+#: One with this name is shown as it is in its file, as a base map.
+PICTURE = "picture"
 #: Maps over the shaded relief let a little of it through.
 RASTER_OPACITY = 0.85
 
@@ -34,6 +36,7 @@ class FieldInfo:
     unit: str = ""  # empty for none
     description: str = ""
     choices: tuple[str, ...] = ()  # the texts that may stand in it; empty for any
+    default: str = ""  # expression of QGIS that gives a new feature its value
     # Limits of a number, both included.
     low: float | None = None
     high: float | None = None
@@ -60,7 +63,7 @@ class Symbol:
     outline_mm: float = 0.2
     # Of a marker: QGIS's name ("circle", "square", "triangle", "diamond", "star", ...).
     shape: str = "circle"
-    dash: Literal["solid", "dash", "dot"] = "solid"  # of a line
+    dash: Literal["solid", "dash", "dot"] = "solid"  # of a line or an outline
     # {"", "diagonal", "horizontal", "falling"}; hatch lines in place of the solid filling: rising
     # to the right, level, falling.
     hatch: Hatch = ""
@@ -225,6 +228,14 @@ RELEASE_AREA_STYLE = VectorStyle(
 )
 #: Single points and lines would run into one another on smaller scales.
 SINGLE_SCALE = 25_000.0
+#: Over zones, whose colours and outlines stay to be seen.
+EDIT_STYLE = VectorStyle(
+    Symbol("fill", "#d01c8b", opacity=0.0, outline="#d01c8b", outline_mm=0.7, dash="dash")
+)
+#: Where blocks came at all: thinner than any limit of a zone.
+REACHED_STYLE = VectorStyle(
+    Symbol("fill", "#404040", opacity=0.0, outline="#404040", outline_mm=0.15, dash="dot")
+)
 RELEASE_POINT_STYLE = VectorStyle(
     Symbol("marker", "#6a3d9a", size_mm=1.6, outline="#ffffff", outline_mm=0.15, shape="triangle"),
     smallest_scale=SINGLE_SCALE,

@@ -7,14 +7,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import shapely
 
-from sassgis.hazard.zoning.generalise import Coverage
+from sassgis.hazard.object_values import ObjectValues
+from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.model.exposure import PlacedObjects
 from sassgis.model.hazard import HazardLevel
 from sassgis.model.languages import joined, phrase
-from sassgis.model.map_run import ObjectCells
-from sassgis.model.results import RasterLayer
 from sassgis.report.figures.map_marks import MapObject
-from sassgis.report.page import Cell, ReportTable, heads
+from sassgis.report.page import Cell, ReportTable, heads, sensible
 
 #: Objects beyond this number are in the tables of the run only.
 MOST_ROWS = 40
@@ -49,48 +48,50 @@ def levels_of(
 
 
 def exposed_table(
-    placed: PlacedObjects,
-    cells: ObjectCells,
-    layers: Sequence[RasterLayer],
-    levels: Mapping[str, str],
+    placed: PlacedObjects, values: ObjectValues, levels: Mapping[str, str]
 ) -> ReportTable:
-    """What reaches the exposed objects on the cells that they touch; the largest energy first.
+    """What reaches the exposed objects; the largest energy first.
 
-    The layers are maps of the blocks, the levels those of :func:`levels_of`, empty without zones.
+    ``levels`` are those of :func:`levels_of`, empty without zones.
     """
-    bands = {(layer.stem, band.name): band for layer in layers for band in layer.bands}
-    largest = []
-    for key in (
-        ("energy", "q95"), ("energy", "max"), ("passing_height", "q95"),
-        ("reach_probability", "reach"),
-    ):  # fmt: skip
-        # NaN where no block arrives.
-        peaks = np.full(cells.n_objects, np.nan)
-        np.fmax.at(peaks, cells.number, bands[key].values.ravel()[cells.cell].astype(float))
-        largest.append(peaks)
-    rows: list[tuple[Cell, ...]] = [
-        (
-            name,
-            placed.objects[own[0]].kind,
-            *([levels[name]] if levels else []),
-            *(float(np.fmax.reduce(peaks[own])) for peaks in largest),
-        )
-        for name, own in _wholes(placed).items()
-    ]
-    rows.sort(key=lambda row: -np.nan_to_num(float(row[-4] or 0.0), nan=-1.0))
+    rare = max(values.energy_kj, default=None)
+    shown = [values.arrivals, values.energy_q95_kj, values.height_q95_m]
+    if rare is not None:
+        shown.insert(2, values.energy_kj[rare])
+    rows: list[tuple[float, tuple[Cell, ...]]] = []
+    for name, own in _wholes(placed).items():
+        # Of a road the stretch that the most energy comes to.
+        energy = np.nan_to_num(shown[-2].value[own], nan=-1.0)
+        number = own[int(np.argmax(energy))]
+        level = [levels[name]] if levels else []
+        cells = [with_limits(*estimate.of(number)) for estimate in shown]
+        rows.append((-energy.max(), (name, placed.objects[number].kind, *level, *cells)))
+    rows.sort(key=lambda row: row[0])
     note = phrase(
-        "The largest value of the maps on the cells that the object touches. A dash: no block "
-        "arrives."
+        "Of all blocks that come to the object, with limits by the sampling of blocks: energy, "
+        "each block with its largest; height, each block in each cell. Of a road or line, the "
+        "stretch that the most energy comes to. A dash: no block arrives, or not as often."
     )
     if len(rows) > MOST_ROWS:
         more = phrase("{} more are in the tables.", len(rows) - MOST_ROWS)
         note = joined(" ", (note, more))
+    columns = heads(
+        f"object; kind; {'hazard level; ' if levels else ''}"
+        f"{'blocks | ' if rare is None else 'blocks a year | 1/year'}; energy, 95 % | kJ"
+    )
+    if rare is not None:
+        columns = (*columns, (phrase("energy once in {} years", f"{rare:g}"), "kJ"))
     return ReportTable(
         "Exposed objects",
-        heads(
-            f"object; kind; {'hazard level; ' if levels else ''}energy, 95 % | kJ; "
-            "largest energy | kJ; height, 95 % | m; reach probability"
-        ),
-        tuple(rows[:MOST_ROWS]),
+        (*columns, *heads("height, 95 % | m")),
+        tuple(row for _, row in rows[:MOST_ROWS]),
         note,
     )
+
+
+def with_limits(value: float, low: float, high: float) -> Cell:
+    """A value with its limits, in words; None where there is none."""
+    if not np.isfinite(value):
+        return None
+    most = sensible(high) if np.isfinite(high) else phrase("more")
+    return phrase("{} ({} to {})", sensible(value), sensible(low), most)

@@ -1,16 +1,19 @@
 """A map that can be asked: one page, complete in itself, that says what comes to a place.
 
-The map library is Leaflet (``sassgis/data/leaflet``, BSD 2-clause), the rest is the template
-``map_page.html.j2``. Numbers of cells are packed: logarithms in steps of 0.23 %, compressed.
+The map library is Leaflet (BSD 2-Clause), as the package XStatic-Leaflet brings it; the rest is
+the template ``map_page.html.j2``. Numbers of cells are packed: logarithms in steps of 0.23 %,
+compressed.
 """
 
 from __future__ import annotations
 
 import base64
 import io
+import re
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib.metadata import distribution
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -139,22 +142,26 @@ def write_map_page(file: Path, page: MapPage) -> None:
         "shapes": _shapes(page),
         "paths": [_path(shown) for shown in page.paths],
     }
-    folder = files("sassgis.data")
-    library = folder.joinpath("leaflet")
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True)
     environment.globals["translated"] = translated
-    template = folder.joinpath("map_page.html.j2").read_text(encoding="utf-8")
+    template = files("sassgis.data").joinpath("map_page.html.j2").read_text(encoding="utf-8")
     text = environment.from_string(template).render(
         title=page.title,
         language=current_language(),
         data=data,
         words={key: translated(word) for key, word in _WORDS.items()},
         # The library holds no text that ends its element.
-        script=Markup(library.joinpath("leaflet.js").read_text(encoding="utf-8")),
-        style=Markup(library.joinpath("leaflet.css").read_text(encoding="utf-8")),
-        licence=library.joinpath("LICENSE").read_text(encoding="utf-8"),
+        script=Markup(_library("leaflet.js").partition("//# sourceMappingURL")[0]),
+        # Pictures of its buttons, none of which is shown.
+        style=Markup(re.sub(r"url\([^)]*\)", "none", _library("leaflet.css"))),
     )
     noted(file).write_text(text, encoding="utf-8", newline="\n")
+
+
+def _library(name: str) -> str:
+    """A file of the map library, read without importing it, which takes setuptools."""
+    place = distribution("XStatic-Leaflet").locate_file(f"xstatic/pkg/leaflet/data/{name}")
+    return Path(str(place)).read_text(encoding="utf-8")
 
 
 _WORDS = {

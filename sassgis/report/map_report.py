@@ -14,7 +14,9 @@ from matplotlib.figure import Figure
 from sassgis.hazard.along_profile import LinePaths
 from sassgis.hazard.control_lines import ControlLineSums, control_line_rows, trimmed
 from sassgis.hazard.progress import Progress, joined_lines
+from sassgis.hazard.warnings import ground_shares
 from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.ground import TRUST_TEXT
 from sassgis.model.labels import LINE_END_TEXT, STOP_TEXT, file_stems
 from sassgis.model.languages import named, phrase
 from sassgis.model.map_run import MapRun
@@ -38,7 +40,7 @@ def release_outlines(run: MapRun) -> list[FloatArray]:
 def map_marks(run: MapRun, objects: Sequence[MapObject]) -> figures.MapMarks:
     """Release areas, control lines and exposed objects, for drawing."""
     control_lines = [(line.name, line.kind, trace) for line, trace in run.control_lines]
-    return figures.MapMarks(release_outlines(run), (), control_lines, (), objects)
+    return figures.MapMarks(release_outlines(run), control_lines=control_lines, objects=objects)
 
 
 def line_figure(shown: LinePaths) -> Figure:
@@ -169,20 +171,19 @@ def _block_table(run: MapRun) -> ReportTable:
     )  # fmt: skip
 
 
-def _ground_table(run: MapRun) -> ReportTable:
-    """The ground classes on the map."""
-    used = np.unique(run.ground[np.isfinite(run.grid.values)])
+def _ground_table(run: MapRun, reached: IntArray) -> ReportTable:
+    """The ground classes of the cells that blocks reach."""
     return ReportTable(
         "Ground classes",
         heads(
             "class; η max; Δp/p; μ_f; μ_0; k; d* | m; e; v of e/2 | m/s; rolling threshold; "
-            "η max, Δp from the paper; source"
+            "trust; share of the ground | %; source"
         ),
         tuple(
             (c.name, c.eta_max, _span(c.dp_min, c.dp_max), c.mu_f, c.mu_0, c.k, c.d_star_m,
              c.restitution, c.restitution_speed_mps, c.rolling_threshold,
-             "yes" if c.verified else "no", c.source)
-            for c in (run.table.classes[i] for i in used)
+             TRUST_TEXT[c.trust], f"{100 * share:.0f}", c.source)
+            for c, share in ground_shares(run, reached)
         ),
     )  # fmt: skip
 
@@ -300,8 +301,8 @@ def map_report(
         warnings=tuple(warnings),
         key_results=stopping_reasons(progress.reasons),
         figures=tuple(pictures),
-        tables=(*control_line_tables(progress.control_lines), _block_table(run), _ground_table(run),
-                line_ends),
+        tables=(*control_line_tables(progress.control_lines), _block_table(run),
+                _ground_table(run, progress.sums.cells), line_ends),
         provenance=(
             ("Program", str(facts["program"])),
             ("Seed", str(run.seed)),

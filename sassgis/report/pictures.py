@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import CancelledError
 from contextvars import ContextVar
 from pathlib import Path
@@ -54,16 +54,17 @@ def map_alt(grid: Grid, layer: RasterLayer) -> str:
         number = class_numbers(values, layer.breaks) if layer.breaks else np.zeros_like(values)
         labels = class_labels(layer.breaks, band.unit) if layer.breaks else ["any value"]
         areas = [(label, int((number == k).sum())) for k, label in enumerate(labels)][::-1]
-    cell = grid.cell_size**2
-    parts = [
-        phrase("{} on {} m²", phrase(label), sensible(round(n * cell))) for label, n in areas if n
-    ]
-    shown = joined(", ", parts) if parts else phrase("no values")
-    title = phrase(layer.title)
+    shown = classes_alt(layer.title, [(label, n * grid.cell_size**2) for label, n in areas])
     if layer.classes or not np.isfinite(values).any():
-        return phrase("Map over shaded relief, {}: {}.", title, shown)
-    most = sensible(float(np.nanmax(values)))
-    return phrase("Map over shaded relief, {}: {}. Largest value {}.", title, shown, most)
+        return shown
+    return phrase("{} Largest value {}.", shown, sensible(float(np.nanmax(values))))
+
+
+def classes_alt(title: str, areas: Sequence[tuple[str, float]]) -> str:
+    """A map of classes, with their names and areas (m²)."""
+    parts = [phrase("{} on {} m²", phrase(name), sensible(round(m2))) for name, m2 in areas if m2]
+    shown = joined(", ", parts) if parts else phrase("no values")
+    return phrase("Map over shaded relief, {}: {}.", phrase(title), shown)
 
 
 def path_alt(shown: LinePaths) -> str:

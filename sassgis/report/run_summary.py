@@ -81,24 +81,42 @@ def object_lines(exposed: ReportTable) -> Lines:
     """How many exposed objects blocks reach, and the one with the largest energy."""
     if not exposed.rows:
         return ()
-    reached = [row for row in exposed.rows if not np.isnan(_number(row[-4]))]
-    of = (len(reached), len(exposed.rows))
-    words = phrase("blocks reach {} of {}", *of)
-    if reached:
-        first = reached[0]
-        text = "blocks reach {} of {}; most at {}: 95 % of the blocks below {} kJ, largest {} kJ"
-        words = phrase(text, *of, first[0], sensible(first[-4]), sensible(first[-3]))
+    reached = [row for row in exposed.rows if row[-2] is not None or row[-1] is not None]
+    words = phrase("blocks reach {} of {}", len(reached), len(exposed.rows))
+    if reached and reached[0][-2] is not None:
+        (what, unit), of = exposed.columns[-2], (len(reached), len(exposed.rows))
+        text = "blocks reach {} of {}; most at {}: {} {} {}"
+        words = phrase(text, *of, reached[0][0], phrase(what), reached[0][-2], unit)
     return (("Energy at exposed objects", words),)
 
 
-def _number(cell: object) -> float:
-    return float(cell) if isinstance(cell, int | float) else float("nan")
+def zone_lines(
+    levels: ReportTable, found: Assessment, lost: float, confidence: float, currency: str
+) -> Lines:
+    """Area of the zones by level, how sure they are, and the risk of all objects.
 
-
-def zone_lines(levels: ReportTable, found: Assessment, currency: str) -> Lines:
-    """Area of the zones by level, and the risk of all objects."""
+    ``lost`` is the share of the blocks that left the terrain model.
+    """
     areas = [phrase("{} {} m²", phrase(str(row[0])), sensible(row[2])) for row in levels.rows]
-    lines = [("Hazard zones", joined("; ", areas))]
+    text = (
+        "would change the level on {} % of the zoned area; {} % of that lies on the hatched cells, "
+        "which are {} % of it"
+    )
+    hazard = found.hazard
+    shares = (hazard.changed_share, confidence, hazard.uncertain_share)
+    sample = phrase(text, *(f"{100 * share:.3g}" for share in shares))
+    lines = [("Hazard zones", joined("; ", areas)), ("Another sample of as many blocks", sample)]
+    if lost > 0.0:
+        text = (
+            "{} % of the blocks leave it; zones end there without a limit over {} m in all: beyond "
+            "it they go on, and nothing is said of them"
+        )
+        open_m = sensible(round(float(hazard.facts.open_m.sum())))
+        lines.append(("Edge of the terrain model", phrase(text, f"{100 * lost:.2g}", open_m)))
+    if hazard.edits:
+        changed = sum(a.has_changed for a in hazard.edits)
+        text = "{} places; below {} of them another level is computed than when they were made"
+        lines.append(("Edited by hand", phrase(text, len(hazard.edits), changed)))
     if found.risk is not None:
         (total,) = (t for t in risk_totals(found.risk) if t.scope == "all")
         text = "loss {} {}/year; deaths {} per year; largest individual risk {} per year"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -16,7 +17,9 @@ from sassgis.hazard.curves import source_rate
 from sassgis.hazard.levels import hazard_level
 from sassgis.hazard.preset_labels import energy_labels, period_labels
 from sassgis.hazard.risk import RiskTable, risk_totals
-from sassgis.hazard.zoning.generalise import Coverage
+from sassgis.hazard.zoning.coverage import Coverage
+from sassgis.hazard.zoning.edits import AppliedEdit, shares_text
+from sassgis.model.edits import LIMIT_TEXT
 from sassgis.model.grid import FloatArray
 from sassgis.model.hazard import HazardPreset
 from sassgis.model.labels import rounded
@@ -24,10 +27,11 @@ from sassgis.model.languages import joined, phrase
 from sassgis.model.map_run import MapRun
 from sassgis.model.results import RasterLayer
 from sassgis.report import figures
-from sassgis.report.exposed_report import map_objects
+from sassgis.report.exposed_report import map_objects, with_limits
 from sassgis.report.map_report import map_marks
+from sassgis.report.number_text import thousands
 from sassgis.report.page import Cell, ReportFigure, ReportTable, heads, sensible
-from sassgis.report.pictures import map_alt, picture
+from sassgis.report.pictures import classes_alt, map_alt, picture
 
 
 def telling_place(hazard: Hazard) -> int | None:
@@ -64,8 +68,13 @@ def zone_figures(
     *,
     confidence: float,
     currency: str,
+    history: Sequence[tuple[int, float]] = (),
+    changed_share_max: float = 0.0,
 ) -> tuple[ReportFigure, ...]:
-    """Draw the figures of a zoning into a folder."""
+    """Draw the figures of a zoning into a folder.
+
+    ``history`` is that of Progress, with the share that was asked for.
+    """
     hazard, grid = found.hazard, run.grid
     place = telling_place(hazard)
     if place is None:
@@ -76,21 +85,28 @@ def zone_figures(
         out.append(picture(folder, name, title, caption, figure, alt))
 
     by_stem = {layer.stem: layer for layer in maps}
+    zones = hazard.levels
     level, unsure = by_stem["hazard_level"], by_stem["confidence"]
     marks = map_marks(run, map_objects(rules.placed))
     width = phrase("Reference width {} m.", f"{rules.ref_width_m:.4g}")
-    rings = [shapely.get_coordinates(r) for r in shapely.get_rings(hazard.levels.polygons)]
     add(
         "hazard_level",
         "Hazard zones",
         phrase(
-            "Preset {}: {}. Cells, and the zones drawn around them, which are never lower. {}",
+            "Preset {}: {}. Zones as they are drawn, which are never lower than the cells in them, "
+            "but for edits. {}",
             rules.preset.name,
             phrase(rules.preset.title),
             width,
         ),
-        map_alt(grid, level),
-        figures.map_figure(grid, level, replace(marks, zones=rings), note=width),
+        classes_alt(
+            level.title,
+            [
+                (c.label, float(shapely.area(zones.polygons[zones.classes == c.value]).sum()))
+                for c in reversed(level.classes)
+            ],
+        ),
+        figures.map_figure(grid, level, replace(marks, **_zone_marks(hazard, level)), note=width),
     )
     intensities = [m for m in maps if m.stem.startswith("intensity")]
     add(
@@ -104,14 +120,26 @@ def zone_figures(
         "confidence",
         "Where the level is statistically uncertain",
         phrase(
-            "Cells whose level another sample of as many blocks may change, with a probability of "
-            "{} % or more. With more blocks they become fewer; other frequencies or values of the "
-            "ground may change any cell.",
-            f"{100 * (1.0 - confidence):.3g}",
+            "{} % of what another sample of as many blocks changes of the levels lies on these "
+            "cells. With more blocks they become fewer; other frequencies or values of the ground "
+            "may change any cell.",
+            f"{100 * confidence:.3g}",
         ),
         map_alt(grid, unsure),
         figures.confidence_figure(grid, level, unsure.bands[0].values == 1, marks, width),
     )
+    if len(history) > 1:
+        add(
+            "blocks",
+            "What more blocks did",
+            "Share of the zoned area whose level another sample of as many blocks would change, "
+            "after each round of blocks. Red line: what was asked for (hazard.changed_share_max).",
+            joined(", ", (
+                phrase("{} blocks: {} %", thousands(n), f"{100 * share:.1f}")
+                for n, share in history
+            )),
+            figures.blocks_figure(history, changed_share_max),
+        )  # fmt: skip
     if found.without is not None:
         both = []
         for one in (found.without, hazard):
@@ -174,6 +202,17 @@ def zone_figures(
     return tuple(out)
 
 
+def _zone_marks(hazard: Hazard, level: RasterLayer) -> dict[str, Any]:
+    """Zones in the classes of the map of levels, and the outlines of edits."""
+    zones = hazard.levels
+    entry = {c.value: c for c in level.classes}
+    edited = [a.edit.geometry for a in hazard.edits]
+    return {
+        "zones": [(p, entry[k]) for p, k in zip(zones.polygons, zones.classes, strict=True)],
+        "edits": [shapely.get_coordinates(r) for r in shapely.get_rings(shapely.get_parts(edited))],
+    }
+
+
 def zone_tables(
     preset: HazardPreset,
     found: Assessment,
@@ -221,6 +260,8 @@ def zone_tables(
                 ("Passing height at stations and barriers", "height", "m", "m"),
             )
         ]
+    if found.hazard.edits:
+        tables.append(_edit_table(preset, found.hazard.edits))
     if found.risk is not None:
         money = phrase("{}/year", currency)
         tables.append(_risk_table(found.risk, found.risk_without, money))
@@ -253,39 +294,65 @@ def level_table(preset: HazardPreset, found: Assessment) -> ReportTable:
 
 
 def zone_facts_of(
-    rules: Rules, found: Assessment, repetitions: int, confidence: float
+    rules: Rules, found: Assessment, run: MapRun, simulated: int
 ) -> tuple[tuple[str, str], ...]:
     """What was computed, in words."""
+    blocks = phrase("{} repetitions of {} blocks at each release point", run.repetitions,
+                    run.release.rocks_per_point)  # fmt: skip
+    if run.weighted:
+        text = "{}; some points have down to an eighth of them, each of which counts as many times"
+        blocks = phrase(text, blocks)
     return (
         ("Rules", phrase("{} ({})", phrase(rules.preset.title), rules.preset.name)),
         ("Reference width of all frequencies", f"{rules.ref_width_m:.4g} m"),
-        ("Repetitions", str(repetitions)),
-        (
-            "Sampling",
-            phrase(
-                "another sample of as many blocks would change the level on {} % of the zoned "
-                "area; it may do so ({} % or more) on the hatched cells, {} % of those reached",
-                f"{100 * found.hazard.changed_share:.1f}",
-                f"{100 * (1.0 - confidence):.3g}",
-                f"{100 * found.hazard.uncertain_share:.1f}",
-            ),
-        ),
+        ("Blocks", phrase("{} simulated: {}", thousands(simulated), blocks)),
     )
 
 
 def _design_table(
     title: str, name: str, key: str, unit: str, years: Sequence[str], design: pd.DataFrame
 ) -> ReportTable:
-    keys = ["line", "arrivals_per_year", f"{name}_q95_{key}", f"{name}_q99_{key}"]
     columns = heads(f"line; arrivals | 1/year; 95 % | {unit}; 99 % | {unit}")
+    keys = [f"{name}_{what}_{key}" for what in ("q95", "q99", *(f"{t}y" for t in years))]
+    rows = []
+    for _, line in design.iterrows():
+        limited = (with_limits(*line[[k, f"{k}_low", f"{k}_high"]].astype(float)) for k in keys)
+        rows.append((line["line"], line["arrivals_per_year"], *limited))
     return ReportTable(
         title,
         (*columns, *((phrase("exceeded once in {} years", t), unit) for t in years)),
-        _cells(design[keys + [f"{name}_{t}y_{key}" for t in years]]),
-        "As if no wall or net held a block, sources weighted by their onset frequency. A "
-        "dash: blocks arrive less often than that. Height of the centre above its resting "
-        "height: a barrier needs the block's half height and freeboard on top. How many "
-        "simulated blocks lie beyond each value is in tables/design.csv.",
+        tuple(rows),
+        "Without walls and nets; release areas and block scenarios are weighted by their onset "
+        "frequencies. Limits are those of the sampling error. A dash: blocks arrive less often "
+        "than that. Heights are of the centre of the block above its resting height: add half the "
+        "height of the block and the freeboard. How many simulated blocks lie beyond each value is "
+        "in tables/design.csv.",
+    )
+
+
+def _edit_table(preset: HazardPreset, applied: Sequence[AppliedEdit]) -> ReportTable:
+    labels = ["none", *(c.label for c in preset.levels)]
+    return ReportTable(
+        "Edited by hand",
+        heads(
+            "level; limit; author; date; reason; computed at the time; computed now; "
+            "share with another level since"
+        ),
+        tuple(
+            (
+                labels[a.edit.level],
+                phrase(LIMIT_TEXT[a.edit.limit]),
+                a.edit.author,
+                a.edit.date,
+                a.edit.reason,
+                shares_text(a.then) or None,
+                shares_text(a.now),
+                f"{100 * a.changed:.0f} %" if a.then else None,
+            )
+            for a in applied
+        ),
+        "Zones, map sheets and the federal model have these levels in place of the computed ones. "
+        "Maps of cells, intensities, frequencies and risk are as computed.",
     )
 
 

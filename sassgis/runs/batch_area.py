@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 from sassgis.hazard.assess import Assessment, Rules
 from sassgis.hazard.progress import Progress
 from sassgis.io.own_files import MANIFEST_NAME
+from sassgis.io.read.base_map import read_base_map
 from sassgis.io.read.config import SECTIONS, file_digest, settings_hash
+from sassgis.io.read.edits import check_no_edits
 from sassgis.io.read.ground_map import ground_raster, read_ground_table
 from sassgis.io.read.tiles import Part, Terrain, open_terrain
 from sassgis.io.read.vector_features import Feature
@@ -131,6 +133,8 @@ def read_setting(
         own = config.terrain
         terrain = open_terrain(config.dem_source, own.crs, own.vertical_datum, own.override_crs)
         outline = terrain.outline()
+        read_base_map(config.project.base_map, outline)
+        check_no_edits(config.edits)
         table = read_ground_table(config.ground.classes, config.engine.readings)
         control_lines = tuple(read_control_lines(config, outline))
         empty = map_run_of(config, outline, no_ground(outline), table, (), control_lines, None)

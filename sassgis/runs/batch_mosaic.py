@@ -19,13 +19,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sassgis.hazard.assess import Assessment, assess, curves_of, felt_cells, risk_of
+from sassgis.hazard.assess import Assessment, assess, curves_of, risk_of
 from sassgis.hazard.bins import bins_for
 from sassgis.hazard.map_sums import Sample
 from sassgis.hazard.progress import Progress
 from sassgis.hazard.risk import RiskTable
 from sassgis.hazard.sources import Sampled, sampled_sources
 from sassgis.hazard.warnings import simulation_warnings
+from sassgis.hazard.zoning.drawing import reach_cells
 from sassgis.io.read.ground_map import ground_raster
 from sassgis.io.read.tiles import Part, hull
 from sassgis.io.read.vectors import release_area, warn_of_overlaps
@@ -38,7 +39,7 @@ from sassgis.io.write.layers.terrain_layer import terrain_layer
 from sassgis.model.exposure import PlacedObjects
 from sassgis.model.grid import Grid
 from sassgis.model.languages import in_language
-from sassgis.model.map_run import MapRun
+from sassgis.model.map_run import MapRun, Round
 from sassgis.model.release_areas import ReleaseArea
 from sassgis.model.results import RasterLayer
 from sassgis.model.statistics_table import Bins
@@ -51,6 +52,7 @@ from sassgis.runs.inputs import (
     compares_barriers,
     forest_of,
     map_run_of,
+    with_rules,
     yearly_frequencies,
 )
 from sassgis.runs.job import Job, Simulation, workers_asked
@@ -109,7 +111,7 @@ class Mosaic:
     @property
     def beside(self) -> int:
         """Cells around counts within which drawing their zones looks at others."""
-        return 4 * felt_cells(self.setting.rules.zones, self.run.grid.cell_size)
+        return reach_cells(self.setting.rules.zones, self.run.grid.cell_size)
 
 
 def write_mosaic(
@@ -191,7 +193,7 @@ def _mosaic(setting: Setting, areas: Sequence[Reached]) -> Mosaic:
         map_run_of(config, cell, no_ground(cell), setting.table, (), setting.control_lines, None),
         thresholds_kj=rules.preset.thresholds_kj,
         ref_width_m=rules.ref_width_m,
-        repetitions=max(a.record.repetitions for a in areas),
+        rounds=(Round(0, max(a.record.repetitions for a in areas)),),
     )
     rocks = sum(a.record.rocks for a in areas)
     sample = Sample(
@@ -246,6 +248,7 @@ def _write_one_block(
     )
     planned = replace(plan(run), repetitions=tuple(a.record.repetitions for a in areas))
     rules = replace(setting.rules, frequencies=yearly_frequencies(config, released, setting.names))
+    run = with_rules(run, rules)
     # Tables of single blocks and passages are in the folders of the areas.
     output = replace(config.output, rock_table="none", passage_table="none")
 
@@ -422,7 +425,7 @@ def _maps_of(mosaic: Mosaic, block: tuple[Part, Sequence[Reached]]) -> Maps:
     of_hazard: tuple[RasterLayer, ...] = ()
     of_blocks: tuple[RasterLayer, ...] = ()
     if curves.places.size:
-        of_hazard = hazard_maps(rules, curves, grid.shape, config.hazard.confidence)
+        of_hazard = hazard_maps(rules, curves, grid, config.hazard.confidence)
     if total.sums.cells.size:
         of_blocks = block_maps(config, grid, total.sums, mosaic.sample, mosaic.bins)
     return Maps(of_hazard, of_blocks, terrain_layer(grid))

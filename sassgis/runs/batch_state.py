@@ -259,7 +259,7 @@ def _add_counts(
     for (_, scenario), tally in sorted(own.sources.items()):
         joined = SourceTally(
             SourceSums(n), SourceSums(n), ControlLineSums(of_sources), tally.rocks,
-            tally.never_started,
+            tally.never_started, tally.simulated,
         )  # fmt: skip
         counts = tally.cells.counts()
         inside, cells = area.part.cells_in(place, counts.places)
@@ -274,6 +274,7 @@ def _add_counts(
 def _add_blocks(total: Progress, own: Progress, seed: int, share: float, first_point: int) -> None:
     """Add what became of the blocks of an area, whose release points begin at ``first_point``."""
     total.reasons += own.reasons
+    total.simulated += own.simulated
     total.lost += own.lost
     total.pieces += own.pieces
     width = max(total.runout.shape[1], own.runout.shape[1])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +11,13 @@ import numpy as np
 
 from sassgis.hazard.along_profile import ProfileInput
 from sassgis.hazard.warnings import ground_warnings, path_warnings, rule_warnings
+from sassgis.io.read.edits import read_edits
 from sassgis.io.read.ground_map import default_class, read_ground_table
 from sassgis.io.read.readiness import Readiness, readiness
 from sassgis.model.crs import crs_name
 from sassgis.model.errors import InputError
 from sassgis.model.grid import Grid
-from sassgis.model.ground import GroundTable
+from sassgis.model.ground import TRUST_TEXT, GroundTable, Trust
 from sassgis.model.in_memory import Input
 from sassgis.model.map_run import MapRun
 from sassgis.model.release_areas import ReleaseArea
@@ -27,7 +28,6 @@ from sassgis.runs.ground_draws import spread_rules
 from sassgis.runs.inputs import (
     collected_notices,
     compares_barriers,
-    most_repetitions,
     named_preset,
     placed_objects,
     profile_from_csv,
@@ -37,6 +37,8 @@ from sassgis.runs.inputs import (
 )
 from sassgis.runs.job import check_means, workers_asked
 from sassgis.runs.map import check_starts
+from sassgis.runs.more_blocks import check_budget
+from sassgis.terrain.edge import ANGLE_DEG, beyond_edge
 from sassgis.terrain.plan import placed_points, plan
 
 
@@ -84,7 +86,7 @@ class ClassSummary:
 
     name: str
     share: float
-    verified: bool
+    trust: Trust
     source: str
 
 
@@ -181,10 +183,8 @@ class InputReport:
             out.append(f"               {self.points} release points in all")
         out.append(f"blocks         {', '.join(self.blocks)}")
         for c in self.classes:
-            state = "values as in the source" if c.verified else "UNVERIFIED values"
-            out.append(
-                f"ground         {c.name}, on {100.0 * c.share:.1f} % of the {extent}: {state}"
-            )
+            text = f"on {100.0 * c.share:.1f} % of the {extent}: {TRUST_TEXT[c.trust]}"
+            out.append(f"ground         {c.name}, {text}")
             out.append(f"               {c.source}")
         for control_line in self.control_lines:
             text = f"{control_line.kind:<15}{control_line.name}"
@@ -222,6 +222,7 @@ def check_inputs(config: Config) -> InputReport:
     areas: tuple[AreaSummary, ...] = ()
     zoning: tuple[str, ...] = ()
     estimate: RunEstimate | None = None
+    short: list[str] = []
     notices: list[str] = []
     with collected_notices(quietly=notices) as warned:
         if config.profile is not None and config.profile.file is not None:
@@ -238,7 +239,7 @@ def check_inputs(config: Config) -> InputReport:
             run = read_map_run(config, None if released else ())
             zoning, run = _zoning(config, run, not ready["zone"].missing)
         if run is not None and run.areas:
-            areas, estimate = _checked(config, run, not ready["zone"].missing)
+            areas, estimate, short = _checked(config, run, not ready["zone"].missing)
     if run is None:
         table, shares = _along(config, profile)
         control_lines = () if profile is None else tuple(own for own, _ in profile.control_lines)
@@ -246,7 +247,7 @@ def check_inputs(config: Config) -> InputReport:
         table, shares = run.table, _shares(run.ground, run.grid)
         control_lines = tuple(control_line for control_line, _ in run.control_lines)
     classes = tuple(
-        ClassSummary(c.name, shares[i], c.verified, c.source)
+        ClassSummary(c.name, shares[i], c.trust, c.source)
         for i, c in enumerate(table.classes)
         if i in shares
     )
@@ -262,8 +263,9 @@ def check_inputs(config: Config) -> InputReport:
         warnings=(
             *config.notes,
             *warned,
-            *ground_warnings([table.classes[i] for i in sorted(shares)]),
+            *ground_warnings([(table.classes[i], share) for i, share in sorted(shares.items())]),
             *(path_warnings(config.terrain.path) if areas else ()),
+            *short,
         ),
         estimate=estimate,
         zoning=zoning,
@@ -273,8 +275,8 @@ def check_inputs(config: Config) -> InputReport:
 
 def _checked(
     config: Config, run: MapRun, zones: bool
-) -> tuple[tuple[AreaSummary, ...], RunEstimate]:
-    """The release areas with their points, and what a run on them takes, which must be there."""
+) -> tuple[tuple[AreaSummary, ...], RunEstimate, list[str]]:
+    """The release areas with their points, what a run on them takes, and where terrain lacks."""
     check_means(config, run)
     spread_rules(config, run)
     points = placed_points(run)
@@ -283,10 +285,23 @@ def _checked(
     areas = tuple(_area_summary(a, int(n)) for a, n in zip(run.areas, counts, strict=True))
     more = 1 + config.run.ground_uncertainty
     if zones:
-        more = most_repetitions(config) * (more + compares_barriers(config, run))
+        more += compares_barriers(config, run)
     cores = workers_asked(config, None)
     assert isinstance(cores, int)
-    return areas, estimate_of(run, cores, len(points), more)
+    estimate = estimate_of(run, cores, len(points), more)
+    budget = config.hazard.budget
+    if zones and budget is not None:
+        check_budget(config, run, estimate.blocks)
+        most = math.ceil(more * budget.blocks / max(estimate.blocks, 1))
+        estimate = replace(estimate, more=most)
+    short = [
+        f"the terrain model should go on for {own.distance_m:.0f} m or more "
+        f"beyond {own.x:.0f}, {own.y:.0f} ({own.where}): there the energy line of {ANGLE_DEG:g} "
+        f"degrees from release area {points.area_names[points.area[own.start]]} is "
+        f"{own.height_m:.0f} m above the ground"
+        for own in beyond_edge(run.grid, points.x, points.y)
+    ]
+    return areas, estimate, short
 
 
 def _zoning(config: Config, run: MapRun, complete: bool) -> tuple[tuple[str, ...], MapRun]:
@@ -299,6 +314,8 @@ def _zoning(config: Config, run: MapRun, complete: bool) -> tuple[tuple[str, ...
             f"  onset: {annual:.4g} blocks a year in all, from {len(rules.frequencies)} sources",
             f"  reference width: {rules.ref_width_m:.4g} m",
         ]
+        if edits := read_edits(config.edits, rules.preset, run.grid):
+            lines.append(f"  edits by hand: {len(edits)}")
         if len(rules.placed):
             lines.append(f"  exposed objects: {len(rules.placed)}")
         notes = rule_warnings(rules.preset, rules.frequencies)

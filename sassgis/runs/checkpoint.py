@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -21,11 +22,11 @@ from sassgis.hazard.progress import Progress, SourceTally, joined_lines, joined_
 from sassgis.hazard.source_sums import SourceSums
 from sassgis.io.saved_arrays import read_saved, saved_or_refused, unfit, write_saved
 from sassgis.io.staging import CHECKPOINT_STEM, writing
-from sassgis.model.map_run import BlockRows, FallLines, MapRun
+from sassgis.model.map_run import BlockRows, FallLines, MapRun, Round, Worth
 from sassgis.model.results import ControlLine
 
 _LINE_FIELDS = ("offset", "x", "y", "point", "length_m", "drop_m", "end")
-_ROW_FIELDS = ("rocks", "rock_scenario", "x", "y", "passages", "passage_scenario")
+_ROW_FIELDS = tuple(f.name for f in fields(BlockRows))
 
 
 class Checkpoint:
@@ -91,7 +92,10 @@ class Checkpoint:
                 part = self._part(len(self._digests))
                 self._digests.append(write_saved(part, own, self._fingerprint))
                 self._waiting = []
-            state = state_of(progress) | {"parts": np.array(self._digests, np.str_)}
+            state = state_of(progress) | {
+                "parts": np.array(self._digests, np.str_),
+                "seconds": np.array(progress.seconds),
+            }
             write_saved(self.folder / "state.npz", state, self._fingerprint)
 
     def forget(self) -> None:
@@ -125,15 +129,28 @@ def state_of(progress: Progress) -> dict[str, NDArray[np.generic]]:
         "runout": progress.runout,
         "lost": np.array(progress.lost),
         "pieces": np.array(progress.pieces),
+        "simulated": np.array(progress.simulated),
+        "stop_share": np.array(progress.stop_share),
+        "rounds": np.array([(r.first, r.repetitions) for r in progress.rounds], np.int64),
+        "scores": progress.scores,
+        "history": np.array(progress.history, np.float64).reshape(-1, 2),
         "furthest_m": np.array((progress.furthest or ())[:1], np.float64),
         "furthest_rock": np.array((progress.furthest or ())[1:], np.int64),
     }
+    state |= {
+        f"halvings.{i}": own.halvings
+        for i, own in enumerate(progress.rounds)
+        if own.halvings is not None
+    }
+    if progress.worth is not None:
+        state |= {f"worth.{f.name}": getattr(progress.worth, f.name) for f in fields(Worth)}
     state |= {f"sums.{k}": v for k, v in progress.sums.state().items()}
     state |= {f"control_lines.{k}": v for k, v in progress.control_lines.state().items()}
     for (area, scenario), tally in progress.sources.items():
         name = f"source.{area}.{scenario}"
         state[f"{name}.rocks"] = np.array(tally.rocks)
         state[f"{name}.never_started"] = np.array(tally.never_started)
+        state[f"{name}.simulated"] = np.array(tally.simulated)
         state |= {f"{name}.cells.{k}": v for k, v in tally.cells.state().items()}
         state |= {f"{name}.objects.{k}": v for k, v in tally.objects.state().items()}
         state |= {f"{name}.control_lines.{k}": v for k, v in tally.control_lines.state().items()}
@@ -160,6 +177,18 @@ def progress_from(
     progress.runout = np.array(state["runout"])
     progress.lost = int(state["lost"])
     progress.pieces = int(state["pieces"])
+    progress.simulated = int(state["simulated"])
+    progress.stop_share = float(state["stop_share"])
+    # Of what is kept as a result it says nothing.
+    progress.seconds = float(state.get("seconds", 0.0))
+    progress.rounds = tuple(
+        Round(int(first), int(repetitions), state.get(f"halvings.{i}"))
+        for i, (first, repetitions) in enumerate(state["rounds"])
+    )
+    progress.scores = np.array(state["scores"])
+    progress.history = [(int(blocks), float(share)) for blocks, share in state["history"]]
+    worth = _group(state, "worth")
+    progress.worth = Worth(**worth) if worth else None
     if state["furthest_m"].size:
         line, scenario, rock = state["furthest_rock"].tolist()
         progress.furthest = (float(state["furthest_m"][0]), line, scenario, rock)
@@ -197,6 +226,7 @@ def _sources(
             ControlLineSums.from_state(control_lines, _group(state, f"{name}.control_lines")),
             int(state[f"{name}.rocks"]),
             int(state[f"{name}.never_started"]),
+            int(state[f"{name}.simulated"]),
         )
     return sources
 

@@ -14,7 +14,7 @@ from sassgis.io.read.dem_raw import RawDem, read_raw_dem
 from sassgis.io.read.dem_system import in_options
 from sassgis.io.staging import staged_file
 from sassgis.model.crs import crs_name
-from sassgis.model.grid import FloatArray
+from sassgis.model.grid import FloatArray, Grid
 from sassgis.report.page import ReportContext, ReportTable, write_report
 from sassgis.runs.inputs import collected_notices
 from sassgis.terrain.dem_defects import (
@@ -25,6 +25,7 @@ from sassgis.terrain.dem_defects import (
     height_step,
     inner_holes,
 )
+from sassgis.terrain.edge import ANGLE_DEG, beyond_edge
 from sassgis.terrain.slope_units import WALL_SHARE, slopes_deg, wall_share
 
 Verdict = Literal["good", "look", "bad"]
@@ -38,6 +39,9 @@ _STEP_ERROR_DEG = (1.0, 3.0)
 _EQUAL = (0.05, 0.3)
 #: Ground on which blocks may start is steeper than this (degrees).
 _STEEP_DEG = 30.0
+#: Ground from which blocks come wherever it is, and how far their energy lines may leave the model
+#: without a word, as there is steep ground near most edges (degrees, m).
+_CLIFF_DEG, _BEYOND_M = 45.0, 100.0
 #: A spike or single pit stands out by this (m), or by the width of a cell if that is more.
 _BUMP_M = 0.5
 #: More of them than this share of the cells and this number, or one higher than this (m), is bad.
@@ -134,8 +138,29 @@ def check_dem(path: Path, crs: str | None = None, override_crs: bool = False) ->
             _terraces(dem),
             *_bumps(dem),
             _depressions(dem),
+            _extent(dem, slopes),
         ),
     )
+
+
+def _extent(dem: RawDem, slopes: FloatArray) -> DemFinding:
+    if not dem.square or dem.unit_fault:
+        return DemFinding("extent", "good", "not looked at: no square cells in metres", "", {})
+    grid = Grid(dem.values, 0.0, 0.0, dem.dx_m)
+    steep = np.flatnonzero(np.nan_to_num(slopes.ravel()) > _CLIFF_DEG)
+    found = beyond_edge(grid, *grid.cell_centres(steep)) if steep.size else []
+    far = [own for own in found if own.distance_m > _BEYOND_M]
+    what = f"energy line of {ANGLE_DEG:g}° from ground above {_CLIFF_DEG:g}°"
+    numbers = {"angle_deg": ANGLE_DEG, "beyond_m": {own.side: own.distance_m for own in far}}
+    if not far:
+        text = f"{what}: ends within the model, or {_BEYOND_M:g} m beyond it at most"
+        return DemFinding("extent", "good", text, "", numbers)
+    sides = ", ".join(f"{own.where} {own.distance_m:.0f} m" for own in far)
+    return DemFinding(
+        "extent", "look", f"{what} goes on beyond the model: {sides}",
+        "blocks that leave the model are lost: get more terrain there, if they are released so "
+        "near; sassgis validate knows where they are", numbers,
+    )  # fmt: skip
 
 
 def write_dem_page(file: Path, report: DemReport, overwrite: bool = False) -> None:

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from sassgis.hazard.along_profile import ProfileInput, stretches_of
 from sassgis.hazard.assess import Rules
 from sassgis.hazard.sources import OnsetTable, onset_frequencies
-from sassgis.hazard.zoning.generalise import check_cells
+from sassgis.hazard.zoning.coverage import check_cells
+from sassgis.io.read.base_map import read_base_map
 from sassgis.io.read.config import FILE_KEYS, profile_control_lines
 from sassgis.io.read.forest import read_forest
 from sassgis.io.read.frequencies import read_frequencies
@@ -32,7 +33,7 @@ from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.exposure import PlacedObjects
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.ground import GroundTable
-from sassgis.model.hazard import HazardPreset, ZoningSettings
+from sassgis.model.hazard import HazardPreset
 from sassgis.model.in_memory import Input
 from sassgis.model.map_run import Forest, MapRun, ObjectCells
 from sassgis.model.release_areas import ReleaseArea
@@ -101,6 +102,8 @@ def read_map_run(config: Config, areas: Sequence[str] | None = None) -> MapRun:
     grid = read_terrain(
         config.dem_source, terrain.crs, terrain.vertical_datum, terrain.override_crs
     )
+    # Looked at before anything is simulated, though only the project shows it.
+    read_base_map(config.project.base_map, grid)
     walls = wall_share(slopes_deg(grid.values, grid.cell_size, grid.cell_size))
     if walls > WALL_SHARE:
         log.warning(
@@ -259,17 +262,10 @@ def read_rules(config: Config, run: MapRun) -> Rules:
             vulnerability = read_vulnerability(config.risk.vulnerability, codes)
             vulnerability.check_covers(placed.objects)
     width = ref_width(config, run.grid.cell_size)
-    zones = closing_filled(config.zones, run.release.spacing_m)
-    check_cells(run.grid.cell_size)
+    cell_size = run.grid.cell_size
+    zones = config.zones.drawing(preset.sheet, width, run.release.spacing_m, cell_size)
+    check_cells(cell_size)
     return Rules(preset, frequencies, placed, vulnerability, zones, width, tuple(notices))
-
-
-def closing_filled(zones: ZoningSettings, spacing_m: float) -> ZoningSettings:
-    """The settings with the width of gaps that are closed, where it is not stated."""
-    if zones.closing_m is not None:
-        return zones
-    # Between two fall lines nothing was computed: the gap is not a place that is safe.
-    return replace(zones, closing_m=max(zones.min_width_m, spacing_m))
 
 
 def placed_objects(config: Config, grid: Grid) -> PlacedObjects:
@@ -314,11 +310,6 @@ def with_rules(run: MapRun, rules: Rules) -> MapRun:
 def with_counts(run: MapRun, thresholds_kj: tuple[float, ...], ref_width_m: float) -> MapRun:
     """The run with the energies and windows at which hazard curves need counts."""
     return replace(run, thresholds_kj=thresholds_kj, ref_width_m=ref_width_m)
-
-
-def most_repetitions(config: Config) -> int:
-    """Repetitions that a zoning may take."""
-    return 1 if config.hazard.changed_share_max is None else config.hazard.repetitions_max
 
 
 def compares_barriers(config: Config, run: MapRun) -> bool:

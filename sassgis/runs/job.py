@@ -11,13 +11,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from numpy.typing import NDArray
+
 from sassgis.hazard.progress import Progress
 from sassgis.hazard.tolerance_check import ToleranceCheck
 from sassgis.hazard.warnings import simulation_warnings
 from sassgis.io.read.config import configure, load_config, settings_hash
 from sassgis.io.write.frames import require_parquet
 from sassgis.model.errors import Interrupted, OutputError
-from sassgis.model.map_run import BlockRows, MapRun
+from sassgis.model.map_run import BlockRows, MapRun, Round
 from sassgis.model.memory import require_memory
 from sassgis.model.run_config import Config
 from sassgis.model.statistics_table import SUM_NAMES
@@ -25,7 +27,7 @@ from sassgis.runs.checkpoint import Checkpoint
 from sassgis.runs.estimate import estimate_of
 from sassgis.runs.inputs import collected_notices, read_map_run
 from sassgis.runs.interrupts import held_back
-from sassgis.runs.map import check_starts, chunks_of, simulate_map
+from sassgis.runs.map import check_starts, simulate_map
 from sassgis.runs.sample_check import check_tolerance
 from sassgis.runs.workers import Jobs, Workers
 from sassgis.terrain.plan import Plan, plan
@@ -37,6 +39,8 @@ SAVE_EVERY_S = 60.0
 AnyConfig = Config | str | Path | Mapping[str, Any]
 #: Called with (chunks done, chunks in all, blocks done).
 OnProgress = Callable[[int, int, int], None]
+#: Gives another round of a run on its plan, after what there is so far; None: it is enough.
+NextRound = Callable[[MapRun, Plan, Progress], Round | None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,8 +134,7 @@ def simulate_config(
     jobs: Jobs,
     on_progress: OnProgress | None,
     tell: Callable[[str], None],
-    repetitions_max: int = 1,
-    enough: Callable[[MapRun, Progress], bool] | None = None,
+    next_round: NextRound | None = None,
     schedule: str = "",
     part: str = "",
     check: bool = True,
@@ -144,14 +147,12 @@ def simulate_config(
         Working folder of the result; None where nothing is to be written.
     jobs, on_progress, tell
         As for run.
-    repetitions_max : int
-        Most repetitions of all releases.
-    enough : callable, optional
-        Asked after one, two, four, ... repetitions whether they are enough; without it
-        ``repetitions_max`` are run.
+    next_round : callable, optional
+        Asked after the rounds of the run, and after each that it gives, for another one; None ends
+        the simulation.
     schedule : str
-        What the number of repetitions depends on: a saved state of another schedule is not used,
-        as it may hold more of them than this one needs.
+        What the rounds depend on: a saved state of another schedule is not used, as it may hold
+        more of them than this one needs.
     part : str
         Name of the simulation among several for one result.
     check : bool
@@ -167,24 +168,20 @@ def simulate_config(
     progress = resumed if resumed is not None else Progress.fresh(run)
     if resumed is not None:
         tell(f"Going on after {resumed.chunks} chunks of an interrupted run")
-    repetitions = repetitions_max if enough is None else 1
-    done = -(-progress.chunks // max(len(chunks_of(planned)), 1))
-    while repetitions < min(done, repetitions_max):
-        repetitions *= 2
     while True:
-        repetitions = min(repetitions, repetitions_max)
-        run = replace(run, repetitions=repetitions)
+        run = replace(run, rounds=progress.rounds)
         tell("Simulating")
         simulate_saved(
             run, planned, progress, checkpoint, workers_asked(config, jobs), on_progress,
             _keeps_rows(config),
         )  # fmt: skip
+        more = None if next_round is None else next_round(run, planned, progress)
+        if more is not None:
+            progress.rounds = (*progress.rounds, more)
         # Whatever happens while the result is written, the simulation is not lost.
         checkpoint.save(progress)
-        if enough is None or repetitions >= repetitions_max or enough(run, progress):
+        if more is None:
             break
-        repetitions *= 2
-        tell(f"Going on to {min(repetitions, repetitions_max)} repetitions")
     seconds = time.perf_counter() - began
     # The same blocks without barriers have the same tolerance.
     check = check and not part
@@ -225,10 +222,12 @@ def state_fingerprint(config: Config, job: MapRun, schedule: str = "") -> str:
         job.thresholds_kj,
         job.ref_width_m,
         schedule,
+        [(r.first, r.repetitions, r.halvings is not None) for r in job.rounds],
         SUM_NAMES,
     ]
     digest = hashlib.sha256(json.dumps(parts).encode())
-    for array in (job.objects.cell, job.objects.number):
+    arrays: list[NDArray[Any]] = [job.objects.cell, job.objects.number]
+    for array in (*arrays, *(r.halvings for r in job.rounds if r.halvings is not None)):
         digest.update(array.tobytes())
     return digest.hexdigest()
 
@@ -272,17 +271,19 @@ def simulate_saved(
     ------
     Interrupted, OutputError
     """
-    saved = time.monotonic()
+    saved = began = time.monotonic()
+    before = progress.seconds
 
     def on_chunk(now: Progress, chunks: int, own: BlockRows) -> None:
         nonlocal saved
+        now.seconds = before + time.monotonic() - began
         if rows:
             checkpoint.hand_on(own)
         if time.monotonic() - saved > SAVE_EVERY_S:
             checkpoint.save(now)
             saved = time.monotonic()
         if on_progress is not None:
-            on_progress(now.chunks, chunks, int(now.reasons.sum()))
+            on_progress(now.chunks, chunks, now.simulated)
 
     try:
         simulate_map(run, planned, jobs=jobs, resume=progress, on_chunk=on_chunk)
@@ -292,5 +293,5 @@ def simulate_saved(
         if isinstance(stopped, OutputError):
             # The workers are lost.
             raise
-        blocks = int(progress.reasons.sum())
+        blocks = progress.simulated
         raise Interrupted(f"stopped by the user after {blocks} blocks{checkpoint.kept}") from None

@@ -8,9 +8,9 @@ of threads and any size of chunk.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,7 @@ from sassgis.hazard.progress import (
 from sassgis.model.errors import InputError
 from sassgis.model.grid import IntArray
 from sassgis.model.in_memory import Input
-from sassgis.model.map_run import BlockRows, MapRun
+from sassgis.model.map_run import BlockRows, MapRun, Round, Worth
 from sassgis.model.profiles import ReleasePoints
 from sassgis.model.statistics_table import Bins
 from sassgis.runs.interrupts import held_back
@@ -62,10 +62,12 @@ class TerrainTooSmall(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Chunk:
-    """Release points of one area, worked on together in one repetition."""
+    """Repetitions at release points of one area, worked on together; shape (n,) each."""
 
     points: IntArray
-    repetition: int
+    repetitions: IntArray  # numbers of them
+    scenarios: tuple[int, ...]  # positions in ``blocks``
+    weight: int  # how many times each block counts
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,12 +77,25 @@ class _Common:
     run: MapRun
     planned: Plan
     bins: Bins
+    worth: Worth | None
 
 
 def _work(common: _Common, chunk: Chunk) -> ChunkResult:
     """One chunk."""
-    run, planned, bins = common.run, common.planned, common.bins
-    return (_followed if run.followed else _on_lines)(run, planned, chunk, bins)
+    if common.run.followed:
+        return _followed(common, chunk)
+    return _on_lines(common.run, common.planned, chunk, common.bins)
+
+
+def numbered(rows: NDArray[np.void], chunk: Chunk, each: int) -> NDArray[np.void]:
+    """Rows of blocks that are numbered within a chunk, with their numbers in the run.
+
+    ``each`` is the number of blocks of a repetition.
+    """
+    entry = rows["line"]
+    rows["rock"] += (each * chunk.repetitions[entry]).astype(rows["rock"].dtype)
+    rows["line"] = chunk.points[entry]
+    return rows
 
 
 def path_terrain(run: MapRun) -> PathTerrain:
@@ -132,17 +147,17 @@ def check_starts(
         )
 
 
-def _followed(run: MapRun, planned: Plan, chunk: Chunk, bins: Bins) -> ChunkResult:
+def _followed(common: _Common, chunk: Chunk) -> ChunkResult:
     """A chunk of blocks whose paths are followed."""
+    run, planned = common.run, common.planned
+    area, each = int(planned.points.area[chunk.points[0]]), run.release.rocks_per_point
     points = take(planned.points, chunk.points)
     known = on_known_ground(run, points)
-    which = chunk.points[known]
-    points = take(planned.points, which)
-    area = int(planned.points.area[chunk.points[0]])
-    scenarios = planned.scenarios[area]
+    points = take(points, np.flatnonzero(known))
+    own = replace(chunk, points=chunk.points[known], repetitions=chunk.repetitions[known])
     sums: dict[int, Simulated] = {}
     parts: list[BlockRows] = []
-    for k in scenarios if which.size else ():
+    for k in chunk.scenarios if len(points) else ():
         result = follow(
             path_terrain(run),
             points,
@@ -150,51 +165,46 @@ def _followed(run: MapRun, planned: Plan, chunk: Chunk, bins: Bins) -> ChunkResu
             run.blocks[k],
             run.engine,
             seed=run.seed,
-            rocks_per_point=run.release.rocks_per_point,
-            point_keys=draw_keys(points.key, run.blocks[k].name),
-            point_numbers=which,
+            rocks_per_point=each,
+            point_keys=draw_keys(points.key, run.blocks[k].name, own.repetitions),
             spread_m=run.start_spread_m(area),
             objects=run.objects,
             window=run.window,
-            first_rock=chunk.repetition * run.release.rocks_per_point,
-            bins=bins,
+            bins=common.bins,
             effects=run.effects,
+            worth=common.worth,
         )
         if result.looked_at is not None and any(sides := run.sides_met(result.looked_at)):
             raise TerrainTooSmall(sides)
-        ended = np.concatenate([result.rocks, result.pieces])
+        ended = numbered(np.concatenate([result.rocks, result.pieces]), own, each)
+        passages = numbered(result.passages, own, each)
         sums[k] = result
-        parts.append(
-            BlockRows(
-                ended, np.full(ended.size, k, np.int64), result.x, result.y,
-                result.passages, np.full(result.passages.size, k, np.int64),
-            )
-        )  # fmt: skip
-    lines = joined_lines([])
-    if chunk.repetition == 0:
-        # For the map: where the descent leads from each point.
+        parts.append(BlockRows.of_chunk(ended, result.x, result.y, passages, k, chunk.weight))
+    lost = int((~known).sum()) * each * len(chunk.scenarios)
+    # For the map: where the descent leads from each point.
+    drawn = []
+    if not chunk.repetitions[0]:
         starts = take(planned.starts, chunk.points)
         traces = trace(run.grid, planned.surface, starts, run.terrain)
-        lines = drawn_lines(traces, run.grid, chunk.points)
-    lost = int((~known).sum()) * run.release.rocks_per_point * len(scenarios)
-    return ChunkResult(area, sums, joined_rows(parts), lines, lost)
+        drawn.append(drawn_lines(traces, run.grid, chunk.points))
+    return ChunkResult(
+        area, own.points, chunk.weight, sums, joined_rows(parts), joined_lines(drawn), lost
+    )
 
 
 def _on_lines(run: MapRun, planned: Plan, chunk: Chunk, bins: Bins) -> ChunkResult:
     """A chunk of blocks that keep to the lines of their release points."""
-    which = chunk.points
-    starts = take(planned.starts, which)
+    starts = take(planned.starts, chunk.points)
     traces = trace(run.grid, planned.surface, starts, run.terrain)
     prepared = prepare_lines(run, traces)
     good, lines = prepared.good, prepared.lines
-    number = which[good]
-    area = int(starts.area[0])
-    scenarios = planned.scenarios[area]
-    start = prepared.starts(planned.moved[which][lines.point])
+    own = replace(chunk, points=chunk.points[good], repetitions=chunk.repetitions[good])
+    area, each = int(starts.area[0]), run.release.rocks_per_point
+    start = prepared.starts(planned.moved[chunk.points][lines.point])
     length = prepared.length_m
     sums: dict[int, Simulated] = {}
     parts: list[BlockRows] = []
-    for k in scenarios if len(lines) else ():
+    for k in chunk.scenarios if len(lines) else ():
         blocks = run.blocks[k]
         result = simulate(
             prepared.profiles,
@@ -202,41 +212,69 @@ def _on_lines(run: MapRun, planned: Plan, chunk: Chunk, bins: Bins) -> ChunkResu
             blocks,
             run.engine,
             seed=run.seed,
-            rocks_per_line=run.release.rocks_per_point,
-            line_keys=draw_keys(starts.key, blocks.name)[good],
+            rocks_per_line=each,
+            line_keys=draw_keys(starts.key, blocks.name, chunk.repetitions)[good],
             starts=start,
             control_lines=prepared.crossings,
             objects=run.objects,
             window=run.window,
-            line_numbers=number,
+            bins=bins,
             effects=run.effects,
             forest=run.forest,
-            first_rock=chunk.repetition * run.release.rocks_per_point,
-            bins=bins,
         )
         ended = np.concatenate([result.rocks, result.pieces])
-        local = np.searchsorted(number, ended["line"]).astype(np.int64)
-        x, y = chainage_to_xy(lines, local, np.clip(ended["runout_m"], 0.0, length[local]))
+        line = ended["line"].astype(np.int64)
+        x, y = chainage_to_xy(lines, line, np.clip(ended["runout_m"], 0.0, length[line]))
+        passages = numbered(result.passages, own, each)
         sums[k] = result
         parts.append(
-            BlockRows(
-                ended, np.full(ended.size, k, np.int64), x, y,
-                result.passages, np.full(result.passages.size, k, np.int64),
-            )
-        )  # fmt: skip
-    lost = int((~good).sum()) * run.release.rocks_per_point * len(scenarios)
-    return ChunkResult(area, sums, joined_rows(parts), drawn_lines(traces, run.grid, which), lost)
+            BlockRows.of_chunk(numbered(ended, own, each), x, y, passages, k, chunk.weight)
+        )
+    lost = int((~good).sum()) * each * len(chunk.scenarios)
+    # All of a chunk are of one repetition, and the lines of the first are drawn.
+    drawn = [] if chunk.repetitions[0] else [drawn_lines(traces, run.grid, chunk.points)]
+    return ChunkResult(
+        area, own.points, chunk.weight, sums, joined_rows(parts), joined_lines(drawn), lost
+    )
 
 
-def chunks_of(planned: Plan, size: int = CHUNK_POINTS, repetitions: int = 1) -> list[Chunk]:
-    """The chunks of a plan, repetition by repetition; a chunk holds points of one area only."""
-    chunks = []
+def chunks_of(
+    planned: Plan, rounds: Sequence[Round] = (Round(),), size: int = CHUNK_POINTS
+) -> list[Chunk]:
+    """The chunks of a plan, round by round; a chunk holds points of one area only."""
     area = planned.points.area
     starts = np.flatnonzero(np.diff(area, prepend=-1)) if area.size else np.empty(0, np.int64)
-    for begin, end in zip(starts, [*starts[1:], area.size], strict=True):
-        for i in range(begin, end, size):
-            chunks.append(np.arange(i, min(i + size, end), dtype=np.int64))
-    return [Chunk(points, r) for r in range(repetitions) for points in chunks]
+    of_area = [
+        np.arange(*ends, dtype=np.int64)
+        for ends in zip(starts, [*starts[1:], area.size], strict=True)
+    ]
+    chunks = []
+    for own in rounds:
+        numbers = own.first + np.arange(own.repetitions, dtype=np.int64)
+        if own.halvings is None:
+            # Points beside each other, as all of a chunk then lies on few cells.
+            chunks += [
+                Chunk(part, np.full(part.size, number), planned.scenarios[area[part[0]]], 1)
+                for number in numbers
+                for points in of_area
+                for part in _parts(points, size)
+            ]
+            continue
+        for points in of_area:
+            for k in planned.scenarios[area[points[0]]]:
+                halved = own.halvings[points, k]
+                for h in np.unique(halved).tolist():
+                    some, few = points[halved == h], numbers[: own.repetitions >> h]
+                    entries = np.tile(some, few.size), np.repeat(few, some.size)
+                    chunks += [
+                        Chunk(part, again, (k,), 1 << h)
+                        for part, again in zip(*(_parts(e, size) for e in entries), strict=True)
+                    ]
+    return chunks
+
+
+def _parts(entries: IntArray, size: int) -> list[IntArray]:
+    return [entries[i : i + size] for i in range(0, entries.size, size)]
 
 
 def simulate_map(
@@ -271,16 +309,13 @@ def simulate_map(
         A followed path looks into the rim of the grid.
     """
     progress = resume if resume is not None else Progress.fresh(run)
-    chunks = chunks_of(planned, chunk_points, run.repetitions)
-    total = int(planned.blocks_of_point(run).sum()) // run.repetitions
-    share = run.stop_points_max / total if total else 1.0
-
+    chunks = chunks_of(planned, run.rounds, chunk_points)
     workers = Threads(jobs) if isinstance(jobs, int) else jobs
-    common = _Common(run, planned, bins_of(run))
+    common = _Common(run, planned, bins_of(run), progress.worth)
     with closing(workers.in_order(_work, common, chunks[progress.chunks :])) as outcomes:
         for outcome in outcomes:
             with held_back():
-                add_chunk(progress, outcome, run, share, chunks[progress.chunks].repetition == 0)
+                add_chunk(progress, outcome, run)
                 if on_chunk is not None:
                     on_chunk(progress, len(chunks), outcome.rows)
     return progress

@@ -64,9 +64,9 @@ def paths_on_line(
         flat = profiles(run.heights, path, run.ground, run.terrain.segment_tolerance_m)
         crossed = control_line_crossings(run.control_lines, path)
     else:
-        first = rock // run.release.rocks_per_point * run.release.rocks_per_point
+        repetition = rock // run.release.rocks_per_point
         blocks = min(_PATHS, run.release.rocks_per_point)
-        path, prepared, found = _on_lines_again(run, planned, which, scenario, blocks, first)
+        path, prepared, found = _on_lines_again(run, planned, which, scenario, blocks, repetition)
         if found is None:
             return None
         result, flat, crossed = found, prepared.flat, prepared.crossings
@@ -103,16 +103,17 @@ def some_paths(run: MapRun, planned: Plan, most: int = 40) -> list[LinePaths]:
 def _followed_again(run: MapRun, points: ReleasePoints, scenario: int, rock: int = 0) -> Simulated:
     """One block of each release point of an area, with its event log."""
     blocks = run.blocks[scenario]
+    repetition, number = divmod(rock, run.release.rocks_per_point)
     return follow(
         path_terrain(run), points, run.table, blocks, run.engine, seed=run.seed, rocks_per_point=1,
-        point_keys=draw_keys(points.key, blocks.name), first_rock=rock,
+        point_keys=draw_keys(points.key, blocks.name, repetition), first_rock=number,
         spread_m=run.start_spread_m(int(points.area[0])), log_events=LOG_EVENTS,
         effects=run.effects,
     )  # fmt: skip
 
 
 def _on_lines_again(
-    run: MapRun, planned: Plan, which: IntArray, scenario: int, rocks: int, first: int = 0
+    run: MapRun, planned: Plan, which: IntArray, scenario: int, rocks: int, again: int = 0
 ) -> tuple[TraceSet, PreparedLines, Simulated | None]:
     """Some blocks of release points on their lines, with event logs; None if all are too short."""
     starts = take(planned.starts, which)
@@ -123,7 +124,7 @@ def _on_lines_again(
     blocks = run.blocks[scenario]
     return traces, prepared, simulate(
         prepared.profiles, run.table, blocks, run.engine, seed=run.seed, rocks_per_line=rocks,
-        line_keys=draw_keys(starts.key, blocks.name)[prepared.good], first_rock=first,
+        line_keys=draw_keys(starts.key, blocks.name, again)[prepared.good],
         starts=prepared.starts(planned.moved[which][prepared.lines.point]),
         control_lines=prepared.crossings, log_events=LOG_EVENTS, effects=run.effects,
         forest=run.forest,

@@ -11,9 +11,12 @@ from typing import Any
 from sassgis.hazard.bins import bins_of
 from sassgis.hazard.map_sums import MapSums, Sample
 from sassgis.hazard.progress import line_ends, sample_of
+from sassgis.hazard.warnings import ground_shares
 from sassgis.io.qgis import run_project
 from sassgis.io.qgis.entries import LayerGroup
 from sassgis.io.qgis.layout import Extent, PrintLayout
+from sassgis.io.read.base_map import read_base_map
+from sassgis.io.read.result_folder import EDITS_FILE, RESULT_FILE, ZONE_FILE
 from sassgis.io.vector_layer import VectorLayer
 from sassgis.io.write.frames import passage_frame, rock_frame, write_table
 from sassgis.io.write.geopackage import write_geopackage
@@ -55,6 +58,8 @@ class Extras:
         Written to ``tables/<name>.csv``.
     placed : PlacedObjects
         Exposed objects, drawn on the maps.
+    edits : VectorLayer, optional
+        Written to ``edits.gpkg``.
     """
 
     layers: tuple[RasterLayer, ...] = ()
@@ -67,6 +72,7 @@ class Extras:
     origin: Origin = field(default_factory=Origin)
     warnings: tuple[str, ...] = ()
     placed: PlacedObjects = field(default_factory=lambda: PlacedObjects((), ()))
+    edits: VectorLayer | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,6 +139,7 @@ def publish_map(
             run, int(progress.reasons.sum()), imprint, terrain_file=config.dem_source.name,
             program=str(facts["program"]), vectors=vectors,
             extent=run_project.reached_extent(layers, run.grid),
+            ground=ground_shares(run, progress.sums.cells),
         )  # fmt: skip
         sheets = (*extras.layouts(words), *run_project.run_layouts(words, layers))
         write_layers(
@@ -174,13 +181,16 @@ def write_layers(
     Of ``layers`` and ``terrain`` only the limits of the legend count. ``sheets`` are the extent
     that is shown at first, and the print layouts.
     """
-    write_geopackage(work / "result.gpkg", vectors, facts)
+    write_geopackage(work / RESULT_FILE, vectors, facts)
     if extras.vectors:
-        write_geopackage(work / "hazard.gpkg", extras.vectors, facts)
+        write_geopackage(work / ZONE_FILE, extras.vectors, facts)
+    if extras.edits is not None:
+        write_geopackage(work / EDITS_FILE, [extras.edits], facts)
     imprint, (extent, layouts) = replace(config.project, date=made_on(config)), sheets
     run_project.write_run_project(
-        work, imprint, grid, extent, layers, terrain, vectors, extras.groups, layouts
-    )
+        work, imprint, grid, extent, layers, terrain, vectors, extras.groups, layouts,
+        read_base_map(imprint.base_map, grid),
+    )  # fmt: skip
     for name, frame in extras.frames.items():
         write_table(work / "tables" / f"{name}.csv", [frame])
 
@@ -194,6 +204,7 @@ def _counts(done: Simulation) -> dict[str, int]:
         "release_points": len(planned.points),
         "fall_lines": sum(ends.values()),
         "rocks": int(progress.reasons.sum()),
+        "rocks_simulated": progress.simulated,
         "rocks_not_simulated": progress.lost,
         "fragments": progress.pieces,
         **{f"rocks_{r.name.lower()}": int(progress.reasons[r]) for r in StopReason},

@@ -8,10 +8,11 @@ from datetime import date
 from pathlib import Path
 
 import sassgis
+from sassgis.hazard.bins import bins_of
+from sassgis.hazard.object_values import ObjectValues, object_values
 from sassgis.hazard.reach_angles import reach_angles
-from sassgis.io.read.objects import object_cells
+from sassgis.hazard.sources import Sampled, sampled_sources
 from sassgis.model.exposure import PlacedObjects
-from sassgis.model.map_run import ObjectCells
 from sassgis.model.results import RasterLayer
 from sassgis.model.run_config import Config
 from sassgis.report.exposed_report import exposed_table, map_objects
@@ -44,6 +45,8 @@ class ReportPart:
         Added to what the report says was computed.
     levels : dict of str to str
         The hazard level of each exposed object by its name; empty without zones.
+    objects : ObjectValues or None
+        What reaches the exposed objects, by frequency; None without zones.
     summary : tuple of (str, str)
         Added to the answer in short.
     spread : tuple of (str, str)
@@ -57,6 +60,7 @@ class ReportPart:
     tables: tuple[ReportTable, ...] = ()
     described: tuple[tuple[str, str], ...] = ()
     levels: dict[str, str] = field(default_factory=dict)
+    objects: ObjectValues | None = None
     summary: tuple[tuple[str, str], ...] = ()
     spread: tuple[tuple[str, str], ...] = ()
     hazard: MapHazard | None = None
@@ -91,10 +95,8 @@ def publish_report(
         run, planned, progress, layers, shown, warnings, {**facts, **named}, work / "figures",
         objects,
     )  # fmt: skip
-    cells = ObjectCells.none()
-    if len(placed):
-        cells = ObjectCells(len(placed), *object_cells(placed, run.grid))
-    exposed = exposed_table(placed, cells, layers, part.levels)
+    values = part.objects or values_at_objects(done, None, ())
+    exposed = exposed_table(placed, values, part.levels)
     lines = run_lines(progress, reach_angles(run, planned, progress))
     first = () if part.key_results is None else (context.key_results,)
     report = translated_report(
@@ -132,6 +134,27 @@ def publish_report(
     return report
 
 
+def values_at_objects(
+    done: Simulation,
+    sampled: Sequence[Sampled] | None,
+    return_periods: Sequence[float],
+    heights: bool = True,
+) -> ObjectValues:
+    """What reaches the exposed objects of a run; ``sampled`` with frequencies, if there are any."""
+    run, bins = done.run, bins_of(done.run)
+    own = sampled_sources(run, done.progress, None) if sampled is None else sampled
+    return object_values(
+        run.objects,
+        [s.source for s in own],
+        [s.objects for s in own],
+        bins.threshold,
+        done.progress.sums if heights else None,
+        bins.edges["height"],
+        return_periods=return_periods,
+        confidence=done.config.hazard.confidence,
+    )
+
+
 def made_on(config: Config) -> str:
     """The date on sheets and in the report: that of the configuration, or today."""
     return config.project.date or date.today().isoformat()
@@ -140,6 +163,6 @@ def made_on(config: Config) -> str:
 def byline(config: Config) -> tuple[str, ...]:
     """Who made it, when, with which program; where to ask; whose data."""
     project = config.project
-    parts = (project.author, made_on(config), f"sassgis {sassgis.__version__}", project.contact,
-             project.rights)  # fmt: skip
+    parts = (project.status, project.author, made_on(config), f"sassgis {sassgis.__version__}",
+             project.contact, project.rights)  # fmt: skip
     return tuple(part for part in parts if part)

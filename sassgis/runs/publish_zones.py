@@ -8,10 +8,11 @@ from pathlib import Path
 
 from sassgis.hazard.assess import Assessment, Rules
 from sassgis.hazard.risk import RiskTable
-from sassgis.hazard.warnings import rule_warnings, zone_warnings
+from sassgis.hazard.warnings import edit_warnings, rule_warnings, zone_warnings
 from sassgis.io.qgis.run_project import zone_groups, zone_layouts
 from sassgis.io.vector_layer import VectorLayer
 from sassgis.io.write.layers import zones as zone_layers
+from sassgis.io.write.layers.edits import edits_layer
 from sassgis.io.write.layers.federal import federal_layers
 from sassgis.io.write.layers.hazard_maps import hazard_layers
 from sassgis.io.write.layers.risk_objects import risk_tables, risk_vectors
@@ -28,7 +29,7 @@ from sassgis.runs.job import Simulation
 from sassgis.runs.map_answers import line_facts, map_hazard, object_facts, rates_by_source
 from sassgis.runs.origin import Origin
 from sassgis.runs.publish import Extras
-from sassgis.runs.publish_report import ReportPart
+from sassgis.runs.publish_report import ReportPart, values_at_objects
 
 #: Layers of a group of areas that make sense for all groups together; the first is a table, too.
 _OF_GROUPS = ("hazard_zones", "hazard_area", "synoptic_intensity", "indicative_hazard_area")
@@ -38,12 +39,19 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
     """Everything that zoning adds to a result; its figures go into the folder ``figures``."""
     config, run, preset = done.config, done.run, rules.preset
     grid, confidence, currency = run.grid, config.hazard.confidence, config.risk.currency
-    hazard = found.hazard
-    maps = hazard_maps(rules, hazard.curves, grid.shape, confidence)
+    hazard, budget = found.hazard, config.hazard.budget
+    maps = hazard_maps(rules, hazard.curves, grid, confidence)
     width = rules.ref_width_m
     zones = zone_layers.hazard_zones(hazard, preset, grid, width, confidence)
-    uncertain = hazard.curves.places[hazard.uncertain]
-    own = [zones, zone_layers.uncertain_zones(uncertain, grid, confidence)]
+    uncertain = hazard.chances.places[hazard.uncertain]
+    open_ = zone_layers.open_limits(hazard, preset, grid)
+    own = [open_] if len(open_.frame) else []
+    own += [
+        zones,
+        zone_layers.uncertain_zones(uncertain, grid, confidence),
+        zone_layers.reached_limit(hazard.curves.places, grid),
+    ]
+    edits = edits_layer(hazard.edits, preset, grid.crs)
     risk: list[VectorLayer] = []
     sources = source_table(hazard.sampled)
     frames = {
@@ -52,30 +60,42 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
         "sources": sources,
     }
     periods = config.hazard.design_return_periods_years
-    design = design_table([line for line, _ in run.control_lines], found.without_barriers, periods)
+    design = design_table(
+        [line for line, _ in run.control_lines], found.without_barriers, periods, confidence
+    )
     if len(design):
         frames["design"] = design
     if found.without is not None:
         before = zone_layers.hazard_zones(
             found.without, preset, grid, rules.ref_width_m, confidence
         )
-        both = zone_layers.changes(found.without.levels, hazard.levels)
+        both = zone_layers.changes(found.without.levels, hazard.computed)
         codes, labels = zip(*((c.code, c.label) for c in preset.levels), strict=True)
         own += [
             zone_layers.without_barriers(before),
             zone_layers.level_changes(both, codes, grid.crs),
         ]
         frames["level_changes"] = zone_layers.change_table(both, labels)
+    values = values_at_objects(done, hazard.sampled, periods)
     if found.risk is not None:
-        risk = risk_vectors(found.risk, rules.placed, grid.crs, currency)
-        frames |= risk_tables(found.risk, found.risk_without, currency)
+        without = found.without
+        # Heights are those of the maps, with walls and nets.
+        bare = (
+            None
+            if without is None
+            else values_at_objects(done, without.sampled, periods, heights=False)
+        )
+        risk = risk_vectors(found.risk, rules.placed, grid.crs, currency, values)
+        frames |= risk_tables(found.risk, found.risk_without, currency, (values, bare))
     federal = federal_layers(config, grid, preset, rules.ref_width_m, hazard, found.by_area)
     levels = level_table(preset, found)
     on_objects = levels_of(rules.placed, hazard.levels, preset.levels)
+    # On fall lines blocks are lost at the ends of these, too.
+    lost = done.progress.lost_share if run.followed else 0.0
     return Extras(
         layers=maps,
         vectors=(*own, *risk, *federal),
-        groups=zone_groups(maps, own, risk, federal),
+        groups=zone_groups(maps, own, risk, federal, edits),
         layouts=lambda words: zone_layouts(words, rules, found, risk, grid),
         report=ReportPart(
             partial(
@@ -87,14 +107,17 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
                 figures,
                 confidence=confidence,
                 currency=currency,
+                history=done.progress.history,
+                changed_share_max=0.0 if budget is None else budget.changed_share,
             ),
             levels,
             zone_tables(
                 preset, found, sources, design, return_periods_years=periods, currency=currency
             ),
-            zone_facts_of(rules, found, run.repetitions, confidence),
+            zone_facts_of(rules, found, run, done.progress.simulated),
             on_objects,
-            zone_lines(levels, found, currency),
+            values,
+            zone_lines(levels, found, lost, confidence, currency),
             hazard=map_hazard(rules, found),
             contributions=rates_by_source(hazard.sampled),
             places=line_facts(run, found.without_barriers, periods)
@@ -109,29 +132,28 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
             "confidence": confidence,
             "changed_share": round(hazard.changed_share, 4),
             "uncertain_share": round(hazard.uncertain_share, 4),
+            "left_terrain_share": round(done.progress.lost_share, 4),
             "repetitions": run.repetitions,
         },
         frames=frames,
         warnings=(
             *rule_warnings(preset, rules.frequencies),
-            *zone_warnings(
-                hazard.changed_share,
-                config.hazard.changed_share_max,
-                config.hazard.repetitions_max,
-            ),
+            *zone_warnings(hazard.changed_share, budget),
+            *edit_warnings(hazard.edits),
         ),
         placed=rules.placed,
+        edits=edits,
         origin=_origin(config, rules),
     )
 
 
 def hazard_maps(
-    rules: Rules, curves: HazardCurves, shape: tuple[int, int], confidence: float
+    rules: Rules, curves: HazardCurves, grid: Grid, confidence: float
 ) -> tuple[RasterLayer, ...]:
     """Maps of level, intensity, return period, frequency and confidence."""
     preset = rules.preset
     return hazard_layers(
-        curves, preset, shape, rules.ref_width_m, return_periods=preset.return_periods,
+        curves, preset, grid, rules.ref_width_m, return_periods=preset.return_periods,
         confidence=confidence,
     )  # fmt: skip
 
@@ -180,6 +202,7 @@ def group_extras(
 def _origin(config: Config, rules: Rules) -> Origin:
     """What a zoning is made from besides the run."""
     files = {"frequencies": config.hazard.frequencies, "vulnerability": config.risk.vulnerability}
+    files["edits"] = config.edits.file
     files |= {f"objects {o.name}": o.file for o in config.objects}
     if config.hazard.preset.endswith(".toml"):
         files["preset"] = Path(config.hazard.preset)

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sassgis.hazard.ground_spread import GroundSpread
 from sassgis.hazard.progress import Progress
+from sassgis.io.read.objects import object_cells
 from sassgis.io.staging import staged_output
 from sassgis.model.languages import in_language
-from sassgis.model.map_run import MapRun
+from sassgis.model.map_run import MapRun, ObjectCells
 from sassgis.model.results import RasterLayer, StopReason
 from sassgis.runs.ground_draws import DrawnGround, drawn_ground, spread_rules
 from sassgis.runs.inputs import collected_notices, placed_objects
@@ -42,6 +43,8 @@ class RunResult:
     ----------
     n_blocks : int
         Simulated blocks.
+    reasons : dict of StopReason to int
+        Blocks by the reason of their end, with their weights.
     warnings : tuple of str
         What the user should know before trusting the maps.
     seconds : float
@@ -129,6 +132,8 @@ def run(
         # Read before the blocks are simulated: an error should not come at the end.
         with collected_notices():
             placed = placed_objects(config, job.run.grid)
+        objects = ObjectCells(len(placed), *object_cells(placed, job.run.grid))
+        job = replace(job, run=replace(job.run, objects=objects))
         known = spread_rules(config, job.run)
         simulation = simulate_config(
             config,
@@ -155,7 +160,7 @@ def result_of(
     """What a run left."""
     reasons = {r: int(done.progress.reasons[r]) for r in StopReason}
     return RunResult(
-        out, int(done.progress.reasons.sum()), reasons, published.warnings, done.seconds,
+        out, done.progress.simulated, reasons, published.warnings, done.seconds,
         done.run, done.planned, done.progress, published.layers, published.report,
         None if drawn is None else drawn.spread,
     )  # fmt: skip

@@ -10,7 +10,7 @@ from sassgis.hazard.bins import bins_of
 from sassgis.hazard.response import RunOutcome, outcome_of
 from sassgis.hazard.tolerance_check import ToleranceCheck, tolerance_check
 from sassgis.model.grid import IntArray
-from sassgis.model.map_run import MapRun, ObjectCells
+from sassgis.model.map_run import MapRun, ObjectCells, Round
 from sassgis.runs.map import simulate_map
 from sassgis.runs.workers import Workers
 from sassgis.terrain.plan import Plan
@@ -32,7 +32,8 @@ def sampled_plan(run: MapRun, planned: Plan, blocks: int, points: int) -> tuple[
         At least so many release points, if there are.
     """
     n = len(planned.points)
-    released = int(replace(planned, repetitions=()).blocks_of_point(run).sum()) / run.repetitions
+    once = replace(run, rounds=(Round(),))
+    released = int(replace(planned, repetitions=()).blocks_of_point(once).sum())
     # Blocks of a point for each of its rocks_per_point: one for each scenario.
     scenarios = released / (n * run.release.rocks_per_point)
     least = min(n, points)
@@ -41,7 +42,7 @@ def sampled_plan(run: MapRun, planned: Plan, blocks: int, points: int) -> tuple[
     which = np.unique(np.linspace(0, n - 1, wanted).round().astype(np.int64))
     return (
         replace(
-            run, release=replace(run.release, rocks_per_point=each), repetitions=1,
+            once, release=replace(run.release, rocks_per_point=each),
             stop_points_max=0, ref_width_m=0.0, objects=ObjectCells.none(), rim=(0, 0, 0, 0),
         ),
         plan_of_points(planned, which),

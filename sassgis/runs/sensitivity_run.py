@@ -191,8 +191,8 @@ def _warnings(
     assumed = sum(not r.verified for r in ranges)
     if assumed:
         out.append(
-            f"{assumed} of {len(ranges)} ranges are assumptions (tables/ranges.csv). A range of "
-            "your own table (--ranges) goes before them."
+            f"{assumed} of {len(ranges)} ranges are assumptions (tables/ranges.csv). A range in "
+            "a table of your own (--ranges) replaces it."
         )
     return tuple(out)
 

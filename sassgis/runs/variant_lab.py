@@ -54,8 +54,8 @@ class VariantLab:
         self.job, self.rules, self._tell = job, rules, tell
         self.total = 0
         judged = None if rules is None else (rules.preset, rules.frequencies)
-        release = (job.run.release.rocks_per_point, job.run.repetitions)
-        self._fingerprint = state_fingerprint(config, job.run, repr((release, judged, _KEPT)))
+        each = job.run.release.rocks_per_point
+        self._fingerprint = state_fingerprint(config, job.run, repr((each, judged, _KEPT)))
         self._work, self._part, self._exposed = work, part, exposed
         self._folder = work / CHECKPOINT_STEM / part
         self._jobs, self._step = jobs, on_progress

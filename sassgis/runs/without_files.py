@@ -27,7 +27,6 @@ from sassgis.model.hazard import ZoningSettings
 from sassgis.model.results import StopReason
 from sassgis.model.run_config import Config
 from sassgis.runs.inputs import (
-    closing_filled,
     named_preset,
     ref_width,
     with_counts,
@@ -239,10 +238,10 @@ def _assessed(
     grid = dataset_grid(maps)
     preset = read_preset(rules or json.loads(maps.attrs["settings"])["hazard"]["preset"])
     sampled, energies = dataset_sources(maps, preset)
-    settings = closing_filled(ZoningSettings(**zoning), float(maps.attrs["release_spacing_m"]))
     frequencies = {(s.source.area, s.source.scenario): s.source.frequency for s in sampled}
-    width = float(maps.attrs["ref_width_m"])
-    own = Rules(preset, frequencies, PlacedObjects((), ()), None, settings, width, ())
+    width, spacing = (float(maps.attrs[name]) for name in ("ref_width_m", "release_spacing_m"))
+    drawing = ZoningSettings(**zoning).drawing(preset.sheet, width, spacing, grid.cell_size)
+    own = Rules(preset, frequencies, PlacedObjects((), ()), None, drawing, width, ())
     found = assess(own, grid, energies, sampled, None, confidence=confidence, by_source=False)
     return own, grid, found.hazard
 
@@ -300,7 +299,7 @@ def hazard_maps(
 
     own, grid, hazard = _assessed(ds, rules, confidence, {})
     layers = hazard_layers(
-        hazard.curves, own.preset, grid.shape, own.ref_width_m,
+        hazard.curves, own.preset, grid, own.ref_width_m,
         return_periods=own.preset.return_periods, confidence=confidence,
     )  # fmt: skip
     kept = ("title", "source", "seed", "ref_width_m")

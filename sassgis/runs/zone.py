@@ -8,17 +8,15 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sassgis.hazard.another_sample import level_chances
-from sassgis.hazard.assess import Assessment, Rules, assess, curves_of
+from sassgis.hazard.assess import Assessment, Rules, assess
 from sassgis.hazard.bins import bins_of
-from sassgis.hazard.progress import Progress
 from sassgis.hazard.sources import sampled_sources
+from sassgis.io.read.edits import read_edits, with_earlier
 from sassgis.io.staging import staged_output
 from sassgis.model.languages import in_language
-from sassgis.model.map_run import MapRun
 from sassgis.model.run_config import Config
 from sassgis.runs.ground_draws import DrawnGround, drawn_ground, spread_rules
-from sassgis.runs.inputs import compares_barriers, most_repetitions, read_rules, with_rules
+from sassgis.runs.inputs import compares_barriers, read_rules, with_rules
 from sassgis.runs.job import (
     AnyConfig,
     Job,
@@ -29,6 +27,7 @@ from sassgis.runs.job import (
     read_job,
     simulate_config,
 )
+from sassgis.runs.more_blocks import MoreBlocks, check_budget
 from sassgis.runs.run import RunResult, result_of
 from sassgis.runs.workers import Jobs
 
@@ -96,6 +95,8 @@ def zone(
     with staged_output(Path(out), overwrite) as work:
         job = read_job(config, areas, tell)
         rules = read_rules(config, job.run)
+        edits = read_edits(config.edits, rules.preset, job.run.grid)
+        rules = replace(rules, edits=with_earlier(edits, Path(out)))
         job = prepared(job, rules)
         known = spread_rules(config, job.run)
         jobs = jobs_within(config, job.run, jobs, memory_gb)
@@ -179,30 +180,22 @@ def simulations(
 
     Parameters are those of simulate_config.
     """
-    limit = config.hazard.changed_share_max
-
-    def enough(run: MapRun, progress: Progress) -> bool:
-        assert limit is not None
-        sampled = sampled_sources(run, progress, rules.frequencies)
-        curves = curves_of(sampled, bins_of(run).threshold)
-        share = level_chances(curves, rules.preset).changed_share
-        tell(f"Another sample would change the level on {100 * share:.1f} % of the zoned area")
-        return share <= limit
-
-    repetitions_max = most_repetitions(config)
-    schedule = ""
-    if repetitions_max > 1:
-        schedule = repr((limit, repetitions_max, rules.preset, rules.frequencies))
+    budget, both = config.hazard.budget, compares_barriers(config, job.run)
+    more, schedule = None, ""
+    if budget is not None:
+        check_budget(config, job.run, int(job.planned.blocks_of_point(job.run).sum()))
+        more = MoreBlocks(rules, budget, budget.seconds / (1 + both), tell)
+        schedule = repr((budget, rules.preset, rules.frequencies))
     done = simulate_config(
-        config, work, job, jobs=jobs, on_progress=on_progress, tell=tell,
-        repetitions_max=repetitions_max, enough=None if limit is None else enough,
+        config, work, job, jobs=jobs, on_progress=on_progress, tell=tell, next_round=more,
         schedule=schedule, check=check,
     )  # fmt: skip
-    if not compares_barriers(config, job.run):
+    if not both:
         return done, None
     tell("Once more without walls and nets")
+    same = replace(job, run=replace(job.run, rounds=done.run.rounds))
     without = simulate_config(
-        config, work, without_barriers(job), jobs=jobs, on_progress=on_progress, tell=tell,
-        repetitions_max=done.run.repetitions, schedule=schedule, part="without_barriers",
+        config, work, without_barriers(same), jobs=jobs, on_progress=on_progress, tell=tell,
+        schedule=schedule, part="without_barriers",
     )  # fmt: skip
     return done, without

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sassgis.model.grid import FloatArray, IntArray
-from sassgis.model.map_run import MapRun
+from sassgis.model.map_run import MapRun, Round
 from sassgis.model.profiles import ReleasePoints
 from sassgis.terrain.fall_lines import fall_line_surface
 from sassgis.terrain.release import release_points
@@ -29,10 +29,23 @@ class Plan:
 
     def blocks_of_point(self, run: MapRun) -> IntArray:
         """Blocks that are released at each point, shape (n,)."""
-        given = self.repetitions or (run.repetitions,) * len(self.scenarios)
-        counts = np.array(given, np.int64) * np.array([len(s) for s in self.scenarios], np.int64)
-        blocks: IntArray = counts[self.points.area] * run.release.rocks_per_point
+        rounds = [self.blocks_of_round(run, own) for own in run.rounds]
+        if self.repetitions:
+            once = self.blocks_of_round(run, Round())
+            rounds = [once * np.array(self.repetitions, np.int64)[self.points.area]]
+        blocks: IntArray = np.sum(rounds, axis=0, dtype=np.int64)
         return blocks
+
+    def blocks_of_round(self, run: MapRun, own: Round) -> IntArray:
+        """Blocks of a round at each point, shape (n,)."""
+        repeated = np.zeros(len(self.points), np.int64)
+        for area, scenarios in enumerate(self.scenarios):
+            of = self.points.area == area
+            for k in scenarios:
+                repeated[of] += own.repetitions >> (
+                    0 if own.halvings is None else own.halvings[of, k].astype(np.int64)
+                )
+        return repeated * run.release.rocks_per_point
 
 
 def placed_points(run: MapRun) -> ReleasePoints:

@@ -95,10 +95,13 @@ def control_line_crossings(
     )
 
 
-def draw_keys(point_keys: NDArray[np.uint64], scenario: str) -> NDArray[np.uint64]:
-    """Identity of release points for the random draws of a block scenario."""
+def draw_keys(
+    point_keys: NDArray[np.uint64], scenario: str, repetition: int | IntArray = 0
+) -> NDArray[np.uint64]:
+    """Identity of release points for the random draws of a block scenario in some repetition."""
     out: NDArray[np.uint64] = rng.combined(rng.combined(point_keys, 0), scenario_word(scenario))
-    return out
+    again = np.asarray(repetition)
+    return out if not again.any() else np.where(again > 0, rng.combined(out, again), out)
 
 
 def scenario_word(name: str) -> np.uint64:

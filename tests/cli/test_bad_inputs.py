@@ -16,10 +16,10 @@ from rasterio.transform import from_origin
 
 from sassgis.model.errors import InputError
 
-OWN = "own,{},0.1,0.2,0.5,0.4,1,0.1,0,9,0.1,me,false"
+OWN = "own,{},0.1,0.2,0.5,0.4,1,0.1,0,9,0.1,me,estimate"
 CLASSES = (
     "name,eta_max,dp_min,dp_max,mu_f,mu_0,k,d_star_m,restitution,restitution_speed_mps,"
-    "rolling_threshold,source,verified\n"
+    "rolling_threshold,source,trust\n"
 )
 
 

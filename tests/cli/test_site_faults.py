@@ -104,7 +104,7 @@ def test_a_map_of_zones_is_no_terrain(slope: Slope, call) -> None:
     assert code == 0 and "a map of classes, such as zones" in out and "hillshade" not in out
 
 
-def test_classes_of_the_paper_are_not_called_verified(slope: Slope, call) -> None:
+def test_classes_of_the_paper_say_what_it_leaves_open(slope: Slope, call) -> None:
     slope.write_config(engine__readings='"1986"')
     _, out, _ = call("validate", slope.config)
-    assert "debris, on 100.0 % of the cells: UNVERIFIED values" in out
+    assert "debris, on 100.0 % of the cells: from a paper, what it leaves open chosen" in out

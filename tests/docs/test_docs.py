@@ -150,7 +150,12 @@ def small_result(tmp_path_factory):
     out = tmp_path_factory.mktemp("run") / "out"
     config = sassgis.load_config(
         sample_folder() / "valley" / "config.toml",
-        {"release.spacing_m": 30.0, "release.rocks_per_point": 4},
+        {
+            "release.spacing_m": 30.0,
+            "release.rocks_per_point": 4,
+            "hazard.blocks": "given",
+            "hazard.changed_share_max": None,
+        },
     )
     return sassgis.zone(config, out, jobs=1), out
 

@@ -273,8 +273,8 @@ def test_rocks_left_out_are_scored_with_the_configuration_that_is_handed_over(
              "restitution_speed_mps", "rolling_threshold")  # fmt: skip
     values = {name: getattr(own, name) for name in names} | {"eta_max": 0.65, "mu_0": 0.1}
     (tmp_path / "classes.csv").write_text(
-        f"name,{','.join(names)},source,verified\n"
-        f"soft_meadow,{','.join(str(v) for v in values.values())},test,false\n"
+        f"name,{','.join(names)},source,trust\n"
+        f"soft_meadow,{','.join(str(v) for v in values.values())},test,estimate\n"
     )
     text = case.config.read_text().replace("[ground]", '[ground]\nclasses = "classes.csv"')
     for file in ("dem.tif", "release.gpkg"):

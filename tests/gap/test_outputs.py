@@ -304,7 +304,7 @@ def test_the_calibrated_model_runs(made: Made, written: Path, tmp_path: Path) ->
     assert result.rocks == 12
     job = result.run
     own = job.table.classes[job.table.index("debris")]
-    assert (own.eta_max, own.mu_f, own.verified) == (0.612346, 0.75, False)
+    assert (own.eta_max, own.mu_f, own.trust) == (0.612346, 0.75, "fitted")
     assert "Calibrated to observations of 40 rocks" in own.source
     assert "eta_max 0.55, mu_f 0.8" in own.source
     # The other classes are as they were.

@@ -15,7 +15,7 @@ from sassgis.hazard.attribution import (
     shares_by_scenario,
     zone_of_cells,
 )
-from sassgis.hazard.zoning.generalise import Coverage, coverage, generalised
+from sassgis.hazard.zoning.coverage import Coverage, cells_as_zones
 from sassgis.model.grid import Grid
 from sassgis.model.hazard import Source, SourceCounts
 
@@ -121,7 +121,7 @@ def test_cells_find_the_zone_that_holds_their_centre() -> None:
     classes = (np.hypot(i - 20, j - 20) < 15).astype(np.int64)
     classes += (j > i + 4) & (classes > 0)
     grid = Grid(np.zeros(classes.shape), 2_700_000.0, 1_120_000.0, 2.0)
-    zones = coverage(generalised(classes, 2.0), grid)
+    zones = cells_as_zones(classes, grid)
     cells = np.arange(classes.size)
     found = zone_of_cells(zones, grid, cells)
     x, y = grid.cell_centres(cells)

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
-from sassgis.hazard.design import Arrivals, quantile, rocks_beyond, value_at_rate
+from sassgis.hazard.design import Arrivals, rocks_beyond, value_at_rate, value_limits
 
-#: Ten, four and one rocks a year at 0, 10 and 20 m or more; none above 23 m.
+#: Ten, four and one rocks a year at 0, 10 and 20 m or more; none above 23 m. Each simulated one is
+#: a tenth of a rock a year.
 CURVE = Arrivals(
     np.array([0.0, 10.0, 20.0, 30.0]),
     np.array([10.0, 4.0, 1.0, 0.0]),
+    np.array([1.0, 0.4, 0.1, 0.0]),
     np.array([100, 40, 10, 0]),
     23.0,
+    0.1,
 )
 
 
@@ -34,11 +38,36 @@ def test_where_rocks_come_less_often_there_is_no_design_value() -> None:
 
 
 def test_where_no_rock_comes_there_is_none_either() -> None:
-    nothing = Arrivals(CURVE.edges, np.zeros(4), np.zeros(4, np.int64), math.nan)
-    assert math.isnan(value_at_rate(nothing, 0.01)) and math.isnan(quantile(nothing, 0.95))
+    none = np.zeros(4)
+    nothing = Arrivals(CURVE.edges, none, none, none.astype(int), math.nan, 0.0)
+    assert math.isnan(value_at_rate(nothing, 0.01))
+    assert all(math.isnan(v) for v in value_limits(nothing, 0.01, 0.95))
 
 
-def test_quantiles_are_those_of_the_rocks_that_arrive() -> None:
-    # 5 % of 10 a year: 0.5 a year, half way between 20 and 30 m, but for the largest.
-    assert quantile(CURVE, 0.95) == 23.0
-    assert quantile(CURVE, 0.3) == 5.0
+def test_limits_hold_the_value_of_all_blocks() -> None:
+    """Energies of an exponential law: limits of 90 % hold the truth in some 90 % of samples."""
+    rng, edges, rate, years = np.random.default_rng(4), np.arange(0.0, 200.5, 0.5), 0.5, 100.0
+    truth = 10.0 * math.log(rate * years)
+    blocks, inside = 400, 0
+    for _ in range(300):
+        came = rng.poisson(blocks)
+        counts, _ = np.histogram(rng.exponential(10.0, came), edges)
+        above = np.append(np.cumsum(counts[::-1])[::-1], 0)
+        w = rate / blocks
+        curve = Arrivals(edges, w * above, w * w * above, above, 1e3, w)
+        low, high = value_limits(curve, 1.0 / years, 0.9)
+        assert low <= value_at_rate(curve, 1.0 / years) <= high
+        inside += low <= truth <= high
+    assert 0.87 <= inside / 300 <= 0.97
+
+
+def test_limits_end_where_the_sample_does() -> None:
+    low, high = value_limits(CURVE, 2.5, 0.95)
+    assert 10.0 < low < 15.0 < high < 20.0
+    # Less than four blocks beyond a value do not say where it ends.
+    assert math.isnan(value_limits(CURVE, 0.3, 0.95)[1])
+    # Blocks may come less often than ten times a year.
+    assert value_limits(CURVE, 9.9, 0.95)[0] == 0.0
+    # Weights of two blocks each, half as many: wider.
+    coarse = replace(CURVE, variance=2.0 * CURVE.variance, of_a_rock=0.2)
+    assert value_limits(coarse, 2.5, 0.95)[0] < low and value_limits(coarse, 2.5, 0.95)[1] > high

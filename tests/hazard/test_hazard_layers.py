@@ -9,11 +9,14 @@ from sassgis.hazard.curves import energy_at, rate_interval
 from sassgis.hazard.levels import hazard_level, intensity_class
 from sassgis.io.read.presets import preset_names, read_preset
 from sassgis.io.write.layers.hazard_maps import hazard_layers
+from sassgis.model.grid import Grid
 from sassgis.model.hazard import HazardCurves
 from sassgis.model.results import Band, RasterLayer
 
 PRESET = swiss()
 SHAPE = (3, 4)
+#: Without heights nothing is said of cells that no block reached.
+GRID = Grid(np.full(SHAPE, np.nan), 0.0, 0.0, 5.0)
 W = 1e-4
 #: Cells 1, 6, 7, 10 and 11; nothing comes to the last but its count is kept.
 COUNT = np.array([[900, 600, 200, 0], [200, 3, 0, 0], [90, 90, 50, 40], [1, 0, 0, 0], [0, 0, 0, 0]])
@@ -29,7 +32,7 @@ CAME = [1, 6, 7, 10]
 
 @pytest.fixture(scope="module")
 def layers() -> dict[str, RasterLayer]:
-    made = hazard_layers(CURVES, PRESET, SHAPE, 5.0, return_periods=(30.0, 100.0, 300.0))
+    made = hazard_layers(CURVES, PRESET, GRID, 5.0, return_periods=(30.0, 100.0, 300.0))
     return {layer.stem: layer for layer in made}
 
 
@@ -133,7 +136,7 @@ def test_confidence(layers: dict[str, RasterLayer]) -> None:
     assert np.nan_to_num(flat(found["lowest_level"])).tolist() == lowest[:4].tolist()
     assert flat(found["highest_level"]) == highest[:4].tolist()
     np.testing.assert_allclose(flat(found["change_chance"]), chances.changed[:4], rtol=1e-6)
-    uncertain = (lowest != highest)[:4]
+    uncertain = chances.uncertain(0.95)[:4]
     assert flat(found["uncertain"]) == uncertain.astype(float).tolist()
     # Both are among the four cells, or the test would say little.
     assert set(flat(found["uncertain"])) == {0.0, 1.0}
@@ -148,9 +151,10 @@ def test_confidence(layers: dict[str, RasterLayer]) -> None:
 
 def test_untold_errors_are_missing_and_the_cell_uncertain() -> None:
     curves = curves_of([[0.02, 0.004, 0.0]], [[np.nan, np.nan, 0.0]], 1e-6)
+    one_cell = Grid(np.full((1, 1), np.nan), 0.0, 0.0, 2.0)
     made = {
         layer.stem: bands(layer)
-        for layer in hazard_layers(curves, PRESET, (1, 1), 2.0, return_periods=(100.0,))
+        for layer in hazard_layers(curves, PRESET, one_cell, 2.0, return_periods=(100.0,))
     }
     assert flat(made["frequency"]["rate_30"], [0]) == [pytest.approx(0.004)]
     assert np.isnan(flat(made["frequency"]["lower_30"], [0]))
@@ -160,6 +164,6 @@ def test_untold_errors_are_missing_and_the_cell_uncertain() -> None:
 
 @pytest.mark.parametrize("name", preset_names())
 def test_every_built_in_preset_makes_maps(name: str) -> None:
-    made = hazard_layers(CURVES, read_preset(name), SHAPE, 5.0, return_periods=())
+    made = hazard_layers(CURVES, read_preset(name), GRID, 5.0, return_periods=())
     assert [layer.stem for layer in made][:2] == ["hazard_level", "intensity_extreme"]
     assert "unverified: no level beyond 10000 years" in made[0].note

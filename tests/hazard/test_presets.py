@@ -8,6 +8,7 @@ from helpers.hazard_samples import swiss
 from sassgis.hazard.preset_labels import energy_labels, period_labels, preset_unverified
 from sassgis.io.read.presets import preset_names, read_preset
 from sassgis.model.errors import InputError
+from sassgis.model.hazard import Drawing, ZoningSettings
 
 LEVELS = ("residual_hazard", "slight", "mean", "substantial")
 FEDERAL = {
@@ -61,12 +62,17 @@ def test_names_in_ticino() -> None:
 
 
 def test_unverified_values_are_told_once_per_source() -> None:
-    (solothurn,) = preset_unverified(read_preset("ch-so"))
-    assert solothurn.startswith("Preset ch-so, unverified: no level beyond 10000 years. Our choice")
+    limits, ours = preset_unverified(read_preset("ch-so"))
+    assert limits.startswith("Preset ch-so, unverified: intensity low, intensity mean, ")
+    assert ours.startswith(
+        "Preset ch-so, unverified: no level beyond 10000 years, "
+        "zones of at least 2 mm and 40 mm² on the sheet. Our choice"
+    )
     ticino = preset_unverified(read_preset("ti"))
     assert [line.split(". ")[0] for line in ticino] == [
         "Preset ti, unverified: intensity low, intensity mean, intensity high",
-        "Preset ti, unverified: no level beyond 10000 years",
+        "Preset ti, unverified: no level beyond 10000 years, "
+        "zones of at least 2 mm and 40 mm² on the sheet",
         "Preset ti, unverified: the whole matrix",
     ]
 
@@ -156,9 +162,49 @@ def test_own_preset(tmp_path: Path) -> None:
         [False, False],
         [True, False],
     ]
-    assert preset_unverified(preset) == [
-        "Preset own, unverified: 3 of 4 fields of the matrix. What we have always done."
-    ]
+    ours, own = preset_unverified(preset)
+    assert own == "Preset own, unverified: 3 of 4 fields of the matrix. What we have always done."
+    # Rules that say nothing of sheets take those that come with sassgis.
+    assert ours.startswith("Preset own, unverified: zones of at least 2 mm and 40 mm² on the sheet")
+    assert preset.sheet == read_preset("ch-so").sheet
+
+
+SHEET = """
+[sheet]
+width_mm = 1
+area_mm2 = 25
+gap_mm = 2
+envelope_widths = 5
+smoothing_widths = 2
+source = "directive"
+"""
+
+
+def test_own_rules_of_the_sheet(tmp_path: Path) -> None:
+    preset = read_preset(written(tmp_path, OWN + SHEET))
+    drawing = ZoningSettings(scale=10_000.0).drawing(preset.sheet, 8.0, 3.0, 2.0)
+    assert drawing == Drawing(10.0, 2500.0, 20.0, 40.0, 16.0, 3.0, 10_000.0)
+    assert len(preset_unverified(preset)) == 1
+    # Keys of the configuration come before the rules; wide spacing before the closing.
+    own = ZoningSettings(10_000.0, min_width_m=4.0, tolerance_m=1.0)
+    expected = Drawing(4.0, 2500.0, 30.0, 40.0, 16.0, 1.0, 10_000.0)
+    assert own.drawing(preset.sheet, 8.0, 30.0, 2.0) == expected
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("width_mm = 1", "width_mm = -1", "sheet.width_mm: is below 0 (found -1; expected 0 or"),
+        ("gap_mm = 2\n", "", "sheet.gap_mm: missing key (expected the widest gap that is closed"),
+        ('source = "directive"\n', 'source = "x"\n', "sheet.source: names a source that is not"),
+    ],
+)
+def test_rules_of_the_sheet_that_cannot_be_used(
+    tmp_path: Path, old: str, new: str, message: str
+) -> None:
+    with pytest.raises(InputError) as error:
+        read_preset(written(tmp_path, OWN + SHEET.replace(old, new)))
+    assert message in str(error.value) and "\n" not in str(error.value)
 
 
 def test_example_of_the_documentation(repository: Path, tmp_path: Path) -> None:
@@ -290,3 +336,15 @@ def test_unknown_names(tmp_path: Path) -> None:
     file.write_bytes(b"title = '\xff'")
     with pytest.raises(InputError, match="is not UTF-8 text"):
         read_preset(file)
+
+
+def test_a_floor_within_the_matrix_is_refused(tmp_path: Path) -> None:
+    text = OWN + '\n[rarest]\nyears = 40\nsource = "habit"\n'
+    with pytest.raises(InputError) as error:
+        read_preset(written(tmp_path, text))
+    expected = (
+        "rarest.years: is within the classes of return period (found 40; expected more than 50"
+    )
+    assert expected in str(error.value) and "\n" not in str(error.value)
+    own = read_preset(written(tmp_path, text.replace("years = 40", "years = 60")))
+    assert own.rarest_years == 60.0

@@ -22,7 +22,7 @@ from sassgis.hazard.result_change import (
     result_change,
 )
 from sassgis.hazard.stored_result import StoredResult, objects_within, on_common_cells
-from sassgis.hazard.zoning.generalise import Coverage
+from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.model.errors import InputError
 from sassgis.model.exposure import ExposedObject, PlacedObjects
 from sassgis.model.grid import Grid

@@ -13,14 +13,20 @@ from sassgis.hazard.warnings import (
     zone_warnings,
 )
 from sassgis.io.read.ground_map import built_in_table
+from sassgis.model.hazard import BlockBudget
 
 
-def test_unverified_classes_are_named_in_one_sentence() -> None:
-    own = built_in_table().classes[0]
-    first, second = (replace(own, name=n, verified=False) for n in ("one", "two"))
-    (text,) = ground_warnings([first, replace(own, name="three", verified=True), second])
-    assert text.endswith("(unverified): one, two.")
-    assert not ground_warnings([replace(own, verified=True)])
+def test_classes_are_named_by_how_far_they_may_be_trusted() -> None:
+    own = replace(built_in_table().classes[0], trust="estimate", d_star_m=0.0)
+    paper = replace(own, name="three", trust="paper")
+    used = [(replace(own, name="one"), 0.25), (paper, 0.5), (replace(own, name="two"), 0.25)]
+    (text,) = ground_warnings(used)
+    assert text.endswith("estimates, with their share of the ground: one 25 %, two 25 %.")
+    (text,) = ground_warnings([(replace(own, trust="fitted"), 1.0)])
+    assert "fitted to one site" in text
+    assert not ground_warnings([(paper, 1.0)])
+    (text,) = ground_warnings([(replace(paper, d_star_m=0.3), 1.0)])
+    assert "to be measured on the site: three 0.3 m" in text
 
 
 def test_lines_without_a_width_are_told() -> None:
@@ -35,7 +41,7 @@ def test_sources_that_never_release_are_named() -> None:
 
 
 def test_what_stays_uncertain_is_told_beyond_the_limit_only() -> None:
-    assert not zone_warnings(0.3, None, 8)
-    assert not zone_warnings(0.05, 0.05, 8)
-    (text,) = zone_warnings(0.123, 0.05, 8)
-    assert "level on 12.3 % of the zoned area" in text and "after 8 repetitions" in text
+    assert not zone_warnings(0.3, None)
+    assert not zone_warnings(0.05, BlockBudget(0.05))
+    (text,) = zone_warnings(0.123, BlockBudget(0.05))
+    assert "level on 12.3 % of the zoned area" in text and "wanted: 5 %" in text

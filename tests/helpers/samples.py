@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from pathlib import Path
 
@@ -9,6 +10,12 @@ from sassgis.runs.samples import sample_folder
 
 
 def copy_sample(name: str, target: Path) -> Path:
-    """Copy "valley", "bedrina" or "piota_negra" and return the path of its configuration."""
+    """Copy "valley", "bedrina" or "piota_negra" and return the path of its configuration.
+
+    It asks for a number of blocks, not for as many as the map needs.
+    """
     shutil.copytree(sample_folder() / name, target, dirs_exist_ok=True)
-    return next(iter(sorted(target.glob("config*.toml"))))
+    config = next(iter(sorted(target.glob("config*.toml"))))
+    text = config.read_text(encoding="utf-8")
+    config.write_text(re.sub(r"(?m)^(blocks|changed_share_max) = .*\n", "", text), "utf-8")
+    return config

@@ -21,6 +21,7 @@ class LayerEntry:
     content: RasterLayer | VectorLayer
     source: str
     visible: bool = True
+    to_draw_in: bool = False  # kept though it has no features
 
     @property
     def key(self) -> str:
@@ -89,7 +90,9 @@ def without_empty(group: LayerGroup) -> LayerGroup:
     def filled(member: LayerEntry | LayerGroup) -> bool:
         if isinstance(member, LayerGroup):
             return bool(member.layers)
-        return isinstance(member.content, RasterLayer) or not member.content.frame.empty
+        if isinstance(member.content, RasterLayer) or member.to_draw_in:
+            return True
+        return not member.content.frame.empty
 
     members = (without_empty(m) if isinstance(m, LayerGroup) else m for m in group.layers)
     return replace(group, layers=tuple(m for m in members if filled(m)))

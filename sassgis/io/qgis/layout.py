@@ -24,7 +24,7 @@ from sassgis.io.qgis.entries import LayerEntry
 from sassgis.io.qgis.markup import without_expressions
 from sassgis.io.qgis.sheet_legend import fill_legend
 from sassgis.io.qgis.text_size import breakable, text_height, text_width, wrapped
-from sassgis.model.languages import translated, with_translated
+from sassgis.model.languages import phrase, translated, with_translated
 
 Extent = tuple[float, float, float, float]
 
@@ -36,6 +36,7 @@ SCALE_NUMBERS = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 7.5)
 #: Type sizes that are tried, as shares of those of the template; the title shrinks less.
 _SHRINKING = (1.0, 0.92, 0.85, 0.78, 0.7, 0.6, 0.5)
 _LEAST_TITLE = 0.7
+_SMALLER = "The zones are drawn for 1:{}: on this sheet they are smaller than the rules ask for."
 _NAMESPACE = uuid.UUID("3f7d0a52-7d2c-5b0e-9d84-5a5c7a1e0b6f")
 
 
@@ -58,6 +59,9 @@ class PrintLayout:
         What the reader must know; in a box of their own.
     page : {"A3", "A4"}
         Landscape.
+    drawn_for : float
+        Denominator of the scale for which the zones on it are drawn: the sheet has no larger one.
+        0: any.
     """
 
     name: str
@@ -68,6 +72,7 @@ class PrintLayout:
     facts: tuple[tuple[str, str], ...] = ()
     notes: tuple[str, ...] = ()
     page: Literal["A3", "A4"] = "A3"
+    drawn_for: float = 0.0
 
 
 def translated_layout(layout: PrintLayout) -> PrintLayout:
@@ -196,7 +201,10 @@ def layout_element(
     facts = (*layout.facts, (translated("Coordinates"), crs_name or translated("local, in m")))
     for factor in _SHRINKING:
         sheet = _Sheet(layout.page, layout.name)
-        scale = _fill_map(sheet, layout.extent, shown)
+        scale = _fill_map(sheet, layout.extent, shown, layout.drawn_for)
+        notes = layout.notes
+        if 0.0 < layout.drawn_for < scale:
+            notes = (*notes, translated(phrase(_SMALLER, f"{layout.drawn_for:,.0f}")))
         sheet.shrink(factor)
         end = _fill_head(sheet, layout.title, layout.subtitle)
         legend = sheet.items["Legend"]
@@ -204,7 +212,7 @@ def layout_element(
         height = fill_legend(legend, shown, sheet.box("Legend").width, points)
         sheet.move("Legend", end, height)
         end += height
-        start = _fill_notes(sheet, layout.notes)
+        start = _fill_notes(sheet, notes)
         start = _fill_facts(sheet, start, facts)
         start = _fill_scale(sheet, start, scale, local=not crs_name)
         if end + _gap(sheet) / 2.0 <= start:
@@ -220,10 +228,12 @@ def _gap(sheet: _Sheet) -> float:
     return sheet.box("Title").x - frame.x - frame.width
 
 
-def _fill_map(sheet: _Sheet, extent: Extent, shown: Sequence[LayerEntry]) -> float:
+def _fill_map(
+    sheet: _Sheet, extent: Extent, shown: Sequence[LayerEntry], drawn_for: float
+) -> float:
     """Show an extent, in the middle of the map; returns the scale."""
     frame, item = sheet.box("Map"), sheet.items["Map"]
-    scale = round_scale(extent, frame.width, frame.height)
+    scale = max(round_scale(extent, frame.width, frame.height), drawn_for)
     half_w, half_h = frame.width * scale / 2000.0, frame.height * scale / 2000.0
     x, y = (extent[0] + extent[2]) / 2.0, (extent[1] + extent[3]) / 2.0
     sides = {"xmin": x - half_w, "ymin": y - half_h, "xmax": x + half_w, "ymax": y + half_h}

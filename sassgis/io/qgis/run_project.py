@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,12 +12,16 @@ import shapely
 
 from sassgis.hazard.assess import Assessment, Rules
 from sassgis.hazard.preset_labels import preset_unverified
-from sassgis.hazard.zoning.generalise import Coverage
+from sassgis.hazard.warnings import edit_lines, ground_warnings
+from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.io.qgis.entries import LayerEntry, LayerGroup, without_empty
 from sassgis.io.qgis.layout import Extent, PrintLayout
 from sassgis.io.qgis.project import write_project
+from sassgis.io.read.base_map import BASE_MAP_KEY
+from sassgis.io.read.result_folder import EDITS_FILE
 from sassgis.io.vector_layer import VectorLayer
 from sassgis.model.grid import Grid
+from sassgis.model.ground import GroundClass
 from sassgis.model.languages import joined, phrase
 from sassgis.model.map_run import MapRun
 from sassgis.model.results import RasterLayer
@@ -30,17 +35,21 @@ _ON_SHEETS = ("barriers", "release_areas", *_EXPOSED)
 
 @dataclass(frozen=True, slots=True)
 class SheetWords:
-    """What every sheet of a run says; ``around`` are the keys of layers on top of its map."""
+    """What every sheet of a run says.
+
+    ``around`` are the keys of layers on top of its map, ``ground`` is that of the lowest.
+    """
 
     title: str
     facts: tuple[tuple[str, str], ...]
     notes: tuple[str, ...]
     extent: Extent
     around: tuple[str, ...]
+    ground: str = "raster_terrain"
 
     def sheet(self, name: str, subtitle: str, *layers: str) -> PrintLayout:
-        """A sheet that shows layers over the terrain."""
-        shown = (*self.around, *layers, "raster_terrain")
+        """A sheet that shows layers over the terrain or the base map."""
+        shown = (*self.around, *layers, self.ground)
         return PrintLayout(name, self.title, subtitle, shown, self.extent, self.facts, self.notes)
 
 
@@ -53,8 +62,17 @@ def sheet_words(
     program: str,
     vectors: Sequence[VectorLayer],
     extent: Extent,
+    ground: Sequence[tuple[GroundClass, float]],
 ) -> SheetWords:
-    """What every sheet says; ``vectors`` are the layers of ``result.gpkg``."""
+    """What every sheet says.
+
+    Parameters
+    ----------
+    vectors : sequence of VectorLayer
+        Of ``result.gpkg``.
+    ground : sequence of (GroundClass, float)
+        Ground classes of the cells that blocks reach, and their share.
+    """
     grid = run.grid
     effects = ", ".join(run.effects.names).replace("_", " ")
     paths = phrase(run.path_words)
@@ -63,6 +81,7 @@ def sheet_words(
         text = "SASS (Bozzolo and Pamini, 1986): blocks simulated along {}; with {}"
         model = phrase(text, paths, effects)
     facts = (
+        ("Status", imprint.status),
         ("Author", imprint.author),
         ("Date", imprint.date),
         ("Program", program),
@@ -81,9 +100,10 @@ def sheet_words(
     return SheetWords(
         imprint.name,
         tuple((name, text) for name, text in facts if text),
-        (),
+        tuple(ground_warnings(ground)),
         extent,
         tuple(f"vector_{name}" for name in _ON_SHEETS if name in drawn),
+        "raster_terrain" if imprint.base_map is None else BASE_MAP_KEY,
     )
 
 
@@ -97,6 +117,7 @@ def write_run_project(
     vectors: Sequence[VectorLayer],
     groups: Sequence[LayerGroup] = (),
     layouts: Sequence[PrintLayout] = (),
+    base_map: RasterLayer | None = None,
 ) -> None:
     """Write ``project.qgz`` over the files of a run.
 
@@ -110,6 +131,8 @@ def write_run_project(
         In ``result.gpkg``.
     groups : sequence of LayerGroup
         Of a zoning, and of draws of the ground: below what was drawn, above the maps of the blocks.
+    base_map : RasterLayer, optional
+        Of ``imprint.base_map``.
     """
     by_name = {v.name: v for v in vectors}
 
@@ -134,6 +157,7 @@ def write_run_project(
         *groups,
         LayerGroup("Footprint", entries("footprint", visible=False)),
         LayerGroup("Maps", maps, exclusive=True),
+        *_base_group(base_map, imprint.base_map, folder),
         LayerGroup("Terrain", (LayerEntry(terrain, "maps/terrain.tif"),)),
     ]
     full = [group for group in map(without_empty, shown) if group.layers]
@@ -153,6 +177,17 @@ def write_run_project(
         # Where no block arrives there are no zones, and no sheet of them.
         layouts=[layout for layout in layouts if keys.issuperset(layout.layers)],
     )
+
+
+def _base_group(
+    base_map: RasterLayer | None, file: Path | None, folder: Path
+) -> tuple[LayerGroup, ...]:
+    """The group of the base map; none without one."""
+    if base_map is None or file is None:
+        return ()
+    # As seen from the working folder, which lies beside that of the result.
+    place = Path(os.path.relpath(file, folder.resolve())).as_posix()
+    return (LayerGroup("Base map", (LayerEntry(base_map, place),)),)
 
 
 def run_layouts(words: SheetWords, layers: Sequence[RasterLayer]) -> tuple[PrintLayout, ...]:
@@ -190,10 +225,11 @@ def zone_groups(
     own: Sequence[VectorLayer],
     risk: Sequence[VectorLayer],
     federal: Sequence[VectorLayer],
+    edits: VectorLayer | None = None,
 ) -> tuple[LayerGroup, ...]:
     """The groups of a zoning: zones, intensities, frequencies, federal layers, risk.
 
-    Rasters are in ``maps``, the others in ``hazard.gpkg``.
+    Rasters are in ``maps``, edits in a file of their own, the others in ``hazard.gpkg``.
     """
 
     def vectors(layers: Sequence[VectorLayer], visible: tuple[str, ...] = ()) -> list[LayerEntry]:
@@ -210,7 +246,8 @@ def zone_groups(
         LayerGroup(
             "Hazard",
             (
-                *vectors(own, ("hazard_zones",)),
+                *([] if edits is None else [LayerEntry(edits, EDITS_FILE, to_draw_in=True)]),
+                *vectors(own, ("hazard_zones", "open_limits")),
                 LayerGroup("Intensity maps", rasters("intensity"), True, False),
                 LayerGroup(
                     "Frequency and confidence",
@@ -240,14 +277,27 @@ def zone_layouts(
             ("Onset frequencies", onset_words(rules)),
             ("Rules", preset.title),
             ("Reference width", f"{rules.ref_width_m:.4g} m"),
+            (
+                "Zones drawn for",
+                phrase(
+                    "1:{}; least width {} m, least area {} m²",
+                    f"{rules.zones.scale:,.0f}",
+                    f"{rules.zones.width_m:g}",
+                    f"{rules.zones.area_m2:g}",
+                ),
+            ),
         ),
         notes=(
             "Hazard follows from the onset frequencies that the user stated.",
             *preset_unverified(preset)[:1],
+            *words.notes,
+            *edit_lines(found.hazard.edits),
         ),
         extent=_zone_extent(found.hazard.intensities[-1].zones, grid),
     )
-    sheets = [words.sheet("Hazard level", "Hazard zones, rockfall", "vector_hazard_zones")]
+    edits = ["vector_edits"] if found.hazard.edits else []
+    level = words.sheet("Hazard level", "Hazard zones, rockfall", *edits, "vector_hazard_zones")
+    sheets = [replace(level, drawn_for=rules.zones.scale)]
     sheets += [
         words.sheet(
             phrase("Intensity {} years", f"{years:g}"),

@@ -12,7 +12,7 @@ from sassgis.io.qgis.text_size import text_height, wrapped
 from sassgis.io.vector_layer import VectorLayer
 from sassgis.model.languages import translated
 from sassgis.model.results import RasterLayer
-from sassgis.model.styles import HILLSHADE, class_labels, class_name
+from sassgis.model.styles import HILLSHADE, PICTURE, class_labels, class_name
 
 #: Space before a layer and between the rows (mm), as in the templates of the sheets.
 _SPACE_BEFORE, _SPACE_BETWEEN = 2.5, 1.2
@@ -61,7 +61,7 @@ def _legend_entries(
     beside = width - symbol_width - 3.0
     out = []
     for layer in sorted(layers, key=_rank):
-        if isinstance(layer.content, RasterLayer) and layer.content.ramp == HILLSHADE:
+        if isinstance(layer.content, RasterLayer) and layer.content.ramp in (HILLSHADE, PICTURE):
             continue
         classes = [wrapped(text, beside, points) for text in _class_texts(layer.content)]
         # A layer of one sign has its name beside it.

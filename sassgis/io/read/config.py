@@ -38,6 +38,7 @@ from sassgis.io.read.checked import (
 from sassgis.io.read.plain_file import read_toml
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.declared import Declared, Section, declared, is_file
+from sassgis.model.edits import EditSettings
 from sassgis.model.effects import EffectSection, EffectSettings
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.exposure import ObjectSettings, RiskSettings
@@ -74,6 +75,7 @@ SECTIONS: Mapping[str, type[Section] | type[EffectSettings]] = {
     "profile": ProfileSettings,
     "hazard": HazardSettings,
     "zones": ZoningSettings,
+    "edits": EditSettings,
     "risk": RiskSettings,
     "objects": ObjectSettings,
     "run": RunSettings,

@@ -72,7 +72,7 @@ def as_input(value: object, name: str) -> Input:
 
 def classes_frame(classes: Sequence[GroundClass]) -> pd.DataFrame:
     """Ground classes as the table of ``ground.classes``."""
-    columns = ("name", *PARAMETERS, "source", "verified")
+    columns = ("name", *PARAMETERS, "source", "trust")
     frame = pd.DataFrame({c: [getattr(own, c) for own in classes] for c in columns})
     frame["source"] = frame["source"].replace("", "stated in the program")
     return frame

@@ -27,7 +27,7 @@ from sassgis.io.read.plain_file import read_text, toml_table
 from sassgis.io.read.vector_features import nearest, read_features
 from sassgis.model.errors import InputError
 from sassgis.model.grid import Grid
-from sassgis.model.ground import PARAMETERS, GroundClass, GroundTable
+from sassgis.model.ground import PARAMETERS, TRUST_TEXT, GroundClass, GroundTable
 from sassgis.model.in_memory import AnyInput, InMemory, Input, named
 from sassgis.model.settings import GroundSettings
 
@@ -63,7 +63,7 @@ def read_ground_table(path: AnyInput | None = None, readings: str = "hazard") ->
     path
         The user's own table, CSV or TOML (``[[classes]]``), with the columns name, eta_max, dp_min,
         dp_max, mu_f, mu_0, k, d_star_m, restitution, restitution_speed_mps, rolling_threshold and,
-        if wanted, source and verified. A class of a built-in
+        if wanted, source and trust. A class of a built-in
         name replaces that one; others are added.
     readings
         Named set of readings of the engine, which has built-in classes of its own.
@@ -91,12 +91,12 @@ def read_ground_table(path: AnyInput | None = None, readings: str = "hazard") ->
 
 
 def _columns(file: Input) -> dict[str, CsvColumn]:
-    """Columns of a table of classes; one without a source or its check is taken as unverified."""
+    """Columns of a table of classes; values of which nothing else is said are estimates."""
     return {
         "name": CsvColumn(),
         **{parameter: CsvColumn(float) for parameter in PARAMETERS},
         "source": CsvColumn(default=f"own table {file.name}"),
-        "verified": CsvColumn(bool, default=False),
+        "trust": CsvColumn(known=tuple(TRUST_TEXT), default="estimate"),
     }
 
 

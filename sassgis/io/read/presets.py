@@ -16,7 +16,7 @@ from sassgis.hazard.preset_labels import preset_unverified
 from sassgis.io.read.plain_file import read_text, toml_table
 from sassgis.io.read.vector_features import nearest
 from sassgis.model.errors import InputError
-from sassgis.model.hazard import HazardLevel, HazardPreset, IntensityClass, Provenance
+from sassgis.model.hazard import HazardLevel, HazardPreset, IntensityClass, Provenance, SheetRules
 
 __all__ = ["preset_names", "preset_unverified", "read_preset"]
 
@@ -57,6 +57,15 @@ class _Rarest(_Section):
     source: str
 
 
+class _Sheet(_Section):
+    width_mm: _Number
+    area_mm2: _Number
+    gap_mm: _Number
+    envelope_widths: _Number
+    smoothing_widths: _Number
+    source: str
+
+
 class _Level(_Section):
     code: _Code
     label: _Text
@@ -78,6 +87,7 @@ class _File(_Section):
     levels: list[_Level]
     matrix: dict[str, _Row]
     rarest: _Rarest | None = None
+    sheet: _Sheet | None = None
 
 
 def preset_names() -> tuple[str, ...]:
@@ -177,7 +187,15 @@ class _Reading:
             self._file,
             None if content.rarest is None else content.rarest.years,
             None if content.rarest is None else self._source(content.rarest.source, "rarest"),
+            self._sheet(content.sheet),
         )
+
+    def _sheet(self, sheet: _Sheet | None) -> SheetRules | None:
+        if sheet is None:
+            # Rules that say nothing of sheets: those that come with sassgis.
+            return read_preset("ch-so").sheet
+        own = sheet.model_dump(exclude={"source"})
+        return SheetRules(**own, provenance=self._source(sheet.source, "sheet"))
 
     def _source(self, key: str, where: str) -> Provenance:
         if key not in self._sources:
@@ -229,6 +247,7 @@ _MODELS: Mapping[str, type[BaseModel]] = {
     "levels": _Level,
     "matrix": _Row,
     "rarest": _Rarest,
+    "sheet": _Sheet,
 }
 _LISTS = ("intensity", "levels")
 _EXPECTED = {
@@ -257,6 +276,11 @@ _KEYS = {
     "colour": _MEANT["colour"],
     "source": "the KEY of one of the sections [sources.KEY]",
     "years": "the return period (years) beyond which there is no level",
+    "width_mm": "the least width of a zone on the sheet (mm)",
+    "area_mm2": "the smallest zone on the sheet (mm²)",
+    "gap_mm": "the widest gap that is closed on the sheet (mm)",
+    "envelope_widths": "the widest gap in the outer limit that is closed (reference widths)",
+    "smoothing_widths": "the width over which its frequency is averaged (reference widths)",
     "limits_years": "upper limits of the classes of return period, such as [30, 100, 300]",
 }
 

@@ -15,7 +15,7 @@ import shapely
 from pyogrio.errors import DataLayerError
 
 from sassgis.hazard.stored_result import StoredResult
-from sassgis.hazard.zoning.generalise import Coverage
+from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.io.own_files import MANIFEST_NAME
 from sassgis.io.read.dem import open_raster
 from sassgis.io.read.offline import read_frame, vector_file
@@ -35,6 +35,7 @@ _RISK_LAYERS = ("risk_objects", "risk_lines", "risk_points")
 _OBJECT_LAYERS = ("exposed_areas", "exposed_lines", "exposed_points")
 _PER_YEAR = ("deaths_per_year", "loss_per_year")
 RESULT_FILE, ZONE_FILE = "result.gpkg", "hazard.gpkg"
+EDITS_FILE, EDITS_LAYER = "edits.gpkg", "edits"
 
 
 def check_is_result(folder: Path) -> None:

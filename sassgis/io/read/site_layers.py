@@ -10,12 +10,16 @@ from dataclasses import dataclass, field
 
 from annotated_types import Interval
 
+from sassgis.io.read.edits import edit_fields
 from sassgis.io.read.ground_map import built_in_table
+from sassgis.io.read.presets import read_preset
+from sassgis.io.vector_layer import descriptions
 from sassgis.model.declared import Declared, declared, interval
 from sassgis.model.exposure import NUMBERS_OF_KIND, OBJECT_KINDS, ObjectSettings
 from sassgis.model.settings import BarrierSettings, ForestPlace
 from sassgis.model.styles import (
     BARRIER_STYLE,
+    EDIT_STYLE,
     RELEASE_AREA_STYLE,
     STATION_STYLE,
     FieldInfo,
@@ -154,6 +158,14 @@ def site_layers() -> tuple[SiteLayer, ...]:
             | {key: f"{key}_field" for key in ("kind", "height_m", "capacity_kj")},
         ),
         *(_objects(kind) for kind in OBJECT_KINDS),
+        SiteLayer(
+            "edits",
+            descriptions()["edits"][""]["alias"],
+            descriptions()["edits"][""]["description"],
+            "edits",
+            edit_fields([c.code for c in read_preset("ch-so").levels], False),
+            EDIT_STYLE,
+        ),
         SiteLayer(
             "release_areas",
             "Release areas",

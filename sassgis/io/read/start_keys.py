@@ -24,6 +24,9 @@ from sassgis.model.errors import InputError
 StartKeys = list[tuple[str, dict[str, object]]]
 
 #: The layer of release areas of a site, and what it is called elsewhere.
+#: Layers of a site that a configuration names though they are empty: release areas must be drawn,
+#: edits may be.
+_NAMED_EMPTY = ("release", "edits")
 _RELEASE_LAYERS = ("release_areas", "release")
 
 
@@ -58,7 +61,7 @@ def start_keys(folder: Path, dem: Path | None, release: Path | None) -> StartKey
     site = {own.name: own for own in site_layers()}
     if "release_areas" in layers and len(layers) > 1:
         for name, own in site.items():
-            if name in layers and (own.section == "release" or len(_table(release, name))):
+            if name in layers and (own.section in _NAMED_EMPTY or len(_table(release, name))):
                 keys.append((own.section, _keys_of(own, release, place)))
         return keys
     chosen = next((n for n in _RELEASE_LAYERS if n in layers), layers[0])

@@ -101,6 +101,7 @@ def read_features(
     label: str | None = None,
     kinds: Sequence[str] = ("polygon", "line", "point"),
     choose: Callable[[Sequence[Feature]], list[Feature]] | None = None,
+    may_be_empty: bool = False,
 ) -> list[Feature]:
     """Read a layer, check its geometries and bring them into the coordinates of the DEM.
 
@@ -114,8 +115,12 @@ def read_features(
         Kinds of geometry that can be used.
     choose
         Picks the features to read, by number and attributes alone. Default: all.
+    may_be_empty
+        Whether a layer without features is no fault.
     """
-    frame = open_layer(file, layer, key, fields or {})
+    frame = open_layer(file, layer, key, fields or {}, may_be_empty)
+    if not len(frame):
+        return []
     plain = without_shapes(frame)
     if choose is not None:
         plain = choose(plain)
@@ -151,7 +156,13 @@ def without_shapes(frame: Any) -> list[Feature]:
     return [Feature(n, row, None, "") for n, row in enumerate(rows, start=1)]
 
 
-def open_layer(file: Input, layer: str | None, key: str, fields: Mapping[str, str | None]) -> Any:
+def open_layer(
+    file: Input,
+    layer: str | None,
+    key: str,
+    fields: Mapping[str, str | None],
+    may_be_empty: bool = False,
+) -> Any:
     """The layer as a frame with geometry."""
     place = f"{key}.file"
     check_file(file, place, VECTOR, folders=True)
@@ -175,7 +186,7 @@ def open_layer(file: Input, layer: str | None, key: str, fields: Mapping[str, st
             )
         for number, text in enumerate(() if field is None else frame[field], start=1):
             check_text(text, file, f"layer {name}, {field}", f"feature {number}")
-    if len(frame) == 0:
+    if len(frame) == 0 and not may_be_empty:
         raise InputError(
             "layer is empty", file=file, field=f"layer {name}", expected="at least one feature"
         )

@@ -188,15 +188,15 @@ def classes_csv(
     before = {c.name: c for c in configured.classes}
     out = io.StringIO()
     rows = csv.writer(out, lineterminator="\n")
-    rows.writerow(("name", *PARAMETERS, "source", "verified"))
+    rows.writerow(("name", *PARAMETERS, "source", "trust"))
     for own in table.classes:
         numbers = [f"{getattr(own, c):.6g}" for c in PARAMETERS]
         changed = _changes(before.get(own.name), own)
-        source, verified = own.source, own.verified
+        source, trust = own.source, own.trust
         if changed:
-            verified = False
+            trust = "fitted"
             source = f"{provenance(own)}; before: {changed}."
-        rows.writerow((own.name, *numbers, source, "true" if verified else "false"))
+        rows.writerow((own.name, *numbers, source, trust))
     return out.getvalue()
 
 

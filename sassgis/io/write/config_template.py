@@ -32,11 +32,13 @@ _SHORT_HEAD = """\
 #: the template. What has no sensible value for all sites stands as a comment.
 _SHORT: Mapping[str, Mapping[str, object]] = {
     "terrain": {"dem": None},
-    "release": {"file": None, "spacing_m": None, "rocks_per_point": None},
+    "release": {"file": None, "spacing_m": None, "rocks_per_point": 20},
     "ground": {"default": None},
     "blocks": {"name": None, "volume_m3": (0.5, 2.0), "onset_frequency": None},
-    "hazard": {"preset": None, "ref_width_m": None},
+    "hazard": {"preset": None, "ref_width_m": None, "blocks": "auto"},
 }
+#: What a new configuration has in place of the default.
+_IN_PLACE = {("release", "rocks_per_point"), ("hazard", "blocks")}
 #: Column of the meanings, where a line is not longer.
 _WIDTH = 32
 _HIDDEN = ("onset_frequency", "ref_width_m")
@@ -102,10 +104,13 @@ def config_template(given: Given = ()) -> str:
         lines = [*_wrapped(_summary(name), "# "), head]
         for own in keys.values():
             quiet = optional or name in _QUIET or name in _OPTIONAL or "." in name
-            shown = own.name in own_values or (
-                _is_shown(own, quiet=quiet) and not (name in known and name in _OPTIONAL)
+            in_place = (name, own.name) in _IN_PLACE
+            shown = (
+                own.name in own_values
+                or in_place
+                or (_is_shown(own, quiet=quiet) and not (name in known and name in _OPTIONAL))
             )
-            value = own_values.get(own.name, _value(own))
+            value = own_values.get(own.name, _SHORT[name][own.name] if in_place else _value(own))
             lines.append(f"{'' if shown else '# '}{own.name} = {toml_value(value)}")
             lines += _wrapped(_text(own), "#     ")
         parts.append("\n".join(lines) + "\n")

@@ -23,6 +23,7 @@ from sassgis.model.errors import InputError, OutputError
 
 _GROUPS = (
     ("Stations and measures", ("stations", "barriers")),
+    ("Edits", ("edits",)),
     ("Exposed objects", ("buildings", "people", "roads", "lines")),
     ("Release", ("release_areas",)),
     ("Forest", ("forest",)),

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import pandas as pd
 
-from sassgis.hazard.design import arrivals, quantile, rocks_beyond, value_at_rate
+from sassgis.hazard.design import arrivals, rocks_beyond, value_at_rate, value_limits
 from sassgis.hazard.sources import Sampled
 from sassgis.io.vector_layer import VectorLayer
 from sassgis.model.labels import rounded
@@ -30,10 +30,12 @@ def design_table(
     control_lines: Sequence[ControlLine],
     without_barriers: Sequence[Sampled],
     return_periods_years: Sequence[float],
+    confidence: float = 0.95,
 ) -> pd.DataFrame:
     """What reaches each station and barrier line without barriers, by residual frequency.
 
-    A value is empty where blocks arrive less often than its return period asks for.
+    A value is empty where blocks arrive less often than its return period asks for, a limit
+    (``low``, ``high``) where the sample of blocks has none.
     """
     sources = [s.source for s in without_barriers]
     sums = [s.control_lines for s in without_barriers]
@@ -48,11 +50,15 @@ def design_table(
         }
         for name, curve in (("energy", energy), ("height", height)):
             unit = "kj" if name == "energy" else "m"
-            for p in (0.95, 0.99):
-                row[f"{name}_q{100 * p:.0f}_{unit}"] = rounded(quantile(curve, p), 4)
-            for years in return_periods_years:
-                row[f"{name}_{years:g}y_{unit}"] = rounded(value_at_rate(curve, 1.0 / years), 4)
-                row[f"{name}_{years:g}y_rocks_beyond"] = rocks_beyond(curve, 1.0 / years)
+            rates = {f"q{100 * p:.0f}": (1.0 - p) * float(curve.rate[0]) for p in (0.95, 0.99)}
+            rates |= {f"{years:g}y": 1.0 / years for years in return_periods_years}
+            for what, rate in rates.items():
+                key = f"{name}_{what}_{unit}"
+                row[key] = rounded(value_at_rate(curve, rate), 4)
+                limits = value_limits(curve, rate, confidence)
+                row[f"{key}_low"], row[f"{key}_high"] = (rounded(v, 4) for v in limits)
+                if what.endswith("y"):
+                    row[f"{name}_{what}_rocks_beyond"] = rocks_beyond(curve, rate)
         rows.append(row)
     return pd.DataFrame(rows)
 

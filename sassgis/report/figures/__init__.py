@@ -4,6 +4,7 @@ from sassgis.report.figures.distributions import energy_profile_figure as energy
 from sassgis.report.figures.distributions import runout_counts_figure as runout_counts_figure
 from sassgis.report.figures.distributions import runout_figure as runout_figure
 from sassgis.report.figures.distributions import station_figure as station_figure
+from sassgis.report.figures.hazard_figures import blocks_figure as blocks_figure
 from sassgis.report.figures.hazard_figures import hazard_curve_figure as hazard_curve_figure
 from sassgis.report.figures.hazard_figures import risk_figure as risk_figure
 from sassgis.report.figures.hazard_map_figures import change_figure as change_figure

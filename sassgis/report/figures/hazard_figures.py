@@ -33,6 +33,7 @@ from sassgis.report.figures.style import (
     beside,
     halo,
     lines_in,
+    new_figure,
     styled,
     text_width_pt,
     wrap,
@@ -239,6 +240,30 @@ def _label_axes(ax: Axes, preset: HazardPreset) -> None:
 _NORMAL_95 = 1.96
 _ROW_IN = 0.23
 _NAME_IN = 1.9
+
+
+@styled
+def blocks_figure(history: Sequence[tuple[int, float]], limit: float) -> Figure:
+    """Draw the share of the zoned area that another sample changes against the blocks.
+
+    ``history`` is that of Progress, ``limit`` the share that was asked for.
+    """
+    figure = new_figure(0.5 * WIDTH_IN, 2.2)
+    ax = figure.subplots()
+    blocks, shares = (np.array(values, np.float64) for values in zip(*history, strict=True))
+    ax.axhline(100.0 * limit, color=VERMILION, linewidth=0.8)
+    ax.plot(blocks, 100.0 * shares, "o-", color=BLUE, markersize=4, linewidth=1.1)
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    ax.xaxis.set_minor_locator(NullLocator())
+    ax.yaxis.set_minor_locator(NullLocator())
+    ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    shown = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
+    low, high = ax.get_ylim()
+    ax.set_yticks([tick for tick in shown if low <= tick <= high])
+    ax.set_xlabel("simulated blocks")
+    ax.set_ylabel("changed by another sample (%)")
+    return figure
 
 
 def amount(value: float) -> str:

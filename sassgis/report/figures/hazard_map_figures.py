@@ -162,7 +162,7 @@ def change_figure(
     marks: MapMarks,
     *,
     names: tuple[str, str] = ("Without barriers", "With barriers"),
-    title: str = "What the barriers make of the hazard level",
+    title: str = "Hazard level without and with barriers",
     note: str = "",
 ) -> Figure:
     """Draw the hazard level before and after, and where it became lower or higher.

@@ -7,11 +7,12 @@ A map is described by its panels (values with their colours), its marks, and the
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+import shapely
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, Normalize, to_rgb
@@ -24,7 +25,7 @@ from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.languages import joined, phrase
 from sassgis.model.results import Band, RasterClass, RasterLayer
 from sassgis.model.styles import class_colours, class_labels, class_limits, zero_is_nothing
-from sassgis.report.figures.map_marks import MapMarks, all_points
+from sassgis.report.figures.map_marks import LAYER_ALPHA, MapMarks, all_points
 from sassgis.report.figures.relief import (
     FURNITURE_IN,
     Extent,
@@ -53,8 +54,6 @@ from sassgis.report.figures.style import (
 )
 from sassgis.report.number_text import thousands
 
-#: Maps let a little of the relief through.
-LAYER_ALPHA = 0.8
 #: From one stripe to the next, and the part of it that is coloured; of fine lines over other
 #: colours, which fall to the right.
 _STRIPE_IN, _STRIPE_SHARE, _OVER_SHARE = 0.052, 0.5, 0.2
@@ -436,11 +435,16 @@ def map_figure(
     """
     marks = marks or MapMarks()
     panel, values = _layer_panel(layer)
-    view = view_of(grid, footprint(grid, values, all_points(marks.release)))
+    if marks.zones:
+        panel = replace(panel, values=None)
+    corners = [shapely.get_coordinates(shapely.box(*p.bounds)) for p, _ in marks.zones]
+    view = view_of(grid, footprint(grid, values, all_points([*marks.release, *corners])))
     notes = [
         layer.note if note is None else note,
         marks.left_out(),
-        coarse_note(view, "highest class" if layer.classes else "largest value"),
+        ""
+        if marks.zones
+        else coarse_note(view, "highest class" if layer.classes else "largest value"),
         marks.key(),
     ]
     labels = class_labels(layer.breaks, "") if layer.breaks and not layer.classes else []

@@ -10,10 +10,13 @@ import numpy as np
 import shapely
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
 
 from sassgis.model.grid import FloatArray
 from sassgis.model.languages import named, phrase, translated
-from sassgis.model.styles import BARRIER_STYLE
+from sassgis.model.results import RasterClass
+from sassgis.model.styles import BARRIER_STYLE, EDIT_STYLE
 from sassgis.report.figures.relief import Extent
 from sassgis.report.figures.style import (
     BLUE,
@@ -39,6 +42,9 @@ MAX_LINES = 120
 _OBJECT = "#5a4632"
 #: As on the map in QGIS.
 _BARRIER = BARRIER_STYLE.symbol.colour
+_EDIT = EDIT_STYLE.symbol.outline
+#: Maps let a little of the relief through.
+LAYER_ALPHA = 0.8
 _CONTROL_LINE_LINE = {
     "station": (BLUE, "--", 1.4),
     "wall": (_BARRIER, "-", 2.2),
@@ -58,8 +64,10 @@ class MapMarks:
         Fall lines. Of more than ``MAX_LINES`` an even choice is drawn, and the map says so.
     control_lines : sequence of MapControlLine
         Stations, walls and nets.
-    zones : sequence of float64
-        Outlines of zones.
+    zones : sequence of (polygon, RasterClass)
+        Zones, from the lowest class, in place of the cells of a map of classes.
+    edits : sequence of float64
+        Outlines of what was edited by hand.
     objects : sequence of MapObject
         Exposed objects.
     """
@@ -67,12 +75,14 @@ class MapMarks:
     release: Sequence[FloatArray] = ()
     lines: Sequence[FloatArray] = ()
     control_lines: Sequence[MapControlLine] = ()
-    zones: Sequence[FloatArray] = ()
+    zones: Sequence[tuple[Any, RasterClass]] = ()
+    edits: Sequence[FloatArray] = ()
     objects: Sequence[MapObject] = ()
 
     def draw(self, ax: Axes, box: Extent, points_per_metre: float) -> None:
         """Draw all of it on a map."""
         draw_zones(ax, self.zones)
+        _outlines(ax, self.edits, _EDIT, linewidths=1.6, linestyles="--", zorder=4.5, gid="edits")
         draw_objects(ax, self.objects, box)
         if self.lines:
             draw_lines(ax, [self.lines[i] for i in even_choice(len(self.lines), MAX_LINES)])
@@ -86,7 +96,7 @@ class MapMarks:
         parts = {
             "black outline or triangle: release area": all_points(self.release).size,
             "thin black lines: fall lines": self.lines,
-            "thin outlines: zones": self.zones,
+            "dashed outline: edited by hand": self.edits,
             "blue dashes: station": "station" in kinds,
             "green line: wall": "wall" in kinds,
             "green dots: net": "net" in kinds,
@@ -120,11 +130,21 @@ def _outlines(ax: Axes, rings: Sequence[FloatArray], colour: str, **how: Any) ->
     )
 
 
-def draw_zones(ax: Axes, zones: Sequence[FloatArray]) -> None:
-    """Draw the outlines of zones: thin dark lines with a pale edge."""
-    rings = [np.asarray(ring, float) for ring in zones if len(ring) >= 3]
-    _outlines(ax, rings, "white", linewidths=1.5, alpha=0.6, zorder=4)
-    _outlines(ax, rings, INK, linewidths=0.7, alpha=1.0, zorder=4, gid="zones")
+def draw_zones(ax: Axes, zones: Sequence[tuple[Any, RasterClass]]) -> None:
+    """Draw zones in the colours of their classes, with thin dark outlines."""
+    for polygon, entry in zones:
+        shape = Path.make_compound_path(
+            *(
+                Path(shapely.get_coordinates(ring), closed=True)
+                for ring in shapely.get_rings(polygon)
+            )
+        )
+        fill = "white" if entry.hatched else entry.colour
+        how: dict[str, Any] = {"hatch": "///", "edgecolor": entry.colour} if entry.hatched else {}
+        ax.add_patch(
+            PathPatch(shape, fc=fill, alpha=LAYER_ALPHA, lw=0.0, zorder=2, gid="zone", **how)
+        )
+        ax.add_patch(PathPatch(shape, fc="none", ec=INK, lw=0.6, zorder=4))
 
 
 def draw_release(ax: Axes, areas: Sequence[FloatArray]) -> None:

@@ -386,17 +386,16 @@ def test_former_keys_are_read_and_noted_once(load):
         MINIMAL
         + (BARRIER + "lets_go = true\n")
         + (BARRIER.replace('"n"', '"m"') + "lets_go = false\n")
-        + "[hazard]\nuncertain_share_max = 0.1\nrounds_max = 3\n"
+        + '[hazard]\nblocks = "auto"\nuncertain_share_max = 0.1\n'
     )
     assert [b.restarts_from_rest for b in old.barriers] == [True, False]
-    assert (old.hazard.changed_share_max, old.hazard.repetitions_max) == (0.1, 3)
-    assert len(old.notes) == 3
+    assert old.hazard.changed_share_max == 0.1
+    assert len(old.notes) == 2
     for note, words in zip(
         old.notes,
         (
             ("barriers.lets_go", "restarts_from_rest"),
             ("hazard.uncertain_share_max", "changed_share_max"),
-            ("hazard.rounds_max", "repetitions_max"),
         ),
         strict=True,
     ):
@@ -405,7 +404,7 @@ def test_former_keys_are_read_and_noted_once(load):
         MINIMAL
         + (BARRIER + "restarts_from_rest = true\n")
         + (BARRIER.replace('"n"', '"m"') + "restarts_from_rest = false\n")
-        + "[hazard]\nchanged_share_max = 0.1\nrepetitions_max = 3\n"
+        + '[hazard]\nblocks = "auto"\nchanged_share_max = 0.1\n'
     )
     assert new.notes == ()
     assert resolved(new) == resolved(old)
@@ -413,11 +412,27 @@ def test_former_keys_are_read_and_noted_once(load):
 
 def test_a_setting_under_both_names_is_refused(load, one_line):
     with pytest.raises(ConfigError) as error:
-        load(MINIMAL + "[hazard]\nrounds_max = 3\nrepetitions_max = 3\n")
-    one_line(error, "run.toml", "hazard.repetitions_max", "rounds_max")
+        load(MINIMAL + "[hazard]\nuncertain_share_max = 0.3\nchanged_share_max = 0.3\n")
+    one_line(error, "run.toml", "hazard.changed_share_max", "uncertain_share_max")
 
 
 def test_a_wrong_value_under_a_former_name_is_refused(load, one_line):
     with pytest.raises(ConfigError) as error:
-        load(MINIMAL + "[hazard]\nrounds_max = 0\n")
-    one_line(error, "run.toml", "hazard.repetitions_max", "found 0")
+        load(MINIMAL + "[hazard]\nuncertain_share_max = 0\n")
+    one_line(error, "run.toml", "hazard.changed_share_max", "found 0")
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ("changed_share_max = 0.1", ("hazard.changed_share_max", '"auto"')),
+        ('blocks = "many"', ("hazard.blocks", "many")),
+        ('blocks = "auto"\nblocks_max = 0', ("hazard.blocks_max", "found 0")),
+        ('blocks = "auto"\nminutes_max = 0', ("hazard.minutes_max", "found 0")),
+        ('blocks = "auto"\nchanged_share_max = 1.0', ("hazard.changed_share_max", "found 1.0")),
+    ],
+)
+def test_a_budget_of_nothing_is_refused(load, one_line, keys, words):
+    with pytest.raises(ConfigError) as error:
+        load(MINIMAL + f"[hazard]\n{keys}\n")
+    one_line(error, "run.toml", *words)

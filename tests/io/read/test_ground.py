@@ -20,9 +20,9 @@ from sassgis.model.settings import GroundSettings
 WEST, NORTH = 2_700_000.0, 1_150_000.0
 HEADER = (
     "name,eta_max,dp_min,dp_max,mu_f,mu_0,k,d_star_m,restitution,restitution_speed_mps,"
-    "rolling_threshold,source,verified\n"
+    "rolling_threshold,source,trust\n"
 )
-GOOD = "scree,0.5,0.1,0.4,0.8,0.5,0.2,0.4,0.3,9.144,0.2,measured 2020,true\n"
+GOOD = "scree,0.5,0.1,0.4,0.8,0.5,0.2,0.4,0.3,9.144,0.2,measured 2020,fitted\n"
 
 
 def settings(path=None, **keys):
@@ -45,7 +45,7 @@ def test_rock_and_debris_hold_what_table_1_gives():
 def test_every_class_says_where_its_values_are_from():
     for c in built_in_table().classes:
         # The law of the contact of the default readings is not of the paper.
-        assert not c.verified
+        assert c.trust != "paper"
         if c.name in ("rock", "debris"):
             assert 0.6 <= c.mu_f <= 1.0
             assert 0.37 <= c.mu_0 <= 0.67
@@ -76,7 +76,7 @@ def test_default_class_of_the_configuration_is_built_in():
 
 def test_own_classes_are_added_or_replace(tmp_path):
     path = tmp_path / "own.csv"
-    path.write_text(HEADER + GOOD + "rock,0.8,0,0.2,0.7,0.4,0.2,0,0,9,0.1,site,false\n")
+    path.write_text(HEADER + GOOD + "rock,0.8,0,0.2,0.7,0.4,0.2,0,0,9,0.1,site,estimate\n")
     table = read_ground_table(path)
     assert table.names == (*built_in_table().names, "scree")
     assert table.classes[-1] == GroundClass(
@@ -92,7 +92,7 @@ def test_own_classes_are_added_or_replace(tmp_path):
         restitution_speed_mps=9.144,
         rolling_threshold=0.2,
         source="measured 2020",
-        verified=True,
+        trust="fitted",
     )
     assert table.classes[table.index("rock")].eta_max == 0.8
     assert table.classes[table.index("debris")] == built_in_table().classes[1]
@@ -104,24 +104,23 @@ def test_toml_and_spreadsheet_tables_say_the_same(tmp_path):
         '[[classes]]\nname = "scree"\neta_max = 0.5\ndp_min = 0.1\ndp_max = 0.4\nmu_f = 0.8\n'
         "mu_0 = 0.5\nk = 0.2\nd_star_m = 0.4\nrestitution = 0.3\n"
         "restitution_speed_mps = 9.144\nrolling_threshold = 0.2\n"
-        'source = "measured 2020"\nverified = true\n'
+        'source = "measured 2020"\ntrust = "fitted"\n'
     )
     sheet.write_bytes(
         b"\xef\xbb\xbf"
         + HEADER.replace(",", ";").encode()
         # A spreadsheet with decimal commas.
-        + b"scree;0,5;0,1;0,4;0,8;0,5;0,2;0,4;0,3;9,144;0,2;measured 2020;TRUE\r\n;;;;;;;;;;;;\r\n"
+        + b"scree;0,5;0,1;0,4;0,8;0,5;0,2;0,4;0,3;9,144;0,2;measured 2020;fitted\r\n"
+        + b";;;;;;;;;;;;\r\n"
     )
     assert read_ground_table(toml) == read_ground_table(sheet)
 
 
-def test_source_may_be_left_out_but_is_then_unverified(tmp_path):
+def test_source_may_be_left_out_but_is_then_an_estimate(tmp_path):
     path = tmp_path / "own.csv"
-    path.write_text(
-        HEADER.removesuffix(",source,verified\n") + "\nscree,.5,0,0,.8,.5,.2,.4,0,9,.1\n"
-    )
+    path.write_text(HEADER.removesuffix(",source,trust\n") + "\nscree,.5,0,0,.8,.5,.2,.4,0,9,.1\n")
     own = read_ground_table(path).classes[-1]
-    assert own.verified is False
+    assert own.trust == "estimate"
     assert "own.csv" in own.source
 
 
@@ -133,13 +132,13 @@ def test_numbers_come_through_unchanged(values):
     numbers = (eta, min(a, b), max(a, b), *rest, 0.1 + speed, threshold)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "own.csv"
-        path.write_text(HEADER + "x," + ",".join(map(repr, numbers)) + ",s,no\n")
+        path.write_text(HEADER + "x," + ",".join(map(repr, numbers)) + ",s,paper\n")
         assert read_ground_table(path).rows()[-1].tolist() == tuple(numbers)
 
 
 BAD_TABLES = [
     (
-        HEADER.replace("mu_0,", "") + "a,1,0,0,1,1,1,0,9,0,s,no\n",
+        HEADER.replace("mu_0,", "") + "a,1,0,0,1,1,1,0,9,0,s,paper\n",
         ["row 1", "mu_0", "missing column"],
     ),
     (HEADER.replace("mu_0", "mu0") + GOOD, ["row 1", "mu0", "unknown", "nearest: mu_0"]),
@@ -153,7 +152,7 @@ BAD_TABLES = [
     (HEADER + GOOD + GOOD.replace("scree,0.5", "x,1.5"), ["row 3", "eta_max", "1.5", "0 to 1"]),
     (HEADER + GOOD.replace("0.1,0.4", "0.4,0.1"), ["row 2", "dp_min", "dp_max 0.1"]),
     (HEADER + GOOD.replace("scree", " "), ["row 2", "name", "expected text"]),
-    (HEADER + GOOD.replace("true", "perhaps"), ["row 2", "verified", "perhaps", "true or false"]),
+    (HEADER + GOOD.replace("fitted", "perhaps"), ["row 2", "trust", "perhaps", "paper, fitted"]),
     (HEADER + GOOD.replace("measured", "a, b"), ["row 2", "14 values", "expected 13"]),
     (HEADER + GOOD + GOOD, ["name", "twice", "'scree'"]),
     (HEADER, ["no ground class"]),

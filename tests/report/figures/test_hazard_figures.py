@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import shapely
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 
@@ -110,7 +111,9 @@ def test_fine_lines_fall_where_stripes_rise() -> None:
 def test_zones_are_outlined(valley: Grid, find, texts) -> None:
     ring = np.array([[100.0, -50.0], [150.0, -50.0], [150.0, -90.0]])
     ring += [valley.west, valley.north]
-    figure = map_figure(valley, level_of(valley), MapMarks(zones=[ring]))
+    level = level_of(valley)
+    marks = MapMarks(zones=[(shapely.Polygon(ring), level.classes[0])])
+    figure = map_figure(valley, level, marks)
     np.testing.assert_allclose(find(figure, "zones")[0].get_paths()[0].vertices[:3], ring)
     assert "hin outlines: zones" in texts(figure)
 

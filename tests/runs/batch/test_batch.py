@@ -88,7 +88,7 @@ def test_the_mosaic_is_one_run_of_all_areas_to_the_last_bit(done: Stopped, joint
 
 @pytest.mark.parametrize("path", ["followed", pytest.param("fall_line", marks=pytest.mark.battery)])
 def test_effects_reach_the_mosaic_as_well(valley: Valley, tmp_path: Path, path: str) -> None:
-    """Random paths, repetitions, fragments, and a forest that one area never meets."""
+    """Random paths, fragments, and a forest that one area never meets."""
     inputs = tmp_path / "inputs"
     shutil.copytree(valley.config.parent, inputs)
     good = gpd.read_file(valley.releases).set_index("name").loc[["Mitte", "Nord"]].reset_index()
@@ -97,8 +97,7 @@ def test_effects_reach_the_mosaic_as_well(valley: Valley, tmp_path: Path, path: 
     stand = shapely.box(east, south + 30.0, east + 150.0, north)
     gpd.GeoDataFrame(geometry=[stand], crs=good.crs).to_file(inputs / "stand.gpkg", driver="GPKG")
     config = inputs / valley.config.name
-    more = "[hazard]\nchanged_share_max = 0.0001\nrepetitions_max = 2\n"
-    text = config.read_text().replace("[hazard]\n", more)
+    text = config.read_text()
     config.write_text(text.replace("[terrain]\n", f'[terrain]\npath = "{path}"\n'))
     with config.open("a") as text:
         if path == "followed":
@@ -111,7 +110,6 @@ def test_effects_reach_the_mosaic_as_well(valley: Valley, tmp_path: Path, path: 
     whole = zone(together, tmp_path / "joint")
     assert whole.run.progress.pieces > 30
     own = json.loads((tmp_path / "out" / "areas" / "mitte" / "area.json").read_text())
-    assert own["repetitions"] == 2
     # Parts for followed paths are wider than the fall lines.
     assert path == "followed" or own["north"] < south + 30.0
     assert_same_result(tmp_path / "out" / "mosaic", tmp_path / "joint")

@@ -88,7 +88,7 @@ def test_what_is_written_can_be_run_and_says_where_it_comes_from(case: Path, don
     for f in found["parameters"]:
         assert getattr(own, f["parameter"]) == pytest.approx(f["value"], rel=1e-4)
     assert "Calibrated by sassgis" in own.source and "24 rocks" in own.source
-    assert not own.verified
+    assert own.trust == "fitted"
     before = read_ground_table(load_config(case / CONFIG_NAME).ground.classes)
     assert table.classes[table.index("rock")] == before.classes[before.index("rock")]
     errors = found["sites"][0]["errors"]

@@ -68,8 +68,7 @@ def test_report_says_what_the_inputs_hold(config):
     shares = {c.name: c.share for c in report.classes}
     assert shares == pytest.approx({"talus": 130 / 540, "debris": 410 / 540})
     assert [g.name for g in report.control_lines] == ["road", "net"]
-    assert [w for w in report.warnings if "talus" in w and "unverified" in w]
-    assert [w for w in report.warnings if "debris" in w and "unverified" in w]
+    assert [w for w in report.warnings if "estimates" in w and "talus 24 %, debris 76 %" in w]
 
 
 def test_lines_are_lines(config):
@@ -81,7 +80,7 @@ def test_lines_are_lines(config):
         "heights 810.0 to 1000.0 m, height system LN02",
         "EPSG:2056",
         "north: 4000 m2, 27 release points, blocks large",
-        "talus, on 24.1 % of the cells: UNVERIFIED",
+        "talus, on 24.1 % of the cells: estimate",
         "net: 4 m high, 500 kJ",
         "WARNING",
     ):
@@ -128,5 +127,5 @@ def test_profile_runs_are_checked_without_a_map(tmp_path):
     assert {c.name: c.share for c in report.classes} == {"rock": 0.25, "debris": 0.75}
     text = "\n".join(report.lines())
     assert "3 vertices, chainage 0 to 20 m, heights 94.0 to 100.0 m" in text
-    assert "debris, on 75.0 % of the profile: UNVERIFIED" in text
+    assert "debris, on 75.0 % of the profile: estimate" in text
     assert "blocks         large" in text

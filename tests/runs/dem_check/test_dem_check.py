@@ -74,7 +74,8 @@ DEFECTS: dict[str, tuple[np.ndarray, dict[str, Any], dict[str, str]]] = {
     ),
     "feet": (hills() / 0.3048, {"unit": "ft"}, {"units": "look"}),
     "unknown unit": (hills(), {"unit": "fathom"}, {"units": "bad"}),
-    "heights times three": (3.3 * hills(), {}, {}),
+    # Blocks from so steep a slope would leave it.
+    "heights times three": (3.3 * hills(), {}, {"extent": "look"}),
     "nodata not declared": (put(lambda v: hole(v, -32768.0)), {}, {"nodata": "bad"}),
     "zeros": (put(lambda v: hole(v, 0.0)), {}, {"nodata": "bad"}),
     "hole": (put(lambda v: hole(v, -9999.0)), {}, {"nodata": "look"}),

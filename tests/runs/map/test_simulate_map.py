@@ -34,7 +34,7 @@ def test_sums_are_the_same_bits_for_any_jobs_and_chunks(
 
 def test_chunks_hold_every_point_once(planned) -> None:
     for size in (1, 7, 32, 1000):
-        chunks = chunks_of(planned, size)
+        chunks = chunks_of(planned, size=size)
         assert np.array_equal(
             np.concatenate([c.points for c in chunks]), np.arange(len(planned.points))
         )
@@ -83,15 +83,14 @@ def test_maps_agree_with_each_rock_looked_at_alone(job, monkeypatch: pytest.Monk
     stopped: list[int] = []
     add = MapSums.add
 
-    def listen(self, cells, sums) -> None:
-        columns = sums if isinstance(sums, dict) else sums._asdict()
+    def listen(self, cells, columns, *more) -> None:
         came = columns["reach"] > 0
         assert columns["reach"].max(initial=0) <= 1
         for name, values in seen.items():
             own = columns[f"{name}_{extreme[name]}"][came]
             values += zip(cells[came].tolist(), own.tolist(), strict=True)
         stopped.extend(cells[columns["stops"] > 0].tolist())
-        add(self, cells, sums)
+        add(self, cells, columns, *more)
 
     monkeypatch.setattr(MapSums, "add", listen)
     progress = simulate_map(one, planned, chunk_points=1)

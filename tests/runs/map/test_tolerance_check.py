@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sassgis.io.read.ground_map import built_in_table
-from sassgis.model.map_run import MapRun
+from sassgis.model.map_run import MapRun, Round
 from sassgis.model.settings import EngineSettings
 from sassgis.runs.map import simulate_map
 from sassgis.runs.sample_check import check_tolerance, plan_of_points, sampled_plan
@@ -63,10 +63,10 @@ def test_without_a_tolerance_there_is_nothing_to_check(job: MapRun, planned: Pla
 
 @pytest.mark.parametrize("blocks", [60, 400, 10**6])
 def test_the_sample_is_about_as_large_as_wanted(job: MapRun, planned: Plan, blocks: int) -> None:
-    many = replace(job, release=replace(job.release, rocks_per_point=50), repetitions=3)
+    many = replace(job, release=replace(job.release, rocks_per_point=50), rounds=(Round(0, 3),))
     few, points = sampled_plan(many, planned, blocks, 10)
     n = int(points.blocks_of_point(few).sum())
-    whole = int(planned.blocks_of_point(replace(many, repetitions=1)).sum())
+    whole = int(planned.blocks_of_point(replace(many, rounds=(Round(),))).sum())
     assert n == pytest.approx(min(blocks, whole), rel=0.3)
     assert len(points.points) >= 10 and set(points.points.area) == set(planned.points.area)
 

@@ -201,7 +201,7 @@ def test_what_is_not_bad_goes_through(tmp_path: Path, call) -> None:
     case = two_areas(tmp_path, hazard={"ref_width_m": 4.0})
     houses()(case)
     table("north,rare,0.1,per_year", "south,rare,2,per_year_ha")(case)
-    preset("Swiss", "Swiss")(case)
+    preset("Matrix", "Matrix")(case)
     case.write()
     code, printed, err = call("zone", case.config, "-o", tmp_path / "result", "--jobs", "1")
     assert code == 0, err

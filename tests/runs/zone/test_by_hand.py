@@ -41,9 +41,9 @@ from sassgis.runs.zone import ZoneResult, zone
 ROWS, COLS, ROW = 21, 90, 10
 TOP, MIDDLE, LOW = 1.0 / 2000.0, 1.0 / 150.0, 1.0 / 200.0
 CLASSES = (
-    "name,eta_max,dp_min,dp_max,mu_f,mu_0,k,d_star_m,restitution,restitution_speed_mps,rolling_threshold,source,verified",
-    "smooth,0.5,0.1,0.2,0.9,0.4,0.17,0,0,9,0.1,invented,false",
-    "rough,0.5,0.1,0.2,0.9,1.5,0.17,0,0,9,0.1,invented,false",
+    "name,eta_max,dp_min,dp_max,mu_f,mu_0,k,d_star_m,restitution,restitution_speed_mps,rolling_threshold,source,trust",
+    "smooth,0.5,0.1,0.2,0.9,0.4,0.17,0,0,9,0.1,invented,estimate",
+    "rough,0.5,0.1,0.2,0.9,1.5,0.17,0,0,9,0.1,invented,estimate",
 )
 
 #: First and last column, level of the federal matrix (1 residual, 2 slight, 3 mean, 4 substantial).

@@ -74,10 +74,10 @@ def rocks_one_by_one(zoned: Zoned) -> tuple[list[Rock], list[Chords]]:
                     run.engine,
                     seed=run.seed,
                     rocks_per_line=1,
-                    line_keys=draw_keys(starts.key, blocks.name),
+                    line_keys=draw_keys(starts.key, blocks.name, number // n),
                     starts=prepared.starts(np.array([moved])),
                     control_lines=prepared.crossings,
-                    first_rock=number,
+                    first_rock=number % n,
                     bins=bins_of(run),
                     log_events=2000,
                 )
@@ -167,7 +167,7 @@ def make(folder: Path, **settings: dict[str, object]) -> tuple[Case, Zoned]:
     # where a block lands softly: with this spacing none does so at the rim of a window.
     case.sections["engine"] = {"readings": "1986"}
     # A second round of rocks, which is never enough.
-    case.sections["hazard"] |= {"changed_share_max": 0.0001, "repetitions_max": 2}
+    case.sections["hazard"] |= {"blocks": "auto", "changed_share_max": 0.0001, "blocks_max": 700}
     case.write()
     return case, zoned(case.config, folder / "work")
 

@@ -178,7 +178,8 @@ def test_no_layer_of_the_project_is_empty(german: Path) -> None:
     sources = [layer.findtext("datasource") for layer in project.iter("maplayer")]
     vectors = [s.split("|layername=") for s in sources if "|" in s]
     assert len(vectors) > 8
-    assert [n for f, n in vectors if not len(gpd.read_file(german / f, layer=n))] == []
+    # That of edits by hand is there to be drawn in.
+    assert [n for f, n in vectors if not len(gpd.read_file(german / f, layer=n))] == ["edits"]
 
 
 ENGLISH = re.compile(r"\b(?:the|of|and|with|which|from|blocks?|are|is|height|zones|years?)\b")

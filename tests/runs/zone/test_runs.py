@@ -11,12 +11,19 @@ import numpy as np
 import pytest
 from helpers.zone_slope import Case, Zoned, place, two_areas, zoned
 
+from sassgis.hazard.map_sums import count_variance
+from sassgis.hazard.progress import Progress
 from sassgis.io.read.config import load_config
-from sassgis.model.errors import Interrupted
+from sassgis.model.errors import ConfigError, Interrupted
 from sassgis.model.hazard import HazardCurves
-from sassgis.model.map_run import BlockRows
+from sassgis.model.map_run import BlockRows, Round
+from sassgis.runs.check_inputs import check_inputs
 from sassgis.runs.map import simulate_map
+from sassgis.runs.sample_check import plan_of_points
 from sassgis.runs.zone import zone
+
+#: Of the zoning that is stopped and goes on.
+CHUNKS = 20
 
 
 def same_curves(one: HazardCurves, two: HazardCurves) -> bool:
@@ -47,43 +54,80 @@ def test_frequencies_of_areas_add_to_the_last_bit(tmp_path: Path) -> None:
     assert same_curves(both.curves, turned.curves)
 
 
-def adaptive(folder: Path, share: float, rounds_max: int = 64) -> Case:
+def adaptive(folder: Path, share: float, most: int = 10**6) -> Case:
+    """A zoning of as many blocks as it needs, ``most`` at most."""
     case = two_areas(folder)
     # Frequencies between the limits of the matrix, so that rocks can decide the level.
     case.blocks[0]["onset_frequency"], case.blocks[1]["onset_frequency"] = 0.2, 0.02
     case.sections["release"]["rocks_per_point"] = 8
-    case.sections["hazard"] |= {"changed_share_max": share, "repetitions_max": rounds_max}
+    case.sections["hazard"] |= {"blocks": "auto", "changed_share_max": share, "blocks_max": most}
     case.write()
     return case
 
 
-def test_repetitions_go_on_until_few_cells_are_uncertain(tmp_path: Path) -> None:
-    case = adaptive(tmp_path, 0.3)
+def test_blocks_are_added_until_little_would_change(tmp_path: Path) -> None:
+    case = adaptive(tmp_path, 0.2)
     said: list[str] = []
     found = zoned(case.config, tmp_path / "work", say=said.append)
-    assert found.done.run.repetitions in (2, 4, 8, 16, 32)
-    assert found.found.hazard.changed_share <= 0.3
-    # What was said of each try is what made it go on.
-    shares = [float(s.split(" %")[0].split()[-1]) for s in said if "Another sample" in s]
-    assert len(shares) == np.log2(found.done.run.repetitions) + 1
-    assert all(s > 30.0 for s in shares[:-1]) and shares[-1] <= 30.0
-    assert shares[-1] == round(100.0 * found.found.hazard.changed_share, 1)
-    # The number of rocks of each source is that of its repetitions.
-    for s in found.found.hazard.sampled:
-        assert s.source.rocks % (8 * found.done.run.repetitions) == 0
+    assert found.found.hazard.changed_share <= 0.2
+    # What was said after each round is what made it go on.
+    history = found.done.progress.history
+    told = [s for s in said if "another sample" in s]
+    assert len(told) == len(history) == len(found.done.run.rounds) > 3
+    for text, (blocks, share) in zip(told, history, strict=True):
+        assert text.startswith(f"{blocks} blocks") and f"{100 * share:.1f} %" in text
+    assert all(share > 0.2 for _, share in history[:-1])
+    assert history[-1] == (found.done.progress.simulated, found.found.hazard.changed_share)
+    # With their weights there are as many of each point: those of all rounds.
+    whole = 8 * found.done.run.repetitions
+    points = np.bincount(found.done.planned.points.area)
+    for (area, _), tally in found.done.progress.sources.items():
+        assert tally.rocks == whole * points[area] > tally.simulated
+    blocks = found.done.planned.blocks_of_point(found.done.run)
+    assert blocks.sum() == found.done.progress.simulated < whole * 2 * points.sum()
 
 
-def test_too_few_repetitions_are_told(tmp_path: Path) -> None:
-    case = adaptive(tmp_path, 0.01, rounds_max=3)
+def test_a_budget_that_is_spent_is_told(tmp_path: Path) -> None:
+    case = adaptive(tmp_path, 0.01, most=1000)
     result = zone(case.config, tmp_path / "out", jobs=1)
-    assert result.run.run.repetitions == 3
+    assert result.run.n_blocks <= 1000 and result.run.run.repetitions > 3
     share = result.found.hazard.changed_share
     assert share > 0.01
     told = [w for w in result.run.warnings if "Another sample of blocks" in w]
     assert len(told) == 1
     assert f"{100 * share:.1f} % of the zoned area" in told[0]
-    assert "3 repetitions" in told[0] and "1 %, hazard.changed_share_max" in told[0]
+    assert "wanted: 1 %" in told[0] and "blocks_max" in told[0]
     assert told[0] in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_time_that_is_spent_ends_it(tmp_path: Path) -> None:
+    case = adaptive(tmp_path, 0.001)
+    case.set("hazard.minutes_max", 1e-4)
+    case.write()
+    found = zoned(case.config, tmp_path / "work")
+    assert found.done.run.repetitions == 1
+    assert found.found.hazard.changed_share > 0.001
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [
+        ("hazard.blocks_max", 127, ("hazard.blocks_max", "found 127", "expected 128")),
+        ("release.rocks_per_point", 1, ("release.rocks_per_point", "2 or more")),
+        ("release.placement", "random", ("release.placement", "found random", "grid")),
+    ],
+)
+@pytest.mark.parametrize("how", [zoned, lambda config, _: check_inputs(load_config(config))])
+def test_a_budget_that_allows_nothing_is_one_line(
+    tmp_path: Path, key: str, value: object, words: tuple[str, ...], how: Callable[..., object]
+) -> None:
+    case = adaptive(tmp_path, 0.3)
+    case.set(key, value)
+    case.write()
+    with pytest.raises(ConfigError) as error:
+        how(case.config, tmp_path / "work")
+    assert all(word in str(error.value) for word in words)
+    assert "\n" not in str(error.value)
 
 
 def test_rocks_of_the_first_repetitions_stay_as_they_are(tmp_path: Path) -> None:
@@ -92,7 +136,7 @@ def test_rocks_of_the_first_repetitions_stay_as_they_are(tmp_path: Path) -> None
 
     def rocks(repetitions: int) -> list[BlockRows]:
         rows: list[BlockRows] = []
-        run = replace(job.run, repetitions=repetitions)
+        run = replace(job.run, rounds=(Round(0, repetitions),))
         simulate_map(run, job.planned, on_chunk=lambda _p, _n, own: rows.append(own))
         return rows
 
@@ -103,6 +147,44 @@ def test_rocks_of_the_first_repetitions_stay_as_they_are(tmp_path: Path) -> None
     # Later repetitions are other rocks: none is run twice.
     drawn = np.concatenate([r.rocks["mass_kg"] for r in three])
     assert np.unique(drawn).size == drawn.size
+
+
+def test_weights_make_up_for_blocks_that_are_left_out(tmp_path: Path) -> None:
+    """Points with a quarter of the blocks, each of which counts four times, one by one."""
+    found = zoned(adaptive(tmp_path, 0.9).config, tmp_path / "work")
+    run, planned = found.job.run, found.job.planned
+    n = len(planned.points)
+    halved = np.zeros((n, 2), np.uint8)
+    halved[::3] = 2
+    rounds = (Round(), Round(1, 8, halved))
+    together = simulate_map(replace(run, rounds=rounds), planned, chunk_points=5)
+    assert together.simulated == 8 * 2 * (n + 8 * (halved == 0)[:, 0].sum() + 2 * (n + 2) // 3)
+
+    def counts(progress: Progress) -> dict[str, np.ndarray]:
+        size = run.grid.values.size
+        out = {"cells": np.zeros(size), "energy": np.zeros(size), "variance": np.zeros(size)}
+        reach, square = (progress.sums.column(k).astype(int) for k in ("reach", "reach_square"))
+        out["cells"][progress.sums.cells] = reach
+        out["energy"][progress.sums.cells] = progress.sums.column("energy").sum(axis=1)
+        out["variance"][progress.sums.cells] = count_variance(reach, square, 8, 0, False)
+        for key, tally in progress.sources.items():
+            own = tally.cells.counts()
+            out[f"{key}"] = np.zeros(size)
+            out[f"{key}"][own.places] = own.count[:, 0]
+            out[f"{key} at objects"] = tally.objects.counts().count.sum(axis=0)
+        out["runout"] = np.pad(progress.runout, ((0, 0), (0, 999 - progress.runout.shape[1])))
+        out["stops"] = np.bincount(progress.sums.cells, progress.sums.column("stops"), size)
+        return out
+
+    expected: dict[str, np.ndarray] = {}
+    for h, repetitions, weight in ((None, Round(), 1), (0, Round(1, 8), 1), (2, Round(1, 2), 4)):
+        which = np.arange(n) if h is None else np.flatnonzero(halved[:, 0] == h)
+        own = simulate_map(replace(run, rounds=(repetitions,)), plan_of_points(planned, which))
+        for key, value in counts(own).items():
+            factor = weight**2 if key == "variance" else weight
+            expected[key] = expected.get(key, 0.0) + factor * value
+    for key, value in counts(together).items():
+        np.testing.assert_allclose(value, expected[key], rtol=1e-12, err_msg=key)
 
 
 def with_barriers(case: Case) -> Case:
@@ -119,7 +201,7 @@ def with_barriers(case: Case) -> Case:
 
 
 def test_barriers_are_compared_with_the_same_rocks(tmp_path: Path) -> None:
-    case = with_barriers(adaptive(tmp_path, 0.3, rounds_max=2))
+    case = with_barriers(adaptive(tmp_path, 0.3, most=256))
     with_them = zoned(case.config, tmp_path / "with")
     case.lists.clear()
     case.write()
@@ -156,15 +238,16 @@ def stop_at(call: int) -> Callable[[int, int, int], None]:
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Case, Path]:
-    """An adaptive run with barriers: two chunks, four repetitions, once more without barriers."""
+    """An adaptive run with barriers: rounds of blocks that count differently; once more without."""
     folder = tmp_path_factory.mktemp("whole")
-    case = with_barriers(adaptive(folder, 0.01, rounds_max=4))
+    case = with_barriers(adaptive(folder, 0.01, most=1200))
     result = zone(case.config, folder / "out", jobs=1)
-    assert result.run.progress.chunks == 8 and result.found.without is not None
+    assert result.run.run.weighted and result.found.without is not None
+    assert result.run.progress.chunks == CHUNKS
     return case, folder / "out"
 
 
-@pytest.mark.parametrize("call", [5, 11], ids=["round 3", "without barriers"])
+@pytest.mark.parametrize("call", [CHUNKS - 2, CHUNKS + 3], ids=["round 3", "without barriers"])
 def test_interrupted_and_resumed_is_uninterrupted(
     whole: tuple[Case, Path], tmp_path: Path, call: int
 ) -> None:
@@ -174,15 +257,15 @@ def test_interrupted_and_resumed_is_uninterrupted(
     assert not (tmp_path / "out").exists()
     chunks: list[int] = []
     zone(case.config, tmp_path / "out", jobs=2, on_progress=lambda d, _n, _r: chunks.append(d))
-    assert len(chunks) == 16 - call
+    assert len(chunks) == 2 * CHUNKS - call
     assert digests(tmp_path / "out") == digests(out)
 
 
 @pytest.mark.parametrize(
     ("change", "repetitions"),
     [
-        ({"hazard.changed_share_max": None}, 1),
-        ({"hazard.repetitions_max": 2}, 2),
+        ({"blocks": "given", "changed_share_max": None, "blocks_max": None}, 1),
+        ({"blocks_max": 256}, 2),
     ],
     ids=["no repetitions", "two repetitions"],
 )
@@ -192,9 +275,8 @@ def test_other_repetitions_than_those_of_an_interrupted_run(
     """What was computed for more repetitions does not get into a result of fewer."""
     config = load_config(whole[0].config)
     with pytest.raises(Interrupted):
-        zoned(config, tmp_path / "work", on_progress=stop_at(7))
-    hazard = {key.split(".")[1]: value for key, value in change.items()}
-    other = replace(config, hazard=replace(config.hazard, **hazard))
+        zoned(config, tmp_path / "work", on_progress=stop_at(CHUNKS - 1))
+    other = replace(config, hazard=replace(config.hazard, **change))
     resumed = zoned(other, tmp_path / "work")
     fresh = zoned(other, tmp_path / "fresh")
     assert fresh.done.run.repetitions == repetitions == resumed.done.run.repetitions

@@ -20,7 +20,7 @@ from sassgis.hazard.result_change import (
 )
 from sassgis.hazard.stored_result import StoredResult
 from sassgis.hazard.zone_styles import LEVEL_CHANGES
-from sassgis.hazard.zoning.generalise import Coverage
+from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.io.vector_layer import VectorLayer
 from sassgis.io.write.layers.maps import described_band, described_raster
 from sassgis.io.write.layers.zones import change_table, changes, level_changes

@@ -18,7 +18,7 @@ import shapely
 
 from sassgis.hazard.assess import Hazard, IntensityMap
 from sassgis.hazard.zone_styles import opaque, zone_style
-from sassgis.hazard.zoning.generalise import coverage
+from sassgis.hazard.zoning.coverage import cells_as_zones
 from sassgis.io.vector_layer import VectorLayer
 from sassgis.io.write.layers.federal_model import (
     FEDERAL_CLASSES,
@@ -39,7 +39,7 @@ from sassgis.io.write.layers.federal_values import (
 )
 from sassgis.model.errors import InputError
 from sassgis.model.grid import Grid
-from sassgis.model.hazard import HazardLevel, HazardPreset, IntensityClass, ZoningSettings
+from sassgis.model.hazard import HazardLevel, HazardPreset, IntensityClass
 from sassgis.model.run_config import Config
 from sassgis.model.styles import FieldInfo, Symbol, VectorStyle
 
@@ -80,11 +80,7 @@ def federal_layers(
     crs = grid.crs or None
     claims = in_federal_extent(crs, grid.bounds) and has_federal_codes(preset)
     level_codes = [level.code for level in preset.levels]
-    assessed = coverage(
-        np.isfinite(grid.values).astype(np.int64),
-        grid,
-        ZoningSettings(min_area_m2=0.0, tolerance_m=0.0),
-    )
+    assessed = cells_as_zones(np.isfinite(grid.values).astype(np.int64), grid)
     along = "paths that are followed" if config.terrain.path == "followed" else "fall lines"
     method = (
         f"SASS (Bozzolo and Pamini, 1986): blocks simulated along {along}; "
@@ -95,8 +91,10 @@ def federal_layers(
     reached = shapely.get_parts(shapely.coverage_union_all(hazard.levels.polygons))
     rows: dict[str, list[Row]] = {
         "hazard_area": [
-            (polygon, {"hazard_level": level_codes[k - 1]})
-            for polygon, k in zip(hazard.levels.polygons, hazard.levels.classes, strict=True)
+            (polygon, {"hazard_level": level_codes[k - 1], "comments": comment})
+            for polygon, k, comment in zip(
+                hazard.levels.polygons, hazard.levels.classes, _comments(hazard), strict=True
+            )
         ],
         "synoptic_intensity": list(intensity_rows(_zones(hazard.intensities, preset))),
         "intensity_by_source": [
@@ -134,6 +132,15 @@ def _zones(maps: Sequence[IntensityMap], preset: HazardPreset) -> Iterator[Inten
     for m in maps:
         codes = [preset.intensities[k - 1].code for k in m.zones.classes]
         yield IntensityZones(m.years, m.years is None, list(m.zones.polygons), codes)
+
+
+def _comments(hazard: Hazard) -> list[str | None]:
+    """What is said of each zone: who edited it by hand, when and why."""
+    longest = next(
+        a.longest for a in FEDERAL_CLASSES["hazard_area"].attributes if a.name == "comments"
+    )
+    words = [shortened(f"edited by hand: {a.edit.words}", longest) for a in hazard.edits]
+    return [words[k] if k >= 0 else None for k in hazard.facts.edit]
 
 
 def _scenarios(hazard: Hazard, area: str) -> str:

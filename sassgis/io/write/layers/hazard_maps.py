@@ -13,7 +13,7 @@ from sassgis.hazard.curves import at_energies, energy_at, rate_interval, return_
 from sassgis.hazard.levels import hazard_level, intensity_class
 from sassgis.hazard.preset_labels import energy_labels, preset_unverified
 from sassgis.io.write.layers.maps import Place, described_band, described_raster, level_classes
-from sassgis.model.grid import FloatArray
+from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.hazard import HazardCurves, HazardPreset
 from sassgis.model.languages import joined, phrase
 from sassgis.model.results import Band, RasterClass, RasterLayer
@@ -25,7 +25,7 @@ _CERTAIN, _UNCERTAIN = "#b8c4c2", "#d6721f"
 def hazard_layers(
     curves: HazardCurves,
     preset: HazardPreset,
-    shape: tuple[int, int],
+    grid: Grid,
     ref_width_m: float,
     *,
     return_periods: Sequence[float],
@@ -33,12 +33,13 @@ def hazard_layers(
 ) -> tuple[RasterLayer, ...]:
     """Maps of level, intensity, energy, return period and frequency, and how sure the level is.
 
-    Cells to which a statement does not apply are NaN: those that no block reaches, or not as often.
+    Cells to which a statement does not apply are NaN: those that no block reaches, or not as often;
+    but another sample may give a level to some that this one does not reach.
     The thresholds of the preset are among the energies of the curves. Intensity and energy are
     mapped for the return periods (years, ascending), all frequencies for the reference width (m);
     ``confidence`` is that of the intervals.
     """
-    maker = _Maker(curves, preset, shape, ref_width_m, confidence)
+    maker = _Maker(curves, preset, grid, ref_width_m, confidence)
     return (
         maker.level(),
         *(maker.intensity(years) for years in return_periods),
@@ -57,7 +58,7 @@ class _Maker:
         self,
         curves: HazardCurves,
         preset: HazardPreset,
-        shape: tuple[int, int],
+        grid: Grid,
         ref_width_m: float,
         confidence: float,
     ) -> None:
@@ -66,7 +67,7 @@ class _Maker:
         self._reached = self._few.rate[:, 0] > 0.0
         self._interval = rate_interval(self._few, confidence)
         self._preset = preset
-        self._place = Place(curves.places, shape)
+        self._place, self._grid = Place(curves.places, grid.shape), grid
         self._confidence = confidence
         percent = f"{100.0 * confidence:g} %"
         rules = preset_unverified(preset)
@@ -170,20 +171,29 @@ class _Maker:
         return described_raster("frequency", bands, breaks, "plasma_r", **self._words)
 
     def confidence(self) -> RasterLayer:
-        chances = level_chances(self._few, self._preset)
-        lowest, highest = chances.interval(self._confidence)
-        unsure = lowest != highest
-        factor = rocks_factor(self._few, self._preset, chances, self._confidence)
-        known = self._reached & np.isfinite(factor)
+        few, preset = self._few, self._preset
+        chances = level_chances(few, preset, np.isfinite(self._grid.values))
+        factor = rocks_factor(few, preset, chances, self._confidence)
+        factor = np.where(self._reached & np.isfinite(factor), factor, np.nan)
+        # Another sample may come where this one did not.
+        place = Place(chances.places, self._grid.shape)
+        seen = (chances.level > 0) | (chances.changed > 0.0)
+        lowest, highest = (np.where(k > 0, k, np.nan) for k in chances.interval(self._confidence))
+        uncertain = np.where(seen, chances.uncertain(self._confidence), np.nan)
         key = "confidence"
         return described_raster(
             key,
             [
-                self._band(key, "uncertain", np.where(self._reached, unsure, np.nan)),
-                self._band(key, "change_chance", np.where(self._reached, chances.changed, np.nan)),
-                self._classes(key, "lowest_level", lowest),
-                self._classes(key, "highest_level", highest),
-                self._band(key, "rocks_factor", np.where(known, factor, np.nan)),
+                *(
+                    described_band(key, column, place.map_of(values))
+                    for column, values in (
+                        ("uncertain", uncertain),
+                        ("change_chance", np.where(seen, chances.changed, np.nan)),
+                        ("lowest_level", lowest),
+                        ("highest_level", highest),
+                    )
+                ),
+                self._band(key, "rocks_factor", factor),
             ],
             classes=(
                 RasterClass(0, "statistically certain", _CERTAIN),

@@ -87,7 +87,7 @@ def map_layers(
         "error": phrase(
             "Standard error with the release points as a random sample."
             if sample.random_points
-            else "Standard error with the release points fixed: blocks are the sample."
+            else "Standard error of the simulated blocks; the release points are taken as given."
         ),
     }
     breaks = {"energy": (0.0, *energy_classes_kj)}

@@ -9,6 +9,7 @@ from itertools import pairwise
 import pandas as pd
 import shapely
 
+from sassgis.hazard.object_values import Estimate, ObjectValues
 from sassgis.hazard.risk import (
     ADDITIVE,
     QUANTITIES,
@@ -19,6 +20,7 @@ from sassgis.hazard.risk import (
 )
 from sassgis.io.vector_layer import VectorLayer, described_layer
 from sassgis.model.exposure import PlacedObjects
+from sassgis.model.labels import rounded
 from sassgis.model.languages import phrase
 from sassgis.model.styles import FieldInfo, StyleClass, Symbol, VectorStyle, class_colours
 
@@ -50,14 +52,17 @@ _WORDS = {
     ),
 }
 _SE = "upper bound of the sampling error; none of the model or of the onset frequency"
+_LIMITS = "by the sampling of blocks; none of the model or of the onset frequency"
 
 
-def risk_frames(table: RiskTable, currency: str) -> dict[str, pd.DataFrame]:
+def risk_frames(
+    table: RiskTable, currency: str, values: ObjectValues | None = None
+) -> dict[str, pd.DataFrame]:
     """The tables of a run by the stem of their files; the currency is a column of its own.
 
-    ``risk_objects``: a row per object. ``risk_sources``: a row per object and source that hits it.
-    ``risk_total``: sums by road, kind, source, and over all; each is the correctly rounded sum of
-    its rows in the other tables.
+    ``risk_objects``: a row per object, with ``values`` where they are given. ``risk_sources``: a
+    row per object and source that hits it. ``risk_total``: sums by road, kind, source, and over
+    all; each is the correctly rounded sum of its rows in the other tables.
     """
     hits = [f"hits_{code}" for code in table.intensities]
     who = ["name", "kind", "part_of"]
@@ -86,18 +91,35 @@ def risk_frames(table: RiskTable, currency: str) -> dict[str, pd.DataFrame]:
         "risk_sources": pd.DataFrame(source_rows(table), columns=sources),
         "risk_total": pd.DataFrame(total_rows(table), columns=totals),
     }
+    for name, estimate in value_columns(values).items():
+        for limit, own in estimate.columns(name).items():
+            frames["risk_objects"][limit] = [rounded(v, 4) for v in own.tolist()]
     for frame in frames.values():
         frame["currency"] = currency
     return frames
 
 
+def value_columns(values: ObjectValues | None) -> dict[str, Estimate]:
+    """What reaches the objects by the names of the columns of its values."""
+    if values is None:
+        return {}
+    return {
+        "energy_q95_kj": values.energy_q95_kj,
+        **{f"energy_{years:g}y_kj": own for years, own in values.energy_kj.items()},
+        "height_q95_m": values.height_q95_m,
+    }
+
+
 def risk_tables(
-    table: RiskTable, without: RiskTable | None, currency: str
+    table: RiskTable,
+    without: RiskTable | None,
+    currency: str,
+    values: tuple[ObjectValues | None, ObjectValues | None] = (None, None),
 ) -> dict[str, pd.DataFrame]:
     """The tables of a run with walls and nets, and those of ``without`` them if there are any."""
-    frames = risk_frames(table, currency)
+    frames = risk_frames(table, currency, values[0])
     if without is not None:
-        before = risk_frames(without, currency)
+        before = risk_frames(without, currency, values[1])
         frames |= {f"{name}_without_barriers": frame for name, frame in before.items()}
     return frames
 
@@ -107,7 +129,11 @@ def _with_errors(quantities: Sequence[str]) -> list[str]:
 
 
 def risk_vectors(
-    table: RiskTable, placed: PlacedObjects, crs: str, currency: str
+    table: RiskTable,
+    placed: PlacedObjects,
+    crs: str,
+    currency: str,
+    values: ObjectValues | None = None,
 ) -> list[VectorLayer]:
     """Layers of the objects of a table (in its order) with their attributes and results.
 
@@ -117,8 +143,8 @@ def risk_vectors(
     """
     if placed.objects != table.objects:
         raise ValueError("the places are not those of the objects of the table")
-    frame = risk_frames(table, currency)["risk_objects"].drop(columns="currency")
-    fields = _fields(table, currency)
+    frame = risk_frames(table, currency, values)["risk_objects"].drop(columns="currency")
+    fields = _fields(table, currency) | _value_fields(values)
     layers = []
     for name, (symbol, dimension) in _LAYERS.items():
         own = [i for i, g in enumerate(placed.geometries) if shapely.get_dimensions(g) == dimension]
@@ -161,6 +187,22 @@ def _fields(table: RiskTable, currency: str) -> dict[str, FieldInfo]:
         fields[f"{name}_per_year"] = info
         error = phrase("{}, standard error", phrase(info.alias))
         fields[f"{name}_per_year_se"] = FieldInfo(error, info.unit, _SE)
+    return fields
+
+
+def _value_fields(values: ObjectValues | None) -> dict[str, FieldInfo]:
+    """What the columns of energies and heights mean."""
+    fields = {}
+    for name, estimate in value_columns(values).items():
+        quantity, what, unit = name.split("_")
+        alias = phrase("{}, 95 % of the blocks", phrase(quantity))
+        if what != "q95":
+            alias = phrase("{}, exceeded once in {} years", phrase(quantity), what.rstrip("y"))
+        unit = "kJ" if unit == "kj" else "m"
+        value, low, high = estimate.columns(name)
+        fields[value] = FieldInfo(alias, unit)
+        fields[low] = FieldInfo(phrase("{}, lower limit", alias), unit, _LIMITS)
+        fields[high] = FieldInfo(phrase("{}, upper limit", alias), unit, _LIMITS)
     return fields
 
 

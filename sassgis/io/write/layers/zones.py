@@ -8,18 +8,26 @@ from dataclasses import replace
 import geopandas as gpd
 import numpy as np
 import pandas as pd
+import shapely
 
 from sassgis.hazard.assess import Hazard, raster
-from sassgis.hazard.attribution import shares_by_area, shares_by_scenario
-from sassgis.hazard.zone_styles import hazard_level_style, level_change_style, uncertain_style
-from sassgis.hazard.zoning.generalise import Coverage, coverage
+from sassgis.hazard.attribution import shares_by_area, shares_by_scenario, zone_of_cells
+from sassgis.hazard.zone_styles import (
+    hazard_level_style,
+    level_change_style,
+    open_limit_style,
+    uncertain_style,
+)
+from sassgis.hazard.zoning.coverage import Coverage, cells_as_zones
 from sassgis.io.vector_layer import VectorLayer, described_layer
-from sassgis.model.grid import Grid
+from sassgis.model.edits import NO_LEVEL
+from sassgis.model.grid import Grid, IntArray
 from sassgis.model.hazard import HazardPreset
+from sassgis.model.styles import REACHED_STYLE
+from sassgis.terrain.edge import edge_cells
 
 #: Sources that are named in the table of a zone.
 _NAMED_SOURCES = 5
-_NO_LEVEL = "not_in_danger"
 
 
 def joined_layers(parts: Sequence[Sequence[VectorLayer]]) -> list[VectorLayer]:
@@ -78,6 +86,9 @@ def hazard_zones(
         "share_by_scenario": _largest(*shares_by_scenario(facts.shares, sources)),
         "cells": facts.cells,
         "uncertain_share": np.round(facts.uncertain, 4),
+        "edited": [hazard.edits[k].edit.words if k >= 0 else "" for k in facts.edit],
+        "limit_moves_m": np.round(facts.moves_m, 2),
+        "open_m": np.round(facts.open_m, 1),
         "ref_width_m": np.full(len(levels), ref_width_m),
     }
     return described_layer(
@@ -94,11 +105,50 @@ def hazard_zones(
 
 def uncertain_zones(uncertain_cells: np.ndarray, grid: Grid, confidence: float) -> VectorLayer:
     """Cells whose level another sample of blocks might change."""
-    shown = coverage(raster(grid, uncertain_cells, np.ones(uncertain_cells.size)), grid).polygons
+    ones = np.ones(uncertain_cells.size)
+    shown = cells_as_zones(raster(grid, uncertain_cells, ones), grid).polygons
     columns = {"area_m2": [round(p.area, 1) for p in shown]}
     percent = f"{100 * confidence:g} %"
     return described_layer(
         "uncertain", columns, list(shown), grid.crs, uncertain_style(), percent=percent
+    )
+
+
+def reached_limit(reached: IntArray, grid: Grid) -> VectorLayer:
+    """How far simulated blocks came at all, however rarely; ``reached`` are flat cells."""
+    shown = cells_as_zones(raster(grid, reached, np.ones(reached.size)), grid).polygons
+    columns = {"area_m2": [round(p.area, 1) for p in shown]}
+    return described_layer("reached_limit", columns, list(shown), grid.crs, REACHED_STYLE)
+
+
+def open_limits(hazard: Hazard, preset: HazardPreset, grid: Grid) -> VectorLayer:
+    """Where zones end at the edge of the known terrain, beyond which they go on."""
+    known = np.pad(np.isfinite(grid.values), 1)
+    cells = np.flatnonzero(edge_cells(known[1:-1, 1:-1]))
+    zone = zone_of_cells(hazard.levels, grid, cells)
+    cells, zone = cells[zone >= 0], zone[zone >= 0]
+    row, col = np.divmod(cells, grid.shape[1])
+    west, north = grid.west + col * grid.cell_size, grid.north - row * grid.cell_size
+    east, south = west + grid.cell_size, north - grid.cell_size
+    sides = (
+        (-1, 0, west, north, east, north), (1, 0, west, south, east, south),
+        (0, -1, west, north, west, south), (0, 1, east, north, east, south),
+    )  # fmt: skip
+    lines: dict[int, list[shapely.LineString]] = {}
+    for drow, dcol, *ends in sides:
+        beyond = np.flatnonzero(~known[row + 1 + drow, col + 1 + dcol])
+        xy = np.stack([end[beyond] for end in ends], axis=1).reshape(-1, 2, 2)
+        for k, ends_of in zip(zone[beyond].tolist(), xy, strict=True):
+            lines.setdefault(k, []).append(shapely.LineString(ends_of))
+    joined = {k: shapely.line_merge(shapely.union_all(own)) for k, own in sorted(lines.items())}
+    levels = [preset.levels[hazard.levels.classes[k] - 1] for k in joined]
+    columns = {
+        "zone": np.array(list(joined), np.int64) + 1,
+        "hazard_level": [level.code for level in levels],
+        "length_m": [round(line.length, 1) for line in joined.values()],
+    }
+    return described_layer(
+        "open_limits", columns, list(joined.values()), grid.crs, open_limit_style()
     )
 
 
@@ -124,7 +174,7 @@ def level_changes(
     ``codes`` are those of the levels, from low to high; ``key`` is the layer of
     ``data/map_layers.csv`` that says what is compared.
     """
-    codes = [_NO_LEVEL, *codes]
+    codes = [NO_LEVEL, *codes]
     before, after = both["before"], both["after"]
     columns = {
         "level_before": [codes[k] for k in before],

@@ -1,0 +1,148 @@
+"""What drawing makes of cells: number, size and certainty of zones, and pictures of them.
+
+``python docs/studies/zone_drawing.py DATA -o FOLDER`` simulates the sample valley with its release
+areas and with those that ``sassgis cliffs`` proposes, and three terrain models of Land Tirol in
+DATA; writes the table into ``docs/studies/zone_drawing.md`` and the picture beside it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+import shapely
+from matplotlib.axes import Axes
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path as Outline
+
+from docs.studies.tirol import config_of
+from docs.studies.zone_seeds import GIVEN, REF_WIDTH_M, VALLEY, read_sample, sample
+from sassgis.hazard.another_sample import level_chances
+from sassgis.hazard.assess import level_zones, raster
+from sassgis.hazard.attribution import zone_of_cells
+from sassgis.hazard.levels import hazard_level
+from sassgis.hazard.zoning.coverage import Coverage, cells_as_zones
+from sassgis.io.read.config import load_config
+from sassgis.io.read.presets import read_preset
+from sassgis.model.grid import BoolArray, Grid
+from sassgis.model.hazard import HazardCurves, ZoningSettings
+from sassgis.report.figures.relief import hillshade
+from sassgis.runs.propose_release import propose_release
+
+PRESET = read_preset("ch-so")
+SCALES = (5_000, 10_000)
+#: From this share of uncertain cells on a zone says little.
+UNSURE = 0.3
+SITES = ("valley", "cliffs", "avaMal", "avaKot", "avaGar")
+SHOWN = ("cliffs", "avaKot")
+
+
+def samples(data: Path, out: Path) -> None:
+    """Hazard curves of each site; those that are there are not made again."""
+    for name in SITES:
+        file = out / f"{name}_1.npz"
+        if file.exists():
+            continue
+        if name in ("valley", "cliffs"):
+            config = VALLEY
+        else:
+            config = out / f"{name}.toml"
+            config.write_text(config_of(data, name, spacing=20.0), encoding="utf-8")
+        each = 50 if name in ("valley", "cliffs") else 20
+        values: dict[str, object] = {**GIVEN, "run.seed": 1, "release.rocks_per_point": each}
+        if name == "cliffs":
+            release = out / "cliffs.gpkg"
+            propose_release(VALLEY.parent / "dem.tif", release)
+            values |= {"release.file": str(release), "release.scenario_field": None}
+        sample(load_config(config, values), file)
+        print(file, flush=True)
+
+
+def drawn_at(curves: HazardCurves, grid: Grid, scale: float) -> Coverage:
+    """Zones of hazard level by the preset at a scale."""
+    rules = ZoningSettings(scale=scale).drawing(PRESET.sheet, REF_WIDTH_M, 0.0, grid.cell_size)
+    (zones,) = level_zones([curves], PRESET, grid, rules)
+    return zones
+
+
+def facts(zones: Coverage, grid: Grid, cells: np.ndarray, unsure: BoolArray) -> str:
+    """Number of zones, the smallest, and how many are unsure, as three columns."""
+    zone = zone_of_cells(zones, grid, cells)
+    n = zones.polygons.size
+    inside = np.bincount(zone[zone >= 0], minlength=n)
+    share = np.bincount(zone[zone >= 0], unsure[zone >= 0], n) / np.maximum(inside, 1)
+    return f"{n} | {shapely.area(zones.polygons).min():,.0f} | {(share > UNSURE).sum()}"
+
+
+def fill(ax: Axes, zones: Coverage) -> None:
+    """Zones in the colours of the preset."""
+    for polygon, k in zip(zones.polygons, zones.classes, strict=True):
+        rings = [polygon.exterior, *polygon.interiors]
+        outline = Outline.make_compound_path(*(Outline(np.asarray(r.coords)) for r in rings))
+        level = PRESET.levels[k - 1]
+        ax.add_patch(
+            PathPatch(outline, facecolor=level.colour, edgecolor="black", lw=0.4, alpha=0.75)
+        )
+
+
+def picture(shown: list[tuple[str, Grid, list[Coverage]]], file: Path) -> None:
+    """Cells and zones at two scales, a row for each site."""
+    figure, axes = plt.subplots(len(shown), 3, figsize=(12, 5.5 * len(shown)), squeeze=False)
+    for row, (name, grid, stages) in zip(axes, shown, strict=True):
+        west, south, east, north = shapely.total_bounds(stages[-1].polygons)
+        titles = ("cells", *(f"zones at 1:{scale:,}" for scale in SCALES))
+        for ax, zones, title in zip(row, stages, titles, strict=True):
+            left, bottom, right, top = grid.bounds
+            ax.imshow(hillshade(grid), cmap="gray", extent=(left, right, bottom, top))
+            fill(ax, zones)
+            ax.set(xlim=(west - 30, east + 30), ylim=(south - 30, north + 30), xticks=[], yticks=[])
+            ax.set_title(f"{name}: {title}", fontsize=10)
+    figure.tight_layout()
+    figure.text(0.01, 0.002, "avaKot: Land Tirol - data.tirol.gv.at. Not a hazard map.", fontsize=6)
+    figure.savefig(file, dpi=90)
+    plt.close(figure)
+
+
+def main() -> None:
+    """Simulate, draw and count."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("data", type=Path)
+    parser.add_argument("-o", "--output", type=Path, required=True)
+    given = parser.parse_args()
+    given.output.mkdir(parents=True, exist_ok=True)
+    samples(given.data, given.output)
+    columns = " | ".join(
+        f"{what}: number | smallest (m²) | unsure"
+        for what in ("cells", *map("1:{:,}".format, SCALES))
+    )
+    rows = [f"| site | {columns} |", "|---" * 10 + "|"]
+    shown = []
+    for name in SITES:
+        curves, grid = read_sample(given.output / f"{name}_1.npz")
+        chances = level_chances(curves, PRESET, np.isfinite(grid.values))
+        levels = raster(grid, curves.places, hazard_level(curves, PRESET))
+        stages = [cells_as_zones(levels, grid), *(drawn_at(curves, grid, s) for s in SCALES)]
+        unsure = chances.uncertain(0.95)
+        told = " | ".join(facts(zones, grid, chances.places, unsure) for zones in stages)
+        rows.append(f"| {name} | {told} |")
+        print(rows[-1], flush=True)
+        if name in SHOWN:
+            shown.append((name, grid, stages))
+    page = Path(__file__).with_suffix(".md")
+    text = page.read_text(encoding="utf-8")
+    made = "\n".join(rows)
+    text = re.sub(
+        r"(<!-- table -->\n).*?(\n<!-- end table -->)",
+        lambda m: m[1] + made + m[2],
+        text,
+        flags=re.S,
+    )
+    page.write_text(text, encoding="utf-8")
+    picture(shown, Path(__file__).with_suffix(".png"))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,157 @@
+"""What reaches exposed objects: energies and heights of all blocks that come to each, pooled."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy import special
+
+from sassgis.hazard.curves import energy_at, hazard_curves, rate_interval
+from sassgis.hazard.map_sums import MapSums, quantiles
+from sassgis.model.grid import FloatArray
+from sassgis.model.hazard import HazardCurves, Source, SourceCounts
+from sassgis.model.map_run import ObjectCells
+
+#: Of the energy and height that are stated of all blocks that reach an object.
+_Q95 = 0.95
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """Values of objects with an interval by the sampling of blocks, shape (n_objects,) each.
+
+    NaN where nothing arrives, or not as often; a limit is NaN where the sample has none.
+    """
+
+    value: FloatArray
+    low: FloatArray
+    high: FloatArray
+
+    def of(self, number: int) -> tuple[float, float, float]:
+        """Value and limits of one object."""
+        return float(self.value[number]), float(self.low[number]), float(self.high[number])
+
+    def columns(self, name: str) -> dict[str, FloatArray]:
+        """Values and limits by the name of the values."""
+        return {name: self.value, f"{name}_low": self.low, f"{name}_high": self.high}
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectValues:
+    """What reaches each object.
+
+    Attributes
+    ----------
+    arrivals : Estimate
+        Blocks per year; without frequencies, the blocks themselves.
+    energy_q95_kj, height_q95_m : Estimate
+        Not exceeded by 95 % of the blocks: of the energy each counts once with its largest on the
+        object, as often as it is released; of the height once in each cell, as often as it was
+        simulated.
+    energy_kj : mapping of float to Estimate
+        Exceeded once in a return period (years); empty without frequencies.
+    """
+
+    arrivals: Estimate
+    energy_q95_kj: Estimate
+    height_q95_m: Estimate
+    energy_kj: Mapping[float, Estimate] = field(default_factory=dict)
+
+
+def object_values(
+    objects: ObjectCells,
+    sources: Sequence[Source],
+    counts: Sequence[SourceCounts],
+    energies_kj: FloatArray,
+    sums: MapSums | None,
+    height_edges: FloatArray,
+    *,
+    return_periods: Sequence[float] = (),
+    confidence: float = 0.95,
+) -> ObjectValues:
+    """What reaches each object.
+
+    Parameters
+    ----------
+    sources, counts : sequence
+        Blocks at the objects, one each per source.
+    energies_kj : float64, shape (n_energies,)
+        Of the counts.
+    sums : MapSums or None
+        Of the cells of all blocks, with histograms of the passing height; without, none is stated.
+    height_edges : float64
+        Of their bins (m).
+    return_periods : sequence of float
+        Years.
+    confidence : float
+        Of the intervals.
+    """
+    curves = hazard_curves(sources, counts, energies_kj)
+    lower, upper = rate_interval(curves, confidence)
+    # Quantiles of rising means rise, but for rounding.
+    ends = [replace(curves, rate=np.minimum.accumulate(rate, axis=1)) for rate in (lower, upper)]
+    n = objects.n_objects
+
+    def placed(*values: FloatArray) -> Estimate:
+        out = np.full((3, n), np.nan)
+        out[:, curves.places] = values
+        return Estimate(*out)
+
+    def energy(years: FloatArray) -> Estimate:
+        low, high = (energy_at(end, years) for end in ends)
+        value = energy_at(curves, years)
+        # With the lowest frequency blocks may come less often; beyond the last energy of the
+        # curves nothing is known.
+        unknown = ends[1].rate[:, -1] * years >= 1.0
+        low = np.where(np.isnan(low), 0.0, low)
+        high = np.where(unknown, np.nan, high)
+        return placed(value, *(np.where(np.isnan(value), np.nan, v) for v in (low, high)))
+
+    rate = curves.rate[:, 0]
+    with np.errstate(divide="ignore"):
+        of_few = 1.0 / ((1.0 - _Q95) * rate)
+    return ObjectValues(
+        placed(rate, lower[:, 0], upper[:, 0]),
+        energy(of_few),
+        _heights(objects, curves, sums, height_edges, confidence),
+        {t: energy(np.full(rate.shape, t)) for t in return_periods},
+    )
+
+
+def _heights(
+    objects: ObjectCells,
+    curves: HazardCurves,
+    sums: MapSums | None,
+    edges: FloatArray,
+    confidence: float,
+) -> Estimate:
+    """95 % quantile of the passing height in the cells of each object, with an interval.
+
+    Limits by the order of as many independent blocks as the rate of the object and its variance
+    are those of (binomial, taken as normal).
+    """
+    n = objects.n_objects
+    pooled = np.zeros((n, edges.size - 1), np.int64)
+    largest = np.zeros(n)
+    if sums is not None and sums.cells.size:
+        order = np.argsort(sums.cells)
+        at = order[np.minimum(np.searchsorted(sums.cells[order], objects.cell), order.size - 1)]
+        there = sums.cells[at] == objects.cell
+        of = objects.number[there]
+        np.add.at(pooled, of, sums.column("height")[at[there]].astype(np.int64))
+        np.maximum.at(largest, of, sums.column("height_max")[at[there]])
+    blocks = np.zeros(n)
+    variance = curves.variance[:, 0]
+    blocks[curves.places] = np.divide(
+        curves.rate[:, 0] ** 2, variance, out=np.zeros_like(variance), where=variance > 0.0
+    )
+    out = np.full((3, n), np.nan)
+    z = special.ndtri(0.5 + 0.5 * confidence)
+    for number in np.flatnonzero(pooled.any(axis=1)).tolist():
+        room = z * np.sqrt(_Q95 * (1.0 - _Q95) / max(blocks[number], 1.0))
+        levels = (_Q95, max(_Q95 - room, 0.0), min(_Q95 + room, 1.0))
+        own = slice(number, number + 1)
+        out[:, number] = quantiles(pooled[own], edges, levels, largest[own])[:, 0]
+    return Estimate(*out)

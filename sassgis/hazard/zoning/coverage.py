@@ -1,0 +1,189 @@
+"""Zones as polygons that share their borders exactly."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from sassgis.model.errors import InputError
+from sassgis.model.grid import BoolArray, Grid, IntArray
+
+#: Coordinates of zones are multiples of it (m).
+_DECIMALS = 3
+PRECISION_M = 10.0**-_DECIMALS
+#: Places that are nowhere wider than this (m) are no zones of their own.
+_THREAD_M = 0.2
+
+
+@dataclass(frozen=True, slots=True)
+class Coverage:
+    """Zones: polygons that do not overlap, with their class.
+
+    Attributes
+    ----------
+    polygons : object, shape (n,)
+        ``shapely.Polygon``; neighbours share their vertices.
+    classes : int64, shape (n,)
+        From 1, ascending.
+    """
+
+    polygons: NDArray[Any]
+    classes: IntArray
+
+
+def check_cells(cell_size: float) -> None:
+    """Raise InputError if cells are not at least ten times the precision of coordinates."""
+    if cell_size < 10.0 * PRECISION_M:
+        raise InputError(
+            "cells are too small for the precision of the zones' coordinates",
+            field="terrain.dem",
+            found=f"cells of {cell_size:g} m",
+            expected=f"cells of {10.0 * PRECISION_M:g} m or more",
+        )
+
+
+def polygons_of(area: Any) -> NDArray[Any]:
+    """The polygons of a geometry, without its lines and points."""
+    parts = shapely.get_parts(area)
+    return np.asarray(parts[shapely.get_type_id(parts) == shapely.GeometryType.POLYGON], object)
+
+
+def cell_faces(classes: IntArray, grid: Grid) -> tuple[NDArray[Any], IntArray]:
+    """Regions of cells of one class that hang together over sides, as they are; and their class.
+
+    Returns
+    -------
+    faces : object, shape (n,)
+        Polygons that share their vertices.
+    classes : int64, shape (n,)
+    """
+    lined = np.pad(classes, 1)
+    across, along = lined[:-1, 1:-1] != lined[1:, 1:-1], lined[1:-1, :-1] != lined[1:-1, 1:]
+    row, first, last = _runs(across, along)
+    col, top, bottom = _runs(along.T, across.T)
+    ends = np.concatenate(
+        (
+            np.stack((np.stack((first, row), 1), np.stack((last, row), 1)), 1),
+            np.stack((np.stack((col, top), 1), np.stack((col, bottom), 1)), 1),
+        )
+    )
+    place = np.array([grid.west, grid.north]) + ends * np.array([1.0, -1.0]) * grid.cell_size
+    lines = shapely.linestrings(np.round(place, _DECIMALS))
+    faces = np.asarray(shapely.get_parts(shapely.polygonize(lines)), object)
+    inside = shapely.point_on_surface(faces)
+    j = np.floor((shapely.get_x(inside) - grid.west) / grid.cell_size).astype(np.int64)
+    i = np.floor((grid.north - shapely.get_y(inside)) / grid.cell_size).astype(np.int64)
+    return faces, classes[i, j].astype(np.int64)
+
+
+def _runs(lines: BoolArray, others: BoolArray) -> tuple[IntArray, IntArray, IntArray]:
+    """Straight stretches of sides of cells, each up to where another side meets it.
+
+    Parameters
+    ----------
+    lines : bool, shape (n + 1, m)
+        Sides that run along the rows; ``others``, shape (n, m + 1), run across.
+
+    Returns
+    -------
+    row, first, last : int64
+        Corners at the ends of each.
+    """
+    meet = np.pad(others, ((1, 0), (0, 0))) | np.pad(others, ((0, 1), (0, 0)))
+    before, after = np.pad(lines, ((0, 0), (1, 0)))[:, :-1], np.pad(lines, ((0, 0), (0, 1)))[:, 1:]
+    row, first = np.nonzero(lines & (~before | meet[:, :-1]))
+    last = np.nonzero(lines & (~after | meet[:, 1:]))[1] + 1
+    return row, first, last
+
+
+def faces_of(areas: Sequence[Any]) -> NDArray[Any]:
+    """The polygons into which the borders of areas divide the plane, on coordinates of 1 mm."""
+    lines = shapely.unary_union(shapely.boundary(np.asarray(areas)), grid_size=PRECISION_M)
+    return np.asarray(shapely.get_parts(shapely.polygonize(shapely.get_parts(lines))), object)
+
+
+def classes_of(faces: NDArray[Any], stack: Sequence[Any]) -> IntArray:
+    """Class of each face: the number of the last area of a stack that holds it; 0 for none."""
+    inside = shapely.point_on_surface(faces)
+    x, y = shapely.get_x(inside), shapely.get_y(inside)
+    out = np.zeros(faces.size, np.int64)
+    for k, area in enumerate(stack, start=1):
+        shapely.prepare(area)
+        out[shapely.contains_xy(area, x, y)] = k
+    return out
+
+
+def without_threads(faces: NDArray[Any], classes: IntArray) -> IntArray:
+    """Classes of faces; one that is nowhere 0.2 m wide joins the next higher one that it borders.
+
+    Again and again, as several may lie side by side. What is no wider than the rounding of
+    coordinates and borders no higher one joins a lower one.
+    """
+    out = classes.copy()
+    threads = np.flatnonzero(shapely.is_empty(shapely.buffer(faces, -_THREAD_M / 2.0)))
+    thread, face = shapely.STRtree(faces).query(faces[threads], predicate="touches")
+    shared = shapely.length(shapely.intersection(faces[threads[thread]], faces[face])) > 0.0
+    thread, face = threads[thread[shared]], face[shared]
+    while True:
+        higher = out[face] > out[thread]
+        if not higher.any():
+            break
+        joined = np.full(out.size, np.iinfo(np.int64).max)
+        np.minimum.at(joined, thread[higher], out[face][higher])
+        out = np.where(joined < np.iinfo(np.int64).max, joined, out)
+    rounding = shapely.is_empty(shapely.buffer(faces, -PRECISION_M))
+    lower = np.full(out.size, -1)
+    wide = ~rounding[face]
+    np.maximum.at(lower, thread[wide], out[face[wide]])
+    return np.where(rounding & (lower >= 0), lower, out)
+
+
+def without_small(
+    faces: NDArray[Any], classes: IntArray, smallest_m2: float
+) -> tuple[Coverage, IntArray]:
+    """Zones of faces, and their classes; a small zone joins the next higher one that it borders."""
+    while True:
+        zones = dissolved(faces, classes)
+        is_small = shapely.area(zones.polygons) < smallest_m2
+        small, own = zones.polygons[is_small], zones.classes[is_small]
+        zone, face = shapely.STRtree(faces).query(small, predicate="touches")
+        border = shapely.length(shapely.intersection(small[zone], faces[face]))
+        beside = (border > PRECISION_M) & (classes[face] > own[zone])
+        if not beside.any():
+            return zones, classes
+        joined = np.full(small.size, np.iinfo(np.int64).max)
+        np.minimum.at(joined, zone[beside], classes[face[beside]])
+        inside = shapely.point_on_surface(faces)
+        zone, face = shapely.STRtree(inside).query(small, predicate="contains")
+        raised = joined[zone] < np.iinfo(np.int64).max
+        classes = classes.copy()
+        classes[face[raised]] = joined[zone[raised]]
+
+
+def joined_coverages(parts: Sequence[Coverage]) -> Coverage:
+    """Zones of several places: those of the lowest class first, then from north and west."""
+    classes = np.concatenate([np.empty(0, np.int64), *(p.classes for p in parts)])
+    polygons = np.concatenate([np.empty(0, object), *(p.polygons for p in parts)])
+    west, south, east, north = shapely.bounds(polygons).reshape(-1, 4).T
+    order = np.lexsort((shapely.area(polygons), east, south, west, -north, classes))
+    return Coverage(polygons[order], classes[order])
+
+
+def dissolved(faces: NDArray[Any], classes: IntArray) -> Coverage:
+    """Faces of the same class as one zone where they share a border; those of class 0 are none."""
+    zones = []
+    for k in np.unique(classes[classes > 0]).tolist():
+        own = polygons_of(shapely.coverage_union_all(faces[classes == k]))
+        zones.append(Coverage(own, np.full(own.size, k, np.int64)))
+    return joined_coverages(zones)
+
+
+def cells_as_zones(classes: IntArray, grid: Grid) -> Coverage:
+    """Cells of the same class (above 0) as zones, with the borders of the cells."""
+    check_cells(grid.cell_size)
+    return dissolved(*cell_faces(classes, grid))

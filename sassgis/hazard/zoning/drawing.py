@@ -1,0 +1,307 @@
+"""From a raster of classes to zones as they are drawn on a map.
+
+Everything here only raises a class: no place lies in a zone of a class below that of its cell.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from sassgis.hazard.zoning.coverage import (
+    PRECISION_M,
+    Coverage,
+    cell_faces,
+    check_cells,
+    classes_of,
+    faces_of,
+    joined_coverages,
+    polygons_of,
+    without_small,
+    without_threads,
+)
+from sassgis.model.grid import BoolArray, Grid, IntArray
+from sassgis.model.hazard import Drawing
+
+#: A disk does not reach into the corners of a wide part, which are not narrow for that: a right
+#: angle is filled by a disk that is larger by this factor.
+_CORNER = 1.45
+#: Narrow parts are widened in steps of this share of the least width.
+_STEP = 4
+_FITS = 0.999
+#: Narrow parts below this share of the square of the least width are corners and chords of disks.
+_SPECK = 0.01
+#: A small part grows by no more than this times the side of a square of the smallest area.
+_FARTHEST = 2.0
+#: Areas this near to each other touch, along a border if it is at least so long.
+_TOUCHING_M, _SHARED_M = 0.01, 0.1
+_NOWHERE = shapely.Polygon()
+
+
+def _grown(area: Any, distance_m: float, chords: int = 6) -> Any:
+    """An area with all that lies within a distance of it, or without its rim where that is < 0.
+
+    Corners become ``chords`` to a quarter of a circle: six keep within a hundredth of the distance.
+    """
+    return shapely.buffer(area, distance_m, quad_segs=chords)
+
+
+def _smooth(area: Any, tolerance_m: float) -> Any:
+    """An area in fewer, longer lines, none of which cuts into it.
+
+    Grown by half of the tolerance, and then simplified by less than that (Douglas and Peucker
+    1973): the new line stays outside, and within the tolerance.
+    """
+    if tolerance_m == 0.0:
+        return area
+    half = tolerance_m / 2.0
+    # Two chords to a quarter of a circle come as near as 0.92 of the distance.
+    return shapely.simplify(_grown(area, half, 2), 0.9 * half)
+
+
+def _closed(area: Any, gap_m: float) -> Any:
+    """An area with the gaps into which no disk fits that is as wide."""
+    if gap_m == 0.0:
+        return area
+    return _grown(_grown(area, gap_m / 2.0), -gap_m / 2.0)
+
+
+def _narrow(area: Any, width_m: float, corner: float = 1.0) -> Any:
+    """Parts of an area into which no disk fits that is as wide."""
+    # A part of exactly this width is not narrow.
+    half = _FITS * width_m / 2.0
+    wide = _grown(_grown(area, -half), corner * half)
+    parts = polygons_of(shapely.difference(area, wide))
+    return parts[shapely.area(parts) > _SPECK * width_m**2]
+
+
+def _widened(area: Any, width_m: float) -> Any:
+    """An area whose narrow parts have grown until a disk fits."""
+    for _ in range(_STEP // 2):
+        narrow = _narrow(area, width_m, _CORNER)
+        if not narrow.size:
+            break
+        area = shapely.union_all([area, *_grown(narrow, width_m / _STEP)])
+    return area
+
+
+def _enlarged(area: Any, smallest_m2: float, known: Any) -> Any:
+    """An area whose small parts have grown evenly until they have the smallest area.
+
+    In a corner of the known terrain a part grows farther than on open ground, but not without end.
+    """
+    parts = polygons_of(area)
+    out = []
+    for part in parts[shapely.area(parts) < smallest_m2]:
+        low, high = 0.0, _FARTHEST * math.sqrt(smallest_m2)
+        for _ in range(24):
+            middle = (low + high) / 2.0
+            found = _on_terrain(_grown(part, middle), known, part).area
+            low, high = (middle, high) if found < smallest_m2 else (low, middle)
+        out.append(_grown(part, high * (1.0 + 1e-6)))
+    return shapely.union_all([area, *out]) if out else area
+
+
+def _filled(area: Any, smallest_m2: float) -> Any:
+    """An area without holes smaller than an area."""
+    parts = []
+    for part in polygons_of(area):
+        large = [h for h in part.interiors if shapely.Polygon(h).area >= smallest_m2]
+        parts.append(shapely.Polygon(part.exterior, large))
+    return shapely.union_all(parts)
+
+
+def _superlevel(cells: Any, inside: Sequence[Any], rules: Drawing, gap_m: float, known: Any) -> Any:
+    """Area of a class and those above it: its cells, smoothed, and what must lie within."""
+    must = shapely.union_all([cells, *inside])
+    if must.is_empty:
+        return must
+    area = shapely.union_all([_smooth(cells, rules.tolerance_m), *inside])
+    if rules.width_m > 0.0:
+        area = _widened(area, rules.width_m)
+    area = _closed(area, gap_m)
+    if rules.area_m2 > 0.0:
+        area = _enlarged(_on_terrain(area, known, must), rules.area_m2, known)
+        area = _filled(_closed(area, gap_m), rules.area_m2)
+    return _on_terrain(shapely.union(_smooth(area, 0.1 * rules.tolerance_m), must), known, must)
+
+
+def _on_terrain(area: Any, known: Any, cells: Any) -> Any:
+    """The parts of an area on known terrain that some cells are in."""
+    if shapely.covers(known, area):
+        return area
+    parts = polygons_of(shapely.intersection(area, known))
+    shapely.prepare(cells)
+    return shapely.multipolygons(parts[shapely.intersects(cells, parts)])
+
+
+def _with_rims(higher: Any, lower: Any, rules: Drawing) -> Any:
+    """The higher area with what lies between it and the lower one and is too small to be drawn.
+
+    Narrow parts and small pieces beside the higher area belong to it. Narrow ends that do not touch
+    it stay what they are.
+    """
+    if rules.width_m > 0.0:
+        narrow = _narrow(shapely.difference(lower, higher), rules.width_m)
+        higher = _joined(higher, narrow)
+    parts = polygons_of(shapely.difference(lower, higher, grid_size=PRECISION_M))
+    return _joined(higher, parts[shapely.area(parts) < rules.area_m2])
+
+
+def _joined(area: Any, parts: NDArray[Any]) -> Any:
+    """An area with those parts that share a border with it."""
+    found = polygons_of(shapely.union_all([area, *_beside(area, parts)], grid_size=PRECISION_M))
+    # What hangs together by less than the precision does not.
+    common = shapely.area(shapely.intersection(found, area))
+    return shapely.multipolygons(found[common > PRECISION_M * shapely.length(found)])
+
+
+def _beside(area: Any, parts: NDArray[Any]) -> NDArray[Any]:
+    """Those parts that share a border with an area, and not a point only."""
+    place, ring = shapely.get_coordinates(shapely.get_rings(polygons_of(area)), return_index=True)
+    sides = np.stack((place[:-1], place[1:]), 1)[ring[:-1] == ring[1:]]
+    lines = shapely.linestrings(sides)
+    grown = _grown(parts, _TOUCHING_M)
+    part, line = shapely.STRtree(lines).query(grown, predicate="intersects")
+    shared = shapely.length(shapely.intersection(lines[line], grown[part]))
+    return parts[np.bincount(part, shared, parts.size) > _SHARED_M]
+
+
+def reach_cells(rules: Drawing, cell_size: float) -> int:
+    """Cells from a zone within which drawing it looks at others, and may add to it."""
+    grown = rules.width_m + _FARTHEST * math.sqrt(rules.area_m2) + rules.tolerance_m
+    return math.ceil((2.0 * grown + max(rules.gap_m, rules.envelope_m)) / cell_size) + 2
+
+
+def drawn_zones(
+    maps: Sequence[IntArray],
+    grid: Grid,
+    rules: Drawing,
+    known: BoolArray | None = None,
+    enveloped: Sequence[bool] = (),
+) -> list[Coverage]:
+    """Draw the zones of maps of which none is above the next, from frequent to rare.
+
+    Parameters
+    ----------
+    maps : sequence of int, shape (n_rows, n_cols)
+        Classes of the cells; 0 where nothing arrives.
+    grid : Grid
+        Where the cells lie; its values are not used.
+    known : bool, shape (n_rows, n_cols), optional
+        Where the terrain is known; no zone reaches beyond it.
+    enveloped : sequence of bool, optional
+        Whether the outer limit of each map is an envelope (``rules.envelope_m``); default: none is.
+
+    Returns
+    -------
+    list of Coverage
+        One per map: a valid coverage whose zones contain their cells. {class >= k} of a map
+        contains that of the one before.
+
+    Raises
+    ------
+    ValueError
+        If a map does not fit the grid, is below the one before, or has a class below 0.
+    InputError
+        If cells are not at least ten times the precision of the coordinates.
+
+    Notes
+    -----
+    Lines are those of mathematical morphology with disks (Serra 1982), on polygons. For each class,
+    from the highest, the area of its cells and the higher classes is smoothed outwards, narrow
+    parts are widened, gaps closed, small parts enlarged and small holes filled. Then, from the
+    lowest class, narrow and small parts beside a higher class join that.
+    """
+    maps = [np.asarray(m, np.int64) for m in maps]
+    for m in maps:
+        if m.shape != grid.shape:
+            raise ValueError(f"classes of shape {m.shape} on a grid of {grid.shape}")
+        if m.size and m.min() < 0:
+            raise ValueError("a class is below 0")
+    if any((rare < frequent).any() for frequent, rare in pairwise(maps)):
+        raise ValueError("a rarer return period is below a more frequent one")
+    check_cells(grid.cell_size)
+    if not maps or not maps[-1].any():
+        return [Coverage(np.empty(0, object), np.empty(0, np.int64)) for _ in maps]
+    own = np.ones(grid.shape, np.bool_) if known is None else known
+    envelopes = enveloped or [False] * len(maps)
+    places = [
+        _drawn(m, part, rules, terrain, envelopes)
+        for m, part, terrain in _places(maps, grid, own, reach_cells(rules, grid.cell_size))
+    ]
+    return [joined_coverages(of_map) for of_map in zip(*places, strict=True)]
+
+
+def _places(
+    maps: Sequence[IntArray], grid: Grid, known: BoolArray, reach: int
+) -> Iterator[tuple[list[IntArray], Grid, BoolArray]]:
+    """Maps, grid and known terrain of each place whose zones do not feel those of another."""
+    near = ndimage.distance_transform_edt(np.max(maps, axis=0) == 0) <= reach
+    place_of, _ = ndimage.label(near, np.ones((3, 3)))
+    for number, box in enumerate(ndimage.find_objects(place_of), start=1):
+        mine = place_of[box] == number
+        part = replace(
+            grid,
+            values=grid.values[box],
+            west=grid.west + box[1].start * grid.cell_size,
+            north=grid.north - box[0].start * grid.cell_size,
+        )
+        yield [np.where(mine, m[box], 0) for m in maps], part, known[box]
+
+
+def _drawn(
+    maps: Sequence[IntArray],
+    grid: Grid,
+    rules: Drawing,
+    known: BoolArray,
+    enveloped: Sequence[bool],
+) -> list[Coverage]:
+    """Draw the zones of one place."""
+    faces, is_known = cell_faces(known.astype(np.int64), grid)
+    terrain = shapely.coverage_union_all(faces[is_known > 0])
+    stacks: list[list[Any]] = []
+    below: Sequence[Any] = [_NOWHERE] * int(max(m.max() for m in maps))
+    for m, envelope in zip(maps, enveloped, strict=True):
+        below = _stack(m, grid, rules, envelope, below, terrain)
+        stacks.append([*below])
+    return _nested(stacks, rules.area_m2)
+
+
+def _stack(
+    classes: IntArray, grid: Grid, rules: Drawing, envelope: bool, within: Sequence[Any], known: Any
+) -> list[Any]:
+    """Area of each class with those above it, from class 1; each contains that of ``within``."""
+    stack: list[Any] = []
+    higher = _NOWHERE
+    faces, of_face = cell_faces(classes, grid)
+    for k in range(len(within), 0, -1):
+        gap = rules.gap_m if k > 1 or not envelope else max(rules.gap_m, rules.envelope_m)
+        cells = shapely.coverage_union_all(faces[of_face >= k])
+        higher = _superlevel(cells, [higher, within[k - 1]], rules, gap, known)
+        stack.insert(0, higher)
+    for k in range(1, len(stack)):
+        stack[k] = _with_rims(stack[k], stack[k - 1], rules)
+    return stack
+
+
+def _nested(stacks: Sequence[Sequence[Any]], smallest_m2: float) -> list[Coverage]:
+    """Maps on common lines, each of which contains the one before."""
+    faces = faces_of([area for stack in stacks for area in stack])
+    below = np.zeros(faces.size, np.int64)
+    out = []
+    for stack in stacks:
+        classes = np.maximum(below, classes_of(faces, stack))
+        below = np.maximum(below, without_threads(faces, classes))
+        # What is cut off between this map and the one before may be small again.
+        zones, below = without_small(faces, below, smallest_m2)
+        out.append(zones)
+    return out

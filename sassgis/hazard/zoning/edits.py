@@ -1,0 +1,134 @@
+"""Edits of an expert on computed zones."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import shapely
+
+from sassgis.hazard.zoning.coverage import (
+    PRECISION_M,
+    Coverage,
+    dissolved,
+    faces_of,
+    without_threads,
+)
+from sassgis.model.edits import NO_LEVEL, Edit
+from sassgis.model.grid import FloatArray, IntArray
+
+#: From this share of its area on, another computed level below an edit is reported.
+CHANGED_MIN = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class AppliedEdit:
+    """An edit with what was computed below it.
+
+    Attributes
+    ----------
+    now, then : mapping of str to float
+        Share of the edit's area by code of the computed level: of this run, and when the edit was
+        made; the latter is empty if it is not known.
+    """
+
+    edit: Edit
+    now: Mapping[str, float]
+    then: Mapping[str, float]
+
+    @property
+    def changed(self) -> float:
+        """Least share of the area whose computed level is another one since; NaN if not known."""
+        if not self.then:
+            return float("nan")
+        codes = {*self.now, *self.then}
+        return sum(abs(self.now.get(c, 0.0) - self.then.get(c, 0.0)) for c in codes) / 2.0
+
+    @property
+    def has_changed(self) -> bool:
+        """Whether the computed level has changed by so much that a user is told."""
+        return self.changed >= CHANGED_MIN
+
+
+def shares_text(shares: Mapping[str, float]) -> str:
+    """Shares of levels as the column ``computed`` has them: "mean 62 %, residual_hazard 38 %"."""
+    return ", ".join(f"{code} {100.0 * share:.0f} %" for code, share in shares.items())
+
+
+def shares_of_text(text: str) -> dict[str, float]:
+    """Shares of levels from their text; what it does not name has no level. Empty if it is none."""
+    shares: dict[str, float] = {}
+    for code, share in re.findall(r"([A-Za-z]\w*) ([0-9.]+) %", text):
+        shares[code] = shares.get(code, 0.0) + float(share) / 100.0
+    rest = 1.0 - sum(shares.values())
+    if shares and rest >= 0.005:
+        shares[NO_LEVEL] = shares.get(NO_LEVEL, 0.0) + rest
+    return shares
+
+
+def with_edits(
+    zones: Coverage, edits: Sequence[Edit], codes: Sequence[str]
+) -> tuple[Coverage, IntArray, tuple[AppliedEdit, ...]]:
+    """Zones with the edits of experts, later ones over earlier ones.
+
+    Parameters
+    ----------
+    zones : Coverage
+        As computed.
+    codes : sequence of str
+        Of the levels, from low to high.
+
+    Returns
+    -------
+    zones : Coverage
+        What an edit made another level is a zone of its own.
+    edit : int64, shape (n_zones,)
+        The edit that made each zone; -1 for none.
+    applied : tuple of AppliedEdit
+    """
+    if not edits:
+        return zones, np.full(zones.classes.size, -1), ()
+    shapes = [shapely.set_precision(e.geometry, PRECISION_M) for e in edits]
+    faces = faces_of([*zones.polygons, *shapes])
+    inside = shapely.point_on_surface(faces)
+    computed = np.zeros(faces.size, np.int64)
+    face, zone = shapely.STRtree(zones.polygons).query(inside, predicate="within")
+    computed[face] = zones.classes[zone]
+    area: FloatArray = shapely.area(faces)
+    level, made_by = computed.copy(), np.full(faces.size, -1)
+    applied = []
+    for number, (edit, shape) in enumerate(zip(edits, shapes, strict=True)):
+        shapely.prepare(shape)
+        own = shapely.contains(shape, inside)
+        applied.append(
+            AppliedEdit(
+                edit, _shares(computed[own], area[own], codes), shares_of_text(edit.computed)
+            )
+        )
+        acts = own & _acts(edit, level)
+        level[acts], made_by[acts] = edit.level, number
+    # What is a zone of its own: the level first, so that threads join a level that is not lower.
+    base = len(edits) + 1
+    kinds = without_threads(faces, np.where(level > 0, level * base + made_by + 1, 0))
+    drawn = dissolved(faces, kinds)
+    return Coverage(drawn.polygons, drawn.classes // base), drawn.classes % base - 1, tuple(applied)
+
+
+def _acts(edit: Edit, level: IntArray) -> Any:
+    """Where an edit changes a level, or confirms it with its own."""
+    if edit.limit == "at_least":
+        return level < edit.level
+    if edit.limit == "at_most":
+        return level > edit.level
+    return np.ones(level.shape, np.bool_)
+
+
+def _shares(level: IntArray, area: FloatArray, codes: Sequence[str]) -> dict[str, float]:
+    """Share of an area by level, from high to low; without what rounds to nothing."""
+    of_level = np.bincount(level, area, len(codes) + 1) / area.sum()
+    names = [NO_LEVEL, *codes]
+    order = range(len(codes), -1, -1)
+    return {names[k]: float(of_level[k]) for k in order if of_level[k] >= 0.005}

@@ -1,0 +1,98 @@
+"""Edits by hand through a run: kept, drawn, told where the computed level has changed, refused."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import geopandas as gpd
+import pytest
+import shapely
+from helpers.zone_slope import Case, box, two_areas
+
+EDIT = {
+    "level": "mean", "limit": None, "author": "A. Expert", "date": "2026-05-04",
+    "reason": "wall of 2019 not in the model",
+}  # fmt: skip
+Call = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
+    return two_areas(tmp_path_factory.mktemp("edits"), hazard={"ref_width_m": 4.0})
+
+
+def write(case: Case, name: str, shape: shapely.Polygon, **changed: object) -> Path:
+    columns = {key: [value] for key, value in (EDIT | changed).items() if value != "left out"}
+    case.write_layer(name, [shape], columns)
+    return case.folder / name
+
+
+def test_an_edit_is_kept_through_new_runs(case: Case, call: Call) -> None:
+    # Over the release area and beside it, where no block comes.
+    own = box(2.0, 18.0, 12.0, 12.0)
+    edits, out = write(case, "edits.gpkg", own), case.folder / "out"
+    code, said, err = call("zone", case.config, "-o", out, "--edits", edits, "--json")
+    assert code == 0, err
+    assert json.loads(said)["edits"] == 1 and json.loads(said)["edits_with_another_level"] == 0
+    zones = gpd.read_file(out / "hazard.gpkg", layer="hazard_zones")
+    edited = zones[zones["edited"] != ""]
+    assert set(edited["hazard_level"]) == {"mean"}
+    assert edited.union_all().symmetric_difference(own).area < 0.01
+    assert set(edited["edited"]) == {"A. Expert, 2026-05-04: wall of 2019 not in the model"}
+    federal = gpd.read_file(out / "hazard.gpkg", layer="hazard_area")
+    inside = federal[federal.representative_point().within(own)]
+    assert set(inside["hazard_level"]) == {"mean"}
+    kept = gpd.read_file(out / "edits.gpkg", layer="edits")
+    assert kept["level"].tolist() == ["mean"] and " %" in kept["computed"][0]
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert "wall of 2019 not in the model" in page
+
+    # The layer of the result is the input of the next run; other blocks give another level there.
+    case.blocks[0]["onset_frequency"], case.blocks[1]["onset_frequency"] = 1e-5, 1e-5
+    case.write()
+    code, said, err = call(
+        "zone", case.config, "-o", case.folder / "again", "--edits", out / "edits.gpkg"
+    )
+    assert code == 0, err
+    assert "Edited by hand: 1 places, below 1 another level is computed" in said
+    again = gpd.read_file(case.folder / "again" / "edits.gpkg", layer="edits")
+    assert again["computed"][0] == kept["computed"][0] != again["computed_now"][0]
+    assert again["changed_share"][0] > 0.05
+    zones = gpd.read_file(case.folder / "again" / "hazard.gpkg", layer="hazard_zones")
+    assert zones[zones["edited"] != ""].union_all().symmetric_difference(own).area < 0.01
+
+
+def test_an_empty_layer_is_no_edit(case: Case, call: Call) -> None:
+    empty = gpd.GeoDataFrame({key: [] for key in EDIT}, geometry=[], crs="EPSG:2056")
+    empty.to_file(case.folder / "none.gpkg", driver="GPKG")
+    case.set("edits.file", "none.gpkg")
+    code, printed, err = call("validate", case.config)
+    case.set("edits.file", None)
+    assert code == 0, err
+    assert "edits by hand" not in printed
+
+
+@pytest.mark.parametrize(
+    ("shape", "changed", "words"),
+    [
+        (box(-40.0, 5.0, 10.0, 10.0), {}, ["edits.gpkg", "feature 1"]),
+        (box(80.0, 5.0, 30.0, 10.0), {}, ["edits.gpkg", "feature 1"]),
+        (box(5.0, 5.0, 9.0, 9.0), {"level": "red"}, ["level", "'red'", "substantial"]),
+        (box(5.0, 5.0, 9.0, 9.0), {"level": None}, ["level", "no value"]),
+        (box(5.0, 5.0, 9.0, 9.0), {"limit": "about"}, ["limit", "'about'", "at_least"]),
+        (box(5.0, 5.0, 9.0, 9.0), {"date": "in May"}, ["date", "'in May'", "2026-01-31"]),
+        (box(5.0, 5.0, 9.0, 9.0), {"author": None}, ["author", "who made the edit"]),
+        (box(5.0, 5.0, 9.0, 9.0), {"reason": "left out"}, ["reason"]),
+    ],
+)
+def test_edits_that_cannot_be_used(
+    case: Case, call: Call, shape: shapely.Polygon, changed: dict[str, object], words: list[str]
+) -> None:
+    edits = write(case, "bad_edits.gpkg", shape, **changed)
+    code, _, err = call("zone", case.config, "-o", case.folder / "bad", "--edits", edits)
+    lines = [line for line in err.splitlines() if line.startswith("Error: ")]
+    assert code == 2 and len(lines) == 1 and "Traceback" not in err
+    assert all(word in lines[0].replace("bad_edits", "edits") for word in words), lines[0]
+    assert not (case.folder / "bad").exists()
