@@ -50,7 +50,7 @@ def test_every_layer_opens_in_its_place(valley: RunResult, seen: dict[str, Any])
     assert vectors["Release areas"] == len(valley.run.areas)
     assert vectors["Release points"] == len(valley.planned.points)
     assert vectors["Fall lines"] == len(valley.planned.points)
-    assert vectors["Stopping points"] == valley.rocks
+    assert vectors["Stopping points"] == valley.n_blocks
     assert vectors["Stations"] == 2 and vectors["Walls and nets"] == 2
     # What is drawn first lies in the view that opens.
     west, south, east, north = seen["extent"]
