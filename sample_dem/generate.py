@@ -509,7 +509,7 @@ name_field = "name"
 scenario_field = "scenario"
 spacing_m = 3.0
 placement = "grid"
-rocks_per_point = 50
+rocks_per_point = 20
 
 [ground]
 default = "soft_meadow"
@@ -556,6 +556,8 @@ name_field = "name"
 [hazard]
 preset = "ch-so"
 ref_width_m = 10.0                    # about a house and a block
+blocks = "auto"
+changed_share_max = 0.05              # so that the sample is quick; without this line 0.02
 
 # Values, people and traffic are attributes of the layers; they are invented, as the table is.
 [risk]

@@ -8,31 +8,30 @@ DATA; writes the table into ``docs/studies/zone_drawing.md`` and the picture bes
 from __future__ import annotations
 
 import argparse
-import re
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
 import shapely
-from matplotlib.axes import Axes
-from matplotlib.patches import PathPatch
-from matplotlib.path import Path as Outline
 
+from docs.studies.gap_check_tables import replaced
 from docs.studies.tirol import config_of
-from docs.studies.zone_seeds import GIVEN, REF_WIDTH_M, VALLEY, read_sample, sample
+from docs.studies.zone_seeds import GIVEN, VALLEY, read_sample, sample, zones_at
 from sassgis.hazard.another_sample import level_chances
-from sassgis.hazard.assess import level_zones, raster
+from sassgis.hazard.assess import raster
 from sassgis.hazard.attribution import zone_of_cells
 from sassgis.hazard.levels import hazard_level
 from sassgis.hazard.zoning.coverage import Coverage, cells_as_zones
 from sassgis.io.read.config import load_config
 from sassgis.io.read.presets import read_preset
 from sassgis.model.grid import BoolArray, Grid
-from sassgis.model.hazard import HazardCurves, ZoningSettings
+from sassgis.model.results import RasterClass
+from sassgis.report.figures.map_marks import draw_zones
 from sassgis.report.figures.relief import hillshade
 from sassgis.runs.propose_release import propose_release
 
 PRESET = read_preset("ch-so")
+LEVELS = [RasterClass(k, c.label, c.colour, c.hatched) for k, c in enumerate(PRESET.levels, 1)]
 SCALES = (5_000, 10_000)
 #: From this share of uncertain cells on a zone says little.
 UNSURE = 0.3
@@ -61,13 +60,6 @@ def samples(data: Path, out: Path) -> None:
         print(file, flush=True)
 
 
-def drawn_at(curves: HazardCurves, grid: Grid, scale: float) -> Coverage:
-    """Zones of hazard level by the preset at a scale."""
-    rules = ZoningSettings(scale=scale).drawing(PRESET.sheet, REF_WIDTH_M, 0.0, grid.cell_size)
-    (zones,) = level_zones([curves], PRESET, grid, rules)
-    return zones
-
-
 def facts(zones: Coverage, grid: Grid, cells: np.ndarray, unsure: BoolArray) -> str:
     """Number of zones, the smallest, and how many are unsure, as three columns."""
     zone = zone_of_cells(zones, grid, cells)
@@ -75,17 +67,6 @@ def facts(zones: Coverage, grid: Grid, cells: np.ndarray, unsure: BoolArray) -> 
     inside = np.bincount(zone[zone >= 0], minlength=n)
     share = np.bincount(zone[zone >= 0], unsure[zone >= 0], n) / np.maximum(inside, 1)
     return f"{n} | {shapely.area(zones.polygons).min():,.0f} | {(share > UNSURE).sum()}"
-
-
-def fill(ax: Axes, zones: Coverage) -> None:
-    """Zones in the colours of the preset."""
-    for polygon, k in zip(zones.polygons, zones.classes, strict=True):
-        rings = [polygon.exterior, *polygon.interiors]
-        outline = Outline.make_compound_path(*(Outline(np.asarray(r.coords)) for r in rings))
-        level = PRESET.levels[k - 1]
-        ax.add_patch(
-            PathPatch(outline, facecolor=level.colour, edgecolor="black", lw=0.4, alpha=0.75)
-        )
 
 
 def picture(shown: list[tuple[str, Grid, list[Coverage]]], file: Path) -> None:
@@ -97,7 +78,8 @@ def picture(shown: list[tuple[str, Grid, list[Coverage]]], file: Path) -> None:
         for ax, zones, title in zip(row, stages, titles, strict=True):
             left, bottom, right, top = grid.bounds
             ax.imshow(hillshade(grid), cmap="gray", extent=(left, right, bottom, top))
-            fill(ax, zones)
+            classes = [LEVELS[k - 1] for k in zones.classes]
+            draw_zones(ax, list(zip(zones.polygons, classes, strict=True)))
             ax.set(xlim=(west - 30, east + 30), ylim=(south - 30, north + 30), xticks=[], yticks=[])
             ax.set_title(f"{name}: {title}", fontsize=10)
     figure.tight_layout()
@@ -124,7 +106,10 @@ def main() -> None:
         curves, grid = read_sample(given.output / f"{name}_1.npz")
         chances = level_chances(curves, PRESET, np.isfinite(grid.values))
         levels = raster(grid, curves.places, hazard_level(curves, PRESET))
-        stages = [cells_as_zones(levels, grid), *(drawn_at(curves, grid, s) for s in SCALES)]
+        stages = [
+            cells_as_zones(levels, grid),
+            *(zones_at(curves, grid, PRESET, s) for s in SCALES),
+        ]
         unsure = chances.uncertain(0.95)
         told = " | ".join(facts(zones, grid, chances.places, unsure) for zones in stages)
         rows.append(f"| {name} | {told} |")
@@ -132,15 +117,7 @@ def main() -> None:
         if name in SHOWN:
             shown.append((name, grid, stages))
     page = Path(__file__).with_suffix(".md")
-    text = page.read_text(encoding="utf-8")
-    made = "\n".join(rows)
-    text = re.sub(
-        r"(<!-- table -->\n).*?(\n<!-- end table -->)",
-        lambda m: m[1] + made + m[2],
-        text,
-        flags=re.S,
-    )
-    page.write_text(text, encoding="utf-8")
+    replaced(page, "table", "\n".join(rows))
     picture(shown, Path(__file__).with_suffix(".png"))
 
 

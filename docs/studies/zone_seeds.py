@@ -2,7 +2,7 @@
 
 ``python docs/studies/zone_seeds.py samples DATA -o FOLDER`` simulates the sample valley, and two
 terrain models of Land Tirol in DATA, with twenty seeds each, and keeps the hazard curves; and the
-valley and one of the terrain models with ``hazard.blocks = "auto"``, with three seeds each.
+valley and one of the terrain models with ``hazard.blocks = "auto"``, with two seeds each.
 ``python docs/studies/zone_seeds.py page FOLDER`` compares the seeds, also several of them joined to
 one sample, and writes the tables into ``docs/studies/zone_seeds.md``.
 """
@@ -10,7 +10,6 @@ one sample, and writes the tables into ``docs/studies/zone_seeds.md``.
 from __future__ import annotations
 
 import argparse
-import re
 import time
 from collections.abc import Sequence
 from dataclasses import replace
@@ -19,6 +18,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from docs.studies.gap_check_tables import replaced
 from docs.studies.tirol import config_of
 from sassgis.hazard.another_sample import level_chances
 from sassgis.hazard.assess import curves_of, level_zones, raster
@@ -28,6 +28,7 @@ from sassgis.hazard.bins import bins_of
 from sassgis.hazard.curves import at_energies
 from sassgis.hazard.levels import hazard_level
 from sassgis.hazard.sources import sampled_sources
+from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.io.read.config import load_config
 from sassgis.io.read.presets import read_preset
 from sassgis.model.grid import Grid
@@ -45,7 +46,7 @@ SEEDS = 20
 GIVEN = {"hazard.blocks": "given", "hazard.changed_share_max": None, "release.rocks_per_point": 50}
 NEEDED = {"hazard.blocks": "auto", "hazard.changed_share_max": 0.02, "release.rocks_per_point": 20}
 #: Sites with as many blocks as their maps need, and how many seeds of each.
-AUTO, AUTO_SEEDS = ("valley", "avaKot"), 3
+AUTO, AUTO_SEEDS = ("valley", "avaKot"), 2
 
 
 def configs(data: Path, out: Path) -> dict[str, Path]:
@@ -121,10 +122,18 @@ def joined(samples: Sequence[HazardCurves]) -> HazardCurves:
     return HazardCurves(places, samples[0].energies_kj, rate, variance, of_a_rock)
 
 
+def zones_at(
+    curves: HazardCurves, grid: Grid, preset: HazardPreset, scale: float = 5_000.0
+) -> Coverage:
+    """Zones of hazard level as they are drawn at a scale."""
+    drawing = ZoningSettings(scale).drawing(preset.sheet, REF_WIDTH_M, 0.0, grid.cell_size)
+    (zones,) = level_zones([curves], preset, grid, drawing)
+    return zones
+
+
 def drawn_levels(curves: HazardCurves, grid: Grid, preset: HazardPreset) -> np.ndarray:
     """Level of the drawn zone of each cell, flat."""
-    drawing = ZoningSettings().drawing(preset.sheet, REF_WIDTH_M, 0.0, grid.cell_size)
-    (zones,) = level_zones([curves], preset, grid, drawing)
+    zones = zones_at(curves, grid, preset)
     cells = np.arange(grid.values.size)
     zone = zone_of_cells(zones, grid, cells)
     return np.where(zone >= 0, np.append(zones.classes, 0)[zone], 0)
@@ -228,15 +237,8 @@ def auto_table(folder: Path) -> str:
 def page(folder: Path) -> None:
     """Write the tables into the page."""
     file = Path(__file__).with_suffix(".md")
-    text = file.read_text(encoding="utf-8")
-    for name, made in (("seeds", table(folder)), ("auto", auto_table(folder))):
-        text = re.sub(
-            rf"(<!-- {name} -->\n).*?(\n<!-- end {name} -->)",
-            lambda m, made=made: m[1] + made + m[2],  # type: ignore[misc]
-            text,
-            flags=re.S,
-        )
-    file.write_text(text, encoding="utf-8")
+    for name, made in (("seeds", table), ("auto", auto_table)):
+        replaced(file, name, made(folder))
 
 
 def main() -> None:

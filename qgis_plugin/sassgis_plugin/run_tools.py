@@ -119,6 +119,8 @@ def _site(inputs: Inputs, more: Sequence[str] = ()) -> list[object]:
         f"blocks=[{', '.join(map(_block, scenarios))}]",
         f"release.spacing_m={number_text(inputs.number('SPACING'))}",
         f"release.rocks_per_point={number_text(inputs.number('BLOCKS'))}",
+        # So many, and not as many as the map needs.
+        'hazard.blocks="given"',
         *more,
     ]
     if any(inputs.given(name) for name in _EXPOSED):

@@ -27,7 +27,7 @@ from sassgis.cli.options import (
 from sassgis.cli.progress_bar import conclude, notes, printed
 
 if TYPE_CHECKING:
-    from sassgis.hazard.zoning.edits import AppliedEdit
+    from sassgis.hazard.zoning.applied_edits import AppliedEdit
     from sassgis.model.run_config import Config
     from sassgis.runs.run import RunResult
 

@@ -266,7 +266,7 @@ def make_room(totals: Totals, work: Work, wanted: Wanted | None, n_blocks: int) 
         count_in_windows(totals, work, wanted, n_blocks)
         n[1] = 0
     if 2 * n[0] > work.visits.shape[0]:
-        order = count_in_cells(totals, work)
+        order = count_at(work.visits, n[0], totals.reach, work.order)
         rows = np.arange(totals.sums.stops.size).astype(np.int32)
         add_visits(work.visits, order, rows, totals.sums.counts, 1)
         n[3] += n[0]
@@ -274,31 +274,30 @@ def make_room(totals: Totals, work: Work, wanted: Wanted | None, n_blocks: int) 
 
 
 @kernel
-def count_in_cells(totals: Totals, work: Work) -> NDArray[np.int32]:
-    """Count the blocks that came to each cell by threshold; their visits in order."""
-    order = by_place(work.visits, work.n_visits[0], totals.sums.stops.size, work.order)
-    add_exceedance(work.visits, order, totals.reach)
+def count_at(
+    visits: NDArray[np.uint64], n: int, reach: Exceedance, order: NDArray[np.int32]
+) -> NDArray[np.int32]:
+    """Count the blocks that came to each place by threshold; their visits in order."""
+    order = by_place(visits, n, reach.blocks.shape[0], order)
+    add_exceedance(visits, order, reach)
     return order
 
 
 @kernel
 def count_in_windows(totals: Totals, work: Work, wanted: Wanted | None, n_blocks: int) -> None:
     """Count the blocks that came to each window by threshold, and what they leave open."""
-    own = work.windows
-    order = by_place(own.visits, work.n_visits[1], own.peak.size, work.order)
-    add_exceedance(own.visits, order, totals.windows.reach)
+    visits = work.windows.visits
+    order = count_at(visits, work.n_visits[1], totals.windows.reach, work.order)
     if wanted is not None:
-        add_worth(own.visits, order, wanted, n_blocks)
+        add_worth(visits, order, wanted, n_blocks)
 
 
 @kernel
 def count_all(totals: Totals, work: Work, wanted: Wanted | None, n_blocks: int) -> None:
     """Count the blocks that came to all places, where nobody comes any more."""
     count_in_windows(totals, work, wanted, n_blocks)
-    own = work.objects
-    order = by_place(own.visits, work.n_visits[2], own.peak.size, work.order)
-    add_exceedance(own.visits, order, totals.objects.reach)
-    count_in_cells(totals, work)
+    count_at(work.objects.visits, work.n_visits[2], totals.objects.reach, work.order)
+    count_at(work.visits, work.n_visits[0], totals.reach, work.order)
 
 
 @lean

@@ -38,11 +38,14 @@ class LevelChances:
     at_least : float64, shape (n, n_levels + 2)
         Column k: probability of level k or a higher one, 0 being none; the first is 1, the last 0.
         One half where the sample does not give the variance.
+    in_part : bool
+        Whether these are places of a part of the map.
     """
 
     places: IntArray
     level: NDArray[np.int16]
     at_least: FloatArray
+    in_part: bool = False
 
     @property
     def lowered(self) -> FloatArray:
@@ -97,9 +100,12 @@ class LevelChances:
 
         These are the places with another level in the interval, and as many more, the most probable
         first, as hold a share ``confidence`` of all that another sample changes; but none that is
-        five times less probable than the interval asks for.
+        five times less probable than the interval asks for. In a part of the map the former alone.
         """
         lowest, highest = self.interval(confidence)
+        if self.in_part:
+            beyond: BoolArray = lowest != highest
+            return beyond
         changed = self.changed
         falling = np.sort(changed)[::-1]
         held = np.cumsum(falling)
@@ -110,7 +116,10 @@ class LevelChances:
 
 
 def level_chances(
-    curves: HazardCurves, preset: HazardPreset, known: BoolArray | None = None
+    curves: HazardCurves,
+    preset: HazardPreset,
+    known: BoolArray | None = None,
+    in_part: bool = False,
 ) -> LevelChances:
     """Levels that another sample of as many blocks would give.
 
@@ -136,7 +145,11 @@ def level_chances(
     known : bool, shape (n_rows, n_cols), optional
         Cells of the terrain with a height; without them nothing is said of places that no block
         reached.
+    in_part : bool
+        Whether this is a part of a map. What is counted over all places is left out, so that the
+        result does not depend on the part: β is 0, and no place that no block reached is looked at.
     """
+    known = None if in_part else known
     few = at_energies(curves, preset.thresholds_kj)
     limits = limits_of_levels(preset)
     reached = few.rate > 0.0
@@ -149,7 +162,7 @@ def level_chances(
     chance = np.zeros((places.size, len(limits) + 2))
     chance[:, 0] = 1.0
     for i in range(few.rate.shape[1]):
-        beta = _beta(blocks[:, i])
+        beta = 0.0 if in_part else _beta(blocks[:, i])
         for k in np.flatnonzero(np.isfinite(limits[:, i])).tolist():
             one = np.zeros(places.size)
             limit = float(limits[k, i])
@@ -161,7 +174,7 @@ def level_chances(
     chance[:, ::-1] = np.maximum.accumulate(chance[:, ::-1], axis=1)
     level = np.zeros(places.size, np.int16)
     level[own] = hazard_level(few, preset)
-    return LevelChances(places, level, chance)
+    return LevelChances(places, level, chance, in_part)
 
 
 def _beta(blocks: FloatArray) -> float:

@@ -14,9 +14,9 @@ from sassgis.hazard.curves import at_energies, hazard_curves
 from sassgis.hazard.levels import deciding_energy, hazard_level, intensity_class
 from sassgis.hazard.risk import RiskTable, assess_risk
 from sassgis.hazard.sources import Sampled
+from sassgis.hazard.zoning.applied_edits import AppliedEdit, with_edits
 from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.hazard.zoning.drawing import drawn_zones, reach_cells
-from sassgis.hazard.zoning.edits import AppliedEdit, with_edits
 from sassgis.hazard.zoning.outer_limit import cells_within_limit
 from sassgis.model.edits import Edit
 from sassgis.model.exposure import PlacedObjects, Vulnerability
@@ -248,6 +248,7 @@ def hazard_of(
     grid: Grid,
     drawing: Drawing,
     confidence: float,
+    in_part: bool,
     edits: Sequence[Edit] = (),
 ) -> Hazard:
     """Everything that the counts of a simulation say of the hazard.
@@ -260,10 +261,12 @@ def hazard_of(
         Of hazard level.
     confidence : float
         Of the sampling interval.
+    in_part : bool
+        As in Rules.
     edits : sequence of Edit
         Of these zones.
     """
-    chances = level_chances(curves, preset, np.isfinite(grid.values))
+    chances = level_chances(curves, preset, np.isfinite(grid.values), in_part)
     unsure = chances.uncertain(confidence)
     levels, edit, applied = with_edits(zones, edits, [c.code for c in preset.levels])
     reached = np.searchsorted(chances.places, curves.places)
@@ -317,6 +320,8 @@ class Rules:
         What the readers had to say.
     edits : tuple of Edit
         Of the zones with the walls and nets there are.
+    in_part : bool
+        Whether maps are made part by part: another_sample.level_chances.
     """
 
     preset: HazardPreset
@@ -327,6 +332,7 @@ class Rules:
     ref_width_m: float
     notices: tuple[str, ...]
     edits: tuple[Edit, ...] = ()
+    in_part: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -381,7 +387,7 @@ def assess(
     both = [sampled] if without is None else [sampled, without]
     curves = [curves_of(own, energies_kj) for own in both]
     zones = level_zones(curves, rules.preset, grid, rules.zones)
-    others = rules.preset, grid, rules.zones, confidence
+    others = rules.preset, grid, rules.zones, confidence, rules.in_part
     after = hazard_of(sampled, curves[0], zones[0], *others, rules.edits)
     before = None if without is None else hazard_of(without, curves[1], zones[1], *others)
     alone = (

@@ -14,7 +14,7 @@ from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.hazard.along_profile import ProfileResult
 from sassgis.hazard.preset_labels import preset_unverified
 from sassgis.hazard.progress import Progress, line_ends
-from sassgis.hazard.zoning.edits import AppliedEdit, shares_text
+from sassgis.hazard.zoning.applied_edits import AppliedEdit, shares_text
 from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import IntArray
 from sassgis.model.ground import GroundClass, Trust

@@ -17,8 +17,8 @@ from sassgis.hazard.curves import source_rate
 from sassgis.hazard.levels import hazard_level
 from sassgis.hazard.preset_labels import energy_labels, period_labels
 from sassgis.hazard.risk import RiskTable, risk_totals
+from sassgis.hazard.zoning.applied_edits import AppliedEdit, shares_text
 from sassgis.hazard.zoning.coverage import Coverage
-from sassgis.hazard.zoning.edits import AppliedEdit, shares_text
 from sassgis.model.edits import LIMIT_TEXT
 from sassgis.model.grid import FloatArray
 from sassgis.model.hazard import HazardPreset

@@ -17,7 +17,7 @@ from sassgis.hazard.progress import Progress
 from sassgis.io.own_files import MANIFEST_NAME
 from sassgis.io.read.base_map import read_base_map
 from sassgis.io.read.config import SECTIONS, file_digest, settings_hash
-from sassgis.io.read.edits import check_no_edits
+from sassgis.io.read.edit_polygons import check_no_edits
 from sassgis.io.read.ground_map import ground_raster, read_ground_table
 from sassgis.io.read.tiles import Part, Terrain, open_terrain
 from sassgis.io.read.vector_features import Feature

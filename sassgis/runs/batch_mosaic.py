@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sassgis.hazard.another_sample import level_chances
 from sassgis.hazard.assess import Assessment, assess, curves_of, risk_of
 from sassgis.hazard.bins import bins_for
 from sassgis.hazard.map_sums import Sample
@@ -165,6 +166,8 @@ def write_mosaic(
         keep()
         with in_language(setting.config.project.language):
             warnings = (*warnings, _SEVERAL_BLOCKS)
+            rules = replace(setting.rules, in_part=True)
+            mosaic = replace(mosaic, setting=replace(setting, rules=rules))
             return None, _write_blocks(work, mosaic, candidates, areas, warnings, most, cores, tell)
 
 
@@ -425,7 +428,8 @@ def _maps_of(mosaic: Mosaic, block: tuple[Part, Sequence[Reached]]) -> Maps:
     of_hazard: tuple[RasterLayer, ...] = ()
     of_blocks: tuple[RasterLayer, ...] = ()
     if curves.places.size:
-        of_hazard = hazard_maps(rules, curves, grid, config.hazard.confidence)
+        chances = level_chances(curves, rules.preset, in_part=True)
+        of_hazard = hazard_maps(rules, curves, chances, grid, config.hazard.confidence)
     if total.sums.cells.size:
         of_blocks = block_maps(config, grid, total.sums, mosaic.sample, mosaic.bins)
     return Maps(of_hazard, of_blocks, terrain_layer(grid))

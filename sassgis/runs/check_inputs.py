@@ -11,7 +11,7 @@ import numpy as np
 
 from sassgis.hazard.along_profile import ProfileInput
 from sassgis.hazard.warnings import ground_warnings, path_warnings, rule_warnings
-from sassgis.io.read.edits import read_edits
+from sassgis.io.read.edit_polygons import read_edits
 from sassgis.io.read.ground_map import default_class, read_ground_table
 from sassgis.io.read.readiness import Readiness, readiness
 from sassgis.model.crs import crs_name

@@ -6,13 +6,14 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
+from sassgis.hazard.another_sample import LevelChances
 from sassgis.hazard.assess import Assessment, Rules
 from sassgis.hazard.risk import RiskTable
 from sassgis.hazard.warnings import edit_warnings, rule_warnings, zone_warnings
 from sassgis.io.qgis.run_project import zone_groups, zone_layouts
 from sassgis.io.vector_layer import VectorLayer
 from sassgis.io.write.layers import zones as zone_layers
-from sassgis.io.write.layers.edits import edits_layer
+from sassgis.io.write.layers.edited_places import edits_layer
 from sassgis.io.write.layers.federal import federal_layers
 from sassgis.io.write.layers.hazard_maps import hazard_layers
 from sassgis.io.write.layers.risk_objects import risk_tables, risk_vectors
@@ -40,7 +41,7 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
     config, run, preset = done.config, done.run, rules.preset
     grid, confidence, currency = run.grid, config.hazard.confidence, config.risk.currency
     hazard, budget = found.hazard, config.hazard.budget
-    maps = hazard_maps(rules, hazard.curves, grid, confidence)
+    maps = hazard_maps(rules, hazard.curves, hazard.chances, grid, confidence)
     width = rules.ref_width_m
     zones = zone_layers.hazard_zones(hazard, preset, grid, width, confidence)
     uncertain = hazard.chances.places[hazard.uncertain]
@@ -148,12 +149,12 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
 
 
 def hazard_maps(
-    rules: Rules, curves: HazardCurves, grid: Grid, confidence: float
+    rules: Rules, curves: HazardCurves, chances: LevelChances, grid: Grid, confidence: float
 ) -> tuple[RasterLayer, ...]:
     """Maps of level, intensity, return period, frequency and confidence."""
     preset = rules.preset
     return hazard_layers(
-        curves, preset, grid, rules.ref_width_m, return_periods=preset.return_periods,
+        curves, chances, preset, grid, rules.ref_width_m, return_periods=preset.return_periods,
         confidence=confidence,
     )  # fmt: skip
 

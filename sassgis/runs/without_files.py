@@ -299,7 +299,7 @@ def hazard_maps(
 
     own, grid, hazard = _assessed(ds, rules, confidence, {})
     layers = hazard_layers(
-        hazard.curves, own.preset, grid, own.ref_width_m,
+        hazard.curves, hazard.chances, own.preset, grid, own.ref_width_m,
         return_periods=own.preset.return_periods, confidence=confidence,
     )  # fmt: skip
     kept = ("title", "source", "seed", "ref_width_m")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from sassgis.hazard.assess import Assessment, Rules, assess
 from sassgis.hazard.bins import bins_of
 from sassgis.hazard.sources import sampled_sources
-from sassgis.io.read.edits import read_edits, with_earlier
+from sassgis.io.read.edit_polygons import read_edits, with_earlier
 from sassgis.io.staging import staged_output
 from sassgis.model.languages import in_language
 from sassgis.model.run_config import Config

@@ -61,6 +61,20 @@ def next_share(start: float, target: float, line: float) -> float:
 
 
 @lean
+def next_crossing(
+    u0: float, u1: float, line_u: float, v0: float, v1: float, line_v: float
+) -> tuple[float, float, float]:
+    """Share of a segment at which it next meets a line, 1 at its end, and the lines after that."""
+    t_u, t_v = next_share(u0, u1, line_u), next_share(v0, v1, line_v)
+    t_next = min(1.0, t_u, t_v)
+    if t_u <= t_next:
+        line_u += 1.0 if u1 > u0 else -1.0
+    if t_v <= t_next:
+        line_v += 1.0 if v1 > v0 else -1.0
+    return t_next, line_u, line_v
+
+
+@lean
 def _set_border(borders: FloatArray, i: int, s: float, u: float, v: float) -> None:
     borders[i, 0] = s
     borders[i, 1] = u
@@ -125,12 +139,7 @@ def _stretches_of_line(
         line_u, line_v = next_line(u0, u1), next_line(v0, v1)
         t = 0.0
         while t < 1.0:
-            t_u, t_v = next_share(u0, u1, line_u), next_share(v0, v1, line_v)
-            t_next = min(1.0, t_u, t_v)
-            if t_u <= t_next:
-                line_u += 1.0 if u1 > u0 else -1.0
-            if t_v <= t_next:
-                line_v += 1.0 if v1 > v0 else -1.0
+            t_next, line_u, line_v = next_crossing(u0, u1, line_u, v0, v1, line_v)
             if (t_next - t) * length > SHORTEST_STRETCH:
                 middle = 0.5 * (t + t_next)
                 cell = cell_index(u0 + middle * (u1 - u0), v0 + middle * (v1 - v0), n_rows, n_cols)

@@ -24,7 +24,7 @@ from sassgis.model.errors import InputError
 from sassgis.model.grid import BoolArray, FloatArray, Grid, IntArray
 from sassgis.model.jit import kernel, lean
 from sassgis.model.profiles import ProfileSet, TraceSet
-from sassgis.terrain.cells import cell_stretches, grown, most_steps, next_share
+from sassgis.terrain.cells import cell_stretches, grown, most_steps, next_crossing
 
 # Height samples closer than this (cells) are not kept apart.
 _SAMPLE_GAP = 1e-3
@@ -293,12 +293,7 @@ def _sample(
         line_u, line_v = next_line(u0, u1), next_line(v0, v1)
         t = 0.0
         while t < 1.0:
-            t_u, t_v = next_share(u0, u1, line_u), next_share(v0, v1, line_v)
-            t_next = min(1.0, t_u, t_v)
-            if t_u <= t_next:
-                line_u += 1.0 if u1 > u0 else -1.0
-            if t_v <= t_next:
-                line_v += 1.0 if v1 > v0 else -1.0
+            t_next, line_u, line_v = next_crossing(u0, u1, line_u, v0, v1, line_v)
             if (t_next - t) * length <= SHORTEST_STRETCH:
                 t = t_next
                 continue

@@ -13,6 +13,7 @@ import pandas as pd
 import pyogrio
 import pytest
 from helpers.pages import rows, shown, steps
+from helpers.samples import with_given_blocks
 
 QUICK = {"spacing_m": 12.0, "rocks_per_point": 6}
 both = pytest.mark.parametrize("quick", [True, pytest.param(False, marks=pytest.mark.battery)])
@@ -37,7 +38,8 @@ def followed(page: str, folder: Path, quick: bool, call) -> dict[str, str]:
                     shutil.copytree(*words[2:])
                     if quick:
                         config = folder / words[-1] / "config.toml"
-                        config.write_text(changed(config.read_text("utf-8"), QUICK), "utf-8")
+                        text = with_given_blocks(config.read_text("utf-8"))
+                        config.write_text(changed(text, QUICK), "utf-8")
                     continue
                 code, said[words[1]], err = call(*words[1:])
                 assert code == 0, (line, err)

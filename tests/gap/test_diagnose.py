@@ -204,13 +204,14 @@ def test_columns_that_are_not_read_and_former_keys_are_warned_of(tmp_path: Path)
     made = make_case(tmp_path / "made", "stations", 15)
     case = rewritten(made, tmp_path / "case", "passages", renamed)
     with (case / CONFIG_NAME).open("a", encoding="utf-8") as file:
-        file.write("\n[hazard]\nrounds_max = 3\n")
+        file.write('\n[hazard]\nblocks = "auto"\nuncertain_share_max = 0.3\n')
     found = run(case, tmp_path / "out")
     assert any("passages.speed_kmh: column is not known" in line for line in found.warnings)
-    assert "hazard.rounds_max" in found.warnings[0] and "repetitions_max" in found.warnings[0]
+    assert "hazard.uncertain_share_max" in found.warnings[0]
+    assert "changed_share_max" in found.warnings[0]
     manifest = json.loads((tmp_path / "out/manifest.json").read_text())
     assert manifest["warnings"][0] == found.warnings[0]
-    assert "repetitions_max" in (tmp_path / "out/report.html").read_text()
+    assert "changed_share_max" in (tmp_path / "out/report.html").read_text()
     told = json.loads((tmp_path / "out/diagnosis.json").read_text())
     assert told["data"]["warnings"] == list(found.warnings)
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import shapely
 
+from sassgis.hazard.zoning.applied_edits import AppliedEdit, shares_of_text, shares_text, with_edits
 from sassgis.hazard.zoning.coverage import Coverage
-from sassgis.hazard.zoning.edits import AppliedEdit, shares_of_text, shares_text, with_edits
 from sassgis.model.edits import Edit, EditLimit
 
 CODES = ("residual_hazard", "slight", "mean", "substantial")

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from helpers.hazard_samples import curves_of, swiss
@@ -10,7 +12,7 @@ from sassgis.hazard.levels import hazard_level, intensity_class
 from sassgis.io.read.presets import preset_names, read_preset
 from sassgis.io.write.layers.hazard_maps import hazard_layers
 from sassgis.model.grid import Grid
-from sassgis.model.hazard import HazardCurves
+from sassgis.model.hazard import HazardCurves, HazardPreset
 from sassgis.model.results import Band, RasterLayer
 
 PRESET = swiss()
@@ -30,9 +32,16 @@ CURVES = HazardCurves(
 CAME = [1, 6, 7, 10]
 
 
+def layers_of(
+    curves: HazardCurves, preset: HazardPreset, grid: Grid, width_m: float, **periods: Any
+) -> tuple[RasterLayer, ...]:
+    chances = level_chances(curves, preset, np.isfinite(grid.values))
+    return hazard_layers(curves, chances, preset, grid, width_m, **periods)
+
+
 @pytest.fixture(scope="module")
 def layers() -> dict[str, RasterLayer]:
-    made = hazard_layers(CURVES, PRESET, GRID, 5.0, return_periods=(30.0, 100.0, 300.0))
+    made = layers_of(CURVES, PRESET, GRID, 5.0, return_periods=(30.0, 100.0, 300.0))
     return {layer.stem: layer for layer in made}
 
 
@@ -154,7 +163,7 @@ def test_untold_errors_are_missing_and_the_cell_uncertain() -> None:
     one_cell = Grid(np.full((1, 1), np.nan), 0.0, 0.0, 2.0)
     made = {
         layer.stem: bands(layer)
-        for layer in hazard_layers(curves, PRESET, one_cell, 2.0, return_periods=(100.0,))
+        for layer in layers_of(curves, PRESET, one_cell, 2.0, return_periods=(100.0,))
     }
     assert flat(made["frequency"]["rate_30"], [0]) == [pytest.approx(0.004)]
     assert np.isnan(flat(made["frequency"]["lower_30"], [0]))
@@ -164,6 +173,6 @@ def test_untold_errors_are_missing_and_the_cell_uncertain() -> None:
 
 @pytest.mark.parametrize("name", preset_names())
 def test_every_built_in_preset_makes_maps(name: str) -> None:
-    made = hazard_layers(CURVES, read_preset(name), GRID, 5.0, return_periods=())
+    made = layers_of(CURVES, read_preset(name), GRID, 5.0, return_periods=())
     assert [layer.stem for layer in made][:2] == ["hazard_level", "intensity_extreme"]
     assert "unverified: no level beyond 10000 years" in made[0].note

@@ -16,6 +16,10 @@ def copy_sample(name: str, target: Path) -> Path:
     """
     shutil.copytree(sample_folder() / name, target, dirs_exist_ok=True)
     config = next(iter(sorted(target.glob("config*.toml"))))
-    text = config.read_text(encoding="utf-8")
-    config.write_text(re.sub(r"(?m)^(blocks|changed_share_max) = .*\n", "", text), "utf-8")
+    config.write_text(with_given_blocks(config.read_text(encoding="utf-8")), "utf-8")
     return config
+
+
+def with_given_blocks(text: str) -> str:
+    """A configuration that asks for the number of blocks that it states."""
+    return re.sub(r"(?m)^(blocks|changed_share_max) = .*\n", "", text)

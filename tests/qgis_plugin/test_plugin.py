@@ -311,6 +311,8 @@ def test_choices_are_those_of_the_program() -> None:
     assert set(constants("run_tools")["PRESETS"]) <= set(preset_names())
     own = constants("site_files")
     known = {layer.name: tuple(layer.fields) for layer in site_layers()}
+    # Zoning reads edits as they are drawn.
+    del known["edits"]
     assert own["SITE_LAYERS"] == known
     needed = {layer.name: layer.fields for layer in site_layers()}
     for name, columns in own["NEEDED"].items():

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 from annotated_types import Interval
 
-from sassgis.io.read.edits import edit_fields
+from sassgis.io.read.edit_polygons import edit_fields
 from sassgis.io.read.ground_map import built_in_table
 from sassgis.io.read.presets import read_preset
 from sassgis.io.vector_layer import descriptions

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.hazard.another_sample import level_chances, rocks_factor
+from sassgis.hazard.another_sample import LevelChances, rocks_factor
 from sassgis.hazard.curves import at_energies, energy_at, rate_interval, return_period
 from sassgis.hazard.levels import hazard_level, intensity_class
 from sassgis.hazard.preset_labels import energy_labels, preset_unverified
@@ -24,6 +24,7 @@ _CERTAIN, _UNCERTAIN = "#b8c4c2", "#d6721f"
 
 def hazard_layers(
     curves: HazardCurves,
+    chances: LevelChances,
     preset: HazardPreset,
     grid: Grid,
     ref_width_m: float,
@@ -37,7 +38,7 @@ def hazard_layers(
     but another sample may give a level to some that this one does not reach.
     The thresholds of the preset are among the energies of the curves. Intensity and energy are
     mapped for the return periods (years, ascending), all frequencies for the reference width (m);
-    ``confidence`` is that of the intervals.
+    ``confidence`` is that of the intervals, ``chances`` are those of the curves.
     """
     maker = _Maker(curves, preset, grid, ref_width_m, confidence)
     return (
@@ -47,7 +48,7 @@ def hazard_layers(
         maker.energy(return_periods),
         maker.return_period(),
         maker.frequency(),
-        maker.confidence(),
+        maker.confidence(chances),
     )
 
 
@@ -170,9 +171,8 @@ class _Maker:
         breaks = (0.0, 0.1 * limits[0], *limits, 10.0 * limits[-1])
         return described_raster("frequency", bands, breaks, "plasma_r", **self._words)
 
-    def confidence(self) -> RasterLayer:
+    def confidence(self, chances: LevelChances) -> RasterLayer:
         few, preset = self._few, self._preset
-        chances = level_chances(few, preset, np.isfinite(self._grid.values))
         factor = rocks_factor(few, preset, chances, self._confidence)
         factor = np.where(self._reached & np.isfinite(factor), factor, np.nan)
         # Another sample may come where this one did not.

@@ -8,8 +8,8 @@ import geopandas as gpd
 import numpy as np
 import pandas as pd
 
-from sassgis.hazard.zoning.edits import AppliedEdit, shares_text
-from sassgis.io.read.edits import edit_fields
+from sassgis.hazard.zoning.applied_edits import AppliedEdit, shares_text
+from sassgis.io.read.edit_polygons import edit_fields
 from sassgis.io.vector_layer import VectorLayer, descriptions
 from sassgis.model.edits import NO_LEVEL
 from sassgis.model.hazard import HazardPreset
