@@ -14,7 +14,7 @@ from sassgis.gap.diagnosis import (
     Range,
     Rung,
 )
-from sassgis.gap.inference.intervals import bootstrap_rows
+from sassgis.gap.inference.intervals import bootstrap_rows, quantiles_of
 from sassgis.gap.ladder.hypothesis_fit import FittedHypothesis
 from sassgis.gap.observations.case import Case
 from sassgis.gap.which.hypotheses import GROUND_WIDTHS
@@ -88,7 +88,7 @@ def _compared(
     """Observed and predicted median, 90 % quantile and width, and interval of the difference."""
 
     def statistics(values: FloatArray) -> FloatArray:
-        low, middle, high = np.quantile(values[np.isfinite(values)], (0.1, 0.5, 0.9))
+        low, middle, high = quantiles_of(values[np.isfinite(values)], (0.1, 0.5, 0.9))
         return np.array([middle, high, high - low])
 
     observed, predicted = statistics(seen), statistics(made)

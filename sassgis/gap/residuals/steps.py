@@ -224,7 +224,7 @@ def _flights(case: Case, rows: ImpactRows | None, step: str) -> list[_Part]:
             "quantity": np.array("energy_jpkg"), "observed": into[flown],
             "predicted": (out + g * fall)[flown], "sd": sd[flown],
             "way_m": length[flown], "reach": share[flown],
-            "clear_m": (g * (way / level) ** 2 / 8.0)[flown], "fell_jpkg": (g * fall)[flown],
+            "clear_m": g * (way[flown] / level[flown]) ** 2 / 8.0, "fell_jpkg": (g * fall)[flown],
         }
     ]  # fmt: skip
 

@@ -122,8 +122,10 @@ def test_stops_alone_say_where_rocks_come_to_rest():
 
 
 def test_impacts_are_compared_with_the_effect_that_is_in_the_model():
-    soft = EffectSettings(SoftGround(classes=("talus",)))
-    case = observed(20, 17, effects=soft, tables=("passages", "impacts"))
+    soft = EffectSettings(
+        SoftGround(classes=("talus",), form="velocity_scaled", reference_speed_mps=1.5)
+    )
+    case = observed(40, 17, effects=soft, tables=("passages", "impacts"))
     with_it, without = (
         min(x.p_adjusted for x in found(case, effects=own) if x.place == "ground:talus")
         for own in (soft, None)
