@@ -43,7 +43,7 @@ def few_draws() -> Iterator[None]:
 
 def make_case(folder: Path, kind: str, n_rocks: int, effect: str | None = None) -> Path:
     effects = () if effect is None else (EffectSpec(effect, "strong"),)  # type: ignore[arg-type]
-    world = make_world(WorldSpec("talus_fan", effects, n_rocks, kind), 31)
+    world = make_world(WorldSpec("quarry", effects, n_rocks, kind), 31)
     seen, known = observe(world, kind, n_rocks, 1), setup(world)  # type: ignore[arg-type]
     write_case(
         folder, title="test", dem=known.dem, class_names=known.class_names,
@@ -55,7 +55,7 @@ def make_case(folder: Path, kind: str, n_rocks: int, effect: str | None = None) 
 
 @pytest.fixture(scope="module")
 def everything(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return make_case(tmp_path_factory.mktemp("gap") / "case", "everything", 30, "fragmentation")
+    return make_case(tmp_path_factory.mktemp("gap") / "case", "everything", 24, "fragmentation")
 
 
 @pytest.fixture(scope="module")
@@ -91,7 +91,7 @@ def test_all_that_is_promised_is_there(answered: Path) -> None:
     own = next(f for f in found["fingerprints"] if f["effect"] == "fragmentation")
     assert own["observable"] and own["p_adjusted"] <= 0.01
     assert found["verdict"]["group"] == "extra blocks"
-    assert found["where"] and found["data"]["rocks"] == 30
+    assert found["where"] and found["data"]["rocks"] == 24
     assert found["shrinkage"]["effect"] == "fragmentation"
 
 
@@ -258,8 +258,8 @@ def test_rocks_in_two_groups_are_answered_with_a_warning(everything: Path, tmp_p
 
     case = changed(everything, tmp_path / "case", rocks=grouped)
     read = read_case(case / CONFIG_NAME, case / OBSERVATIONS_NAME)
-    assert sorted(np.bincount(read.group).tolist()) == [10, 20]
-    assert np.bincount(problem_of(read, 1).part).tolist() in ([10, 20], [20, 10])
+    assert sorted(np.bincount(read.group).tolist()) == [8, 16]
+    assert np.bincount(problem_of(read, 1).part).tolist() in ([8, 16], [16, 8])
     found = run(case, tmp_path / "out")
     assert any("2 groups" in line for line in found.warnings)
     assert not any(f.observable for f in found.fingerprints)
@@ -284,7 +284,7 @@ def test_poor_observations_are_answered_or_refused_in_one_line(
     poor = changed(everything, tmp_path / "poor", **without_mass, metadata=exact)
     poor = rewritten(poor, tmp_path / "station", "stations", one_station)
     found = run(poor, tmp_path / "out")
-    assert found.rocks == 30 and found.ladder
+    assert found.rocks == 24 and found.ladder
     few = rewritten(everything, tmp_path / "few", "rocks", lambda rows: rows[:4])
     with pytest.raises(InputError, match="too few rocks") as caught:
         run(few, tmp_path / "out3")

@@ -15,6 +15,7 @@ from sassgis.gap.inference.intervals import (
     mean_interval,
     quantiles_of,
 )
+from sassgis.gap.residuals.residuals import mean_of_draws
 from sassgis.model.grid import FloatArray
 
 #: Shares of the rocks whose quantiles are compared.
@@ -179,7 +180,7 @@ def _errors(
     return QuantityErrors(
         title, unit, rocks.size, _quantiles(own),
         {k: _quantiles(v) for k, v in finite.items()},
-        {k: float(np.nanmean(v)) for k, v in scores.items()},
+        {k: float(mean_of_draws(v, least=1)) for k, v in scores.items()},
         {k: error(centre(v)) for k, v in finite.items()},
         mean_interval(gain[np.isfinite(gain)]),
     )  # fmt: skip

@@ -13,6 +13,8 @@ from helpers.simulated_slope import TABLE, observed
 from threadpoolctl import threadpool_limits
 
 from sassgis.engine.effects.soft_ground import SoftGround
+from sassgis.gap.calibration import class_calibration
+from sassgis.gap.calibration import search as search_module
 from sassgis.gap.calibration.class_calibration import (
     SiteCalibration,
     calibration_task,
@@ -39,8 +41,12 @@ from sassgis.model.ground import GroundTable
 
 
 @pytest.fixture(autouse=True, scope="module")
-def _one_thread() -> Iterator[None]:
-    with threadpool_limits(1, "blas"):
+def _short_search() -> Iterator[None]:
+    """One thread, fewer repetitions and shorter chains: two parameters need no more."""
+    with threadpool_limits(1, "blas"), pytest.MonkeyPatch.context() as patch:
+        patch.setattr(class_calibration, "_REPETITIONS", 3)
+        patch.setattr(search_module, "_STEPS", 120)
+        patch.setattr(search_module, "_STEPS_OF_DESIGN", 40)
         yield
 
 

@@ -26,7 +26,7 @@ SEED = 5
 #: Few and small, as making worlds takes time; three of four have no effect to be brought to size.
 SPECS = [
     WorldSpec("gully", n_rocks=20, kind="both"),
-    WorldSpec("talus_fan", (EffectSpec("trees", "strong"),), n_rocks=40, kind="both"),
+    WorldSpec("quarry", (EffectSpec("trees", "strong"),), n_rocks=40, kind="both"),
     WorldSpec("talus_fan", n_rocks=20, kind="everything", law="elastic", n_stations=2),
     WorldSpec("talus_fan", n_rocks=20, kind="stops"),
 ]
