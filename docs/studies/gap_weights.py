@@ -48,8 +48,10 @@ from sassgis.gap.which.verdict import (
     confusion_set,
     decide,
     group_of,
+    large_gaps,
     seen_of,
 )
+from sassgis.gap.words import quantity_name
 from sassgis.io.read.gap_thresholds import THRESHOLDS, read_thresholds, thresholds_of
 from sassgis.model.grid import BoolArray, FloatArray
 from sassgis.runs.blinded_cases import make_case
@@ -66,7 +68,10 @@ NAMED = (0.55, 0.6, 0.65, 0.7, 0.75, 0.8)
 #: Most false alarms among sites without an effect, wrong names among those with one; share of the
 #: sites whose confusion set need not hold the truth.
 FALSE_ALARMS, WRONG_NAMED, OUTSIDE = 0.05, 0.08, 0.1
-FIXED = ("site", "law", "slope", "effects", "strengths", "rocks", "kind", "adequate", "excess")
+FIXED = (
+    "site", "law", "slope", "effects", "strengths", "rocks", "kind", "adequate", "excess",
+    "against",
+)  # fmt: skip
 #: Columns of each cause that was tried: what it closes, standard errors, power.
 GAINS = ("share", "sureness", "power")
 
@@ -121,10 +126,11 @@ def row_of(seed: int, spec: WorldSpec, folder: Path) -> dict[str, Any]:
         for name, gain in found.gains.items()
         for what in GAINS
     }
+    against = sorted({f"{f.test}: {f.quantity}" for f in large_gaps(found.findings)})
     fixed = (
         seed, spec.law, spec.slope, "+".join(e.name for e in spec.effects), "+".join(strengths),
         spec.n_rocks, spec.kind, int(adequate(found.findings)),
-        round(max((g.excess for g in found.gains.values()), default=1.0), 2),
+        round(max((g.excess for g in found.gains.values()), default=1.0), 2), "; ".join(against),
     )  # fmt: skip
     return dict(zip(FIXED, fixed, strict=True)) | z | gains
 
@@ -417,9 +423,30 @@ def confusion() -> str:
     return "\n".join("| " + " | ".join(line) + " |" for line in lines).replace("_", " ")
 
 
+def against() -> str:
+    """What speaks against the base at sites without an effect, by how many of them."""
+    rows = [r for r in read_rows() if not r["effects"] and r["law"] != RIGID]
+    head = ["comparison", "quantity", *(law for law in LAWS if law != RIGID)]
+    counts = Counter(
+        (one, row["law"]) for row in rows for one in filter(None, row["against"].split("; "))
+    )
+    lines = [head, ["---"] * len(head)]
+    sites = Counter(row["law"] for row in rows)
+    for one in sorted({name for name, _ in counts}, key=lambda n: -sum(counts[n, w] for w in head)):
+        test, _, quantity = one.partition(": ")
+        lines.append(
+            [
+                test,
+                quantity_name(quantity),
+                *(f"{counts[one, law]}/{sites[law]}" for law in head[2:]),
+            ]
+        )
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
 def filled(text: str) -> str:
     """The page with its tables."""
-    for name, made in (("laws", table), ("confusion", confusion)):
+    for name, made in (("laws", table), ("confusion", confusion), ("against", against)):
         text = re.sub(
             rf"(<!-- {name} -->\n).*?(\n<!-- end {name} -->)",
             lambda m, made=made: m[1] + made() + m[2],  # type: ignore[misc]

@@ -64,7 +64,12 @@ def group_of(effect: str) -> str:
 
 def adequate(findings: Sequence[GapFinding], level: float = 0.05) -> bool:
     """Whether no gap of the calibrated base is both significant and large."""
-    return not any(f.p_adjusted <= level and _large(f) for f in findings)
+    return not large_gaps(findings, level)
+
+
+def large_gaps(findings: Sequence[GapFinding], level: float = 0.05) -> list[GapFinding]:
+    """Gaps that are both significant and large."""
+    return [f for f in findings if f.p_adjusted <= level and _large(f)]
 
 
 def _large(finding: GapFinding) -> bool:

@@ -10,7 +10,6 @@ from functools import cache
 import numpy as np
 import pytest
 from helpers.simulated_slope import TABLE, observed
-from threadpoolctl import threadpool_limits
 
 from sassgis.engine.effects.soft_ground import SoftGround
 from sassgis.gap.calibration import class_calibration
@@ -42,8 +41,8 @@ from sassgis.model.ground import GroundTable
 
 @pytest.fixture(autouse=True, scope="module")
 def _short_search() -> Iterator[None]:
-    """One thread, fewer repetitions and shorter chains: two parameters need no more."""
-    with threadpool_limits(1, "blas"), pytest.MonkeyPatch.context() as patch:
+    """Fewer repetitions and shorter chains: two parameters need no more."""
+    with pytest.MonkeyPatch.context() as patch:
         patch.setattr(class_calibration, "_REPETITIONS", 3)
         patch.setattr(search_module, "_STEPS", 120)
         patch.setattr(search_module, "_STEPS_OF_DESIGN", 40)
@@ -159,6 +158,7 @@ def test_a_class_that_no_rock_reaches_is_not_identified() -> None:
     assert found.fitted[0].value == pytest.approx(0.45, abs=0.05)
 
 
+@pytest.mark.battery
 def test_classes_that_the_stops_do_not_tell_apart_are_named() -> None:
     found = calibrated(
         [site(25, 34, TABLE, tables=("deposits",))], ("debris", "talus"), ("eta_max", "mu_0"), 64

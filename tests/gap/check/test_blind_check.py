@@ -242,6 +242,7 @@ def test_a_knowing_diagnosis_scores_in_full_but_for_where_it_breaks(
     assert [line for line in heard if "taken for none" in line] == [unfit(file)]
 
 
+@pytest.mark.battery
 def test_answers_that_were_changed_before_all_were_given_are_given_again(
     copy: Path, thresholds: Path
 ) -> None:

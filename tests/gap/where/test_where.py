@@ -15,6 +15,7 @@ from sassgis.gap.diagnosis import GapFinding
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel
 from sassgis.gap.residuals.table import residuals_of
 from sassgis.gap.where.findings import LEAST_ROCKS, locate, where
+from sassgis.gap.which.verdict import adequate
 from sassgis.model.effects import EffectSettings
 from sassgis.model.ground import GroundTable
 
@@ -142,10 +143,13 @@ def test_few_rocks_and_nothing():
 @pytest.mark.battery
 def test_nothing_is_found_where_nothing_is():
     """False findings among all of them in about one case of twenty."""
-    false = 0
+    false, inadequate = 0, 0
     for seed in range(40):
         f = gaps(observed(40, 3000 + seed), seed=seed, draws=299)
         assert len(f) > 80
         false += f[0].p_adjusted < 0.05
+        inadequate += not adequate(f)
     # More than this has a chance of 3 in 1000 at the level of 5 %.
     assert false <= 6
+    # The base is called inadequate less often still: such a gap has to be large, too.
+    assert inadequate <= min(false, 2)
