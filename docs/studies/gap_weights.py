@@ -432,7 +432,9 @@ def against() -> str:
     )
     lines = [head, ["---"] * len(head)]
     sites = Counter(row["law"] for row in rows)
-    for one in sorted({name for name, _ in counts}, key=lambda n: -sum(counts[n, w] for w in head)):
+    for one in sorted(
+        {name for name, _ in counts}, key=lambda n: (-sum(counts[n, w] for w in head), n)
+    ):
         test, _, quantity = one.partition(": ")
         lines.append(
             [
