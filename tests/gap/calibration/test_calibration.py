@@ -12,7 +12,6 @@ import pytest
 from helpers.simulated_slope import TABLE, observed
 
 from sassgis.engine.effects.soft_ground import SoftGround
-from sassgis.gap.calibration import class_calibration
 from sassgis.gap.calibration import search as search_module
 from sassgis.gap.calibration.class_calibration import (
     SiteCalibration,
@@ -41,9 +40,8 @@ from sassgis.model.ground import GroundTable
 
 @pytest.fixture(autouse=True, scope="module")
 def _short_search() -> Iterator[None]:
-    """Fewer repetitions and shorter chains: two parameters need no more."""
+    """Shorter chains: two parameters need no more."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(class_calibration, "_REPETITIONS", 3)
         patch.setattr(search_module, "_STEPS", 120)
         patch.setattr(search_module, "_STEPS_OF_DESIGN", 40)
         yield
