@@ -94,7 +94,7 @@ class Verdict:
     group_probability : float
         Of its causes together; NaN without a group.
     cannot_exclude : tuple of str
-        Causes of which these data could show no fingerprint: neither named nor excluded, and not
+        Causes that these data could not show: neither named nor excluded, and not
         counted in the probabilities.
     """
 
@@ -165,9 +165,6 @@ class Hypothesis:
         Calibrated parameters by name, with their unit in the name.
     intervals : mapping
         95 % intervals of the parameters.
-    gain_ratio : float
-        How many times likelier what it closes of the gap is if it acts: it multiplies the odds by
-        the fingerprints. 1 where it does not count.
     """
 
     effect: str
@@ -178,7 +175,35 @@ class Hypothesis:
     probability: float
     parameters: Mapping[str, float] = field(default_factory=dict)
     intervals: Mapping[str, Range] = field(default_factory=dict)
-    gain_ratio: float = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class CauseGain:
+    """What a cause closes of the gap that the base leaves, were the ground calibrated anew.
+
+    Attributes
+    ----------
+    effect : str
+    share : float
+        Of the squared distance of what was observed from the base, in all numbers that sum up the
+        rocks and in their errors.
+    sureness : float
+        Standard errors by which it is more than what chance makes of the base.
+    power : float
+        Share of the strongest third of its draws that these data would show.
+    excess : float
+        Squared distance of what was observed from the base, over that of its own campaigns: the
+        same for all causes of a site.
+    shares : mapping
+        Parameters of the draw that closes most, as shares of their ranges.
+    """
+
+    effect: str
+    share: float
+    sureness: float
+    power: float
+    excess: float
+    shares: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -382,7 +407,7 @@ class Comparison:
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
-    """All that a diagnosis says.
+    """All that a diagnosis states.
 
     Attributes
     ----------
@@ -406,6 +431,8 @@ class Diagnosis:
         What in the configuration or the observations deserves a look.
     fingerprints : tuple of Fingerprint
         The surest first; those that cannot be seen last.
+    gains : tuple of CauseGain
+        The surest first.
     ladder : tuple of Rung
     advice : Advice
     first_sentence : str
@@ -426,6 +453,7 @@ class Diagnosis:
     seed: int
     warnings: tuple[str, ...] = ()
     fingerprints: tuple[Fingerprint, ...] = ()
+    gains: tuple[CauseGain, ...] = ()
     ladder: tuple[Rung, ...] = ()
     advice: Advice = Advice()
     first_sentence: str = ""
@@ -444,6 +472,7 @@ def as_json(diagnosis: Diagnosis) -> dict[str, Any]:
             "where": [asdict(f) for f in diagnosis.where],
             "which": [asdict(c) for c in diagnosis.which],
             "fingerprints": [asdict(f) for f in diagnosis.fingerprints],
+            "gains": [asdict(g) for g in diagnosis.gains],
             "ladder": [asdict(r) for r in diagnosis.ladder],
             "advice": {
                 **asdict(diagnosis.advice),

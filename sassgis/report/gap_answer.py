@@ -108,9 +108,7 @@ def _confused(diagnosis: Diagnosis) -> ReportAnswer:
         sentences = [f"These data do not separate it from: {names}."]
     if verdict.cannot_exclude:
         unseen = ", ".join(effect_name(e) for e in verdict.cannot_exclude)
-        sentences.append(
-            f"Neither seen nor excluded, as these data could show no fingerprint of it: {unseen}."
-        )
+        sentences.append(f"Neither seen nor excluded, as these data could not show it: {unseen}.")
     if diagnosis.measure_next:
         sentences.append(f"What would {'separate them' if others else 'make it surer'}:")
     return ReportAnswer("What it may be mistaken for", tuple(sentences), diagnosis.measure_next)

@@ -234,6 +234,7 @@ def gap_tables(case: Case, diagnosis: Diagnosis) -> list[ReportTable]:
     return [
         _where_table(diagnosis.where),
         _which_table(diagnosis),
+        _calibrated_table(diagnosis),
         ReportTable(
             f"Calibrated parameters of the answer: {effect_name(diagnosis.verdict.effect)}",
             heads("parameter; value; 95 % interval"),
@@ -340,25 +341,40 @@ def _where_table(findings: tuple[GapFinding, ...]) -> ReportTable:
 
 
 def _which_table(diagnosis: Diagnosis) -> ReportTable:
-    separated = dict.fromkeys(causes_in(diagnosis.verdict.confusion_set), "no")
-    separated[diagnosis.verdict.effect] = "the answer"
+    verdict = diagnosis.verdict
+    separated = dict.fromkeys(causes_in(verdict.confusion_set), "no")
+    separated[verdict.effect] = "the answer"
     return ReportTable(
-        "Explanations",
+        "Causes",
         heads(
-            "effect; form; score; gain; 95 % interval; weight | %; of the distance; "
-            "separated from the answer"
+            "cause; closes of what the base leaves | %; sureness; would be seen | %; "
+            "probability | %; separated from the answer"
         ),
         tuple(
             (
-                effect_name(c.effect), c.form or "–", c.score, c.gain, interval_text(c.ci95),
-                100.0 * c.probability, c.gain_ratio, separated.get(c.effect, "yes"),
+                effect_name(g.effect), 100.0 * g.share, g.sureness, 100.0 * g.power,
+                _percent(verdict.probabilities.get(g.effect)), separated.get(g.effect, "yes"),
             )
+            for g in diagnosis.gains
+        ),
+        "Of the base with a free contact, in the numbers that sum up all rocks (means, scatters, "
+        "trends with the size), the ground calibrated anew. Sureness: standard errors beyond what "
+        "chance makes of the base. Would be seen: share of strong draws of the cause that these "
+        "data would show.",
+    )  # fmt: skip
+
+
+def _calibrated_table(diagnosis: Diagnosis) -> ReportTable:
+    return ReportTable(
+        "Calibrated models",
+        heads("effect; form; score; gain; 95 % interval"),
+        tuple(
+            (effect_name(c.effect), c.form or "–", c.score, c.gain, interval_text(c.ci95))
             for c in diagnosis.which
         ),
         "Score: energy score of rocks held out of the calibration; less is better. Gain: score of "
-        "the calibrated base less this one. Weight: probability by the fingerprints and by what "
-        "is closed of the distance, which multiplies the odds by the number that follows.",
-    )  # fmt: skip
+        "the calibrated base less this one.",
+    )
 
 
 def _shrinkage_table(diagnosis: Diagnosis) -> ReportTable:

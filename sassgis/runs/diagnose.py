@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,16 +12,8 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from sassgis.gap.calibration.problem import CalibrationProblem, model_rows, problem_of
-from sassgis.gap.diagnosis import (
-    Advice,
-    Comparison,
-    Diagnosis,
-    Fingerprint,
-    GapFinding,
-    Hypothesis,
-    Range,
-    Verdict,
-)
+from sassgis.gap.calibration.site_summary import summary_of
+from sassgis.gap.diagnosis import Advice, Comparison, Diagnosis, Hypothesis, Range, Verdict
 from sassgis.gap.inference.distances import RockDistances
 from sassgis.gap.ladder.handover import (
     CONFIGURED_NUMBER,
@@ -31,8 +23,9 @@ from sassgis.gap.ladder.handover import (
     settings_of,
     values_of,
     worst_of,
+    wrong_ground,
 )
-from sassgis.gap.ladder.hypothesis_fit import CHOSEN, FRESH, gain_of
+from sassgis.gap.ladder.hypothesis_fit import CHOSEN, FRESH, draw_of, gain_of
 from sassgis.gap.ladder.rungs import (
     CONFIGURED,
     GROUND,
@@ -44,22 +37,11 @@ from sassgis.gap.ladder.rungs import (
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel, configured_model
 from sassgis.gap.replicas.model_json import model_as_json
-from sassgis.gap.residuals.table import ResidualTable, residuals_of
-from sassgis.gap.where.findings import where
-from sassgis.gap.which.cause_weights import CauseWeights
-from sassgis.gap.which.fingerprints import fingerprints
-from sassgis.gap.which.hypotheses import NONE
+from sassgis.gap.which.hypotheses import NONE, families_to_try
 from sassgis.gap.which.identifiable import what_is_identifiable
 from sassgis.gap.which.measure_next import DRAWS as DRAWS_COMPARED
 from sassgis.gap.which.measure_next import separations, tables_to_add
-from sassgis.gap.which.verdict import (
-    CONTACT_LAW,
-    UNKNOWN,
-    Thresholds,
-    adequate,
-    causes_in,
-    significant,
-)
+from sassgis.gap.which.verdict import CONTACT_LAW, UNKNOWN, adequate, causes_in
 from sassgis.io.read.gap_thresholds import cause_weights_of, read_thresholds, thresholds_of
 from sassgis.io.read.observation_files import AnyObservations
 from sassgis.io.staging import output_if_asked, writing
@@ -67,18 +49,13 @@ from sassgis.io.write.gap_files import write_diagnosis_json
 from sassgis.model.errors import InputError, Interrupted
 from sassgis.model.grid import FloatArray
 from sassgis.runs.draw_store import OnProgress
+from sassgis.runs.evidence import Evidence, evidence_beyond, prepared_case
 from sassgis.runs.fresh_shrinkage import ENSEMBLE
-from sassgis.runs.gap_case import fingerprint_of, observations_name, read_case
+from sassgis.runs.gap_case import fingerprint_of, observations_name
 from sassgis.runs.gap_outputs import write_outputs
-from sassgis.runs.hypothesis_fits import (
-    DRAWS,
-    HypothesisFits,
-    Keeping,
-    best_base,
-    calibrated_base,
-)
+from sassgis.runs.hypothesis_fits import DRAWS, HypothesisFits
 from sassgis.runs.job import AnyConfig, configured, workers_asked
-from sassgis.runs.weighed_causes import AddedCauses, Weighed, verdict_of, weighed_causes
+from sassgis.runs.weighed_causes import AddedCauses, shares_of, verdict_of
 from sassgis.runs.workers import Jobs, task_map
 
 #: Folder of the result in which the maps before and after are put, where they are wanted.
@@ -88,8 +65,8 @@ _FEWEST_ROCKS = 5
 #: With fewer groups of rocks a warning is given.
 _FEWEST_GROUPS = 4
 _ATYPICAL = (
-    "The fingerprints are unlike those of any synthetic site: the probabilities of the causes may "
-    "not hold here."
+    "The calibrated base is farther from these observations than at any synthetic site: the "
+    "probabilities of the causes may not hold here."
 )
 
 
@@ -122,14 +99,14 @@ def diagnose(
     seed : int
     overwrite : bool
     draws : int
-        Draws of each hypothesis. More take longer and separate effects better.
+        Draws in each round of a calibration. More take longer.
     ground_range : float
         Factor on the ranges in which the ground is calibrated; above 1 where the configured classes
         are guesses. What a wider calibration can explain is no longer laid to an effect.
     report : bool
         Whether map, figures, report and configuration are written besides the numbers.
     on_progress : callable, optional
-        Called with draws done, draws in all, and rocks simulated; counts anew for the calibration.
+        Called with draws done, draws in all, and rocks simulated; counts anew for each step.
     say : callable, optional
 
     Returns
@@ -140,7 +117,7 @@ def diagnose(
     ------
     ConfigError, InputError, OutputError
     Interrupted
-        If the user stops it; campaigns that were made are kept.
+        If the user stops it.
     """
     tell = say or (lambda _text: None)
     # Many small products of matrices: threads of the linear algebra would only wait for each other.
@@ -150,7 +127,7 @@ def diagnose(
     ):
         settings = configured(config, None)
         tell("Reading the inputs")
-        case = replace(read_case(settings, observations), ground_range=ground_range)
+        case = prepared_case(settings, observations, seed, ground_range)
         if case.n_rocks < _FEWEST_ROCKS:
             raise InputError(
                 "too few rocks to distinguish a cause from chance",
@@ -159,30 +136,22 @@ def diagnose(
                 found=case.n_rocks,
                 expected=f"{_FEWEST_ROCKS} or more",
             )
-        chosen = read_thresholds()
-        frozen, weights = thresholds_of(chosen), cause_weights_of(chosen)
-        problem = problem_of(case, seed)
+        summary = summary_of(problem_of(case, seed))
         fingerprint = fingerprint_of(settings, observations, f"{seed} {draws} {ground_range:g}")
         try:
-            with task_map(problem, workers_asked(settings, jobs)) as run:
+            with task_map(summary, workers_asked(settings, jobs)) as run:
                 tell(f"Calibrating the base model with {case.n_rocks} rocks")
-                made, wrong_ground, usual = best_base(
-                    problem, run, draws, on_progress, Keeping(work, fingerprint, tell)
-                )
+                made = HypothesisFits(summary, run, draws, on_progress)
+                base = made.add(CONTACT_LAW)
+                tell("Weighing the causes")
+                evidence = evidence_beyond(made, base, families_to_try(case))
                 tell("Calibrating the most probable hypotheses")
-                diagnosis = _diagnosis(made, wrong_ground, usual, frozen, weights, fingerprint)
+                diagnosis = _diagnosis(made, evidence, read_thresholds(), fingerprint)
         except KeyboardInterrupt:
-            kept = (
-                "; campaigns of finished hypotheses are kept: the same command goes on from there"
-            )
-            raise Interrupted(f"stopped by the user{'' if out is None else kept}") from None
+            raise Interrupted("stopped by the user") from None
         diagnosis = replace(
             diagnosis,
-            warnings=(
-                *settings.notes,
-                *_group_warnings(case),
-                *diagnosis.warnings,
-            ),
+            warnings=(*settings.notes, *_group_warnings(case), *diagnosis.warnings),
         )
         if out is None:
             return diagnosis
@@ -207,62 +176,16 @@ def _group_warnings(case: Case) -> tuple[str, ...]:
     )
 
 
-def fingerprints_of(
-    config: AnyConfig, observations: AnyObservations, seed: int = 1
-) -> tuple[tuple[Fingerprint, ...], tuple[GapFinding, ...]]:
-    """Fingerprints and findings of the calibrated base alone, in this process.
-
-    Parameters
-    ----------
-    config, observations : path
-        As for ``diagnose``.
-    seed : int
-    """
-    problem = problem_of(read_case(config, observations), seed)
-
-    def run(function: Callable[[Any, Any], Any], tasks: Sequence[Any]) -> Iterator[Any]:
-        return (function(problem, task) for task in tasks)
-
-    # No rock is left out: what is asked for are no scores.
-    whole = replace(problem, part=np.full(problem.case.n_rocks, -1))
-    with threadpool_limits(1, "blas"):
-        made = calibrated_base(whole, run, DRAWS, None, Keeping(None, "", lambda _text: None))
-        residuals = _residuals(made)
-        case = problem.case
-        return fingerprints(case, residuals, group=case.group), where(case, residuals, seed=seed)
-
-
-def _residuals(made: HypothesisFits) -> ResidualTable:
-    """Residuals of the calibrated base."""
-    case = made.problem.case
-    return residuals_of(
-        case,
-        made.model(NONE).model.table,
-        seed=made.problem.seed,
-    )
-
-
 # ---------------------------------------------------------------------------------------------
 # Comparing
 
 
 def _diagnosis(
-    made: HypothesisFits,
-    wrong_ground: tuple[str, ...],
-    usual: HypothesisFits,
-    frozen: Thresholds,
-    weights: CauseWeights,
-    fingerprint: str,
+    made: HypothesisFits, evidence: Evidence, chosen: Mapping[str, Any], fingerprint: str
 ) -> Diagnosis:
-    """The answer, from a base that is calibrated."""
+    """The answer, from what speaks for causes."""
     problem, case = made.problem, made.problem.case
-    # Fingerprints are of the base within the usual range of the ground, as the weights know them.
-    residuals = _residuals(usual)
-    prints = fingerprints(case, residuals, group=case.group)
-    if usual is not made:
-        residuals = _residuals(made)
-    findings = where(case, residuals, seed=problem.seed)
-    made.add(CONTACT_LAW)
+    frozen, weights = thresholds_of(dict(chosen)), cause_weights_of(dict(chosen))
     rows = {
         CONFIGURED: model_rows(problem, configured_model(case), CONFIGURED_NUMBER, FRESH),
         GROUND: made.rows(NONE),
@@ -271,20 +194,20 @@ def _diagnosis(
     over = {CONFIGURED: "", GROUND: CONFIGURED, CONTACT_LAW: GROUND}
     ladder = Ladder(problem, [Step(name, over[name], own) for name, own in rows.items()])
     first_rungs = ladder.rungs(*rows)
-    law = CONTACT_LAW in significant(prints, frozen.level) or needs_contact_law(first_rungs)
+    law = needs_contact_law(first_rungs)
     bases = (CONFIGURED, GROUND, *([CONTACT_LAW] if law else []))
     simplest = ladder.recommended(*bases)[0]
     # An effect is added to the base that the contact asks for, if that is certainly the better one.
-    added = AddedCauses(made, simplest == CONTACT_LAW)
-    weighed = weighed_causes(added, ladder, prints, weights, frozen)
+    added = AddedCauses(made, evidence, simplest == CONTACT_LAW)
+    shares = shares_of(evidence, families_to_try(case), weights)
     short = falls_short(model_gaps(problem, rows[simplest]))
     verdict, shrinkage = verdict_of(
-        added, weighed, prints, weights, frozen, law, adequate(findings) and not short,
-        ground_is_enough(first_rungs), findings,
+        added, shares, weights, frozen, law, adequate(evidence.findings) and not short,
+        ground_is_enough(first_rungs),
     )  # fmt: skip
     named = verdict.effect if verdict.effect not in (NONE, UNKNOWN, CONTACT_LAW) else ""
     # With two causes the surer one comes first.
-    parts = sorted(named.split("+"), key=lambda n: -weighed.shares.get(n, 0.0)) if named else []
+    parts = sorted(named.split("+"), key=lambda n: -shares.get(n, 0.0)) if named else []
     steps = tuple(dict.fromkeys([*parts[:1], *([named] if named else [])]))
     for step in steps:
         ladder.add(Step(step, added.rung if step == parts[0] else parts[0], added.rows(step)))
@@ -293,11 +216,10 @@ def _diagnosis(
     # Of the configured ground nothing was calibrated.
     fit = None if recommended == CONFIGURED else added.fit(recommended)
     handed = configured_model(case) if fit is None else fit.handed_over.draw.model
-    reported = {NONE, *map(added.name, steps), *(() if fit is None else (fit.effect,))}
-    intervals = {effect: made.fits[effect].intervals(case) for effect in reported}
+    intervals = {effect: own.intervals(case) for effect, own in made.fits.items()}
     advice = Advice(
         worst_of(before),
-        wrong_ground,
+        wrong_ground(case, intervals[CONTACT_LAW]) if law else (),
         case.ground_range,
         () if fit is None else settings_of(case, fit, intervals[fit.effect]),
         () if fit is None else tuple((t.one, t.other, t.correlation) for t in fit.trade_offs),
@@ -307,10 +229,12 @@ def _diagnosis(
         why,
     )
     rungs = ladder.rungs(*rows, *steps)
+    gains = sorted(evidence.gains.values(), key=lambda gain: -gain.sureness)
+    excess = max((gain.excess for gain in gains), default=1.0)
     return Diagnosis(
         verdict=verdict,
-        where=findings,
-        which=_hypotheses(added, [NONE, CONTACT_LAW, *weighed.ratios, *steps], weighed, intervals),
+        where=evidence.findings,
+        which=_hypotheses(added, shares, intervals),
         shrinkage=shrinkage,
         rocks=case.n_rocks,
         tables={name: len(table) for name, table in case.observations.tables.items()},
@@ -326,9 +250,10 @@ def _diagnosis(
         # Errors were logged while reading.
         warnings=(
             *(str(f) for f in case.observations.findings if f.level == "warning"),
-            *(() if weights.is_typical(prints) else (_ATYPICAL,)),
+            *(() if excess <= weights.farthest else (_ATYPICAL,)),
         ),
-        fingerprints=prints,
+        fingerprints=evidence.prints,
+        gains=tuple(gains),
         ladder=rungs,
         advice=advice,
         first_sentence=first_sentence(advice, rungs),
@@ -351,33 +276,43 @@ def _measure_next(added: AddedCauses, verdict: Verdict) -> tuple[str, ...]:
     models = {}
     case, lines = added.made.problem.case, added.made.problem.rock_lines
     for cause in (c for c in possible if c not in parts):
-        own = added.base if cause == NONE else added.name(cause)
-        if own in added.made.fits:
-            name = added.base if cause == NONE else cause
-            fit = added.made.fits[own]
-            others = fit.samples(case, DRAWS_COMPARED - 1)
-            models[name] = [fit.handed_over.draw.model, *(draw.model for draw in others)]
-    found = separations(case, lines, models, added.made.problem.seed)
+        name = added.base if cause == NONE else cause
+        models[name] = _models_of(added, cause)
+    found = separations(
+        case, lines, {n: own for n, own in models.items() if own}, added.made.problem.seed
+    )
     more = tables_to_add(case, tuple(possible)) if unknown else ()
     return (*(one.sentence for one in found), *more)
 
 
+def _models_of(added: AddedCauses, cause: str) -> list[HypothesisModel]:
+    """Draws of a cause: calibrated, or the one that closes most; none of what was not tried."""
+    case = added.made.problem.case
+    own = added.base if cause in (NONE, CONTACT_LAW) else added.name(cause)
+    if own in added.made.fits:
+        fit = added.made.fits[own]
+        others = fit.samples(case, DRAWS_COMPARED - 1)
+        return [fit.handed_over.draw.model, *(draw.model for draw in others)]
+    gain = added.evidence.gains.get(cause)
+    return [] if gain is None else [draw_of(case, own, gain.shares).model]
+
+
 def _hypotheses(
     added: AddedCauses,
-    effects: Sequence[str],
-    weighed: Weighed,
+    shares: Mapping[str, float],
     intervals: Mapping[str, Mapping[str, Range]],
 ) -> tuple[Hypothesis, ...]:
-    """Everything that was tried, most probable first."""
+    """What was calibrated, most probable first."""
     made = added.made
     base = made.scores(NONE)
     rng = np.random.default_rng([made.problem.seed, 81])
     found = []
-    for name in dict.fromkeys(effects):
-        tried = added.name(name)
-        own = made.scores(tried)
+    for tried, fit in made.fits.items():
+        own = fit.held_out_scores(made.problem.part)
         gain = gain_of(base, own, made.problem.case.group, rng)
-        top = made.model(tried)
+        top = fit.handed_over.draw
+        causes = [part for part in tried.split("+") if part != CONTACT_LAW]
+        name = "+".join(causes) or CONTACT_LAW
         found.append(
             Hypothesis(
                 name,
@@ -385,10 +320,9 @@ def _hypotheses(
                 float(np.nanmean(own)),
                 gain.value,
                 (gain.low, gain.high),
-                weighed.shares.get(name.split("+")[0], 0.0),
+                shares.get(name.split("+")[0], 0.0),
                 dict(top.parameters),
                 intervals.get(tried, {}),
-                weighed.ratios.get(name, 1.0),
             )
         )
     return tuple(sorted(found, key=lambda c: -c.probability))

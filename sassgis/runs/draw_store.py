@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from sassgis.gap.calibration.calibrator import NumberedDraw
+from sassgis.gap.calibration.class_calibration import NumberedDraw
 from sassgis.io.saved_arrays import read_saved, write_saved
 from sassgis.model.grid import FloatArray
 

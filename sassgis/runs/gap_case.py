@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from sassgis.engine.simulate_paths import PathTerrain
+from sassgis.gap.calibration.parameters import classes_met
 from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.observed import DENSITY_KGM3, Observations, rock_masses_kg
 from sassgis.gap.observations.projection import (
@@ -123,6 +124,7 @@ def case_of(run: MapRun, observations: Observations, file: Path) -> Case:
             prolonged=run.followed,
         ),
     )  # fmt: skip
+    case = replace(case, met=classes_met(case))
     if not run.followed:
         return case
     traced = station_traces(case)

@@ -134,12 +134,14 @@ def chainage_to_xy(
 
 
 def xy_to_chainage(
-    traces: TraceSet, line: int, x: FloatArray | float, y: FloatArray | float
+    traces: TraceSet, line: IntArray | int, x: FloatArray | float, y: FloatArray | float
 ) -> tuple[FloatArray, FloatArray]:
     """Chainage of the point of a line that is nearest to points of the map.
 
     Parameters
     ----------
+    line : int64, broadcastable with ``x`` and ``y``
+        Line of each point.
     x, y : float64
         Coordinates (m).
 
@@ -150,15 +152,11 @@ def xy_to_chainage(
     offset : float64
         Distance from it (m), positive to the right of the line in its direction.
     """
-    xs, ys = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
-    own = slice(int(traces.offset[line]), int(traces.offset[line + 1]))
-    s, aside = _nearest(
-        traces.s[own],
-        traces.x[own],
-        traces.y[own],
-        np.ascontiguousarray(xs.ravel()),
-        np.ascontiguousarray(ys.ravel()),
+    lines, xs, ys = np.broadcast_arrays(
+        np.asarray(line, np.int64), np.asarray(x, np.float64), np.asarray(y, np.float64)
     )
+    flat = (np.ascontiguousarray(one.ravel()) for one in (lines, xs, ys))
+    s, aside = _nearest(traces.offset, traces.s, traces.x, traces.y, *flat)
     return s.reshape(xs.shape), aside.reshape(xs.shape)
 
 
@@ -414,16 +412,22 @@ def _to_map(
 
 @kernel
 def _nearest(
-    s: FloatArray, x: FloatArray, y: FloatArray, px: FloatArray, py: FloatArray
+    offset: IntArray,
+    s: FloatArray,
+    x: FloatArray,
+    y: FloatArray,
+    line: IntArray,
+    px: FloatArray,
+    py: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    out_s = np.full(px.size, s[0])
+    out_s = np.empty(px.size)
     out_d = np.empty(px.size)
     for i in range(px.size):
-        if s.size == 1:
-            out_d[i] = np.hypot(px[i] - x[0], py[i] - y[0])
-            continue
+        first, last = offset[line[i]], offset[line[i] + 1] - 1
+        out_s[i] = s[first]
+        out_d[i] = np.hypot(px[i] - x[first], py[i] - y[first])
         best = np.inf
-        for k in range(s.size - 1):
+        for k in range(first, last):
             dx, dy = x[k + 1] - x[k], y[k + 1] - y[k]
             ex, ey = px[i] - x[k], py[i] - y[k]
             share = min(1.0, max(0.0, (ex * dx + ey * dy) / (dx * dx + dy * dy)))

@@ -68,15 +68,15 @@ def test_the_case_from_tables_to_the_changed_map(
     told = said["diagnose"].splitlines()
     assert [x for x in told if not x.startswith("Open ")] == shown(page, "diagnose")
     found = json.loads((tmp_path / "diagnosis" / "diagnosis.json").read_text(encoding="utf-8"))
-    # The truth, which the diagnosis does not know: other debris, on which rocks come further.
+    # The truth, which the diagnosis does not know: debris that holds rocks back more.
     assert found["verdict"]["effect"] in ("none", "unknown")
-    assert found["advice"]["configured"]["gap"] > 0.0
+    assert found["advice"]["configured"]["gap"] < 0.0
     table = read_ground_table(tmp_path / "diagnosis" / "model" / "ground_classes.csv", "hazard")
     (debris,) = [c for c in table.classes if c.name == "debris"]
-    assert debris.eta_max > 0.55
+    assert 0.65 < debris.eta_max < 0.78
     before, after = (
         rasterio.open(tmp_path / "diagnosis" / "map" / "maps" / "reach_probability_change.tif")
         .read(k, masked=True).filled(0.0) for k in (2, 3)
     )  # fmt: skip
-    assert (after > 0.0).sum() > (before > 0.0).sum()
+    assert (after > 0.0).sum() < (before > 0.0).sum()
     assert (tmp_path / "calibrated" / "report.html").is_file()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +10,18 @@ import numpy as np
 import pytest
 from helpers.observed_slope import LV95, NORTH, TABLES, TAN, TOP, WEST
 from helpers.simulated_slope import observed
+from threadpoolctl import threadpool_limits
 
 from sassgis.gap.calibration.problem import CalibrationProblem, problem_of
 from sassgis.model.crs import parse_crs
 from sassgis.model.grid import Grid
+
+
+@pytest.fixture(scope="session", autouse=True)
+def one_thread() -> Iterator[None]:
+    """Small products of matrices: threads of the linear algebra would only wait for each other."""
+    with threadpool_limits(1, "blas"):
+        yield
 
 
 @pytest.fixture(scope="session")

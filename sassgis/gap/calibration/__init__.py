@@ -1,1 +1,1 @@
-"""The calibrator: of ground classes, and of every hypothesis of the diagnosis."""
+"""Calibration: of ground classes, and of every hypothesis of the diagnosis."""

@@ -8,14 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from sassgis.gap.calibration.calibration_findings import CalibrationFinding, findings_of, gain_text
-from sassgis.gap.calibration.calibrator import (
-    Budget,
-    Calibrated,
-    NumberedDraw,
-    RunDraws,
-    Space,
-    calibrate_on,
-)
 from sassgis.gap.calibration.fit_errors import (
     QuantityErrors,
     TableScore,
@@ -29,12 +21,14 @@ from sassgis.gap.calibration.identifiability import (
     TradeOff,
     as_good,
     classes_alike,
+    fitted_parameters,
     identified_combinations,
     site_fits,
     trade_offs,
 )
 from sassgis.gap.calibration.parameters import (
     ClassParameter,
+    Prior,
     classes_met,
     parameters_of,
     table_with,
@@ -45,6 +39,16 @@ from sassgis.gap.calibration.problem import (
     added,
     prediction,
     scores_of,
+)
+from sassgis.gap.calibration.search import (
+    Posterior,
+    ScoreSurface,
+    SiteScores,
+    first_design,
+    minimum_without,
+    next_design,
+    posterior_of,
+    surface_of,
 )
 from sassgis.gap.inference.intervals import Interval
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel, configured_model
@@ -103,10 +107,30 @@ def calibration_task(
     return CalibrationTask(tuple(sites), tuple(parameters), seed)
 
 
+@dataclass(frozen=True, slots=True)
+class Budget:
+    """Draws of the first design, repetitions after it, and draws of each of them."""
+
+    first: int
+    repetitions: int
+    more: int
+
+    @property
+    def draws(self) -> int:
+        """Draws in all."""
+        return self.first + self.repetitions * self.more
+
+
 def budget_of(task: CalibrationTask, first: int | None) -> Budget:
     """Draws of the first design (default: 32 for each parameter, at least 96), and after it."""
     own = first or max(96, 32 * len(task.parameters))
     return Budget(own, _REPETITIONS, max(16, own // 3))
+
+
+#: Number of a draw and its parameters as shares of their ranges.
+NumberedDraw = tuple[int, FloatArray]
+#: Scores of all rocks, site after site, of draws in their order.
+RunDraws = Callable[[Sequence[NumberedDraw]], Sequence[FloatArray]]
 
 
 def score_draw(task: CalibrationTask, draw: NumberedDraw) -> FloatArray:
@@ -117,14 +141,59 @@ def score_draw(task: CalibrationTask, draw: NumberedDraw) -> FloatArray:
     )
 
 
+@dataclass(frozen=True, slots=True)
+class Calibrated:
+    """What was tried, and what follows from it.
+
+    Attributes
+    ----------
+    points : float64, shape (n_draws, d)
+    surface : ScoreSurface
+    posterior : Posterior
+    fitted : tuple of Fitted
+    """
+
+    points: FloatArray
+    surface: ScoreSurface
+    posterior: Posterior
+    fitted: tuple[Fitted, ...]
+
+    def without(self, problems: Sequence[CalibrationProblem], part: int) -> FloatArray:
+        """Best parameters for the rocks of the other parts; where draws lie is that of all."""
+        weights = [(p.unit_parts() != part).astype(np.float64) for p in problems]
+        return minimum_without(self.surface, self.posterior, weights)
+
+
 def search(task: CalibrationTask, run: RunDraws, first: int | None = None) -> Calibrated:
-    """Calibrate the classes of all sites together."""
-    met = [classes_met(site.case) for site in task.sites]
-    columns = tuple(np.flatnonzero([p.class_name in own for p in task.parameters]) for own in met)
-    # The prior alone keeps parameters near their configured values: rocks left out are predicted
-    # with parameters that were chosen in the same way.
-    space = Space(task.parameters, columns, np.zeros(len(task.parameters), np.bool_))
-    return calibrate_on(task.sites, space, run, budget_of(task, first))
+    """Calibrate the classes of all sites together: more and more draws where the best may lie.
+
+    The prior alone keeps parameters near their configured values: rocks left out are predicted with
+    parameters that were chosen in the same way.
+    """
+    budget, prior = budget_of(task, first), Prior.of(task.parameters)
+    points = first_design(prior, budget.first, task.seed)
+    scores = np.stack(run([(1 + k, share) for k, share in enumerate(points)]))
+    surface = _surface(task, prior, points, scores, budget.first)
+    for _ in range(budget.repetitions):
+        new = next_design(surface, points, budget.more, task.seed)
+        scored = run([(1 + len(points) + k, share) for k, share in enumerate(new)])
+        scores, points = np.vstack([scores, *scored]), np.vstack([points, new])
+        surface = _surface(task, prior, points, scores, budget.first)
+    posterior = posterior_of(surface, points, task.seed)
+    return Calibrated(points, surface, posterior, fitted_parameters(task.parameters, posterior))
+
+
+def _surface(
+    task: CalibrationTask, prior: Prior, points: FloatArray, scores: FloatArray, first: int
+) -> ScoreSurface:
+    borders = np.cumsum([site.n_rocks for site in task.sites])[:-1]
+    parts = np.split(scores, borders, axis=1)
+    sites = []
+    for site, own in zip(task.sites, parts, strict=True):
+        met = classes_met(site.case)
+        columns = np.flatnonzero([p.class_name in met for p in task.parameters])
+        sites.append(SiteScores(columns, site.per_unit(own)))
+    return surface_of(points, sites, prior, first)
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,8 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sassgis.gap.calibration.calibrator import Calibrated
-from sassgis.gap.calibration.class_calibration import CalibrationTask
+from sassgis.gap.calibration.class_calibration import Calibrated, CalibrationTask
 from sassgis.gap.calibration.parameters import classes_met
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray

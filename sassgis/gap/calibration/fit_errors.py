@@ -9,7 +9,13 @@ import numpy as np
 
 from sassgis.gap.calibration.problem import CalibrationProblem
 from sassgis.gap.inference.distances import energy_scores
-from sassgis.gap.inference.intervals import Interval, bootstrap_interval, mean_interval
+from sassgis.gap.inference.intervals import (
+    Interval,
+    bootstrap_interval,
+    mean_interval,
+    quantiles_of,
+)
+from sassgis.gap.residuals.residuals import mean_of_draws
 from sassgis.model.grid import FloatArray
 
 #: Shares of the rocks whose quantiles are compared.
@@ -158,31 +164,30 @@ def _errors(
     finite = {k: v[:, rocks][np.isfinite(v[:, rocks])] for k, v in made.items()}
 
     def centre(values: FloatArray) -> float:
-        if not values.size:
-            return float("nan")
-        low, middle, high = np.quantile(values, SHARES)
+        low, middle, high = quantiles_of(values, SHARES)
         return float(high - low if width else middle)
 
+    inverse = bootstrap_interval(
+        lambda i: 1.0 / max(centre(own[i]), 1e-9),
+        np.arange(own.size), draws=_DRAWS, rng=rng, method="percentile",
+    )  # fmt: skip
+
     def error(simulated: float) -> Interval:
-        return bootstrap_interval(
-            lambda i: simulated / max(centre(own[i]), 1e-9) - 1.0,
-            np.arange(own.size), draws=_DRAWS, rng=rng, method="percentile",
-        )  # fmt: skip
+        limits = (inverse.value, inverse.low, inverse.high)
+        return Interval(*(simulated * one - 1.0 for one in limits))
 
     gain = scores["before"] - scores["left out"]
     return QuantityErrors(
         title, unit, rocks.size, _quantiles(own),
         {k: _quantiles(v) for k, v in finite.items()},
-        {k: float(np.nanmean(v)) for k, v in scores.items()},
+        {k: float(mean_of_draws(v, least=1)) for k, v in scores.items()},
         {k: error(centre(v)) for k, v in finite.items()},
         mean_interval(gain[np.isfinite(gain)]),
     )  # fmt: skip
 
 
 def _quantiles(values: FloatArray) -> tuple[float, ...]:
-    if not values.size:
-        return (float("nan"),) * len(SHARES)
-    return tuple(np.quantile(values, SHARES).tolist())
+    return tuple(quantiles_of(values, SHARES).tolist())
 
 
 def _crps(seen: FloatArray, made: FloatArray) -> FloatArray:

@@ -19,8 +19,9 @@ from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import FloatArray
 from sassgis.model.ground import GroundTable
 
-#: Orientations and slopes drawn for each impact.
-DRAWS = 32
+#: Orientations and slopes drawn for each impact, and impacts that are compared at most: more of
+#: them cost as much as the runs and say next to nothing more.
+DRAWS, MOST = 12, 400
 #: What is compared of an impact: speeds along and off the ground, surface speed and energy after,
 #: over the speed and the energy before.
 QUANTITIES = ("impact:along", "impact:normal", "impact:turning", "impact:energy")
@@ -32,7 +33,10 @@ def observed_impacts(case: Case) -> ImpactsInFlight | None:
         return None
     axes = case.semi_axes_m[:, None]
     rows = np.flatnonzero(usable_impacts(case, axes))
-    return impacts_in_flight(case, axes, rows, DRAWS) if rows.size else None
+    found = impacts_in_flight(case, axes, rows, DRAWS) if rows.size else None
+    if found is None or found.rock.size <= MOST:
+        return found
+    return found.take(np.linspace(0, found.rock.size - 1, MOST).astype(np.int64))
 
 
 def observed_outcomes(impacts: ImpactsInFlight) -> FloatArray:

@@ -217,6 +217,9 @@ def scale_of(case: Case, quantities: Mapping[str, FloatArray]) -> Scale:
         place, _, what = name.partition(":")
         if what not in floors or not (place == "stop" or place.startswith("S")):
             continue
+        if what == "aside" and case.terrain is None:
+            # Blocks cannot leave their fall lines.
+            continue
         known = _scored(name, values)
         known = known[np.isfinite(known)]
         if known.size < _FEWEST:

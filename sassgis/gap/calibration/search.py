@@ -21,7 +21,7 @@ from scipy.stats import t as student
 
 from sassgis.gap.calibration.emulator import Emulator, WeightedSum, fit
 from sassgis.gap.calibration.parameters import Prior
-from sassgis.model.grid import BoolArray, FloatArray, IntArray
+from sassgis.model.grid import FloatArray, IntArray
 
 #: Samples of rocks drawn anew.
 _BOOTSTRAP, _FEW = 60, 20
@@ -117,17 +117,12 @@ class Total:
         beginnings: FloatArray,
         prior: Prior | None = None,
         sharpness: float = 1.0,
-        kept: BoolArray | None = None,
     ) -> tuple[FloatArray, float]:
         """Lowest point reached from some beginnings, and the sum there.
 
-        A ``prior`` is weighed against ``sharpness`` times the sum, and parameters that are ``kept``
-        stay at its centre.
+        A ``prior`` is weighed against ``sharpness`` times the sum.
         """
         bounds = [(0.0, 1.0)] * beginnings.shape[1]
-        if prior is not None and kept is not None:
-            beginnings = np.where(kept, prior.centre, beginnings)
-            bounds = [(u, u) if k else (0.0, 1.0) for u, k in zip(prior.centre, kept, strict=True)]
 
         def both(u: FloatArray) -> tuple[float, FloatArray]:
             slope = np.zeros(u.size)
@@ -318,30 +313,6 @@ def next_design(surface: ScoreSurface, points: FloatArray, draws: int, seed: int
         samples = _sample(total, surface.prior, own, beginnings, rng, _STEPS_OF_DESIGN)
         chosen.append(samples[rng.choice(len(samples), part.size, replace=False)])
     return np.vstack(chosen)
-
-
-def keeping_configured(
-    surface: ScoreSurface, posterior: Posterior, identified: BoolArray
-) -> Posterior:
-    """The best parameters with those at their configured values that need not leave them.
-
-    One after the other, the parameters that are not identified are put back to what was configured.
-    That stays if the others can make up for it: if the score is then no worse than that of the
-    better half of the posterior.
-    """
-    total = surface.total
-    enough = float(np.median(total.value(posterior.samples)))
-    kept = np.zeros(identified.size, np.bool_)
-    spread = posterior.samples.std(axis=0)
-    best = posterior.best
-    for k in np.flatnonzero(~identified)[np.argsort(-spread[~identified], kind="stable")]:
-        tried = kept.copy()
-        tried[k] = True
-        beginnings = np.vstack([best, posterior.samples[:: len(posterior.samples) // 3][:3]])
-        found, score = total.minimum(beginnings, surface.prior, posterior.sharpness, tried)
-        if score <= enough:
-            kept, best = tried, found
-    return replace(posterior, best=best)
 
 
 def minimum_without(

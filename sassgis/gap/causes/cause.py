@@ -9,7 +9,7 @@ from typing import Literal
 from sassgis.engine.effects.registry import EFFECTS
 from sassgis.gap.causes.parameter_draws import Fit, ParameterDraws
 from sassgis.gap.observations.case import Case
-from sassgis.gap.replicas.hypothesis_model import HypothesisModel, LateralWalk
+from sassgis.gap.replicas.hypothesis_model import HypothesisModel
 from sassgis.gap.residuals.table import ResidualTable
 from sassgis.model.effects import EffectSection
 from sassgis.model.grid import FloatArray
@@ -148,17 +148,13 @@ def part_of(
     settings: type[EffectSection],
     form: str,
     values: Mapping[str, float],
-    walk: LateralWalk | None = None,
     **others: object,
 ) -> CausePart:
-    """An effect with drawn values and others that are not reported, and the scatter that goes
-    with it.
-    """
+    """An effect with drawn values and others that are not reported."""
     effect = settings(**({"form": form} if form else {}), **others, **values)
 
     def change(model: HypothesisModel) -> HypothesisModel:
-        changed = replace(model, effects=model.effects.having(effect))
-        return changed if walk is None else replace(changed, lateral_walk=walk)
+        return replace(model, effects=model.effects.having(effect))
 
     return CausePart(form or settings.name, change, values)
 

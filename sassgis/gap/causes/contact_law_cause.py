@@ -2,81 +2,76 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
 
-from sassgis.gap.causes.cause import SHIFT, Cause, CausePart, Scores, Scoring, Trace
-from sassgis.gap.causes.contact_gaps import contact_gaps
+from sassgis.gap.causes.cause import Cause, CausePart
 from sassgis.gap.causes.parameter_draws import ParameterDraws, rounded
-from sassgis.gap.causes.reach_gaps import over_scatter, reach_gaps, speed_gaps
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel
-from sassgis.gap.residuals.residuals import mean_of_draws, per_rock
-from sassgis.gap.residuals.table import ResidualTable
 from sassgis.model.ground import GroundTable
 
 #: Those that any ground has shown (``calibration.parameters.RANGES``).
-_BOUNDS = {"eta_max": (0.1, 1.0), "mu_f": (0.1, 1.5), "restitution": (0.0, 0.9)}
+_BOUNDS = {
+    "eta_max": (0.05, 1.0),
+    "mu_f": (0.05, 1.5),
+    "restitution": (0.0, 0.95),
+    "mu_0": (0.02, 1.0),
+}
+
+
+#: Normal speed at which the restitution of the classes has halved (m/s).
+_HALVED_AT_MPS = 9.144
 
 
 def _draw(case: Case, draws: ParameterDraws) -> CausePart:
-    """Freedom of the contact beyond calibration: one shift for all classes, in wide ranges.
+    """Freedom of the contact beyond calibration.
 
-    Classes keep the differences between them. The restitution counts only where the engine reads
+    Where contacts were recorded, it is as they have it (``calibration.contact_map``), and rolling
+    is shifted alike for all classes. Else there is one shift of all parameters, in wide ranges:
+    classes keep the differences between them. The restitution counts only where the engine reads
     it; from the highest speeds on it hardly falls with the normal speed.
     """
-    shifts = {
-        "eta_max": draws.uniform("law.eta_max", -0.5, 0.5),
-        "mu_f": draws.uniform("law.mu_f", -0.5, 0.7),
-    }
-    speed = math.nan
-    if case.engine.resolved().eta_max_rule == "restitution":
-        shifts["restitution"] = draws.uniform("law.restitution", -0.5, 0.9)
-        speed = draws.log("law.restitution_speed", 2.0, 200.0)
+    shifts = {"mu_0": draws.uniform("law.mu_0", -0.3, 0.3)}
+    values: dict[str, float] = {}
+    if case.learned is None:
+        shifts |= {
+            "eta_max": draws.uniform("law.eta_max", -0.5, 0.5),
+            "mu_f": draws.uniform("law.mu_f", -0.6, 0.6),
+        }
+        if case.engine.resolved().eta_max_rule == "restitution":
+            shifts["restitution"] = draws.uniform("law.restitution", -0.6, 0.6)
+            halved = draws.log("law.restitution_speed", 1.0 / 12.0, 12.0)
+            values["restitution_speed_mps"] = rounded(halved * _HALVED_AT_MPS)
     used = set(np.unique(case.profiles.ground).tolist())
 
     def change(model: HypothesisModel) -> HypothesisModel:
-        classes = []
-        for k, ground in enumerate(model.table.classes):
-            values = {
-                name: rounded(min(max(float(getattr(ground, name)) + shift, low), high))
-                for name, shift in shifts.items()
-                for low, high in (_BOUNDS[name],)
-            }
-            if math.isfinite(speed):
-                values["restitution_speed_mps"] = speed
-            classes.append(replace(ground, **values) if k in used else ground)  # type: ignore[arg-type]
+        classes = list(model.table.classes)
+        for k in sorted(used):
+            by = shifts | _beyond(case, k)
+            own = dict(values)
+            if case.learned is not None:
+                speed = case.learned.classes[k].restitution_speed_mps
+                own["restitution_speed_mps"] = speed
+            for name, shift in by.items():
+                low, high = _BOUNDS[name]
+                value = float(getattr(classes[k], name)) + shift
+                own[name] = rounded(min(max(value, low), high))
+            classes[k] = replace(classes[k], **own)
         return replace(model, table=GroundTable(tuple(classes)))
 
-    values = {f"shift_of_{name}": shift for name, shift in shifts.items()}
-    if math.isfinite(speed):
-        values["restitution_speed_mps"] = speed
-    return CausePart("shifted contact", change, values)
+    stated = {f"shift_of_{name}": shift for name, shift in shifts.items()}
+    return CausePart("shifted contact", change, stated | values)
 
 
-def _after_impacts(quantity: str) -> Scoring:
-    def scores(case: Case, residuals: ResidualTable) -> Scores:
-        rows, z = contact_gaps(residuals, quantity)
-        mean = float(z.mean())
-        shifted = math.copysign(1.0, mean) * z - SHIFT
-        return Scores(per_rock(shifted, rows.rock, case.n_rocks), mean)
-
-    return scores
-
-
-def _speed_on_reaches(case: Case, residuals: ResidualTable) -> Scores:
-    speed = speed_gaps(residuals)
-    mean, shift = mean_of_draws(over_scatter(speed, 0.05), least=1), float(np.nanmean(speed))
-    return Scores(math.copysign(1.0, shift) * mean - SHIFT, shift)
-
-
-def _height_on_reaches(case: Case, residuals: ResidualTable) -> Scores:
-    height = reach_gaps(residuals, "height_m")
-    own = over_scatter(height, 0.05)
-    shift = float(np.nanmean(own))
-    return Scores(math.copysign(1.0, shift) * mean_of_draws(own, least=1) - SHIFT, shift)
+def _beyond(case: Case, kind: int) -> dict[str, float]:
+    """How far the contacts recorded on a class are from what is configured."""
+    if case.learned is None:
+        return {}
+    learned, configured = (table.classes[kind] for table in (case.learned, case.table))
+    names = ("eta_max", "mu_f", "restitution")
+    return {name: float(getattr(learned, name) - getattr(configured, name)) for name in names}
 
 
 CAUSE = Cause(
@@ -88,25 +83,7 @@ CAUSE = Cause(
     summary="another law of the contact: the same shift of rebound and slip for all sizes",
     weighed=False,
     draw=_draw,
-    shown_by="the same shift of rebound, slip, spin, speed or height for all sizes",
-    statistics=(
-        *(
-            Trace(f"shift of the {name} after impacts", _after_impacts(quantity), ("impacts",))
-            for name, quantity in (
-                ("normal speed", "normal_speed_mps"),
-                ("tangential speed", "tangential_speed_mps"),
-                ("spin", "spin_out_radps"),
-            )
-        ),
-        Trace(
-            "shift of the speed on reaches, for all sizes",
-            _speed_on_reaches,
-            ("passages", "stations"),
-        ),
-        Trace(
-            "shift of the height on reaches, for all sizes",
-            _height_on_reaches,
-            ("passages", "stations"),
-        ),
-    ),
+    shown_by="closes certainly more than any values of the ground; it is in the base, beyond which "
+    "all others are looked for",
+    statistics=(),
 )

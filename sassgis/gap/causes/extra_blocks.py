@@ -27,7 +27,6 @@ from sassgis.gap.causes.cause import (
     part_of,
 )
 from sassgis.gap.causes.ground_classes import loose_classes, on_its_classes
-from sassgis.gap.causes.lateral_scatter import little_walk, walk_too
 from sassgis.gap.causes.parameter_draws import Fit, ParameterDraws, Range, rounded
 from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case
@@ -138,9 +137,7 @@ def _broken(case: Case, draws: ParameterDraws) -> CausePart:
         values["pieces"] = int(values["pieces"])
     # Smaller pieces are not looked for in the field, and there would be very many of them.
     smallest = rounded(0.03 * 4.0 / 3.0 * math.pi * float(np.median(case.radius_m)) ** 3)
-    # The more blocks break, the more of what is seen are pieces that flew apart.
-    walk = walk_too(draws, min(150.0 / values["energy_jkg"], 8.0))
-    return part_of(Fragmentation, form, values, walk, smallest_m3=smallest)
+    return part_of(Fragmentation, form, values, smallest_m3=smallest)
 
 
 FRAGMENTATION = Cause(
@@ -177,7 +174,7 @@ _ENTRAINMENT = Fit(
 def _entrained(case: Case, draws: ParameterDraws) -> CausePart:
     form, values = _ENTRAINMENT.drawn("entrainment", draws)
     classes = loose_classes(case, draws)
-    return part_of(Entrainment, form, values, little_walk(draws), classes=classes)
+    return part_of(Entrainment, form, values, classes=classes)
 
 
 ENTRAINMENT = Cause(

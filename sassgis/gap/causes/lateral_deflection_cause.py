@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.engine.effects.roughness import Roughness
 from sassgis.gap.causes.cause import (
     CLEAR,
@@ -29,7 +30,7 @@ from sassgis.gap.causes.lateral_scatter import (
 )
 from sassgis.gap.causes.parameter_draws import Fit, ParameterDraws, Range, rounded
 from sassgis.gap.observations.case import Case
-from sassgis.gap.replicas.hypothesis_model import HypothesisModel, LateralWalk
+from sassgis.gap.replicas.hypothesis_model import HypothesisModel
 from sassgis.gap.residuals.residuals import mean_of_draws, per_rock
 from sassgis.gap.residuals.table import ResidualTable
 
@@ -54,7 +55,10 @@ def _draw(case: Case, draws: ParameterDraws) -> CausePart:
     bumps = Roughness(obstacle_m=rounded(min(float(np.median(case.radius_m)) * lean, 1.0)))
 
     def change(model: HypothesisModel) -> HypothesisModel:
-        changed = replace(model, lateral_walk=LateralWalk(**values))
+        if case.terrain is None:
+            return model
+        deflection = LateralDeflection(form, **values)  # type: ignore[arg-type]
+        changed = replace(model, effects=model.effects.having(deflection))
         if model.effects.get(Roughness) is None and draws.share("lateral.uneven") < 0.6:
             changed = replace(changed, effects=changed.effects.having(bumps))
         return changed

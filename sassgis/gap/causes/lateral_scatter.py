@@ -7,9 +7,7 @@ import math
 import numpy as np
 
 from sassgis.gap.causes.cause import MISSTATED, Unseen
-from sassgis.gap.causes.parameter_draws import ParameterDraws, rounded
 from sassgis.gap.observations.case import Case
-from sassgis.gap.replicas.hypothesis_model import LateralWalk
 from sassgis.gap.residuals.free_run import side_error
 from sassgis.gap.residuals.residuals import mean_of_draws
 from sassgis.gap.residuals.table import ResidualTable
@@ -21,24 +19,6 @@ from sassgis.model.grid import FloatArray
 EDGES_TURN_DEG, EDGES_GROWTH = 10.0, 0.15
 #: How far paths leave their fall line by flying straight, where they are still near it (m per m).
 STRAIGHT = 0.02
-
-
-def little_walk(draws: ParameterDraws) -> LateralWalk:
-    """Fall lines of a survey are not exact: a heading that is a degree or so off."""
-    if draws.share("little_aside") < 0.5:
-        return LateralWalk()
-    return LateralWalk(angle_deg=draws.log("little_aside_deg", 0.05, 1.0))
-
-
-def walk_too(draws: ParameterDraws, most_deg: float) -> LateralWalk:
-    """Lateral scatter that an effect makes besides what it is named for.
-
-    It goes with the strength of the effect: an effect that does nothing along the line scatters
-    no lateral offset either, and is no other name for lateral deflection.
-    """
-    if draws.share("aside_too") < 0.3:
-        return little_walk(draws)
-    return LateralWalk(rounded(draws.uniform("aside_too_deg", 0.1, 1.0) * most_deg))
 
 
 def station_offsets(case: Case, residuals: ResidualTable, least: int = 2) -> FloatArray:

@@ -30,35 +30,45 @@ class ParameterDraws:
 
     Parameters
     ----------
-    rng : numpy.random.Generator
-        For names that are not set.
+    rng : numpy.random.Generator or None
+        For names that are not set; None: these are in the middle.
     values : mapping, optional
         Values of an earlier draw: the same names then give the same parameters.
     """
 
-    def __init__(self, rng: np.random.Generator, values: Mapping[str, float] | None = None) -> None:
+    def __init__(
+        self, rng: np.random.Generator | None, values: Mapping[str, float] | None = None
+    ) -> None:
         self._rng = rng
         self._given = dict(values or {})
         self.used: dict[str, float] = {}
+        #: Names under which something changes gradually; the others choose between forms.
+        self.smooth: set[str] = set()
 
     def share(self, name: str) -> float:
         """A number from 0 to 1."""
         if name not in self.used:
             known = self._given.get(name)
-            self.used[name] = float(self._rng.random()) if known is None else known
+            if known is None:
+                known = 0.5 if self._rng is None else float(self._rng.random())
+            self.used[name] = known
         return self.used[name]
+
+    def _gradual(self, name: str) -> float:
+        self.smooth.add(name)
+        return self.share(name)
 
     def uniform(self, name: str, low: float, high: float) -> float:
         """A number between limits."""
-        return rounded(low + (high - low) * self.share(name))
+        return rounded(low + (high - low) * self._gradual(name))
 
     def log(self, name: str, low: float, high: float) -> float:
         """A number between limits, evenly on a logarithmic scale."""
-        return rounded(math.exp(math.log(low) + math.log(high / low) * self.share(name)))
+        return rounded(math.exp(math.log(low) + math.log(high / low) * self._gradual(name)))
 
     def normal(self, name: str, sd: float) -> float:
         """A number from a normal distribution about zero."""
-        return rounded(sd * float(ndtri(min(max(self.share(name), 1e-6), 1.0 - 1e-6))))
+        return rounded(sd * float(ndtri(min(max(self._gradual(name), 1e-6), 1.0 - 1e-6))))
 
     def within(self, name: str, limits: Range) -> float:
         """A number from a range."""

@@ -7,10 +7,9 @@ from contextlib import suppress
 import numpy as np
 
 from sassgis.engine.effects.rock_shape import RockShape
-from sassgis.gap.causes.cause import Cause, CausePart, Scores, Trace, Unseen, part_of
+from sassgis.gap.causes.cause import Cause, Scores, Trace, Unseen, fitted_alone
 from sassgis.gap.causes.contact_gaps import beyond_any_law, contact_gaps
-from sassgis.gap.causes.lateral_scatter import walk_too
-from sassgis.gap.causes.parameter_draws import Fit, ParameterDraws, Range
+from sassgis.gap.causes.parameter_draws import Fit, Range
 from sassgis.gap.causes.reach_gaps import (
     late_by_rock,
     over_scatter,
@@ -27,12 +26,6 @@ FIT = Fit(
     forms={"flat_landing": 0.85, "mean_inertia": 0.15},
     parameters={"mean_inertia": ()},
 )
-
-
-def _draw(case: Case, draws: ParameterDraws) -> CausePart:
-    form, values = FIT.drawn("rock_shape", draws)
-    walk = walk_too(draws, min(10.0 * values.get("strength", 0.5), 12.0))
-    return part_of(RockShape, form, values, walk)
 
 
 def _rebound(case: Case, residuals: ResidualTable) -> Scores:
@@ -58,7 +51,7 @@ CAUSE = Cause(
     number=7,
     group="contact",
     phase="impact",
-    draw=_draw,
+    draw=fitted_alone(RockShape, FIT),
     shown_by="speed after the impact, and on reaches, against the flatness of the rock",
     statistics=(
         Trace("rebound against the flatness of the rock", _rebound, ("rocks", "impacts")),

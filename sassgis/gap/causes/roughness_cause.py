@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from sassgis.engine.effects.roughness import Roughness
@@ -11,7 +9,6 @@ from sassgis.gap.causes.cause import CLEAR, Cause, CausePart, Scores, Trace, par
 from sassgis.gap.causes.contact_gaps import beyond_any_law, contact_gaps
 from sassgis.gap.causes.ground_classes import loose_classes, on_its_classes
 from sassgis.gap.causes.lateral_deflection_cause import TURN
-from sassgis.gap.causes.lateral_scatter import walk_too
 from sassgis.gap.causes.parameter_draws import Fit, ParameterDraws, Range
 from sassgis.gap.causes.reach_gaps import (
     late_by_rock,
@@ -36,9 +33,7 @@ _SCATTER = "scatter of the rebound"
 def _draw(case: Case, draws: ParameterDraws) -> CausePart:
     form, values = FIT.drawn("roughness", draws)
     classes = loose_classes(case, draws) if draws.share("rough.classes") < 0.6 else ()
-    # Bumps lean across the path as well, if less often than against it.
-    tilt = math.degrees(math.atan(values["obstacle_m"] / float(np.median(case.radius_m))))
-    return part_of(Roughness, form, values, walk_too(draws, 0.6 * tilt), classes=classes)
+    return part_of(Roughness, form, values, classes=classes)
 
 
 def _scatter(case: Case, residuals: ResidualTable) -> Scores:

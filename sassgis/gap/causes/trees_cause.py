@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -25,7 +24,6 @@ from sassgis.gap.causes.cause import (
 )
 from sassgis.gap.causes.flight_losses import loss_of_flights
 from sassgis.gap.causes.ground_classes import reaches_between
-from sassgis.gap.causes.lateral_scatter import walk_too
 from sassgis.gap.causes.parameter_draws import Fit, ParameterDraws, Range, rounded
 from sassgis.gap.causes.reach_gaps import reach_contrasts
 from sassgis.gap.inference.rock_tests import t_statistics
@@ -86,10 +84,7 @@ def _draw(case: Case, draws: ParameterDraws) -> CausePart:
         masses = case.mass_kg[np.isfinite(case.mass_kg)]
         middle = float(np.median(masses)) if masses.size else 1000.0
         drawn = {"drag_kgps": rounded(middle * drawn["drag_kgps"])}
-    # Stems that are hit off their middle deflect rocks laterally.
-    hits = stand.stems_per_ha * drawn.get("efficiency", 0.3) / 300.0
-    walk = walk_too(draws, min(5.0 * math.sqrt(hits), 12.0))
-    part = part_of(Trees, form, drawn, walk)
+    part = part_of(Trees, form, drawn)
     values = {"stand_from_m": stand.s0, "stand_to_m": stand.s1, **drawn}
     if form != "viscous":
         values |= {"stems_per_ha": stand.stems_per_ha, "dbh_cm": stand.dbh_cm}

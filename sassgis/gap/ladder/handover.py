@@ -14,10 +14,10 @@ from sassgis.gap.diagnosis import (
     Range,
     Rung,
 )
-from sassgis.gap.inference.intervals import bootstrap_rows
+from sassgis.gap.inference.intervals import bootstrap_rows, quantiles_of
 from sassgis.gap.ladder.hypothesis_fit import FittedHypothesis
 from sassgis.gap.observations.case import Case
-from sassgis.gap.which.hypotheses import at_physical_limit
+from sassgis.gap.which.hypotheses import GROUND_WIDTHS
 from sassgis.gap.words import number_text, quantity_name, range_text, rung_name
 from sassgis.model.grid import FloatArray, IntArray
 
@@ -88,7 +88,7 @@ def _compared(
     """Observed and predicted median, 90 % quantile and width, and interval of the difference."""
 
     def statistics(values: FloatArray) -> FloatArray:
-        low, middle, high = np.quantile(values[np.isfinite(values)], (0.1, 0.5, 0.9))
+        low, middle, high = quantiles_of(values[np.isfinite(values)], (0.1, 0.5, 0.9))
         return np.array([middle, high, high - low])
 
     observed, predicted = statistics(seen), statistics(made)
@@ -127,10 +127,7 @@ def settings_of(
     case: Case, fit: FittedHypothesis, intervals: Mapping[str, Range]
 ) -> tuple[GroundSetting, ...]:
     """Ground of a model that is handed over, with intervals."""
-    if fit.found is None:
-        return ()
     before = {c.name: c for c in case.table.classes}
-    identified = {f.parameter.label for f in fit.found.fitted if f.identified}
     return tuple(
         GroundSetting(
             ground,
@@ -138,7 +135,7 @@ def settings_of(
             float(getattr(before[ground], name)),
             value,
             intervals[label],
-            label in identified,
+            label in fit.identified,
         )
         for label, value in fit.handed_over.draw.parameters.items()
         for ground, _, name in (label.rpartition("."),)
@@ -146,16 +143,20 @@ def settings_of(
     )
 
 
-def classes_at_limit(case: Case, fit: FittedHypothesis) -> list[str]:
-    """Ground classes whose calibration runs into the limits of its range."""
-    found = [
-        f.parameter.class_name
-        for f in (() if fit.found is None else fit.found.fitted)
-        if f.limit
-        and f.parameter.class_name in case.table.names
-        and not at_physical_limit(case, f.parameter.class_name, f.parameter.name, f.limit)
-    ]
-    return list(dict.fromkeys(found))
+def wrong_ground(case: Case, intervals: Mapping[str, Range]) -> tuple[str, ...]:
+    """Classes of which a parameter certainly lies outside its usual range.
+
+    ``intervals``: of parameters of the base with a free contact.
+    """
+    found = []
+    for label, (low, high) in intervals.items():
+        ground, _, name = label.rpartition(".")
+        if ground in case.met and name in GROUND_WIDTHS:
+            value = float(getattr(case.table.classes[case.table.index(ground)], name))
+            width = GROUND_WIDTHS[name] * case.ground_range
+            if low > value + width or high < value - width:
+                found.append(ground)
+    return tuple(dict.fromkeys(found))
 
 
 # ---------------------------------------------------------------------------------------------

@@ -2,32 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+import itertools
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from scipy.special import ndtr, ndtri
 
-from sassgis.gap.calibration.calibrator import Calibrated, Space
-from sassgis.gap.calibration.identifiability import TradeOff, trade_offs
-from sassgis.gap.calibration.parameters import CalibrationRange, ClassParameter
-from sassgis.gap.calibration.problem import CalibrationProblem, model_rows, scores_of
+from sassgis.gap.calibration.identifiability import TradeOff
+from sassgis.gap.calibration.linear_fit import Budget, LinearFit, Seen, Trial, fit_linearly
+from sassgis.gap.calibration.problem import model_rows, scores_of
+from sassgis.gap.calibration.site_summary import SiteSummary
 from sassgis.gap.causes.parameter_draws import ParameterDraws
 from sassgis.gap.diagnosis import Range
+from sassgis.gap.inference.distances import RockDistances
 from sassgis.gap.inference.intervals import Interval, bootstrap_interval
 from sassgis.gap.observations.case import Case
 from sassgis.gap.which.hypotheses import NONE, Draw, draw
-from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.grid import BoolArray, FloatArray, IntArray
 
-#: Campaigns of each draw: a few, so that the scatter of one model is known rock by rock.
-COUNT = 4
 #: Campaigns of each model that is chosen, and the number that they have: the same for all
 #: hypotheses, so that what differs between these is not luck.
 FRESH, CHOSEN = 6, 3900
+#: Campaigns of a draw, and of a step that is looked at.
+COUNT, LOOKED = 2, 5
 #: Draws of which the names of the parameters are taken.
 _NAMED_BY = 64
 #: Samples of which the values of parameters are computed.
 _SAMPLES = 200
-_SHARES = CalibrationRange(0.0, 1.0, False, "")
+#: By how much the distance may be larger with the ground back at its configured values.
+_AS_GOOD = (1.1, 0.01)
+#: Correlations of the posterior from here on are stated as trade-offs.
+_CORRELATED = 0.4
 
 
 def families_of(effect: str) -> tuple[str, ...]:
@@ -35,50 +42,79 @@ def families_of(effect: str) -> tuple[str, ...]:
     return () if effect == NONE else tuple(effect.split("+"))
 
 
-def space_of(case: Case, effect: str) -> Space:
-    """Parameters of a hypothesis: those of the ground first, and whatever its forms draw."""
-    rng = np.random.default_rng(0)
-    names: dict[str, None] = {}
-    for _ in range(_NAMED_BY):
-        names |= dict.fromkeys(draw(case, families_of(effect), ParameterDraws(rng)).parameter_draws)
-    parameters = []
-    for label in names:
-        ground, _, name = label.rpartition(".")
-        parameters.append(ClassParameter(ground, name, _SHARES, 0.5))
-    of_ground = np.array([p.class_name in case.table.names for p in parameters])
-    return Space(tuple(parameters), (np.arange(len(parameters)),), of_ground)
-
-
 @dataclass(frozen=True, slots=True)
-class HypothesisDraw:
-    """A draw of a hypothesis.
+class Space:
+    """Parameters of a hypothesis.
 
     Attributes
     ----------
     effect : str
         "none", or families joined by "+".
     labels : tuple of str
-        Of the parameters.
-    shares : tuple of float
-    number : int
-        Of its campaigns.
+        Those that change something gradually.
+    choices : mapping
+        Shares that choose between forms: they stay as they are.
+    of_ground : bool, shape (d,)
+        Parameters that belong to a ground class.
     """
 
     effect: str
     labels: tuple[str, ...]
-    shares: tuple[float, ...]
+    choices: Mapping[str, float]
+    of_ground: BoolArray
+
+    def start(self, shares: Mapping[str, float]) -> FloatArray:
+        """Standard normal parameters from shares; those without one in the middle."""
+        found: FloatArray = ndtri(np.array([shares.get(name, 0.5) for name in self.labels]))
+        return np.clip(found, -2.0, 2.0)
+
+    def shares(self, at: FloatArray) -> dict[str, float]:
+        """All shares of standard normal parameters."""
+        own = np.clip(ndtr(at), 0.0, 1.0 - 1e-9).tolist()
+        return {**self.choices, **dict(zip(self.labels, own, strict=True))}
+
+
+def space_of(case: Case, effect: str, shares: Mapping[str, float]) -> Space:
+    """Parameters of a hypothesis, with the choices of some shares."""
+    rng = np.random.default_rng(0)
+    names: dict[str, bool] = {}
+    for _ in range(_NAMED_BY):
+        own = ParameterDraws(rng)
+        draw(case, families_of(effect), own)
+        names |= {name: name in own.smooth for name in own.used}
+    labels = tuple(name for name, smooth in names.items() if smooth)
+    choices = {name: shares.get(name, 0.5) for name, smooth in names.items() if not smooth}
+    ground = np.array([name.rpartition(".")[0] in case.table.names for name in labels])
+    return Space(effect, labels, choices, ground)
+
+
+@dataclass(frozen=True, slots=True)
+class HypothesisDraw:
+    """A draw of a hypothesis: shares of its parameters, number and count of its campaigns."""
+
+    effect: str
+    shares: Mapping[str, float]
     number: int
+    count: int
 
     def of(self, case: Case) -> Draw:
         """The draw itself."""
-        rng = np.random.default_rng([41, self.number])
-        given = dict(zip(self.labels, np.clip(self.shares, 0.0, 1.0 - 1e-9).tolist(), strict=True))
-        return draw(case, families_of(self.effect), ParameterDraws(rng, given))
+        return draw_of(case, self.effect, self.shares)
 
 
-def score_hypothesis(problem: CalibrationProblem, task: HypothesisDraw) -> FloatArray:
-    """Score of each rock."""
-    return scores_of(problem, task.of(problem.case).model, task.number, COUNT)
+def draw_of(case: Case, effect: str, shares: Mapping[str, float]) -> Draw:
+    """The draw of a hypothesis that some shares of its parameters make; others in the middle."""
+    return draw(case, families_of(effect), ParameterDraws(None, shares))
+
+
+def see(summary: SiteSummary, task: HypothesisDraw) -> Seen:
+    """Numbers of a draw, and the distance of its campaigns from the observed rocks."""
+    problem = summary.problem
+    numbers, rows = summary.of_model(task.of(problem.case).model, task.number, task.count)
+    distance = np.nan
+    if problem.scale.names:
+        distance = RockDistances.of(problem.rows, rows).value()
+    return numbers, distance
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,11 +133,12 @@ class Chosen:
     scores: FloatArray
 
 
-def run_chosen(problem: CalibrationProblem, task: HypothesisDraw) -> Chosen:
+def run_chosen(summary: SiteSummary, task: HypothesisDraw) -> Chosen:
     """Campaigns of a model that was chosen, and the scores of the rocks in it."""
+    problem = summary.problem
     made = task.of(problem.case)
-    rows = model_rows(problem, made.model, task.number, FRESH)
-    return Chosen(made, rows, scores_of(problem, made.model, task.number, FRESH, rows))
+    rows = model_rows(problem, made.model, task.number, task.count)
+    return Chosen(made, rows, scores_of(problem, made.model, task.number, task.count, rows))
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,22 +147,30 @@ class FittedHypothesis:
 
     Attributes
     ----------
-    effect : str
-    labels : tuple of str
-    found : Calibrated or None
-        None where nothing is scored.
+    space : Space
+    found : LinearFit or None
+        None where nothing is compared.
     models : tuple of Chosen, length n_parts + 1
     """
 
-    effect: str
-    labels: tuple[str, ...]
-    found: Calibrated | None
+    space: Space
+    found: LinearFit | None
     models: tuple[Chosen, ...]
+
+    @property
+    def effect(self) -> str:
+        """Families joined by "+", or "none"."""
+        return self.space.effect
 
     @property
     def handed_over(self) -> Chosen:
         """The model of all rocks."""
         return self.models[-1]
+
+    @property
+    def shares(self) -> Mapping[str, float]:
+        """Shares of the best parameters."""
+        return self.handed_over.draw.parameter_draws
 
     def held_out_rows(self, part: IntArray) -> FloatArray:
         """Replicas of each rock by the model that it has no weight in, as rows."""
@@ -145,11 +190,11 @@ class FittedHypothesis:
         """Draws of the posterior; the one that is handed over where there is none."""
         if self.found is None:
             return [self.handed_over.draw]
-        samples = self.found.posterior.samples
-        step = max(1, len(samples) // most)
+        rng = np.random.default_rng([most, 43])
+        drawn = rng.multivariate_normal(self.found.best, self.found.covariance, size=most)
         return [
-            HypothesisDraw(self.effect, self.labels, tuple(shares), CHOSEN).of(case)
-            for shares in samples[::step][:most].tolist()
+            HypothesisDraw(self.effect, self.space.shares(at), CHOSEN, FRESH).of(case)
+            for at in drawn
         ]
 
     def intervals(self, case: Case) -> Mapping[str, Range]:
@@ -163,29 +208,86 @@ class FittedHypothesis:
         return out
 
     @property
+    def identified(self) -> frozenset[str]:
+        """Parameters of which the rocks say something by themselves."""
+        if self.found is None:
+            return frozenset()
+        return frozenset(itertools.compress(self.space.labels, self.found.identified.tolist()))
+
+    @property
     def trade_offs(self) -> tuple[TradeOff, ...]:
-        """Parameters that make up for each other."""
+        """Pairs of parameters that make up for each other, the strongest first."""
         if self.found is None:
             return ()
-        return trade_offs([f.parameter for f in self.found.fitted], self.found.posterior)
+        sd = np.sqrt(np.diag(self.found.covariance))
+        r = self.found.covariance / np.outer(sd, sd)
+        pairs = [
+            TradeOff(self.space.labels[i], self.space.labels[j], float(r[i, j]))
+            for i, j in itertools.combinations(range(sd.size), 2)
+            if abs(r[i, j]) >= _CORRELATED
+        ]
+        return tuple(sorted(pairs, key=lambda t: -abs(t.correlation)))
 
 
-def chosen_draws(
-    problem: CalibrationProblem, effect: str, space: Space, found: Calibrated | None
-) -> list[HypothesisDraw]:
-    """The best draw without each part of the rocks, and last of all rocks."""
-    if found is None:
-        shares = [space.prior.centre] * (problem.n_parts + 1)
-    else:
-        left_out = [found.without([problem], part) for part in range(problem.n_parts)]
-        shares = [*left_out, found.posterior.best]
-    labels = tuple(p.label for p in space.parameters)
-    return [HypothesisDraw(effect, labels, tuple(u.tolist()), CHOSEN) for u in shares]
+#: Results of a function of (summary, task), in the order of the tasks.
+RunTasks = Callable[
+    [Callable[[SiteSummary, HypothesisDraw], Any], Sequence[HypothesisDraw]], Iterable[Any]
+]
 
 
-def in_range(problem: CalibrationProblem, ground_range: float) -> CalibrationProblem:
-    """The problem with another range of the ground."""
-    return replace(problem, case=replace(problem.case, ground_range=ground_range))
+def fit_hypothesis(
+    summary: SiteSummary,
+    effect: str,
+    run: RunTasks,
+    budget: Budget,
+    start: Mapping[str, float],
+) -> FittedHypothesis:
+    """Calibrate a hypothesis from where a simpler one, or a draw, has brought its parameters.
+
+    Parameters
+    ----------
+    summary : SiteSummary
+    effect : str
+    run : callable
+    budget : Budget
+    start : mapping
+        Shares by name; parameters that are not named begin at their middle.
+    """
+    problem = summary.problem
+    space = space_of(problem.case, effect, start)
+
+    def trials(asked: Sequence[Trial]) -> list[Seen]:
+        tasks = [HypothesisDraw(effect, space.shares(t.at), t.number, t.count) for t in asked]
+        return list(run(see, tasks))
+
+    at = [space.start(start)] * (problem.n_parts + 1)
+    found = None
+    if problem.scored:
+        found = fit_linearly(summary, at[0], trials, budget)
+        whole = found.step(_scaled(summary, summary.observed))
+        at = [
+            found.best
+            + found.step(_scaled(summary, summary.of_rocks((problem.part != k).astype(float))))
+            - whole
+            for k in range(problem.n_parts)
+        ]
+        at.append(_keeping_configured(space, found, trials))
+    tasks = [HypothesisDraw(effect, space.shares(one), CHOSEN, FRESH) for one in at]
+    return FittedHypothesis(space, found, tuple(run(run_chosen, tasks)))
+
+
+def _scaled(summary: SiteSummary, numbers: FloatArray) -> FloatArray:
+    return (numbers / summary.error)[summary.used]
+
+
+def _keeping_configured(
+    space: Space, found: LinearFit, trials: Callable[[Sequence[Trial]], list[Seen]]
+) -> FloatArray:
+    """Best parameters with the ground as configured where the rocks do not ask for more."""
+    back = found.given(space.of_ground & ~found.identified)
+    distances = [d for _, d in trials([Trial(0, at, LOOKED) for at in (found.best, back)])]
+    factor, more = _AS_GOOD
+    return back if distances[1] <= factor * distances[0] + more else found.best
 
 
 def gain_of(

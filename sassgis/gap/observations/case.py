@@ -55,6 +55,10 @@ class Case:
     ground_range : float
         Factor on the ranges in which the ground may be calibrated; above 1 where the configured
         classes are guesses.
+    met : tuple of str
+        Classes on which the rocks come.
+    learned : GroundTable or None
+        Ground classes with the contact as it was recorded; None where it was not.
     """
 
     observations: Observations
@@ -74,6 +78,8 @@ class Case:
     projected: Mapping[str, Projected]
     terrain: PathTerrain | None = None
     ground_range: float = 1.0
+    met: tuple[str, ...] = ()
+    learned: GroundTable | None = None
 
     @property
     def n_rocks(self) -> int:

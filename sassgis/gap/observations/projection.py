@@ -16,7 +16,7 @@ from sassgis.gap.observations.observed import Observations
 from sassgis.gap.observations.tables import POINT_TABLES, Stations
 from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.profiles import ProfileSet, ReleasePoints, TraceSet
-from sassgis.terrain.flatten import crossings, xy_to_chainage
+from sassgis.terrain.flatten import chainage_to_xy, crossings, xy_to_chainage
 from sassgis.terrain.heights import heights_at
 from sassgis.terrain.release import point_keys
 
@@ -203,50 +203,57 @@ def project(
     n = np.size(x)
     nothing = np.full(n, np.nan)
     zs = nothing if z is None else np.asarray(z, np.float64)
-    known = (np.asarray(line) >= 0) & np.isfinite(x) & np.isfinite(y)
-    lines = np.where(known, line, np.int64(-1))
+    known = np.flatnonzero((np.asarray(line) >= 0) & np.isfinite(x) & np.isfinite(y))
+    lines = np.full(n, -1, np.int64)
+    lines[known] = np.asarray(line)[known]
     s, lateral, ground = nothing.copy(), nothing.copy(), nothing.copy()
     beyond = np.zeros(n, np.int8)
-    if grid is not None:
-        ground = np.where(known, heights_at(grid, x, y), np.nan)
-    for i in np.unique(lines[known]).tolist():
-        rows = np.flatnonzero(lines == i)
-        s[rows], lateral[rows] = xy_to_chainage(traces, i, x[rows], y[rows])
-        beyond[rows] = _beyond(traces, i, x[rows], y[rows], s[rows])
+    if grid is not None and known.size:
+        ground[known] = heights_at(grid, np.asarray(x)[known], np.asarray(y)[known])
+    if known.size:
+        own, px, py = lines[known], np.asarray(x)[known], np.asarray(y)[known]
+        s[known], lateral[known] = xy_to_chainage(traces, own, px, py)
+        beyond[known] = _beyond(traces, own, px, py, s[known])
         if prolonged:
-            past = rows[beyond[rows] == 1]
-            s[past], lateral[past] = _past_the_end(traces, i, x[past], y[past])
+            past = np.flatnonzero(beyond == 1)
+            s[past], lateral[past] = _past_the_end(
+                traces, lines[past], np.asarray(x)[past], np.asarray(y)[past]
+            )
         if grid is None and profiles is not None:
-            ground[rows] = np.interp(s[rows], *profiles.vertices(i))
+            for i in np.unique(own).tolist():
+                rows = known[own == i]
+                ground[rows] = np.interp(s[rows], *profiles.vertices(i))
     return Projected(lines, s, lateral, zs - ground, ground, beyond)
 
 
 def _past_the_end(
-    traces: TraceSet, line: int, x: FloatArray, y: FloatArray
+    traces: TraceSet, line: IntArray, x: FloatArray, y: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Chainage and lateral offset of points beyond the end of a line (m)."""
-    own = slice(int(traces.offset[line]), int(traces.offset[line + 1]))
-    lx, ly, ls = traces.x[own], traces.y[own], traces.s[own]
-    from_x, from_y = (np.interp(ls[-1] - _LAST_M, ls, v) for v in (lx, ly))
-    size = max(float(np.hypot(lx[-1] - from_x, ly[-1] - from_y)), _END_M)
-    east, north = (lx[-1] - from_x) / size, (ly[-1] - from_y) / size
-    ahead, aside = x - lx[-1], y - ly[-1]
-    return ls[-1] + ahead * east + aside * north, ahead * north - aside * east
+    """Chainage and lateral offset of points beyond the ends of their lines (m)."""
+    if not line.size:
+        return np.empty(0), np.empty(0)
+    last = traces.offset[line + 1] - 1
+    first_s = traces.s[traces.offset[line]]
+    lx, ly, ls = traces.x[last], traces.y[last], traces.s[last]
+    from_x, from_y = chainage_to_xy(traces, line, np.maximum(ls - _LAST_M, first_s))
+    size = np.maximum(np.hypot(lx - from_x, ly - from_y), _END_M)
+    east, north = (lx - from_x) / size, (ly - from_y) / size
+    ahead, aside = x - lx, y - ly
+    return ls + ahead * east + aside * north, ahead * north - aside * east
 
 
 def _beyond(
-    traces: TraceSet, line: int, x: FloatArray, y: FloatArray, s: FloatArray
+    traces: TraceSet, line: IntArray, x: FloatArray, y: FloatArray, s: FloatArray
 ) -> NDArray[np.int8]:
-    """Points past the end of a line, or behind its start, seen along its last and first piece."""
-    own = slice(int(traces.offset[line]), int(traces.offset[line + 1]))
-    lx, ly, ls = traces.x[own], traces.y[own], traces.s[own]
+    """Points past the ends of their lines, or behind the starts, along the last and first piece."""
+    first, last = traces.offset[line], traces.offset[line + 1] - 1
+    second, before = np.minimum(first + 1, last), np.maximum(last - 1, first)
+    lx, ly, ls = traces.x, traces.y, traces.s
+    ahead = (x - lx[last]) * (lx[last] - lx[before]) + (y - ly[last]) * (ly[last] - ly[before])
+    behind = (x - lx[first]) * (lx[second] - lx[first]) + (y - ly[first]) * (ly[second] - ly[first])
     result = np.zeros(x.size, np.int8)
-    if ls.size < 2:
-        return result
-    ahead = (x - lx[-1]) * (lx[-1] - lx[-2]) + (y - ly[-1]) * (ly[-1] - ly[-2])
-    behind = (x - lx[0]) * (lx[1] - lx[0]) + (y - ly[0]) * (ly[1] - ly[0])
-    result[(s >= ls[-1] - _END_M) & (ahead > _END_M)] = 1
-    result[(s <= ls[0] + _END_M) & (behind < -_END_M)] = -1
+    result[(s >= ls[last] - _END_M) & (ahead > _END_M)] = 1
+    result[(s <= ls[first] + _END_M) & (behind < -_END_M)] = -1
     return result
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from sassgis.gap.observations.campaign import Campaign
 from sassgis.gap.observations.case import Case
-from sassgis.gap.replicas.hypothesis_model import HypothesisModel, LateralWalk, ReleaseError
+from sassgis.gap.replicas.hypothesis_model import HypothesisModel, ReleaseError
 from sassgis.gap.replicas.recorded import observe
 from sassgis.gap.replicas.released_rocks import all_rocks, move
 from sassgis.gap.replicas.rock_lines import RockLines
@@ -54,10 +54,6 @@ def campaigns(
     """
     if not everywhere:
         tables = frozenset(name for name in tables if len(case.observations.tables[name]))
-    aside = model.lateral_walk.effect
-    if case.terrain is not None and aside is not None:
-        # Followed paths turn; only on fall lines the offset is no part of the motion.
-        model = replace(model, effects=model.effects.having(aside), lateral_walk=LateralWalk())
     rng = np.random.default_rng([seed, number, 77])
     moved = move(
         case,

@@ -10,7 +10,6 @@ from sassgis.engine.effects.registry import EFFECTS
 from sassgis.gap.replicas.hypothesis_model import (
     ForestStand,
     HypothesisModel,
-    LateralWalk,
     MeasurementError,
     ReleaseError,
 )
@@ -52,8 +51,7 @@ def model_from_json(plain: Mapping[str, Any]) -> HypothesisModel:
         GroundTable(tuple(GroundClass(**own) for own in plain["table"]["classes"])),
         EffectSettings(*effects),
         None if stand is None else ForestStand(**stand),
-        LateralWalk(**plain["lateral_walk"]),
         ReleaseError(**plain["release"]),
         MeasurementError(**plain["measurement"]),
-        float(plain["turn_noise_deg"]),
+        *(plain[key] for key in ("side_tilt_deg", "drift_deg")),
     )

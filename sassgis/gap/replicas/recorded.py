@@ -33,9 +33,6 @@ from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.results import StopReason
 from sassgis.terrain.heights import heights_at
 
-#: Step of the lateral random walks (m).
-_WALK_M = 4.0
-
 
 def observe(
     case: Case,
@@ -111,48 +108,22 @@ class _Record:
         self._n = case.n_rocks
         self._count = count
         total = self._n * count
-        walk = model.lateral_walk
-        ends = rock_lines.end if case.terrain is None else moved.rocks["runout_m"]
-        reach = float(np.nan_to_num(ends).max())
-        self._knots = int(np.ceil(reach / _WALK_M)) + 2
-        sd = np.tan(np.radians(walk.angle_deg)) * np.sqrt(walk.hop_m * _WALK_M)
-        self._sd = sd
         first = model.release
         self._offset = first.shift_m + first.scatter_m * rng.standard_normal(total)
-        self._heading = 0.01 * walk.width_percent * (rng.random(total) - 0.5)
-        self._walks = self._walk(total)
         m = model.measurement
         self._clock = np.exp(m.clock_sd * np.clip(rng.standard_t(4, total), -4.0, 4.0))
         self._mass: FloatArray = moved.rocks["mass_kg"].reshape(self._n, count).T.ravel()
-
-    def _walk(self, total: int) -> FloatArray | None:
-        if self._sd <= 0.0:
-            return None
-        steps = self._sd * self._rng.standard_normal((total, self._knots))
-        walks: FloatArray = np.cumsum(steps, axis=1)
-        return walks
 
     def _numbers(self, rows: NDArray[np.void]) -> IntArray:
         first = int(self._moved.rocks["rock"].min()) if self._moved.rocks.size else 0
         numbers: IntArray = rows["line"] + (rows["rock"].astype(np.int64) - first) * self._n
         return numbers
 
-    def _lateral_offset(
-        self, owner: IntArray, s: FloatArray, moved: FloatArray, own_walk: NDArray[np.bool_]
-    ) -> FloatArray:
-        """Lateral offset from the line, measured; fragments walk on paths of their own.
-
-        ``moved``: that of the motion itself (m).
-        """
-        along = np.maximum(s, 0.0)
-        lateral: FloatArray = moved + self._offset[owner] + self._heading[owner] * along
-        if self._walks is not None:
-            k = np.clip((s / _WALK_M).astype(np.int64), 0, self._knots - 1)
-            lateral = lateral + self._walks[owner, k]
-            scatter = self._sd * np.sqrt(along / _WALK_M)
-            lateral = lateral + np.where(own_walk, scatter * self._rng.standard_normal(s.size), 0.0)
+    def _lateral_offset(self, owner: IntArray, moved: FloatArray) -> FloatArray:
+        """Lateral offset from the line, measured; ``moved``: that of the motion itself (m)."""
         error = np.hypot(self._errors.position_m, self._model.measurement.position_m)
-        measured: FloatArray = lateral + error * self._rng.standard_normal(s.size)
+        noise = error * self._rng.standard_normal(owner.size)
+        measured: FloatArray = moved + self._offset[owner] + noise
         return measured
 
     def _speed_error(self, owner: IntArray, relative: float) -> FloatArray:
@@ -184,7 +155,7 @@ class _Record:
         ).astype(np.int64)
         s = np.concatenate([rocks["runout_m"], pieces["runout_m"]])
         mass = np.concatenate([rocks["mass_kg"], pieces["mass_kg"]])
-        lateral = self._lateral_offset(owner, s, moved, kind != WHOLE)
+        lateral = self._lateral_offset(owner, moved)
         m = self._model.measurement
         first = self._case.station_s[:, 0] if self._case.station_names else np.zeros(self._n)
         anchor = np.nan_to_num(first)[owner % self._n]
@@ -214,7 +185,7 @@ class _Record:
             np.where(kind == LOOSE, -1 - owner, owner),
             rows["control_line"].astype(np.int64),
             kind,
-            self._lateral_offset(owner, rows["chainage_m"], aside, kind != WHOLE),
+            self._lateral_offset(owner, aside),
             speed,
             rotation,
             height,
@@ -259,8 +230,7 @@ class _Record:
 
         vt_in, vn_in, spin_in = apart(before)
         vt_out, vn_out, spin_out = apart(after)
-        kick = np.hypot(self._model.lateral_walk.angle_deg, self._model.turn_noise_deg)
-        turn = turned + self._rng.standard_normal(owner.size) * kick
+        turn = turned + self._rng.standard_normal(owner.size) * errors.turn_deg
         # Where the ground was met: the foot of the centre on the segment.
         off = (before["z_m"] - ground) * cosine
         error = np.hypot(errors.position_m, m.position_m)

@@ -141,7 +141,7 @@ def move(
         points,
         model.table,
         [releases.blocks[i] for i in row.tolist()],
-        case.engine,
+        model.engine_of(case.engine),
         seed=seed,
         rocks_per_point=repeated,
         point_keys=key,

@@ -333,6 +333,9 @@ def _rolled(
 
     ``round_m``: radius at which they roll, by rock (m). Accelerations are along the chainage.
     """
+    # Rocks may go on beyond the end of their fall line: there is no profile for them there.
+    last = case.profiles.s[case.profiles.offset[1:] - 1][case.line]
+    stretches = [p for p in stretches if p.s0 < last[p.rock] - _LEAST_WAY_M]
     if not stretches:
         return []
     n = len(stretches)
@@ -352,7 +355,7 @@ def _rolled(
             )
     twice = np.concatenate([rock, rock])
     start = np.tile([p.s0 for p in stretches], 2)
-    end = np.minimum(np.tile([p.s1 for p in stretches], 2), model.rock_lines.end[twice] - 0.1)
+    end = np.minimum(np.tile([p.s1 for p in stretches], 2), last[twice] - 0.1)
     done = simulate(
         repeated(model.rock_lines.unforested, twice),
         model.table,

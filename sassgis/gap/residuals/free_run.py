@@ -10,7 +10,7 @@ import numpy as np
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.gap.observations.campaign import errors_of, main_blocks, observed_campaign
 from sassgis.gap.observations.case import Case
-from sassgis.gap.replicas.hypothesis_model import ForestStand, HypothesisModel
+from sassgis.gap.replicas.hypothesis_model import HypothesisModel
 from sassgis.gap.replicas.recorded import impacts_of, turns_of
 from sassgis.gap.replicas.released_rocks import Moved, all_rocks, move
 from sassgis.gap.replicas.rock_lines import RockLines, dips_at, rock_lines_of
@@ -109,29 +109,24 @@ class FreeRun:
 class RunModel:
     """What the rocks of a case are run with."""
 
-    table: GroundTable
-    effects: EffectSettings
+    moving: HypothesisModel
     rock_lines: RockLines
     seed: int
-    stand: ForestStand | None = None
 
     @classmethod
-    def of(
-        cls,
-        case: Case,
-        table: GroundTable,
-        effects: EffectSettings | None,
-        seed: int,
-        stand: ForestStand | None = None,
-    ) -> RunModel:
-        """The model of a case; without effects those of its configuration."""
-        own = case.effects if effects is None else effects
-        return cls(table, own, rock_lines_of(case), seed, stand)
+    def of(cls, case: Case, model: HypothesisModel, seed: int) -> RunModel:
+        """A model for the rocks of a case."""
+        return cls(model, rock_lines_of(case), seed)
 
     @property
-    def moving(self) -> HypothesisModel:
-        """What moves its rocks."""
-        return HypothesisModel(self.table, self.effects, self.stand)
+    def table(self) -> GroundTable:
+        """Its ground classes."""
+        return self.moving.table
+
+    @property
+    def effects(self) -> EffectSettings:
+        """Its effects."""
+        return self.moving.effects
 
 
 def observed_at_stations(case: Case) -> AtStations:
@@ -310,7 +305,7 @@ def free_run_residuals(
     for k, name in enumerate(case.station_names):
         where = (mean_s[k], mean_s[k])
         found += residuals_at_station(case, seen, run, run.at, k, name, "free run", where)
-    sides = case.terrain is not None or model.effects.get(LateralDeflection) is None
+    sides = case.terrain is not None or case.effects.get(LateralDeflection) is None
     error = errors_of(case)
     if sides:
         for k, name in enumerate(case.station_names):

@@ -9,14 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.engine.effects import hooks
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
-from sassgis.engine.effects.registry import EFFECTS
 from sassgis.engine.simulate import physics_of
 from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case
@@ -48,10 +47,6 @@ _REBOUND_MPS = 0.01
 _LINE_SHARE, _CHORD_M = 0.5, 1.0
 #: Speed along the ground below which a ratio to it says nothing (m/s).
 _ALONG_MPS = 1.0
-#: Effects that act in impacts; the law that is compared here has none of them.
-IMPACT_EFFECTS = tuple(
-    row.name for row in EFFECTS.values() if {"on_contact", "after_impact"} & set(row.hooks)
-)
 
 
 def impact_residuals(
@@ -73,8 +68,7 @@ def impact_residuals(
     edges : float64, shape (n_reaches, 2)
         Limits of the reaches (m).
     effects : EffectSettings
-        Of the model. Where some act in impacts, these are left out: what is compared is the law of
-        1986 alone. Where paths leave the fall line, turns are left out.
+        Of the model. Where blocks leave the fall line on profiles, turns are left out.
     draws : int
         Orientations and slopes drawn for each impact.
     """
@@ -88,9 +82,10 @@ def impact_residuals(
     turned = whole & np.isfinite(impacts.turn_deg)
     turned[turned] &= case.line[rock[turned]] >= 0
     found: list[Residual] = []
-    if use.any() and not any(name in effects.names for name in IMPACT_EFFECTS):
-        found += _rebounds(case, table, run.axes_m, edges, np.flatnonzero(use), draws, rng)
-    if turned.any() and effects.get(LateralDeflection) is None:
+    if use.any():
+        rows = np.flatnonzero(use)
+        found += _rebounds(case, table, effects, run.axes_m, edges, rows, draws, rng)
+    if turned.any() and (case.terrain is not None or effects.get(LateralDeflection) is None):
         rows = np.flatnonzero(turned)
         found += _turns(case, edges, rock[rows], s[rows], impacts.turn_deg[rows], run.turn_deg)
     return found
@@ -128,6 +123,12 @@ class ImpactsInFlight:
     inertia: FloatArray
     spin: FloatArray
     has_spin: NDArray[np.bool_]
+
+    def take(self, rows: IntArray) -> ImpactsInFlight:
+        """Some of them."""
+        columns = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "impacts"}
+        chosen = {name: values[rows] for name, values in columns.items()}
+        return ImpactsInFlight(self.impacts.take(rows), **chosen)
 
 
 def impacts_in_flight(
@@ -219,6 +220,7 @@ def usable_impacts(case: Case, axes_m: FloatArray) -> NDArray[np.bool_]:
 def _rebounds(
     case: Case,
     table: GroundTable,
+    effects: EffectSettings,
     axes_m: FloatArray,
     edges: FloatArray,
     rows: IntArray,
@@ -228,7 +230,7 @@ def _rebounds(
     observed = impacts_in_flight(case, axes_m, rows, m)
     if observed is None:
         return []
-    out = rebound_draws(case, table, observed, rng)
+    out = rebound_draws(case, table, observed, rng, effects)
     impacts, rock, s, kind = observed.impacts, observed.rock, observed.s, observed.kind
     radius, inertia, spin = observed.radius, observed.inertia, observed.spin
     has_spin = observed.has_spin

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from sassgis.gap.observations.campaign import ImpactRows, errors_of, observed_campaign
 from sassgis.gap.observations.case import Case
 from sassgis.gap.residuals.flights import sudden_losses
-from sassgis.gap.residuals.free_run import FreeRun, observed_end, side_error
+from sassgis.gap.residuals.free_run import FreeRun, RunModel, observed_end, side_error
 from sassgis.gap.residuals.one_step import (
     impacts_in_flight,
     rebound_draws,
@@ -27,9 +27,7 @@ from sassgis.gap.residuals.one_step import (
     usable_impacts,
 )
 from sassgis.gap.residuals.residuals import mean_of_draws
-from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import FloatArray, IntArray
-from sassgis.model.ground import GroundTable
 
 #: Share of the length of a free flight that one between two observed impacts may lack or exceed.
 _SHORTEST, _LONGEST = 0.4, 1.3
@@ -105,28 +103,24 @@ MODEL_FLIGHT = "flight of the model"
 
 def steps_of(
     case: Case,
-    table: GroundTable,
+    model: RunModel,
     run: FreeRun,
     recorded: Sequence[ImpactRows],
     rng: np.random.Generator,
-    effects: EffectSettings | None = None,
 ) -> StepTable:
     """The table of residuals of a case.
 
     Parameters
     ----------
-    table : GroundTable
-        Of the model.
+    model : RunModel
     run : FreeRun
         Its replicates of the rocks.
     recorded : sequence of ImpactRows
         Impacts of the rocks in the model, as the observer of the case records them.
-    effects : EffectSettings, optional
-        Those that act in impacts; default: the law of the contact alone.
     """
     flat = run.axes_m[:, :, 2].mean(axis=1) / run.axes_m[:, :, 1].mean(axis=1)
     parts = [
-        *_impacts(case, table, run.axes_m, rng, effects),
+        *_impacts(case, model, run.axes_m, rng),
         *_flights(case, observed_campaign(case).impacts, "flight"),
         *(part for rows in recorded for part in _flights(case, rows, MODEL_FLIGHT)),
         *_aloft(case, run.axes_m),
@@ -157,10 +151,9 @@ _Part = dict[str, Any]
 
 def _impacts(
     case: Case,
-    table: GroundTable,
+    model: RunModel,
     axes_m: FloatArray,
     rng: np.random.Generator,
-    effects: EffectSettings | None,
 ) -> list[_Part]:
     if not len(case.observations.impacts):
         return []
@@ -168,7 +161,7 @@ def _impacts(
     seen = impacts_in_flight(case, axes_m, rows, IMPACT_DRAWS) if rows.size else None
     if seen is None:
         return []
-    draws = rebound_draws(case, table, seen, rng, effects)
+    draws = rebound_draws(case, model.table, seen, rng, model.effects)
     own = seen.impacts
     common: _Part = {
         "rock": seen.rock, "step": np.array("impact"), "ground": seen.kind,
@@ -231,7 +224,7 @@ def _flights(case: Case, rows: ImpactRows | None, step: str) -> list[_Part]:
             "quantity": np.array("energy_jpkg"), "observed": into[flown],
             "predicted": (out + g * fall)[flown], "sd": sd[flown],
             "way_m": length[flown], "reach": share[flown],
-            "clear_m": (g * (way / level) ** 2 / 8.0)[flown], "fell_jpkg": (g * fall)[flown],
+            "clear_m": g * (way[flown] / level[flown]) ** 2 / 8.0, "fell_jpkg": (g * fall)[flown],
         }
     ]  # fmt: skip
 

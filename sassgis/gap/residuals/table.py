@@ -6,16 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.gap.observations.campaign import ImpactRows
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.campaigns import campaigns, with_release
-from sassgis.gap.replicas.hypothesis_model import (
-    ForestStand,
-    HypothesisModel,
-    MeasurementError,
-    configured_model,
-)
+from sassgis.gap.replicas.hypothesis_model import HypothesisModel, MeasurementError
 from sassgis.gap.replicas.rock_lines import rock_lines_of
 from sassgis.gap.residuals.flights import path_residuals
 from sassgis.gap.residuals.free_run import (
@@ -30,9 +24,7 @@ from sassgis.gap.residuals.one_step import impact_residuals
 from sassgis.gap.residuals.reaches import reach_residuals
 from sassgis.gap.residuals.residuals import Residual
 from sassgis.gap.residuals.steps import StepTable, steps_of
-from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import FloatArray
-from sassgis.model.ground import GroundTable
 
 #: Runs of each rock.
 REPLICATES = 20
@@ -65,39 +57,31 @@ class ResidualTable:
 
 
 def residuals_of(
-    case: Case,
-    table: GroundTable,
-    *,
-    seed: int,
-    effects: EffectSettings | None = None,
-    stand: ForestStand | None = None,
-    replicates: int = REPLICATES,
+    case: Case, model: HypothesisModel, *, seed: int, replicates: int = REPLICATES
 ) -> ResidualTable:
-    """Compare a case with a model.
+    """Compare a case with a model, its errors of release and measurement apart.
 
     Parameters
     ----------
-    table : GroundTable
-        Ground classes of the model, calibrated.
-    effects : EffectSettings, optional
-        Of the model; default: those of the configuration, and none in single impacts.
-    stand : ForestStand, optional
-        In place of the configured forest.
+    model : HypothesisModel
+        As ``configured_model`` gives that of the configuration.
     replicates : int
         Runs of each rock.
     """
     rng = np.random.default_rng([seed, 31])
-    model = RunModel.of(case, table, effects, seed, stand)
-    run = free_run(case, model, replicates)
+    running = RunModel.of(case, model, seed)
+    run = free_run(case, running, replicates)
     seen = observed_at_stations(case)
     edges = reach_edges(case, run)
     rows = [
-        *free_run_residuals(case, model, seen, run, rng=rng),
-        *reach_residuals(case, model, seen, run, edges, rng=rng),
-        *path_residuals(case, model, edges, run.axes_m),
-        *impact_residuals(case, table, run, edges, model.effects, draws=IMPACT_DRAWS, rng=rng),
+        *free_run_residuals(case, running, seen, run, rng=rng),
+        *reach_residuals(case, running, seen, run, edges, rng=rng),
+        *path_residuals(case, running, edges, run.axes_m),
+        *impact_residuals(
+            case, model.table, run, edges, running.effects, draws=IMPACT_DRAWS, rng=rng
+        ),
     ]
-    steps = steps_of(case, table, run, _recorded(case, model), rng, effects)
+    steps = steps_of(case, running, run, _recorded(case, running), rng)
     return ResidualTable(run, seen, tuple(rows), steps)
 
 
@@ -109,15 +93,9 @@ def residuals_with(
     Rocks start where and as fast as the error of the release has them; what instruments scale is
     scaled back. Offsets from fall lines are no part of the motion on them.
     """
-    effects, aside = model.effects, model.lateral_walk.effect
-    if case.terrain is not None and aside is not None:
-        effects = effects.having(aside)
     end = rock_lines_of(case).end
     case = with_release(_scaled_back(case, model.measurement), model.release, end)
-    found = residuals_of(
-        case, model.table, seed=seed, effects=effects, stand=model.stand, replicates=replicates
-    )
-    return case, found
+    return case, residuals_of(case, model, seed=seed, replicates=replicates)
 
 
 def _scaled_back(case: Case, error: MeasurementError) -> Case:
@@ -150,13 +128,8 @@ def _scaled_back(case: Case, error: MeasurementError) -> Case:
 
 def _recorded(case: Case, model: RunModel) -> list[ImpactRows]:
     """Impacts of the rocks in the model, as the observer records them."""
-    own = replace(
-        configured_model(case, model.table),
-        effects=model.effects.without(LateralDeflection),
-        stand=model.stand,
-    )
     made = campaigns(
-        case, model.rock_lines, own, count=_RECORDED, seed=model.seed, number=_NUMBER,
+        case, model.rock_lines, model.moving, count=_RECORDED, seed=model.seed, number=_NUMBER,
         tables=frozenset({"impacts"}),
     )  # fmt: skip
     return [one.impacts for one in made if one.impacts is not None]

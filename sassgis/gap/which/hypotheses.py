@@ -1,8 +1,8 @@
 """Hypotheses: the base model calibrated anew, and with each cause added.
 
 A hypothesis is a set of ranges from which its parameters are drawn. Every draw has its own
-calibration of the ground, so that an effect has to explain what calibration cannot, and has some
-lateral scatter where nature would make some with it.
+calibration of the ground, of the sideways tilt and of the drift of followed paths, so that an
+effect has to explain what calibration cannot.
 """
 
 from __future__ import annotations
@@ -10,13 +10,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.gap.calibration.parameters import classes_met, fitted_names
 from sassgis.gap.causes.all_causes import CAUSES, FAMILIES
-from sassgis.gap.causes.lateral_scatter import little_walk
 from sassgis.gap.causes.parameter_draws import ParameterDraws, rounded
 from sassgis.gap.observations.case import Case
-from sassgis.gap.replicas.hypothesis_model import HypothesisModel, LateralWalk
+from sassgis.gap.replicas.hypothesis_model import HypothesisModel, moving_effects
 from sassgis.model.ground import GroundTable
 
 #: Half widths of the ranges in which the ground is calibrated: as far as the published values of
@@ -33,6 +31,8 @@ _BOUNDS = {
     "mu_0": (0.02, 2.0),
     "restitution": (0.0, 0.95),
 }
+#: Factors on the configured sideways tilt and drift of followed paths between which they are free.
+_SIDEWAYS = (0.5, 2.0)
 NONE = "none"
 
 
@@ -68,32 +68,30 @@ def draw(case: Case, families: tuple[str, ...], parameter_draws: ParameterDraws)
         None, one or more; "contact_law" is one of them here.
     """
     table, parameters = _calibrated(case, parameter_draws)
-    configured = case.effects.get(LateralDeflection)
+    sideways = {}
+    if case.terrain is not None:
+        for key in ("side_tilt_deg", "drift_deg"):
+            middle = max(float(getattr(case.engine, key)), 1.0)
+            sideways[key] = parameter_draws.log(key, *(factor * middle for factor in _SIDEWAYS))
     made = Draw(
         NONE,
         "calibrated ground",
         HypothesisModel(
             table,
-            case.effects.without(LateralDeflection),
-            lateral_walk=LateralWalk.of(configured)
-            if configured is not None or case.terrain is not None
-            else little_walk(parameter_draws),
-            turn_noise_deg=parameter_draws.log("turn_noise", 0.7, 5.0),
+            moving_effects(case),
+            side_tilt_deg=sideways.get("side_tilt_deg"),
+            drift_deg=sideways.get("drift_deg"),
         ),
-        parameters,
+        parameters | sideways,
     )
     for family in sorted(families):
         part = CAUSES[family].draw(case, parameter_draws)
         first = made.effect == NONE
-        model = _wider_walk(made.model.lateral_walk, part.change(made.model))
-        if case.terrain is not None and family != LateralDeflection.name:
-            # Followed paths turn by themselves.
-            model = replace(model, lateral_walk=made.model.lateral_walk)
         made = replace(
             made,
             effect=family if first else f"{made.effect}+{family}",
             form=part.form if first else f"{made.form} + {part.form}",
-            model=model,
+            model=part.change(made.model),
             parameters={**made.parameters, **part.parameters},
         )
     # A law of the contact shifts what was calibrated.
@@ -108,18 +106,11 @@ def draw(case: Case, families: tuple[str, ...], parameter_draws: ParameterDraws)
     )
 
 
-def _wider_walk(before: LateralWalk, model: HypothesisModel) -> HypothesisModel:
-    """Of two effects that scatter rocks laterally, keep the wider scatter."""
-    if before.angle_deg > model.lateral_walk.angle_deg and model.lateral_walk.width_percent == 0.0:
-        return replace(model, lateral_walk=before)
-    return model
-
-
 def _calibrated(
     case: Case, parameter_draws: ParameterDraws
 ) -> tuple[GroundTable, dict[str, float]]:
     """Ground classes with shifted parameters; classes that no rock meets stay."""
-    met = classes_met(case)
+    met = case.met or classes_met(case)
     names = [name for name in fitted_names(None, [case.engine]) if name in GROUND_WIDTHS]
     classes, parameters = [], {}
     for ground in case.table.classes:
@@ -137,14 +128,6 @@ def _calibrated(
         classes.append(replace(ground, **values))  # type: ignore[arg-type]
         parameters.update({f"{ground.name}.{name}": v for name, v in values.items()})
     return GroundTable(tuple(classes)), parameters
-
-
-def at_physical_limit(case: Case, ground: str, name: str, end: str) -> bool:
-    """Whether the end of a range of calibration is that of all grounds, not that of this one."""
-    value = float(getattr(case.table.classes[case.table.index(ground)], name))
-    width = GROUND_WIDTHS[name] * case.ground_range
-    low, high = _BOUNDS[name]
-    return value - width <= low if end == "low" else value + width >= high
 
 
 def families_to_try(case: Case) -> tuple[str, ...]:

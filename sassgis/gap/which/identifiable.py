@@ -179,7 +179,8 @@ def _causes_without_fingerprint(observations: Observations) -> Iterable[str]:
             [name for name in own.tables if not len(observations.tables[name])]
             for own in cause.statistics
         ]
-        if all(lacks):
+        # The law of the contact is that of the base: it has none.
+        if lacks and all(lacks):
             fewest = lacks[int(np.argmin([len(own) for own in lacks]))]
             unseen.setdefault(" and ".join(fewest), []).append(cause.words[0])
     for tables, names in unseen.items():

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sassgis.gap.causes.all_causes import CAUSES
-from sassgis.gap.observations.campaign import WHOLE, Campaign, ImpactRows, errors_of
+from sassgis.gap.observations.campaign import WHOLE, Campaign, ImpactRows
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.campaigns import campaigns
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel
@@ -128,13 +128,12 @@ def _shown(
     there = with_stations_at(case, places)
     names = there.station_names
     lines = replace(rock_lines, control_lines=control_lines_of(there))
-    turn = errors_of(case).turn_deg
     chosen = [models[k % len(models)] for k in range(DRAWS)]
     made = [
         sample
         for k, model in enumerate(chosen)
         for sample in campaigns(
-            there, lines, replace(model, turn_noise_deg=turn),
+            there, lines, model,
             count=_CAMPAIGNS, seed=seed, number=_NUMBER + k, everywhere=True,
         )
     ]  # fmt: skip

@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from sassgis.gap.causes.all_causes import CAUSES, GROUPS
-from sassgis.gap.diagnosis import Fingerprint, GapFinding
+from sassgis.gap.causes.cause import CLEAR
+from sassgis.gap.diagnosis import CauseGain, Fingerprint, GapFinding
 from sassgis.gap.observations.case import Case
 from sassgis.gap.where.findings import locate
 from sassgis.gap.which.hypotheses import NONE, Draw
@@ -33,6 +34,8 @@ class Thresholds:
         Probability of all families of a group together from which the group is certain.
     second : float
         z of a second fingerprint, beside the first cause, from which two causes are named.
+    calibrated : float
+        Probability from which the most probable family is calibrated, though it is not named.
     possible : mapping
         Probability from which a family, and "none", is in the confusion set, where impacts were
         recorded ("impacts") and "otherwise": so that nine sets of ten hold the truth, at sites
@@ -46,6 +49,7 @@ class Thresholds:
     named: float = 0.6
     grouped: float = 0.7
     second: float = 6.0
+    calibrated: float = 0.2
     possible: Mapping[str, Sequence[float]] = field(
         default_factory=lambda: {"impacts": (0.05, 0.05), "otherwise": (0.05, 0.05)}
     )
@@ -60,7 +64,12 @@ def group_of(effect: str) -> str:
 
 def adequate(findings: Sequence[GapFinding], level: float = 0.05) -> bool:
     """Whether no gap of the calibrated base is both significant and large."""
-    return not any(f.p_adjusted <= level and _large(f) for f in findings)
+    return not large_gaps(findings, level)
+
+
+def large_gaps(findings: Sequence[GapFinding], level: float = 0.05) -> list[GapFinding]:
+    """Gaps that are both significant and large."""
+    return [f for f in findings if f.p_adjusted <= level and _large(f)]
 
 
 def _large(finding: GapFinding) -> bool:
@@ -69,8 +78,11 @@ def _large(finding: GapFinding) -> bool:
     return scatter > 0.0 and abs(finding.gap) > _LARGE * scatter
 
 
-#: A cause is named only if a fingerprint of its own is seen: one-sided 5 % of a normal deviate.
+#: A cause is named only if a fingerprint of its own is seen: one-sided 5 % of a normal deviate. Of
+#: a gain as much is asked.
 SEEN = 1.645
+#: Least power with which data must show a cause, by what it closes, for it to be named or excluded.
+POWER = 0.5
 
 
 def strongest(prints: Sequence[Fingerprint]) -> dict[str, Fingerprint]:
@@ -87,33 +99,36 @@ def significant(prints: Sequence[Fingerprint], level: float) -> dict[str, Finger
     return {n: f for n, f in strongest(prints).items() if f.p_adjusted <= level and f.z > 0.0}
 
 
-def seen_of(prints: Sequence[Fingerprint], tried: Sequence[str]) -> tuple[str, ...]:
-    """Families of which these data could show a fingerprint."""
-    best = strongest(prints)
-    return tuple(name for name in tried if name in best)
+def seen_of(
+    prints: Sequence[Fingerprint], gains: Mapping[str, CauseGain], tried: Sequence[str]
+) -> tuple[str, ...]:
+    """Families that these data could show: by a fingerprint of their own, or by what they close.
+
+    Fingerprints that another law of the contact leaves as well show a family only if it has the
+    power to close something.
+    """
+    clear = {own.name for c in CAUSES.values() for own in c.statistics if own.weight >= CLEAR}
+    by_prints = {one.effect for one in prints if one.observable and one.statistic in clear}
+    powers = {name: gain.power for name, gain in gains.items()}
+    return tuple(n for n in tried if n in by_prints or powers.get(n, 0.0) >= POWER)
 
 
 def second_of(
-    first: str,
-    left: Sequence[Fingerprint],
-    shares: Mapping[str, float],
-    thresholds: Thresholds,
+    left: Sequence[Fingerprint], shares: Mapping[str, float], thresholds: Thresholds
 ) -> str:
     """A second cause: what is left once the first one is in the model; "" if nothing is.
 
     Parameters
     ----------
-    first : str
-        A family.
     left : sequence of Fingerprint
         Of the base with the first cause.
     shares : mapping
-        Probability of the other families and of "none", by these fingerprints.
+        Probability of the other families and of "none" beyond that base.
     """
     sure = {
         name: one.z
         for name, one in significant(left, thresholds.level).items()
-        if one.z >= thresholds.second and name != first
+        if one.z >= thresholds.second
     }
     likely = [name for name in sure if shares.get(name, 0.0) >= thresholds.named]
     return max(likely, key=lambda n: sure[n], default="")
@@ -121,6 +136,7 @@ def second_of(
 
 def decide(
     prints: Sequence[Fingerprint],
+    gains: Mapping[str, CauseGain],
     shares: Mapping[str, float],
     is_adequate: bool,
     closes: float | None,
@@ -153,12 +169,13 @@ def decide(
     best = strongest(prints)
     first = max(tried, key=lambda n: shares[n], default="")
     refused = ""
-    if first in best and best[first].z >= SEEN and shares[first] >= thresholds.named:
+    own = best[first].z if first in best else -math.inf
+    gain = gains[first].sureness if first in gains else -math.inf
+    if first and max(own, gain) >= SEEN and shares[first] >= thresholds.named:
         if closes is None or closes > 0.0:
-            reason = (
-                f"{shares[first]:.0%} probable by its fingerprints and by what it closes; the "
-                f"surest of its own: {best[first].statistic} (z = {best[first].z:.1f})"
-            )
+            reason = f"{shares[first]:.0%} probable by its fingerprints and by what it closes"
+            if own >= SEEN:
+                reason += f"; the surest of its own: {best[first].statistic} (z = {own:.1f})"
             return first, group_of(first), reason
         refused = (
             f"the fingerprints are those of {first.replace('_', ' ')}, but the effect closes none "
@@ -199,18 +216,14 @@ def group_probability(group: str, shares: Mapping[str, float]) -> float:
 
 
 def confusion_set(
-    effect: str, least: Sequence[float], shares: Mapping[str, float], *others: Mapping[str, float]
+    effect: str, least: Sequence[float], shares: Mapping[str, float]
 ) -> tuple[str, ...]:
-    """The answer, and what is as probable as ``least`` by any of the probabilities.
+    """The answer, and what is as probable as ``least``.
 
     ``least``: of a family, and of "none". Two or more families of one group that are not the answer
     become the group, which then stands for all of its causes.
     """
-    possible = [
-        name
-        for name in shares
-        if max(p.get(name, 0.0) for p in (shares, *others)) >= least[name == NONE]
-    ]
+    possible = [name for name, p in shares.items() if p >= least[name == NONE]]
     named = effect.split("+")
     held = [n for n in possible if n not in named]
     found = list(named)

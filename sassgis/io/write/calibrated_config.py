@@ -55,6 +55,8 @@ def write_config_back(path: Path, config: Config, diagnosis: Diagnosis, case: Ca
     with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
     document = document_with_classes(config, path, CLASSES_NAME)
+    if calibrated.engine_keys:
+        document.setdefault("engine", {}).update(calibrated.engine_keys)
     effects = document.setdefault("effects", {})
     for family, section in sections.items():
         own = {k: _toml_ready(v) for k, v in section.items() if v is not None}

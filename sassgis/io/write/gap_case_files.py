@@ -29,8 +29,7 @@ name = {title}
 
 [terrain]
 dem = "dem.tif"
-{datum}path = "fall_line"
-energy_line_angle_deg = 10.0
+{datum}energy_line_angle_deg = 10.0
 
 [release]
 file = "release.gpkg"

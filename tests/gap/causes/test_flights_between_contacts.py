@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from sassgis.gap.calibration.problem import CalibrationProblem
+from sassgis.gap.replicas.hypothesis_model import configured_model
 from sassgis.gap.residuals.steps import MODEL_FLIGHT, StepTable
 from sassgis.gap.residuals.table import ResidualTable, residuals_of
 from sassgis.gap.which.fingerprints import fingerprints
@@ -21,7 +22,7 @@ FALL_M, SPEED2, ERROR = 4.0, 200.0, 0.02
 
 @pytest.fixture(scope="module")
 def base(problem: CalibrationProblem) -> ResidualTable:
-    return residuals_of(problem.case, problem.case.table, seed=5, replicates=4)
+    return residuals_of(problem.case, configured_model(problem.case), seed=5, replicates=4)
 
 
 def flights(rise_m: NDArray[np.float64], kept: NDArray[np.float64], scale: float) -> StepTable:

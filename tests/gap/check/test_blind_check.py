@@ -26,7 +26,7 @@ SEED = 5
 #: Few and small, as making worlds takes time; three of four have no effect to be brought to size.
 SPECS = [
     WorldSpec("gully", n_rocks=20, kind="both"),
-    WorldSpec("forested_slope", (EffectSpec("trees", "strong"),), n_rocks=40, kind="both"),
+    WorldSpec("quarry", (EffectSpec("trees", "strong"),), n_rocks=40, kind="both"),
     WorldSpec("talus_fan", n_rocks=20, kind="everything", law="elastic", n_stations=2),
     WorldSpec("talus_fan", n_rocks=20, kind="stops"),
 ]
@@ -242,6 +242,7 @@ def test_a_knowing_diagnosis_scores_in_full_but_for_where_it_breaks(
     assert [line for line in heard if "taken for none" in line] == [unfit(file)]
 
 
+@pytest.mark.battery
 def test_answers_that_were_changed_before_all_were_given_are_given_again(
     copy: Path, thresholds: Path
 ) -> None:

@@ -9,21 +9,19 @@ import pytest
 from helpers.simulated_slope import TABLE, observed
 
 from sassgis.gap.calibration.problem import CalibrationProblem, problem_of
+from sassgis.gap.calibration.site_summary import summary_of
 from sassgis.gap.inference.folds import folds_of
-from sassgis.gap.ladder.handover import classes_at_limit
-from sassgis.gap.ladder.hypothesis_fit import FittedHypothesis, space_of
+from sassgis.gap.ladder.handover import wrong_ground
+from sassgis.gap.ladder.hypothesis_fit import FittedHypothesis
 from sassgis.gap.which.hypotheses import NONE
 from sassgis.model.ground import GroundTable
-from sassgis.runs.hypothesis_fits import HypothesisFits, Keeping
+from sassgis.runs.hypothesis_fits import HypothesisFits
 
 
 def fitted(problem: CalibrationProblem, effect: str, draws: int = 32) -> FittedHypothesis:
-    keeping = Keeping(None, "", lambda _text: None)
-    made = HypothesisFits(
-        problem, lambda f, tasks: (f(problem, t) for t in tasks), draws, None, keeping
-    )
-    made.add(effect)
-    return made.fits[effect]
+    summary = summary_of(problem)
+    made = HypothesisFits(summary, lambda f, tasks: (f(summary, t) for t in tasks), draws)
+    return made.add(effect)
 
 
 @pytest.fixture(scope="module")
@@ -41,15 +39,15 @@ def test_every_rock_is_scored_by_the_model_it_has_no_weight_in(
         np.testing.assert_array_equal(rows[:, own], base.models[part].rows[:, own])
         np.testing.assert_array_equal(scores[own], base.models[part].scores[own])
     assert base.found is not None
-    # Whatever the rocks of a part did: their emulated scores are of no account.
-    (emulator,) = base.found.surface.emulators
-    weights = emulator.weights.copy()
-    weights[:, problem.unit_parts() == 2] *= -3.0
-    changed = replace(base.found.surface, emulators=(replace(emulator, weights=weights),))
-    other = replace(base.found, surface=changed)
+    # Whatever the rocks of a part did, they are not in the numbers of the others.
+    whole = summary_of(problem)
+    changed = problem.rows.copy()
+    changed[problem.part == 2] += 3.0
+    other = replace(whole, problem=replace(problem, rows=changed))
     for part, same in ((2, True), (1, False)):
-        one, two = (found.without([problem], part) for found in (base.found, other))
-        assert np.allclose(one, two, atol=1e-6) == same
+        weights = (problem.part != part).astype(float)
+        one, two = (np.nan_to_num(own.of_rocks(weights)) for own in (whole, other))
+        assert np.allclose(one, two) == same
 
 
 def test_a_model_that_is_handed_over_gives_its_campaigns_again(
@@ -69,15 +67,11 @@ def test_calibration_betters_the_score_of_a_wrong_ground() -> None:
     )
     other = problem_of(observed(25, 8, table=table), 5)
     found = fitted(other, NONE)
-    space = space_of(other.case, NONE)
-    middle = found.models[-1]
-    labels = [p.label for p in space.parameters]
-    assert "debris.eta_max" in labels and found.found is not None
-    own = found.found.fitted[labels.index("debris.eta_max")]
-    assert own.identified and own.low <= 0.5 - 0.05 / 0.18 <= own.high
-    assert np.isfinite(middle.scores).all()
-    # It runs towards the limit of the usual range.
-    assert own.share < 0.5
+    assert "debris.eta_max" in found.identified
+    before = {c.name: c for c in TABLE.classes}["debris"].eta_max
+    low, high = found.intervals(other.case)["debris.eta_max"]
+    assert low <= before - 0.05 <= high < before
+    assert np.isfinite(found.handed_over.scores).all()
 
 
 def test_groups_stay_together_and_parts_are_even() -> None:
@@ -97,13 +91,17 @@ def test_scores_of_a_group_count_as_one(problem: CalibrationProblem) -> None:
     np.testing.assert_array_equal(group.per_unit(scores), scores.reshape(2, -1, 4).sum(axis=2))
 
 
-def test_a_class_far_from_its_configured_values_is_at_the_limit() -> None:
-    """Rocks of ground whose η_max lies beyond the usual range."""
-    table = GroundTable(tuple(replace(c, eta_max=c.eta_max - 0.2) for c in TABLE.classes))
-    other = problem_of(observed(25, 9, table=table), 5)
-    found = fitted(other, NONE, 24)
-    assert classes_at_limit(other.case, found) != []
-    assert classes_at_limit(other.case, replace(found, found=None)) == []
+def test_a_class_that_certainly_lies_outside_its_usual_range_is_wrong(
+    problem: CalibrationProblem,
+) -> None:
+    case = replace(problem.case, met=frozenset({"debris"}))
+    usual = {c.name: c for c in TABLE.classes}["debris"].eta_max
+    outside, within = (usual - 0.3, usual - 0.1), (usual - 0.3, usual - 0.05)
+    assert wrong_ground(case, {"debris.eta_max": outside}) == ("debris",)
+    assert wrong_ground(case, {"debris.eta_max": within, "shift_of_mu_0": outside}) == ()
+    # Wider where the configured classes are guesses; nothing is said of what no rock meets.
+    assert wrong_ground(replace(case, ground_range=3.0), {"debris.eta_max": outside}) == ()
+    assert wrong_ground(case, {"meadow.eta_max": (0.0, 0.01)}) == ()
 
 
 def test_nothing_scored_leaves_the_middle_of_the_ranges() -> None:

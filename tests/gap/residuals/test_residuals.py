@@ -16,6 +16,7 @@ from sassgis.engine.effects.soft_ground import SoftGround
 from sassgis.engine.ellipse import frame_of, inertia
 from sassgis.engine.impact import SCALE, impact
 from sassgis.engine.simulate import physics_of
+from sassgis.gap.replicas.hypothesis_model import HypothesisModel
 from sassgis.gap.residuals.free_run import RunModel, free_run, observed_at_stations
 from sassgis.gap.residuals.impact_step import impact_draws, orientation_at_contact
 from sassgis.gap.residuals.residuals import Residual, beyond, mean_of_draws, only_above, spread
@@ -179,7 +180,7 @@ def _taken(case: Any, which: Any) -> Any:
 
 def test_runs_from_the_release_are_those_of_the_engine():
     case = observed(8, 2, tables=("deposits",))
-    run = free_run(case, RunModel.of(case, TABLE, None, 4), 6)
+    run = free_run(case, RunModel.of(case, HypothesisModel(TABLE, EffectSettings()), 4), 6)
     assert run.ends.runout_m.shape == (8, 6) and run.axes_m.shape == (8, 6, 3)
     assert (run.ends.stops == 1.0).all() and (run.ends.largest == 1.0).all()
     arrived = run.at.arrived == 1.0

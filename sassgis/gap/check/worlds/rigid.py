@@ -32,6 +32,8 @@ _CONTACTS: dict[str, tuple[tuple[float, float], ...]] = {
     "overgrown_slope": ((0.0, 0.3), (0.4, 0.9), (0.1, 0.3), (0.1, 0.3), (-0.02, 0.03), (0.0, 0.05)),
 }  # fmt: skip
 _SOFT_S = 0.008
+#: Twice the rate of samples.
+_LONGEST_STEP_S = 0.002
 
 
 def require_library(laws: Iterable[str]) -> None:
@@ -70,7 +72,7 @@ def run_rocks(
     wind : float
         Direction of a wind in plan (rad, counter-clockwise from east).
     dt : float
-        Half of it is the longest time step (s).
+        Time step (s); no longer than the library takes contacts well.
 
     Raises
     ------
@@ -102,7 +104,7 @@ def run_rocks(
             ]
         ).reshape(-1, 4),
         obstacles=obstacles,
-        dt=np.array(0.5 * dt),
+        dt=np.array(min(dt, _LONGEST_STEP_S)),
     )
     done = subprocess.run(
         [sys.executable, "-P", str(_SCRIPT)], input=job.getvalue(), capture_output=True, check=False

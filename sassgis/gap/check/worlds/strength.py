@@ -24,7 +24,7 @@ BANDS: dict[str, tuple[float, float, float]] = {
     "medium": (0.28, 0.33, 0.38),
     "strong": (0.42, 0.48, 0.58),
 }
-_TRIES = 8
+_TRIES = 4
 # Blur (standard deviation) of the columns of stops (m, m, -) and of stations (m/s, Hz, m).
 _BLUR = (np.array([1.0, 1.0, 0.0]), np.array([0.5, 0.1, 1.0]))
 # Twice the step of a site: what is measured here does not move with it.
@@ -33,7 +33,7 @@ MEASURE_STEP_S = 0.004
 
 def n_measure(world: World) -> int:
     """Rocks on which a site is measured; fewer where each takes a tenth of a second."""
-    return 100 if world.spec.law == RIGID else 180
+    return 40 if world.spec.law == RIGID else 180
 
 
 def inhomogeneity(one: FloatArray, other: FloatArray) -> float:

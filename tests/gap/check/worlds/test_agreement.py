@@ -13,7 +13,9 @@ from sassgis.gap.check.worlds.make import LAW_KEYS, base_world
 from sassgis.gap.check.worlds.observe import write_down
 from sassgis.gap.check.worlds.simulation import draw_rocks, simulate
 from sassgis.gap.observations.case import Case
+from sassgis.gap.replicas.hypothesis_model import configured_model
 from sassgis.gap.residuals.free_run import RunModel, free_run, observed_at_stations
+from sassgis.io.read.config import load_config
 from sassgis.model.ground import GroundTable
 from sassgis.runs.blinded_cases import write_seen
 from sassgis.runs.gap_case import read_case
@@ -33,7 +35,9 @@ def site(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
     )
     folder = Path(tmp_path_factory.mktemp("agreement")) / "case"
     config = write_seen(world, folder, "agreement", seen)
-    case = read_case(config, config.parent / "observations")
+    # In the plane of the fall line: what is compared is the law of the motion.
+    settings = load_config(config, {"terrain.path": "fall_line"})
+    case = read_case(settings, config.parent / "observations")
     law = {
         name: dict(zip(LAW_KEYS, row.tolist(), strict=True))
         for name, row in zip(known.class_names, world.law, strict=True)
@@ -43,7 +47,7 @@ def site(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
 
 
 def test_engine_and_sites_agree_at_every_station(site: Case) -> None:
-    run = free_run(site, RunModel.of(site, site.table, None, 5), REPLICATES)
+    run = free_run(site, RunModel.of(site, configured_model(site), 5), REPLICATES)
     seen = observed_at_stations(site)
     for name in ("speed_mps", "rotation_hz", "height_m"):
         for k, station in enumerate(site.station_names):

@@ -70,15 +70,15 @@ def test_energy_is_never_made(name: str, with_magnitude: Make) -> None:
 @pytest.mark.parametrize("magnitude", [2.0, pytest.param(8.0, marks=pytest.mark.battery)])
 def test_pieces_have_the_mass_of_their_rock(magnitude: float, with_magnitude: Make) -> None:
     world = with_magnitude("fragmentation", magnitude)
-    rocks = draw_rocks(world, 40, 3)
+    rocks = draw_rocks(world, 16, 3)
     run = simulate(world, rocks)
     axes = rocks.state[:, [ms.A, ms.B, ms.C]]
     mass = rocks.state[:, ms.DENSITY] * 4 / 3 * math.pi * axes.prod(axis=1)
-    stopped = np.bincount(run.deposits[:, 0].astype(int), run.deposits[:, 6], minlength=40)
-    assert len(run.deposits) > 40
+    stopped = np.bincount(run.deposits[:, 0].astype(int), run.deposits[:, 6], minlength=16)
+    assert len(run.deposits) > 16
     # A few pieces leave the terrain.
     assert (stopped < mass * (1 + 1e-9)).all()
-    assert (stopped > mass * (1 - 1e-9)).sum() >= 36
+    assert (stopped > mass * (1 - 1e-9)).sum() >= 14
 
 
 def test_a_breaking_rock_keeps_its_momentum(plane) -> None:  # type: ignore[no-untyped-def]

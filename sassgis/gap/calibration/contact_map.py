@@ -1,0 +1,109 @@
+"""The law of the contact as the recorded contacts have it, class by class.
+
+Restitution, the speed at which it has halved, friction and what the ground holds back make smooth,
+monotone functions of the normal speed and of the angle of an impact. They are learned from single
+contacts, each predicted from the state that was observed before it, and shrunk towards the values
+of the class. What a class without contacts is taken to be follows the others half way.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.optimize import minimize
+from scipy.stats import qmc
+
+from sassgis.gap.calibration.impact_scores import (
+    impact_scores,
+    observed_impacts,
+    observed_outcomes,
+    simulated_outcomes,
+)
+from sassgis.gap.calibration.parameters import CalibrationRange
+from sassgis.gap.observations.case import Case
+from sassgis.gap.residuals.one_step import ImpactsInFlight
+from sassgis.model.effects import EffectSettings
+from sassgis.model.grid import FloatArray
+from sassgis.model.ground import GroundClass, GroundTable
+
+#: Ranges of the parameters of a contact, and how far those of one class lie from site to site
+#: (standard deviation, as a share of the range): wide, as other laws are to be met.
+_RANGES = {
+    "eta_max": (CalibrationRange(0.0, 1.0, False, "impacts"), 0.15),
+    "mu_f": (CalibrationRange(0.02, 1.5, False, "impacts"), 0.17),
+    "restitution": (CalibrationRange(0.0, 1.0, False, "impacts"), 0.25),
+    "restitution_speed_mps": (CalibrationRange(0.5, 200.0, True, "impacts"), 0.13),
+}
+#: Contacts and rocks from which on a class is learned, and contacts of it that are used at most.
+_FEWEST, _FEWEST_ROCKS, _MOST = 20, 5, 250
+#: Values that are tried first, of twice the usual spread, and evaluations of the search after it.
+_TRIED, _SEARCHED = 32, 90
+
+
+def learned_contacts(case: Case, seed: int) -> GroundTable | None:
+    """Ground classes with the contact as observed; None where too few contacts were recorded.
+
+    Only the law of impact with restitution has these parameters.
+    """
+    if case.engine.resolved().eta_max_rule != "restitution":
+        return None
+    impacts = observed_impacts(case)
+    if impacts is None:
+        return None
+    known = {}
+    for k in np.unique(impacts.kind).tolist():
+        rows = np.flatnonzero(impacts.kind == k)
+        if rows.size >= _FEWEST and np.unique(impacts.rock[rows]).size >= _FEWEST_ROCKS:
+            few = rows[np.linspace(0, rows.size - 1, min(rows.size, _MOST)).astype(np.int64)]
+            known[k] = _learned(case, impacts.take(few), k, seed)
+    if not known:
+        return None
+    others = 0.5 * np.mean(list(known.values()), axis=0)
+    return GroundTable(
+        tuple(
+            _with_shift(ground, known.get(k, others)) for k, ground in enumerate(case.table.classes)
+        )
+    )
+
+
+def _learned(case: Case, impacts: ImpactsInFlight, kind: int, seed: int) -> FloatArray:
+    """Shift of the parameters of a class from the configured ones, in usual spreads."""
+    observed = observed_outcomes(impacts)
+    n = impacts.rock.size
+
+    def loss(shift: FloatArray) -> float:
+        classes = list(case.table.classes)
+        classes[kind] = _with_shift(classes[kind], shift)
+        # The same draws for all values: what differs is no luck.
+        made = simulated_outcomes(
+            case, GroundTable(tuple(classes)), EffectSettings(), impacts, seed=seed, number=3700
+        )
+        scores = impact_scores(impacts, observed, made, case.n_rocks)
+        return float(scores[np.unique(impacts.rock)].mean()) + 0.5 * float(shift @ shift) / n
+
+    normal = qmc.MultivariateNormalQMC(
+        np.zeros(len(_RANGES)), 4.0 * np.eye(len(_RANGES)), rng=np.random.default_rng([seed, 37])
+    )
+    tried = [np.zeros(len(_RANGES)), *normal.random(_TRIED)]
+    best = min(tried, key=loss)
+    simplex = np.vstack([best, best + 0.7 * np.eye(best.size)])
+    found = minimize(
+        loss, best, method="Nelder-Mead",
+        options={"maxfev": _SEARCHED, "initial_simplex": simplex, "xatol": 0.02, "fatol": 1e-4},
+    )  # fmt: skip
+    shift: FloatArray = found.x
+    return shift
+
+
+def _with_shift(ground: GroundClass, shift: FloatArray) -> GroundClass:
+    """A class with shifted parameters of the contact, kept within their ranges."""
+    values = {}
+    for (name, (limits, sd)), own in zip(_RANGES.items(), shift.tolist(), strict=True):
+        low, high = (np.log(v) if limits.log else v for v in (limits.low, limits.high))
+        configured = float(getattr(ground, name))
+        at = (np.log(max(configured, limits.low)) if limits.log else configured) - low
+        share = min(max(at / (high - low) + sd * own, 0.0), 1.0)
+        value = low + (high - low) * share
+        values[name] = float(f"{np.exp(value) if limits.log else value:.6g}")
+    return replace(ground, **values)  # type: ignore[arg-type]

@@ -1,0 +1,204 @@
+"""Calibration of many parameters at once, from linear models of what campaigns show.
+
+About the best parameters so far, campaigns are drawn, and the numbers that sum them up are
+regressed on the parameters. The normal prior and the errors of the observed numbers then give the
+next best ones in closed form (iterated linear Bayes; Gauss and Newton with slopes from an ensemble,
+as Iglesias, Law and Stuart 2013, Inverse Problems 29, 045001). A step is kept only if it brings the
+campaigns nearer to the observed rocks. The same linear model gives intervals, and the parameters
+for a part of the rocks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import qmc
+
+from sassgis.gap.calibration.site_summary import SiteSummary
+from sassgis.model.grid import BoolArray, FloatArray
+
+#: Parameters are standard normal before any rock is seen, and kept within this.
+_LIMIT = 2.5
+#: Radius of the first draws about the start, what it is multiplied with after a step that is kept
+#: and after one that is not, and attempts at a step.
+_RADIUS, _KEPT, _NOT_KEPT, _ATTEMPTS = 0.7, 0.85, 0.6, 2
+#: Prior precision of the slopes, and the part of what the linear model leaves that counts as error:
+#: the rest is the chance of single campaigns, which the regression averages.
+_RIDGE, _LEFT = 0.5, 0.5
+#: Numbers that are off by more standard errors count no more than this.
+_FARTHEST = 5.0
+#: A parameter is identified if its standard deviation is below this share of that before.
+_NARROWER = 0.7
+
+#: Numbers of a draw, shape (p,), and the energy distance of its campaigns from the observed rocks.
+Seen = tuple[FloatArray, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """Parameters to be tried: number, standard normal values, shape (d,), campaigns."""
+
+    number: int
+    at: FloatArray
+    count: int
+
+
+#: Makes campaigns of trials.
+RunTrials = Callable[[Sequence[Trial]], Sequence[Seen]]
+
+
+@dataclass(frozen=True, slots=True)
+class Budget:
+    """Rounds, draws of each, campaigns of a draw, and of a step that is looked at."""
+
+    rounds: int
+    draws: int
+    count: int
+    looked: int
+
+
+@dataclass(frozen=True, slots=True)
+class LinearFit:
+    """Best parameters, and the linear model about them.
+
+    Attributes
+    ----------
+    best : float64, shape (d,)
+        Standard normal.
+    covariance : float64, shape (d, d)
+        Of the posterior.
+    level : float64, shape (p,)
+        Numbers at the best parameters, in standard errors.
+    slopes : float64, shape (p, d)
+        Of the numbers, in standard errors.
+    variance : float64, shape (p,)
+        Of the numbers about the model, in squared standard errors.
+    distance : float
+        Energy distance of the best parameters.
+    """
+
+    best: FloatArray
+    covariance: FloatArray
+    level: FloatArray
+    slopes: FloatArray
+    variance: FloatArray
+    distance: float
+
+    @property
+    def identified(self) -> BoolArray:
+        """Parameters of which the rocks say something by themselves, shape (d,)."""
+        return np.sqrt(np.diag(self.covariance)) < _NARROWER
+
+    def step(self, observed: FloatArray) -> FloatArray:
+        """From the best parameters to those for some observed numbers, in standard errors."""
+        return _step(self.level, self.slopes, self.variance, observed, self.best)
+
+    def given(self, fixed: BoolArray) -> FloatArray:
+        """Best parameters if some are at their values before, and the others make up for it."""
+        found = np.where(fixed, 0.0, self.best)
+        free = ~fixed
+        if fixed.any() and free.any():
+            across = self.covariance[np.ix_(free, fixed)]
+            within = self.covariance[np.ix_(fixed, fixed)]
+            found[free] = self.best[free] - across @ np.linalg.solve(within, self.best[fixed])
+        return np.clip(found, -_LIMIT, _LIMIT)
+
+
+def fit_linearly(
+    summary: SiteSummary, start: FloatArray, run: RunTrials, budget: Budget
+) -> LinearFit:
+    """Calibrate standard normal parameters.
+
+    Parameters
+    ----------
+    summary : SiteSummary
+    start : float64, shape (d,)
+        Where to begin; before any rock is seen all are zero.
+    run : callable
+    budget : Budget
+    """
+    rng = np.random.default_rng([summary.problem.seed, 13])
+    normal = qmc.MultivariateNormalQMC(np.zeros(start.size), np.eye(start.size), rng=rng)
+    best = start.copy()
+    (seen,) = run([Trial(1, best, budget.looked)])
+    least = _loss(summary, seen)
+    points, numbers = [best], [seen[0]]
+    radius, tried = _RADIUS, 1
+    for _ in range(budget.rounds):
+        new = np.clip(best + radius * normal.random(budget.draws), -_LIMIT, _LIMIT)
+        made = run([Trial(tried + 1 + k, at, budget.count) for k, at in enumerate(new)])
+        tried += budget.draws
+        points += list(new)
+        numbers += [own for own, _ in made]
+        for _ in range(_ATTEMPTS):
+            fit = _linear_model(summary, np.array(points), np.array(numbers), best, least)
+            step = fit.step(_in_errors(summary, summary.observed))
+            size = float(np.sqrt(np.mean(step**2)))
+            at = np.clip(best + step * min(1.0, radius / max(size, 1e-9)), -_LIMIT, _LIMIT)
+            tried += 1
+            (seen,) = run([Trial(tried, at, budget.looked)])
+            points.append(at)
+            numbers.append(seen[0])
+            loss = _loss(summary, seen)
+            if loss < least:
+                best, least, radius = at, loss, _KEPT * radius
+                break
+            radius *= _NOT_KEPT
+    return _linear_model(summary, np.array(points), np.array(numbers), best, least)
+
+
+def _loss(summary: SiteSummary, seen: Seen) -> float:
+    """Distance from the observed rocks; where only impacts were observed that of their numbers."""
+    numbers, distance = seen
+    if np.isfinite(distance):
+        return distance
+    off = _in_errors(summary, numbers) - _in_errors(summary, summary.observed)
+    return float(np.mean(np.clip(np.nan_to_num(off, nan=_FARTHEST), -_FARTHEST, _FARTHEST) ** 2))
+
+
+def _in_errors(summary: SiteSummary, numbers: FloatArray) -> FloatArray:
+    """Numbers that the observations have, in standard errors, the last axis shape (p,)."""
+    scaled: FloatArray = (numbers / summary.error)[..., summary.used]
+    return scaled
+
+
+def _linear_model(
+    summary: SiteSummary, points: FloatArray, numbers: FloatArray, best: FloatArray, loss: float
+) -> LinearFit:
+    """Regress the numbers on the parameters, the nearest draws most."""
+    seen = _in_errors(summary, numbers)
+    known = np.isfinite(seen)
+    count = np.maximum(known.sum(axis=0), 1)
+    # What a draw does not show is taken to be as usual.
+    seen = np.where(known, seen, np.where(known, seen, 0.0).sum(axis=0) / count)
+    near = np.sqrt(np.mean((points - best) ** 2, axis=1))
+    weight = np.exp(-0.5 * (near / max(float(np.median(near)), 1e-6)) ** 2)
+    design = np.column_stack([np.ones(len(points)), points - best])
+    d = best.size
+    ridge = np.diag([1e-6, *[_RIDGE] * d])
+    weighted = design.T * weight
+    found = np.linalg.solve(weighted @ design + ridge, weighted @ seen)
+    left = seen - design @ found
+    freedom = max(float(weight.sum()) - min(d, 0.5 * float(weight.sum())), 3.0)
+    variance = 1.0 + _LEFT * (weight[:, None] * left**2).sum(axis=0) / freedom
+    # A number that hardly any draw shows says nothing.
+    variance = np.where(known.mean(axis=0) > 0.5, variance, 1e6)
+    slopes = found[1:].T
+    precision = (slopes.T / variance) @ slopes + np.eye(d)
+    covariance = np.asarray(np.linalg.inv(precision), np.float64)
+    return LinearFit(best, covariance, found[0], slopes, variance, loss)
+
+
+def _step(
+    level: FloatArray,
+    slopes: FloatArray,
+    variance: FloatArray,
+    observed: FloatArray,
+    best: FloatArray,
+) -> FloatArray:
+    weighted = slopes.T / variance
+    off = np.clip(np.nan_to_num(observed - level), -_FARTHEST, _FARTHEST)
+    precision = weighted @ slopes + np.eye(best.size)
+    return np.asarray(np.linalg.solve(precision, weighted @ off - best), np.float64)

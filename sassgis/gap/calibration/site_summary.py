@@ -1,0 +1,160 @@
+"""What campaigns of a site show, as numbers: means, scatters and trends over its rocks.
+
+Observed and simulated campaigns are summed up alike. Which model brings these numbers to what was
+observed is then a question of linear algebra (``linear_fit``), and what chance does to them is seen
+from other campaigns of the same model.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sassgis.gap.calibration.impact_scores import simulated_outcomes
+from sassgis.gap.calibration.problem import CalibrationProblem, model_rows
+from sassgis.gap.replicas.hypothesis_model import HypothesisModel
+from sassgis.gap.residuals.one_step import ImpactsInFlight
+from sassgis.model.grid import BoolArray, FloatArray
+
+#: Rocks, and impacts on a class of ground, that a number must rest on.
+_FEWEST, _FEWEST_IMPACTS = 3.0, 15
+#: Bootstrap samples, and the least standard error of a number, in scatters of the rocks.
+_SAMPLES, _LEAST = 150, 0.03
+
+
+@dataclass(frozen=True, slots=True)
+class SiteSummary:
+    """The numbers of a site.
+
+    Attributes
+    ----------
+    problem : CalibrationProblem
+    size : float64, shape (n_rocks,)
+        Logarithm of the radius, standardised.
+    observed, error : float64, shape (p,)
+        And the standard error of each, by drawing the rocks (or groups of them) anew.
+    used : bool, shape (p,)
+        Numbers that the observations have.
+    """
+
+    problem: CalibrationProblem
+    size: FloatArray
+    observed: FloatArray
+    error: FloatArray
+    used: BoolArray
+
+    def of_rocks(self, weights: FloatArray) -> FloatArray:
+        """Numbers of the observed rocks with weights, shape (p,)."""
+        return _numbers(
+            self.problem,
+            self.size,
+            self.problem.rows[None],
+            self.problem.outcomes[:, None],
+            weights,
+        )
+
+    def of_model(
+        self, model: HypothesisModel, number: int, count: int
+    ) -> tuple[FloatArray, FloatArray]:
+        """Numbers of campaigns of a model together, shape (p,), and their rows."""
+        rows, outcomes = self._campaigns(model, number, count)
+        return _numbers(self.problem, self.size, rows, outcomes), rows
+
+    def of_each(self, model: HypothesisModel, number: int, count: int) -> FloatArray:
+        """Numbers of single campaigns of a model, shape (count, p), count up to DRAWS."""
+        rows, outcomes = self._campaigns(model, number, count)
+        return np.array(
+            [
+                _numbers(self.problem, self.size, rows[k : k + 1], outcomes[:, k : k + 1])
+                for k in range(count)
+            ]
+        )
+
+    def _campaigns(
+        self, model: HypothesisModel, number: int, count: int
+    ) -> tuple[FloatArray, FloatArray]:
+        problem = self.problem
+        outcomes = np.empty((0, count, 3))
+        if problem.impacts is not None:
+            outcomes = simulated_outcomes(
+                problem.case, model.table, model.effects, problem.impacts,
+                seed=problem.seed, number=number,
+            )  # fmt: skip
+        return model_rows(problem, model, number, count), outcomes
+
+
+def summary_of(problem: CalibrationProblem) -> SiteSummary:
+    """Sum up what was observed at a site."""
+    radius = np.log(problem.case.radius_m)
+    spread = float(radius.std())
+    size = (radius - radius.mean()) / spread if spread > 1e-6 else np.zeros(radius.size)
+    blank = SiteSummary(problem, size, np.empty(0), np.empty(0), np.empty(0, np.bool_))
+    observed = blank.of_rocks(np.ones(problem.n_rocks))
+    rng = np.random.default_rng([problem.seed, 11])
+    units = int(problem.unit.max()) + 1
+    times = rng.multinomial(units, np.full(units, 1.0 / units), size=_SAMPLES)
+    drawn = np.array([blank.of_rocks(one[problem.unit].astype(np.float64)) for one in times])
+    known = np.isfinite(drawn)
+    used = np.isfinite(observed) & (known.mean(axis=0) > 0.8)
+    filled = np.where(known, drawn, observed)
+    error = np.maximum(np.std(np.where(used, filled, 0.0), axis=0), _LEAST)
+    return SiteSummary(problem, size, observed, error, used)
+
+
+def _numbers(
+    problem: CalibrationProblem,
+    size: FloatArray,
+    rows: FloatArray,
+    outcomes: FloatArray,
+    weights: FloatArray | None = None,
+) -> FloatArray:
+    """Of rows of rocks, shape (m, n_rocks, 2 k), and outcomes of impacts, shape (n, m, 3)."""
+    weight = np.ones(problem.n_rocks) if weights is None else weights
+    parts = [_of_rows(problem, size, rows, weight)]
+    impacts = problem.impacts
+    if impacts is not None:
+        for kind in np.unique(impacts.kind).tolist():
+            own = np.flatnonzero(impacts.kind == kind)
+            if own.size >= _FEWEST_IMPACTS:
+                chosen = impacts.take(own)
+                by_rock = weight[chosen.rock][:, None]
+                parts.append(_of_impacts(chosen, size[chosen.rock], outcomes[own], by_rock))
+    return np.concatenate(parts)
+
+
+def _of_rows(
+    problem: CalibrationProblem, size: FloatArray, rows: FloatArray, weight: FloatArray
+) -> FloatArray:
+    """Mean, scatter and trend with the size of each quantity, and who passed each station."""
+    k = len(problem.scale.names)
+    values, absent = rows[..., :k], rows[..., k:]
+    has = (1.0 - absent) * ~problem.unseen[:, :k] * weight[:, None]
+    moments = _moments(values, has, size[:, None])
+    stations = [i for i, name in enumerate(problem.scale.names) if name.endswith(":speed")]
+    came = (absent * weight[:, None]).sum(axis=(0, 1)) / (len(rows) * weight.sum())
+    return np.concatenate([moments, came[stations]])
+
+
+def _of_impacts(
+    impacts: ImpactsInFlight, size: FloatArray, outcomes: FloatArray, weight: FloatArray
+) -> FloatArray:
+    """The same of speeds and spin after impacts, and their trend with the normal speed."""
+    known = np.isfinite(outcomes)
+    values, has = np.where(known, outcomes, 0.0), known * weight[..., None]
+    speed = np.log(np.maximum(-impacts.impacts.vn_in_mps, 0.2))
+    speed = (speed - speed.mean()) / max(float(speed.std()), 1e-6)
+    trend = _moments(values, has, speed[:, None, None])[6:]
+    return np.concatenate([_moments(values, has, size[:, None, None]), trend])
+
+
+def _moments(values: FloatArray, has: FloatArray, by: FloatArray) -> FloatArray:
+    """Means, logarithms of scatters, and covariances with ``by``, of the last axis; NaN of few."""
+    total = has.sum(axis=(0, 1))
+    few, total = total < _FEWEST, np.maximum(total, 1e-9)
+    mean = (values * has).sum(axis=(0, 1)) / total
+    off = (values - mean) * has
+    spread = np.sqrt(np.maximum((off * (values - mean)).sum(axis=(0, 1)) / total, 1e-4))
+    found = np.concatenate([mean, np.log(spread), (off * by).sum(axis=(0, 1)) / total])
+    found[np.tile(few, 3)] = np.nan
+    return found

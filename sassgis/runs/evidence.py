@@ -1,0 +1,91 @@
+"""What speaks for causes at a site: what is left of a base, fingerprints, and gains."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from threadpoolctl import threadpool_limits
+
+from sassgis.gap.calibration.contact_map import learned_contacts
+from sassgis.gap.calibration.problem import problem_of
+from sassgis.gap.calibration.site_summary import SiteSummary, summary_of
+from sassgis.gap.diagnosis import CauseGain, Fingerprint, GapFinding
+from sassgis.gap.ladder.cause_gains import cause_gains
+from sassgis.gap.ladder.hypothesis_fit import FittedHypothesis
+from sassgis.gap.observations.case import Case
+from sassgis.gap.residuals.table import residuals_with
+from sassgis.gap.where.findings import where
+from sassgis.gap.which.fingerprints import fingerprints
+from sassgis.gap.which.hypotheses import families_to_try
+from sassgis.gap.which.verdict import CONTACT_LAW
+from sassgis.io.read.observation_files import AnyObservations
+from sassgis.runs.gap_case import read_case
+from sassgis.runs.hypothesis_fits import DRAWS, HypothesisFits
+from sassgis.runs.job import AnyConfig
+from sassgis.runs.workers import TaskMap
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """Of a base.
+
+    Attributes
+    ----------
+    prints : tuple of Fingerprint
+        The surest first.
+    findings : tuple of GapFinding
+        The surest first.
+    gains : mapping of family to CauseGain
+    """
+
+    prints: tuple[Fingerprint, ...]
+    findings: tuple[GapFinding, ...]
+    gains: Mapping[str, CauseGain]
+
+
+def prepared_case(
+    settings: AnyConfig, observations: AnyObservations, seed: int, ground: float
+) -> Case:
+    """A case with the contacts that were recorded, and the range of the ground."""
+    case = replace(read_case(settings, observations), ground_range=ground)
+    return replace(case, learned=learned_contacts(case, seed))
+
+
+def evidence_beyond(
+    made: HypothesisFits, base: FittedHypothesis, families: Sequence[str]
+) -> Evidence:
+    """What is left of a base, and what speaks for causes beyond it."""
+    problem = made.problem
+    case, residuals = residuals_with(problem.case, base.handed_over.draw.model, seed=problem.seed)
+    return Evidence(
+        fingerprints(case, residuals, group=case.group),
+        where(case, residuals, seed=problem.seed),
+        cause_gains(made.summary, base, families, made.run),
+    )
+
+
+def evidence_at(
+    config: AnyConfig, observations: AnyObservations, seed: int = 1
+) -> tuple[Evidence, HypothesisFits]:
+    """Evidence at a site, in this process: beyond the base with a free contact.
+
+    Parameters
+    ----------
+    config, observations
+        As for ``diagnose``.
+    seed : int
+    """
+    with threadpool_limits(1, "blas"):
+        case = prepared_case(config, observations, seed, 1.0)
+        summary = summary_of(problem_of(case, seed))
+        made = HypothesisFits(summary, _in_this_process(summary), DRAWS)
+        return evidence_beyond(made, made.add(CONTACT_LAW), families_to_try(case)), made
+
+
+def _in_this_process(summary: SiteSummary) -> TaskMap:
+    def run(function: Any, tasks: Sequence[Any]) -> Iterator[Any]:
+        return (function(summary, task) for task in tasks)
+
+    return run
