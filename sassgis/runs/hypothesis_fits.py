@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-from sassgis.gap.calibration.linear_fit import Budget
+from sassgis.gap.calibration.linear_fit import FitBudget
 from sassgis.gap.calibration.problem import CalibrationProblem
 from sassgis.gap.calibration.site_summary import SiteSummary
 from sassgis.gap.ladder.hypothesis_fit import (
@@ -41,7 +41,7 @@ class HypothesisFits:
         self.summary = summary
         self._run, self._on_progress = run, on_progress
         self.fits: dict[str, FittedHypothesis] = {}
-        self._budget = Budget(ROUNDS, draws, COUNT, LOOKED)
+        self._budget = FitBudget(ROUNDS, draws, COUNT, LOOKED)
 
     def run(self, function: Callable[[Any, Any], Any], tasks: Sequence[Any]) -> Iterator[Any]:
         """Results of a function of the site and a task, in the order of the tasks."""

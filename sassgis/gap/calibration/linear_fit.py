@@ -50,7 +50,7 @@ RunTrials = Callable[[Sequence[Trial]], Sequence[Seen]]
 
 
 @dataclass(frozen=True, slots=True)
-class Budget:
+class FitBudget:
     """Rounds, draws of each, campaigns of a draw, and of a step that is looked at."""
 
     rounds: int
@@ -107,7 +107,7 @@ class LinearFit:
 
 
 def fit_linearly(
-    summary: SiteSummary, start: FloatArray, run: RunTrials, budget: Budget
+    summary: SiteSummary, start: FloatArray, run: RunTrials, budget: FitBudget
 ) -> LinearFit:
     """Calibrate standard normal parameters.
 
@@ -117,7 +117,7 @@ def fit_linearly(
     start : float64, shape (d,)
         Where to begin; before any rock is seen all are zero.
     run : callable
-    budget : Budget
+    budget : FitBudget
     """
     rng = np.random.default_rng([summary.problem.seed, 13])
     normal = qmc.MultivariateNormalQMC(np.zeros(start.size), np.eye(start.size), rng=rng)

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from sassgis.gap.calibration.identifiability import TradeOff
-from sassgis.gap.calibration.linear_fit import Budget, LinearFit, Seen, Trial, fit_linearly
+from sassgis.gap.calibration.linear_fit import FitBudget, LinearFit, Seen, Trial, fit_linearly
 from sassgis.gap.calibration.problem import model_rows, scores_of
 from sassgis.gap.calibration.site_summary import SiteSummary
 from sassgis.gap.causes.parameter_draws import ParameterDraws
@@ -239,7 +239,7 @@ def fit_hypothesis(
     summary: SiteSummary,
     effect: str,
     run: RunTasks,
-    budget: Budget,
+    budget: FitBudget,
     start: Mapping[str, float],
 ) -> FittedHypothesis:
     """Calibrate a hypothesis from where a simpler one, or a draw, has brought its parameters.
@@ -249,7 +249,7 @@ def fit_hypothesis(
     summary : SiteSummary
     effect : str
     run : callable
-    budget : Budget
+    budget : FitBudget
     start : mapping
         Shares by name; parameters that are not named begin at their middle.
     """
