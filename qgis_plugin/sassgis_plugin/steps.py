@@ -118,8 +118,8 @@ def verdict(changed_share: float) -> tuple[str, str]:
     grade = "good"
     if changed_share > LOOK_SHARE:
         grade = "look" if changed_share <= BAD_SHARE else "bad"
-    text = f"Another sample of blocks would change the level on {100.0 * changed_share:.1f} % of "
-    text += "the zoned area."
+    text = "Another sample of as many blocks would change the level on "
+    text += f"{100.0 * changed_share:.1f} % of the zoned area."
     advice = {
         "good": "",
         "look": " More blocks per release point make it less.",

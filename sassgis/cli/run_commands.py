@@ -133,12 +133,12 @@ def zone(config: Path, out: Path, as_json: bool, **given: Any) -> None:
 
 def _zoned(config: Path, out: Path, as_json: bool, given: Mapping[str, Any]) -> None:
     """Make hazard zones and report the result."""
+    from sassgis.hazard.warnings import sample_words
     from sassgis.runs.zone import zone as make_zones
 
     with at_work(given) as how:
         result = make_zones(_with_draws(config, how), out, **how)
     hazard = result.found.hazard
-    share = f"{100 * hazard.changed_share:.1f} %"
     lost = result.run.progress.lost_share
     edge = ""
     if lost > 0.0 and result.run.run.followed:
@@ -148,9 +148,8 @@ def _zoned(config: Path, out: Path, as_json: bool, given: Mapping[str, Any]) -> 
             f"edge over {open_m:.0f} m, and nothing is said of them."
         )
     summary = _with_spread(
-        f"{result.run.n_blocks} blocks, {hazard.levels.polygons.size} zones. Another sample of as "
-        f"many blocks would change the level on {share} of the zoned area.{edge}"
-        + _edited(hazard.edits),
+        f"{result.run.n_blocks} blocks, {hazard.levels.polygons.size} zones. "
+        f"{sample_words(hazard.changed_share)}{edge}{_edited(hazard.edits)}",
         result.run,
     )
     facts = {

@@ -139,15 +139,21 @@ def rule_warnings(preset: HazardPreset, frequencies: Mapping[tuple[str, str], fl
     return out
 
 
+def sample_words(changed_share: float) -> str:
+    """What another sample would change: one sentence for command, report and sheets."""
+    text = "Another sample of as many blocks would change the level on {} % of the zoned area."
+    return phrase(text, f"{100 * changed_share:.1f}")
+
+
 def zone_warnings(changed_share: float, budget: BlockBudget | None) -> list[str]:
     """What a zoning has not settled within its budget."""
     if budget is None or changed_share <= budget.changed_share:
         return []
     text = (
-        "Another sample of blocks would change the level on {} % of the zoned area (wanted: {} %, "
-        "hazard.changed_share_max): hazard.blocks_max or hazard.minutes_max was spent before."
+        "{} Wanted: {} % (hazard.changed_share_max); hazard.blocks_max or hazard.minutes_max was "
+        "spent before."
     )
-    return [phrase(text, f"{100 * changed_share:.1f}", f"{100 * budget.changed_share:g}")]
+    return [phrase(text, sample_words(changed_share), f"{100 * budget.changed_share:g}")]
 
 
 def edit_lines(applied: Sequence[AppliedEdit]) -> list[str]:

@@ -192,6 +192,8 @@ _WORDS = {
     "north": "north",
     "release": "Release area",
     "zone": "Zone",
+    "zones": "Hazard zones",
+    "zones_note": "As they are drawn; the other maps are those of the cells.",
     "object": "Object",
     "station": "Station",
     "wall": "Wall",

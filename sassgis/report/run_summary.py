@@ -9,6 +9,7 @@ from sassgis.hazard.assess import Assessment
 from sassgis.hazard.progress import Progress
 from sassgis.hazard.reach_angles import ReachAngles
 from sassgis.hazard.risk import risk_totals
+from sassgis.hazard.warnings import sample_words
 from sassgis.model.grid import IntArray
 from sassgis.model.languages import joined, phrase
 from sassgis.report.page import ReportTable, sensible
@@ -98,14 +99,11 @@ def zone_lines(
     ``lost`` is the share of the blocks that left the terrain model.
     """
     areas = [phrase("{} {} m²", phrase(str(row[0])), sensible(row[2])) for row in levels.rows]
-    text = (
-        "would change the level on {} % of the zoned area; {} % of that lies on the hatched cells, "
-        "which are {} % of it"
-    )
     hazard = found.hazard
-    shares = (hazard.changed_share, confidence, hazard.uncertain_share)
-    sample = phrase(text, *(f"{100 * share:.3g}" for share in shares))
-    lines = [("Hazard zones", joined("; ", areas)), ("Another sample of as many blocks", sample)]
+    text = "{} {} % of that lies on the hatched cells, which are {} % of it"
+    shares = (f"{100 * share:.3g}" for share in (confidence, hazard.uncertain_share))
+    sample = phrase(text, sample_words(hazard.changed_share), *shares)
+    lines = [("Hazard zones", joined("; ", areas)), ("Sampling error", sample)]
     if lost > 0.0:
         text = (
             "{} % of the blocks leave it; zones end there without a limit over {} m in all: beyond "

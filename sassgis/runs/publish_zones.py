@@ -105,7 +105,7 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
         layers=maps,
         vectors=(*own, *risk, *federal),
         groups=zone_groups(maps, own, risk, federal, edits),
-        layouts=lambda words: zone_layouts(words, rules, found, risk, grid),
+        layouts=lambda words: zone_layouts(words, rules, found, own, risk, grid),
         report=ReportPart(
             partial(
                 zone_figures,

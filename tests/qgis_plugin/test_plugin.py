@@ -436,7 +436,7 @@ def test_zones_from_layers_come_from_a_configuration_that_is_kept(
     # Equal layers are equal inputs: the second call had nothing to do anew.
     assert seen["calls"]["again"]["error"] is None
     share = float(call["results"]["CHANGED_SHARE"])
-    told = [t for t in (*call["info"], *call["warnings"]) if "Another sample of blocks would" in t]
+    told = [t for t in (*call["info"], *call["warnings"]) if "Another sample of as many" in t]
     assert f"on {100 * share:.1f} % of the zoned area" in told[-1]
     other = seen["calls"]["other choices"]["error"]
     assert "sassgis.toml: differs from what would be written" in other

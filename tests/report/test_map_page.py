@@ -202,6 +202,9 @@ def test_objects_nets_areas_and_paths_can_be_asked(
     result, page = zoned
     click = """
     const out = {};
+    const drawn = () => filled.getLayers().filter(one => one._path?.isConnected).length;
+    const seen = () => [drawn(), map.hasLayer(picture), boxes.zone.checked];
+    out.zones = [...seen(), get("legend").innerText];
     for (const shape of data.shapes) {
       shape_found(shape);
       out[shape.kind + " " + shape.name] = get("found").innerText;
@@ -215,12 +218,20 @@ def test_objects_nets_areas_and_paths_can_be_asked(
     out.clicked = get("found").innerText;
     map.fire("click", { latlng: L.latLng(north - south - 1, 1) });
     out.nothing = get("found").innerText;
-    choice.value = 1; choice.dispatchEvent(new Event("change"));
+    choice.value = 2; choice.dispatchEvent(new Event("change"));
+    out.cells = seen();
+    choice.value = 0; choice.dispatchEvent(new Event("change"));
+    out.again = [...seen(), get("legend").innerText];
+    choice.value = 2; choice.dispatchEvent(new Event("change"));
     out.legend = get("legend").innerText;
     out.hash = location.hash;
     return out;
     """
     found = opened(page, click)
+    # Zones alone at first; a map of the cells is drawn without them.
+    assert found["zones"] == found["again"] and found["zones"][1:3] == [False, True]
+    assert "residual" in found["zones"][3] and found["cells"][1:] == [True, False]
+    assert found["zones"][0] > 0 == found["cells"][0]
     risk = result.found.risk
     assert risk is not None
     house = found["object </script><b>house"]

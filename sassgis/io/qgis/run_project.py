@@ -12,7 +12,7 @@ import shapely
 
 from sassgis.hazard.assess import Assessment, Rules
 from sassgis.hazard.preset_labels import preset_unverified
-from sassgis.hazard.warnings import edit_lines, ground_warnings
+from sassgis.hazard.warnings import edit_lines, ground_warnings, sample_words
 from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.io.qgis.entries import LayerEntry, LayerGroup, without_empty
 from sassgis.io.qgis.layout import Extent, PrintLayout
@@ -266,9 +266,17 @@ def zone_groups(
 
 
 def zone_layouts(
-    words: SheetWords, rules: Rules, found: Assessment, risk: Sequence[VectorLayer], grid: Grid
+    words: SheetWords,
+    rules: Rules,
+    found: Assessment,
+    own: Sequence[VectorLayer],
+    risk: Sequence[VectorLayer],
+    grid: Grid,
 ) -> tuple[PrintLayout, ...]:
-    """The sheets of a zoning: hazard level, intensity by return period, risk."""
+    """The sheets of a zoning: hazard level, intensity by return period, risk.
+
+    ``own`` are its layers but for edits and those of the federal model.
+    """
     preset = rules.preset
     words = replace(
         words,
@@ -288,6 +296,7 @@ def zone_layouts(
             ),
         ),
         notes=(
+            sample_words(found.hazard.changed_share),
             "Hazard follows from the onset frequencies that the user stated.",
             *preset_unverified(preset)[:1],
             *words.notes,
@@ -295,8 +304,9 @@ def zone_layouts(
         ),
         extent=_zone_extent(found.hazard.intensities[-1].zones, grid),
     )
-    edits = ["vector_edits"] if found.hazard.edits else []
-    level = words.sheet("Hazard level", "Hazard zones, rockfall", *edits, "vector_hazard_zones")
+    lines = ["vector_edits"] if found.hazard.edits else []
+    lines += [f"vector_{layer.name}" for layer in own if layer.name == "open_limits"]
+    level = words.sheet("Hazard level", "Hazard zones, rockfall", *lines, "vector_hazard_zones")
     sheets = [replace(level, drawn_for=rules.zones.scale)]
     sheets += [
         words.sheet(
