@@ -197,12 +197,14 @@ def _entry(function: F, counts: bool) -> F:
     """The function as Python calls it; ``counts`` is whether it counts references to arrays."""
     from sassgis.model.machine_code import EntryCompiler
 
-    kept = _cache_folder() is not None
-    return _compiled(function, pipeline_class=EntryCompiler, _nrt=counts, cache=kept)
+    return _compiled(function, kept=True, pipeline_class=EntryCompiler, _nrt=counts)
 
 
-def _compiled(function: F, **options: Any) -> F:
-    """Compile with numba; its settings of cache and level hold for this package's code."""
+def _compiled(function: F, *, kept: bool = False, **options: Any) -> F:
+    """Compile with numba; its settings of cache and level hold for this package's code.
+
+    ``kept`` is whether the machine code is, where it can be.
+    """
     numba: Any = _numba()
     config = numba.config
     if not os.environ.get("NUMBA_OPT"):
@@ -212,9 +214,15 @@ def _compiled(function: F, **options: Any) -> F:
     before = {name: getattr(config, name, "") for name in ("CACHE_DIR", "CACHE_LOCATOR_CLASSES")}
     config.CACHE_DIR, config.CACHE_LOCATOR_CLASSES = str(_cache_folder() or ""), ""
     try:
-        return numba.njit(  # type: ignore[no-any-return]
-            nogil=True, error_model="numpy", no_cfunc_wrapper=True, **options
-        )(function)
+        out = numba.njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True, **options)(
+            function
+        )
+        if kept and _cache_folder() is not None:
+            from sassgis.model import machine_code
+
+            kind: Any = machine_code.KeptCode
+            out._cache = kind(function)
+        return out  # type: ignore[no-any-return]
     finally:
         for name, value in before.items():
             setattr(config, name, value)
