@@ -145,6 +145,7 @@ def test_ctrl_c_keeps_the_state_and_the_next_run_goes_on_from_it(slope: Slope, c
     assert not (slope.folder / "result.partial").exists()
 
 
+@pytest.mark.battery
 def test_a_full_disk_keeps_the_state_and_the_next_run_does_not_simulate_again(
     slope: Slope, call
 ) -> None:

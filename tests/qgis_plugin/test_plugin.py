@@ -470,6 +470,7 @@ def test_what_is_wrong_is_one_line(seen: dict[str, Any], slope: Slope) -> None:
     assert not (slope.folder / "x").exists()
 
 
+@pytest.mark.battery
 @pytest.mark.qgis
 def test_the_other_tools_do_their_work(others: dict[str, Any], slope: Slope) -> None:
     calls = others

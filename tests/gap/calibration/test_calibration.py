@@ -83,6 +83,7 @@ def recovered() -> SiteCalibration:
     return calibrated([site(40, 11, table_of(**TRUTH))], ("debris",), ("eta_max", "mu_0"), 48)
 
 
+@pytest.mark.battery
 def test_intervals_hold_the_parameters_that_the_rocks_were_released_with() -> None:
     found = recovered()
     for f in found.fitted:
@@ -109,6 +110,7 @@ def test_the_error_on_rocks_left_out_is_that_of_rocks_never_seen() -> None:
         pytest.fail("no run-out was compared")
 
 
+@pytest.mark.battery
 def test_ground_that_is_wrong_is_left_and_ground_that_is_right_stays() -> None:
     wrong = recovered()
     assert wrong.recommended and wrong.gain.low > 0.0
@@ -145,6 +147,7 @@ def test_more_stations_and_more_impacts_weigh_no_more() -> None:
     )
 
 
+@pytest.mark.battery
 def test_a_class_that_no_rock_reaches_is_not_identified() -> None:
     # Stations end on debris; of the meadow below nothing is seen.
     only = site(25, 13, table_of(**TRUTH), tables=("passages",))

@@ -89,6 +89,7 @@ def without_answers(out: Path) -> Path:
     return out
 
 
+@pytest.mark.battery
 def test_a_silent_diagnosis_is_right_at_null_alone(done: Path) -> None:
     scores = json.loads((done / "scores.json").read_text())
     found = {k: (m["hits"], m["trials"]) for k, m in scores["measures"].items()}
@@ -132,6 +133,7 @@ def test_a_peek_at_the_sites_is_refused_in_a_process_of_its_own(tmp_path: Path) 
     assert "must not be seen" in in_own_process(tmp_path, peek).failure
 
 
+@pytest.mark.battery
 def test_the_labels_have_the_hash_that_was_written_before(done: Path) -> None:
     text = (done / "blinded" / "labels.json").read_text()
     salt = (done / "blinded" / "salt.txt").read_text().strip()
@@ -144,6 +146,7 @@ def test_the_labels_have_the_hash_that_was_written_before(done: Path) -> None:
     assert labels_text(json.loads(text)[::-1]) == text
 
 
+@pytest.mark.battery
 def test_cases_tell_nothing_of_the_truth(done: Path) -> None:
     truths = {e.name for s in SPECS for e in s.effects}
     seeds = {str(label["seed"]) for label in json.loads((done / "blinded/labels.json").read_text())}
@@ -155,6 +158,7 @@ def test_cases_tell_nothing_of_the_truth(done: Path) -> None:
             assert word.encode() not in content, (path, word)
 
 
+@pytest.mark.battery
 @pytest.mark.parametrize(
     ("name", "change", "message"),
     [
@@ -177,6 +181,7 @@ def test_tampering_is_found_out(
         run(copy, thresholds)
 
 
+@pytest.mark.battery
 def test_labels_made_anew_must_have_the_blinded_hash(copy: Path, thresholds: Path) -> None:
     (copy / "blinded" / "labels.json").unlink()
     (copy / "labels.sha256").write_text("0" * 64 + "  forged\n")
@@ -185,6 +190,7 @@ def test_labels_made_anew_must_have_the_blinded_hash(copy: Path, thresholds: Pat
     assert not (copy / "blinded" / "labels.json").exists()
 
 
+@pytest.mark.battery
 def test_an_answer_that_is_gone_is_not_given_again(copy: Path, thresholds: Path) -> None:
     (copy / "answers" / "002.json").unlink()
     with pytest.raises(InputError, match=r"002\.json"):
@@ -194,6 +200,7 @@ def test_an_answer_that_is_gone_is_not_given_again(copy: Path, thresholds: Path)
         run(copy, thresholds)
 
 
+@pytest.mark.battery
 def test_a_knowing_diagnosis_scores_in_full_but_for_where_it_breaks(
     copy: Path, thresholds: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -306,6 +313,7 @@ def test_thresholds_must_say_where_they_come_from(tmp_path: Path) -> None:
         read_thresholds(tmp_path / "none.json")
 
 
+@pytest.mark.battery
 def test_another_check_is_not_mixed_in(copy: Path, thresholds: Path, tmp_path: Path) -> None:
     with pytest.raises(OutputError, match="another check"):
         run(copy, thresholds, seed=7)

@@ -42,6 +42,7 @@ def pids(two: Cluster) -> list[int]:
     return list(two._client.run(os.getpid).values())
 
 
+@pytest.mark.battery
 def test_a_killed_process_changes_no_bit(two: Cluster, job: MapRun, planned: Plan) -> None:
     whole = simulate_map(job, planned)
     killed: list[int] = []

@@ -223,6 +223,7 @@ def test_a_state_that_is_not_whole_though_it_fits_is_not_used(
     assert said == [f"Saved state {file} is taken for none: it is not whole"]
 
 
+@pytest.mark.battery
 def test_results_that_cannot_be_written_leave_the_state(
     small, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
