@@ -294,7 +294,9 @@ def test_slope_of_a_table_keeps_its_heights(repository):
 # --- examples ------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["map", "profile", "zones"])
+@pytest.mark.parametrize(
+    "name", ["map", "profile", pytest.param("zones", marks=pytest.mark.battery)]
+)
 def test_examples_run(repository, tmp_path, monkeypatch, name):
     example = tmp_path / f"{name}.py"
     example.write_text(examples(repository)[name], encoding="utf-8")

@@ -463,6 +463,7 @@ def test_every_part_of_a_draw_is_read_back_from_its_configuration(
             assert stems == pytest.approx(own.stand.stems_per_ha / 1e4, rel=1e-6)
 
 
+@pytest.mark.battery
 def test_the_map_runs_what_was_scored(slope: Grid, tmp_path: Path) -> None:
     """Run-outs and offsets of blocks of the map from the stated places are those of the rocks."""
     fast = FOLLOWED.replace("axis_3_m = 0.32", "axis_3_m = 0.32\nspeed_mps = [8.0, 12.0]")
