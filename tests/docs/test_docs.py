@@ -160,6 +160,7 @@ def small_result(tmp_path_factory):
     return sassgis.zone(config, out, jobs=1), out
 
 
+@pytest.mark.battery
 def test_pages_name_every_map(repository, small_result):
     import rasterio
 

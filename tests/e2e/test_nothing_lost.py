@@ -206,6 +206,7 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {own["path"]: (folder / own["path"]).read_bytes() for own in manifest["files"]}
 
 
+@pytest.mark.battery
 def test_workers_that_are_killed_as_they_start_change_nothing(
     site: Path, call, monkeypatch: pytest.MonkeyPatch
 ) -> None:

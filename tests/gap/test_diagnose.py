@@ -193,6 +193,7 @@ def rewritten(case: Path, folder: Path, table: str, change: object) -> Path:
     return folder
 
 
+@pytest.mark.battery
 def test_little_is_enough_for_an_answer_and_what_is_not_read_is_warned_of(tmp_path: Path) -> None:
     """15 rocks at stations; a column that is not known, and a key of a former version."""
 
@@ -266,6 +267,7 @@ def test_rocks_in_two_groups_are_answered_with_a_warning(everything: Path, tmp_p
     assert found.verdict.effect in ("none", "unknown")
 
 
+@pytest.mark.battery
 def test_poor_observations_are_answered_or_refused_in_one_line(
     everything: Path, tmp_path: Path
 ) -> None:

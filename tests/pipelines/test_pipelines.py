@@ -72,6 +72,7 @@ def zoned(make_valley: Callable[..., Path], tmp_path_factory: pytest.TempPathFac
     return out
 
 
+@pytest.mark.battery
 def test_every_area_and_control_line_has_a_row_that_agrees_with_the_map(zoned: Path) -> None:
     table = pd.read_csv(zoned / "tables" / "areas.csv")
     control_lines = pd.concat(
@@ -131,6 +132,7 @@ def batch(make_valley: Callable[..., Path], tmp_path_factory: pytest.TempPathFac
     return out
 
 
+@pytest.mark.battery
 def test_governed_zones_add_up_to_all_zones(batch: Path) -> None:
     table = pd.read_csv(batch / "shares.csv")
     zones = gpd.read_file(batch / "mosaic" / "hazard.gpkg", layer="hazard_zones")
@@ -161,6 +163,7 @@ def bedrina(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
+@pytest.mark.battery
 def test_the_measures_keep_the_rocks_off_the_road(bedrina: Path) -> None:
     hits = pd.read_csv(bedrina / "hits.csv").set_index("slope")
     assert hits.loc["before", "rocks"] == hits.loc["after", "rocks"] == 100

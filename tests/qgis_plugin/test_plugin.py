@@ -487,6 +487,7 @@ def test_the_other_tools_do_their_work(others: dict[str, Any], slope: Slope) -> 
     assert len(sheets) > 3 and all(file.read_bytes()[:4] == b"%PDF" for file in sheets)
 
 
+@pytest.mark.battery
 @pytest.mark.qgis
 def test_the_panel_leads_from_terrain_to_sheets(
     ask: Ask, slope: Slope, layers: dict[str, str], tmp_path: Path
@@ -513,6 +514,7 @@ def test_the_panel_leads_from_terrain_to_sheets(
     assert all((pictures / f"{name}.png").stat().st_size > 10_000 for name in ("before", "after"))
 
 
+@pytest.mark.battery
 @pytest.mark.qgis
 def test_cancelling_keeps_the_state_and_the_same_call_goes_on(
     ask: Ask, slope: Slope, tmp_path: Path
@@ -582,6 +584,7 @@ def test_commands_get_their_arguments_and_none_of_the_surroundings(
         assert f"called: {words}; PYTHONSTARTUP=[]" in call["info"], call
 
 
+@pytest.mark.battery
 @pytest.mark.qgis
 def test_the_environment_is_made_from_a_wheel(
     ask: Ask, slope: Slope, wheel: Path, tmp_path: Path

@@ -181,6 +181,7 @@ def test_sites_of_one_ground_agree_and_of_different_ground_do_not() -> None:
     assert own == pytest.approx([0.75, 0.25], abs=0.12)
 
 
+@pytest.mark.battery
 def test_impacts_identify_what_stops_do_not() -> None:
     seen = site(30, 18, table_of(eta_max=0.35), tables=("impacts",))
     assert seen.impacts is not None and not seen.scale.names

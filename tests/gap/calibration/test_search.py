@@ -61,6 +61,7 @@ def test_gradient_of_the_emulator() -> None:
         assert own.gradient(at)[k] == pytest.approx(slope, rel=1e-3, abs=1e-4)
 
 
+@pytest.mark.battery
 def test_posterior_is_as_wide_as_the_mean_of_rocks_scatters() -> None:
     """Squared distances: the best is the mean of the centres, which scatters by sd/√n."""
     rng = np.random.default_rng(3)
@@ -111,6 +112,7 @@ def test_rocks_that_are_left_out_do_not_count() -> None:
         assert minimum_without(surface, found, [weights])[0] == pytest.approx(expected, abs=0.08)
 
 
+@pytest.mark.battery
 @pytest.mark.parametrize(
     ("second", "contradict"), [pytest.param(0.5, False, marks=pytest.mark.battery), (0.9, True)]
 )

@@ -29,6 +29,7 @@ def base(problem: CalibrationProblem) -> FittedHypothesis:
     return fitted(problem, NONE)
 
 
+@pytest.mark.battery
 def test_every_rock_is_scored_by_the_model_it_has_no_weight_in(
     problem: CalibrationProblem, base: FittedHypothesis
 ) -> None:

@@ -87,6 +87,7 @@ def test_shares_and_histograms_count_the_passages(bedrina: Path) -> None:
     assert histogram.counts[0] == round(share * n)
 
 
+@pytest.mark.battery
 def test_a_profile_from_the_terrain_meets_the_stations_of_the_map(small, tmp_path: Path) -> None:
     points = gpd.read_file(small.folder / "result.gpkg", layer="release_points")
     x, y = points.geometry.iloc[0].coords[0]
@@ -149,6 +150,7 @@ def test_a_station_off_the_profile_is_refused(bedrina: Path, tmp_path: Path) -> 
         run_profile(bedrina, tmp_path / "out", csv_file=table)
 
 
+@pytest.mark.battery
 def test_local_coordinates_run_from_end_to_end(make_valley, tmp_path: Path) -> None:
     config = make_valley()
     folder = config.parent

@@ -148,6 +148,7 @@ def test_the_footprint_is_the_area_of_the_cells_reached(small) -> None:
         assert row.area_m2 == pytest.approx(cells * cell**2, rel=1e-6)
 
 
+@pytest.mark.battery
 def test_parquet_holds_the_same_as_csv(small, tmp_path) -> None:
     overrides = {"output.rock_table": "parquet", "output.passage_table": "parquet"}
     run(load_config(small.config, overrides), tmp_path / "out", jobs=1)
@@ -165,6 +166,7 @@ def test_a_subset_of_areas_says_so(small, tmp_path) -> None:
     assert "areas" not in json.loads((small.folder / "manifest.json").read_text())["settings"]
 
 
+@pytest.mark.battery
 def test_stop_points_max_is_a_maximum(make_valley, tmp_path) -> None:
     config = load_config(make_valley(), {"output.stop_points_max": 50})
     result = run(config, tmp_path / "out", jobs=1)

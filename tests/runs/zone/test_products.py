@@ -221,6 +221,7 @@ def parts(zones: gpd.GeoDataFrame) -> np.ndarray:
     return shapely.get_parts(np.array(zones.geometry))
 
 
+@pytest.mark.battery
 def test_no_zone_is_below_its_cells(made: Result) -> None:
     level = made.band("hazard_level", "level")
     assert np.unique(level).size >= 4 and 300 < (level > 0).sum() < 0.5 * level.size

@@ -31,6 +31,7 @@ from sassgis.gap.check.worlds.world import FAMILIES, LAWS, LIMITS, Faults, World
 from sassgis.model.errors import InputError
 
 
+@pytest.mark.battery
 @pytest.mark.parametrize(
     "slope",
     [SLOPE_TYPES[0], *(pytest.param(s, marks=pytest.mark.battery) for s in SLOPE_TYPES[1:])],
@@ -59,6 +60,7 @@ def test_without_effects_rocks_keep_to_the_fall_line(slope: str) -> None:
     assert np.quantile(distance, 0.9) < (2.5 if slope == "talus_fan" else 1.5)
 
 
+@pytest.mark.battery
 def test_stops_do_not_move_with_the_time_step(null_world: World) -> None:
     rocks = draw_rocks(null_world, 150, 9)
     s = []
