@@ -44,4 +44,4 @@ def test_what_stays_uncertain_is_told_beyond_the_limit_only() -> None:
     assert not zone_warnings(0.3, None)
     assert not zone_warnings(0.05, BlockBudget(0.05))
     (text,) = zone_warnings(0.123, BlockBudget(0.05))
-    assert "level on 12.3 % of the zoned area" in text and "wanted: 5 %" in text
+    assert "level on 12.3 % of the zoned area" in text and "Wanted: 5 %" in text
