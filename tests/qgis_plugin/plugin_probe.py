@@ -37,6 +37,11 @@ class Feedback(QgsProcessingFeedback):
         if cancel:
             self.progressChanged.connect(lambda value: value > 10 and self.cancel())
 
+    def setProgressText(self, text):
+        # QGIS writes it to the log, as what is pushed.
+        super().setProgressText(text)
+        self.said["info"].append(text)
+
     def pushInfo(self, text):
         self.said["info"].append(text)
 
