@@ -218,10 +218,9 @@ def _compiled(function: F, *, kept: bool = False, **options: Any) -> F:
             function
         )
         if kept and _cache_folder() is not None:
-            from sassgis.model import machine_code
+            from sassgis.model.machine_code import KeptCode
 
-            kind: Any = machine_code.KeptCode
-            out._cache = kind(function)
+            out._cache = KeptCode(function)  # type: ignore[no-untyped-call]
         return out  # type: ignore[no-any-return]
     finally:
         for name, value in before.items():

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 from threadpoolctl import threadpool_limits
 
 from sassgis.gap.calibration.contact_map import learned_contacts
 from sassgis.gap.calibration.problem import problem_of
-from sassgis.gap.calibration.site_summary import SiteSummary, summary_of
+from sassgis.gap.calibration.site_summary import summary_of
 from sassgis.gap.diagnosis import CauseGain, Fingerprint, GapFinding
 from sassgis.gap.ladder.cause_gains import cause_gains
 from sassgis.gap.ladder.hypothesis_fit import FittedHypothesis
@@ -24,7 +23,7 @@ from sassgis.io.read.observation_files import AnyObservations
 from sassgis.runs.gap_case import read_case
 from sassgis.runs.hypothesis_fits import DRAWS, HypothesisFits
 from sassgis.runs.job import AnyConfig
-from sassgis.runs.workers import TaskMap
+from sassgis.runs.workers import task_map
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,12 +79,6 @@ def evidence_at(
     with threadpool_limits(1, "blas"):
         case = prepared_case(config, observations, seed, 1.0)
         summary = summary_of(problem_of(case, seed))
-        made = HypothesisFits(summary, _in_this_process(summary), DRAWS)
+        with task_map(summary, 1) as run:
+            made = HypothesisFits(summary, run, DRAWS)
         return evidence_beyond(made, made.add(CONTACT_LAW), families_to_try(case)), made
-
-
-def _in_this_process(summary: SiteSummary) -> TaskMap:
-    def run(function: Any, tasks: Sequence[Any]) -> Iterator[Any]:
-        return (function(summary, task) for task in tasks)
-
-    return run

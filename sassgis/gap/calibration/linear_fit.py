@@ -93,7 +93,10 @@ class LinearFit:
 
     def step(self, observed: FloatArray) -> FloatArray:
         """From the best parameters to those for some observed numbers, in standard errors."""
-        return _step(self.level, self.slopes, self.variance, observed, self.best)
+        weighted = self.slopes.T / self.variance
+        off = np.clip(np.nan_to_num(observed - self.level), -_FARTHEST, _FARTHEST)
+        precision = weighted @ self.slopes + np.eye(self.best.size)
+        return np.asarray(np.linalg.solve(precision, weighted @ off - self.best), np.float64)
 
     def given(self, fixed: BoolArray) -> FloatArray:
         """Best parameters if some are at their values before, and the others make up for it."""
@@ -134,7 +137,7 @@ def fit_linearly(
         numbers += [own for own, _ in made]
         for _ in range(_ATTEMPTS):
             fit = _linear_model(summary, np.array(points), np.array(numbers), best, least)
-            step = fit.step(_in_errors(summary, summary.observed))
+            step = fit.step(summary.in_errors(summary.observed))
             size = float(np.sqrt(np.mean(step**2)))
             at = np.clip(best + step * min(1.0, radius / max(size, 1e-9)), -_LIMIT, _LIMIT)
             tried += 1
@@ -154,21 +157,15 @@ def _loss(summary: SiteSummary, seen: Seen) -> float:
     numbers, distance = seen
     if np.isfinite(distance):
         return distance
-    off = _in_errors(summary, numbers) - _in_errors(summary, summary.observed)
+    off = summary.in_errors(numbers) - summary.in_errors(summary.observed)
     return float(np.mean(np.clip(np.nan_to_num(off, nan=_FARTHEST), -_FARTHEST, _FARTHEST) ** 2))
-
-
-def _in_errors(summary: SiteSummary, numbers: FloatArray) -> FloatArray:
-    """Numbers that the observations have, in standard errors, the last axis shape (p,)."""
-    scaled: FloatArray = (numbers / summary.error)[..., summary.used]
-    return scaled
 
 
 def _linear_model(
     summary: SiteSummary, points: FloatArray, numbers: FloatArray, best: FloatArray, loss: float
 ) -> LinearFit:
     """Regress the numbers on the parameters, the nearest draws most."""
-    seen = _in_errors(summary, numbers)
+    seen = summary.in_errors(numbers)
     known = np.isfinite(seen)
     count = np.maximum(known.sum(axis=0), 1)
     # What a draw does not show is taken to be as usual.
@@ -189,16 +186,3 @@ def _linear_model(
     precision = (slopes.T / variance) @ slopes + np.eye(d)
     covariance = np.asarray(np.linalg.inv(precision), np.float64)
     return LinearFit(best, covariance, found[0], slopes, variance, loss)
-
-
-def _step(
-    level: FloatArray,
-    slopes: FloatArray,
-    variance: FloatArray,
-    observed: FloatArray,
-    best: FloatArray,
-) -> FloatArray:
-    weighted = slopes.T / variance
-    off = np.clip(np.nan_to_num(observed - level), -_FARTHEST, _FARTHEST)
-    precision = weighted @ slopes + np.eye(best.size)
-    return np.asarray(np.linalg.solve(precision, weighted @ off - best), np.float64)

@@ -44,6 +44,11 @@ class SiteSummary:
     error: FloatArray
     used: BoolArray
 
+    def in_errors(self, numbers: FloatArray) -> FloatArray:
+        """Numbers that the observations have, in standard errors, the last axis shape (p,)."""
+        scaled: FloatArray = (numbers / self.error)[..., self.used]
+        return scaled
+
     def of_rocks(self, weights: FloatArray) -> FloatArray:
         """Numbers of the observed rocks with weights, shape (p,)."""
         return _numbers(

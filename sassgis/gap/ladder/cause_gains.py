@@ -95,14 +95,14 @@ class _View:
 
     def seen(self, numbers: FloatArray) -> FloatArray:
         """Numbers less those of the base, shape (n, p) to (n, q)."""
-        scaled = (numbers / self.summary.error)[:, self.summary.used] - self.mean
+        scaled = self.summary.in_errors(numbers) - self.mean
         # What is not there is as in the base, and nothing counts more than it can by chance.
         seen: FloatArray = np.clip(np.nan_to_num(scaled), -12.0, 12.0) @ self.onto
         return seen
 
 
 def _view_of(summary: SiteSummary, found: LinearFit, base: FloatArray) -> _View:
-    scaled = (base / summary.error)[:, summary.used]
+    scaled = summary.in_errors(base)
     known = np.isfinite(scaled)
     mean = np.where(known, scaled, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
     off = np.where(known, scaled - mean, 0.0)

@@ -192,10 +192,7 @@ class FittedHypothesis:
             return [self.handed_over.draw]
         rng = np.random.default_rng([most, 43])
         drawn = rng.multivariate_normal(self.found.best, self.found.covariance, size=most)
-        return [
-            HypothesisDraw(self.effect, self.space.shares(at), CHOSEN, FRESH).of(case)
-            for at in drawn
-        ]
+        return [draw_of(case, self.effect, self.space.shares(at)) for at in drawn]
 
     def intervals(self, case: Case) -> Mapping[str, Range]:
         """95 % intervals of the parameters as they are reported; what is handed over is within."""
@@ -264,20 +261,16 @@ def fit_hypothesis(
     found = None
     if problem.scored:
         found = fit_linearly(summary, at[0], trials, budget)
-        whole = found.step(_scaled(summary, summary.observed))
+        whole = found.step(summary.in_errors(summary.observed))
         at = [
             found.best
-            + found.step(_scaled(summary, summary.of_rocks((problem.part != k).astype(float))))
+            + found.step(summary.in_errors(summary.of_rocks((problem.part != k).astype(float))))
             - whole
             for k in range(problem.n_parts)
         ]
         at.append(_keeping_configured(space, found, trials))
     tasks = [HypothesisDraw(effect, space.shares(one), CHOSEN, FRESH) for one in at]
     return FittedHypothesis(space, found, tuple(run(run_chosen, tasks)))
-
-
-def _scaled(summary: SiteSummary, numbers: FloatArray) -> FloatArray:
-    return (numbers / summary.error)[summary.used]
 
 
 def _keeping_configured(

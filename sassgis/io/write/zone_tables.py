@@ -47,11 +47,9 @@ def design_table(
     A value is empty where blocks arrive less often than its return period asks for, a limit
     (``low``, ``high``) where the sample of blocks has none.
     """
-    sources = [s.source for s in without_barriers]
-    sums = [s.control_lines for s in without_barriers]
     rows = []
     for i, control_line in enumerate(control_lines):
-        energy, height = (arrivals(sources, sums, i, q) for q in ("energy_kj", "height_m"))
+        energy, height = (_arrivals(without_barriers, i, q) for q in ("energy_kj", "height_m"))
         row: dict[str, object] = {
             "line": control_line.name,
             "kind": control_line.kind,
@@ -64,9 +62,7 @@ def design_table(
             rates |= {f"{years:g}y": 1.0 / years for years in return_periods_years}
             for what, rate in rates.items():
                 key = f"{name}_{what}_{unit}"
-                row[key] = rounded(value_at_rate(curve, rate), 4)
-                limits = value_limits(curve, rate, confidence)
-                row[f"{key}_low"], row[f"{key}_high"] = (rounded(v, 4) for v in limits)
+                row |= _named(key, _limited(curve, rate, confidence))
                 if what.endswith("y"):
                     row[f"{name}_{what}_rocks_beyond"] = rocks_beyond(curve, rate)
         rows.append(row)
@@ -86,35 +82,40 @@ def protection_table(
     A row for each line and return period. Heights hold the whole block: the passing height and the
     diameter of the block whose mass comes as rarely, as a sphere of a density.
     """
-    columns = ["line", "kind", "return_period_years"]
     rows = []
     for i, line in enumerate(control_lines):
-        before, after = (
-            {q: arrivals([s.source for s in own], [s.control_lines for s in own], i, q)
-             for q in ("energy_kj", "height_m", "mass_kg", BEHIND)}
-            for own in (without_barriers, with_barriers)
-        )  # fmt: skip
+        energies, heights, masses = (
+            _arrivals(without_barriers, i, q) for q in ("energy_kj", "height_m", "mass_kg")
+        )
+        beyond = _arrivals(with_barriers, i, BEHIND)
         for years in return_periods_years:
             rate = 1.0 / years
-            energy, height = (
-                _limited(before[q], rate, confidence) for q in ("energy_kj", "height_m")
-            )
-            size = sphere_diameter_m(value_at_rate(before["mass_kg"], rate), density_kgm3)
-            row: dict[str, object] = dict(zip(columns, (line.name, line.kind, years), strict=True))
+            energy, height = (_limited(curve, rate, confidence) for curve in (energies, heights))
+            size = sphere_diameter_m(value_at_rate(masses, rate), density_kgm3)
+            row: dict[str, object] = {
+                "line": line.name,
+                "kind": line.kind,
+                "return_period_years": years,
+            }
             row |= _named("energy_kj", energy)
             row |= {"net_class": net_class(energy[0]), "net_class_high": net_class(energy[2])}
             row["block_m"] = rounded(size, 3)
             row |= _named("net_height_m", tuple(value + size for value in height))
-            row["arrivals_per_year"] = rounded(before["energy_kj"].rate[0], 4)
+            row["arrivals_per_year"] = rounded(energies.rate[0], 4)
             behind: tuple[float, ...] = (float("nan"),) * 3
             row["behind_per_year"] = float("nan")
             if line.kind != "station":
-                passing = passing_rate(after[BEHIND])
+                passing = passing_rate(beyond)
                 row["behind_per_year"] = rounded(passing, 4)
                 if passing > rate:
-                    behind = _limited(after[BEHIND], rate, confidence)
+                    behind = _limited(beyond, rate, confidence)
             rows.append(row | _named(BEHIND, behind))
     return pd.DataFrame(rows)
+
+
+def _arrivals(sampled: Sequence[Sampled], line: int, quantity: str) -> Arrivals:
+    """How often blocks of all sources arrive at a line with so much of a quantity."""
+    return arrivals([s.source for s in sampled], [s.control_lines for s in sampled], line, quantity)
 
 
 def _limited(curve: Arrivals, rate: float, confidence: float) -> tuple[float, ...]:
