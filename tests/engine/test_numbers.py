@@ -314,6 +314,7 @@ def test_rolling_friction_grows_with_the_ground_blocks(lab):
     assert out.rocks["runout_m"][0] - 20.0 == pytest.approx(length * math.cos(beta), rel=1e-12)
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize(
     ("degrees", "eta_max", "low", "high"),
     [

@@ -102,6 +102,7 @@ def test_maxima_per_cell_are_those_of_the_logs(lab, kind):
     assert above <= 0.01 * compared
 
 
+@pytest.mark.compiled
 @pytest.mark.parametrize("kind", ["smooth", "rough"])
 def test_counts_agree_with_each_other(lab, kind):
     line = lab.valley() if kind == "smooth" else lab.rough(3, amplitude=0.1)
@@ -139,6 +140,7 @@ def test_counts_agree_with_each_other(lab, kind):
     assert np.abs(s["height_max"].max() - out.rocks["max_height_m"].max()) < 1e-9
 
 
+@pytest.mark.compiled
 def test_sums_of_chunks_add_up(lab):
     lines = [lab.rough(i, length=50.0, foot=20.0) for i in range(4)]
     profiles = lab.profile_set(*lines)
@@ -161,6 +163,7 @@ def test_sums_of_chunks_add_up(lab):
             assert np.array_equal(whole[kept.name], joined), kept.name
 
 
+@pytest.mark.compiled
 def test_lines_that_share_cells_add_up(lab):
     # Two lines over the same cells: reach adds, its square adds line by line.
     line = lab.rough(1, length=50.0, foot=20.0)

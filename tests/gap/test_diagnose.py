@@ -25,6 +25,7 @@ from sassgis.io.staging import check_output
 from sassgis.io.write.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME, write_case
 from sassgis.model.errors import InputError, Interrupted, SassgisError
 from sassgis.runs import diagnose as gap_diagnose
+from sassgis.runs import hypothesis_fits
 from sassgis.runs.diagnose import diagnose
 from sassgis.runs.draw_store import DrawStore
 from sassgis.runs.fresh_shrinkage import ENSEMBLE, measured_shrinkage
@@ -34,10 +35,11 @@ from sassgis.runs.gap_check import SEED
 
 @pytest.fixture(scope="module", autouse=True)
 def few_draws() -> Iterator[None]:
-    """Few draws of each cause and few campaigns of the base: gains are rough, all else is whole."""
+    """Few draws, campaigns of the base and rounds: numbers are rough, all else is whole."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(cause_gains, "DRAWS", 6)
         patch.setattr(cause_gains, "BASE", 5)
+        patch.setattr(hypothesis_fits, "ROUNDS", 1)
         yield
 
 
@@ -233,7 +235,7 @@ def test_speeds_in_kilometres_per_hour_show_up(everything: Path, tmp_path: Path)
         return [rows[0], *([*r[:k], str(3.6 * float(r[k])), *r[k + 1 :]] for r in rows[1:])]
 
     case = rewritten(everything, tmp_path / "case", "passages", faster)
-    found = gap_diagnose.read_case(case / CONFIG_NAME, case / OBSERVATIONS_NAME)
+    found = read_case(case / CONFIG_NAME, case / OBSERVATIONS_NAME)
     said = [str(f) for f in found.observations.findings]
     assert any("passages" in line and "speed" in line for line in said), said
 

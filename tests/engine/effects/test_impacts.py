@@ -151,6 +151,7 @@ def test_a_deeper_scar_takes_more_from_fast_and_large_blocks_and_on_softer_groun
     assert left(5.0, 0.4, 1.0) < left(5.0, 0.4, 10.0)
 
 
+@pytest.mark.compiled
 def test_slip_is_the_rule_of_coulomb_with_its_own_friction():
     line, table = rough_slope(2), ground(mu_f=0.3)
     slips = run(line, table, MIXED, soft("slip", friction=0.3), n=60, start=(3.0, 20.0))
@@ -228,6 +229,7 @@ def test_the_wave_has_the_slopes_of_a_sine():
     assert stats.kstest(np.tan(own), law.cdf).pvalue > 1e-3
 
 
+@pytest.mark.compiled
 def test_a_sphere_leaves_rough_ground_at_the_angle_of_its_tilt():
     # It keeps what runs along the surface it met, so that its angle of reflection is the tilt.
     radius, obstacle = 0.5, 0.2
@@ -266,6 +268,7 @@ def test_roughness_only_on_rough_classes():
 # --- rock shape ---
 
 
+@pytest.mark.compiled
 def test_flat_landings_stop_the_spin_as_often_as_the_block_is_flat():
     for c, strength in ((0.1, 1.0), (0.3, 1.0), (0.3, 0.5)):
         chance = strength * (1.0 - c / 0.4)
@@ -286,6 +289,7 @@ def test_flat_landings_stop_the_spin_as_often_as_the_block_is_flat():
         assert stats.binomtest(flat, len(spins), chance).pvalue > 1e-3
 
 
+@pytest.mark.compiled
 def test_flat_blocks_stop_early_and_round_ones_where_they_did():
     line = rough_slope(4)
     on = EffectSettings(RockShape())

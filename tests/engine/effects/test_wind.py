@@ -125,6 +125,7 @@ def test_no_wind_on_the_ground(angle):
     assert same(blown, still)
 
 
+@pytest.mark.compiled
 def test_blocks_move_in_the_direction_of_the_wind():
     line = rough_slope(3)
     means = [
@@ -162,6 +163,7 @@ def test_no_energy_but_that_of_gravity_and_the_wind(acceleration, others):
     assert flights > 200
 
 
+@pytest.mark.compiled
 def test_a_block_that_leaves_the_ground_is_not_pushed_back_into_it():
     # With symmetric pushes three of four flights against this wind end as they begin.
     out = run(
@@ -177,6 +179,7 @@ def test_a_block_that_leaves_the_ground_is_not_pushed_back_into_it():
     assert np.mean(np.array(lasted) > 1e-6) > 0.95
 
 
+@pytest.mark.compiled
 def test_a_stem_that_the_wind_carries_a_block_past_is_met_at_once():
     """The way to a stem is counted before the push: it was negative, and time ran backwards."""
     flat = profile(rough_slope(5))
