@@ -59,6 +59,7 @@ def test_a_model_that_is_handed_over_gives_its_campaigns_again(
     assert base.handed_over.draw.model.table != again[1].model.table
 
 
+@pytest.mark.battery
 def test_calibration_betters_the_score_of_a_wrong_ground() -> None:
     """Rocks of a rougher debris: the base comes nearer to it than what is configured."""
     table = GroundTable(

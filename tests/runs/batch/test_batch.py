@@ -208,13 +208,10 @@ def planted(folder: Path) -> None:
     change_arrays(folder / "without_barriers.npz", lambda a: a["reasons"].__ifloordiv__(2))
 
 
+@pytest.mark.battery
 @pytest.mark.parametrize(
     ("change", "file"),
-    [
-        (fewer, "area.json"),
-        pytest.param(scaled, "simulation.npz", marks=pytest.mark.battery),
-        pytest.param(planted, "without_barriers.npz", marks=pytest.mark.battery),
-    ],
+    [(fewer, "area.json"), (scaled, "simulation.npz"), (planted, "without_barriers.npz")],
 )
 def test_an_area_that_was_changed_is_refused_until_it_is_moved_away(
     done: Stopped, valley: Valley, tmp_path: Path, change: Callable[[Path], None], file: str

@@ -247,11 +247,8 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Case, Path]:
     return case, folder / "out"
 
 
-@pytest.mark.parametrize(
-    "call",
-    [pytest.param(CHUNKS - 2, marks=pytest.mark.battery), CHUNKS + 3],
-    ids=["round 3", "without barriers"],
-)
+@pytest.mark.battery
+@pytest.mark.parametrize("call", [CHUNKS - 2, CHUNKS + 3], ids=["round 3", "without barriers"])
 def test_interrupted_and_resumed_is_uninterrupted(
     whole: tuple[Case, Path], tmp_path: Path, call: int
 ) -> None:
