@@ -30,7 +30,6 @@ from sassgis.engine.state import (
     Start,
 )
 from sassgis.engine.statistics import (
-    WORDS,
     CellSums,
     Disks,
     Event,
@@ -39,13 +38,13 @@ from sassgis.engine.statistics import (
     Objects,
     PlaceWork,
     Wanted,
-    add_exceedance,
     add_visits,
     add_worth,
-    by_place,
+    by_cell,
     collect,
     count_places,
     empty_event,
+    end_stratum,
     flush,
     give_back,
     meet_disks,
@@ -157,11 +156,10 @@ class Work(NamedTuple):
     state: Records  # hooks.BLOCK_DTYPE, one row
     cells: CellWork
     event: Event
-    visits: NDArray[np.uint64]  # (room, WORDS), of cells
-    order: NDArray[np.int32]  # of the visits, in which those of a place are together
+    visits: NDArray[np.uint64]  # (room,)
+    n_visits: NDArray[np.int64]  # (2,) of them; of those that are in histograms already
     windows: PlaceWork
     objects: PlaceWork
-    n_visits: NDArray[np.int64]  # (4,) of cells, windows, objects; of cells that are in histograms
     spawned: Spawned
     vertices: Records  # of the ground just ahead, on a path that is followed
     crossings: Records
@@ -172,18 +170,17 @@ def working_space(totals: Totals, most_spawned: int, visits: int) -> Work:
     """Working space for a chunk whose blocks are added to some totals.
 
     ``most_spawned`` is how many blocks one released block may spawn, ``visits`` for how many of
-    them to cells, and as many to windows and to objects, there is room.
+    them to cells there is room.
     """
     n = totals.sums.stops.size
     return Work(
         np.zeros(1, hooks.BLOCK_DTYPE),
         empty_work(n, chords=totals.windows.disks.u.size > 0),
         empty_event(n),
-        np.empty((visits, WORDS), np.uint64),
-        np.empty(visits, np.int32),
-        place_work(totals.windows.reach, visits),
-        place_work(totals.objects.reach, visits),
-        np.zeros(4, np.int64),
+        np.empty(visits, np.uint64),
+        np.zeros(2, np.int64),
+        place_work(totals.windows.reach.top.size),
+        place_work(totals.objects.reach.top.size),
         room_for(most_spawned),
         *room_ahead(),
     )
@@ -223,8 +220,7 @@ def simulate_lines(
         )  # fmt: skip
         if status != DONE:
             return status
-        make_room(totals, work, None, 0)
-    count_all(totals, work, None, 0)
+        end_line(totals, work)
     return DONE
 
 
@@ -253,51 +249,24 @@ def simulate_paths(
         )  # fmt: skip
         if status != DONE:
             return status
-        make_room(totals, work, wanted, setup.n_blocks)
-    count_all(totals, work, wanted, setup.n_blocks)
+        if wanted is not None:
+            add_worth(totals.windows.reach, wanted, i, setup.n_blocks)
+        end_line(totals, work)
     return DONE
 
 
 @kernel
-def make_room(totals: Totals, work: Work, wanted: Wanted | None, n_blocks: int) -> None:
-    """Add the visits at the end of a stratum of so many blocks, where there are many."""
+def end_line(totals: Totals, work: Work) -> None:
+    """Count the blocks of a line or point, and add the visits where there are many."""
+    end_stratum(totals.reach)
+    end_stratum(totals.windows.reach)
+    end_stratum(totals.objects.reach)
     n = work.n_visits
-    if 2 * n[1] > work.windows.visits.shape[0]:
-        count_in_windows(totals, work, wanted, n_blocks)
-        n[1] = 0
-    if 2 * n[0] > work.visits.shape[0]:
-        order = count_at(work.visits, n[0], totals.reach, work.order)
+    if 2 * n[0] > work.visits.size:
         rows = np.arange(totals.sums.stops.size).astype(np.int32)
-        add_visits(work.visits, order, rows, totals.sums.counts, 1)
-        n[3] += n[0]
+        add_visits(by_cell(work.visits[: n[0]], rows.size), rows, totals.sums.counts, 1)
+        n[1] += n[0]
         n[0] = 0
-
-
-@kernel
-def count_at(
-    visits: NDArray[np.uint64], n: int, reach: Exceedance, order: NDArray[np.int32]
-) -> NDArray[np.int32]:
-    """Count the blocks that came to each place by threshold; their visits in order."""
-    order = by_place(visits, n, reach.blocks.shape[0], order)
-    add_exceedance(visits, order, reach)
-    return order
-
-
-@kernel
-def count_in_windows(totals: Totals, work: Work, wanted: Wanted | None, n_blocks: int) -> None:
-    """Count the blocks that came to each window by threshold, and what they leave open."""
-    visits = work.windows.visits
-    order = count_at(visits, work.n_visits[1], totals.windows.reach, work.order)
-    if wanted is not None:
-        add_worth(visits, order, wanted, n_blocks)
-
-
-@kernel
-def count_all(totals: Totals, work: Work, wanted: Wanted | None, n_blocks: int) -> None:
-    """Count the blocks that came to all places, where nobody comes any more."""
-    count_in_windows(totals, work, wanted, n_blocks)
-    count_at(work.objects.visits, work.n_visits[2], totals.objects.reach, work.order)
-    count_at(work.visits, work.n_visits[0], totals.reach, work.order)
 
 
 @lean
@@ -372,12 +341,12 @@ def simulate_blocks(
             open_row(row, line, setup.first_rock + r, n_spawned, state.x)
             log = EventLog(log.rows[:0], log.filled)
         if effects is None:
-            added = add_to_totals(totals, work, i, state.n_touched, block.mass)
+            added = add_to_totals(totals, work, state.n_touched, block.mass)
         else:
             if spawned.filled[0] > n_spawned:
                 return TOO_MANY_SPAWNED
             # They count together, with their energies in J.
-            added = add_to_totals(totals, work, i, give_back(work.event, work.cells), 1.0)
+            added = add_to_totals(totals, work, give_back(work.event, work.cells), 1.0)
         if not added:
             return MANY_VISITS
     return DONE
@@ -503,23 +472,20 @@ def finish_block(
 
 
 @inlined
-def add_to_totals(totals: Totals, work: Work, stratum: int, n_touched: int, mass: float) -> bool:
+def add_to_totals(totals: Totals, work: Work, n_touched: int, mass: float) -> bool:
     """Add one block, or one with all that it has spawned, to the sums of the run.
 
     ``mass`` (kg) is 1 where the energies in the work are not per unit mass. Returns whether there
     was room for its visits.
     """
-    cells, windows, objects = work.cells, work.windows, work.objects
-    n = work.n_visits
-    if objects.peak.size:
-        meet_objects(cells, n_touched, mass, totals.objects.under, objects)
-    if (
-        n[0] + n_touched > work.visits.shape[0]
-        or n[1] + windows.n_met[0] > windows.visits.shape[0]
-        or n[2] + objects.n_met[0] > objects.visits.shape[0]
-    ):
+    cells, n = work.cells, work.n_visits
+    if n[0] + n_touched > work.visits.size:
         return False
-    n[1] = count_places(windows, totals.bins, stratum, n[1])
-    n[2] = count_places(objects, totals.bins, stratum, n[2])
-    n[0] = flush(cells, n_touched, totals.sums, totals.bins, mass, work.visits, stratum, n[0])
+    if work.objects.peak.size:
+        meet_objects(cells, n_touched, mass, totals.objects.under, work.objects)
+    count_places(work.windows, totals.bins, totals.windows.reach)
+    count_places(work.objects, totals.bins, totals.objects.reach)
+    n[0] = flush(
+        cells, n_touched, totals.sums, totals.reach, totals.bins, mass, work.visits, n[0]
+    )  # fmt: skip
     return True

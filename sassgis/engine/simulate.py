@@ -37,11 +37,13 @@ from sassgis.engine.statistics import (
     Exceedance,
     Objects,
     add_visits,
+    by_cell,
     by_name,
     counted,
     empty_sums,
     flat_bins,
     histograms,
+    no_exceedance,
 )
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.effects import EffectSettings
@@ -65,23 +67,21 @@ class Visits:
 
     Attributes
     ----------
-    visits : uint64, shape (n, statistics.WORDS)
-    order : int32, shape (n,)
-        In which those of a cell are together.
+    visits : uint64, shape (n,)
+        As statistics.by_cell gives them.
     place : int32
         Position in the cells of the result of each cell as the visits count them.
     """
 
     visits: NDArray[np.uint64]
-    order: NDArray[np.int32]
     place: NDArray[np.int32]
 
     def add_to(
         self, histograms: tuple[NDArray[np.uint32], ...], row: NDArray[np.int32], weight: int = 1
     ) -> None:
         """Add them to histograms, each ``weight`` times; ``row`` is that of each cell."""
-        if self.order.size:
-            add_visits(self.visits, self.order, row[self.place], histograms, weight)
+        if self.visits.size:
+            add_visits(self.visits, row[self.place], histograms, weight)
 
 
 @dataclass(frozen=True)
@@ -147,30 +147,24 @@ class Simulated:
         return self.kept | whole
 
 
-def left_in_cells(totals: Totals, work: Work, rows: IntArray | slice) -> dict[str, Any]:
+def left_in_cells(totals: Totals, work: Work, rows: IntArray) -> dict[str, Any]:
     """What blocks left in some cells, by their names in Simulated."""
-    reach = counted(totals.reach, rows)
+    reach = by_threshold(totals.reach, rows)
     sums = totals.sums
-    kept = by_name(CellSums(sums.stops[rows], sums.values[rows], ()), *reach) | by_threshold(*reach)
+    kept = by_name(CellSums(sums.stops[rows], sums.values[rows], ()), *reach.values()) | reach
     bins = histograms(sums)
-    if work.n_visits[3]:
+    if work.n_visits[1]:
         kept |= {name: own[rows] for name, own in bins.items()}
-    n = int(work.n_visits[0])
     place = np.full(sums.stops.size, -1, np.int32)
-    place[rows] = np.arange(place[rows].size, dtype=np.int32)
-    visits = Visits(work.visits[:n], work.order[:n], place)
+    place[rows] = np.arange(rows.size, dtype=np.int32)
+    visits = Visits(by_cell(work.visits[: work.n_visits[0]], place.size), place)
     n_bins = {name: own.shape[1] for name, own in bins.items()}
     return {"kept": kept, "visits": visits, "n_bins": n_bins}
 
 
-def no_exceedance(n: int, bins: Bins) -> Exceedance:
-    """Counts for ``n`` cells or objects to which nothing has come yet."""
-    shapes = (n, bins.threshold.size), (n, bins.threshold.size), bins.threshold.size
-    return Exceedance(*(np.zeros(shape, np.int64) for shape in shapes))
-
-
-def by_threshold(blocks: IntArray, square: IntArray) -> dict[str, IntArray]:
-    """Counts under their names."""
+def by_threshold(reach: Exceedance, rows: IntArray | None = None) -> dict[str, IntArray]:
+    """Counts of some places, or of all, under their names."""
+    blocks, square = counted(reach, np.arange(reach.top.size) if rows is None else rows)
     return {"exceed": blocks, "exceed_square": square}
 
 
@@ -449,13 +443,17 @@ def simulate(
     hooked = prepare(effects, bool((lines.stems > 0.0).any()))
     n = n_lines * rocks_per_line
     room, visits = 1, VISITS
+    levels = bins.threshold.size
     while True:
         totals = Totals(
             flat,
             empty_sums(cells.size, flat),
-            no_exceedance(cells.size, bins),
-            Windows(disks, no_exceedance(centres.size, bins)),
-            Places(Objects(*objects.under(cells)), no_exceedance(objects.n_objects, bins)),
+            no_exceedance(cells.size, levels),
+            Windows(disks, no_exceedance(centres.size, levels)),
+            Places(
+                Objects(*objects.under(cells)),
+                no_exceedance(objects.n_objects, levels),
+            ),
         )
         n_passages = room * crossings.chainage.size * rocks_per_line
         rows = empty_rows(n, n_passages, room * n if hooked is not None else 0, log_events)
@@ -474,9 +472,9 @@ def simulate(
     left["passages"]["x_m"] = left["passages"]["y_m"] = np.nan
     return Simulated(
         cells=cells,
-        **left_in_cells(totals, work, slice(None)),
+        **left_in_cells(totals, work, np.arange(cells.size)),
         windows=centres,
-        window_sums=by_threshold(*counted(totals.windows.reach, slice(None))),
-        objects=by_threshold(*counted(totals.objects.reach, slice(None))),
+        window_sums=by_threshold(totals.windows.reach),
+        objects=by_threshold(totals.objects.reach),
         **left,
     )

@@ -32,11 +32,10 @@ from sassgis.engine.simulate import (
     control_line_table,
     empty_rows,
     left_in_cells,
-    no_exceedance,
     setup_of,
     too_many_spawned,
 )
-from sassgis.engine.statistics import VISITS, Wanted, counted, empty_sums, flat_bins
+from sassgis.engine.statistics import VISITS, Wanted, empty_sums, flat_bins, no_exceedance
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.cell_geometry import exact_positions
 from sassgis.model.effects import EffectSettings
@@ -124,14 +123,15 @@ def follow(
     hooked = prepare(effects, forest is not None and bool((forest.stems_per_m2 > 0.0).any()))
     steps = 0 if window is None else window.steps()[0].size
     room, more, visits = room_at_first(steps), 1, VISITS
+    levels = bins.threshold.size
     while True:
         register = empty_register(terrain.grid.shape, room, window, objects)
         totals = Totals(
             flat,
             empty_sums(room, flat),
-            no_exceedance(room, bins),
-            Windows(register.disks, no_exceedance(register.windows.size, bins)),
-            Places(register.on_objects, no_exceedance(objects.n_objects, bins)),
+            no_exceedance(room, levels),
+            Windows(register.disks, no_exceedance(register.windows.size, levels)),
+            Places(register.on_objects, no_exceedance(objects.n_objects, levels)),
         )
         spawned = more * n * rocks_per_point if hooked is not None else 0
         passages = more * len(lines) * (n * rocks_per_point + 1)
@@ -161,7 +161,7 @@ def _wanted(worth: Worth | None, register: CellRegister, n: int) -> Wanted | Non
     # A copy where it may not be written to, as of another process: see _checked_starts.
     of_cell = np.require(worth.of_cell, np.float32, ["C", "W"])
     energy = np.array(worth.energy, np.int64)
-    return Wanted(energy, of_cell, register.windows, np.zeros(n), np.zeros_like(energy))
+    return Wanted(energy, of_cell, register.windows, np.zeros(n))
 
 
 def room_at_first(steps: int) -> int:
@@ -229,7 +229,7 @@ def _named(
     reached = np.flatnonzero(came)
     order = reached[np.argsort(register.cells[reached])]
     windows = np.argsort(register.windows[: register.counts[WINDOWS]])
-    met = by_threshold(*counted(totals.windows.reach, windows))
+    met = by_threshold(totals.windows.reach, windows)
     came = met["exceed"][:, 0] > 0
     ends = np.concatenate([rows.ends, rows.spawned_ends[: rows.filled[1]]])
     left = blocks_of(rows, log_events)
@@ -241,7 +241,7 @@ def _named(
         **left_in_cells(totals, work, order),
         windows=register.windows[windows[came]],
         window_sums={n: v[came] for n, v in met.items()},
-        objects=by_threshold(*counted(totals.objects.reach, slice(None))),
+        objects=by_threshold(totals.objects.reach),
         **left,
         x=grid.west + ends[:, 0] * grid.cell_size,
         y=grid.north - ends[:, 1] * grid.cell_size,

@@ -68,12 +68,37 @@ class Exceedance(NamedTuple):
 
     blocks: NDArray[np.int64]  # (n, thresholds)
     square: NDArray[np.int64]  # sum over strata of the square of the stratum's number of blocks
-    last: NDArray[np.int64]  # (thresholds,) working space
+    # Working space for the blocks of one stratum: their number by the highest threshold that they
+    # reached, the highest of all, -1 where none has been, and the places to which they came.
+    own: NDArray[np.uint32]  # (n, thresholds)
+    top: NDArray[np.int16]
+    met: NDArray[np.int64]
+    n_met: NDArray[np.int64]  # (1,)
 
 
-def counted(sums: Exceedance, rows: IntArray | slice) -> tuple[IntArray, IntArray]:
+def no_exceedance(n: int, thresholds: int) -> Exceedance:
+    """Counts for ``n`` cells or objects and so many thresholds."""
+    return Exceedance(
+        np.zeros((n, thresholds), np.int64), np.zeros((n, thresholds), np.int64),
+        np.zeros((n, thresholds), np.uint32), np.full(n, -1, np.int16), np.zeros(n, np.int64),
+        np.zeros(1, np.int64),
+    )  # fmt: skip
+
+
+@kernel
+def counted(sums: Exceedance, rows: IntArray) -> tuple[IntArray, IntArray]:
     """Blocks and squares at the thresholds of some places, where all blocks are counted."""
-    blocks, square = (np.cumsum(own[rows, ::-1], axis=1)[:, ::-1] for own in sums[:2])
+    shape = rows.size, sums.blocks.shape[1]
+    blocks = np.empty(shape, np.int64)
+    square = np.empty(shape, np.int64)
+    for k in range(rows.size):
+        above = np.int64(0)
+        above2 = np.int64(0)
+        for i in range(shape[1] - 1, -1, -1):
+            above += sums.blocks[rows[k], i]
+            above2 += sums.square[rows[k], i]
+            blocks[k, i] = above
+            square[k, i] = above2
     return blocks, square
 
 
@@ -89,15 +114,12 @@ class CellSums(NamedTuple):
     counts: tuple[NDArray[np.uint32], ...]  # (n, bins) of each histogram, of visits added to it
 
 
-# Blocks that came to places (cells, windows or objects) are noted as visits, one row for each block
-# and place. They are added place by place, as the histograms of a cell take kilobytes. The first
-# word has the place, the stratum of the block and the highest threshold that it reached, each of
-# the others the bins of four histograms.
-_THRESHOLD_BITS, _STRATUM_BITS, _BIN_BITS, _BINS_IN_WORD = 8, 24, 16, 4
-_THRESHOLDS, _STRATA, _BINS = (np.uint64(2**bits - 1) for bits in (8, 24, 16))
-_PLACE = np.uint64(_THRESHOLD_BITS + _STRATUM_BITS)
-#: Words of a visit to a cell.
-WORDS = 1 + -(-len(_BINNED) // _BINS_IN_WORD)
+# Blocks that came to cells are noted as visits, one word for each block and cell: the number of the
+# cell, and below it the bins of the histograms. They are added cell by cell, as the histograms of a
+# cell take kilobytes.
+_BIN_BITS = 9
+_CELL_BITS = _BIN_BITS * len(_BINNED)
+_CELL, _BINS = np.uint64(_CELL_BITS), np.uint64(2**_BIN_BITS - 1)
 #: Visits for which there is room at first.
 VISITS = 2**22
 
@@ -105,25 +127,22 @@ VISITS = 2**22
 class PlaceWork(NamedTuple):
     """Working space for disks or objects."""
 
-    visits: NDArray[np.uint64]  # (room, 1)
     peak: NDArray[np.float64]  # largest energy of the block there (J), -1 where it has not been
     met: NDArray[np.int64]
     n_met: NDArray[np.int64]  # (1,)
 
 
-def place_work(reach: Exceedance, room: int) -> PlaceWork:
-    """Working space for the places of some sums."""
-    n = reach.blocks.shape[0]
-    return PlaceWork(
-        np.empty((room if n else 0, 1), np.uint64), np.full(n, -1.0), np.zeros(n, np.int64),
-        np.zeros(1, np.int64),
-    )  # fmt: skip
+def place_work(n: int) -> PlaceWork:
+    """Working space for so many places."""
+    return PlaceWork(np.full(n, -1.0), np.zeros(n, np.int64), np.zeros(1, np.int64))
 
 
 def flat_bins(bins: Bins) -> FlatBins:
     """The bins as the kernel takes them."""
     edges = [bins.edges[s.name][1:-1] for s in sums_by("histogram")]
     edges.append(bins.threshold[1:])
+    if max(e.size for e in edges) > _BINS:
+        raise ValueError(f"a histogram has more than {_BINS + 1} bins")
     end = [np.append(e, np.inf) for e in edges]
     keys = np.arange(_FIRST_KEY, _LAST_KEY + 1, dtype=np.int64) << (52 - _DIGITS)
     least = keys.view(np.float64)
@@ -173,60 +192,53 @@ def _bin_of(bins: FlatBins, which: int, value: float) -> int:
 
 
 @lean
-def _visit(place: int, stratum: int, threshold: int) -> np.uint64:
-    """The first word of a visit."""
-    mark = (stratum << _THRESHOLD_BITS) + threshold
-    return (np.uint64(place) << _PLACE) + np.uint64(mark)
-
-
-@lean
-def _place_of(visit: np.uint64) -> int:
-    return int(visit >> _PLACE)
+def _cell_of(visit: np.uint64) -> int:
+    return int(visit >> _CELL)
 
 
 @kernel
-def by_place(
-    visits: NDArray[np.uint64], n: int, n_places: int, order: NDArray[np.int32]
-) -> NDArray[np.int32]:
-    """The order of the first ``n`` visits by place, of each as they come, written to ``order``."""
-    start = np.zeros(n_places + 1, np.int64)
-    for k in range(n):
-        start[_place_of(visits[k, 0]) + 1] += 1
+def by_cell(visits: NDArray[np.uint64], n_cells: int) -> NDArray[np.uint64]:
+    """Visits, those of a cell together."""
+    start = np.zeros(n_cells + 1, np.int64)
+    for visit in visits:
+        start[_cell_of(visit) + 1] += 1
     for i in range(1, start.size):
         start[i] += start[i - 1]
-    for k in range(n):
-        place = _place_of(visits[k, 0])
-        order[start[place]] = k
-        start[place] += 1
-    return order[:n]
+    out = np.empty_like(visits)
+    for visit in visits:
+        cell = _cell_of(visit)
+        out[start[cell]] = visit
+        start[cell] += 1
+    return out
 
 
 @lean
-def add_exceedance(visits: NDArray[np.uint64], order: NDArray[np.int32], sums: Exceedance) -> None:
-    """Add visits in their order by place; those of a stratum are all among them."""
-    m = 0
-    while m < order.size:
-        first = visits[order[m], 0]
-        place = _place_of(first)
-        lowest = highest = int(first & _THRESHOLDS)
-        while m < order.size:
-            visit = visits[order[m], 0]
-            if (visit ^ first) > _THRESHOLDS:
-                break
-            i = int(visit & _THRESHOLDS)
-            lowest = min(lowest, i)
-            highest = max(highest, i)
-            sums.last[i] += 1
-            m += 1
+def _came(reach: Exceedance, place: int, level: int) -> None:
+    """Count a block of the stratum at a place, by the highest threshold that it reached there."""
+    if reach.top[place] < level:
+        if reach.top[place] < 0:
+            reach.met[reach.n_met[0]] = place
+            reach.n_met[0] += 1
+        reach.top[place] = level
+    reach.own[place, level] += np.uint32(1)
+
+
+@lean
+def end_stratum(reach: Exceedance) -> None:
+    """Add the blocks of a stratum, all of which have been counted."""
+    for k in range(reach.n_met[0]):
+        place = reach.met[k]
         above = np.int64(0)
-        for i in range(highest, lowest - 1, -1):
-            own = sums.last[i]
+        for i in range(reach.top[place], -1, -1):
+            own = np.int64(reach.own[place, i])
             if own > 0:
                 blocks = above + own
-                sums.blocks[place, i] += own
-                sums.square[place, i] += blocks * blocks - above * above
-                sums.last[i] = 0
+                reach.blocks[place, i] += own
+                reach.square[place, i] += blocks * blocks - above * above
+                reach.own[place, i] = 0
                 above = blocks
+        reach.top[place] = -1
+    reach.n_met[0] = 0
 
 
 class Wanted(NamedTuple):
@@ -241,30 +253,21 @@ class Wanted(NamedTuple):
     of_cell: NDArray[np.float32]  # (n_cells, energies)
     cell: NDArray[np.int64]  # of each window
     found: NDArray[np.float64]  # (strata,)
-    came: NDArray[np.int64]  # (energies,) of zeros, working space
 
 
 @lean
-def add_worth(
-    visits: NDArray[np.uint64], order: NDArray[np.int32], wanted: Wanted, n_blocks: int
-) -> None:
-    """Add what visits to windows leave open; those of a stratum are all among them."""
-    came = wanted.came
-    m = 0
-    while m < order.size:
-        first = visits[order[m], 0]
-        while m < order.size:
-            visit = visits[order[m], 0]
-            if (visit ^ first) > _THRESHOLDS:
-                break
-            for j in range(came.size):
-                came[j] += np.int64(visit & _THRESHOLDS) >= wanted.energy[j]
-            m += 1
-        own = wanted.of_cell[wanted.cell[_place_of(first)]]
-        stratum = int((first >> np.uint64(_THRESHOLD_BITS)) & _STRATA)
-        for j in range(came.size):
-            wanted.found[stratum] += own[j] * came[j] * (n_blocks - came[j])
-            came[j] = 0
+def add_worth(reach: Exceedance, wanted: Wanted, stratum: int, n_blocks: int) -> None:
+    """Add what the blocks of a stratum leave open in the windows to which they came."""
+    for k in range(reach.n_met[0]):
+        place = reach.met[k]
+        worth = wanted.of_cell[wanted.cell[place]]
+        came = np.int64(0)
+        i = np.int64(reach.top[place])
+        for j in range(wanted.energy.size - 1, -1, -1):
+            while i >= wanted.energy[j]:
+                came += reach.own[place, i]
+                i -= 1
+            wanted.found[stratum] += worth[j] * came * (n_blocks - came)
 
 
 @lean
@@ -321,16 +324,13 @@ def meet_disks(work: CellWork, n_touched: int, mass: float, disks: Disks, own: P
 
 
 @lean
-def count_places(own: PlaceWork, bins: FlatBins, stratum: int, n_visits: int) -> int:
-    """Note a block at all places that it met; returns the number of visits."""
+def count_places(own: PlaceWork, bins: FlatBins, reach: Exceedance) -> None:
+    """Count a block at all places that it met."""
     for k in range(own.n_met[0]):
         number = own.met[k]
-        level = _bin_of(bins, len(_BINNED), 1e-3 * own.peak[number])
-        own.visits[n_visits + k, 0] = _visit(number, stratum, level)
+        _came(reach, number, _bin_of(bins, len(_BINNED), 1e-3 * own.peak[number]))
         own.peak[number] = -1.0
-    n_visits += own.n_met[0]
     own.n_met[0] = 0
-    return n_visits
 
 
 @lean
@@ -338,10 +338,10 @@ def flush(
     work: CellWork,
     n_touched: int,
     sums: CellSums,
+    reach: Exceedance,
     bins: FlatBins,
     mass: float,
     visits: NDArray[np.uint64],
-    stratum: int,
     n_visits: int,
 ) -> int:
     """Add one block's cells to the sums, and note its visits; returns their number."""
@@ -361,14 +361,12 @@ def flush(
         for i in range(len(_LOWERED)):
             at = len(_SUMMED) + len(_RAISED) + i
             values[at] = min(values[at], record[_LOWERED[i]])
-        visit = visits[n_visits + k]
-        visit[0] = _visit(cell, stratum, _bin_of(bins, len(_BINNED), record[ENERGY]))
-        for word in range(1, WORDS):
-            visit[word] = 0
+        _came(reach, cell, _bin_of(bins, len(_BINNED), record[ENERGY]))
+        visit = np.uint64(cell) << _CELL
         for i in range(len(_BINNED)):
             own = np.uint64(_bin_of(bins, i, record[_BINNED[i]]))
-            shift = np.uint64(_BIN_BITS * (i % _BINS_IN_WORD))
-            visit[1 + i // _BINS_IN_WORD] += own << shift
+            visit += own << np.uint64(_BIN_BITS * i)
+        visits[n_visits + k] = visit
         record[ENERGY] = -1.0
     return n_visits + n_touched
 
@@ -376,20 +374,18 @@ def flush(
 @lean
 def add_visits(
     visits: NDArray[np.uint64],
-    order: NDArray[np.int32],
     row: NDArray[np.int32],
     counts: tuple[NDArray[np.uint32], ...],
     weight: int,
 ) -> None:
     """Add visits, each of which counts ``weight`` times, to the histograms of their cells.
 
-    In their order those of a cell are together; ``row`` is that of each cell in ``counts``.
+    Those of a cell are together; ``row`` is that of each cell in ``counts``.
     """
-    for k in order:
-        at = row[_place_of(visits[k, 0])]
+    for visit in visits:
+        at = row[_cell_of(visit)]
         for i in range(len(_BINNED)):
-            shift = np.uint64(_BIN_BITS * (i % _BINS_IN_WORD))
-            own = (visits[k, 1 + i // _BINS_IN_WORD] >> shift) & _BINS
+            own = (visit >> np.uint64(_BIN_BITS * i)) & _BINS
             counts[i][at, np.int64(own)] += np.uint32(weight)
 
 

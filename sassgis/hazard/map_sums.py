@@ -135,6 +135,8 @@ def weighted_counts(
     The square is the one with which count_variance gives the variance of the weighted number: it
     adds up over blocks of several weights, and is no sum of squares then.
     """
+    if weight == 1:
+        return count, square
     apart = rocks_per_line * weight * (weight - 1)
     return weight * count, weight * weight * square - apart * count
 

@@ -10,10 +10,7 @@ from numpy.typing import NDArray
 
 from sassgis.model.grid import IntArray
 from sassgis.model.hazard import SourceCounts
-
-# Parts wait before they are joined, as that costs as much as all places reached so far, but no more
-# of them than so many, and no more rows than there are places so far, or than these.
-_WAITING, _WAITING_ROWS = 32, 1 << 14
+from sassgis.model.jit import kernel
 
 
 class SourceSums:
@@ -24,10 +21,14 @@ class SourceSums:
 
     def __init__(self, n_energies: int) -> None:
         self.n_energies = n_energies
-        self._parts: list[SourceCounts] = []
+        # Places that were reached, ascending, and the row of each in the counts. New places get the
+        # rows that follow, so that no count is moved for them.
+        self._places: IntArray = np.empty(0, np.int64)
+        self._row: IntArray = np.empty(0, np.int64)
+        self._count, self._square = (np.zeros((0, n_energies), np.int64) for _ in range(2))
 
     def add(self, places: IntArray, count: IntArray, square: IntArray) -> None:
-        """Join counts of some places, each of which is named once.
+        """Add counts of some places, each of which is named once.
 
         Parameters
         ----------
@@ -35,17 +36,37 @@ class SourceSums:
         count, square : int64, shape (n, n_energies)
             As in SourceCounts.
         """
-        reached = count[:, 0] > 0
-        if reached.any():
-            self._parts.append(SourceCounts(places[reached], count[reached], square[reached]))
-        rows = [part.places.size for part in self._parts]
-        if len(rows) > _WAITING or sum(rows[1:]) > max(sum(rows[:1]), _WAITING_ROWS):
-            self._parts = [joined(self._parts, self.n_energies)]
+        reached = np.flatnonzero(count[:, 0] > 0)
+        at, known = self._found(places[reached])
+        if not known.all():
+            self._grow(np.sort(places[reached[~known]]))
+            at, _ = self._found(places[reached])
+        _add_rows(self._count, self._square, self._row[at], count, square, reached)
+
+    def _found(self, places: IntArray) -> tuple[IntArray, NDArray[np.bool_]]:
+        """Where among the places some are or would be, and whether they are there."""
+        at = np.searchsorted(self._places, places)
+        known = at < self._places.size
+        known[known] = self._places[at[known]] == places[known]
+        return at, known
+
+    def _grow(self, fresh: IntArray) -> None:
+        """Make room for places that were not reached before, ascending."""
+        used = self._places.size
+        at = np.searchsorted(self._places, fresh)
+        self._places = np.insert(self._places, at, fresh)
+        self._row = np.insert(self._row, at, np.arange(used, used + fresh.size))
+        if self._places.size > self._count.shape[0]:
+            room = max(self._places.size, int(1.5 * self._count.shape[0]))
+            for name in ("_count", "_square"):
+                # Of zeros that nobody has written to no memory is taken.
+                larger = np.zeros((room, self.n_energies), np.int64)
+                larger[:used] = getattr(self, name)[:used]
+                setattr(self, name, larger)
 
     def counts(self) -> SourceCounts:
         """All that was added."""
-        self._parts = [joined(self._parts, self.n_energies)]
-        return self._parts[0]
+        return SourceCounts(self._places, self._count[self._row], self._square[self._row])
 
     def state(self) -> dict[str, NDArray[Any]]:
         """Everything that is needed to go on later, as plain arrays."""
@@ -60,18 +81,17 @@ class SourceSums:
         return sums
 
 
-def joined(parts: list[SourceCounts], n_energies: int) -> SourceCounts:
-    """Counts of several parts of one sample as one; squares add, as no line is in two parts."""
-    if len(parts) == 1:
-        return parts[0]
-    if not parts:
-        return SourceCounts.none(n_energies)
-    # In runs that ascend, which np.unique would not make use of.
-    places = np.sort(np.concatenate([p.places for p in parts]), kind="stable")
-    places = places[np.diff(places, prepend=-1) > 0]
-    out = SourceCounts(places, *(np.zeros((places.size, n_energies), np.int64) for _ in range(2)))
-    for part in parts:
-        rows = np.searchsorted(places, part.places)
-        out.count[rows] += part.count
-        out.square[rows] += part.square
-    return out
+@kernel
+def _add_rows(
+    to_count: IntArray,
+    to_square: IntArray,
+    row: IntArray,
+    count: IntArray,
+    square: IntArray,
+    which: IntArray,
+) -> None:
+    """Add some rows of counts to rows of others."""
+    for k in range(which.size):
+        for i in range(count.shape[1]):
+            to_count[row[k], i] += count[which[k], i]
+            to_square[row[k], i] += square[which[k], i]
