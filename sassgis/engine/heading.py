@@ -61,6 +61,10 @@ from sassgis.model.jit import fused, inlined, lean
 _TURN = 0.01
 _BEND_PER_STEP = 0.5
 _SHORTEST_STEP = 0.1
+# Where the slope of the terrain ahead differs by less than this share a step is as many times longer;
+# so many steps are sampled at once, so that the segments are as long as on a line that is given.
+_SAME_SLOPE = 0.02
+_LONGEST_STEP = 8.0
 # Below this angle (rad) a half-angle tangent is taken to its third power: right to 1e-10.
 _SMALL = 0.02
 # Impacts that turn the heading less than this do not (rad).
@@ -413,6 +417,7 @@ def before_ground(
         level = state.speed * site.profile[state.segment].tx
         kappa = _bending(physics.gravity, steep2, level * level)
         step = min(step, max(_BEND_PER_STEP / kappa, _SHORTEST_STEP * block.radius))
+        step = _straight_on(state, block, path, gu, gv, step, kappa, abs(descent - angle))
         # Over the step the block moves as it heads in its middle.
         angle += 0.5 * _bent(descent - angle, kappa * step)
     if abs(angle) > _TURN or state.direction < 0 or state.speed <= 0.0:
@@ -429,8 +434,37 @@ def before_ground(
     state.reach = state.x + step
     needed = state.reach + 2.0 * block.a
     if state.open and state.sampled < needed:
-        look_ahead(state, block, site, path, needed, physics.gravity)
+        ahead = _LONGEST_STEP * max(path.cell_size, 2.0 * block.radius)
+        look_ahead(state, block, site, path, needed + ahead, physics.gravity)
     return steep2, descent
+
+
+@lean
+def _straight_on(
+    state: Record,
+    block: Block,
+    path: Path,
+    gu: float,
+    gv: float,
+    step: float,
+    kappa: float,
+    aside: float,
+) -> float:
+    """A step on the ground, longer where the heading stays as it is; ``aside`` of the descent.
+
+    Twice as long again and again while the slope of the terrain is the same at its end.
+    """
+    same2 = _SAME_SLOPE * _SAME_SLOPE * (gu * gu + gv * gv)
+    most = min(_LONGEST_STEP * step, min(_BEND_PER_STEP, _TURN / max(aside, 1e-9)) / kappa)
+    while 2.0 * step <= most:
+        u, v = place(state, state.x + 2.0 * step)
+        to_u, to_v, known = gradient(path, u, v, block.radius)
+        du = to_u - gu
+        dv = to_v - gv
+        if not known or du * du + dv * dv > same2:
+            break
+        step *= 2.0
+    return step
 
 
 @lean
