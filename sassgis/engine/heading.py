@@ -61,8 +61,8 @@ from sassgis.model.jit import fused, inlined, lean
 _TURN = 0.01
 _BEND_PER_STEP = 0.5
 _SHORTEST_STEP = 0.1
-# Where the slope of the terrain ahead differs by less than this share a step is as many times longer;
-# so many steps are sampled at once, so that the segments are as long as on a line that is given.
+# Where the slope of the terrain ahead differs by less than this share a step is longer, up to so
+# many times. As far ahead the ground is sampled at once, as segments end where sampling does.
 _SAME_SLOPE = 0.02
 _LONGEST_STEP = 8.0
 # Below this angle (rad) a half-angle tangent is taken to its third power: right to 1e-10.

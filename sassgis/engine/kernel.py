@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from typing import NamedTuple
 
 import numpy as np
@@ -59,6 +60,9 @@ from sassgis.model.jit import fused, inlined, kernel, lean
 #: or spawned blocks, or for visits; whether one released block spawned more blocks than there is
 #: room for.
 DONE, NO_ROOM, MANY_VISITS, TOO_MANY_SPAWNED = 0, 1, 2, 3
+
+
+_KEPT = threading.local()
 
 
 class Lines(NamedTuple):
@@ -166,7 +170,17 @@ class Work(NamedTuple):
     stretches: Records
 
 
-def working_space(totals: Totals, most_spawned: int, visits: int) -> Work:
+def _room_for_visits(n: int) -> NDArray[np.uint64]:
+    """Room for visits, which each thread keeps: the system clears memory that it gives out."""
+    if getattr(_KEPT, "visits", np.empty(0)).size < n:
+        _KEPT.visits = np.empty(n, np.uint64)
+    own: NDArray[np.uint64] = _KEPT.visits
+    return own[:n]
+
+
+def working_space(
+    totals: Totals, effects: hooks.Effects | None, most_spawned: int, visits: int
+) -> Work:
     """Working space for a chunk whose blocks are added to some totals.
 
     ``most_spawned`` is how many blocks one released block may spawn, ``visits`` for how many of
@@ -176,8 +190,8 @@ def working_space(totals: Totals, most_spawned: int, visits: int) -> Work:
     return Work(
         np.zeros(1, hooks.BLOCK_DTYPE),
         empty_work(n, chords=totals.windows.disks.u.size > 0),
-        empty_event(n),
-        np.empty(visits, np.uint64),
+        empty_event(0 if effects is None else n),
+        _room_for_visits(visits),
         np.zeros(2, np.int64),
         place_work(totals.windows.reach.top.size),
         place_work(totals.objects.reach.top.size),

@@ -48,6 +48,10 @@ from sassgis.model.results import ControlLine
 from sassgis.model.settings import EngineSettings
 from sassgis.model.statistics_table import Bins, default_bins
 
+# For how many cells there has to be room, by the shape of the grid and the number of windows listed
+# for each. Results do not depend on it.
+_ENOUGH: dict[tuple[tuple[int, int], int], int] = {}
+
 
 @dataclass(frozen=True, slots=True)
 class PathTerrain:
@@ -122,7 +126,10 @@ def follow(
     forest = terrain.forest
     hooked = prepare(effects, forest is not None and bool((forest.stems_per_m2 > 0.0).any()))
     steps = 0 if window is None else window.steps()[0].size
-    room, more, visits = room_at_first(steps), 1, VISITS
+    # What was enough for a chunk before is so for most that follow.
+    key = terrain.grid.shape, steps
+    room = max(room_at_first(steps), _ENOUGH.get(key, 0))
+    more, visits = 1, VISITS
     levels = bins.threshold.size
     while True:
         register = empty_register(terrain.grid.shape, room, window, objects)
@@ -136,7 +143,7 @@ def follow(
         spawned = more * n * rocks_per_point if hooked is not None else 0
         passages = more * len(lines) * (n * rocks_per_point + 1)
         rows = empty_rows(n * rocks_per_point, passages, spawned, log_events)
-        work = working_space(totals, most_spawned(effects), visits)
+        work = working_space(totals, hooked, most_spawned(effects), visits)
         path = _path(terrain, settings, register, spread_m)
         wanted = _wanted(worth, register, n)
         status = simulate_paths(given, setup, totals, rows, work, hooked, path, wanted)
@@ -145,7 +152,8 @@ def follow(
         elif status != NO_ROOM:
             break
         elif register.full:
-            room *= 4
+            room *= 2
+            _ENOUGH[key] = room
         else:
             more *= 4
     if status == TOO_MANY_SPAWNED:
@@ -167,7 +175,7 @@ def _wanted(worth: Worth | None, register: CellRegister, n: int) -> Wanted | Non
 def room_at_first(steps: int) -> int:
     """Cells for which there is room at first, if so many windows are listed for each.
 
-    Where it was too few the blocks are simulated again, with room for four times as many. Room that
+    Where it was too few the blocks are simulated again, with room for twice as many. Room that
     is not used costs next to nothing, but the list of windows is in one piece: as many cells as
     64 MB hold, and 8192 at least.
     """
@@ -225,7 +233,7 @@ def _named(
 ) -> Simulated:
     """What the blocks left, cells and windows in ascending order."""
     known = int(register.counts[CELLS])
-    came = (totals.reach.blocks[:known] > 0).any(axis=1) | (totals.sums.stops[:known] > 0)
+    came = totals.reach.blocks[:known, :, 0].any(axis=1) | (totals.sums.stops[:known] > 0)
     reached = np.flatnonzero(came)
     order = reached[np.argsort(register.cells[reached])]
     windows = np.argsort(register.windows[: register.counts[WINDOWS]])

@@ -66,8 +66,9 @@ class Exceedance(NamedTuple):
     block is one entry.
     """
 
-    blocks: NDArray[np.int64]  # (n, thresholds)
-    square: NDArray[np.int64]  # sum over strata of the square of the stratum's number of blocks
+    # (n, thresholds, 2): number, and sum over strata of the square of the stratum's number. Beside
+    # each other, as they are touched together.
+    blocks: NDArray[np.int64]
     # Working space for the blocks of one stratum: their number by the highest threshold that they
     # reached, the highest of all, -1 where none has been, and the places to which they came.
     own: NDArray[np.uint32]  # (n, thresholds)
@@ -79,9 +80,8 @@ class Exceedance(NamedTuple):
 def no_exceedance(n: int, thresholds: int) -> Exceedance:
     """Counts for ``n`` cells or objects and so many thresholds."""
     return Exceedance(
-        np.zeros((n, thresholds), np.int64), np.zeros((n, thresholds), np.int64),
-        np.zeros((n, thresholds), np.uint32), np.full(n, -1, np.int16), np.zeros(n, np.int64),
-        np.zeros(1, np.int64),
+        np.zeros((n, thresholds, 2), np.int64), np.zeros((n, thresholds), np.uint32),
+        np.full(n, -1, np.int16), np.zeros(n, np.int64), np.zeros(1, np.int64),
     )  # fmt: skip
 
 
@@ -95,8 +95,8 @@ def counted(sums: Exceedance, rows: IntArray) -> tuple[IntArray, IntArray]:
         above = np.int64(0)
         above2 = np.int64(0)
         for i in range(shape[1] - 1, -1, -1):
-            above += sums.blocks[rows[k], i]
-            above2 += sums.square[rows[k], i]
+            above += sums.blocks[rows[k], i, 0]
+            above2 += sums.blocks[rows[k], i, 1]
             blocks[k, i] = above
             square[k, i] = above2
     return blocks, square
@@ -233,8 +233,8 @@ def end_stratum(reach: Exceedance) -> None:
             own = np.int64(reach.own[place, i])
             if own > 0:
                 blocks = above + own
-                reach.blocks[place, i] += own
-                reach.square[place, i] += blocks * blocks - above * above
+                reach.blocks[place, i, 0] += own
+                reach.blocks[place, i, 1] += blocks * blocks - above * above
                 reach.own[place, i] = 0
                 above = blocks
         reach.top[place] = -1

@@ -8,6 +8,7 @@ reached, not with the number of blocks.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -22,6 +23,9 @@ from sassgis.model.statistics_table import SUM_NAMES, SUMS, CellSum, Statistic, 
 #: Rows that are worked on at a time: they stay in the processor's cache, and no memory is asked of
 #: the system for them.
 _ROWS = 2048
+# Bytes up to which there is room for all cells at once: nothing has to be moved as more of them are
+# reached, and of zeros that nobody has written to no memory is taken.
+_ROOM_AT_ONCE = 2**32
 
 
 class MapSums:
@@ -92,6 +96,9 @@ class MapSums:
         end = self._used + fresh.size
         if end > self._cells.size or not self._sums:
             room = max(end, int(1.5 * self._cells.size), 1024)
+            per_cell = sum(np.dtype(s.dtype).itemsize * math.prod(shapes[s.name]) for s in SUMS)
+            if per_cell * self._row.size <= _ROOM_AT_ONCE:
+                room = self._row.size
             self._cells = np.concatenate([self._cells, np.zeros(room - self._cells.size, np.int64)])
             for kept in SUMS:
                 own = self._sums.get(kept.name, np.empty((0, *shapes[kept.name])))
