@@ -1,11 +1,12 @@
 """Rate, memory and compilation time of sassgis on the benchmark slope, compared with SAGA.
 
-    python benchmarks/run.py [--repeats 3] [--rough] [--path followed] [--flowpy FOLDER] [--jobs N]
-                             [--json FILE]
+    python benchmarks/run.py [--repeats 3] [--rough] [--path followed] [--readings 1986]
+                             [--flowpy FOLDER] [--jobs N] [--json FILE]
 
 Each figure comes from a process of its own. The rate counts complete trajectories with all map
-statistics on, from release points to sums per cell, on one core, after compilation. The comparison
-with SAGA has two ratios: of complete runs, and of blocks and walks only, without set-up. With
+statistics on, from release points to sums per cell, by processor time, after compilation. The
+comparison with SAGA has two ratios: of complete runs, and of blocks and walks only, without set-up.
+With
 ``--flowpy`` com4FlowPy is timed too, in an environment that pip makes in FOLDER; with ``--jobs``
 one area on 1 and on N threads and processes, the start of the workers included.
 """
@@ -30,7 +31,7 @@ import saga
 import slope
 
 
-def simulate_once(folder: Path, repeats: int, path: str) -> dict[str, Any]:
+def simulate_once(folder: Path, repeats: int, settings: dict[str, str]) -> dict[str, Any]:
     """In this process: time runs on the slope, the first of them with compilation."""
     import dataclasses
 
@@ -40,7 +41,7 @@ def simulate_once(folder: Path, repeats: int, path: str) -> dict[str, Any]:
     from sassgis.runs.sample_check import plan_of_points
     from sassgis.terrain.plan import plan
 
-    run = read_map_run(load_config(folder / "config.toml", {"terrain.path": path}))
+    run = read_map_run(load_config(folder / "config.toml", settings))
     began = time.perf_counter()
     planned = plan(run)
     simulate_map(run, plan_of_points(planned, chunks_of(planned)[0].points), jobs=1)
@@ -56,9 +57,9 @@ def simulate_once(folder: Path, repeats: int, path: str) -> dict[str, Any]:
         rocks = int(simulate_map(run, plan(run), jobs=1).reasons.sum())
         wall.append(time.perf_counter() - t)
         cpu.append(time.process_time() - c)
-        t = time.perf_counter()
+        c = time.process_time()
         single = int(simulate_map(one, plan(one), jobs=1).reasons.sum())
-        per_rock.append((wall[-1] - (time.perf_counter() - t)) / (rocks - single))
+        per_rock.append((cpu[-1] - (time.process_time() - c)) / (rocks - single))
     return {
         "rocks": rocks,
         "first_s": first,
@@ -69,7 +70,7 @@ def simulate_once(folder: Path, repeats: int, path: str) -> dict[str, Any]:
     }
 
 
-def simulate_together(folder: Path, path: str, most: int) -> list[dict[str, Any]]:
+def simulate_together(folder: Path, settings: dict[str, str], most: int) -> list[dict[str, Any]]:
     """In this process: the same blocks by 1 and more threads and processes, compiled before."""
     from contextlib import nullcontext
 
@@ -80,7 +81,7 @@ def simulate_together(folder: Path, path: str, most: int) -> list[dict[str, Any]
     from sassgis.runs.workers import Processes, Threads
     from sassgis.terrain.plan import plan
 
-    run = read_map_run(load_config(folder / "config.toml", {"terrain.path": path}))
+    run = read_map_run(load_config(folder / "config.toml", settings))
     planned = plan(run)
     # Loads what was compiled before.
     simulate_map(run, plan_of_points(planned, chunks_of(planned)[0].points))
@@ -97,20 +98,10 @@ def simulate_together(folder: Path, path: str, most: int) -> list[dict[str, Any]
     return found
 
 
-def _child(folder: Path, repeats: int, path: str, cache: Path, jobs: int = 0) -> Any:
+def _child(folder: Path, repeats: int, settings: dict[str, str], cache: Path, jobs: int = 0) -> Any:
+    given = ["--child", str(folder), "--repeats", str(repeats), "--jobs", str(jobs)]
     done = subprocess.run(
-        [
-            sys.executable,
-            __file__,
-            "--child",
-            folder,
-            "--repeats",
-            f"{repeats}",
-            "--path",
-            path,
-            "--jobs",
-            f"{jobs}",
-        ],
+        [sys.executable, __file__, *given, "--settings", json.dumps(settings)],
         env={**os.environ, "SASSGIS_CACHE_DIR": str(cache), "NUMBA_CACHE_DIR": ""},
         capture_output=True,
         text=True,
@@ -122,16 +113,20 @@ def _child(folder: Path, repeats: int, path: str, cache: Path, jobs: int = 0) ->
 
 
 def measure(
-    repeats: int, rough: bool, path: str, environments: Path | None = None, jobs: int = 0
+    repeats: int,
+    rough: bool,
+    settings: dict[str, str],
+    environments: Path | None = None,
+    jobs: int = 0,
 ) -> dict[str, Any]:
     """All figures, in one run of this script."""
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "slope"
         slope.write_slope(folder, rough=rough)
         cache = Path(scratch) / "cache"
-        cold = _child(folder, 1, path, cache)
-        warm = _child(folder, repeats, path, cache)
-        together = _child(folder, 1, path, cache, jobs) if jobs else []
+        cold = _child(folder, 1, settings, cache)
+        warm = _child(folder, repeats, settings, cache)
+        together = _child(folder, 1, settings, cache, jobs) if jobs else []
         other = saga.measure(folder, repeats=repeats)
         routed = None
         if environments is not None:
@@ -154,7 +149,7 @@ def measure(
         "together": together,
     }
     if other.get("available"):
-        result["ratio_whole"] = result["trajectories_per_wall_s"] / (
+        result["ratio_whole"] = result["trajectories_per_s_and_core"] / (
             other["walks"] / statistics.median(other["seconds"])
         )
         result["ratio_further"] = result["further_trajectories_per_s"] / other["walks_per_s"]
@@ -167,22 +162,26 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--rough", action="store_true", help="metre-scale roughness on the slope")
     parser.add_argument("--path", choices=("fall_line", "followed"), default="fall_line")
+    parser.add_argument("--readings", choices=("hazard", "1986"), default="hazard")
     parser.add_argument("--flowpy", type=Path, help="also com4FlowPy, with an environment there")
     parser.add_argument("--jobs", type=int, default=0, help="also by so many threads and processes")
     parser.add_argument("--json", type=Path, help="also write the figures to a file")
     parser.add_argument("--child", type=Path, help=argparse.SUPPRESS)
+    parser.add_argument("--settings", type=json.loads, help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.child:
         if given.jobs:
-            print(json.dumps(simulate_together(given.child, given.path, given.jobs)))
+            print(json.dumps(simulate_together(given.child, given.settings, given.jobs)))
         else:
-            print(json.dumps(simulate_once(given.child, given.repeats, given.path)))
+            print(json.dumps(simulate_once(given.child, given.repeats, given.settings)))
         return
     environments = given.flowpy.resolve() if given.flowpy else None
-    result = measure(given.repeats, given.rough, given.path, environments, given.jobs)
+    settings = {"terrain.path": given.path, "engine.readings": given.readings}
+    result = measure(given.repeats, given.rough, settings, environments, given.jobs)
     if given.json:
         given.json.write_text(json.dumps(result, indent=2) + "\n")
-    print(f"slope: {'rough' if given.rough else 'plain'}, {given.path}, {result['rocks']} blocks")
+    surface = "rough" if given.rough else "plain"
+    print(f"slope: {surface}, {given.path}, {given.readings}, {result['rocks']} blocks")
     low, high = result["trajectories_per_s_range"]
     print(
         f"sassgis: {result['trajectories_per_s_and_core']:,.0f} trajectories per second and core "

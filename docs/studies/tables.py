@@ -448,21 +448,26 @@ def speed(name: str) -> Any:
     return json.loads((HERE / "speed" / f"{name}.json").read_text(encoding="utf-8"))
 
 
+SLOPES = {
+    "plain": "plain, fall lines",
+    "rough": "rough, fall lines",
+    "followed": "plain, followed paths",
+    "plain_1986": "plain, fall lines, readings of 1986",
+    "followed_1986": "plain, followed paths, readings of 1986",
+}
+
+
 def speed_slope() -> str:
     """Blocks per second on the benchmark slope, and walks of SAGA."""
     body = []
-    for name, label in (
-        ("plain", "plain, fall lines"),
-        ("rough", "rough, fall lines"),
-        ("followed", "plain, followed paths"),
-    ):
+    for name, label in SLOPES.items():
         one = speed(name)
         saga = one["saga"]
         walks = saga["walks"] / sorted(saga["seconds"])[len(saga["seconds"]) // 2]
         body.append(
             [
                 label,
-                f"{one['trajectories_per_wall_s']:,.0f}",
+                f"{one['trajectories_per_s_and_core']:,.0f}",
                 f"{one['further_trajectories_per_s']:,.0f}",
                 f"{walks:,.0f} ({one['ratio_whole']:.1f})",
                 f"{saga['walks_per_s']:,.0f} ({one['ratio_further']:.1f})",
@@ -473,6 +478,23 @@ def speed_slope() -> str:
         )
     head = ["slope", "blocks/s, whole", "without set-up", "SAGA, walks/s, whole", "without set-up"]
     head += ["first call, compiling (s)", "from the cache (s)", "memory (MB)"]
+    return markdown(head, body)
+
+
+def speed_together() -> str:
+    """One area on several threads and processes."""
+    body = [
+        [
+            SLOPES[name],
+            f"{row['count']} {row['workers']}",
+            f"{row['rocks_per_wall_s']:,.0f}",
+            f"{row['wall_s']:.1f}",
+            f"{row['cpu_s']:.1f}",
+        ]
+        for name in SLOPES
+        for row in speed(name)["together"]
+    ]
+    head = ["slope", "workers", "blocks/s, whole", "whole (s)", "processor time (s)"]
     return markdown(head, body)
 
 
@@ -610,6 +632,7 @@ TABLES = {
     "safety fuzz": safety_fuzz,
     "safety extremes": safety_extremes,
     "speed slope": speed_slope,
+    "speed together": speed_together,
     "speed effects": speed_effects,
     "speed limits": speed_limits,
     "speed peers": speed_peers,

@@ -62,7 +62,7 @@ _TURN = 0.01
 _BEND_PER_STEP = 0.5
 _SHORTEST_STEP = 0.1
 # Where the slope of the terrain ahead differs by less than this share a step is longer, up to so
-# many times. As far ahead the ground is sampled at once, as segments end where sampling does.
+# many times. As far ahead at least the ground is sampled at once: segments end where sampling does.
 _SAME_SLOPE = 0.02
 _LONGEST_STEP = 8.0
 # Below this angle (rad) a half-angle tangent is taken to its third power: right to 1e-10.
@@ -434,7 +434,9 @@ def before_ground(
     state.reach = state.x + step
     needed = state.reach + 2.0 * block.a
     if state.open and state.sampled < needed:
+        # As far again as the heading has been kept, so that seldom a segment ends here.
         ahead = _LONGEST_STEP * max(path.cell_size, 2.0 * block.radius)
+        ahead = max(ahead, state.x - state.from_x)
         look_ahead(state, block, site, path, needed + ahead, physics.gravity)
     return steep2, descent
 

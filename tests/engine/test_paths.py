@@ -110,6 +110,24 @@ def width(values: FloatArray) -> float:
 # --- planes --------------------------------------------------------------------------------------
 
 
+@pytest.mark.compiled
+def test_unevenness_below_the_tolerance_does_not_brake_what_rolls() -> None:
+    """Samples along the way are no vertices: blocks on a plane of rough cells roll as on it."""
+    even = bench(38.0, 300.0)
+    noise = np.random.default_rng(1).uniform(-0.01, 0.01, even.shape)
+    uneven = dataclasses.replace(even, values=even.values + noise)
+    rolling = dataclasses.replace(
+        MIXED, axis_1_m=(0.5, 0.5), axis_2_m=(0.45, 0.45), axis_3_m=(0.4, 0.4), drop_m=(0, 0)
+    )
+    settings = dataclasses.replace(STRAIGHT, readings="1986")
+    found = [
+        paths(g, x=-280.0, n=200, blocks=rolling, settings=settings, tolerance=0.05)
+        for g in (even, uneven)
+    ]
+    energy = [np.median(out.rocks["max_energy_kj"]) for out in found]
+    assert energy[1] == pytest.approx(energy[0], rel=0.1)
+
+
 @pytest.mark.parametrize("on", [DEBRIS, ROCK], ids=["debris", "rock"])
 def test_on_a_plane_the_mean_path_is_the_fall_line(on: GroundClass) -> None:
     grid = bench(35.0, 200.0)
