@@ -96,8 +96,8 @@ def zone_figures(
         "hazard_level",
         "Hazard zones",
         phrase(
-            "Preset {}: {}. Zones as they are drawn, which are never lower than the cells in them, "
-            "but for edits. {}",
+            "Preset {}: {}. Zones as drawn: never lower than the cells in them, except where "
+            "edited by hand. {}",
             rules.preset.name,
             phrase(rules.preset.title),
             width,
@@ -123,9 +123,9 @@ def zone_figures(
         "confidence",
         "Where the level is statistically uncertain",
         phrase(
-            "{} % of what another sample of as many blocks changes of the levels lies on these "
-            "cells. With more blocks they become fewer; other frequencies or values of the ground "
-            "may change any cell.",
+            "Another sample of as many blocks would change the level of some cells. {} % of "
+            "these changes lie here. With more blocks there are fewer such cells; other onset "
+            "frequencies or ground parameters may change any cell.",
             f"{100 * confidence:.3g}",
         ),
         map_alt(grid, unsure),
@@ -134,7 +134,7 @@ def zone_figures(
     if len(history) > 1:
         add(
             "blocks",
-            "What more blocks did",
+            "Effect of more blocks",
             "Share of the zoned area whose level another sample of as many blocks would change, "
             "after each round of blocks. Red line: what was asked for (hazard.changed_share_max).",
             joined(", ", (
@@ -155,8 +155,8 @@ def zone_figures(
         "hazard_curve",
         "A hazard curve",
         phrase(
-            "At the cell that most sources reach. The level is the highest field that the curve "
-            "crosses. {}", width,
+            "At the cell that blocks of the most sources reach. The level is that of the "
+            "highest field that the curve crosses. {}", width,
         ),
         phrase("Falling curve. Blocks per year: {}.", joined(", ", rates)),
         figures.hazard_curve_figure(
@@ -325,7 +325,10 @@ def zone_facts_of(
     blocks = phrase("{} repetitions of {} blocks at each release point", run.repetitions,
                     run.release.rocks_per_point)  # fmt: skip
     if run.weighted:
-        text = "{}; some points have down to an eighth of them, each of which counts as many times"
+        text = (
+            "{}; some points have fewer, down to an eighth, and each of their blocks counts "
+            "so many times more"
+        )
         blocks = phrase(text, blocks)
     return (
         ("Rules", phrase("{} ({})", phrase(rules.preset.title), rules.preset.name)),
