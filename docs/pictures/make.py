@@ -23,7 +23,6 @@ from sassgis.runs.profile_run import profile_from_csv, simulate_profile
 from sassgis.runs.samples import sample_folder
 from sassgis.runs.zone import zone
 
-
 #: Pictures of `sassgis demo` as the program itself draws them, and their names here.
 DEMO = {
     "hazard_level": "hazard_level",
@@ -35,9 +34,10 @@ DEMO = {
 
 
 def keep(picture: Path, target: Path) -> None:
-    """Write a picture in 256 colours, which makes it small enough for a page."""
+    """Write a picture in 256 colours, rare ones kept, so that it is small enough for a page."""
+    none = Image.Dither.NONE
     with Image.open(picture) as image:
-        small = image.convert("RGB").quantize(256, dither=Image.Dither.NONE)
+        small = image.convert("RGB").quantize(256, Image.Quantize.MAXCOVERAGE, dither=none)
         small.save(target, optimize=True)
 
 
