@@ -37,7 +37,8 @@ def keep(picture: Path, target: Path) -> None:
     """Write a picture in 256 colours, rare ones kept, so that it is small enough for a page."""
     none = Image.Dither.NONE
     with Image.open(picture) as image:
-        small = image.convert("RGB").quantize(256, Image.Quantize.MAXCOVERAGE, dither=none)
+        most = Image.Quantize.MAXCOVERAGE
+        small = image.convert("RGB").quantize(256, most, kmeans=2, dither=none)
         small.save(target, optimize=True)
 
 
