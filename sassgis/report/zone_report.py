@@ -216,8 +216,8 @@ def _risk_figures(risk: RiskTable, currency: str, folder: Path) -> list[ReportFi
                 folder,
                 f"risk_{quantity}",
                 title,
-                "Objects with the largest values, with the 95 % interval of the sampling of "
-                "blocks (at most). Values and vulnerability are the user's.",
+                "Objects with the largest values, with the 95 % interval of the sampling error "
+                "(upper bound). Values and vulnerability are the user's.",
                 figures.risk_figure(
                     names, values, risk.standard_error(quantity), quantity=quantity, unit=unit
                 ),
