@@ -1,4 +1,4 @@
-"""Make the pictures of the README and of the page on one case from the samples.
+"""Make the pictures of the README, the gallery and the page on one case from the samples.
 
 ``python docs/pictures/make.py`` rewrites the PNG files of this folder;
 ``python docs/pictures/make.py FOLDER`` writes them somewhere else.
@@ -6,10 +6,11 @@
 
 from __future__ import annotations
 
-import shutil
 import sys
 import tempfile
 from pathlib import Path
+
+from PIL import Image
 
 from sassgis.hazard.along_profile import arrivals
 from sassgis.io.read.config import load_config
@@ -22,14 +23,32 @@ from sassgis.runs.profile_run import profile_from_csv, simulate_profile
 from sassgis.runs.samples import sample_folder
 from sassgis.runs.zone import zone
 
+#: Pictures of `sassgis demo` as the program itself draws them, and their names here.
+DEMO = {
+    "hazard_level": "hazard_level",
+    "map_energy": "energy_map",
+    "barriers": "walls_and_nets",
+    "protection_3": "net_design",
+    "hazard_curve": "hazard_curve",
+}
 
-def level_and_energy(folder: Path) -> None:
-    """Hazard level and energy of `sassgis demo`, as the program itself draws them."""
+
+def keep(picture: Path, target: Path) -> None:
+    """Write a picture in 256 colours, rare ones kept, so that it is small enough for a page."""
+    none = Image.Dither.NONE
+    with Image.open(picture) as image:
+        most = Image.Quantize.MAXCOVERAGE
+        small = image.convert("RGB").quantize(256, most, kmeans=2, dither=none)
+        small.save(target, optimize=True)
+
+
+def demo(folder: Path) -> None:
+    """Figures of `sassgis demo`."""
     with tempfile.TemporaryDirectory() as work:
         out = Path(work) / "demo"
         zone(sample_folder() / "valley" / "config.toml", out)
-        shutil.copyfile(out / "figures" / "hazard_level.png", folder / "hazard_level.png")
-        shutil.copyfile(out / "figures" / "map_energy.png", folder / "energy_map.png")
+        for name, own in DEMO.items():
+            keep(out / "figures" / f"{name}.png", folder / f"{own}.png")
 
 
 def before_and_after(folder: Path) -> None:
@@ -39,20 +58,20 @@ def before_and_after(folder: Path) -> None:
         config = load_config(sample_folder() / "bedrina" / f"config_{name}.toml")
         result = simulate_profile(config, profile_from_csv(config))
         started = int((result.rocks["reason"] != StopReason.NEVER_STARTED).sum())
-        words = f"{name}: {arrivals(result, 'road')} of {started} rocks reach the road"
+        words = f"{name}: {arrivals(result, 'road')} of {started} blocks reach the road"
         panels.append(profile_panel(result, words))
     save(profile_figure(panels), folder / "before_after.png")
 
 
 def map_change(folder: Path) -> None:
-    """What the ground that is calibrated to the observations of the sample makes of its map."""
+    """How the map of the sample changes with the ground calibrated to its observations."""
     with tempfile.TemporaryDirectory() as work:
         samples, out = sample_folder(), Path(work) / "diagnosis"
         config = samples / "valley" / "config.toml"
         diagnose(config, samples / "observed", out, jobs=0)
         gap_map_change.map_change(config, out / "model" / "config.toml", out / "map")
         picture = out / "map" / "figures" / "reach_probability_change.png"
-        shutil.copyfile(picture, folder / "gap_map_change.png")
+        keep(picture, folder / "gap_map_change.png")
 
 
 def main() -> None:
@@ -60,7 +79,7 @@ def main() -> None:
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent
     folder.mkdir(parents=True, exist_ok=True)
     before_and_after(folder)
-    level_and_energy(folder)
+    demo(folder)
     map_change(folder)
 
 

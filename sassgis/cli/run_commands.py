@@ -144,8 +144,8 @@ def _zoned(config: Path, out: Path, as_json: bool, given: Mapping[str, Any]) -> 
     if lost > 0.0 and result.run.run.followed:
         open_m = hazard.facts.open_m.sum()
         edge = (
-            f" {100 * lost:.2g} % of the blocks left the terrain model: zones go on beyond its "
-            f"edge over {open_m:.0f} m, and nothing is said of them."
+            f" {100 * lost:.2g} % of the blocks left the terrain model: over {open_m:.0f} m "
+            "zones go on beyond its edge, where nothing was computed."
         )
     summary = _with_spread(
         f"{result.run.n_blocks} blocks, {hazard.levels.polygons.size} zones. "

@@ -10,10 +10,10 @@ from importlib import resources
 
 import numpy as np
 
-from sassgis.hazard.control_lines import QUANTITIES, ControlLineSums
+from sassgis.hazard.control_lines import QUANTITIES
 from sassgis.hazard.curves import gamma_interval
+from sassgis.hazard.sources import Sampled
 from sassgis.model.grid import FloatArray
-from sassgis.model.hazard import Source
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,18 +52,11 @@ class Arrivals:
         return low, replace(high, largest=float("inf"))
 
 
-def arrivals(
-    sources: Sequence[Source],
-    control_lines: Sequence[ControlLineSums],
-    control_line: int,
-    quantity: str,
-) -> Arrivals:
+def arrivals(sampled: Sequence[Sampled], control_line: int, quantity: str) -> Arrivals:
     """Frequency curve of one quantity at one line, all sources weighted by their frequency.
 
     Parameters
     ----------
-    control_lines : sequence of ControlLineSums
-        Of each source.
     control_line : int
         Position among the stations and barriers.
     quantity : str
@@ -72,8 +65,8 @@ def arrivals(
     edges = QUANTITIES[quantity][1]
     rate, variance, alike = np.zeros((3, edges.size))
     largest, of_a_rock = -np.inf, 0.0
-    for source, sums in zip(sources, control_lines, strict=True):
-        own = sums.distribution(control_line, quantity)
+    for one in sampled:
+        source, own = one.source, one.control_lines.distribution(control_line, quantity)
         above, squares = (
             np.append(np.cumsum(counts[::-1])[::-1], 0.0)
             for counts in (own.histogram.counts, own.squares)

@@ -34,7 +34,7 @@ def preset_unverified(preset: HazardPreset) -> list[str]:
         One text per source, with the values that rest on it; empty if all are verified.
     """
     periods = ", ".join(f"{t:g}" for t in preset.return_periods)
-    values = [(phrase("intensity {}", c.code), c.provenance) for c in preset.intensities]
+    values = [(phrase("intensity {}", phrase(c.label)), c.provenance) for c in preset.intensities]
     values.append((phrase("return periods {} years", periods), preset.return_period_provenance))
     if preset.rarest_provenance is not None:
         beyond = phrase("no level beyond {} years", f"{preset.rarest_years:g}")
@@ -46,7 +46,7 @@ def preset_unverified(preset: HazardPreset) -> list[str]:
             f"{preset.sheet.area_mm2:g}",
         )
         values.append((least, preset.sheet.provenance))
-    values += [(phrase("level {}", c.code), c.provenance) for c in preset.levels]
+    values += [(phrase("level {}", phrase(c.label)), c.provenance) for c in preset.levels]
     by_source = _by_source(values)
     for source, text in _unverified_fields(preset).items():
         by_source.setdefault(source, []).append(text)

@@ -168,8 +168,8 @@ def edit_warnings(applied: Sequence[AppliedEdit]) -> list[str]:
     """Edits below which another level is computed than when they were made."""
     return [
         phrase(
-            "The level computed below an edit ({}) is another one on {} % of its area since: then "
-            "{}; now {}.",
+            "Below an edit ({}) the computed level has changed on {} % of its area: then {}; "
+            "now {}.",
             a.edit.words,
             f"{100 * a.changed:.0f}",
             shares_text(a.then),

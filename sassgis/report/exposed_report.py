@@ -68,9 +68,9 @@ def exposed_table(
         rows.append((-energy.max(), (name, placed.objects[number].kind, *level, *cells)))
     rows.sort(key=lambda row: row[0])
     note = phrase(
-        "Of all blocks that come to the object, with limits by the sampling of blocks: energy, "
-        "each block with its largest; height, each block in each cell. Of a road or line, the "
-        "stretch that the most energy comes to. A dash: no block arrives, or not as often."
+        "All blocks that come to the object, with limits of the sampling error. Energy: each "
+        "block with its largest value. Height: each block in each cell. Roads and lines: the "
+        "stretch that receives the most energy. A dash: no block arrives, or not as often."
     )
     if len(rows) > MOST_ROWS:
         more = phrase("{} more are in the tables.", len(rows) - MOST_ROWS)

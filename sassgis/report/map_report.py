@@ -82,7 +82,7 @@ def station_figures(
         name, kind = lines[i].name, lines[i].kind
         title = named(name) if kind == "station" else phrase("{} ({})", name, phrase(kind))
         figure = figures.station_figure(title, *bins, n=n)
-        title, alt = phrase("At {}", name), alts.get(name, "")
+        title, alt = phrase("Blocks at {}", name), alts.get(name, "")
         out.append(picture(folder, f"station_{stem}", title, caption, figure, alt))
     return out
 

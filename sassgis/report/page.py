@@ -6,13 +6,12 @@ import base64
 import math
 from dataclasses import dataclass, field, replace
 from functools import cache
-from importlib.resources import files
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, StrictUndefined, Template
+from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 
 from sassgis.model.errors import OutputError
 from sassgis.model.languages import current_language, translated, with_translated
@@ -92,6 +91,8 @@ class ReportContext:
         Terrain, release areas, blocks, number of blocks, settings.
     byline : tuple of str
         Who made it, when, with which program; below the title.
+    files_beside : tuple of (file, text)
+        Pages in the same folder, linked below it.
     summary : tuple of (name, value)
         The answer in a box at the top: a line each.
     warnings : tuple of str
@@ -107,6 +108,7 @@ class ReportContext:
     title: str
     subtitle: str = ""
     byline: tuple[str, ...] = ()
+    files_beside: tuple[tuple[str, str], ...] = ()
     summary: tuple[tuple[str, Cell], ...] = ()
     what_was_run: tuple[tuple[str, Cell], ...] = ()
     warnings: tuple[str, ...] = ()
@@ -166,35 +168,36 @@ def data_uri(png: bytes) -> str:
 
 
 @cache
-def _template() -> Template:
-    """Read the page once; every value is escaped, and a misspelt name is an error."""
+def template(name: str) -> Template:
+    """Read a page once; every value is escaped, and a misspelt name is an error."""
     environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
+        loader=PackageLoader("sassgis", "data"), autoescape=True, undefined=StrictUndefined,
+        trim_blocks=True, lstrip_blocks=True,
+    )  # fmt: skip
     environment.filters |= {
         "sensible": sensible, "data_uri": data_uri, "number_columns": number_columns,
     }  # fmt: skip
     # A function: jinja computes filters of constants once, whatever the language is then.
     environment.globals["translated"] = translated
-    source = files("sassgis.data").joinpath("report.html.j2").read_text(encoding="utf-8")
-    return environment.from_string(source)
+    return environment.get_template(name)
 
 
 def render_report(context: ReportContext) -> str:
     """Give the report as a whole HTML page: styles and pictures inside, no scripts, no network."""
-    return _template().render(report=context, language=current_language())
+    return template("report.html.j2").render(report=context, language=current_language())
 
 
 def translated_report(context: ReportContext) -> ReportContext:
     """The report in the language in which the program writes; its title is the user's."""
     if current_language() == "en":
         return context
-    key_results = context.key_results and _translated_table(context.key_results)
+    key_results = context.key_results and translated_table(context.key_results)
     return replace(
         with_translated(context, "subtitle", "summary", "what_was_run", "warnings"),
         key_results=key_results,
         figures=tuple(with_translated(f, "title", "caption", "alt") for f in context.figures),
-        tables=tuple(map(_translated_table, context.tables)),
+        tables=tuple(map(translated_table, context.tables)),
+        files_beside=tuple((file, translated(name)) for file, name in context.files_beside),
         provenance=tuple((translated(name), value) for name, value in context.provenance),
     )
 
@@ -206,7 +209,7 @@ _AS_THEY_ARE = (
 )  # fmt: skip
 
 
-def _translated_table(table: ReportTable) -> ReportTable:
+def translated_table(table: ReportTable) -> ReportTable:
     """A table of a report; sources stay in the words of their publication, names as given."""
     kept = [name in _AS_THEY_ARE for name, _ in table.columns]
     rows = tuple(

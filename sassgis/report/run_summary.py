@@ -100,20 +100,20 @@ def zone_lines(
     """
     areas = [phrase("{} {} m²", phrase(str(row[0])), sensible(row[2])) for row in levels.rows]
     hazard = found.hazard
-    text = "{} {} % of that lies on the hatched cells, which are {} % of it"
+    text = "{} {} % of these changes lie on the hatched cells, which are {} % of that area"
     shares = (f"{100 * share:.3g}" for share in (confidence, hazard.uncertain_share))
     sample = phrase(text, sample_words(hazard.changed_share), *shares)
     lines = [("Hazard zones", joined("; ", areas)), ("Sampling error", sample)]
     if lost > 0.0:
         text = (
-            "{} % of the blocks leave it; zones end there without a limit over {} m in all: beyond "
-            "it they go on, and nothing is said of them"
+            "{} % of the blocks leave it; over {} m in all the zones end there and go on beyond "
+            "it, where nothing was computed"
         )
         open_m = sensible(round(float(hazard.facts.open_m.sum())))
         lines.append(("Edge of the terrain model", phrase(text, f"{100 * lost:.2g}", open_m)))
     if hazard.edits:
         changed = sum(a.has_changed for a in hazard.edits)
-        text = "{} places; below {} of them another level is computed than when they were made"
+        text = "{} places; below {} of them the computed level has changed since"
         lines.append(("Edited by hand", phrase(text, len(hazard.edits), changed)))
     if found.risk is not None:
         (total,) = (t for t in risk_totals(found.risk) if t.scope == "all")

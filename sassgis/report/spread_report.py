@@ -50,8 +50,8 @@ def spread_lines(spread: GroundSpread) -> Lines:
         known.append(phrase("none of the classes that blocks meet has a spread"))
     if spread.assumed or spread.weak:
         text = (
-            "weakly told: the spread of {} of {} drawn values is an assumption, that of {} comes "
-            "from fewer than 3 sites"
+            "weakly supported: the spread of {} of {} drawn values is an assumption, that of {} "
+            "rests on fewer than 3 sites"
         )
         known.append(phrase(text, spread.assumed, len(spread.ranges), spread.weak))
     if spread.few_draws:

@@ -34,6 +34,8 @@ from sassgis.report.number_text import thousands
 from sassgis.report.page import Cell, ReportFigure, ReportTable, heads, sensible
 from sassgis.report.pictures import classes_alt, map_alt, picture
 
+BARRIERS_TITLE = "What walls and nets change"
+
 
 def telling_place(hazard: Hazard) -> int | None:
     """The place whose hazard curve is drawn: reached by the most sources, and then most often.
@@ -94,8 +96,8 @@ def zone_figures(
         "hazard_level",
         "Hazard zones",
         phrase(
-            "Preset {}: {}. Zones as they are drawn, which are never lower than the cells in them, "
-            "but for edits. {}",
+            "Preset {}: {}. Zones as drawn: never lower than the cells in them, except where "
+            "edited by hand. {}",
             rules.preset.name,
             phrase(rules.preset.title),
             width,
@@ -121,9 +123,9 @@ def zone_figures(
         "confidence",
         "Where the level is statistically uncertain",
         phrase(
-            "{} % of what another sample of as many blocks changes of the levels lies on these "
-            "cells. With more blocks they become fewer; other frequencies or values of the ground "
-            "may change any cell.",
+            "Another sample of as many blocks would change the level of some cells. {} % of "
+            "these changes lie here. With more blocks there are fewer such cells; other onset "
+            "frequencies or ground parameters may change any cell.",
             f"{100 * confidence:.3g}",
         ),
         map_alt(grid, unsure),
@@ -132,7 +134,7 @@ def zone_figures(
     if len(history) > 1:
         add(
             "blocks",
-            "What more blocks did",
+            "Effect of more blocks",
             "Share of the zoned area whose level another sample of as many blocks would change, "
             "after each round of blocks. Red line: what was asked for (hazard.changed_share_max).",
             joined(", ", (
@@ -153,8 +155,8 @@ def zone_figures(
         "hazard_curve",
         "A hazard curve",
         phrase(
-            "At the cell that most sources reach. The level is the highest field that the curve "
-            "crosses. {}", width,
+            "At the cell that blocks of the most sources reach. The level is that of the "
+            "highest field that the curve crosses. {}", width,
         ),
         phrase("Falling curve. Blocks per year: {}.", joined(", ", rates)),
         figures.hazard_curve_figure(
@@ -188,7 +190,7 @@ def _barrier_figure(
     return picture(
         folder,
         "barriers",
-        "What walls and nets change",
+        BARRIERS_TITLE,
         "Hazard level of the cells without and with walls and nets, from the same blocks.",
         figures.change_figure(grid, both[0], both[1], marks, names=names, note=width),
         phrase("Without: {} With: {}", *(map_alt(grid, layer) for layer in both)),
@@ -214,8 +216,8 @@ def _risk_figures(risk: RiskTable, currency: str, folder: Path) -> list[ReportFi
                 folder,
                 f"risk_{quantity}",
                 title,
-                "Objects with the largest values, with the 95 % interval of the sampling of "
-                "blocks (at most). Values and vulnerability are the user's.",
+                "Objects with the largest values, with the 95 % interval of the sampling error "
+                "(upper bound). Values and vulnerability are the user's.",
                 figures.risk_figure(
                     names, values, risk.standard_error(quantity), quantity=quantity, unit=unit
                 ),
@@ -241,15 +243,14 @@ def zone_tables(
     found: Assessment,
     sources: pd.DataFrame,
     design: pd.DataFrame,
-    protection: pd.DataFrame,
     *,
     return_periods_years: Sequence[float],
     currency: str,
 ) -> tuple[ReportTable, ...]:
     """Tables of a zoning besides that of the levels.
 
-    Frames are those of ``tables/sources.csv``, ``design.csv`` and ``protection.csv``, return
-    periods those of the design values.
+    Frames are those of ``tables/sources.csv`` and ``design.csv``, return periods those of the
+    design values.
     """
     tables = [
         ReportTable(
@@ -284,7 +285,6 @@ def zone_tables(
                 ("Passing height at stations and barriers", "height", "m", "m"),
             )
         ]
-        tables.append(_protection_table(protection))
     if found.hazard.edits:
         tables.append(_edit_table(preset, found.hazard.edits))
     if found.risk is not None:
@@ -325,7 +325,10 @@ def zone_facts_of(
     blocks = phrase("{} repetitions of {} blocks at each release point", run.repetitions,
                     run.release.rocks_per_point)  # fmt: skip
     if run.weighted:
-        text = "{}; some points have down to an eighth of them, each of which counts as many times"
+        text = (
+            "{}; some points have fewer, down to an eighth, and each of their blocks counts "
+            "so many times more"
+        )
         blocks = phrase(text, blocks)
     return (
         ("Rules", phrase("{} ({})", phrase(rules.preset.title), rules.preset.name)),
@@ -352,36 +355,6 @@ def _design_table(
         "than that. Heights are of the centre of the block above its resting height: add half the "
         "height of the block and the freeboard. How many simulated blocks lie beyond each value is "
         "in tables/design.csv.",
-    )
-
-
-def _protection_table(protection: pd.DataFrame) -> ReportTable:
-    columns = heads(
-        "line; return period | years; energy class; energy class, upper limit; net height | m; "
-        "arrivals | 1/year; blocks behind it | 1/year; energy behind it | kJ"
-    )
-    rows = []
-    for _, line in protection.iterrows():
-        height, behind = (
-            with_limits(*line[[key, f"{key}_low", f"{key}_high"]].astype(float))
-            for key in ("net_height_m", "energy_behind_kj")
-        )
-        passing = float(line["behind_per_year"])
-        rows.append((
-            line["line"], f"{line['return_period_years']:g}", line["net_class"] or None,
-            line["net_class_high"] or None, height, line["arrivals_per_year"],
-            None if np.isnan(passing) else passing, behind,
-        ))  # fmt: skip
-    return ReportTable(
-        "Design of nets: what is needed, and what goes on behind",
-        columns,
-        tuple(rows),
-        "The class is the lowest of ETAG 27 and EAD 340059 whose maximum energy level (MEL) is not "
-        "below the energy without walls and nets; the classes are not checked against the text. "
-        "The net height is the passing height and the diameter of the block whose mass comes as "
-        "rarely, as a sphere: freeboard and partial factors of the guideline come on top. "
-        "Behind: with the walls and nets there are, at the line itself; a dash: none stands there, "
-        "or blocks pass less often. A dash in place of a class: the sample of blocks has no limit.",
     )
 
 

@@ -85,11 +85,9 @@ def line_facts(
     run: MapRun, without_barriers: Sequence[Sampled], periods_years: Sequence[float]
 ) -> dict[str, PlaceFacts]:
     """What reaches each station and barrier without barriers, by return period."""
-    sources = [s.source for s in without_barriers]
-    sums = [s.control_lines for s in without_barriers]
     found = {}
     for i, (line, _) in enumerate(run.control_lines):
-        energy, height = (arrivals(sources, sums, i, q) for q in ("energy_kj", "height_m"))
+        energy, height = (arrivals(without_barriers, i, q) for q in ("energy_kj", "height_m"))
         rows: list[tuple[str, str]] = []
         if line.kind != "station":
             stated = (("Height", f"{line.height_m:g} m"), ("Capacity", f"{line.capacity_kj:g} kJ"))

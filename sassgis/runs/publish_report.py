@@ -13,6 +13,7 @@ from sassgis.hazard.object_values import ObjectValues, object_values
 from sassgis.hazard.reach_angles import reach_angles
 from sassgis.hazard.sources import Sampled, sampled_sources
 from sassgis.model.exposure import PlacedObjects
+from sassgis.model.languages import translated
 from sassgis.model.results import RasterLayer
 from sassgis.model.run_config import Config
 from sassgis.report.exposed_report import exposed_table, map_objects
@@ -25,7 +26,9 @@ from sassgis.report.page import (
     translated_report,
     write_report,
 )
+from sassgis.report.protection_page import PAGE_NAME, ProtectionSheet, write_protection_page
 from sassgis.report.run_summary import object_lines, run_lines
+from sassgis.report.zone_report import BARRIERS_TITLE
 from sassgis.runs.job import Simulation
 from sassgis.runs.map_answers import area_rows, blocks_by_source
 from sassgis.runs.path_sample import paths_on_line, some_paths
@@ -53,6 +56,8 @@ class ReportPart:
         Added to it after the run-out.
     hazard, contributions, places, frequencies
         What the map that can be asked says of zones, sources, objects and release areas.
+    sheets : callable
+        Draws the sheets of protection and gives them.
     """
 
     figures: Callable[[], tuple[ReportFigure, ...]] = tuple
@@ -67,6 +72,7 @@ class ReportPart:
     contributions: Sequence[Contribution] = ()
     places: Mapping[str, PlaceFacts] = field(default_factory=dict)
     frequencies: Mapping[tuple[str, str], float] = field(default_factory=dict)
+    sheets: Callable[[], tuple[ProtectionSheet, ...]] = tuple
 
 
 def publish_report(
@@ -79,7 +85,7 @@ def publish_report(
     facts: Mapping[str, object],
     part: ReportPart,
 ) -> ReportContext:
-    """Write ``report.html`` with its figures, and ``map.html``.
+    """Write ``report.html`` with its figures, ``map.html``, and sheets of protection if any.
 
     ``layers`` are the maps of the blocks, ``more`` those of a zoning. Returns what the report says,
     in the language of the settings.
@@ -99,10 +105,19 @@ def publish_report(
     exposed = exposed_table(placed, values, part.levels)
     lines = run_lines(progress, reach_angles(run, planned, progress))
     first = () if part.key_results is None else (context.key_results,)
+    drawn, sheets = part.figures(), part.sheets()
+    beside = [("map.html", "The map in a browser")]
+    if sheets:
+        change = next((own for own in drawn if own.title == BARRIERS_TITLE), None)
+        write_protection_page(
+            work, config.project.name, byline(config), sheets, change, len(warnings)
+        )
+        beside.append((PAGE_NAME, "Design of protection"))
     report = translated_report(
         replace(
             context,
             byline=byline(config),
+            files_beside=tuple(beside),
             summary=(
                 *part.summary[:1],
                 *lines[:1],
@@ -112,7 +127,7 @@ def publish_report(
                 *part.summary[1:],
             ),
             key_results=part.key_results or context.key_results,
-            figures=(*part.figures(), *context.figures),
+            figures=(*drawn, *context.figures),
             tables=(exposed, *part.tables, *first, *context.tables),
             what_was_run=(*part.described, *context.what_was_run),
         )
@@ -163,6 +178,7 @@ def made_on(config: Config) -> str:
 def byline(config: Config) -> tuple[str, ...]:
     """Who made it, when, with which program; where to ask; whose data."""
     project = config.project
-    parts = (project.status, project.author, made_on(config), f"sassgis {sassgis.__version__}",
+    status = translated(project.status)
+    parts = (status, project.author, made_on(config), f"sassgis {sassgis.__version__}",
              project.contact, project.rights)  # fmt: skip
     return tuple(part for part in parts if part)

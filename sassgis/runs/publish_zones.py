@@ -18,7 +18,7 @@ from sassgis.io.write.layers.federal import federal_layers
 from sassgis.io.write.layers.hazard_maps import hazard_layers
 from sassgis.io.write.layers.risk_objects import risk_tables, risk_vectors
 from sassgis.io.write.zone_tables import (
-    design_table,
+    design_tables,
     layer_table,
     protection_table,
     source_table,
@@ -29,6 +29,7 @@ from sassgis.model.in_memory import Input
 from sassgis.model.results import RasterLayer
 from sassgis.model.run_config import Config
 from sassgis.report.exposed_report import levels_of
+from sassgis.report.protection_page import protection_sheets
 from sassgis.report.run_summary import zone_lines
 from sassgis.report.zone_report import level_table, zone_facts_of, zone_figures, zone_tables
 from sassgis.runs.job import Simulation
@@ -67,13 +68,15 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
     }
     periods = config.hazard.design_return_periods_years
     lines = [line for line, _ in run.control_lines]
-    design = design_table(lines, found.without_barriers, periods, confidence)
+    design, places = design_tables(
+        grid, run.control_lines, found.without_barriers, periods, confidence
+    )
     protection = protection_table(
         lines, found.without_barriers, hazard.sampled, periods,
         min(b.density_kgm3[0] for b in run.blocks), confidence,
     )  # fmt: skip
     if lines:
-        frames |= {"design": design, "protection": protection}
+        frames |= {"design": design, "protection": protection, "protection_places": places}
     if found.without is not None:
         before = zone_layers.hazard_zones(
             found.without, preset, grid, rules.ref_width_m, confidence
@@ -125,7 +128,6 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
                 found,
                 sources,
                 design,
-                protection,
                 return_periods_years=periods,
                 currency=currency,
             ),
@@ -140,6 +142,15 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
                 found.risk, hazard.sampled, hazard.curves.energies_kj, on_objects, currency
             ),
             frequencies=rules.frequencies,
+            sheets=partial(
+                protection_sheets,
+                run.control_lines,
+                found.without_barriers,
+                hazard.sampled,
+                (design, protection, places),
+                figures,
+                confidence,
+            ),
         ),
         facts={
             "preset": f"{preset.name}: {preset.title}",

@@ -30,6 +30,7 @@ from sassgis.runs.job import (
 from sassgis.runs.more_blocks import MoreBlocks, check_budget
 from sassgis.runs.run import RunResult, result_of
 from sassgis.runs.workers import Jobs
+from sassgis.terrain.moved_lines import moved_lines
 
 if TYPE_CHECKING:
     from sassgis.runs.publish import Published
@@ -60,6 +61,14 @@ def without_barriers(job: Job) -> Job:
         (replace(line, kind="station"), trace) for line, trace in job.run.control_lines
     )
     return Job(replace(job.run, control_lines=control_lines), job.planned, ())
+
+
+def with_places(job: Job) -> Job:
+    """The job with stations where its lines could stand up and down the slope, after the others."""
+    run = job.run
+    copies = moved_lines(run.grid, run.control_lines)
+    stations = (copy.as_station(run.control_lines[copy.of][0].name) for copy in copies)
+    return replace(job, run=replace(run, control_lines=(*run.control_lines, *stations)))
 
 
 def zone(
@@ -101,7 +110,9 @@ def zone(
         known = spread_rules(config, job.run)
         jobs = jobs_within(config, job.run, jobs, memory_gb)
         began = time.perf_counter()
-        done, without = simulations(config, work, job, rules, jobs, on_progress, tell)
+        done, without = simulations(
+            config, work, job, rules, jobs, on_progress, tell, along_slope=True
+        )
         drawn = drawn_ground(
             config, work, done, known, rules, rules.placed, jobs, on_progress, tell
         )
@@ -175,10 +186,12 @@ def simulations(
     on_progress: OnProgress | None,
     tell: Callable[[str], None],
     check: bool = True,
+    along_slope: bool = False,
 ) -> tuple[Simulation, Simulation | None]:
     """Simulate with the barriers and, if that is wanted, without them: the same blocks.
 
-    Parameters are those of simulate_config.
+    Parameters are those of simulate_config; ``along_slope``: without barriers blocks are recorded
+    at copies of the lines along the slope, too.
     """
     budget, both = config.hazard.budget, compares_barriers(config, job.run)
     more, schedule = None, ""
@@ -193,9 +206,11 @@ def simulations(
     if not both:
         return done, None
     tell("Once more without walls and nets")
-    same = replace(job, run=replace(job.run, rounds=done.run.rounds))
+    same = without_barriers(replace(job, run=replace(job.run, rounds=done.run.rounds)))
+    if along_slope:
+        same = with_places(same)
     without = simulate_config(
-        config, work, without_barriers(same), jobs=jobs, on_progress=on_progress, tell=tell,
+        config, work, same, jobs=jobs, on_progress=on_progress, tell=tell,
         schedule=schedule, part="without_barriers",
     )  # fmt: skip
     return done, without

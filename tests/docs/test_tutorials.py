@@ -77,14 +77,17 @@ def test_from_tiles_to_a_hazard_sheet(repository: Path, place: Path, quick: bool
 def test_design_of_a_net(repository: Path, place: Path, quick: bool, call) -> None:
     page = (repository / "docs" / "tutorials" / "net.md").read_text(encoding="utf-8")
     followed(page, place, quick, call)
-    outcomes = []
+    outcomes, passing = [], []
     for name in ("before", "after"):
         nets = pyogrio.read_dataframe(place / name / "result.gpkg", layer="barriers")
-        net = nets[nets["name"] == "net Mitte"].iloc[0]
-        kinds = ("rocks", "stopped", "overtopped", "broke_through")
-        outcomes.append([str(net["height_m"]), *(str(int(net[k])) for k in kinds)])
-    overtop = [int(own[3]) / int(own[1]) for own in outcomes]
-    assert overtop[1] <= overtop[0] and [own[0] for own in outcomes] == ["4.0", "6.0"]
+        height = nets[nets["name"] == "net Mitte"]["height_m"].iloc[0]
+        sheet = pd.read_csv(place / name / "tables" / "protection.csv")
+        left = sheet[sheet["line"] == "net Mitte"].iloc[-1]
+        assert left["return_period_years"] == 300.0
+        passing.append(left["behind_per_year"])
+        energy = f"{left['energy_behind_kj']:.0f}"
+        outcomes.append([str(height), f"{passing[-1]:.3f}", energy])
+    assert passing[1] <= passing[0] and [own[0] for own in outcomes] == ["4.0", "8.0"]
     design = pd.read_csv(place / "before" / "tables" / "design.csv").set_index("line")
     net = design.loc["net Mitte"]
     made = [

@@ -5,6 +5,8 @@ from __future__ import annotations
 import tomllib
 from pathlib import Path
 
+import sassgis
+
 #: Names that conda-forge has for the same package.
 CONDA = {"matplotlib": "matplotlib-base"}
 #: Packages that conda-forge has not: pip brings them with the project.
@@ -34,6 +36,26 @@ def test_the_conda_environment_has_what_pip_installs(repository: Path) -> None:
         "python", "pip", "pip:", "conda-forge", "nodefaults",
         *(CONDA.get(n, n) for n, _ in map(parts, needed)),
     }  # fmt: skip
+
+
+def test_the_conda_recipe_has_what_pip_installs(repository: Path) -> None:
+    project = tomllib.loads((repository / "pyproject.toml").read_text())["project"]
+    recipe = (repository / "conda" / "recipe.yaml").read_text()
+    run = recipe.split("  run:\n")[1].split("\n\n")[0]
+    packages = dict(parts(line.strip().removeprefix("- ")) for line in run.splitlines())
+    assert packages.pop("python") == project["requires-python"]
+    needed = {CONDA.get(n, n): limits for n, limits in map(parts, project["dependencies"])}
+    assert packages == needed
+    (command,) = project["scripts"].items()
+    assert " = ".join(command) in recipe
+
+
+def test_all_files_state_one_version(repository: Path) -> None:
+    read = {name: (repository / name).read_text() for name in ("CITATION.cff", "CHANGELOG.md")}
+    assert f"\nversion: {sassgis.__version__}\n" in read["CITATION.cff"]
+    assert f"\n## [{sassgis.__version__}] - " in read["CHANGELOG.md"]
+    recipe = (repository / "conda" / "recipe.yaml").read_text()
+    assert f'version: "{sassgis.__version__}"' in recipe
 
 
 def test_the_image_installs_the_package(repository: Path) -> None:

@@ -74,7 +74,7 @@ def test_all_languages_have_the_same_texts_of_the_program_with_the_same_parts() 
         (phrase("Reference width {} m.", "10"), "Bezugsbreite 10 m."),
         # A part that is no phrase is a name, even where it is the name of something.
         (phrase("No block reaches: {}.", "net"), "Kein Block erreicht: net."),
-        (phrase("At {}", phrase("net")), "Bei Netz"),
+        (phrase("Blocks at {}", phrase("net")), "Blöcke bei Netz"),
         (joined("; ", (phrase("station"), phrase("net"), "A")), "Station; Netz; A"),
         # Parts by name, one of them a phrase.
         (

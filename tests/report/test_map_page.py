@@ -1,4 +1,4 @@
-"""The map that can be asked: its numbers are those of the result, also in a browser."""
+"""The map that can be asked, and the sheets of protection beside it, also in a browser."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 import shapely
 from helpers.zone_slope import Case, box, place, two_areas
@@ -19,6 +20,7 @@ from helpers.zone_slope import Case, box, place, two_areas
 import sassgis
 from sassgis.hazard.curves import return_period
 from sassgis.report.map_page import Contribution, _logarithm, _shares, _strongest
+from sassgis.report.protection_page import best_places
 from sassgis.runs.zone import ZoneResult
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -278,3 +280,49 @@ def test_a_run_without_zones_says_what_comes(
     assert "Simulierte Blöcke, die hierher kommen" in text and "Gefahrenstufe" not in text
     blocks = re.search(r"Simulierte Blöcke\s+(\d+)", text)
     assert blocks is not None and int(blocks[1]) == int(np.nanmax(result.maps.passages))
+
+
+def test_sheets_of_protection_say_what_the_tables_say(zoned: Zoned) -> None:
+    """Copies of the net along the slope are in their own table, and nowhere else."""
+    out = zoned[1].parent
+    places, design, needs = (
+        pd.read_csv(out / f"tables/{name}.csv", dtype={"net_class": str})
+        for name in ("protection_places", "design", "protection")
+    )
+    assert list(design["line"]) == ["net"] and len(places) == 7
+    here = places[places["moved_m"] == 0.0].iloc[0]
+    for key in ("rocks", "arrivals_per_year", "energy_q95_kj"):
+        assert here[key] == design[key][0]
+    # The slope falls, and blocks come to rest on it.
+    assert (np.diff(places["ground_m"]) < 0.0).all() and (places["share"] <= 1.0).all()
+    below = places[places["moved_m"] >= 0.0]
+    assert (np.diff(below["rocks"]) <= 0).all()
+    page = (out / "protection.html").read_text(encoding="utf-8")
+    text = re.sub(r"<style.*?</style>|<[^>]*>", " ", page, flags=re.S)
+    words = " ".join(html.unescape(text).split())
+    assert "Design of protection: net (net, 3 m) Slope & co" in words
+    assert "3 m high, 500 kJ capacity" in words and "Best place along the slope" in words
+    assert all(f" {name} " in words for name in needs["net_class"].dropna())
+    assert page.count("<img ") == 2 and not re.search(r"https?:|<script", page)
+    report = (out / "report.html").read_text(encoding="utf-8")
+    assert '<a href="protection.html">Design of protection</a>' in report
+
+
+@browser
+def test_a_sheet_of_protection_is_a_page_of_a4(zoned: Zoned, tmp_path: Path) -> None:
+    assert CHROMIUM is not None
+    pdf = tmp_path / "sheet.pdf"
+    page = zoned[1].with_name("protection.html")
+    options = ("--headless", "--no-sandbox", "--disable-gpu", "--no-pdf-header-footer")
+    command = [CHROMIUM, *options, f"--print-to-pdf={pdf}", f"file://{page}"]
+    subprocess.run(command, capture_output=True, timeout=60, check=True)
+    assert len(re.findall(rb"/Type\s*/Page\b", pdf.read_bytes())) == 1
+
+
+def test_best_place_is_where_enough_blocks_come() -> None:
+    columns = ("moved_m", "arrivals_per_year", "energy_q95_kj", "height_q95_m")
+    rows = [(-40, 0.5, 10, 0.5), (-20, 1.1, 80, 2), (0, 1.0, 90, 3), (20, 0.9, 95, 1)]
+    places = pd.DataFrame(rows, columns=columns, dtype=float)
+    best = best_places(places)
+    assert best is not None and [row["moved_m"] for row in best] == [-20.0, 20.0]
+    assert best_places(places[places["moved_m"] == 0.0]) is None

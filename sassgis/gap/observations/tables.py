@@ -418,7 +418,7 @@ class Metadata:
         float, Column("m/s", "speed into the ground below which a contact is not recorded")
     ] = math.nan
     contact_min_interval_s: Annotated[
-        float, Column("s", "time after a contact within which no other is told from it")
+        float, Column("s", "time after a contact within which another one cannot be distinguished")
     ] = math.nan
     passages_missed_share: Annotated[
         float, Column("", "share of the passages at stations that were missed")

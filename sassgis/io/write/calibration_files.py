@@ -141,7 +141,7 @@ def class_provenance(calibration: SiteCalibration, name: str) -> str:
         parts.append("not identified by itself: " + ", ".join(kept))
     alike = [b if a == name else a for a, b in calibration.alike if name in (a, b)]
     if alike:
-        parts.append("not told apart from " + ", ".join(alike))
+        parts.append("not distinguishable from " + ", ".join(alike))
     limits = [f.parameter.name for f in own if f.limit]
     if limits:
         parts.append("at the limit of its range: " + ", ".join(limits))

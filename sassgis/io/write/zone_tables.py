@@ -19,8 +19,10 @@ from sassgis.hazard.design import (
 )
 from sassgis.hazard.sources import Sampled
 from sassgis.io.vector_layer import VectorLayer
+from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.labels import rounded
 from sassgis.model.results import ControlLine
+from sassgis.terrain.moved_lines import mean_height_m, moved_lines
 
 
 def source_table(sampled: Sequence[Sampled]) -> pd.DataFrame:
@@ -49,7 +51,7 @@ def design_table(
     """
     rows = []
     for i, control_line in enumerate(control_lines):
-        energy, height = (_arrivals(without_barriers, i, q) for q in ("energy_kj", "height_m"))
+        energy, height = (arrivals(without_barriers, i, q) for q in ("energy_kj", "height_m"))
         row: dict[str, object] = {
             "line": control_line.name,
             "kind": control_line.kind,
@@ -69,6 +71,54 @@ def design_table(
     return pd.DataFrame(rows)
 
 
+def design_tables(
+    grid: Grid,
+    lines: Sequence[tuple[ControlLine, FloatArray]],
+    without_barriers: Sequence[Sampled],
+    return_periods_years: Sequence[float],
+    confidence: float = 0.95,
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """What reaches each line, and its copies along the slope where they were simulated."""
+    copies = moved_lines(grid, lines)
+    sums = without_barriers[0].control_lines.control_lines if without_barriers else ()
+    if len(sums) < len(lines) + len(copies):
+        copies = ()
+    stations = [line for line, _ in lines]
+    stations += [copy.as_station(stations[copy.of].name)[0] for copy in copies]
+    design = design_table(stations, without_barriers, return_periods_years, confidence)
+    if not lines:
+        return design, design
+    placed = [(line.name, 0.0, trace) for line, trace in lines]
+    placed += [(stations[c.of].name, c.moved_m, c.trace) for c in copies]
+    moved = [(name, m, round(mean_height_m(grid, trace), 1)) for name, m, trace in placed]
+    released = sum(s.source.frequency for s in without_barriers)
+    return design.iloc[: len(lines)], places_table(design, moved, released)
+
+
+def places_table(
+    design: pd.DataFrame, moved: Sequence[tuple[str, float, float]], released_per_year: float
+) -> pd.DataFrame:
+    """What reaches each line and its copies along the slope.
+
+    Parameters
+    ----------
+    design : DataFrame
+        Of design_table, for the lines and their copies.
+    moved : sequence of (line, moved_m, ground_m)
+        For each row: the line, how far downslope it was moved, mean height of the ground there (m).
+    released_per_year : float
+        Onset frequency of all sources together.
+    """
+    names, metres, ground = zip(*moved, strict=True)
+    table = design.drop(columns=["line", "kind"])
+    share = [rounded(rate / released_per_year, 4) for rate in design["arrivals_per_year"]]
+    for k, (name, values) in enumerate(
+        {"line": names, "moved_m": metres, "ground_m": ground, "share": share}.items()
+    ):
+        table.insert(k, name, list(values))
+    return table.sort_values(["line", "moved_m"], kind="stable", ignore_index=True)
+
+
 def protection_table(
     control_lines: Sequence[ControlLine],
     without_barriers: Sequence[Sampled],
@@ -85,9 +135,9 @@ def protection_table(
     rows = []
     for i, line in enumerate(control_lines):
         energies, heights, masses = (
-            _arrivals(without_barriers, i, q) for q in ("energy_kj", "height_m", "mass_kg")
+            arrivals(without_barriers, i, q) for q in ("energy_kj", "height_m", "mass_kg")
         )
-        beyond = _arrivals(with_barriers, i, BEHIND)
+        beyond = arrivals(with_barriers, i, BEHIND)
         for years in return_periods_years:
             rate = 1.0 / years
             energy, height = (_limited(curve, rate, confidence) for curve in (energies, heights))
@@ -111,11 +161,6 @@ def protection_table(
                     behind = _limited(beyond, rate, confidence)
             rows.append(row | _named(BEHIND, behind))
     return pd.DataFrame(rows)
-
-
-def _arrivals(sampled: Sequence[Sampled], line: int, quantity: str) -> Arrivals:
-    """How often blocks of all sources arrive at a line with so much of a quantity."""
-    return arrivals([s.source for s in sampled], [s.control_lines for s in sampled], line, quantity)
 
 
 def _limited(curve: Arrivals, rate: float, confidence: float) -> tuple[float, ...]:

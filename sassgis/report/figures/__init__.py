@@ -15,5 +15,6 @@ from sassgis.report.figures.map_figure import map_figure as map_figure
 from sassgis.report.figures.map_marks import MapMarks as MapMarks
 from sassgis.report.figures.profile_figure import ProfilePanel as ProfilePanel
 from sassgis.report.figures.profile_figure import profile_figure as profile_figure
+from sassgis.report.figures.protection_figure import protection_figure as protection_figure
 from sassgis.report.figures.style import save as save
 from sassgis.report.figures.style import to_png as to_png

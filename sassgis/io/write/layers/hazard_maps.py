@@ -84,8 +84,8 @@ class _Maker:
                 " ", [phrase("Preset {} ({}).", preset.name, phrase(preset.title)), *rules]
             ),
             "sampled": phrase(
-                "{} intervals say what another sample of blocks would change, not the error of the "
-                "model, its parameters or the onset frequency.",
+                "{} intervals cover the sampling of blocks, not errors of the model, its "
+                "parameters or the onset frequency.",
                 percent,
             ),
         }
