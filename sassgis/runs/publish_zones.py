@@ -104,7 +104,7 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
     return Extras(
         layers=maps,
         vectors=(*own, *risk, *federal),
-        groups=zone_groups(maps, own, risk, federal, edits),
+        groups=zone_groups(maps, own, risk, federal, preset, edits),
         layouts=lambda words: zone_layouts(words, rules, found, own, risk, grid),
         report=ReportPart(
             partial(
@@ -208,7 +208,7 @@ def group_extras(
         frames |= risk_tables(risks[0], risks[1], config.risk.currency)
     return Extras(
         vectors=(*zones, *shown),
-        groups=zone_groups(maps, zones[:1], shown, zones[1:]),
+        groups=zone_groups(maps, zones[:1], shown, zones[1:], rules.preset),
         frames=frames,
         origin=_origin(config, rules),
     )

@@ -166,6 +166,13 @@ def test_sheets_show_every_return_period_and_what_lies_around(german: Path) -> N
             "Massstab",
         ):
             assert text in words, f"{name}: {text}"
+    sources = {m.findtext("id"): m.findtext("datasource") for m in project.iter("maplayer")}
+    for name, condition in (
+        ("30 Jahre", '"return_period_in_years" = 30'), ("Extremereignis", '"extreme_scenario" = 1')
+    ):  # fmt: skip
+        keys = [layer.text for layer in sheets[f"Intensität {name}"].iter("Layer")]
+        (zones,) = [sources[key] for key in keys if "intensity" in key]
+        assert zones == f"./hazard.gpkg|layername=synoptic_intensity|subset={condition}"
     themes = {t.get("name") for t in project.iter("visibility-preset")}
     assert themes == set(sheets)
     groups = [g.get("name") for g in project.find("layer-tree-group").findall("layer-tree-group")]
@@ -176,7 +183,7 @@ def test_no_layer_of_the_project_is_empty(german: Path) -> None:
     with zipfile.ZipFile(german / "project.qgz") as archive:
         project = ElementTree.fromstring(archive.read("project.qgs"))
     sources = [layer.findtext("datasource") for layer in project.iter("maplayer")]
-    vectors = [s.split("|layername=") for s in sources if "|" in s]
+    vectors = [s.split("|layername=") for s in sources if "|" in s and "|subset=" not in s]
     assert len(vectors) > 8
     # That of edits by hand is there to be drawn in.
     assert [n for f, n in vectors if not len(gpd.read_file(german / f, layer=n))] == ["edits"]
