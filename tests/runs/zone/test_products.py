@@ -189,6 +189,22 @@ def test_no_layer_of_the_project_is_empty(german: Path) -> None:
     assert [n for f, n in vectors if not len(gpd.read_file(german / f, layer=n))] == ["edits"]
 
 
+def test_zones_say_where_they_end_with_the_terrain_model(german: Path) -> None:
+    zones, limits = (
+        gpd.read_file(german / "hazard.gpkg", layer=name)
+        for name in ("hazard_zones", "open_limits")
+    )
+    length = np.zeros(len(zones))
+    length[limits["zone"] - 1] = limits.length
+    assert length.sum() > 0.0 and length == pytest.approx(zones["open_m"], abs=0.06)
+    # Unknown terrain as in with_everything, and what lies around the grid.
+    rows, cols = gully().shape
+    known = box(0, 0, cols, rows) - box(56, 40, cols - 56, rows - 40) - box(80, 33, cols - 80, 3)
+    for k, line in zip(limits["zone"], limits.geometry, strict=True):
+        assert known.boundary.intersection(line).length == pytest.approx(line.length)
+        assert zones.geometry[k - 1].buffer(0.1).contains(line.centroid.buffer(1e-6))
+
+
 ENGLISH = re.compile(r"\b(?:the|of|and|with|which|from|blocks?|are|is|height|zones|years?)\b")
 
 
