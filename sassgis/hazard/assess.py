@@ -278,6 +278,16 @@ def hazard_of(
     chances = level_chances(curves, preset, np.isfinite(grid.values), in_part)
     unsure = chances.uncertain(confidence)
     levels, edit, applied = with_edits(zones, edits, [c.code for c in preset.levels])
+    x, y = grid.cell_centres(chances.places)
+    applied = tuple(
+        replace(
+            own,
+            by_chance=grid.cell_size**2
+            * float(chances.changed[shapely.contains_xy(own.edit.geometry, x, y)].sum())
+            / own.edit.geometry.area,
+        )
+        for own in applied
+    )
     reached = np.searchsorted(chances.places, curves.places)
     of_cells = unsure[reached], chances.lowered[reached]
     return Hazard(

@@ -176,7 +176,8 @@ def edit_lines(applied: Sequence[AppliedEdit]) -> list[str]:
     if not applied:
         return []
     authors = ", ".join(dict.fromkeys(a.edit.author for a in applied))
-    return [phrase("Zones edited by hand at {} places ({}).", len(applied), authors)]
+    text = "Hazard zones edited by hand at {} places ({}); intensities and risk are as computed."
+    return [phrase(text, len(applied), authors)]
 
 
 def edit_warnings(applied: Sequence[AppliedEdit]) -> list[str]:
