@@ -205,6 +205,16 @@ def test_zones_say_where_they_end_with_the_terrain_model(german: Path) -> None:
         assert zones.geometry[k - 1].buffer(0.1).contains(line.centroid.buffer(1e-6))
 
 
+def test_values_at_objects_lie_within_their_intervals(german: Path) -> None:
+    table = pd.read_csv(german / "tables" / "risk_objects.csv")
+    names = [name for name in table if f"{name}_high" in table]
+    assert len(names) > 2
+    for name in names:
+        known = table[table[name].notna()]
+        assert (known[f"{name}_low"] <= known[name]).all(), name
+        assert not (known[f"{name}_high"] < known[name]).any(), name
+
+
 ENGLISH = re.compile(r"\b(?:the|of|and|with|which|from|blocks?|are|is|height|zones|years?)\b")
 
 
