@@ -133,25 +133,18 @@ def zone(config: Path, out: Path, as_json: bool, **given: Any) -> None:
 
 def _zoned(config: Path, out: Path, as_json: bool, given: Mapping[str, Any]) -> None:
     """Make hazard zones and report the result."""
-    from sassgis.hazard.warnings import sample_words
+    from sassgis.hazard.warnings import edge_words, sample_words
     from sassgis.runs.zone import zone as make_zones
 
     with at_work(given) as how:
         result = make_zones(_with_draws(config, how), out, **how)
     hazard = result.found.hazard
-    lost = result.run.progress.lost_share
-    edge = ""
-    if lost > 0.0 and result.run.run.followed:
-        open_m = hazard.facts.open_m.sum()
-        edge = (
-            f" {100 * lost:.2g} % of the blocks left the terrain model: over {open_m:.0f} m "
-            "zones go on beyond its edge, where nothing was computed."
-        )
-    summary = _with_spread(
-        f"{result.run.n_blocks} blocks, {hazard.levels.polygons.size} zones. "
-        f"{sample_words(hazard.changed_share)}{edge}{_edited(hazard.edits)}",
-        result.run,
-    )
+    edge = edge_words(result.run.run, result.run.progress, float(hazard.facts.open_m.sum()))
+    said = [
+        f"{result.run.n_blocks} blocks, {hazard.levels.polygons.size} zones.",
+        *filter(None, (sample_words(hazard.changed_share), edge, _edited(hazard.edits))),
+    ]
+    summary = _with_spread(" ".join(said), result.run)
     facts = {
         **_run_facts(result.run),
         "zones": int(hazard.levels.polygons.size),
@@ -159,7 +152,7 @@ def _zoned(config: Path, out: Path, as_json: bool, given: Mapping[str, Any]) -> 
         "uncertain_share": float(hazard.uncertain_share),
         "edits": len(hazard.edits),
         "edits_with_another_level": sum(a.has_changed for a in hazard.edits),
-        "left_terrain_share": lost,
+        "left_terrain_share": result.run.progress.lost_share,
     }
     conclude(result.run.warnings, summary, out, facts if as_json else None)
 
@@ -170,7 +163,7 @@ def _edited(edits: Sequence[AppliedEdit]) -> str:
         return ""
     changed = sum(a.has_changed for a in edits)
     since = f", below {changed} another level is computed than when they were made" * bool(changed)
-    return f" Edited by hand: {len(edits)} places{since}."
+    return f"Edited by hand: {len(edits)} places{since}."
 
 
 @command(

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+import shapely
 
 from sassgis.hazard.another_sample import LevelChances, level_chances
 from sassgis.hazard.attribution import attribution, governing, zone_of_cells
@@ -22,7 +23,7 @@ from sassgis.model.edits import Edit
 from sassgis.model.exposure import PlacedObjects, Vulnerability
 from sassgis.model.grid import BoolArray, FloatArray, Grid, IntArray
 from sassgis.model.hazard import Drawing, HazardCurves, HazardPreset
-from sassgis.terrain.edge import edge_cells
+from sassgis.terrain.edge import edge_sides
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,8 +39,8 @@ class ZoneFacts:
         Share of those cells whose level another sample of blocks might change; NaN without any.
     moves_m : float64, shape (n_zones,)
         Mean distance between the outer limit and that of another sample of as many blocks (m).
-    open_m : float64, shape (n_zones,)
-        Length along the edge of the known terrain, beyond which the zone goes on (m).
+    open_limit : LineString or MultiLineString, shape (n_zones,)
+        Where it ends at the edge of the known terrain, beyond which it goes on; may be empty.
     shares : float64, shape (n_zones, n_sources)
         Of each source in the rate that makes the level; NaN in zones without a reached cell.
     governing : int64, shape (n_zones,)
@@ -52,10 +53,16 @@ class ZoneFacts:
     cells: IntArray
     uncertain: np.ndarray
     moves_m: np.ndarray
-    open_m: np.ndarray
+    open_limit: np.ndarray
     shares: np.ndarray
     governing: IntArray
     edit: IntArray
+
+    @property
+    def open_m(self) -> FloatArray:
+        """Length of what is open of each zone (m), shape (n_zones,)."""
+        length: FloatArray = shapely.length(self.open_limit)
+        return length
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,13 +234,15 @@ def zone_facts(
     # What a zone loses on one side of its limit it gains on the other, on average.
     moved = 2.0 * grid.cell_size**2 * np.bincount(zone[inside], lowered[inside], minlength=n)
     length = np.array([p.exterior.length for p in zones.polygons], np.float64)
-    edge = zone_of_cells(zones, grid, np.flatnonzero(edge_cells(np.isfinite(grid.values))))
+    cell, side = edge_sides(grid)
+    of_side = zone_of_cells(zones, grid, cell)
+    open_limit = [shapely.line_merge(shapely.union_all(side[of_side == k])) for k in range(n)]
     return ZoneFacts(
         np.array([p.area for p in zones.polygons], np.float64),
         cells,
         np.where((cells > 0) & (edit < 0), unsure_cells / np.maximum(cells, 1), np.nan),
         np.where(edit < 0, moved / length, 0.0),
-        grid.cell_size * np.bincount(edge[edge >= 0], minlength=n),
+        np.array(open_limit, np.object_),
         shares,
         governing(shares)[0],
         edit,
@@ -269,6 +278,16 @@ def hazard_of(
     chances = level_chances(curves, preset, np.isfinite(grid.values), in_part)
     unsure = chances.uncertain(confidence)
     levels, edit, applied = with_edits(zones, edits, [c.code for c in preset.levels])
+    x, y = grid.cell_centres(chances.places)
+    applied = tuple(
+        replace(
+            own,
+            by_chance=grid.cell_size**2
+            * float(chances.changed[shapely.contains_xy(own.edit.geometry, x, y)].sum())
+            / own.edit.geometry.area,
+        )
+        for own in applied
+    )
     reached = np.searchsorted(chances.places, curves.places)
     of_cells = unsure[reached], chances.lowered[reached]
     return Hazard(

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import PurePath
 from typing import Any
 
@@ -54,6 +54,8 @@ class ChangeRow:
         Of the level, control line or object; empty where there is one only.
     before, after : float
         NaN where a result does not have it.
+    limits : ((low, high), (low, high))
+        By the sampling of blocks, before and after; NaN where none are known.
     """
 
     part: str
@@ -62,6 +64,7 @@ class ChangeRow:
     unit: str
     before: float
     after: float
+    limits: tuple[tuple[float, ...], ...] = field(default=((math.nan, math.nan),) * 2, kw_only=True)
 
     @property
     def change(self) -> float:
@@ -145,11 +148,22 @@ class ResultChange:
         for name in names:
             energy = self.row("object", "energy (95 % quantile)", name)
             reach = self.row("object", "reach probability", name)
-            yield (
-                f"{name}: energy (95 % quantile) {energy.before:,.0f} kJ before, "
-                f"{energy.after:,.0f} kJ after; reach probability {100 * reach.before:.2g} % "
-                f"before, {100 * reach.after:.2g} % after."
+            before, after = (
+                f"{value:,.0f} kJ{limits_text(limits, '{:,.0f}'.format)}"
+                for value, limits in zip((energy.before, energy.after), energy.limits, strict=True)
             )
+            yield (
+                f"{name}: energy (95 % quantile) {before} before, {after} after; reach "
+                f"probability {100 * reach.before:.2g} % before, {100 * reach.after:.2g} % after."
+            )
+
+
+def limits_text(limits: tuple[float, ...], written: Callable[[float], str]) -> str:
+    """Limits by the sampling in brackets; nothing where none are known."""
+    low, high = limits
+    if math.isnan(low):
+        return ""
+    return f" ({written(low)} {'or more' if math.isnan(high) else 'to ' + written(high)})"
 
 
 def difference(before: FloatArray, after: FloatArray) -> FloatArray:
@@ -308,6 +322,11 @@ _AT_OBJECTS = (
     (ENERGY, "energy (95 % quantile)"),
     (HEIGHT, "passing height (95 % quantile)"),
 )
+#: What results have of all blocks that reach an object.
+_POOLED = {
+    "energy (95 % quantile)": "energy_q95_kj",
+    "passing height (95 % quantile)": "height_q95_m",
+}
 _RISK = (("deaths_per_year", "deaths", "1/year"), ("loss_per_year", "loss", "{}/year"))
 
 
@@ -320,20 +339,32 @@ def _object_rows(
     *,
     levels: bool,
 ) -> Iterator[ChangeRow]:
-    """The largest values over the cells of each object; 0 where no block arrives."""
+    """What comes to each object; 0 where no block arrives.
+
+    Energy and height are those of all blocks that reach it, where both results have them, else, as
+    all others, the largest values over its cells.
+    """
+    results = before, after
     maps = [(m, q, m.unit) for m, q in _AT_OBJECTS if m in compared_maps(before, after)]
     if levels:
         maps.append((ComparedMap(LEVEL, "level", "", ""), "hazard level", "class"))
     shown = [
-        (quantity, unit, [r.band(m.stem, m.band).ravel() for r in (before, after)])
+        (quantity, unit, [r.band(m.stem, m.band).ravel() for r in results])
         for m, quantity, unit in maps
     ]
     for number, name in enumerate(names):
         own = cells[owner == number]
         for quantity, unit, values in shown:
+            pooled = [r.values.get(name, {}).get(_POOLED.get(quantity, "")) for r in results]
+            if all(pooled):
+                (one, *first), (two, *second) = (p or () for p in pooled)
+                both = float(np.nan_to_num(one)), float(np.nan_to_num(two))
+                limits = tuple(first), tuple(second)
+                yield ChangeRow("object", name, quantity, unit, *both, limits=limits)
+                continue
             largest = [float(np.nan_to_num(v[own]).max(initial=0.0)) for v in values]
             yield ChangeRow("object", name, quantity, unit, *largest)
-        risks = [r.risk.get(name) for r in (before, after)]
+        risks = [r.risk.get(name) for r in results]
         if any(risks):
             currency = str(after.manifest["settings"].get("risk", {}).get("currency", "value"))
             for column, quantity, unit in _RISK:

@@ -48,6 +48,9 @@ class StoredResult:
         Exposed objects, with their names and kinds alone.
     risk : mapping of str to mapping
         ``deaths_per_year`` and ``loss_per_year`` of each object, roads as a whole.
+    values : mapping of str to mapping of str to (value, low, high)
+        ``energy_q95_kj`` and ``height_q95_m`` of the blocks at each object, with limits by the
+        sampling; of roads those of the stretch with the largest value.
     """
 
     folder: Path
@@ -62,6 +65,7 @@ class StoredResult:
     level_codes: tuple[str, ...] = ()
     objects: PlacedObjects = field(default_factory=lambda: PlacedObjects((), ()))
     risk: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    values: Mapping[str, Mapping[str, tuple[float, ...]]] = field(default_factory=dict)
 
     @property
     def blocks(self) -> int:

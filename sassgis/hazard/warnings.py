@@ -145,6 +145,21 @@ def sample_words(changed_share: float) -> str:
     return phrase(text, f"{100 * changed_share:.1f}")
 
 
+def edge_words(run: MapRun, progress: Progress, open_m: float) -> str:
+    """That blocks were lost at the edge of the terrain model: one sentence; empty without any.
+
+    ``open_m`` is the length over which zones go on there (m).
+    """
+    # On fall lines blocks are lost at the ends of these, too.
+    if not run.followed or not progress.lost_share:
+        return ""
+    text = (
+        "{} % of the blocks left the terrain model; over {} m zones go on beyond its edge, where "
+        "nothing was computed."
+    )
+    return phrase(text, f"{100 * progress.lost_share:.2g}", f"{open_m:.0f}")
+
+
 def zone_warnings(changed_share: float, budget: BlockBudget | None) -> list[str]:
     """What a zoning has not settled within its budget."""
     if budget is None or changed_share <= budget.changed_share:
@@ -161,7 +176,8 @@ def edit_lines(applied: Sequence[AppliedEdit]) -> list[str]:
     if not applied:
         return []
     authors = ", ".join(dict.fromkeys(a.edit.author for a in applied))
-    return [phrase("Zones edited by hand at {} places ({}).", len(applied), authors)]
+    text = "Hazard zones edited by hand at {} places ({}); intensities and risk are as computed."
+    return [phrase(text, len(applied), authors)]
 
 
 def edit_warnings(applied: Sequence[AppliedEdit]) -> list[str]:

@@ -16,6 +16,7 @@ from sassgis.hazard.result_change import (
     ResultChange,
     compared_maps,
     difference,
+    limits_text,
 )
 from sassgis.hazard.stored_result import StoredResult
 from sassgis.model.grid import FloatArray
@@ -238,17 +239,25 @@ def _at_places(title: str, rows: Sequence[ChangeRow], note: str = "") -> ReportT
         cells: list[Cell] = [name]
         for quantity in quantities:
             row = found.get((name, quantity))
-            cells += [None, None] if row is None else [row.before, row.after]
+            cells += [None, None] if row is None else [_with_limits(row, 0), _with_limits(row, 1)]
         body.append(tuple(cells))
     return ReportTable(title, tuple(heads), tuple(body), note)
+
+
+def _with_limits(row: ChangeRow, when: int) -> Cell:
+    """Value before (0) or after (1), with its limits if they are known."""
+    value, limits = (row.before, row.after)[when], limits_text(row.limits[when], sensible)
+    return f"{sensible(value)}{limits}" if limits else value
 
 
 def _object_table(change: ResultChange, after: StoredResult) -> ReportTable | None:
     table = _at_places(
         "At exposed objects",
         change.of("object"),
-        "The largest value over the cells of an object, a road as a whole; 0 where no block "
-        "arrives. Deaths and loss are sums over the object.",
+        "0 where no block arrives. Energy and passing height with limits by the sampling: of all "
+        "blocks that reach the object, of a road at the stretch with the largest; the others, and "
+        "those without limits, are the largest over the cells of an object, a road as a whole. "
+        "Deaths and loss are sums over the object.",
     )
     if table is None or LEVEL not in after.maps:
         return table

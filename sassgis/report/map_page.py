@@ -88,6 +88,8 @@ class MapHazard:
     ----------
     zones : sequence of (level, polygon, rows)
         Position of the level in the preset, and what is said of the zone.
+    marks : sequence of (kind, name, geometry, rows)
+        On the zones: of kind "open", where they go on beyond the terrain model; "edit", by hand.
     ref_width_m : float
         Of all frequencies.
     """
@@ -95,6 +97,7 @@ class MapHazard:
     preset: HazardPreset
     curves: HazardCurves
     zones: Sequence[tuple[int, Any, tuple[tuple[str, str], ...]]]
+    marks: Sequence[tuple[str, str, Any, tuple[tuple[str, str], ...]]]
     ref_width_m: float
 
 
@@ -194,6 +197,8 @@ _WORDS = {
     "zone": "Zone",
     "zones": "Hazard zones",
     "zones_note": "Zones as drawn; the other maps show the cells.",
+    "open": "Zone goes on",
+    "edit": "Edited by hand",
     "object": "Object",
     "station": "Station",
     "wall": "Wall",
@@ -464,6 +469,7 @@ def _shapes(page: MapPage) -> list[dict[str, Any]]:
             _shape("zone", translated(phrase(levels[k].label)), polygon, rows, levels[k].colour)
             for k, polygon, rows in page.hazard.zones
         ]
+        found += [_shape(*mark) for mark in page.hazard.marks]
     found += [_shape("release", name, geometry, rows) for name, geometry, rows in page.areas]
     placed = [("object", name, geometry) for name, geometry in page.objects]
     placed += [(c.kind, c.name, shapely.LineString(trace)) for c, trace in page.run.control_lines]

@@ -92,25 +92,22 @@ def object_lines(exposed: ReportTable) -> Lines:
 
 
 def zone_lines(
-    levels: ReportTable, found: Assessment, lost: float, confidence: float, currency: str
+    levels: ReportTable, found: Assessment, edge: str, confidence: float, currency: str
 ) -> Lines:
     """Area of the zones by level, how sure they are, and the risk of all objects.
 
-    ``lost`` is the share of the blocks that left the terrain model.
+    ``edge`` is what is said of blocks that left the terrain model.
     """
     areas = [phrase("{} {} m²", phrase(str(row[0])), sensible(row[2])) for row in levels.rows]
     hazard = found.hazard
     text = "{} {} % of these changes lie on the hatched cells, which are {} % of that area"
     shares = (f"{100 * share:.3g}" for share in (confidence, hazard.uncertain_share))
     sample = phrase(text, sample_words(hazard.changed_share), *shares)
-    lines = [("Hazard zones", joined("; ", areas)), ("Sampling error", sample)]
-    if lost > 0.0:
-        text = (
-            "{} % of the blocks leave it; over {} m in all the zones end there and go on beyond "
-            "it, where nothing was computed"
-        )
-        open_m = sensible(round(float(hazard.facts.open_m.sum())))
-        lines.append(("Edge of the terrain model", phrase(text, f"{100 * lost:.2g}", open_m)))
+    lines: list[tuple[str, str]] = [
+        ("Hazard zones", joined("; ", areas)), ("Sampling error", sample)
+    ]  # fmt: skip
+    if edge:
+        lines.append(("Edge of the terrain model", edge))
     if hazard.edits:
         changed = sum(a.has_changed for a in hazard.edits)
         text = "{} places; below {} of them the computed level has changed since"

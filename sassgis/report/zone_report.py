@@ -306,6 +306,9 @@ def level_table(preset: HazardPreset, found: Assessment) -> ReportTable:
     zones = found.hazard.levels
     count = [int((zones.classes == k + 1).sum()) for k in range(len(preset.levels))]
     cells: list[Sequence[Cell]] = [[v.label for v in preset.levels], count, areas(zones)]
+    if found.hazard.edits:
+        columns += "; area as computed | m²"
+        cells.append(areas(found.hazard.computed))
     if found.without is not None:
         columns += "; area without walls and nets | m²"
         cells.append(areas(found.without.levels))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +15,9 @@ from sassgis.hazard.design import arrivals, value_at_rate
 from sassgis.hazard.progress import Progress
 from sassgis.hazard.risk import RiskTable
 from sassgis.hazard.sources import Sampled
-from sassgis.model.languages import named, phrase
+from sassgis.hazard.zoning.applied_edits import shares_text
+from sassgis.model.edits import LIMIT_TEXT
+from sassgis.model.languages import joined, named, phrase
 from sassgis.model.map_run import MapRun
 from sassgis.report.map_page import Contribution, MapHazard, PlaceFacts
 from sassgis.report.page import sensible
@@ -78,7 +81,17 @@ def map_hazard(rules: Rules, found: Assessment) -> MapHazard:
             share = f"{100.0 * most[k]:.0f} %"
             rows.append(("Governed by", phrase("{}, {} ({})", own.area, own.scenario, share)))
         zones.append((int(level) - 1, polygon, tuple(rows)))
-    return MapHazard(rules.preset, found.hazard.curves, zones, rules.ref_width_m)
+    marks: list[tuple[str, str, Any, Rows]] = [
+        ("open", f"{facts.open_m[k]:.0f} m", facts.open_limit[k], ())
+        for k in np.flatnonzero(facts.open_m > 0.0)
+    ]
+    labels = [phrase("none"), *(phrase(c.label) for c in rules.preset.levels)]
+    for applied in found.hazard.edits:
+        edit, limit = applied.edit, phrase(LIMIT_TEXT[applied.edit.limit])
+        said = (("Level", joined(" ", filter(None, (limit, labels[edit.level])))),
+                ("computed now", named(shares_text(applied.now))))  # fmt: skip
+        marks.append(("edit", edit.words, edit.geometry, said))
+    return MapHazard(rules.preset, found.hazard.curves, zones, marks, rules.ref_width_m)
 
 
 def line_facts(

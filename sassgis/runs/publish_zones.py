@@ -9,7 +9,7 @@ from pathlib import Path
 from sassgis.hazard.another_sample import LevelChances
 from sassgis.hazard.assess import Assessment, Rules
 from sassgis.hazard.risk import RiskTable
-from sassgis.hazard.warnings import edit_warnings, rule_warnings, zone_warnings
+from sassgis.hazard.warnings import edge_words, edit_warnings, rule_warnings, zone_warnings
 from sassgis.io.qgis.run_project import zone_groups, zone_layouts
 from sassgis.io.vector_layer import VectorLayer
 from sassgis.io.write.layers import zones as zone_layers
@@ -102,12 +102,11 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
     federal = federal_layers(config, grid, preset, rules.ref_width_m, hazard, found.by_area)
     levels = level_table(preset, found)
     on_objects = levels_of(rules.placed, hazard.levels, preset.levels)
-    # On fall lines blocks are lost at the ends of these, too.
-    lost = done.progress.lost_share if run.followed else 0.0
+    edge = edge_words(run, done.progress, float(hazard.facts.open_m.sum()))
     return Extras(
         layers=maps,
         vectors=(*own, *risk, *federal),
-        groups=zone_groups(maps, own, risk, federal, edits),
+        groups=zone_groups(maps, own, risk, federal, preset, edits),
         layouts=lambda words: zone_layouts(words, rules, found, own, risk, grid),
         report=ReportPart(
             partial(
@@ -134,7 +133,7 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
             zone_facts_of(rules, found, run, done.progress.simulated),
             on_objects,
             values,
-            zone_lines(levels, found, lost, confidence, currency),
+            zone_lines(levels, found, edge, confidence, currency),
             hazard=map_hazard(rules, found),
             contributions=rates_by_source(hazard.sampled),
             places=line_facts(run, found.without_barriers, periods)
@@ -219,7 +218,7 @@ def group_extras(
         frames |= risk_tables(risks[0], risks[1], config.risk.currency)
     return Extras(
         vectors=(*zones, *shown),
-        groups=zone_groups(maps, zones[:1], shown, zones[1:]),
+        groups=zone_groups(maps, zones[:1], shown, zones[1:], rules.preset),
         frames=frames,
         origin=_origin(config, rules),
     )

@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
+from numpy.typing import NDArray
 
 from sassgis.model.grid import BoolArray, FloatArray, Grid, IntArray
 
@@ -39,6 +41,33 @@ def edge_cells(known: BoolArray) -> BoolArray:
     inside = beside[:-2, 1:-1] & beside[2:, 1:-1] & beside[1:-1, :-2] & beside[1:-1, 2:]
     out: BoolArray = known & ~inside
     return out
+
+
+def edge_sides(grid: Grid) -> tuple[IntArray, NDArray[np.object_]]:
+    """Sides of cells with a height that border on one without, or on the border of the grid.
+
+    Returns
+    -------
+    cell : int64, shape (n,)
+        Flat index of the cell of each side, ascending.
+    side : LineString, shape (n,)
+    """
+    beside = np.pad(np.isfinite(grid.values), 1)
+    cells = np.flatnonzero(edge_cells(beside[1:-1, 1:-1]))
+    row, col = np.divmod(cells, grid.shape[1])
+    west, north = grid.west + col * grid.cell_size, grid.north - row * grid.cell_size
+    east, south = west + grid.cell_size, north - grid.cell_size
+    found, lines = [], []
+    for drow, dcol, *ends in (
+        (-1, 0, west, north, east, north), (1, 0, west, south, east, south),
+        (0, -1, west, north, west, south), (0, 1, east, north, east, south),
+    ):  # fmt: skip
+        beyond = np.flatnonzero(~beside[row + 1 + drow, col + 1 + dcol])
+        found.append(cells[beyond])
+        lines.append(np.stack([end[beyond] for end in ends], axis=1).reshape(-1, 2, 2))
+    cell = np.concatenate(found).astype(np.int64)
+    order = np.argsort(cell, kind="stable")
+    return cell[order], np.array(shapely.linestrings(np.concatenate(lines)[order]), np.object_)
 
 
 def beyond_edge(

@@ -86,6 +86,9 @@ def test_what_was_computed_since_is_told_from_the_share_on_that_matters() -> Non
         own = AppliedEdit(edit(box(0, 0, 1, 1), 1), now, shares_of_text(then))
         assert own.changed == pytest.approx(changed, nan_ok=True)
         assert own.has_changed is told
+    # Two samples of blocks are no change.
+    own = AppliedEdit(edit(box(0, 0, 1, 1), 1), now, {"slight": 1.0}, by_chance=0.3)
+    assert own.changed == pytest.approx(0.52) and not own.has_changed
 
 
 def test_shares_as_text_and_back() -> None:

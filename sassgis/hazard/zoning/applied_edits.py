@@ -20,8 +20,9 @@ from sassgis.hazard.zoning.coverage import (
 from sassgis.model.edits import NO_LEVEL, Edit
 from sassgis.model.grid import FloatArray, IntArray
 
-#: From this share of its area on, another computed level below an edit is reported.
-CHANGED_MIN = 0.05
+#: From this share of its area on, another computed level below an edit is reported; and only where
+#: it is this many times what another sample of blocks changes.
+CHANGED_MIN, BEYOND_CHANCE = 0.05, 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,11 +34,14 @@ class AppliedEdit:
     now, then : mapping of str to float
         Share of the edit's area by code of the computed level: of this run, and when the edit was
         made; the latter is empty if it is not known.
+    by_chance : float
+        Share of its area whose level another sample of as many blocks would change.
     """
 
     edit: Edit
     now: Mapping[str, float]
     then: Mapping[str, float]
+    by_chance: float = 0.0
 
     @property
     def changed(self) -> float:
@@ -50,7 +54,7 @@ class AppliedEdit:
     @property
     def has_changed(self) -> bool:
         """Whether the computed level has changed by so much that a user is told."""
-        return self.changed >= CHANGED_MIN
+        return self.changed >= max(CHANGED_MIN, BEYOND_CHANCE * self.by_chance)
 
 
 def shares_text(shares: Mapping[str, float]) -> str:

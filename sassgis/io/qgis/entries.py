@@ -21,21 +21,24 @@ class LayerEntry:
     content: RasterLayer | VectorLayer
     source: str
     visible: bool = True
-    to_draw_in: bool = False  # kept though it has no features
+    though_empty: bool = False  # kept though it has no features
+    part: str = ""  # name of a part of the layer that is shown alone
+    part_where: str = ""  # which features are in it: a condition in SQL
 
     @property
     def key(self) -> str:
         """Identity of the layer in the project."""
         if isinstance(self.content, RasterLayer):
             return f"raster_{self.content.stem}"
-        return f"vector_{self.content.name}"
+        return "_".join(filter(None, ("vector", self.content.name, self.part)))
 
     @property
     def datasource(self) -> str:
         """The source as QGIS writes it."""
         if isinstance(self.content, RasterLayer):
             return f"./{self.source}"
-        return f"./{self.source}|layername={self.content.name}"
+        subset = f"|subset={self.part_where}" if self.part_where else ""
+        return f"./{self.source}|layername={self.content.name}{subset}"
 
     @property
     def provider(self) -> str:
@@ -90,7 +93,7 @@ def without_empty(group: LayerGroup) -> LayerGroup:
     def filled(member: LayerEntry | LayerGroup) -> bool:
         if isinstance(member, LayerGroup):
             return bool(member.layers)
-        if isinstance(member.content, RasterLayer) or member.to_draw_in:
+        if isinstance(member.content, RasterLayer) or member.though_empty:
             return True
         return not member.content.frame.empty
 

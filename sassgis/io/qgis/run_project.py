@@ -13,6 +13,7 @@ import shapely
 from sassgis.hazard.assess import Assessment, Rules
 from sassgis.hazard.preset_labels import preset_unverified
 from sassgis.hazard.warnings import edit_lines, ground_warnings, sample_words
+from sassgis.hazard.zone_styles import zone_style
 from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.io.qgis.entries import LayerEntry, LayerGroup, without_empty
 from sassgis.io.qgis.layout import Extent, PrintLayout
@@ -22,6 +23,7 @@ from sassgis.io.read.result_folder import EDITS_FILE
 from sassgis.io.vector_layer import VectorLayer
 from sassgis.model.grid import Grid
 from sassgis.model.ground import GroundClass
+from sassgis.model.hazard import HazardPreset
 from sassgis.model.languages import joined, phrase
 from sassgis.model.map_run import MapRun
 from sassgis.model.results import RasterLayer
@@ -225,6 +227,7 @@ def zone_groups(
     own: Sequence[VectorLayer],
     risk: Sequence[VectorLayer],
     federal: Sequence[VectorLayer],
+    preset: HazardPreset,
     edits: VectorLayer | None = None,
 ) -> tuple[LayerGroup, ...]:
     """The groups of a zoning: zones, intensities, frequencies, federal layers, risk.
@@ -246,8 +249,9 @@ def zone_groups(
         LayerGroup(
             "Hazard",
             (
-                *([] if edits is None else [LayerEntry(edits, EDITS_FILE, to_draw_in=True)]),
+                *([] if edits is None else [LayerEntry(edits, EDITS_FILE, though_empty=True)]),
                 *vectors(own, ("hazard_zones", "open_limits")),
+                LayerGroup("Intensity zones", _intensity_zones(maps, federal, preset), True, False),
                 LayerGroup("Intensity maps", rasters("intensity"), True, False),
                 LayerGroup(
                     "Frequency and confidence",
@@ -263,6 +267,36 @@ def zone_groups(
     if risk:
         groups.insert(0, LayerGroup("Risk", tuple(vectors(risk, tuple(v.name for v in risk)))))
     return tuple(groups)
+
+
+def _intensity_zones(
+    maps: Sequence[RasterLayer], federal: Sequence[VectorLayer], preset: HazardPreset
+) -> tuple[LayerEntry, ...]:
+    """Zones of the intensity of each return period, with the legend of its map of cells."""
+    whole = next((layer for layer in federal if layer.name == "synoptic_intensity"), None)
+    out = []
+    for own in maps:
+        stem, _, period = own.stem.partition("_")
+        if stem != "intensity" or whole is None:
+            continue
+        column = "extreme_scenario" if period == "extreme" else "return_period_in_years"
+        value = 1.0 if period == "extreme" else float(period)
+        signs = [
+            (c.code, known.label, c.colour, False)
+            for c, known in zip(preset.intensities, own.classes, strict=True)
+        ]
+        shown = replace(
+            whole,
+            title=own.title,
+            frame=whole.frame[whole.frame[column] == value],
+            style=zone_style("intensity_class", signs),
+        )
+        # A period without zones has its sheet all the same: it says that there are none.
+        where = f'"{column}" = {value:g}'
+        out.append(
+            LayerEntry(shown, _VECTORS, False, though_empty=True, part=period, part_where=where)
+        )
+    return tuple(out)
 
 
 def zone_layouts(
@@ -306,22 +340,23 @@ def zone_layouts(
     )
     lines = ["vector_edits"] if found.hazard.edits else []
     lines += [f"vector_{layer.name}" for layer in own if layer.name == "open_limits"]
-    level = words.sheet("Hazard level", "Hazard zones, rockfall", *lines, "vector_hazard_zones")
-    sheets = [replace(level, drawn_for=rules.zones.scale)]
+    sheets = [words.sheet("Hazard level", "Hazard zones, rockfall", *lines, "vector_hazard_zones")]
+    zones = "vector_synoptic_intensity_{}"
     sheets += [
         words.sheet(
             phrase("Intensity {} years", f"{years:g}"),
             phrase("Intensity of rockfall, return period {} years", f"{years:g}"),
-            f"raster_intensity_{years:g}",
+            zones.format(f"{years:g}"),
         )
         for years in preset.return_periods
     ]
     sheets.append(
         words.sheet(
             "Intensity extreme event", "Intensity of rockfall, extreme event",
-            "raster_intensity_extreme",
+            zones.format("extreme"),
         )
     )  # fmt: skip
+    sheets = [replace(sheet, drawn_for=rules.zones.scale) for sheet in sheets]
     if risk:
         around = tuple(k for k in words.around if not k.startswith("vector_exposed"))
         shown = (f"vector_{layer.name}" for layer in risk)

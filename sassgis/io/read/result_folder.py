@@ -34,6 +34,7 @@ _BANDS = {
 _RISK_LAYERS = ("risk_objects", "risk_lines", "risk_points")
 _OBJECT_LAYERS = ("exposed_areas", "exposed_lines", "exposed_points")
 _PER_YEAR = ("deaths_per_year", "loss_per_year")
+_VALUES = ("energy_q95_kj", "height_q95_m")
 RESULT_FILE, ZONE_FILE = "result.gpkg", "hazard.gpkg"
 EDITS_FILE, EDITS_LAYER = "edits.gpkg", "edits"
 
@@ -92,7 +93,7 @@ def read_result(folder: Path) -> StoredResult:
             expected="a result of sassgis run, zone or batch, with maps/reach_probability.tif",
         )
     maps = {s: _read_map(f, _BANDS[s]) for s, f in files.items() if f.is_file()}
-    objects, risk = _read_objects(folder)
+    objects, risk, values = _read_objects(folder)
     level = maps.get("hazard_level")
     zones, codes = (None, ()) if level is None else _read_zones(folder / ZONE_FILE, level.classes)
     lines = _read_control_lines(folder / RESULT_FILE)
@@ -109,6 +110,7 @@ def read_result(folder: Path) -> StoredResult:
         level_codes=codes,
         objects=objects,
         risk=risk,
+        values=values,
     )
 
 
@@ -220,11 +222,15 @@ def _read_release(file: Path) -> tuple[FloatArray, ...]:
     return tuple(shapely.get_coordinates(shapely.get_exterior_ring(p)) for p in parts)
 
 
-def _read_objects(folder: Path) -> tuple[PlacedObjects, dict[str, dict[str, float]]]:
-    """Exposed objects, and the sums of their risk by the name of the whole."""
+_Values = dict[str, dict[str, tuple[float, ...]]]
+
+
+def _read_objects(folder: Path) -> tuple[PlacedObjects, dict[str, dict[str, float]], _Values]:
+    """Exposed objects; by the name of the whole the sums of their risk, and the largest values."""
     objects: list[ExposedObject] = []
     shapes: list[Any] = []
     risk: dict[str, dict[str, float]] = {}
+    values: _Values = {}
     frames = [read_layer(folder / ZONE_FILE, name) for name in _RISK_LAYERS]
     if not any(frame is not None for frame in frames):
         frames = [read_layer(folder / RESULT_FILE, name) for name in _OBJECT_LAYERS]
@@ -238,4 +244,10 @@ def _read_objects(folder: Path) -> tuple[PlacedObjects, dict[str, dict[str, floa
                 sums = risk.setdefault(one.whole, dict.fromkeys(_PER_YEAR, 0.0))
                 for column in _PER_YEAR:
                     sums[column] += float(row[column])
-    return PlacedObjects(tuple(objects), tuple(shapes)), risk
+            for column in _VALUES if _VALUES[0] in row else ():
+                read = (row[column + end] for end in ("", "_low", "_high"))
+                own = tuple(np.nan if value is None else float(value) for value in read)
+                largest = values.setdefault(one.whole, {}).setdefault(column, own)
+                if not own[0] <= largest[0] and not np.isnan(own[0]):
+                    values[one.whole][column] = own
+    return PlacedObjects(tuple(objects), tuple(shapes)), risk, values

@@ -151,6 +151,8 @@ def test_a_line_counts_as_a_whole(results: Any, compared: Path) -> None:
         rows = pd.read_csv(result / "tables" / "risk_objects.csv")
         stretches = rows[rows["part_of"] == "pipe"]
         assert len(stretches) == 5
+        energy = table.loc[("object", "pipe", "energy (95 % quantile)"), when]
+        assert energy == pytest.approx(stretches["energy_q95_kj"].fillna(0.0).max(), rel=1e-3)
         stated = table.loc[("object", "pipe", "loss"), when]
         assert stated == pytest.approx(stretches["loss_per_year"].sum(), rel=1e-5)
         reach = bands(result / "maps" / "reach_probability.tif")["reach"]

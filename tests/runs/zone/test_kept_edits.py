@@ -47,7 +47,9 @@ def test_an_edit_is_kept_through_new_runs(case: Case, call: Call) -> None:
     kept = gpd.read_file(out / "edits.gpkg", layer="edits")
     assert kept["level"].tolist() == ["mean"] and " %" in kept["computed"][0]
     page = (out / "report.html").read_text(encoding="utf-8")
-    assert "wall of 2019 not in the model" in page
+    assert "wall of 2019 not in the model" in page and "area as computed" in page
+    shapes = (out / "map.html").read_text(encoding="utf-8")
+    assert '"kind": "edit", "name": "A. Expert, 2026-05-04: wall of 2019' in shapes
 
     # The layer of the result is the input of the next run; other blocks give another level there.
     case.blocks[0]["onset_frequency"], case.blocks[1]["onset_frequency"] = 1e-5, 1e-5

@@ -166,6 +166,13 @@ def test_sheets_show_every_return_period_and_what_lies_around(german: Path) -> N
             "Massstab",
         ):
             assert text in words, f"{name}: {text}"
+    sources = {m.findtext("id"): m.findtext("datasource") for m in project.iter("maplayer")}
+    for name, condition in (
+        ("30 Jahre", '"return_period_in_years" = 30'), ("Extremereignis", '"extreme_scenario" = 1')
+    ):  # fmt: skip
+        keys = [layer.text for layer in sheets[f"Intensität {name}"].iter("Layer")]
+        (zones,) = [sources[key] for key in keys if "intensity" in key]
+        assert zones == f"./hazard.gpkg|layername=synoptic_intensity|subset={condition}"
     themes = {t.get("name") for t in project.iter("visibility-preset")}
     assert themes == set(sheets)
     groups = [g.get("name") for g in project.find("layer-tree-group").findall("layer-tree-group")]
@@ -176,10 +183,36 @@ def test_no_layer_of_the_project_is_empty(german: Path) -> None:
     with zipfile.ZipFile(german / "project.qgz") as archive:
         project = ElementTree.fromstring(archive.read("project.qgs"))
     sources = [layer.findtext("datasource") for layer in project.iter("maplayer")]
-    vectors = [s.split("|layername=") for s in sources if "|" in s]
+    vectors = [s.split("|layername=") for s in sources if "|" in s and "|subset=" not in s]
     assert len(vectors) > 8
     # That of edits by hand is there to be drawn in.
     assert [n for f, n in vectors if not len(gpd.read_file(german / f, layer=n))] == ["edits"]
+
+
+def test_zones_say_where_they_end_with_the_terrain_model(german: Path) -> None:
+    zones, limits = (
+        gpd.read_file(german / "hazard.gpkg", layer=name)
+        for name in ("hazard_zones", "open_limits")
+    )
+    length = np.zeros(len(zones))
+    length[limits["zone"] - 1] = limits.length
+    assert length.sum() > 0.0 and length == pytest.approx(zones["open_m"], abs=0.06)
+    # Unknown terrain as in with_everything, and what lies around the grid.
+    rows, cols = gully().shape
+    known = box(0, 0, cols, rows) - box(56, 40, cols - 56, rows - 40) - box(80, 33, cols - 80, 3)
+    for k, line in zip(limits["zone"], limits.geometry, strict=True):
+        assert known.boundary.intersection(line).length == pytest.approx(line.length)
+        assert zones.geometry[k - 1].buffer(0.1).contains(line.centroid.buffer(1e-6))
+
+
+def test_values_at_objects_lie_within_their_intervals(german: Path) -> None:
+    table = pd.read_csv(german / "tables" / "risk_objects.csv")
+    names = [name for name in table if f"{name}_high" in table]
+    assert len(names) > 2
+    for name in names:
+        known = table[table[name].notna()]
+        assert (known[f"{name}_low"] <= known[name]).all(), name
+        assert not (known[f"{name}_high"] < known[name]).any(), name
 
 
 ENGLISH = re.compile(r"\b(?:the|of|and|with|which|from|blocks?|are|is|height|zones|years?)\b")

@@ -8,10 +8,9 @@ from dataclasses import replace
 import geopandas as gpd
 import numpy as np
 import pandas as pd
-import shapely
 
 from sassgis.hazard.assess import Hazard, raster
-from sassgis.hazard.attribution import shares_by_area, shares_by_scenario, zone_of_cells
+from sassgis.hazard.attribution import shares_by_area, shares_by_scenario
 from sassgis.hazard.zone_styles import (
     hazard_level_style,
     level_change_style,
@@ -24,7 +23,6 @@ from sassgis.model.edits import NO_LEVEL
 from sassgis.model.grid import Grid, IntArray
 from sassgis.model.hazard import HazardPreset
 from sassgis.model.styles import REACHED_STYLE
-from sassgis.terrain.edge import edge_cells
 
 #: Sources that are named in the table of a zone.
 _NAMED_SOURCES = 5
@@ -123,33 +121,14 @@ def reached_limit(reached: IntArray, grid: Grid) -> VectorLayer:
 
 def open_limits(hazard: Hazard, preset: HazardPreset, grid: Grid) -> VectorLayer:
     """Where zones end at the edge of the known terrain, beyond which they go on."""
-    known = np.pad(np.isfinite(grid.values), 1)
-    cells = np.flatnonzero(edge_cells(known[1:-1, 1:-1]))
-    zone = zone_of_cells(hazard.levels, grid, cells)
-    cells, zone = cells[zone >= 0], zone[zone >= 0]
-    row, col = np.divmod(cells, grid.shape[1])
-    west, north = grid.west + col * grid.cell_size, grid.north - row * grid.cell_size
-    east, south = west + grid.cell_size, north - grid.cell_size
-    sides = (
-        (-1, 0, west, north, east, north), (1, 0, west, south, east, south),
-        (0, -1, west, north, west, south), (0, 1, east, north, east, south),
-    )  # fmt: skip
-    lines: dict[int, list[shapely.LineString]] = {}
-    for drow, dcol, *ends in sides:
-        beyond = np.flatnonzero(~known[row + 1 + drow, col + 1 + dcol])
-        xy = np.stack([end[beyond] for end in ends], axis=1).reshape(-1, 2, 2)
-        for k, ends_of in zip(zone[beyond].tolist(), xy, strict=True):
-            lines.setdefault(k, []).append(shapely.LineString(ends_of))
-    joined = {k: shapely.line_merge(shapely.union_all(own)) for k, own in sorted(lines.items())}
-    levels = [preset.levels[hazard.levels.classes[k] - 1] for k in joined]
+    limits, length = hazard.facts.open_limit, hazard.facts.open_m
+    zone = np.flatnonzero(length > 0.0)
     columns = {
-        "zone": np.array(list(joined), np.int64) + 1,
-        "hazard_level": [level.code for level in levels],
-        "length_m": [round(line.length, 1) for line in joined.values()],
+        "zone": zone + 1,
+        "hazard_level": [preset.levels[k - 1].code for k in hazard.levels.classes[zone]],
+        "length_m": np.round(length[zone], 1),
     }
-    return described_layer(
-        "open_limits", columns, list(joined.values()), grid.crs, open_limit_style()
-    )
+    return described_layer("open_limits", columns, list(limits[zone]), grid.crs, open_limit_style())
 
 
 def changes(before: Coverage, after: Coverage) -> gpd.GeoDataFrame:
