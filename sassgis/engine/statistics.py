@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -155,11 +156,14 @@ def flat_bins(bins: Bins) -> FlatBins:
 
 def empty_sums(n_cells: int, bins: FlatBins) -> CellSums:
     """Sums for ``n_cells`` cells to which nothing has come yet."""
+    # In one piece, so large that it comes zeroed from the system: of zeros that nobody writes to no
+    # memory is taken then. Smaller ones the C library takes of its own, and clears.
+    zeros = np.zeros(n_cells * bins.first[-2], np.uint32)
+    edges = pairwise(bins.first[:-1])
     return CellSums(
         stops=np.zeros(n_cells, np.int64),
         values=np.repeat(_EMPTY, n_cells, axis=0),
-        # Of zeros that nobody writes to no memory is taken.
-        counts=tuple(np.zeros((n_cells, n), np.uint32) for n in np.diff(bins.first)[:-1]),
+        counts=tuple(zeros[n_cells * a : n_cells * b].reshape(n_cells, b - a) for a, b in edges),
     )
 
 
