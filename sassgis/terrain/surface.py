@@ -130,20 +130,24 @@ def evaluate(surface: Surface, x: FloatArray, y: FloatArray) -> tuple[FloatArray
 
 def _plane(values: FloatArray, valid: BoolArray) -> FloatArray:
     """Least-squares plane through the valid heights, on the whole grid."""
-    rows, cols = np.nonzero(valid)
-    if rows.size == 0:
+    count = int(valid.sum())
+    if count == 0:
         raise InputError("the grid has no height at all", field="DEM", found="nodata only")
-    row_mean, col_mean = float(rows.mean()), float(cols.mean())
-    r, c, z = rows - row_mean, cols - col_mean, values[valid]
-    z_mean = float(z.mean())
-    normal = np.array([[r @ r, r @ c], [r @ c, c @ c]], dtype=np.float64)
+    # Sums over rows and columns, in place of a list of all cells.
+    known = valid.astype(np.float64)
+    in_row, in_col = known.sum(axis=1), known.sum(axis=0)
+    row, col = (np.arange(n, dtype=np.float64) for n in values.shape)
+    row_mean, col_mean = float(in_row @ row) / count, float(in_col @ col) / count
+    z_mean = float(np.sum(values, where=valid)) / count
+    z = np.where(valid, values - z_mean, 0.0)
+    r, c = row - row_mean, col - col_mean
+    across = r @ known @ c
+    normal = np.array([[in_row @ (r * r), across], [across, in_col @ (c * c)]])
     # The pseudo-inverse copes with valid cells that lie on one line.
-    slope = np.linalg.pinv(normal, hermitian=True) @ np.array([r @ (z - z_mean), c @ (z - z_mean)])
-    plane: FloatArray = (
-        z_mean
-        + slope[0] * (np.arange(values.shape[0]) - row_mean)[:, None]
-        + slope[1] * (np.arange(values.shape[1]) - col_mean)[None, :]
+    slope = np.linalg.pinv(normal, hermitian=True) @ np.array(
+        [r @ z.sum(axis=1), z.sum(axis=0) @ c]
     )
+    plane: FloatArray = z_mean + slope[0] * r[:, None] + slope[1] * c[None, :]
     return plane
 
 
