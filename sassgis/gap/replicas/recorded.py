@@ -230,7 +230,7 @@ class _Record:
 
         vt_in, vn_in, spin_in = apart(before)
         vt_out, vn_out, spin_out = apart(after)
-        turn = turned + self._rng.standard_normal(owner.size) * errors.turn_deg
+        turn = -turned + self._rng.standard_normal(owner.size) * errors.turn_deg
         # Where the ground was met: the foot of the centre on the segment.
         off = (before["z_m"] - ground) * cosine
         error = np.hypot(errors.position_m, m.position_m)
@@ -242,12 +242,16 @@ class _Record:
         return ImpactRows(
             owner[first], s[first], z[first], vt_in[first], vn_in[first], spin_in[first],
             vt_out[last], vn_out[last], spin_out[last], turn[first],
+            -np.degrees(dip[first]),
         )  # fmt: skip
 
     def _under(
         self, events: NDArray[np.void], index: IntArray, hit: IntArray, owner: IntArray
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Chainage, height and dip of the ground at impacts, and turn of the path (deg)."""
+        """Chainage, height and dip of the ground at impacts, and turn of the path (deg).
+
+        The turn is anticlockwise.
+        """
         rock, x_m = owner % self._n, events["x_m"][hit]
         terrain = self._case.terrain
         if terrain is None:
