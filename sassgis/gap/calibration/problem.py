@@ -126,6 +126,16 @@ class CalibrationProblem:
         return int(self.part.max()) + 1
 
     @property
+    def turned(self) -> bool:
+        """Whether turns at impacts were measured, of rocks that may leave their fall lines."""
+        rows = self.observed.impacts
+        return (
+            self.case.terrain is not None
+            and rows is not None
+            and bool(np.isfinite(rows.turn_deg).any())
+        )
+
+    @property
     def scored(self) -> bool:
         """Whether anything was measured that a simulation can be scored against."""
         return bool(self.scale.names) or self.impacts is not None

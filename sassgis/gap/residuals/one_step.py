@@ -286,7 +286,7 @@ def _rebounds(
             count = rows_per_rock(seen, own, case.n_rocks)
             return Residual(
                 where[0], "impact", name, "one step", seen_mean, predicted_mean, where[1], where[2],
-                scored, count,
+                scored, count, int(count.sum()),
             )  # fmt: skip
 
         found += [residual(name, seen, middle[name]) for name, seen, _ in pairs]
@@ -367,12 +367,14 @@ def _turns(
             draws = np.where(inside[:, None], drawn, np.nan)
             values = [turn_deg, mean_of_draws(draws, least=3), *spread(turn_deg, draws)]
         mean, by_model, size, expected, score = (per_rock(v, of, n_rocks) for v in values)
-        span = (s0, s1)
+        span, steps = (s0, s1), int(count.sum())
         found += [
-            Residual(place, "impact", "turn_deg", "one step", mean, by_model, *span, weight=count),
+            Residual(
+                place, "impact", "turn_deg", "one step", mean, by_model, *span, None, count, steps
+            ),
             Residual(
                 place, "impact", "turn_deg_spread", "one step", size, expected, *span,
-                only_above(score) if case.terrain is None else score, count,
+                only_above(score) if case.terrain is None else score, count, steps,
             ),
         ]  # fmt: skip
     return found
