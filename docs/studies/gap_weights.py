@@ -1,12 +1,16 @@
 """Fit what fingerprints and gains count, and judge each generator by numbers that never saw it.
 
-    python docs/studies/gap_weights.py rows -o ROWS   # some 40 s a site on one core
+    python docs/studies/gap_weights.py rows -o ROWS   # one to two minutes a site on one core
+    python docs/studies/gap_weights.py level -o ROWS  # some 3 s a campaign
     python docs/studies/gap_weights.py fit            # seconds
     python docs/studies/gap_weights.py page
 
 ``rows`` makes synthetic sites, calibrates the base model with a free contact on what was observed
 in each, and writes what speaks for each cause, one row per site, as
-``docs/studies/gap_weights/rows.csv``. Their seeds are no battery's. ``fit`` fits the numbers to all
+``docs/studies/gap_weights/rows.csv``. Their seeds are no battery's. ``level`` puts campaigns of the
+configured model in the place of what was observed at the sites without an effect, and writes
+how often the check of the base calls that same model inadequate
+(``docs/studies/gap_weights/level.csv``). ``fit`` fits the numbers to all
 rows (``sassgis/data/gap_thresholds.json``) and writes ``docs/studies/gap_weights/results.json``:
 scores of answers on the sites of each generator by numbers fitted to the others. ``page`` writes
 these into ``docs/studies/gap_weights.md``.
@@ -38,6 +42,15 @@ from sassgis.gap.check.worlds.slopes import SLOPE_TYPES
 from sassgis.gap.check.worlds.world import FAMILIES, LAWS, RIGID
 from sassgis.gap.diagnosis import CauseGain, Fingerprint
 from sassgis.gap.inference.rock_tests import holm_adjusted
+from sassgis.gap.observations.campaign import Campaign
+from sassgis.gap.observations.case import Case
+from sassgis.gap.observations.projection import Projected
+from sassgis.gap.observations.tables import Deposits, Impacts, Passages, Trajectories
+from sassgis.gap.replicas.campaigns import campaigns
+from sassgis.gap.replicas.hypothesis_model import configured_model
+from sassgis.gap.replicas.rock_lines import rock_lines_of
+from sassgis.gap.residuals.table import residuals_of
+from sassgis.gap.where.findings import where
 from sassgis.gap.which.cause_weights import FEATURES, CauseWeights, evidence_of
 from sassgis.gap.which.verdict import (
     CONTACT_LAW,
@@ -53,12 +66,15 @@ from sassgis.gap.which.verdict import (
 )
 from sassgis.gap.words import quantity_name
 from sassgis.io.read.gap_thresholds import THRESHOLDS, read_thresholds, thresholds_of
-from sassgis.model.grid import BoolArray, FloatArray
+from sassgis.model.grid import BoolArray, FloatArray, IntArray
 from sassgis.runs.blinded_cases import make_case
-from sassgis.runs.evidence import evidence_at
+from sassgis.runs.evidence import evidence_at, prepared_case
 
 STUDY = Path(__file__).with_suffix("")
 ROWS, RESULTS, PAGE = STUDY / "rows.csv", STUDY / "results.json", STUDY.with_suffix(".md")
+LEVEL = STUDY / "level.csv"
+#: Campaigns of the configured model at each site without an effect.
+CAMPAIGNS = 4
 #: First seeds of sites without and with an effect; sites without of each generator.
 NULL_SEED, EFFECT_SEED, NULLS, RIGID_NULLS = 950_000, 960_000, 8, 6
 #: What the numbers are before any site, and how strongly a ridge holds them there.
@@ -186,6 +202,64 @@ def truth_of(row: Row) -> Truth:
         slope=row["slope"], rocks=int(row["rocks"]), kind=row["kind"], law=row["law"],
         disturbance="",
     )  # fmt: skip
+
+
+# ---------------------------------------------------------------------------------------------
+# Level of the check of the base
+
+
+def with_campaign(case: Case, made: Campaign) -> Case:
+    """The case with what a campaign of a model shows in the place of what was observed."""
+    names, stations = np.array(case.observations.rock_names), np.array(case.station_names)
+    put = dict(case.projected)
+    tables: dict[str, Any] = {"trajectories": Trajectories.of()}
+
+    def place(table: str, rock: IntArray, s: FloatArray, aside: FloatArray) -> None:
+        blank = np.full(rock.size, math.nan)
+        put[table] = Projected(case.line[rock], s, aside, blank, blank, np.zeros(rock.size, "i1"))
+
+    if (rows := made.passages) is not None:
+        tables["passages"] = Passages.of(
+            rock_id=names[rows.rock], station=stations[rows.station], speed_mps=rows.speed_mps,
+            rotation_hz=rows.rotation_hz, height_m=rows.height_m, mass_kg=rows.mass_kg,
+        )  # fmt: skip
+        place("passages", rows.rock, case.station_s[rows.rock, rows.station], rows.lateral_m)
+    if (left := made.deposits) is not None:
+        tables["deposits"] = Deposits.of(rock_id=names[left.rock], mass_kg=left.mass_kg)
+        place("deposits", left.rock, left.s, left.lateral_m)
+    if (hit := made.impacts) is not None:
+        tables["impacts"] = Impacts.of(
+            rock_id=names[hit.rock], impact=np.arange(hit.rock.size).astype(np.str_), z=hit.z,
+            slope_deg=hit.slope_deg, turn_deg=hit.turn_deg, vt_in_mps=hit.vt_in,
+            vn_in_mps=hit.vn_in, omega_in_radps=hit.spin_in, vt_out_mps=hit.vt_out,
+            vn_out_mps=hit.vn_out, omega_out_radps=hit.spin_out,
+        )  # fmt: skip
+        place("impacts", hit.rock, hit.s, np.zeros(hit.rock.size))
+    return replace(case, observations=replace(case.observations, **tables), projected=put)
+
+
+def make_level(folder: Path) -> None:
+    """How often the check calls the configured model inadequate where that model made the rocks."""
+    rows = []
+    for seed, spec in sites():
+        if spec.effects:
+            continue
+        own = folder / "cases" / str(seed)
+        case = prepared_case(own / "config.toml", own / "observations", 1, 1.0)
+        model = configured_model(case)
+        made = campaigns(case, rock_lines_of(case), model, count=CAMPAIGNS, seed=seed)
+        large = []
+        for one in made:
+            seen = with_campaign(case, one)
+            large.append(large_gaps(where(seen, residuals_of(seen, model, seed=1), seed=1)))
+        against = Counter(f"{f.test}: {f.quantity}" for found in large for f in found)
+        rows.append((seed, spec.law, spec.kind, len(large), sum(map(bool, large)),
+                     "; ".join(sorted(against))))  # fmt: skip
+        print(*rows[-1], flush=True)
+    with LEVEL.open("w", encoding="utf-8", newline="") as stream:
+        table = csv.writer(stream, lineterminator="\n")
+        table.writerow(("site", "law", "kind", "campaigns", "inadequate", "against"))
+        table.writerows(rows)
 
 
 # ---------------------------------------------------------------------------------------------
@@ -425,8 +499,8 @@ def confusion() -> str:
 
 def against() -> str:
     """What speaks against the base at sites without an effect, by how many of them."""
-    rows = [r for r in read_rows() if not r["effects"] and r["law"] != RIGID]
-    head = ["comparison", "quantity", *(law for law in LAWS if law != RIGID)]
+    rows = [r for r in read_rows() if not r["effects"]]
+    head = ["comparison", "quantity", *LAWS]
     counts = Counter(
         (one, row["law"]) for row in rows for one in filter(None, row["against"].split("; "))
     )
@@ -446,9 +520,23 @@ def against() -> str:
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
+def level() -> str:
+    """Campaigns of a model that the check calls inadequate for that model, by generator."""
+    with LEVEL.open(encoding="utf-8", newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    laws = {name: [r for r in rows if r["law"] == name] for name in LAWS}
+    shown = [
+        f"{sum(int(r['inadequate']) for r in own)}/{sum(int(r['campaigns']) for r in own)}"
+        for own in (rows, *laws.values())
+    ]
+    lines = [["all", *laws], ["---"] * (1 + len(laws)), shown]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
 def filled(text: str) -> str:
     """The page with its tables."""
-    for name, made in (("laws", table), ("confusion", confusion), ("against", against)):
+    tables = {"laws": table, "confusion": confusion, "level": level, "against": against}
+    for name, made in tables.items():
         text = re.sub(
             rf"(<!-- {name} -->\n).*?(\n<!-- end {name} -->)",
             lambda m, made=made: m[1] + made() + m[2],  # type: ignore[misc]
@@ -464,11 +552,15 @@ def main() -> None:
     command = parser.add_subparsers(dest="command", required=True)
     rows = command.add_parser("rows")
     rows.add_argument("-o", "--out", type=Path, required=True)
+    level = command.add_parser("level")
+    level.add_argument("-o", "--out", type=Path, required=True)
     command.add_parser("fit")
     command.add_parser("page")
     given = parser.parse_args()
     if given.command == "rows":
         make_rows(given.out)
+    elif given.command == "level":
+        make_level(given.out)
     elif given.command == "fit":
         fit()
     else:

@@ -44,6 +44,8 @@ class GapFinding:
         Chainages between which the place lies, mean over lines (m).
     x, y : float
         Where to put it on the map (m).
+    values : int
+        Single values that it rests on: impacts and flights of the rocks, else one a rock.
     """
 
     place: str
@@ -62,6 +64,7 @@ class GapFinding:
     s1_m: float
     x: float
     y: float
+    values: int = 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -145,7 +145,7 @@ def _sites(
         name, number = config.project.name, 2
         while name in [s.name for s in ready]:
             name, number = f"{config.project.name} ({number})", number + 1
-        problem = problem_of(read_case(config, of_site), seed, name=name)
+        problem = problem_of(read_case(config, of_site), seed, name=name, sideways=False)
         ready.append(_comparable(problem, observations_name(of_site)))
     known = {c.name: c for c in ready[0].case.table.classes}
     for site, config in zip(ready, configs, strict=True):

@@ -99,6 +99,8 @@ class CalibrationProblem:
     unseen : bool, shape (n_rocks, 2 k)
         Stops of rocks of which no block is known to lie anywhere: not found, or not told from
         others. They count as not measured, in replicas too.
+    sideways : bool
+        Whether offsets from fall lines count in the scores.
     """
 
     name: str
@@ -114,6 +116,7 @@ class CalibrationProblem:
     part: IntArray
     unit: IntArray
     unseen: NDArray[np.bool_]
+    sideways: bool = True
 
     @property
     def n_rocks(self) -> int:
@@ -124,6 +127,16 @@ class CalibrationProblem:
     def n_parts(self) -> int:
         """Parts of the cross-validation."""
         return int(self.part.max()) + 1
+
+    @property
+    def turned(self) -> bool:
+        """Whether turns at impacts were measured, of rocks that may leave their fall lines."""
+        rows = self.observed.impacts
+        return (
+            self.case.terrain is not None
+            and rows is not None
+            and bool(np.isfinite(rows.turn_deg).any())
+        )
 
     @property
     def scored(self) -> bool:
@@ -149,6 +162,7 @@ def problem_of(
     scale: Scale | None = None,
     name: str = "",
     simulated: tuple[HypothesisModel, int] | None = None,
+    sideways: bool = True,
 ) -> CalibrationProblem:
     """Prepare a case.
 
@@ -162,6 +176,9 @@ def problem_of(
     simulated : (HypothesisModel, int), optional
         What this model makes of the rocks, in its campaign of this number, stands for what was
         observed: a synthetic site with all that goes with the real one.
+    sideways : bool
+        False where neither tilt nor drift of paths is calibrated: wrong offsets would be made up
+        for by the ground, which then stops rocks before they have gone astray.
     """
     rock_lines = rock_lines_of(case)
     observed = observed_campaign(case)
@@ -197,7 +214,7 @@ def problem_of(
         np.unique(case.group, return_inverse=True)[1]
         if groups >= _FEWEST_GROUPS
         else np.arange(case.n_rocks),
-        unseen,
+        unseen, sideways,
     )  # fmt: skip
 
 
@@ -326,7 +343,13 @@ def _table_scores(
     """Energy score of each rock by table, over the root of the number of quantities."""
     scores = {}
     for table, letter in _TABLES.items():
-        own = np.array([name.startswith(letter) for name in problem.scale.names], np.bool_)
+        own = np.array(
+            [
+                name.startswith(letter) and (problem.sideways or not name.endswith(":aside"))
+                for name in problem.scale.names
+            ],
+            np.bool_,
+        )
         if rows is not None and own.any():
             both = np.concatenate([own, own])
             apart = energy_scores(problem.rows[:, both], rows[..., both])

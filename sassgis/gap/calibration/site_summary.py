@@ -7,12 +7,16 @@ from other campaigns of the same model.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from sassgis.gap.calibration.impact_scores import simulated_outcomes
-from sassgis.gap.calibration.problem import CalibrationProblem, model_rows
+from sassgis.gap.calibration.problem import CalibrationProblem, model_rows, rows_of
+from sassgis.gap.observations.campaign import ImpactRows
+from sassgis.gap.replicas.campaigns import campaigns
+from sassgis.gap.replicas.features import rock_quantities
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel
 from sassgis.gap.residuals.one_step import ImpactsInFlight
 from sassgis.model.grid import BoolArray, FloatArray
@@ -21,6 +25,8 @@ from sassgis.model.grid import BoolArray, FloatArray
 _FEWEST, _FEWEST_IMPACTS = 3.0, 15
 #: Bootstrap samples, and the least standard error of a number, in scatters of the rocks.
 _SAMPLES, _LEAST = 150, 0.03
+#: Larger turns at impacts count as this: slow rocks turn anywhere.
+_MOST_TURN_DEG = 45.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,34 +57,35 @@ class SiteSummary:
 
     def of_rocks(self, weights: FloatArray) -> FloatArray:
         """Numbers of the observed rocks with weights, shape (p,)."""
+        problem = self.problem
         return _numbers(
-            self.problem,
-            self.size,
-            self.problem.rows[None],
-            self.problem.outcomes[:, None],
-            weights,
-        )
+            problem, self.size, problem.rows[None], problem.outcomes[:, None],
+            [problem.observed.impacts], weights,
+        )  # fmt: skip
 
     def of_model(
         self, model: HypothesisModel, number: int, count: int
     ) -> tuple[FloatArray, FloatArray]:
         """Numbers of campaigns of a model together, shape (p,), and their rows."""
-        rows, outcomes = self._campaigns(model, number, count)
-        return _numbers(self.problem, self.size, rows, outcomes), rows
+        rows, outcomes, impacts = self._campaigns(model, number, count)
+        return _numbers(self.problem, self.size, rows, outcomes, impacts), rows
 
     def of_each(self, model: HypothesisModel, number: int, count: int) -> FloatArray:
         """Numbers of single campaigns of a model, shape (count, p), count up to DRAWS."""
-        rows, outcomes = self._campaigns(model, number, count)
+        rows, outcomes, impacts = self._campaigns(model, number, count)
         return np.array(
             [
-                _numbers(self.problem, self.size, rows[k : k + 1], outcomes[:, k : k + 1])
+                _numbers(
+                    self.problem, self.size, rows[k : k + 1], outcomes[:, k : k + 1],
+                    impacts[k : k + 1],
+                )
                 for k in range(count)
             ]
-        )
+        )  # fmt: skip
 
     def _campaigns(
         self, model: HypothesisModel, number: int, count: int
-    ) -> tuple[FloatArray, FloatArray]:
+    ) -> tuple[FloatArray, FloatArray, list[ImpactRows | None]]:
         problem = self.problem
         outcomes = np.empty((0, count, 3))
         if problem.impacts is not None:
@@ -86,7 +93,16 @@ class SiteSummary:
                 problem.case, model.table, model.effects, problem.impacts,
                 seed=problem.seed, number=number,
             )  # fmt: skip
-        return model_rows(problem, model, number, count), outcomes
+        if not problem.turned:
+            return model_rows(problem, model, number, count), outcomes, [None] * count
+        made = campaigns(
+            problem.case, problem.rock_lines, model,
+            count=count, seed=problem.seed, number=number,
+        )  # fmt: skip
+        rows = np.zeros((count, problem.n_rocks, 0))
+        if problem.scale.names:
+            rows = rows_of(problem, [rock_quantities(problem.case, one) for one in made])
+        return rows, outcomes, [one.impacts for one in made]
 
 
 def summary_of(problem: CalibrationProblem) -> SiteSummary:
@@ -112,9 +128,13 @@ def _numbers(
     size: FloatArray,
     rows: FloatArray,
     outcomes: FloatArray,
+    recorded: Sequence[ImpactRows | None],
     weights: FloatArray | None = None,
 ) -> FloatArray:
-    """Of rows of rocks, shape (m, n_rocks, 2 k), and outcomes of impacts, shape (n, m, 3)."""
+    """Of rows of rocks, shape (m, n_rocks, 2 k), outcomes of observed impacts, shape (n, m, 3).
+
+    And of the turns at the impacts of each campaign, as they were recorded.
+    """
     weight = np.ones(problem.n_rocks) if weights is None else weights
     parts = [_of_rows(problem, size, rows, weight)]
     impacts = problem.impacts
@@ -125,6 +145,18 @@ def _numbers(
                 chosen = impacts.take(own)
                 by_rock = weight[chosen.rock][:, None]
                 parts.append(_of_impacts(chosen, size[chosen.rock], outcomes[own], by_rock))
+    if problem.turned:
+        known = [rows for rows in recorded if rows is not None]
+        rock = np.concatenate([np.empty(0, np.int64), *(rows.rock for rows in known)])
+        turn = np.concatenate([np.empty(0), *(rows.turn_deg for rows in known)])
+        seen = np.isfinite(turn)
+        turn = np.clip(np.where(seen, turn, 0.0), -_MOST_TURN_DEG, _MOST_TURN_DEG) / _MOST_TURN_DEG
+        parts.append(
+            _moments(
+                turn[:, None, None], (seen * weight[rock])[:, None, None],
+                size[rock][:, None, None],
+            )
+        )  # fmt: skip
     return np.concatenate(parts)
 
 

@@ -32,7 +32,7 @@ from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.observed import deposit_masses_kg
 from sassgis.gap.residuals.table import ResidualTable
-from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.grid import FloatArray
 
 _MASS_BUDGET = (
     "mass budget, whatever the blocks are called: rocks and blocks are ranked by mass, and the "
@@ -73,25 +73,22 @@ def _mass_scores(which: int) -> Scoring:
 
 
 def _gone(case: Case) -> NDArray[np.bool_]:
-    """Rocks that passed the last station whole and lie nowhere: they left the surveyed ground."""
+    """Rocks that passed the last station whole and do not lie: they left the surveyed ground."""
     gone = np.zeros(case.n_rocks, bool)
     seen = case.observations
     if not case.station_names or not len(seen.passages):
         return gone
     tolerance = 3.0 * math.sqrt(2.0) * max(errors_of(case).mass_rel, _LEAST_MASS_ERROR)
-
-    def whole(table: str, mass: FloatArray) -> IntArray:
-        rock = seen.rock_of(table)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            same = np.abs(np.log(mass / case.mass_kg[np.maximum(rock, 0)])) < tolerance
-        return np.where((rock >= 0) & (same | ~np.isfinite(mass)), rock, -1)
-
     last = seen.passages.station == case.station_names[-1]
-    passed = whole("passages", seen.passages.mass_kg)[last]
-    lying = whole("deposits", seen.deposits.mass_kg)
-    gone[passed[passed >= 0]] = True
-    gone[lying[lying >= 0]] = False
-    return gone
+    rock, mass = seen.rock_of("passages")[last], seen.passages.mass_kg[last]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        same = np.abs(np.log(mass / case.mass_kg[np.maximum(rock, 0)])) < tolerance
+    gone[rock[(rock >= 0) & (same | ~np.isfinite(mass))]] = True
+    # Of one that broke below the station its pieces lie.
+    owner, lying = seen.rock_of("deposits"), deposit_masses_kg(seen)
+    own = owner >= 0
+    found = np.bincount(owner[own], lying[own], minlength=case.n_rocks)
+    return gone & (found < 0.5 * case.mass_kg)
 
 
 def mass_budget(rocks: FloatArray, blocks: FloatArray) -> tuple[float, float]:

@@ -63,7 +63,8 @@ class ImpactRows:
         Chainage and height of the point or the centre (m).
     vt_in, vn_in, spin_in, vt_out, vn_out, spin_out : float64, shape (n,)
         Along the ground and its outward normal (m/s), spin (rad/s).
-    turn_deg : float64, shape (n,)
+    turn_deg, slope_deg : float64, shape (n,)
+        Turn in plan, clockwise; dip of the ground along the travel.
     """
 
     rock: IntArray
@@ -76,6 +77,7 @@ class ImpactRows:
     vn_out: FloatArray
     spin_out: FloatArray
     turn_deg: FloatArray
+    slope_deg: FloatArray
 
 
 _Rows = TypeVar("_Rows", PassageRows, DepositRows, ImpactRows)
@@ -169,7 +171,7 @@ def _impacts(case: Case) -> ImpactRows:
     z = np.where(np.isfinite(table.z), table.z, put.ground_m)
     columns = (
         "vt_in_mps", "vn_in_mps", "omega_in_radps", "vt_out_mps", "vn_out_mps", "omega_out_radps",
-        "turn_deg",
+        "turn_deg", "slope_deg",
     )  # fmt: skip
     return ImpactRows(
         rock[order],

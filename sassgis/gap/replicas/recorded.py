@@ -214,7 +214,7 @@ class _Record:
         owner = line + campaign * self._n
         order = np.argsort(owner, kind="stable")
         before, after, owner = before[order], after[order], owner[order]
-        chainage, ground, dip, turned = self._under(events, index, hit[order], owner)
+        x, y, ground, dip, turned = self._under(events, index, hit[order], owner)
         cosine, sine = np.cos(dip), np.sin(dip)
         errors, m = self._errors, self._model.measurement
 
@@ -230,30 +230,36 @@ class _Record:
 
         vt_in, vn_in, spin_in = apart(before)
         vt_out, vn_out, spin_out = apart(after)
-        turn = turned + self._rng.standard_normal(owner.size) * errors.turn_deg
-        # Where the ground was met: the foot of the centre on the segment.
-        off = (before["z_m"] - ground) * cosine
-        error = np.hypot(errors.position_m, m.position_m)
-        s = chainage + off * sine + error * self._rng.standard_normal(owner.size)
-        # Nothing is put behind the start of a line.
-        s = np.maximum(s, 0.0)
-        z = before["z_m"] - off * cosine + error * self._rng.standard_normal(owner.size)
         first, last = recorded_contacts(self._observer, owner, before["t_s"], -vn_in)
+        owner, n = owner[first], first.size
+        turn = self._rng.standard_normal(n) * errors.turn_deg - turned[first]
+        # Where the ground was met: the foot of the centre on the segment.
+        off = ((before["z_m"] - ground) * cosine)[first]
+        error = np.hypot(errors.position_m, m.position_m)
+        s = x[first]
+        if self._case.terrain is not None:
+            s = in_plane(self._case, owner % self._n, x[first], y[first])[0]
+        s = s + off * sine[first] + error * self._rng.standard_normal(n)
+        z = before["z_m"][first] - off * cosine[first] + error * self._rng.standard_normal(n)
+        # Nothing is put behind the start of a line.
         return ImpactRows(
-            owner[first], s[first], z[first], vt_in[first], vn_in[first], spin_in[first],
-            vt_out[last], vn_out[last], spin_out[last], turn[first],
+            owner, np.maximum(s, 0.0), z, vt_in[first], vn_in[first], spin_in[first],
+            vt_out[last], vn_out[last], spin_out[last], turn, -np.degrees(dip[first]),
         )  # fmt: skip
 
     def _under(
         self, events: NDArray[np.void], index: IntArray, hit: IntArray, owner: IntArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Chainage, height and dip of the ground at impacts, and turn of the path (deg)."""
+    ) -> tuple[FloatArray, ...]:
+        """Place, height and dip of the ground at impacts, and turn of the path (deg).
+
+        The place is x and y, on profiles the chainage twice; the turn is anticlockwise.
+        """
         rock, x_m = owner % self._n, events["x_m"][hit]
         terrain = self._case.terrain
         if terrain is None:
             profiles = self._lines.unforested
             ground, dip = heights_at_chainage(profiles, rock, x_m), dips_at(profiles, rock, x_m)
-            return x_m, ground, dip, np.zeros(rock.size)
+            return x_m, x_m, ground, dip, np.zeros(rock.size)
         grid = terrain.grid
         x = grid.west + events["u"] * grid.cell_size
         y = grid.north - events["v"] * grid.cell_size
@@ -264,10 +270,9 @@ class _Record:
             heights_at(grid, x + k * step * np.cos(before), y + k * step * np.sin(before))
             for k in (-1.0, 1.0)
         )
-        s = in_plane(self._case, rock, x, y)[0]
         # Next to the edge of the terrain only one side is known.
         dip = np.nan_to_num(np.arctan2(ahead - behind, 2.0 * step))
-        return s, heights_at(grid, x, y), dip, np.degrees(turn)
+        return x, y, heights_at(grid, x, y), dip, np.degrees(turn)
 
 
 def impacts_of(
@@ -275,7 +280,9 @@ def impacts_of(
 ) -> tuple[NDArray[np.void], IntArray, IntArray]:
     """Events of blocks one after the other, the block of each, and the rows of impacts."""
     sizes = np.array([log.size for log in logs], np.int64)
-    events = np.concatenate([np.empty(0, EVENT_DTYPE), *logs])
+    events = np.empty(int(sizes.sum()), EVENT_DTYPE)
+    for log, end in zip(logs, np.cumsum(sizes).tolist(), strict=True):
+        events[end - log.size : end] = log
     index = np.repeat(np.arange(sizes.size), sizes)
     hit = np.flatnonzero((events["phase"][:-1] == IMPACT) & (index[:-1] == index[1:]))
     return events, index, hit

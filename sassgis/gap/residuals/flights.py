@@ -424,6 +424,9 @@ def _by_reach(case: Case, edges: FloatArray, pieces: list[_Piece], phase: str) -
             with np.errstate(invalid="ignore", divide="ignore"):
                 means = sums[:2] / sums[2]
             found.append(
-                Residual(place, phase, name, "one step", means[0], means[1], s0, s1, weight=sums[2])
-            )
+                Residual(
+                    place, phase, name, "one step", means[0], means[1], s0, s1, None, sums[2],
+                    int(own.sum()),
+                )
+            )  # fmt: skip
     return found

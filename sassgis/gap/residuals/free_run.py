@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.cluster.hierarchy import fcluster, linkage
 
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
-from sassgis.gap.observations.campaign import errors_of, main_blocks, observed_campaign
+from sassgis.gap.observations.campaign import (
+    ImpactRows,
+    errors_of,
+    main_blocks,
+    observed_campaign,
+)
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel
-from sassgis.gap.replicas.recorded import impacts_of, turns_of
+from sassgis.gap.replicas.recorded import observe
 from sassgis.gap.replicas.released_rocks import Moved, all_rocks, move
 from sassgis.gap.replicas.rock_lines import RockLines, dips_at, rock_lines_of
 from sassgis.gap.residuals.residuals import (
@@ -28,8 +34,10 @@ from sassgis.model.ground import GroundTable
 from sassgis.model.profiles import ProfileSet
 from sassgis.model.results import StopReason
 
-#: Events of each block from which the turns of its path are taken.
+#: Events of each block from which its impacts are taken.
 _MOST_EVENTS = 160
+#: Starts less far apart than this are one release: errors of the terrain there are shared (m).
+_RELEASE_M = 10.0
 #: Height above the resting position from which most rocks at a station count as flying (m).
 FLYING_M = 0.3
 
@@ -85,8 +93,8 @@ class FreeRun:
         Angle of the velocity above the ground (rad).
     ends : Ends
         Arrays of shape (n_rocks, replicates).
-    turn_deg : float64, shape (n_rocks,)
-        Mean size of the turn of paths at impacts; 0 where rocks keep to their fall lines.
+    impacts : tuple of ImpactRows
+        Of each replicate, as the observer of the case records them; empty where he does not.
     axes_m : float64, shape (n_rocks, replicates, 3)
         Semi-axes, longest first.
     """
@@ -95,7 +103,7 @@ class FreeRun:
     ground: BoolArray
     rise_rad: FloatArray
     ends: Ends
-    turn_deg: FloatArray
+    impacts: tuple[ImpactRows, ...]
     axes_m: FloatArray
 
     @property
@@ -103,6 +111,18 @@ class FreeRun:
         """Of the sphere of equal volume, mean over replicates, shape (n_rocks,)."""
         radius: FloatArray = np.cbrt(self.axes_m.prod(axis=2)).mean(axis=1)
         return radius
+
+    @property
+    def turn_deg(self) -> FloatArray:
+        """Mean size of the turn of paths at impacts, shape (n_rocks,); 0 without any."""
+        n = len(self.axes_m)
+        if not self.impacts:
+            return np.zeros(n)
+        turn, rock = (
+            np.concatenate([getattr(rows, name) for rows in self.impacts])
+            for name in ("turn_deg", "rock")
+        )
+        return np.nan_to_num(per_rock(np.abs(turn), rock, n))
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,7 +225,7 @@ def observed_end(case: Case) -> tuple[FloatArray, FloatArray, FloatArray, FloatA
 def free_run(case: Case, model: RunModel, replicates: int) -> FreeRun:
     """Release every rock ``replicates`` times where it was released."""
     n, m = case.n_rocks, len(case.station_names)
-    turned = case.terrain is not None and np.isfinite(case.observations.impacts.turn_deg).any()
+    recorded = len(case.observations.impacts) > 0
     done = move(
         case,
         model.rock_lines,
@@ -213,7 +233,7 @@ def free_run(case: Case, model: RunModel, replicates: int) -> FreeRun:
         model.moving,
         seed=model.seed,
         count=replicates,
-        log_events=_MOST_EVENTS if turned else 0,
+        log_events=_MOST_EVENTS if recorded else 0,
     )
     axes = np.stack([done.rocks[f] for f in ("a_m", "b_m", "c_m")], axis=1)
     axes = axes.reshape(n, replicates, 3)
@@ -224,16 +244,19 @@ def free_run(case: Case, model: RunModel, replicates: int) -> FreeRun:
     off = ~np.isfinite(case.station_s) | (case.station_s <= case.start[:, 1:2])
     at.arrived[np.broadcast_to(off[:, None, :], at.arrived.shape)] = np.nan
     ends = ends_of(done, n, replicates, model.rock_lines.end)
-    return FreeRun(at, ground, rise_rad, ends, _mean_turn(done, n, replicates), axes)
+    impacts = _impacts(case, model, done, replicates) if recorded else ()
+    return FreeRun(at, ground, rise_rad, ends, impacts, axes)
 
 
-def _mean_turn(done: Moved, n: int, replicates: int) -> FloatArray:
-    """Mean size of the turn of paths at the impacts of each rock (deg)."""
-    events, index, hit = impacts_of(done.event_logs)
-    if not hit.size:
-        return np.zeros(n)
-    turn = np.degrees(np.abs(turns_of(events, index, hit)[0]))
-    return np.nan_to_num(per_rock(turn, index[hit] // replicates, n))
+def _impacts(case: Case, model: RunModel, done: Moved, count: int) -> tuple[ImpactRows, ...]:
+    """Impacts of each replicate; what instruments scale is scaled back in the case already."""
+    error = replace(model.moving.measurement, scale=1.0, rotation_scale=1.0, stretch=1.0)
+    rng = np.random.default_rng([model.seed, 35])
+    made = observe(
+        case, model.rock_lines, replace(model.moving, measurement=error), done, count, rng,
+        frozenset({"impacts"}),
+    )  # fmt: skip
+    return tuple(one.impacts for one in made if one.impacts is not None)
 
 
 def passages_of(
@@ -360,24 +383,44 @@ def _sides(
 ) -> list[Residual]:
     """Lateral offset from the fall line against that of the model; mean and scatter.
 
-    A model in the plane of the fall line cannot leave it: there only the error is expected.
+    What rocks of one release have in common is an error of their fall lines, too, and no scatter of
+    theirs. A model in the plane of the fall line cannot leave it: there only the error is expected.
     """
     error = side_error(case)
     if case.terrain is not None:
         mean = mean_of_draws(draws)
-        size, usual, score = spread(lateral, draws + error * rng.standard_normal(draws.shape))
+        own = math.sqrt(2.0) * errors_of(case).position_m
+        blurred = draws + own * rng.standard_normal(draws.shape)
+        both = _apart(case, np.column_stack([lateral, blurred]))
+        size, usual, score = spread(both[:, 0], both[:, 1:])
     else:
         mean = np.where(np.isfinite(lateral), 0.0, np.nan)
         size, usual = np.abs(lateral), mean + error * math.sqrt(2.0 / math.pi)
         score = only_above(size - usual)
     return [
-        # Rocks of one release share the error of their fall line, which is no error of theirs.
         Residual(
             place, phase, "lateral_m", "free run", lateral, mean, *span,
             beyond(lateral - mean, error),
         ),
         Residual(place, phase, "lateral_m_spread", "free run", size, usual, *span, score),
     ]  # fmt: skip
+
+
+def _apart(case: Case, lateral: FloatArray) -> FloatArray:
+    """Offsets of campaigns less what the rocks of each release have in common in it.
+
+    ``lateral``: shape (n_rocks, n_campaigns). A rock that was released alone keeps nothing.
+    """
+    start = case.traces.offset[case.line]
+    places = np.column_stack([case.traces.x[start], case.traces.y[start]])
+    release = np.ones(1, np.int64)
+    if len(places) > 1:
+        release = fcluster(linkage(places, "single"), _RELEASE_M, "distance")
+    found = lateral.copy()
+    for k in np.unique(release).tolist():
+        own = release == k
+        found[own] -= mean_of_draws(lateral[own].T)
+    return found
 
 
 def residuals_at_station(

@@ -8,7 +8,7 @@ and the slope that it met, is drawn as the engine draws it.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from sassgis.engine.effects import hooks
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.engine.simulate import physics_of
-from sassgis.gap.observations.campaign import errors_of
+from sassgis.gap.observations.campaign import ImpactRows, errors_of
 from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.tables import Impacts
 from sassgis.gap.residuals.free_run import FreeRun
@@ -45,6 +45,8 @@ _REACH, _REACH_M = 2.0, 1.0
 _REBOUND_MPS = 0.01
 #: Share of the turn of the fall line by which its chords may be wrong, and their least length (m).
 _LINE_SHARE, _CHORD_M = 0.5, 1.0
+#: Turns of simulated paths on a reach that are compared at most.
+_MOST_TURNS = 2000
 #: Speed along the ground below which a ratio to it says nothing (m/s).
 _ALONG_MPS = 1.0
 
@@ -87,7 +89,7 @@ def impact_residuals(
         found += _rebounds(case, table, effects, run.axes_m, edges, rows, draws, rng)
     if turned.any() and (case.terrain is not None or effects.get(LateralDeflection) is None):
         rows = np.flatnonzero(turned)
-        found += _turns(case, edges, rock[rows], s[rows], impacts.turn_deg[rows], run.turn_deg)
+        found += _turns(case, edges, rock[rows], s[rows], impacts.turn_deg[rows], run.impacts)
     return found
 
 
@@ -284,7 +286,7 @@ def _rebounds(
             count = rows_per_rock(seen, own, case.n_rocks)
             return Residual(
                 where[0], "impact", name, "one step", seen_mean, predicted_mean, where[1], where[2],
-                scored, count,
+                scored, count, int(count.sum()),
             )  # fmt: skip
 
         found += [residual(name, seen, middle[name]) for name, seen, _ in pairs]
@@ -340,29 +342,39 @@ def _turns(
     rock: IntArray,
     s: FloatArray,
     turn_deg: FloatArray,
-    made_deg: FloatArray,
+    made: Sequence[ImpactRows],
 ) -> list[Residual]:
-    """Turns in plan beyond those of the fall lines.
+    """Turns in plan against those of followed paths on the same reach.
 
-    Their size is compared with what is usual in measured directions, and with those of followed
-    paths, ``made_deg``, shape (n_rocks,).
+    Where the model keeps to fall lines they are compared with the turns of these, and their scatter
+    with what is usual in measured directions.
     """
-    n_rocks = made_deg.size
+    n_rocks = case.n_rocks
     line = turn_of_lines(case, rock, s)
-    away = np.abs(turn_deg - line)
-    usual = np.hypot(math.sqrt(2.0 / math.pi) * turn_error(case, line), made_deg[rock])
+    usual = math.sqrt(2.0 / math.pi) * turn_error(case, line)
+    reach = [case.reach_of(rows.rock, rows.s) for rows in made]
     found = []
-    for place, inside, s0, s1 in _reach_places(case, edges, rock, s):
+    for k, (place, inside, s0, s1) in enumerate(_reach_places(case, edges, rock, s)):
         of = np.where(inside, rock, -1)
         count = rows_per_rock(turn_deg, of, n_rocks)
-        values = (turn_deg, line, away, usual, away - usual)
-        mean, by_line, size, expected, score = (per_rock(v, of, n_rocks) for v in values)
-        span = (s0, s1)
+        if case.terrain is None:
+            away = np.abs(turn_deg - line)
+            values = [turn_deg, line, away, usual, away - usual]
+        else:
+            turns = [rows.turn_deg[at == k] for rows, at in zip(made, reach, strict=True)]
+            drawn = np.concatenate([np.empty(0), *turns])
+            drawn = drawn[:: max(1, drawn.size // _MOST_TURNS)]
+            draws = np.where(inside[:, None], drawn, np.nan)
+            values = [turn_deg, mean_of_draws(draws, least=3), *spread(turn_deg, draws)]
+        mean, by_model, size, expected, score = (per_rock(v, of, n_rocks) for v in values)
+        span, steps = (s0, s1), int(count.sum())
         found += [
-            Residual(place, "impact", "turn_deg", "one step", mean, by_line, *span, weight=count),
+            Residual(
+                place, "impact", "turn_deg", "one step", mean, by_model, *span, None, count, steps
+            ),
             Residual(
                 place, "impact", "turn_deg_spread", "one step", size, expected, *span,
-                only_above(score), count,
+                only_above(score) if case.terrain is None else score, count, steps,
             ),
         ]  # fmt: skip
     return found

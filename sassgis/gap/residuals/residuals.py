@@ -29,6 +29,8 @@ class Residual:
         What is tested for a mean of zero; default: observed less predicted.
     weight : float64, shape (n_rocks,), optional
         Of the rocks in the means, for quantities measured more closely on some of them.
+    steps : int
+        Single values that the means of the rocks are of; 0 for one a rock.
     """
 
     place: str
@@ -41,6 +43,7 @@ class Residual:
     s1_m: float
     score: FloatArray | None = None
     weight: FloatArray | None = None
+    steps: int = 0
 
     @property
     def gap(self) -> FloatArray:

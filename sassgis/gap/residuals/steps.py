@@ -105,7 +105,6 @@ def steps_of(
     case: Case,
     model: RunModel,
     run: FreeRun,
-    recorded: Sequence[ImpactRows],
     rng: np.random.Generator,
 ) -> StepTable:
     """The table of residuals of a case.
@@ -115,16 +114,14 @@ def steps_of(
     model : RunModel
     run : FreeRun
         Its replicates of the rocks.
-    recorded : sequence of ImpactRows
-        Impacts of the rocks in the model, as the observer of the case records them.
     """
     flat = run.axes_m[:, :, 2].mean(axis=1) / run.axes_m[:, :, 1].mean(axis=1)
     parts = [
         *_impacts(case, model, run.axes_m, rng),
         *_flights(case, observed_campaign(case).impacts, "flight"),
-        *(part for rows in recorded for part in _flights(case, rows, MODEL_FLIGHT)),
+        *(part for rows in run.impacts for part in _flights(case, rows, MODEL_FLIGHT)),
         *_aloft(case, run.axes_m),
-        *_first_contacts(case, observed_campaign(case).impacts, recorded),
+        *_first_contacts(case, observed_campaign(case).impacts, run.impacts),
         *_runs(case, run),
         *_stops(case, run),
     ]

@@ -6,9 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sassgis.gap.observations.campaign import ImpactRows
 from sassgis.gap.observations.case import Case
-from sassgis.gap.replicas.campaigns import campaigns, with_release
+from sassgis.gap.replicas.campaigns import with_release
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel, MeasurementError
 from sassgis.gap.replicas.rock_lines import rock_lines_of
 from sassgis.gap.residuals.flights import path_residuals
@@ -30,8 +29,6 @@ from sassgis.model.grid import FloatArray
 REPLICATES = 20
 #: Orientations and slopes drawn for each observed impact.
 IMPACT_DRAWS = 64
-#: Campaigns of which impacts are recorded, and their number.
-_RECORDED, _NUMBER = 4, 3980
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +78,7 @@ def residuals_of(
             case, model.table, run, edges, running.effects, draws=IMPACT_DRAWS, rng=rng
         ),
     ]
-    steps = steps_of(case, running, run, _recorded(case, running), rng)
+    steps = steps_of(case, running, run, rng)
     return ResidualTable(run, seen, tuple(rows), steps)
 
 
@@ -124,15 +121,6 @@ def _scaled_back(case: Case, error: MeasurementError) -> Case:
         ),
     )
     return replace(case, observations=observations)
-
-
-def _recorded(case: Case, model: RunModel) -> list[ImpactRows]:
-    """Impacts of the rocks in the model, as the observer records them."""
-    made = campaigns(
-        case, model.rock_lines, model.moving, count=_RECORDED, seed=model.seed, number=_NUMBER,
-        tables=frozenset({"impacts"}),
-    )  # fmt: skip
-    return [one.impacts for one in made if one.impacts is not None]
 
 
 def reach_edges(case: Case, run: FreeRun) -> FloatArray:

@@ -95,6 +95,7 @@ def _finding(
         s1_m=residual.s1_m,
         x=x,
         y=y,
+        values=max(residual.steps, int(own.sum())),
     )
 
 

@@ -32,7 +32,7 @@ _BOUNDS = {
     "restitution": (0.0, 0.95),
 }
 #: Factors on the configured sideways tilt and drift of followed paths between which they are free.
-_SIDEWAYS = (0.5, 2.0)
+_SIDEWAYS = (0.2, 4.0)
 NONE = "none"
 
 

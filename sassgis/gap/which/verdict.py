@@ -15,8 +15,8 @@ from sassgis.gap.which.hypotheses import NONE, Draw
 
 #: Answers besides the families.
 UNKNOWN, CONTACT_LAW = "unknown", "contact_law"
-#: A gap is large from this share of the scatter of the rocks on (J. Cohen, 1988, Statistical power
-#: analysis for the behavioral sciences, p. 26: d = 0.8).
+#: A gap is large from this share of the scatter of single values on, of rocks or of their steps (J.
+#: Cohen, 1988, Statistical power analysis for the behavioral sciences, p. 26: d = 0.8).
 _LARGE = 0.8
 
 
@@ -74,7 +74,7 @@ def large_gaps(findings: Sequence[GapFinding], level: float = 0.05) -> list[GapF
 
 def _large(finding: GapFinding) -> bool:
     low, high = finding.ci95
-    scatter = (high - low) / 3.92 * math.sqrt(max(finding.rocks, 1))
+    scatter = (high - low) / 3.92 * math.sqrt(max(finding.values, finding.rocks, 1))
     return scatter > 0.0 and abs(finding.gap) > _LARGE * scatter
 
 

@@ -137,6 +137,13 @@ def test_more_stations_and_more_impacts_weigh_no_more() -> None:
     once = scores_of(seen, model, 3, 4, rows)
     np.testing.assert_allclose(scores_of(doubled, model, 3, 4, rows[..., both]), once)
 
+    # An offset that is not scored is as if it had not been measured.
+    with_offset = replace(scale, names=(*seen.scale.names, *["S0:aside"] * int(passages.sum())))
+    unscored = replace(doubled, scale=with_offset, sideways=False)
+    astray = rows[..., both].copy()
+    astray[..., k : twice.size] += 9.0
+    np.testing.assert_allclose(scores_of(unscored, model, 3, 4, astray), once)
+
     hit = site(12, 22, TABLE, tables=("impacts",))
     assert hit.impacts is not None
     many = np.repeat(np.arange(len(hit.outcomes)), 10)

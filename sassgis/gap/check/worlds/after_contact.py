@@ -5,9 +5,6 @@ from __future__ import annotations
 import math
 
 from sassgis.gap.check.worlds import contact_laws as laws
-from sassgis.gap.check.worlds.forces import (
-    weight_on,
-)
 from sassgis.gap.check.worlds.law import (
     GRAVITY,
     kinetic,
@@ -16,7 +13,6 @@ from sassgis.gap.check.worlds.law import (
     rolling_radius,
 )
 from sassgis.gap.check.worlds.motion_state import (
-    ASIDE,
     HX,
     HY,
     MODE,
@@ -35,7 +31,7 @@ from sassgis.gap.check.worlds.motion_state import (
     Y,
     Z,
 )
-from sassgis.gap.check.worlds.slopes import descent, fall_line_chord, height_at
+from sassgis.gap.check.worlds.slopes import height_at
 from sassgis.model.grid import FloatArray
 from sassgis.model.jit import kernel
 
@@ -98,27 +94,18 @@ def turn_back(st: FloatArray) -> None:
 
 
 @kernel
-def aim(f: Field, st: FloatArray, slope: float, vt: float, vn: float) -> None:
-    """Turn the heading to the fall line, plus the deviation that effects have left."""
-    reach = 1.0
-    if vn > 0.0:
-        flight = 2.0 * vn / weight_on(slope)
-        plan = (vt * flight + 0.5 * GRAVITY * math.sin(slope) * flight**2) * math.cos(slope)
-        reach = min(max(plan, 1.0), 150.0)
-    dx, dy = descent(f.gx, f.gy, f.west, f.north, f.cell, st[X], st[Y], st[HX], st[HY])
-    if dx * st[HX] + dy * st[HY] >= 0.0:
-        dx, dy = fall_line_chord(
-            f.gx, f.gy, f.west, f.north, f.cell, st[X], st[Y], st[HX], st[HY], reach
-        )
-    else:
-        dx, dy = -dx, -dy
-    set_heading(st, dx, dy)
+def lean(f: Field, st: FloatArray) -> float:
+    """Angle by which the smoothed terrain falls to the left of the heading (rad)."""
+    gx = height_at(f.gx, f.west, f.north, f.cell, st[X], st[Y])
+    gy = height_at(f.gy, f.west, f.north, f.cell, st[X], st[Y])
+    return math.atan(gx * st[HY] - gy * st[HX])
 
 
 @kernel
-def set_heading(st: FloatArray, dx: float, dy: float) -> None:
-    """Set the direction of travel, turned by what effects have made of it."""
-    c = math.cos(st[ASIDE])
-    s = math.sin(st[ASIDE])
-    st[HX] = c * dx - s * dy
-    st[HY] = s * dx + c * dy
+def turn_by(st: FloatArray, angle: float) -> None:
+    """Turn the heading to the left (rad)."""
+    c = math.cos(angle)
+    s = math.sin(angle)
+    hx = st[HX]
+    st[HX] = c * hx - s * st[HY]
+    st[HY] = s * hx + c * st[HY]

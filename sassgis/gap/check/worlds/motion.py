@@ -2,8 +2,8 @@
 
 Position and velocity are in space; the ellipse and its spin stay in the vertical plane of motion.
 In flight the step is that of Runge and Kutta (fourth order). The ground is the bilinear surface
-of the grid. At each contact the path turns to the fall line of the smoothed terrain, plus a
-deviation that only effects create and that half of each contact takes away.
+of the grid. At each contact the normal impulse turns the path as the terrain leans across it, on
+the ground it turns to the descent.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 from sassgis.gap.check.worlds import contact_laws as laws
 from sassgis.gap.check.worlds import random_draws as draws
-from sassgis.gap.check.worlds.after_contact import aim, land, set_heading, settle, turn_back
+from sassgis.gap.check.worlds.after_contact import land, lean, settle, turn_back, turn_by
 from sassgis.gap.check.worlds.forces import (
     Forces,
     active,
@@ -42,7 +42,6 @@ from sassgis.gap.check.worlds.motion_records import (
     write_track,
 )
 from sassgis.gap.check.worlds.motion_state import (
-    ASIDE,
     BROKEN,
     COUNT,
     DENSITY,
@@ -87,7 +86,8 @@ from sassgis.model.jit import kernel
 _LONGEST_S = 240.0
 _SLOW = 0.05
 _TRACK_EVERY_S = 0.1
-_HALF = 0.5
+#: Time in which what rolls has turned by most of its angle to the descent.
+_TURNS_IN_S = 0.6
 # A rolling rock leaves where its free path is above the ground after this time (s).
 _LOOK_AHEAD = 0.06
 
@@ -380,21 +380,20 @@ def _contact(
     vz = -vt * math.sin(met) + vn * math.cos(met)
     vt_out = v_along * math.cos(slope) - vz * math.sin(slope)
     vn_out = v_along * math.sin(slope) + vz * math.cos(slope)
-    turn = 0.0
-    if cross != 0.0:
-        # The normal impulse on a facet that leans across the path deflects the rock.
-        turn = math.atan2((vn_out - vn_in) * math.sin(cross), abs(v_along) + 0.5)
+    # The normal impulse on what leans across the path, terrain or facet, deflects the rock.
+    across = min(max(lean(f, st) + cross, -1.2), 1.2)
+    turn = math.atan2((vn_out - vn_in) * math.sin(across), abs(v_along) + 0.5)
     old_hx, old_hy = st[HX], st[HY]
     after = kinetic(inertia, vt_out, vn_out, spin)
     tables.gain[rock] = max(tables.gain[rock], (after - before) / before)
     row = np.array([math.degrees(slope), vt_in, vn_in, spin_in, vt_out, vn_out, spin])
     st[SPIN] = spin
-    st[ASIDE] = _HALF * st[ASIDE] + turn
     if v_along < 0.0:
         turn_back(st)
         slope = -slope
         vt_out = -vt_out
-    aim(f, st, slope, vt_out, vn_out)
+        turn = -turn
+    turn_by(st, turn)
     # The path turns about the normal of the ground: the rock does not turn into it or off it.
     _, gx, gy = surface_at(f.z, f.west, f.north, f.cell, px, py)
     turned = math.atan(-(gx * st[HX] + gy * st[HY]))
@@ -433,14 +432,14 @@ def _roll(f: Field, forces: Forces, st: FloatArray, campaign: float, dt: float) 
     size = (a * b * st[C]) ** (1.0 / 3.0)
     law = law_at(f, st[X], st[Y])
     s = chainage_of(f, st)
-    st[ASIDE] *= 1.0 - min(1.0, dt / 0.6)
     dx, dy = descent(f.gx, f.gy, f.west, f.north, f.cell, st[X], st[Y], st[HX], st[HY])
     facing = dx * st[HX] + dy * st[HY]
     if facing < 0.0:
         dx, dy = -dx, -dy
     along = math.sqrt(st[VX] ** 2 + st[VY] ** 2)
     v = math.sqrt(along * along + st[VZ] ** 2)
-    set_heading(st, dx, dy)
+    away = math.atan2(st[HX] * dy - st[HY] * dx, st[HX] * dx + st[HY] * dy)
+    turn_by(st, away * min(1.0, dt / _TURNS_IN_S))
     _, gx, gy = surface_at(f.z, f.west, f.north, f.cell, st[X], st[Y])
     slope = math.atan(-(gx * st[HX] + gy * st[HY]))
     inertia = (a * a + b * b) / 5.0

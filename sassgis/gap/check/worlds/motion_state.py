@@ -15,13 +15,13 @@ KeyArray = NDArray[np.uint64]
 
 
 # Columns of a moving block.
-X, Y, Z, VX, VY, VZ, HX, HY, PHI, SPIN, ASIDE = range(11)
+X, Y, Z, VX, VY, VZ, HX, HY, PHI, SPIN = range(10)
 
 
-A, B, C, DENSITY, TIME, MODE, COUNT, PIECE, KIND, GENERATION, HAND = range(11, 22)
+A, B, C, DENSITY, TIME, MODE, COUNT, PIECE, KIND, GENERATION, HAND = range(10, 21)
 
 
-N_STATE = 22
+N_STATE = 21
 
 
 FLY, ROLL, SLIDE, STOPPED, LEFT, BROKEN = range(6)

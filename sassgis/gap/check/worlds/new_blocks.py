@@ -11,7 +11,6 @@ from sassgis.gap.check.worlds.forces import (
     Forces,
 )
 from sassgis.gap.check.worlds.motion_state import (
-    ASIDE,
     BROKEN,
     FLY,
     FRAGMENT,
@@ -38,7 +37,7 @@ from sassgis.gap.check.worlds.motion_state import (
     Z,
     face_velocity,
 )
-from sassgis.gap.check.worlds.slopes import descent, surface_at
+from sassgis.gap.check.worlds.slopes import surface_at
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.jit import kernel
 
@@ -97,10 +96,6 @@ def shatter(
         child[VY] = st[VY] + scale * apart[i, 1]
         child[VZ] = st[VZ] + scale * apart[i, 2]
         face_velocity(child)
-        dx, dy = descent(f.gx, f.gy, f.west, f.north, f.cell, st[X], st[Y], st[HX], st[HY])
-        child[ASIDE] = math.atan2(dx * child[HY] - dy * child[HX], dx * child[HX] + dy * child[HY])
-        if abs(child[ASIDE]) > 0.5 * math.pi:
-            child[ASIDE] = 0.0
         child[MODE] = FLY
         child[PIECE] = counts[1]
         child[KIND] = FRAGMENT

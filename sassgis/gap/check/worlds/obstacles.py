@@ -8,7 +8,6 @@ from sassgis.gap.check.worlds.forces import (
     strike,
 )
 from sassgis.gap.check.worlds.motion_state import (
-    ASIDE,
     FLY,
     HX,
     HY,
@@ -86,10 +85,7 @@ def meet_obstacles(f: Field, st: FloatArray, last_hit: IntArray) -> None:
         old_x, old_y = st[HX], st[HY]
         face_velocity(st)
         turned = math.atan2(old_x * st[HY] - old_y * st[HX], old_x * st[HX] + old_y * st[HY])
-        if abs(turned) < 0.5 * math.pi:
-            st[ASIDE] += turned
-        else:
+        if abs(turned) >= 0.5 * math.pi:
             st[SPIN] = -st[SPIN]
             st[PHI] = math.pi - st[PHI]
-            st[ASIDE] = 0.0
         return
