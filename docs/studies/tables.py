@@ -10,6 +10,7 @@ from __future__ import annotations
 import csv
 import json
 import re
+import statistics
 from pathlib import Path
 from typing import Any
 
@@ -606,8 +607,58 @@ def calibration_coverage() -> str:
     return markdown([*head, "distance over sd", "width over prior"], body)
 
 
+def sampling() -> str:
+    """How many times less variance times time other ways of sampling need than plain sampling."""
+    found = json.loads((HERE / "sampling" / "sampling.json").read_text("utf-8"))
+    cells = [
+        f"cells, {100 * low:g} to {100 * high:g} %" if low else f"cells, below {100 * high:g} %"
+        for low, high in found["classes"]
+    ]
+    cells[0] = f"cells, {100 * found['classes'][0][0]:g} % and more"
+    far = [f"distance of {100 * share:g} %" for share in found["far"]]
+    body = [
+        [
+            row["site"],
+            row["design"],
+            f"{row['time']:.2f}",
+            *(f"{g:.2f} ± {e:.2f}" for g, e in zip(row["gain"], row["error"], strict=True)),
+            f"{row['reach'][1]:.2f}",
+        ]
+        for row in found["rows"]
+    ]
+    # Of four copies the variance is s + (1 − s)/4, s being the share of what is drawn at the start.
+    for row in found["rows"]:
+        if row["design"] == "split at the start into 4":
+            shares = [max(4.0 * v - 1.0, 0.0) / 3.0 for v in row["variance"]]
+            bounds = [f"{1.0 / (1.0 - share):.2f}" for share in shares]
+            body.append([row["site"], "any spreading at the start, at most", "1", *bounds, "–"])
+    head = ["terrain", "sampling", "time", *cells, *far, "blocks beyond the distance of 1 %"]
+    return markdown(head, body)
+
+
+def sampling_decided() -> str:
+    """How much is decided where a block comes to a chainage: medians over release points."""
+    rows = json.loads((HERE / "sampling" / "decided.json").read_text("utf-8"))["rows"]
+    return markdown(
+        ["terrain", "other draws from", "stop at the same place", "correlation of coming far"],
+        [
+            [
+                row["site"],
+                f"the distance of {100 * row['share']:g} %",
+                f"{100 * statistics.median(row['same']):.0f} % "
+                f"({100 * min(row['same']):.0f} to {100 * max(row['same']):.0f} %)",
+                f"{statistics.median(row['alike']):.2f} "
+                f"({min(row['alike']):.2f} to {max(row['alike']):.2f})",
+            ]
+            for row in rows
+        ],
+    )
+
+
 TABLES = {
     "calibration coverage": calibration_coverage,
+    "sampling": sampling,
+    "sampling decided": sampling_decided,
     "discretisation valley": lambda: discretisation("valley"),
     "discretisation bedrina": lambda: discretisation("bedrina"),
     "discretisation piota_negra": lambda: discretisation("piota_negra"),

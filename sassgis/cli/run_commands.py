@@ -251,6 +251,7 @@ def compare(before: Path, after: Path, out: Path, overwrite: bool) -> None:
     change = compare_results(before, after, out, overwrite=overwrite)
     notes(change.notes)
     printed(change)
+    click.echo(change.beyond_sampling)
     click.echo(f"Open {out / 'project.qgz'} in QGIS, {out / 'report.html'} in a browser.")
 
 

@@ -67,7 +67,30 @@ def simulate_block(
         None for a block that stays on the profile of the site.
     """
     hooks.on_start(effects, state, block)
-    while state.phase != END:
+    move(state, block, site, output, physics, effects, path, np.inf)
+    if path is not None:
+        stays_on_known(state, site)
+    if state.reason == REST and not state.moved:
+        state.reason = NEVER_STARTED
+    state.vx = 0.0
+    state.vz = 0.0
+    state.omega = 0.0
+    log_event(output.log, state, 0.0, 0.0)
+
+
+@fused
+def move(
+    state: Record,
+    block: Block,
+    site: Site,
+    output: Output,
+    physics: Physics,
+    effects: hooks.Effects | None,
+    path: Path | None,
+    until: float,
+) -> None:
+    """Move a block to its end, or through the event in which it comes to a chainage (m)."""
+    while state.phase != END and state.x < until:
         state.events += 1
         if state.events > physics.max_events:
             end(state, STEP_LIMIT)
@@ -100,14 +123,6 @@ def simulate_block(
             ground_motion(state, block, site, output, physics, effects)
         if path is not None and last_of(site.crossings) > 0:
             note_passages(site, path)
-    if path is not None:
-        stays_on_known(state, site)
-    if state.reason == REST and not state.moved:
-        state.reason = NEVER_STARTED
-    state.vx = 0.0
-    state.vz = 0.0
-    state.omega = 0.0
-    log_event(output.log, state, 0.0, 0.0)
 
 
 @lean

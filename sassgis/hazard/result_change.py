@@ -115,6 +115,13 @@ class ResultChange:
         """The rows of a part."""
         return tuple(r for r in self.rows if r.part == part)
 
+    @property
+    def beyond_sampling(self) -> str:
+        """Where more changes than chance does, in words."""
+        if not self.certain_m2 > 0.0:
+            return "Nowhere does the reach probability change by more than the sampling explains."
+        return f"More than the sampling of the blocks explains: on {self.certain_m2:,.0f} m²."
+
     def lines(self) -> tuple[str, ...]:
         """The most important numbers in words."""
         area = self.row("map", "area reached")

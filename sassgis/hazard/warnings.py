@@ -153,11 +153,14 @@ def edge_words(run: MapRun, progress: Progress, open_m: float) -> str:
     # On fall lines blocks are lost at the ends of these, too.
     if not run.followed or not progress.lost_share:
         return ""
+    lost = f"{100 * progress.lost_share:.2g}"
+    if open_m <= 0.0:
+        return phrase("{} % of the blocks left the terrain model; no zone ends at its edge.", lost)
     text = (
         "{} % of the blocks left the terrain model; over {} m zones go on beyond its edge, where "
         "nothing was computed."
     )
-    return phrase(text, f"{100 * progress.lost_share:.2g}", f"{open_m:.0f}")
+    return phrase(text, lost, f"{open_m:.0f}")
 
 
 def zone_warnings(changed_share: float, budget: BlockBudget | None) -> list[str]:
