@@ -62,9 +62,11 @@ _TURN = 0.01
 _BEND_PER_STEP = 0.5
 _SHORTEST_STEP = 0.1
 # Where the slope of the terrain ahead differs by less than this share a step is longer, up to so
-# many times. As far ahead at least the ground is sampled at once: segments end where sampling does.
+# many times. As far ahead at least, and so far at most, the ground is sampled at once: segments end
+# where sampling does.
 _SAME_SLOPE = 0.02
 _LONGEST_STEP = 8.0
+_FARTHEST = 32.0
 # Below this angle (rad) a half-angle tangent is taken to its third power: right to 1e-10.
 _SMALL = 0.02
 # Impacts that turn the heading less than this do not (rad).
@@ -435,8 +437,8 @@ def before_ground(
     needed = state.reach + 2.0 * block.a
     if state.open and state.sampled < needed:
         # As far again as the heading has been kept, so that seldom a segment ends here.
-        ahead = _LONGEST_STEP * max(path.cell_size, 2.0 * block.radius)
-        ahead = max(ahead, state.x - state.from_x)
+        unit = max(path.cell_size, 2.0 * block.radius)
+        ahead = max(_LONGEST_STEP * unit, min(state.x - state.from_x, _FARTHEST * unit))
         look_ahead(state, block, site, path, needed + ahead, physics.gravity)
     return steep2, descent
 
