@@ -61,11 +61,10 @@ from sassgis.model.jit import fused, inlined, lean
 _TURN = 0.01
 _BEND_PER_STEP = 0.5
 _SHORTEST_STEP = 0.1
-# Where the slope of the terrain ahead differs by less than this share a step is longer, up to so
-# many times. As far ahead at least, and so far at most, the ground is sampled at once: segments end
-# where sampling does.
-_SAME_SLOPE = 0.02
-_LONGEST_STEP = 8.0
+#: Where the slope of the terrain ahead differs by less than _SAME_SLOPE a step is longer, up to so
+#: many times a cell, or a block. As far ahead at least, and _FARTHEST at most, the ground is sampled
+#: at once: segments end where sampling does.
+LONGEST_STEP, _SAME_SLOPE = 8.0, 0.02
 _FARTHEST = 32.0
 # Below this angle (rad) a half-angle tangent is taken to its third power: right to 1e-10.
 _SMALL = 0.02
@@ -438,7 +437,7 @@ def before_ground(
     if state.open and state.sampled < needed:
         # As far again as the heading has been kept, so that seldom a segment ends here.
         unit = max(path.cell_size, 2.0 * block.radius)
-        ahead = max(_LONGEST_STEP * unit, min(state.x - state.from_x, _FARTHEST * unit))
+        ahead = max(LONGEST_STEP * unit, min(state.x - state.from_x, _FARTHEST * unit))
         look_ahead(state, block, site, path, needed + ahead, physics.gravity)
     return steep2, descent
 
@@ -459,7 +458,7 @@ def _straight_on(
     Twice as long again and again while the slope of the terrain is the same at its end.
     """
     same2 = _SAME_SLOPE * _SAME_SLOPE * (gu * gu + gv * gv)
-    most = min(_LONGEST_STEP * step, min(_BEND_PER_STEP, _TURN / max(aside, 1e-9)) / kappa)
+    most = min(LONGEST_STEP * step, min(_BEND_PER_STEP, _TURN / max(aside, 1e-9)) / kappa)
     while 2.0 * step <= most:
         u, v = place(state, state.x + 2.0 * step)
         to_u, to_v, known = gradient(path, u, v, block.radius)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sassgis.engine.heading import LONGEST_STEP
 from sassgis.io.read.tiles import Part, Terrain, hull
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.errors import InputError
@@ -69,8 +70,11 @@ def rim_cells(run: MapRun, ref_width_m: float) -> int:
     """Cells from a cut edge within which followed paths would feel it, or counts be lost."""
     cell = run.grid.cell_size
     smoothed = math.ceil(_GAUSSIAN_ENDS * SD_PER_DIAMETER * run.block_scale_m / cell)
-    block = math.ceil(max(_largest_radius(b) for b in run.blocks) / cell)
-    return max(smoothed + block + _BESIDE, _counted(ref_width_m, cell))
+    radius = max(_largest_radius(b) for b in run.blocks) / cell
+    # Whether a step along the ground may be twice as long depends on the slope at its end, up to
+    # half of the longest step beyond the cells that the path looks at.
+    ahead = math.ceil(0.5 * LONGEST_STEP * max(1.0, 2.0 * radius))
+    return max(smoothed + math.ceil(radius) + _BESIDE + ahead, _counted(ref_width_m, cell))
 
 
 def _largest_radius(blocks: BlockPopulation) -> float:

@@ -150,7 +150,7 @@ def _windows_bytes(run: MapRun) -> int:
     steps = math.ceil(math.pi * (run.window.radius + 1.0) ** 2)
     room = room_at_first(steps)
     while 3 * room < steps:
-        room *= 4
+        room *= 2
     return 8 * steps * room
 
 

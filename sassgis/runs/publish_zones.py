@@ -103,6 +103,10 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
     levels = level_table(preset, found)
     on_objects = levels_of(rules.placed, hazard.levels, preset.levels)
     edge = edge_words(run, done.progress, float(hazard.facts.open_m.sum()))
+    sheets = partial(
+        protection_sheets, run.control_lines, found.without_barriers, hazard.sampled,
+        (design, protection, places), figures, confidence,
+    )  # fmt: skip
     return Extras(
         layers=maps,
         vectors=(*own, *risk, *federal),
@@ -123,12 +127,7 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
             ),
             levels,
             zone_tables(
-                preset,
-                found,
-                sources,
-                design,
-                return_periods_years=periods,
-                currency=currency,
+                preset, found, sources, design, return_periods_years=periods, currency=currency
             ),
             zone_facts_of(rules, found, run, done.progress.simulated),
             on_objects,
@@ -141,15 +140,7 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
                 found.risk, hazard.sampled, hazard.curves.energies_kj, on_objects, currency
             ),
             frequencies=rules.frequencies,
-            sheets=partial(
-                protection_sheets,
-                run.control_lines,
-                found.without_barriers,
-                hazard.sampled,
-                (design, protection, places),
-                figures,
-                confidence,
-            ),
+            sheets=sheets,
         ),
         facts={
             "preset": f"{preset.name}: {preset.title}",
