@@ -163,7 +163,8 @@ def _edited(edits: Sequence[AppliedEdit]) -> str:
         return ""
     changed = sum(a.has_changed for a in edits)
     since = f", below {changed} another level is computed than when they were made" * bool(changed)
-    return f"Edited by hand: {len(edits)} places{since}."
+    places = "one place" if len(edits) == 1 else f"{len(edits)} places"
+    return f"Edited by hand: {places}{since}."
 
 
 @command(

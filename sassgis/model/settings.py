@@ -155,7 +155,7 @@ class ReleaseSettings(Section):
     layer: Annotated[Text | None, "layer, where the file has several", Example("release")] = None
     name_field: Annotated[
         Text | None,
-        "attribute with the names of the areas; else area 1, area 2, ...",
+        "attribute with the names of the areas; else area 1, area 2 and so on",
         Example("name"),
     ] = None
     scenario_field: Annotated[
