@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import types
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
@@ -62,6 +63,8 @@ _INTRO = {
     "profile": "A run along one profile (`sassgis profile`).",
     "hazard": "Intensities and hazard levels (`sassgis zone`): [hazard.md](hazard.md).",
     "zones": "From cells to polygons: [zones.md](zones.md).",
+    "edits": "Polygons in which an expert sets the hazard level: "
+    "[zones.md](zones.md#edits-by-hand).",
     "risk": "Consequences of hits on exposed objects: [risk.md](risk.md).",
     "objects": "Exposed objects, a section for each layer: [risk.md](risk.md). Each number is one "
     "for all features, or an attribute of each (`..._field`).",
@@ -119,8 +122,9 @@ def row(own: Declared) -> str:
         default = "–"
     else:
         default = f"`{shown(own.default)}`"
-    text = own.description.replace("|", "\\|").rstrip(".")
-    text = text[:1].lower() + text[1:]
+    text = own.description.replace("|", "\\|").removesuffix(".")
+    if re.match(r"A |[A-Z][a-z]", text):  # neither an abbreviation nor a symbol
+        text = text[:1].lower() + text[1:]
     if own.old_name is not None:
         text += f". Formerly `{own.old_name}`, which is read with a note for one version"
     return f"| `{own.name}` | {kind(own.kind)} | {default} | {limits(own.kind)} | {text} |"

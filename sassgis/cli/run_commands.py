@@ -162,8 +162,11 @@ def _edited(edits: Sequence[AppliedEdit]) -> str:
     if not edits:
         return ""
     changed = sum(a.has_changed for a in edits)
-    since = f", below {changed} another level is computed than when they were made" * bool(changed)
-    return f"Edited by hand: {len(edits)} places{since}."
+    places, below, they = f"{len(edits)} places", str(changed), "they were"
+    if len(edits) == 1:
+        places, below, they = "one place", "it", "it was"
+    since = f", below {below} another level is computed than when {they} made" * bool(changed)
+    return f"Edited by hand: {places}{since}."
 
 
 @command(

@@ -179,6 +179,9 @@ def edit_lines(applied: Sequence[AppliedEdit]) -> list[str]:
     if not applied:
         return []
     authors = ", ".join(dict.fromkeys(a.edit.author for a in applied))
+    if len(applied) == 1:
+        text = "Hazard zones edited by hand at one place ({}); intensities and risk as computed."
+        return [phrase(text, authors)]
     text = "Hazard zones edited by hand at {} places ({}); intensities and risk are as computed."
     return [phrase(text, len(applied), authors)]
 

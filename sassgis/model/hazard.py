@@ -314,9 +314,9 @@ class HazardSettings(Section):
     ] = 0.95
     blocks: Annotated[
         Literal["given", "auto"],
-        "how many blocks are simulated; given: release.rocks_per_point at each point; auto: so "
-        "many times as many that another sample would change the level on changed_share_max of "
-        "the zoned area, most of them at points from which blocks reach places of uncertain level",
+        "how many blocks are simulated; given: release.rocks_per_point at each point; auto: more, "
+        "until another sample would change the level on no more than changed_share_max of the "
+        "zoned area, most of them at points from which blocks reach places of uncertain level",
     ] = "given"
     changed_share_max: Annotated[
         float | None,

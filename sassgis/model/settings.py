@@ -98,7 +98,7 @@ class TerrainSettings(Section):
         Example("EPSG:2056"),
     ] = None
     override_crs: Annotated[
-        bool, "whether crs counts even though the DEM states another system, which is wrong"
+        bool, "use crs although the DEM states another system, where that one is wrong"
     ] = False
     vertical_datum: Annotated[
         Text | None, "name of the height system where the DEM states none", Example("LN02")
@@ -155,7 +155,7 @@ class ReleaseSettings(Section):
     layer: Annotated[Text | None, "layer, where the file has several", Example("release")] = None
     name_field: Annotated[
         Text | None,
-        "attribute with the names of the areas; else area 1, area 2, ...",
+        "attribute with the names of the areas; else area 1, area 2 and so on",
         Example("name"),
     ] = None
     scenario_field: Annotated[
@@ -378,7 +378,7 @@ class BarrierSettings(StationSettings):
     capacity_kj: Annotated[
         float | None,
         Interval(gt=0),
-        "energy that it takes (kJ); without it every block that meets it is stopped",
+        "energy that it absorbs (kJ); without a value it stops every block that hits it",
         Example(2000.0),
     ] = None
     capacity_kj_field: Annotated[
@@ -386,7 +386,7 @@ class BarrierSettings(StationSettings):
     ] = None
     restarts_from_rest: Annotated[
         bool,
-        "whether blocks that it takes move on from zero speed, as nets may let them",
+        "whether blocks that it has stopped start again from rest, as below some nets",
         Renamed("lets_go"),
     ] = False
 
@@ -471,9 +471,9 @@ class EngineSettings(Section):
     ] = None
     rolling: Annotated[
         Literal["round", "ellipse"] | None,
-        '"round": dv/dt = g (sin β − μ_r cos β), the paper\'s words; the block leaves the ground '
-        'at convex vertices only. "ellipse": also the turning ellipse counts, whose centre rises '
-        "and falls, and it leaves the ground where the normal force on it ends (N <= 0) (default: "
+        '"round": dv/dt = g (sin β − μ_r cos β), as in the paper; the block leaves the ground '
+        'at convex vertices only. "ellipse": the centre of the turning ellipse rises and falls, '
+        "and the block leaves the ground where the normal force on it ends (N <= 0) (default: "
         '"ellipse"; "1986": "round")',
         Example("ellipse"),
     ] = None
@@ -494,8 +494,8 @@ class EngineSettings(Section):
     ] = None
     corner: Annotated[
         Literal["ellipse", "circle"] | None,
-        'as what a rolling block meets ground ahead of it: "ellipse" in the orientation that it '
-        'has, "circle" of its mean radius, as which it rolls: it then loses once per corner '
+        'shape with which a rolling block hits ground that rises ahead of it: "ellipse" in its '
+        'orientation, or "circle" of its mean radius, so that it loses energy once per corner '
         '(default: "circle"; "1986": "ellipse")',
         Example("circle"),
     ] = None
@@ -513,14 +513,14 @@ class EngineSettings(Section):
     side_tilt_deg: Annotated[
         float,
         Interval(ge=0, le=45),
-        "of followed paths: standard deviation of the sideways tilt of the spot that an impact "
-        "meets (degrees)",
+        "of followed paths: standard deviation of the sideways tilt of the ground at an impact "
+        "(degrees)",
     ] = 7.0
     drift_deg: Annotated[
         float,
         Interval(ge=0, le=30),
-        "of followed paths: standard deviation of the angle by which a block drifts aside of the "
-        "descent, drawn once for each (degrees)",
+        "of followed paths: standard deviation of the angle between the way of a block and the "
+        "steepest descent, drawn once for each block (degrees)",
     ] = 4.0
 
     def resolved(self) -> EngineSettings:

@@ -110,7 +110,7 @@ def zone_lines(
         lines.append(("Edge of the terrain model", edge))
     if hazard.edits:
         changed = sum(a.has_changed for a in hazard.edits)
-        text = "{} places; below {} of them the computed level has changed since"
+        text = "places: {}; computed level changed since below: {}"
         lines.append(("Edited by hand", phrase(text, len(hazard.edits), changed)))
     if found.risk is not None:
         (total,) = (t for t in risk_totals(found.risk) if t.scope == "all")

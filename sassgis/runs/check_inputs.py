@@ -297,7 +297,7 @@ def _checked(
     short = [
         f"the terrain model should go on for {own.distance_m:.0f} m or more "
         f"beyond {own.x:.0f}, {own.y:.0f} ({own.where}): there the energy line of {ANGLE_DEG:g} "
-        f"degrees from release area {points.area_names[points.area[own.start]]} is "
+        f'degrees from release "{points.area_names[points.area[own.start]]}" is '
         f"{own.height_m:.0f} m above the ground"
         for own in beyond_edge(run.grid, points.x, points.y)
     ]

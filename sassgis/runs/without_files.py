@@ -226,7 +226,7 @@ def _ground_section(ground: Any) -> Section:
 
 def _named_blocks(blocks: Any) -> Any:
     """Block scenarios; one by itself needs no name."""
-    return {"name": "blocks"} | dict(blocks) if isinstance(blocks, Mapping) else blocks
+    return {"name": "blocks"} | dict(blocks) if isinstance(blocks, Mapping) else blocks or ()
 
 
 def _assessed(

@@ -31,8 +31,8 @@ class AirDrag(EffectSection):
     drag_coefficient: Annotated[
         float,
         Interval(ge=0.0, le=300.0),
-        "C_d: 0.4 to 0.5 for a sphere, about 1 for a tumbling block. What is far above 2 is no "
-        "property of air: such a value can come out of a fit to what else brakes rocks in flight",
+        "C_d: 0.4 to 0.5 for a sphere, about 1 for a tumbling block. Values far "
+        "above 2 are not those of air: a fit may give them where something else brakes the rocks",
     ] = 0.43
     air_density_kgm3: Annotated[
         float, Interval(ge=0.0, le=2.0), "1.2 at 300 m, 1.0 at 2,000 m above the sea (kg/m3)"

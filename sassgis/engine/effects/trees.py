@@ -38,7 +38,7 @@ class Trees(EffectSection):
     ] = "stems"
     species: Annotated[
         str,
-        "what stands there, for both forms with stems: factor on the energy of a stem. fir, "
+        "tree species, for both forms with stems: factor on the energy of a stem. fir, "
         "spruce, conifers, broadleaved, larch, maple or beech; the factors are not verified",
     ] = "fir"
     efficiency: Annotated[

@@ -229,6 +229,7 @@ BAD = {
     "unknown class": ({"ground": "butter"}, "found 'butter'; expected one of"),
     "unknown key": ({"run": {"sed": 1}}, "run.sed: unknown key .*'seed'"),
     "unknown key of a block": ({"blocks": {"volume": 1.0}}, "unknown key .*volume_m3"),
+    "no blocks": ({"blocks": None}, r"at least one \[\[blocks\]\]"),
     "reversed": ({"blocks": {"volume_m3": (2.0, 1.0)}}, "limits are reversed"),
     "width": ({"ref_width_m": 1.0}, "is narrower than a cell"),
 }  # fmt: skip

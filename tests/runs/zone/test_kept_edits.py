@@ -58,7 +58,7 @@ def test_an_edit_is_kept_through_new_runs(case: Case, call: Call) -> None:
         "zone", case.config, "-o", case.folder / "again", "--edits", out / "edits.gpkg"
     )
     assert code == 0, err
-    assert "Edited by hand: 1 places, below 1 another level is computed" in said
+    assert "Edited by hand: one place, below it another level is computed" in said
     again = gpd.read_file(case.folder / "again" / "edits.gpkg", layer="edits")
     assert again["computed"][0] == kept["computed"][0] != again["computed_now"][0]
     assert again["changed_share"][0] > 0.05
