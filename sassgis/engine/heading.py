@@ -62,8 +62,8 @@ _TURN = 0.01
 _BEND_PER_STEP = 0.5
 _SHORTEST_STEP = 0.1
 #: Where the slope of the terrain ahead differs by less than _SAME_SLOPE a step is longer, up to so
-#: many times a cell, or a block. As far ahead at least, and _FARTHEST at most, the ground is sampled
-#: at once: segments end where sampling does.
+#: many times a cell, or a block. As far ahead at least, and _FARTHEST at most, the ground is
+#: sampled at once: segments end where sampling does.
 LONGEST_STEP, _SAME_SLOPE = 8.0, 0.02
 _FARTHEST = 32.0
 # Below this angle (rad) a half-angle tangent is taken to its third power: right to 1e-10.

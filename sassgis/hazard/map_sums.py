@@ -25,7 +25,7 @@ from sassgis.model.statistics_table import SUM_NAMES, SUMS, CellSum, Statistic, 
 _ROWS = 2048
 # Bytes up to which there is room for all cells at once: nothing has to be moved as more of them are
 # reached, and of zeros that nobody has written to no memory is taken.
-_ROOM_AT_ONCE = 2**32
+_ROOM_AT_ONCE = 2**30
 
 
 class MapSums:
