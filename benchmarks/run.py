@@ -6,9 +6,8 @@
 Each figure comes from a process of its own. The rate counts complete trajectories with all map
 statistics on, from release points to sums per cell, by processor time, after compilation. The
 comparison with SAGA has two ratios: of complete runs, and of blocks and walks only, without set-up.
-With
-``--flowpy`` com4FlowPy is timed too, in an environment that pip makes in FOLDER; with ``--jobs``
-one area on 1 and on N threads and processes, the start of the workers included.
+With ``--flowpy`` com4FlowPy is timed too, in an environment that pip makes in FOLDER; with
+``--jobs`` one area on 1 and on N threads and processes, the start of the workers included.
 """
 
 from __future__ import annotations
@@ -46,16 +45,15 @@ def simulate_once(folder: Path, repeats: int, settings: dict[str, str]) -> dict[
     planned = plan(run)
     simulate_map(run, plan_of_points(planned, chunks_of(planned)[0].points), jobs=1)
     first = time.perf_counter() - began
-    wall, cpu, per_rock = [], [], []
+    cpu, per_rock = [], []
     rocks = 0
     # One rock per line has the same set-up: terrain, fall lines, profiles. The difference is the
     # time of the blocks only, as saga.measure takes that of the walks only.
     one = dataclasses.replace(run, release=dataclasses.replace(run.release, rocks_per_point=1))
     for _ in range(repeats):
-        t, c = time.perf_counter(), time.process_time()
+        c = time.process_time()
         # The sums of one run are not held beside those of the next.
         rocks = int(simulate_map(run, plan(run), jobs=1).reasons.sum())
-        wall.append(time.perf_counter() - t)
         cpu.append(time.process_time() - c)
         c = time.process_time()
         single = int(simulate_map(one, plan(one), jobs=1).reasons.sum())
@@ -64,7 +62,6 @@ def simulate_once(folder: Path, repeats: int, settings: dict[str, str]) -> dict[
         "rocks": rocks,
         "first_s": first,
         "s_per_further_rock": per_rock,
-        "wall_s": wall,
         "cpu_s": cpu,
         "peak_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0,
     }
@@ -139,7 +136,6 @@ def measure(
         "rocks": warm["rocks"],
         "trajectories_per_s_and_core": statistics.median(rate),
         "trajectories_per_s_range": [min(rate), max(rate)],
-        "trajectories_per_wall_s": statistics.median([warm["rocks"] / s for s in warm["wall_s"]]),
         "further_trajectories_per_s": 1.0 / statistics.median(warm["s_per_further_rock"]),
         "peak_mb": warm["peak_mb"],
         "first_call_compiling_s": cold["first_s"],

@@ -62,6 +62,7 @@ from sassgis.model.jit import fused, inlined, kernel, lean
 DONE, NO_ROOM, MANY_VISITS, TOO_MANY_SPAWNED = 0, 1, 2, 3
 
 
+# Room for visits of each thread: _room_for_visits.
 _KEPT = threading.local()
 
 

@@ -184,8 +184,7 @@ def room_at_first(steps: int) -> int:
 
 def _places(grid: Grid, points: ReleasePoints) -> tuple[FloatArray, FloatArray]:
     """Places of release points in cells; InputError where no height is known."""
-    cells = grid.cell_of(points.x, points.y)
-    bad = np.flatnonzero((cells < 0) | ~np.isfinite(grid.values.ravel()[np.maximum(cells, 0)]))
+    bad = np.flatnonzero(~np.isfinite(grid.value_at(points.x, points.y)))
     if bad.size:
         x, y = points.x[bad[0]], points.y[bad[0]]
         raise InputError(

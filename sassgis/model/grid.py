@@ -70,6 +70,12 @@ class Grid:
         )
         return np.where(inside, flat, np.int64(-1))
 
+    def value_at(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Values of the cells that hold the points; NaN outside."""
+        cells = self.cell_of(x, y)
+        values: FloatArray = np.where(cells < 0, np.nan, self.values.ravel()[np.maximum(cells, 0)])
+        return values
+
     def cell_centres(self, cells: IntArray) -> tuple[FloatArray, FloatArray]:
         """X and y (m) of the centres of flat cell indices."""
         n_cols = self.shape[1]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+import pandas as pd
 import shapely
 
 from sassgis.hazard.object_values import ObjectValues
@@ -95,3 +96,8 @@ def with_limits(value: float, low: float, high: float) -> Cell:
         return None
     most = sensible(high) if np.isfinite(high) else phrase("more")
     return phrase("{} ({} to {})", sensible(value), sensible(low), most)
+
+
+def limited(row: pd.Series, column: str) -> Cell:
+    """A value of a table with its limits, which have columns of their own."""
+    return with_limits(*row[[column, f"{column}_low", f"{column}_high"]].astype(float))

@@ -18,7 +18,7 @@ from sassgis.model.languages import current_language, joined, named, phrase, tra
 from sassgis.model.noted_files import noted
 from sassgis.model.results import ControlLine
 from sassgis.report import figures
-from sassgis.report.exposed_report import with_limits
+from sassgis.report.exposed_report import limited
 from sassgis.report.page import (
     Cell,
     ReportFigure,
@@ -168,8 +168,8 @@ def _table(arriving: pd.Series, protection: pd.DataFrame, built: bool) -> Report
     for _, row in protection.iterrows():
         years = f"{row['return_period_years']:g}"
         keys = ("energy_kj", "net_height_m", BEHIND)
-        energy, height, behind = (_limited(row, key) for key in keys)
-        passing = _limited(arriving, f"height_{years}y_m")
+        energy, height, behind = (limited(row, key) for key in keys)
+        passing = limited(arriving, f"height_{years}y_m")
         size = float(row["block_m"])
         cells: list[Cell] = [
             years, energy, row["net_class"] or None, row["net_class_high"] or None, passing,
@@ -181,10 +181,6 @@ def _table(arriving: pd.Series, protection: pd.DataFrame, built: bool) -> Report
         heads(columns + ("; energy behind it | kJ" if built else "")),
         tuple(rows),
     )
-
-
-def _limited(row: pd.Series, key: str) -> Cell:
-    return with_limits(*row[[key, f"{key}_low", f"{key}_high"]].astype(float))
 
 
 #: What every sheet says below its figures.

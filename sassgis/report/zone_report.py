@@ -27,7 +27,7 @@ from sassgis.model.languages import joined, phrase
 from sassgis.model.map_run import MapRun
 from sassgis.model.results import RasterLayer
 from sassgis.report import figures
-from sassgis.report.exposed_report import map_objects, with_limits
+from sassgis.report.exposed_report import limited, map_objects
 from sassgis.report.figures import MapMarks
 from sassgis.report.map_report import map_marks
 from sassgis.report.number_text import thousands
@@ -321,9 +321,7 @@ def level_table(preset: HazardPreset, found: Assessment) -> ReportTable:
     )
 
 
-def zone_facts_of(
-    rules: Rules, found: Assessment, run: MapRun, simulated: int
-) -> tuple[tuple[str, str], ...]:
+def zone_facts_of(rules: Rules, run: MapRun, simulated: int) -> tuple[tuple[str, str], ...]:
     """What was computed, in words."""
     blocks = phrase("{} repetitions of {} blocks at each release point", run.repetitions,
                     run.release.rocks_per_point)  # fmt: skip
@@ -347,8 +345,8 @@ def _design_table(
     keys = [f"{name}_{what}_{key}" for what in ("q95", "q99", *(f"{t}y" for t in years))]
     rows = []
     for _, line in design.iterrows():
-        limited = (with_limits(*line[[k, f"{k}_low", f"{k}_high"]].astype(float)) for k in keys)
-        rows.append((line["line"], line["arrivals_per_year"], *limited))
+        cells = (limited(line, k) for k in keys)
+        rows.append((line["line"], line["arrivals_per_year"], *cells))
     return ReportTable(
         title,
         (*columns, *((phrase("exceeded once in {} years", t), unit) for t in years)),

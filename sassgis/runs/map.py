@@ -107,8 +107,7 @@ def path_terrain(run: MapRun) -> PathTerrain:
 
 def on_known_ground(run: MapRun, points: ReleasePoints) -> NDArray[np.bool_]:
     """Which release points lie on cells with a height: from the others no path is followed."""
-    cells = run.heights.cell_of(points.x, points.y)
-    return (cells >= 0) & np.isfinite(run.heights.values.ravel()[np.maximum(cells, 0)])
+    return np.isfinite(run.heights.value_at(points.x, points.y))
 
 
 def check_starts(

@@ -113,8 +113,7 @@ def beyond_edge(
 
 def _chosen(grid: Grid, x: FloatArray, y: FloatArray) -> IntArray:
     """Some of the starts with a height, by their number: evenly, and the highest."""
-    cell = grid.cell_of(x, y)
-    z = np.where(cell >= 0, grid.values.ravel()[np.maximum(cell, 0)], np.nan)
+    z = grid.value_at(x, y)
     known = np.flatnonzero(np.isfinite(z))
     half = _STARTS // 2
     even = np.unique(np.linspace(0, max(known.size - 1, 0), half).round().astype(int))

@@ -59,13 +59,14 @@ def moved_lines(
 
 def mean_height_m(grid: Grid, trace: FloatArray) -> float:
     """Mean height of the ground below a line (m); NaN where it leaves the terrain."""
-    return float(_heights(grid, _points(grid, trace)).mean())
+    return float(grid.value_at(*_points(grid, trace).T).mean())
 
 
 def _copies(grid: Grid, number: int, trace: FloatArray) -> list[MovedLine]:
     points = _points(grid, trace)
     reach = max(2.0 * grid.cell_size, 10.0)
-    fall = [_heights(grid, points - d) - _heights(grid, points + d) for d in reach * np.eye(2)]
+    aside = reach * np.eye(2)
+    fall = [grid.value_at(*(points - d).T) - grid.value_at(*(points + d).T) for d in aside]
     known = np.isfinite(fall).all(axis=0)
     down = np.array([f[known].mean() if known.any() else 0.0 for f in fall])
     if not np.hypot(*down) > 0.0:
@@ -80,10 +81,3 @@ def _points(grid: Grid, trace: FloatArray) -> FloatArray:
     dense = shapely.segmentize(shapely.LineString(trace), grid.cell_size)
     points: FloatArray = shapely.get_coordinates(dense)
     return points
-
-
-def _heights(grid: Grid, points: FloatArray) -> FloatArray:
-    """Heights of the cells that hold points (m); NaN outside."""
-    cells = grid.cell_of(points[:, 0], points[:, 1])
-    heights: FloatArray = np.where(cells < 0, np.nan, grid.values.ravel()[np.maximum(cells, 0)])
-    return heights

@@ -320,7 +320,7 @@ def ends_of(done: Moved, n: int, replicates: int, end: FloatArray) -> Ends:
 
 
 def free_run_residuals(
-    case: Case, model: RunModel, seen: AtStations, run: FreeRun, *, rng: np.random.Generator
+    case: Case, seen: AtStations, run: FreeRun, *, rng: np.random.Generator
 ) -> list[Residual]:
     """Residuals of runs from the release: stations, sides, run-out and blocks."""
     found: list[Residual] = []

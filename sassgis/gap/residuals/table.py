@@ -71,7 +71,7 @@ def residuals_of(
     seen = observed_at_stations(case)
     edges = reach_edges(case, run)
     rows = [
-        *free_run_residuals(case, running, seen, run, rng=rng),
+        *free_run_residuals(case, seen, run, rng=rng),
         *reach_residuals(case, running, seen, run, edges, rng=rng),
         *path_residuals(case, running, edges, run.axes_m),
         *impact_residuals(

@@ -410,7 +410,7 @@ def _contact(
         if volume > 0.01 and draws.uniform(key, draws.BREAK, n) < break_chance(
             forces.breaking, volume, vn_in
         ):
-            shatter(f, st, key, n, before - after, stack, stack_keys, counts, tables, rock)
+            shatter(st, key, n, before - after, stack, stack_keys, counts)
             if st[MODE] == BROKEN:
                 return
     if active(forces.loose, s) and st[KIND] == ROCK:
@@ -490,7 +490,7 @@ def _roll(f: Field, forces: Forces, st: FloatArray, campaign: float, dt: float) 
         st[SPIN] = 0.0
         st[MODE] = STOPPED
         return
-    if st[MODE] == ROLL and a > b and _leaves_upright(f, st, v, slope, dt):
+    if st[MODE] == ROLL and a > b and _leaves_upright(f, st, v, slope):
         return
     cos = math.cos(slope)
     sin = math.sin(slope)
@@ -538,7 +538,7 @@ def _roll(f: Field, forces: Forces, st: FloatArray, campaign: float, dt: float) 
 
 
 @kernel
-def _leaves_upright(f: Field, st: FloatArray, v: float, slope: float, dt: float) -> bool:
+def _leaves_upright(f: Field, st: FloatArray, v: float, slope: float) -> bool:
     """Let a rolling ellipse fly where the normal force on it ends, before it stands upright.
 
     Its energy is that of steady rolling, less what lifts its centre above the mean radius.

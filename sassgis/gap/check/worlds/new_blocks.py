@@ -31,7 +31,6 @@ from sassgis.gap.check.worlds.motion_state import (
     C,
     Field,
     KeyArray,
-    Tables,
     X,
     Y,
     Z,
@@ -44,7 +43,6 @@ from sassgis.model.jit import kernel
 
 @kernel
 def shatter(
-    f: Field,
     st: FloatArray,
     key: np.uint64,
     n: int,
@@ -52,8 +50,6 @@ def shatter(
     stack: FloatArray,
     stack_keys: KeyArray,
     counts: IntArray,
-    tables: Tables,
-    rock: int,
 ) -> None:
     """Break a rock: stick-breaking sizes, a cone of velocities that keeps the momentum.
 
