@@ -12,7 +12,6 @@ import pytest
 from sassgis.gap.check.worlds import motion_state as ms
 from sassgis.gap.check.worlds import new_blocks
 from sassgis.gap.check.worlds.forces import Local, indent, strike
-from sassgis.gap.check.worlds.motion_state import Tables
 from sassgis.gap.check.worlds.observe import distort
 from sassgis.gap.check.worlds.simulation import draw_rocks, simulate
 from sassgis.gap.check.worlds.world import LIMITS, World, with_effects
@@ -87,13 +86,10 @@ def test_a_breaking_rock_keeps_its_momentum(plane) -> None:  # type: ignore[no-u
     for n in range(1, 40):
         stack = np.zeros((new_blocks.MAX_PIECES, ms.N_STATE))
         counts = np.array([0, 1])
-        tables = Tables(*(np.zeros((1, 1)) for _ in range(4)), np.zeros(4, np.int64), np.zeros(1))
         state = st.copy()
         keys = np.zeros(new_blocks.MAX_PIECES, np.uint64)
         lost = 30.0
-        new_blocks.shatter(
-            ground.field, state, np.uint64(3), n, lost, stack, keys, counts, tables, 0
-        )
+        new_blocks.shatter(state, np.uint64(3), n, lost, stack, keys, counts)
         pieces = stack[: counts[0]]
         assert 2 <= len(pieces) <= 5 and state[ms.MODE] == ms.BROKEN
         mass = pieces[:, [ms.A, ms.B, ms.C]].prod(axis=1)
