@@ -125,7 +125,7 @@ def without_threads(faces: NDArray[Any], classes: IntArray) -> IntArray:
     coordinates and borders no higher one joins a lower one.
     """
     out = classes.copy()
-    threads = np.flatnonzero(shapely.is_empty(shapely.buffer(faces, -_THREAD_M / 2.0)))
+    threads = np.flatnonzero(_nowhere_wider(faces, _THREAD_M))
     thread, face = shapely.STRtree(faces).query(faces[threads], predicate="touches")
     shared = shapely.length(shapely.intersection(faces[threads[thread]], faces[face])) > 0.0
     thread, face = threads[thread[shared]], face[shared]
@@ -136,11 +136,22 @@ def without_threads(faces: NDArray[Any], classes: IntArray) -> IntArray:
         joined = np.full(out.size, np.iinfo(np.int64).max)
         np.minimum.at(joined, thread[higher], out[face][higher])
         out = np.where(joined < np.iinfo(np.int64).max, joined, out)
-    rounding = shapely.is_empty(shapely.buffer(faces, -PRECISION_M))
+    rounding = _nowhere_wider(faces, 2.0 * PRECISION_M)
     lower = np.full(out.size, -1)
     wide = ~rounding[face]
     np.maximum.at(lower, thread[wide], out[face[wide]])
     return np.where(rounding & (lower >= 0), lower, out)
+
+
+def _nowhere_wider(faces: NDArray[Any], width_m: float) -> BoolArray:
+    """Whether no disk as wide fits into a polygon."""
+    half = width_m / 2.0
+    # All of such a polygon lies within half a width of its border: along the sides, or in a
+    # sector of a half disk at most around a vertex.
+    corners = shapely.get_num_coordinates(faces)
+    found = shapely.area(faces) <= half * (shapely.length(faces) + corners * np.pi / 2.0 * half)
+    found[found] = shapely.is_empty(shapely.buffer(faces[found], -half))
+    return found
 
 
 def without_small(

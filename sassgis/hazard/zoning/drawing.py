@@ -43,6 +43,9 @@ _SPECK = 0.01
 _FARTHEST = 2.0
 #: Areas this near to each other touch, along a border if it is at least so long.
 _TOUCHING_M, _SHARED_M = 0.01, 0.1
+#: Shares of the tolerance within which areas that were closed, and those that are done, are drawn
+#: with fewer vertices.
+_CLOSED_WITHIN, _DONE_WITHIN = 0.05, 0.1
 _NOWHERE = shapely.Polygon()
 
 
@@ -67,11 +70,12 @@ def _smooth(area: Any, tolerance_m: float) -> Any:
     return shapely.simplify(_grown(area, half, 2), 0.9 * half)
 
 
-def _closed(area: Any, gap_m: float) -> Any:
+def _closed(area: Any, gap_m: float, tolerance_m: float) -> Any:
     """An area with the gaps into which no disk fits that is as wide."""
     if gap_m == 0.0:
         return area
-    return _grown(_grown(area, gap_m / 2.0), -gap_m / 2.0)
+    closed = _grown(_grown(area, gap_m / 2.0), -gap_m / 2.0)
+    return shapely.simplify(closed, _CLOSED_WITHIN * tolerance_m)
 
 
 def _narrow(area: Any, width_m: float, corner: float = 1.0) -> Any:
@@ -104,7 +108,7 @@ def _enlarged(area: Any, smallest_m2: float, known: Any) -> Any:
         low, high = 0.0, _FARTHEST * math.sqrt(smallest_m2)
         for _ in range(24):
             middle = (low + high) / 2.0
-            found = _on_terrain(_grown(part, middle), known, part).area
+            found = _on_terrain(_grown(part, middle), known, [part]).area
             low, high = (middle, high) if found < smallest_m2 else (low, middle)
         out.append(_grown(part, high * (1.0 + 1e-6)))
     return shapely.union_all([area, *out]) if out else area
@@ -121,26 +125,29 @@ def _filled(area: Any, smallest_m2: float) -> Any:
 
 def _superlevel(cells: Any, inside: Sequence[Any], rules: Drawing, gap_m: float, known: Any) -> Any:
     """Area of a class and those above it: its cells, smoothed, and what must lie within."""
-    must = shapely.union_all([cells, *inside])
-    if must.is_empty:
-        return must
+    must = [cells, *inside]
     area = shapely.union_all([_smooth(cells, rules.tolerance_m), *inside])
+    if area.is_empty:
+        return area
     if rules.width_m > 0.0:
         area = _widened(area, rules.width_m)
-    area = _closed(area, gap_m)
+    area = _closed(area, gap_m, rules.tolerance_m)
     if rules.area_m2 > 0.0:
         area = _enlarged(_on_terrain(area, known, must), rules.area_m2, known)
-        area = _filled(_closed(area, gap_m), rules.area_m2)
-    return _on_terrain(shapely.union(_smooth(area, 0.1 * rules.tolerance_m), must), known, must)
+        area = _filled(_closed(area, gap_m, rules.tolerance_m), rules.area_m2)
+    return _on_terrain(
+        shapely.union_all([_smooth(area, _DONE_WITHIN * rules.tolerance_m), *must]), known, must
+    )
 
 
-def _on_terrain(area: Any, known: Any, cells: Any) -> Any:
-    """The parts of an area on known terrain that some cells are in."""
+def _on_terrain(area: Any, known: Any, must: Sequence[Any]) -> Any:
+    """The parts of an area on known terrain in which something lies that must be in it."""
     if shapely.covers(known, area):
         return area
     parts = polygons_of(shapely.intersection(area, known))
-    shapely.prepare(cells)
-    return shapely.multipolygons(parts[shapely.intersects(cells, parts)])
+    shapely.prepare(must)
+    holds = shapely.intersects(np.array(must)[:, None], parts).any(axis=0)
+    return shapely.multipolygons(parts[holds])
 
 
 def _with_rims(higher: Any, lower: Any, rules: Drawing) -> Any:
@@ -245,7 +252,8 @@ def _places(
     maps: Sequence[IntArray], grid: Grid, known: BoolArray, reach: int
 ) -> Iterator[tuple[list[IntArray], Grid, BoolArray]]:
     """Maps, grid and known terrain of each place whose zones do not feel those of another."""
-    near = ndimage.distance_transform_edt(np.max(maps, axis=0) == 0) <= reach
+    # Those between which there is more than the reach.
+    near = ndimage.distance_transform_edt(np.max(maps, axis=0) == 0) <= reach / 2 + 1
     place_of, _ = ndimage.label(near, np.ones((3, 3)))
     for number, box in enumerate(ndimage.find_objects(place_of), start=1):
         mine = place_of[box] == number
