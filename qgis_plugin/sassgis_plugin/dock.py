@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from functools import partial
 from pathlib import Path
 
@@ -55,23 +56,34 @@ _FURTHER = (
 _EXPOSED = ("BUILDINGS", "ROADS", "PEOPLE")
 
 
+#: The last line of a run; warnings that stand in the report and with the zones.
+_SUMMARY, _ELSEWHERE = re.compile(r"\d+ blocks"), ("Note: ", "Another sample")
+
+
 class _Feedback(QgsProcessingFeedback):
     """Hands on what a command says, from whatever thread."""
 
     said = pyqtSignal(str)
-    failed = pyqtSignal(str)
+
+    def __init__(self):
+        super().__init__()
+        self.error, self.kept = "", []
 
     def pushInfo(self, text):
         self.said.emit(text)
+        if _SUMMARY.match(text):
+            self.kept.append(text)
 
     def pushWarning(self, text):
         self.said.emit(text)
+        if not text.startswith(_ELSEWHERE):
+            self.kept.append(text)
 
     def setProgressText(self, text):
         self.said.emit(text)
 
     def reportError(self, text, fatalError=False):
-        self.failed.emit(text)
+        self.error = text
 
 
 class SiteDock(QDockWidget):
@@ -97,8 +109,8 @@ class SiteDock(QDockWidget):
         self._next.setWordWrap(True)
         self._body.addWidget(self._next)
         for fill in (
-            self._terrain, self._release, self._ground, self._blocks, self._further, self._run,
-            self._zones, self._sheet,
+            self._program, self._terrain, self._release, self._ground, self._blocks, self._further,
+            self._run, self._zones, self._sheet,
         ):  # fmt: skip
             fill()
         self._body.addStretch()
@@ -148,6 +160,10 @@ class SiteDock(QDockWidget):
             made.append(button)
         form.addRow(row)
         return made
+
+    def _program(self):
+        form = self._step("program", "The program sassgis")
+        self._buttons(form, ("Make the environment ...", lambda: self._open("environment", {})))
 
     def _terrain(self):
         form = self._step("terrain", "1  Terrain")
@@ -231,15 +247,14 @@ class SiteDock(QDockWidget):
         self.width_m.setSpecialValueText("not stated")
         self.width_m.valueChanged.connect(self.refresh)
         self.preset.addItems(PRESETS)
+        self.edits = self._layers(QgsMapLayerProxyModel.PolygonLayer)
         form.addRow("Reference width (m)", self.width_m)
         form.addRow("Rules", self.preset)
+        form.addRow("Edits by hand", self.edits)
         (self.zone_button,) = self._buttons(form, ("Make zones", lambda: self.start("zone")))
-        self.share_bar, self.share_text = QProgressBar(), QLabel()
+        self.share_bar = QProgressBar()
         self.share_bar.setRange(0, 1000)
-        self.share_bar.setFormat("level changed by another sample: %v ‰")
-        self.share_text.setWordWrap(True)
         form.addRow(self.share_bar)
-        form.addRow(self.share_text)
 
     def _sheet(self):
         form = self._step("sheet", "7  Map sheets")
@@ -292,7 +307,12 @@ class SiteDock(QDockWidget):
             for name, combo in {**layers, **self.further}.items()
             if combo.currentLayer() is not None
         }
-        width = {"REF_WIDTH": self.width_m.value(), "PRESET": self.preset.currentText()}
+        edits = self.edits.currentLayer()
+        zoning = {
+            "REF_WIDTH": self.width_m.value(),
+            "PRESET": self.preset.currentText(),
+            **({} if edits is None else {"EDITS": edits}),
+        }
         vulnerability = self.vulnerability.filePath()
         return {
             **chosen,
@@ -301,7 +321,7 @@ class SiteDock(QDockWidget):
             "SPACING": self.spacing.value(),
             "BLOCKS": self.count.value(),
             **({"VULNERABILITY": vulnerability} if vulnerability else {}),
-            **(width if command == "zone" else {}),
+            **(zoning if command == "zone" else {}),
             "OUTPUT": self.folder.filePath(),
             "OVERWRITE": True,
         }
@@ -313,9 +333,13 @@ class SiteDock(QDockWidget):
         idle = self._task is None
         for step in steps:
             label = self._status[step.key]
-            text = f"missing: {step.missing}" if step.missing else f"✔ {step.done}".rstrip()
-            label.setText(text if step.missing or step.done else "ready")
-            label.setStyleSheet(f"color: {_COLOURS['look' if step.missing else 'good']}")
+            tick = "✔ " if step.grade == "good" else ""
+            done = f"{tick}{step.done}" if step.done else "ready"
+            label.setText(f"missing: {step.missing}" if step.missing else done)
+            grade = "look" if step.missing else step.grade
+            label.setStyleSheet(f"color: {_COLOURS[grade]}")
+            if step.key == "program":
+                label.parentWidget().setVisible(bool(step.missing))
             if step.key == "run":
                 self.run_button.setEnabled(idle and not step.missing)
             if step.key == "zones":
@@ -326,16 +350,15 @@ class SiteDock(QDockWidget):
         self._show_share()
 
     def _show_share(self):
-        grade, text = ("none", "") if self._share is None else verdict(self._share)
+        share = self._share or 0.0
         self.share_bar.setVisible(self._share is not None)
-        self.share_bar.setValue(round(1000.0 * (self._share or 0.0)))
+        self.share_bar.setValue(round(1000.0 * share))
+        self.share_bar.setFormat(f"level changed by another sample: {100.0 * share:.1f} %")
         self.share_bar.setStyleSheet(
-            f"QProgressBar::chunk {{ background: {_COLOURS[grade]} }}"
+            f"QProgressBar::chunk {{ background: {_COLOURS[verdict(share)[0]]} }}"
             " QProgressBar { text-align: center; }"
         )
-        self.share_bar.setToolTip(f"Up to {1000.0 * LOOK_SHARE:.0f} ‰ is good enough.")
-        self.share_text.setText(text)
-        self.share_text.setStyleSheet(f"font-weight: bold; color: {_COLOURS[grade]}")
+        self.share_bar.setToolTip(f"Up to {100.0 * LOOK_SHARE:.0f} % is good enough.")
 
     # -----------------------------------------------------------------------------------------
     # What is done
@@ -347,10 +370,9 @@ class SiteDock(QDockWidget):
         self._context.setProject(QgsProject.instance())
         self._feedback = _Feedback()
         self._feedback.said.connect(self.line.setText)
-        self._feedback.failed.connect(self.line.setText)
         self._feedback.progressChanged.connect(lambda value: self.bar.setValue(round(value)))
         self.bar.setValue(0)
-        self.line.setText("Starting")
+        self._tell("Starting")
         self._task = QgsProcessingAlgRunnerTask(
             algorithm, self.parameters(command), self._context, self._feedback
         )
@@ -363,8 +385,17 @@ class SiteDock(QDockWidget):
         if self._feedback is not None:
             self._feedback.cancel()
 
+    def _tell(self, text, grade="none"):
+        self.line.setText(text)
+        self.line.setStyleSheet(f"color: {_COLOURS[grade]}")
+
     def _ended(self, folder, successful, results):
         self._task = None
+        said = self._feedback
+        if successful:
+            self._tell("\n".join(said.kept))
+        else:
+            self._tell(said.error or self.line.text(), "bad")
         if successful:
             self.bar.setValue(100)
             self._result, self._share = folder, results.get("CHANGED_SHARE")

@@ -77,6 +77,8 @@ class SassgisPlugin:
         import processing
 
         self._dialog = processing.createAlgorithmDialog(f"sassgis:{command}", parameters or {})
+        if self._dock is not None:
+            self._dialog.algorithmFinished.connect(self._dock.refresh)
         self._dialog.show()
 
     def _toggle(self):

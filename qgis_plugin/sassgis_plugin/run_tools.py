@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from qgis.core import (
+    QgsApplication,
     QgsProcessing,
     QgsProcessingException,
     QgsProcessingOutputFile,
@@ -35,11 +36,12 @@ from .command import (
     raster,
 )
 from .program import check_program
-from .site_files import site_package, written_configuration
+from .site_files import SITE_LAYERS, site_package, written_configuration
 from .steps import Scenario, table_problem
 
 GROUP = "2 Simulate"
 PRESETS = ("ch-so", "ti")
+LANGUAGES = ("en", "de", "fr", "it")
 #: Layers of a site: parameter, name of the layer, what it is, kind of geometry.
 _LAYERS = (
     ("RELEASE", "release_areas", "Release areas (name, scenario)", ANY_GEOMETRY),
@@ -50,6 +52,7 @@ _LAYERS = (
     ("BUILDINGS", "buildings", "Buildings (value, persons, presence)", POLYGONS),
     ("ROADS", "roads", "Roads (value_per_m, traffic_per_day, ...)", LINES),
     ("PEOPLE", "people", "Places of people (persons, presence)", QgsProcessing.TypeVectorPoint),
+    ("EDITS", "edits", "Zone: edits by hand (level, limit, author, date, reason)", POLYGONS),
 )
 _EXPOSED = ("BUILDINGS", "ROADS", "PEOPLE")
 _COLUMNS = (
@@ -65,7 +68,8 @@ _FROM_LAYERS = (
 
 def _site_parameters(width: bool) -> list[QgsProcessingParameterDefinition]:
     """A configuration, or layers and the choices that every site needs."""
-    first, *others = (features(name, text, kind) for name, _, text, kind in _LAYERS)
+    layers = _LAYERS if width else _LAYERS[:-1]
+    first, *others = (features(name, text, kind) for name, _, text, kind in layers)
     return [
         config("Configuration of the site (sassgis.toml), or the layers below", optional=True),
         raster("DEM", "Terrain model", optional=True),
@@ -114,7 +118,11 @@ def _site(inputs: Inputs, more: Sequence[str] = ()) -> list[object]:
     problem = table_problem(scenarios)
     if problem:
         raise QgsProcessingException(f"Block scenarios: {problem}")
+    language = next((own for own in LANGUAGES if QgsApplication.locale()[:2] == own), "en")
+    name = inputs.out.name.replace('"', "'")
     settings = [
+        f'project.name="{name}"',
+        f'project.language="{language}"',
         f"ground.default={inputs.text('GROUND')}",
         f"blocks=[{', '.join(map(_block, scenarios))}]",
         f"release.spacing_m={number_text(inputs.number('SPACING'))}",
@@ -129,15 +137,17 @@ def _site(inputs: Inputs, more: Sequence[str] = ()) -> list[object]:
             raise QgsProcessingException("Exposed objects need a table of vulnerability.")
         settings.append(f'risk.vulnerability="{inputs.file("VULNERABILITY").as_posix()}"')
     renamed = {"class": inputs.text("GROUND_FIELD")} if inputs.given("GROUND_FIELD") else {}
-    site = site_package(
-        inputs.out,
-        {
-            layer: inputs.layer(name, layer, **(renamed if layer == "ground" else {}))
-            for name, layer, _, _ in _LAYERS
-            if inputs.given(name)
-        },
-        inputs.context,
-    )
+    layers = {
+        layer: inputs.layer(name, layer, **(renamed if layer == "ground" else {}))
+        for name, layer, _, _ in _LAYERS
+        if inputs.given(name)
+    }
+    for layer, (source, columns) in layers.items():
+        # Else a value under another name is a value of zero that nobody sees.
+        absent = [column for column in SITE_LAYERS[layer] if column not in columns]
+        if absent:
+            inputs.feedback.pushWarning(f"{source.sourceName()}: no attribute {', '.join(absent)}")
+    site = site_package(inputs.out, layers, inputs.context)
     inputs.config = written_configuration(
         inputs.out,
         ("--dem", inputs.terrain(), "--release", site),

@@ -38,10 +38,12 @@ SITE_LAYERS: Mapping[str, tuple[str, ...]] = {
     "release_areas": ("name", "scenario"),
     "forest": ("stems_per_ha", "dbh_cm"),
     "ground": ("class",),
+    "edits": ("level", "limit", "author", "date", "reason", "computed"),
 }  # fmt: skip
 #: Columns that the features of a layer must have.
 NEEDED: Mapping[str, tuple[str, ...]] = {
     "barriers": ("kind", "height_m"), "forest": ("stems_per_ha", "dbh_cm"), "ground": ("class",),
+    "edits": ("level", "author", "date", "reason"),
 }  # fmt: skip
 #: A GeoPackage holds the time at which it was written; this one in every.
 _MOMENT = "2000-01-01T00:00:00.000Z"

@@ -26,7 +26,7 @@ class Scenario:
         try:
             low, high = float(self.low_m3), float(self.high_m3)
         except ValueError:
-            return f"{self.name}: volumes are numbers (m³)"
+            return f"{self.name}: volumes are numbers with a decimal point (m³)"
         if not 0.0 < low <= high:
             return f"{self.name}: the least volume is above 0 and not above the greatest"
         if not self.frequency.strip():
@@ -57,12 +57,13 @@ class Site:
 
 @dataclass(frozen=True)
 class Step:
-    """A step with what is missing for it; ``done`` says what there is."""
+    """A step with what is missing for it; ``done`` says what there is, ``grade`` how good it is."""
 
     key: str
     title: str
     missing: str
     done: str = ""
+    grade: str = "good"
 
 
 def table_problem(scenarios: Sequence[Scenario]) -> str:
@@ -78,14 +79,16 @@ def table_problem(scenarios: Sequence[Scenario]) -> str:
 
 def steps_of(site: Site) -> list[Step]:
     """The steps in the order of the work."""
+    program = Step("program", "Program", site.program.rstrip("."), "" if site.program else "there")
     blocks = table_problem(site.scenarios)
     terrain = Step("terrain", "Terrain", "" if site.terrain else "a terrain model", site.terrain)
     release = Step("release", "Release areas", "" if site.release else "a layer of release areas",
                    site.release)  # fmt: skip
     ground = Step("ground", "Ground", "" if site.ground else "a ground class", site.ground)
     rows = Step("blocks", "Blocks", blocks, "" if blocks else f"{len(site.scenarios)} scenario(s)")
-    before = [site.program.rstrip("."), *(own.missing for own in (terrain, release, ground, rows))]
-    before += [] if site.folder else ["a folder for the result"]
+    before = ["the program" if site.program else "",
+              *(own.missing for own in (terrain, release, ground, rows)),
+              "" if site.folder else "a folder for the result"]  # fmt: skip
     wanted = [text for text in before if text]
     run = Step("run", "Run", "; ".join(wanted), site.simulated)
     more = list(wanted)
@@ -96,20 +99,21 @@ def steps_of(site: Site) -> list[Step]:
     if site.exposed and not site.vulnerability:
         more.append("a table of vulnerability for the objects")
     share = site.changed_share
-    zones = Step("zones", "Zones", "; ".join(more), "" if share is None else verdict(share)[1])
+    grade, text = ("good", "") if share is None else verdict(share)
+    zones = Step("zones", "Zones", "; ".join(more), text, grade)
     sheet = Step("sheet", "Map sheets", "" if site.sheets else "a result with zones or maps",
                  ", ".join(site.sheets))  # fmt: skip
-    return [terrain, release, ground, rows, run, zones, sheet]
+    return [program, terrain, release, ground, rows, run, zones, sheet]
 
 
 def next_step(steps: Sequence[Step]) -> str:
     """What to do next, in a line."""
     for own in steps:
-        if own.key in ("run", "zones"):
-            if not own.missing and not own.done:
-                return f"Next: {own.title.lower()}."
-        elif own.missing and own.key != "sheet":
-            return f"Next: {own.title.lower()} ({own.missing})."
+        if not own.done:
+            why = "see below" if own.key == "program" else own.missing or "ready"
+            return f"Next: {own.title.lower()} ({why})."
+    if any(own.grade == "bad" for own in steps):
+        return "Next: more blocks per release point, then zones again."
     return "All steps are done."
 
 

@@ -38,16 +38,16 @@ _TRUST_WARNINGS: tuple[tuple[Trust, str], ...] = (
 _STOPS = (
     (
         StopReason.LEFT_PROFILE,
-        "{} of {} blocks ({} %) still moved at the end of their fall line or at the edge of the "
+        "{} % of the blocks still moved at the end of their fall line or at the edge of the "
         "terrain model, and are lost from the map.",
     ),
     (
         StopReason.STEP_LIMIT,
-        "{} of {} blocks ({} %) were given up: at engine.max_events contacts, or below the ground.",
+        "{} % of the blocks were given up: at engine.max_events contacts, or below the ground.",
     ),
     (
         StopReason.NEVER_STARTED,
-        "{} of {} blocks ({} %) never started: the slope at their release point is below the "
+        "{} % of the blocks never started: the slope at their release point is below the "
         "friction there. They are not part of the denominator of reach probability and "
         "frequencies, which are those of blocks that start (give blocks an initial speed if they "
         "should).",
@@ -103,7 +103,8 @@ def simulation_warnings(run: MapRun, progress: Progress) -> list[str]:
     for reason, what in _STOPS:
         n = int(progress.reasons[reason])
         if n:
-            out.append(phrase(what, n, total, f"{100 * n / total:.2g}"))
+            # Shares, as some blocks count for several.
+            out.append(phrase(what, f"{100 * n / total:.2g}"))
     if progress.lost:
         out.append(
             f"{progress.lost} blocks were not simulated: their fall lines end where they begin "

@@ -145,7 +145,7 @@ def _facts(result: StoredResult) -> list[tuple[str, Cell]]:
     facts: list[tuple[str, Cell]] = [
         ("folder", result.folder.name),
         ("program", f"sassgis {manifest['sassgis']}, seed {manifest['seed']}"),
-        ("simulated blocks", int(manifest["counts"]["rocks"])),
+        ("simulated blocks", int(manifest["counts"]["rocks_simulated"])),
     ]
     if manifest["preset"]:
         width = manifest["ref_widths_m"].get("hazard")

@@ -287,7 +287,7 @@ def map_report(
             ("Heights", str(facts["vertical_datum"])),
             ("Release areas", ", ".join(a.name for a in run.areas)),
             ("Release points", len(planned.points)),
-            ("Simulated blocks", total),
+            ("Simulated blocks", progress.simulated),
             ("Paths", run.path_words),
             ("Lateral spread", run.lateral_spread),
             ("Effects beyond the model of 1986", ", ".join(run.effects.names) or "none"),

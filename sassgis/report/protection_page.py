@@ -161,8 +161,8 @@ def _moved(metres: float) -> str:
 
 def _table(arriving: pd.Series, protection: pd.DataFrame, built: bool) -> ReportTable:
     columns = (
-        "return period | years; energy | kJ; energy class; energy class, upper limit; "
-        "passing height | m; block | m; net height | m"
+        "return period | years; energy | kJ; energy class; passing height | m; block | m; "
+        "net height | m"
     )
     rows = []
     for _, row in protection.iterrows():
@@ -172,7 +172,7 @@ def _table(arriving: pd.Series, protection: pd.DataFrame, built: bool) -> Report
         passing = limited(arriving, f"height_{years}y_m")
         size = float(row["block_m"])
         cells: list[Cell] = [
-            years, energy, row["net_class"] or None, row["net_class_high"] or None, passing,
+            years, energy, _classes(row["net_class"], row["net_class_high"]), passing,
             None if np.isnan(size) else size, height,
         ]  # fmt: skip
         rows.append(tuple([*cells, behind] if built else cells))
@@ -181,6 +181,13 @@ def _table(arriving: pd.Series, protection: pd.DataFrame, built: bool) -> Report
         heads(columns + ("; energy behind it | kJ" if built else "")),
         tuple(rows),
     )
+
+
+def _classes(own: str, high: str) -> str | None:
+    """The class of the energy, and that of its upper limit where it is another."""
+    if not own:
+        return None
+    return own if high == own else phrase("{} to {}", own, high or "–")
 
 
 #: What every sheet says below its figures.

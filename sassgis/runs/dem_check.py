@@ -337,7 +337,7 @@ def _bumps(dem: RawDem) -> tuple[DemFinding, DemFinding]:
         return DemFinding(
             item, "bad" if bad else "look",
             f"{count} single cells {word} by {least:.2g} m or more, the largest by {top:.1f} m "
-            f"at {x:.10g}, {y:.10g}",
+            f"at {x:.8g}, {y:.8g}",
             "remove trees, birds and faults of the survey, or replace these cells by their "
             "neighbours",
             numbers,
@@ -365,7 +365,7 @@ def _depressions(dem: RawDem) -> DemFinding:
     return DemFinding(
         "depressions", "look" if look else "good",
         f"{int(deep.sum())} without outlet, deeper than {_DEPRESSION_M:g} m; "
-        f"the deepest {top:.1f} m at {x:.10g}, {y:.10g}",
+        f"the deepest {top:.1f} m at {x:.8g}, {y:.8g}",
         "blocks may stop there: are they real (hollows, lakes, quarries), or dammed by bridges and "
         "trees?" if look else "",
         numbers,

@@ -187,6 +187,7 @@ def steps(window, task):
     project.clear()
     dock = window.dock
     dock.setVisible(True)
+    dock.refresh()
     seen = {"begin": states(dock)}
     dem = QgsRasterLayer(task["dem"], "terrain")
     layers = {name: QgsVectorLayer(file, name, "ogr") for name, file in task["layers"].items()}
@@ -226,7 +227,7 @@ def steps(window, task):
     dock.further["ROADS"].setLayer(None)
     seen["zone ended"] = wait(dock.zone_button.click)
     seen["after zone"] = {
-        **states(dock), "line": dock.line.text(), "share": dock.share_text.text(),
+        **states(dock), "line": dock.line.text(), "share": dock.share_bar.text(),
         "bar": dock.share_bar.value(), "sheets": [dock.sheet.itemText(k)
                                                   for k in range(dock.sheet.count())],
     }  # fmt: skip

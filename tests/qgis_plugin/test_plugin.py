@@ -151,6 +151,10 @@ def layers(slope: Slope) -> dict[str, str]:
             Name=["net A"], Kind=["net"], height_m=[3.0], capacity_kj=[1000],
         ),
         "forest": write("forest", foot, stems_per_ha=[300], dbh_cm=[30.0]),
+        "edits": write(
+            "edits", shapely.box(WEST + 60, NORTH - 60, WEST + 90, NORTH - 30),
+            level=["not_in_danger"], author=["A"], date=["2026-01-31"], reason=["rock cleared"],
+        ),
         "bare": write("bare", shapely.LineString([(WEST, NORTH - 9), (WEST + 9, NORTH - 9)])),
     }  # fmt: skip
 
@@ -169,7 +173,7 @@ def seen(
     plain = {"DEM": out / "dem.tif", "RELEASE": f"@{layers['release']}"}
     more = {
         "GROUND_LAYER": f"@{layers['ground']}", "BARRIERS": f"@{layers['nets']}",
-        "FOREST": f"@{layers['forest']}",
+        "FOREST": f"@{layers['forest']}", "EDITS": f"@{layers['edits']}",
     }  # fmt: skip
     choices = {"GROUND": "talus", "SCENARIOS": SCENARIOS, "SPACING": 6, "BLOCKS": 5}
     zoned = {**plain, **more, **choices, "REF_WIDTH": 10}
@@ -311,8 +315,6 @@ def test_choices_are_those_of_the_program() -> None:
     assert set(constants("run_tools")["PRESETS"]) <= set(preset_names())
     own = constants("site_files")
     known = {layer.name: tuple(layer.fields) for layer in site_layers()}
-    # Zoning reads edits as they are drawn.
-    del known["edits"]
     assert own["SITE_LAYERS"] == known
     needed = {layer.name: layer.fields for layer in site_layers()}
     for name, columns in own["NEEDED"].items():
@@ -331,11 +333,12 @@ def test_each_step_says_what_is_missing() -> None:
         return {own.key: own.missing for own in steps_of(replace(site, **changes))}
 
     assert missing() == {
-        "terrain": "", "release": "", "ground": "", "blocks": "", "run": "",
+        "program": "", "terrain": "", "release": "", "ground": "", "blocks": "", "run": "",
         "zones": "the reference width", "sheet": "a result with zones or maps",
     }  # fmt: skip
     assert missing(terrain="", folder="")["run"] == "a terrain model; a folder for the result"
-    assert missing(program="not installed", ref_width_m=10.0)["zones"] == "not installed"
+    without = missing(program="not installed.", ref_width_m=10.0)
+    assert (without["program"], without["zones"]) == ("not installed", "the program")
     assert missing(ref_width_m=10.0)["zones"] == ""
     assert "vulnerability" in missing(ref_width_m=10.0, exposed=True)["zones"]
     rows = {
@@ -348,13 +351,17 @@ def test_each_step_says_what_is_missing() -> None:
         assert words in missing(scenarios=(scenario(*row),))["run"]
     assert "differ" in missing(scenarios=(good, good))["blocks"]
     assert "onset frequency" in missing(scenarios=(scenario("a", "1", "2", ""),))["zones"]
+    run = {"simulated": "/x", "sheets": ("Energy",)}
     texts = [next_step(steps_of(replace(site, **own))) for own in (
-        {"terrain": ""}, {}, {"simulated": "/x"}, {"simulated": "/x", "ref_width_m": 10.0},
-        {"simulated": "/x", "ref_width_m": 10.0, "changed_share": 0.01},
+        {"terrain": ""}, {"terrain": "", "program": "not installed."}, {"folder": ""}, {}, run,
+        {**run, "ref_width_m": 10.0}, {**run, "changed_share": 0.11},
+        {**run, "changed_share": 0.01},
     )]  # fmt: skip
     assert texts == [
-        "Next: terrain (a terrain model).", "Next: run.", "All steps are done.", "Next: zones.",
-        "All steps are done.",
+        "Next: terrain (a terrain model).", "Next: program (see below).",
+        "Next: run (a folder for the result).", "Next: run (ready).",
+        "Next: zones (the reference width).", "Next: zones (ready).",
+        "Next: more blocks per release point, then zones again.", "All steps are done.",
     ]  # fmt: skip
 
 
@@ -423,6 +430,11 @@ def test_zones_from_layers_come_from_a_configuration_that_is_kept(
     assert call["results"]["USED_CONFIG"] == str(config)
     made = load_config(config)
     assert (made.release.spacing_m, made.release.rocks_per_point) == (6.0, 5)
+    assert (made.project.name, made.project.language) == ("zone", "en")
+    edits = gpd.read_file(slope.folder / "zone" / "edits.gpkg", layer="edits")
+    assert list(edits["reason"]) == ["rock cleared"]
+    # A value under another name must not be a silent zero.
+    assert "edits: no attribute limit, computed" in call["warnings"]
     assert made.ground.default == "talus" and made.hazard.ref_width_m == 10.0
     assert [(b.name, b.volume_m3) for b in made.blocks] == [
         ("small", (0.1, 0.3)), ("large", (1.0, 2.5)),
@@ -508,8 +520,11 @@ def test_the_panel_leads_from_terrain_to_sheets(
     after = seen["after zone"]
     manifest = json.loads((tmp_path / "result" / "manifest.json").read_text())
     share = manifest["settings"]["zoning"]["changed_share"]
-    assert after["bar"] == round(1000 * share) and f"on {100 * share:.1f} %" in after["share"]
-    assert after["next"] == "<b>All steps are done.</b>" and "Hazard level" in after["sheets"][0]
+    assert after["bar"] == round(1000 * share) and f"{100 * share:.1f} %" in after["share"]
+    assert f"on {100 * share:.1f} %" in after["status"]["zones"] and "zones." in after["line"]
+    # Five blocks a point are too few.
+    assert after["next"] == "<b>Next: more blocks per release point, then zones again.</b>"
+    assert "Hazard level" in after["sheets"][0]
     assert any("Hazard zones" in layer["name"] for layer in leaves(seen["tree"]))
     assert all((pictures / f"{name}.png").stat().st_size > 10_000 for name in ("before", "after"))
 
