@@ -129,7 +129,7 @@ def rocks_beyond(curve: Arrivals, rate: float) -> int:
 
 
 @cache
-def _net_classes() -> tuple[tuple[str, float], ...]:
+def net_classes() -> tuple[tuple[str, float], ...]:
     """Name and maximum energy (kJ) of the classes, rising: sassgis/data/net_classes.csv."""
     file = resources.files("sassgis").joinpath("data", "net_classes.csv")
     rows = csv.DictReader(file.read_text(encoding="utf-8").splitlines())
@@ -140,7 +140,7 @@ def net_class(energy_kj: float) -> str:
     """The lowest class of nets whose maximum energy level is not below an energy; "" of NaN."""
     if np.isnan(energy_kj):
         return ""
-    return next(name for name, most in _net_classes() if energy_kj <= most)
+    return next(name for name, most in net_classes() if energy_kj <= most)
 
 
 def sphere_diameter_m(mass_kg: float, density_kgm3: float) -> float:

@@ -11,7 +11,7 @@ import pandas as pd
 import shapely
 
 from sassgis.hazard.control_lines import BEHIND
-from sassgis.hazard.design import arrivals
+from sassgis.hazard.design import arrivals, net_classes
 from sassgis.hazard.sources import Sampled
 from sassgis.model.grid import FloatArray
 from sassgis.model.languages import current_language, joined, named, phrase, translated
@@ -51,6 +51,7 @@ def protection_sheets(
     without_barriers: Sequence[Sampled],
     with_barriers: Sequence[Sampled],
     frames: tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame],
+    given: tuple[tuple[str, str], ...],
     folder: Path,
     confidence: float,
 ) -> tuple[ProtectionSheet, ...]:
@@ -60,6 +61,8 @@ def protection_sheets(
     ----------
     frames : (DataFrame, DataFrame, DataFrame)
         Those of ``tables/design.csv``, ``protection.csv`` and ``protection_places.csv``.
+    given : tuple of (str, str)
+        What the values rest on, the same on all sheets.
     """
     design, protection, places = frames
     sheets = []
@@ -87,7 +90,7 @@ def protection_sheets(
         sheets.append(
             ProtectionSheet(
                 line.described,
-                _facts(line, trace, design.iloc[i], own, along),
+                (*_facts(line, trace, design.iloc[i], own, along), *given),
                 _table(design.iloc[i], own, built),
                 picture(folder, f"protection_{i + 1}", title, caption, drawn),
                 built,
@@ -197,8 +200,11 @@ _NOTES = (
     "A dash: blocks come less often, or the sample of blocks has no limit.",
     "Net height: passing height of the centre of the block and the diameter of the block, as a "
     "sphere. Freeboard and partial factors of the guideline come on top.",
-    "Energy class: the lowest of ETAG 27 and EAD 340059 whose maximum energy level (MEL) is not "
-    "below the energy. The classes are not checked against the text.",
+    phrase(
+        "Energy class: the lowest of ETAG 27 and EAD 340059 whose maximum energy level is not "
+        "below the energy. These are, in kJ: {}. The classes are not checked against the text.",
+        ", ".join(f"{name}: {most:g}" for name, most in net_classes() if most < np.inf),
+    ),
     "A place upslope that fewer blocks reach than the line itself is not taken as better: the "
     "others start below it or pass beside it. What is to be protected must lie below the place.",
 )

@@ -6,10 +6,19 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
+import pandas as pd
+
 from sassgis.hazard.another_sample import LevelChances
 from sassgis.hazard.assess import Assessment, Rules
+from sassgis.hazard.progress import Progress
 from sassgis.hazard.risk import RiskTable
-from sassgis.hazard.warnings import edge_words, edit_warnings, rule_warnings, zone_warnings
+from sassgis.hazard.warnings import (
+    edge_words,
+    edit_warnings,
+    ground_shares,
+    rule_warnings,
+    zone_warnings,
+)
 from sassgis.io.qgis.run_project import zone_groups, zone_layouts
 from sassgis.io.vector_layer import VectorLayer
 from sassgis.io.write.layers import zones as zone_layers
@@ -26,6 +35,8 @@ from sassgis.io.write.zone_tables import (
 from sassgis.model.grid import Grid
 from sassgis.model.hazard import HazardCurves
 from sassgis.model.in_memory import Input
+from sassgis.model.languages import joined, phrase
+from sassgis.model.map_run import MapRun
 from sassgis.model.results import RasterLayer
 from sassgis.model.run_config import Config
 from sassgis.report.exposed_report import levels_of
@@ -40,6 +51,16 @@ from sassgis.runs.publish_report import ReportPart, values_at_objects
 
 #: Layers of a group of areas that make sense for all groups together; the first is a table, too.
 _OF_GROUPS = ("hazard_zones", "hazard_area", "synoptic_intensity", "indicative_hazard_area")
+
+
+def _assumed(sources: pd.DataFrame, run: MapRun, progress: Progress) -> tuple[tuple[str, str], ...]:
+    """What is stated of blocks and ground, for those who build on the values."""
+    released = sources.groupby("scenario", sort=False)["onset_per_year"].sum()
+    blocks = (f"{name} ({phrase('{} blocks a year', f'{n:.3g}')})" for name, n in released.items())
+    ground = (
+        f"{c.name} {100.0 * share:.0f} %" for c, share in ground_shares(run, progress.sums.cells)
+    )
+    return ("Block scenarios", joined(", ", [*blocks])), ("Ground classes", ", ".join(ground))
 
 
 def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path) -> Extras:
@@ -105,7 +126,7 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
     edge = edge_words(run, done.progress, float(hazard.facts.open_m.sum()))
     sheets = partial(
         protection_sheets, run.control_lines, found.without_barriers, hazard.sampled,
-        (design, protection, places), figures, confidence,
+        (design, protection, places), _assumed(sources, run, done.progress), figures, confidence,
     )  # fmt: skip
     return Extras(
         layers=maps,
