@@ -136,7 +136,7 @@ def publish_map(
             vectors.append(run_vectors.block_paths(paths, run.grid.crs))
         imprint = replace(config.project, date=made_on(config))
         words = run_project.sheet_words(
-            run, int(progress.reasons.sum()), imprint, terrain_file=config.dem_source.name,
+            run, progress.simulated, imprint, terrain_file=config.dem_source.name,
             program=str(facts["program"]), vectors=vectors,
             extent=run_project.reached_extent(layers, run.grid),
             ground=ground_shares(run, progress.sums.cells),

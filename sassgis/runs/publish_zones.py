@@ -129,7 +129,7 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
             zone_tables(
                 preset, found, sources, design, return_periods_years=periods, currency=currency
             ),
-            zone_facts_of(rules, run, done.progress.simulated),
+            zone_facts_of(rules),
             on_objects,
             values,
             zone_lines(levels, found, edge, confidence, currency),
