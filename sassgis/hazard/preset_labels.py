@@ -33,6 +33,26 @@ def preset_unverified(preset: HazardPreset) -> list[str]:
     list of str
         One text per source, with the values that rest on it; empty if all are verified.
     """
+    return [
+        phrase(
+            "Preset {}, unverified: {}. {}.",
+            preset.name,
+            joined(", ", what),
+            phrase(source.rstrip(".")),
+        )
+        for source, what in _unverified(preset).items()
+    ]
+
+
+def unverified_in_short(preset: HazardPreset) -> list[str]:
+    """The same without the sources, in one text or none: for sheets, where there is little room."""
+    what = [text for own in _unverified(preset).values() for text in own]
+    text = "Preset {}, unverified: {}. The report says why."
+    return [phrase(text, preset.name, joined(", ", what))] if what else []
+
+
+def _unverified(preset: HazardPreset) -> dict[str, list[str]]:
+    """Unverified values by the text of their source, each in words."""
     periods = ", ".join(f"{t:g}" for t in preset.return_periods)
     values = [(phrase("intensity {}", phrase(c.label)), c.provenance) for c in preset.intensities]
     values.append((phrase("return periods {} years", periods), preset.return_period_provenance))
@@ -50,15 +70,7 @@ def preset_unverified(preset: HazardPreset) -> list[str]:
     by_source = _by_source(values)
     for source, text in _unverified_fields(preset).items():
         by_source.setdefault(source, []).append(text)
-    return [
-        phrase(
-            "Preset {}, unverified: {}. {}.",
-            preset.name,
-            joined(", ", what),
-            phrase(source.rstrip(".")),
-        )
-        for source, what in by_source.items()
-    ]
+    return by_source
 
 
 def _by_source(values: Sequence[tuple[str, Provenance]]) -> dict[str, list[str]]:

@@ -23,6 +23,7 @@ from sassgis.model.map_run import MapRun
 from sassgis.model.results import RasterLayer, StopReason
 from sassgis.report import figures
 from sassgis.report.figures.map_marks import MapObject
+from sassgis.report.number_text import thousands
 from sassgis.report.page import Cell, ReportContext, ReportFigure, ReportTable, heads
 from sassgis.report.pictures import map_alt, path_alt, picture, station_alt
 from sassgis.report.run_summary import runout_words
@@ -227,6 +228,22 @@ def _pictures(
     return pictures
 
 
+def _blocks_words(run: MapRun, planned: Plan, progress: Progress) -> str:
+    """How many blocks were simulated, and how they are shared out among the release points."""
+    most = max(planned.repetitions or (run.repetitions,))
+    least = min(planned.repetitions or (run.repetitions,))
+    times = f"{most}" if least == most else phrase("{} to {}", least, most)
+    text = "{} repetitions of {} blocks at each release point"
+    words = phrase(text, times, run.release.rocks_per_point)
+    if progress.simulated < progress.reasons.sum():
+        text = (
+            "{}; some points have fewer, down to an eighth, and each of their blocks counts "
+            "so many times more"
+        )
+        words = phrase(text, words)
+    return phrase("{}: {}", thousands(progress.simulated), words)
+
+
 def map_report(
     run: MapRun,
     planned: Plan,
@@ -287,7 +304,7 @@ def map_report(
             ("Heights", str(facts["vertical_datum"])),
             ("Release areas", ", ".join(a.name for a in run.areas)),
             ("Release points", len(planned.points)),
-            ("Simulated blocks", progress.simulated),
+            ("Simulated blocks", _blocks_words(run, planned, progress)),
             ("Paths", run.path_words),
             ("Lateral spread", run.lateral_spread),
             ("Effects beyond the model of 1986", ", ".join(run.effects.names) or "none"),

@@ -14,6 +14,7 @@ from sassgis.hazard.control_lines import BEHIND
 from sassgis.hazard.design import arrivals, net_classes
 from sassgis.hazard.sources import Sampled
 from sassgis.model.grid import FloatArray
+from sassgis.model.ground import GroundClass
 from sassgis.model.languages import current_language, joined, named, phrase, translated
 from sassgis.model.noted_files import noted
 from sassgis.model.results import ControlLine
@@ -97,6 +98,24 @@ def protection_sheets(
             )
         )
     return tuple(sheets)
+
+
+def assumptions(
+    sources: pd.DataFrame, ground: Sequence[tuple[GroundClass, float]]
+) -> tuple[tuple[str, str], ...]:
+    """What the values at all lines rest on: blocks a year of each scenario, and the ground.
+
+    Parameters
+    ----------
+    sources : DataFrame
+        That of ``tables/sources.csv``.
+    ground : sequence of (GroundClass, float)
+        Classes of the cells that blocks reach, and their share.
+    """
+    released = sources.groupby("scenario", sort=False)["onset_per_year"].sum()
+    blocks = (f"{name} ({phrase('{} blocks a year', f'{n:.3g}')})" for name, n in released.items())
+    shares = (f"{c.name} {100.0 * share:.0f} %" for c, share in ground)
+    return ("Block scenarios", joined(", ", [*blocks])), ("Ground classes", ", ".join(shares))
 
 
 def _facts(

@@ -100,7 +100,10 @@ def zone_lines(
     """
     areas = [phrase("{} {} m²", phrase(str(row[0])), sensible(row[2])) for row in levels.rows]
     hazard = found.hazard
-    text = "{} {} % of these changes lie on the hatched cells, which are {} % of that area"
+    text = (
+        "{} {} % of these changes lie on the hatched cells, in the zones and beside them: "
+        "{} % of that area"
+    )
     shares = (f"{100 * share:.3g}" for share in (confidence, hazard.uncertain_share))
     sample = phrase(text, sample_words(hazard.changed_share), *shares)
     lines: list[tuple[str, str]] = [

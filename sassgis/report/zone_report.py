@@ -321,20 +321,11 @@ def level_table(preset: HazardPreset, found: Assessment) -> ReportTable:
     )
 
 
-def zone_facts_of(rules: Rules, run: MapRun, simulated: int) -> tuple[tuple[str, str], ...]:
-    """What was computed, in words."""
-    blocks = phrase("{} repetitions of {} blocks at each release point", run.repetitions,
-                    run.release.rocks_per_point)  # fmt: skip
-    if run.weighted:
-        text = (
-            "{}; some points have fewer, down to an eighth, and each of their blocks counts "
-            "so many times more"
-        )
-        blocks = phrase(text, blocks)
+def zone_facts_of(rules: Rules) -> tuple[tuple[str, str], ...]:
+    """What the zones rest on, in words."""
     return (
         ("Rules", phrase("{} ({})", phrase(rules.preset.title), rules.preset.name)),
         ("Reference width of all frequencies", f"{rules.ref_width_m:.4g} m"),
-        ("Blocks", phrase("{} simulated: {}", thousands(simulated), blocks)),
     )
 
 

@@ -94,11 +94,17 @@ def calibrate(
     # Threads of the linear algebra would change the last digits with the number of cores.
     with threadpool_limits(1, "blas"), output_if_asked(out, overwrite) as work:
         tell("Reading the inputs")
-        configs = [configured(config, None) for config, _ in sites]
-        observed = [observations for _, observations in sites]
-        files = [observations_name(own) for own in observed]
+        try:
+            given, observed = zip(*((config, own) for config, own in sites), strict=True)
+        except (TypeError, ValueError):
+            raise InputError(
+                "cannot be used", field="sites", found=repr(sites),
+                expected="a sequence of (configuration, observations)",
+            ) from None  # fmt: skip
+        configs = [configured(config, None) for config in given]
         names = fitted_names(parameters, [config.engine for config in configs])
         ready = _sites(configs, observed, seed)
+        files = [observations_name(own) for own in observed]
         chosen = _chosen(ready, classes)
         rules = read_ranges(ready[0].case.table, configs[0].ground.ranges)
         task = calibration_task(ready, chosen, names, rules, seed)

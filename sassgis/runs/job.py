@@ -19,7 +19,7 @@ from sassgis.hazard.tolerance_check import ToleranceCheck
 from sassgis.hazard.warnings import simulation_warnings
 from sassgis.io.read.config import configure, load_config, settings_hash
 from sassgis.io.write.frames import require_parquet
-from sassgis.model.errors import Interrupted, OutputError
+from sassgis.model.errors import ConfigError, Interrupted, OutputError
 from sassgis.model.map_run import BlockRows, MapRun, Round
 from sassgis.model.memory import require_memory
 from sassgis.model.run_config import Config
@@ -240,9 +240,12 @@ def _keeps_rows(config: Config) -> bool:
 
 def workers_asked(config: Config, jobs: Jobs) -> int | Workers:
     """Who works: as asked, or as many threads or processes as configured; 0: as there are cores."""
-    if not (jobs is None or isinstance(jobs, int)):
-        return jobs
     wanted = config.run.jobs if jobs is None else jobs
+    if hasattr(wanted, "in_order"):
+        return wanted
+    if not isinstance(wanted, int) or wanted < 0:
+        expected = "a number of processor cores, or 0 for all"
+        raise ConfigError("cannot be used", field="jobs", found=repr(wanted), expected=expected)
     if wanted > 0:
         return wanted
     try:

@@ -97,7 +97,14 @@ def profile_input(
     ConfigError, InputError
     """
     if point is not None:
-        return profile_from_terrain(config, *point)
+        try:
+            x, y = point
+        except (TypeError, ValueError):
+            expected = "(x, y) in the coordinates of the terrain model"
+            raise InputError(
+                "is no point", field="point", found=repr(point), expected=expected
+            ) from None
+        return profile_from_terrain(config, x, y)
     if line is not None:
         return profile_along_line(config, line)
     return profile_from_csv(config, csv)

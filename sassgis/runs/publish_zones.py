@@ -6,11 +6,8 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-import pandas as pd
-
 from sassgis.hazard.another_sample import LevelChances
 from sassgis.hazard.assess import Assessment, Rules
-from sassgis.hazard.progress import Progress
 from sassgis.hazard.risk import RiskTable
 from sassgis.hazard.warnings import (
     edge_words,
@@ -35,12 +32,10 @@ from sassgis.io.write.zone_tables import (
 from sassgis.model.grid import Grid
 from sassgis.model.hazard import HazardCurves
 from sassgis.model.in_memory import Input
-from sassgis.model.languages import joined, phrase
-from sassgis.model.map_run import MapRun
 from sassgis.model.results import RasterLayer
 from sassgis.model.run_config import Config
 from sassgis.report.exposed_report import levels_of
-from sassgis.report.protection_page import protection_sheets
+from sassgis.report.protection_page import assumptions, protection_sheets
 from sassgis.report.run_summary import zone_lines
 from sassgis.report.zone_report import level_table, zone_facts_of, zone_figures, zone_tables
 from sassgis.runs.job import Simulation
@@ -51,16 +46,6 @@ from sassgis.runs.publish_report import ReportPart, values_at_objects
 
 #: Layers of a group of areas that make sense for all groups together; the first is a table, too.
 _OF_GROUPS = ("hazard_zones", "hazard_area", "synoptic_intensity", "indicative_hazard_area")
-
-
-def _assumed(sources: pd.DataFrame, run: MapRun, progress: Progress) -> tuple[tuple[str, str], ...]:
-    """What is stated of blocks and ground, for those who build on the values."""
-    released = sources.groupby("scenario", sort=False)["onset_per_year"].sum()
-    blocks = (f"{name} ({phrase('{} blocks a year', f'{n:.3g}')})" for name, n in released.items())
-    ground = (
-        f"{c.name} {100.0 * share:.0f} %" for c, share in ground_shares(run, progress.sums.cells)
-    )
-    return ("Block scenarios", joined(", ", [*blocks])), ("Ground classes", ", ".join(ground))
 
 
 def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path) -> Extras:
@@ -126,7 +111,7 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
     edge = edge_words(run, done.progress, float(hazard.facts.open_m.sum()))
     sheets = partial(
         protection_sheets, run.control_lines, found.without_barriers, hazard.sampled,
-        (design, protection, places), _assumed(sources, run, done.progress), figures, confidence,
+        (design, protection, places), assumptions(sources, ground_shares(run, done.progress.sums.cells)), figures, confidence,
     )  # fmt: skip
     return Extras(
         layers=maps,
@@ -150,7 +135,7 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
             zone_tables(
                 preset, found, sources, design, return_periods_years=periods, currency=currency
             ),
-            zone_facts_of(rules, run, done.progress.simulated),
+            zone_facts_of(rules),
             on_objects,
             values,
             zone_lines(levels, found, edge, confidence, currency),

@@ -68,8 +68,10 @@ def simulate(
     Parameters
     ----------
     dem : path, DataArray, or (array, affine transform, coordinate system)
-        Heights (m) on square cells of a projected system in metres; or a Config, which has all.
-    release : path, GeoDataFrame, GeoSeries, or mapping
+        Heights (m), shape (n_rows, n_cols), on square cells of a projected system in metres; NaN
+        where unknown; the transform is that of rasterio, the first row lies in the north. Or a
+        Config, which has all.
+    release : path, GeoDataFrame, GeoSeries, geometry, or mapping
         Polygons, lines or points where blocks start; or the section ``[release]``, as
         ``{"file": frame, "name_field": "name", "spacing_m": 10}``.
     blocks : mapping, or sequence of mappings
@@ -100,15 +102,17 @@ def simulate(
     Returns
     -------
     xarray.Dataset
-        Maps by their names, as ``reach_probability``, ``energy_q95``, ``passing_height_q95``,
-        ``speed_q95``, ``stops``, ``terrain``, each with its unit, meaning and denominator;
-        settings, seed and warnings among the attributes. With ``ref_width_m`` also the counts that
-        ``zones`` and ``hazard_maps`` are made of.
+        Maps by their names, of dimensions (y, x) with the centres of the cells, from the north; NaN
+        where no block arrives: ``reach_probability`` (0 to 1), ``energy_q95`` (kJ),
+        ``passing_height_q95`` (m), ``speed_q95`` (m/s), ``stops``, ``terrain`` (m) and more, each
+        with its unit, meaning and denominator; settings, seed and warnings among the attributes.
+        With ``ref_width_m`` also the counts that ``zones`` and ``hazard_maps`` are made of.
 
     Raises
     ------
     ConfigError, InputError
-        An input or a setting cannot be used.
+        An input or a setting cannot be used: one line with its key, what was found and what was
+        expected.
 
     Examples
     --------

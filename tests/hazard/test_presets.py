@@ -5,7 +5,12 @@ from pathlib import Path
 import pytest
 from helpers.hazard_samples import swiss
 
-from sassgis.hazard.preset_labels import energy_labels, period_labels, preset_unverified
+from sassgis.hazard.preset_labels import (
+    energy_labels,
+    period_labels,
+    preset_unverified,
+    unverified_in_short,
+)
 from sassgis.io.read.presets import preset_names, read_preset
 from sassgis.model.errors import InputError
 from sassgis.model.hazard import Drawing, ZoningSettings
@@ -74,6 +79,11 @@ def test_unverified_values_are_told_once_per_source() -> None:
         "Preset ti, unverified: no level beyond 10000 years, "
         "zones of at least 2 mm and 40 mm² on the sheet",
         "Preset ti, unverified: the whole matrix",
+    ]
+    assert unverified_in_short(read_preset("ti")) == [
+        "Preset ti, unverified: intensity bassa, intensity media, intensity alta, no level beyond "
+        "10000 years, zones of at least 2 mm and 40 mm² on the sheet, the whole matrix. "
+        "The report says why."
     ]
 
 

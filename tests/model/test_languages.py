@@ -67,6 +67,16 @@ def test_all_languages_have_the_same_texts_of_the_program_with_the_same_parts() 
             assert text.strip() and fields(text) == fields(key), (name, key)
 
 
+def test_no_phrase_is_missing() -> None:
+    known = set(translations("de").entries)
+    for file in PACKAGE.rglob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            match node:
+                case ast.Call(ast.Name("phrase"), [ast.Constant(str(text)), *_]):
+                    words = re.findall(r"[a-z]{2,}", re.sub(r"{.*?}", "", text))
+                    assert text in known or not words, (file, text)
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [

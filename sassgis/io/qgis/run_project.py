@@ -11,7 +11,7 @@ import numpy as np
 import shapely
 
 from sassgis.hazard.assess import Assessment, Rules
-from sassgis.hazard.preset_labels import preset_unverified
+from sassgis.hazard.preset_labels import unverified_in_short
 from sassgis.hazard.warnings import edit_lines, ground_warnings, sample_words
 from sassgis.hazard.zone_styles import zone_style
 from sassgis.hazard.zoning.coverage import Coverage
@@ -82,6 +82,7 @@ def sheet_words(
     if effects:
         text = "SASS (Bozzolo and Pamini, 1986): blocks simulated along {}; with {}"
         model = phrase(text, paths, effects)
+    walls = [line.name for line, _ in run.control_lines if line.kind != "station"]
     facts = (
         ("Status", imprint.status),
         ("Author", imprint.author),
@@ -94,6 +95,7 @@ def sheet_words(
         )),
         ("Release areas", ", ".join(a.name for a in run.areas)),
         ("Block scenarios", ", ".join(b.name for b in run.blocks)),
+        ("Walls and nets", phrase("counted: {}", ", ".join(walls)) if walls else phrase("none")),
         ("Simulated blocks", f"{rocks}"),
         ("Contact", imprint.contact),
         ("Rights", imprint.rights),
@@ -332,7 +334,7 @@ def zone_layouts(
         notes=(
             sample_words(found.hazard.changed_share),
             "Hazard follows from the onset frequencies that the user stated.",
-            *preset_unverified(preset)[:1],
+            *unverified_in_short(preset),
             *words.notes,
             *edit_lines(found.hazard.edits),
         ),

@@ -205,6 +205,11 @@ def configure(**sections: Any) -> Config:
     for name, value in sections.items():
         if name in LISTS:
             several = [value] if isinstance(value, Mapping | Section) else value
+            if isinstance(several, str) or not isinstance(several, Iterable):
+                expected = f"sections [[{name}]]: a mapping, or a sequence of them"
+                raise ConfigError(
+                    "cannot be used", field=name, found=repr(value), expected=expected
+                )
             document[name] = [_plain_section(name, one) for one in several]
         elif name == "effects" and isinstance(value, Mapping):
             document[name] = {k: _plain_section(f"effects.{k}", v) for k, v in value.items()}

@@ -24,10 +24,11 @@ def dataset_grid(maps: xr.Dataset) -> Grid:
     InputError
         If the dataset is none of a simulation.
     """
-    if not {"terrain", "spatial_ref"} <= set(maps.variables):
+    names = getattr(maps, "variables", ())
+    if not {"terrain", "spatial_ref"} <= set(names):
         raise InputError(
             "is no result of a simulation", field="ds",
-            found=", ".join(map(str, maps)) or "nothing", expected=_FROM,
+            found=", ".join(map(str, names)) or type(maps).__name__, expected=_FROM,
         )  # fmt: skip
     system = maps["spatial_ref"].attrs
     west, cell, _, north, _, _ = map(float, str(system["GeoTransform"]).split())

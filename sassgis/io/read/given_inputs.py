@@ -27,7 +27,8 @@ from sassgis.model.in_memory import InMemory, Input
 #: How far centres of cells may lie from even steps, in cells.
 _UNEVEN = 1e-3
 _WANTED = (
-    "a path, a DataArray, (array, transform, crs), a GeoDataFrame or GeoSeries, or a DataFrame"
+    "a path, a DataArray, (array, transform, crs), a GeoDataFrame, GeoSeries or geometry, or a "
+    "DataFrame"
 )
 
 
@@ -66,7 +67,14 @@ def as_input(value: object, name: str) -> Input:
         return _table(classes_frame(value), name)
     if isinstance(value, tuple) and len(value) == 3:
         array, transform, crs = value
-        return _raster(np.asarray(array), Affine(*tuple(transform)[:6]), crs, None, name)
+        try:
+            place = Affine(*tuple(transform)[:6])
+        except TypeError:
+            raise InputError(
+                "has no affine transform", field=name, found=repr(transform),
+                expected="Affine(cell, 0, west, 0, -cell, north)",
+            ) from None  # fmt: skip
+        return _raster(np.asarray(array), place, crs, None, name)
     raise InputError("cannot be used", field=name, found=type(value).__name__, expected=_WANTED)
 
 

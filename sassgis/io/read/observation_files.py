@@ -8,6 +8,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -45,8 +46,13 @@ def observation_source(given: AnyObservations) -> Path | dict[str, InMemory]:
     Raises
     ------
     InputError
-        What is in memory is no table.
+        They are neither tables nor a path.
     """
+    if not isinstance(given, Mapping | str | PathLike):
+        raise InputError(
+            "cannot be used", field=KEY, found=type(given).__name__,
+            expected="a GeoPackage, a folder of CSV files, or DataFrames by name",
+        )  # fmt: skip
     if not isinstance(given, Mapping):
         return Path(given)
     from sassgis.io.read.given_inputs import as_input

@@ -22,7 +22,7 @@ from matplotlib.ticker import FixedFormatter, FuncFormatter, NullLocator
 from numpy.typing import NDArray
 
 from sassgis.model.grid import FloatArray, Grid
-from sassgis.model.languages import joined, phrase
+from sassgis.model.languages import joined, phrase, translated
 from sassgis.model.results import Band, RasterClass, RasterLayer
 from sassgis.model.styles import class_colours, class_labels, class_limits, zero_is_nothing
 from sassgis.report.figures.map_marks import LAYER_ALPHA, MapMarks, all_points
@@ -450,7 +450,7 @@ def map_figure(
     labels = class_labels(layer.breaks, "") if layer.breaks and not layer.classes else []
     heading = wrap(layer.title, WIDTH_IN - 0.4, TITLE)
     below = wrap(joined("\n", filter(None, notes)), WIDTH_IN - 0.8)
-    names = [entry.label for entry in layer.classes]
+    names = [translated(entry.label) for entry in layer.classes]
     longest = max((text_width_pt(label) for label in names or labels), default=0.0) / 72.0
     legend_w = min(SIGN_IN[0] + 0.1 + longest, 1.7) if names else _BAR_IN + 0.12 + longest
     right = max(0.85, _LEGEND_GAP_IN + legend_w)

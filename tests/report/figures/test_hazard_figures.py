@@ -13,6 +13,7 @@ from sassgis.hazard.zone_styles import LEVEL_CHANGES
 from sassgis.io.read.presets import read_preset
 from sassgis.model.grid import Grid
 from sassgis.model.hazard import HazardCurves
+from sassgis.model.languages import in_language
 from sassgis.model.results import Band, RasterClass, RasterLayer
 from sassgis.report.figures import (
     MapMarks,
@@ -76,6 +77,15 @@ def test_a_map_of_classes_has_their_colours_and_names(valley: Grid, find, texts)
     assert "Hazard level" in words and "By the matrix." in words
     assert "class |" not in words
     assert "Short." in texts(map_figure(valley, level_of(valley), note="Short."))
+
+
+def test_translated_names_of_classes_have_room(valley: Grid, find) -> None:
+    layer = replace(level_of(valley), classes=(replace(LEVELS[0], label="residual"),))
+    with in_language("de"):
+        figure = map_figure(valley, layer)
+        (name,) = find(figure, "class")
+    assert name.get_text() == "Restgefährdung"
+    assert name.get_window_extent().x1 < figure.bbox.x1
 
 
 def test_stripes_lie_on_the_hatched_cells_alone(valley: Grid, find) -> None:

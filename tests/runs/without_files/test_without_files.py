@@ -218,6 +218,10 @@ BAD = {
                              coords={"y": np.arange(21.0) ** 2, "x": np.arange(90.0)})},
         "uneven steps of y",
     ),
+    "no transform": (
+        {"dem": (plane(), (2.0, 0.0, WEST), "EPSG:2056")},
+        r"terrain.dem: has no affine transform \(found \(2.0, 0.0, .*expected Affine\(cell, ",
+    ),
     "no system": ({"dem": (plane(), PLACE, None)}, "has no coordinate system"),
     "a number": ({"dem": 7}, r"terrain.dem: cannot be used \(found int"),
     "a table of areas": (
@@ -229,6 +233,9 @@ BAD = {
     "unknown class": ({"ground": "butter"}, "found 'butter'; expected one of"),
     "unknown key": ({"run": {"sed": 1}}, "run.sed: unknown key .*'seed'"),
     "unknown key of a block": ({"blocks": {"volume": 1.0}}, "unknown key .*volume_m3"),
+    "blocks as a number": ({"blocks": 2}, r"blocks: cannot be used \(found 2; expected sections"),
+    "jobs": ({"jobs": -1}, r"jobs: cannot be used \(found -1; expected a number of processor"),
+    "jobs in words": ({"jobs": "2"}, r"jobs: cannot be used \(found '2'"),
     "no blocks": ({"blocks": None}, r"at least one \[\[blocks\]\]"),
     "reversed": ({"blocks": {"volume_m3": (2.0, 1.0)}}, "limits are reversed"),
     "width": ({"ref_width_m": 1.0}, "is narrower than a cell"),
@@ -239,10 +246,31 @@ BAD = {
 def test_what_cannot_be_used_is_one_line(changed: dict[str, Any], expected: str) -> None:
     dem = (plane(), PLACE, "EPSG:2056")
     plain = {"dem": dem, "release": RELEASE, "blocks": BLOCK, "ground": "talus"}
-    given: dict[str, Any] = plain | changed
+    given: dict[str, Any] = plain | {"jobs": 1} | changed
     with pytest.raises(sassgis.InputError, match=expected) as caught:
-        sassgis.simulate(**given, jobs=1)
+        sassgis.simulate(**given)
     assert "\n" not in str(caught.value)
+
+
+def test_what_is_no_point_no_site_and_no_observation_is_one_line() -> None:
+    point = (WEST + 10.0, NORTH - 21.0, 5.0)
+    config = sassgis.sample_folder() / "valley" / "config.toml"
+    wrong: dict[str, Any] = {
+        r"point: is no point .*expected \(x, y\)": lambda: sassgis.profile(
+            dem=(plane(), PLACE, "EPSG:2056"),
+            point=point,
+            blocks=BLOCK,
+        ),
+        r"sites: cannot be used .*\(configuration, observations\)": lambda: sassgis.calibrate(
+            "sassgis.toml"
+        ),
+        "observations: cannot be used .*found NoneType; expected a GeoPackage": (
+            lambda: sassgis.diagnose(config, None)
+        ),
+    }
+    for expected, call in wrong.items():
+        with pytest.raises(sassgis.InputError, match=expected):
+            call()
 
 
 def test_settings_made_by_a_program_are_checked() -> None:
@@ -272,6 +300,8 @@ def test_zones_say_what_the_dataset_lacks(maps: xr.Dataset, tmp_path: Path) -> N
         sassgis.zones(maps.isel(x=slice(5, 40)))
     with pytest.raises(sassgis.InputError, match="is no result of a simulation"):
         sassgis.zones(xr.Dataset())
+    with pytest.raises(sassgis.InputError, match=r"ds: is no result .*found NoneType"):
+        sassgis.zones(None)
     text = (Path(sassgis.__file__).parent / "data" / "presets" / "ch-so.toml").read_text()
     (tmp_path / "own.toml").write_text(text.replace("from_kj = 300", "from_kj = 290"))
     with pytest.raises(sassgis.InputError, match="has no counts at 290 kJ"):

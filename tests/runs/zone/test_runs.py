@@ -97,7 +97,9 @@ def test_a_budget_that_is_spent_is_told(tmp_path: Path) -> None:
     assert len(told) == 1
     assert f"{100 * share:.1f} % of the zoned area" in told[0]
     assert "Wanted: 1 %" in told[0] and "blocks_max" in told[0]
-    assert told[0] in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    report = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert told[0] in report
+    assert f"{result.run.n_blocks}: {result.run.run.repetitions} repetitions of 8 blocks" in report
 
 
 def test_a_time_that_is_spent_ends_it(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -9,9 +10,13 @@ import numpy as np
 import rasterio.features
 import shapely
 from numpy.typing import NDArray
+from rasterio.errors import NotGeoreferencedWarning
 from rasterio.transform import Affine
 
 from sassgis.model.grid import Grid
+
+# rasterio silences this for its arrays while it reads them; another thread may undo that meanwhile.
+warnings.filterwarnings("ignore", category=NotGeoreferencedWarning, module="rasterio.features")
 
 
 def cell_outlines(numbers: NDArray[Any], grid: Grid) -> Iterator[tuple[Any, int]]:

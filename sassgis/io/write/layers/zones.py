@@ -22,6 +22,7 @@ from sassgis.io.vector_layer import VectorLayer, described_layer
 from sassgis.model.edits import NO_LEVEL
 from sassgis.model.grid import Grid, IntArray
 from sassgis.model.hazard import HazardPreset
+from sassgis.model.languages import translated
 from sassgis.model.styles import REACHED_STYLE
 
 #: Sources that are named in the table of a zone.
@@ -76,7 +77,7 @@ def hazard_zones(
     columns = {
         "zone": np.arange(1, hazard.levels.polygons.size + 1),
         "hazard_level": [level.code for level in levels],
-        "label": [level.label for level in levels],
+        "label": [translated(level.label) for level in levels],
         "area_m2": np.round(facts.area_m2, 1),
         "governing_area": [sources[k].area if k >= 0 else "" for k in facts.governing],
         "governing_scenario": [sources[k].scenario if k >= 0 else "" for k in facts.governing],
