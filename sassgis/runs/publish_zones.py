@@ -109,9 +109,10 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
     levels = level_table(preset, found)
     on_objects = levels_of(rules.placed, hazard.levels, preset.levels)
     edge = edge_words(run, done.progress, float(hazard.facts.open_m.sum()))
+    assumed = assumptions(sources, ground_shares(run, done.progress.sums.cells))
     sheets = partial(
         protection_sheets, run.control_lines, found.without_barriers, hazard.sampled,
-        (design, protection, places), assumptions(sources, ground_shares(run, done.progress.sums.cells)), figures, confidence,
+        (design, protection, places), assumed, figures, confidence,
     )  # fmt: skip
     return Extras(
         layers=maps,
