@@ -182,7 +182,7 @@ def profile_from_csv(config: Config, path: Input | None = None) -> ProfileInput:
             "no profile to run",
             file=config.file,
             field="profile.file",
-            expected="a CSV file; or give --csv, or --point to cut a profile from the terrain",
+            expected="a CSV file, or a point or a fall line to cut a profile from the terrain",
         )
     table = read_ground_table(config.ground.classes, config.engine.readings)
     default = table.names[default_class(config.ground, table)]

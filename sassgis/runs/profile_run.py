@@ -156,7 +156,7 @@ def profile_from_terrain(config: Config, x: float, y: float) -> ProfileInput:
         raise InputError(
             "no fall line starts here",
             file=config.dem_source,
-            field="--point",
+            field="point",
             found=f"{x:.10g}, {y:.10g}",
             expected=f"a point on known terrain within x {west:.10g} to {east:.10g}, "
             f"y {south:.10g} to {north:.10g}",

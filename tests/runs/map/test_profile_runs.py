@@ -100,7 +100,7 @@ def test_a_profile_from_the_terrain_meets_the_stations_of_the_map(small, tmp_pat
 
 
 def test_a_point_off_the_terrain_is_refused(small, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"--point: no fall line starts here .*2700000 to 2701200"):
+    with pytest.raises(InputError, match=r"point: no fall line starts here .*2700000 to 2701200"):
         run_profile(small.config, tmp_path / "out", point=(0.0, 0.0))
     assert not (tmp_path / "out").exists()
 
