@@ -23,7 +23,7 @@ from sassgis.model.grid import BoolArray, FloatArray
 _LIMIT = 2.5
 #: Radius of the first draws about the start, and attempts at a step. What the radius is multiplied
 #: with after a step as long as itself, after a shorter one, and after one that is not kept.
-_RADIUS, _ATTEMPTS = 0.7, 2
+_RADIUS, _ATTEMPTS = 1.2, 2
 _FARTHER, _KEPT, _NOT_KEPT = 1.3, 0.85, 0.6
 #: Number of the campaigns in which steps are compared: the same luck for all.
 _LOOK = 1
@@ -127,10 +127,16 @@ def fit_linearly(
     """
     rng = np.random.default_rng([summary.problem.seed, 13])
     normal = qmc.MultivariateNormalQMC(np.zeros(start.size), np.eye(start.size), rng=rng)
+    points, numbers = list[FloatArray](), list[FloatArray]()
+
+    def look(at: FloatArray) -> float:
+        (seen,) = run([Trial(_LOOK, at, budget.looked)])
+        points.append(at)
+        numbers.append(seen[0])
+        return _loss(summary, seen)
+
     best = start.copy()
-    (seen,) = run([Trial(_LOOK, best, budget.looked)])
-    least = _loss(summary, seen)
-    points, numbers = [best], [seen[0]]
+    least = look(best)
     radius, tried = _RADIUS, _LOOK
     for _ in range(budget.rounds):
         new = np.clip(best + radius * normal.random(budget.draws), -_LIMIT, _LIMIT)
@@ -138,16 +144,15 @@ def fit_linearly(
         tried += budget.draws
         points += list(new)
         numbers += [own for own, _ in made]
+        nearest = new[int(np.argmin([_loss(summary, own) for own in made]))]
+        if (loss := look(nearest)) < least:
+            best, least = nearest, loss
         for _ in range(_ATTEMPTS):
             fit = _linear_model(summary, np.array(points), np.array(numbers), best, least)
             step = fit.step(summary.in_errors(summary.observed))
             size = float(np.sqrt(np.mean(step**2)))
             at = np.clip(best + step * min(1.0, radius / max(size, 1e-9)), -_LIMIT, _LIMIT)
-            (seen,) = run([Trial(_LOOK, at, budget.looked)])
-            points.append(at)
-            numbers.append(seen[0])
-            loss = _loss(summary, seen)
-            if loss < least:
+            if (loss := look(at)) < least:
                 best, least = at, loss
                 radius *= _FARTHER if size > radius else _KEPT
                 break
