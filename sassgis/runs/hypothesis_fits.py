@@ -21,7 +21,7 @@ from sassgis.runs.draw_store import DrawProgress, OnProgress
 from sassgis.runs.workers import TaskMap
 
 #: Draws of each round of a calibration, and rounds.
-DRAWS, ROUNDS = 32, 3
+DRAWS, ROUNDS = 32, 6
 
 
 class HypothesisFits:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -55,13 +56,19 @@ def simulated_outcomes(
     *,
     seed: int,
     number: int,
+    turns: float = 1.0,
 ) -> FloatArray:
-    """The same in a model, shape (n, DRAWS, 3); a rock that would roll on keeps its speed."""
+    """The same in a model, shape (n, DRAWS, 3); a rock that would roll on keeps its speed.
+
+    ``turns``: rotations as observed over those of the model.
+    """
     rng = np.random.default_rng([seed, number, 87])
-    after = rebound_draws(case, table, impacts, rng, effects)
+    start = replace(impacts, spin=np.where(impacts.has_spin, impacts.spin / turns, impacts.spin))
+    after = rebound_draws(case, table, start, rng, effects)
     along = np.maximum(impacts.impacts.vt_in_mps, 0.0)
     rolls = np.column_stack([along, np.zeros(along.size), along / impacts.radius])
-    return _relative(impacts, np.where(np.isfinite(after), after, rolls[:, None]))
+    made = np.where(np.isfinite(after), after, rolls[:, None])
+    return _relative(impacts, made * np.array([1.0, 1.0, turns]))
 
 
 def _relative(impacts: ImpactsInFlight, after: FloatArray) -> FloatArray:

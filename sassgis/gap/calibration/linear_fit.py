@@ -21,9 +21,12 @@ from sassgis.model.grid import BoolArray, FloatArray
 
 #: Parameters are standard normal before any rock is seen, and kept within this.
 _LIMIT = 2.5
-#: Radius of the first draws about the start, what it is multiplied with after a step that is kept
-#: and after one that is not, and attempts at a step.
-_RADIUS, _KEPT, _NOT_KEPT, _ATTEMPTS = 0.7, 0.85, 0.6, 2
+#: Radius of the first draws about the start, and attempts at a step. What the radius is multiplied
+#: with after a step as long as itself, after a shorter one, and after one that is not kept.
+_RADIUS, _ATTEMPTS = 1.2, 2
+_FARTHER, _KEPT, _NOT_KEPT = 1.3, 0.85, 0.6
+#: Number of the campaigns in which steps are compared: the same luck for all.
+_LOOK = 1
 #: Prior precision of the slopes, and the part of what the linear model leaves that counts as error:
 #: the rest is the chance of single campaigns, which the regression averages.
 _RIDGE, _LEFT = 0.5, 0.5
@@ -124,29 +127,34 @@ def fit_linearly(
     """
     rng = np.random.default_rng([summary.problem.seed, 13])
     normal = qmc.MultivariateNormalQMC(np.zeros(start.size), np.eye(start.size), rng=rng)
+    points, numbers = list[FloatArray](), list[FloatArray]()
+
+    def look(at: FloatArray) -> float:
+        (seen,) = run([Trial(_LOOK, at, budget.looked)])
+        points.append(at)
+        numbers.append(seen[0])
+        return _loss(summary, seen)
+
     best = start.copy()
-    (seen,) = run([Trial(1, best, budget.looked)])
-    least = _loss(summary, seen)
-    points, numbers = [best], [seen[0]]
-    radius, tried = _RADIUS, 1
+    least = look(best)
+    radius, tried = _RADIUS, _LOOK
     for _ in range(budget.rounds):
         new = np.clip(best + radius * normal.random(budget.draws), -_LIMIT, _LIMIT)
         made = run([Trial(tried + 1 + k, at, budget.count) for k, at in enumerate(new)])
         tried += budget.draws
         points += list(new)
         numbers += [own for own, _ in made]
+        nearest = new[int(np.argmin([_loss(summary, own) for own in made]))]
+        if (loss := look(nearest)) < least:
+            best, least = nearest, loss
         for _ in range(_ATTEMPTS):
             fit = _linear_model(summary, np.array(points), np.array(numbers), best, least)
             step = fit.step(summary.in_errors(summary.observed))
             size = float(np.sqrt(np.mean(step**2)))
             at = np.clip(best + step * min(1.0, radius / max(size, 1e-9)), -_LIMIT, _LIMIT)
-            tried += 1
-            (seen,) = run([Trial(tried, at, budget.looked)])
-            points.append(at)
-            numbers.append(seen[0])
-            loss = _loss(summary, seen)
-            if loss < least:
-                best, least, radius = at, loss, _KEPT * radius
+            if (loss := look(at)) < least:
+                best, least = at, loss
+                radius *= _FARTHER if size > radius else _KEPT
                 break
             radius *= _NOT_KEPT
     return _linear_model(summary, np.array(points), np.array(numbers), best, least)

@@ -201,8 +201,9 @@ def problem_of(
         if simulated is not None:
             model, number = simulated
             made = simulated_outcomes(
-                case, model.table, model.effects, impacts, seed=seed, number=number
-            )
+                case, model.table, model.effects, impacts,
+                seed=seed, number=number, turns=model.measurement.rotation_scale,
+            )  # fmt: skip
             # What was not measured of an impact is not known of the simulated one either.
             outcomes = np.where(np.isfinite(outcomes), made[:, 0], np.nan)
         seen_after = impact_quantities(impacts, outcomes[:, None], case.n_rocks)
@@ -364,5 +365,6 @@ def _table_scores(
 def _outcomes(problem: CalibrationProblem, model: HypothesisModel, number: int) -> FloatArray:
     assert problem.impacts is not None
     return simulated_outcomes(
-        problem.case, model.table, model.effects, problem.impacts, seed=problem.seed, number=number
-    )
+        problem.case, model.table, model.effects, problem.impacts,
+        seed=problem.seed, number=number, turns=model.measurement.rotation_scale,
+    )  # fmt: skip

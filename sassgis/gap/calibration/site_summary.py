@@ -91,7 +91,7 @@ class SiteSummary:
         if problem.impacts is not None:
             outcomes = simulated_outcomes(
                 problem.case, model.table, model.effects, problem.impacts,
-                seed=problem.seed, number=number,
+                seed=problem.seed, number=number, turns=model.measurement.rotation_scale,
             )  # fmt: skip
         if not problem.turned:
             return model_rows(problem, model, number, count), outcomes, [None] * count

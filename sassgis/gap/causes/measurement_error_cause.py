@@ -28,7 +28,7 @@ from sassgis.gap.causes.parameter_draws import ParameterDraws
 from sassgis.gap.causes.reach_gaps import speed_gaps
 from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case
-from sassgis.gap.replicas.hypothesis_model import MeasurementError
+from sassgis.gap.replicas.hypothesis_model import HypothesisModel, MeasurementError
 from sassgis.gap.residuals.free_run import side_error
 from sassgis.gap.residuals.residuals import mean_of_draws, per_rock
 from sassgis.gap.residuals.table import ResidualTable
@@ -58,11 +58,14 @@ def _draw(case: Case, draws: ParameterDraws) -> CausePart:
         stretch=1.0 + (scale - 1.0) * draws.share("seen.stretch"),
         position_m=draws.log("seen.position_m", 0.5, 8.0) if kinds[3] else 0.0,
     )
-    return CausePart(
-        "scale, time base, noise",
-        lambda m: replace(m, measurement=measurement),
-        asdict(measurement),
-    )
+
+    def change(model: HypothesisModel) -> HypothesisModel:
+        turns = measurement.rotation_scale * model.measurement.rotation_scale
+        return replace(model, measurement=replace(measurement, rotation_scale=turns))
+
+    stated = asdict(measurement)
+    stated["rotation_error_scale"] = stated.pop("rotation_scale")
+    return CausePart("scale, time base, noise", change, stated)
 
 
 def _speed_ratios(case: Case) -> tuple[FloatArray, FloatArray]:

@@ -10,11 +10,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from sassgis.gap.calibration.parameters import classes_met, fitted_names
 from sassgis.gap.causes.all_causes import CAUSES, FAMILIES
 from sassgis.gap.causes.parameter_draws import ParameterDraws, rounded
 from sassgis.gap.observations.case import Case
-from sassgis.gap.replicas.hypothesis_model import HypothesisModel, moving_effects
+from sassgis.gap.observations.observed import Observations
+from sassgis.gap.replicas.hypothesis_model import (
+    HypothesisModel,
+    MeasurementError,
+    moving_effects,
+)
 from sassgis.model.ground import GroundTable
 
 #: Half widths of the ranges in which the ground is calibrated: as far as the published values of
@@ -31,8 +38,12 @@ _BOUNDS = {
     "mu_0": (0.02, 2.0),
     "restitution": (0.0, 0.95),
 }
-#: Factors on the configured sideways tilt and drift of followed paths between which they are free.
-_SIDEWAYS = (0.2, 4.0)
+#: Factors on the configured sideways tilt and drift of followed paths between which they are free:
+#: wider, and the base follows what deflects blocks.
+_SIDEWAYS = (1.0 / 3.0, 3.0)
+#: Rotations over those of a block that turns in the plane of its path: others turn about an axis
+#: that moves, and roll on corners.
+_SPIN = (0.65, 1.0 / 0.65)
 NONE = "none"
 
 
@@ -73,16 +84,20 @@ def draw(case: Case, families: tuple[str, ...], parameter_draws: ParameterDraws)
         for key in ("side_tilt_deg", "drift_deg"):
             middle = max(float(getattr(case.engine, key)), 1.0)
             sideways[key] = parameter_draws.log(key, *(factor * middle for factor in _SIDEWAYS))
+    spin = {}
+    if rotations_seen(case.observations):
+        spin["rotation_scale"] = parameter_draws.log("rotation_scale", *_SPIN)
     made = Draw(
         NONE,
         "calibrated ground",
         HypothesisModel(
             table,
             moving_effects(case),
+            measurement=MeasurementError(**spin),
             side_tilt_deg=sideways.get("side_tilt_deg"),
             drift_deg=sideways.get("drift_deg"),
         ),
-        parameters | sideways,
+        parameters | sideways | spin,
     )
     for family in sorted(families):
         part = CAUSES[family].draw(case, parameter_draws)
@@ -104,6 +119,12 @@ def draw(case: Case, families: tuple[str, ...], parameter_draws: ParameterDraws)
     return replace(
         made, parameters={**made.parameters, **values}, parameter_draws=dict(parameter_draws.used)
     )
+
+
+def rotations_seen(observations: Observations) -> bool:
+    """Whether rotations of any block were observed."""
+    seen = (observations.passages.rotation_hz, observations.impacts.omega_out_radps)
+    return any(bool(np.isfinite(own).any()) for own in seen)
 
 
 def _calibrated(

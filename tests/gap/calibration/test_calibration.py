@@ -21,7 +21,7 @@ from sassgis.gap.calibration.class_calibration import (
     score_draw,
     search,
 )
-from sassgis.gap.calibration.impact_scores import impact_scores
+from sassgis.gap.calibration.impact_scores import impact_scores, simulated_outcomes
 from sassgis.gap.calibration.parameters import classes_met
 from sassgis.gap.calibration.problem import (
     CalibrationProblem,
@@ -35,6 +35,7 @@ from sassgis.gap.inference.distances import energy_scores
 from sassgis.gap.replicas.hypothesis_model import configured_model
 from sassgis.io.read.range_table import read_ranges
 from sassgis.model.effects import EffectSettings
+from sassgis.model.grid import FloatArray
 from sassgis.model.ground import GroundTable
 
 
@@ -207,6 +208,23 @@ def test_contacts_speak_for_the_effect_that_acts_in_them() -> None:
         scores_of(seen, model, 5, 4).sum() for model in (without, replace(without, effects=soft))
     ]
     assert total[1] < 0.8 * total[0]
+
+
+def test_a_factor_of_the_rotations_is_taken_off_before_the_impact_and_put_on_after() -> None:
+    seen = site(12, 22, TABLE, tables=("impacts",))
+    assert seen.impacts is not None
+    model = configured_model(seen.case)
+
+    def outcomes(factor: float, turns: float) -> FloatArray:
+        assert seen.impacts is not None
+        spins = replace(seen.impacts, spin=factor * seen.impacts.spin)
+        return simulated_outcomes(
+            seen.case, model.table, model.effects, spins, seed=3, number=2, turns=turns
+        )
+
+    np.testing.assert_allclose(
+        outcomes(0.8, 0.8), outcomes(1.0, 1.0) * np.array([1.0, 1.0, 0.8]), rtol=1e-9
+    )
 
 
 def test_without_stops_passages_and_impacts_there_is_nothing_to_score() -> None:
