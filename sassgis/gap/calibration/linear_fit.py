@@ -32,8 +32,9 @@ _LOOK = 1
 _RIDGE, _LEFT = 0.5, 0.5
 #: Numbers that are off by more standard errors count no more than this.
 _FARTHEST = 5.0
-#: A parameter is identified if its standard deviation is below this share of that before.
-_NARROWER = 0.7
+#: A parameter is identified if its standard deviation is below this share of that before; the rocks
+#: ask for another value where the one before is off by so many standard deviations (80 %).
+_NARROWER, _ASKED = 0.7, 1.28
 
 #: Numbers of a draw, shape (p,), and the energy distance of its campaigns from the observed rocks.
 Seen = tuple[FloatArray, float]
@@ -78,8 +79,8 @@ class LinearFit:
         Of the numbers, in standard errors.
     variance : float64, shape (p,)
         Of the numbers about the model, in squared standard errors.
-    distance : float
-        Energy distance of the best parameters.
+    loss : float
+        Of the best parameters: energy distance and prior.
     """
 
     best: FloatArray
@@ -87,12 +88,17 @@ class LinearFit:
     level: FloatArray
     slopes: FloatArray
     variance: FloatArray
-    distance: float
+    loss: float
 
     @property
     def identified(self) -> BoolArray:
         """Parameters of which the rocks say something by themselves, shape (d,)."""
-        return np.sqrt(np.diag(self.covariance)) < _NARROWER
+        return self.asked | (np.sqrt(np.diag(self.covariance)) < _NARROWER)
+
+    @property
+    def asked(self) -> BoolArray:
+        """Parameters that the rocks do not leave at their values before, shape (d,)."""
+        return np.abs(self.best) > _ASKED * np.sqrt(np.diag(self.covariance))
 
     def step(self, observed: FloatArray) -> FloatArray:
         """From the best parameters to those for some observed numbers, in standard errors."""
@@ -133,7 +139,7 @@ def fit_linearly(
         (seen,) = run([Trial(_LOOK, at, budget.looked)])
         points.append(at)
         numbers.append(seen[0])
-        return _loss(summary, seen)
+        return _loss(summary, at, seen)
 
     best = start.copy()
     least = look(best)
@@ -144,7 +150,8 @@ def fit_linearly(
         tried += budget.draws
         points += list(new)
         numbers += [own for own, _ in made]
-        nearest = new[int(np.argmin([_loss(summary, own) for own in made]))]
+        losses = [_loss(summary, at, own) for at, own in zip(new, made, strict=True)]
+        nearest = new[int(np.argmin(losses))]
         if (loss := look(nearest)) < least:
             best, least = nearest, loss
         for _ in range(_ATTEMPTS):
@@ -160,13 +167,20 @@ def fit_linearly(
     return _linear_model(summary, np.array(points), np.array(numbers), best, least)
 
 
-def _loss(summary: SiteSummary, seen: Seen) -> float:
-    """Distance from the observed rocks; where only impacts were observed that of their numbers."""
+def _loss(summary: SiteSummary, at: FloatArray, seen: Seen) -> float:
+    """Distance from the observed rocks, and what the prior has against the parameters.
+
+    For a small shift of a quantity the energy distance is near the loss of logarithmic likelihood
+    by rock, so that the prior counts by the number of rocks, or of the groups of them. Where only
+    impacts were observed the distance is that of their numbers.
+    """
     numbers, distance = seen
     if np.isfinite(distance):
-        return distance
+        units = int(summary.problem.unit.max()) + 1
+        return float(distance + 0.5 * (at @ at) / units)
     off = summary.in_errors(numbers) - summary.in_errors(summary.observed)
-    return float(np.mean(np.clip(np.nan_to_num(off, nan=_FARTHEST), -_FARTHEST, _FARTHEST) ** 2))
+    off = np.clip(np.nan_to_num(off, nan=_FARTHEST), -_FARTHEST, _FARTHEST)
+    return float(np.mean(off**2) + (at @ at) / max(off.size, 1))
 
 
 def _linear_model(

@@ -277,10 +277,11 @@ def _keeping_configured(
     space: Space, found: LinearFit, trials: Callable[[Sequence[Trial]], list[Seen]]
 ) -> FloatArray:
     """Best parameters with the ground as configured where the rocks do not ask for more."""
-    back = found.given(space.of_ground & ~found.identified)
+    back = found.given(space.of_ground & ~found.asked)
     distances = [d for _, d in trials([Trial(0, at, LOOKED) for at in (found.best, back)])]
     factor, more = _AS_GOOD
-    return back if distances[1] <= factor * distances[0] + more else found.best
+    # Below zero is chance.
+    return back if distances[1] <= factor * max(distances[0], 0.0) + more else found.best
 
 
 def gain_of(
