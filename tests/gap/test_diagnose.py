@@ -6,6 +6,7 @@ import csv
 import json
 import shutil
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from html import unescape
 from pathlib import Path
 
@@ -17,7 +18,8 @@ from sassgis.gap.calibration.problem import model_rows, problem_of
 from sassgis.gap.check.worlds import EffectSpec, WorldSpec, make_world, observe, setup
 from sassgis.gap.inference.distances import RockDistances
 from sassgis.gap.ladder import cause_gains
-from sassgis.gap.replicas.hypothesis_model import configured_model
+from sassgis.gap.replicas.hypothesis_model import MeasurementError, configured_model
+from sassgis.gap.replicas.model_json import model_from_json
 from sassgis.io.read.config import load_config
 from sassgis.io.read.gap_thresholds import read_thresholds, thresholds_of
 from sassgis.io.saved_arrays import unfit
@@ -122,10 +124,12 @@ def test_the_model_that_is_handed_over_is_the_one_scored(everything: Path, answe
     assert set(found) == {"S", "D_configured", "D_base", "D_effect", "D_floor"}
     for name in ("base", "effect"):
         assert found[f"D_{name}"] == pytest.approx(kept[name]["distance"], rel=1e-5)
-    # So does the configuration beside it.
+    # So does the configuration beside it, which has no factor of the rotations.
     read = read_case(answered / "model" / "config.toml", everything / OBSERVATIONS_NAME)
     problem = problem_of(read, kept["seed"])
-    own = model_rows(problem, configured_model(read), kept["effect"]["number"], kept["count"])
+    factor = model_from_json(kept["effect"]["model"]).measurement.rotation_scale
+    model = replace(configured_model(read), measurement=MeasurementError(rotation_scale=factor))
+    own = model_rows(problem, model, kept["effect"]["number"], kept["count"])
     again = RockDistances.of(problem.rows, own).value()
     assert again == pytest.approx(kept["effect"]["distance"], rel=1e-5)
 
