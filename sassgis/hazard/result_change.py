@@ -14,12 +14,18 @@ import shapely
 from sassgis.hazard.beyond_sampling import beyond_sampling
 from sassgis.hazard.stored_result import StoredResult
 from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.languages import phrase
 
 LEVEL = "hazard_level"
 REACH_MEAN = "reach probability, mean over the cells reached by either"
 ENERGY_MEAN = "energy (95 % quantile), mean over the cells reached by both"
 HEIGHT_MEAN = "passing height (95 % quantile), mean over the cells reached by both"
-_RUNOUT = (("median", 0.5), ("95 % quantile", 0.95), ("99 % quantile", 0.99), ("largest", 1.0))
+_RUNOUT = (
+    ("run-out, median", 0.5),
+    ("run-out, 95 % quantile", 0.95),
+    ("run-out, 99 % quantile", 0.99),
+    ("run-out, largest", 1.0),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,7 +176,9 @@ def limits_text(limits: tuple[float, ...], written: Callable[[float], str]) -> s
     low, high = limits
     if math.isnan(low):
         return ""
-    return f" ({written(low)} {'or more' if math.isnan(high) else 'to ' + written(high)})"
+    if math.isnan(high):
+        return phrase(" ({} or more)", written(low))
+    return phrase(" ({} to {})", written(low), written(high))
 
 
 def difference(before: FloatArray, after: FloatArray) -> FloatArray:
@@ -195,10 +203,8 @@ def levels_differ(before: StoredResult, after: StoredResult) -> str:
         return "Hazard levels are not compared: the two presets have different levels."
     widths = [r.manifest["ref_widths_m"]["hazard"] for r in (before, after)]
     if widths[0] != widths[1]:
-        return (
-            "Hazard levels are not compared: their reference widths are "
-            f"{widths[0]:g} m and {widths[1]:g} m."
-        )
+        text = "Hazard levels are not compared: their reference widths are {} m and {} m."
+        return phrase(text, *(f"{width:g}" for width in widths))
     return ""
 
 
@@ -301,7 +307,7 @@ def _runout_rows(before: StoredResult, after: StoredResult) -> Iterator[ChangeRo
             float(np.quantile(r.runout_m, share)) if r.runout_m.size else math.nan
             for r in (before, after)
         ]
-        yield ChangeRow("run-out", "", f"run-out, {name}", "m", values[0], values[1])
+        yield ChangeRow("run-out", "", name, "m", values[0], values[1])
 
 
 _AT_LINES = (
@@ -376,7 +382,7 @@ def _object_rows(
             currency = str(after.manifest["settings"].get("risk", {}).get("currency", "value"))
             for column, quantity, unit in _RISK:
                 yield ChangeRow(
-                    "object", name, quantity, unit.format(currency),
+                    "object", name, quantity, phrase(unit, currency),
                     *(math.nan if r is None else r[column] for r in risks),
                 )  # fmt: skip
 

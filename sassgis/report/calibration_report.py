@@ -11,6 +11,7 @@ import sassgis
 from sassgis.gap.calibration.class_calibration import SiteCalibration, SiteResult
 from sassgis.gap.calibration.identifiability import Fitted
 from sassgis.gap.inference.intervals import Interval
+from sassgis.model.languages import joined, phrase, translated
 from sassgis.report.figures.calibration_figures import parameters_figure, quantity_curves_figure
 from sassgis.report.gap_answer import interval_text
 from sassgis.report.gap_report import FEW_ROCKS
@@ -27,6 +28,8 @@ from sassgis.report.pictures import picture
 
 #: Panels of one site.
 _PANELS = 6
+#: "low" and "high" alone are words of intensities.
+_LIMITS = {"low": "lower", "high": "upper", "": "–"}
 _MEANING = ReportAnswer(
     "How to read this",
     (
@@ -42,20 +45,16 @@ _MEANING = ReportAnswer(
 def verdict(calibration: SiteCalibration) -> str:
     """The result in a few sentences; the first says which ground to run."""
     told = [f for f in calibration.fitted if f.identified]
-    text = (
-        f"{calibration.recommendation} {calibration.rocks} rocks identify {len(told)} of "
-        f"{len(calibration.fitted)} parameters by themselves, and {calibration.combinations} "
-        "combinations of them."
-    )
+    text = "{} rocks identify {} of {} parameters by themselves, and {} combinations of them."
+    numbers = calibration.rocks, len(told), len(calibration.fitted), calibration.combinations
+    sentences = [calibration.recommendation, phrase(text, *numbers)]
     for site in calibration.sites:
         if site.errors:
             e = site.errors[_headline(site)]
-            before, after, out = (sensible(e.crps[m], 2) for m in ("before", "after", "left out"))
-            text += (
-                f" {site.name}: CRPS of the {e.name} {before} {e.unit} before, {after} after, "
-                f"{out} on rocks left out."
-            )
-    return text
+            crps = (sensible(e.crps[m], 2) for m in ("before", "after", "left out"))
+            text = "{}: CRPS of the {} {} {unit} before, {} after, {} on rocks left out."
+            sentences.append(phrase(text, site.name, phrase(e.name), *crps, unit=e.unit))
+    return joined(" ", sentences)
 
 
 def _headline(site: SiteResult) -> int:
@@ -69,28 +68,28 @@ def calibration_warnings(calibration: SiteCalibration) -> list[str]:
     # The recommendation states the gain at one site.
     out = [f.text for f in calibration.findings if many or f.kind != "gain"]
     if calibration.contradict:
-        worse = ", ".join(
-            f"{100.0 * (s.fit.score / s.fit.own_score - 1.0):.0f} % at {s.name}"
+        worse = [
+            phrase("{} % at {}", f"{100.0 * (s.fit.score / s.fit.own_score - 1.0):.0f}", s.name)
             for s in calibration.sites
+        ]
+        text = (
+            "The sites contradict each other: common parameters score {} worse than each site's "
+            "own, more than chance explains. Calibrate them apart, or give their ground classes "
+            "of different names."
         )
-        out.append(
-            f"The sites contradict each other: common parameters score {worse} worse than each "
-            "site's own, more than chance explains. Calibrate them apart, or give their ground "
-            "classes of different names."
-        )
+        out.append(phrase(text, joined(", ", worse)))
     unknown = [f.parameter.label for f in calibration.fitted if not f.identified]
     if unknown:
-        out.append(
-            "The observations do not identify "
-            + ", ".join(unknown)
-            + " by themselves: they stay near the configured values, as far as such values vary "
-            "between sites."
+        text = (
+            "The observations do not identify {} by themselves: they stay near the configured "
+            "values, as far as such values vary between sites."
         )
-    out += [
-        f"The observations do not tell {one} and {other} apart." for one, other in calibration.alike
-    ]
+        out.append(phrase(text, ", ".join(unknown)))
+    text = "The observations do not tell {} and {} apart."
+    out += [phrase(text, one, other) for one, other in calibration.alike]
     if calibration.rocks < FEW_ROCKS:
-        out.append(f"Only {calibration.rocks} rocks were observed: intervals are wide.")
+        text = "Only {} rocks were observed: intervals are wide."
+        out.append(phrase(text, calibration.rocks))
     return out
 
 
@@ -102,9 +101,9 @@ def calibration_report(
     warnings: Sequence[str],
 ) -> ReportContext:
     """Draw the figures into ``folder`` and put the report together."""
-    sites = ", ".join(f"{s.name} ({s.rocks} rocks)" for s in calibration.sites)
+    sites = joined(", ", (phrase("{} ({} rocks)", s.name, s.rocks) for s in calibration.sites))
     return ReportContext(
-        title="Calibrated ground classes",
+        title=translated("Calibrated ground classes"),
         subtitle=sites,
         verdict=verdict(calibration),
         answer=(_MEANING,),
@@ -113,7 +112,10 @@ def calibration_report(
             ("Sites", sites),
             ("Configurations", ", ".join(configurations)),
             *(
-                (f"Observations of {s.name}", ", ".join(f"{n} {t}" for t, n in s.tables.items()))
+                (
+                    phrase("Observations of {}", s.name),
+                    joined(", ", (phrase("{} {}", n, phrase(t)) for t, n in s.tables.items())),
+                )
                 for s in calibration.sites
             ),
             ("Parameter sets tried", calibration.draws),
@@ -147,9 +149,9 @@ def _figures(calibration: SiteCalibration, folder: Path) -> list[ReportFigure]:
         for name, e in list(zip(site.observed, site.errors, strict=True))[::-1][:_PANELS]:
             natural = np.exp if name.endswith(":speed") else np.asarray
             made = {m: natural(v[name]) for m, v in site.replicas.items()}
-            label = f"{e.name} ({e.unit})" if e.unit else e.name
+            label = phrase("{} ({})", phrase(e.name), e.unit) if e.unit else e.name
             panels.append((label, natural(site.observed[name]), made))
-        title = f"Observed and simulated rocks: {site.name}"
+        title = phrase("Observed and simulated rocks: {}", site.name)
         found.append(picture(folder, f"rocks_{k}", title, caption, quantity_curves_figure(panels)))
     return found
 
@@ -167,7 +169,7 @@ def _parameter_table(fitted: Sequence[Fitted]) -> ReportTable:
                 float(f"{f.parameter.spread:.2g}"), f.value,
                 interval_text((f.low, f.high), 2),
                 interval_text((f.parameter.limits.low, f.parameter.limits.high), 2),
-                "yes" if f.identified else "no", f.limit or "–",
+                "yes" if f.identified else "no", _LIMITS[f.limit],
             )
             for f in fitted
         ),
@@ -202,7 +204,7 @@ def _error_table(site: SiteResult) -> ReportTable:
                 (e.name, e.unit, model, *e.quantiles[model], e.crps[model], _percent(error))
             )
     return ReportTable(
-        f"Errors at {site.name}",
+        phrase("Errors at {}", site.name),
         heads("quantity; unit; rocks; 10 %; 50 %; 90 %; CRPS; error of the median | 95 % interval"),
         tuple(rows),
         "Error of the median: simulated over observed, less 1; of the lateral offset: of the "
@@ -212,7 +214,7 @@ def _error_table(site: SiteResult) -> ReportTable:
 
 def _percent(error: Interval) -> str:
     value, low, high = (100.0 * v for v in (error.value, error.low, error.high))
-    return f"{value:+.0f} % ({low:+.0f} to {high:+.0f})"
+    return phrase("{} ({} to {})", f"{value:+.0f} %", f"{low:+.0f}", f"{high:+.0f}")
 
 
 def _trade_off_table(calibration: SiteCalibration) -> ReportTable:

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 from matplotlib.figure import Figure
 
 from sassgis.hazard.result_change import (
@@ -20,6 +21,7 @@ from sassgis.hazard.result_change import (
 )
 from sassgis.hazard.stored_result import StoredResult
 from sassgis.model.grid import FloatArray
+from sassgis.model.languages import joined, named, phrase, translated
 from sassgis.report import figures
 from sassgis.report.page import (
     Cell,
@@ -35,6 +37,19 @@ from sassgis.report.pictures import picture
 _RAMPS = {"reach_probability": "plasma_r", "energy": "YlOrRd", "passing_height": "YlGnBu"}
 _NOTHING = "Cells that no block reaches count as zero."
 _KINDS = {"program": "version of sassgis"}
+_UNITS = {"m2": "m²"}
+_SEVERAL = {"setting": "settings", "input": "inputs"}
+#: What is said of a change by its sign.
+_AREA = {
+    1: "Blocks reach {} m² more",
+    0: "Blocks reach as much ground as before",
+    -1: "Blocks reach {} m² less",
+}
+_RUNOUT = {
+    1: "95 % of the blocks stop within a run-out that is {} m longer",
+    0: "95 % of the blocks stop within a run-out that is the same",
+    -1: "95 % of the blocks stop within a run-out that is {} m shorter",
+}
 
 
 def change_figures(
@@ -49,10 +64,8 @@ def change_figures(
 
     def add(name: str, title: str, caption: str, figure: Figure, moved: FloatArray) -> None:
         higher, lower = ((s * moved > 0.0).sum() * grid.cell_size**2 for s in (1.0, -1.0))
-        alt = (
-            "Three maps: before, after, and the change. "
-            f"Higher on {sensible(float(higher))} m², lower on {sensible(float(lower))} m²."
-        )
+        text = "Three maps: before, after, and the change. Higher on {} m², lower on {} m²."
+        alt = phrase(text, sensible(float(higher)), sensible(float(lower)))
         out.append(picture(folder, f"{name}_change", title, caption, figure, alt))
 
     if levels:
@@ -68,15 +81,18 @@ def change_figures(
         add("hazard_level", title, caption, figure, moved)
     for compared in compared_maps(before, after):
         old, new = (r.band(compared.stem, compared.band) for r in (before, after))
-        title = f"{compared.title}, before and after"
+        title = phrase("{}, before and after", phrase(compared.title))
         moved = difference(old, new)
         figure = figures.map_change_figure(
             grid, old, new, moved, figures.MapMarks(after.release),
             unit="" if compared.unit == "1" else compared.unit, ramp=_RAMPS[compared.stem],
             title=title, note=_NOTHING,
         )  # fmt: skip
-        width = f" Width {grid.cell_size:.4g} m (one cell)." if compared is REACH else ""
-        add(compared.stem, title, _NOTHING + width, figure, moved)
+        caption = phrase(_NOTHING)
+        if compared is REACH:
+            width = phrase("Width {} m (one cell).", f"{grid.cell_size:.4g}")
+            caption = joined(" ", (caption, width))
+        add(compared.stem, title, caption, figure, moved)
     return tuple(out)
 
 
@@ -92,20 +108,23 @@ def change_report(
         "What differs between the two",
         heads("kind; what; before; after"),
         tuple(
-            (_KINDS.get(d.kind, d.kind), d.name, d.before or "–", d.after or "–")
+            (_KINDS.get(d.kind, d.kind), *map(named, (d.name, d.before or "–", d.after or "–")))
             for d in change.differences
         ),
         "From the two manifests. Inputs are compared by their content, not by their name.",
     )
+    text = (
+        "Nowhere does the reach probability change by more than the sampling of the blocks "
+        "explains: another seed changes as much."
+    )
+    if change.certain_m2 > 0.0:
+        text = (
+            "On {} m² the reach probability changes by more than the sampling of the blocks "
+            "explains; of this area 5 % at most are to be expected by chance (false discovery "
+            "rate, the two samples taken as independent)."
+        )
     sure = (
-        (
-            f"On {sensible(change.certain_m2)} m² the reach probability changes by more than the "
-            "sampling of the blocks explains; of this area 5 % at most are to be expected by "
-            "chance (false discovery rate, the two samples taken as independent)."
-            if change.certain_m2 > 0.0
-            else "Nowhere does the reach probability change by more than the sampling of the "
-            "blocks explains: another seed changes as much."
-        ),
+        phrase(text, sensible(change.certain_m2)),
         "With the same seed and release points the samples are alike, and smaller changes are "
         "real as well. Errors of the model, its parameters and the onset frequencies are not "
         "included.",
@@ -119,7 +138,7 @@ def change_report(
         title=_title(before, after),
         subtitle="What changes from one result to the other",
         what_was_run=tuple(
-            (f"{name}: {fact}", text)
+            (phrase("{}: {}", phrase(name), phrase(fact)), text)
             for name, result in (("Before", before), ("After", after))
             for fact, text in _facts(result)
         ),
@@ -134,17 +153,17 @@ def change_report(
 
 
 def _title(before: StoredResult, after: StoredResult) -> str:
-    names = [
-        str(r.manifest["settings"].get("project", {}).get("name", "")) for r in (before, after)
-    ]
-    return " and ".join(dict.fromkeys(n for n in names if n)) + ": before and after"
+    found = (r.manifest["settings"].get("project", {}).get("name", "") for r in (before, after))
+    names = list(dict.fromkeys(str(n) for n in found if n))
+    both = phrase("{} and {}", *names) if len(names) == 2 else "".join(names)
+    return translated(phrase("{}: before and after", both))
 
 
 def _facts(result: StoredResult) -> list[tuple[str, Cell]]:
     manifest = result.manifest
     facts: list[tuple[str, Cell]] = [
-        ("folder", result.folder.name),
-        ("program", f"sassgis {manifest['sassgis']}, seed {manifest['seed']}"),
+        ("folder", named(result.folder.name)),
+        ("program", phrase("sassgis {}, seed {}", manifest["sassgis"], manifest["seed"])),
         ("simulated blocks", int(manifest["counts"]["rocks_simulated"])),
     ]
     if manifest["preset"]:
@@ -158,21 +177,19 @@ def verdict(change: ResultChange) -> str:
     if all(_same(row) for row in change.rows) and not change.higher_m2 and not change.lower_m2:
         return "Nothing changes: the two results agree in every number that is compared."
     area = change.row("map", "area reached")
-    sentences = [
-        _more("Blocks reach", area.change, "m²", "more", "less", "as much ground as before")
-    ]
+    text = _AREA[int(np.sign(area.change))]
+    reach = phrase(text, sensible(abs(area.change)))
     if area.before and area.change:
-        sentences[0] += f" ({sensible(100.0 * area.change / area.before, 2)} %)"
+        reach = phrase("{} ({} %)", reach, sensible(100.0 * area.change / area.before, 2))
+    sentences = [reach]
     if math.isfinite(change.higher_m2):
-        sentences.append(
-            f"The hazard level is higher on {sensible(change.higher_m2)} m² and lower on "
-            f"{sensible(change.lower_m2)} m²"
-        )
+        text = "The hazard level is higher on {} m² and lower on {} m²"
+        sentences.append(phrase(text, *map(sensible, (change.higher_m2, change.lower_m2))))
     runout = [r for r in change.of("run-out") if r.quantity == "run-out, 95 % quantile"]
     if runout and math.isfinite(runout[0].change):
-        start = "95 % of the blocks stop within a run-out that is"
-        sentences.append(_more(start, runout[0].change, "m", "longer", "shorter", "the same"))
-    return ". ".join(sentences) + "."
+        text = _RUNOUT[int(np.sign(runout[0].change))]
+        sentences.append(phrase(text, sensible(abs(runout[0].change))))
+    return phrase("{}.", joined(". ", sentences))
 
 
 def _same(row: ChangeRow) -> bool:
@@ -180,12 +197,6 @@ def _same(row: ChangeRow) -> bool:
     if row.quantity == "area reached by one of them only":
         return row.before == row.after == 0.0
     return row.before == row.after or (math.isnan(row.before) and math.isnan(row.after))
-
-
-def _more(start: str, change: float, unit: str, more: str, less: str, same: str) -> str:
-    if not change:
-        return f"{start} {same}"
-    return f"{start} {sensible(abs(change))} {unit} {more if change > 0.0 else less}"
 
 
 def _differ(change: ResultChange) -> ReportAnswer:
@@ -196,12 +207,12 @@ def _differ(change: ResultChange) -> ReportAnswer:
     for d in change.differences:
         kinds.setdefault(_KINDS.get(d.kind, d.kind), []).append(d.name)
     libraries = kinds.pop("library", None)
-    points = [
-        f"{kind if len(names) == 1 else kind + 's'}: {', '.join(names)}"
-        for kind, names in kinds.items()
-    ]
+    points: list[str] = []
+    for kind, names in kinds.items():
+        word = kind if len(names) == 1 else _SEVERAL.get(kind, kind)
+        points.append(phrase("{}: {}", phrase(word), ", ".join(names)))
     if libraries:
-        points.append("versions of libraries: " + ", ".join(libraries))
+        points.append(phrase("versions of libraries: {}", ", ".join(libraries)))
     return ReportAnswer(heading, ("The table at the end has the values.",), tuple(points))
 
 
@@ -212,8 +223,8 @@ def _key_table(change: ResultChange) -> ReportTable:
         heads("quantity; unit; before; after; change"),
         tuple(
             (
-                f"{r.quantity}: {r.name}" if r.name else r.quantity,
-                r.unit.replace("m2", "m²"), r.before, r.after,
+                phrase("{}: {}", phrase(r.quantity), r.name) if r.name else r.quantity,
+                _UNITS.get(r.unit, r.unit), r.before, r.after,
                 None if r.quantity.endswith("them only") else r.change,
             )
             for r in rows
@@ -227,16 +238,16 @@ def _at_places(title: str, rows: Sequence[ChangeRow], note: str = "") -> ReportT
     """A row for each place, two columns for each quantity."""
     if not rows:
         return None
-    quantities = {r.quantity: r.unit.replace("m2", "m²") for r in rows}
+    quantities = {r.quantity: _UNITS.get(r.unit, r.unit) for r in rows}
     names = list(dict.fromkeys(r.name for r in rows))
     found = {(r.name, r.quantity): r for r in rows}
     heads: list[tuple[str, str]] = [("name", "")]
     for quantity, unit in quantities.items():
         shown = "" if unit in ("1", "class") else unit
-        heads += [(f"{quantity}, before", shown), ("after", shown)]
+        heads += [(phrase("{}, before", phrase(quantity)), shown), ("after", shown)]
     body = []
     for name in names:
-        cells: list[Cell] = [name]
+        cells: list[Cell] = [named(name)]
         for quantity in quantities:
             row = found.get((name, quantity))
             cells += [None, None] if row is None else [_with_limits(row, 0), _with_limits(row, 1)]
@@ -247,7 +258,7 @@ def _at_places(title: str, rows: Sequence[ChangeRow], note: str = "") -> ReportT
 def _with_limits(row: ChangeRow, when: int) -> Cell:
     """Value before (0) or after (1), with its limits if they are known."""
     value, limits = (row.before, row.after)[when], limits_text(row.limits[when], sensible)
-    return f"{sensible(value)}{limits}" if limits else value
+    return phrase("{}{}", sensible(value), limits) if limits else value
 
 
 def _object_table(change: ResultChange, after: StoredResult) -> ReportTable | None:

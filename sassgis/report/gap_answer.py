@@ -14,6 +14,7 @@ from sassgis.gap.words import (
     significance,
     tested_by,
 )
+from sassgis.model.languages import phrase
 from sassgis.model.styles import with_unit
 from sassgis.report.page import ReportAnswer, sensible
 
@@ -216,7 +217,7 @@ def _share(value: float) -> str:
 def interval_text(span: tuple[float, float], digits: int = 3) -> str:
     """An interval, low to high."""
     # Not to be broken at the end of a line.
-    return f"{sensible(span[0], digits)}\u00a0to\u00a0{sensible(span[1], digits)}"
+    return phrase("{}\u00a0to\u00a0{}", *(sensible(v, digits) for v in span))
 
 
 def p_text(value: float) -> str:

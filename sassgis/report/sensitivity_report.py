@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from sassgis.hazard.sensitivity import Names, RangeEffect, SensitivityMaps
+from sassgis.model.languages import joined, named, phrase, translated
 from sassgis.model.map_run import MapRun
 from sassgis.model.results import RasterLayer
 from sassgis.report.figures import MapMarks, map_figure
@@ -59,17 +60,17 @@ def sensitivity_report(
 
 def _verdict(effects: Sequence[RangeEffect], maps: SensitivityMaps, names: Names) -> str:
     ranked = [e for e in _ranked(effects, _RANKED) if e.beyond_chance]
-    text = "No range alone changes the run-out (95 %) beyond chance."
+    sentences = [phrase("No range alone changes the run-out (95 %) beyond chance.")]
     if ranked:
-        text = f"Run-out (95 %) answers most to {ranked[0].range.label}."
+        sentences = [phrase("Run-out (95 %) answers most to {}.", ranked[0].range.label)]
     if names.levels:
         reached = maps.level > 0
         share = float((maps.higher[reached] >= 0.1).mean()) if reached.any() else 0.0
-        text += (
-            f" On {100 * share:.0f} % of the cells with a level, it is higher in a tenth of the "
-            "simulations or more."
+        text = (
+            "On {} % of the cells with a level, it is higher in a tenth of the simulations or more."
         )
-    return text
+        sentences.append(phrase(text, f"{100 * share:.0f}"))
+    return joined(" ", sentences)
 
 
 def _ranked(effects: Sequence[RangeEffect], measure: str) -> list[RangeEffect]:
@@ -80,36 +81,40 @@ def _ranked(effects: Sequence[RangeEffect], measure: str) -> list[RangeEffect]:
 def _key_table(effects: Sequence[RangeEffect]) -> ReportTable:
     energy = {e.range: e for e in effects if e.measure == _ENERGY}
     first = next(e for e in effects if e.measure == _RANKED)
+    note = (
+        "Base {} m, with another seed {} m. Energy: median ratio over the cells that 20 or more "
+        "blocks reach in both. Each range alone, all other values as in the class. Beyond chance: "
+        "more than twice the change by another seed."
+    )
     return ReportTable(
         "Which ranges change run-out and energy",
         heads(
-            "class; parameter; value; range; run-out 95 %, low | m; high | m; energy ratio, low | "
-            "1; high | 1; run-out beyond chance; range read in its source"
+            "class; parameter; value; range; run-out 95 %, low end | m; run-out 95 %, "
+            "high end | m; energy ratio, low end | 1; energy ratio, high end | 1; run-out beyond "
+            "chance; range read in its source"
         ),
         tuple(
             (
                 e.range.class_name, e.range.parameter, e.range.value,
-                f"{e.range.low:.3g} to {e.range.high:.3g}", e.low, e.high,
+                phrase("{} to {}", f"{e.range.low:.3g}", f"{e.range.high:.3g}"), e.low, e.high,
                 energy[e.range].low, energy[e.range].high, "yes" if e.beyond_chance else "no",
                 "yes" if e.range.verified else "no",
             )
             for e in _ranked(effects, _RANKED)
         ),
-        f"Base {first.base:.4g} m, with another seed {first.chance:.4g} m. Energy: median "
-        "ratio over the cells that 20 or more blocks reach in both. Each range alone, all other "
-        "values as in the class. Beyond chance: more than twice the change by another seed.",
+        phrase(note, f"{first.base:.4g}", f"{first.chance:.4g}"),
     )  # fmt: skip
 
 
 def _measure_table(measure: str, effects: Sequence[RangeEffect]) -> ReportTable:
     chosen = _ranked(effects, measure)
     unit = "" if chosen[0].unit == "1" else chosen[0].unit
+    title = translated(measure)
+    columns = "class; parameter; low end; high end; base; another seed; rank correlation"
+    units = ("", "", *4 * (unit,), "")
     return ReportTable(
-        measure[0].upper() + measure[1:],
-        heads(
-            f"class; parameter; low | {unit}; high | {unit}; base | {unit}; another seed | {unit}; "
-            "rank correlation"
-        ),
+        named(title[0].upper() + title[1:]),
+        tuple((name, own) for (name, _), own in zip(heads(columns), units, strict=True)),
         tuple(
             (e.range.class_name, e.range.parameter, e.low, e.high, e.base, e.chance, e.correlation)
             for e in chosen

@@ -17,9 +17,10 @@ from sassgis.io.write.calibration_files import (
 from sassgis.io.write.manifest import write_manifest
 from sassgis.model.ground import GroundTable
 from sassgis.model.in_memory import Input
+from sassgis.model.languages import in_language
 from sassgis.model.run_config import Config
 from sassgis.report.calibration_report import calibration_report, calibration_warnings
-from sassgis.report.page import write_report
+from sassgis.report.page import translated_report, write_report
 from sassgis.runs.gap_outputs import observed_files
 from sassgis.runs.inputs import input_files
 
@@ -52,13 +53,14 @@ def write_calibration(
         *dict.fromkeys(note for config in configs for note in config.notes),
         *calibration_warnings(calibration),
     ]
-    context = calibration_report(
-        calibration,
-        work / "figures",
-        configurations=[config.label for config in configs],
-        warnings=warnings,
-    )
-    write_report(work / "report.html", context)
+    with in_language(configs[0].project.language):
+        context = calibration_report(
+            calibration,
+            work / "figures",
+            configurations=[config.label for config in configs],
+            warnings=warnings,
+        )
+        write_report(work / "report.html", translated_report(context))
     write_manifest(
         work / "manifest.json",
         inputs=_inputs(configs, cases),

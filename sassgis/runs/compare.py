@@ -29,9 +29,10 @@ from sassgis.io.write.manifest import write_manifest
 from sassgis.io.write.raster import write_raster
 from sassgis.model.exposure import PlacedObjects
 from sassgis.model.in_memory import Input
+from sassgis.model.languages import in_language
 from sassgis.model.results import RasterLayer
 from sassgis.report.change_report import change_figures, change_report
-from sassgis.report.page import write_report
+from sassgis.report.page import translated_report, write_report
 
 
 def compare(
@@ -144,12 +145,14 @@ def write_comparison(
     write_table(work / "tables" / "differences.csv", [difference_table(change.differences)])
     _project(work, after, maps, terrain, None if zones is None else zones[0])
     tell("Drawing the figures")
-    pictures = change_figures(before, after, work / "figures", levels=levels)
     facts = {"Program": f"sassgis {sassgis.__version__}"} | {
-        f"Settings {name} (SHA-256)": str(r.manifest.get("settings_sha256", ""))
-        for name, r in (("before", before), ("after", after))
+        name: str(r.manifest.get("settings_sha256", ""))
+        for name, r in (("Settings before (SHA-256)", before), ("Settings after (SHA-256)", after))
     }
-    write_report(work / "report.html", change_report(before, after, change, pictures, facts))
+    with in_language(after.manifest["settings"].get("project", {}).get("language", "en")):
+        pictures = change_figures(before, after, work / "figures", levels=levels)
+        report = change_report(before, after, change, pictures, facts)
+        write_report(work / "report.html", translated_report(report))
     write_manifest(
         work / MANIFEST_NAME,
         inputs=inputs,

@@ -36,10 +36,11 @@ from sassgis.io.write.raster import write_raster
 from sassgis.io.write.sensitivity_tables import effect_table, range_table, simulation_table
 from sassgis.model.errors import InputError
 from sassgis.model.ground_ranges import ParameterRange, RangeRule, acting, ranges_of
+from sassgis.model.languages import in_language, phrase
 from sassgis.model.map_run import MapRun
 from sassgis.model.results import RasterLayer
 from sassgis.model.run_config import Config
-from sassgis.report.page import write_report
+from sassgis.report.page import translated_report, write_report
 from sassgis.report.sensitivity_report import sensitivity_report
 from sassgis.runs.inputs import read_rules
 from sassgis.runs.job import AnyConfig, OnProgress, configured, read_job, workers_asked
@@ -190,10 +191,11 @@ def _warnings(
         out += rule_warnings(rules.preset, rules.frequencies)
     assumed = sum(not r.verified for r in ranges)
     if assumed:
-        out.append(
-            f"{assumed} of {len(ranges)} ranges are assumptions (tables/ranges.csv). A range in "
-            "a table of your own (--ranges) replaces it."
+        text = (
+            "{} of {} ranges are assumptions (tables/ranges.csv). A range in a table of your own "
+            "(--ranges) replaces it."
         )
+        out.append(phrase(text, assumed, len(ranges)))
     return tuple(out)
 
 
@@ -236,12 +238,13 @@ def _publish(
         "Settings and inputs (SHA-256)": settings_hash(config),
         "Configuration": config.label,
     }
-    context = sensitivity_report(
-        config.project.name, run, found, maps, layers, len(filling), base.blocks, names,
-        work / "figures",
-    )  # fmt: skip
-    context = replace(context, warnings=tuple(warnings), provenance=tuple(facts.items()))
-    write_report(work / "report.html", context)
+    with in_language(config.project.language):
+        context = sensitivity_report(
+            config.project.name, run, found, maps, layers, len(filling), base.blocks, names,
+            work / "figures",
+        )  # fmt: skip
+        context = replace(context, warnings=tuple(warnings), provenance=tuple(facts.items()))
+        write_report(work / "report.html", translated_report(context))
     write_origin(
         work,
         config,

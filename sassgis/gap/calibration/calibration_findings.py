@@ -9,11 +9,22 @@ from dataclasses import dataclass
 from sassgis.gap.calibration.identifiability import Fitted
 from sassgis.gap.causes.ground_classes import HARD
 from sassgis.gap.inference.intervals import Interval
+from sassgis.model.languages import phrase
 
 #: Built-in classes from hard to soft: ground on which nothing yields, loose blocks, soil.
 HARDNESS = (HARD, ("talus", "debris"), ("overgrown_slope", "forest_soil", "soft_meadow"))
-#: What harder ground has no less of (1) or no more of (-1), with its name.
-_ORDER = {"restitution": (1, "restitution"), "mu_0": (-1, "rolling friction")}
+#: What harder ground has no less of (1) or no more of (-1), and what is said where it has.
+_ORDER = {
+    "restitution": (1, "{} is harder than {} but has less restitution ({}, {})"),
+    "mu_0": (-1, "{} is harder than {} but has more rolling friction ({}, {})"),
+}
+#: Values at a limit of the search.
+_AT_LIMIT = {
+    "low": "{} is at the low limit of the search ({}): the model may lack something that acts "
+    "there.",
+    "high": "{} is at the high limit of the search ({}): the model may lack something that acts "
+    "there.",
+}
 #: Standard deviations between sites from which on a value is far from the configured one.
 _FAR = 2.0
 
@@ -34,8 +45,9 @@ def findings_of(
 
     And sites of which the ``gains`` on rocks left out do not clear zero.
     """
+    text = "{}: {}, which does not clear zero."
     small = [
-        CalibrationFinding("gain", (), f"{site}: {gain_text(gain)}, which does not clear zero.")
+        CalibrationFinding("gain", (), phrase(text, site, gain_text(gain)))
         for site, gain in gains.items()
         if not gain.low > 0.0
     ]
@@ -45,8 +57,8 @@ def findings_of(
 def gain_text(gain: Interval) -> str:
     """A gain of score in words."""
     ends = (gain.value, gain.low, gain.high)
-    value, low, high = (f"{100.0 * v:.1f}".replace("-", "−") for v in ends)
-    return f"on rocks left out the fitted classes gain {value} % ({low} to {high}) of the score"
+    text = "on rocks left out the fitted classes gain {} % ({} to {}) of the score"
+    return phrase(text, *(f"{100.0 * v:.1f}".replace("-", "−") for v in ends))
 
 
 def _at_limits(fitted: Sequence[Fitted]) -> list[CalibrationFinding]:
@@ -54,8 +66,7 @@ def _at_limits(fitted: Sequence[Fitted]) -> list[CalibrationFinding]:
         CalibrationFinding(
             "limit",
             (f.parameter.label,),
-            f"{f.parameter.label} is at the {f.limit} limit of the search ({f.value:.3g}): the "
-            "model may lack something that acts there.",
+            phrase(_AT_LIMIT[f.limit], f.parameter.label, f"{f.value:.3g}"),
         )
         for f in fitted
         if f.limit
@@ -70,34 +81,27 @@ def _against_order(fitted: Sequence[Fitted]) -> list[CalibrationFinding]:
         same = one.parameter.name == other.parameter.name
         if not same or one.parameter.name not in _ORDER or not set(names) <= set(rank):
             continue
-        sign, word = _ORDER[one.parameter.name]
+        sign, text = _ORDER[one.parameter.name]
         if rank[names[0]] >= rank[names[1]] or sign * (one.value - other.value) >= 0.0:
             continue
         before = sign * (one.parameter.configured - other.parameter.configured) < 0.0
-        found.append(
-            CalibrationFinding(
-                "order",
-                (one.parameter.label, other.parameter.label),
-                f"{names[0]} is harder than {names[1]} but has {'less' if sign > 0 else 'more'} "
-                f"{word} ({one.value:.3g}, {other.value:.3g})"
-                + (", as configured." if before else ", unlike as configured."),
-            )
-        )
+        said = phrase(text, *names, f"{one.value:.3g}", f"{other.value:.3g}")
+        said = phrase("{}, as configured." if before else "{}, unlike as configured.", said)
+        labels = one.parameter.label, other.parameter.label
+        found.append(CalibrationFinding("order", labels, said))
     return found
 
 
 def _far(fitted: Sequence[Fitted]) -> list[CalibrationFinding]:
     found = []
+    text = (
+        "{} {} lies {} standard deviations between sites from the configured {}: is the ground "
+        "what its class says?"
+    )
     for f in fitted:
         apart = abs(f.share - f.parameter.start) / f.parameter.sd
         if apart > _FAR:
-            found.append(
-                CalibrationFinding(
-                    "far",
-                    (f.parameter.label,),
-                    f"{f.parameter.label} {f.value:.3g} lies {apart:.1f} standard deviations "
-                    f"between sites from the configured {f.parameter.configured:.3g}: is the "
-                    "ground what its class says?",
-                )
-            )
+            label, configured = f.parameter.label, f"{f.parameter.configured:.3g}"
+            said = phrase(text, label, f"{f.value:.3g}", f"{apart:.1f}", configured)
+            found.append(CalibrationFinding("far", (label,), said))
     return found

@@ -55,6 +55,7 @@ from sassgis.gap.replicas.hypothesis_model import HypothesisModel, configured_mo
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.ground import GroundTable
 from sassgis.model.ground_ranges import RangeRule
+from sassgis.model.languages import phrase
 
 #: Campaigns made with one set of parameters: the scatter of each rock is known from them.
 COUNT = 16
@@ -328,12 +329,13 @@ class SiteCalibration:
         of_gain = gain_text(self.gain)
         worse = ", ".join(s.name for s in self.sites if s.gain.high < 0.0)
         if self.recommended:
-            return f"Run the fitted classes: {of_gain}."
+            return phrase("Run the fitted classes: {}.", of_gain)
         if not np.isfinite(self.gain.value):
             return "The configured ground stays: too few rocks to predict any that were left out."
         if worse:
-            return f"The configured ground stays: {of_gain}; they are worse at {worse}."
-        return f"The configured ground stays: {of_gain}, which does not clear zero."
+            text = "The configured ground stays: {}; they are worse at {}."
+            return phrase(text, of_gain, worse)
+        return phrase("The configured ground stays: {}, which does not clear zero.", of_gain)
 
     def table(self, configured: GroundTable) -> GroundTable:
         """A table with the calibrated values."""

@@ -17,6 +17,7 @@ from sassgis.gap.inference.intervals import (
 )
 from sassgis.gap.residuals.residuals import mean_of_draws
 from sassgis.model.grid import FloatArray
+from sassgis.model.languages import phrase
 
 #: Shares of the rocks whose quantiles are compared.
 SHARES = (0.1, 0.5, 0.9)
@@ -140,7 +141,7 @@ def quantity_errors(
         title, unit = _NAMES[what]
         if place not in ("stop", "impact"):
             station = site.case.station_names[int(place[1:])]
-            title = f"{title} at {station}"
+            title = phrase("{} at {}", phrase(title), station)
         # Speeds are scored by their logarithm.
         natural = np.exp if what == "speed" else np.asarray
         seen = natural(site.quantities[name])

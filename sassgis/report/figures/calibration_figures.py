@@ -18,12 +18,14 @@ from sassgis.report.figures.style import (
     LIGHT,
     ORANGE,
     SMALL,
+    TEXT,
     VERMILION,
     WIDTH_IN,
     new_figure,
     nothing_to_show,
     percent_formatter,
     styled,
+    wrap,
 )
 
 #: Colours and dashes of the models, in the order in which they are drawn.
@@ -82,7 +84,7 @@ def quantity_curves_figure(
 
 
 def _curves(ax: Axes, label: str, seen: FloatArray, made: Mapping[str, FloatArray]) -> None:
-    ax.set_xlabel(label)
+    ax.set_xlabel(wrap(label, 0.42 * WIDTH_IN, TEXT))
     known = np.sort(seen[np.isfinite(seen)])
     if not known.size:
         nothing_to_show(ax)

@@ -216,7 +216,7 @@ def map_change_figure(
     scale = 1.0 if unit else 100.0
     view = view_of(grid, footprint(grid, change, all_points(marks.release)))
     key = "Black outline: release area." if marks.release else ""
-    text = " ".join(p for p in (note, key) if p)
+    text = joined(" ", (phrase(p) for p in (note, key) if p))
     room = WIDTH_IN - FURNITURE_IN[0] - 0.4
     left, right, gap, tall = 0.6, 0.12, 0.1, 6.0
     width = min((WIDTH_IN - left - right - 2 * gap) / 3.0, tall / view.aspect)
@@ -242,7 +242,7 @@ def map_change_figure(
     maps.page.around(title, text, room)
     for k, extend, long, words in (
         (0, "max", 2.0 * width + gap, unit or "%"),
-        (2, "both", width, f"change ({unit or 'percentage points'})"),
+        (2, "both", width, phrase("change ({})", phrase(unit or "percentage points"))),
     ):
         bar = maps.page.axes(maps.left[k] + 0.15, frame.bottom - 0.62, long - 0.3, 0.09, "legend")
         colour_bar(bar, panels[k], orientation="horizontal", extend=extend)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import html
 import json
+import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -37,6 +38,8 @@ def case(tmp_path_factory: pytest.TempPathFactory) -> Path:
         class_codes=known.class_codes, releases=known.releases, blocks=known.blocks,
         tables=seen.tables, metadata=seen.metadata,
     )  # fmt: skip
+    config = folder / CONFIG_NAME
+    config.write_text(config.read_text().replace("[project]", '[project]\nlanguage = "de"', 1))
     return folder
 
 
@@ -82,8 +85,6 @@ def test_what_is_written_can_be_run_and_says_where_it_comes_from(case: Path, don
     assert run_with == (
         done / "fitted_classes.csv" if found["recommended"] == "calibrated" else stays
     )
-    report = (done / "report.html").read_text()
-    assert found["recommendation"] in html.unescape(report)
     assert found["recommendation"] in (done / "config.toml").read_text()
     for f in found["parameters"]:
         assert getattr(own, f["parameter"]) == pytest.approx(f["value"], rel=1e-4)
@@ -94,6 +95,13 @@ def test_what_is_written_can_be_run_and_says_where_it_comes_from(case: Path, don
     errors = found["sites"][0]["errors"]
     assert {"run-out", "lateral offset"} <= {e["quantity"] for e in errors}
     assert set(errors[0]["crps"]) == {"before", "after", "left out"}
+
+
+def test_the_report_is_in_the_language_of_the_project(done: Path) -> None:
+    page = (done / "report.html").read_text().partition("<body>")[2]
+    shown = html.unescape(re.sub("<[^>]*>", " ", page))
+    assert "Kalibrierte Bodenklassen" in shown and "an weggelassenen Blöcken" in shown
+    assert not re.findall(r"\b(?:[Tt]he|of|to|and|rocks|before|after|is|by)\b", shown)
 
 
 @pytest.mark.battery

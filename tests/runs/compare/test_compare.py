@@ -167,9 +167,12 @@ def test_the_report_says_first_what_changed(compared: Path) -> None:
     text = (compared / "report.html").read_text(encoding="utf-8")
     words = html.unescape(re.sub(r"<style>.*?</style>|<[^>]+>", " ", text, flags=re.S))
     words = " ".join(words.split())
-    assert words.index("Blocks reach") < words.index("How sure this is") < words.index("Figure 1")
-    assert "less" in words and "barriers.wall.height_m" in words
-    assert words.rindex("Before and after") < words.rindex("At exposed objects")
+    order = [words.index(w) for w in ("Blöcke erreichen", "Wie sicher das ist", "Abbildung 1")]
+    assert order == sorted(order)
+    assert "weniger" in words and "barriers.wall.height_m" in words
+    assert words.rindex("Vorher und nachher") < words.rindex("Bei exponierten Objekten")
+    # The folders are called before and after.
+    assert not re.findall(r"\b(?:[Tt]he|of|and|blocks|is|by|year)\b", words)
     listed = {f["path"] for f in json.loads((compared / "manifest.json").read_text())["files"]}
     found = {
         p.relative_to(compared).as_posix()
@@ -186,7 +189,7 @@ def test_a_result_and_itself(results: Any, tmp_path: Path, call) -> None:
     assert (table["change"].dropna() == 0.0).all() and len(table) > 20
     assert np.nanmax(np.abs(bands(tmp_path / "out/maps/energy_change.tif")["change"])) == 0.0
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
-    assert "Nothing changes" in page
+    assert "Nichts ändert sich" in page
     layer = gpd.read_file(tmp_path / "out" / "changes.gpkg", layer="level_changes")
     assert set(layer["change"]) == {"same"}
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -26,7 +27,10 @@ OPTIONS = {"samples": 4, "rocks": 12, "jobs": 1, "areas": ["Nord"]}
 
 @pytest.fixture(scope="module")
 def config(make_valley: Callable[..., Path]) -> Config:
-    return load_config(make_valley(spacing_m=30.0))
+    path = make_valley(spacing_m=30.0)
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text.replace("[project]", '[project]\nlanguage = "de"'), encoding="utf-8")
+    return load_config(path)
 
 
 @pytest.fixture(scope="module")
@@ -79,8 +83,12 @@ def test_what_is_written(small: SensitivityResult, config: Config) -> None:
     assert counts["simulations"] == 9 and counts["rocks_per_point"] == OPTIONS["rocks"]
     assert {i["role"] for i in manifest["inputs"]} >= {"config", "dem", "ranges"}
     page = (small.folder / "report.html").read_text(encoding="utf-8")
-    assert "Which ranges change run-out and energy" in page
-    assert "1 of 1 ranges are assumptions" in page
+    # In the language of the project.
+    assert "Welche Bereiche Reichweite und Energie ändern" in page
+    assert "1 von 1 Bereichen sind Annahmen" in page
+    # But for a station above the road.
+    shown = re.sub("<[^>]*>", " ", page.partition("<body>")[2]).replace("above the road", "")
+    assert not re.findall(r"\b(?:[Tt]he|of|and|blocks|which|is|by)\b", shown)
     assert (small.folder / "project.qgz").is_file()
 
 

@@ -17,6 +17,7 @@ from sassgis.io.write.layers.maps import (
 )
 from sassgis.model.ground_ranges import ParameterRange
 from sassgis.model.hazard import HazardPreset
+from sassgis.model.languages import phrase
 from sassgis.model.results import RasterClass, RasterLayer
 
 #: Colours for the parameters, told apart as well as so many can be (P. Tol, 2021, "muted").
@@ -34,10 +35,11 @@ def sensitivity_layers(
     preset: HazardPreset | None,
 ) -> tuple[RasterLayer, ...]:
     """All maps; those of levels only with a preset."""
-    base = (
-        f"{samples} simulations with values that fill the ranges of all ground classes; the same "
-        "blocks in each."
+    text = (
+        "{} simulations with values that fill the ranges of all ground classes; the same blocks "
+        "in each."
     )
+    base = phrase(text, samples)
     place = Place(maps.cells, shape)
 
     def layer(
