@@ -193,7 +193,8 @@ def translated_report(context: ReportContext) -> ReportContext:
         return context
     key_results = context.key_results and translated_table(context.key_results)
     return replace(
-        with_translated(context, "subtitle", "summary", "what_was_run", "warnings"),
+        with_translated(context, "subtitle", "summary", "what_was_run", "warnings", "verdict"),
+        answer=tuple(with_translated(a, "heading", "sentences", "points") for a in context.answer),
         key_results=key_results,
         figures=tuple(with_translated(f, "title", "caption", "alt") for f in context.figures),
         tables=tuple(map(translated_table, context.tables)),
