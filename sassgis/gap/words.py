@@ -7,7 +7,7 @@ from functools import reduce
 
 from sassgis.gap.causes.all_causes import CAUSES, GROUPS
 from sassgis.gap.diagnosis import GapFinding
-from sassgis.model.languages import Phrase, all_of, named, phrase
+from sassgis.model.languages import Phrase, all_of, in_english, joined, named, phrase
 from sassgis.model.styles import with_unit
 
 #: Findings below this level count: of the largest gap over all (headline), or as a share of false
@@ -80,9 +80,7 @@ def effect_name(effect: str) -> Phrase:
 
 def effect_key(effect: str) -> Phrase:
     """A cause as the configuration calls it; in other languages than English by its name."""
-    key = Phrase(effect.replace("_", " "))
-    key.key, key.parts, key.named = "{}", (effect_name(effect),), {}
-    return key
+    return in_english(effect.replace("_", " "), effect_name(effect))
 
 
 def rung_name(rung: str) -> Phrase:
@@ -150,8 +148,15 @@ def place_words(place: str) -> Phrase:
 
 
 def place_name(place: str) -> Phrase:
-    """A place as a row of a table: names stay, "stop" is a word."""
-    return phrase(place) if place in ("stop", "all") else named(place.removeprefix("ground:"))
+    """A place as a row of a table: names of stations and of ground stay."""
+    if place == "stop":
+        return phrase("stop")
+    if place == "all":
+        return in_english("all", phrase("whole slope"))
+    upper, dash, lower = place.removeprefix("ground:").partition("-")
+    begins = phrase("release") if dash and upper == "release" else named(upper)
+    ends = phrase("end") if dash and lower == "end" else named(lower)
+    return joined("", (begins, dash, ends))
 
 
 def with_unit_in_brackets(text: str, unit: str) -> str:

@@ -52,6 +52,13 @@ def named(name: str) -> Phrase:
     return phrase("{}", name)
 
 
+def in_english(text: str, others: Phrase) -> Phrase:
+    """A text in English, and a phrase that stands for it in the other languages."""
+    made = Phrase(text)
+    made.key, made.parts, made.named = others.key, others.parts, others.named
+    return made
+
+
 def joined(separator: str, parts: Iterable[object]) -> Phrase:
     """A phrase of parts one after the other."""
     members = list(parts)

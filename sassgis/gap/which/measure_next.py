@@ -135,7 +135,7 @@ def _shown(
 ) -> dict[str, FloatArray]:
     """What every rock shows in every campaign, by words, shape (DRAWS, _CAMPAIGNS, n_rocks)."""
     there = with_stations_at(case, places)
-    names = there.station_names
+    names = [phrase("{} along the fall line", name) for name in there.station_names]
     lines = replace(rock_lines, control_lines=control_lines_of(there))
     chosen = [models[k % len(models)] for k in range(DRAWS)]
     made = [

@@ -432,6 +432,7 @@ def gap_ladder_figure(ladder: Sequence[Rung]) -> Figure:
     return page.figure
 
 
+@styled
 def gap_hypotheses_figure(
     hypotheses: Sequence[Hypothesis], *, verdict: str, confusion: Sequence[str] = ()
 ) -> Figure:
