@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import reduce
 
 from sassgis.gap.causes.all_causes import CAUSES, GROUPS
 from sassgis.gap.diagnosis import GapFinding
+from sassgis.model.languages import Phrase, all_of, in_english, joined, named, phrase
 from sassgis.model.styles import with_unit
 
 #: Findings below this level count: of the largest gap over all (headline), or as a share of false
@@ -69,22 +71,28 @@ RUNG_NAMES: Mapping[str, str] = {
 }
 
 
-def effect_name(effect: str) -> str:
+def effect_name(effect: str) -> Phrase:
     """Name of a cause, of two joined by "+", or of a group."""
     if effect in GROUPS:
-        return f"the group “{effect}”"
-    return " and ".join(EFFECT_NAMES.get(e, e.replace("_", " ")) for e in effect.split("+"))
+        return phrase("the group “{}”", phrase(effect))
+    return all_of(EFFECT_NAMES.get(e, e.replace("_", " ")) for e in effect.split("+"))
 
 
-def rung_name(rung: str) -> str:
+def effect_key(effect: str) -> Phrase:
+    """A cause as the configuration calls it; in other languages than English by its name."""
+    return in_english(effect.replace("_", " "), effect_name(effect))
+
+
+def rung_name(rung: str) -> Phrase:
     """Name of a model of the ladder."""
-    return RUNG_NAMES.get(rung) or effect_name(rung)
+    return phrase(RUNG_NAMES.get(rung) or effect_name(rung))
 
 
-def effect_phrase(effect: str) -> str:
+def effect_phrase(effect: str) -> Phrase:
     """What a cause does, or two joined by "+", to follow "The gap is best explained by"."""
-    return ", together with ".join(
-        CAUSES[e].words[1] if e in CAUSES else effect_name(e) for e in effect.split("+")
+    return reduce(
+        lambda one, other: phrase("{}, together with {}", one, other),
+        (phrase(CAUSES[e].words[1]) if e in CAUSES else effect_name(e) for e in effect.split("+")),
     )
 
 
@@ -94,49 +102,66 @@ def number_text(value: float) -> str:
     return text.replace("-", "\u2212")
 
 
-def range_text(low: float, high: float) -> str:
+def range_text(low: float, high: float) -> Phrase:
     """An interval, low to high."""
-    return f"{number_text(low)} to {number_text(high)}"
+    return phrase("{} to {}", number_text(low), number_text(high))
 
 
-def quantity_name(quantity: str) -> str:
+def quantity_name(quantity: str) -> Phrase:
     """Name of a quantity, without its unit: "passing height" for ``height_m``."""
     if quantity.startswith("stop "):
         name = quantity_name(quantity.removeprefix("stop "))
-        return f"{name} of stops" if name.startswith("lateral") else name
+        return phrase("{} of stops", name) if name.startswith("lateral") else name
     if quantity.endswith("_spread"):
-        return "scatter of " + quantity_name(quantity.removesuffix("_spread"))
+        return phrase("scatter of {}", quantity_name(quantity.removesuffix("_spread")))
     if quantity in QUANTITY_NAMES:
-        return QUANTITY_NAMES[quantity]
+        return phrase(QUANTITY_NAMES[quantity])
     end = next((e for e in _UNIT_ENDS if quantity.endswith(e)), "")
-    return quantity.removesuffix(end).replace("_", " ") or quantity
+    return phrase(quantity.removesuffix(end).replace("_", " ") or quantity)
 
 
-def tested_by(test: str) -> str:
+def tested_by(test: str) -> Phrase:
     """How a gap was tested, in words."""
-    return _TESTS.get(test, test)
+    return phrase(_TESTS.get(test, test))
 
 
-def place_words(place: str) -> str:
+def place_words(place: str) -> Phrase:
     """Where: "at S3", "between S2 and S3", "below S4", "on talus", "on the whole slope"."""
     if place == "all":
-        return "on the whole slope"
+        return phrase("on the whole slope")
+    if place == "stop":
+        return phrase("at stop")
     if place.startswith("ground:"):
-        return "on " + place.removeprefix("ground:").replace("_", " ")
+        return phrase("on {}", place.removeprefix("ground:").replace("_", " "))
     upper, dash, lower = place.partition("-")
     if not dash:
-        return f"at {place}"
+        return phrase("at {}", place)
     # A name with a dash of its own cannot be taken apart.
     if place.count("-") > 1:
-        return f"on the stretch {place}"
+        return phrase("on the stretch {}", place)
     if upper == "release":
-        return "from the release to the stop" if lower == "end" else f"above {lower}"
-    return f"below {upper}" if lower == "end" else f"between {upper} and {lower}"
+        whole = lower == "end"
+        return phrase("from the release to the stop") if whole else phrase("above {}", lower)
+    if lower == "end":
+        return phrase("below {}", upper)
+    return phrase("between {} and {}", upper, lower)
+
+
+def place_name(place: str) -> Phrase:
+    """A place as a row of a table: names of stations and of ground stay."""
+    if place == "stop":
+        return phrase("stop")
+    if place == "all":
+        return in_english("all", phrase("whole slope"))
+    upper, dash, lower = place.removeprefix("ground:").partition("-")
+    begins = phrase("release") if dash and upper == "release" else named(upper)
+    ends = phrase("end") if dash and lower == "end" else named(lower)
+    return joined("", (begins, dash, ends))
 
 
 def with_unit_in_brackets(text: str, unit: str) -> str:
     """The name of a quantity with its unit, if it has one: "speed (m/s)"."""
-    return f"{text} ({unit})" if unit and unit != "1" else text
+    return phrase("{} ({})", phrase(text), unit) if unit and unit != "1" else text
 
 
 def significance(finding: GapFinding) -> str:

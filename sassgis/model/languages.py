@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import replace
-from functools import cache
+from functools import cache, reduce
 from gettext import NullTranslations
 from importlib import resources
 from typing import Any, Literal, TypeVar, get_args
@@ -52,10 +52,35 @@ def named(name: str) -> Phrase:
     return phrase("{}", name)
 
 
+def in_english(text: str, others: Phrase) -> Phrase:
+    """A text in English, and a phrase that stands for it in the other languages."""
+    made = Phrase(text)
+    made.key, made.parts, made.named = others.key, others.parts, others.named
+    return made
+
+
 def joined(separator: str, parts: Iterable[object]) -> Phrase:
     """A phrase of parts one after the other."""
     members = list(parts)
     return phrase(separator.join(["{}"] * len(members)), *members)
+
+
+class Capital(Phrase):
+    """A phrase that begins with a capital letter, in every language."""
+
+
+def capital(text: str) -> Phrase:
+    """A text with its first letter as a capital."""
+    own = phrase(text)
+    made = Capital(own[:1].upper() + own[1:])
+    made.key, made.parts, made.named = own.key, own.parts, own.named
+    return made
+
+
+def all_of(parts: Iterable[str]) -> Phrase:
+    """Texts one after the other, with "and" between them."""
+    members = list(map(phrase, parts)) or [phrase("")]
+    return reduce(lambda before, last: phrase("{} and {}", before, last), members)
 
 
 @contextmanager
@@ -86,10 +111,10 @@ def translated(text: str) -> str:
         return translated(value) if isinstance(value, Phrase) else value
 
     key = catalogue.gettext(text.key)
-    if not (text.parts or text.named):
-        return key
-    named = {name: part(value) for name, value in text.named.items()}
-    return key.format(*map(part, text.parts), **named)
+    if text.parts or text.named:
+        named = {name: part(value) for name, value in text.named.items()}
+        key = key.format(*map(part, text.parts), **named)
+    return key[:1].upper() + key[1:] if isinstance(text, Capital) else key
 
 
 def with_translated(thing: T, *names: str) -> T:

@@ -14,7 +14,7 @@ from sassgis.gap.words import (
     significance,
     tested_by,
 )
-from sassgis.model.languages import phrase
+from sassgis.model.languages import Phrase, all_of, capital, joined, phrase
 from sassgis.model.styles import with_unit
 from sassgis.report.page import ReportAnswer, sensible
 
@@ -27,25 +27,36 @@ _STATED = 4
 MATTERS = ("speed_mps", "runout_m", "energy_kept", "height_m", "rotation_hz", "lateral_m")
 
 
-def verdict_sentence(diagnosis: Diagnosis) -> str:
+def verdict_sentence(diagnosis: Diagnosis) -> Phrase:
     """The answer in one or two sentences."""
     verdict = diagnosis.verdict
-    sure = f"Confidence {100 * verdict.confidence:.0f} %." if verdict.confidence >= 0.0 else ""
+    out = [_named(diagnosis)]
+    if verdict.confidence >= 0.0:
+        out.append(phrase("Confidence {} %.", f"{100 * verdict.confidence:.0f}"))
     if verdict.group_probability >= 0.0:
-        sure = f"{sure} Group “{verdict.group}”: {100 * verdict.group_probability:.0f} %.".strip()
-    advice = diagnosis.advice
-    if verdict.effect == "none":
-        once = "" if advice.recommended == "configured" else "once the ground is calibrated, "
-        left = f"is no more than chance among {diagnosis.rocks} rocks"
-        if any(gap.counts and gap.side == "unsafe" for gap in advice.left):
-            left = "is that of no known cause, and small"
-        return (
-            f"No effect has to be added: {once}what is left between observed and simulated rocks "
-            f"{left}. {sure}"
-        ).strip()
+        share = f"{100 * verdict.group_probability:.0f}"
+        out.append(phrase("Group “{}”: {} %.", phrase(verdict.group), share))
+    return joined(" ", out)
+
+
+def _named(diagnosis: Diagnosis) -> Phrase:
+    verdict, advice = diagnosis.verdict, diagnosis.advice
     if verdict.effect == "unknown":
-        return f"These data cannot answer which cause the gap has. {sure}".strip()
-    return f"The gap is best explained by {effect_phrase(verdict.effect)}. {sure}"
+        return phrase("These data cannot answer which cause the gap has.")
+    if verdict.effect != "none":
+        return phrase("The gap is best explained by {}.", effect_phrase(verdict.effect))
+    left = phrase("is no more than chance among {} rocks", diagnosis.rocks)
+    if any(gap.counts and gap.side == "unsafe" for gap in advice.left):
+        left = phrase("is that of no known cause, and small")
+    if advice.recommended == "configured":
+        return phrase(
+            "No effect has to be added: what is left between observed and simulated rocks {}.", left
+        )
+    return phrase(
+        "No effect has to be added: once the ground is calibrated, what is left between observed "
+        "and simulated rocks {}.",
+        left,
+    )
 
 
 def answer(diagnosis: Diagnosis) -> tuple[ReportAnswer, ...]:
@@ -61,17 +72,22 @@ def answer(diagnosis: Diagnosis) -> tuple[ReportAnswer, ...]:
 
 def _why(diagnosis: Diagnosis) -> ReportAnswer:
     verdict = diagnosis.verdict
-    out = [_sentence(verdict.reason)] if verdict.reason else []
+    out: list[str] = [_sentence(verdict.reason)] if verdict.reason else []
     if verdict.phase or verdict.segments:
-        place = " and ".join(place_words(s) for s in verdict.segments)
-        acts = f"It acts in the phase “{verdict.phase}”" if verdict.phase else "It acts"
-        out.append(f"{acts}{' ' + place if place else ''}.")
+        place = all_of(place_words(s) for s in verdict.segments)
+        acts = phrase("It acts")
+        if verdict.phase:
+            acts = phrase("It acts in the phase “{}”", phrase(verdict.phase))
+        out.append(phrase("{}.", joined(" ", filter(None, (acts, place)))))
     recommended = diagnosis.advice.recommended
     if verdict.effect not in UNNAMED and not {*recommended.split("+")} >= {
         *verdict.effect.split("+")
     }:
         out.append(
-            f"It is named, but not recommended: what is handed over has {rung_name(recommended)}."
+            phrase(
+                "It is named, but not recommended: what is handed over has {}.",
+                rung_name(recommended),
+            )
         )
     if verdict.effect != "unknown":
         out.append(
@@ -80,17 +96,25 @@ def _why(diagnosis: Diagnosis) -> ReportAnswer:
         )
     named = hypothesis_of(diagnosis.which, verdict.effect)
     if named is not None and verdict.effect not in ("none", "unknown", "contact_law"):
-        interval = (
-            f"(95 % interval {interval_text(named.ci95)}; the score of the calibrated base model "
-            f"is {sensible(named.score + named.gain)})"
+        interval = phrase(
+            "(95 % interval {}; the score of the calibrated base model is {})",
+            interval_text(named.ci95),
+            sensible(named.score + named.gain),
         )
         if named.gain > 0.0:
             gain = sensible(named.gain)
-            out.append(f"With it, single held-out rocks are predicted better by {gain} {interval}.")
+            out.append(
+                phrase(
+                    "With it, single held-out rocks are predicted better by {} {}.", gain, interval
+                )
+            )
         else:
             out.append(
-                f"Single held-out rocks are not predicted better with it {interval}: the evidence "
-                "for it is in patterns over all rocks, such as trends, scatter and single impacts."
+                phrase(
+                    "Single held-out rocks are not predicted better with it {}: the evidence for "
+                    "it is in patterns over all rocks, such as trends, scatter and single impacts.",
+                    interval,
+                )
             )
     return ReportAnswer("How sure this is", tuple(out))
 
@@ -103,34 +127,45 @@ def hypothesis_of(which: Iterable[Hypothesis], effect: str) -> Hypothesis | None
 def _confused(diagnosis: Diagnosis) -> ReportAnswer:
     verdict = diagnosis.verdict
     others = [e for e in verdict.confusion_set if e != verdict.effect]
-    names = ", ".join(effect_name(e) for e in others)
     sentences = ["None of the other explanations that were tried remains possible."]
     if others:
-        sentences = [f"These data do not separate it from: {names}."]
+        sentences = [phrase("These data do not separate it from: {}.", effect_names(others))]
     if verdict.cannot_exclude:
-        unseen = ", ".join(effect_name(e) for e in verdict.cannot_exclude)
-        sentences.append(f"Neither seen nor excluded, as these data could not show it: {unseen}.")
+        unseen = effect_names(verdict.cannot_exclude)
+        sentences.append(
+            phrase("Neither seen nor excluded, as these data could not show it: {}.", unseen)
+        )
     if diagnosis.measure_next:
-        sentences.append(f"What would {'separate them' if others else 'make it surer'}:")
+        sentences.append("What would separate them:" if others else "What would make it surer:")
     return ReportAnswer("What it may be mistaken for", tuple(sentences), diagnosis.measure_next)
 
 
-def finding_sentence(finding: GapFinding) -> str:
+def effect_names(effects: Iterable[str]) -> Phrase:
+    """Names of causes, in a row."""
+    return joined(", ", map(effect_name, effects))
+
+
+def finding_sentence(finding: GapFinding) -> Phrase:
     """A finding as a reader wants it: where, what, how much, how sure."""
-    more = "more" if finding.gap > 0.0 else "less"
+    more = phrase("more" if finding.gap > 0.0 else "less")
     low, high = sorted(abs(v) for v in finding.ci95)
     both = finding.ci95[0] * finding.ci95[1] > 0.0
-    span = f"{sensible(low, 2)} to {sensible(high, 2)}"
+    span = phrase("{} to {}", sensible(low, 2), sensible(high, 2))
     if not both:
         span = interval_text(finding.ci95, digits=2)
     name, unit = capital(quantity_name(finding.quantity)), finding.unit
-    return (
-        f"{name} {place_words(finding.place)}: observed "
-        f"{with_unit(sensible(finding.observed), unit)}, predicted "
-        f"{with_unit(sensible(finding.predicted), unit)}, that is "
-        f"{with_unit(sensible(abs(finding.gap), 2), unit)} {more} "
-        f"(95 % interval {span}; {finding.rocks} rocks; {tested_by(finding.test)}; "
-        f"p {p_text(finding.p_adjusted)})."
+    return phrase(
+        "{} {}: observed {}, predicted {}, that is {} {} (95 % interval {}; {} rocks; {}; p {}).",
+        name,
+        place_words(finding.place),
+        with_unit(sensible(finding.observed), unit),
+        with_unit(sensible(finding.predicted), unit),
+        with_unit(sensible(abs(finding.gap), 2), unit),
+        more,
+        span,
+        finding.rocks,
+        tested_by(finding.test),
+        p_text(finding.p_adjusted),
     )
 
 
@@ -141,20 +176,27 @@ def _where(findings: tuple[GapFinding, ...]) -> ReportAnswer:
     sure = [f for f in findings if significance(f) == "sure"]
     likely = [f for f in findings if significance(f) == "likely"]
     if not sure:
-        text = (
-            f"Of {len(findings)} comparisons by place, phase and quantity none is significant "
-            "after adjustment for their number: the gap, if there is one, cannot be placed."
+        text = phrase(
+            "Of {} comparisons by place, phase and quantity none is significant after adjustment "
+            "for their number: the gap, if there is one, cannot be placed.",
+            len(findings),
         )
         if likely:
-            text += f" {len(likely)} are likely (see the figure)."
+            seen = phrase("{} are likely (see the figure).", len(likely))
+            text = joined(" ", (text, seen))
         return ReportAnswer(heading, (text,))
     stated = _one_per_quantity(sure)[:_STATED]
-    text = (
-        f"{len(sure)} of {len(findings)} comparisons are significant after adjustment for their "
-        "number"
-        + (f", {len(likely)} more are likely" if likely else "")
-        + (". The most certain, one of each quantity:" if len(sure) > len(stated) else ":")
+    text = phrase(
+        "{} of {} comparisons are significant after adjustment for their number",
+        len(sure),
+        len(findings),
     )
+    if likely:
+        text = phrase("{}, {} more are likely", text, len(likely))
+    if len(sure) > len(stated):
+        text = phrase("{}. The most certain, one of each quantity:", text)
+    else:
+        text = phrase("{}:", text)
     return ReportAnswer(heading, (text,), tuple(finding_sentence(f) for f in stated))
 
 
@@ -169,52 +211,53 @@ def _one_per_quantity(findings: Iterable[GapFinding]) -> list[GapFinding]:
 
 def _how_far(shrinkage: Shrinkage, effect: str) -> ReportAnswer:
     heading = "How far the gap shrinks"
-    left = (
-        f"Energy distance to the observed rocks: {sensible(shrinkage.distance_base)} with the "
-        f"calibrated base model, {sensible(shrinkage.distance_effect)} with "
-        f"{effect_name(shrinkage.effect)}, {sensible(shrinkage.distance_floor)} is the least that "
-        "chance leaves."
+    left = phrase(
+        "Energy distance to the observed rocks: {} with the calibrated base model, {} with {}, {} "
+        "is the least that chance leaves.",
+        sensible(shrinkage.distance_base),
+        sensible(shrinkage.distance_effect),
+        effect_name(shrinkage.effect),
+        sensible(shrinkage.distance_floor),
     )
     note = (_sentence(shrinkage.note),) if shrinkage.note else ()
     if effect in UNNAMED:
-        base = (
-            f"No effect was named that could be added. The energy distance of the calibrated base "
-            f"model to the observed rocks is {sensible(shrinkage.distance_base)}; "
-            f"{sensible(shrinkage.distance_floor)} is the least that chance leaves."
+        base = phrase(
+            "No effect was named that could be added. The energy distance of the calibrated base "
+            "model to the observed rocks is {}; {} is the least that chance leaves.",
+            sensible(shrinkage.distance_base),
+            sensible(shrinkage.distance_floor),
         )
         return ReportAnswer(heading, (base, *(note if effect == "none" else ())))
     if shrinkage.value is None:
-        first = (
+        first = phrase(
             "By what share the gap shrinks is not given, as the gap itself is not certainly above "
             "what chance leaves."
         )
     else:
-        span = ""
+        share = _share(shrinkage.value)
+        span = phrase("")
         if shrinkage.ci95 is not None:
-            low, high = map(_share, shrinkage.ci95)
-            span = f" (95 % interval {low} to {high})"
-        first = (
-            f"With {effect_name(shrinkage.effect)} added, {_share(shrinkage.value)} of the gap "
-            f"that is not chance closes{span}, on rocks left out of the calibration."
+            span = phrase(" (95 % interval {} to {})", *map(_share, shrinkage.ci95))
+        first = phrase(
+            "With {} added, {} of the gap that is not chance closes{}, on rocks left out of the "
+            "calibration.",
+            effect_name(shrinkage.effect),
+            share,
+            span,
         )
     return ReportAnswer(heading, (first, left, *note))
 
 
-def _sentence(text: str) -> str:
-    text = capital(text.strip())
-    return text if text.endswith((".", "!", "?")) else text + "."
-
-
-def capital(text: str) -> str:
-    """A text with its first letter as a capital."""
-    return text[:1].upper() + text[1:]
+def _sentence(text: str) -> Phrase:
+    own = capital(text)
+    return own if own.endswith((".", "!", "?")) else phrase("{}.", own)
 
 
 def _share(value: float) -> str:
     return f"{100 * value:.0f} %".replace("-", "\u2212")
 
 
-def interval_text(span: tuple[float, float], digits: int = 3) -> str:
+def interval_text(span: tuple[float, float], digits: int = 3) -> Phrase:
     """An interval, low to high."""
     # Not to be broken at the end of a line.
     return phrase("{}\u00a0to\u00a0{}", *(sensible(v, digits) for v in span))

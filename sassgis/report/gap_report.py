@@ -22,6 +22,7 @@ from sassgis.gap.where.places import (
 from sassgis.gap.which.verdict import causes_in
 from sassgis.gap.words import (
     effect_name,
+    place_name,
     quantity_name,
     rung_name,
     significance,
@@ -29,6 +30,7 @@ from sassgis.gap.words import (
 )
 from sassgis.model.grid import FloatArray
 from sassgis.model.ground import PARAMETERS, GroundTable
+from sassgis.model.languages import Phrase, capital, joined, phrase, translated
 from sassgis.report.figures.gap_figures import (
     GapStretch,
     gap_distributions_figure,
@@ -41,13 +43,21 @@ from sassgis.report.gap_answer import (
     MATTERS,
     UNNAMED,
     answer,
-    capital,
+    effect_names,
     hypothesis_of,
     interval_text,
     p_text,
     verdict_sentence,
 )
-from sassgis.report.page import Cell, ReportContext, ReportFigure, ReportTable, heads, sensible
+from sassgis.report.page import (
+    Cell,
+    ReportContext,
+    ReportFigure,
+    ReportTable,
+    heads,
+    sensible,
+    translated_report,
+)
 from sassgis.report.pictures import picture
 
 #: Below this number of rocks the report warns of it.
@@ -58,16 +68,19 @@ _ROWS = 40
 
 def report_warnings(case: Case, diagnosis: Diagnosis) -> list[str]:
     """What a reader must know before trusting the answer."""
-    out = []
+    out: list[str] = []
     verdict = diagnosis.verdict
     if diagnosis.rocks < FEW_ROCKS:
         out.append(
-            f"Only {diagnosis.rocks} rocks were observed. Intervals are wide, and an effect that "
-            "is not named may still be there."
+            phrase(
+                "Only {} rocks were observed. Intervals are wide, and an effect that is not named "
+                "may still be there.",
+                diagnosis.rocks,
+            )
         )
     if verdict.effect not in UNNAMED and len(verdict.confusion_set) > 1:
-        names = ", ".join(effect_name(e) for e in verdict.confusion_set)
-        out.append(f"More than one explanation fits these data: {names}.")
+        names = effect_names(verdict.confusion_set)
+        out.append(phrase("More than one explanation fits these data: {}.", names))
     if diagnosis.effect.stand is not None:
         out.append(
             "The forest of the calibrated model is fitted to the observations. Compare it with the "
@@ -76,8 +89,16 @@ def report_warnings(case: Case, diagnosis: Diagnosis) -> list[str]:
     left_out = sum(bool(f.left_out) for f in case.observations.findings)
     if left_out:
         out.append(
-            f"{left_out} {'finding' if left_out == 1 else 'findings'} about the "
-            "observations made values, rows or tables be left out; sassgis gap validate lists them."
+            phrase(
+                "1 finding about the observations made values, rows or tables be left out; sassgis "
+                "gap validate lists them."
+            )
+            if left_out == 1
+            else phrase(
+                "{} findings about the observations made values, rows or tables be left out; "
+                "sassgis gap validate lists them.",
+                left_out,
+            )
         )
     return out
 
@@ -167,10 +188,11 @@ def gap_figures(case: Case, diagnosis: Diagnosis, folder: Path) -> list[ReportFi
     stops = np.column_stack([table.deposits.x, table.deposits.y])
     caption = "No gap has a place along the fall lines."
     if first is not None and any(math.isfinite(s.gap) for s in (*stretches, *stations.values())):
-        caption = (
-            f"{capital(quantity_name(first.quantity))}. Across the slope: at a station; along the "
-            "fall lines: on that stretch, as a rule with the rocks started anew where it begins, "
-            "so that what went wrong above does not count again."
+        caption = phrase(
+            "{}. Across the slope: at a station; along the fall lines: on that stretch, as a rule "
+            "with the rocks started anew where it begins, so that what went wrong above does not "
+            "count again.",
+            capital(quantity_name(first.quantity)),
         )
     add(
         "gap_map",
@@ -236,7 +258,9 @@ def gap_tables(case: Case, diagnosis: Diagnosis) -> list[ReportTable]:
         _which_table(diagnosis),
         _calibrated_table(diagnosis),
         ReportTable(
-            f"Calibrated parameters of the answer: {effect_name(diagnosis.verdict.effect)}",
+            phrase(
+                "Calibrated parameters of the answer: {}", effect_name(diagnosis.verdict.effect)
+            ),
             heads("parameter; value; 95 % interval"),
             tuple(
                 (name, value, _interval_cell(named.intervals.get(name) if named else None))
@@ -284,8 +308,10 @@ def _gaps_table(advice: Advice) -> ReportTable:
     def cells(gap: ModelGap | None) -> tuple[Cell, ...]:
         if gap is None:
             return "–", "–", "–"
-        side = gap.side if gap.counts or not gap.side else f"({gap.side})"
-        return gap.predicted, f"{sensible(gap.gap, 2)} ({interval_text(gap.ci95, 2)})", side or "–"
+        side = phrase(gap.side or "–")
+        if gap.side and not gap.counts:
+            side = phrase("({})", side)
+        return gap.predicted, _with_interval(gap.gap, gap.ci95), side
 
     return ReportTable(
         "Observed rocks, the configured model and the recommended one",
@@ -295,17 +321,27 @@ def _gaps_table(advice: Advice) -> ReportTable:
         ),
         tuple(
             (
-                g.place,
-                f"{with_unit_in_brackets(quantity_name(g.quantity), g.unit)}, {g.statistic}",
+                place_name(g.place),
+                joined(
+                    ", ",
+                    (with_unit_in_brackets(quantity_name(g.quantity), g.unit), phrase(g.statistic)),
+                ),
                 g.observed, g.limit, *cells(g), *cells(left.get(g.key)),
             )
             for g in advice.compared
         ),
-        f"Recommended: {rung_name(advice.recommended)}, on rocks left out. Gap: observed less "
-        "predicted; above zero the model falls short, on the unsafe side. In brackets: certain, "
-        "but too small to count. Interval: rocks resampled. Width: from the 10 % to the 90 % "
-        "quantile. Energy: of translation.",
+        phrase(
+            "Recommended: {}, on rocks left out. Gap: observed less predicted; above zero the "
+            "model falls short, on the unsafe side. In brackets: certain, but too small to count. "
+            "Interval: rocks resampled. Width: from the 10 % to the 90 % quantile. Energy: of "
+            "translation.",
+            rung_name(advice.recommended),
+        ),
     )  # fmt: skip
+
+
+def _with_interval(value: float, span: tuple[float, float]) -> Phrase:
+    return phrase("{} ({})", sensible(value, 2), interval_text(span, 2))
 
 
 def _percent(share: float | None) -> float | None:
@@ -317,7 +353,15 @@ def _interval_cell(span: tuple[float, float] | None, digits: int = 3) -> str:
 
 
 def _where_table(findings: tuple[GapFinding, ...]) -> ReportTable:
-    more = f" The {_ROWS} most certain of {len(findings)}; all are in diagnosis.json."
+    note = phrase(
+        "Gap: observed less predicted, mean over rocks. Interval: rocks resampled. p: chance that "
+        "the largest of all these gaps would be as large without any. q: share of false findings "
+        "among those that are as sure. Test: free run: from the release; reach: from what was "
+        "observed where the stretch begins; one step: from one observed state to the next."
+    )
+    if len(findings) > _ROWS:
+        more = phrase("The {} most certain of {}; all are in diagnosis.json.", _ROWS, len(findings))
+        note = joined(" ", (note, more))
     return ReportTable(
         "Where the gap lies",
         heads(
@@ -325,18 +369,14 @@ def _where_table(findings: tuple[GapFinding, ...]) -> ReportTable:
         ),
         tuple(
             (
-                f.place.removeprefix("ground:"), f.phase,
+                place_name(f.place), f.phase,
                 with_unit_in_brackets(quantity_name(f.quantity), f.unit), f.observed,
-                f.predicted, f"{sensible(f.gap, 2)} ({interval_text(f.ci95, 2)})",
+                f.predicted, _with_interval(f.gap, f.ci95),
                 p_text(f.p_adjusted), p_text(f.q_value), f.rocks, f.test,
             )
             for f in findings[:_ROWS]
         ),
-        "Gap: observed less predicted, mean over rocks. Interval: rocks resampled. p: chance that "
-        "the largest of all these gaps would be as large without any. q: share of false findings "
-        "among those that are as sure. Test: free run: from the release; reach: from what was "
-        "observed where the stretch begins; one step: from one observed state to the next."
-        + (more if len(findings) > _ROWS else ""),
+        note,
     )  # fmt: skip
 
 
@@ -436,21 +476,32 @@ def gap_report(
     Project, terrain file, coordinate system and configuration file are given by their names.
     """
     rows, columns = case.grid.shape
-    tried = ", ".join(effect_name(c.effect) for c in diagnosis.which)
-    return ReportContext(
-        title=f"{project}: observed and simulated rocks",
+    tried = effect_names(c.effect for c in diagnosis.which)
+    tables = [phrase("{} {}", n, phrase(name)) for name, n in diagnosis.tables.items()]
+    said = filter(None, (phrase(diagnosis.first_sentence), verdict_sentence(diagnosis)))
+    context = ReportContext(
+        title=translated(phrase("{}: observed and simulated rocks", project)),
         subtitle="What separates the field observations from the SASS model, and why",
-        verdict=" ".join(filter(None, (diagnosis.first_sentence, verdict_sentence(diagnosis)))),
+        verdict=joined(" ", said),
         answer=answer(diagnosis),
         warnings=tuple(warnings),
         what_was_run=(
             ("Observed rocks", diagnosis.rocks),
-            ("Observations", ", ".join(f"{n} {t}" for t, n in diagnosis.tables.items()) or "none"),
-            ("Terrain", f"{terrain}, {columns} × {rows} cells of {case.grid.cell_size:.4g} m"),
+            ("Observations", joined(", ", tables) or "none"),
+            (
+                "Terrain",
+                phrase(
+                    "{}, {} × {} cells of {} m",
+                    terrain,
+                    columns,
+                    rows,
+                    f"{case.grid.cell_size:.4g}",
+                ),
+            ),
             ("Coordinate system", crs),
             ("Fall lines", len(used_lines(case))),
-            ("Stations", ", ".join(case.station_names) or "none"),
-            ("Effects already configured", ", ".join(case.effects.names) or "none"),
+            ("Stations", joined(", ", case.station_names) or "none"),
+            ("Effects already configured", joined(", ", case.effects.names) or "none"),
             ("Explanations tried", tried or "none"),
         ),
         figures=tuple(gap_figures(case, diagnosis, folder)),
@@ -463,3 +514,4 @@ def gap_report(
             ("Calibrated model", "model/config.toml"),
         ),
     )
+    return translated_report(context)

@@ -48,6 +48,7 @@ from sassgis.io.staging import output_if_asked, writing
 from sassgis.io.write.gap_files import write_diagnosis_json
 from sassgis.model.errors import InputError, Interrupted
 from sassgis.model.grid import FloatArray
+from sassgis.model.languages import joined, phrase
 from sassgis.runs.draw_store import OnProgress
 from sassgis.runs.evidence import Evidence, evidence_beyond, prepared_case
 from sassgis.runs.fresh_shrinkage import ENSEMBLE
@@ -64,6 +65,7 @@ MAP_NAME = "map"
 _FEWEST_ROCKS = 5
 #: With fewer groups of rocks a warning is given.
 _FEWEST_GROUPS = 4
+_ONE_GROUP = phrase("The rocks are in 1 group.")
 _ATYPICAL = (
     "The calibrated base is farther from these observations than at any synthetic site: the "
     "probabilities of the causes may not hold here."
@@ -169,11 +171,13 @@ def _group_warnings(case: Case) -> tuple[str, ...]:
     groups = np.unique(case.group).size
     if groups >= _FEWEST_GROUPS:
         return ()
-    return (
-        f"The rocks are in {groups} group{'s' if groups > 1 else ''}. With fewer than "
-        f"{_FEWEST_GROUPS} no cause can be told from what the rocks of a group have in common; "
+    found = phrase("The rocks are in {} groups.", groups) if groups > 1 else _ONE_GROUP
+    told = phrase(
+        "With fewer than {} no cause can be told from what the rocks of a group have in common; "
         "intervals are far too narrow.",
+        _FEWEST_GROUPS,
     )
+    return (joined(" ", (found, told)),)
 
 
 # ---------------------------------------------------------------------------------------------

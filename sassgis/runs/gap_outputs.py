@@ -12,6 +12,7 @@ from sassgis.io.write.gap_files import write_diagnosis_json, write_gap_gpkg
 from sassgis.io.write.manifest import write_manifest
 from sassgis.model.crs import crs_name
 from sassgis.model.in_memory import Input
+from sassgis.model.languages import in_language
 from sassgis.model.run_config import Config
 from sassgis.report.gap_report import gap_report, report_warnings
 from sassgis.report.page import write_report
@@ -57,17 +58,18 @@ def write_outputs(
     write_config_back(work / "model" / "config.toml", config, diagnosis, case)
     # What the console says, and what only the report has.
     warnings = list(dict.fromkeys((*diagnosis.warnings, *report_warnings(case, diagnosis))))
-    context = gap_report(
-        case,
-        diagnosis,
-        work / "figures",
-        project=config.project.name,
-        terrain=config.dem_source.name,
-        crs=crs_name(case.grid.crs or ""),
-        configuration=config.label,
-        warnings=warnings,
-    )
-    write_report(work / "report.html", context)
+    with in_language(config.project.language):
+        context = gap_report(
+            case,
+            diagnosis,
+            work / "figures",
+            project=config.project.name,
+            terrain=config.dem_source.name,
+            crs=crs_name(case.grid.crs or ""),
+            configuration=config.label,
+            warnings=warnings,
+        )
+        write_report(work / "report.html", context)
     inputs = input_files(config) | observed_files(case)
     verdict = diagnosis.verdict
     write_manifest(

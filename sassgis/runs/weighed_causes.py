@@ -24,7 +24,9 @@ from sassgis.gap.which.verdict import (
     second_of,
     seen_of,
 )
+from sassgis.gap.words import effect_key
 from sassgis.model.grid import FloatArray
+from sassgis.model.languages import phrase
 from sassgis.runs.evidence import Evidence, evidence_beyond
 from sassgis.runs.hypothesis_fits import HypothesisFits
 
@@ -140,11 +142,13 @@ def verdict_of(
         if second:
             effect = "+".join(sorted([first, second]))
             shrinkage = added.shrinkage(effect)
-            reason += f"; with it in the model, a fingerprint of {second.replace('_', ' ')} is left"
+            reason = phrase(
+                "{}; with it in the model, a fingerprint of {} is left", reason, effect_key(second)
+            )
     elif effect == NONE:
         shrinkage = _nothing_added(added)
     elif first != NONE:
-        note = f"No effect is named; this is of {first.replace('_', ' ')}, as a bound."
+        note = phrase("No effect is named; this is of {}, as a bound.", effect_key(first))
         shrinkage = replace(shrinkage, note=note)
     fitted = () if effect in (UNKNOWN, CONTACT_LAW) else added.fit(effect).models
     case = added.made.problem.case

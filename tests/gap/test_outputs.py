@@ -62,10 +62,13 @@ from sassgis.io.write.layers.gap_map import stand_polygon
 from sassgis.model.effects import EffectSettings
 from sassgis.model.errors import ConfigError, InputError, OutputError
 from sassgis.model.grid import Grid
+from sassgis.model.languages import in_language
+from sassgis.report import gap_report
 from sassgis.report.figures import gap_figures as figures
 from sassgis.report.figures.gap_figures import GapStretch, _band
 from sassgis.report.gap_answer import finding_sentence, verdict_sentence
-from sassgis.report.gap_report import answer, headline, map_parts
+from sassgis.report.gap_report import answer, headline, map_parts, report_warnings
+from sassgis.report.page import write_report
 from sassgis.runs.gap_case import read_case
 from sassgis.runs.gap_map_change import map_change
 from sassgis.runs.gap_outputs import write_outputs
@@ -641,6 +644,47 @@ def test_the_answer_comes_first_with_its_uncertainty(made: Made, written: Path) 
 
 def test_the_report_has_every_warning_of_the_console(written: Path) -> None:
     assert "Said on the console." in words_of(written / "report.html")
+
+
+@pytest.mark.parametrize(
+    ("language", "words"),
+    [
+        ("de", ("Die Abweichung wird am besten erklärt durch Bäume", "Wo die Abweichung liegt",
+                "Geschwindigkeit bei S2: beobachtet", "Kalibrierte Modelle", "Ausbruch-S1"),
+        ),
+        ("fr", ("L'écart s'explique le mieux par ceci: des arbres", "Où se situe l'écart",
+                "Vitesse à S2: observé", "Modèles calibrés", "départ-S1"),
+        ),
+    ],
+)  # fmt: skip
+def test_the_report_is_in_the_language_of_the_project(
+    few: Made,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    language: Any,
+    words: tuple[str, ...],
+) -> None:
+    _, case = few
+    monkeypatch.setattr(gap_report, "gap_figures", lambda *_: [])
+    # Sentences that were made by hand have no key.
+    made_up = with_trees(case)
+    diagnosis = replace(
+        made_up,
+        first_sentence="",
+        verdict=replace(made_up.verdict, reason=""),
+        shrinkage=replace(made_up.shrinkage, note=""),
+        measure_next=(),
+        not_identifiable=(),
+    )
+    with in_language(language):
+        context = gap_report.gap_report(
+            case, diagnosis, tmp_path, project="Hang", terrain="dem.tif", crs="LV95",
+            configuration="config.toml", warnings=report_warnings(case, diagnosis),
+        )  # fmt: skip
+        page = words_of(write_report(tmp_path / "report.html", context))
+    assert [text for text in words if text not in page] == []
+    english = r"\b(the|is|are|of|with|gap|rocks|observed|from|release|stopping|flight)\b"
+    assert re.findall(english, page) == []
 
 
 def test_withheld_shrinkage_is_told(made: Made) -> None:

@@ -67,7 +67,9 @@ CAUSE = Cause(
     "the more the smaller the rock; small rocks slow on all reaches",
     statistics=(
         Trace(_SCATTER, _scatter, ("impacts",), 0.0),
-        Trace(f"{_SCATTER}, and turn of the heading", (_SCATTER, TURN), ("impacts",), CLEAR),
+        Trace(
+            "scatter of the rebound, and turn of the heading", (_SCATTER, TURN), ("impacts",), CLEAR
+        ),
         Trace(
             "scatter of the rebound, the more the smaller the rock", _scatter_of_small, ("impacts",)
         ),

@@ -20,6 +20,7 @@ from sassgis.gap.observations.case import Case
 from sassgis.gap.which.hypotheses import GROUND_WIDTHS
 from sassgis.gap.words import number_text, quantity_name, range_text, rung_name
 from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.languages import Phrase, all_of, capital, joined, named, phrase
 
 #: Share of what was observed from which a gap is relevant; of a width, of the 90 % run-out.
 RELEVANT: Mapping[str, float] = {"runout_m": 0.05, "energy_kj": 0.15, "speed_mps": 0.07}
@@ -168,100 +169,123 @@ def first_sentence(advice: Advice, ladder: Sequence[Rung]) -> str:
     gap = advice.configured
     if gap is None:
         return "Neither stops nor speeds were observed: how far the model is off cannot be stated."
-    said = [f"As configured, {_off_by(gap, advice)}"]
+    said = [phrase("As configured, {}", _off_by(gap, advice))]
     if advice.wrong_ground:
-        names = " and ".join(advice.wrong_ground)
-        said.append(
-            f"The ground class {names} is wrong: no values in its usual range fit."
-            if len(advice.wrong_ground) == 1
-            else f"The ground classes {names} are wrong: no values in their usual ranges fit."
+        names = all_of(map(named, advice.wrong_ground))
+        one = phrase("The ground class {} is wrong: no values in its usual range fit.", names)
+        more = phrase(
+            "The ground classes {} are wrong: no values in their usual ranges fit.", names
         )
+        said.append(one if len(advice.wrong_ground) == 1 else more)
     said += _to_run(advice, ladder)
     left = worst_of(advice.left)
     if left is not None and left.counts and left.side == "unsafe" and left != gap:
-        said.append(f"Even so, {_off_by(left, advice)}")
-    return " ".join(said)
+        said.append(phrase("Even so, {}", _off_by(left, advice)))
+    return joined(" ", said)
 
 
-def _to_run(advice: Advice, ladder: Sequence[Rung]) -> list[str]:
+def _to_run(advice: Advice, ladder: Sequence[Rung]) -> list[Phrase]:
     """What is recommended, what it closes, and why nothing more is."""
-    why = [f"{advice.why[:1].upper()}{advice.why[1:]}."] if advice.why else []
+    why = [phrase("{}.", capital(advice.why))] if advice.why else []
     if advice.recommended == "configured":
-        return ["Keep the configured ground.", *why]
+        return [phrase("Keep the configured ground."), *why]
     # A share whose interval holds zero may be chance.
     closed = {
         r.rung: _closed(r)
         for r in ladder
         if r.share is not None and (r.ci95 is None or r.ci95[0] > 0.0)
     }
-    share = closed.get(advice.recommended, "")
-    on_rocks = f"n rocks left out of the calibration, this closes {share} of the gap"
+    share = closed.get(advice.recommended)
     if advice.recommended == "ground":
-        return [*_what_to_set(advice), *([f"O{on_rocks}."] if share else []), *why]
-    said = f"Run model/config.toml, which has {rung_name(advice.recommended)}"
-    if share:
-        said += f": o{on_rocks}"
-        said += f", calibrated ground alone {closed['ground']}" if "ground" in closed else ""
-    return [f"{said}.", *why]
+        on_rocks = phrase("On rocks left out of the calibration, this closes {} of the gap.", share)
+        return [*_what_to_set(advice), *([on_rocks] if share else []), *why]
+    name = rung_name(advice.recommended)
+    if not share:
+        said = phrase("Run model/config.toml, which has {}.", name)
+    elif "ground" not in closed:
+        said = phrase(
+            "Run model/config.toml, which has {}: on rocks left out of the calibration, this "
+            "closes {} of the gap.",
+            name,
+            share,
+        )
+    else:
+        said = phrase(
+            "Run model/config.toml, which has {}: on rocks left out of the calibration, this "
+            "closes {} of the gap, calibrated ground alone {}.",
+            name,
+            share,
+            closed["ground"],
+        )
+    return [said, *why]
 
 
-def _closed(rung: Rung) -> str:
-    span = ""
-    if rung.ci95 is not None:
-        low, high = (f"{100.0 * v:.0f}".replace("-", "\u2212") for v in rung.ci95)
-        span = f" (95 %: {low} to {high} %)"
-    return f"{100.0 * (rung.share or 0.0):.0f} %{span}"
+def _closed(rung: Rung) -> Phrase:
+    share = f"{100.0 * (rung.share or 0.0):.0f}"
+    if rung.ci95 is None:
+        return phrase("{} %", share)
+    low, high = (f"{100.0 * v:.0f}".replace("-", "\u2212") for v in rung.ci95)
+    return phrase("{} % (95 %: {} to {} %)", share, low, high)
 
 
-def _off_by(gap: ModelGap, advice: Advice) -> str:
+#: Words for gaps on the unsafe side and on the safe side.
+_OFF = {
+    "width": ("scatters {} {} too little", "scatters {} {} too much"),
+    "runout_m": ("is {} {} short", "is {} {} long"),
+    "energy_kj": ("is {} {} too low", "is {} {} too high"),
+    "speed_mps": ("is {} {} too slow", "is {} {} too fast"),
+}
+
+
+def _off_by(gap: ModelGap, advice: Advice) -> Phrase:
     """A gap of the configured model or of the one that is handed over, in words."""
+    statistic, quantity = phrase(gap.statistic), quantity_name(gap.quantity)
     if not gap.counts:
-        names = {"runout_m": "median, 90 % and width of run-out"}
         compared = dict.fromkeys(
-            names.get(g.quantity, f"median and 90 % {quantity_name(g.quantity)} at stations")
+            phrase("median, 90 % and width of run-out")
+            if g.quantity == "runout_m"
+            else phrase("median and 90 % {} at stations", quantity_name(g.quantity))
             for g in advice.compared
         )
-        return (
-            f"the model is not distinguished from {gap.rocks} rocks in {' and '.join(compared)}: "
-            f"{gap.statistic} {quantity_name(gap.quantity)} observed less predicted "
-            f"{number_text(gap.gap)} {gap.unit} (95 %: {range_text(*gap.ci95)} {gap.unit})."
-        )
+        return phrase(
+            "the model is not distinguished from {} rocks in {}: {} {} observed less predicted "
+            "{} {} (95 %: {} {}).",
+            gap.rocks, all_of(compared), statistic, quantity, number_text(gap.gap), gap.unit,
+            range_text(*gap.ci95), gap.unit,
+        )  # fmt: skip
     low, high = sorted(abs(v) for v in gap.ci95)
-    if gap.statistic == "width":
-        word, what = (
-            "scatters {} too little/scatters {} too much",
-            "width of the run-out, 10 to 90 %",
-        )
-    elif gap.quantity == "runout_m":
-        word, what = "is {} short/is {} long", f"{gap.statistic} run-out"
+    kind = "width" if gap.statistic == "width" else gap.quantity
+    if kind == "width":
+        what = phrase("width of the run-out, 10 to 90 %")
+    elif kind == "runout_m":
+        what = phrase("median run-out" if gap.statistic == "median" else "90 % run-out")
     else:
-        what = f"{gap.statistic} {quantity_name(gap.quantity)} at {gap.place}"
-        word = "is {} too slow/is {} too fast"
-        if gap.quantity == "energy_kj":
-            word = "is {} too low/is {} too high"
-    off = word.split("/")[gap.side == "safe"].format(f"{number_text(abs(gap.gap))} {gap.unit}")
-    return (
-        f"the model {off} ({what}; 95 %: {range_text(low, high)} {gap.unit}), on the {gap.side} "
-        "side."
-    )
+        what = phrase("{} {} at {}", statistic, quantity, gap.place)
+    off = phrase(_OFF[kind][gap.side == "safe"], number_text(abs(gap.gap)), gap.unit)
+    said = off, what, range_text(low, high), gap.unit
+    if gap.side == "safe":
+        return phrase("the model {} ({}; 95 %: {} {}), on the safe side.", *said)
+    return phrase("the model {} ({}; 95 %: {} {}), on the unsafe side.", *said)
 
 
-def _what_to_set(advice: Advice) -> list[str]:
-    by_class: dict[str, list[str]] = {}
+def _what_to_set(advice: Advice) -> list[Phrase]:
+    by_class: dict[str, list[Phrase]] = {}
     for s in advice.settings:
         if s.identified and s.value != s.before:
             by_class.setdefault(s.ground, []).append(
-                f"{s.parameter} {number_text(s.value)} ({range_text(*s.ci95)})"
+                phrase("{} {} ({})", s.parameter, number_text(s.value), range_text(*s.ci95))
             )
     if not by_class:
         return [
-            "Set the ground as in model/ground_classes.csv; these data identify none of its "
-            "parameters alone."
+            phrase(
+                "Set the ground as in model/ground_classes.csv; these data identify none of its "
+                "parameters alone."
+            )
         ]
     known = {f"{s.ground}.{s.parameter}" for s in advice.settings if s.identified}
-    said = [f"Set {name}: {', '.join(values)}." for name, values in by_class.items()]
+    said = [phrase("Set {}: {}.", name, joined(", ", values)) for name, values in by_class.items()]
     said += [
-        f"{one} and {other} make up for each other: change one only with the other."
+        phrase("{} and {} make up for each other: change one only with the other.", one, other)
         for one, other, _ in advice.trade_offs
         if {one, other} <= known
     ][:1]

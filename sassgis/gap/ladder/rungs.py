@@ -14,6 +14,7 @@ from sassgis.gap.inference.intervals import Interval
 from sassgis.gap.which.hypotheses import NONE
 from sassgis.gap.words import number_text, range_text, rung_name
 from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.languages import joined, phrase
 
 #: Rungs that are no effect; calibrated ground is the hypothesis "none".
 CONFIGURED, GROUND, FLOOR = "configured", "ground", "floor"
@@ -157,12 +158,19 @@ class Ladder:
                 continue
             simpler, gain = unsure[-1]
             why.append(
-                f"by {rung_name(name)} beyond {rung_name(simpler)} (energy distance "
-                f"{number_text(gain.value)} of {number_text(self._found[simpler][1].value())}; "
-                f"95 %: {range_text(gain.low, gain.high)})"
+                phrase(
+                    "by {} beyond {} (energy distance {} of {}; 95 %: {})",
+                    rung_name(name),
+                    rung_name(simpler),
+                    number_text(gain.value),
+                    number_text(self._found[simpler][1].value()),
+                    range_text(gain.low, gain.high),
+                )
             )
-        nothing = "on rocks left out nothing is closed for certain "
-        return best, nothing + ", ".join(why) if why else ""
+        if not why:
+            return best, ""
+        nothing = phrase("on rocks left out nothing is closed for certain {}", joined(", ", why))
+        return best, nothing
 
 
 def needs_contact_law(ladder: Sequence[Rung]) -> bool:

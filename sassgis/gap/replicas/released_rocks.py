@@ -191,7 +191,7 @@ def with_stations_at(case: Case, places: FloatArray) -> Case:
             0.5 * (x0 + x1), 0.5 * (y0 + y1), east.tolist(), north.tolist(), strict=True
         )
     ]
-    names = np.array([f"{place:.0f} m along the fall line" for place in places.tolist()])
+    names = np.array([f"{place:.0f} m" for place in places.tolist()])
     stations = Stations(np.arange(names.size), names, tuple(across))
     made = replace(
         case,

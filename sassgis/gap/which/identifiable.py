@@ -10,6 +10,7 @@ import numpy as np
 
 from sassgis.gap.causes.all_causes import CAUSES
 from sassgis.gap.observations.observed import Observations, rock_masses_kg
+from sassgis.model.languages import all_of, joined, phrase
 
 #: A gap of this many standard errors is found four times in five at the level of 5 %.
 _DETECTABLE = 1.96 + 0.84
@@ -154,9 +155,10 @@ def _missing_of_rocks(observations: Observations) -> Iterable[str]:
     if known.size < 3:
         yield "Fewer than three rocks with a mass: effects that go with mass are not identifiable."
     elif float(np.std(np.log(known))) < 0.1:
-        yield (
-            f"All rocks have about the same mass ({np.median(known):.3g} kg): effects that go "
-            "with mass are not identifiable."
+        yield phrase(
+            "All rocks have about the same mass ({} kg): effects that go with mass are not "
+            "identifiable.",
+            f"{np.median(known):.3g}",
         )
     if not {"semi_axis_a_m", "semi_axis_b_m", "semi_axis_c_m"} <= rocks.present:
         yield "No semi-axes of the rocks: an effect of rock shape is not identifiable."
@@ -164,16 +166,19 @@ def _missing_of_rocks(observations: Observations) -> Iterable[str]:
         what for what, key in _ERRORS.items() if math.isnan(getattr(observations.metadata, key))
     ]
     if missing:
-        whose = "" if len(missing) == len(_ERRORS) else f" of {' and '.join(missing)}"
-        yield (
-            f"Errors of measurement{whose} are not stated: noise of the measurement and scatter of "
-            "the rocks are kept apart by assumption only."
+        whose = phrase("")
+        if len(missing) < len(_ERRORS):
+            whose = phrase(" of {}", all_of(missing))
+        yield phrase(
+            "Errors of measurement{} are not stated: noise of the measurement and scatter of the "
+            "rocks are kept apart by assumption only.",
+            whose,
         )
 
 
 def _causes_without_fingerprint(observations: Observations) -> Iterable[str]:
     """Causes that leave nothing in the tables that are there, and what each would take."""
-    unseen: dict[str, list[str]] = {}
+    unseen: dict[tuple[str, ...], list[str]] = {}
     for cause in CAUSES.values():
         lacks = [
             [name for name in own.tables if not len(observations.tables[name])]
@@ -182,9 +187,10 @@ def _causes_without_fingerprint(observations: Observations) -> Iterable[str]:
         # The law of the contact is that of the base: it has none.
         if lacks and all(lacks):
             fewest = lacks[int(np.argmin([len(own) for own in lacks]))]
-            unseen.setdefault(" and ".join(fewest), []).append(cause.words[0])
+            unseen.setdefault(tuple(fewest), []).append(cause.words[0])
     for tables, names in unseen.items():
-        yield f"No {tables}: no fingerprint is seen of {', '.join(names)}."
+        causes = joined(", ", map(phrase, names))
+        yield phrase("No {}: no fingerprint is seen of {}.", all_of(tables), causes)
 
 
 def _sample_size(rocks: int) -> str:
@@ -192,9 +198,11 @@ def _sample_size(rocks: int) -> str:
         return "No rocks: nothing can be compared rock by rock."
     if rocks == 1:
         return "One rock: its scatter is unknown, and no gap can be distinguished from chance."
-    return (
-        f"{rocks} rocks: a gap of the mean below {_DETECTABLE / math.sqrt(rocks):.2f} standard "
-        f"deviations, or of a share of half of the rocks below "
-        f"{100.0 * min(1.0, _DETECTABLE * 0.5 / math.sqrt(rocks)):.0f} percentage points, is "
-        "likely to go unseen (power 80 %, level 5 %, one comparison)."
+    return phrase(
+        "{} rocks: a gap of the mean below {} standard deviations, or of a share of half of the "
+        "rocks below {} percentage points, is likely to go unseen (power 80 %, level 5 %, one "
+        "comparison).",
+        rocks,
+        f"{_DETECTABLE / math.sqrt(rocks):.2f}",
+        f"{100.0 * min(1.0, _DETECTABLE * 0.5 / math.sqrt(rocks)):.0f}",
     )

@@ -24,6 +24,7 @@ from sassgis.gap.replicas.rock_lines import RockLines, control_lines_of
 from sassgis.gap.residuals.residuals import mean_of_draws, per_rock
 from sassgis.gap.words import effect_name
 from sassgis.model.grid import FloatArray
+from sassgis.model.languages import all_of, joined, phrase
 
 #: Stations that are tried, as shares of the way to the middle of the stops; the nearest that an
 #: existing one may lie (the same share).
@@ -63,13 +64,17 @@ class Separation:
     @property
     def sentence(self) -> str:
         """For the reader."""
-        pair = f"{effect_name(self.one)} from {effect_name(self.other)}"
+        pair = effect_name(self.one), effect_name(self.other)
         if not self.what:
-            return (
-                f"Neither speeds, rotations, heights and impacts nor stops would tell {pair} "
-                "(simulated)."
+            return phrase(
+                "Neither speeds, rotations, heights and impacts nor stops would tell {} from {} "
+                "(simulated).",
+                *pair,
             )
-        return f"To tell {pair}: {self.what}, of about {self.rocks} rocks (simulated)."
+        return phrase(
+            "To tell {} from {}: {}, of about {} rocks (simulated).",
+            *pair, phrase(self.what), self.rocks,
+        )  # fmt: skip
 
 
 def separations(
@@ -94,14 +99,18 @@ def separations(
 def tables_to_add(case: Case, causes: Sequence[str]) -> tuple[str, ...]:
     """Tables of observations that lack, and the causes that have a fingerprint in them."""
     tables = case.observations.tables
-    shown: dict[str, list[str]] = {}
+    shown: dict[tuple[str, ...], list[str]] = {}
     for cause in (CAUSES[name] for name in causes if name in CAUSES):
         for own in cause.statistics:
-            lacks = [name for name in own.tables if not len(tables[name])]
-            if lacks and cause.words[0] not in shown.setdefault(" and ".join(lacks), []):
-                shown[" and ".join(lacks)].append(cause.words[0])
+            lacks = tuple(name for name in own.tables if not len(tables[name]))
+            if lacks and cause.words[0] not in shown.setdefault(lacks, []):
+                shown[lacks].append(cause.words[0])
     return tuple(
-        f"Not recorded yet, with fingerprints of {', '.join(names)}: {lacks}."
+        phrase(
+            "Not recorded yet, with fingerprints of {}: {}.",
+            joined(", ", map(phrase, names)),
+            all_of(lacks),
+        )
         for lacks, names in shown.items()
     )
 
@@ -126,7 +135,7 @@ def _shown(
 ) -> dict[str, FloatArray]:
     """What every rock shows in every campaign, by words, shape (DRAWS, _CAMPAIGNS, n_rocks)."""
     there = with_stations_at(case, places)
-    names = there.station_names
+    names = [phrase("{} along the fall line", name) for name in there.station_names]
     lines = replace(rock_lines, control_lines=control_lines_of(there))
     chosen = [models[k % len(models)] for k in range(DRAWS)]
     made = [
@@ -150,10 +159,10 @@ def _quantities(sample: Campaign, places: Sequence[str]) -> Iterator[tuple[str, 
         for k, place in enumerate(places):
             here = (passed.station == k) & (passed.kind == WHOLE)
             rock = np.where(here, passed.rock, -1)
-            yield f"the speed at {place}", per_rock(passed.speed_mps, rock, n)
-            yield f"the rotation at {place}", per_rock(passed.rotation_hz, rock, n)
-            yield f"the passing height at {place}", per_rock(passed.height_m, rock, n)
-            yield f"where rocks pass {place}", per_rock(np.abs(passed.lateral_m), rock, n)
+            yield phrase("the speed at {}", place), per_rock(passed.speed_mps, rock, n)
+            yield phrase("the rotation at {}", place), per_rock(passed.rotation_hz, rock, n)
+            yield phrase("the passing height at {}", place), per_rock(passed.height_m, rock, n)
+            yield phrase("where rocks pass {}", place), per_rock(np.abs(passed.lateral_m), rock, n)
     if lying is not None:
         whole = np.where(lying.kind == WHOLE, lying.rock, -1)
         yield "where rocks stop along the fall line", per_rock(lying.s, whole, n)

@@ -12,6 +12,8 @@ from sassgis.gap.diagnosis import CauseGain, Fingerprint, GapFinding
 from sassgis.gap.observations.case import Case
 from sassgis.gap.where.findings import locate
 from sassgis.gap.which.hypotheses import NONE, Draw
+from sassgis.gap.words import effect_key
+from sassgis.model.languages import joined, phrase
 
 #: Answers besides the families.
 UNKNOWN, CONTACT_LAW = "unknown", "contact_law"
@@ -168,44 +170,52 @@ def decide(
     tried = [name for name in shares if name != NONE]
     best = strongest(prints)
     first = max(tried, key=lambda n: shares[n], default="")
-    refused = ""
+    refused = phrase("")
     own = best[first].z if first in best else -math.inf
     gain = gains[first].sureness if first in gains else -math.inf
     if first and max(own, gain) >= SEEN and shares[first] >= thresholds.named:
         if closes is None or closes > 0.0:
-            reason = f"{shares[first]:.0%} probable by its fingerprints and by what it closes"
+            sure = f"{shares[first]:.0%}"
+            reason = phrase("{} probable by its fingerprints and by what it closes", sure)
             if own >= SEEN:
-                reason += f"; the surest of its own: {best[first].statistic} (z = {own:.1f})"
+                seen, z = phrase(best[first].statistic), f"{own:.1f}"
+                reason = phrase("{}; the surest of its own: {} (z = {})", reason, seen, z)
             return first, group_of(first), reason
-        refused = (
-            f"the fingerprints are those of {first.replace('_', ' ')}, but the effect closes none "
-            "of the gap on rocks that took no part in its calibration; "
+        refused = phrase(
+            "the fingerprints are those of {}, but the effect closes none of the gap on rocks that "
+            "took no part in its calibration; ",
+            effect_key(first),
         )
     together = {g: group_probability(g, shares) for g in GROUPS}
     group = max(together, key=lambda g: together[g])
     if together[group] >= thresholds.grouped:
-        reason = (
-            f"a cause of the group {group} is {together[group]:.0%} probable; these data cannot "
-            "answer which"
+        reason = phrase(
+            "a cause of the group {} is {} probable; these data cannot answer which",
+            phrase(group),
+            f"{together[group]:.0%}",
         )
-        return UNKNOWN, group, refused + reason
+        return UNKNOWN, group, joined("", (refused, reason))
     if is_adequate:
-        reason = (
-            f"no {'other ' * bool(refused)}cause is probable, and no gap of the calibrated base is "
-            "both significant and large"
+        reason = phrase(
+            "no cause is probable, and no gap of the calibrated base is both significant and large"
         )
-        return NONE, "", refused + reason
+        if refused:
+            reason = phrase(
+                "no other cause is probable, and no gap of the calibrated base is both significant "
+                "and large"
+            )
+        return NONE, "", joined("", (refused, reason))
     if law and shares[NONE] > max((shares[name] for name in tried), default=0.0):
-        reason = (
+        reason = phrase(
             "the contact follows another law: the motion is shifted in the same way for all sizes, "
             "or it certainly closes more of the gap than any values of the ground"
         )
-        return CONTACT_LAW, group_of(CONTACT_LAW), refused + reason
-    reason = (
+        return CONTACT_LAW, group_of(CONTACT_LAW), joined("", (refused, reason))
+    reason = phrase(
         "gaps are significant and large, and no known cause is probable: these data cannot answer "
         "which"
     )
-    return UNKNOWN, "", refused + reason
+    return UNKNOWN, "", joined("", (refused, reason))
 
 
 def group_probability(group: str, shares: Mapping[str, float]) -> float:

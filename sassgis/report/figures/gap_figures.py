@@ -17,6 +17,7 @@ from scipy.stats import binom, energy_distance
 from sassgis.gap.diagnosis import Comparison, GapFinding, Hypothesis, Rung
 from sassgis.gap.words import (
     effect_name,
+    place_name,
     place_words,
     quantity_name,
     rung_name,
@@ -25,6 +26,7 @@ from sassgis.gap.words import (
     with_unit_in_brackets,
 )
 from sassgis.model.grid import FloatArray, Grid
+from sassgis.model.languages import joined, phrase, translated
 from sassgis.report.figures.map_figure import (
     MapFrame,
     MapPanel,
@@ -120,13 +122,16 @@ def gap_map_figure(
     largest = max((abs(g) for g in gaps), default=0.0)
     norm = Normalize(-largest or -1.0, largest or 1.0)
     keys = {
-        f"Colour: {quantity_name(quantity)}, observed less predicted; vermilion: more was "
-        "observed, blue: less; thin: not distinguished from chance.": gaps,
-        "Thin dark lines: fall lines.": lines,
-        "Triangles: release.": len(release),
-        "Diamonds: where observed blocks lie.": len(stops),
+        phrase(
+            "Colour: {}, observed less predicted; vermilion: more was observed, blue: less; thin: "
+            "not distinguished from chance.",
+            quantity_name(quantity),
+        ): gaps,
+        phrase("Thin dark lines: fall lines."): lines,
+        phrase("Triangles: release."): len(release),
+        phrase("Diamonds: where observed blocks lie."): len(stops),
     }
-    text = " ".join(part for part, there in keys.items() if there)
+    text = joined(" ", (part for part, there in keys.items() if there))
     place = one_map(view.aspect, 0.95, 6.5)
     frame = MapFrame(*place, top=0.52, bottom=0.5 + note_height(text))
 
@@ -169,10 +174,11 @@ def _draw_stretches(
 
 
 def _row_label(finding: GapFinding, rows: Sequence[GapFinding]) -> str:
-    place = finding.place.removeprefix("ground:").replace("_", " ")
+    """In the language of the figure: labels of an axis are set anew when it is drawn."""
+    place = place_name(finding.place.replace("_", " "))
     same = [f for f in rows if (f.place, f.phase) == (finding.place, finding.phase)]
-    phase = tested_by(finding.test) if len(same) > 1 else finding.phase
-    return f"{place} · {phase}" if phase else place
+    phase = tested_by(finding.test) if len(same) > 1 else phrase(finding.phase)
+    return translated(phrase("{} · {}", place, phase) if phase else place)
 
 
 def _chosen_rows(findings: Sequence[GapFinding]) -> dict[tuple[str, str], list[GapFinding]]:
@@ -202,13 +208,14 @@ def gap_where_figure(findings: Sequence[GapFinding]) -> Figure:
     """
     groups = _chosen_rows(findings)
     shown = sum(len(rows) for rows in groups.values())
-    note = (
+    note = phrase(
         "Dots: mean over rocks; bars: 95 % intervals, rocks resampled. Filled: significant among "
         "all comparisons (5 %); coloured ring: among those that the map shows (share of false ones "
         "5 %); grey: not distinguished from chance. Right: number of rocks."
     )
     if shown < len(findings):
-        note += f" {shown} of {len(findings)} are shown, the most certain."
+        more = phrase("{} of {} are shown, the most certain.", shown, len(findings))
+        note = joined(" ", (note, more))
     columns = 1 if len(groups) < 2 else 2
     width = WIDTH_IN / columns
     titles = {
@@ -312,16 +319,30 @@ def gap_distributions_figure(comparisons: Sequence[Comparison], *, effect: str =
     """
     chosen = list(comparisons)[:MAX_PANELS]
     after = bool(effect) and any(c.effect for c in chosen)
-    note = (
-        "Black: observed, a step for each value. Blue: calibrated base model; pale band: where 95 "
-        "of 100 samples of as many values lie. "
-        + (f"Vermilion: with {effect_name(effect)}. " if after else "")
-        + "D: energy distance to the observed values, in their standard deviations"
-        + (", base → with the effect" if after else "")
-        + ", of the values that are drawn."
-    )
+    parts = [
+        phrase(
+            "Black: observed, a step for each value. Blue: calibrated base model; pale band: where "
+            "95 of 100 samples of as many values lie."
+        )
+    ]
+    if after:
+        parts += [
+            phrase("Vermilion: with {}.", effect_name(effect)),
+            phrase(
+                "D: energy distance to the observed values, in their standard deviations, base → "
+                "with the effect, of the values that are drawn."
+            ),
+        ]
+    else:
+        parts.append(
+            phrase(
+                "D: energy distance to the observed values, in their standard deviations, of the "
+                "values that are drawn."
+            )
+        )
     if len(chosen) < len(comparisons):
-        note += f" {len(chosen)} of {len(comparisons)} comparisons are drawn."
+        parts.append(phrase("{} of {} comparisons are drawn.", len(chosen), len(comparisons)))
+    note = joined(" ", parts)
     columns = min(len(chosen), 3 if len(chosen) > 4 else 2)
     rows = -(-len(chosen) // columns)
     panel_h, gap_h, top, bottom = 1.45, 0.55, 0.62, note_height(note) + 0.36
@@ -344,8 +365,10 @@ def gap_distributions_figure(comparisons: Sequence[Comparison], *, effect: str =
 def _draw_comparison(ax: Axes, comparison: Comparison, width_in: float, after: bool) -> None:
     seen, base = _known(comparison.observed), _known(comparison.base)
     with_effect = _known(comparison.effect) if after else np.empty(0)
-    words = f"{quantity_name(comparison.quantity)} {place_words(comparison.place)}"
-    words = with_unit_in_brackets(words, comparison.unit)
+    words = with_unit_in_brackets(
+        phrase("{} {}", quantity_name(comparison.quantity), place_words(comparison.place)),
+        comparison.unit,
+    )
     ax.set_title(wrap(words, width_in, SMALL + 0.5), size=SMALL + 0.5, pad=3)
     ax.set_ylim(-0.02, 1.04)
     ax.yaxis.set_major_formatter(percent_formatter(1.0))
@@ -394,11 +417,13 @@ def gap_ladder_figure(ladder: Sequence[Rung]) -> Figure:
         ax.barh(i, rung.distance, 0.6, color=LIGHT if ends else BLUE, gid=f"rung-{rung.rung}")
         if rung.share is not None:
             low, high = (100 * v for v in rung.ci95 or (0.0, 0.0))
-            span = "" if rung.ci95 is None else f" ({low:.0f} to {high:.0f})"
-            text = f" closes {100 * rung.share:.0f} %{span}".replace("-", "\u2212")
+            numbers = (f"{v:.0f}".replace("-", "\u2212") for v in (100 * rung.share, low, high))
+            text = phrase(" closes {} % ({} to {})", *numbers)
+            if rung.ci95 is None:
+                text = phrase(" closes {} %", f"{100 * rung.share:.0f}".replace("-", "\u2212"))
             ax.text(max(rung.distance, 0.0), i, text, va="center", size=SMALL)
     ax.axvline(0.0, color=GREY, lw=0.8, zorder=1)
-    names = [rung_name(r.rung) for r in ladder]
+    names = [wrap(rung_name(r.rung), 1.85, TEXT) for r in ladder]
     ax.set_yticks(range(n), names, size=TEXT)
     _rows_only(ax, n, 0.6)
     ax.grid(visible=False)
@@ -407,6 +432,7 @@ def gap_ladder_figure(ladder: Sequence[Rung]) -> Figure:
     return page.figure
 
 
+@styled
 def gap_hypotheses_figure(
     hypotheses: Sequence[Hypothesis], *, verdict: str, confusion: Sequence[str] = ()
 ) -> Figure:
@@ -416,12 +442,13 @@ def gap_hypotheses_figure(
     """
     n = len(hypotheses)
     others = [e for e in confusion if e != verdict]
-    note = (
+    note = phrase(
         "Left: by how much the energy score of held-out rocks falls below that of the calibrated "
         "base model, with 95 % interval (rocks resampled); above zero is better. Right: "
-        "probability of being the cause. Vermilion: the answer"
-        + ("; blue: not separated from it by these data." if others else ".")
+        "probability of being the cause. Vermilion: the answer."
     )
+    if others:
+        note = joined(" ", (note, phrase("Blue: not separated from it by these data.")))
     top, bottom = 0.62, note_height(note) + 0.42
     page = Page(top + 0.29 * n + bottom)
     page.around("Explanations that were tried", note)
