@@ -7,8 +7,6 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
-from threadpoolctl import threadpool_limits
-
 from sassgis.gap.calibration.class_calibration import (
     COUNT,
     CalibrationTask,
@@ -35,7 +33,7 @@ from sassgis.runs.calibration_outputs import write_calibration
 from sassgis.runs.draw_store import DrawProgress, DrawStore, OnProgress
 from sassgis.runs.gap_case import fingerprint_of, observations_name, read_case
 from sassgis.runs.job import AnyConfig, configured, workers_asked
-from sassgis.runs.workers import Jobs, task_map
+from sassgis.runs.workers import Jobs, one_algebra_thread, task_map
 
 #: With fewer rocks nothing can be said of their scatter.
 _FEWEST = 3
@@ -91,8 +89,7 @@ def calibrate(
         If the user stops it; what was computed is kept.
     """
     tell = say or (lambda _text: None)
-    # Threads of the linear algebra would change the last digits with the number of cores.
-    with threadpool_limits(1, "blas"), output_if_asked(out, overwrite) as work:
+    with one_algebra_thread(), output_if_asked(out, overwrite) as work:
         tell("Reading the inputs")
         try:
             given, observed = zip(*((config, own) for config, own in sites), strict=True)

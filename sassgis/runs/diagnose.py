@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from sassgis.gap.calibration.problem import CalibrationProblem, model_rows, problem_of
 from sassgis.gap.calibration.site_summary import summary_of
@@ -57,7 +56,7 @@ from sassgis.runs.gap_outputs import write_outputs
 from sassgis.runs.hypothesis_fits import DRAWS, HypothesisFits
 from sassgis.runs.job import AnyConfig, configured, workers_asked
 from sassgis.runs.weighed_causes import AddedCauses, shares_of, verdict_of
-from sassgis.runs.workers import Jobs, task_map
+from sassgis.runs.workers import Jobs, one_algebra_thread, task_map
 
 #: Folder of the result in which the maps before and after are put, where they are wanted.
 MAP_NAME = "map"
@@ -122,9 +121,8 @@ def diagnose(
         If the user stops it.
     """
     tell = say or (lambda _text: None)
-    # Many small products of matrices: threads of the linear algebra would only wait for each other.
     with (
-        threadpool_limits(1, "blas"),
+        one_algebra_thread(),
         output_if_asked(out, overwrite, parts=(MAP_NAME,)) as work,
     ):
         settings = configured(config, None)

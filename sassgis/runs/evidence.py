@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from threadpoolctl import threadpool_limits
-
 from sassgis.gap.calibration.contact_map import learned_contacts
 from sassgis.gap.calibration.problem import problem_of
 from sassgis.gap.calibration.site_summary import summary_of
@@ -23,7 +21,7 @@ from sassgis.io.read.observation_files import AnyObservations
 from sassgis.runs.gap_case import read_case
 from sassgis.runs.hypothesis_fits import DRAWS, HypothesisFits
 from sassgis.runs.job import AnyConfig
-from sassgis.runs.workers import task_map
+from sassgis.runs.workers import one_algebra_thread, task_map
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +74,7 @@ def evidence_at(
         As for ``diagnose``.
     seed : int
     """
-    with threadpool_limits(1, "blas"):
+    with one_algebra_thread():
         case = prepared_case(config, observations, seed, 1.0)
         summary = summary_of(problem_of(case, seed))
         with task_map(summary, 1) as run:

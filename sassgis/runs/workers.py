@@ -6,6 +6,7 @@ and the same bytes come out.
 
 from __future__ import annotations
 
+import os
 import pickle
 import signal
 import threading
@@ -26,6 +27,20 @@ R = TypeVar("R")
 
 #: Processes that may be lost, one after the other, at the same task.
 _LOST_MOST = 3
+
+
+@contextmanager
+def one_algebra_thread() -> Iterator[None]:
+    """Linear algebra in one thread: more change the last digits, and small products only wait."""
+    # The library sets an environment variable for the whole process when it is imported.
+    name = "KMP_DUPLICATE_LIB_OK"
+    before = os.environ.get(name)
+    from threadpoolctl import threadpool_limits
+
+    if before is None:
+        os.environ.pop(name, None)
+    with threadpool_limits(1, "blas"):
+        yield
 
 
 class Workers(Protocol):
