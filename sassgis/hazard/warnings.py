@@ -6,7 +6,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -63,17 +63,16 @@ def ground_shares(run: MapRun, cells: IntArray) -> list[tuple[GroundClass, float
     return [(run.table.classes[k], n / of_cells.size) for k, n in zip(used, counts, strict=True)]
 
 
-def trusted(used: Sequence[tuple[GroundClass, float]], trust: Trust) -> str:
-    """Classes of one kind of trust with their share: "rock 12 %, debris 30 %"."""
-    parts = (f"{c.name} {100 * share:.0f} %" for c, share in used if c.trust == trust)
-    return ", ".join(parts)
+def ground_words(used: Iterable[tuple[GroundClass, float]]) -> str:
+    """Classes with their share: "rock 12 %, debris 30 %"."""
+    return ", ".join(f"{c.name} {100 * share:.0f} %" for c, share in used)
 
 
 def ground_warnings(used: Sequence[tuple[GroundClass, float]]) -> list[str]:
     """How far the values of the classes that occur may be trusted; each with its share."""
     out: list[str] = []
     for trust, text in _TRUST_WARNINGS:
-        if names := trusted(used, trust):
+        if names := ground_words((c, share) for c, share in used if c.trust == trust):
             out.append(phrase(text, names))
     assumed = [f"{c.name} {c.d_star_m:g} m" for c, _ in used if c.trust == "paper" and c.d_star_m]
     if assumed:

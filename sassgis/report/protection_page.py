@@ -13,6 +13,7 @@ import shapely
 from sassgis.hazard.control_lines import BEHIND
 from sassgis.hazard.design import arrivals, net_classes
 from sassgis.hazard.sources import Sampled
+from sassgis.hazard.warnings import ground_words
 from sassgis.model.grid import FloatArray
 from sassgis.model.ground import GroundClass
 from sassgis.model.languages import current_language, joined, named, phrase, translated
@@ -113,9 +114,11 @@ def assumptions(
         Classes of the cells that blocks reach, and their share.
     """
     released = sources.groupby("scenario", sort=False)["onset_per_year"].sum()
-    blocks = (f"{name} ({phrase('{} blocks a year', f'{n:.3g}')})" for name, n in released.items())
-    shares = (f"{c.name} {100.0 * share:.0f} %" for c, share in ground)
-    return ("Block scenarios", joined(", ", [*blocks])), ("Ground classes", ", ".join(shares))
+    blocks = (
+        phrase("{} ({})", name, phrase("{} blocks a year", f"{n:.3g}"))
+        for name, n in released.items()
+    )
+    return ("Block scenarios", joined(", ", blocks)), ("Ground classes", ground_words(ground))
 
 
 def _facts(
@@ -212,21 +215,24 @@ def _classes(own: str, high: str) -> str | None:
     return own if high == own else phrase("{} to {}", own, high or "–")
 
 
-#: What every sheet says below its figures.
-_NOTES = (
-    "Without walls and nets, but for what is behind. Limits are those of the sampling error: "
-    "onset frequencies, block sizes and ground classes are not in them.",
-    "A dash: blocks come less often, or the sample of blocks has no limit.",
-    "Net height: passing height of the centre of the block and the diameter of the block, as a "
-    "sphere. Freeboard and partial factors of the guideline come on top.",
-    phrase(
-        "Energy class: the lowest of ETAG 27 and EAD 340059 whose maximum energy level is not "
-        "below the energy. These are, in kJ: {}. The classes are not checked against the text.",
-        ", ".join(f"{name}: {most:g}" for name, most in net_classes() if most < np.inf),
-    ),
-    "A place upslope that fewer blocks reach than the line itself is not taken as better: the "
-    "others start below it or pass beside it. What is to be protected must lie below the place.",
-)
+def _notes() -> tuple[str, ...]:
+    """What every sheet says below its figures."""
+    classes = ", ".join(f"{name}: {most:g}" for name, most in net_classes() if most < np.inf)
+    return (
+        "Without walls and nets, but for what is behind. Limits are those of the sampling error: "
+        "onset frequencies, block sizes and ground classes are not in them.",
+        "A dash: blocks come less often, or the sample of blocks has no limit.",
+        "Net height: passing height of the centre of the block and the diameter of the block, as a "
+        "sphere. Freeboard and partial factors of the guideline come on top.",
+        phrase(
+            "Energy class: the lowest of ETAG 27 and EAD 340059 whose maximum energy level is not "
+            "below the energy. These are, in kJ: {}. The classes are not checked against the text.",
+            classes,
+        ),
+        "A place upslope that fewer blocks reach than the line itself is not taken as better: the "
+        "others start below it or pass beside it. What is to be protected must lie below the "
+        "place.",
+    )
 
 
 def write_protection_page(
@@ -242,7 +248,7 @@ def write_protection_page(
     ``change`` shows the hazard levels without and with walls and nets, ``warnings`` is how many
     the report has.
     """
-    notes = [translated(note) for note in _NOTES]
+    notes = [translated(note) for note in _notes()]
     if warnings:
         text = "Warnings of the run that bear on these values: {}, in report.html."
         notes.insert(0, translated(phrase(text, warnings)))

@@ -19,8 +19,10 @@ from helpers.zone_slope import Case, box, place, two_areas
 
 import sassgis
 from sassgis.hazard.curves import return_period
+from sassgis.io.read.ground_map import read_ground_table
+from sassgis.model.languages import in_language, translated
 from sassgis.report.map_page import Contribution, _logarithm, _shares, _strongest
-from sassgis.report.protection_page import best_places
+from sassgis.report.protection_page import assumptions, best_places
 from sassgis.runs.zone import ZoneResult
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -307,6 +309,17 @@ def test_sheets_of_protection_say_what_the_tables_say(zoned: Zoned) -> None:
     assert page.count("<img ") == 2 and not re.search(r"https?:|<script", page)
     report = (out / "report.html").read_text(encoding="utf-8")
     assert '<a href="protection.html">Design of protection</a>' in report
+
+
+def test_what_sheets_of_protection_rest_on_is_said_in_their_language() -> None:
+    sources = pd.DataFrame(
+        {"scenario": ["rare", "often", "rare"], "onset_per_year": [0.1, 0.4, 0.2]}
+    )
+    ground = [(read_ground_table().classes[0], 0.6)]
+    with in_language("de"):
+        blocks, classes = (translated(text) for _, text in assumptions(sources, ground))
+    assert blocks == "rare (0.3 Blöcke pro Jahr), often (0.4 Blöcke pro Jahr)"
+    assert classes == f"{ground[0][0].name} 60 %"
 
 
 @browser
