@@ -11,6 +11,7 @@ import sassgis
 from sassgis.gap.calibration.class_calibration import SiteCalibration, SiteResult
 from sassgis.gap.calibration.identifiability import Fitted
 from sassgis.gap.inference.intervals import Interval
+from sassgis.gap.words import with_unit_in_brackets
 from sassgis.model.languages import joined, phrase, translated
 from sassgis.report.figures.calibration_figures import parameters_figure, quantity_curves_figure
 from sassgis.report.gap_answer import interval_text
@@ -149,7 +150,7 @@ def _figures(calibration: SiteCalibration, folder: Path) -> list[ReportFigure]:
         for name, e in list(zip(site.observed, site.errors, strict=True))[::-1][:_PANELS]:
             natural = np.exp if name.endswith(":speed") else np.asarray
             made = {m: natural(v[name]) for m, v in site.replicas.items()}
-            label = phrase("{} ({})", phrase(e.name), e.unit) if e.unit else e.name
+            label = with_unit_in_brackets(e.name, e.unit)
             panels.append((label, natural(site.observed[name]), made))
         title = phrase("Observed and simulated rocks: {}", site.name)
         found.append(picture(folder, f"rocks_{k}", title, caption, quantity_curves_figure(panels)))

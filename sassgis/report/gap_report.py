@@ -56,7 +56,6 @@ from sassgis.report.page import (
     ReportTable,
     heads,
     sensible,
-    translated_report,
 )
 from sassgis.report.pictures import picture
 
@@ -479,7 +478,7 @@ def gap_report(
     tried = effect_names(c.effect for c in diagnosis.which)
     tables = [phrase("{} {}", n, phrase(name)) for name, n in diagnosis.tables.items()]
     said = filter(None, (phrase(diagnosis.first_sentence), verdict_sentence(diagnosis)))
-    context = ReportContext(
+    return ReportContext(
         title=translated(phrase("{}: observed and simulated rocks", project)),
         subtitle="What separates the field observations from the SASS model, and why",
         verdict=joined(" ", said),
@@ -514,4 +513,3 @@ def gap_report(
             ("Calibrated model", "model/config.toml"),
         ),
     )
-    return translated_report(context)

@@ -64,7 +64,6 @@ MAP_NAME = "map"
 _FEWEST_ROCKS = 5
 #: With fewer groups of rocks a warning is given.
 _FEWEST_GROUPS = 4
-_ONE_GROUP = phrase("The rocks are in 1 group.")
 _ATYPICAL = (
     "The calibrated base is farther from these observations than at any synthetic site: the "
     "probabilities of the causes may not hold here."
@@ -169,7 +168,8 @@ def _group_warnings(case: Case) -> tuple[str, ...]:
     groups = np.unique(case.group).size
     if groups >= _FEWEST_GROUPS:
         return ()
-    found = phrase("The rocks are in {} groups.", groups) if groups > 1 else _ONE_GROUP
+    text = "The rocks are in {} groups." if groups > 1 else "The rocks are in 1 group."
+    found = phrase(text, groups)
     told = phrase(
         "With fewer than {} no cause can be told from what the rocks of a group have in common; "
         "intervals are far too narrow.",

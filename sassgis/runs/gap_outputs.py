@@ -15,7 +15,7 @@ from sassgis.model.in_memory import Input
 from sassgis.model.languages import in_language
 from sassgis.model.run_config import Config
 from sassgis.report.gap_report import gap_report, report_warnings
-from sassgis.report.page import write_report
+from sassgis.report.page import translated_report, write_report
 from sassgis.runs.inputs import input_files
 
 
@@ -69,7 +69,7 @@ def write_outputs(
             configuration=config.label,
             warnings=warnings,
         )
-        write_report(work / "report.html", context)
+        write_report(work / "report.html", translated_report(context))
     inputs = input_files(config) | observed_files(case)
     verdict = diagnosis.verdict
     write_manifest(

@@ -68,7 +68,7 @@ from sassgis.report.figures import gap_figures as figures
 from sassgis.report.figures.gap_figures import GapStretch, _band
 from sassgis.report.gap_answer import finding_sentence, verdict_sentence
 from sassgis.report.gap_report import answer, headline, map_parts, report_warnings
-from sassgis.report.page import write_report
+from sassgis.report.page import translated_report, write_report
 from sassgis.runs.gap_case import read_case
 from sassgis.runs.gap_map_change import map_change
 from sassgis.runs.gap_outputs import write_outputs
@@ -681,7 +681,7 @@ def test_the_report_is_in_the_language_of_the_project(
             case, diagnosis, tmp_path, project="Hang", terrain="dem.tif", crs="LV95",
             configuration="config.toml", warnings=report_warnings(case, diagnosis),
         )  # fmt: skip
-        page = words_of(write_report(tmp_path / "report.html", context))
+        page = words_of(write_report(tmp_path / "report.html", translated_report(context)))
     assert [text for text in words if text not in page] == []
     english = r"\b(the|is|are|of|with|gap|rocks|observed|from|release|stopping|flight)\b"
     assert re.findall(english, page) == []
