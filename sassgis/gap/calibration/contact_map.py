@@ -22,6 +22,7 @@ from sassgis.gap.calibration.impact_scores import (
 )
 from sassgis.gap.calibration.parameters import CalibrationRange
 from sassgis.gap.observations.case import Case
+from sassgis.gap.replicas.hypothesis_model import HypothesisModel
 from sassgis.gap.residuals.one_step import ImpactsInFlight
 from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import FloatArray
@@ -76,9 +77,8 @@ def _learned(case: Case, impacts: ImpactsInFlight, kind: int, seed: int) -> Floa
         classes = list(case.table.classes)
         classes[kind] = _with_shift(classes[kind], shift)
         # The same draws for all values: what differs is no luck.
-        made = simulated_outcomes(
-            case, GroundTable(tuple(classes)), EffectSettings(), impacts, seed=seed, number=3700
-        )
+        model = HypothesisModel(GroundTable(tuple(classes)), EffectSettings())
+        made = simulated_outcomes(case, model, impacts, seed=seed, number=3700)
         scores = impact_scores(impacts, observed, made, case.n_rocks)
         return float(scores[np.unique(impacts.rock)].mean()) + 0.5 * float(shift @ shift) / n
 

@@ -10,15 +10,14 @@ import numpy as np
 from sassgis.gap.inference.distances import energy_scores
 from sassgis.gap.inference.rock_tests import rock_means
 from sassgis.gap.observations.case import Case
+from sassgis.gap.replicas.hypothesis_model import HypothesisModel
 from sassgis.gap.residuals.one_step import (
     ImpactsInFlight,
     impacts_in_flight,
     rebound_draws,
     usable_impacts,
 )
-from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import FloatArray
-from sassgis.model.ground import GroundTable
 
 #: Orientations and slopes drawn for each impact, and impacts that are compared at most: more of
 #: them cost as much as the runs and say next to nothing more.
@@ -49,22 +48,13 @@ def observed_outcomes(impacts: ImpactsInFlight) -> FloatArray:
 
 
 def simulated_outcomes(
-    case: Case,
-    table: GroundTable,
-    effects: EffectSettings,
-    impacts: ImpactsInFlight,
-    *,
-    seed: int,
-    number: int,
-    turns: float = 1.0,
+    case: Case, model: HypothesisModel, impacts: ImpactsInFlight, *, seed: int, number: int
 ) -> FloatArray:
-    """The same in a model, shape (n, DRAWS, 3); a rock that would roll on keeps its speed.
-
-    ``turns``: rotations as observed over those of the model.
-    """
+    """The same in a model, shape (n, DRAWS, 3); a rock that would roll on keeps its speed."""
+    turns = model.measurement.rotation_scale
     rng = np.random.default_rng([seed, number, 87])
     start = replace(impacts, spin=np.where(impacts.has_spin, impacts.spin / turns, impacts.spin))
-    after = rebound_draws(case, table, start, rng, effects)
+    after = rebound_draws(case, model.table, start, rng, model.effects)
     along = np.maximum(impacts.impacts.vt_in_mps, 0.0)
     rolls = np.column_stack([along, np.zeros(along.size), along / impacts.radius])
     made = np.where(np.isfinite(after), after, rolls[:, None])

@@ -79,8 +79,6 @@ class LinearFit:
         Of the numbers, in standard errors.
     variance : float64, shape (p,)
         Of the numbers about the model, in squared standard errors.
-    loss : float
-        Of the best parameters: energy distance and prior.
     """
 
     best: FloatArray
@@ -88,7 +86,6 @@ class LinearFit:
     level: FloatArray
     slopes: FloatArray
     variance: FloatArray
-    loss: float
 
     @property
     def identified(self) -> BoolArray:
@@ -155,7 +152,7 @@ def fit_linearly(
         if (loss := look(nearest)) < least:
             best, least = nearest, loss
         for _ in range(_ATTEMPTS):
-            fit = _linear_model(summary, np.array(points), np.array(numbers), best, least)
+            fit = _linear_model(summary, np.array(points), np.array(numbers), best)
             step = fit.step(summary.in_errors(summary.observed))
             size = float(np.sqrt(np.mean(step**2)))
             at = np.clip(best + step * min(1.0, radius / max(size, 1e-9)), -_LIMIT, _LIMIT)
@@ -164,7 +161,7 @@ def fit_linearly(
                 radius *= _FARTHER if size > radius else _KEPT
                 break
             radius *= _NOT_KEPT
-    return _linear_model(summary, np.array(points), np.array(numbers), best, least)
+    return _linear_model(summary, np.array(points), np.array(numbers), best)
 
 
 def _loss(summary: SiteSummary, at: FloatArray, seen: Seen) -> float:
@@ -184,7 +181,7 @@ def _loss(summary: SiteSummary, at: FloatArray, seen: Seen) -> float:
 
 
 def _linear_model(
-    summary: SiteSummary, points: FloatArray, numbers: FloatArray, best: FloatArray, loss: float
+    summary: SiteSummary, points: FloatArray, numbers: FloatArray, best: FloatArray
 ) -> LinearFit:
     """Regress the numbers on the parameters, the nearest draws most."""
     seen = summary.in_errors(numbers)
@@ -207,4 +204,4 @@ def _linear_model(
     slopes = found[1:].T
     precision = (slopes.T / variance) @ slopes + np.eye(d)
     covariance = np.asarray(np.linalg.inv(precision), np.float64)
-    return LinearFit(best, covariance, found[0], slopes, variance, loss)
+    return LinearFit(best, covariance, found[0], slopes, variance)

@@ -200,10 +200,7 @@ def problem_of(
         outcomes = observed_outcomes(impacts)
         if simulated is not None:
             model, number = simulated
-            made = simulated_outcomes(
-                case, model.table, model.effects, impacts,
-                seed=seed, number=number, turns=model.measurement.rotation_scale,
-            )  # fmt: skip
+            made = simulated_outcomes(case, model, impacts, seed=seed, number=number)
             # What was not measured of an impact is not known of the simulated one either.
             outcomes = np.where(np.isfinite(outcomes), made[:, 0], np.nan)
         seen_after = impact_quantities(impacts, outcomes[:, None], case.n_rocks)
@@ -365,6 +362,5 @@ def _table_scores(
 def _outcomes(problem: CalibrationProblem, model: HypothesisModel, number: int) -> FloatArray:
     assert problem.impacts is not None
     return simulated_outcomes(
-        problem.case, model.table, model.effects, problem.impacts,
-        seed=problem.seed, number=number, turns=model.measurement.rotation_scale,
-    )  # fmt: skip
+        problem.case, model, problem.impacts, seed=problem.seed, number=number
+    )

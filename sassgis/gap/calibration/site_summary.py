@@ -90,9 +90,8 @@ class SiteSummary:
         outcomes = np.empty((0, count, 3))
         if problem.impacts is not None:
             outcomes = simulated_outcomes(
-                problem.case, model.table, model.effects, problem.impacts,
-                seed=problem.seed, number=number, turns=model.measurement.rotation_scale,
-            )  # fmt: skip
+                problem.case, model, problem.impacts, seed=problem.seed, number=number
+            )
         if not problem.turned:
             return model_rows(problem, model, number, count), outcomes, [None] * count
         made = campaigns(

@@ -63,9 +63,7 @@ def _draw(case: Case, draws: ParameterDraws) -> CausePart:
         turns = measurement.rotation_scale * model.measurement.rotation_scale
         return replace(model, measurement=replace(measurement, rotation_scale=turns))
 
-    stated = asdict(measurement)
-    stated["rotation_error_scale"] = stated.pop("rotation_scale")
-    return CausePart("scale, time base, noise", change, stated)
+    return CausePart("scale, time base, noise", change, asdict(measurement))
 
 
 def _speed_ratios(case: Case) -> tuple[FloatArray, FloatArray]:

@@ -84,20 +84,20 @@ def draw(case: Case, families: tuple[str, ...], parameter_draws: ParameterDraws)
         for key in ("side_tilt_deg", "drift_deg"):
             middle = max(float(getattr(case.engine, key)), 1.0)
             sideways[key] = parameter_draws.log(key, *(factor * middle for factor in _SIDEWAYS))
-    spin = {}
-    if rotations_seen(case.observations):
-        spin["rotation_scale"] = parameter_draws.log("rotation_scale", *_SPIN)
+    turning = {}
+    if _rotations_seen(case.observations):
+        turning["rotation_factor"] = parameter_draws.log("rotation_factor", *_SPIN)
     made = Draw(
         NONE,
         "calibrated ground",
         HypothesisModel(
             table,
             moving_effects(case),
-            measurement=MeasurementError(**spin),
+            measurement=MeasurementError(rotation_scale=turning.get("rotation_factor", 1.0)),
             side_tilt_deg=sideways.get("side_tilt_deg"),
             drift_deg=sideways.get("drift_deg"),
         ),
-        parameters | sideways | spin,
+        parameters | sideways | turning,
     )
     for family in sorted(families):
         part = CAUSES[family].draw(case, parameter_draws)
@@ -121,7 +121,7 @@ def draw(case: Case, families: tuple[str, ...], parameter_draws: ParameterDraws)
     )
 
 
-def rotations_seen(observations: Observations) -> bool:
+def _rotations_seen(observations: Observations) -> bool:
     """Whether rotations of any block were observed."""
     seen = (observations.passages.rotation_hz, observations.impacts.omega_out_radps)
     return any(bool(np.isfinite(own).any()) for own in seen)

@@ -32,7 +32,7 @@ from sassgis.gap.calibration.problem import (
     scores_of,
 )
 from sassgis.gap.inference.distances import energy_scores
-from sassgis.gap.replicas.hypothesis_model import configured_model
+from sassgis.gap.replicas.hypothesis_model import MeasurementError, configured_model
 from sassgis.io.read.range_table import read_ranges
 from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import FloatArray
@@ -218,9 +218,8 @@ def test_a_factor_of_the_rotations_is_taken_off_before_the_impact_and_put_on_aft
     def outcomes(factor: float, turns: float) -> FloatArray:
         assert seen.impacts is not None
         spins = replace(seen.impacts, spin=factor * seen.impacts.spin)
-        return simulated_outcomes(
-            seen.case, model.table, model.effects, spins, seed=3, number=2, turns=turns
-        )
+        scaled = replace(model, measurement=MeasurementError(rotation_scale=turns))
+        return simulated_outcomes(seen.case, scaled, spins, seed=3, number=2)
 
     np.testing.assert_allclose(
         outcomes(0.8, 0.8), outcomes(1.0, 1.0) * np.array([1.0, 1.0, 0.8]), rtol=1e-9

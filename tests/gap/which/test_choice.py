@@ -77,19 +77,19 @@ def test_not_measured_stays_not_measured(problem: CalibrationProblem) -> None:
 def test_rotations_have_a_factor_of_their_own_where_they_were_seen(
     problem: CalibrationProblem,
 ) -> None:
-    shares = {"rotation_scale": 0.9, "seen.turns": 0.1, "seen.log_turns": 0.2}
+    shares = {"rotation_factor": 0.9, "seen.turns": 0.1, "seen.log_turns": 0.2}
     base = draw(problem.case, (), ParameterDraws(None, shares))
     scale = base.model.measurement.rotation_scale
-    assert scale == base.parameters["rotation_scale"] > 1.2
+    assert scale == base.parameters["rotation_factor"] > 1.2
     # The error of an instrument comes on top of how blocks turn.
     seen = draw(problem.case, ("measurement_error",), ParameterDraws(None, shares))
-    error = seen.parameters["rotation_error_scale"]
+    error = seen.parameters["rotation_scale"]
     assert error < 0.9
     assert seen.model.measurement.rotation_scale == pytest.approx(scale * error)
     blind = without_columns(problem.case, "passages", "rotation_hz")
     blind = without_columns(blind, "impacts", "omega_out_radps")
     without = draw(blind, (), ParameterDraws(None, shares))
-    assert "rotation_scale" not in without.parameters
+    assert "rotation_factor" not in without.parameters
     assert without.model.measurement.rotation_scale == 1.0
 
 
