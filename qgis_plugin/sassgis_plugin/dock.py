@@ -394,14 +394,13 @@ class SiteDock(QDockWidget):
         said = self._feedback
         if successful:
             self._tell("\n".join(said.kept))
-        else:
-            self._tell(said.error or self.line.text(), "bad")
-        if successful:
             self.bar.setValue(100)
             self._result, self._share = folder, results.get("CHANGED_SHARE")
             self._sheets = tuple(sheets_of(Path(folder)))
             self.sheet.clear()
             self.sheet.addItems(self._sheets)
+        else:
+            self._tell(said.error or self.line.text(), "bad")
         self.refresh()
         self.finished.emit(bool(successful))
 
