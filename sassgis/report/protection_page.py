@@ -13,9 +13,7 @@ import shapely
 from sassgis.hazard.control_lines import BEHIND
 from sassgis.hazard.design import arrivals, net_classes
 from sassgis.hazard.sources import Sampled
-from sassgis.hazard.warnings import ground_words
 from sassgis.model.grid import FloatArray
-from sassgis.model.ground import GroundClass
 from sassgis.model.languages import current_language, joined, named, phrase, translated
 from sassgis.model.noted_files import noted
 from sassgis.model.results import ControlLine
@@ -99,26 +97,6 @@ def protection_sheets(
             )
         )
     return tuple(sheets)
-
-
-def assumptions(
-    sources: pd.DataFrame, ground: Sequence[tuple[GroundClass, float]]
-) -> tuple[tuple[str, str], ...]:
-    """What the values at all lines rest on: blocks a year of each scenario, and the ground.
-
-    Parameters
-    ----------
-    sources : DataFrame
-        That of ``tables/sources.csv``.
-    ground : sequence of (GroundClass, float)
-        Classes of the cells that blocks reach, and their share.
-    """
-    released = sources.groupby("scenario", sort=False)["onset_per_year"].sum()
-    blocks = (
-        phrase("{} ({})", name, phrase("{} blocks a year", f"{n:.3g}"))
-        for name, n in released.items()
-    )
-    return ("Block scenarios", joined(", ", blocks)), ("Ground classes", ground_words(ground))
 
 
 def _facts(

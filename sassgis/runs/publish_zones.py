@@ -13,10 +13,11 @@ from sassgis.hazard.warnings import (
     edge_words,
     edit_warnings,
     ground_shares,
+    ground_words,
     rule_warnings,
     zone_warnings,
 )
-from sassgis.io.qgis.run_project import zone_groups, zone_layouts
+from sassgis.io.qgis.run_project import onset_words, zone_groups, zone_layouts
 from sassgis.io.vector_layer import VectorLayer
 from sassgis.io.write.layers import zones as zone_layers
 from sassgis.io.write.layers.edited_places import edits_layer
@@ -35,7 +36,7 @@ from sassgis.model.in_memory import Input
 from sassgis.model.results import RasterLayer
 from sassgis.model.run_config import Config
 from sassgis.report.exposed_report import levels_of
-from sassgis.report.protection_page import assumptions, protection_sheets
+from sassgis.report.protection_page import protection_sheets
 from sassgis.report.run_summary import zone_lines
 from sassgis.report.zone_report import level_table, zone_facts_of, zone_figures, zone_tables
 from sassgis.runs.job import Simulation
@@ -109,7 +110,8 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
     levels = level_table(preset, found)
     on_objects = levels_of(rules.placed, hazard.levels, preset.levels)
     edge = edge_words(run, done.progress, float(hazard.facts.open_m.sum()))
-    assumed = assumptions(sources, ground_shares(run, done.progress.sums.cells))
+    ground = ground_words(ground_shares(run, done.progress.sums.cells))
+    assumed = (("Onset frequencies", onset_words(rules)), ("Ground classes", ground))
     sheets = partial(
         protection_sheets, run.control_lines, found.without_barriers, hazard.sampled,
         (design, protection, places), assumed, figures, confidence,

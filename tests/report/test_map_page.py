@@ -19,10 +19,10 @@ from helpers.zone_slope import Case, box, place, two_areas
 
 import sassgis
 from sassgis.hazard.curves import return_period
-from sassgis.io.read.ground_map import read_ground_table
+from sassgis.io.qgis.run_project import onset_words
 from sassgis.model.languages import in_language, translated
 from sassgis.report.map_page import Contribution, _logarithm, _shares, _strongest
-from sassgis.report.protection_page import assumptions, best_places
+from sassgis.report.protection_page import best_places
 from sassgis.runs.zone import ZoneResult
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -304,22 +304,17 @@ def test_sheets_of_protection_say_what_the_tables_say(zoned: Zoned) -> None:
     words = " ".join(html.unescape(text).split())
     assert "Design of protection: net (net, 3 m) Slope & co" in words
     assert "3 m high, 500 kJ capacity" in words and "Best place along the slope" in words
+    sources = pd.read_csv(out / "tables/sources.csv").drop_duplicates("scenario")
+    rates = "; ".join(sources["scenario"] + " " + sources["onset_per_year"].map("{:.3g}".format))
+    assert f"Onset frequencies {rates} blocks a year in each release area Ground classes" in words
+    with in_language("de"):
+        german = translated(onset_words(zoned[0].rules))
+    assert german == f"{rates} Blöcke pro Jahr in jedem Ausbruchgebiet"
     for own, high in zip(needs["net_class"], needs["net_class_high"].fillna("–"), strict=True):
         assert pd.isna(own) or f" {own if own == high else f'{own} to {high}'} " in words
     assert page.count("<img ") == 2 and not re.search(r"https?:|<script", page)
     report = (out / "report.html").read_text(encoding="utf-8")
     assert '<a href="protection.html">Design of protection</a>' in report
-
-
-def test_what_sheets_of_protection_rest_on_is_said_in_their_language() -> None:
-    sources = pd.DataFrame(
-        {"scenario": ["rare", "often", "rare"], "onset_per_year": [0.1, 0.4, 0.2]}
-    )
-    ground = [(read_ground_table().classes[0], 0.6)]
-    with in_language("de"):
-        blocks, classes = (translated(text) for _, text in assumptions(sources, ground))
-    assert blocks == "rare (0.3 Blöcke pro Jahr), often (0.4 Blöcke pro Jahr)"
-    assert classes == f"{ground[0][0].name} 60 %"
 
 
 @browser
