@@ -31,7 +31,7 @@ from sassgis.model.ground import PARAMETERS
 from sassgis.model.run_config import Config
 from sassgis.runs.calibration_outputs import write_calibration
 from sassgis.runs.draw_store import DrawProgress, DrawStore, OnProgress
-from sassgis.runs.gap_case import fingerprint_of, observations_name, read_case
+from sassgis.runs.gap_case import comparable, fingerprint_of, observations_name, read_case
 from sassgis.runs.job import AnyConfig, configured, workers_asked
 from sassgis.runs.workers import Jobs, one_algebra_thread, task_map
 
@@ -149,7 +149,7 @@ def _sites(
         while name in [s.name for s in ready]:
             name, number = f"{config.project.name} ({number})", number + 1
         problem = problem_of(read_case(config, of_site), seed, name=name, sideways=False)
-        ready.append(_comparable(problem, observations_name(of_site)))
+        ready.append(comparable(problem, of_site))
     known = {c.name: c for c in ready[0].case.table.classes}
     for site, config in zip(ready, configs, strict=True):
         for own in site.case.table.classes:
@@ -165,21 +165,6 @@ def _sites(
                         expected="one table of classes for all sites",
                     )
     return ready
-
-
-def _comparable(site: CalibrationProblem, file: Path) -> CalibrationProblem:
-    """The site, if anything was measured that a simulation can be compared with."""
-    if not site.scored:
-        tables = site.case.observations.tables
-        raise InputError(
-            "nothing to calibrate on",
-            file=file,
-            field="deposits, passages, impacts",
-            found=", ".join(f"{len(t)} {name}" for name, t in tables.items() if len(t))
-            or "no rows",
-            expected="stops, passages at stations, of 5 rocks or more, or impacts",
-        )
-    return site
 
 
 def _chosen(sites: Sequence[CalibrationProblem], asked: Sequence[str] | None) -> list[str]:

@@ -51,7 +51,7 @@ from sassgis.model.languages import joined, phrase
 from sassgis.runs.draw_store import OnProgress
 from sassgis.runs.evidence import Evidence, evidence_beyond, prepared_case
 from sassgis.runs.fresh_shrinkage import ENSEMBLE
-from sassgis.runs.gap_case import fingerprint_of, observations_name
+from sassgis.runs.gap_case import comparable, fingerprint_of, observations_name
 from sassgis.runs.gap_outputs import write_outputs
 from sassgis.runs.hypothesis_fits import DRAWS, HypothesisFits
 from sassgis.runs.job import AnyConfig, configured, workers_asked
@@ -135,7 +135,7 @@ def diagnose(
                 found=case.n_rocks,
                 expected=f"{_FEWEST_ROCKS} or more",
             )
-        summary = summary_of(problem_of(case, seed))
+        summary = summary_of(comparable(problem_of(case, seed), observations))
         fingerprint = fingerprint_of(settings, observations, f"{seed} {draws} {ground_range:g}")
         try:
             with task_map(summary, workers_asked(settings, jobs)) as run:

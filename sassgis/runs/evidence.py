@@ -18,7 +18,7 @@ from sassgis.gap.which.fingerprints import fingerprints
 from sassgis.gap.which.hypotheses import families_to_try
 from sassgis.gap.which.verdict import CONTACT_LAW
 from sassgis.io.read.observation_files import AnyObservations
-from sassgis.runs.gap_case import read_case
+from sassgis.runs.gap_case import comparable, read_case
 from sassgis.runs.hypothesis_fits import DRAWS, HypothesisFits
 from sassgis.runs.job import AnyConfig
 from sassgis.runs.workers import one_algebra_thread, task_map
@@ -76,7 +76,7 @@ def evidence_at(
     """
     with one_algebra_thread():
         case = prepared_case(config, observations, seed, 1.0)
-        summary = summary_of(problem_of(case, seed))
+        summary = summary_of(comparable(problem_of(case, seed), observations))
         with task_map(summary, 1) as run:
             made = HypothesisFits(summary, run, DRAWS)
         return evidence_beyond(made, made.add(CONTACT_LAW), families_to_try(case)), made

@@ -12,6 +12,7 @@ import numpy as np
 
 from sassgis.engine.simulate_paths import PathTerrain
 from sassgis.gap.calibration.parameters import classes_met
+from sassgis.gap.calibration.problem import CalibrationProblem
 from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.observed import DENSITY_KGM3, Observations, rock_masses_kg
 from sassgis.gap.observations.projection import (
@@ -39,6 +40,27 @@ from sassgis.terrain.fall_lines import fall_line_surface, trace
 from sassgis.terrain.plan import plan
 from sassgis.terrain.prepare import prepare_lines
 from sassgis.terrain.release import point_keys, take
+
+
+def comparable(problem: CalibrationProblem, observations: AnyObservations) -> CalibrationProblem:
+    """The problem, if anything was measured that a simulation can be compared with.
+
+    Raises
+    ------
+    InputError
+        If not.
+    """
+    if not problem.scored:
+        tables = problem.case.observations.tables
+        raise InputError(
+            "nothing to compare simulations with",
+            file=observations_name(observations),
+            field="deposits, passages, impacts",
+            found=", ".join(f"{len(t)} {name}" for name, t in tables.items() if len(t))
+            or "no rows",
+            expected="stops, passages at stations, of 5 rocks or more, or impacts",
+        )
+    return problem
 
 
 def read_case(config: AnyConfig, observations: AnyObservations) -> Case:

@@ -85,9 +85,10 @@ class AddedCauses:
 def shares_of(
     evidence: Evidence, families: tuple[str, ...], weights: CauseWeights
 ) -> dict[str, float]:
-    """Probability of each cause that these data could show and of "none", most likely first."""
+    """Probability of each cause that these data could show, of "none" and of "unknown"."""
     seen = seen_of(evidence.prints, evidence.gains, families)
-    return weights.shares(evidence.prints, evidence.gains, seen)
+    hidden, sound = len(families) - len(seen), adequate(evidence.findings)
+    return weights.shares(evidence.prints, evidence.gains, seen, hidden, sound)
 
 
 def _second(added: AddedCauses, first: str, weights: CauseWeights, frozen: Thresholds) -> str:
@@ -129,7 +130,7 @@ def verdict_of(
     is significant and large; ``enough``: whether what calibrated ground leaves may be chance.
     """
     evidence = added.evidence
-    first = next((name for name in shares if name != NONE), NONE)
+    first = next((name for name in shares if name not in (NONE, UNKNOWN)), NONE)
     if first != NONE and shares[first] < frozen.calibrated:
         first = NONE
     shrinkage = added.shrinkage(first) if first != NONE else _nothing_added(added)

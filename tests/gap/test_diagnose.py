@@ -297,6 +297,10 @@ def test_poor_observations_are_answered_or_refused_in_one_line(
     with pytest.raises(InputError, match="too few rocks") as caught:
         run(few, tmp_path / "out3")
     assert "\n" not in str(caught.value)
+    tables = dict.fromkeys(("passages", "deposits", "impacts"))
+    bare = changed(everything, tmp_path / "bare", **tables)
+    with pytest.raises(InputError, match="nothing to compare simulations with"):
+        run(bare, tmp_path / "out4")
 
 
 def test_without_rocks_there_is_one_clear_line(everything: Path, tmp_path: Path) -> None:

@@ -16,6 +16,8 @@ from sassgis.model.grid import FloatArray
 
 #: A fingerprint rests on at least this many rocks or groups.
 LEAST = 5
+#: Sureness of a gain from which a cause is seen by what it closes.
+SHOWS = 3.0
 #: Stated errors of measurement may be wrong by this share of themselves.
 MISSTATED = 0.5
 #: Shift, in standard deviations, up to which a comparison may be off by itself.

@@ -55,6 +55,9 @@ _STRUCK_ALOFT_SD, _SEEM_STRUCK = 5.0, 0.004
 #: which no contact can have been missed on it: grazing ones and those of a rock that rolls or
 #: slides are in no table of impacts.
 _CLEAR_RADII, _CLEAR_M = 1.0, 0.5
+#: Share of the length of a free flight beyond which a rock touched the ground on the way: what
+#: loses speed in the air comes less far.
+_FREE = 1.1
 #: Least share of flights between contacts that seem struck without; else that of the base.
 _SEEM_STRUCK_AT_CONTACTS = 0.01
 
@@ -116,7 +119,7 @@ def _on_few_flights(case: Case, residuals: ResidualTable) -> Scores:
 def _above_ground(rows: StepTable, error_m: float) -> StepTable:
     """Flights on which what was struck stood above the ground."""
     least = np.maximum(_CLEAR_RADII * rows.radius_m, _CLEAR_M)
-    return rows.where(rows.clear_m > least + 2.0 * error_m)
+    return rows.where((rows.clear_m > least + 2.0 * error_m) & (rows.reach < _FREE))
 
 
 def _struck(rows: StepTable, loss: FloatArray, usual: FloatArray) -> NDArray[np.bool_]:

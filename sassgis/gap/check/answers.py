@@ -183,6 +183,12 @@ def is_right(truth: Truth, answer: Answer) -> bool:
     return in_order(answer.effect) in truth.right
 
 
+def holds(truth: Truth, answer: Answer) -> bool:
+    """Whether what is answered is so: of a named effect that it acts, alone or beside another."""
+    names = names_in(answer.effect)
+    return names <= {*truth.effects} if names else is_right(truth, answer)
+
+
 def is_covered(truth: Truth, answer: Answer) -> bool:
     """Whether the truth or its group is in the confusion set; of a pair, itself or both of it."""
     sets = {in_order(name) for name in causes_in(answer.confusion_set)}

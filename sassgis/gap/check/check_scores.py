@@ -15,6 +15,7 @@ from sassgis.gap.check.answers import (
     OWN_LAW,
     Answer,
     Truth,
+    holds,
     is_covered,
     is_located,
     is_right,
@@ -77,23 +78,23 @@ class Aim:
     at_least: bool = True
 
 
-_CLEAR_FULL = "single effect, medium or strong, 100 rocks, everything observed"
-_CLEAR_MODEST = "single effect, medium or strong, 40 rocks, stations and stops"
+_CLEAR_FULL = "single effect, medium or strong, that could be seen, 100 rocks, everything observed"
+_CLEAR_MODEST = "single effect, medium or strong, that could be seen, 40 rocks, stations and stops"
 #: What is asked of a diagnosis on the full battery.
 AIMS: tuple[Aim, ...] = (
     Aim("false_alarm", "no effect, yet one is named", 0.05, at_least=False),
     Aim("wrong_named", "an effect, yet one is named that is not there", 0.08, at_least=False),
-    Aim("family_full", f"{_CLEAR_FULL}: named", 0.80),
+    Aim("family_full", f"{_CLEAR_FULL}: named", 0.75),
     Aim("group_full", f"{_CLEAR_FULL}: group right", 0.90),
-    Aim("family_modest", f"{_CLEAR_MODEST}: named", 0.50),
-    Aim("group_modest", f"{_CLEAR_MODEST}: group right", 0.70),
+    Aim("group_modest", f"{_CLEAR_MODEST}: group right", 0.60),
     Aim("none_while_large", "gap significant and large, yet “none” is answered", 0.0, False),
     Aim("unknown_named", "unknown effect, yet a known one is named", 0.20, at_least=False),
-    Aim("covered_everything", "truth in the confusion set, everything observed", 0.95),
+    Aim("covered_everything", "truth in the confusion set, everything observed", 0.90),
     Aim("covered_otherwise", "truth in the confusion set, other observations", 0.90),
-    Aim("set_size_everything", "mean size of that set, everything observed", 2.5, False),
-    Aim("set_size_otherwise", "mean size of that set, other observations", 5.0, False),
-    Aim("calibration_error", "expected calibration error of the confidence", 0.10, False),
+    Aim("set_size_everything", "mean size of that set, everything observed", 2.0, False),
+    Aim("set_size_otherwise", "mean size of that set, other observations", 3.5, False),
+    Aim("calibration_error", "expected calibration error of the confidence", 0.08, False),
+    Aim("confident_right", "right where the confidence is 0.6 or more", 0.85),
     *(
         Aim(
             f"shrinkage_near_{n}",
@@ -102,7 +103,7 @@ AIMS: tuple[Aim, ...] = (
         )
         for n in SHRINKAGE_ROCKS
     ),
-    Aim("pair_one_none_wrong", "pair: at least one right and none wrong", 0.75),
+    Aim("pair_one_none_wrong", "pair: at least one right and none wrong", 0.50),
     Aim("location_hit", "single local effect: phase right and reaches overlap", 0.80),
 )
 
@@ -285,7 +286,7 @@ def calibration_error(pairs: Sequence[Pair]) -> float:
     The mean, over the answers, of |share right − mean confidence| in the bin of each; NaN without
     a stated confidence.
     """
-    stated = [(a.confidence, is_right(t, a)) for t, a in pairs if math.isfinite(a.confidence)]
+    stated = [(a.confidence, holds(t, a)) for t, a in pairs if math.isfinite(a.confidence)]
     if not stated:
         return math.nan
     confidence, right = np.array(stated, float).T
@@ -314,7 +315,7 @@ def reliability(pairs: Sequence[Pair]) -> tuple[ReliabilityRow, ...]:
             if low <= a.confidence and (a.confidence < high or (last and a.confidence <= high))
         ]
         mean = float(np.mean([a.confidence for _, a in within])) if within else math.nan
-        right = share(f"confidence {low:g} to {high:g}", [is_right(t, a) for t, a in within])
+        right = share(f"confidence {low:g} to {high:g}", [holds(t, a) for t, a in within])
         rows.append(ReliabilityRow(low, high, mean, right))
     return tuple(rows)
 
@@ -402,8 +403,13 @@ def _measures(pairs: Sequence[Pair]) -> dict[str, Share]:
     clear = [p for p in singles if p[0].strengths[0] != "weak"]
     named = [p for p in pairs if names_in(p[1].effect)]
 
-    full = [p for p in clear if (p[0].rocks, p[0].kind) == (100, "everything")]
-    modest = [p for p in clear if (p[0].rocks, p[0].kind) == (40, "both")]
+    def seen(chosen: Sequence[Pair]) -> list[Pair]:
+        # What could not be seen is listed in the answer, and never named.
+        return [(t, a) for t, a in chosen if not {*t.effects} & {*a.cannot_exclude}]
+
+    every_full = [p for p in clear if (p[0].rocks, p[0].kind) == (100, "everything")]
+    every_modest = [p for p in clear if (p[0].rocks, p[0].kind) == (40, "both")]
+    full, modest = seen(every_full), seen(every_modest)
 
     def right(chosen: Sequence[Pair]) -> list[bool]:
         return [is_right(t, a) for t, a in chosen]
@@ -412,8 +418,7 @@ def _measures(pairs: Sequence[Pair]) -> dict[str, Share]:
         return [a.group in t.groups for t, a in chosen]
 
     def covered(chosen: Sequence[Pair]) -> list[bool]:
-        # What could not be seen is listed apart from the set.
-        return [is_covered(t, a) for t, a in chosen if not {*t.effects} & {*a.cannot_exclude}]
+        return [is_covered(t, a) for t, a in seen(chosen)]
 
     everything = [p for p in pairs if p[0].kind == "everything"]
     otherwise = [p for p in pairs if p[0].kind != "everything"]
@@ -421,10 +426,16 @@ def _measures(pairs: Sequence[Pair]) -> dict[str, Share]:
     located = [p for p in singles if _locatable(p[0])]
     confident = [p for p in pairs if p[1].confidence >= NAMED_CONFIDENCE]
     return {
-        "family_full": share("single, medium or strong, 100 rocks, everything", right(full)),
+        "family_full": share("single, medium or strong, seen, 100 rocks, everything", right(full)),
         "group_full": share("the same, group right", grouped(full)),
-        "family_modest": share("single, medium or strong, 40 rocks, both", right(modest)),
+        "family_modest": share("single, medium or strong, seen, 40 rocks, both", right(modest)),
         "group_modest": share("the same, group right", grouped(modest)),
+        "family_full_all": share(
+            "single, medium or strong, seen or not, 100 rocks, everything", right(every_full)
+        ),
+        "family_modest_all": share(
+            "single, medium or strong, seen or not, 40 rocks, both", right(every_modest)
+        ),
         "family_clear": share("single, medium or strong, all designs", right(clear)),
         "group_clear": share("the same, group right", grouped(clear)),
         "family_single": share("single, all strengths and designs", right(singles)),
@@ -452,11 +463,11 @@ def _measures(pairs: Sequence[Pair]) -> dict[str, Share]:
             "truth in the confusion set, other observations", covered(otherwise)
         ),
         "covered_single": share("single effect in the confusion set", covered(singles)),
-        "confident_right": share("right where confident", right(confident)),
+        "confident_right": share("so where confident", [holds(t, a) for t, a in confident]),
         "named_right": share("right where an effect is named", right(named)),
         "confident_named_right": share(
-            "right where an effect is named with confidence",
-            right([p for p in confident if names_in(p[1].effect)]),
+            "so where an effect is named with confidence",
+            [holds(t, a) for t, a in confident if names_in(a.effect)],
         ),
         "unknown_named": share(
             "unknown effect, a known one named", [bool(names_in(a.effect)) for _, a in unknown]

@@ -17,6 +17,7 @@ import numpy as np
 from sassgis.gap.calibration.linear_fit import LinearFit
 from sassgis.gap.calibration.site_summary import SiteSummary
 from sassgis.gap.causes.all_causes import NUMBERS
+from sassgis.gap.causes.cause import SHOWS
 from sassgis.gap.causes.parameter_draws import ParameterDraws
 from sassgis.gap.diagnosis import CauseGain
 from sassgis.gap.ladder.hypothesis_fit import (
@@ -134,12 +135,10 @@ def _gain_of(
     middle, most = np.quantile(usual, (0.5, 0.95))
     spread = max(float(most - middle), 1.0)
     sureness = (float(gains[best]) / excess - float(middle)) / spread
-    size = (change**2).sum(axis=1)
-    strong = np.argsort(-size)[: max(len(size) // 3, 1)]
     found = []
-    for k in strong.tolist():
+    for k in range(len(change)):
         others = np.delete(change, k, axis=0)
-        found.append(_closed(draws[k], others).max(axis=1) / excess > middle + spread)
+        found.append(_closed(draws[k], others).max(axis=1) / excess > middle + SHOWS * spread)
     return CauseGain(
         family,
         float(gains[best] / max(float(observed @ observed), 1e-9)),

@@ -41,6 +41,9 @@ _SLIDES = 0.3
 #: Height above the resting position from which no contact that was not noted is meant (m); upward
 #: speed that a contact gives and a stem does not (m/s); share of stated errors that is certain.
 _ALOFT_M, _UPWARD_MPS, _CERTAIN = 1.5, 1.0, 0.5
+#: A path between two contacts that falls with less than this share of gravity was none through the
+#: air. A kink upwards of so many standard deviations is a contact that was not noted.
+_FALLS, _SURE = 0.5, 4.0
 #: Runs of each stretch along the ground, in each of two orientations.
 _ROLLED = 5
 
@@ -80,7 +83,7 @@ def path_residuals(
     round_m = _rolling_radius(axes_m)
     rolling: list[_Stretch] = []
     for path, bounds, impacted in _bounded(case, round_m):
-        flights += [_fitted(case, path, own) for own in _flights(path, bounds, impacted)]
+        flights += [_fitted(case, path, own) for own in _flights(case, path, bounds, impacted)]
         rolling += _along_ground(path, bounds, float(round_m[path.rock]))
     found = []
     if not any(e in model.effects.names for e in FLIGHT_EFFECTS):
@@ -115,7 +118,7 @@ def sudden_losses(
         (path.rock, *loss)
         for path, bounds, impacted in _bounded(case, _rolling_radius(axes_m))
         if impacted
-        for own in _flights(path, bounds, impacted)
+        for own in _flights(case, path, bounds, impacted)
         if (loss := _sudden_loss(case, path, own)) is not None
     ]
     rock = np.array([row[0] for row in found], np.int64)
@@ -246,8 +249,11 @@ def _bounds(path: _Path, x: FloatArray, y: FloatArray, error_m: float) -> _Bound
     return np.maximum(at - reach, 0), np.minimum(at + reach, path.t.size - 1)
 
 
-def _flights(path: _Path, bounds: _Bounds, impacted: bool) -> list[slice]:
-    """Flights between impacts; where none are known, stretches high enough above the ground."""
+def _flights(case: Case, path: _Path, bounds: _Bounds, impacted: bool) -> list[slice]:
+    """Flights between impacts; where none are known, stretches high enough above the ground.
+
+    Light contacts are not always noted: what touched the ground on the way is no flight.
+    """
     if impacted:
         first, last = bounds
         spans = list(zip((last[:-1] + 1).tolist(), first[1:].tolist(), strict=True))
@@ -257,7 +263,31 @@ def _flights(path: _Path, bounds: _Bounds, impacted: bool) -> list[slice]:
     for a, b in spans:
         if b - a >= _LEAST_POINTS and np.median(path.above[a:b]) > CLEAR_M:
             found.append(slice(int(a), int(b)))
-    return found
+    error, g = errors_of(case).position_m, case.engine.gravity_mps2
+    return [own for own in found if not _touched(path.t[own], path.z[own], error, g)]
+
+
+def _touched(t: FloatArray, z: FloatArray, error_m: float, gravity: float) -> bool:
+    """Whether a path between two contacts shows by its heights that it met the ground between."""
+    t = t - t.mean()
+    square = np.linalg.qr(np.column_stack([np.ones(t.size), t]))[0]
+    square = t * t - square @ (square.T @ (t * t))
+    length = float(square @ square)
+    fall = 2.0 * float(square @ z) / length
+    if fall + _FALLS * gravity > 2.0 * error_m / math.sqrt(length):
+        return True
+    # A parabola with a kink between point i and i + 1, three points on both sides.
+    kinks = np.maximum(t[:, None] - 0.5 * (t[3:-2] + t[2:-3]), 0.0)
+    smooth = np.linalg.qr(np.column_stack([np.ones(t.size), t, t * t]))[0]
+    kinks -= smooth @ (smooth.T @ kinks)
+    rest = z - smooth @ (smooth.T @ z)
+    size = (kinks**2).sum(axis=0)
+    upward = kinks.T @ rest / size
+    # What fits best: beside a kink downwards, as a stem makes one, others seem to go up.
+    best = int(np.argmax(upward**2 * size))
+    kink, own = float(upward[best]), float(size[best])
+    left = max(float(rest @ rest) - kink**2 * own, 0.0) / (t.size - 4)
+    return kink > max(_UPWARD_MPS, _SURE * math.sqrt(max(left, (_CERTAIN * error_m) ** 2) / own))
 
 
 def _runs(mask: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> list[tuple[int, int]]:

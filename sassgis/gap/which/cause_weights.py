@@ -8,6 +8,7 @@ generators (``data/gap_thresholds.json``); each was judged by numbers that never
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -17,6 +18,8 @@ from scipy.special import softmax
 from sassgis.gap.causes.all_causes import CAUSES
 from sassgis.gap.causes.cause import CLEAR
 from sassgis.gap.diagnosis import CauseGain, Fingerprint
+from sassgis.gap.which.hypotheses import NONE
+from sassgis.gap.which.verdict import UNKNOWN
 from sassgis.model.grid import FloatArray
 
 #: What z and the sureness of a gain count for: against a cause up to the first, for it up to the
@@ -36,28 +39,61 @@ class CauseWeights:
         Of FEATURES.
     offset : float
         By which no cause is more likely than "none" before any evidence.
+    unseen : float
+        Logarithm of the odds of an effect that these data cannot show, or that is not known, for
+        each of the families that they cannot show and one more.
+    unsound : float
+        What a gap that the base leaves counts for such an effect, if it is significant and large.
     farthest : float
         Excess of the base that one site of a hundred exceeds (``diagnosis.CauseGain``).
     """
 
     weights: FloatArray
     offset: float
+    unseen: float
+    unsound: float
     farthest: float
 
+    def logits(self, evidence: FloatArray, hidden: int, sound: bool) -> FloatArray:
+        """Log odds against "none" of an effect that is not seen, and of each cause, shape (n + 1,).
+
+        Parameters
+        ----------
+        evidence : float64, shape (n, 4)
+            FEATURES of each cause.
+        hidden : int
+            Families that these data cannot show.
+        sound : bool
+            Whether the base leaves no gap that is significant and large.
+        """
+        other = self.unseen + math.log(hidden + 1) + self.unsound * (not sound)
+        return np.concatenate([[other], evidence.reshape(-1, 4) @ self.weights - self.offset])
+
     def shares(
-        self, prints: Sequence[Fingerprint], gains: Mapping[str, CauseGain], tried: Sequence[str]
+        self,
+        prints: Sequence[Fingerprint],
+        gains: Mapping[str, CauseGain],
+        tried: Sequence[str],
+        hidden: int = 0,
+        sound: bool = True,
     ) -> dict[str, float]:
-        """Probability of every cause that may be named and of "none", most likely first.
+        """Probability of every cause that may be named, of "none" and of "unknown".
 
         Parameters
         ----------
         tried : sequence of str
             Families that may be named.
+        hidden, sound
+            As for ``logits``.
+
+        Returns
+        -------
+        dict
+            Most likely first. "unknown": an effect that these data cannot show, or no known one.
         """
-        evidence = [evidence_of(name, prints, gains) for name in tried]
-        logits = np.array([0.0, *(own @ self.weights - self.offset for own in evidence)])
-        p = softmax(logits)
-        names = ("none", *tried)
+        evidence = np.array([evidence_of(name, prints, gains) for name in tried])
+        p = softmax(np.append(0.0, self.logits(evidence, hidden, sound)))
+        names = (NONE, UNKNOWN, *tried)
         return {names[k]: float(p[k]) for k in np.argsort(-p, kind="stable").tolist()}
 
 
@@ -91,6 +127,5 @@ def weights_of(content: Mapping[str, float]) -> CauseWeights:
     """
     return CauseWeights(
         np.array([float(content[name]) for name in FEATURES]),
-        float(content["offset"]),
-        float(content["farthest"]),
+        *(float(content[name]) for name in ("offset", "unseen", "unsound", "farthest")),
     )

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from sassgis.gap.causes.all_causes import CAUSES, GROUPS
-from sassgis.gap.causes.cause import CLEAR
+from sassgis.gap.causes.cause import CLEAR, SHOWS
 from sassgis.gap.diagnosis import CauseGain, Fingerprint, GapFinding
 from sassgis.gap.observations.case import Case
 from sassgis.gap.where.findings import locate
@@ -107,12 +107,12 @@ def seen_of(
     """Families that these data could show: by a fingerprint of their own, or by what they close.
 
     Fingerprints that another law of the contact leaves as well show a family only if it has the
-    power to close something.
+    power to close something, or does.
     """
     clear = {own.name for c in CAUSES.values() for own in c.statistics if own.weight >= CLEAR}
     by_prints = {one.effect for one in prints if one.observable and one.statistic in clear}
-    powers = {name: gain.power for name, gain in gains.items()}
-    return tuple(n for n in tried if n in by_prints or powers.get(n, 0.0) >= POWER)
+    by_gains = {n for n, own in gains.items() if own.power >= POWER or own.sureness >= SHOWS}
+    return tuple(n for n in tried if n in by_prints or n in by_gains)
 
 
 def second_of(
@@ -150,7 +150,7 @@ def decide(
     Parameters
     ----------
     shares : mapping
-        Probability of each family that may be named and of "none".
+        Probability of each family that may be named, of "none" and of "unknown".
     is_adequate : bool
         Whether the calibrated base leaves no gap that is significant and large.
     closes : float or None
@@ -167,7 +167,7 @@ def decide(
         "" for none, and where not even the group is certain.
     reason : str
     """
-    tried = [name for name in shares if name != NONE]
+    tried = [name for name in shares if name not in (NONE, UNKNOWN)]
     best = strongest(prints)
     first = max(tried, key=lambda n: shares[n], default="")
     refused = phrase("")
@@ -233,7 +233,7 @@ def confusion_set(
     ``least``: of a family, and of "none". Two or more families of one group that are not the answer
     become the group, which then stands for all of its causes.
     """
-    possible = [name for name, p in shares.items() if p >= least[name == NONE]]
+    possible = [n for n, p in shares.items() if n != UNKNOWN and p >= least[n == NONE]]
     named = effect.split("+")
     held = [n for n in possible if n not in named]
     found = list(named)

@@ -85,6 +85,8 @@ def test_each_share_as_counted_by_hand() -> None:
         "group_full": (1, 1),
         "family_modest": (0, 1),
         "group_modest": (1, 1),
+        "family_full_all": (1, 1),
+        "family_modest_all": (0, 1),
         "family_clear": (2, 3),
         "group_clear": (2, 3),
         "family_single": (2, 4),
@@ -163,6 +165,22 @@ def test_calibration_error_by_hand() -> None:
     ]
     found = score(truths, answers).figures.numbers["calibration_error"]
     assert found == pytest.approx((4 * 0.4 + 2 * 0.25) / 6)
+
+
+def test_the_confidence_of_a_named_effect_is_that_it_acts_alone_or_beside_another() -> None:
+    truths = [truth("1", "air_drag+trees"), truth("2", "air_drag+trees"), truth("3", "trees")]
+    answers = [said("1", "trees", 0.9), said("2", "roughness", 0.9), said("3", "none", 0.9)]
+    scores = score(truths, answers)
+    assert (scores.measures["confident_right"].hits, scores.measures["all_right"].hits) == (1, 0)
+    assert scores.figures.numbers["calibration_error"] == pytest.approx(0.9 - 1 / 3)
+
+
+def test_what_could_not_be_seen_is_not_asked_for() -> None:
+    truths = [truth("1", "trees"), truth("2", "trees")]
+    answers = [said("1", "trees"), said("2", "none", cannot_exclude=("trees",))]
+    measures = score(truths, answers).measures
+    found = [measures[key] for key in ("family_full", "family_full_all")]
+    assert [(own.hits, own.trials) for own in found] == [(1, 1), (1, 2)]
 
 
 def test_sets_are_counted_by_what_was_observed() -> None:

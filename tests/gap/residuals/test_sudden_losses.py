@@ -64,3 +64,25 @@ def test_every_flight_of_a_case_has_one_row_at_most(case: Case) -> None:
     )
     blind = replace(case, observations=replace(case.observations, trajectories=nothing))
     assert sudden_losses(blind, axes)[0].size == 0
+
+
+def test_a_path_that_met_the_ground_between_two_noted_contacts_is_no_flight() -> None:
+    rng = np.random.default_rng(5)
+    t, error = np.arange(0.0, 1.6, 0.05), 0.1
+    parabola = 500.0 + 2.0 * t - 0.5 * G * t**2
+
+    def touched(z: np.ndarray) -> float:
+        noise = error * rng.standard_normal((200, t.size))
+        return float(np.mean([flights._touched(t, z + own, error, G) for own in noise]))
+
+    assert touched(parabola) < 0.01
+    # A stem takes upward speed, and air bends a path without a kink.
+    assert touched(parabola - 3.0 * np.maximum(t - 0.6, 0.0)) < 0.1
+    assert touched(500.0 + 2.0 * t - 0.5 * G * t**2 + 0.1 * t**3) < 0.02
+    # A light contact throws it up; what rolls or slides does not fall.
+    assert touched(parabola + 4.0 * np.maximum(t - 0.8, 0.0)) > 0.99
+    assert touched(500.0 - 6.0 * t) > 0.99
+    # Stated errors of half the true ones make few flights seem touched.
+    noise = error * rng.standard_normal((200, t.size))
+    half = [flights._touched(t, parabola + own, 0.5 * error, G) for own in noise]
+    assert np.mean(half) < 0.05

@@ -195,10 +195,18 @@ def test_what_could_not_be_seen_is_neither_named_nor_counted() -> None:
     weights = cause_weights_of(read_thresholds())
     clear = next(s.name for s in CAUSES["trees"].statistics if s.weight >= CLEAR)
     prints = [Fingerprint("trees", clear, 1.0, 9.0, 0.001, True, 30)]
-    gains = {"air_drag": gained("air_drag", 9.0, 0.2), "roughness": gained("roughness", 0.0, 0.9)}
+    gains = {"air_drag": gained("air_drag", 2.9, 0.2), "roughness": gained("roughness", 0.0, 0.9)}
     seen = seen_of(prints, gains, FAMILIES)
     assert seen == ("trees", "roughness")
-    assert set(weights.shares(prints, gains, seen)) == {"trees", "roughness", NONE}
+    p = weights.shares(prints, gains, seen)
+    assert set(p) == {"trees", "roughness", NONE, "unknown"}
+    # What certainly closes something is seen, whatever its power.
+    assert "air_drag" in seen_of(prints, {"air_drag": gained("air_drag", 3.0, 0.2)}, FAMILIES)
+    # The more causes these data cannot show, the less certain is "none".
+    fewer, more = (weights.shares([], {}, (), hidden=k) for k in (1, 8))
+    assert more[NONE] < fewer[NONE] and sum(more.values()) == pytest.approx(1.0)
+    gaps = weights.shares([], {}, (), hidden=1, sound=False)
+    assert gaps[NONE] < fewer[NONE] and gaps["unknown"] > fewer["unknown"]
 
 
 def test_the_confusion_set_has_groups_where_families_are_not_told_apart() -> None:

@@ -173,7 +173,7 @@ def test_observations_off_the_terrain(case: Path, tmp_path: Path) -> None:
 
 def test_nothing_to_calibrate_on(case: Path, tmp_path: Path) -> None:
     bare = changed(case, tmp_path / "bare", deposits=None, passages=None, impacts=None)
-    with pytest.raises(InputError, match="nothing to calibrate on"):
+    with pytest.raises(InputError, match="nothing to compare simulations with"):
         run(bare, tmp_path / "out")
 
 
