@@ -80,7 +80,7 @@ def test_a_path_that_met_the_ground_between_two_noted_contacts_is_no_flight() ->
     assert touched(parabola - 3.0 * np.maximum(t - 0.6, 0.0)) < 0.1
     assert touched(parabola + 0.05 * t**3) < 0.02
     # A light contact throws it up; what rolls or slides does not fall.
-    assert touched(parabola + 4.0 * np.maximum(t - 0.8, 0.0)) > 0.99
+    assert touched(parabola + 4.0 * np.maximum(t - 0.8, 0.0)) > 0.95
     assert touched(500.0 - 6.0 * t) > 0.99
     # Stated errors of half the true ones make few flights seem touched.
     noise = error * rng.standard_normal((200, t.size))
