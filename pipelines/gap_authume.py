@@ -20,13 +20,10 @@ from field_cases.study import study
 
 from sassgis.model.errors import SassgisError
 
-#: What is diagnosed is the model of 1986.
-MODEL = {"terrain": 'path = "fall_line"', "engine": 'readings = "1986"'}
-
 
 def write(data: Path, out: Path) -> Site:
     """Write the case; the release points of single rocks are not known."""
-    return authume(data, out, slope="soft_meadow", more=MODEL)
+    return authume(data, out)
 
 
 def main(argv: list[str] | None = None) -> None:

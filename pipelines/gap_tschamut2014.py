@@ -20,16 +20,10 @@ from field_cases.study import study
 
 from sassgis.model.errors import SassgisError
 
-#: What is diagnosed is the model of 1986.
-MODEL = {
-    "terrain": 'path = "fall_line"\nenergy_line_angle_deg = 10.0',
-    "engine": 'readings = "1986"',
-}
-
 
 def write(data: Path, out: Path) -> Site:
     """Write the case: each rock in the tables is one run."""
-    return tschamut(data, out, more=MODEL)
+    return tschamut(data, out)
 
 
 def main(argv: list[str] | None = None) -> None:

@@ -147,7 +147,7 @@ def diagnose(
 ) -> None:
     """Say where simulation and OBSERVATIONS differ, which effect causes it, and how far it helps.
 
-    The same command goes on after an interruption.
+    After an interruption it begins anew.
     """
     from sassgis.gap.words import rung_name
     from sassgis.report.gap_answer import verdict_sentence

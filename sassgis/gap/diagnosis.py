@@ -76,7 +76,8 @@ class Verdict:
     effect : str
         A family, two joined by "+", "none" or "unknown".
     confidence : float
-        Probability of the answer (0 to 1); NaN where none is given.
+        Probability of the answer (0 to 1): of effects that they act, alone or beside others; NaN
+        where none is given.
     confusion_set : tuple of str
         What these data do not identify from it, itself included; groups where they do not tell
         families of one apart.
@@ -86,8 +87,8 @@ class Verdict:
     reason : str
         In a sentence.
     probabilities : mapping
-        Of every cause that these data could show and of "none", by fingerprints and gains, most
-        likely first.
+        Of every cause that these data could show, of "none", and of "unknown" (an effect that they
+        cannot show, or no known one), by fingerprints and gains, most likely first.
     group : str
         Group of the cause, which is often sure where the cause itself is not: "instruments",
         "start", "extra blocks", "along the way", "contact", "sideways"; "" where not even that is.
@@ -97,8 +98,8 @@ class Verdict:
     group_probability : float
         Of its causes together; NaN without a group.
     cannot_exclude : tuple of str
-        Causes that these data could not show: neither named nor excluded, and not
-        counted in the probabilities.
+        Causes that these data could not show: neither named nor excluded; counted as "unknown" in
+        the probabilities.
     """
 
     effect: str
@@ -193,7 +194,7 @@ class CauseGain:
     sureness : float
         Standard errors by which it is more than what chance makes of the base.
     power : float
-        Share of the strongest third of its draws that these data would show.
+        Share of its draws that these data would show, by a sureness of 3.
     excess : float
         Squared distance of what was observed from the base, over that of its own campaigns: the
         same for all causes of a site.

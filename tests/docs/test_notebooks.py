@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import json
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -19,20 +20,40 @@ def shown(code: str, names: dict[str, Any]) -> Any:
     return eval(compile(ast.Expression(last.value), "cell", "eval"), names) if last else None
 
 
-@pytest.mark.battery
-def test_the_notebook_of_the_valley(
+@pytest.fixture
+def values(
     repository: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    file = repository / "docs" / "notebooks" / "valley.ipynb"
-    cells = json.loads(file.read_text(encoding="utf-8"))["cells"]
-    code = [cell for cell in cells if cell["cell_type"] == "code"]
-    # What is stored could be out of date.
-    assert not any(cell["outputs"] for cell in code)
+) -> Callable[[str], list[Any]]:
+    """What the cells of a notebook show."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MPLBACKEND", "agg")
-    names: dict[str, Any] = {}
-    values = [shown("".join(cell["source"]), names) for cell in code]
-    maps, drawn, zones, curve, printed, result = values
+
+    def run(name: str) -> list[Any]:
+        file = repository / "docs" / "notebooks" / name
+        cells = json.loads(file.read_text(encoding="utf-8"))["cells"]
+        code = [cell for cell in cells if cell["cell_type"] == "code"]
+        # What is stored could be out of date.
+        assert not any(cell["outputs"] for cell in code)
+        names: dict[str, Any] = {}
+        return [shown("".join(cell["source"]), names) for cell in code]
+
+    return run
+
+
+@pytest.mark.battery
+def test_the_notebook_of_the_gap(values: Callable[[str], list[Any]]) -> None:
+    passages, _, where, probability, ladder, change, _ = values("gap.ipynb")
+    assert {"speed_mps", "height_m"} <= set(passages.columns)
+    assert len(where) and where["p_adjusted"].between(0.0, 1.0).all()
+    assert probability.index[0] == "none" and probability.sum() == pytest.approx(1.0, abs=0.05)
+    rungs = ladder.set_index("rung")["distance"]
+    assert rungs["floor"] < rungs["configured"] and rungs["ground"] < rungs["configured"]
+    assert len(change) == 8 and change.notna().any().all()
+
+
+@pytest.mark.battery
+def test_the_notebook_of_the_valley(values: Callable[[str], list[Any]], tmp_path: Path) -> None:
+    maps, drawn, zones, curve, printed, result = values("valley.ipynb")
     assert maps.energy_q95.max() > 30.0 and "Kinetic energy" in drawn.colorbar.ax.get_ylabel()
     assert zones["area_m2"].sum() > 1000.0
     assert curve[0] >= curve[30] >= curve[300] > 0.0 and printed is None
