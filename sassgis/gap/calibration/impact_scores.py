@@ -58,7 +58,10 @@ def simulated_outcomes(
     along = np.maximum(impacts.impacts.vt_in_mps, 0.0)
     rolls = np.column_stack([along, np.zeros(along.size), along / impacts.radius])
     made = np.where(np.isfinite(after), after, rolls[:, None])
-    return _relative(impacts, made * np.array([1.0, 1.0, turns]))
+    made[..., 2] *= turns
+    if noise := model.measurement.rotation_noise:
+        made[..., 2] *= 1.0 + noise * rng.standard_normal(made.shape[:2])
+    return _relative(impacts, made)
 
 
 def _relative(impacts: ImpactsInFlight, after: FloatArray) -> FloatArray:

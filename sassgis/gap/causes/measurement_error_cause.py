@@ -60,8 +60,12 @@ def _draw(case: Case, draws: ParameterDraws) -> CausePart:
     )
 
     def change(model: HypothesisModel) -> HypothesisModel:
-        turns = measurement.rotation_scale * model.measurement.rotation_scale
-        return replace(model, measurement=replace(measurement, rotation_scale=turns))
+        own = model.measurement
+        turns = measurement.rotation_scale * own.rotation_scale
+        noise = own.rotation_noise
+        return replace(
+            model, measurement=replace(measurement, rotation_scale=turns, rotation_noise=noise)
+        )
 
     return CausePart("scale, time base, noise", change, asdict(measurement))
 

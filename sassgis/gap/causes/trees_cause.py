@@ -165,7 +165,8 @@ CAUSE = Cause(
     "position (more than 15 % and 5 standard deviations, without the upward speed that a contact "
     "gives); energy lost at once between two impacts (more than 15 % and 3.5 standard deviations) "
     "on few of the flights that rise above the way between them by more than the radius and half a "
-    "metre and lead no farther than a free one, so that no contact can have been missed; speed lost on one reach alone",
+    "metre and lead no farther than a free one, so that no contact can have been missed; speed "
+    "lost on one reach alone",
     statistics=(
         Trace("energy lost at once, on few flights", _on_few_flights, ("impacts",), CLEAR),
         Trace("energy lost at once, far above the ground", _aloft, ("trajectories",), CLEAR),

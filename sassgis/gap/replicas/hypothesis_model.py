@@ -44,6 +44,8 @@ class MeasurementError:
         Standard deviation of the logarithm of each rock's time base.
     rotation_scale : float
         Rotations as measured over true.
+    rotation_noise : float
+        Added relative error of rotations: blocks do not turn in one plane.
     noise_rel : float
         Added relative error of speeds and rotations.
     stretch : float
@@ -55,6 +57,7 @@ class MeasurementError:
     scale: float = 1.0
     clock_sd: float = 0.0
     rotation_scale: float = 1.0
+    rotation_noise: float = 0.0
     noise_rel: float = 0.0
     stretch: float = 1.0
     position_m: float = 0.0

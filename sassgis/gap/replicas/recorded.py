@@ -6,6 +6,7 @@ stops, with errors of measurement, and without what an observer does not see.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -175,8 +176,9 @@ class _Record:
         kind = np.where(whole, WHOLE, self._kind(rows, owner)).astype(np.int64)
         errors, m = self._errors, self._model.measurement
         speed = rows["speed_mps"] * m.scale * self._speed_error(owner, errors.speed_rel)
+        turning = math.hypot(errors.rotation_rel, m.rotation_noise)
         turns = np.abs(rows["rotation_hz"]) * m.rotation_scale
-        rotation = turns * self._speed_error(owner, errors.rotation_rel)
+        rotation = turns * self._speed_error(owner, turning)
         rest = self._rest(rows, owner)
         height = (rows["height_m"] + rest) * m.scale
         height = np.maximum(height + errors.height_m * self._rng.standard_normal(owner.size), 0.0)
@@ -217,10 +219,11 @@ class _Record:
         x, y, ground, dip, turned = self._under(events, index, hit[order], owner)
         cosine, sine = np.cos(dip), np.sin(dip)
         errors, m = self._errors, self._model.measurement
+        turning = math.hypot(errors.rotation_rel, m.rotation_noise)
 
         def apart(event: NDArray[np.void]) -> tuple[FloatArray, FloatArray, FloatArray]:
             error = m.scale * self._speed_error(owner, errors.speed_rel)
-            turn = m.rotation_scale * self._speed_error(owner, errors.rotation_rel)
+            turn = m.rotation_scale * self._speed_error(owner, turning)
             vx, vz = event["vx_mps"], event["vz_mps"]
             return (
                 (vx * cosine + vz * sine) * error,

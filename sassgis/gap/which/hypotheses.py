@@ -41,9 +41,9 @@ _BOUNDS = {
 #: Factors on the configured sideways tilt and drift of followed paths between which they are free:
 #: wider, and the base follows what deflects blocks.
 _SIDEWAYS = (1.0 / 3.0, 3.0)
-#: Rotations over those of a block that turns in the plane of its path: others turn about an axis
-#: that moves, and roll on corners.
-_SPIN = (0.65, 1.0 / 0.65)
+#: Rotations over those of a block that turns in the plane of its path, and their scatter: others
+#: turn about an axis that moves, and roll on corners.
+_SPIN, _SPIN_NOISE = (0.65, 1.0 / 0.65), (0.02, 0.8)
 NONE = "none"
 
 
@@ -87,13 +87,17 @@ def draw(case: Case, families: tuple[str, ...], parameter_draws: ParameterDraws)
     turning = {}
     if _rotations_seen(case.observations):
         turning["rotation_factor"] = parameter_draws.log("rotation_factor", *_SPIN)
+        turning["rotation_noise"] = parameter_draws.log("rotation_noise", *_SPIN_NOISE)
     made = Draw(
         NONE,
         "calibrated ground",
         HypothesisModel(
             table,
             moving_effects(case),
-            measurement=MeasurementError(rotation_scale=turning.get("rotation_factor", 1.0)),
+            measurement=MeasurementError(
+                rotation_scale=turning.get("rotation_factor", 1.0),
+                rotation_noise=turning.get("rotation_noise", 0.0),
+            ),
             side_tilt_deg=sideways.get("side_tilt_deg"),
             drift_deg=sideways.get("drift_deg"),
         ),
