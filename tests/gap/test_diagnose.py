@@ -124,11 +124,14 @@ def test_the_model_that_is_handed_over_is_the_one_scored(everything: Path, answe
     assert set(found) == {"S", "D_configured", "D_base", "D_effect", "D_floor"}
     for name in ("base", "effect"):
         assert found[f"D_{name}"] == pytest.approx(kept[name]["distance"], rel=1e-5)
-    # So does the configuration beside it, which has no factor of the rotations.
+    # So does the configuration beside it, which has no factor and scatter of the rotations.
     read = read_case(answered / "model" / "config.toml", everything / OBSERVATIONS_NAME)
     problem = problem_of(read, kept["seed"])
-    factor = model_from_json(kept["effect"]["model"]).measurement.rotation_scale
-    model = replace(configured_model(read), measurement=MeasurementError(rotation_scale=factor))
+    turning = model_from_json(kept["effect"]["model"]).measurement
+    own = MeasurementError(
+        rotation_scale=turning.rotation_scale, rotation_noise=turning.rotation_noise
+    )
+    model = replace(configured_model(read), measurement=own)
     own = model_rows(problem, model, kept["effect"]["number"], kept["count"])
     again = RockDistances.of(problem.rows, own).value()
     assert again == pytest.approx(kept["effect"]["distance"], rel=1e-5)

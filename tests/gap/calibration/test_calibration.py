@@ -32,6 +32,7 @@ from sassgis.gap.calibration.problem import (
     scores_of,
 )
 from sassgis.gap.inference.distances import energy_scores
+from sassgis.gap.replicas.campaigns import campaigns
 from sassgis.gap.replicas.hypothesis_model import MeasurementError, configured_model
 from sassgis.io.read.range_table import read_ranges
 from sassgis.model.effects import EffectSettings
@@ -224,6 +225,29 @@ def test_a_factor_of_the_rotations_is_taken_off_before_the_impact_and_put_on_aft
     np.testing.assert_allclose(
         outcomes(0.8, 0.8), outcomes(1.0, 1.0) * np.array([1.0, 1.0, 0.8]), rtol=1e-9
     )
+
+
+def test_rotations_that_scatter_scatter_after_impacts_and_at_stations_alone() -> None:
+    seen = site(12, 22, TABLE, tables=("impacts", "passages"))
+    models = [
+        replace(configured_model(seen.case), measurement=MeasurementError(rotation_noise=noise))
+        for noise in (0.0, 0.5)
+    ]
+    assert seen.impacts is not None
+    plain, wide = (
+        simulated_outcomes(seen.case, own, seen.impacts, seed=3, number=2) for own in models
+    )
+    np.testing.assert_array_equal(plain[..., :2], wide[..., :2])
+    factor = wide[..., 2] / plain[..., 2]
+    assert np.mean(factor) == pytest.approx(1.0, abs=0.1)
+    assert np.std(factor) == pytest.approx(0.5, abs=0.1)
+    made = [campaigns(seen.case, seen.rock_lines, own, count=8, seed=2) for own in models]
+    turns, speeds = (
+        [np.concatenate([getattr(one.passages, name) for one in own]) for own in made]
+        for name in ("rotation_hz", "speed_mps")
+    )
+    assert np.std(speeds[1]) < 1.05 * np.std(speeds[0])
+    assert np.std(turns[1]) > 1.2 * np.std(turns[0])
 
 
 def test_without_stops_passages_and_impacts_there_is_nothing_to_score() -> None:

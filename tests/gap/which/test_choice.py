@@ -77,7 +77,9 @@ def test_not_measured_stays_not_measured(problem: CalibrationProblem) -> None:
 def test_rotations_have_a_factor_of_their_own_where_they_were_seen(
     problem: CalibrationProblem,
 ) -> None:
-    shares = {"rotation_factor": 0.9, "seen.turns": 0.1, "seen.log_turns": 0.2}
+    shares = {
+        "rotation_factor": 0.9, "rotation_noise": 0.5, "seen.turns": 0.1, "seen.log_turns": 0.2,
+    }  # fmt: skip
     base = draw(problem.case, (), ParameterDraws(None, shares))
     scale = base.model.measurement.rotation_scale
     assert scale == base.parameters["rotation_factor"] > 1.2
@@ -86,11 +88,14 @@ def test_rotations_have_a_factor_of_their_own_where_they_were_seen(
     error = seen.parameters["rotation_scale"]
     assert error < 0.9
     assert seen.model.measurement.rotation_scale == pytest.approx(scale * error)
+    scatter = base.parameters["rotation_noise"]
+    assert seen.model.measurement.rotation_noise == scatter == pytest.approx(0.126, abs=0.001)
     blind = without_columns(problem.case, "passages", "rotation_hz")
     blind = without_columns(blind, "impacts", "omega_out_radps")
     without = draw(blind, (), ParameterDraws(None, shares))
     assert "rotation_factor" not in without.parameters
     assert without.model.measurement.rotation_scale == 1.0
+    assert without.model.measurement.rotation_noise == 0.0
 
 
 def test_deflection_that_is_configured_stays(problem: CalibrationProblem) -> None:
