@@ -22,9 +22,9 @@ from sassgis.gap.which.hypotheses import NONE
 from sassgis.gap.which.verdict import UNKNOWN
 from sassgis.model.grid import FloatArray
 
-#: What z and the sureness of a gain count for: against a cause up to the first, for it up to the
-#: second; the unit of both.
-_LEAST, _MOST, _UNIT = -2.0, 8.0, 4.0
+#: Up to what z and the sureness of a gain count, and their unit. Below zero they count nothing:
+#: many statistics are below their null where their cause is weak.
+_MOST, _UNIT = 8.0, 4.0
 #: Evidence for a cause, in the order of the weights.
 FEATURES = ("clear", "usual", "gain", "share")
 
@@ -114,7 +114,7 @@ def evidence_of(
 
 
 def _count(z: float) -> float:
-    return float(np.clip(z, _LEAST, _MOST)) / _UNIT
+    return float(np.clip(z, 0.0, _MOST)) / _UNIT
 
 
 def weights_of(content: Mapping[str, float]) -> CauseWeights:
