@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from sassgis.gap.diagnosis import Diagnosis, GapFinding, Hypothesis, Shrinkage
+from sassgis.gap.diagnosis import Diagnosis, GapFinding, Hypothesis, Shrinkage, Verdict
 from sassgis.gap.words import (
     effect_name,
     effect_phrase,
@@ -36,7 +36,15 @@ def verdict_sentence(diagnosis: Diagnosis) -> Phrase:
     if verdict.group_probability >= 0.0:
         share = f"{100 * verdict.group_probability:.0f}"
         out.append(phrase("Group “{}”: {} %.", phrase(verdict.group), share))
+    if verdict.effect == "none" and verdict.cannot_exclude:
+        out.append(_unseen(verdict))
     return joined(" ", out)
+
+
+def _unseen(verdict: Verdict) -> Phrase:
+    """Causes that the data could not show."""
+    names = effect_names(verdict.cannot_exclude)
+    return phrase("Neither seen nor excluded, as these data could not show it: {}.", names)
 
 
 def _named(diagnosis: Diagnosis) -> Phrase:
@@ -131,10 +139,7 @@ def _confused(diagnosis: Diagnosis) -> ReportAnswer:
     if others:
         sentences = [phrase("These data do not separate it from: {}.", effect_names(others))]
     if verdict.cannot_exclude:
-        unseen = effect_names(verdict.cannot_exclude)
-        sentences.append(
-            phrase("Neither seen nor excluded, as these data could not show it: {}.", unseen)
-        )
+        sentences.append(_unseen(verdict))
     if diagnosis.measure_next:
         sentences.append("What would separate them:" if others else "What would make it surer:")
     return ReportAnswer("What it may be mistaken for", tuple(sentences), diagnosis.measure_next)
