@@ -84,7 +84,7 @@ def study(
         title = f"{case.name}: stops of the untuned model"
         save(stops_figure(seen, made, labels, title), out / "untuned.png")
     found = where(
-        everything, residuals_of(everything, everything.table, seed=given.seed), seed=given.seed
+        everything, residuals_of(everything, configured_model(everything), seed=given.seed), seed=given.seed
     )
     results["untuned_where"] = [_finding(f) for f in found[:SHOWN]]
     if not given.case_only:
