@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.special import ndtr
 from scipy.stats import truncnorm
 
 from sassgis.gap.observations.case import Case
@@ -219,25 +219,13 @@ class Prior:
         """The prior of some parameters."""
         return Prior(np.array([p.start for p in parameters]), np.array([p.sd for p in parameters]))
 
-    def wider(self, factor: float) -> Prior:
-        """The same with a larger standard deviation."""
-        return replace(self, sd=factor * self.sd)
-
-    def log_density(self, shares: FloatArray) -> FloatArray:
-        """Logarithm of the density at shares of the ranges, shape (n,); minus infinity outside."""
-        inside: NDArray[np.bool_] = np.all((shares >= 0.0) & (shares <= 1.0), axis=1)
-        return np.where(
-            inside, -0.5 * (((shares - self.centre) / self.sd) ** 2).sum(axis=1), -np.inf
-        )
-
     def quantiles(self, levels: FloatArray) -> FloatArray:
         """Shares below which the prior of each parameter has some levels, shape of levels."""
         return np.asarray(self._cut.ppf(levels))
 
-    @property
-    def spread(self) -> FloatArray:
-        """Standard deviations of what is cut at the limits, shape (d,)."""
-        return np.asarray(self._cut.std())
+    def shares(self, normal: FloatArray) -> FloatArray:
+        """Shares of parameters of which the prior is standard normal, shape (..., d)."""
+        return np.clip(self.quantiles(ndtr(normal)), 0.0, 1.0)
 
     @property
     def _cut(self) -> Any:

@@ -100,7 +100,7 @@ class CalibrationProblem:
         Stops of rocks of which no block is known to lie anywhere: not found, or not told from
         others. They count as not measured, in replicas too.
     sideways : bool
-        Whether offsets from fall lines count in the scores.
+        Whether offsets from fall lines and turns count.
     """
 
     name: str
@@ -130,10 +130,11 @@ class CalibrationProblem:
 
     @property
     def turned(self) -> bool:
-        """Whether turns at impacts were measured, of rocks that may leave their fall lines."""
+        """Whether turns at impacts count: measured, of rocks that may leave their fall lines."""
         rows = self.observed.impacts
         return (
-            self.case.terrain is not None
+            self.sideways
+            and self.case.terrain is not None
             and rows is not None
             and bool(np.isfinite(rows.turn_deg).any())
         )

@@ -30,7 +30,47 @@ _MOST_TURN_DEG = 45.0
 
 
 @dataclass(frozen=True, slots=True)
-class SiteSummary:
+class ObservedNumbers:
+    """What was observed, in numbers that campaigns are compared with.
+
+    Attributes
+    ----------
+    observed, error : float64, shape (p,)
+        And the standard error of each, by drawing the rocks (or groups of them) anew.
+    used : bool, shape (p,)
+        Numbers that the observations have.
+    drawn : float64, shape (n, p)
+        The numbers of rocks that were drawn anew.
+    units : int
+        Rocks, or groups of them.
+    seed : int
+    """
+
+    observed: FloatArray
+    error: FloatArray
+    used: BoolArray
+    drawn: FloatArray
+    units: int
+    seed: int
+
+    def in_errors(self, numbers: FloatArray) -> FloatArray:
+        """Numbers that the observations have, in standard errors, the last axis shape (p,)."""
+        scaled: FloatArray = (numbers / self.error)[..., self.used]
+        return scaled
+
+
+def joined(sites: Sequence[ObservedNumbers]) -> ObservedNumbers:
+    """The numbers of several sites, one after the other."""
+    observed, error, used, drawn = (
+        np.concatenate([getattr(site, name) for site in sites], axis=-1)
+        for name in ("observed", "error", "used", "drawn")
+    )
+    units = sum(site.units for site in sites)
+    return ObservedNumbers(observed, error, used, drawn, units, sites[0].seed)
+
+
+@dataclass(frozen=True, slots=True)
+class SiteSummary(ObservedNumbers):
     """The numbers of a site.
 
     Attributes
@@ -38,22 +78,10 @@ class SiteSummary:
     problem : CalibrationProblem
     size : float64, shape (n_rocks,)
         Logarithm of the radius, standardised.
-    observed, error : float64, shape (p,)
-        And the standard error of each, by drawing the rocks (or groups of them) anew.
-    used : bool, shape (p,)
-        Numbers that the observations have.
     """
 
     problem: CalibrationProblem
     size: FloatArray
-    observed: FloatArray
-    error: FloatArray
-    used: BoolArray
-
-    def in_errors(self, numbers: FloatArray) -> FloatArray:
-        """Numbers that the observations have, in standard errors, the last axis shape (p,)."""
-        scaled: FloatArray = (numbers / self.error)[..., self.used]
-        return scaled
 
     def of_rocks(self, weights: FloatArray) -> FloatArray:
         """Numbers of the observed rocks with weights, shape (p,)."""
@@ -109,17 +137,20 @@ def summary_of(problem: CalibrationProblem) -> SiteSummary:
     radius = np.log(problem.case.radius_m)
     spread = float(radius.std())
     size = (radius - radius.mean()) / spread if spread > 1e-6 else np.zeros(radius.size)
-    blank = SiteSummary(problem, size, np.empty(0), np.empty(0), np.empty(0, np.bool_))
+    units, none = int(problem.unit.max()) + 1, np.empty(0)
+    blank = SiteSummary(none, none, none > 0.0, none, units, problem.seed, problem, size)
     observed = blank.of_rocks(np.ones(problem.n_rocks))
     rng = np.random.default_rng([problem.seed, 11])
-    units = int(problem.unit.max()) + 1
     times = rng.multinomial(units, np.full(units, 1.0 / units), size=_SAMPLES)
     drawn = np.array([blank.of_rocks(one[problem.unit].astype(np.float64)) for one in times])
     known = np.isfinite(drawn)
     used = np.isfinite(observed) & (known.mean(axis=0) > 0.8)
+    if not problem.sideways:
+        aside = [name.endswith(":aside") for name in problem.scale.names]
+        used[: 3 * len(aside)] &= ~np.tile(np.array(aside, np.bool_), 3)
     filled = np.where(known, drawn, observed)
     error = np.maximum(np.std(np.where(used, filled, 0.0), axis=0), _LEAST)
-    return SiteSummary(problem, size, observed, error, used)
+    return SiteSummary(observed, error, used, filled, units, problem.seed, problem, size)
 
 
 def _numbers(

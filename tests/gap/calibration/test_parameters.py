@@ -75,5 +75,10 @@ def test_the_prior_stays_within_the_range() -> None:
     drawn = drawn[drawn <= 1.0]
     levels = np.array([0.025, 0.975])
     assert prior.quantiles(levels) == pytest.approx(np.quantile(drawn, levels), abs=0.01)
-    assert prior.spread == pytest.approx(drawn.std(), abs=0.01)
-    assert prior.log_density(np.array([[-0.1]]))[0] == -np.inf
+    # Standard normal parameters are shares of this prior.
+    at = rng.standard_normal((20_000, 1))
+    shares = prior.shares(at)
+    assert shares.std() == pytest.approx(drawn.std(), abs=0.01)
+    assert np.quantile(shares, levels) == pytest.approx(np.quantile(drawn, levels), abs=0.02)
+    np.testing.assert_array_equal(np.argsort(at, axis=0), np.argsort(shares, axis=0))
+    assert prior.shares(np.array([-40.0])) == 0.0 and prior.shares(np.array([40.0])) == 1.0
