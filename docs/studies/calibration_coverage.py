@@ -25,7 +25,12 @@ from scipy import stats
 from threadpoolctl import threadpool_limits
 
 import sassgis
-from sassgis.gap.calibration.class_calibration import calibration_task, run_trial, search
+from sassgis.gap.calibration.class_calibration import (
+    calibration_task,
+    run_site,
+    run_trial,
+    search,
+)
 from sassgis.gap.calibration.parameters import Prior, fitted_names, parameters_of, table_with
 from sassgis.gap.calibration.problem import problem_of
 from sassgis.gap.check.worlds import WorldSpec, make_world, observe, setup
@@ -74,7 +79,9 @@ def campaign(
     problem = problem_of(case, seed, simulated=(model, _TRUTH + seed), sideways=False)
     task = calibration_task([problem], classes, names, rules, seed)
     with task_map(task, jobs) as run:
-        found = search(task, lambda new: list(run(run_trial, new)), draws)
+        found = search(
+            task, lambda new: list(run(run_trial, new)), lambda due: list(run(run_site, due)), draws
+        )
     samples = found.posterior.samples
     few = samples[np.random.default_rng([seed, 18]).choice(len(samples), SAMPLES, replace=False)]
     rows = []

@@ -15,6 +15,7 @@ from sassgis.gap.calibration.class_calibration import (
     calibration_task,
     final_prediction,
     result_of,
+    run_site,
     run_trial,
     search,
 )
@@ -123,7 +124,7 @@ def calibrate(
                 budget = budget_of(task, draws)
                 progress = DrawProgress(on_progress, budget.trials, COUNT * task.n_rocks)
                 seen = partial(store.seen, run=partial(run, run_trial), step=progress.step)
-                found = search(task, seen, draws)
+                found = search(task, seen, lambda due: list(run(run_site, due)), draws)
                 tell("Predicting rocks left out")
                 calibration = result_of(task, found, lambda due: list(run(final_prediction, due)))
         except KeyboardInterrupt:

@@ -17,6 +17,7 @@ from sassgis.gap.calibration.fit_errors import (
 )
 from sassgis.gap.calibration.identifiability import (
     Fitted,
+    Misfits,
     Posterior,
     SiteFit,
     Told,
@@ -33,7 +34,6 @@ from sassgis.gap.calibration.identifiability import (
 )
 from sassgis.gap.calibration.linear_fit import (
     FitBudget,
-    LinearFit,
     RunTrials,
     Seen,
     Trial,
@@ -50,6 +50,7 @@ from sassgis.gap.calibration.problem import (
 from sassgis.gap.calibration.site_summary import (
     SiteSummary,
     joined,
+    rocks_drawn_anew,
     summary_of,
 )
 from sassgis.gap.inference.intervals import Interval
@@ -70,6 +71,8 @@ _LIMIT = 6.0
 FINAL_COUNT = 60
 #: Numbers of the campaigns for the errors begin here.
 _FINAL = 100_000
+#: Number of those from which misfits at the best parameters are taken.
+_MISFITS = 99_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +92,11 @@ class CalibrationTask:
     def n_rocks(self) -> int:
         """Rocks of all sites."""
         return sum(site.n_rocks for site in self.sites)
+
+    @property
+    def n_parts(self) -> int:
+        """Parts of the cross-validation."""
+        return max(site.n_parts for site in self.sites)
 
     @property
     def measured(self) -> int:
@@ -136,13 +144,29 @@ def run_trial(task: CalibrationTask, trial: Trial) -> Seen:
     return np.concatenate(numbers), float(np.concatenate(scores).mean())
 
 
+#: Place of a site among the sites, and parameters.
+SiteAt = tuple[int, FloatArray]
+RunSites = Callable[[Sequence[SiteAt]], Sequence[Misfits]]
+
+
+def run_site(task: CalibrationTask, at: SiteAt) -> Misfits:
+    """Observed less simulated numbers of a site at some parameters."""
+    site = task.summaries[at[0]]
+    problem = site.problem
+    parts = np.arange(task.n_parts)[:, None]
+    weights = [np.ones((1, problem.n_rocks)), problem.part != parts, rocks_drawn_anew(problem)]
+    model = task.model(problem, Prior.of(task.parameters).shares(at[1]))
+    off = site.misfits(model, _MISFITS, FINAL_COUNT, np.vstack(weights))
+    first = 1 + task.n_parts
+    return Misfits(off[0], off[1:first], off[first:], site.units)
+
+
 @dataclass(frozen=True, slots=True)
 class Calibrated:
     """What was found, and what follows from it.
 
     Attributes
     ----------
-    fit : LinearFit
     told : tuple of Told
         By site.
     posterior : Posterior
@@ -151,36 +175,26 @@ class Calibrated:
         Parameter sets that were tried.
     """
 
-    fit: LinearFit
     told: tuple[Told, ...]
     posterior: Posterior
     fitted: tuple[Fitted, ...]
     draws: int
 
 
-def search(task: CalibrationTask, run: RunTrials, draws: int | None = None) -> Calibrated:
+def search(
+    task: CalibrationTask, run: RunTrials, run_sites: RunSites, draws: int | None = None
+) -> Calibrated:
     """Calibrate the classes of all sites together.
 
     The prior alone keeps parameters near their configured values: rocks left out are predicted with
     parameters that were chosen in the same way.
     """
     budget, prior = budget_of(task, draws), Prior.of(task.parameters)
-    start = np.zeros(len(task.parameters))
-    fit = fit_linearly(joined(task.summaries), start, run, budget)
-    told = told_by(fit, task.summaries)
+    fit = fit_linearly(joined(task.summaries), np.zeros(len(task.parameters)), run, budget)
+    told = told_by(fit, run_sites([(k, fit.best) for k in range(len(task.sites))]))
     posterior = posterior_of(prior, together(told), task.seed)
     fitted = fitted_parameters(task.parameters, posterior)
-    return Calibrated(fit, told, posterior, fitted, budget.tried)
-
-
-def shares_without(task: CalibrationTask, found: Calibrated, part: int) -> FloatArray:
-    """Best parameters for the rocks of the other parts."""
-    sites = task.summaries
-    others = [s.of_rocks((s.problem.part != part).astype(np.float64)) for s in sites]
-    whole = joined(sites)
-    instead = whole.in_errors(np.concatenate(others))
-    at = found.fit.best + found.fit.step(instead)
-    return Prior.of(task.parameters).shares(at)
+    return Calibrated(told, posterior, fitted, budget.tried)
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,10 +218,10 @@ RunFinals = Callable[[Sequence[FinalTask]], Sequence[Prediction]]
 
 def held_out(task: CalibrationTask, found: Calibrated, run: RunFinals) -> list[Prediction]:
     """Prediction of each rock with parameters chosen on the rocks of the other parts, by site."""
-    parts = range(max(site.n_parts for site in task.sites))
+    whole, prior = together(found.told), Prior.of(task.parameters)
     tasks = []
-    for part in parts:
-        shares = shares_without(task, found, part)
+    for part in range(task.n_parts):
+        shares = prior.shares(whole.estimate_without(part))
         tasks += [FinalTask(k, shares, _FINAL + 10 + part) for k in range(len(task.sites))]
     made = list(run(tasks))
     merged = []

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from sassgis.gap.calibration.linear_fit import LinearFit
+from sassgis.gap.calibration.linear_fit import LinearFit, bounded
 from sassgis.gap.calibration.parameters import ClassParameter, Prior
-from sassgis.gap.calibration.site_summary import ObservedNumbers
 from sassgis.model.grid import FloatArray
 
 #: A parameter is identified if its interval is narrower than this share of that of the prior.
@@ -35,6 +34,27 @@ _CHANCE, _WORSE = 0.99, 0.02
 
 
 @dataclass(frozen=True, slots=True)
+class Misfits:
+    """Observed less simulated numbers of a site at the best parameters, in standard errors.
+
+    Attributes
+    ----------
+    whole : float64, shape (p,)
+    without : float64, shape (n_parts, p)
+        Without the rocks of each part of the cross-validation.
+    drawn : float64, shape (n, p)
+        Of rocks that were drawn anew.
+    units : int
+        Rocks, or groups of them.
+    """
+
+    whole: FloatArray
+    without: FloatArray
+    drawn: FloatArray
+    units: int
+
+
+@dataclass(frozen=True, slots=True)
 class Told:
     """What some rocks say of the parameters, by the linear model about the best ones.
 
@@ -46,6 +66,8 @@ class Told:
         Of the numbers, as if each were independent of the others.
     pull : float64, shape (d,)
         Slope of their logarithmic likelihood at the best.
+    without : float64, shape (n_parts, d)
+        The same without the rocks of each part.
     scatter : float64, shape (d, d)
         Covariance of the pull: with the rocks drawn anew, so that numbers of the same rocks count
         for no more than they are.
@@ -54,45 +76,47 @@ class Told:
     best: FloatArray
     precision: FloatArray
     pull: FloatArray
+    without: FloatArray
     scatter: FloatArray
 
     def estimate(self, prior: float = 1.0) -> tuple[FloatArray, FloatArray]:
         """Parameters, shape (d,), and their covariance, with a prior of this precision.
 
         The covariance is that of the error of a linear estimate whose weights need not be the best
-        ones (Hartigan 1969; the sandwich of White 1982, Econometrica 50, 1-25): the weights are
-        those of independent numbers.
+        ones (the sandwich of White 1982, Econometrica 50, 1-25): the weights are those of
+        independent numbers.
         """
         own = prior * np.eye(self.best.size)
         gain = np.linalg.inv(self.precision + own)
         found = self.best + gain @ (self.pull - prior * self.best)
         return np.asarray(found), np.asarray(gain @ (self.scatter + own) @ gain.T)
 
+    def estimate_without(self, part: int) -> FloatArray:
+        """Parameters for the rocks of the other parts, shape (d,)."""
+        return replace(self, pull=self.without[part]).estimate()[0]
 
-def told_by(found: LinearFit, sites: Sequence[ObservedNumbers]) -> tuple[Told, ...]:
+
+def told_by(found: LinearFit, sites: Sequence[Misfits]) -> tuple[Told, ...]:
     """What the rocks of each site say; the numbers of ``found`` are those of the sites joined."""
     out, first = [], 0
     for site in sites:
-        rows = slice(first, first := first + int(site.used.sum()))
+        rows = slice(first, first := first + site.whole.size)
         slopes, variance = found.slopes[rows], found.variance[rows]
         weight = slopes.T / variance
-        pulls = site.in_errors(site.drawn) @ weight.T
-        scatter = small_sample_factor(site.units) * np.atleast_2d(np.cov(pulls.T))
+        whole, without, drawn = (
+            bounded(own) @ weight.T for own in (site.whole, site.without, site.drawn)
+        )
+        scatter = small_sample_factor(site.units) * np.atleast_2d(np.cov(drawn.T))
         # What the linear model leaves is not in the rocks.
         scatter = scatter + (weight * (variance - 1.0)) @ weight.T
-        pull = weight @ found.off(site.in_errors(site.observed), rows)
-        out.append(Told(found.best, weight @ slopes, pull, scatter))
+        out.append(Told(found.best, weight @ slopes, whole, without, scatter))
     return tuple(out)
 
 
 def together(sites: Sequence[Told]) -> Told:
     """What the rocks of all sites say."""
-    return Told(
-        sites[0].best,
-        np.sum([site.precision for site in sites], axis=0),
-        np.sum([site.pull for site in sites], axis=0),
-        np.sum([site.scatter for site in sites], axis=0),
-    )
+    names = ("precision", "pull", "without", "scatter")
+    return Told(sites[0].best, *(np.sum([getattr(s, n) for s in sites], axis=0) for n in names))
 
 
 def small_sample_factor(n: int) -> float:

@@ -121,17 +121,8 @@ class LinearFit:
         """From the best parameters to those for some observed numbers, in standard errors."""
         weighted = self.slopes.T / self.variance
         precision = weighted @ self.slopes + np.eye(self.best.size)
-        pull = weighted @ self.off(observed) - self.best
+        pull = weighted @ bounded(observed - self.level) - self.best
         return np.asarray(np.linalg.solve(precision, pull), np.float64)
-
-    def off(self, observed: FloatArray, rows: slice = slice(None)) -> FloatArray:
-        """Observed numbers, or some of them, less those at the best, in standard errors."""
-        off = np.nan_to_num(observed - self.level[rows])
-        return np.asarray(np.clip(off, -_FARTHEST, _FARTHEST), np.float64)
-
-    def moved(self, observed: FloatArray, instead: FloatArray) -> FloatArray:
-        """Best parameters if other numbers had been observed, both in standard errors."""
-        return np.asarray(self.best + self.step(instead) - self.step(observed), np.float64)
 
     def given(self, fixed: BoolArray) -> FloatArray:
         """Best parameters if some are at their values before, and the others make up for it."""
@@ -198,6 +189,11 @@ def fit_linearly(
     new = np.clip(best + _next(normal, budget.last) @ spread.T, -limit, limit)
     made = run([Trial(tried + 1 + k, at, budget.looked) for k, at in enumerate(new)])
     return _linear_model(summary, new, np.array([own for own, _ in made]), best, np.ones(len(new)))
+
+
+def bounded(off: FloatArray) -> FloatArray:
+    """Observed less simulated numbers as they count, in standard errors."""
+    return np.asarray(np.clip(np.nan_to_num(off), -_FARTHEST, _FARTHEST), np.float64)
 
 
 def _next(normal: qmc.MultivariateNormalQMC, n: int) -> FloatArray:

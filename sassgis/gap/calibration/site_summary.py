@@ -39,8 +39,6 @@ class ObservedNumbers:
         And the standard error of each, by drawing the rocks (or groups of them) anew.
     used : bool, shape (p,)
         Numbers that the observations have.
-    drawn : float64, shape (n, p)
-        The numbers of rocks that were drawn anew.
     units : int
         Rocks, or groups of them.
     seed : int
@@ -49,7 +47,6 @@ class ObservedNumbers:
     observed: FloatArray
     error: FloatArray
     used: BoolArray
-    drawn: FloatArray
     units: int
     seed: int
 
@@ -61,12 +58,12 @@ class ObservedNumbers:
 
 def joined(sites: Sequence[ObservedNumbers]) -> ObservedNumbers:
     """The numbers of several sites, one after the other."""
-    observed, error, used, drawn = (
-        np.concatenate([getattr(site, name) for site in sites], axis=-1)
-        for name in ("observed", "error", "used", "drawn")
+    observed, error, used = (
+        np.concatenate([getattr(site, name) for site in sites])
+        for name in ("observed", "error", "used")
     )
     units = sum(site.units for site in sites)
-    return ObservedNumbers(observed, error, used, drawn, units, sites[0].seed)
+    return ObservedNumbers(observed, error, used, units, sites[0].seed)
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,6 +108,26 @@ class SiteSummary(ObservedNumbers):
             ]
         )  # fmt: skip
 
+    def misfits(
+        self, model: HypothesisModel, number: int, count: int, weights: FloatArray
+    ) -> FloatArray:
+        """Observed less simulated numbers of rocks with weights, in standard errors.
+
+        What rocks differ in by themselves, as their release points, is the same in both.
+
+        Parameters
+        ----------
+        weights : float64, shape (n, n_rocks)
+
+        Returns
+        -------
+        float64, shape (n, number of used ones)
+        """
+        made = self._campaigns(model, number, count)
+        simulated = [_numbers(self.problem, self.size, *made, weights=own) for own in weights]
+        seen = [self.of_rocks(own) for own in weights]
+        return self.in_errors(np.array(seen) - np.array(simulated))
+
     def _campaigns(
         self, model: HypothesisModel, number: int, count: int
     ) -> tuple[FloatArray, FloatArray, list[ImpactRows | None]]:
@@ -138,11 +155,9 @@ def summary_of(problem: CalibrationProblem) -> SiteSummary:
     spread = float(radius.std())
     size = (radius - radius.mean()) / spread if spread > 1e-6 else np.zeros(radius.size)
     units, none = int(problem.unit.max()) + 1, np.empty(0)
-    blank = SiteSummary(none, none, none > 0.0, none, units, problem.seed, problem, size)
+    blank = SiteSummary(none, none, none > 0.0, units, problem.seed, problem, size)
     observed = blank.of_rocks(np.ones(problem.n_rocks))
-    rng = np.random.default_rng([problem.seed, 11])
-    times = rng.multinomial(units, np.full(units, 1.0 / units), size=_SAMPLES)
-    drawn = np.array([blank.of_rocks(one[problem.unit].astype(np.float64)) for one in times])
+    drawn = np.array([blank.of_rocks(weights) for weights in rocks_drawn_anew(problem)])
     known = np.isfinite(drawn)
     used = np.isfinite(observed) & (known.mean(axis=0) > 0.8)
     if not problem.sideways:
@@ -150,7 +165,14 @@ def summary_of(problem: CalibrationProblem) -> SiteSummary:
         used[: 3 * len(aside)] &= ~np.tile(np.array(aside, np.bool_), 3)
     filled = np.where(known, drawn, observed)
     error = np.maximum(np.std(np.where(used, filled, 0.0), axis=0), _LEAST)
-    return SiteSummary(observed, error, used, filled, units, problem.seed, problem, size)
+    return SiteSummary(observed, error, used, units, problem.seed, problem, size)
+
+
+def rocks_drawn_anew(problem: CalibrationProblem) -> FloatArray:
+    """How often each rock is drawn in samples of the rocks, or of groups, shape (n, n_rocks)."""
+    rng, units = np.random.default_rng([problem.seed, 11]), int(problem.unit.max()) + 1
+    times = rng.multinomial(units, np.full(units, 1.0 / units), size=_SAMPLES)
+    return times[:, problem.unit].astype(np.float64)
 
 
 def _numbers(

@@ -252,9 +252,13 @@ def fit_hypothesis(
     found = None
     if problem.scored:
         found = fit_linearly(summary, at[0], trials, budget)
-        whole = summary.in_errors(summary.observed)
-        others = [(problem.part != k).astype(float) for k in range(problem.n_parts)]
-        at = [found.moved(whole, summary.in_errors(summary.of_rocks(own))) for own in others]
+        whole = found.step(summary.in_errors(summary.observed))
+        at = [
+            found.best
+            + found.step(summary.in_errors(summary.of_rocks((problem.part != k).astype(float))))
+            - whole
+            for k in range(problem.n_parts)
+        ]
         at.append(_keeping_configured(space, found, trials))
     tasks = [HypothesisDraw(effect, space.shares(one), CHOSEN, FRESH) for one in at]
     return FittedHypothesis(space, found, tuple(run(run_chosen, tasks)))

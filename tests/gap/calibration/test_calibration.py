@@ -16,6 +16,7 @@ from sassgis.gap.calibration.class_calibration import (
     calibration_task,
     final_prediction,
     result_of,
+    run_site,
     run_trial,
     search,
 )
@@ -60,10 +61,15 @@ def calibrated(
     sites: list[CalibrationProblem],
     classes: tuple[str, ...],
     names: tuple[str, ...],
-    draws: int = 24,
+    draws: int = 16,
 ) -> SiteCalibration:
     task = calibration_task(sites, classes, names, read_ranges(TABLE), seed=1)
-    found = search(task, lambda new: [run_trial(task, one) for one in new], draws)
+    found = search(
+        task,
+        lambda new: [run_trial(task, one) for one in new],
+        lambda due: [run_site(task, one) for one in due],
+        draws,
+    )
     return result_of(task, found, lambda finals: [final_prediction(task, f) for f in finals])
 
 

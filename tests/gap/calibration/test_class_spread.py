@@ -104,9 +104,8 @@ def test_the_table_is_read_again_and_goes_before_what_was_assumed(tmp_path: Path
 def told(precision: tuple[float, float], at: float) -> Told:
     """Of the first of two parameters, about a best value of zero; of the second nothing."""
     first, second = precision
-    return Told(
-        np.zeros(2), np.diag([first, 0.0]), np.array([first * at, 0.0]), np.diag([second, 0.0])
-    )
+    pull = np.array([first * at, 0.0])
+    return Told(np.zeros(2), np.diag([first, 0.0]), pull, pull[None], np.diag([second, 0.0]))
 
 
 def test_the_error_of_a_site_is_that_of_its_rocks(monkeypatch) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from sassgis.gap.calibration.identifiability import (
+    Misfits,
     SiteFit,
     Told,
     contradicting,
@@ -23,7 +24,7 @@ from sassgis.gap.calibration.identifiability import (
     told_by,
     trade_offs,
 )
-from sassgis.gap.calibration.linear_fit import FitBudget, LinearFit, Seen, Trial, fit_linearly
+from sassgis.gap.calibration.linear_fit import FitBudget, Seen, Trial, fit_linearly
 from sassgis.gap.calibration.parameters import RANGES, ClassParameter, Prior
 from sassgis.gap.calibration.site_summary import ObservedNumbers, joined
 from sassgis.model.grid import FloatArray
@@ -38,28 +39,42 @@ def rocks(truth: Sequence[float], n: int, rng: np.random.Generator, alike: int =
     return np.hstack([shown, np.repeat(shown[:, :1], alike, axis=1)])
 
 
-def numbers_of(shown: FloatArray, rng: np.random.Generator) -> ObservedNumbers:
+def numbers_of(shown: FloatArray) -> ObservedNumbers:
     n, p = shown.shape
-    drawn = rng.multinomial(n, np.full(n, 1.0 / n), size=400) @ shown / n
-    used = np.ones(p, np.bool_)
-    return ObservedNumbers(shown.mean(axis=0), drawn.std(axis=0), used, drawn, n, 1)
+    error = shown.std(axis=0) / np.sqrt(n)
+    return ObservedNumbers(shown.mean(axis=0), error, np.ones(p, np.bool_), n, 1)
 
 
-def fitted(sites: Sequence[ObservedNumbers], rng: np.random.Generator) -> LinearFit:
-    whole = joined(sites)
-    each = whole.observed.size // len(sites)
-    slopes = np.vstack([SLOPES, np.repeat(SLOPES[:1], each - 3, axis=0)])
+def slopes_of(shown: FloatArray) -> FloatArray:
+    return np.vstack([SLOPES, np.repeat(SLOPES[:1], shown.shape[1] - 3, axis=0)])
+
+
+def told_of(sites: Sequence[FloatArray], rng: np.random.Generator) -> tuple[Told, ...]:
+    """Calibrate on what the rocks of some sites show; the parts are two halves of the rocks."""
+    each = [numbers_of(shown) for shown in sites]
+    whole = joined(each)
+    slopes = np.vstack([slopes_of(shown) for shown in sites])
 
     def run(trials: Sequence[Trial]) -> list[Seen]:
         made = []
         for one in trials:
-            scatter = 0.3 / np.sqrt(one.count) * rng.standard_normal((len(sites), each))
-            shown = (slopes @ one.at + scatter).ravel()
+            scatter = 0.3 / np.sqrt(one.count) * rng.standard_normal(len(slopes))
+            shown = slopes @ one.at + scatter
             off = (shown - whole.observed) / whole.error
             made.append((shown, float(np.mean(off**2)) / whole.units))
         return made
 
-    return fit_linearly(whole, np.zeros(2), run, BUDGET)
+    fit = fit_linearly(whole, np.zeros(2), run, BUDGET)
+    misfits = []
+    for shown, own in zip(sites, each, strict=True):
+        n = own.units
+        first = np.arange(n) < n // 2
+        drawn = rng.multinomial(n, np.full(n, 1.0 / n), size=400)
+        means = np.vstack([np.ones(n), ~first, first, drawn]).astype(float)
+        means = means @ shown / means.sum(axis=1, keepdims=True)
+        off = (means - slopes_of(shown) @ fit.best) / own.error
+        misfits.append(Misfits(off[0], off[1:3], off[3:], n))
+    return told_by(fit, misfits)
 
 
 def exact(sites: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
@@ -74,48 +89,39 @@ def exact(sites: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
 def test_two_sites_give_the_posterior_of_the_formula() -> None:
     rng = np.random.default_rng(5)
     shown = [rocks((1.5, -0.5), n, rng) for n in (60, 25)]
-    sites = [numbers_of(own, rng) for own in shown]
-    fit = fitted(sites, rng)
-    told = told_by(fit, sites)
+    told = told_of(shown, rng)
     at, covariance = together(told).estimate()
     mean, expected = exact(shown)
     sd = np.sqrt(np.diag(expected))
     assert np.abs((at - mean) / sd).max() < 0.35
     np.testing.assert_allclose(np.sqrt(np.diag(covariance)), sd, rtol=0.25)
-    # The estimate is where the step of all numbers leads, and each site has its own share in it.
-    whole = joined(sites)
-    step = fit.step(whole.in_errors(whole.observed))
-    np.testing.assert_allclose(at, fit.best + step)
-    one, _ = told[0].estimate()
-    assert np.linalg.norm(one - exact(shown[:1])[0]) < 0.25
-    # One combination is told well by these rocks, the other is as before.
-    assert identified_combinations(covariance) == 1
-    assert [t.correlation < 0.0 for t in trade_offs("ab", covariance)] in ([], [True])
+    # Each site has its own share in it.
+    assert np.linalg.norm(told[0].estimate()[0] - exact(shown[:1])[0]) < 0.25
+    # Both combinations are told, and more of the one makes up for less of the other.
+    assert identified_combinations(covariance) == 2
+    (own,) = trade_offs("ab", covariance)
+    assert (own.one, own.other) == ("a", "b") and own.correlation < 0.0
 
 
 def test_rocks_that_are_left_out_do_not_count() -> None:
     rng = np.random.default_rng(6)
-    low, high = rocks((-1.0, 0.0), 40, rng), rocks((1.0, 0.0), 40, rng)
-    whole = numbers_of(np.vstack([low, high]), rng)
-    fit = fitted([whole], rng)
-    observed = whole.in_errors(whole.observed)
-    for part, expected in ((low, -1.0), (high, 1.0)):
-        instead = fit.moved(observed, whole.in_errors(part.mean(axis=0)))
-        assert instead[0] == pytest.approx(fit.best[0] + expected, abs=0.45)
-    np.testing.assert_array_equal(fit.moved(observed, observed), fit.best)
+    halves = [rocks((at, 0.0), 40, rng) for at in (-1.0, 1.0)]
+    (told,) = told_of([np.vstack(halves)], rng)
+    for part, other in enumerate(halves[::-1]):
+        # Weights are those of the scatter of all rocks.
+        weight = SLOPES.T / (np.vstack(halves).var(axis=0) / 80)
+        expected = np.linalg.solve(weight @ SLOPES + np.eye(2), weight @ other.mean(axis=0))
+        assert told.estimate_without(part) == pytest.approx(expected, abs=0.15)
 
 
 def test_a_quantity_that_is_counted_five_times_tells_no_more() -> None:
     rng = np.random.default_rng(7)
     shown = rocks((0.5, 0.0), 50, rng, alike=4)
-    widths = []
-    for own in (shown[:, :3], shown):
-        site = numbers_of(own, rng)
-        (told,) = told_by(fitted([site], rng), [site])
-        widths.append(np.sqrt(told.estimate()[1][0, 0]))
-    assert widths[1] > 0.95 * widths[0]
-    naive = np.linalg.inv(told.precision + np.eye(2))[0, 0] ** 0.5
-    assert naive < 0.7 * widths[1]
+    once, often = (told_of([own], rng)[0] for own in (shown[:, :3], shown))
+    width = [np.sqrt(told.estimate()[1][0, 0]) for told in (once, often)]
+    assert width[1] > 0.95 * width[0]
+    naive = np.sqrt(np.linalg.inv(often.precision + np.eye(2))[0, 0])
+    assert naive < 0.7 * width[1]
 
 
 def test_intervals_hold_the_value_as_often_as_they_say() -> None:
@@ -123,8 +129,8 @@ def test_intervals_hold_the_value_as_often_as_they_say() -> None:
     held = []
     for _ in range(60):
         truth = rng.standard_normal(2)
-        site = numbers_of(rocks(truth, 20, rng, alike=2), rng)
-        at, covariance = told_by(fitted([site], rng), [site])[0].estimate()
+        (told,) = told_of([rocks(truth, 20, rng, alike=2)], rng)
+        at, covariance = told.estimate()
         held.append(np.abs(truth - at) < 1.2816 * np.sqrt(np.diag(covariance)))
     # 80 %; two standard errors are 7 %.
     assert 0.72 < np.mean(held) < 0.92
@@ -133,8 +139,7 @@ def test_intervals_hold_the_value_as_often_as_they_say() -> None:
 @pytest.mark.parametrize(("second", "contradict"), [(0.4, False), (-2.5, True)])
 def test_sites_contradict_if_common_parameters_suit_none(second: float, contradict: bool) -> None:
     rng = np.random.default_rng(4)
-    sites = [numbers_of(rocks((at, 0.0), 40, rng), rng) for at in (0.6, second)]
-    told = told_by(fitted(sites, rng), sites)
+    told = told_of([rocks((at, 0.0), 40, rng) for at in (0.6, second)], rng)
     fits = [SiteFit(1.1, 1.0, np.zeros(2))] * 2
     assert contradicting(told, fits, 1) == contradict
     # Certain, but not worth telling; and one site alone contradicts nobody.
@@ -147,7 +152,8 @@ def test_samples_are_shares_with_the_prior_of_the_parameters() -> None:
         ClassParameter(name, "mu_0", RANGES["mu_0"], 0.45, sd)
         for name, sd in (("a", 0.1), ("b", 0.2))
     ]
-    told = Told(np.zeros(2), np.diag([8.0, 0.0]), np.array([8.0, 0.0]), np.diag([8.0, 0.0]))
+    pull = np.array([8.0, 0.0])
+    told = Told(np.zeros(2), np.diag(pull), pull, pull[None], np.diag(pull))
     found = posterior_of(Prior.of(parameters), told, 1)
     one, other = fitted_parameters(parameters, found)
     # Of the first the rocks know more than the prior: a third of its width, and a value above it.
