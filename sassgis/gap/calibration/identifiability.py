@@ -108,7 +108,7 @@ def told_by(found: LinearFit, sites: Sequence[Misfits]) -> tuple[Told, ...]:
         )
         scatter = small_sample_factor(site.units) * np.atleast_2d(np.cov(drawn.T))
         # What the linear model leaves is not in the rocks.
-        scatter = scatter + (weight * (variance - 1.0)) @ weight.T
+        scatter += np.cov((found.left[:, rows] @ weight.T).T)
         out.append(Told(found.best, weight @ slopes, whole, without, scatter))
     return tuple(out)
 

@@ -99,6 +99,8 @@ class LinearFit:
         Of the numbers, in standard errors.
     variance : float64, shape (p,)
         Of the numbers about the model, in squared standard errors.
+    left : float64, shape (n, p)
+        What the model leaves of the numbers of the draws, in standard errors.
     """
 
     best: FloatArray
@@ -106,6 +108,7 @@ class LinearFit:
     level: FloatArray
     slopes: FloatArray
     variance: FloatArray
+    left: FloatArray
 
     @property
     def identified(self) -> BoolArray:
@@ -187,7 +190,8 @@ def fit_linearly(
         return fit
     spread = _SPREAD * np.linalg.cholesky(fit.covariance)
     new = np.clip(best + _next(normal, budget.last) @ spread.T, -limit, limit)
-    made = run([Trial(tried + 1 + k, at, budget.looked) for k, at in enumerate(new)])
+    # All have the same luck: what does not act has no slope.
+    made = run([Trial(tried + 1, at, budget.looked) for at in new])
     return _linear_model(summary, new, np.array([own for own, _ in made]), best, np.ones(len(new)))
 
 
@@ -247,4 +251,4 @@ def _linear_model(
     slopes = found[1:].T
     precision = (slopes.T / variance) @ slopes + np.eye(d)
     covariance = np.asarray(np.linalg.inv(precision), np.float64)
-    return LinearFit(best, covariance, found[0], slopes, variance)
+    return LinearFit(best, covariance, found[0], slopes, variance, left)

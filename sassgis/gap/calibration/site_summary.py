@@ -161,11 +161,23 @@ def summary_of(problem: CalibrationProblem) -> SiteSummary:
     known = np.isfinite(drawn)
     used = np.isfinite(observed) & (known.mean(axis=0) > 0.8)
     if not problem.sideways:
-        aside = [name.endswith(":aside") for name in problem.scale.names]
-        used[: 3 * len(aside)] &= ~np.tile(np.array(aside, np.bool_), 3)
+        used &= _of_ground(problem, used.size)
     filled = np.where(known, drawn, observed)
     error = np.maximum(np.std(np.where(used, filled, 0.0), axis=0), _LEAST)
     return SiteSummary(observed, error, used, units, problem.seed, problem, size)
+
+
+def _of_ground(problem: CalibrationProblem, p: int) -> BoolArray:
+    """Numbers that only ground changes: no offsets from fall lines.
+
+    Of impacts neither scatters nor trends with the normal speed: errors of the states before widen
+    what is computed from them, as the observed states after are not.
+    """
+    names = problem.scale.names
+    of_rows = 3 * [not name.endswith(":aside") for name in names]
+    of_rows += [True] * sum(name.endswith(":speed") for name in names)
+    of_impacts = 2 * ([True] * 3 + [False] * 3)
+    return np.array(of_rows + of_impacts * ((p - len(of_rows)) // len(of_impacts)), np.bool_)
 
 
 def rocks_drawn_anew(problem: CalibrationProblem) -> FloatArray:

@@ -98,9 +98,12 @@ def test_two_sites_give_the_posterior_of_the_formula() -> None:
     # Each site has its own share in it.
     assert np.linalg.norm(told[0].estimate()[0] - exact(shown[:1])[0]) < 0.25
     # Both combinations are told, and more of the one makes up for less of the other.
-    assert identified_combinations(covariance) == 2
-    (own,) = trade_offs("ab", covariance)
-    assert (own.one, own.other) == ("a", "b") and own.correlation < 0.0
+    assert identified_combinations(covariance) == 2 and covariance[0, 1] < 0.0
+
+
+def test_trade_offs_are_the_strongest_correlations() -> None:
+    found = trade_offs("abc", np.array([[1.0, 0.5, 0.3], [0.5, 1.0, -1.2], [0.3, -1.2, 4.0]]))
+    assert [(t.one, t.other, t.correlation) for t in found] == [("b", "c", -0.6), ("a", "b", 0.5)]
 
 
 def test_rocks_that_are_left_out_do_not_count() -> None:
