@@ -74,7 +74,7 @@ def campaign(
     rules = read_ranges(case.table)
     parameters = parameters_of(case.table, classes, names, rules)
     level = np.random.default_rng([seed, 17]).random(len(parameters))
-    truth = Prior.of(parameters).quantiles(level)
+    truth = Prior.of(parameters).shares(stats.norm.ppf(level))
     model = configured_model(case, table_with(case.table, parameters, truth))
     problem = problem_of(case, seed, simulated=(model, _TRUTH + seed), sideways=False)
     task = calibration_task([problem], classes, names, rules, seed)

@@ -201,8 +201,8 @@ def fitted_parameters(
 ) -> tuple[Fitted, ...]:
     """Values, intervals, and what the observations identify."""
     found = []
-    d = len(parameters)
-    before = Prior.of(parameters).quantiles(np.repeat([[0.025], [0.975]], d, axis=1))
+    usual = norm.ppf([[0.025], [0.975]]) * np.ones(len(parameters))
+    before = Prior.of(parameters).shares(usual)
     for k, parameter in enumerate(parameters):
         own = posterior.samples[:, k]
         low, high = np.quantile(own, [0.025, 0.975])

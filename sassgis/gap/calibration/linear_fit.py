@@ -21,7 +21,7 @@ from sassgis.gap.calibration.site_summary import ObservedNumbers
 from sassgis.model.grid import BoolArray, FloatArray
 
 #: Parameters are standard normal before any rock is seen, and kept within this.
-LIMIT = 2.5
+_LIMIT = 2.5
 #: Radius of the first draws about the start, and attempts at a step. What the radius is multiplied
 #: with after a step as long as itself, after a shorter one, and after one that is not kept.
 _RADIUS, _ATTEMPTS = 1.2, 2
@@ -29,7 +29,7 @@ _FARTHER, _KEPT, _NOT_KEPT = 1.3, 0.85, 0.6
 #: Standard deviation of the last draws, over that of what is left.
 _SPREAD = 1.3
 #: Number of the campaigns in which steps are compared: the same luck for all.
-LOOK = 1
+_LOOK = 1
 #: Prior precision of the slopes, and the part of what the linear model leaves that counts as error:
 #: the rest is the chance of single campaigns, which the regression averages.
 _RIDGE, _LEFT = 0.5, 0.5
@@ -69,7 +69,7 @@ class FitBudget:
     draws: int
     count: int
     looked: int
-    limit: float = LIMIT
+    limit: float = _LIMIT
     last: int = 0
 
     @property
@@ -135,7 +135,7 @@ class LinearFit:
             across = self.covariance[np.ix_(free, fixed)]
             within = self.covariance[np.ix_(fixed, fixed)]
             found[free] = self.best[free] - across @ np.linalg.solve(within, self.best[fixed])
-        return np.clip(found, -LIMIT, LIMIT)
+        return np.clip(found, -_LIMIT, _LIMIT)
 
 
 def fit_linearly(
@@ -157,14 +157,14 @@ def fit_linearly(
     points, numbers = list[FloatArray](), list[FloatArray]()
 
     def look(at: FloatArray) -> float:
-        (seen,) = run([Trial(LOOK, at, budget.looked)])
+        (seen,) = run([Trial(_LOOK, at, budget.looked)])
         points.append(at)
         numbers.append(seen[0])
         return _loss(summary, at, seen)
 
     best = start.copy()
     least = look(best)
-    radius, tried = _RADIUS, LOOK
+    radius, tried = _RADIUS, _LOOK
     for _ in range(budget.rounds):
         new = np.clip(best + radius * _next(normal, budget.draws), -limit, limit)
         made = run([Trial(tried + 1 + k, at, budget.count) for k, at in enumerate(new)])

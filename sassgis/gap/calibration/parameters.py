@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from scipy.special import ndtr
-from scipy.stats import truncnorm
 
 from sassgis.gap.observations.case import Case
 from sassgis.model.errors import InputError
@@ -200,7 +197,7 @@ def table_with(
 
 @dataclass(frozen=True, slots=True)
 class Prior:
-    """Normal about the configured values, cut at the limits of the search.
+    """Normal about the configured values; beyond the limits of the search lies the limit itself.
 
     It keeps what the observations say nothing about where it was configured, as near as such values
     lie together from site to site.
@@ -219,15 +216,6 @@ class Prior:
         """The prior of some parameters."""
         return Prior(np.array([p.start for p in parameters]), np.array([p.sd for p in parameters]))
 
-    def quantiles(self, levels: FloatArray) -> FloatArray:
-        """Shares below which the prior of each parameter has some levels, shape of levels."""
-        return np.asarray(self._cut.ppf(levels))
-
     def shares(self, normal: FloatArray) -> FloatArray:
         """Shares of parameters of which the prior is standard normal, shape (..., d)."""
-        return np.clip(self.quantiles(ndtr(normal)), 0.0, 1.0)
-
-    @property
-    def _cut(self) -> Any:
-        low, high = -self.centre / self.sd, (1.0 - self.centre) / self.sd
-        return truncnorm(low, high, self.centre, self.sd)
+        return np.asarray(np.clip(self.centre + self.sd * normal, 0.0, 1.0), np.float64)

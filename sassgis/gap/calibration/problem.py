@@ -150,12 +150,6 @@ class CalibrationProblem:
         np.add.at(sums, self.unit, np.moveaxis(np.nan_to_num(scores), -1, 0))
         return np.moveaxis(sums, 0, -1)
 
-    def unit_parts(self) -> IntArray:
-        """Part of the cross-validation of each unit."""
-        parts = np.zeros(int(self.unit.max()) + 1, np.int64)
-        parts[self.unit] = self.part
-        return parts
-
 
 def problem_of(
     case: Case,

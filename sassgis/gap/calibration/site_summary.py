@@ -25,6 +25,9 @@ from sassgis.model.grid import BoolArray, FloatArray
 _FEWEST, _FEWEST_IMPACTS = 3.0, 15
 #: Bootstrap samples, and the least standard error of a number, in scatters of the rocks.
 _SAMPLES, _LEAST = 150, 0.03
+#: Ground alone is calibrated on numbers that this share of the samples have: of fewer rocks than
+#: about eight the errors are not known.
+_SURE = 0.99
 #: Larger turns at impacts count as this: slow rocks turn anywhere.
 _MOST_TURN_DEG = 45.0
 
@@ -161,7 +164,7 @@ def summary_of(problem: CalibrationProblem) -> SiteSummary:
     known = np.isfinite(drawn)
     used = np.isfinite(observed) & (known.mean(axis=0) > 0.8)
     if not problem.sideways:
-        used &= _of_ground(problem, used.size)
+        used &= _of_ground(problem, used.size) & (known.mean(axis=0) > _SURE)
     filled = np.where(known, drawn, observed)
     error = np.maximum(np.std(np.where(used, filled, 0.0), axis=0), _LEAST)
     return SiteSummary(observed, error, used, units, problem.seed, problem, size)
