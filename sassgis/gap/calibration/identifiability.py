@@ -107,9 +107,14 @@ def told_by(found: LinearFit, sites: Sequence[Misfits]) -> tuple[Told, ...]:
             bounded(own) @ weight.T for own in (site.whole, site.without, site.drawn)
         )
         scatter = small_sample_factor(site.units) * np.atleast_2d(np.cov(drawn.T))
+        told = Told(found.best, weight @ slopes, whole, without, scatter)
+        # Numbers that even the site's own parameters leave farther apart than their errors say have
+        # larger ones (Birge 1932, Phys. Rev. 40, 207-227).
+        apart = bounded(site.whole) - slopes @ (told.estimate()[0] - found.best)
+        scatter = scatter * max(float(apart @ apart) / max(apart.size, 1), 1.0)
         # What the linear model leaves is not in the rocks.
-        scatter += np.cov((found.left[:, rows] @ weight.T).T)
-        out.append(Told(found.best, weight @ slopes, whole, without, scatter))
+        scatter = scatter + np.cov((found.left[:, rows] @ weight.T).T)
+        out.append(replace(told, scatter=scatter))
     return tuple(out)
 
 
