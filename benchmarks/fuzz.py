@@ -275,11 +275,13 @@ def _observations(folder: Path, kept: Any) -> None:
 
 
 def _state(folder: Path, _kept: Any) -> None:
+    from sassgis.gap.calibration.linear_fit import Trial
     from sassgis.runs.draw_store import DrawStore
 
     store = DrawStore(folder / "draws.npz", "x", lambda _text: None)
-    scores = store.known(0, np.array(SHARES))
-    assert scores is None or scores.tolist() == SCORES, "other scores than were saved"
+    trial = Trial(0, np.array(SHARES), 1)
+    made = store.seen([trial], run=lambda due: [(np.zeros(1), 0.0) for _ in due], step=lambda: None)
+    assert made[0][1] in (0.0, *SCORES), "other scores than were saved"
 
 
 #: Reader of each kind, what it keeps for all files, and the files that are damaged.
@@ -355,7 +357,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory(prefix="sassgis-fuzz-") as made:
         site = Path(made) / "site"
         _site(site)
-        arrays = {"numbers": [0], "shares": [SHARES], "scores": [SCORES]}
+        arrays = {"trials": [0], "parameters": [SHARES], "numbers": [[0.0]], "scores": SCORES}
         write_saved(site / "draws.npz", arrays, "x")
         with ThreadPoolExecutor(options.jobs) as pool:
             done = pool.map(

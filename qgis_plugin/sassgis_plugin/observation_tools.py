@@ -37,7 +37,7 @@ class Calibrate(Command):
 
     def own_parameters(self):
         """A configuration and observations."""
-        draws = number("DRAWS", "Parameter sets to begin with", INTEGER, low=16)
+        draws = number("DRAWS", "Parameter sets of each round", INTEGER, low=16)
         return [config(), _observations(), advanced(draws)]
 
     def arguments(self, inputs):

@@ -34,7 +34,7 @@ from sassgis.cli.progress_bar import ProgressBar, notes, printed
     *WORKERS,
     click.option(
         "--draws", type=click.IntRange(16, 100_000),
-        help="Parameter sets to begin with; more take longer and settle the result.",
+        help="Parameter sets of each of six rounds; more take longer and settle the result.",
     ),
     OVERWRITE,
     short_help="Fit ground classes to observations.",

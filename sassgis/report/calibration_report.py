@@ -34,9 +34,10 @@ _LIMITS = {"low": "lower", "high": "upper", "": "–"}
 _MEANING = ReportAnswer(
     "How to read this",
     (
-        "The observed rocks were released again with many sets of parameters. A set counts by "
-        "its energy score: how near the simulated rocks come to each observed one, less their "
-        "own scatter.",
+        "The observed rocks were released again with many sets of parameters. What they show, as "
+        "means, scatters and trends over the rocks, is regressed on the parameters; with the "
+        "spread between sites this gives the values and their intervals. Energy score: how near "
+        "the simulated rocks come to each observed one, less their own scatter.",
         "Rocks left out: the rocks were split into five parts; each part was predicted with "
         "parameters chosen on the other four.",
     ),
@@ -233,7 +234,7 @@ def _as_good_table(calibration: SiteCalibration) -> ReportTable:
         "Other combinations that fit as well",
         tuple((label, "") for label in labels),
         tuple(tuple(float(f"{one[label]:.3g}") for label in labels) for one in calibration.as_good),
-        "As far apart as possible among those whose score chance does not separate from the best.",
+        "As far apart as possible among those that chance does not separate from the best.",
     )
 
 

@@ -15,7 +15,8 @@ from sassgis.gap.calibration.class_calibration import (
     calibration_task,
     final_prediction,
     result_of,
-    score_draw,
+    run_site,
+    run_trial,
     search,
 )
 from sassgis.gap.calibration.class_spread import spread_of_sites
@@ -71,8 +72,7 @@ def calibrate(
         Processes; 0 or None: all cores. The answer does not depend on it.
     seed : int
     draws : int, optional
-        Parameter sets of the first design; each of the six repetitions after it has a third of
-        them. Default: 32 for each parameter, at least 96.
+        Parameter sets of each of the six rounds. Default: 4 for each parameter, at least 32.
     overwrite : bool
     on_progress : callable, optional
         Called with draws done, draws in all, and rocks simulated.
@@ -121,11 +121,10 @@ def calibrate(
                     f"Calibrating {len(task.parameters)} parameters of {', '.join(chosen)} on "
                     f"{task.n_rocks} rocks"
                 )
-                progress = DrawProgress(
-                    on_progress, budget_of(task, draws).draws, COUNT * task.n_rocks
-                )
-                scored = partial(store.scored, run=partial(run, score_draw), step=progress.step)
-                found = search(task, scored, draws)
+                budget = budget_of(task, draws)
+                progress = DrawProgress(on_progress, budget.trials, COUNT * task.n_rocks)
+                seen = partial(store.seen, run=partial(run, run_trial), step=progress.step)
+                found = search(task, seen, lambda due: list(run(run_site, due)), draws)
                 tell("Predicting rocks left out")
                 calibration = result_of(task, found, lambda due: list(run(final_prediction, due)))
         except KeyboardInterrupt:
@@ -189,7 +188,7 @@ def _chosen(sites: Sequence[CalibrationProblem], asked: Sequence[str] | None) ->
 def _fingerprint(
     configs: Sequence[Config], observed: Sequence[AnyObservations], task: CalibrationTask
 ) -> str:
-    """Of all that the scores of a draw depend on."""
+    """Of all that the numbers of a draw depend on."""
     digest = hashlib.sha256()
     for config, own in zip(configs, observed, strict=True):
         options = f"{task.seed} {[p.label for p in task.parameters]}"

@@ -1,4 +1,4 @@
-"""Scores of draws that were made already, kept so that nothing is computed twice."""
+"""What draws have shown that were made already, kept so that nothing is computed twice."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from sassgis.gap.calibration.class_calibration import NumberedDraw
+from sassgis.gap.calibration.linear_fit import Seen, Trial
 from sassgis.io.saved_arrays import read_saved, write_saved
-from sassgis.model.grid import FloatArray
 
 #: Seconds between two savings.
 _SAVE_EVERY_S = 5.0
-
+#: Arrays of a saved file: number and parameters of each trial, and what it showed.
+_ARRAYS = ("trials", "parameters", "numbers", "scores")
 
 OnProgress = Callable[[int, int, int], None]
-RunNew = Callable[[Sequence[NumberedDraw]], Iterable[FloatArray]]
+RunNew = Callable[[Sequence[Trial]], Iterable[Seen]]
 
 
 class DrawProgress:
@@ -35,7 +35,7 @@ class DrawProgress:
 
 
 class DrawStore:
-    """Scores by number of the draw; a draw counts as made if its parameters are the same.
+    """What trials have shown; one counts as made if its number and its parameters are the same.
 
     Parameters
     ----------
@@ -48,42 +48,39 @@ class DrawStore:
         self._file, self._fingerprint = file, fingerprint
         self._saved = time.monotonic()
         known = (file and read_saved(file, fingerprint, tell)) or {}
-        rows = zip(*(known.get(k, ()) for k in ("numbers", "shares", "scores")), strict=True)
-        self._made: dict[int, tuple[FloatArray, FloatArray]] = {int(n): (u, s) for n, u, s in rows}
+        rows = zip(*(known.get(k, ()) for k in _ARRAYS), strict=True)
+        self._made: dict[tuple[int, bytes], tuple[Any, ...]] = {
+            (int(row[0]), row[1].tobytes()): row for row in rows
+        }
 
-    def scored(
-        self, draws: Sequence[NumberedDraw], *, run: RunNew, step: Callable[[], None]
-    ) -> list[FloatArray]:
-        """Scores of draws: those that are known, and those that ``run`` makes now.
+    def seen(self, trials: Sequence[Trial], *, run: RunNew, step: Callable[[], None]) -> list[Seen]:
+        """What trials show: those that are known, and those that ``run`` makes now.
 
         What is made is saved now and then, and whatever happens.
         """
-        due = [one for one in draws if not self._known(*one)]
-        for _ in range(len(draws) - len(due)):
+        due = [one for one in trials if _key(one) not in self._made]
+        for _ in range(len(trials) - len(due)):
             step()
         try:
-            for (number, shares), scores in zip(due, run(due), strict=True):
-                self._made[number] = (shares, scores)
+            for one, (numbers, score) in zip(due, run(due), strict=True):
+                self._made[_key(one)] = (one.number, one.at, numbers, score)
                 if time.monotonic() - self._saved > _SAVE_EVERY_S:
                     self.save()
                 step()
         finally:
             self.save()
-        return [self._made[number][1] for number, _ in draws]
-
-    def _known(self, number: int, shares: FloatArray) -> bool:
-        made = self._made.get(number)
-        return made is not None and np.array_equal(made[0], shares)
+        made = (self._made[_key(one)] for one in trials)
+        return [(numbers, float(score)) for _, _, numbers, score in made]
 
     def save(self) -> None:
         """Write what was made; the file is whole at any time."""
         if not self._made or self._file is None:
             return
-        numbers = sorted(self._made)
-        arrays: dict[str, Any] = {
-            "numbers": numbers,
-            "shares": np.stack([self._made[n][0] for n in numbers]),
-            "scores": np.stack([self._made[n][1] for n in numbers]),
-        }
+        columns = zip(*self._made.values(), strict=True)
+        arrays = {name: np.stack(own) for name, own in zip(_ARRAYS, columns, strict=True)}
         write_saved(self._file, arrays, self._fingerprint)
         self._saved = time.monotonic()
+
+
+def _key(trial: Trial) -> tuple[int, bytes]:
+    return trial.number, trial.at.tobytes()

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from helpers.changed_arrays import change_arrays
 
+from sassgis.gap.calibration.linear_fit import Seen, Trial
 from sassgis.gap.calibration.problem import model_rows, problem_of
 from sassgis.gap.check.worlds import EffectSpec, WorldSpec, make_world, observe, setup
 from sassgis.gap.inference.distances import RockDistances
@@ -170,24 +171,29 @@ def test_processes_change_nothing_and_an_interruption_leaves_nothing(
 def test_draws_that_were_changed_are_made_again(tmp_path: Path) -> None:
     made: list[int] = []
     said: list[str] = []
-    draws = [(k, np.array([0.1 * k, 0.5])) for k in range(3)]
+    # Steps that are looked at have one number and differ in their parameters.
+    trials = [Trial(min(k, 1), np.array([0.1 * k, 0.5]), 2) for k in range(3)]
 
-    def scores(name: str) -> list[np.ndarray]:
+    def scores(name: str) -> list[float]:
         made.clear()
         store = DrawStore(tmp_path / name, "own", said.append)
 
-        def run(due: list[tuple[int, np.ndarray]]) -> list[np.ndarray]:
-            made.extend(n for n, _ in due)
-            return [np.array([share.sum() + n]) for n, share in due]
+        def run(due: list[Trial]) -> list[Seen]:
+            made.extend(round(10.0 * one.at[0]) for one in due)
+            return [(one.at + one.number, one.at.sum()) for one in due]
 
-        return store.scored(draws, run=run, step=lambda: None)
+        seen = store.seen(trials, run=run, step=lambda: None)
+        assert all(
+            np.array_equal(n, t.at + t.number) for t, (n, _) in zip(trials, seen, strict=True)
+        )
+        return [score for _, score in seen]
 
     first = scores("one.npz")
-    assert made == [0, 1, 2] and np.array_equal(scores("one.npz"), first) and not made and not said
+    assert made == [0, 1, 2] and scores("one.npz") == first and not made and not said
     change_arrays(tmp_path / "one.npz", lambda arrays: arrays["scores"].__imul__(0.5))
-    assert np.array_equal(scores("one.npz"), first) and made == [0, 1, 2]
+    assert scores("one.npz") == first and made == [0, 1, 2]
     shutil.copy(tmp_path / "one.npz", tmp_path / "two.npz")
-    assert np.array_equal(scores("two.npz"), first) and len(made) == 3
+    assert scores("two.npz") == first and len(made) == 3
     assert said == [unfit(tmp_path / "one.npz"), unfit(tmp_path / "two.npz")]
 
 

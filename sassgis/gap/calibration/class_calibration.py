@@ -17,22 +17,29 @@ from sassgis.gap.calibration.fit_errors import (
 )
 from sassgis.gap.calibration.identifiability import (
     Fitted,
+    Misfits,
+    Posterior,
     SiteFit,
+    Told,
     TradeOff,
     as_good,
     classes_alike,
+    contradicting,
     fitted_parameters,
     identified_combinations,
-    site_fits,
+    posterior_of,
+    together,
+    told_by,
     trade_offs,
 )
-from sassgis.gap.calibration.parameters import (
-    ClassParameter,
-    Prior,
-    classes_met,
-    parameters_of,
-    table_with,
+from sassgis.gap.calibration.linear_fit import (
+    FitBudget,
+    RunTrials,
+    Seen,
+    Trial,
+    fit_linearly,
 )
+from sassgis.gap.calibration.parameters import ClassParameter, Prior, parameters_of, table_with
 from sassgis.gap.calibration.problem import (
     CalibrationProblem,
     Prediction,
@@ -40,15 +47,11 @@ from sassgis.gap.calibration.problem import (
     prediction,
     scores_of,
 )
-from sassgis.gap.calibration.search import (
-    Posterior,
-    ScoreSurface,
-    SiteScores,
-    first_design,
-    minimum_without,
-    next_design,
-    posterior_of,
-    surface_of,
+from sassgis.gap.calibration.site_summary import (
+    SiteSummary,
+    joined,
+    rocks_drawn_anew,
+    summary_of,
 )
 from sassgis.gap.inference.intervals import Interval
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel, configured_model
@@ -57,28 +60,43 @@ from sassgis.model.ground import GroundTable
 from sassgis.model.ground_ranges import RangeRule
 from sassgis.model.languages import phrase
 
-#: Campaigns made with one set of parameters: the scatter of each rock is known from them.
-COUNT = 16
-#: Repetitions in which new draws are placed where the best parameters may lie.
-_REPETITIONS = 6
+#: Rounds of the search, least draws of each and draws for each parameter, campaigns of a draw, and
+#: of a step that is looked at.
+_ROUNDS, _DRAWS, _EACH, COUNT, _LOOKED = 6, 32, 4, 2, 8
+#: Draws of the last round, over those of the others.
+_LAST = 3
+#: Standard deviations of the prior within which the parameters are searched.
+_LIMIT = 6.0
 #: Campaigns from which the errors are taken.
 FINAL_COUNT = 60
 #: Numbers of the campaigns for the errors begin here.
 _FINAL = 100_000
+#: Number of those from which misfits at the best parameters are taken.
+_MISFITS = 99_000
 
 
 @dataclass(frozen=True, slots=True)
 class CalibrationTask:
     """All that a process needs to make campaigns."""
 
-    sites: tuple[CalibrationProblem, ...]
+    summaries: tuple[SiteSummary, ...]
     parameters: tuple[ClassParameter, ...]
     seed: int
+
+    @property
+    def sites(self) -> tuple[CalibrationProblem, ...]:
+        """The sites themselves."""
+        return tuple(own.problem for own in self.summaries)
 
     @property
     def n_rocks(self) -> int:
         """Rocks of all sites."""
         return sum(site.n_rocks for site in self.sites)
+
+    @property
+    def n_parts(self) -> int:
+        """Parts of the cross-validation."""
+        return max(site.n_parts for site in self.sites)
 
     @property
     def measured(self) -> int:
@@ -105,96 +123,78 @@ def calibration_task(
     for own in class_names:
         table = next(s.case.table for s in sites if own in s.case.table.names)
         parameters += parameters_of(table, [own], names, rules)
-    return CalibrationTask(tuple(sites), tuple(parameters), seed)
+    return CalibrationTask(tuple(summary_of(site) for site in sites), tuple(parameters), seed)
 
 
-@dataclass(frozen=True, slots=True)
-class Budget:
-    """Draws of the first design, repetitions after it, and draws of each of them."""
-
-    first: int
-    repetitions: int
-    more: int
-
-    @property
-    def draws(self) -> int:
-        """Draws in all."""
-        return self.first + self.repetitions * self.more
+def budget_of(task: CalibrationTask, draws: int | None) -> FitBudget:
+    """Draws of each round; default: 4 for each parameter, at least 32."""
+    own = draws or max(_DRAWS, _EACH * len(task.parameters))
+    return FitBudget(_ROUNDS, own, COUNT, _LOOKED, _LIMIT, _LAST * own)
 
 
-def budget_of(task: CalibrationTask, first: int | None) -> Budget:
-    """Draws of the first design (default: 32 for each parameter, at least 96), and after it."""
-    own = first or max(96, 32 * len(task.parameters))
-    return Budget(own, _REPETITIONS, max(16, own // 3))
+def run_trial(task: CalibrationTask, trial: Trial) -> Seen:
+    """Numbers of all sites, one after the other, and the mean score of the rocks."""
+    shares = Prior.of(task.parameters).shares(trial.at)
+    numbers, scores = [], []
+    for site in task.summaries:
+        model = task.model(site.problem, shares)
+        own, rows = site.of_model(model, trial.number, trial.count)
+        numbers.append(own)
+        scores.append(scores_of(site.problem, model, trial.number, trial.count, rows))
+    return np.concatenate(numbers), float(np.concatenate(scores).mean())
 
 
-#: Number of a draw and its parameters as shares of their ranges.
-NumberedDraw = tuple[int, FloatArray]
-#: Scores of all rocks, site after site, of draws in their order.
-RunDraws = Callable[[Sequence[NumberedDraw]], Sequence[FloatArray]]
+#: Place of a site among the sites, and parameters.
+SiteAt = tuple[int, FloatArray]
+RunSites = Callable[[Sequence[SiteAt]], Sequence[Misfits]]
 
 
-def score_draw(task: CalibrationTask, draw: NumberedDraw) -> FloatArray:
-    """Score of each rock of all sites, site after site."""
-    number, shares = draw
-    return np.concatenate(
-        [scores_of(site, task.model(site, shares), number, COUNT) for site in task.sites]
-    )
+def run_site(task: CalibrationTask, at: SiteAt) -> Misfits:
+    """Observed less simulated numbers of a site at some parameters."""
+    site = task.summaries[at[0]]
+    problem = site.problem
+    parts = np.arange(task.n_parts)[:, None]
+    weights = [np.ones((1, problem.n_rocks)), problem.part != parts, rocks_drawn_anew(problem)]
+    model = task.model(problem, Prior.of(task.parameters).shares(at[1]))
+    off = site.misfits(model, _MISFITS, FINAL_COUNT, np.vstack(weights))
+    first = 1 + task.n_parts
+    return Misfits(off[0], off[1:first], off[first:], site.units)
 
 
 @dataclass(frozen=True, slots=True)
 class Calibrated:
-    """What was tried, and what follows from it.
+    """What was found, and what follows from it.
 
     Attributes
     ----------
-    points : float64, shape (n_draws, d)
-    surface : ScoreSurface
+    told : tuple of Told
+        By site.
     posterior : Posterior
     fitted : tuple of Fitted
+    draws : int
+        Parameter sets that were tried.
     """
 
-    points: FloatArray
-    surface: ScoreSurface
+    told: tuple[Told, ...]
     posterior: Posterior
     fitted: tuple[Fitted, ...]
-
-    def without(self, problems: Sequence[CalibrationProblem], part: int) -> FloatArray:
-        """Best parameters for the rocks of the other parts; where draws lie is that of all."""
-        weights = [(p.unit_parts() != part).astype(np.float64) for p in problems]
-        return minimum_without(self.surface, self.posterior, weights)
+    draws: int
 
 
-def search(task: CalibrationTask, run: RunDraws, first: int | None = None) -> Calibrated:
-    """Calibrate the classes of all sites together: more and more draws where the best may lie.
+def search(
+    task: CalibrationTask, run: RunTrials, run_sites: RunSites, draws: int | None = None
+) -> Calibrated:
+    """Calibrate the classes of all sites together.
 
     The prior alone keeps parameters near their configured values: rocks left out are predicted with
     parameters that were chosen in the same way.
     """
-    budget, prior = budget_of(task, first), Prior.of(task.parameters)
-    points = first_design(prior, budget.first, task.seed)
-    scores = np.stack(run([(1 + k, share) for k, share in enumerate(points)]))
-    surface = _surface(task, prior, points, scores, budget.first)
-    for _ in range(budget.repetitions):
-        new = next_design(surface, points, budget.more, task.seed)
-        scored = run([(1 + len(points) + k, share) for k, share in enumerate(new)])
-        scores, points = np.vstack([scores, *scored]), np.vstack([points, new])
-        surface = _surface(task, prior, points, scores, budget.first)
-    posterior = posterior_of(surface, points, task.seed)
-    return Calibrated(points, surface, posterior, fitted_parameters(task.parameters, posterior))
-
-
-def _surface(
-    task: CalibrationTask, prior: Prior, points: FloatArray, scores: FloatArray, first: int
-) -> ScoreSurface:
-    borders = np.cumsum([site.n_rocks for site in task.sites])[:-1]
-    parts = np.split(scores, borders, axis=1)
-    sites = []
-    for site, own in zip(task.sites, parts, strict=True):
-        met = classes_met(site.case)
-        columns = np.flatnonzero([p.class_name in met for p in task.parameters])
-        sites.append(SiteScores(columns, site.per_unit(own)))
-    return surface_of(points, sites, prior, first)
+    budget, prior = budget_of(task, draws), Prior.of(task.parameters)
+    fit = fit_linearly(joined(task.summaries), np.zeros(len(task.parameters)), run, budget)
+    told = told_by(fit, run_sites([(k, fit.best) for k in range(len(task.sites))]))
+    posterior = posterior_of(prior, together(told), task.seed)
+    fitted = fitted_parameters(task.parameters, posterior)
+    return Calibrated(told, posterior, fitted, budget.tried)
 
 
 @dataclass(frozen=True, slots=True)
@@ -218,10 +218,10 @@ RunFinals = Callable[[Sequence[FinalTask]], Sequence[Prediction]]
 
 def held_out(task: CalibrationTask, found: Calibrated, run: RunFinals) -> list[Prediction]:
     """Prediction of each rock with parameters chosen on the rocks of the other parts, by site."""
-    parts = range(max(site.n_parts for site in task.sites))
+    whole, prior = together(found.told), Prior.of(task.parameters)
     tasks = []
-    for part in parts:
-        shares = found.without(task.sites, part)
+    for part in range(task.n_parts):
+        shares = prior.shares(whole.estimate_without(part))
         tasks += [FinalTask(k, shares, _FINAL + 10 + part) for k in range(len(task.sites))]
     made = list(run(tasks))
     merged = []
@@ -348,17 +348,27 @@ class SiteCalibration:
 
 def result_of(task: CalibrationTask, found: Calibrated, run: RunFinals) -> SiteCalibration:
     """What the search says, and how well it fits rocks left out."""
-    posterior, surface = found.posterior, found.surface
-    parameters = task.parameters
+    posterior, parameters = found.posterior, task.parameters
+    prior = Prior.of(parameters)
+    own = [prior.shares(told.estimate()[0]) for told in found.told]
     finals = []
-    for k in range(len(task.sites)):
-        finals += [FinalTask(k, None, _FINAL), FinalTask(k, posterior.best, _FINAL + 1)]
-    made = list(run(finals))
+    for k, best in enumerate(own):
+        finals += [
+            FinalTask(k, None, _FINAL),
+            FinalTask(k, posterior.best, _FINAL + 1),
+            FinalTask(k, best, _FINAL + 1),
+        ]
+    # What fits the only site best is what fits all.
+    made = list(run(finals if len(own) > 1 else finals[:2]))
+    made += made[1:] if len(own) == 1 else []
     left_out = held_out(task, found, run)
-    fits, contradict = site_fits([s.name for s in task.sites], surface, posterior, task.seed)
     sites, pairs = [], []
-    for k, (site, fit) in enumerate(zip(task.sites, fits, strict=True)):
-        models = {"before": made[2 * k], "after": made[2 * k + 1], "left out": left_out[k]}
+    for k, site in enumerate(task.sites):
+        models = {"before": made[3 * k], "after": made[3 * k + 1], "left out": left_out[k]}
+        score, own_score = (
+            float(_of_units(site, one).mean()) for one in made[3 * k + 1 : 3 * k + 3]
+        )
+        fit = SiteFit(score, own_score, own[k])
         replicas = {name: model.replicas for name, model in models.items()}
         pairs.append((_of_units(site, models["before"]), _of_units(site, models["left out"])))
         sites.append(
@@ -378,15 +388,15 @@ def result_of(task: CalibrationTask, found: Calibrated, run: RunFinals) -> SiteC
     before, left = (np.concatenate(own) for own in zip(*pairs, strict=True))
     return SiteCalibration(
         found.fitted,
-        identified_combinations(parameters, posterior),
-        trade_offs(parameters, posterior),
-        tuple(_by_label(parameters, u) for u in as_good(surface, posterior)),
+        identified_combinations(posterior.covariance),
+        trade_offs([p.label for p in parameters], posterior.covariance),
+        tuple(_by_label(parameters, u) for u in as_good(posterior)),
         classes_alike(parameters, posterior),
         tuple(sites),
-        contradict,
+        contradicting(found.told, [s.fit for s in sites], task.seed),
         paired_gain(before, left),
         findings_of(found.fitted, {s.name: s.gain for s in sites}),
-        len(found.points),
+        found.draws,
         task.seed,
     )
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sassgis.gap.calibration.class_calibration import Calibrated, CalibrationTask
-from sassgis.gap.calibration.parameters import classes_met
+from sassgis.gap.calibration.parameters import Prior, classes_met
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray
 from sassgis.model.ground import LIMITS
@@ -24,8 +24,8 @@ from sassgis.model.ground_ranges import ParameterRange, RangeRule, ranges_of
 #: prior scales.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(100)
 _END = 6.0
-#: Samples of the rocks of a site, and from how many points the best for each is looked for.
-_BOOTSTRAP, _BEGINNINGS = 60, 3
+#: Precision of the prior where the rocks of a site speak alone, and samples of what they leave.
+_NO_PRIOR, _SAMPLES = 1e-3, 2000
 #: Least error, as a share of the range: a value that is always at a limit is not known exactly.
 _LEAST_ERROR = 0.02
 #: Half of the middle 90 % of a normal distribution, in standard deviations.
@@ -154,25 +154,18 @@ def spread_of_sites(
 
 
 def site_values(task: CalibrationTask, found: Calibrated) -> tuple[SiteValue, ...]:
-    """Values that the scores of each site alone leave, and how they scatter with other rocks.
+    """Values that the rocks of each site alone leave, and their standard errors.
 
-    Rocks are drawn anew, and so is the noise of the simulated campaigns. The search for the least
-    score begins anywhere, so that what the rocks do not tell scatters over its range.
+    What the rocks do not tell scatters over its range.
     """
-    surface, out = found.surface, []
-    for k, site in enumerate(task.sites):
+    prior, out = Prior.of(task.parameters), []
+    for k, (site, told) in enumerate(zip(task.sites, found.told, strict=True)):
         rng = np.random.default_rng([task.seed, 11, k])
-        columns, n, d = surface.columns[k], surface.sizes[k], len(task.parameters)
-        best = np.empty((_BOOTSTRAP, d))
-        for i in range(_BOOTSTRAP):
-            drawn = rng.multinomial(n, np.full(n, 1.0 / n)).astype(float)
-            weights = [drawn if j == k else np.zeros(m) for j, m in enumerate(surface.sizes)]
-            best[i], _ = surface.weighted(weights, rng).minimum(rng.random((_BEGINNINGS, d)))
+        shares = prior.shares(rng.multivariate_normal(*told.estimate(_NO_PRIOR), _SAMPLES))
         met = classes_met(site.case)
-        for j in columns.tolist():
-            p = task.parameters[j]
+        for j, p in enumerate(task.parameters):
             if p.class_name in met:
-                values = p.value(best[:, j])
+                values = p.value(shares[:, j])
                 error = max(float(values.std()), _LEAST_ERROR * (p.limits.high - p.limits.low))
                 value = float(values.mean())
                 out.append(SiteValue(site.name, p.class_name, p.name, value, error, site.n_rocks))

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import norm
+from scipy.stats import t as student
 
+from sassgis.gap.calibration.linear_fit import LinearFit, bounded
 from sassgis.gap.calibration.parameters import ClassParameter, Prior
-from sassgis.gap.calibration.search import (
-    Posterior,
-    ScoreSurface,
-    bootstrap_excess,
-    minimum_without,
-)
 from sassgis.model.grid import FloatArray
 
 #: A parameter is identified if its interval is narrower than this share of that of the prior.
@@ -27,9 +24,151 @@ _LAST = 0.005
 _CORRELATED = 0.4
 #: Combinations that are shown.
 _SHOWN = 6
-#: Sites contradict each other if the common parameters cost them more than chance would in this
-#: share of samples of their rocks, and at least this share of their score.
+#: Samples of the posterior, and of the chance of sites that do not contradict each other.
+_SAMPLES = 2000
+#: Precision of the prior where the observations are to speak alone: two and a half times as wide.
+_NEXT_TO_NONE = 0.16
+#: Sites contradict each other if what their numbers leave at common parameters is more than in
+#: this share of samples of chance, and costs at least this share of their score.
 _CHANCE, _WORSE = 0.99, 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class Misfits:
+    """Observed less simulated numbers of a site at the best parameters, in standard errors.
+
+    Attributes
+    ----------
+    whole : float64, shape (p,)
+    without : float64, shape (n_parts, p)
+        Without the rocks of each part of the cross-validation.
+    drawn : float64, shape (n, p)
+        Of rocks that were drawn anew.
+    units : int
+        Rocks, or groups of them.
+    """
+
+    whole: FloatArray
+    without: FloatArray
+    drawn: FloatArray
+    units: int
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """What some rocks say of the parameters, by the linear model about the best ones.
+
+    Attributes
+    ----------
+    best : float64, shape (d,)
+        Standard normal before any rock is seen.
+    precision : float64, shape (d, d)
+        Of the numbers, as if each were independent of the others.
+    pull : float64, shape (d,)
+        Slope of their logarithmic likelihood at the best.
+    without : float64, shape (n_parts, d)
+        The same without the rocks of each part.
+    scatter : float64, shape (d, d)
+        Covariance of the pull: with the rocks drawn anew, so that numbers of the same rocks count
+        for no more than they are.
+    """
+
+    best: FloatArray
+    precision: FloatArray
+    pull: FloatArray
+    without: FloatArray
+    scatter: FloatArray
+
+    def estimate(self, prior: float = 1.0) -> tuple[FloatArray, FloatArray]:
+        """Parameters, shape (d,), and their covariance, with a prior of this precision.
+
+        The covariance is that of the error of a linear estimate whose weights need not be the best
+        ones (the sandwich of White 1982, Econometrica 50, 1-25): the weights are those of
+        independent numbers.
+        """
+        own = prior * np.eye(self.best.size)
+        gain = np.linalg.inv(self.precision + own)
+        found = self.best + gain @ (self.pull - prior * self.best)
+        return np.asarray(found), np.asarray(gain @ (self.scatter + own) @ gain.T)
+
+    def estimate_without(self, part: int) -> FloatArray:
+        """Parameters for the rocks of the other parts, shape (d,)."""
+        return replace(self, pull=self.without[part]).estimate()[0]
+
+
+def told_by(found: LinearFit, sites: Sequence[Misfits]) -> tuple[Told, ...]:
+    """What the rocks of each site say; the numbers of ``found`` are those of the sites joined."""
+    out, first = [], 0
+    for site in sites:
+        rows = slice(first, first := first + site.whole.size)
+        slopes, variance = found.slopes[rows], found.variance[rows]
+        weight = slopes.T / variance
+        whole, without, drawn = (
+            bounded(own) @ weight.T for own in (site.whole, site.without, site.drawn)
+        )
+        scatter = small_sample_factor(site.units) * np.atleast_2d(np.cov(drawn.T))
+        told = Told(found.best, weight @ slopes, whole, without, scatter)
+        # Numbers that even the site's own parameters leave farther apart than their errors say have
+        # larger ones (Birge 1932, Phys. Rev. 40, 207-227).
+        apart = bounded(site.whole) - slopes @ (told.estimate()[0] - found.best)
+        scatter = scatter * max(float(apart @ apart) / max(apart.size, 1), 1.0)
+        # What the linear model leaves is not in the rocks.
+        scatter = scatter + np.cov((found.left[:, rows] @ weight.T).T)
+        out.append(replace(told, scatter=scatter))
+    return tuple(out)
+
+
+def together(sites: Sequence[Told]) -> Told:
+    """What the rocks of all sites say."""
+    names = ("precision", "pull", "without", "scatter")
+    return Told(sites[0].best, *(np.sum([getattr(s, n) for s in sites], axis=0) for n in names))
+
+
+def small_sample_factor(n: int) -> float:
+    """By how much few rocks drawn anew scatter too little, as a ratio of variances.
+
+    Rocks that are drawn anew scatter by (n − 1)/n of the variance of a mean, and an interval from n
+    of them needs Student's instead of the normal quantile.
+    """
+    n = max(n, 2)
+    wider = student.ppf(0.975, n - 1) / norm.ppf(0.975)
+    return float(wider**2 * n / (n - 1))
+
+
+@dataclass(frozen=True, slots=True)
+class Posterior:
+    """Parameters that the observations leave.
+
+    Attributes
+    ----------
+    best : float64, shape (d,)
+        As shares of the ranges.
+    samples, of_numbers : float64, shape (n, d)
+        The same with the prior, and by the observations with next to none.
+    covariance : float64, shape (d, d)
+        Of parameters of which the prior is standard normal.
+    excess : float64, shape (n,)
+        Twice the logarithmic likelihood that samples lack to the best.
+    """
+
+    best: FloatArray
+    samples: FloatArray
+    of_numbers: FloatArray
+    covariance: FloatArray
+    excess: FloatArray
+
+
+def posterior_of(prior: Prior, told: Told, seed: int) -> Posterior:
+    """Sample the posterior, which is normal in parameters of which the prior is standard normal."""
+    rng = np.random.default_rng([seed, 7])
+    best, covariance = told.estimate()
+    samples = rng.multivariate_normal(best, covariance, _SAMPLES)
+    alone = rng.multivariate_normal(*told.estimate(_NEXT_TO_NONE), _SAMPLES)
+    off = samples - best
+    return Posterior(
+        prior.shares(best), prior.shares(samples), prior.shares(alone),
+        covariance, ((off @ told.precision) * off).sum(axis=1),
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,8 +206,8 @@ def fitted_parameters(
 ) -> tuple[Fitted, ...]:
     """Values, intervals, and what the observations identify."""
     found = []
-    d = len(parameters)
-    before = Prior.of(parameters).quantiles(np.repeat([[0.025], [0.975]], d, axis=1))
+    usual = norm.ppf([[0.025], [0.975]]) * np.ones(len(parameters))
+    before = Prior.of(parameters).shares(usual)
     for k, parameter in enumerate(parameters):
         own = posterior.samples[:, k]
         low, high = np.quantile(own, [0.025, 0.975])
@@ -90,15 +229,14 @@ def fitted_parameters(
     return tuple(found)
 
 
-def identified_combinations(parameters: Sequence[ClassParameter], posterior: Posterior) -> int:
+def identified_combinations(covariance: FloatArray) -> int:
     """Number of combinations of the parameters that the observations identify.
 
     Where two parameters can make up for each other, neither is identified by itself, yet a
-    combination of both is: a direction in which the posterior is clearly narrower than the prior.
+    combination of both is: a direction in which the posterior, shape (d, d), is clearly narrower
+    than the prior, which is standard normal.
     """
-    scaled = posterior.samples / Prior.of(parameters).spread
-    spread = np.atleast_2d(np.cov(scaled.T))
-    return int((np.sqrt(np.linalg.eigvalsh(spread)) < _NARROWER).sum())
+    return int((np.sqrt(np.maximum(np.linalg.eigvalsh(covariance), 0.0)) < _NARROWER).sum())
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,23 +255,24 @@ class TradeOff:
     correlation: float
 
 
-def trade_offs(parameters: Sequence[ClassParameter], posterior: Posterior) -> tuple[TradeOff, ...]:
+def trade_offs(labels: Sequence[str], covariance: FloatArray) -> tuple[TradeOff, ...]:
     """Pairs of parameters that make up for each other, the strongest first."""
-    if len(parameters) < 2:
-        return ()
-    r = np.asarray(np.corrcoef(posterior.samples.T))
-    found = [
-        TradeOff(parameters[i].label, parameters[j].label, float(r[i, j]))
-        for i, j in itertools.combinations(range(len(parameters)), 2)
+    sd = np.sqrt(np.diag(covariance))
+    r = covariance / np.outer(sd, sd)
+    pairs = [
+        TradeOff(labels[i], labels[j], float(r[i, j]))
+        for i, j in itertools.combinations(range(sd.size), 2)
         if abs(r[i, j]) >= _CORRELATED
     ]
-    return tuple(sorted(found, key=lambda t: -abs(t.correlation)))
+    return tuple(sorted(pairs, key=lambda t: -abs(t.correlation)))
 
 
-def as_good(surface: ScoreSurface, posterior: Posterior) -> FloatArray:
-    """Combinations that fit as well as the best, as far apart as possible, shape (n, d)."""
-    excess = surface.total.value(posterior.samples)
-    good = posterior.samples[excess <= np.quantile(excess, 0.5)]
+def as_good(posterior: Posterior) -> FloatArray:
+    """Combinations that fit as well as the best, as far apart as possible, shape (n, d).
+
+    By the observations alone they are among the better half of the posterior.
+    """
+    good = posterior.samples[posterior.excess <= np.quantile(posterior.excess, 0.5)]
     chosen = [posterior.best]
     for _ in range(_SHOWN):
         apart = np.min([((good - c) ** 2).sum(axis=1) for c in chosen], axis=0)
@@ -147,8 +286,8 @@ def classes_alike(
     """Pairs of classes that the observations cannot tell apart.
 
     Two classes are told apart if the 95 % interval of the difference of one of their parameters,
-    corrected for the number of parameters, does not contain zero. The interval is that of the
-    scores without the prior, which sets classes apart that no rock has told apart.
+    corrected for the number of parameters, does not contain zero. The interval is that with next to
+    no prior, which sets classes apart that no rock has told apart.
     """
     names = list(dict.fromkeys(p.class_name for p in parameters))
     alike = []
@@ -161,7 +300,7 @@ def classes_alike(
         tail = 0.025 / len(pairs)
         differ = False
         for i, j in pairs:
-            apart = posterior.of_scores[:, i] - posterior.of_scores[:, j]
+            apart = posterior.of_numbers[:, i] - posterior.of_numbers[:, j]
             low, high = np.quantile(apart, [tail, 1.0 - tail])
             differ = differ or bool(low > 0.0 or high < 0.0)
         if not differ:
@@ -175,41 +314,40 @@ class SiteFit:
 
     Attributes
     ----------
-    name : str
     score : float
-        Mean score of its rocks at the common parameters (emulated).
+        Mean score of its rocks at the common parameters.
     own_score : float
         The same at the best parameters for this site.
     own : float64, shape (d,)
         These, as shares of the ranges.
     """
 
-    name: str
     score: float
     own_score: float
     own: FloatArray
 
 
-def site_fits(
-    names: Sequence[str], surface: ScoreSurface, posterior: Posterior, seed: int
-) -> tuple[tuple[SiteFit, ...], bool]:
-    """Common and own parameters of each site, and whether the sites contradict each other.
+def contradicting(sites: Sequence[Told], fits: Sequence[SiteFit], seed: int) -> bool:
+    """Whether the common parameters are worse for sites than chance explains, and by much.
 
-    They do if the common parameters are worse for them, taken together, than chance explains.
+    What is compared with chance is by how much parameters of their own would fit the numbers of the
+    sites better than common ones; chance draws the pulls of the sites anew about none.
     """
-    found = []
-    chance = np.zeros(1)
-    worse = total_score = 0.0
-    for k, (name, n) in enumerate(zip(names, surface.sizes, strict=True)):
-        weights = [np.full(m, float(i == k)) for i, m in enumerate(surface.sizes)]
-        own = minimum_without(surface, posterior, weights)
-        total = surface.weighted(weights)
-        common, least = (float(total.value(u[None])[0]) for u in (posterior.best, own))
-        found.append(SiteFit(name, common / n, least / n, own))
-        if len(names) > 1:
-            alone = ScoreSurface((surface.columns[k],), (surface.emulators[k],), surface.prior)
-            chance = chance + bootstrap_excess(alone, own, np.random.default_rng([seed, 9, k]))
-        worse += common - least
-        total_score += least
-    contradict = worse > max(float(np.quantile(chance, _CHANCE)), _WORSE * total_score)
-    return tuple(found), bool(contradict) and len(names) > 1
+    worse = sum(fit.score - fit.own_score for fit in fits)
+    if len(sites) < 2 or worse <= _WORSE * sum(fit.own_score for fit in fits):
+        return False
+    own = [site.precision + _NEXT_TO_NONE * np.eye(site.best.size) for site in sites]
+
+    def bettered(pulls: Sequence[FloatArray]) -> FloatArray:
+        """Twice the logarithmic likelihood, from pulls of shape (n, d) by site."""
+        alone = np.sum([_squared(a, x) for a, x in zip(own, pulls, strict=True)], axis=0)
+        return np.asarray(alone - _squared(np.sum(own, axis=0), np.sum(pulls, axis=0)))
+
+    rng = np.random.default_rng([seed, 9])
+    zero = np.zeros(sites[0].best.size)
+    chance = bettered([rng.multivariate_normal(zero, s.scatter, _SAMPLES) for s in sites])
+    return bool(bettered([s.pull[None] for s in sites])[0] > np.quantile(chance, _CHANCE))
+
+
+def _squared(precision: FloatArray, pulls: FloatArray) -> FloatArray:
+    return np.asarray((pulls * np.linalg.solve(precision, pulls.T).T).sum(axis=1))

@@ -10,13 +10,14 @@ for a part of the rocks.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import qmc
 
-from sassgis.gap.calibration.site_summary import SiteSummary
+from sassgis.gap.calibration.site_summary import ObservedNumbers
 from sassgis.model.grid import BoolArray, FloatArray
 
 #: Parameters are standard normal before any rock is seen, and kept within this.
@@ -25,6 +26,8 @@ _LIMIT = 2.5
 #: with after a step as long as itself, after a shorter one, and after one that is not kept.
 _RADIUS, _ATTEMPTS = 1.2, 2
 _FARTHER, _KEPT, _NOT_KEPT = 1.3, 0.85, 0.6
+#: Standard deviation of the last draws, over that of what is left.
+_SPREAD = 1.3
 #: Number of the campaigns in which steps are compared: the same luck for all.
 _LOOK = 1
 #: Prior precision of the slopes, and the part of what the linear model leaves that counts as error:
@@ -36,7 +39,8 @@ _FARTHEST = 5.0
 #: ask for another value where the one before is off by so many standard deviations (80 %).
 _NARROWER, _ASKED = 0.7, 1.28
 
-#: Numbers of a draw, shape (p,), and the energy distance of its campaigns from the observed rocks.
+#: Numbers of a draw, shape (p,), and the energy distance of its campaigns from the observed rocks,
+#: or their mean energy score.
 Seen = tuple[FloatArray, float]
 
 
@@ -55,12 +59,28 @@ RunTrials = Callable[[Sequence[Trial]], Sequence[Seen]]
 
 @dataclass(frozen=True, slots=True)
 class FitBudget:
-    """Rounds, draws of each, campaigns of a draw, and of a step that is looked at."""
+    """Rounds, draws of each, campaigns of a draw, and of a step that is looked at.
+
+    Parameters are kept within ``limit`` standard deviations. A ``last`` round of so many draws, of
+    as many campaigns as a step, lies where the parameters may be, and the slopes are its alone.
+    """
 
     rounds: int
     draws: int
     count: int
     looked: int
+    limit: float = _LIMIT
+    last: int = 0
+
+    @property
+    def tried(self) -> int:
+        """Draws of all rounds."""
+        return self.rounds * self.draws + self.last
+
+    @property
+    def trials(self) -> int:
+        """Draws and steps together, at most."""
+        return 1 + self.rounds * (1 + _ATTEMPTS) + self.tried
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +99,8 @@ class LinearFit:
         Of the numbers, in standard errors.
     variance : float64, shape (p,)
         Of the numbers about the model, in squared standard errors.
+    left : float64, shape (n, p)
+        What the model leaves of the numbers of the draws, in standard errors.
     """
 
     best: FloatArray
@@ -86,6 +108,7 @@ class LinearFit:
     level: FloatArray
     slopes: FloatArray
     variance: FloatArray
+    left: FloatArray
 
     @property
     def identified(self) -> BoolArray:
@@ -100,9 +123,9 @@ class LinearFit:
     def step(self, observed: FloatArray) -> FloatArray:
         """From the best parameters to those for some observed numbers, in standard errors."""
         weighted = self.slopes.T / self.variance
-        off = np.clip(np.nan_to_num(observed - self.level), -_FARTHEST, _FARTHEST)
         precision = weighted @ self.slopes + np.eye(self.best.size)
-        return np.asarray(np.linalg.solve(precision, weighted @ off - self.best), np.float64)
+        pull = weighted @ bounded(observed - self.level) - self.best
+        return np.asarray(np.linalg.solve(precision, pull), np.float64)
 
     def given(self, fixed: BoolArray) -> FloatArray:
         """Best parameters if some are at their values before, and the others make up for it."""
@@ -116,19 +139,20 @@ class LinearFit:
 
 
 def fit_linearly(
-    summary: SiteSummary, start: FloatArray, run: RunTrials, budget: FitBudget
+    summary: ObservedNumbers, start: FloatArray, run: RunTrials, budget: FitBudget
 ) -> LinearFit:
     """Calibrate standard normal parameters.
 
     Parameters
     ----------
-    summary : SiteSummary
+    summary : ObservedNumbers
+        Of a site, or of several sites joined.
     start : float64, shape (d,)
         Where to begin; before any rock is seen all are zero.
     run : callable
     budget : FitBudget
     """
-    rng = np.random.default_rng([summary.problem.seed, 13])
+    rng, limit = np.random.default_rng([summary.seed, 13]), budget.limit
     normal = qmc.MultivariateNormalQMC(np.zeros(start.size), np.eye(start.size), rng=rng)
     points, numbers = list[FloatArray](), list[FloatArray]()
 
@@ -142,7 +166,7 @@ def fit_linearly(
     least = look(best)
     radius, tried = _RADIUS, _LOOK
     for _ in range(budget.rounds):
-        new = np.clip(best + radius * normal.random(budget.draws), -_LIMIT, _LIMIT)
+        new = np.clip(best + radius * _next(normal, budget.draws), -limit, limit)
         made = run([Trial(tried + 1 + k, at, budget.count) for k, at in enumerate(new)])
         tried += budget.draws
         points += list(new)
@@ -155,16 +179,35 @@ def fit_linearly(
             fit = _linear_model(summary, np.array(points), np.array(numbers), best)
             step = fit.step(summary.in_errors(summary.observed))
             size = float(np.sqrt(np.mean(step**2)))
-            at = np.clip(best + step * min(1.0, radius / max(size, 1e-9)), -_LIMIT, _LIMIT)
+            at = np.clip(best + step * min(1.0, radius / max(size, 1e-9)), -limit, limit)
             if (loss := look(at)) < least:
                 best, least = at, loss
                 radius *= _FARTHER if size > radius else _KEPT
                 break
             radius *= _NOT_KEPT
-    return _linear_model(summary, np.array(points), np.array(numbers), best)
+    fit = _linear_model(summary, np.array(points), np.array(numbers), best)
+    if not budget.last:
+        return fit
+    spread = _SPREAD * np.linalg.cholesky(fit.covariance)
+    new = np.clip(best + _next(normal, budget.last) @ spread.T, -limit, limit)
+    # All have the same luck: what does not act has no slope.
+    made = run([Trial(tried + 1, at, budget.looked) for at in new])
+    return _linear_model(summary, new, np.array([own for own, _ in made]), best, np.ones(len(new)))
 
 
-def _loss(summary: SiteSummary, at: FloatArray, seen: Seen) -> float:
+def bounded(off: FloatArray) -> FloatArray:
+    """Observed less simulated numbers as they count, in standard errors."""
+    return np.asarray(np.clip(np.nan_to_num(off), -_FARTHEST, _FARTHEST), np.float64)
+
+
+def _next(normal: qmc.MultivariateNormalQMC, n: int) -> FloatArray:
+    with warnings.catch_warnings():
+        # Whole powers of two are better balanced, which does not matter here.
+        warnings.filterwarnings("ignore", "The balance properties", UserWarning)
+        return np.asarray(normal.random(n), np.float64)
+
+
+def _loss(summary: ObservedNumbers, at: FloatArray, seen: Seen) -> float:
     """Distance from the observed rocks, and what the prior has against the parameters.
 
     For a small shift of a quantity the energy distance is near the loss of logarithmic likelihood
@@ -173,24 +216,28 @@ def _loss(summary: SiteSummary, at: FloatArray, seen: Seen) -> float:
     """
     numbers, distance = seen
     if np.isfinite(distance):
-        units = int(summary.problem.unit.max()) + 1
-        return float(distance + 0.5 * (at @ at) / units)
+        return float(distance + 0.5 * (at @ at) / summary.units)
     off = summary.in_errors(numbers) - summary.in_errors(summary.observed)
     off = np.clip(np.nan_to_num(off, nan=_FARTHEST), -_FARTHEST, _FARTHEST)
     return float(np.mean(off**2) + (at @ at) / max(off.size, 1))
 
 
 def _linear_model(
-    summary: SiteSummary, points: FloatArray, numbers: FloatArray, best: FloatArray
+    summary: ObservedNumbers,
+    points: FloatArray,
+    numbers: FloatArray,
+    best: FloatArray,
+    weight: FloatArray | None = None,
 ) -> LinearFit:
-    """Regress the numbers on the parameters, the nearest draws most."""
+    """Regress the numbers on the parameters; without weights the nearest draws count most."""
     seen = summary.in_errors(numbers)
     known = np.isfinite(seen)
     count = np.maximum(known.sum(axis=0), 1)
     # What a draw does not show is taken to be as usual.
     seen = np.where(known, seen, np.where(known, seen, 0.0).sum(axis=0) / count)
-    near = np.sqrt(np.mean((points - best) ** 2, axis=1))
-    weight = np.exp(-0.5 * (near / max(float(np.median(near)), 1e-6)) ** 2)
+    if weight is None:
+        near = np.sqrt(np.mean((points - best) ** 2, axis=1))
+        weight = np.exp(-0.5 * (near / max(float(np.median(near)), 1e-6)) ** 2)
     design = np.column_stack([np.ones(len(points)), points - best])
     d = best.size
     ridge = np.diag([1e-6, *[_RIDGE] * d])
@@ -204,4 +251,4 @@ def _linear_model(
     slopes = found[1:].T
     precision = (slopes.T / variance) @ slopes + np.eye(d)
     covariance = np.asarray(np.linalg.inv(precision), np.float64)
-    return LinearFit(best, covariance, found[0], slopes, variance)
+    return LinearFit(best, covariance, found[0], slopes, variance, left)

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.stats import truncnorm
 
 from sassgis.gap.observations.case import Case
 from sassgis.model.errors import InputError
@@ -200,7 +197,7 @@ def table_with(
 
 @dataclass(frozen=True, slots=True)
 class Prior:
-    """Normal about the configured values, cut at the limits of the search.
+    """Normal about the configured values; beyond the limits of the search lies the limit itself.
 
     It keeps what the observations say nothing about where it was configured, as near as such values
     lie together from site to site.
@@ -219,27 +216,6 @@ class Prior:
         """The prior of some parameters."""
         return Prior(np.array([p.start for p in parameters]), np.array([p.sd for p in parameters]))
 
-    def wider(self, factor: float) -> Prior:
-        """The same with a larger standard deviation."""
-        return replace(self, sd=factor * self.sd)
-
-    def log_density(self, shares: FloatArray) -> FloatArray:
-        """Logarithm of the density at shares of the ranges, shape (n,); minus infinity outside."""
-        inside: NDArray[np.bool_] = np.all((shares >= 0.0) & (shares <= 1.0), axis=1)
-        return np.where(
-            inside, -0.5 * (((shares - self.centre) / self.sd) ** 2).sum(axis=1), -np.inf
-        )
-
-    def quantiles(self, levels: FloatArray) -> FloatArray:
-        """Shares below which the prior of each parameter has some levels, shape of levels."""
-        return np.asarray(self._cut.ppf(levels))
-
-    @property
-    def spread(self) -> FloatArray:
-        """Standard deviations of what is cut at the limits, shape (d,)."""
-        return np.asarray(self._cut.std())
-
-    @property
-    def _cut(self) -> Any:
-        low, high = -self.centre / self.sd, (1.0 - self.centre) / self.sd
-        return truncnorm(low, high, self.centre, self.sd)
+    def shares(self, normal: FloatArray) -> FloatArray:
+        """Shares of parameters of which the prior is standard normal, shape (..., d)."""
+        return np.asarray(np.clip(self.centre + self.sd * normal, 0.0, 1.0), np.float64)

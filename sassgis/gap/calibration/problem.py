@@ -100,7 +100,7 @@ class CalibrationProblem:
         Stops of rocks of which no block is known to lie anywhere: not found, or not told from
         others. They count as not measured, in replicas too.
     sideways : bool
-        Whether offsets from fall lines count in the scores.
+        Whether offsets from fall lines and turns count.
     """
 
     name: str
@@ -130,10 +130,11 @@ class CalibrationProblem:
 
     @property
     def turned(self) -> bool:
-        """Whether turns at impacts were measured, of rocks that may leave their fall lines."""
+        """Whether turns at impacts count: measured, of rocks that may leave their fall lines."""
         rows = self.observed.impacts
         return (
-            self.case.terrain is not None
+            self.sideways
+            and self.case.terrain is not None
             and rows is not None
             and bool(np.isfinite(rows.turn_deg).any())
         )
@@ -148,12 +149,6 @@ class CalibrationProblem:
         sums = np.zeros((int(self.unit.max()) + 1, *scores.shape[:-1]))
         np.add.at(sums, self.unit, np.moveaxis(np.nan_to_num(scores), -1, 0))
         return np.moveaxis(sums, 0, -1)
-
-    def unit_parts(self) -> IntArray:
-        """Part of the cross-validation of each unit."""
-        parts = np.zeros(int(self.unit.max()) + 1, np.int64)
-        parts[self.unit] = self.part
-        return parts
 
 
 def problem_of(

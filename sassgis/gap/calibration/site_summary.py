@@ -25,12 +25,52 @@ from sassgis.model.grid import BoolArray, FloatArray
 _FEWEST, _FEWEST_IMPACTS = 3.0, 15
 #: Bootstrap samples, and the least standard error of a number, in scatters of the rocks.
 _SAMPLES, _LEAST = 150, 0.03
+#: Ground alone is calibrated on numbers that this share of the samples have: of fewer rocks than
+#: about eight the errors are not known.
+_SURE = 0.99
 #: Larger turns at impacts count as this: slow rocks turn anywhere.
 _MOST_TURN_DEG = 45.0
 
 
 @dataclass(frozen=True, slots=True)
-class SiteSummary:
+class ObservedNumbers:
+    """What was observed, in numbers that campaigns are compared with.
+
+    Attributes
+    ----------
+    observed, error : float64, shape (p,)
+        And the standard error of each, by drawing the rocks (or groups of them) anew.
+    used : bool, shape (p,)
+        Numbers that the observations have.
+    units : int
+        Rocks, or groups of them.
+    seed : int
+    """
+
+    observed: FloatArray
+    error: FloatArray
+    used: BoolArray
+    units: int
+    seed: int
+
+    def in_errors(self, numbers: FloatArray) -> FloatArray:
+        """Numbers that the observations have, in standard errors, the last axis shape (p,)."""
+        scaled: FloatArray = (numbers / self.error)[..., self.used]
+        return scaled
+
+
+def joined(sites: Sequence[ObservedNumbers]) -> ObservedNumbers:
+    """The numbers of several sites, one after the other."""
+    observed, error, used = (
+        np.concatenate([getattr(site, name) for site in sites])
+        for name in ("observed", "error", "used")
+    )
+    units = sum(site.units for site in sites)
+    return ObservedNumbers(observed, error, used, units, sites[0].seed)
+
+
+@dataclass(frozen=True, slots=True)
+class SiteSummary(ObservedNumbers):
     """The numbers of a site.
 
     Attributes
@@ -38,22 +78,10 @@ class SiteSummary:
     problem : CalibrationProblem
     size : float64, shape (n_rocks,)
         Logarithm of the radius, standardised.
-    observed, error : float64, shape (p,)
-        And the standard error of each, by drawing the rocks (or groups of them) anew.
-    used : bool, shape (p,)
-        Numbers that the observations have.
     """
 
     problem: CalibrationProblem
     size: FloatArray
-    observed: FloatArray
-    error: FloatArray
-    used: BoolArray
-
-    def in_errors(self, numbers: FloatArray) -> FloatArray:
-        """Numbers that the observations have, in standard errors, the last axis shape (p,)."""
-        scaled: FloatArray = (numbers / self.error)[..., self.used]
-        return scaled
 
     def of_rocks(self, weights: FloatArray) -> FloatArray:
         """Numbers of the observed rocks with weights, shape (p,)."""
@@ -83,6 +111,26 @@ class SiteSummary:
             ]
         )  # fmt: skip
 
+    def misfits(
+        self, model: HypothesisModel, number: int, count: int, weights: FloatArray
+    ) -> FloatArray:
+        """Observed less simulated numbers of rocks with weights, in standard errors.
+
+        What rocks differ in by themselves, as their release points, is the same in both.
+
+        Parameters
+        ----------
+        weights : float64, shape (n, n_rocks)
+
+        Returns
+        -------
+        float64, shape (n, number of used ones)
+        """
+        made = self._campaigns(model, number, count)
+        simulated = [_numbers(self.problem, self.size, *made, weights=own) for own in weights]
+        seen = [self.of_rocks(own) for own in weights]
+        return self.in_errors(np.array(seen) - np.array(simulated))
+
     def _campaigns(
         self, model: HypothesisModel, number: int, count: int
     ) -> tuple[FloatArray, FloatArray, list[ImpactRows | None]]:
@@ -109,17 +157,37 @@ def summary_of(problem: CalibrationProblem) -> SiteSummary:
     radius = np.log(problem.case.radius_m)
     spread = float(radius.std())
     size = (radius - radius.mean()) / spread if spread > 1e-6 else np.zeros(radius.size)
-    blank = SiteSummary(problem, size, np.empty(0), np.empty(0), np.empty(0, np.bool_))
+    units, none = int(problem.unit.max()) + 1, np.empty(0)
+    blank = SiteSummary(none, none, none > 0.0, units, problem.seed, problem, size)
     observed = blank.of_rocks(np.ones(problem.n_rocks))
-    rng = np.random.default_rng([problem.seed, 11])
-    units = int(problem.unit.max()) + 1
-    times = rng.multinomial(units, np.full(units, 1.0 / units), size=_SAMPLES)
-    drawn = np.array([blank.of_rocks(one[problem.unit].astype(np.float64)) for one in times])
+    drawn = np.array([blank.of_rocks(weights) for weights in rocks_drawn_anew(problem)])
     known = np.isfinite(drawn)
     used = np.isfinite(observed) & (known.mean(axis=0) > 0.8)
+    if not problem.sideways:
+        used &= _of_ground(problem, used.size) & (known.mean(axis=0) > _SURE)
     filled = np.where(known, drawn, observed)
     error = np.maximum(np.std(np.where(used, filled, 0.0), axis=0), _LEAST)
-    return SiteSummary(problem, size, observed, error, used)
+    return SiteSummary(observed, error, used, units, problem.seed, problem, size)
+
+
+def _of_ground(problem: CalibrationProblem, p: int) -> BoolArray:
+    """Numbers that only ground changes: no offsets from fall lines.
+
+    Of impacts neither scatters nor trends with the normal speed: errors of the states before widen
+    what is computed from them, as the observed states after are not.
+    """
+    names = problem.scale.names
+    of_rows = 3 * [not name.endswith(":aside") for name in names]
+    of_rows += [True] * sum(name.endswith(":speed") for name in names)
+    of_impacts = 2 * ([True] * 3 + [False] * 3)
+    return np.array(of_rows + of_impacts * ((p - len(of_rows)) // len(of_impacts)), np.bool_)
+
+
+def rocks_drawn_anew(problem: CalibrationProblem) -> FloatArray:
+    """How often each rock is drawn in samples of the rocks, or of groups, shape (n, n_rocks)."""
+    rng, units = np.random.default_rng([problem.seed, 11]), int(problem.unit.max()) + 1
+    times = rng.multinomial(units, np.full(units, 1.0 / units), size=_SAMPLES)
+    return times[:, problem.unit].astype(np.float64)
 
 
 def _numbers(

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from sassgis.gap.calibration.identifiability import TradeOff
+from sassgis.gap.calibration.identifiability import TradeOff, trade_offs
 from sassgis.gap.calibration.linear_fit import FitBudget, LinearFit, Seen, Trial, fit_linearly
 from sassgis.gap.calibration.problem import model_rows, scores_of
 from sassgis.gap.calibration.site_summary import SiteSummary
@@ -33,8 +33,6 @@ _NAMED_BY = 64
 _SAMPLES = 200
 #: By how much the distance may be larger with the ground back at its configured values.
 _AS_GOOD = (1.1, 0.01)
-#: Correlations of the posterior from here on are stated as trade-offs.
-_CORRELATED = 0.4
 
 
 def families_of(effect: str) -> tuple[str, ...]:
@@ -216,14 +214,7 @@ class FittedHypothesis:
         """Pairs of parameters that make up for each other, the strongest first."""
         if self.found is None:
             return ()
-        sd = np.sqrt(np.diag(self.found.covariance))
-        r = self.found.covariance / np.outer(sd, sd)
-        pairs = [
-            TradeOff(self.space.labels[i], self.space.labels[j], float(r[i, j]))
-            for i, j in itertools.combinations(range(sd.size), 2)
-            if abs(r[i, j]) >= _CORRELATED
-        ]
-        return tuple(sorted(pairs, key=lambda t: -abs(t.correlation)))
+        return trade_offs(self.space.labels, self.found.covariance)
 
 
 #: Results of a function of (summary, task), in the order of the tasks.

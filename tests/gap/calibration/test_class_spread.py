@@ -17,6 +17,7 @@ from sassgis.gap.calibration.class_spread import (
     site_values,
     spread_of_sites,
 )
+from sassgis.gap.calibration.identifiability import Told
 from sassgis.gap.calibration.parameters import RANGES, ClassParameter
 from sassgis.io.read.ground_map import built_in_table
 from sassgis.io.read.range_table import read_ranges
@@ -100,46 +101,36 @@ def test_the_table_is_read_again_and_goes_before_what_was_assumed(tmp_path: Path
     assert "A, B: mean 0.96" in read.source
 
 
-class Bowls:
-    """Squared distances of the first parameter from the centres of the rocks of each site."""
-
-    def __init__(self, *centres: np.ndarray) -> None:
-        self.centres, self.sizes = centres, [c.size for c in centres]
-        self.columns = [np.array([0, 1])] * len(centres)
-
-    def weighted(self, weights: list[np.ndarray], _rng: object) -> Any:
-        total = sum(w.sum() for w in weights)
-        best = sum(float(w @ c) for w, c in zip(weights, self.centres, strict=True)) / total
-        # Of the second parameter the scores say nothing: the search ends where it begins.
-        return SimpleNamespace(minimum=lambda own: (np.array([best, own[0, 1]]), 0.0))
+def told(precision: tuple[float, float], at: float) -> Told:
+    """Of the first of two parameters, about a best value of zero; of the second nothing."""
+    first, second = precision
+    pull = np.array([first * at, 0.0])
+    return Told(np.zeros(2), np.diag([first, 0.0]), pull, pull[None], np.diag([second, 0.0]))
 
 
-def test_the_error_of_a_site_is_that_of_the_mean_of_its_rocks(monkeypatch) -> None:
-    rng = np.random.default_rng(1)
-    centres = rng.normal(0.3, 0.1, 40), rng.normal(0.7, 0.2, 10)
+def test_the_error_of_a_site_is_that_of_its_rocks(monkeypatch) -> None:
     ranges = RANGES["mu_0"]
-    parameters = (
-        ClassParameter("rock", "mu_0", ranges, 0.4), ClassParameter("debris", "mu_0", ranges, 0.4),
-    )  # fmt: skip
+    parameters = tuple(ClassParameter(n, "mu_0", ranges, 0.4, 0.1) for n in ("rock", "debris"))
     table = built_in_table()
     met = {"A": ("rock", "debris"), "B": ("rock",)}
     sites = tuple(
-        SimpleNamespace(name=n, n_rocks=c.size, case=SimpleNamespace(table=table, met=met[n]))
-        for n, c in zip("AB", centres, strict=True)
+        SimpleNamespace(name=n, n_rocks=m, case=SimpleNamespace(table=table, met=met[n]))
+        for n, m in (("A", 40), ("B", 10))
     )
     monkeypatch.setattr(module, "classes_met", lambda case: case.met)
     task: Any = SimpleNamespace(sites=sites, parameters=parameters, seed=3)
-    found: Any = SimpleNamespace(surface=Bowls(*centres))
+    # The rocks of B scatter twice as much as their numbers say if each is independent.
+    found: Any = SimpleNamespace(told=(told((25.0, 25.0), 0.5), told((16.0, 64.0), -1.0)))
     values = {(v.site, v.class_name): v for v in site_values(task, found)}
     assert set(values) == {("A", "rock"), ("A", "debris"), ("B", "rock")}
-    width = ranges.high - ranges.low
-    for name, own in zip("AB", centres, strict=True):
-        error = width * max(own.std() / np.sqrt(own.size), 0.02)
-        told = values[name, "rock"]
-        assert told.value == pytest.approx(ranges.low + width * own.mean(), abs=error)
-        assert told.error == pytest.approx(error, rel=0.3) and told.rocks == own.size
-    # What is not told scatters over its range, as a uniform distribution does.
-    assert values["A", "debris"].error == pytest.approx(width / np.sqrt(12.0), rel=0.25)
+    # One standard deviation of the prior is a tenth of the range.
+    width, unit = ranges.high - ranges.low, 0.1 * (ranges.high - ranges.low)
+    for name, at, error in (("A", 0.5, 0.2), ("B", -1.0, 0.5)):
+        own = values[name, "rock"]
+        assert own.value == pytest.approx(0.4 + at * unit, abs=0.05 * unit)
+        assert own.error == pytest.approx(error * unit, rel=0.05)
+    # What is not told scatters over its range.
+    assert values["A", "debris"].error > width / np.sqrt(12.0)
     # Each class by the sites whose rocks meet it, from the spread that was assumed before.
     rules = {r.class_name: r for r in spread_of_sites(task, found, read_ranges(table))}
     assert [(name, r.sites, r.rocks) for name, r in rules.items()] == [

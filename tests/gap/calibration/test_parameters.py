@@ -62,18 +62,14 @@ def test_the_prior_is_as_wide_as_values_vary_between_sites() -> None:
     # Of the third no spread is known.
     assert eta.sd == 0.5
     prior = Prior.of([friction, threshold])
-    middle = prior.quantiles(np.array([[0.05, 0.05], [0.95, 0.95]]))
+    middle = prior.shares(1.645 * np.array([[-1.0, -1.0], [1.0, 1.0]]))
     assert friction.value(middle[:, 0]) == pytest.approx(0.45 + np.array([-0.16, 0.16]), abs=1e-3)
     assert threshold.value(middle[:, 1]) == pytest.approx([0.05, 0.2], rel=0.01)
 
 
 def test_the_prior_stays_within_the_range() -> None:
-    prior = Prior(np.zeros(1), np.array([0.5]))
-    # Half of a normal distribution of sd 0.5, cut at two sd.
-    rng = np.random.default_rng(1)
-    drawn = np.abs(rng.normal(0.0, 0.5, 200_000))
-    drawn = drawn[drawn <= 1.0]
-    levels = np.array([0.025, 0.975])
-    assert prior.quantiles(levels) == pytest.approx(np.quantile(drawn, levels), abs=0.01)
-    assert prior.spread == pytest.approx(drawn.std(), abs=0.01)
-    assert prior.log_density(np.array([[-0.1]]))[0] == -np.inf
+    """Standard normal parameters are shares about the configured value, or the limit."""
+    prior = Prior(np.array([0.0, 0.9]), np.array([0.5, 0.1]))
+    at = np.array([[-3.0, -1.0], [0.0, 0.0], [1.0, 0.5], [40.0, 2.0]])
+    expected = [[0.0, 0.8], [0.0, 0.9], [0.5, 0.95], [1.0, 1.0]]
+    np.testing.assert_allclose(prior.shares(at), expected)
