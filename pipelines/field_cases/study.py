@@ -83,9 +83,8 @@ def study(
         results["apparent_friction"] = apparent_friction(everything, labels)
         title = f"{case.name}: stops of the untuned model"
         save(stops_figure(seen, made, labels, title), out / "untuned.png")
-    found = where(
-        everything, residuals_of(everything, configured_model(everything), seed=given.seed), seed=given.seed
-    )
+    residuals = residuals_of(everything, configured_model(everything), seed=given.seed)
+    found = where(everything, residuals, seed=given.seed)
     results["untuned_where"] = [_finding(f) for f in found[:SHOWN]]
     if not given.case_only:
         results["splits"] = {
