@@ -34,6 +34,8 @@ class CalibrationRange:
     seen_in: str
 
 
+#: Digits of shares of ranges.
+_SHARE_DIGITS = 9
 #: Ground further down than this many times the furthest observed run-out is not calibrated.
 _BEYOND = 1.5
 #: Share of the length of the fall lines below which a class is not calibrated.
@@ -218,4 +220,6 @@ class Prior:
 
     def shares(self, normal: FloatArray) -> FloatArray:
         """Shares of parameters of which the prior is standard normal, shape (..., d)."""
-        return np.asarray(np.clip(self.centre + self.sd * normal, 0.0, 1.0), np.float64)
+        # The last digits of linear algebra depend on where its arrays lie in memory.
+        shares = np.round(self.centre + self.sd * normal, _SHARE_DIGITS)
+        return np.asarray(np.clip(shares, 0.0, 1.0), np.float64)
