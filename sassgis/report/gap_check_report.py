@@ -19,6 +19,7 @@ from sassgis.gap.check.answers import (
     is_right,
 )
 from sassgis.gap.check.check_scores import (
+    AIMS,
     NAMED_CONFIDENCE,
     SHRINKAGE_TOLERANCE,
     CheckScores,
@@ -200,7 +201,11 @@ def _pictures(record: CheckRecord, folder: Path) -> tuple[ReportFigure, ...]:
             "What the confidence is worth",
             "Share of right answers by stated confidence, with 95 % intervals. Points below the "
             "diagonal claim more than they hold.",
-            reliability_figure(scores.reliability, NAMED_CONFIDENCE),
+            reliability_figure(
+                scores.reliability,
+                NAMED_CONFIDENCE,
+                next(aim.limit for aim in AIMS if aim.key == "confident_right"),
+            ),
         ),
     ]
     if compared:

@@ -89,18 +89,19 @@ def confusion_figure(worlds: NDArray[np.int64]) -> Figure:
 
 
 @styled
-def reliability_figure(rows: Sequence[ReliabilityRow], limit: float) -> Figure:
+def reliability_figure(rows: Sequence[ReliabilityRow], limit: float, least: float) -> Figure:
     """Draw the share of right answers against the confidence that was stated.
 
     Bars are 95 % intervals; on the diagonal, confidence is what it says. Beneath, how many answers
-    each bin holds. From the confidence ``limit`` on nine answers in ten are to be right.
+    each bin holds. From the confidence ``limit`` on a share of ``least`` is to be right.
     """
     figure = new_figure(0.72 * WIDTH_IN, 4.6)
     ax, counts = figure.subplots(2, 1, sharex=True, height_ratios=[4.0, 1.0])
     ax.set_title("Right answers by stated confidence")
     ax.plot([0.0, 1.0], [0.0, 1.0], **_DIAGONAL)
     ax.axvline(limit, color=VERMILION, linewidth=0.8)
-    beside(ax, f"required: 90 % right from {limit:g} on", (limit, 0.02), (3, 0), color=VERMILION)
+    wanted = f"required: {100.0 * least:.0f} % right from {limit:g} on"
+    beside(ax, wanted, (limit, 0.02), (3, 0), color=VERMILION)
     known = [row for row in rows if row.right.trials]
     if not known:
         nothing_to_show(ax, keep_x=True)
