@@ -279,7 +279,7 @@ def test_rocks_in_two_groups_are_answered_with_a_warning(everything: Path, tmp_p
     found = run(case, tmp_path / "out")
     assert any("2 groups" in line for line in found.warnings)
     assert not any(f.observable for f in found.fingerprints)
-    assert found.verdict.effect in ("none", "unknown")
+    assert found.verdict.effect in ("none", "unknown", "contact_law")
 
 
 @pytest.mark.battery
@@ -306,8 +306,9 @@ def test_poor_observations_are_answered_or_refused_in_one_line(
     with pytest.raises(InputError, match="too few rocks") as caught:
         run(few, tmp_path / "out3")
     assert "\n" not in str(caught.value)
-    tables = dict.fromkeys(("passages", "deposits", "impacts"))
-    bare = changed(everything, tmp_path / "bare", **tables)
+    bare = everything
+    for table in ("passages", "deposits", "impacts"):
+        bare = rewritten(bare, tmp_path / f"without_{table}", table, lambda rows: rows[:1])
     with pytest.raises(InputError, match="nothing to compare simulations with"):
         run(bare, tmp_path / "out4")
 

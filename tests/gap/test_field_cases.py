@@ -268,10 +268,10 @@ def test_rocks_left_out_are_scored_with_the_configuration_that_is_handed_over(
 
     case = written("tschamut2014")
     folder = case.config.parent
-    own = next(c for c in built_in_table("1986").classes if c.name == "soft_meadow")
+    own = next(c for c in built_in_table().classes if c.name == "soft_meadow")
     names = ("eta_max", "dp_min", "dp_max", "mu_f", "mu_0", "k", "d_star_m", "restitution",
              "restitution_speed_mps", "rolling_threshold")  # fmt: skip
-    values = {name: getattr(own, name) for name in names} | {"eta_max": 0.65, "mu_0": 0.1}
+    values = {name: getattr(own, name) for name in names} | {"eta_max": 0.95, "mu_0": 0.1}
     (tmp_path / "classes.csv").write_text(
         f"name,{','.join(names)},source,trust\n"
         f"soft_meadow,{','.join(str(v) for v in values.values())},test,estimate\n"
