@@ -1,4 +1,4 @@
-"""Why is the run-out at the Authume quarry too short, and what is the lateral offset of the stops?
+"""What does the diagnosis say of 41 stops in the Authume quarry, from half of the rocks?
 
     python pipelines/gap_authume.py [DATA] -o OUT [--jobs 2] [--case-only]
 
@@ -12,29 +12,8 @@ Writes the configuration, observations of 41 stops and of two halves of them, th
 
 from __future__ import annotations
 
-from pathlib import Path
-
-from field_cases import tables
-from field_cases.sites import Site, authume
-from field_cases.study import study
-
-from sassgis.model.errors import SassgisError
-
-
-def write(data: Path, out: Path) -> Site:
-    """Write the case; the release points of single rocks are not known."""
-    return authume(data, out)
-
-
-def main(argv: list[str] | None = None) -> None:
-    """Write the case, diagnose it on one half and score on the other."""
-    given = tables.parser(__doc__).parse_args(argv)
-    site = write(given.data, tables.fresh(given.output))
-    study(site.case, given, site.groups)
-
+from field_cases.sites import authume as write
+from field_cases.study import command
 
 if __name__ == "__main__":
-    try:
-        main()
-    except SassgisError as error:
-        raise SystemExit(f"Error: {error}") from None
+    command(__doc__, write)

@@ -1,4 +1,4 @@
-"""Is the run-out at Tschamut wrong, because of which effect, and how far does the gap shrink?
+"""What does the diagnosis say of the stops of three blocks at Tschamut?
 
     python pipelines/gap_tschamut2014.py [DATA] -o OUT [--jobs 2] [--case-only]
 
@@ -12,29 +12,8 @@ the unit of resampling is the run, not the block.
 
 from __future__ import annotations
 
-from pathlib import Path
-
-from field_cases import tables
-from field_cases.sites import Site, tschamut
-from field_cases.study import study
-
-from sassgis.model.errors import SassgisError
-
-
-def write(data: Path, out: Path) -> Site:
-    """Write the case: each rock in the tables is one run."""
-    return tschamut(data, out)
-
-
-def main(argv: list[str] | None = None) -> None:
-    """Write the case, diagnose it on one half and score on the other."""
-    given = tables.parser(__doc__).parse_args(argv)
-    site = write(given.data, tables.fresh(given.output))
-    study(site.case, given, site.groups)
-
+from field_cases.sites import tschamut as write
+from field_cases.study import command
 
 if __name__ == "__main__":
-    try:
-        main()
-    except SassgisError as error:
-        raise SystemExit(f"Error: {error}") from None
+    command(__doc__, write)

@@ -189,6 +189,15 @@ def evidence(row: Row) -> tuple[list[Fingerprint], dict[str, CauseGain]]:
     return prints, gains
 
 
+def seen_at(
+    row: Row,
+) -> tuple[list[Fingerprint], dict[str, CauseGain], tuple[str, ...], int, bool]:
+    """Fingerprints, gains, what could be seen, what not, and whether the base is adequate."""
+    prints, gains = evidence(row)
+    seen = seen_of(prints, gains, FAMILIES)
+    return prints, gains, seen, len(FAMILIES) - len(seen), bool(int(row["adequate"]))
+
+
 def known_of(row: Row) -> tuple[str, ...]:
     """The effects at a site that have a name."""
     return tuple(name for name in row["effects"].split("+") if name in FAMILIES)
@@ -276,11 +285,10 @@ def fitted(rows: Sequence[Row]) -> CauseWeights:
     """
     tables, truths = [], []
     for row in rows:
-        prints, gains = evidence(row)
-        seen = seen_of(prints, gains, FAMILIES)
+        prints, gains, seen, hidden, sound = seen_at(row)
         own = [2 + seen.index(name) for name in known_of(row) if name in seen]
         evident = np.array([evidence_of(name, prints, gains) for name in seen])
-        tables.append((evident, len(FAMILIES) - len(seen), bool(int(row["adequate"]))))
+        tables.append((evident, hidden, sound))
         truths.append(own or [1 if row["effects"] else 0])
     start = np.array([*START.weights, START.offset, START.unseen, START.unsound])
 
@@ -315,11 +323,7 @@ def design(row: Row) -> str:
 
 def shares_of(row: Row, weights: CauseWeights) -> dict[str, float]:
     """Probabilities of what could be seen."""
-    prints, gains = evidence(row)
-    seen = seen_of(prints, gains, FAMILIES)
-    return weights.shares(
-        prints, gains, seen, len(FAMILIES) - len(seen), bool(int(row["adequate"]))
-    )
+    return weights.shares(*seen_at(row))
 
 
 def answer_of(row: Row, weights: CauseWeights, thresholds: Thresholds) -> Answer:

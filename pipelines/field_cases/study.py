@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 import sassgis
 from field_cases.distances import energy_distance, energy_scores
 from field_cases.figures import stops_figure
-from field_cases.tables import FieldCase, write_json
+from field_cases.sites import Site
+from field_cases.tables import FieldCase, fresh, parser, write_json
 from sassgis.gap.diagnosis import GapFinding
 from sassgis.gap.inference.intervals import bootstrap_interval
 from sassgis.gap.inference.rock_tests import mean_gap_tests
@@ -24,6 +25,7 @@ from sassgis.gap.replicas.hypothesis_model import HypothesisModel, configured_mo
 from sassgis.gap.replicas.rock_lines import rock_lines_of
 from sassgis.gap.residuals.table import residuals_of
 from sassgis.gap.where.findings import where
+from sassgis.model.errors import SassgisError
 from sassgis.report.figures import save
 from sassgis.runs.calibrate import calibrate
 from sassgis.runs.diagnose import diagnose
@@ -41,6 +43,22 @@ SHOWN = 12
 #: Within this of the end of a line, a rock has left it (m).
 END_M = 3.0
 QUANTITIES = ("runout_m", "aside_m")
+
+
+def command(doc: str | None, write: Callable[[Path, Path], Site]) -> None:
+    """Command line of a site with stops: write the case, diagnose one half, score on the other.
+
+    Raises
+    ------
+    SystemExit
+        With one line, if a file cannot be used.
+    """
+    given = parser(doc).parse_args()
+    try:
+        site = write(given.data, fresh(given.output))
+        study(site.case, given, site.groups)
+    except SassgisError as error:
+        raise SystemExit(f"Error: {error}") from None
 
 
 def study(

@@ -144,9 +144,14 @@ class CalibrationProblem:
         """Whether anything was measured that a simulation can be scored against."""
         return bool(self.scale.names) or self.impacts is not None
 
+    @property
+    def units(self) -> int:
+        """Number of rocks, or of groups of them."""
+        return int(self.unit.max()) + 1
+
     def per_unit(self, scores: FloatArray) -> FloatArray:
         """Sums of scores of rocks over their units, shape (..., n_units)."""
-        sums = np.zeros((int(self.unit.max()) + 1, *scores.shape[:-1]))
+        sums = np.zeros((self.units, *scores.shape[:-1]))
         np.add.at(sums, self.unit, np.moveaxis(np.nan_to_num(scores), -1, 0))
         return np.moveaxis(sums, 0, -1)
 

@@ -8,12 +8,13 @@ from other campaigns of the same model.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sassgis.gap.calibration.impact_scores import simulated_outcomes
 from sassgis.gap.calibration.problem import CalibrationProblem, model_rows, rows_of
+from sassgis.gap.inference.intervals import times_drawn
 from sassgis.gap.observations.campaign import ImpactRows
 from sassgis.gap.replicas.campaigns import campaigns
 from sassgis.gap.replicas.features import rock_quantities
@@ -157,8 +158,8 @@ def summary_of(problem: CalibrationProblem) -> SiteSummary:
     radius = np.log(problem.case.radius_m)
     spread = float(radius.std())
     size = (radius - radius.mean()) / spread if spread > 1e-6 else np.zeros(radius.size)
-    units, none = int(problem.unit.max()) + 1, np.empty(0)
-    blank = SiteSummary(none, none, none > 0.0, units, problem.seed, problem, size)
+    none = np.empty(0)
+    blank = SiteSummary(none, none, none > 0.0, problem.units, problem.seed, problem, size)
     observed = blank.of_rocks(np.ones(problem.n_rocks))
     drawn = np.array([blank.of_rocks(weights) for weights in rocks_drawn_anew(problem)])
     known = np.isfinite(drawn)
@@ -167,7 +168,7 @@ def summary_of(problem: CalibrationProblem) -> SiteSummary:
         used &= _of_ground(problem, used.size) & (known.mean(axis=0) > _SURE)
     filled = np.where(known, drawn, observed)
     error = np.maximum(np.std(np.where(used, filled, 0.0), axis=0), _LEAST)
-    return SiteSummary(observed, error, used, units, problem.seed, problem, size)
+    return replace(blank, observed=observed, error=error, used=used)
 
 
 def _of_ground(problem: CalibrationProblem, p: int) -> BoolArray:
@@ -185,9 +186,7 @@ def _of_ground(problem: CalibrationProblem, p: int) -> BoolArray:
 
 def rocks_drawn_anew(problem: CalibrationProblem) -> FloatArray:
     """How often each rock is drawn in samples of the rocks, or of groups, shape (n, n_rocks)."""
-    rng, units = np.random.default_rng([problem.seed, 11]), int(problem.unit.max()) + 1
-    times = rng.multinomial(units, np.full(units, 1.0 / units), size=_SAMPLES)
-    return times[:, problem.unit].astype(np.float64)
+    return times_drawn(problem.unit, np.random.default_rng([problem.seed, 11]), _SAMPLES)
 
 
 def _numbers(

@@ -62,10 +62,8 @@ def _draw(case: Case, draws: ParameterDraws) -> CausePart:
     def change(model: HypothesisModel) -> HypothesisModel:
         own = model.measurement
         turns = measurement.rotation_scale * own.rotation_scale
-        noise = own.rotation_noise
-        return replace(
-            model, measurement=replace(measurement, rotation_scale=turns, rotation_noise=noise)
-        )
+        both = replace(measurement, rotation_scale=turns, rotation_noise=own.rotation_noise)
+        return replace(model, measurement=both)
 
     return CausePart("scale, time base, noise", change, asdict(measurement))
 

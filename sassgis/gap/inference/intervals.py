@@ -46,6 +46,16 @@ def bootstrap_rows(
         yield order[np.repeat(start[drawn], length) + within].astype(np.int64), new
 
 
+def times_drawn(unit: IntArray, rng: np.random.Generator, samples: int) -> FloatArray:
+    """How often each rock is in bootstrap samples of units, shape (samples, n_rocks).
+
+    ``unit``: of each rock, shape (n_rocks,), numbered from 0.
+    """
+    n = int(unit.max()) + 1
+    times = rng.multinomial(n, np.full(n, 1.0 / n), size=samples)
+    return np.asarray(times[:, unit], np.float64)
+
+
 @dataclass(frozen=True, slots=True)
 class Interval:
     """An estimate with its interval.

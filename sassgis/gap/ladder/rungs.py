@@ -10,7 +10,7 @@ import numpy as np
 from sassgis.gap.calibration.problem import CalibrationProblem
 from sassgis.gap.diagnosis import Range, Rung, Shrinkage
 from sassgis.gap.inference.distances import RockDistances
-from sassgis.gap.inference.intervals import Interval
+from sassgis.gap.inference.intervals import Interval, times_drawn
 from sassgis.gap.which.hypotheses import NONE
 from sassgis.gap.words import number_text, range_text, rung_name
 from sassgis.model.grid import FloatArray, IntArray
@@ -24,10 +24,7 @@ _SAMPLES = 999
 
 def group_weights(group: IntArray, rng: np.random.Generator, samples: int) -> FloatArray:
     """How often each rock is in bootstrap samples of the groups, shape (samples, n_rocks)."""
-    unit = np.unique(group, return_inverse=True)[1]
-    n = int(unit.max()) + 1
-    times = rng.multinomial(n, np.full(n, 1.0 / n), size=samples).astype(np.float64)
-    weights: FloatArray = times[:, unit]
+    weights = times_drawn(np.unique(group, return_inverse=True)[1], rng, samples)
     # A sample of one rock has no pairs.
     paired: FloatArray = weights[(weights > 0.0).sum(axis=1) > 1]
     return paired

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,14 +105,16 @@ class _Record:
         rng: np.random.Generator,
     ) -> None:
         self._case, self._lines, self._model, self._moved = case, rock_lines, model, moved
-        self._observer, self._errors = rock_lines.observer, rock_lines.observer.errors
+        self._observer, m = rock_lines.observer, model.measurement
+        stated = self._observer.errors
+        turning = math.hypot(stated.rotation_rel, m.rotation_noise)
+        self._errors = replace(stated, rotation_rel=turning)
         self._rng = rng
         self._n = case.n_rocks
         self._count = count
         total = self._n * count
         first = model.release
         self._offset = first.shift_m + first.scatter_m * rng.standard_normal(total)
-        m = model.measurement
         self._clock = np.exp(m.clock_sd * np.clip(rng.standard_t(4, total), -4.0, 4.0))
         self._mass: FloatArray = moved.rocks["mass_kg"].reshape(self._n, count).T.ravel()
 
@@ -176,9 +179,8 @@ class _Record:
         kind = np.where(whole, WHOLE, self._kind(rows, owner)).astype(np.int64)
         errors, m = self._errors, self._model.measurement
         speed = rows["speed_mps"] * m.scale * self._speed_error(owner, errors.speed_rel)
-        turning = math.hypot(errors.rotation_rel, m.rotation_noise)
         turns = np.abs(rows["rotation_hz"]) * m.rotation_scale
-        rotation = turns * self._speed_error(owner, turning)
+        rotation = turns * self._speed_error(owner, errors.rotation_rel)
         rest = self._rest(rows, owner)
         height = (rows["height_m"] + rest) * m.scale
         height = np.maximum(height + errors.height_m * self._rng.standard_normal(owner.size), 0.0)
@@ -219,11 +221,10 @@ class _Record:
         x, y, ground, dip, turned = self._under(events, index, hit[order], owner)
         cosine, sine = np.cos(dip), np.sin(dip)
         errors, m = self._errors, self._model.measurement
-        turning = math.hypot(errors.rotation_rel, m.rotation_noise)
 
         def apart(event: NDArray[np.void]) -> tuple[FloatArray, FloatArray, FloatArray]:
             error = m.scale * self._speed_error(owner, errors.speed_rel)
-            turn = m.rotation_scale * self._speed_error(owner, turning)
+            turn = m.rotation_scale * self._speed_error(owner, errors.rotation_rel)
             vx, vz = event["vx_mps"], event["vz_mps"]
             return (
                 (vx * cosine + vz * sine) * error,

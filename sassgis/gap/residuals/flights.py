@@ -270,15 +270,14 @@ def _flights(case: Case, path: _Path, bounds: _Bounds, impacted: bool) -> list[s
 def _touched(t: FloatArray, z: FloatArray, error_m: float, gravity: float) -> bool:
     """Whether a path between two contacts shows by its heights that it met the ground between."""
     t = t - t.mean()
-    square = np.linalg.qr(np.column_stack([np.ones(t.size), t]))[0]
-    square = t * t - square @ (square.T @ (t * t))
-    length = float(square @ square)
-    fall = 2.0 * float(square @ z) / length
-    if fall + _FALLS * gravity > 2.0 * error_m / math.sqrt(length):
+    smooth, sizes = np.linalg.qr(np.column_stack([np.ones(t.size), t, t * t]))
+    # What a change of the last coefficient by one makes of the heights.
+    square = float(sizes[2, 2])
+    fall = 2.0 * float(smooth[:, 2] @ z) / square
+    if fall + _FALLS * gravity > 2.0 * error_m / abs(square):
         return True
     # A parabola with a kink between point i and i + 1, three points on both sides.
     kinks = np.maximum(t[:, None] - 0.5 * (t[3:-2] + t[2:-3]), 0.0)
-    smooth = np.linalg.qr(np.column_stack([np.ones(t.size), t, t * t]))[0]
     kinks -= smooth @ (smooth.T @ kinks)
     rest = z - smooth @ (smooth.T @ z)
     size = (kinks**2).sum(axis=0)
