@@ -80,11 +80,11 @@ LEVEL = STUDY / "level.csv"
 #: Campaigns of the configured model at each site without an effect.
 CAMPAIGNS = 2
 #: Batteries of sites by seed, and how many of each: these are no check any more.
-BATTERIES = {20261125: 42, 951: 78}
+BATTERIES = {20261125: 42, 951: 78, 20261126: 36}
 #: Sites with more rocks take longest, and are left out.
 MOST_ROCKS = 100
 #: What the numbers are before any site, and how strongly a ridge holds them there.
-START = CauseWeights(np.array([4.0, 1.5, 2.0, 1.0]), 6.0, -2.0, 1.0, math.inf)
+START = CauseWeights(np.array([4.0, 1.5, 2.0, 1.0, -1.0]), 6.0, -2.0, 1.0, math.inf)
 RIDGE = 1.0
 NAMED = (0.55, 0.6, 0.65, 0.7, 0.75, 0.8)
 #: Most false alarms among sites without an effect, wrong names among those with one; share of the
@@ -290,22 +290,24 @@ def fitted(rows: Sequence[Row]) -> CauseWeights:
         evident = np.array([evidence_of(name, prints, gains) for name in seen])
         tables.append((evident, hidden, sound))
         truths.append(own or [1 if row["effects"] else 0])
+    n = len(FEATURES)
     start = np.array([*START.weights, START.offset, START.unseen, START.unsound])
 
     def loss(x: FloatArray) -> float:
         found = 0.5 * RIDGE * float(((x - start) ** 2).sum())
-        weights = CauseWeights(x[:4], *x[4:].tolist(), math.inf)
+        weights = CauseWeights(x[:n], *x[n:].tolist(), math.inf)
         for table, truth in zip(tables, truths, strict=True):
             logits = np.append(0.0, weights.logits(*table))
             found += float(logsumexp(logits) - logsumexp(logits[truth]))
         return found
 
-    bounds = [(0.0, None)] * 5 + [(None, None), (0.0, None)]
+    # The last feature speaks against a cause, the others for it.
+    bounds = [*[(0.0, None)] * (n - 1), (None, 0.0), (0.0, None), (None, None), (0.0, None)]
     x = minimize(loss, start, method="L-BFGS-B", bounds=bounds).x
     # One site of a hundred, as a normal deviate of the logarithm.
     excess = np.log([float(row["excess"]) for row in rows])
     farthest = float(np.exp(excess.mean() + 2.33 * excess.std()))
-    return CauseWeights(x[:4], *x[4:].tolist(), farthest)
+    return CauseWeights(x[:n], *x[n:].tolist(), farthest)
 
 
 def without_law(rows: Sequence[Row]) -> list[CauseWeights]:

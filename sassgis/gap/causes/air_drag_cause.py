@@ -1,7 +1,8 @@
-"""Air drag as a cause: energy lost on every free flight, in proportion to path over size."""
+"""Air drag as a cause: speed lost on every free flight, in proportion to path over size."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from sassgis.engine.effects.air_drag import AirDrag
 from sassgis.gap.causes.cause import (
     CLEAR,
     LEAST,
+    MISSTATED,
     Cause,
     CausePart,
     Scores,
@@ -21,13 +23,18 @@ from sassgis.gap.causes.flight_losses import loss_of_flights
 from sassgis.gap.causes.parameter_draws import Fit, ParameterDraws, Range
 from sassgis.gap.observations.case import Case
 from sassgis.gap.residuals.residuals import per_rock
+from sassgis.gap.residuals.steps import StepTable
 from sassgis.gap.residuals.table import ResidualTable
+from sassgis.model.grid import FloatArray
 
 FIT = Fit({"drag_coefficient": Range(0.3, 2.0, "log")}, {"constant": 1.0, "sphericity": 1.0})
 #: Density of air (kg/m³), and the drag coefficient beyond which it is not air that brakes a rock.
 _AIR_KGM3, MOST_DRAG = 1.2, 2.0
 #: Errors of the comparison itself, as a drag coefficient: what is more than that can be seen.
 _LEAST_DRAG = 0.8
+#: The same on flights in time; density of a rock of unknown mass (kg/m³); what may bend them aside,
+#: as a share of what brakes them.
+_LEAST_DRAG_IN_TIME, _USUAL_KGM3, _ASIDE = 0.2, 2700.0, 0.5
 #: A flight that kept its length to this share was free of anything but air.
 _FREE = 0.15
 
@@ -38,11 +45,39 @@ def _draw(case: Case, draws: ParameterDraws) -> CausePart:
     return replace(part, parameters={**part.parameters, **density})
 
 
+def _pull(case: Case, rows: StepTable) -> FloatArray:
+    """ρ A/(2 m) of the rock of each row: what air takes for C_d = 1 (1/m)."""
+    mass = case.mass_kg[rows.rock]
+    usual = 4.0 / 3.0 * np.pi * rows.radius_m**3 * _USUAL_KGM3
+    pull: FloatArray = 0.5 * _AIR_KGM3 * np.pi * rows.radius_m**2
+    return pull / np.where(np.isfinite(mass), mass, usual)
+
+
+def _against_the_motion(case: Case, residuals: ResidualTable) -> Scores:
+    """Level speed lost on flights in time: neither scale nor time base of a film makes it."""
+    rows, across = (residuals.steps.of("air", f"{name}_mps2") for name in ("ahead", "across"))
+    if np.unique(rows.rock).size < 2 * LEAST:
+        raise Unseen
+    pull = _pull(case, rows) * rows.speed2
+    weight = pull / rows.sd**2
+    scale = float((weight * pull).sum())
+    drag, aside = (float((weight * own.observed).sum()) / scale for own in (rows, across))
+    drag = -drag
+    # Rocks of one group share what is not drag; errors of measurement may be smaller than stated.
+    group = case.group[rows.rock]
+    away = np.bincount(group, weight * (-rows.observed - drag * pull))
+    least = (1.0 - MISSTATED) ** 2 * scale
+    error = math.sqrt(max(float((away**2).sum()), least)) / scale
+    if drag > MOST_DRAG + 2.0 * error or abs(aside) > _ASIDE * max(drag, 0.0) + 3.0 * error:
+        # Wind, or lift of a rock that turns.
+        raise Unseen
+    return Scores(np.array([(drag - _LEAST_DRAG_IN_TIME) / error]), drag)
+
+
 def _on_every_flight(case: Case, residuals: ResidualTable) -> Scores:
     rows, loss, usual = loss_of_flights(residuals.steps.of("flight", "energy_jpkg"))
     mean = 0.5 * (rows.observed + rows.predicted)
-    # 3 ρ C v² L/(8 ρ_s r) per unit mass, for C = 1.
-    pull = 0.75 * _AIR_KGM3 / (2700.0 * rows.radius_m) * mean * rows.way_m
+    pull = 2.0 * _pull(case, rows) * mean * rows.way_m
     free = np.abs(rows.reach - 1.0) < _FREE
     kept = free & (np.abs(usual - np.median(usual[free] if free.any() else usual)) < 2.5)
     weight = pull / rows.sd**2
@@ -61,9 +96,17 @@ CAUSE = Cause(
     group="along the way",
     phase="flight",
     draw=_draw,
-    shown_by="energy lost on every free flight, in proportion to path over size; C_d between 0.8 "
-    "and 2: less is within the errors of the comparison, more is not air",
+    shown_by="level speed lost on flights in time, in proportion to the square of the speed over "
+    "the size, and not aside; energy lost on every free flight between impacts, in proportion to "
+    "path over size; C_d between 0.2 or 0.8, the errors of the two comparisons, and 2: more is not "
+    "air",
     statistics=(
+        Trace(
+            "level speed lost in flight, over speed squared and size",
+            _against_the_motion,
+            ("trajectories",),
+            CLEAR,
+        ),
         Trace(
             "energy lost in flight, over path and size, on every flight",
             _on_every_flight,

@@ -49,8 +49,11 @@ FIT = Fit(
 _ENERGY = "energy_jpkg"
 #: Loss of the energy of a flight, and in standard deviations, from which something was struck.
 _STRUCK_SHARE, _STRUCK_SD = 0.15, 3.5
-#: The same far above the ground, in standard deviations, and share of flights that seem so without.
-_STRUCK_ALOFT_SD, _SEEM_STRUCK = 5.0, 0.004
+#: Share of the speed that is lost beyond what the ground can take, and in standard deviations;
+#: share of paths in time that seem struck without trees.
+_LOST_SHARE, _LOST_SD, _SEEM_STRUCK = 0.3, 5.0, 0.01
+#: Losses whose middle half lies closer together are those of one place (m).
+_MIDDLE, _PLACE_M = (0.25, 0.75), 8.0
 #: Rise of a flight above the straight way between two contacts, in radii and at least (m), from
 #: which no contact can have been missed on it: grazing ones and those of a rock that rolls or
 #: slides are in no table of impacts.
@@ -134,18 +137,18 @@ def _struck(rows: StepTable, loss: FloatArray, usual: FloatArray) -> NDArray[np.
     return found
 
 
-def _aloft(case: Case, residuals: ResidualTable) -> Scores:
-    """Speed lost at one point far above the ground: no contact, and no air."""
-    rows = residuals.steps.of("aloft", _ENERGY)
+def _above_the_ground(case: Case, residuals: ResidualTable) -> Scores:
+    """Speed lost where no impulse of the ground can have taken it, along a stretch of the way."""
+    rows = residuals.steps.of("aloft", "speed_mps")
     if len(rows) < 2 * LEAST:
         raise Unseen
-    share = 1.0 - rows.observed / np.maximum(rows.predicted, 1.0)
-    struck = (share > _STRUCK_SHARE) & (-rows.z > _STRUCK_ALOFT_SD)
-    flights = np.bincount(rows.rock, minlength=case.n_rocks)
-    hit = per_rock(struck.astype(np.float64), rows.rock, case.n_rocks) > 0.0
-    scores = np.where(flights > 0, hit.astype(np.float64), np.nan)
-    chance: FloatArray = 1.0 - np.power(1.0 - _SEEM_STRUCK, flights)
-    return Scores(scores, float(struck.mean()), chance)
+    lost = 1.0 - rows.observed / rows.predicted
+    struck = (lost > _LOST_SHARE) & (-rows.z > _LOST_SD)
+    if struck.sum() >= LEAST and np.ptp(np.quantile(rows.way_m[struck], _MIDDLE)) < _PLACE_M:
+        # All at one place: a step that the terrain model lacks, or something built.
+        raise Unseen
+    scores = per_rock(struck.astype(np.float64), rows.rock, case.n_rocks)
+    return Scores(scores, float(struck.mean()), np.where(np.isfinite(scores), _SEEM_STRUCK, 0.0))
 
 
 def _on_one_reach(case: Case, residuals: ResidualTable) -> Scores:
@@ -161,15 +164,20 @@ CAUSE = Cause(
     group="along the way",
     phase="flight",
     draw=_draw,
-    shown_by="energy lost at one point of a path in time, at least 1.5 m above the resting "
-    "position (more than 15 % and 5 standard deviations, without the upward speed that a contact "
-    "gives); energy lost at once between two impacts (more than 15 % and 3.5 standard deviations) "
-    "on few of the flights that rise above the way between them by more than the radius and half a "
-    "metre and lead no farther than a free one, so that no contact can have been missed; speed "
-    "lost on one reach alone",
+    shown_by="speed lost on a path in time, at least 0.8 m above the resting position, "
+    "beyond twice what is gained away from the ground (more than 30 % and 5 standard deviations, "
+    "not all at one place); energy lost at once between two impacts (more than 15 % and 3.5 "
+    "standard deviations) on few of the flights that rise above the way between them by more than "
+    "the radius and half a metre and lead no farther than a free one, so that no contact can have "
+    "been missed; speed lost on one reach alone",
     statistics=(
         Trace("energy lost at once, on few flights", _on_few_flights, ("impacts",), CLEAR),
-        Trace("energy lost at once, far above the ground", _aloft, ("trajectories",), CLEAR),
+        Trace(
+            "speed lost above the ground, where no contact takes it",
+            _above_the_ground,
+            ("trajectories",),
+            CLEAR,
+        ),
         Trace(
             "speed lost on one reach, right on the others",
             _on_one_reach,

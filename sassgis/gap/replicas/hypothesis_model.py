@@ -11,6 +11,9 @@ from sassgis.model.effects import EffectSettings
 from sassgis.model.ground import GroundTable
 from sassgis.model.settings import EngineSettings
 
+#: Keys of ``[engine]`` that a hypothesis may set.
+ENGINE_KEYS = ("side_tilt_deg", "drift_deg", "rolling_friction_sd")
+
 
 @dataclass(frozen=True, slots=True)
 class ReleaseError:
@@ -92,8 +95,8 @@ class HypothesisModel:
     stand : ForestStand or None
     release : ReleaseError
     measurement : MeasurementError
-    side_tilt_deg, drift_deg : float or None
-        Of followed paths, in place of the configured ones.
+    side_tilt_deg, drift_deg, rolling_friction_sd : float or None
+        Of followed paths, and of all; in place of the configured ones.
     """
 
     table: GroundTable
@@ -103,11 +106,12 @@ class HypothesisModel:
     measurement: MeasurementError = MeasurementError()
     side_tilt_deg: float | None = None
     drift_deg: float | None = None
+    rolling_friction_sd: float | None = None
 
     @property
     def engine_keys(self) -> dict[str, float]:
         """Keys of ``[engine]`` that differ from the configuration."""
-        own = {"side_tilt_deg": self.side_tilt_deg, "drift_deg": self.drift_deg}
+        own = {key: getattr(self, key) for key in ENGINE_KEYS}
         return {key: value for key, value in own.items() if value is not None}
 
     def engine_of(self, configured: EngineSettings) -> EngineSettings:

@@ -8,6 +8,7 @@ from typing import Any
 
 from sassgis.engine.effects.registry import EFFECTS
 from sassgis.gap.replicas.hypothesis_model import (
+    ENGINE_KEYS,
     ForestStand,
     HypothesisModel,
     MeasurementError,
@@ -53,5 +54,5 @@ def model_from_json(plain: Mapping[str, Any]) -> HypothesisModel:
         None if stand is None else ForestStand(**stand),
         ReleaseError(**plain["release"]),
         MeasurementError(**plain["measurement"]),
-        *(plain[key] for key in ("side_tilt_deg", "drift_deg")),
+        **{key: plain[key] for key in ENGINE_KEYS},
     )

@@ -260,7 +260,7 @@ def _on_profiles(
         repeated(lines.unforested if wood is None else lines.forested, releases.rock),
         model.table,
         releases.blocks,
-        case.engine,
+        model.engine_of(case.engine),
         seed=seed,
         rocks_per_line=count,
         line_keys=releases.key,

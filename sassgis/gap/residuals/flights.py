@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.released_rocks import repeated
 from sassgis.gap.residuals.free_run import RunModel
-from sassgis.gap.residuals.residuals import Residual, mean_of_draws
+from sassgis.gap.residuals.residuals import Residual, beyond, mean_of_draws
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.profiles import ControlLineCrossings
 from sassgis.model.results import ControlLine
@@ -38,12 +39,23 @@ _LEAST_ROLLING_S = 0.8
 _LEAST_WAY_M, _LEAST_SPEED_MPS = 2.0, 0.5
 #: A rock that turns by less than this share of rolling slides.
 _SLIDES = 0.3
-#: Height above the resting position from which no contact that was not noted is meant (m); upward
-#: speed that a contact gives and a stem does not (m/s); share of stated errors that is certain.
-_ALOFT_M, _UPWARD_MPS, _CERTAIN = 1.5, 1.0, 0.5
+#: Upward speed that a contact gives (m/s); share of stated errors that is certain.
+_UPWARD_MPS, _CERTAIN = 1.0, 0.5
+#: What the ground takes along it, over what it gives away from it, at most: friction of 0.8 on a
+#: spot that is tilted by 25 degrees against the way.
+_CONE = 2.0
+#: Height above the resting position from which a loss is none of the ground or of what lies on it
+#: (m), and level speed below which none is looked for (m/s).
+_ABOVE_M, _LEAST_LEVEL_MPS = 0.8, 3.0
+#: Time on both sides of a point over which velocities are taken (s), and points that it holds.
+_BESIDE_S, _LEAST_BESIDE = 0.5, 4
 #: A path between two contacts that falls with less than this share of gravity was none through the
 #: air. A kink upwards of so many standard deviations is a contact that was not noted.
 _FALLS, _SURE = 0.5, 4.0
+#: Acceleration on the ground that is within the errors of the comparison (m/s²): paths along it
+#: have low hops, whose contacts are in no table. Synthetic sites of the law of the model brake by
+#: up to half of one more there.
+_GROUND_MPS2 = 0.6
 #: Runs of each stretch along the ground, in each of two orientations.
 _ROLLED = 5
 
@@ -93,13 +105,14 @@ def path_residuals(
     return found
 
 
-def sudden_losses(
+def struck_above_ground(
     case: Case, axes_m: FloatArray
-) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
-    """The largest sudden loss of energy on each flight, far above the ground.
+) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """The surest loss of speed on each path in time that the ground cannot have made.
 
-    The energy along a flight is a line in time, whatever the air does. A stem takes some of it at
-    one point, and gives no upward speed, as a contact that was not noted does.
+    Whatever the ground does, its impulse lies in a cone about its normal: friction and tilts of
+    single spots make it as wide as they can. Several contacts together stay in it, as it is convex.
+    A stem takes speed along the ground and gives none away from it.
 
     Parameters
     ----------
@@ -108,54 +121,153 @@ def sudden_losses(
 
     Returns
     -------
-    rock : int64, shape (n_flights,)
-    before, after : float64, shape (n_flights,)
-        Kinetic energy per mass up to that point, in the mean, and that less the loss (J/kg).
-    sd : float64, shape (n_flights,)
+    rock : int64, shape (n,)
+        One row for each path of which a part lies high enough above the ground.
+    s : float64, shape (n,)
+        Chainage (m).
+    before, after : float64, shape (n,)
+        Speed before, and that less what is lost beyond the cone (m/s).
+    sd : float64, shape (n,)
         Standard deviation of the difference.
     """
     found = [
         (path.rock, *loss)
-        for path, bounds, impacted in _bounded(case, _rolling_radius(axes_m))
-        if impacted
-        for own in _flights(case, path, bounds, impacted)
-        if (loss := _sudden_loss(case, path, own)) is not None
+        for path, _, _ in _bounded(case, _rolling_radius(axes_m))
+        if (loss := _struck(case, path)) is not None
     ]
     rock = np.array([row[0] for row in found], np.int64)
-    before, after, sd = np.array([row[1:] for row in found], np.float64).reshape(-1, 3).T
-    return rock, before, after, sd
+    values = np.array([row[1:] for row in found], np.float64).reshape(-1, 4)
+    s, before, after, sd = values.T
+    return rock, s, before, after, sd
 
 
-def _sudden_loss(case: Case, path: _Path, own: slice) -> tuple[float, float, float] | None:
-    """Kinetic energy before and after the largest step (J/kg), and the error of that."""
-    error, g = errors_of(case), case.engine.gravity_mps2
-    t, v, z = path.t[own] - path.t[own].mean(), path.speed[own], path.z[own]
-    n = t.size
-    above = path.above[own]
-    # Between point i − 1 and i, with two points on both sides.
-    aloft = [above[i - 2 : i + 2].min() > _ALOFT_M for i in range(2, n - 1)]
-    if not any(aloft) or not np.isfinite(v).all():
+def _struck(case: Case, path: _Path) -> tuple[float, float, float, float] | None:
+    """Chainage of the surest loss beyond the cone, speed before and after, and the error."""
+    g, n = case.engine.gravity_mps2, path.t.size
+    t = path.t - path.t[0]
+    # A path without contacts is a straight line in these.
+    places = np.column_stack([path.x, path.y, path.z + 0.5 * g * t * t])
+    k = np.arange(2, n - 1)
+    first = np.searchsorted(t, 0.5 * (t[k - 1] + t[k]) - _BESIDE_S)
+    last = np.searchsorted(t, 0.5 * (t[k - 1] + t[k]) + _BESIDE_S)
+    above = np.minimum(np.minimum(path.above[k - 2], path.above[k - 1]), path.above[k])
+    above = np.minimum(above, path.above[k + 1])
+    own = (k - first >= _LEAST_BESIDE) & (last - k >= _LEAST_BESIDE) & (above > _ABOVE_M)
+    if not own.any():
         return None
-    line = np.linalg.qr(np.column_stack([np.ones(n), t]))[0]
-    steps = (np.arange(n)[:, None] < np.arange(2, n - 1)).astype(np.float64)
-    steps -= line @ (line.T @ steps)
-    energy = 0.5 * v * v + g * z
-    rest = energy - line @ (line.T @ energy)
-    length = (steps**2).sum(axis=0)
-    height = steps.T @ rest / length
-    left = np.maximum((rest**2).sum() - height**2 * length, 0.0) / (n - 3)
-    stated = math.hypot(g * error.position_m, error.speed_rel * float(np.mean(v * v)))
-    sd = np.sqrt(np.maximum(left, (_CERTAIN * stated) ** 2) / length)
-    best = int(np.argmax(np.where(aloft, height / sd, -np.inf)))
-    k = best + 2
-    # Vertical motion with a kink at that point.
-    kink = np.maximum(t - 0.5 * (t[k - 1] + t[k]), 0.0)
-    design = np.column_stack([np.ones(n), t, kink])
-    upward = np.linalg.lstsq(design, z + 0.5 * g * t * t, rcond=None)[0][2]
-    if upward > _UPWARD_MPS:
+    k, first, last = k[own], first[own], last[own]
+    (before, left_0, square_0), (after, left_1, square_1) = (
+        _lines(t, places, a, b) for a, b in ((first, k), (k, last))
+    )
+    level = np.hypot(before[:, 0], before[:, 1])
+    fall = before[:, 2] - g * 0.5 * (t[k - 1] + t[k])
+    ahead = ((after - before)[:, :2] * before[:, :2]).sum(axis=1) / np.maximum(level, 1e-9)
+    up = after[:, 2] - before[:, 2]
+    _, dip = case.ground_at(np.full(k.size, path.rock), path.s[k])
+    along = ahead * np.cos(dip) - up * np.sin(dip)
+    away = ahead * np.sin(dip) + up * np.cos(dip)
+    lost = -along - _CONE * np.maximum(away, 0.0)
+    stated = _CERTAIN * errors_of(case).position_m
+    sd = np.maximum(stated, np.sqrt(0.5 * (left_0 + left_1))) * np.sqrt(1 / square_0 + 1 / square_1)
+    sure = np.where(level > _LEAST_LEVEL_MPS, lost / sd, -np.inf)
+    best = int(np.argmax(sure))
+    if not math.isfinite(sure[best]):
         return None
-    before = 0.5 * float(np.mean(v[:k] ** 2))
-    return before, before - float(height[best]), float(sd[best])
+    speed = math.hypot(float(level[best]), float(fall[best]))
+    return float(path.s[k[best]]), speed, speed - float(lost[best]), float(sd[best])
+
+
+def _lines(
+    t: FloatArray, places: FloatArray, first: IntArray, last: IntArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Straight lines in time through points first to last - 1, for many of these at once.
+
+    Returns
+    -------
+    slope : float64, shape (n, 3)
+    left : float64, shape (n,)
+        Variance of a place about the line.
+    square : float64, shape (n,)
+        Sum of squares of the times about their mean.
+    """
+    off = places - places.mean(axis=0)
+    columns = np.column_stack([np.ones(t.size), t, t * t, off, off * t[:, None], off * off])
+    sums = np.concatenate([np.zeros((1, columns.shape[1])), np.cumsum(columns, axis=0)])
+    sums = sums[last] - sums[first]
+    n, mean = sums[:, 0], sums[:, 1] / sums[:, 0]
+    square = np.maximum(sums[:, 2] - n * mean**2, 1e-9)
+    across = sums[:, 6:9] - mean[:, None] * sums[:, 3:6]
+    slope = across / square[:, None]
+    rest = sums[:, 9:12] - sums[:, 3:6] ** 2 / n[:, None] - slope * across
+    left = np.maximum(rest.sum(axis=1), 0.0) / (3.0 * (n - 2.0))
+    return slope, left, square
+
+
+def air_of_flights(
+    case: Case, axes_m: FloatArray
+) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """What bends flights in plan, where gravity does nothing.
+
+    Parameters
+    ----------
+    axes_m : float64, shape (n_rocks, k, 3)
+        Semi-axes of each rock as the model draws them, longest first (m).
+
+    Returns
+    -------
+    rock : int64, shape (n,)
+        One row for each flight of a path in time.
+    ahead, across : float64, shape (n,)
+        Acceleration along the level velocity, and to the right of it (m/s²).
+    sd : float64, shape (n,)
+        Of both, by the stated error of positions.
+    speed2 : float64, shape (n,)
+        Speed times level speed: air brakes in proportion to it (m²/s²).
+    """
+    error = errors_of(case).position_m
+    found = [
+        (path.rock, bend.ahead, bend.across, 2.0 * error / math.sqrt(bend.weight), bend.speed2)
+        for path, bounds, impacted in _bounded(case, _rolling_radius(axes_m))
+        for own in _flights(case, path, bounds, impacted)
+        for bend in (_bend(path, own),)
+        if bend.level > _LEAST_LEVEL_MPS
+    ]
+    rock = np.array([row[0] for row in found], np.int64)
+    values = np.array([row[1:] for row in found], np.float64).reshape(-1, 4)
+    ahead, across, sd, speed2 = values.T
+    return rock, ahead, across, sd, speed2
+
+
+class _Bend(NamedTuple):
+    """Accelerations of a flight (m/s²), by parabolas: ahead, to the right of it, and upwards."""
+
+    ahead: float
+    across: float
+    up: float
+    level: float  # level speed (m/s)
+    speed2: float  # speed times level speed (m²/s²)
+    weight: float  # inverse of the variance of half an acceleration, for places of variance one
+
+
+def _bend(path: _Path, own: slice) -> _Bend:
+    t = path.t[own] - path.t[own].mean()
+    places = np.column_stack([path.x[own], path.y[own], path.z[own]])
+    bend, velocity, _ = np.polyfit(t, places, 2)
+    way = places[-1, :2] - places[0, :2]
+    size = float(np.hypot(*way))
+    ux, uy = way / size if size > 0.0 else (0.0, 0.0)
+    # Fit of (1, t, t²): the variance of the last goes with the inverse of this.
+    square = t * t - (t * t).mean()
+    linear = t * float(square @ t) / float(t @ t)
+    level = math.hypot(velocity[0], velocity[1])
+    return _Bend(
+        2.0 * float(bend[0] * ux + bend[1] * uy),
+        2.0 * float(bend[0] * uy - bend[1] * ux),
+        2.0 * float(bend[2]),
+        level,
+        level * math.hypot(level, float(velocity[2])),
+        float(((square - linear) ** 2).sum()),
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -297,20 +409,10 @@ def _runs(mask: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> list[tuple[int, i
 
 def _fitted(case: Case, path: _Path, own: slice) -> _Piece:
     """Accelerations by parabolas, and the change of speed that gravity does not make."""
-    t = path.t[own] - path.t[own].mean()
-    along = np.column_stack([path.x[own], path.y[own]])
-    distance = along[-1] - along[0]
-    size = float(np.hypot(*distance))
-    # Fit of (1, t, t²): the variance of the last goes with the inverse of this.
-    square = t * t - (t * t).mean()
-    linear = t * float(square @ t) / float(t @ t)
-    weight = float(((square - linear) ** 2).sum())
-    fall = 2.0 * np.polyfit(t, path.z[own], 2)[0]
-    g = case.engine.gravity_mps2
-    values = {"vertical_acceleration_mps2": (fall, -g, weight)}
-    if size > 0.0:
-        ahead = 2.0 * np.polyfit(t, along @ (distance / size), 2)[0]
-        values["horizontal_acceleration_mps2"] = (ahead, 0.0, weight)
+    bend, g = _bend(path, own), case.engine.gravity_mps2
+    values = {"vertical_acceleration_mps2": (bend.up, -g, bend.weight)}
+    if bend.level > 0.0:
+        values["horizontal_acceleration_mps2"] = (bend.ahead, 0.0, bend.weight)
     v = path.speed[own]
     if np.isfinite(v).all() and v.mean() > _LEAST_SPEED_MPS:
         energy = 0.5 * v * v + g * path.z[own]
@@ -452,9 +554,10 @@ def _by_reach(case: Case, edges: FloatArray, pieces: list[_Piece], phase: str) -
                 np.add.at(row, rock[own], value[own])
             with np.errstate(invalid="ignore", divide="ignore"):
                 means = sums[:2] / sums[2]
+            score = beyond(means[0] - means[1], _GROUND_MPS2) if phase == "rolling" else None
             found.append(
                 Residual(
-                    place, phase, name, "one step", means[0], means[1], s0, s1, None, sums[2],
+                    place, phase, name, "one step", means[0], means[1], s0, s1, score, sums[2],
                     int(own.sum()),
                 )
             )  # fmt: skip

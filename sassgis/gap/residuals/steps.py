@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from sassgis.gap.observations.campaign import ImpactRows, errors_of, observed_campaign
 from sassgis.gap.observations.case import Case
-from sassgis.gap.residuals.flights import sudden_losses
+from sassgis.gap.residuals.flights import air_of_flights, struck_above_ground
 from sassgis.gap.residuals.free_run import FreeRun, RunModel, observed_end, side_error
 from sassgis.gap.residuals.one_step import (
     impacts_in_flight,
@@ -46,8 +46,9 @@ class StepTable:
     ----------
     rock : int64, shape (n,)
     step : str, shape (n,)
-        "impact", "flight", "aloft" (the largest sudden loss on a flight), "start" (from the release
-        to the first contact), "run" (to a station) or "stop".
+        "impact", "flight", "aloft" (the surest loss above the ground on a path in time), "air" (a
+        flight in time), "start" (from the release to the first contact), "run" (to a station) or
+        "stop".
     quantity : str, shape (n,)
     observed, predicted, sd : float64, shape (n,)
         ``sd`` is that of the prediction, with errors of measurement.
@@ -55,10 +56,10 @@ class StepTable:
         Class; -1 where it does not matter.
     station : int64, shape (n,)
         -1 where there is none.
-    vn_mps, way_m, radius_m, flatness, reach, clear_m, fell_jpkg : float64, shape (n,)
-        Normal speed before an impact; length of a flight; radius and c/b of the rock; length of
-        the flight as a share of that of a free one; how far it rises above the straight way;
-        energy that gravity gives on it.
+    vn_mps, way_m, radius_m, flatness, reach, clear_m, fell_jpkg, speed2 : float64, shape (n,)
+        Normal speed before an impact; length of a flight, or chainage of a loss or a stop; radius
+        and c/b of the rock; length of the flight as a share of that of a free one; how far it rises
+        above the straight way; energy that gravity gives on it; speed times level speed.
     """
 
     rock: IntArray
@@ -76,6 +77,7 @@ class StepTable:
     reach: FloatArray
     clear_m: FloatArray
     fell_jpkg: FloatArray
+    speed2: FloatArray
 
     def __len__(self) -> int:
         return int(self.rock.size)
@@ -120,7 +122,7 @@ def steps_of(
         *_impacts(case, model, run.axes_m, rng),
         *_flights(case, observed_campaign(case).impacts, "flight"),
         *(part for rows in run.impacts for part in _flights(case, rows, MODEL_FLIGHT)),
-        *_aloft(case, run.axes_m),
+        *_paths(case, run.axes_m),
         *_first_contacts(case, observed_campaign(case).impacts, run.impacts),
         *_runs(case, run),
         *_stops(case, run),
@@ -226,14 +228,22 @@ def _flights(case: Case, rows: ImpactRows | None, step: str) -> list[_Part]:
     ]  # fmt: skip
 
 
-def _aloft(case: Case, axes_m: FloatArray) -> list[_Part]:
-    rock, before, after, sd = sudden_losses(case, axes_m)
-    return [
+def _paths(case: Case, axes_m: FloatArray) -> list[_Part]:
+    """What paths in time show: the surest loss on each, and what air does on flights."""
+    rock, s, before, after, sd = struck_above_ground(case, axes_m)
+    struck: _Part = {
+        "rock": rock, "step": np.array("aloft"), "quantity": np.array("speed_mps"),
+        "observed": after, "predicted": before, "sd": sd, "way_m": s,
+    }  # fmt: skip
+    rock, ahead, across, sd, speed2 = air_of_flights(case, axes_m)
+    flights: list[_Part] = [
         {
-            "rock": rock, "step": np.array("aloft"), "quantity": np.array("energy_jpkg"),
-            "observed": after, "predicted": before, "sd": sd,
+            "rock": rock, "step": np.array("air"), "quantity": np.array(name), "observed": pull,
+            "predicted": np.zeros(rock.size), "sd": sd, "speed2": speed2,
         }
+        for name, pull in (("ahead_mps2", ahead), ("across_mps2", across))
     ]  # fmt: skip
+    return [struck, *flights]
 
 
 def _first_contacts(

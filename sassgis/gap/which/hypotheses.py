@@ -1,8 +1,8 @@
 """Hypotheses: the base model calibrated anew, and with each cause added.
 
 A hypothesis is a set of ranges from which its parameters are drawn. Every draw has its own
-calibration of the ground, of the sideways tilt and of the drift of followed paths, so that an
-effect has to explain what calibration cannot.
+calibration of the ground, of the scatter of rolling friction, and of the sideways tilt and the
+drift of followed paths, so that an effect has to explain what calibration cannot.
 """
 
 from __future__ import annotations
@@ -79,11 +79,15 @@ def draw(case: Case, families: tuple[str, ...], parameter_draws: ParameterDraws)
         None, one or more; "contact_law" is one of them here.
     """
     table, parameters = _calibrated(case, parameter_draws)
-    sideways = {}
+    engine = {}
     if case.terrain is not None:
         for key in ("side_tilt_deg", "drift_deg"):
             middle = max(float(getattr(case.engine, key)), 1.0)
-            sideways[key] = parameter_draws.log(key, *(factor * middle for factor in _SIDEWAYS))
+            engine[key] = parameter_draws.log(key, *(factor * middle for factor in _SIDEWAYS))
+    if rolling := case.engine.resolved().rolling_friction_sd:
+        engine["rolling_friction_sd"] = parameter_draws.uniform(
+            "rolling_friction_sd", 0.0, 2.0 * rolling
+        )
     turning = {}
     if _rotations_seen(case.observations):
         turning["rotation_factor"] = parameter_draws.log("rotation_factor", *_SPIN)
@@ -98,10 +102,9 @@ def draw(case: Case, families: tuple[str, ...], parameter_draws: ParameterDraws)
                 rotation_scale=turning.get("rotation_factor", 1.0),
                 rotation_noise=turning.get("rotation_noise", 0.0),
             ),
-            side_tilt_deg=sideways.get("side_tilt_deg"),
-            drift_deg=sideways.get("drift_deg"),
+            **engine,  # type: ignore[arg-type]
         ),
-        parameters | sideways | turning,
+        parameters | engine | turning,
     )
     for family in sorted(families):
         part = CAUSES[family].draw(case, parameter_draws)

@@ -1,0 +1,141 @@
+"""Paths in time: what a stem and what air does to them, and what contacts do not look like."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.simulated_slope import observed
+
+from sassgis.gap.observations.campaign import errors_of
+from sassgis.gap.observations.case import Case
+from sassgis.gap.residuals import flights
+from sassgis.gap.residuals.flights import air_of_flights, struck_above_ground
+
+G = 9.81
+
+
+@pytest.fixture(scope="module")
+def case() -> Case:
+    seen = observed(12, 3)
+    metadata = replace(seen.observations.metadata, position_error_m=0.25)
+    return replace(
+        seen,
+        engine=replace(seen.engine, gravity_mps2=G),
+        observations=replace(seen.observations, metadata=metadata),
+    )
+
+
+def path(case: Case, kept: float, push: float = 0.0, height: float = 3.0) -> flights._Path:
+    """A rock that keeps a share of its level speed after 0.8 s, where the ground pushes it (m/s).
+
+    The ground takes along it as much as it pushes away from it.
+    """
+    t = np.arange(0.0, 1.65, 0.05)
+    s = 30.0 + np.linspace(0.0, 20.0, t.size)
+    _, dip = case.ground_at(np.zeros(t.size, np.int64), s)
+    c, sine = math.cos(dip[16]), math.sin(dip[16])
+    late = np.maximum(t - 0.8, 0.0)
+    ahead = 14.0 * t - (14.0 * (1.0 - kept) + push * (c - sine)) * late
+    z = 500.0 - 2.0 * t - 0.5 * G * t**2 + push * (c + sine) * late
+    noise = 0.05 * np.random.default_rng(3).standard_normal((3, t.size))
+    x, y, z = ahead + noise[0], noise[1], z + noise[2]
+    return flights._Path(
+        0, t, x, y, z, s, np.full(t.size, height), np.full(t.size, 14.0), np.zeros(t.size)
+    )
+
+
+def surest(case: Case, one: flights._Path) -> tuple[float, float]:
+    """Share of the speed that is lost beyond what the ground can take, and that in deviations."""
+    found = flights._struck(case, one)
+    assert found is not None
+    s, before, after, sd = found
+    assert one.s[0] < s < one.s[-1]
+    return (before - after) / before, (before - after) / sd
+
+
+def test_a_stem_takes_speed_at_one_point(case: Case) -> None:
+    share, sure = surest(case, path(case, 0.4))
+    assert 0.3 < share < 0.7 and sure > 8.0
+
+
+def test_free_paths_contacts_and_what_is_near_the_ground_are_no_stems(case: Case) -> None:
+    assert surest(case, path(case, 1.0))[1] < 4.0
+    # Friction of one on the ground takes as much as the ground pushes.
+    for push in (1.0, 3.0, 6.0):
+        assert surest(case, path(case, 1.0, push))[1] < 4.0
+    assert flights._struck(case, path(case, 0.4, height=0.3)) is None
+
+
+def test_rocks_without_trees_lose_nothing_above_the_ground(case: Case) -> None:
+    axes = np.repeat(case.semi_axes_m[:, None, :], 2, axis=1)
+    rock, s, before, after, sd = struck_above_ground(case, axes)
+    assert rock.size == s.size == before.size == after.size == sd.size > 0
+    assert np.unique(rock).size == rock.size and (sd > 0.0).all()
+    assert not (((before - after) / sd > 5.0) & (after < 0.7 * before)).any()
+    nothing = case.observations.trajectories.take(
+        np.zeros(len(case.observations.trajectories), bool)
+    )
+    blind = replace(case, observations=replace(case.observations, trajectories=nothing))
+    assert struck_above_ground(blind, axes)[0].size == 0
+    assert air_of_flights(blind, axes)[0].size == 0
+
+
+def test_flights_without_air_are_straight_in_plan(case: Case) -> None:
+    axes = np.repeat(case.semi_axes_m[:, None, :], 2, axis=1)
+    rock, ahead, across, sd, speed2 = air_of_flights(case, axes)
+    assert rock.size > 20 and (speed2 > 0.0).all()
+    # The rows state the errors of measurement that were put on the paths, or more.
+    for pull in (ahead, across):
+        assert np.sqrt(np.mean((pull / sd) ** 2)) < 1.3
+        assert abs(np.sum(pull / sd**2) / np.sum(1.0 / sd**2)) < 4.0 / np.sqrt(np.sum(1 / sd**2))
+
+
+def test_air_bends_flights_against_the_level_velocity(case: Case) -> None:
+    track = case.observations.trajectories
+    # A constant deceleration of each flight, between the same ends.
+    pull = 0.8
+    axes = np.repeat(case.semi_axes_m[:, None, :], 2, axis=1)
+    rock, free, _, sd, _ = air_of_flights(case, axes)
+    x, y = track.x.copy(), track.y.copy()
+    rows_of = case.observations.paths_of_rocks(case.projected["trajectories"].height_m)
+    for one, bounds, noted in flights._bounded(case, flights._rolling_radius(axes)):
+        for own in flights._flights(case, one, bounds, noted):
+            rows = rows_of[one.rock][own]
+            t = one.t[own]
+            way = np.array([x[rows][-1] - x[rows][0], y[rows][-1] - y[rows][0]])
+            ahead = 0.5 * pull * (t - t[0]) * (t[-1] - t)
+            x[rows] += ahead * way[0] / np.hypot(*way)
+            y[rows] += ahead * way[1] / np.hypot(*way)
+    moved = replace(
+        case, observations=replace(case.observations, trajectories=replace(track, x=x, y=y))
+    )
+    again, slowed, across, _, _ = air_of_flights(moved, axes)
+    assert again.size > 0.8 * rock.size
+    assert np.median(free) - np.median(slowed) == pytest.approx(pull, rel=0.15)
+    assert abs(np.median(across)) < 0.3 * pull
+    assert errors_of(case).position_m == 0.25 and (sd > 0.0).all()
+
+
+def test_a_path_that_met_the_ground_between_two_noted_contacts_is_no_flight() -> None:
+    rng = np.random.default_rng(5)
+    t, error = np.arange(0.0, 1.6, 0.05), 0.1
+    parabola = 500.0 + 2.0 * t - 0.5 * G * t**2
+
+    def touched(z: np.ndarray) -> float:
+        noise = error * rng.standard_normal((200, t.size))
+        return float(np.mean([flights._touched(t, z + own, error, G) for own in noise]))
+
+    assert touched(parabola) < 0.01
+    # A stem takes upward speed, and air bends a path without a kink.
+    assert touched(parabola - 3.0 * np.maximum(t - 0.6, 0.0)) < 0.1
+    assert touched(parabola + 0.05 * t**3) < 0.02
+    # A light contact throws it up; what rolls or slides does not fall.
+    assert touched(parabola + 4.0 * np.maximum(t - 0.8, 0.0)) > 0.95
+    assert touched(500.0 - 6.0 * t) > 0.99
+    # Stated errors of half the true ones make few flights seem touched.
+    noise = error * rng.standard_normal((200, t.size))
+    half = [flights._touched(t, parabola + own, 0.5 * error, G) for own in noise]
+    assert np.mean(half) < 0.05
