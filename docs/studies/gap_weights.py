@@ -84,7 +84,7 @@ BATTERIES = {20261125: 42, 951: 78, 20261126: 36}
 #: Sites with more rocks take longest, and are left out.
 MOST_ROCKS = 100
 #: What the numbers are before any site, and how strongly a ridge holds them there.
-START = CauseWeights(np.array([4.0, 1.5, 2.0, 1.0, -1.0]), 6.0, -2.0, 1.0, math.inf)
+START = CauseWeights(np.array([4.0, 1.5, 2.0, 1.0]), 6.0, -2.0, 1.0, math.inf)
 RIDGE = 1.0
 NAMED = (0.55, 0.6, 0.65, 0.7, 0.75, 0.8)
 #: Most false alarms among sites without an effect, wrong names among those with one; share of the
@@ -301,8 +301,7 @@ def fitted(rows: Sequence[Row]) -> CauseWeights:
             found += float(logsumexp(logits) - logsumexp(logits[truth]))
         return found
 
-    # The last feature speaks against a cause, the others for it.
-    bounds = [*[(0.0, None)] * (n - 1), (None, 0.0), (0.0, None), (None, None), (0.0, None)]
+    bounds = [(0.0, None)] * (n + 1) + [(None, None), (0.0, None)]
     x = minimize(loss, start, method="L-BFGS-B", bounds=bounds).x
     # One site of a hundred, as a normal deviate of the logarithm.
     excess = np.log([float(row["excess"]) for row in rows])

@@ -25,11 +25,8 @@ from sassgis.model.grid import FloatArray
 #: Up to what z and the sureness of a gain count, and their unit. Below zero they count nothing:
 #: many statistics are below their null where their cause is weak.
 _MOST, _UNIT = 8.0, 4.0
-#: A fingerprint that no contact can leave speaks against its cause where it could be seen and is
-#: not: all the more, the farther z is below this.
-_SILENT = 1.645
-#: Evidence for a cause, in the order of the weights; the last one speaks against it.
-FEATURES = ("clear", "usual", "gain", "share", "silent")
+#: Evidence for a cause, in the order of the weights.
+FEATURES = ("clear", "usual", "gain", "share")
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +35,7 @@ class CauseWeights:
 
     Attributes
     ----------
-    weights : float64, shape (5,)
+    weights : float64, shape (4,)
         Of FEATURES.
     offset : float
         By which no cause is more likely than "none" before any evidence.
@@ -62,7 +59,7 @@ class CauseWeights:
 
         Parameters
         ----------
-        evidence : float64, shape (n, 5)
+        evidence : float64, shape (n, 4)
             FEATURES of each cause.
         hidden : int
             Families that these data cannot show.
@@ -70,9 +67,7 @@ class CauseWeights:
             Whether the base leaves no gap that is significant and large.
         """
         other = self.unseen + math.log(hidden + 1) + self.unsound * (not sound)
-        return np.concatenate(
-            [[other], evidence.reshape(-1, len(FEATURES)) @ self.weights - self.offset]
-        )
+        return np.concatenate([[other], evidence.reshape(-1, 4) @ self.weights - self.offset])
 
     def shares(
         self,
@@ -105,19 +100,17 @@ class CauseWeights:
 def evidence_of(
     cause: str, prints: Sequence[Fingerprint], gains: Mapping[str, CauseGain]
 ) -> FloatArray:
-    """FEATURES of a cause, shape (5,); what cannot be seen counts nothing."""
+    """FEATURES of a cause, shape (4,); what cannot be seen counts nothing."""
     clear = {own.name for own in CAUSES[cause].statistics if own.weight >= CLEAR}
     own = {f.statistic: f.z for f in prints if f.effect == cause and f.observable}
     best = [
         max((_count(z) for name, z in own.items() if (name in clear) is kind), default=0.0)
         for kind in (True, False)
     ]
-    surest = max((z for name, z in own.items() if name in clear), default=_SILENT)
-    silent = float(np.clip(1.0 - surest / _SILENT, 0.0, 1.0))
     gain = gains.get(cause)
     if gain is None or not CAUSES[cause].closes:
-        return np.array([*best, 0.0, 0.0, silent])
-    return np.array([*best, _count(gain.sureness), gain.share, silent])
+        return np.array([*best, 0.0, 0.0])
+    return np.array([*best, _count(gain.sureness), gain.share])
 
 
 def _count(z: float) -> float:
