@@ -52,7 +52,13 @@ def _named(diagnosis: Diagnosis) -> Phrase:
     if verdict.effect == "unknown":
         return phrase("These data cannot answer which cause the gap has.")
     if verdict.effect != "none":
-        return phrase("The gap is best explained by {}.", effect_phrase(verdict.effect))
+        shown, closes = effect_phrase(verdict.effect), diagnosis.shrinkage.value
+        if closes is not None and closes <= 0.0:
+            return phrase(
+                "The observations show {}, but adding it closes none of the gap on rocks left out.",
+                shown,
+            )
+        return phrase("The gap is best explained by {}.", shown)
     left = phrase("is no more than chance among {} rocks", diagnosis.rocks)
     if any(gap.counts and gap.side == "unsafe" for gap in advice.left):
         left = phrase("is that of no known cause, and small")

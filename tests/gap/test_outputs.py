@@ -144,6 +144,14 @@ def test_equal_diagnoses_give_equal_files(made: Made, written: Path, tmp_path: P
     assert [f for f in files if (again / f).read_bytes() != (written / f).read_bytes()] == []
 
 
+def test_what_is_seen_and_closes_nothing_is_said_so(made: Made) -> None:
+    diagnosis = with_trees(made[1])
+    assert "is best explained by trees" in verdict_sentence(diagnosis)
+    nothing = replace(diagnosis.shrinkage, value=-0.1)
+    said = verdict_sentence(replace(diagnosis, shrinkage=nothing))
+    assert "show trees that take energy from passing rocks, but adding it closes none" in said
+
+
 @pytest.mark.parametrize("effect", ["none", "unknown"])
 def test_nothing_named_is_written_too(few: Made, tmp_path: Path, effect: str) -> None:
     config, case = few

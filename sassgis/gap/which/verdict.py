@@ -35,7 +35,8 @@ class Thresholds:
     grouped : float
         Probability of all families of a group together from which the group is certain.
     second : float
-        z of a second fingerprint, beside the first cause, from which two causes are named.
+        z of a second fingerprint, beside the first cause, from which two causes are named; of a
+        fingerprint that no contact could leave, from which a cause is named that closes nothing.
     calibrated : float
         Probability from which the most probable family is calibrated, though it is not named.
     possible : mapping
@@ -101,6 +102,16 @@ def significant(prints: Sequence[Fingerprint], level: float) -> dict[str, Finger
     return {n: f for n, f in strongest(prints).items() if f.p_adjusted <= level and f.z > 0.0}
 
 
+#: Fingerprints that no contact could leave.
+_CLEAR_NAMES = {own.name for c in CAUSES.values() for own in c.statistics if own.weight >= CLEAR}
+
+
+def _clear(prints: Sequence[Fingerprint], effect: str) -> float:
+    """Of the fingerprints of a cause that no contact could leave, the surest z."""
+    own = [f for f in prints if f.effect == effect and f.statistic in _CLEAR_NAMES]
+    return max((f.z for f in own if f.observable), default=-math.inf)
+
+
 def seen_of(
     prints: Sequence[Fingerprint], gains: Mapping[str, CauseGain], tried: Sequence[str]
 ) -> tuple[str, ...]:
@@ -109,8 +120,7 @@ def seen_of(
     Fingerprints that another law of the contact leaves as well show a family only if it has the
     power to close something, or does.
     """
-    clear = {own.name for c in CAUSES.values() for own in c.statistics if own.weight >= CLEAR}
-    by_prints = {one.effect for one in prints if one.observable and one.statistic in clear}
+    by_prints = {f.effect for f in prints if f.observable and f.statistic in _CLEAR_NAMES}
     by_gains = {n for n, own in gains.items() if own.power >= POWER or own.sureness >= SHOWS}
     return tuple(n for n in tried if n in by_prints or n in by_gains)
 
@@ -174,8 +184,9 @@ def decide(
     own = best[first].z if first in best else -math.inf
     gain = gains[first].sureness if first in gains else -math.inf
     if first and max(own, gain) >= SEEN and shares[first] >= thresholds.named:
-        if closes is None or closes > 0.0:
-            sure = f"{shares[first]:.0%}"
+        # What no contact can leave shows a cause, also where the rocks come as far without it.
+        if closes is None or closes > 0.0 or _clear(prints, first) >= thresholds.second:
+            sure = f"{min(shares[first], 0.99):.0%}"
             reason = phrase("{} probable by its fingerprints and by what it closes", sure)
             if own >= SEEN:
                 seen, z = phrase(best[first].statistic), f"{own:.1f}"
