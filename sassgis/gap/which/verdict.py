@@ -35,8 +35,8 @@ class Thresholds:
     grouped : float
         Probability of all families of a group together from which the group is certain.
     second : float
-        z of a second fingerprint, beside the first cause, from which two causes are named; of a
-        fingerprint that no contact could leave, from which a cause is named that closes nothing.
+        z of a second fingerprint, beside the first cause, from which two causes are named; of one
+        that takes no contacts, from which a cause is named that closes nothing.
     calibrated : float
         Probability from which the most probable family is calibrated, though it is not named.
     possible : mapping
@@ -102,13 +102,15 @@ def significant(prints: Sequence[Fingerprint], level: float) -> dict[str, Finger
     return {n: f for n, f in strongest(prints).items() if f.p_adjusted <= level and f.z > 0.0}
 
 
-#: Fingerprints that no contact could leave.
-_CLEAR_NAMES = {own.name for c in CAUSES.values() for own in c.statistics if own.weight >= CLEAR}
+#: Fingerprints that no contact could leave; those of them that are of masses, places and paths in
+#: time alone, so that they hang on no contact that may be missing in a table either.
+_CLEAR = {t.name: t for c in CAUSES.values() for t in c.statistics if t.weight >= CLEAR}
+_WITHOUT_CONTACTS = {name for name, own in _CLEAR.items() if "impacts" not in own.tables}
 
 
-def _clear(prints: Sequence[Fingerprint], effect: str) -> float:
-    """Of the fingerprints of a cause that no contact could leave, the surest z."""
-    own = [f for f in prints if f.effect == effect and f.statistic in _CLEAR_NAMES]
+def _without_contacts(prints: Sequence[Fingerprint], effect: str) -> float:
+    """Of the fingerprints of a cause that no contact could leave or hide, the surest z."""
+    own = [f for f in prints if f.effect == effect and f.statistic in _WITHOUT_CONTACTS]
     return max((f.z for f in own if f.observable), default=-math.inf)
 
 
@@ -120,7 +122,7 @@ def seen_of(
     Fingerprints that another law of the contact leaves as well show a family only if it has the
     power to close something, or does.
     """
-    by_prints = {f.effect for f in prints if f.observable and f.statistic in _CLEAR_NAMES}
+    by_prints = {f.effect for f in prints if f.observable and f.statistic in _CLEAR}
     by_gains = {n for n, own in gains.items() if own.power >= POWER or own.sureness >= SHOWS}
     return tuple(n for n in tried if n in by_prints or n in by_gains)
 
@@ -184,8 +186,9 @@ def decide(
     own = best[first].z if first in best else -math.inf
     gain = gains[first].sureness if first in gains else -math.inf
     if first and max(own, gain) >= SEEN and shares[first] >= thresholds.named:
-        # What no contact can leave shows a cause, also where the rocks come as far without it.
-        if closes is None or closes > 0.0 or _clear(prints, first) >= thresholds.second:
+        # Masses, places and paths show a cause, also where the rocks come as far without it.
+        certain = _without_contacts(prints, first) >= thresholds.second
+        if closes is None or closes > 0.0 or certain:
             sure = f"{min(shares[first], 0.99):.0%}"
             reason = phrase("{} probable by its fingerprints and by what it closes", sure)
             if own >= SEEN:

@@ -160,11 +160,12 @@ def test_a_family_is_named_where_it_is_probable_and_could_be_seen() -> None:
     # group is certain all the same.
     assert answer([printed("air_drag", 5.0)], trees, [gap(1.0)])[0] == "unknown"
     assert answer([printed("trees", 5.0)], trees, [gap(1.0)], -0.1) == ("unknown", "along the way")
-    # What no contact could leave names it all the same, if it is certain.
+    # What hangs on no contact names it all the same, if it is certain.
     for z, named in ((5.0, "unknown"), (7.0, "trees")):
         stems = replace(printed("trees", z), statistic=STEMS)
         assert answer([stems], trees, [gap(1.0)], -0.1) == (named, "along the way")
-    assert answer([printed("trees", 7.0)], trees, [gap(1.0)], -0.1)[0] == "unknown"
+    flights = replace(printed("trees", 9.0), statistic="energy lost at once, on few flights")
+    assert answer([flights], trees, [gap(1.0)], -0.1)[0] == "unknown"
     two = shares(trees=0.45, air_drag=0.4)
     assert answer([printed("trees", 5.0)], two, [gap(1.0)]) == ("unknown", "along the way")
 
