@@ -262,6 +262,12 @@ def interval(kind: Any) -> Interval | None:
     return next((found for found in map(interval, parts) if found is not None), None)
 
 
+def highest(cls: type, key: str) -> float:
+    """What a number of a section may be at most."""
+    limits = interval(declared(cls)[key].kind)
+    return math.inf if limits is None or limits.le is None else cast(float, limits.le)
+
+
 def limits_text(limits: Interval) -> str:
     """Limits in words, as in ``above 0 and at most 10``."""
     text = f"above {limits.gt:g}" if limits.gt is not None else f"{limits.ge:g} or more"

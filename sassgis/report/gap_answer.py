@@ -52,8 +52,8 @@ def _named(diagnosis: Diagnosis) -> Phrase:
     if verdict.effect == "unknown":
         return phrase("These data cannot answer which cause the gap has.")
     if verdict.effect != "none":
-        shown, closes = effect_phrase(verdict.effect), diagnosis.shrinkage.value
-        if closes is not None and closes <= 0.0:
+        shown, by = effect_phrase(verdict.effect), diagnosis.shrinkage
+        if by.effect == verdict.effect and by.value is not None and by.value <= 0.0:
             return phrase(
                 "The observations show {}, but adding it closes none of the gap on rocks left out.",
                 shown,

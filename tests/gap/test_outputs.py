@@ -150,6 +150,10 @@ def test_what_is_seen_and_closes_nothing_is_said_so(made: Made) -> None:
     nothing = replace(diagnosis.shrinkage, value=-0.1)
     said = verdict_sentence(replace(diagnosis, shrinkage=nothing))
     assert "show trees that take energy from passing rocks, but adding it closes none" in said
+    # What another cause closes, as a bound, says nothing of what is named.
+    other = replace(nothing, effect="air_drag")
+    said = verdict_sentence(replace(diagnosis, shrinkage=other))
+    assert "is best explained by trees" in said
 
 
 @pytest.mark.parametrize("effect", ["none", "unknown"])

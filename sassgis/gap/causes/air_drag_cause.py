@@ -61,8 +61,8 @@ def _against_the_motion(case: Case, residuals: ResidualTable) -> Scores:
     pull = _pull(case, rows) * rows.speed2
     weight = pull / rows.sd**2
     scale = float((weight * pull).sum())
-    drag, aside = (float((weight * own.observed).sum()) / scale for own in (rows, across))
-    drag = -drag
+    drag = -float((weight * rows.observed).sum()) / scale
+    aside = float((weight * across.observed).sum()) / scale
     # Rocks of one group share what is not drag; errors of measurement may be smaller than stated.
     group = case.group[rows.rock]
     away = np.bincount(group, weight * (-rows.observed - drag * pull))

@@ -8,11 +8,12 @@ wrong scale or time base of the measurement.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from sassgis.engine.effects.registry import EFFECTS
 from sassgis.engine.effects.trees import Trees
@@ -135,9 +136,7 @@ def struck_above_ground(
         for path, _, _ in _bounded(case, _rolling_radius(axes_m))
         if (loss := _struck(case, path)) is not None
     ]
-    rock = np.array([row[0] for row in found], np.int64)
-    values = np.array([row[1:] for row in found], np.float64).reshape(-1, 4)
-    s, before, after, sd = values.T
+    rock, (s, before, after, sd) = _columns(found)
     return rock, s, before, after, sd
 
 
@@ -148,19 +147,19 @@ def _struck(case: Case, path: _Path) -> tuple[float, float, float, float] | None
     # A path without contacts is a straight line in these.
     places = np.column_stack([path.x, path.y, path.z + 0.5 * g * t * t])
     k = np.arange(2, n - 1)
-    first = np.searchsorted(t, 0.5 * (t[k - 1] + t[k]) - _BESIDE_S)
-    last = np.searchsorted(t, 0.5 * (t[k - 1] + t[k]) + _BESIDE_S)
-    above = np.minimum(np.minimum(path.above[k - 2], path.above[k - 1]), path.above[k])
-    above = np.minimum(above, path.above[k + 1])
+    # Between points k - 1 and k, with two points on both sides.
+    middle = 0.5 * (t[k - 1] + t[k])
+    first, last = (np.searchsorted(t, middle + by) for by in (-_BESIDE_S, _BESIDE_S))
+    above = sliding_window_view(path.above, 4).min(axis=1)
     own = (k - first >= _LEAST_BESIDE) & (last - k >= _LEAST_BESIDE) & (above > _ABOVE_M)
     if not own.any():
         return None
-    k, first, last = k[own], first[own], last[own]
+    k, first, last, middle = k[own], first[own], last[own], middle[own]
     (before, left_0, square_0), (after, left_1, square_1) = (
         _lines(t, places, a, b) for a, b in ((first, k), (k, last))
     )
     level = np.hypot(before[:, 0], before[:, 1])
-    fall = before[:, 2] - g * 0.5 * (t[k - 1] + t[k])
+    fall = before[:, 2] - g * middle
     ahead = ((after - before)[:, :2] * before[:, :2]).sum(axis=1) / np.maximum(level, 1e-9)
     up = after[:, 2] - before[:, 2]
     _, dip = case.ground_at(np.full(k.size, path.rock), path.s[k])
@@ -232,10 +231,16 @@ def air_of_flights(
         for bend in (_bend(path, own),)
         if bend.level > _LEAST_LEVEL_MPS
     ]
-    rock = np.array([row[0] for row in found], np.int64)
-    values = np.array([row[1:] for row in found], np.float64).reshape(-1, 4)
-    ahead, across, sd, speed2 = values.T
+    rock, (ahead, across, sd, speed2) = _columns(found)
     return rock, ahead, across, sd, speed2
+
+
+def _columns(
+    rows: Sequence[tuple[int, float, float, float, float]],
+) -> tuple[IntArray, FloatArray]:
+    """Rocks, and the four numbers of each row, shape (4, n)."""
+    values = np.array(rows, np.float64).reshape(-1, 5)
+    return values[:, 0].astype(np.int64), values[:, 1:].T
 
 
 class _Bend(NamedTuple):

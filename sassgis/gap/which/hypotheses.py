@@ -22,7 +22,9 @@ from sassgis.gap.replicas.hypothesis_model import (
     MeasurementError,
     moving_effects,
 )
+from sassgis.model.declared import highest
 from sassgis.model.ground import GroundTable
+from sassgis.model.settings import EngineSettings
 
 #: Half widths of the ranges in which the ground is calibrated: as far as the published values of
 #: one kind of ground lie apart.
@@ -79,15 +81,7 @@ def draw(case: Case, families: tuple[str, ...], parameter_draws: ParameterDraws)
         None, one or more; "contact_law" is one of them here.
     """
     table, parameters = _calibrated(case, parameter_draws)
-    engine = {}
-    if case.terrain is not None:
-        for key in ("side_tilt_deg", "drift_deg"):
-            middle = max(float(getattr(case.engine, key)), 1.0)
-            engine[key] = parameter_draws.log(key, *(factor * middle for factor in _SIDEWAYS))
-    if rolling := case.engine.resolved().rolling_friction_sd:
-        engine["rolling_friction_sd"] = parameter_draws.uniform(
-            "rolling_friction_sd", 0.0, 2.0 * rolling
-        )
+    engine = _engine_keys(case, parameter_draws)
     turning = {}
     if _rotations_seen(case.observations):
         turning["rotation_factor"] = parameter_draws.log("rotation_factor", *_SPIN)
@@ -126,6 +120,19 @@ def draw(case: Case, families: tuple[str, ...], parameter_draws: ParameterDraws)
     return replace(
         made, parameters={**made.parameters, **values}, parameter_draws=dict(parameter_draws.used)
     )
+
+
+def _engine_keys(case: Case, parameter_draws: ParameterDraws) -> dict[str, float]:
+    """Keys of ``[engine]`` that are free, by what is configured, no higher than they may be."""
+    drawn = {}
+    if case.terrain is not None:
+        for key in ("side_tilt_deg", "drift_deg"):
+            middle = max(float(getattr(case.engine, key)), 1.0)
+            drawn[key] = parameter_draws.log(key, *(factor * middle for factor in _SIDEWAYS))
+    if rolling := case.engine.resolved().rolling_friction_sd:
+        key = "rolling_friction_sd"
+        drawn[key] = parameter_draws.uniform(key, 0.0, 2.0 * rolling)
+    return {key: min(value, highest(EngineSettings, key)) for key, value in drawn.items()}
 
 
 def _rotations_seen(observations: Observations) -> bool:

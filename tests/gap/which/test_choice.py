@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -96,6 +97,20 @@ def test_rotations_have_a_factor_of_their_own_where_they_were_seen(
     assert "rotation_factor" not in without.parameters
     assert without.model.measurement.rotation_scale == 1.0
     assert without.model.measurement.rotation_noise == 0.0
+
+
+def test_settings_of_the_motion_are_drawn_no_higher_than_they_may_be(
+    problem: CalibrationProblem,
+) -> None:
+    case = problem.case
+    high = {"side_tilt_deg": 30.0, "drift_deg": 20.0, "rolling_friction_sd": 0.8}
+    case = replace(
+        case, engine=replace(case.engine, **high), terrain=cast(Any, case.terrain or "followed")
+    )
+    for share, expected in ((0.99, (45.0, 30.0, 1.0)), (0.5, tuple(high.values()))):
+        base = draw(case, (), ParameterDraws(None, dict.fromkeys(high, share)))
+        moving = base.model.engine_of(case.engine)
+        assert tuple(getattr(moving, key) for key in high) == pytest.approx(expected)
 
 
 def test_deflection_that_is_configured_stays(problem: CalibrationProblem) -> None:
