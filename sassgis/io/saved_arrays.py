@@ -24,7 +24,7 @@ from sassgis.model.noted_files import noted
 
 #: How a line begins that tells of a file that is taken for none.
 UNFIT = "Saved state"
-_FINGERPRINT, _DIGEST = "fingerprint", "digest"
+_FINGERPRINT, _DIGEST, _TYPES = "fingerprint", "digest", "types"
 #: What a damaged file may raise, from its end that is missing to flags that no archive has.
 _DAMAGE = (
     OSError, ValueError, KeyError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error,
@@ -49,7 +49,11 @@ def write_saved(
     str
         The digest.
     """
-    whole = {**arrays, _FINGERPRINT: _of_program(fingerprint)}
+    narrow = {name: _narrow(np.asarray(own)) for name, own in arrays.items()}
+    types = {
+        n: np.asarray(arrays[n]).dtype.str for n, own in narrow.items() if own is not arrays[n]
+    }
+    whole = {**narrow, _FINGERPRINT: _of_program(fingerprint), _TYPES: json.dumps(types)}
     digest = _digest(path.name, whole)
     fresh = noted(path.with_suffix(".new"))
     method = zipfile.ZIP_DEFLATED if compressed else zipfile.ZIP_STORED
@@ -86,7 +90,7 @@ def read_saved(
     elif str(found[_FINGERPRINT]) != _of_program(fingerprint):
         tell(unfit(path, "of other settings, inputs or versions"))
     else:
-        return {name: array for name, array in found.items() if name not in (_FINGERPRINT, _DIGEST)}
+        return _as_given(found)
     return None
 
 
@@ -106,7 +110,7 @@ def saved_or_refused(path: Path, expected: str) -> dict[str, NDArray[Any]]:
     found = _unchanged(path)
     if found is None:
         raise InputError("cannot be read, or was changed", file=path, expected=expected)
-    return found
+    return _as_given(found)
 
 
 def with_digest(content: Mapping[str, object], fingerprint: str) -> dict[str, object]:
@@ -145,6 +149,23 @@ def unfit(path: Path, why: str = "damaged, or changed since it was saved") -> st
 
 def _of_program(fingerprint: str) -> str:
     return f"{program_digest()} {fingerprint}"
+
+
+def _narrow(array: NDArray[Any]) -> NDArray[Any]:
+    """Whole numbers in the smallest type that holds them: less to compress, and to add up."""
+    if array.dtype.kind not in "iu" or not array.size or array.min() < 0:
+        return array
+    return array.astype(np.min_scalar_type(array.max()), copy=False)
+
+
+def _as_given(found: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """Arrays of a file in the types that they had, without what was added to them."""
+    types = json.loads(str(found[_TYPES]))
+    return {
+        name: own.astype(types.get(name, own.dtype), copy=False)
+        for name, own in found.items()
+        if name not in (_FINGERPRINT, _DIGEST, _TYPES)
+    }
 
 
 def _unchanged(path: Path) -> dict[str, NDArray[Any]] | None:

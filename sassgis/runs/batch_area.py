@@ -347,7 +347,7 @@ def _run_cut(
     job = prepared(Job(run, cut.planned, cut.notices), rules)
     with staged_output(folder, overwrite=True) as work:
         done, without = simulations(
-            config, work, job, rules, jobs, on_progress, tell, check=not setting.sums_only
+            config, work, job, rules, jobs, on_progress, tell, sums_only=setting.sums_only
         )
         write_state(work / SIMULATION_NAME, done.progress, done.run)
         if without is not None:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -71,6 +72,9 @@ _FINGERPRINT_NAME = "batch.json"
 _MOST_CELLS, _COMMON_BYTES = 100_000_000, 4 << 30
 #: Bytes of the program itself, and of each cell of a block: its heights, and its maps.
 BASE, _PER_CELL = 800 << 20, 600
+#: Bytes of each cell of a group of which zones are drawn, and of a cell with counts of one area at
+#: each energy: rows of counts, squares, rates and variances, and copies of them.
+_ZONES_PER_CELL, _ZONES_PER_COUNT = 100, 64
 #: Smaller blocks are not made so that more can be at work (bytes, besides the program itself).
 _LEAST_SHARE = 256 << 20
 _SEVERAL_BLOCKS = (
@@ -276,9 +280,15 @@ def _write_one_block(
 
 
 def bytes_needed(place: Part, areas: Sequence[Reached], bins: Bins) -> int:
-    """Memory that the maps of a place take (bytes), with all that its areas have counted."""
-    reached = sum(a.record.reached for a in areas if a.part.common(place) is not None)
+    """Memory that the maps of a place take (bytes), with all that its areas have counted there."""
+    reached = math.ceil(sum(a.record.reached * _share_in(a, place) for a in areas))
     return BASE + place.n_rows * place.n_cols * _PER_CELL + reached * reached_bytes(bins)
+
+
+def _share_in(area: Reached, place: Part) -> float:
+    """How much of the part in which an area has counted lies in a place."""
+    own, here = area.counted, area.counted.common(place)
+    return 0.0 if here is None else here.n_rows * here.n_cols / (own.n_rows * own.n_cols)
 
 
 def shared(memory_bytes: int, cores: int) -> tuple[int, int]:
@@ -300,7 +310,7 @@ def divided(
 
     Blocks are halved until they fit; those of one tile of the files are not divided any more.
     """
-    own = [a for a in areas if a.part.common(place) is not None]
+    own = [a for a in areas if a.counted.common(place) is not None]
     n_rows, n_cols = place.n_rows, place.n_cols
     if bytes_needed(place, own, bins) <= memory_bytes or max(n_rows, n_cols) <= TILE:
         return [(place, own)]
@@ -468,7 +478,7 @@ def _zones_by_group(
 ) -> tuple[list[list[VectorLayer]], tuple[str, ...]]:
     """Zones of each group of areas with counts, and what to say of groups that are too large."""
     found = groups(areas, mosaic.beside)
-    need = [bytes_needed(_box(mosaic, own), own, mosaic.bins) for own in found]
+    need = [_bytes_for_zones(mosaic, own) for own in found]
     said = tuple(
         f"The zones around area {own[0].name} ({len(own)} areas that meet) need about "
         f"{n / 1e9:.1f} GB of memory and were left out; the maps are complete."
@@ -477,10 +487,17 @@ def _zones_by_group(
     )
     fits = [own for own, n in zip(found, need, strict=True) if n <= memory_bytes]
     largest = max((n for n in need if n <= memory_bytes), default=1)
-    at_once = max(1, min(jobs, memory_bytes // largest - 1))
+    at_once = max(1, min(jobs, (memory_bytes - BASE) // largest))
     tell(f"Drawing the zones of {len(fits)} groups of areas")
     with task_map(mosaic, at_once if len(fits) >= 2 * at_once else 1) as each:
         return list(each(_zones, fits)), said
+
+
+def _bytes_for_zones(mosaic: Mosaic, areas: Sequence[Reached]) -> int:
+    """Memory that drawing the zones of a group takes."""
+    box, reached = _box(mosaic, areas), sum(a.record.reached for a in areas)
+    cells = box.n_rows * box.n_cols * _ZONES_PER_CELL
+    return BASE + cells + reached * _ZONES_PER_COUNT * mosaic.bins.threshold.size
 
 
 def _box(mosaic: Mosaic, areas: Sequence[Reached]) -> Part:
@@ -500,7 +517,11 @@ def _zones(mosaic: Mosaic, areas: Sequence[Reached]) -> list[VectorLayer]:
     # Zones with walls and nets are drawn within those without.
     both = [False, True] if compares_barriers(config, run) else [False]
     sampled, *alone = (
-        _sources(run, areas, added_up(run, box, areas, mosaic.bins, without=without))
+        _sources(
+            run,
+            areas,
+            added_up(run, box, areas, mosaic.bins, without=without, of_sources_only=True),
+        )
         for without in both
     )
     found = assess(

@@ -194,6 +194,7 @@ def added_up(
     *,
     without: bool = False,
     planned: Plan | None = None,
+    of_sources_only: bool = False,
 ) -> Progress:
     """What areas have counted in the cells of a place, at stations, barriers and objects.
 
@@ -214,6 +215,8 @@ def added_up(
         Whether without walls and nets.
     planned : Plan, optional
         Of all areas: then fall lines, stops, reasons and run-out are added up as well.
+    of_sources_only : bool
+        Whether sums of all blocks in a cell are left out, which take most of the memory.
     """
     control_lines = tuple(g for g, _ in run.control_lines)
     total = Progress(0, MapSums(place.n_rows * place.n_cols), ControlLineSums(control_lines))
@@ -221,7 +224,12 @@ def added_up(
     for i, area in enumerate(areas):
         state = read_state(area.folder, without)
         lines = tuple(control_lines[k] for k in area.record.control_lines)
+        sums = {k: state.pop(f"sums.{k}") for k in ("cells", *SUM_NAMES) if f"sums.{k}" in state}
         own = progress_from(state, area.part.n_rows * area.part.n_cols, lines)
+        if not of_sources_only and len(sums) > 1:
+            inside, cells = area.part.cells_in(place, sums["cells"])
+            here = {k: wider(k, sums[k][inside], bins) for k in SUM_NAMES}
+            total.sums.add(cells, here)
         # Those of single sources take much memory; only the table of design values needs them.
         of_sources = control_lines if planned is not None else ()
         _add_counts(total, place, i, area, own, bins, state["thresholds_kj"], of_sources)
@@ -252,9 +260,6 @@ def _add_counts(
         out[:, columns] = counts
         return out
 
-    if own.sums.cells.size:
-        inside, cells = area.part.cells_in(place, own.sums.cells)
-        total.sums.add(cells, {k: wider(k, own.sums.column(k)[inside], bins) for k in SUM_NAMES})
     total.control_lines.add_sums(own.control_lines, lines)
     for (_, scenario), tally in sorted(own.sources.items()):
         joined = SourceTally(

@@ -138,7 +138,7 @@ def simulate_config(
     next_round: NextRound | None = None,
     schedule: str = "",
     part: str = "",
-    check: bool = True,
+    sums_only: bool = False,
 ) -> Simulation:
     """Simulate a job; what is computed is kept in ``work`` whatever happens.
 
@@ -156,8 +156,9 @@ def simulate_config(
         more of them than this one needs.
     part : str
         Name of the simulation among several for one result.
-    check : bool
-        Whether a sample is repeated at other tolerances of the segments.
+    sums_only : bool
+        Whether only the sums are wanted, and written at once: no sample is repeated at other
+        tolerances of the segments, and the state is not saved once more at the end.
     """
     run, planned = job.run, job.planned
     check_means(config, run, jobs)
@@ -179,14 +180,16 @@ def simulate_config(
         more = None if next_round is None else next_round(run, planned, progress)
         if more is not None:
             progress.rounds = (*progress.rounds, more)
-        # Whatever happens while the result is written, the simulation is not lost.
-        checkpoint.save(progress)
+        if more is not None or not sums_only or _keeps_rows(config):
+            # Whatever happens while the result is written, the simulation is not lost.
+            checkpoint.save(progress)
         if more is None:
             break
     seconds = time.perf_counter() - began
     # The same blocks without barriers have the same tolerance.
-    check = check and not part
-    tolerance = _checked(config, run, planned, checkpoint, jobs, tell) if check else None
+    tolerance = None
+    if not (part or sums_only):
+        tolerance = _checked(config, run, planned, checkpoint, jobs, tell)
     warnings = (
         *job.notices,
         *(() if tolerance is None else tolerance.warnings()),

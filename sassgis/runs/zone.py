@@ -185,7 +185,7 @@ def simulations(
     jobs: Jobs,
     on_progress: OnProgress | None,
     tell: Callable[[str], None],
-    check: bool = True,
+    sums_only: bool = False,
     along_slope: bool = False,
 ) -> tuple[Simulation, Simulation | None]:
     """Simulate with the barriers and, if that is wanted, without them: the same blocks.
@@ -201,7 +201,7 @@ def simulations(
         schedule = repr((budget, rules.preset, rules.frequencies))
     done = simulate_config(
         config, work, job, jobs=jobs, on_progress=on_progress, tell=tell, next_round=more,
-        schedule=schedule, check=check,
+        schedule=schedule, sums_only=sums_only,
     )  # fmt: skip
     if not both:
         return done, None
@@ -211,6 +211,6 @@ def simulations(
         same = with_places(same)
     without = simulate_config(
         config, work, same, jobs=jobs, on_progress=on_progress, tell=tell,
-        schedule=schedule, part="without_barriers",
+        schedule=schedule, part="without_barriers", sums_only=sums_only,
     )  # fmt: skip
     return done, without

@@ -93,7 +93,7 @@ def _widened(area: Any, width_m: float) -> Any:
         narrow = _narrow(area, width_m, _CORNER)
         if not narrow.size:
             break
-        area = shapely.union_all([area, *_grown(narrow, width_m / _STEP)])
+        area = shapely.union(area, shapely.union_all(_grown(narrow, width_m / _STEP)))
     return area
 
 
@@ -116,11 +116,11 @@ def _enlarged(area: Any, smallest_m2: float, known: Any) -> Any:
 
 def _filled(area: Any, smallest_m2: float) -> Any:
     """An area without holes smaller than an area."""
-    parts = []
-    for part in polygons_of(area):
-        large = [h for h in part.interiors if shapely.Polygon(h).area >= smallest_m2]
-        parts.append(shapely.Polygon(part.exterior, large))
-    return shapely.union_all(parts)
+    parts = polygons_of(area)
+    rings, part = shapely.get_rings(parts, return_index=True)
+    holes = shapely.polygons(rings[np.diff(part, prepend=-1) == 0])
+    small = holes[shapely.area(holes) < smallest_m2]
+    return shapely.union(area, shapely.union_all(small)) if small.size else area
 
 
 def _superlevel(cells: Any, inside: Sequence[Any], rules: Drawing, gap_m: float, known: Any) -> Any:
@@ -164,22 +164,29 @@ def _with_rims(higher: Any, lower: Any, rules: Drawing) -> Any:
 
 
 def _joined(area: Any, parts: NDArray[Any]) -> Any:
-    """An area with those parts that share a border with it."""
-    found = polygons_of(shapely.union_all([area, *_beside(area, parts)], grid_size=PRECISION_M))
-    # What hangs together by less than the precision does not.
-    common = shapely.area(shapely.intersection(found, area))
-    return shapely.multipolygons(found[common > PRECISION_M * shapely.length(found)])
+    """An area with those parts beside it, of its complement, that share a border with it."""
+    parts = _beside(area, parts)
+    if not parts.size:
+        return area
+    # In one piece: many small ones are joined one by one, and the area rounded each time.
+    found = polygons_of(shapely.union(area, shapely.multipolygons(parts), grid_size=PRECISION_M))
+    # What hangs together by less than the precision does not, and holds nothing of the area then.
+    within = shapely.point_on_surface(polygons_of(area))
+    _, holds = shapely.STRtree(found).query(within, predicate="intersects")
+    return shapely.multipolygons(found[np.unique(holds)])
 
 
 def _beside(area: Any, parts: NDArray[Any]) -> NDArray[Any]:
     """Those parts that share a border with an area, and not a point only."""
-    place, ring = shapely.get_coordinates(shapely.get_rings(polygons_of(area)), return_index=True)
-    sides = np.stack((place[:-1], place[1:]), 1)[ring[:-1] == ring[1:]]
-    lines = shapely.linestrings(sides)
-    grown = _grown(parts, _TOUCHING_M)
-    part, line = shapely.STRtree(lines).query(grown, predicate="intersects")
-    shared = shapely.length(shapely.intersection(lines[line], grown[part]))
-    return parts[np.bincount(part, shared, parts.size) > _SHARED_M]
+    place, ring = shapely.get_coordinates(shapely.get_rings(parts), return_index=True)
+    begin, end = place[:-1], place[1:]
+    border = shapely.boundary(area)
+    shapely.prepare(border)
+    # A side of a part lies on the border of the area, or ends there.
+    shared = shapely.dwithin(border, shapely.points((begin + end) / 2.0), _TOUCHING_M)
+    length = np.where(shared & (ring[:-1] == ring[1:]), np.hypot(*(end - begin).T), 0.0)
+    part = np.repeat(np.arange(parts.size), shapely.get_num_interior_rings(parts) + 1)[ring[:-1]]
+    return parts[np.bincount(part, length, parts.size) > _SHARED_M]
 
 
 def reach_cells(rules: Drawing, cell_size: float) -> int:

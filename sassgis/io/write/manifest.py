@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import json
 import math
 import os
@@ -127,15 +128,19 @@ def software_versions() -> dict[str, str]:
         "python": platform.python_version(),
         "platform": f"{platform.system()} {platform.machine()}",
     }
-    for package in _PACKAGES:
-        try:
-            versions[package] = version(package)
-        except PackageNotFoundError:  # pragma: no cover
-            versions[package] = "unknown"
+    versions |= {package: _version(package) for package in _PACKAGES}
     # Each brings its own GDAL.
     versions["gdal (rasterio)"] = str(rasterio.__gdal_version__)
     versions["gdal (pyogrio)"] = str(pyogrio.__gdal_version_string__)
     return versions
+
+
+@functools.cache
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:  # pragma: no cover
+        return "unknown"
 
 
 def plain(value: object) -> object:

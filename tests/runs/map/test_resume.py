@@ -14,10 +14,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.changed_arrays import Change, arrays_of, change_arrays
+from helpers.changed_arrays import Change, change_arrays
 
 from sassgis.io.read.config import load_config
-from sassgis.io.saved_arrays import write_saved
+from sassgis.io.saved_arrays import saved_or_refused, write_saved
 from sassgis.io.staging import partial_folder
 from sassgis.model.errors import Interrupted, OutputError
 from sassgis.runs import job as job_module
@@ -216,9 +216,9 @@ def test_a_state_that_is_not_whole_though_it_fits_is_not_used(
 ) -> None:
     _, said = saved
     file = tmp_path / "checkpoint" / "state.npz"
-    state = arrays_of(file)
+    state = saved_or_refused(file, "the state")
     change(state)
-    write_saved(file, {k: state[k] for k in state.keys() - {"digest", "fingerprint"}}, "own ")
+    write_saved(file, state, "own ")
     assert Checkpoint(tmp_path, "own").restore(small.result.run, said.append) is None
     assert said == [f"Saved state {file} is taken for none: it is not whole"]
 
