@@ -42,7 +42,6 @@ name = "Chant Sura"
 dem = "dem.tif"
 crs = "EPSG:2056"
 vertical_datum = "LN02"
-path = "fall_line"
 smoothing_m = 0.5
 segment_tolerance_m = 0.05
 
@@ -53,9 +52,6 @@ rocks_per_point = 50
 
 [ground]
 default = "soft_meadow"
-
-[engine]
-readings = "1986"
 
 [[blocks]]
 name = "EOTA 221"

@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -28,7 +28,6 @@ from sassgis.model.settings import EngineSettings
 from sassgis.report.figures import save
 
 FloatArray = NDArray[np.float64]
-Readings = Literal["1986", "hazard"]
 
 DRAWS = 400
 #: Relative error of a velocity: the effect of another radius of the plane through the ground.
@@ -71,11 +70,10 @@ class State:
 
 @dataclass(frozen=True)
 class Law:
-    """The law of impacts: a ground class, a form of soft ground or none, and the readings."""
+    """The law of impacts: a ground class, and a form of soft ground or none."""
 
     ground: GroundClass
     soft: SoftGround | None = None
-    readings: Readings = "1986"
 
     @property
     def name(self) -> str:
@@ -83,9 +81,9 @@ class Law:
         return "base" if self.soft is None else self.soft.form
 
 
-def ground_class(name: str = GROUND, readings: Readings = "1986") -> GroundClass:
-    """A built-in class; as the readings of 1986 have it the campaign is diagnosed."""
-    table = built_in_table(readings)
+def ground_class(name: str = GROUND) -> GroundClass:
+    """A built-in class."""
+    table = built_in_table(EngineSettings().readings)
     return table.classes[table.index(name)]
 
 
@@ -120,11 +118,11 @@ def predict(
     """v_t, v_n, ω after the impact, kept share of the total and of the translational energy.
 
     Shape (draws, 5), in the order of QUANTITIES. Orientation and slope variation are drawn as the
-    engine draws them, the errors of measurement on top. A rock that would roll on keeps its speed.
+    engine draws them, the errors of measurement on top. All rebound, as was observed.
     """
     inert = inertia(*state.axes[:2])
-    settings = EngineSettings(readings=law.readings).resolved()
-    table = GroundTable((law.ground,)).with_rolling_threshold(settings.rolling_threshold)
+    settings = EngineSettings().resolved()
+    table = GroundTable((law.ground,)).with_rolling_threshold(0.0)
     effects = EffectSettings()
     if law.soft is not None:
         effects = effects.having(replace(law.soft, classes=(law.ground.name,)))
@@ -143,8 +141,7 @@ def predict(
         hooks.ground_of(effects, table), np.zeros(1, hooks.BLOCK_DTYPE), physics_of(settings),
         hooks.prepare(effects, has_stems=False), after,
     )  # fmt: skip
-    rolls = np.column_stack([before[:, 0], np.zeros(draws), before[:, 0] / radius])
-    made = np.where(np.isfinite(after[:, 0]), after[:, 0], rolls)
+    made = after[:, 0]
     made[:, :2] *= factor[:, 2:]
     moving = made[:, 0] ** 2 + made[:, 1] ** 2
     speed2 = state.vt**2 + state.vn**2

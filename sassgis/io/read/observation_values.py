@@ -265,12 +265,17 @@ def _identified(raw: RawTable, data: Mapping[str, Any], findings: Findings) -> N
 def _half_places(raw: RawTable, data: dict[str, Any], findings: Findings) -> None:
     """An x without its y is no place."""
     nothing = np.full(raw.rows.size, np.nan)
-    x, y = np.isfinite(data.get("x", nothing)), np.isfinite(data.get("y", nothing))
-    half = x ^ y
-    if half.any():
-        findings.add("error", "x or y is missing", raw, "x, y", raw.rows[half], left_out="value")
-        for c in ("x", "y"):
-            data[c] = np.where(half, np.nan, data.get(c, nothing))
+    there = [np.isfinite(data.get(c, nothing)) for c in ("x", "y")]
+    half = there[0] ^ there[1]
+    if not half.any():
+        return
+    # What stands there and is no number has been said.
+    said = [f.rows for f in findings.all if f.table == raw.name and f.column in ("x", "y")]
+    missing = half & ~np.isin(raw.rows, np.concatenate([*said, np.empty(0, np.int64)]))
+    if missing.any():
+        findings.add("error", "x or y is missing", raw, "x, y", raw.rows[missing], left_out="value")
+    for c in ("x", "y"):
+        data[c] = np.where(half, np.nan, data.get(c, nothing))
 
 
 def _placed(
