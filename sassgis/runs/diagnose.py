@@ -252,6 +252,7 @@ def _diagnosis(
         # Errors were logged while reading.
         warnings=(
             *(str(f) for f in case.observations.findings if f.level == "warning"),
+            *evidence.notes,
             *(() if excess <= weights.farthest else (_ATYPICAL,)),
         ),
         fingerprints=evidence.prints,

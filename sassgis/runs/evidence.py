@@ -8,16 +8,18 @@ from dataclasses import dataclass, replace
 from sassgis.gap.calibration.contact_map import learned_contacts
 from sassgis.gap.calibration.problem import problem_of
 from sassgis.gap.calibration.site_summary import summary_of
+from sassgis.gap.causes.trees_cause import losses_at_one_place
 from sassgis.gap.diagnosis import CauseGain, Fingerprint, GapFinding
 from sassgis.gap.ladder.cause_gains import cause_gains
 from sassgis.gap.ladder.hypothesis_fit import FittedHypothesis
 from sassgis.gap.observations.case import Case
-from sassgis.gap.residuals.table import residuals_with
+from sassgis.gap.residuals.table import ResidualTable, residuals_with
 from sassgis.gap.where.findings import where
 from sassgis.gap.which.fingerprints import fingerprints
 from sassgis.gap.which.hypotheses import families_to_try
 from sassgis.gap.which.verdict import CONTACT_LAW
 from sassgis.io.read.observation_files import AnyObservations
+from sassgis.model.languages import phrase
 from sassgis.runs.gap_case import comparable, read_case
 from sassgis.runs.hypothesis_fits import DRAWS, HypothesisFits
 from sassgis.runs.job import AnyConfig
@@ -35,11 +37,14 @@ class Evidence:
     findings : tuple of GapFinding
         The surest first.
     gains : mapping of family to CauseGain
+    notes : tuple of str
+        What else the observations show.
     """
 
     prints: tuple[Fingerprint, ...]
     findings: tuple[GapFinding, ...]
     gains: Mapping[str, CauseGain]
+    notes: tuple[str, ...]
 
 
 def prepared_case(
@@ -60,6 +65,23 @@ def evidence_beyond(
         fingerprints(case, residuals, group=case.group),
         where(case, residuals, seed=problem.seed),
         cause_gains(made.summary, base, families, made.run),
+        _notes(residuals),
+    )
+
+
+def _notes(residuals: ResidualTable) -> tuple[str, ...]:
+    """What no cause explains, in words."""
+    found = losses_at_one_place(residuals)
+    if found is None:
+        return ()
+    return (
+        phrase(
+            "{} of the paths in time lose speed above the ground at one place, about {} m down the "
+            "way: a step that the terrain model lacks, or something built. They say nothing about "
+            "trees.",
+            found[0],
+            f"{found[1]:.0f}",
+        ),
     )
 
 

@@ -140,15 +140,31 @@ def _struck(rows: StepTable, loss: FloatArray, usual: FloatArray) -> NDArray[np.
 def _above_the_ground(case: Case, residuals: ResidualTable) -> Scores:
     """Speed lost where no impulse of the ground can have taken it, along a stretch of the way."""
     rows = residuals.steps.of("aloft", "speed_mps")
-    if len(rows) < 2 * LEAST:
+    if len(rows) < 2 * LEAST or losses_at_one_place(residuals) is not None:
         raise Unseen
-    lost = 1.0 - rows.observed / rows.predicted
-    struck = (lost > _LOST_SHARE) & (-rows.z > _LOST_SD)
-    if struck.sum() >= LEAST and np.ptp(np.quantile(rows.way_m[struck], _MIDDLE)) < _PLACE_M:
-        # All at one place: a step that the terrain model lacks, or something built.
-        raise Unseen
+    struck = _struck_aloft(rows)
     scores = per_rock(struck.astype(np.float64), rows.rock, case.n_rocks)
     return Scores(scores, float(struck.mean()), np.where(np.isfinite(scores), _SEEM_STRUCK, 0.0))
+
+
+def _struck_aloft(rows: StepTable) -> NDArray[np.bool_]:
+    """Whether paths in time lost so much above the ground that something was struck."""
+    lost = 1.0 - rows.observed / rows.predicted
+    found: NDArray[np.bool_] = (lost > _LOST_SHARE) & (-rows.z > _LOST_SD)
+    return found
+
+
+def losses_at_one_place(residuals: ResidualTable) -> tuple[int, float] | None:
+    """Paths in time that lose speed above the ground all at one place, and its chainage (m).
+
+    A step that the terrain model lacks, or something built, and no trees; None where they do so at
+    several places, or hardly any does.
+    """
+    rows = residuals.steps.of("aloft", "speed_mps")
+    place = rows.way_m[_struck_aloft(rows)]
+    if place.size < LEAST or np.ptp(np.quantile(place, _MIDDLE)) >= _PLACE_M:
+        return None
+    return place.size, float(np.median(place))
 
 
 def _on_one_reach(case: Case, residuals: ResidualTable) -> Scores:

@@ -11,6 +11,7 @@ from helpers.simulated_slope import TABLE, observed
 from sassgis.engine.effects.soft_ground import SoftGround
 from sassgis.gap.causes.all_causes import STATISTICS
 from sassgis.gap.causes.extra_blocks import mass_budget
+from sassgis.gap.causes.trees_cause import losses_at_one_place
 from sassgis.gap.diagnosis import Fingerprint
 from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.tables import Deposits
@@ -216,6 +217,9 @@ def test_stems_are_seen_where_paths_lose_speed_above_the_ground(
     same = np.where(steps.step == "aloft", 60.0, steps.way_m)
     at_one = replace(lost, steps=replace(lost.steps, way_m=same))
     assert not {f.statistic: f for f in fingerprints(case, at_one)}[name].observable
+    found = losses_at_one_place(at_one)
+    assert found is not None and found[0] > 5 and found[1] == 60.0
+    assert losses_at_one_place(lost) is None
 
 
 def test_rough_ground_scatters_the_rebound_and_turns_the_path(
