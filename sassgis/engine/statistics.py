@@ -71,8 +71,9 @@ class Exceedance(NamedTuple):
     # each other, as they are touched together.
     blocks: NDArray[np.int64]
     # Working space for the blocks of one stratum: their number by the highest threshold that they
-    # reached, the highest of all, -1 where none has been, and the places to which they came.
-    own: NDArray[np.uint32]  # (n, thresholds)
+    # reached, and last that of all; the highest of all, -1 where none has been, and the places to
+    # which they came.
+    own: NDArray[np.uint32]  # (n, thresholds + 1)
     top: NDArray[np.int16]
     met: NDArray[np.int64]
     n_met: NDArray[np.int64]  # (1,)
@@ -81,7 +82,7 @@ class Exceedance(NamedTuple):
 def no_exceedance(n: int, thresholds: int) -> Exceedance:
     """Counts for ``n`` cells or objects and so many thresholds."""
     return Exceedance(
-        np.zeros((n, thresholds, 2), np.int64), np.zeros((n, thresholds), np.uint32),
+        np.zeros((n, thresholds, 2), np.int64), np.zeros((n, thresholds + 1), np.uint32),
         np.full(n, -1, np.int16), np.zeros(n, np.int64), np.zeros(1, np.int64),
     )  # fmt: skip
 
@@ -225,6 +226,7 @@ def _came(reach: Exceedance, place: int, level: int) -> None:
             reach.n_met[0] += 1
         reach.top[place] = level
     reach.own[place, level] += np.uint32(1)
+    reach.own[place, -1] += np.uint32(1)
 
 
 @lean
@@ -233,7 +235,9 @@ def end_stratum(reach: Exceedance) -> None:
     for k in range(reach.n_met[0]):
         place = reach.met[k]
         above = np.int64(0)
-        for i in range(reach.top[place], -1, -1):
+        i = np.int64(reach.top[place])
+        # Of most places few blocks reach few thresholds: the others are not looked at.
+        while above < reach.own[place, -1]:
             own = np.int64(reach.own[place, i])
             if own > 0:
                 blocks = above + own
@@ -241,6 +245,8 @@ def end_stratum(reach: Exceedance) -> None:
                 reach.blocks[place, i, 1] += blocks * blocks - above * above
                 reach.own[place, i] = 0
                 above = blocks
+            i -= 1
+        reach.own[place, -1] = 0
         reach.top[place] = -1
     reach.n_met[0] = 0
 
