@@ -478,7 +478,7 @@ def _zones_by_group(
 ) -> tuple[list[list[VectorLayer]], tuple[str, ...]]:
     """Zones of each group of areas with counts, and what to say of groups that are too large."""
     found = groups(areas, mosaic.beside)
-    need = [_bytes_for_zones(mosaic, own) for own in found]
+    need = [bytes_for_zones(_box(mosaic, own), own, mosaic.bins) for own in found]
     said = tuple(
         f"The zones around area {own[0].name} ({len(own)} areas that meet) need about "
         f"{n / 1e9:.1f} GB of memory and were left out; the maps are complete."
@@ -493,11 +493,11 @@ def _zones_by_group(
         return list(each(_zones, fits)), said
 
 
-def _bytes_for_zones(mosaic: Mosaic, areas: Sequence[Reached]) -> int:
-    """Memory that drawing the zones of a group takes."""
-    box, reached = _box(mosaic, areas), sum(a.record.reached for a in areas)
+def bytes_for_zones(box: Part, areas: Sequence[Reached], bins: Bins) -> int:
+    """Memory that drawing the zones of a group takes (bytes)."""
+    reached = sum(a.record.reached for a in areas)
     cells = box.n_rows * box.n_cols * _ZONES_PER_CELL
-    return BASE + cells + reached * _ZONES_PER_COUNT * mosaic.bins.threshold.size
+    return BASE + cells + reached * _ZONES_PER_COUNT * bins.threshold.size
 
 
 def _box(mosaic: Mosaic, areas: Sequence[Reached]) -> Part:

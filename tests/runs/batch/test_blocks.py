@@ -15,14 +15,21 @@ import pytest
 import rasterio
 from helpers.cut_valley import Stopped, Valley, write_vrt
 
-from sassgis.io.read.tiles import Part
+from sassgis.io.read.tiles import Part, hull
 from sassgis.io.staging import check_output
 from sassgis.model.errors import OutputError
 from sassgis.model.statistics_table import default_bins
 from sassgis.runs import batch as runs_batch
 from sassgis.runs import batch_mosaic
 from sassgis.runs.batch import batch
-from sassgis.runs.batch_mosaic import BASE, bytes_needed, divided, groups, shared
+from sassgis.runs.batch_mosaic import (
+    BASE,
+    bytes_for_zones,
+    bytes_needed,
+    divided,
+    groups,
+    shared,
+)
 from sassgis.runs.batch_state import Reached, Record, read_state
 
 GIGABYTE = 1e9
@@ -237,6 +244,23 @@ def test_blocks_cover_a_place_once_and_fit_into_the_memory() -> None:
     assert len(blocks) > 4 and (covered == 1).all()
     # A block of one tile is not divided, whatever it needs.
     assert max(b.n_rows for b, _ in divided(place, areas, bins, 0)) == batch_mosaic.TILE
+
+
+def test_zones_along_a_valley_fit_into_the_memory() -> None:
+    """27 km of release areas, one beside the other: maps have to be divided, zones cannot be."""
+    bins = default_bins(5000.0)
+    areas = [area(Part(14 * i, 0, 60, 120), 6000) for i in range(370)]
+    box = hull([a.part for a in areas]).grown(54, 54, 54, 54)
+    assert bytes_for_zones(box, areas, bins) < 4e9 < bytes_needed(box, areas, bins)
+
+
+def test_counts_elsewhere_take_no_memory_of_a_block() -> None:
+    block, bins = Part(0, 0, 512, 512), default_bins()
+    inside, across = area(Part(0, 0, 100, 100), 4000), area(Part(0, 462, 100, 100), 4000)
+    beyond = area(Part(0, 512, 100, 100), 4000)
+    own = bytes_needed(block, [inside], bins) - bytes_needed(block, [], bins)
+    assert bytes_needed(block, [across], bins) - bytes_needed(block, [], bins) == own // 2
+    assert bytes_needed(block, [beyond], bins) == bytes_needed(block, [], bins)
 
 
 def test_cores_share_the_memory_of_a_mosaic() -> None:
