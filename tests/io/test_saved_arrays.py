@@ -28,7 +28,8 @@ from sassgis.model.errors import InputError
 ROWS = np.array([(1, 0.5), (2, 1.5)], dtype=[("block", "i4"), ("energy_kj", "f8")])
 ARRAYS = {
     "sums": np.arange(12.0).reshape(3, 4), "names": np.array(["a", "bc"]), "rows": ROWS,
-    "count": np.array(3), "none": np.empty((0, 2)),
+    "count": np.array(3), "none": np.empty((0, 2)), "blocks": np.arange(300).reshape(3, 100),
+    "below": np.array([-1, 2**40]), "large": np.array([0, 2**63], np.uint64),
 }  # fmt: skip
 
 
@@ -42,7 +43,10 @@ def test_what_is_written_is_read(tmp_path: Path, compressed: bool) -> None:
     digest = write_saved(file, ARRAYS, "own", compressed=compressed)
     found = read_saved(file, "own", never, digest)
     assert found is not None and found.keys() == ARRAYS.keys()
-    assert all(np.array_equal(found[k], own) for k, own in ARRAYS.items())
+    for name, own in ARRAYS.items():
+        assert np.array_equal(found[name], own) and found[name].dtype == own.dtype
+    with np.load(file) as stored:
+        assert stored["blocks"].dtype == np.uint16
     assert [f.name for f in tmp_path.iterdir()] == ["state.npz"]
     assert read_saved(tmp_path / "nothing.npz", "own", never) is None
 
