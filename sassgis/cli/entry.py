@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import gc
 import logging
 import signal
 import sys
@@ -33,6 +34,7 @@ from sassgis.cli.site_commands import (
     validate,
 )
 from sassgis.model.errors import Interrupted, SassgisError, shown
+from sassgis.runs.worker_process import COLLECTED_EVERY
 
 
 class InOrder(click.Group):
@@ -88,6 +90,8 @@ for _command in (fetch, check_terrain):
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line; errors print as one line and set the exit code."""
+    # Libraries leave a million objects, all of which a collection looks at: a tenth of the start.
+    gc.set_threshold(COLLECTED_EVERY)
     given = sys.argv[1:] if arguments is None else arguments
     debug = "--debug" in given
     logging.basicConfig(level=logging.DEBUG if debug else logging.ERROR, format="%(message)s")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import logging
 import os
 import pickle
@@ -23,6 +24,8 @@ _THREADS = (
     "VECLIB_MAXIMUM_THREADS",
     "GDAL_NUM_THREADS",
 )
+#: Objects made since the last collection of those that nobody needs, at which there is another.
+COLLECTED_EVERY = 100_000
 #: Bytes of the length of a message.
 _LENGTH = 8
 #: Seconds that a process may take to end after it has closed its pipes.
@@ -120,6 +123,7 @@ def serve() -> None:
     """In a worker process: work on what comes by standard input, and end where that ends."""
     # Ctrl-C reaches all processes of a terminal; the first one sees to the others.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    gc.set_threshold(COLLECTED_EVERY)
     logging.basicConfig(level=logging.ERROR, format="%(message)s")
     calls, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     # What a library reads is no call, and what it prints is no answer.
