@@ -454,11 +454,13 @@ def _sources(run: MapRun, areas: Sequence[Reached], total: Progress) -> list[Sam
 
 
 def groups(areas: Sequence[Reached], beside: int) -> list[list[Reached]]:
-    """Areas by groups whose counts, with so many cells around them, do not meet.
+    """Areas by groups between whose counts there are more cells than these.
 
-    Drawing a zone looks at what lies within some cells of it: groups do not feel each other.
+    Drawing a zone looks at what lies within so many cells of it: groups do not feel each other.
     """
-    boxes = [a.counted.grown(beside, beside, beside, beside) for a in areas]
+    # As drawing.drawn_zones tells places apart, and a little more.
+    half = beside // 2 + 3
+    boxes = [a.counted.grown(half, half, half, half) for a in areas]
     low = np.array([[b.row, b.col] for b in boxes])
     high = np.array([b.end for b in boxes])
     group = np.arange(len(areas))
