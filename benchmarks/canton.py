@@ -13,11 +13,11 @@ import argparse
 import json
 import math
 import resource
-import shutil
 import subprocess
 import sys
 import tempfile
 import time
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -152,7 +152,6 @@ def write_canton(canton: Canton, folder: Path) -> None:
 def run(folder: Path, jobs: int, memory_gb: float) -> dict[str, float]:
     """Run the batch in a process of its own; times (s) and memory (MB)."""
     out = folder / "out"
-    shutil.rmtree(out, ignore_errors=True)
     command = [sys.executable, __file__, "--child", str(folder), "--jobs", str(jobs)]
     command += ["--memory", str(memory_gb)]
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -220,12 +219,16 @@ def _cpu_s() -> float:
     return sum(u.ru_utime + u.ru_stime for u in used)
 
 
-def measured(canton: Canton, jobs: int, memory_gb: float) -> dict[str, float]:
-    """Make a canton, run it, and what it took."""
-    with tempfile.TemporaryDirectory() as scratch:
+def measured(
+    canton: Canton, jobs: int, memory_gb: float, kept: Path | None = None
+) -> dict[str, float]:
+    """Make a canton, run it, and what it took; in a folder that is kept, what it takes still."""
+    with tempfile.TemporaryDirectory() if kept is None else nullcontext(kept) as scratch:
         folder = Path(scratch)
         began = time.perf_counter()
-        write_canton(canton, folder)
+        if not (folder / "config.toml").exists():
+            folder.mkdir(exist_ok=True)
+            write_canton(canton, folder)
         made = time.perf_counter() - began
         found = run(folder, jobs, memory_gb)
     return {**asdict(canton), "cells": canton.cells, "jobs": jobs, "made_s": made, **found}
@@ -253,6 +256,7 @@ def main() -> None:
     parser.add_argument("--rocks", type=int, default=10, help="blocks at each point")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--memory", type=float, default=8.0, help="GB")
+    parser.add_argument("--folder", type=Path, help="kept; the batch goes on from what is there")
     parser.add_argument("--growth", action="store_true", help="also with twice of each")
     parser.add_argument("--json", type=Path, help="also write the figures to a file")
     parser.add_argument("--child", type=Path, help=argparse.SUPPRESS)
@@ -266,7 +270,7 @@ def main() -> None:
     rows = (
         growth(base, given.jobs, given.memory)
         if given.growth
-        else [measured(base, given.jobs, given.memory)]
+        else [measured(base, given.jobs, given.memory, given.folder)]
     )
     if given.json:
         given.json.write_text(json.dumps(rows, indent=2) + "\n")
