@@ -53,7 +53,8 @@ def write_saved(
     types = {
         n: np.asarray(arrays[n]).dtype.str for n, own in narrow.items() if own is not arrays[n]
     }
-    whole = {**narrow, _FINGERPRINT: _of_program(fingerprint), _TYPES: json.dumps(types)}
+    whole: dict[str, ArrayLike] = {**narrow, _TYPES: json.dumps(types)}
+    whole[_FINGERPRINT] = _of_program(fingerprint)
     digest = _digest(path.name, whole)
     fresh = noted(path.with_suffix(".new"))
     method = zipfile.ZIP_DEFLATED if compressed else zipfile.ZIP_STORED

@@ -133,13 +133,15 @@ def batch(
     if loaded.run.ground_uncertainty:
         notices += ("A batch draws no ground classes: run.ground_uncertainty is for run and zone.",)
     _check_folder(folder)
-    kept = kept_areas(setting, candidates, folder, overwrite, tell)
+    memory_bytes = None if memory_gb is None else int(memory_gb * 1e9)
+    # A look at one takes a tenth of the time of a run.
+    looking = _at_once(setting, jobs, memory_bytes, len(candidates) // 10)
+    kept = kept_areas(setting, candidates, folder, overwrite, tell, looking)
     waiting = [c for c in candidates if c.stem not in kept]
     for own in (*map(_folder, waiting), *([MOSAIC_NAME] if waiting else [])):
         check_output(folder / own, overwrite=True)
     summary = _summary(folder, loaded, candidates, setting.rules, kept)
     records = dict(kept)
-    memory_bytes = None if memory_gb is None else int(memory_gb * 1e9)
     running = outcomes(setting, waiting, folder, jobs, on_progress, tell, memory_bytes)
     try:
         with closing(running):
@@ -409,12 +411,10 @@ def outcomes(
         What all processes together may take.
     """
     asked = workers_asked(setting.config, jobs)
-    at_once = asked if isinstance(asked, int) else 1
-    if memory_bytes is not None:
-        at_once = min(at_once, memory_bytes // _PROCESS - 1)
     common = _Common(setting, folder)
     n = len(candidates)
-    if at_once < 2 or n < _AREAS_PER_CORE * at_once:
+    at_once = _at_once(setting, jobs, memory_bytes, n)
+    if at_once < 2:
         for i, candidate in enumerate(candidates, start=1):
             tell(f"Area {i} of {n}: {candidate.name}")
             yield _outcome(common, candidate, asked, on_progress, tell)
@@ -429,6 +429,15 @@ def outcomes(
             if on_progress is not None:
                 on_progress(i, n, rocks)
             yield outcome
+
+
+def _at_once(setting: Setting, jobs: Jobs, memory_bytes: int | None, n: int) -> int:
+    """How many of so many areas are at work at the same time, each on one core; 1 if few."""
+    asked = workers_asked(setting.config, jobs)
+    at_once = asked if isinstance(asked, int) else 1
+    if memory_bytes is not None:
+        at_once = min(at_once, memory_bytes // _PROCESS - 1)
+    return max(at_once, 1) if n >= _AREAS_PER_CORE * at_once else 1
 
 
 def _alone(common: _Common, candidate: Candidate) -> AreaOutcome:

@@ -55,7 +55,7 @@ from sassgis.runs.inputs import (
 )
 from sassgis.runs.job import Job, OnProgress, Simulation
 from sassgis.runs.map import TerrainTooSmall
-from sassgis.runs.workers import Jobs
+from sassgis.runs.workers import Jobs, task_map
 from sassgis.runs.zone import prepared, simulations, write_zones
 from sassgis.terrain.release import meeting, wkb_hex
 
@@ -222,8 +222,14 @@ def kept_areas(
     folder: Path,
     overwrite: bool,
     tell: Callable[[str], None],
+    at_once: int = 1,
 ) -> dict[str, Record]:
     """Areas that are complete and were made from the same settings and inputs.
+
+    Parameters
+    ----------
+    at_once : int
+        Processes that look at them.
 
     Raises
     ------
@@ -231,31 +237,44 @@ def kept_areas(
         If a result exists already.
     """
     kept = {}
-    for candidate in candidates:
-        own = folder / AREAS_NAME / candidate.stem
-        if not own.is_dir() or not any(own.iterdir()):
-            continue
-        record = read_record(own, tell)
-        same = False
-        if record is not None:
-            # An area that cannot be used any more is reported when it is its turn.
-            with suppress(InputError), collected_notices():
-                part = record.part(setting.terrain)
-                feature = area_feature(setting, candidate)
-                grid, area = _area_on(setting, candidate, feature, part)
-                frequencies = yearly_frequencies(setting.config, (area,), setting.names)
-                same = record.fingerprint == _fingerprint(setting, part, grid, area, frequencies)
-                same &= setting.sums_only or not record.sums_only
-        if same and record is not None:
-            kept[candidate.stem] = record
-        elif not overwrite:
-            raise OutputError(
-                f"{own}: exists and was made from other settings, inputs or versions, or has "
-                "changed; choose another folder, or --overwrite"
-            )
+    folders = [folder / AREAS_NAME / c.stem for c in candidates]
+    there = [
+        (c, own) for c, own in zip(candidates, folders, strict=True)
+        if own.is_dir() and any(own.iterdir())
+    ]  # fmt: skip
+    with task_map(setting, at_once) as each:
+        for (candidate, own), (record, told) in zip(there, each(_kept, there), strict=True):
+            for text in told:
+                tell(text)
+            if record is not None:
+                kept[candidate.stem] = record
+            elif not overwrite:
+                raise OutputError(
+                    f"{own}: exists and was made from other settings, inputs or versions, or has "
+                    "changed; choose another folder, or --overwrite"
+                )
     if kept:
         tell(f"{len(kept)} of {len(candidates)} areas are there already")
     return kept
+
+
+def _kept(setting: Setting, there: tuple[Candidate, Path]) -> tuple[Record | None, list[str]]:
+    """What is known of an area if it is complete and of the same inputs, and what to say of it."""
+    candidate, own = there
+    told: list[str] = []
+    record = read_record(own, told.append)
+    if record is None:
+        return None, told
+    same = False
+    # An area that cannot be used any more is reported when it is its turn.
+    with suppress(InputError), collected_notices():
+        part = record.part(setting.terrain)
+        feature = area_feature(setting, candidate)
+        grid, area = _area_on(setting, candidate, feature, part)
+        frequencies = yearly_frequencies(setting.config, (area,), setting.names)
+        same = record.fingerprint == _fingerprint(setting, part, grid, area, frequencies)
+        same &= setting.sums_only or not record.sums_only
+    return (record if same else None), told
 
 
 def run_area(

@@ -74,7 +74,7 @@ _MOST_CELLS, _COMMON_BYTES = 100_000_000, 4 << 30
 BASE, _PER_CELL = 800 << 20, 600
 #: Bytes of each cell of a group of which zones are drawn, and of a cell with counts of one area at
 #: each energy: rows of counts, squares, rates and variances, and copies of them.
-_ZONES_PER_CELL, _ZONES_PER_COUNT = 100, 64
+_ZONES_PER_CELL, _ZONES_PER_COUNT = 100, 56
 #: Smaller blocks are not made so that more can be at work (bytes, besides the program itself).
 _LEAST_SHARE = 256 << 20
 _SEVERAL_BLOCKS = (

@@ -30,7 +30,7 @@ from sassgis.model.styles import zero_is_nothing
 #: Side of the tiles of the files in between; blocks that begin at multiples of it are quickest.
 TILE = 512
 #: Most memory that GDAL may hold back (bytes).
-_CACHE = 64 << 20
+_CACHE = 256 << 20
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,7 @@ from sassgis.io.translated_layers import translated_raster
 from sassgis.model.grid import Grid
 from sassgis.model.ramps import rgb
 from sassgis.model.results import Band, RasterLayer
-from sassgis.model.styles import HILLSHADE, class_tint
+from sassgis.model.styles import class_tint
 
 #: Of measured numbers. NaN would do for the cells, but GDAL's most-frequent-value overviews turn it
 #: into zeros (seen with 3.10); every GIS knows this one.
@@ -129,8 +129,9 @@ def cog_options(layer: RasterLayer) -> dict[str, Any]:
         "level": 3,  # Twice as fast as the default of 6, and no larger with floats.
         "num_threads": "ALL_CPUS",
         "blocksize": _BLOCK,
-        # Relief made of single heights, picked here and there, would look rough.
-        "overview_resampling": "AVERAGE" if layer.ramp == HILLSHADE else "MODE",
+        # Of numbers the mean of the cells that have one; the most frequent one takes three times as
+        # long, and is any of four that differ.
+        "overview_resampling": "MODE" if layer.classes else "AVERAGE",
         # Kept in the file, or QGIS would write an .aux.xml beside it.
         "statistics": "YES",
         "bigtiff": "IF_SAFER",

@@ -313,3 +313,18 @@ def test_the_command_tells_bad_input_in_one_line(
         main(["batch", str(tmp_path / "no.gpkg"), "-o", str(tmp_path / "out")])
     said = capsys.readouterr().err
     assert stop.value.code == 2 and said.count("\n") == 1 and "file not found" in said
+
+
+@pytest.mark.battery
+def test_several_processes_find_what_is_there_already(
+    done: Stopped, valley: Valley, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(runs_batch, "_AREAS_PER_CORE", 0)
+    out = tmp_path / "out"
+    shutil.copytree(done.folder, out)
+    said: list[str] = []
+    batch(valley.releases, out, dem=valley.tiles, jobs=2, say=said.append)
+    assert "3 of 4 areas are there already" in said
+    (out / "areas" / "mitte" / "simulation.npz").write_bytes(b"")
+    with pytest.raises(OutputError, match="mitte: exists and was made from other settings"):
+        batch(valley.releases, out, dem=valley.tiles, jobs=2, say=said.append)
