@@ -49,10 +49,9 @@ def write_saved(
     str
         The digest.
     """
-    narrow = {name: _narrow(np.asarray(own)) for name, own in arrays.items()}
-    types = {
-        n: np.asarray(arrays[n]).dtype.str for n, own in narrow.items() if own is not arrays[n]
-    }
+    given = {name: np.asarray(own) for name, own in arrays.items()}
+    narrow = {name: _narrow(own) for name, own in given.items()}
+    types = {n: given[n].dtype.str for n, own in narrow.items() if own.dtype != given[n].dtype}
     whole: dict[str, ArrayLike] = {**narrow, _TYPES: json.dumps(types)}
     whole[_FINGERPRINT] = _of_program(fingerprint)
     digest = _digest(path.name, whole)
