@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 from typing import Any
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -12,8 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
+from sassgis.hazard.zoning import seams
 from sassgis.hazard.zoning.coverage import Coverage, cells_as_zones
-from sassgis.hazard.zoning.drawing import drawn_zones
+from sassgis.hazard.zoning.drawing import drawn_zones, reach_cells
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.grid import Grid
 from sassgis.model.hazard import Drawing, ZoningSettings
@@ -446,3 +448,23 @@ def test_what_cannot_be_drawn_is_refused() -> None:
     ):
         with pytest.raises(ConfigError, match=next(iter(wrong))):
             ZoningSettings(**wrong)
+
+
+@pytest.mark.parametrize(("kind", "across"), [("smooth", False), ("streaks", True)])
+def test_a_large_place_is_drawn_in_parts_as_it_is_at_once(kind: str, across: bool) -> None:
+    maps = list(np.maximum.accumulate([raster(kind, (320, 14), seed) for seed in (1, 2)]))
+    if across:
+        maps = [m.T for m in maps]
+    grid = grid_of(maps[0])
+    rules = Drawing(4.0, 40.0, 4.0, 0.0, 0.0, 3.0)
+    at_once = drawn_zones(maps, grid, rules)
+    with mock.patch.multiple(seams, _LENGTH=1, _BAND=4):
+        assert len(seams.overlapping(320, reach_cells(rules, 2.0))) > 1
+        in_parts = drawn_zones(maps, grid, rules)
+    for zones, whole, raw in zip(in_parts, at_once, maps, strict=True):
+        assert violations(zones, raw, grid, 40.0) - {"unknown class"} == set()
+        # Lines may lie elsewhere within the tolerance; what is just too small may be so or not.
+        apart = [above(zones, k).symmetric_difference(above(whole, k)).area for k in range(1, 4)]
+        assert sum(apart) <= 0.05 * sum(above(whole, k).area for k in range(1, 4))
+    for k in range(1, 4):
+        assert above(in_parts[0], k).difference(above(in_parts[1], k)).area < 1e-6

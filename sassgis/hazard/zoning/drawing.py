@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -28,6 +28,7 @@ from sassgis.hazard.zoning.coverage import (
     without_small,
     without_threads,
 )
+from sassgis.hazard.zoning.seams import joined_at_seams, overlapping
 from sassgis.model.grid import BoolArray, Grid, IntArray
 from sassgis.model.hazard import Drawing
 
@@ -249,46 +250,69 @@ def drawn_zones(
     own = np.ones(grid.shape, np.bool_) if known is None else known
     envelopes = enveloped or [False] * len(maps)
     places = [
-        _drawn(m, part, rules, terrain, envelopes)
-        for m, part, terrain in _places(maps, grid, own, reach_cells(rules, grid.cell_size))
+        _nested(_stacks(place, rules, envelopes, int(maps[-1].max())), rules.area_m2)
+        for place in _places(_Place(maps, grid, own), reach_cells(rules, grid.cell_size))
     ]
     return [joined_coverages(of_map) for of_map in zip(*places, strict=True)]
 
 
-def _places(
-    maps: Sequence[IntArray], grid: Grid, known: BoolArray, reach: int
-) -> Iterator[tuple[list[IntArray], Grid, BoolArray]]:
-    """Maps, grid and known terrain of each place whose zones do not feel those of another."""
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """Maps, and the terrain on which they lie."""
+
+    maps: Sequence[IntArray]
+    grid: Grid
+    known: BoolArray
+
+    def part(self, rows: slice, cols: slice) -> _Place:
+        grid = replace(
+            self.grid,
+            values=self.grid.values[rows, cols],
+            west=self.grid.west + cols.start * self.grid.cell_size,
+            north=self.grid.north - rows.start * self.grid.cell_size,
+        )
+        return _Place([m[rows, cols] for m in self.maps], grid, self.known[rows, cols])
+
+
+def _places(whole: _Place, reach: int) -> Iterator[_Place]:
+    """Each place whose zones do not feel those of another."""
     # Those between which there is more than the reach.
-    near = ndimage.distance_transform_edt(np.max(maps, axis=0) == 0) <= reach / 2 + 1
+    near = ndimage.distance_transform_edt(np.max(whole.maps, axis=0) == 0) <= reach / 2 + 1
     place_of, _ = ndimage.label(near, np.ones((3, 3)))
     for number, box in enumerate(ndimage.find_objects(place_of), start=1):
+        place = whole.part(*box)
         mine = place_of[box] == number
-        part = replace(
-            grid,
-            values=grid.values[box],
-            west=grid.west + box[1].start * grid.cell_size,
-            north=grid.north - box[0].start * grid.cell_size,
-        )
-        yield [np.where(mine, m[box], 0) for m in maps], part, known[box]
+        yield replace(place, maps=[np.where(mine, m, 0) for m in place.maps])
 
 
-def _drawn(
-    maps: Sequence[IntArray],
-    grid: Grid,
-    rules: Drawing,
-    known: BoolArray,
-    enveloped: Sequence[bool],
-) -> list[Coverage]:
-    """Draw the zones of one place."""
-    faces, is_known = cell_faces(known.astype(np.int64), grid)
+def _stacks(
+    place: _Place, rules: Drawing, enveloped: Sequence[bool], n_classes: int
+) -> list[list[Any]]:
+    """Of each map, the area of each class with those above it; a large place in parts."""
+    n_rows, n_cols = place.grid.shape
+    along_rows, size = n_rows >= n_cols, place.grid.cell_size
+    cuts = overlapping(max(n_rows, n_cols), reach_cells(rules, size))
+    if len(cuts) == 1:
+        return _stacks_at_once(place, rules, enveloped, n_classes)
+    boxes = [(c, slice(0, n_cols)) if along_rows else (slice(0, n_rows), c) for c in cuts]
+    parts = [_stacks(place.part(*box), rules, enveloped, n_classes) for box in boxes]
+    middles = np.array([(a.stop + b.start) / 2.0 for a, b in pairwise(cuts)]) * size
+    if along_rows:
+        return joined_at_seams(parts[::-1], place.grid.north - middles[::-1], size, axis=1)
+    return joined_at_seams(parts, place.grid.west + middles, size, axis=0)
+
+
+def _stacks_at_once(
+    place: _Place, rules: Drawing, enveloped: Sequence[bool], n_classes: int
+) -> list[list[Any]]:
+    faces, is_known = cell_faces(place.known.astype(np.int64), place.grid)
     terrain = shapely.coverage_union_all(faces[is_known > 0])
     stacks: list[list[Any]] = []
-    below: Sequence[Any] = [_NOWHERE] * int(max(m.max() for m in maps))
-    for m, envelope in zip(maps, enveloped, strict=True):
-        below = _stack(m, grid, rules, envelope, below, terrain)
+    below: Sequence[Any] = [_NOWHERE] * n_classes
+    for m, envelope in zip(place.maps, enveloped, strict=True):
+        below = _stack(m, place.grid, rules, envelope, below, terrain)
         stacks.append([*below])
-    return _nested(stacks, rules.area_m2)
+    return stacks
 
 
 def _stack(
