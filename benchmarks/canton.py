@@ -19,6 +19,7 @@ import tempfile
 import time
 from contextlib import nullcontext
 from dataclasses import asdict, dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -168,8 +169,7 @@ def run(folder: Path, jobs: int, memory_gb: float) -> dict[str, float]:
     return {
         "wall_s": time.perf_counter() - began,
         "cpu_s": after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime,
-        "areas_cpu_s": parts["areas_cpu_s"],
-        "mosaic_cpu_s": parts["mosaic_cpu_s"],
+        **parts,
         "peak_mb": peak,
         "results_mb": sum(f.stat().st_size for f in out.rglob("*") if f.is_file()) / 1e6,
     }
@@ -196,20 +196,30 @@ def _started_by(pid: int) -> list[int]:
 
 
 def child(folder: Path, jobs: int, memory_gb: float) -> None:
-    """In a process of its own: the batch, and how long its two halves took."""
+    """In a process of its own: the batch, and how long its steps took."""
     from sassgis.runs.batch import batch
 
-    marks: list[float] = []
+    steps = {
+        "Adding up the areas": "mosaic",
+        "Writing the overviews of the maps": "overviews",
+        "Drawing the zones": "zones",
+    }
+    marks = [("areas", time.perf_counter(), _cpu_s())]
 
     def say(text: str) -> None:
-        if text == "Adding up the areas":
-            marks.append(_cpu_s())
+        step = next((name for begin, name in steps.items() if text.startswith(begin)), None)
+        if step:
+            marks.append((step, time.perf_counter(), _cpu_s()))
 
     batch(
         folder / "release.gpkg", folder / "out", config=folder / "config.toml", jobs=jobs,
         memory_gb=memory_gb, mosaic_only=True, say=say,
     )  # fmt: skip
-    parts = {"areas_cpu_s": marks[0], "mosaic_cpu_s": _cpu_s() - marks[0]}
+    marks.append(("", time.perf_counter(), _cpu_s()))
+    parts = {f"{name}_wall_s": 0.0 for name in ("areas", *steps.values())}
+    parts |= {f"{name}_wall_s": b[0] - a[0] for (name, *a), (_, *b) in pairwise(marks)}
+    cpu = {name: used for name, _, used in marks}
+    parts |= {"areas_cpu_s": cpu["mosaic"] - cpu["areas"], "mosaic_cpu_s": cpu[""] - cpu["mosaic"]}
     (folder / "times.json").write_text(json.dumps(parts))
 
 
