@@ -176,20 +176,30 @@ def energy_behind(
 
 
 def trimmed(histogram: Histogram, bins: int = 15) -> Histogram:
-    """A histogram for drawing: evenly wide bins from 0 to just beyond what was counted.
+    """A histogram for drawing: alike bins to just beyond what was counted.
 
-    Only for evenly spaced edges; the width is a whole number of the fine bins.
+    From 0 for evenly spaced edges; from what was counted where edges grow by a factor. The width
+    is a whole number of the fine bins. The last bin is empty, unless the last of the fine ones,
+    which is open, is not.
     """
+    edges = histogram.edges
+    by_factor = not np.isclose(edges[1] - edges[0], edges[2] - edges[1])
     used = np.flatnonzero(histogram.counts)
-    last = int(used[-1]) + 1 if used.size else 1
-    width = max(int(np.ceil(last / bins)), 1)
-    groups = int(np.ceil(last / width))
+    first = int(used[0]) if used.size and by_factor else 0
+    last = int(used[-1]) + 1 if used.size else first + 1
+    width = max(int(np.ceil((last - first) / bins)), 1)
+    groups = int(np.ceil((last - first) / width)) + int(histogram.counts[-1] == 0)
     counts: IntArray = np.zeros(groups * width, np.int64)
-    n = min(counts.size, histogram.counts.size)
-    counts[:n] = histogram.counts[:n]
-    step = histogram.edges[1] - histogram.edges[0]
-    edges: FloatArray = histogram.edges[0] + step * width * np.arange(groups + 1)
-    return Histogram(edges, counts.reshape(groups, width).sum(axis=1), histogram.unit)
+    fine = histogram.counts[first : first + counts.size]
+    counts[: fine.size] = fine
+    steps = width * np.arange(groups + 1)
+    # The first of the bins that grow reaches down to 0.
+    coarse: FloatArray = (
+        edges[1] * (edges[2] / edges[1]) ** (first - 1 + steps)
+        if by_factor
+        else edges[0] + (edges[1] - edges[0]) * steps
+    )
+    return Histogram(coarse, counts.reshape(groups, width).sum(axis=1), histogram.unit)
 
 
 #: Outcomes that are counted at walls and nets.

@@ -78,7 +78,7 @@ def station_figures(
     for i, stem in zip(reached, file_stems([lines[i].name for i in reached]), strict=True):
         bins = [
             trimmed(control_lines.distribution(i, q).histogram)
-            for q in ("speed_mps", "rotation_hz", "height_m")
+            for q in ("speed_mps", "rotation_hz", "height_m", "energy_kj")
         ]
         name, kind = lines[i].name, lines[i].kind
         title = named(name) if kind == "station" else phrase("{} ({})", name, phrase(kind))

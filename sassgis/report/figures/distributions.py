@@ -97,7 +97,7 @@ def energy_profile_figure(
         nothing_to_show(upper, "no block passes", keep_x=True)
         return figure
     if log:
-        _log_axis(upper, np.log10(known.min()), np.log10(known.max()))
+        _log_axis(upper, "y", np.log10(known.min()), np.log10(known.max()))
     else:
         upper.set_ylim(min(0.0, float(known.min())), 1.1 * max(float(known.max()), 1e-9))
     for i, (share, values) in enumerate(curves.items()):
@@ -127,17 +127,18 @@ def _draw_control_lines(
         )  # fmt: skip
 
 
-def _log_axis(ax: Axes, low: float, high: float) -> None:
+def _log_axis(ax: Axes, which: str, low: float, high: float) -> None:
     """Show energies between powers of ten."""
     # Blocks about to stop draw a long tail to nothing: five decades show all that matters.
     low = max(low, high - 5.0)
-    ax.set_yscale("log")
-    ax.set_ylim(10.0 ** (low - 0.08), 10.0 ** (high + 0.12 * (high - low) + 0.1))
+    limits = 10.0 ** (low - 0.08), 10.0 ** (high + 0.12 * (high - low) + 0.1)
+    ax.set(**{f"{which}scale": "log", f"{which}lim": limits})
+    axis = {"x": ax.xaxis, "y": ax.yaxis}[which]
     # Where few powers of ten are in sight, the steps between them are named too.
     steps = (1.0, 2.0, 5.0) if high - low < 2.0 else (1.0,)
-    ax.yaxis.set_major_locator(LogLocator(10.0, subs=steps))
-    ax.yaxis.set_major_formatter(FuncFormatter(lambda v, _: thousands(v) if v >= 1.0 else f"{v:g}"))
-    ax.yaxis.set_minor_formatter(NullFormatter())
+    axis.set_major_locator(LogLocator(10.0, subs=steps))
+    axis.set_major_formatter(FuncFormatter(lambda v, _: thousands(v) if v >= 1.0 else f"{v:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def _name_curves(
@@ -191,7 +192,7 @@ _REASONS = {
 }
 
 
-def _panel(ax: Axes, name: str, histogram: Histogram) -> None:
+def _panel(ax: Axes, name: str, histogram: Histogram, log: bool = False) -> None:
     ax.set_xlabel(phrase("{} ({})", phrase(name), histogram.unit))
     edges, counts = histogram.edges, histogram.counts
     used = np.nonzero(counts)[0]
@@ -202,30 +203,46 @@ def _panel(ax: Axes, name: str, histogram: Histogram) -> None:
     ax.stairs(counts, edges, color=BLUE, lw=1.3, gid="computed")
     # Bins reach further than most runs; show up to the last that holds a block.
     first, last = float(edges[used[0]]), float(edges[used[-1] + 1])
-    first = min(first, max(float(edges[0]), 0.0))
-    ax.set_xlim(first, last + 0.04 * (last - first))
+    if log:
+        _log_axis(ax, "x", np.log10(first), np.log10(last))
+        ax.set_xlim(first / 1.1, 1.1 * last)
+    else:
+        first = min(first, max(float(edges[0]), 0.0))
+        ax.set_xlim(first, last + 0.04 * (last - first))
+        ax.xaxis.set_major_locator(MaxNLocator(6, steps=_STEPS))
     ax.set_ylim(0.0, 1.12 * float(counts.max()))
     ax.yaxis.set_major_locator(MaxNLocator(5, integer=True, steps=_STEPS))
-    ax.xaxis.set_major_locator(MaxNLocator(6, steps=_STEPS))
     ax.yaxis.set_major_formatter(thousands_formatter())
     # No bin's share can be read as more than it is: the last one is open.
     if counts[-1] > 0:
         at = ((edges[-2] + edges[-1]) / 2.0, float(counts[-1]))
         look = {"ha": "center", "va": "bottom", "color": BLUE, "gid": "open-bin"}
-        beside(ax, f"≥ {edges[-2]:g}", at, (0, 2), **look)
+        beside(ax, f"≥ {edges[-2]:.3g}", at, (0, 2), **look)
 
 
 @styled
 def station_figure(
-    name: str, speed: Histogram, rotation: Histogram, height: Histogram, *, n: int
+    name: str,
+    speed: Histogram,
+    rotation: Histogram,
+    height: Histogram,
+    energy: Histogram,
+    *,
+    n: int,
 ) -> Figure:
-    """Draw speed, rotation and passing height of the blocks that pass a station, of n in all."""
-    figure = new_figure(WIDTH_IN, 2.55)
-    axes: Sequence[Axes] = figure.subplots(1, 3)
-    labels = ("speed", "rotation", "passing height")
-    for ax, label, histogram in zip(axes, labels, (speed, rotation, height), strict=True):
-        _panel(ax, label, histogram)
-    axes[0].set_ylabel("number of blocks")
+    """Draw speed, rotation, height and energy of the blocks that pass a station, of n in all.
+
+    The edges of the energies grow by a factor.
+    """
+    figure = new_figure(WIDTH_IN, 4.4)
+    axes = figure.subplots(2, 2)
+    labels = ("speed", "rotation", "passing height", "kinetic energy")
+    for ax, label, histogram in zip(
+        axes.flat, labels, (speed, rotation, height, energy), strict=True
+    ):
+        _panel(ax, label, histogram, log=histogram is energy)
+    for ax in axes[:, 0]:
+        ax.set_ylabel("number of blocks")
     head(figure, name)
     passed = thousands(int(np.sum(speed.counts)))
     text = phrase("{} of {} simulated blocks pass", passed, thousands(n))

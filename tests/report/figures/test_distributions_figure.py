@@ -20,6 +20,7 @@ COMPUTED = (
     histogram([0, 4, 6, 2, 0, 0], "m/s"),
     histogram([10, 2, 0], "Hz"),
     histogram([9, 2, 1], "m"),
+    Histogram(10.0 ** np.arange(4), np.array([3, 9, 0]), "kJ"),
 )
 
 
@@ -28,8 +29,9 @@ def test_station_panels_hold_the_counts(find, texts) -> None:
     drawn = find(figure, "computed")
     assert [d.get_data().values.tolist() for d in drawn] == [h.counts.tolist() for h in COMPUTED]
     words = texts(figure)
-    for word in ("Camera 2", "speed (m/s)", "rotation (Hz)", "passing height (m)", "12 of 20"):
+    for word in ("speed (m/s)", "rotation (Hz)", "passing height (m)", "kinetic energy (kJ)"):
         assert word in words
+    assert "Camera 2" in words and "12 of 20" in words
     assert "number of blocks" in words
     # Bins beyond the last rock are not shown; the open last bin is named where it holds rocks.
     assert figure.axes[0].get_xlim()[1] < 4.5
@@ -40,7 +42,7 @@ def test_station_panels_hold_the_counts(find, texts) -> None:
 def test_station_that_no_rock_passes(texts) -> None:
     none = tuple(Histogram(h.edges, h.counts * 0, h.unit) for h in COMPUTED)
     words = texts(station_figure("x", *none, n=50))
-    assert words.count("no block here") == 3 and "0 of 50" in words
+    assert words.count("no block here") == 4 and "0 of 50" in words
 
 
 def test_runout_bars_by_reason_and_exceedance(find, texts) -> None:
