@@ -37,10 +37,11 @@ from sassgis.report.figures.map_figure import (
 )
 from sassgis.report.figures.map_marks import (
     MapMarks,
+    MapName,
     all_points,
     draw_lines,
     draw_points,
-    name_place,
+    write_names,
 )
 from sassgis.report.figures.relief import footprint, taken_by, view_of
 from sassgis.report.figures.style import (
@@ -139,12 +140,15 @@ def gap_map_figure(
         draw_lines(ax, [c for c in lines if len(c) > 1], 0.5, 0.5)
         _draw_stretches(ax, stretches, norm, 2.4, 6)
         _draw_stretches(ax, list(stations.values()), norm, 3.2, 8)
+        names = []
         for name, station in stations.items():
             if len(station.trace) > 1 and not math.isfinite(station.gap):
                 ax.plot(*station.trace.T, ls="--", color=INK, lw=1.1, zorder=7)
             if len(station.trace):
                 x, y = station.trace[np.argmax(station.trace[:, 0])]
-                name_place(ax, name, (float(x), float(y)), 3, True, weight="bold", zorder=22)
+                look = {"weight": "bold", "zorder": 22}
+                names.append(MapName(name, (float(x), float(y)), 3.0, look, needed=True))
+        write_names(ax, names, view.box, 72.0 * frame.width / (view.box[2] - view.box[0]))
         draw_points(ax, stops, "D", 3.2, "white", INK, 0.7, zorder=11, gid="stops")
 
     panel = MapPanel(None, GAP_COLOURS, norm, alpha=1.0)

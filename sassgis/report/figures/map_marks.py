@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -53,6 +53,17 @@ _CONTROL_LINE_LINE = {
 
 
 @dataclass(frozen=True, slots=True)
+class MapName:
+    """A name beside a place of a map, so many points from it, and its look."""
+
+    text: str
+    at: tuple[float, float]
+    gap_pt: float
+    look: Mapping[str, Any]
+    needed: bool = False
+
+
+@dataclass(frozen=True, slots=True)
 class MapMarks:
     """What lies over the values of a map; coordinates in m, of shape (n, 2).
 
@@ -83,11 +94,12 @@ class MapMarks:
         """Draw all of it on a map."""
         draw_zones(ax, self.zones)
         _outlines(ax, self.edits, _EDIT, linewidths=1.6, linestyles="--", zorder=4.5, gid="edits")
-        draw_objects(ax, self.objects, box)
+        names = draw_control_lines(ax, self.control_lines, box)
+        names += draw_objects(ax, self.objects, box)
+        write_names(ax, names, box, points_per_metre)
         if self.lines:
             draw_lines(ax, [self.lines[i] for i in even_choice(len(self.lines), MAX_LINES)])
         draw_release(ax, self.release)
-        draw_control_lines(ax, self.control_lines, box, points_per_metre)
 
     def key(self) -> str:
         """Say in words what the marks are."""
@@ -166,8 +178,12 @@ def draw_points(
     ax.plot(*xy.T, mark, ms=size, mfc=fill, mec=edge, mew=width, **how)
 
 
-def draw_objects(ax: Axes, objects: Sequence[MapObject], box: Extent) -> None:
-    """Draw exposed objects: areas and points filled, roads and lines pale with a dark edge."""
+def draw_objects(ax: Axes, objects: Sequence[MapObject], box: Extent) -> list[MapName]:
+    """Draw exposed objects: areas and points filled, roads and lines pale with a dark edge.
+
+    Returns their names, unless there are so many that they would hide the map.
+    """
+    names = []
     for name, geometry in objects:
         seen = shapely.clip_by_rect(geometry, *box)
         if seen.is_empty:
@@ -181,27 +197,43 @@ def draw_objects(ax: Axes, objects: Sequence[MapObject], box: Extent) -> None:
             else:
                 ax.plot(*xy.T, color=_OBJECT, lw=2.4, zorder=5.5)
                 ax.plot(*xy.T, color="white", lw=1.2, zorder=5.6)
-        if len(objects) > MAX_OBJECT_NAMES:
-            continue
         longest = max(shapely.get_parts(seen), key=lambda part: part.length)
         line = shapely.get_dimensions(longest) == 1
         at = longest.interpolate(0.3, normalized=True) if line else longest.centroid
+        look = {"size": SMALL - 1.0, "color": _OBJECT, "zorder": 21, "gid": "object"}
+        names.append(MapName(name, (at.x, at.y), 4.0, look))
+    return names if len(objects) <= MAX_OBJECT_NAMES else []
+
+
+def write_names(ax: Axes, names: Sequence[MapName], box: Extent, points_per_metre: float) -> None:
+    """Write names beside their places where they do not overlap those before them.
+
+    One for which there is no room on either side, above or below is left out, unless it is needed.
+    """
+    taken: list[Extent] = []
+    width, height = ((box[k + 2] - box[k]) * points_per_metre for k in (0, 1))
+    for name in names:
+        wide = text_width_pt(name.text, name.look.get("size", SMALL))
+        high, gap = 1.3 * name.look.get("size", SMALL), name.gap_pt
+        x, y = ((name.at[k] - box[k]) * points_per_metre for k in (0, 1))
+        right = (x + gap, y - high / 2.0), (gap, 0.0), "left", "center"
+        left = (x - gap - wide, y - high / 2.0), (-gap, 0.0), "right", "center"
+        above = (x - wide / 2.0, y + gap), (0.0, gap), "center", "bottom"
+        below = (x - wide / 2.0, y - gap - high), (0.0, -gap), "center", "top"
         # Towards the middle of the map.
-        name_place(
-            ax, name, (at.x, at.y), 4, at.x <= (box[0] + box[2]) / 2.0, size=SMALL - 1.0,
-            color=_OBJECT, zorder=21, gid="object",
-        )  # fmt: skip
+        sides = [right, left] if x <= width / 2.0 else [left, right]
+        rooms = {(*s[0], s[0][0] + wide, s[0][1] + high): s[1:] for s in (*sides, above, below)}
+        within = [r for r in rooms if min(r) >= 0.0 and r[2] <= width and r[3] <= height]
+        free = [r for r in within if not any(_overlap(r, other) for other in taken)]
+        for room in (free or (within or [*rooms]) * name.needed)[:1]:
+            offset, ha, va = rooms[room]
+            look = {"path_effects": halo(), "clip_on": True, "annotation_clip": True, **name.look}
+            beside(ax, named(name.text), name.at, offset, ha=ha, va=va, **look)
+            taken.append(room)
 
 
-def name_place(
-    ax: Axes, name: str, at: tuple[float, float], gap_pt: float, to_the_right: bool, **how: Any
-) -> None:
-    """Write a name beside a place of the map."""
-    side = "left" if to_the_right else "right"
-    how |= {"path_effects": halo(), "clip_on": True, "annotation_clip": True}
-    beside(
-        ax, named(name), at, (gap_pt if to_the_right else -gap_pt, 0), ha=side, va="center", **how
-    )
+def _overlap(one: Extent, other: Extent) -> bool:
+    return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]
 
 
 def draw_lines(
@@ -214,9 +246,10 @@ def draw_lines(
 
 
 def draw_control_lines(
-    ax: Axes, control_lines: Sequence[MapControlLine], box: Extent, points_per_metre: float
-) -> None:
-    """Draw stations, walls and nets with their names, written inside the map."""
+    ax: Axes, control_lines: Sequence[MapControlLine], box: Extent
+) -> list[MapName]:
+    """Draw stations, walls and nets; returns their names."""
+    names = []
     for name, kind, coords in control_lines:
         xy = np.asarray(coords, float).reshape(-1, 2)
         if not xy.size:
@@ -225,11 +258,8 @@ def draw_control_lines(
         ax.plot(*xy.T, "-", color="white", lw=width + 1.6, zorder=8)
         ax.plot(*xy.T, ls=dashes, color=colour, lw=width, zorder=9, gid=f"control_line-{name}")
         seen = shapely.get_coordinates(shapely.clip_by_rect(shapely.linestrings(xy), *box))
-        if not seen.size:
-            continue
-        east = seen[np.argmax(seen[:, 0])]
-        fits = (box[2] - east[0]) * points_per_metre > text_width_pt(name) + 6.0
-        name_place(
-            ax, name, (float(east[0]), float(east[1])), 3, bool(fits), color=colour,
-            weight="bold", zorder=22,
-        )  # fmt: skip
+        if seen.size:
+            east = seen[np.argmax(seen[:, 0])]
+            look = {"color": colour, "weight": "bold", "zorder": 22}
+            names.append(MapName(name, (float(east[0]), float(east[1])), 3.0, look, needed=True))
+    return names

@@ -203,9 +203,18 @@ def map_axes(ax: Axes, extent: Extent, parts: int = 5) -> None:
     step = round_step(max(east - west, north - south), parts)
     in_km = step >= 1000.0
     scale, decimals = (1000.0, 0) if in_km else (1.0, max(0, int(-np.floor(np.log10(step)))))
-    for axis in (ax.xaxis, ax.yaxis):
+    # Labels that would reach beyond the map meet those of the next one.
+    end = 0.05 * (north - south)
+    inside = {ax.xaxis: (west, east), ax.yaxis: (south + end, north - end)}
+    for axis, (low, high) in inside.items():
         axis.set_major_locator(MultipleLocator(step))
-        axis.set_major_formatter(FuncFormatter(lambda value, _: thousands(value / scale, decimals)))
+        axis.set_major_formatter(
+            FuncFormatter(
+                lambda value, _, low=low, high=high: (
+                    thousands(value / scale, decimals) if low <= value <= high else ""
+                )
+            )
+        )
     unit = "km" if in_km else "m"
     ax.set_xlabel(phrase("{} ({})", phrase("east"), unit), size=SMALL)
     ax.set_ylabel(phrase("{} ({})", phrase("north"), unit), size=SMALL)

@@ -3,6 +3,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import shapely
 from matplotlib.colors import to_hex
 
 from sassgis.model.grid import FloatArray, Grid
@@ -107,6 +108,21 @@ def test_release_lines_and_control_lines(valley: Grid, find, texts) -> None:
     frame, box = ax.get_window_extent(), name.get_window_extent()
     assert frame.x0 <= box.x0 and box.x1 <= frame.x1
     assert "dashes: station" in words and "line: wall" in words and "dots: net" not in words
+
+
+def test_names_do_not_overlap(valley: Grid, find) -> None:
+    x, y = valley.west + 120.0, valley.north - 60.0
+    near = [(f"house {k}", shapely.box(x, y - k, x + 1.0, y - k + 1.0)) for k in range(1, 9)]
+    across = np.array([[x - 40.0, y - 4.0], [x, y - 4.0]])
+    marks = MapMarks(control_lines=[("road", "station", across)], objects=near)
+    figure = map_figure(valley, layer_of(valley), marks)
+    ax = next(a for a in figure.axes if a.get_label() == "map")
+    boxes = [t.get_window_extent() for t in ax.texts]
+    assert "road" in [t.get_text() for t in ax.texts]
+    # Some have room beside the place, above or below; the others are left out.
+    assert 2 <= len(find(figure, "object")) < len(near)
+    for k, box in enumerate(boxes):
+        assert not any(box.overlaps(other) for other in boxes[:k])
 
 
 def test_large_maps_keep_single_cells_in_sight(find, texts) -> None:
