@@ -122,7 +122,8 @@ def without_threads(faces: NDArray[Any], classes: IntArray) -> IntArray:
     """Classes of faces; one that is nowhere 0.2 m wide joins the next higher one that it borders.
 
     Again and again, as several may lie side by side. What is no wider than the rounding of
-    coordinates and borders no higher one joins a lower one.
+    coordinates joins the highest wider one that it borders, also a lower one; a thread that came
+    to a class over such a bridge alone goes back to that of its neighbours.
     """
     out = classes.copy()
     threads = np.flatnonzero(_nowhere_wider(faces, _THREAD_M))
@@ -137,10 +138,19 @@ def without_threads(faces: NDArray[Any], classes: IntArray) -> IntArray:
         np.minimum.at(joined, thread[higher], out[face][higher])
         out = np.where(joined < np.iinfo(np.int64).max, joined, out)
     rounding = _nowhere_wider(faces, 2.0 * PRECISION_M)
-    lower = np.full(out.size, -1)
     wide = ~rounding[face]
-    np.maximum.at(lower, thread[wide], out[face[wide]])
-    return np.where(rounding & (lower >= 0), lower, out)
+    thread, face = thread[wide], face[wide]
+    highest = _highest_beside(out, thread, face)
+    out = np.where((highest >= classes) & (highest < out), highest, out)
+    highest = _highest_beside(out, thread, face)
+    return np.where(rounding & (highest >= 0), highest, out)
+
+
+def _highest_beside(classes: IntArray, thread: IntArray, face: IntArray) -> IntArray:
+    """Highest class of the faces beside each thread; -1 elsewhere."""
+    highest = np.full(classes.size, -1)
+    np.maximum.at(highest, thread, classes[face])
+    return highest
 
 
 def _nowhere_wider(faces: NDArray[Any], width_m: float) -> BoolArray:

@@ -84,7 +84,10 @@ def _seam(before: Stacks, after: Stacks, middle: float, half: float, axis: int) 
     lines = shapely.linestrings(ends)
     differ = np.zeros(at.size)
     for pair in zip(chain(*before), chain(*after), strict=True):
-        one, other = (shapely.multipolygons(_within(area, low, high, axis)) for area in pair)
+        one, other = (
+            shapely.union_all(_within(area, low, high, axis), grid_size=PRECISION_M)
+            for area in pair
+        )
         apart = shapely.symmetric_difference(one, other, grid_size=PRECISION_M)
         differ += shapely.length(shapely.intersection(lines, apart))
     # Less than a centimetre is no difference.
