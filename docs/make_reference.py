@@ -52,8 +52,9 @@ _INTRO = {
     "release": "Where blocks start: [terrain.md](terrain.md#release-points).",
     "ground": "The ground class of each cell: [model.md](model.md#ground-classes).",
     "blocks": "One section for each block scenario; one is needed. Each value of a block is drawn "
-    "uniformly between its limits (volumes by a power law with `volume_exponent`). Its size is given by three semi-axes or by a volume. Zones need its onset "
-    "frequency: [hazard.md](hazard.md).",
+    "uniformly between its limits (volumes by a power law with `volume_exponent`). Its size is "
+    "given by three semi-axes or by a volume. Zones need its onset frequency: "
+    "[hazard.md](hazard.md).",
     "stations": "Control lines where passing blocks are recorded; a section for each. Placed by "
     "exactly one of `line`, `file`, `chainage_m`.",
     "barriers": "Walls and nets, placed like stations. Names of stations and barriers must be "
