@@ -38,7 +38,8 @@ single number means two equal limits. Unknown keys are errors, and so are texts 
 those of [terrain.md](terrain.md#formats).
 
 A run on the map needs `terrain.dem`, `release.file` and one `[[blocks]]`; a run along one profile
-needs `[profile]` (or `--csv`, `--point`) and one `[[blocks]]`. Everything else has a default.
+needs `[profile]` (or `--csv`, `--point`, `--line`) and one `[[blocks]]`. Everything else has a
+default.
 
 Paths, numbers of cores and output settings do not change the simulated blocks. The sections
 terrain, release, ground, blocks, stations, barriers, effects, engine and run (except
@@ -50,9 +51,10 @@ _INTRO = {
     "terrain": "The DEM, and how fall lines are traced and flattened: [terrain.md](terrain.md).",
     "release": "Where blocks start: [terrain.md](terrain.md#release-points).",
     "ground": "The ground class of each cell: [model.md](model.md#ground-classes).",
-    "blocks": "One section for each block scenario; one is needed. Each block is drawn uniformly "
-    "between the limits. Its size is given by three semi-axes or by a volume. Zones need its onset "
-    "frequency: [hazard.md](hazard.md).",
+    "blocks": "One section for each block scenario; one is needed. Each value of a block is drawn "
+    "uniformly between its limits (volumes by a power law with `volume_exponent`). Its size is "
+    "given by three semi-axes or by a volume. Zones need its onset frequency: "
+    "[hazard.md](hazard.md).",
     "stations": "Control lines where passing blocks are recorded; a section for each. Placed by "
     "exactly one of `line`, `file`, `chainage_m`.",
     "barriers": "Walls and nets, placed like stations. Names of stations and barriers must be "

@@ -275,8 +275,8 @@ def compare(before: Path, after: Path, out: Path, overwrite: bool) -> None:
     click.option("--validate", is_flag=True, help=".xtf: do not write without such a check."),
     click.option("--canton", help=".xtf: code of the canton responsible for the data, as TI."),
     OVERWRITE,
-    short_help="Write zones as INTERLIS 2 (model 166.1).",
-    example="export zones --xtf zones.xtf",
+    short_help="Write zones or paths as INTERLIS 2, GeoJSON or KML.",
+    example="export zones -o zones.xtf --canton TI",
 )  # fmt: skip
 def export(
     result: Path,

@@ -98,7 +98,10 @@ class _Maker:
     def intensity(self, years: float | None) -> RasterLayer:
         if years is None:
             stem, when = "intensity_extreme", phrase("extreme event")
-            what = phrase("Strongest class of intensity of any simulated block, however rare.")
+            what = phrase(
+                "Strongest class of intensity of any simulated block that is not too rare for a "
+                "level."
+            )
         else:
             stem, when = f"intensity_{years:g}", phrase("return period {} years", f"{years:g}")
             what = phrase(
