@@ -125,50 +125,54 @@ class ResultChange:
     def beyond_sampling(self) -> str:
         """Where more changes than chance does, in words."""
         if not self.certain_m2 > 0.0:
-            return "Nowhere does the reach probability change by more than the sampling explains."
-        return f"More than the sampling of the blocks explains: on {self.certain_m2:,.0f} m²."
+            return phrase(
+                "Nowhere does the reach probability change by more than the sampling explains."
+            )
+        text = "More than the sampling of the blocks explains: on {} m²."
+        return phrase(text, f"{self.certain_m2:,.0f}")
 
     def lines(self) -> tuple[str, ...]:
         """The most important numbers in words."""
         area = self.row("map", "area reached")
         share = 100.0 * (area.after / area.before - 1.0) if area.before else math.nan
-        reach = self.row("map", REACH_MEAN).change
+        before, after = (f"{value:,.0f}" for value in (area.before, area.after))
+        text = "Area that blocks reach: {} m² before, {} m² after ({} %)."
         out = [
-            f"Area that blocks reach: {area.before:,.0f} m² before, {area.after:,.0f} m² after"
-            + (f" ({share:+.0f} %)." if math.isfinite(share) else "."),
+            phrase(text, before, after, _signed(share, ".0f"))
+            if math.isfinite(share)
+            else phrase("Area that blocks reach: {} m² before, {} m² after.", before, after)
         ]
+        reach = self.row("map", REACH_MEAN).change
         if math.isfinite(reach):
-            out.append(
-                "Reach probability, mean change over these cells: "
-                f"{100 * reach:+.2g} percentage points."
-            )
+            text = "Reach probability, mean change over these cells: {} percentage points."
+            out.append(phrase(text, _signed(100.0 * reach, ".2g")))
         energy = self.row("map", ENERGY_MEAN).change
         if math.isfinite(energy):
-            out.append(
-                "Energy (95 % quantile), mean change over the cells reached by both: "
-                f"{energy:+.3g} kJ."
-            )
+            text = "Energy (95 % quantile), mean change over the cells reached by both: {} kJ."
+            out.append(phrase(text, _signed(energy, ".3g")))
         if math.isfinite(self.higher_m2):
-            out.append(
-                f"Hazard level: higher on {self.higher_m2:,.0f} m², lower on "
-                f"{self.lower_m2:,.0f} m²."
-            )
-        said = [" ".join(line.split()).replace("-", "\u2212") for line in out]
-        return (*said, *self._object_lines())
+            text = "Hazard level: higher on {} m², lower on {} m²."
+            out.append(phrase(text, f"{self.higher_m2:,.0f}", f"{self.lower_m2:,.0f}"))
+        return (*out, *self._object_lines())
 
     def _object_lines(self) -> Iterator[str]:
-        names = dict.fromkeys(r.name for r in self.of("object"))
-        for name in names:
+        text = (
+            "{}: energy (95 % quantile) {} before, {} after; reach probability {} % before, "
+            "{} % after."
+        )
+        for name in dict.fromkeys(r.name for r in self.of("object")):
             energy = self.row("object", "energy (95 % quantile)", name)
             reach = self.row("object", "reach probability", name)
             before, after = (
-                f"{value:,.0f} kJ{limits_text(limits, '{:,.0f}'.format)}"
+                phrase("{} kJ{}", f"{value:,.0f}", limits_text(limits, "{:,.0f}".format))
                 for value, limits in zip((energy.before, energy.after), energy.limits, strict=True)
             )
-            yield (
-                f"{name}: energy (95 % quantile) {before} before, {after} after; reach "
-                f"probability {100 * reach.before:.2g} % before, {100 * reach.after:.2g} % after."
-            )
+            shares = (f"{100 * value:.2g}" for value in (reach.before, reach.after))
+            yield phrase(text, name, before, after, *shares)
+
+
+def _signed(value: float, spec: str) -> str:
+    return f"{value:+{spec}}".replace("-", "\u2212")
 
 
 def limits_text(limits: tuple[float, ...], written: Callable[[float], str]) -> str:

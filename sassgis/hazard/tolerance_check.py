@@ -59,18 +59,18 @@ class ToleranceCheck:
     def warnings(self) -> list[str]:
         """What the user should know."""
         large = [
-            f"{MEASURES[name]} {answer} at {t:g} m"
+            phrase("{} {} at {} m", phrase(MEASURES[name]), str(answer), f"{t:g}")
             for t, found in self.answers.items()
             for name, answer in found.items()
             if answer.certain and abs(answer.value) > LARGEST_CHANGE
         ]
         if not large:
             return []
-        return [
-            f"Results depend on terrain.segment_tolerance_m ({self.tolerance_m:g} m): "
-            + ", ".join(large)
-            + f" (a sample of {self.blocks} blocks). Choose it so that half of it changes little."
-        ]
+        text = (
+            "Results depend on terrain.segment_tolerance_m ({} m): {} (a sample of {} blocks). "
+            "Choose it so that half of it changes little."
+        )
+        return [phrase(text, f"{self.tolerance_m:g}", joined(", ", large), self.blocks)]
 
 
 def tolerance_check(

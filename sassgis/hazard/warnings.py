@@ -26,14 +26,14 @@ from sassgis.model.profiles import LineEnd
 from sassgis.model.results import StopReason
 
 _LINE_ENDS = (
-    (LineEnd.LEFT_DEM, "reach the edge of the terrain model"),
-    (LineEnd.NODATA, "run into nodata"),
-    (LineEnd.MAX_LENGTH, "are cut at terrain.max_line_length_m"),
-    (LineEnd.CLOSED_LOOP, "close upon themselves"),
+    (LineEnd.LEFT_DEM, "{} of {} fall lines reach the edge of the terrain model."),
+    (LineEnd.NODATA, "{} of {} fall lines run into nodata."),
+    (LineEnd.MAX_LENGTH, "{} of {} fall lines are cut at terrain.max_line_length_m."),
+    (LineEnd.CLOSED_LOOP, "{} of {} fall lines close upon themselves."),
 )
 _TRUST_WARNINGS: tuple[tuple[Trust, str], ...] = (
     ("estimate", "Ground classes that are estimates, with their share of the ground: {}."),
-    ("fitted", "Ground classes fitted to one site, with their share of the ground: {}."),
+    ("fitted", "Ground classes fitted to field sites, with their share of the ground: {}."),
 )
 _STOPS = (
     (
@@ -98,18 +98,19 @@ def simulation_warnings(run: MapRun, progress: Progress) -> list[str]:
     ends = line_ends(progress)
     for end, what in _LINE_ENDS:
         if ends[end] and not run.followed:
-            out.append(f"{ends[end]} of {sum(ends.values())} fall lines {what}.")
+            out.append(phrase(what, ends[end], sum(ends.values())))
     for reason, what in _STOPS:
         n = int(progress.reasons[reason])
         if n:
             # Shares, as some blocks count for several.
             out.append(phrase(what, f"{100 * n / total:.2g}"))
     if progress.lost:
-        out.append(
-            f"{progress.lost} blocks were not simulated: their fall lines end where they begin "
-            "(release points on nodata or at the edge of the terrain model). They are not part of "
-            "the denominator of the reach probability."
+        text = (
+            "{} blocks were not simulated: their fall lines end where they begin (release points "
+            "on nodata or at the edge of the terrain model). They are not part of the denominator "
+            "of the reach probability."
         )
+        out.append(phrase(text, progress.lost))
     idle = [
         line.name
         for i, (line, _) in enumerate(run.control_lines)
@@ -135,7 +136,7 @@ def rule_warnings(preset: HazardPreset, frequencies: Mapping[tuple[str, str], fl
     out = preset_unverified(preset)
     idle = [f"{area} / {scenario}" for (area, scenario), n in frequencies.items() if n == 0.0]
     if idle:
-        out.append("Onset frequency 0, so without any hazard: " + ", ".join(idle) + ".")
+        out.append(phrase("Onset frequency 0, so without any hazard: {}.", ", ".join(idle)))
     return out
 
 

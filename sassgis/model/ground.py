@@ -20,7 +20,7 @@ PARAMETERS = (
 Trust = Literal["paper", "fitted", "estimate"]
 TRUST_TEXT: Mapping[Trust, str] = {
     "paper": "from a paper, what it leaves open chosen within its ranges",
-    "fitted": "fitted to one site",
+    "fitted": "fitted to field sites",
     "estimate": "estimate",
 }
 #: Between which each of them must lie.

@@ -23,7 +23,7 @@ def test_classes_are_named_by_how_far_they_may_be_trusted() -> None:
     (text,) = ground_warnings(used)
     assert text.endswith("estimates, with their share of the ground: one 25 %, two 25 %.")
     (text,) = ground_warnings([(replace(own, trust="fitted"), 1.0)])
-    assert "fitted to one site" in text
+    assert "fitted to field sites" in text
     assert not ground_warnings([(paper, 1.0)])
     (text,) = ground_warnings([(replace(paper, d_star_m=0.3), 1.0)])
     assert "to be measured on the site: three 0.3 m" in text
