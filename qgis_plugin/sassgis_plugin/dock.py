@@ -18,6 +18,7 @@ from qgis.gui import QgsFileWidget, QgsMapLayerComboBox
 from qgis.PyQt.QtCore import Qt, QUrl, pyqtSignal
 from qgis.PyQt.QtGui import QDesktopServices
 from qgis.PyQt.QtWidgets import (
+    QCheckBox,
     QComboBox,
     QDockWidget,
     QDoubleSpinBox,
@@ -248,9 +249,11 @@ class SiteDock(QDockWidget):
         self.width_m.valueChanged.connect(self.refresh)
         self.preset.addItems(PRESETS)
         self.edits = self._layers(QgsMapLayerProxyModel.PolygonLayer)
+        self.auto = QCheckBox("More blocks, as many as the map needs")
         form.addRow("Reference width (m)", self.width_m)
         form.addRow("Rules", self.preset)
         form.addRow("Edits by hand", self.edits)
+        form.addRow(self.auto)
         (self.zone_button,) = self._buttons(form, ("Make zones", lambda: self.start("zone")))
         self.share_bar = QProgressBar()
         self.share_bar.setRange(0, 1000)
@@ -311,6 +314,7 @@ class SiteDock(QDockWidget):
         zoning = {
             "REF_WIDTH": self.width_m.value(),
             "PRESET": self.preset.currentText(),
+            "AUTO": self.auto.isChecked(),
             **({} if edits is None else {"EDITS": edits}),
         }
         vulnerability = self.vulnerability.filePath()

@@ -82,6 +82,7 @@ def _site_parameters(width: bool) -> list[QgsProcessingParameterDefinition]:
         number("BLOCKS", "Blocks per release point", INTEGER, default=100, low=1),
         *(
             [
+                box("AUTO", "More blocks, as many as the map needs"),
                 number("REF_WIDTH", "Reference width of all frequencies (m)"),
                 choice("PRESET", "Rules of the hazard levels", PRESETS, PRESETS[0]),
             ]
@@ -120,6 +121,8 @@ def _site(inputs: Inputs, more: Sequence[str] = ()) -> list[object]:
         raise QgsProcessingException(f"Block scenarios: {problem}")
     language = next((own for own in LANGUAGES if QgsApplication.locale()[:2] == own), "en")
     name = inputs.out.name.replace('"', "'")
+    # So many, or as many as the map needs, for which the former are a first sample.
+    auto = inputs.algorithm.parameterDefinition("AUTO") is not None and inputs.flag("AUTO")
     settings = [
         f'project.name="{name}"',
         f'project.language="{language}"',
@@ -127,8 +130,7 @@ def _site(inputs: Inputs, more: Sequence[str] = ()) -> list[object]:
         f"blocks=[{', '.join(map(_block, scenarios))}]",
         f"release.spacing_m={number_text(inputs.number('SPACING'))}",
         f"release.rocks_per_point={number_text(inputs.number('BLOCKS'))}",
-        # So many, and not as many as the map needs.
-        'hazard.blocks="given"',
+        f'hazard.blocks="{"auto" if auto else "given"}"',
         *more,
     ]
     if any(inputs.given(name) for name in _EXPOSED):

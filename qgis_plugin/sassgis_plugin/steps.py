@@ -113,7 +113,7 @@ def next_step(steps: Sequence[Step]) -> str:
             why = "see below" if own.key == "program" else own.missing or "ready"
             return f"Next: {own.title.lower()} ({why})."
     if any(own.grade == "bad" for own in steps):
-        return "Next: more blocks per release point, then zones again."
+        return "Next: more blocks per release point, or as many as the map needs; then zones again."
     return "All steps are done."
 
 
@@ -126,7 +126,7 @@ def verdict(changed_share: float) -> tuple[str, str]:
     text += f"{100.0 * changed_share:.1f} % of the zoned area."
     advice = {
         "good": "",
-        "look": " More blocks per release point make it less.",
-        "bad": " Too much for a map: simulate more blocks per release point.",
+        "look": " More blocks make it less.",
+        "bad": " Too much for a map: simulate more blocks, or as many as the map needs.",
     }
     return grade, text + advice[grade]

@@ -67,14 +67,15 @@ def calibrate(
 
 @command(
     click.argument("path", type=PATH),
+    click.option("--crs", help="Coordinate system of a .gpkg, as EPSG:2056; best that of the DEM."),
     short_help="Write empty tables of observations.",
     example="gap template observed",
 )
-def template(path: Path) -> None:
+def template(path: Path, crs: str | None) -> None:
     """Write empty tables of observations: a .gpkg, or a folder of CSV files."""
     from sassgis.io.write.observation_template import observations_template
 
-    click.echo(f"Wrote {observations_template(path)}. Leave out what you did not measure.")
+    click.echo(f"Wrote {observations_template(path, crs=crs)}. Leave out what you did not measure.")
 
 
 @command(

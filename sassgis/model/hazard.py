@@ -310,7 +310,8 @@ class HazardSettings(Section):
     confidence: Annotated[
         float,
         Interval(ge=0.5, le=0.9999),
-        "of the sampling interval that decides whether a level is statistically certain",
+        "probability that another sample of blocks gives a place no lower level, and none that is "
+        "higher, from which on its level is called certain",
     ] = 0.95
     blocks: Annotated[
         Literal["given", "auto"],

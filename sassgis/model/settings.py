@@ -329,14 +329,16 @@ class BlockSettings(Section):
 class StationSettings(Section):
     """A line on the map, or a chainage, where passing blocks are recorded."""
 
-    name: Annotated[Name, "name of the station", Example("road")]
+    name: Annotated[Name, "name of the station or barrier", Example("road")]
     line: Annotated[
         Annotated[tuple[tuple[float, float], ...], MinLen(2)] | None,
         "[[x, y], [x, y], ...] in the DEM's coordinates (m)",
         Example(((2700010.0, 1150000.0), (2700090.0, 1150010.0))),
     ] = None
     file: Annotated[
-        Input | None, "layer of lines; each feature is a station", Example("stations.gpkg")
+        Input | None,
+        "layer of lines; each feature is a station or barrier",
+        Example("stations.gpkg"),
     ] = None
     layer: Annotated[Text | None, "layer, where the file has several", Example("stations")] = None
     name_field: Annotated[

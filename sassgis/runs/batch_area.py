@@ -251,7 +251,7 @@ def kept_areas(
             elif not overwrite:
                 raise OutputError(
                     f"{own}: exists and was made from other settings, inputs or versions, or has "
-                    "changed; choose another folder, or --overwrite"
+                    "changed; choose another folder; --overwrite replaces what nobody has changed"
                 )
     if kept:
         tell(f"{len(kept)} of {len(candidates)} areas are there already")

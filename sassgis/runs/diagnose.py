@@ -48,6 +48,7 @@ from sassgis.io.write.gap_files import write_diagnosis_json
 from sassgis.model.errors import InputError, Interrupted
 from sassgis.model.grid import FloatArray
 from sassgis.model.languages import joined, phrase
+from sassgis.model.run_config import Config
 from sassgis.runs.draw_store import OnProgress
 from sassgis.runs.evidence import Evidence, evidence_beyond, prepared_case
 from sassgis.runs.fresh_shrinkage import ENSEMBLE
@@ -150,7 +151,12 @@ def diagnose(
             raise Interrupted("stopped by the user") from None
         diagnosis = replace(
             diagnosis,
-            warnings=(*settings.notes, *_group_warnings(case), *diagnosis.warnings),
+            warnings=(
+                *settings.notes,
+                *_scenario_warnings(settings),
+                *_group_warnings(case),
+                *diagnosis.warnings,
+            ),
         )
         if out is None:
             return diagnosis
@@ -161,6 +167,14 @@ def diagnose(
         else:
             write_diagnosis_json(work / "diagnosis.json", diagnosis)
     return diagnosis
+
+
+def _scenario_warnings(config: Config) -> tuple[str, ...]:
+    """That of several block scenarios only one counts."""
+    if len(config.blocks) == 1:
+        return ()
+    text = "What is not measured of a rock is taken from the first block scenario ({}) alone."
+    return (phrase(text, config.blocks[0].name),)
 
 
 def _group_warnings(case: Case) -> tuple[str, ...]:

@@ -27,7 +27,7 @@ BASE, _PER_CELL, _PER_POINT = 900 << 20, 100, 1500
 #: Copies of the row of a block, and bytes of a stop that is kept with what is written of it.
 _ROWS, _PER_STOP = 3, 1000
 #: Blocks simulated in a second on one core, on followed paths and on fall lines.
-RATES = {True: 4200, False: 11_000}
+RATES = {True: 8500, False: 21_000}
 #: Bytes of a cell in a band of a map.
 _IN_MAP = 4
 

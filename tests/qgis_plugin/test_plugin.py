@@ -192,6 +192,7 @@ def seen(
         "wrong row": calling("run", out / "x", **plain, SCENARIOS=["a", 2, 1, ""]),
         "no kind": calling("run", out / "x", **plain, BARRIERS=f"@{layers['bare']}"),
         "no vulnerability": calling("run", out / "x", **plain, ROADS=f"@{layers['bare']}"),
+        "written": calling("configuration", out / "later", **zoned, AUTO=True),
         "other choices": calling("zone", out / "zone", **{**zoned, "SPACING": 7}),
     }
     report = ask(*calls.values())
@@ -361,7 +362,8 @@ def test_each_step_says_what_is_missing() -> None:
         "Next: terrain (a terrain model).", "Next: program (see below).",
         "Next: run (a folder for the result).", "Next: run (ready).",
         "Next: zones (the reference width).", "Next: zones (ready).",
-        "Next: more blocks per release point, then zones again.", "All steps are done.",
+        "Next: more blocks per release point, or as many as the map needs; then zones again.",
+        "All steps are done.",
     ]  # fmt: skip
 
 
@@ -431,6 +433,8 @@ def test_zones_from_layers_come_from_a_configuration_that_is_kept(
     made = load_config(config)
     assert (made.release.spacing_m, made.release.rocks_per_point) == (6.0, 5)
     assert (made.project.name, made.project.language) == ("zone", "en")
+    later = load_config(seen["calls"]["written"]["results"]["USED_CONFIG"])
+    assert (made.hazard.blocks, later.hazard.blocks) == ("given", "auto")
     edits = gpd.read_file(slope.folder / "zone" / "edits.gpkg", layer="edits")
     assert list(edits["reason"]) == ["rock cleared"]
     # A value under another name must not be a silent zero.
@@ -523,7 +527,9 @@ def test_the_panel_leads_from_terrain_to_sheets(
     assert after["bar"] == round(1000 * share) and f"{100 * share:.1f} %" in after["share"]
     assert f"on {100 * share:.1f} %" in after["status"]["zones"] and "zones." in after["line"]
     # Five blocks a point are too few.
-    assert after["next"] == "<b>Next: more blocks per release point, then zones again.</b>"
+    assert after["next"] == (
+        "<b>Next: more blocks per release point, or as many as the map needs; then zones again.</b>"
+    )
     assert "Hazard level" in after["sheets"][0]
     assert any("Hazard zones" in layer["name"] for layer in leaves(seen["tree"]))
     assert all((pictures / f"{name}.png").stat().st_size > 10_000 for name in ("before", "after"))

@@ -87,7 +87,7 @@ def federal_layers(
         f"reference width {ref_width_m:.4g} m. Onset frequencies as stated by the user."
     )
     short = unique_short_names(list(by_area))
-    # Each cell that a block reaches has a level: what is indicated is what the levels cover.
+    # What is indicated is what the levels cover: beyond, blocks are rarer than any level.
     reached = shapely.get_parts(shapely.coverage_union_all(hazard.levels.polygons))
     rows: dict[str, list[Row]] = {
         "hazard_area": [
