@@ -121,7 +121,7 @@ def sensitivity(
         lab = VariantLab(config, ready, rules, work, workers_asked(config, jobs), on_progress, tell)
         done = _simulated(lab, known, samples, tell)
         tell("Writing maps, tables and report")
-        warnings = (*job.notices, *_warnings(rules, config, done.ranges))
+        warnings = (*job.notices, *_warnings(rules, done.ranges))
         found = _publish(work, config, lab, done, warnings, ranges, areas)
     return SensitivityResult(
         Path(out), done.ranges, found[0], found[1], len(done.findings), warnings
@@ -178,9 +178,7 @@ def _simulated(
     return _Done(ranges, (*(v for v, _ in first), *ends, *filling), tuple(findings))
 
 
-def _warnings(
-    rules: Rules | None, config: Config, ranges: Sequence[ParameterRange]
-) -> tuple[str, ...]:
+def _warnings(rules: Rules | None, ranges: Sequence[ParameterRange]) -> tuple[str, ...]:
     out = []
     if rules is None:
         out.append(

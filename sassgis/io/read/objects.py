@@ -431,9 +431,7 @@ def _under_polygon(shape: Any, grid: Grid) -> IntArray:
 # Vulnerability
 
 
-def read_vulnerability(
-    file: Input, intensities: Sequence[str], *, field: str = "risk.vulnerability"
-) -> Vulnerability:
+def read_vulnerability(file: Input, intensities: Sequence[str]) -> Vulnerability:
     """Read what a hit does to objects of each kind.
 
     Parameters
@@ -448,6 +446,7 @@ def read_vulnerability(
     Vulnerability
         Where a number falls with the intensity, a warning is logged.
     """
+    field = "risk.vulnerability"
     columns = {
         "kind": CsvColumn(known=VULNERABILITY_KINDS),
         "intensity": CsvColumn(known=intensities),

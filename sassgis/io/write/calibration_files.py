@@ -29,7 +29,7 @@ from sassgis.model.run_config import Config
 FITTED_NAME = "fitted_classes.csv"
 
 
-def write_calibration_json(path: Path, calibration: SiteCalibration) -> Path:
+def write_calibration_json(path: Path, calibration: SiteCalibration) -> None:
     """Write ``calibration.json``: all numbers of a calibration."""
     content = {
         "program": f"sassgis {sassgis.__version__}",
@@ -69,7 +69,6 @@ def write_calibration_json(path: Path, calibration: SiteCalibration) -> Path:
     }
     text = json.dumps(plain(_finite(content)), indent=2, ensure_ascii=False, allow_nan=False)
     write_text(path, text + "\n")
-    return path
 
 
 def _site(site: SiteResult) -> dict[str, Any]:
@@ -118,14 +117,13 @@ def _finite(value: Any) -> Any:
     return value
 
 
-def write_classes(path: Path, calibration: SiteCalibration, configured: GroundTable) -> Path:
+def write_classes(path: Path, calibration: SiteCalibration, configured: GroundTable) -> None:
     """Write the table of ground classes with the provenance of each calibrated one."""
 
     def provenance(own: GroundClass) -> str:
         return class_provenance(calibration, own.name)
 
     write_text(path, classes_csv(calibration.table(configured), configured, provenance))
-    return path
 
 
 def class_provenance(calibration: SiteCalibration, name: str) -> str:
