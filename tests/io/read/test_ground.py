@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from affine import Affine
+from helpers.one_line import one_line
 from helpers.sections import section_of
 from hypothesis import given
 from hypothesis import strategies as st
@@ -161,12 +162,11 @@ BAD_TABLES = [
 
 
 @pytest.mark.parametrize(("text", "words"), BAD_TABLES)
-def test_tables_that_cannot_be_used(tmp_path, one_line, text, words):
+def test_tables_that_cannot_be_used(tmp_path, text, words):
     path = tmp_path / "own.csv"
     path.write_text(text)
-    with pytest.raises(InputError) as error:
+    with one_line(InputError, "own.csv", *words):
         read_ground_table(path)
-    one_line(error, "own.csv", *words)
 
 
 @pytest.mark.parametrize(
@@ -177,18 +177,16 @@ def test_tables_that_cannot_be_used(tmp_path, one_line, text, words):
         ('[[classes]]\nname = "a"\n', ["class number 1", "eta_max", "missing column"]),
     ],
 )
-def test_toml_tables_that_cannot_be_used(tmp_path, one_line, text, words):
+def test_toml_tables_that_cannot_be_used(tmp_path, text, words):
     path = tmp_path / "own.toml"
     path.write_text(text)
-    with pytest.raises(InputError) as error:
+    with one_line(InputError, "own.toml", *words):
         read_ground_table(path)
-    one_line(error, "own.toml", *words)
 
 
-def test_missing_table(tmp_path, one_line):
-    with pytest.raises(InputError) as error:
+def test_missing_table(tmp_path):
+    with one_line(InputError, "none.csv", "ground.classes", "file not found"):
         read_ground_table(tmp_path / "none.csv")
-    one_line(error, "none.csv", "ground.classes", "file not found")
 
 
 # --- map of classes -------------------------------------------------------------------------
@@ -266,24 +264,22 @@ def test_raster_of_codes_in_another_system(make_dem, slope_grid):
 
 
 @pytest.fixture
-def refused(slope_grid, one_line):
+def refused(slope_grid):
     def check(path, *words, grid=None, **keys):
-        with pytest.raises(InputError) as error:
+        with one_line(InputError, *words):
             ground_raster(settings(path, **keys), grid or slope_grid, TABLE)
-        one_line(error, *words)
 
     return check
 
 
-def test_unknown_default_names_the_configuration(tmp_path, slope_grid, one_line):
+def test_unknown_default_names_the_configuration(tmp_path, slope_grid):
     path = tmp_path / "run.toml"
     path.write_text(
         '[ground]\ndefault = "rok"\n[profile]\n'
         '[[blocks]]\nname = "b"\naxis_1_m = 1\naxis_2_m = 1\naxis_3_m = 1\n'
     )
-    with pytest.raises(InputError) as error:
+    with one_line(InputError, "run.toml", "ground.default", "'rok'"):
         ground_raster(load_config(path).ground, slope_grid, TABLE)
-    one_line(error, "run.toml", "ground.default", "'rok'")
 
 
 def test_unknown_class_of_a_polygon(refused, make_layer):
