@@ -16,17 +16,14 @@ import pandas as pd
 import pytest
 import rasterio
 import shapely
+from helpers.command_line import exit_code
 from helpers.zone_slope import VULNERABILITY, Case, box, place, two_areas
-
-from sassgis.cli import main
 
 PROBE = Path(__file__).parents[2] / "io" / "qgis" / "probe.py"
 
 
 def zone(case: Case, out: Path) -> Path:
-    with pytest.raises(SystemExit) as stopped:
-        main(["zone", str(case.config), "-o", str(out), "--jobs", "1"])
-    assert stopped.value.code == 0
+    assert exit_code("zone", case.config, "-o", out, "--jobs", "1") == 0
     return out
 
 
@@ -64,9 +61,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 @pytest.fixture(scope="module")
 def compared(results: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("compared") / "out"
-    with pytest.raises(SystemExit) as stopped:
-        main(["compare", *map(str, results), "-o", str(out)])
-    assert stopped.value.code == 0
+    assert exit_code("compare", *results, "-o", out) == 0
     return out
 
 
@@ -208,28 +203,22 @@ def test_a_run_and_a_zoning(results: Any, tmp_path: Path, call) -> None:
     assert (tmp_path / "out" / "project.qgz").is_file()
 
 
-def one_line(call, *arguments: object) -> str:
-    code, out, err = call("compare", *arguments)
-    assert code == 2 and out == "" and err.count("\n") == 1 and err.startswith("Error: "), err
-    return err
-
-
-def test_bad_folders_are_one_line(results: Any, tmp_path: Path, call) -> None:
+def test_bad_folders_are_one_line(results: Any, tmp_path: Path, refusal) -> None:
     out = tmp_path / "out"
     (tmp_path / "empty").mkdir()
-    assert "not a result" in one_line(call, results[0], tmp_path / "empty", "-o", out)
-    assert "not a result" in one_line(call, tmp_path / "nowhere", results[0], "-o", out)
+    assert "not a result" in refusal("compare", results[0], tmp_path / "empty", "-o", out)
+    assert "not a result" in refusal("compare", tmp_path / "nowhere", results[0], "-o", out)
     broken = tmp_path / "broken"
     broken.mkdir()
     (broken / "manifest.json").write_text("{")
-    assert "cannot be read" in one_line(call, broken, results[0], "-o", out)
+    assert "cannot be read" in refusal("compare", broken, results[0], "-o", out)
     (broken / "manifest.json").write_text("[]")
-    assert "is no manifest" in one_line(call, broken, results[0], "-o", out)
+    assert "is no manifest" in refusal("compare", broken, results[0], "-o", out)
     shutil.copy(results[0] / "manifest.json", broken)
-    assert "no maps to compare" in one_line(call, broken, results[0], "-o", out)
+    assert "no maps to compare" in refusal("compare", broken, results[0], "-o", out)
     (broken / "maps").mkdir()
     (broken / "maps" / "reach_probability.tif").write_text("no raster")
-    assert "cannot be read as a raster" in one_line(call, broken, results[0], "-o", out)
+    assert "cannot be read as a raster" in refusal("compare", broken, results[0], "-o", out)
     assert not out.exists() and not list(tmp_path.glob("out*"))
 
 
