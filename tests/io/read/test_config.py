@@ -140,13 +140,6 @@ def test_defaults_in_comments_of_the_template_are_the_true_ones():
     assert checked >= 15
 
 
-@pytest.mark.parametrize("section", sorted(ALL_SECTIONS))
-def test_every_key_is_described(section):
-    for key, field in ALL_SECTIONS[section].items():
-        assert field.description, f"{section}.{key}"
-    assert set(ALL_SECTIONS["engine"]) == {f.name for f in dataclasses.fields(EngineSettings)}
-
-
 # --- errors ---------------------------------------------------------------------------------
 
 WRONG = [
@@ -276,10 +269,8 @@ def test_spacing_is_either_usable_or_refused_in_one_line(load, value):
     if usable:
         assert load(text).release.spacing_m == value
     else:
-        with pytest.raises(ConfigError) as error:
+        with one_line(ConfigError, "release.spacing_m"):
             load(text)
-        assert "release.spacing_m" in str(error.value)
-        assert "\n" not in str(error.value)
 
 
 # --- manifest and fingerprint ---------------------------------------------------------------
@@ -395,19 +386,15 @@ def test_former_keys_are_read_and_noted_once(load):
     assert resolved(new) == resolved(old)
 
 
-def test_a_setting_under_both_names_is_refused(load):
-    with one_line(ConfigError, "run.toml", "hazard.changed_share_max", "uncertain_share_max"):
-        load(MINIMAL + "[hazard]\nuncertain_share_max = 0.3\nchanged_share_max = 0.3\n")
-
-
-def test_a_wrong_value_under_a_former_name_is_refused(load):
-    with one_line(ConfigError, "run.toml", "hazard.changed_share_max", "found 0"):
-        load(MINIMAL + "[hazard]\nuncertain_share_max = 0\n")
-
-
 @pytest.mark.parametrize(
     ("keys", "words"),
     [
+        # Under its former name, and under both.
+        ("uncertain_share_max = 0", ("hazard.changed_share_max", "found 0")),
+        (
+            "uncertain_share_max = 0.3\nchanged_share_max = 0.3",
+            ("hazard.changed_share_max", "uncertain_share_max"),
+        ),
         ("changed_share_max = 0.1", ("hazard.changed_share_max", '"auto"')),
         ('blocks = "many"', ("hazard.blocks", "many")),
         ('blocks = "auto"\nblocks_max = 0', ("hazard.blocks_max", "found 0")),
@@ -415,6 +402,6 @@ def test_a_wrong_value_under_a_former_name_is_refused(load):
         ('blocks = "auto"\nchanged_share_max = 1.0', ("hazard.changed_share_max", "found 1.0")),
     ],
 )
-def test_a_budget_of_nothing_is_refused(load, keys, words):
+def test_budgets_that_cannot_be_used(load, keys, words):
     with one_line(ConfigError, "run.toml", *words):
         load(MINIMAL + f"[hazard]\n{keys}\n")

@@ -6,7 +6,6 @@ import html
 import json
 import re
 import shutil
-import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,7 @@ import pytest
 import rasterio
 import shapely
 from helpers.command_line import exit_code
+from helpers.in_qgis import in_qgis
 from helpers.zone_slope import VULNERABILITY, Case, box, place, two_areas
 
 PROBE = Path(__file__).parents[2] / "io" / "qgis" / "probe.py"
@@ -224,13 +224,8 @@ def test_bad_folders_are_one_line(results: Any, tmp_path: Path, refusal) -> None
 
 @pytest.mark.qgis
 def test_qgis_opens_the_comparison(compared: Path, tmp_path: Path, qgis: None) -> None:
-    done = subprocess.run(
-        ["/usr/bin/python3", str(PROBE), str(compared / "project.qgz"), str(tmp_path / "p.png")],
-        capture_output=True, text=True, timeout=120, check=False,
-        env={"QT_QPA_PLATFORM": "offscreen", "HOME": str(tmp_path), "LC_ALL": "C.UTF-8"},
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    seen = json.loads(done.stdout)
+    picture = tmp_path / "p.png"
+    seen = json.loads(in_qgis(PROBE, compared / "project.qgz", picture, home=tmp_path))
     assert seen["opened"] and not seen["error"] and not seen["render_errors"]
     assert all(entry["valid"] for entry in seen["layers"]) and len(seen["layers"]) == 6
     by_name = {entry["name"]: entry for entry in seen["layers"]}
