@@ -35,7 +35,7 @@ from sassgis.model.languages import in_language, phrase
 from sassgis.model.run_config import Config
 from sassgis.report.page import translated_report, write_report
 from sassgis.report.sensitivity_report import sensitivity_report
-from sassgis.runs.inputs import read_rules
+from sassgis.runs.inputs import read_rules, states_frequencies
 from sassgis.runs.job import AnyConfig, OnProgress, configured, read_job, workers_asked
 from sassgis.runs.map import check_starts
 from sassgis.runs.origin import Origin, write_origin
@@ -103,7 +103,7 @@ def sensitivity(
     with staged_output(Path(out), overwrite) as work:
         job = read_job(config, areas, tell)
         known = read_ranges(job.run.table, ranges or config.ground.ranges)
-        rules = read_rules(config, job.run) if _has_frequencies(config) else None
+        rules = read_rules(config, job.run) if states_frequencies(config) else None
         if rules is not None:
             job = prepared(job, rules)
         given = config.release.rocks_per_point
@@ -120,12 +120,6 @@ def sensitivity(
     return SensitivityResult(
         Path(out), done.ranges, found[0], found[1], len(done.findings), warnings
     )
-
-
-def _has_frequencies(config: Config) -> bool:
-    """Whether any onset frequency is stated: then all must be."""
-    stated = any(o.frequency is not None for o in config.onsets.values())
-    return stated or config.hazard.frequencies is not None
 
 
 @dataclass(frozen=True, slots=True)
