@@ -7,11 +7,14 @@ import re
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
+from helpers.command_line import exit_code
 from helpers.samples import copy_sample
 
-from sassgis.cli import main
+if TYPE_CHECKING:
+    from helpers.small_slope import Slope
 
 ROOT = Path(__file__).resolve().parents[1]
 SYSTEM_PYTHON = Path("/usr/bin/python3")
@@ -84,16 +87,48 @@ def make_valley(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]
 
 
 @pytest.fixture
+def slope(tmp_path: Path) -> Slope:
+    """A small configuration with everything that a run needs."""
+    from helpers.small_slope import Slope
+
+    return Slope.made(tmp_path)
+
+
+@pytest.fixture
 def call(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
     """Call the command line; gives exit code, stdout and stderr."""
 
     def run(*arguments: object) -> tuple[int, str, str]:
         capsys.readouterr()
-        with pytest.raises(SystemExit) as stopped:
-            main([str(a) for a in arguments])
-        out, err = capsys.readouterr()
-        assert isinstance(stopped.value.code, int)
-        return stopped.value.code, out, err
+        code = exit_code(*arguments)
+        return code, *capsys.readouterr()
+
+    return run
+
+
+@pytest.fixture
+def printed(call: Callable[..., tuple[int, str, str]]) -> Callable[..., str]:
+    """Call the command line, which succeeds; gives stdout."""
+
+    def run(*arguments: object) -> str:
+        code, out, err = call(*arguments)
+        assert code == 0, err
+        return out
+
+    return run
+
+
+@pytest.fixture
+def refusal(call: Callable[..., tuple[int, str, str]]) -> Callable[..., str]:
+    """Call the command line, which refuses; gives the one line that says why."""
+
+    def run(*arguments: object, code: int = 2) -> str:
+        found, out, err = call(*arguments)
+        lines = [line for line in err.splitlines() if not line.endswith("...")]
+        assert (found, len(lines)) == (code, 1) and lines[0].startswith("Error: "), err
+        # Fetching and checking a DEM say what they have done so far.
+        assert not out or arguments[0] == "dem", out
+        return lines[0]
 
     return run
 

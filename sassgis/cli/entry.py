@@ -108,9 +108,7 @@ def main(arguments: list[str] | None = None) -> None:
         )
     except SassgisError as error:
         _fail(str(error), error.exit_code, debug)
-    except click.exceptions.Abort:
-        _fail("stopped by the user", Interrupted.exit_code, debug)
-    except KeyboardInterrupt:
+    except (click.exceptions.Abort, KeyboardInterrupt):
         _fail("stopped by the user", Interrupted.exit_code, debug)
     except click.ClickException as error:
         _fail(error.format_message(), error.exit_code, debug)

@@ -34,14 +34,9 @@ def make_case(spec: WorldSpec, seed: int, case: str, folder: str) -> dict[str, A
     world = make_world(spec, seed)
     # It appears whole: a process that was lost may have written it.
     if not Path(folder).exists():
-        write_world(world, Path(folder), case, spec.kind, spec.n_rocks)
+        seen = observe(world, spec.kind, spec.n_rocks, _CAMPAIGN)  # type: ignore[arg-type]
+        write_seen(world, Path(folder), f"World {case}", seen)
     return {"label": label_of(world, case), "digest": folder_digest(Path(folder))}
-
-
-def write_world(world: World, folder: Path, case: str, kind: str, n_rocks: int) -> None:
-    """Release rocks in a synthetic site and write what its observers have and know."""
-    seen = observe(world, kind, n_rocks, _CAMPAIGN)  # type: ignore[arg-type]
-    write_seen(world, folder, f"World {case}", seen)
 
 
 def write_seen(world: World, folder: Path, title: str, seen: ObservedTables) -> Path:

@@ -33,6 +33,7 @@ from sassgis.runs.inputs import (
     profile_from_csv,
     read_map_run,
     read_rules,
+    states_frequencies,
     with_rules,
 )
 from sassgis.runs.job import check_means, workers_asked
@@ -320,8 +321,7 @@ def _zoning(config: Config, run: MapRun, complete: bool) -> tuple[tuple[str, ...
             lines.append(f"  exposed objects: {len(rules.placed)}")
         notes = rule_warnings(rules.preset, rules.frequencies)
         return (*lines, *(f"  note: {text}" for text in notes)), with_rules(run, rules)
-    stated = any(o.frequency is not None for o in config.onsets.values())
-    if not (stated or config.hazard.frequencies is not None or config.objects):
+    if not (states_frequencies(config) or config.objects):
         return (), run
     preset = named_preset(config)
     lines = [f"zoning: preset {preset.name} ({preset.title})"]

@@ -9,12 +9,10 @@ import sassgis
 from sassgis.hazard.result_change import ResultChange, levels_differ, result_change
 from sassgis.hazard.stored_result import StoredResult, objects_within, on_common_cells
 from sassgis.io.own_files import MANIFEST_NAME
-from sassgis.io.qgis.entries import LayerEntry, LayerGroup
-from sassgis.io.qgis.project import write_project
+from sassgis.io.qgis.entries import LayerEntry
 from sassgis.io.read.objects import object_cells
 from sassgis.io.read.result_folder import read_result
 from sassgis.io.staging import staged_output
-from sassgis.io.vector_layer import VectorLayer
 from sassgis.io.write.frames import write_table
 from sassgis.io.write.geopackage import write_geopackage
 from sassgis.io.write.layers.change_maps import (
@@ -24,15 +22,13 @@ from sassgis.io.write.layers.change_maps import (
     level_change_layer,
     zone_changes,
 )
-from sassgis.io.write.layers.terrain_layer import terrain_layer
 from sassgis.io.write.manifest import write_manifest
-from sassgis.io.write.raster import write_raster
 from sassgis.model.exposure import PlacedObjects
 from sassgis.model.in_memory import Input
 from sassgis.model.languages import in_language
-from sassgis.model.results import RasterLayer
 from sassgis.report.change_report import change_figures, change_report
 from sassgis.report.page import translated_report, write_report
+from sassgis.runs.relief_project import write_over_relief
 
 
 def compare(
@@ -134,16 +130,23 @@ def write_comparison(
     maps = change_layers(before, after)
     if levels:
         maps = (level_change_layer(before, after), *maps)
-    terrain = terrain_layer(grid)
-    for layer in (*maps, terrain):
-        write_raster(layer, grid, work / "maps")
     zones = zone_changes(before, after) if levels else None
+    changed = None
     if zones is not None:
+        changed = LayerEntry(zones[0], "changes.gpkg")
         write_geopackage(work / "changes.gpkg", [zones[0]])
         write_table(work / "tables" / "level_changes.csv", [zones[1]])
     write_table(work / "tables" / "changes.csv", [change_rows_table(change.rows)])
     write_table(work / "tables" / "differences.csv", [difference_table(change.differences)])
-    _project(work, after, maps, terrain, None if zones is None else zones[0])
+    write_over_relief(
+        work,
+        grid,
+        maps,
+        group="Change, after less before",
+        title=f"{after.title}: before and after",
+        abstract="What changes from one result to another.",
+        zones=changed,
+    )
     tell("Drawing the figures")
     facts = {"Program": f"sassgis {sassgis.__version__}"} | {
         name: str(r.manifest.get("settings_sha256", ""))
@@ -170,31 +173,3 @@ def write_comparison(
         warnings=change.notes,
     )
     return change
-
-
-def _project(
-    work: Path,
-    after: StoredResult,
-    maps: Sequence[RasterLayer],
-    terrain: RasterLayer,
-    zones: VectorLayer | None,
-) -> None:
-    """Changed zones and the maps of the change over the relief."""
-    entries = tuple(
-        LayerEntry(layer, f"maps/{layer.stem}.tif", visible=i == 0 and zones is None)
-        for i, layer in enumerate(maps)
-    )
-    changed = () if zones is None else (LayerEntry(zones, "changes.gpkg"),)
-    groups = [
-        LayerGroup("Zones", changed),
-        LayerGroup("Change, after less before", entries, exclusive=True),
-        LayerGroup("Terrain", (LayerEntry(terrain, "maps/terrain.tif"),)),
-    ]
-    write_project(
-        work / "project.qgz",
-        title=f"{after.title}: before and after",
-        crs=after.grid.crs,
-        groups=[group for group in groups if group.layers],
-        extent=after.grid.bounds,
-        abstract="What changes from one result to another.",
-    )

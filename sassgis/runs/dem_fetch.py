@@ -79,7 +79,7 @@ def fetch_terrain(
         folder.mkdir(parents=True, exist_ok=True)
     for number, offer in enumerate(offers, start=1):
         try:
-            fetched = fetch_tile(offer, folder, timeout_s=timeout_s)
+            fetched = fetch_tile(offer, folder, timeout_s)
         except InputError as error:
             raise InputError(
                 f"tile {number} of {len(offers)}: {error.problem}; the same command goes on from "

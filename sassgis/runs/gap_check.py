@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import os
 import secrets
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -46,7 +45,7 @@ from sassgis.runs.gap_check_folder import (
     write_json,
     write_text,
 )
-from sassgis.runs.workers import Jobs, Processes, Workers
+from sassgis.runs.workers import Jobs, Processes, Workers, available_cores
 
 WORLDS = 150
 #: Seed of the battery, if none is given.
@@ -146,7 +145,7 @@ def check(
     place = CheckFolder(Path(out))
     tell = say or (lambda _text: None)
     step = on_progress or (lambda _done, _total, _rocks: None)
-    jobs = jobs or _cores()
+    jobs = jobs or available_cores()
     digest = _thresholds_digest(thresholds, seed, development)
     planned = _battery(seed, worlds, law, quick)
     plan = {
@@ -205,13 +204,6 @@ def _battery(seed: int, worlds: int, law: str | None, quick: bool) -> list[Plann
         PlannedSite(f"{k + 1:0{width}d}", spec, own)
         for k, (spec, own) in enumerate(zip(specs, seeds, strict=True))
     ]
-
-
-def _cores() -> int:
-    try:
-        return len(os.sched_getaffinity(0))
-    except AttributeError:
-        return os.cpu_count() or 1
 
 
 def _claim(place: CheckFolder, plan: dict[str, Any]) -> list[str]:

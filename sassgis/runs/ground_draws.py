@@ -119,10 +119,8 @@ def _drawn(
     exposed: Sequence[str] = (),
 ) -> DrawnGround:
     """Simulate draws and say what they found beside the base; ``exposed`` are names of objects."""
-    run, rules = lab.job.run, lab.rules
-    levels = () if rules is None else tuple(c.label for c in rules.preset.levels)
-    lines = tuple(line.name for line, _ in run.control_lines)
-    names = Names(levels, lines, tuple(exposed))
+    run = lab.job.run
+    names = lab.names(exposed)
     ranges = _ranges_on(run, known, np.flatnonzero(np.isfinite(run.grid.values)))
     variants = [draw_of(ranges, run.seed, k) for k in range(draws)]
     lab.total = draws
@@ -143,7 +141,7 @@ def _drawn(
         draws,
         _ranges_on(run, known, maps.cells),
         spread_bands(base, findings, names, cell_m2),
-        level_areas(maps, cell_m2) if levels else None,
+        level_areas(maps, cell_m2) if names.levels else None,
     )
     return DrawnGround(spread, maps, base, names, simulations)
 

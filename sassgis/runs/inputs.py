@@ -238,6 +238,12 @@ def yearly_frequencies(
     return onset_frequencies(areas, config.onsets, table, config.file)
 
 
+def states_frequencies(config: Config) -> bool:
+    """Whether any onset frequency is stated: then all must be."""
+    stated = any(o.frequency is not None for o in config.onsets.values())
+    return stated or config.hazard.frequencies is not None
+
+
 def read_rules(config: Config, run: MapRun) -> Rules:
     """Read preset, frequencies and exposed objects.
 
@@ -302,9 +308,13 @@ def named_preset(config: Config) -> HazardPreset:
 
 def with_rules(run: MapRun, rules: Rules) -> MapRun:
     """The run with the energies, objects and windows at which a zoning needs counts."""
-    cells, owner = object_cells(rules.placed, run.grid)
-    objects = ObjectCells(len(rules.placed), cells, owner)
-    return replace(with_counts(run, rules.preset.thresholds_kj, rules.ref_width_m), objects=objects)
+    counting = with_counts(run, rules.preset.thresholds_kj, rules.ref_width_m)
+    return with_objects(counting, rules.placed)
+
+
+def with_objects(run: MapRun, placed: PlacedObjects) -> MapRun:
+    """The run with the cells of exposed objects, whose hits are counted."""
+    return replace(run, objects=ObjectCells(len(placed), *object_cells(placed, run.grid)))
 
 
 def with_counts(run: MapRun, thresholds_kj: tuple[float, ...], ref_width_m: float) -> MapRun:

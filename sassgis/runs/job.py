@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -30,7 +29,7 @@ from sassgis.runs.inputs import collected_notices, read_map_run
 from sassgis.runs.interrupts import held_back
 from sassgis.runs.map import check_starts, simulate_map
 from sassgis.runs.sample_check import check_tolerance
-from sassgis.runs.workers import Jobs, Workers
+from sassgis.runs.workers import Jobs, Workers, available_cores
 from sassgis.terrain.plan import Plan, plan
 
 #: Seconds between two savings of the state of a run.
@@ -249,12 +248,7 @@ def workers_asked(config: Config, jobs: Jobs) -> int | Workers:
     if not isinstance(wanted, int) or wanted < 0:
         expected = "a number of processor cores, or 0 for all"
         raise ConfigError("cannot be used", field="jobs", found=repr(wanted), expected=expected)
-    if wanted > 0:
-        return wanted
-    try:
-        return len(os.sched_getaffinity(0))
-    except AttributeError:
-        return os.cpu_count() or 1
+    return wanted or available_cores()
 
 
 def simulate_saved(

@@ -32,8 +32,8 @@ from sassgis.terrain.prepare import (
 from sassgis.terrain.release import take
 
 LOG_EVENTS = 2000
-#: Most paths on one line.
-_PATHS = 100
+#: Most paths on one line, and release points of which one is shown each.
+_PATHS, _SHOWN = 100, 40
 #: Time between two points of a flight (s): a chord is then within 2 cm of the parabola.
 _STEP_S = 0.1
 _FACTS = ("runout_m", "time_s", "mass_kg", "max_energy_kj", "max_speed_mps", "max_height_m")
@@ -89,9 +89,9 @@ def paths_on_line(
     )
 
 
-def some_paths(run: MapRun, planned: Plan, most: int = 40) -> list[LinePaths]:
+def some_paths(run: MapRun, planned: Plan) -> list[LinePaths]:
     """Paths of the first block of some release points, evenly chosen; not the shortest."""
-    points = np.unique(np.linspace(0, len(planned.points) - 1, most).astype(int))
+    points = np.unique(np.linspace(0, len(planned.points) - 1, _SHOWN).astype(int))
     out = []
     for number, point in enumerate(points):
         scenarios = planned.scenarios[planned.points.area[point]]

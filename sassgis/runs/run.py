@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING
 
 from sassgis.hazard.ground_spread import GroundSpread
 from sassgis.hazard.progress import Progress
-from sassgis.io.read.objects import object_cells
 from sassgis.io.staging import staged_output
 from sassgis.model.languages import in_language, phrase
-from sassgis.model.map_run import MapRun, ObjectCells
+from sassgis.model.map_run import MapRun
 from sassgis.model.results import RasterLayer, StopReason
 from sassgis.model.run_config import Config
 from sassgis.runs.ground_draws import DrawnGround, drawn_ground, spread_rules
-from sassgis.runs.inputs import collected_notices, placed_objects
+from sassgis.runs.inputs import collected_notices, placed_objects, with_objects
 from sassgis.runs.job import (
     AnyConfig,
     Job,
@@ -134,16 +133,10 @@ def run(
         # Read before the blocks are simulated: an error should not come at the end.
         with collected_notices():
             placed = placed_objects(config, job.run.grid)
-        objects = ObjectCells(len(placed), *object_cells(placed, job.run.grid))
-        job = replace(job, run=replace(job.run, objects=objects))
+        job = replace(job, run=with_objects(job.run, placed))
         known = spread_rules(config, job.run)
         simulation = simulate_config(
-            config,
-            work,
-            job,
-            jobs=jobs,
-            on_progress=on_progress,
-            tell=tell,
+            config, work, job, jobs=jobs, on_progress=on_progress, tell=tell
         )
         drawn = drawn_ground(config, work, simulation, known, None, placed, jobs, on_progress, tell)
         # What writes takes longer to load than what computes: not before there is a result.

@@ -13,7 +13,6 @@ from sassgis.hazard.assess import Rules
 from sassgis.hazard.sensitivity import (
     BASE,
     CHANCE,
-    Names,
     RangeEffect,
     SensitivityMaps,
     Variant,
@@ -24,28 +23,23 @@ from sassgis.hazard.sensitivity import (
     sensitivity_maps,
 )
 from sassgis.hazard.warnings import rule_warnings
-from sassgis.io.qgis.entries import LayerEntry, LayerGroup
-from sassgis.io.qgis.project import write_project
 from sassgis.io.read.config import settings_hash
 from sassgis.io.read.range_table import read_ranges
 from sassgis.io.staging import staged_output
 from sassgis.io.write.frames import write_table
 from sassgis.io.write.layers.sensitivity_maps import sensitivity_layers
-from sassgis.io.write.layers.terrain_layer import terrain_layer
-from sassgis.io.write.raster import write_raster
 from sassgis.io.write.sensitivity_tables import effect_table, range_table, simulation_table
 from sassgis.model.errors import InputError
 from sassgis.model.ground_ranges import ParameterRange, RangeRule, acting, ranges_of
 from sassgis.model.languages import in_language, phrase
-from sassgis.model.map_run import MapRun
-from sassgis.model.results import RasterLayer
 from sassgis.model.run_config import Config
 from sassgis.report.page import translated_report, write_report
 from sassgis.report.sensitivity_report import sensitivity_report
-from sassgis.runs.inputs import read_rules
+from sassgis.runs.inputs import read_rules, states_frequencies
 from sassgis.runs.job import AnyConfig, OnProgress, configured, read_job, workers_asked
 from sassgis.runs.map import check_starts
 from sassgis.runs.origin import Origin, write_origin
+from sassgis.runs.relief_project import write_over_relief
 from sassgis.runs.variant_lab import VariantLab, classes_on
 from sassgis.runs.workers import Jobs
 from sassgis.runs.zone import prepared
@@ -109,7 +103,7 @@ def sensitivity(
     with staged_output(Path(out), overwrite) as work:
         job = read_job(config, areas, tell)
         known = read_ranges(job.run.table, ranges or config.ground.ranges)
-        rules = read_rules(config, job.run) if _has_frequencies(config) else None
+        rules = read_rules(config, job.run) if states_frequencies(config) else None
         if rules is not None:
             job = prepared(job, rules)
         given = config.release.rocks_per_point
@@ -121,17 +115,11 @@ def sensitivity(
         lab = VariantLab(config, ready, rules, work, workers_asked(config, jobs), on_progress, tell)
         done = _simulated(lab, known, samples, tell)
         tell("Writing maps, tables and report")
-        warnings = (*job.notices, *_warnings(rules, config, done.ranges))
+        warnings = (*job.notices, *_warnings(rules, done.ranges))
         found = _publish(work, config, lab, done, warnings, ranges, areas)
     return SensitivityResult(
         Path(out), done.ranges, found[0], found[1], len(done.findings), warnings
     )
-
-
-def _has_frequencies(config: Config) -> bool:
-    """Whether any onset frequency is stated: then all must be."""
-    stated = any(o.frequency is not None for o in config.onsets.values())
-    return stated or config.hazard.frequencies is not None
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,9 +166,7 @@ def _simulated(
     return _Done(ranges, (*(v for v, _ in first), *ends, *filling), tuple(findings))
 
 
-def _warnings(
-    rules: Rules | None, config: Config, ranges: Sequence[ParameterRange]
-) -> tuple[str, ...]:
+def _warnings(rules: Rules | None, ranges: Sequence[ParameterRange]) -> tuple[str, ...]:
     out = []
     if rules is None:
         out.append(
@@ -213,21 +199,21 @@ def _publish(
     grid = run.grid
     base, chance = done.findings[:2]
     ends, filling = done.findings[done.ends], done.findings[done.filling]
-    names = Names(
-        () if rules is None else tuple(c.label for c in rules.preset.levels),
-        tuple(line.name for line, _ in run.control_lines),
-        () if rules is None else tuple(o.name for o in rules.placed.objects),
-    )
+    names = lab.names(() if rules is None else [o.name for o in rules.placed.objects])
     cell_m2 = grid.cell_size**2
     pairs = list(zip(done.variants, done.findings, strict=True))
     found = effects(done.ranges, base, chance, ends, pairs[done.filling], names, cell_m2)
     maps = sensitivity_maps(base, chance, ends, filling)
     preset = None if rules is None else rules.preset
     layers = sensitivity_layers(maps, done.ranges, len(filling), grid.shape, preset)
-    terrain = terrain_layer(grid)
-    for layer in (*layers, terrain):
-        write_raster(layer, grid, work / "maps")
-    _project(work, config.project.name, run, layers, terrain)
+    write_over_relief(
+        work,
+        grid,
+        layers,
+        group="Sensitivity to the ground",
+        title=f"{config.project.name}: sensitivity",
+        abstract="How results change within the ranges of the ground classes.",
+    )
     write_table(work / "tables" / "ranges.csv", [range_table(done.ranges)])
     write_table(work / "tables" / "effects.csv", [effect_table(found)])
     simulations = simulation_table(base, pairs, done.ranges, names, cell_m2)
@@ -265,24 +251,3 @@ def _publish(
         settings={} if areas is None else {"areas": sorted(areas)},
     )
     return tuple(found), maps
-
-
-def _project(
-    work: Path, title: str, run: MapRun, layers: Sequence[RasterLayer], terrain: RasterLayer
-) -> None:
-    """The maps over the relief."""
-    entries = tuple(
-        LayerEntry(layer, f"maps/{layer.stem}.tif", visible=i == 0)
-        for i, layer in enumerate(layers)
-    )
-    write_project(
-        work / "project.qgz",
-        title=f"{title}: sensitivity",
-        crs=run.grid.crs,
-        groups=[
-            LayerGroup("Sensitivity to the ground", entries, exclusive=True),
-            LayerGroup("Terrain", (LayerEntry(terrain, "maps/terrain.tif"),)),
-        ],
-        extent=run.grid.bounds,
-        abstract="How results change within the ranges of the ground classes.",
-    )

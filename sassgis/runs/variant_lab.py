@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from sassgis.hazard.assess import Rules
 from sassgis.hazard.progress import Progress
-from sassgis.hazard.sensitivity import Variant, VariantFinding, finding_of
+from sassgis.hazard.sensitivity import Names, Variant, VariantFinding, finding_of
 from sassgis.io.saved_arrays import read_saved, write_saved
 from sassgis.io.staging import CHECKPOINT_STEM, writing
 from sassgis.model.errors import Interrupted
@@ -60,6 +60,12 @@ class VariantLab:
         self._folder = work / CHECKPOINT_STEM / part
         self._jobs, self._step = jobs, on_progress
         self._asked, self._blocks = 0, 0
+
+    def names(self, objects: Sequence[str]) -> Names:
+        """What the numbers of findings belong to."""
+        levels = () if self.rules is None else tuple(c.label for c in self.rules.preset.levels)
+        lines = tuple(line.name for line, _ in self.job.run.control_lines)
+        return Names(levels, lines, tuple(objects))
 
     def find(self, variant: Variant, seed: int | None = None) -> VariantFinding:
         """What the variant finds, now or in an earlier call; counted as progress."""

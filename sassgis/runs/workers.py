@@ -43,6 +43,14 @@ def one_algebra_thread() -> Iterator[None]:
         yield
 
 
+def available_cores() -> int:
+    """Processor cores that this process may use."""
+    try:
+        return len(os.sched_getaffinity(0))
+    except AttributeError:
+        return os.cpu_count() or 1
+
+
 class Workers(Protocol):
     """Works on tasks that have something large in common."""
 

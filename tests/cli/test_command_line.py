@@ -12,10 +12,10 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.listed_results import digests
 from helpers.small_slope import SASSGIS, Slope, release_box
 
 import sassgis
@@ -38,17 +38,14 @@ def test_help_is_quick_because_it_imports_nothing_heavy() -> None:
         assert re.search(rf"^  {command} ", done.stdout, re.MULTILINE)
 
 
-def test_from_the_template_to_a_result(slope: Slope, call) -> None:
+def test_from_the_template_to_a_result(slope: Slope, printed) -> None:
     config = slope.folder / "sassgis.toml"
-    code, out, _ = call("init", config)
-    assert code == 0 and "sassgis validate" in out
+    assert "sassgis validate" in printed("init", config)
     text = config.read_text().replace("rocks_per_point = 50", "rocks_per_point = 3")
     config.write_text(text)
-    code, out, err = call("validate", config)
-    assert code == 0, err
+    out = printed("validate", config)
     assert "release area   area 1" in out and "UNVERIFIED" not in out.split("ground")[0]
-    code, out, err = call("run", config, "-o", slope.folder / "result", "--jobs", "1")
-    assert code == 0, err
+    out = printed("run", config, "-o", slope.folder / "result", "--jobs", "1")
     manifest = json.loads((slope.folder / "result" / "manifest.json").read_text())
     rocks = manifest["counts"]["rocks"]
     assert rocks > 0 and f"{rocks} blocks in" in out
@@ -56,7 +53,7 @@ def test_from_the_template_to_a_result(slope: Slope, call) -> None:
 
 
 def test_validate_reads_the_terrain_once(
-    slope: Slope, call, monkeypatch: pytest.MonkeyPatch
+    slope: Slope, printed, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     text = slope.config.read_text()
     text = re.sub(r"(\[\[blocks\]\]\n)", r"\1onset_frequency = 0.5\n", text)
@@ -68,16 +65,14 @@ def test_validate_reads_the_terrain_once(
         return read_terrain(path, *args, **kwargs)
 
     monkeypatch.setattr("sassgis.runs.inputs.read_terrain", counted)
-    code, out, err = call("validate", slope.config)
-    assert code == 0, err
+    out = printed("validate", slope.config)
     assert "onset: 0.5 blocks a year" in out and len(opened) == 1
 
 
-def test_seed_and_area_are_passed_on(slope: Slope, call) -> None:
+def test_seed_and_area_are_passed_on(slope: Slope, printed) -> None:
     slope.write_release(release_box(), release_box(row=30.0))
     arguments = ("--jobs", "1", "--seed", "77", "--area", "area b")
-    code, _, err = call("run", slope.config, "-o", slope.folder / "result", *arguments)
-    assert code == 0, err
+    printed("run", slope.config, "-o", slope.folder / "result", *arguments)
     manifest = json.loads((slope.folder / "result" / "manifest.json").read_text())
     assert manifest["seed"] == 77 and manifest["counts"]["release_areas"] == 1
     assert manifest["settings"]["areas"] == ["area b"]
@@ -86,11 +81,6 @@ def test_seed_and_area_are_passed_on(slope: Slope, call) -> None:
 def long_run(slope: Slope) -> None:
     """Enough chunks and rocks to be interrupted in the middle."""
     slope.write_config(release__spacing_m="0.5", release__rocks_per_point="120")
-
-
-def digests(folder: Path) -> dict[str, str]:
-    manifest = json.loads((folder / "manifest.json").read_text())
-    return {f["path"]: f["sha256"] for f in manifest["files"]}
 
 
 def started(command: list[str], **options: object) -> tuple[int, subprocess.Popen[bytes]]:
@@ -147,12 +137,11 @@ def test_ctrl_c_keeps_the_state_and_the_next_run_goes_on_from_it(slope: Slope, c
 
 @pytest.mark.battery
 def test_a_full_disk_keeps_the_state_and_the_next_run_does_not_simulate_again(
-    slope: Slope, call
+    slope: Slope, call, printed
 ) -> None:
     """A limit below the largest file of the result lets the state through."""
     slope.write_config(release__rocks_per_point="2")
-    code, _, _ = call("run", slope.config, "-o", slope.folder / "whole")
-    assert code == 0
+    printed("run", slope.config, "-o", slope.folder / "whole")
     limit = max(f.stat().st_size for f in (slope.folder / "whole").rglob("*")) * 19 // 20
 
     def little_room() -> None:
@@ -198,6 +187,5 @@ def test_ctrl_c_before_anything_is_computed_is_one_line(slope: Slope) -> None:
     assert not (slope.folder / "result").exists()
 
 
-def test_version(call) -> None:
-    code, out, _ = call("--version")
-    assert code == 0 and sassgis.__version__ in out
+def test_version(printed) -> None:
+    assert sassgis.__version__ in printed("--version")

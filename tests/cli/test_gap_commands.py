@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 
-def test_what_a_filled_template_identifies_is_printed(tmp_path: Path, call) -> None:
+def test_what_a_filled_template_identifies_is_printed(tmp_path: Path, printed) -> None:
     folder = tmp_path / "observed"
-    assert call("gap", "template", folder)[0] == 0
+    printed("gap", "template", folder)
     deposits = folder / "deposits.csv"
     columns = deposits.read_text().splitlines()[0].split(",")
     rows = [
@@ -17,12 +17,11 @@ def test_what_a_filled_template_identifies_is_printed(tmp_path: Path, call) -> N
         for i in range(3)
     ]
     deposits.write_text("\n".join([",".join(columns), *rows]) + "\n")
-    code, out, _ = call("gap", "validate", folder)
-    assert code == 0 and "not identifiable" in out and "deposits" in out
+    out = printed("gap", "validate", folder)
+    assert "not identifiable" in out and "deposits" in out
 
 
-def test_an_empty_template_is_one_clear_line(tmp_path: Path, call) -> None:
+def test_an_empty_template_is_one_clear_line(tmp_path: Path, printed, refusal) -> None:
     folder = tmp_path / "observed"
-    call("gap", "template", folder)
-    code, _, err = call("gap", "validate", folder)
-    assert code == 2 and err.count("\n") == 1 and "holds no observed rock" in err
+    printed("gap", "template", folder)
+    assert "holds no observed rock" in refusal("gap", "validate", folder)

@@ -11,62 +11,66 @@ from sassgis.io.read.config import load_config
 
 
 @pytest.mark.parametrize("command", [("cliffs", "{dem}", "-o"), ("new", "--dem", "{dem}")])
-def test_commands_without_a_configuration_ask_for_their_option(slope: Slope, call, command) -> None:
+def test_commands_without_a_configuration_ask_for_their_option(
+    slope: Slope, call, refusal, command
+) -> None:
     slope.write_dem(heights(), crs=None)
     words = [w.format(dem=slope.folder / "dem.tif") for w in command]
     words.append(str(slope.folder / "new.gpkg"))
-    code, _, err = call(*words)
-    assert code == 2 and "expected it as --crs" in err and "configuration" not in err
+    err = refusal(*words)
+    assert "expected it as --crs" in err and "configuration" not in err
     assert not (slope.folder / "new.gpkg").exists()
     assert "coordinate system" not in call(*words, "--crs", "EPSG:2056")[2]
 
 
-def test_a_wrong_system_is_overridden_by_option_and_by_setting(slope: Slope, call) -> None:
+def test_a_wrong_system_is_overridden_by_option_and_by_setting(
+    slope: Slope, printed, refusal
+) -> None:
     slope.write_dem(heights(), crs="EPSG:4326")
     dem, site = slope.folder / "dem.tif", slope.folder / "site.gpkg"
-    code, out, _ = call("dem", "check", dem)
-    assert code == 0 and "--crs with --override-crs" in out
+    out = printed("dem", "check", dem)
+    assert "--crs with --override-crs" in out
     # Nothing is said of cells of hundreds of kilometres.
     assert "cells of 2 x 2 m" in out and "taken as metres" in out and "e+" not in out
-    assert call("new", site, "--dem", dem, "--crs", "EPSG:2056")[0] == 2
-    assert call("new", site, "--dem", dem, "--crs", "EPSG:2056", "--override-crs")[0] == 0
+    refusal("new", site, "--dem", dem, "--crs", "EPSG:2056")
+    printed("new", site, "--dem", dem, "--crs", "EPSG:2056", "--override-crs")
     slope.write_config(terrain__crs='"EPSG:2056"')
-    assert "terrain.override_crs as well" in call("validate", slope.config)[2]
+    assert "terrain.override_crs as well" in refusal("validate", slope.config)
     slope.write_config(terrain__crs='"EPSG:2056"', terrain__override_crs="true")
-    assert call("validate", slope.config)[0] == 0
+    printed("validate", slope.config)
     slope.write_config(terrain__override_crs="true")
-    assert "terrain.crs as well" in call("validate", slope.config)[2]
+    assert "terrain.crs as well" in refusal("validate", slope.config)
 
 
-def test_init_takes_the_system_of_the_release_areas(slope: Slope, call) -> None:
+def test_init_takes_the_system_of_the_release_areas(slope: Slope, printed) -> None:
     slope.write_dem(heights(), crs=None)
     new, files = slope.folder / "new.toml", ("--dem", slope.folder / "dem.tif", "--release")
-    code, out, err = call("init", new, *files, slope.folder / "release.gpkg")
-    assert code == 0 and "terrain.crs: EPSG:2056, from" in out, err
+    out = printed("init", new, *files, slope.folder / "release.gpkg")
+    assert "terrain.crs: EPSG:2056, from" in out
     assert load_config(new).terrain.crs == "EPSG:2056"
-    assert call("validate", new)[0] == 0
+    printed("validate", new)
 
 
-def test_init_writes_nothing_that_validate_would_refuse(slope: Slope, call) -> None:
+def test_init_writes_nothing_that_validate_would_refuse(slope: Slope, printed, refusal) -> None:
     new = slope.folder / "new.toml"
     release = gpd.read_file(slope.folder / "release.gpkg")
     release.set_crs(None, allow_override=True).to_file(slope.folder / "bare.shp")
     slope.write_dem(heights(), crs=None)
     dem = slope.folder / "dem.tif"
     # No file states a system; it can be set.
-    code, _, err = call("init", new, "--dem", dem, "--release", slope.folder / "bare.shp")
-    assert code == 2 and "has no coordinate system" in err and not new.exists()
+    err = refusal("init", new, "--dem", dem, "--release", slope.folder / "bare.shp")
+    assert "has no coordinate system" in err and not new.exists()
     told = ("--set", "terrain.crs=EPSG:2056")
-    assert call("init", new, "--dem", dem, "--release", slope.folder / "bare.shp", *told)[0] == 0
+    printed("init", new, "--dem", dem, "--release", slope.folder / "bare.shp", *told)
     # Areas that lie elsewhere.
     slope.write_dem(heights())
     release.translate(1e5, 0.0).to_file(slope.folder / "far.gpkg")
     other = slope.folder / "other.toml"
-    code, _, err = call("init", other, "--dem", dem, "--release", slope.folder / "far.gpkg")
-    assert code == 2 and "lies outside the DEM" in err and not other.exists()
+    err = refusal("init", other, "--dem", dem, "--release", slope.folder / "far.gpkg")
+    assert "lies outside the DEM" in err and not other.exists()
 
 
-def test_a_broken_prj_is_named(slope: Slope, call) -> None:
+def test_a_broken_prj_is_named(slope: Slope, call, printed) -> None:
     gpd.read_file(slope.folder / "release.gpkg").to_file(slope.folder / "areas.shp")
     (slope.folder / "areas.prj").write_text("GARBAGE[")
     dem = slope.folder / "dem.tif"
@@ -78,8 +82,8 @@ def test_a_broken_prj_is_named(slope: Slope, call) -> None:
         f"ncols 70\nnrows {ROWS}\nxllcorner 2700000\nyllcorner 1149900\ncellsize 2\n{rows}\n"
     )
     (slope.folder / "plain.prj").write_text("GARBAGE[")
-    code, out, _ = call("dem", "check", slope.folder / "plain.asc")
-    assert code == 0 and "plain.prj, which states none that is understood" in out
+    out = printed("dem", "check", slope.folder / "plain.asc")
+    assert "plain.prj, which states none that is understood" in out
 
 
 def test_what_the_readers_notice_is_said_by_a_run(slope: Slope, call) -> None:
@@ -91,20 +95,20 @@ def test_what_the_readers_notice_is_said_by_a_run(slope: Slope, call) -> None:
     assert "of it lies outside the DEM; no block starts there" in report
 
 
-def test_wrong_columns_of_a_survey_are_not_offered_again(slope: Slope, call) -> None:
+def test_wrong_columns_of_a_survey_are_not_offered_again(slope: Slope, refusal) -> None:
     survey = slope.folder / "blocks.csv"
     survey.write_text("volume,who\n1,a\n")
-    code, _, err = call("frequency", survey, "--complete-from", "0.1", "--years", "10")
-    assert code == 2 and "missing column (found volume, who; expected volume_m3, or from_m3" in err
+    err = refusal("frequency", survey, "--complete-from", "0.1", "--years", "10")
+    assert "missing column (found volume, who; expected volume_m3, or from_m3" in err
 
 
-def test_a_map_of_zones_is_no_terrain(slope: Slope, call) -> None:
+def test_a_map_of_zones_is_no_terrain(slope: Slope, printed) -> None:
     slope.write_dem(np.repeat([0.0, 1.0, 2.0, 4.0, 4.0], ROWS // 5)[:, None] * np.ones((1, 70)))
-    code, out, _ = call("dem", "check", slope.folder / "dem.tif")
-    assert code == 0 and "a map of classes, such as zones" in out and "hillshade" not in out
+    out = printed("dem", "check", slope.folder / "dem.tif")
+    assert "a map of classes, such as zones" in out and "hillshade" not in out
 
 
-def test_classes_of_the_paper_say_what_it_leaves_open(slope: Slope, call) -> None:
+def test_classes_of_the_paper_say_what_it_leaves_open(slope: Slope, printed) -> None:
     slope.write_config(engine__readings='"1986"')
-    _, out, _ = call("validate", slope.config)
+    out = printed("validate", slope.config)
     assert "debris, on 100.0 % of the cells: from a paper, what it leaves open chosen" in out

@@ -10,13 +10,12 @@ from helpers.scripts import run_script
 
 
 def test_the_output_is_that_of_the_command(
-    repository: Path, call, monkeypatch: pytest.MonkeyPatch
+    repository: Path, printed, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     page = (repository / "docs" / "frequency.md").read_text(encoding="utf-8")
     monkeypatch.chdir(repository)
     (line,) = commands(page)
-    code, out, err = call(*line[1:])
-    assert code == 0, err
+    out = printed(*line[1:])
     assert out.splitlines() == shown(page, "frequency")
 
 

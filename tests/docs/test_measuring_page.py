@@ -9,11 +9,11 @@ from sassgis.io.read.observation_files import read_observations, validate_observ
 from sassgis.model.ground_ranges import RANGED
 
 
-def test_the_protocol_and_the_templates_fit(repository: Path, tmp_path: Path, call) -> None:
+def test_the_protocol_and_the_templates_fit(repository: Path, tmp_path: Path, printed) -> None:
     page = (repository / "docs" / "measuring.md").read_text(encoding="utf-8")
     named = set(re.findall(r"`([a-z_0-9]+)`", page))
     folder = tmp_path / "observed"
-    assert call("gap", "template", folder)[0] == 0
+    printed("gap", "template", folder)
     heads = {f.stem: f.read_text("utf-8").splitlines()[0].split(",") for f in folder.glob("*.csv")}
     keys = [row.rstrip(",") for row in (folder / "metadata.csv").read_text("utf-8").split()[1:]]
     known = {*heads, *keys, *(column for columns in heads.values() for column in columns)}

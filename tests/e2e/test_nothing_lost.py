@@ -62,14 +62,13 @@ def test_a_second_run_into_one_folder_is_refused(site: Path, call, name: str) ->
     assert {p.name for p in site.iterdir()} == before
 
 
-def test_results_that_are_open_elsewhere_are_replaced_whole(site: Path, call) -> None:
+def test_results_that_are_open_elsewhere_are_replaced_whole(site: Path, printed) -> None:
     """The folder is put in the place of the old one: nothing is written into an open file."""
-    assert call(*command(site, "run"))[0] == 0
+    printed(*command(site, "run"))
     whole = {p.name: p.read_bytes() for p in (site / "out" / "maps").glob("*.tif")}
     with closing(sqlite3.connect(site / "out" / "result.gpkg", isolation_level=None)) as database:
         database.execute("BEGIN EXCLUSIVE")
-        code, _, err = call(*command(site, "run", "--overwrite"))
-        assert code == 0, err
+        printed(*command(site, "run", "--overwrite"))
     assert whole == {p.name: p.read_bytes() for p in (site / "out" / "maps").glob("*.tif")}
     with closing(sqlite3.connect(site / "out" / "result.gpkg")) as database:
         assert database.execute("PRAGMA integrity_check").fetchone() == ("ok",)
@@ -96,11 +95,11 @@ def refused(site: Path, call, monkeypatch: pytest.MonkeyPatch, *command: object)
 
 @pytest.mark.parametrize("name", ["run", "zone"])
 def test_overwrite_stops_at_a_file_of_the_user(
-    site: Path, call, name: str, monkeypatch: pytest.MonkeyPatch
+    site: Path, call, printed, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The configuration and the terrain of the next run, kept in the result of the last."""
     again = command(site, name, "--overwrite")
-    assert call(*command(site, name))[0] == 0
+    printed(*command(site, name))
     for own in ("config.toml", "dem.tif"):
         mine = site / "out" / own
         mine.write_bytes((site / own).read_bytes())
@@ -110,17 +109,17 @@ def test_overwrite_stops_at_a_file_of_the_user(
     project.write_bytes(project.read_bytes() + b"saved")
     assert f"{project}: has changed" in refused(site, call, monkeypatch, *again)
     project.rename(site / "project.qgz")
-    assert call(*again)[0] == 0
+    printed(*again)
     check_output(site / "out", overwrite=True)
     assert (site / "project.qgz").read_bytes().endswith(b"saved")
 
 
 @pytest.mark.battery
 def test_overwrite_of_a_batch_stops_at_a_file_of_the_user(
-    site: Path, call, monkeypatch: pytest.MonkeyPatch
+    site: Path, call, printed, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out = site / "out"
-    assert call(*command(site, "batch"))[0] == 0
+    printed(*command(site, "batch"))
     again = command(site, "batch", "--seed", "7", "--overwrite")
     for place in ("areas/south", "areas/south.partial", "mosaic", "mosaic.partial"):
         mine = out / place / "mine.toml"
@@ -140,8 +139,7 @@ def test_overwrite_of_a_batch_stops_at_a_file_of_the_user(
     # Beside what the batch writes, anything may lie.
     for place in (out, out / "areas"):
         (place / "mine.toml").write_text("mine")
-    code, _, err = call(*again)
-    assert code == 0, err
+    printed(*again)
     assert [(p / "mine.toml").read_text() for p in (out, out / "areas")] == ["mine"] * 2
     for place in ("areas/north", "areas/south", "mosaic"):
         check_output(out / place, overwrite=True)
@@ -158,11 +156,10 @@ def test_a_folder_with_a_summary_is_no_batch(
 
 @pytest.mark.battery
 def test_what_other_commands_write_is_replaced_as_long_as_nobody_changed_it(
-    site: Path, call
+    site: Path, call, printed
 ) -> None:
     for name in ("run", "zone"):
-        code, _, err = call(name, site / "config.toml", "-o", site / name, "--jobs", "1")
-        assert code == 0, err
+        printed(name, site / "config.toml", "-o", site / name, "--jobs", "1")
     x, y = 2_700_010.0, 1_149_935.0
     commands = (
         ("run", site / "config.toml", "--jobs", "1"),
@@ -189,8 +186,7 @@ def test_what_other_commands_write_is_replaced_as_long_as_nobody_changed_it(
             if words[0] in ("export", "cliffs"):
                 given.insert(-1, "-o")
         for overwrite in ((), ("--overwrite",), ("--overwrite",)):
-            code, _, err = call(*given, *overwrite)
-            assert code == 0, (words, err)
+            printed(*given, *overwrite)
         assert call(*given)[0] == 3
         changed = target if target.is_file() else target / "report.html"
         changed.write_bytes(changed.read_bytes() + b"mine")
@@ -208,18 +204,18 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 @pytest.mark.battery
 def test_workers_that_are_killed_as_they_start_change_nothing(
-    site: Path, call, monkeypatch: pytest.MonkeyPatch
+    site: Path, call, printed, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     config, out = site / "config.toml", site / "out"
-    assert call("zone", config, "-o", site / "whole", "--jobs", "1")[0] == 0
+    printed("zone", config, "-o", site / "whole", "--jobs", "1")
     with monkeypatch.context() as patched:
         killed = kill_as_they_start(patched, 1000)
         code, _, err = call("zone", config, "-o", out, "--workers", "2")
         assert code == 3 and "the same command goes on from what is saved" in error_of(err)
         assert 3 <= len(killed) <= 6
     killed = kill_as_they_start(monkeypatch, 2)
-    code, _, err = call("zone", config, "-o", out, "--workers", "2")
-    assert code == 0 and len(killed) == 2, err
+    printed("zone", config, "-o", out, "--workers", "2")
+    assert len(killed) == 2
     assert contents(out) == contents(site / "whole")
     assert not list(site.glob("out.*"))
 
@@ -303,7 +299,7 @@ FAULTS = {
     [f if f == "full disk" else pytest.param(f, marks=pytest.mark.battery) for f in FAULTS],
 )
 def test_a_batch_keeps_what_was_done_before_a_fault(
-    site: Path, disk: Path, call, fault: str, monkeypatch: pytest.MonkeyPatch
+    site: Path, disk: Path, call, printed, fault: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The first area stays; the same command goes on with the second."""
     begins, ends, words = FAULTS[fault]
@@ -324,7 +320,6 @@ def test_a_batch_keeps_what_was_done_before_a_fault(
     kept = first.stat().st_mtime_ns
     assert not (out / "mosaic").exists()
     ends(disk)
-    code, _, err = call(*arguments)
-    assert code == 0, err
+    printed(*arguments)
     assert first.stat().st_mtime_ns == kept and (out / "mosaic" / "manifest.json").is_file()
     assert not list(disk.glob("out.*"))

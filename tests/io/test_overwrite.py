@@ -56,6 +56,7 @@ def refused(root: Path, target: Path, words: str) -> str:
 
 YEARS = hashlib.sha256(b"years").hexdigest()
 STRANGE = {
+    "that is not there": None,
     "of a web app": '{"name": "App", "icons": [], "start_url": "/"}',
     "of an extension": '{"manifest_version": 3, "files": ["thesis.txt"]}',
     "that lists digests": json.dumps(
@@ -73,7 +74,8 @@ STRANGE = {
 def test_a_folder_with_any_manifest_is_no_result(tmp_path: Path, kind: str, by_link: bool) -> None:
     own = tmp_path / "thesis"
     own.mkdir()
-    (own / "manifest.json").write_text(STRANGE[kind])
+    if STRANGE[kind] is not None:
+        (own / "manifest.json").write_text(STRANGE[kind])
     (own / "thesis.txt").write_text("years")
     target = tmp_path / "link" if by_link else own
     if by_link:
@@ -97,6 +99,7 @@ def test_a_result_in_which_the_user_keeps_a_file(tmp_path: Path, name: str, by_l
     (tmp_path / "out" / name).rename(tmp_path / "away")
     make(target, overwrite=True, text="new")
     assert (tmp_path / "out" / "maps" / "energy.tif").read_text() == "mapnew"
+    assert target.is_symlink() == by_link
 
 
 def longer(file: Path) -> None:

@@ -21,7 +21,7 @@ import geopandas as gpd
 import numpy as np
 import pytest
 import shapely
-from helpers.small_slope import NORTH, WEST, Slope, heights, release_box
+from helpers.small_slope import NORTH, WEST, Slope
 from make_zip import PLUGIN, REQUIRED, make_zip, problems_of
 from sassgis_plugin.steps import Scenario, Site, next_step, steps_of, verdict
 
@@ -108,11 +108,7 @@ def calling(algorithm: str, out: Path, **parameters: object) -> dict[str, Any]:
 
 @pytest.fixture(scope="module")
 def slope(tmp_path_factory: pytest.TempPathFactory) -> Slope:
-    made = Slope(tmp_path_factory.mktemp("slope"))
-    made.write_config()
-    made.write_dem(heights())
-    made.write_release(release_box())
-    return made
+    return Slope.made(tmp_path_factory.mktemp("slope"))
 
 
 @pytest.fixture(scope="module")

@@ -17,6 +17,7 @@ from sassgis.io.qgis.entries import LayerGroup
 from sassgis.io.qgis.layout import PrintLayout, layout_element, translated_layout
 from sassgis.io.qgis.markup import document, filled
 from sassgis.io.staging import writing
+from sassgis.model.crs import crs_parts
 from sassgis.model.languages import translated
 from sassgis.model.settings import ProjectSettings
 
@@ -91,16 +92,17 @@ def write_project(
     return path
 
 
-def _horizontal(crs: CRS) -> CRS:
-    """The part of a compound system of east and north; QGIS 3.22 knows no other."""
-    return crs.sub_crs_list[0] if crs.is_compound else crs
+def _in_plan(crs: str) -> CRS:
+    """The part of east and north of a system; QGIS 3.22 knows no other."""
+    plane, _ = crs_parts(CRS.from_user_input(crs))
+    return plane
 
 
 def _crs_name(crs: str) -> str:
     """Name and code of the system in plan, as a reader knows it; empty for local coordinates."""
     if not crs:
         return ""
-    system = _horizontal(CRS.from_user_input(crs))
+    system = _in_plan(crs)
     authority = system.to_authority(min_confidence=100)
     return f"{system.name} ({':'.join(authority)})" if authority else str(system.name)
 
@@ -109,7 +111,7 @@ def _spatial_reference(crs: str) -> dict[str, str]:
     """What QGIS notes of a system, by tag."""
     if not crs:
         return dict.fromkeys(("wkt", "proj4", "authid", "description"), "")
-    system = _horizontal(CRS.from_user_input(crs))
+    system = _in_plan(crs)
     authority = system.to_authority(min_confidence=100)
     operation = system.coordinate_operation
     return {

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import os
 import types
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import (
@@ -14,6 +14,7 @@ from typing import (
     Literal,
     NotRequired,
     Required,
+    TypeVar,
     Union,
     get_args,
     get_origin,
@@ -46,7 +47,7 @@ from sassgis.model.declared import (
     declared,
     fault,
 )
-from sassgis.model.errors import ConfigError
+from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.in_memory import InMemory, Input
 
 # The keys are known at run time only, which type checkers do not follow.
@@ -294,6 +295,7 @@ def _within(schema: Any, limits: Interval) -> Any:
 # From what pydantic finds to one line
 
 Place = tuple[int | str, ...]
+Wrong = TypeVar("Wrong", bound=InputError)
 
 _EXPECTED = {
     "float_type": "a number",
@@ -345,7 +347,7 @@ class Messages:
             text = "two numbers [x, y]" if own is None else own.description
             problem = "is too short" if own is None else "missing key"
             return wrong(problem, field=field, expected=text)
-        found: object = context["found"] if "found" in context else _shown(e["input"])
+        found: object = context["found"] if "found" in context else in_short(e["input"])
         if kind == "sassgis":
             if context["key"]:
                 field = f"{field}.{context['key']}"
@@ -388,6 +390,16 @@ class Messages:
         return text
 
 
-def _shown(value: object) -> str:
+def in_short(value: object) -> str:
+    """A value as messages repeat it."""
     text = repr(value)
     return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def first_of(problems: Sequence[Wrong]) -> Wrong:
+    """The error that says most; it tells how many more there are."""
+    # A misspelt key shows up twice, as unknown and as missing: the first says more.
+    first = min(problems, key=lambda p: p.problem != "unknown key")
+    if len(problems) > 1:
+        first.args = (f"{first} (and {len(problems) - 1} more)",)
+    return first

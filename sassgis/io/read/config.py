@@ -31,6 +31,7 @@ from sassgis.io.read.checked import (
     Messages,
     Place,
     first_line,
+    first_of,
     section_type,
     table_of,
     table_type,
@@ -257,12 +258,12 @@ def _config_of(document: dict[str, Any], file: Path | None, base: Path) -> Confi
         sections = _document().validate_python(document, context={"base": base, "file": file})
     except ValidationError as error:
         messages = Messages(file, document, LISTS, _keys_at, _nearest)
-        raise _first_of(messages.of(error)) from None
+        raise first_of(messages.of(error)) from None
     problems = _cross_checks(sections, file)
     made = [_population(block, file) for block in sections.get("blocks", ())]
     problems += [m for m in made if isinstance(m, ConfigError)]
     if problems:
-        raise _first_of(problems)
+        raise first_of(problems)
     blocks = tuple(m for m in made if isinstance(m, BlockPopulation))
     return replace(_config(sections, blocks, file, notes), given=document, base=base)
 
@@ -335,13 +336,15 @@ def profile_control_lines(config: Config) -> list[tuple[ControlLine, float]]:
                     found="line" if item.line is not None else "file",
                     expected="chainage_m",
                 )
-            control_line = (
-                item.control_line(item.name)
-                if isinstance(item, BarrierSettings)
-                else ControlLine(item.name, "station")
-            )
-            control_lines.append((control_line, item.chainage_m))
+            control_lines.append((control_line_of(item, item.name), item.chainage_m))
     return control_lines
+
+
+def control_line_of(item: StationSettings, name: str) -> ControlLine:
+    """A station or barrier under a name."""
+    if isinstance(item, BarrierSettings):
+        return item.control_line(name)
+    return ControlLine(name, "station")
 
 
 def resolved(config: Config) -> dict[str, Any]:
@@ -467,14 +470,6 @@ def file_digest(path: AnyInput) -> str:
 
 # ---------------------------------------------------------------------------------------------
 # What is wrong
-
-
-def _first_of(problems: list[ConfigError]) -> ConfigError:
-    # A misspelt key shows up twice, as unknown and as missing: the first says more.
-    first = min(problems, key=lambda p: p.problem != "unknown key")
-    if len(problems) > 1:
-        first.args = (f"{first} (and {len(problems) - 1} more)",)
-    return first
 
 
 def _relocated(error: InputError, file: Path | None, field: str | None) -> ConfigError:

@@ -25,7 +25,7 @@ from rasterio.windows import Window
 from sassgis.io.read.dem_system import dem_system
 from sassgis.io.read.offline import RASTER, offline, open_dataset
 from sassgis.io.read.plain_file import check_file, check_text, in_memory
-from sassgis.model.crs import same_crs
+from sassgis.model.crs import crs_parts, same_crs
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.in_memory import AnyInput, InMemory, Input, named
@@ -503,8 +503,7 @@ def pair_of_systems(dataset: Any, grid: Grid, file: Input, field: str) -> tuple[
     if not dataset.crs:
         log.info("%s: states no coordinate system: taken to be that of the DEM", file)
         return "", ""
-    own = pyproj.CRS.from_user_input(dataset.crs)
-    own = own.sub_crs_list[0] if own.is_compound else own
+    own, _ = crs_parts(pyproj.CRS.from_user_input(dataset.crs))
     if own.is_engineering:
         return "", ""
     if not grid.crs:

@@ -51,7 +51,7 @@ def thresholds_of(content: dict[str, Any]) -> Thresholds:
     return Thresholds(**{k: v for k, v in content.items() if k in names})
 
 
-def cause_weights_of(content: dict[str, Any], file: Path | None = None) -> CauseWeights:
+def cause_weights_of(content: dict[str, Any]) -> CauseWeights:
     """The weights in the content of their file.
 
     Raises
@@ -64,7 +64,7 @@ def cause_weights_of(content: dict[str, Any], file: Path | None = None) -> Cause
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(
             "weights of the fingerprints cannot be read",
-            file=file or THRESHOLDS,
+            file=THRESHOLDS,
             field="weights",
             found=repr(error),
         ) from None

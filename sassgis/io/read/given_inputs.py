@@ -19,6 +19,7 @@ from affine import Affine
 from pyproj.exceptions import CRSError
 from rasterio.io import MemoryFile
 
+from sassgis.io.read.dem import affine_of
 from sassgis.model.errors import InputError
 from sassgis.model.grid import Grid
 from sassgis.model.ground import PARAMETERS, GroundClass
@@ -58,8 +59,7 @@ def as_input(value: object, name: str) -> Input:
     if isinstance(value, pd.DataFrame):
         return _table(value, name)
     if isinstance(value, Grid):
-        place = Affine(value.cell_size, 0.0, value.west, 0.0, -value.cell_size, value.north)
-        return _raster(value.values, place, value.crs or None, None, name)
+        return _raster(value.values, affine_of(value), value.crs or None, None, name)
     # Known by its name, so that xarray is loaded by those alone who use it.
     if type(value).__name__ == "DataArray":
         return _from_data_array(value, name)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,6 @@ from sassgis.model.exposure import (
     NUMBERS_OF_KIND,
     VULNERABILITY_KINDS,
     ExposedObject,
-    ObjectKind,
     ObjectSettings,
     PlacedObjects,
     Traffic,
@@ -63,18 +63,17 @@ def read_objects(settings: ObjectSettings, grid: Grid) -> PlacedObjects:
         In the order of the file, stretches by chainage. Stretches of roads outside the DEM are
         left out, with a warning.
     """
-    file, kind, name, name_field = settings.file, settings.kind, settings.name, settings.name_field
-    key = f"objects[{name}]"
-    columns, numbers = settings.fields, settings.defaults
-    _check_settings(settings, grid, key)
+    file, name, name_field = settings.file, settings.name, settings.name_field
+    key = _key(settings)
+    _check_settings(settings, grid)
     features = read_features(
         file,
         grid,
         key,
         layer=settings.layer,
-        fields={"name_field": name_field, **{f"{k}_field": v for k, v in columns.items()}},
+        fields={"name_field": name_field, **{f"{k}_field": v for k, v in settings.fields.items()}},
         label=name_field,
-        kinds=_SHAPES[kind],
+        kinds=_SHAPES[settings.kind],
     )
     if name_field is None and len(features) == 1:
         names = [name]
@@ -85,8 +84,7 @@ def read_objects(settings: ObjectSettings, grid: Grid) -> PlacedObjects:
     for feature, own in zip(features, names, strict=True):
         label = feature.label(name_field)
         check_on_map(feature, grid, file, f"{key}.file", label)
-        values = _numbers(feature, label, kind, columns, numbers, file, key)
-        whole = _object(own, kind, values, label, columns, file, key)
+        whole = _object(own, _numbers(feature, label, settings), label, settings)
         if feature.kind == "line":
             parts = _stretches(whole, feature.geometry, settings.segment_m, grid, file)
         else:
@@ -127,14 +125,19 @@ def _check_names(parts: Sequence[PlacedObjects], file: Input | None) -> None:
             )
 
 
-def _check_settings(settings: ObjectSettings, grid: Grid, key: str) -> None:
+def _key(settings: ObjectSettings) -> str:
+    """How messages call a section."""
+    return f"objects[{settings.name}]"
+
+
+def _check_settings(settings: ObjectSettings, grid: Grid) -> None:
     """Whether the numbers go with the kind, and stretches with the cells."""
     for name in (*settings.defaults, *settings.fields):
         if name not in NUMBERS_OF_KIND[settings.kind]:
             raise InputError(
                 f"does not go with kind {settings.kind}",
                 file=settings.file,
-                field=f"{key}.{name}",
+                field=f"{_key(settings)}.{name}",
                 expected=nearest(name, NUMBERS_OF_KIND[settings.kind]),
             )
     least = _LEAST_CELLS * grid.cell_size
@@ -142,63 +145,50 @@ def _check_settings(settings: ObjectSettings, grid: Grid, key: str) -> None:
         raise InputError(
             "stretches would be too short for the cells of the DEM",
             file=settings.file,
-            field=f"{key}.segment_m",
+            field=f"{_key(settings)}.segment_m",
             found=f"{settings.segment_m:g}",
             expected=f"{least:g} m or more ({_LEAST_CELLS:g} cells)",
         )
 
 
-def _numbers(
-    feature: Feature,
-    label: str,
-    kind: str,
-    columns: Mapping[str, str],
-    defaults: Mapping[str, float],
-    file: Input,
-    key: str,
-) -> dict[str, float]:
+def _numbers(feature: Feature, label: str, settings: ObjectSettings) -> dict[str, float]:
     """The numbers of one feature by name, those that are stated."""
+    columns, defaults = settings.fields, settings.defaults
     values: dict[str, float] = {}
-    for name in NUMBERS_OF_KIND[kind]:
+    for name in NUMBERS_OF_KIND[settings.kind]:
         column = columns.get(name)
         if column is not None and feature.text(column) is not None:
-            values[name] = number(feature.attributes[column], label, column, file)
+            values[name] = number(feature.attributes[column], label, column, settings.file)
         elif name in defaults:
             values[name] = defaults[name]
         elif column is not None:
             raise InputError(
                 f"{label} has no value",
-                file=file,
+                file=settings.file,
                 field=column,
-                expected=f"a number, or {key}.{name} for features without one",
+                expected=f"a number, or {_key(settings)}.{name} for features without one",
             )
     return values
 
 
 def _object(
-    name: str,
-    kind: ObjectKind,
-    values: Mapping[str, float],
-    label: str,
-    columns: Mapping[str, str],
-    file: Input,
-    key: str,
+    name: str, values: Mapping[str, float], label: str, settings: ObjectSettings
 ) -> ExposedObject:
     own: dict[str, Any] = dict(values)
     try:
         traffic = None
-        if kind == "road":
+        if settings.kind == "road":
             flow = {k: own.pop(k) for k in NUMBERS_OF_KIND["road"] if k in own and k in _ROAD_USE}
-            traffic = _traffic(flow, label, file, key)
-        return ExposedObject(name, kind, traffic=traffic, **own)
+            traffic = _traffic(flow, label, settings)
+        return ExposedObject(name, settings.kind, traffic=traffic, **own)
     except InputError as error:
         if error.file is not None:
             raise
         field = str(error.field)
         raise InputError(
             f"{label}: {error.problem}",
-            file=file,
-            field=columns.get(field, f"{key}.{field}"),
+            file=settings.file,
+            field=settings.fields.get(field, f"{_key(settings)}.{field}"),
             found=error.found,
             expected=error.expected,
         ) from None
@@ -207,25 +197,22 @@ def _object(
 _ROAD_USE = (*_TRAFFIC, "vehicle_value", "trips_per_day")
 
 
-def _traffic(values: Mapping[str, float], label: str, file: Input, key: str) -> Traffic | None:
+def _traffic(values: Mapping[str, float], label: str, settings: ObjectSettings) -> Traffic | None:
     """The traffic of a road; None where no vehicles are stated."""
+    wrong = partial(InputError, file=settings.file, found=", ".join(values))
     if not values.get("traffic_per_day"):
         if values.get("traffic_per_day") is None and values:
-            raise InputError(
+            raise wrong(
                 f"{label} has vehicles, but nothing says how many",
-                file=file,
-                field=f"{key}.traffic_per_day",
-                found=", ".join(values),
+                field=f"{_key(settings)}.traffic_per_day",
                 expected="traffic_per_day or traffic_per_day_field as well",
             )
         return None
     for name in _TRAFFIC:
         if name not in values:
-            raise InputError(
+            raise wrong(
                 f"{label} has traffic, but not all of its numbers",
-                file=file,
-                field=f"{key}.{name}",
-                found=", ".join(values),
+                field=f"{_key(settings)}.{name}",
                 expected=f"{name} or {name}_field as well",
             )
     return Traffic(**values)
@@ -431,9 +418,7 @@ def _under_polygon(shape: Any, grid: Grid) -> IntArray:
 # Vulnerability
 
 
-def read_vulnerability(
-    file: Input, intensities: Sequence[str], *, field: str = "risk.vulnerability"
-) -> Vulnerability:
+def read_vulnerability(file: Input, intensities: Sequence[str]) -> Vulnerability:
     """Read what a hit does to objects of each kind.
 
     Parameters
@@ -448,6 +433,7 @@ def read_vulnerability(
     Vulnerability
         Where a number falls with the intensity, a warning is logged.
     """
+    field = "risk.vulnerability"
     columns = {
         "kind": CsvColumn(known=VULNERABILITY_KINDS),
         "intensity": CsvColumn(known=intensities),

@@ -13,6 +13,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from sassgis.hazard.preset_labels import preset_unverified
+from sassgis.io.read.checked import first_of, in_short
 from sassgis.io.read.plain_file import read_text, toml_table
 from sassgis.io.read.vector_features import nearest
 from sassgis.model.errors import InputError
@@ -133,7 +134,7 @@ def _preset(text: str, name: str, file: str) -> HazardPreset:
     try:
         content = _File.model_validate(document)
     except ValidationError as error:
-        raise _first_problem(error, file, document) from None
+        raise first_of([_one_line(dict(e), file, document) for e in error.errors()]) from None
     return _Reading(content, file).preset(name)
 
 
@@ -199,12 +200,8 @@ class _Reading:
 
     def _source(self, key: str, where: str) -> Provenance:
         if key not in self._sources:
-            raise self._unknown(
-                "names a source that is not defined",
-                f"{where}.source",
-                key,
-                list(self._sources),
-            )
+            problem = "names a source that is not defined"
+            raise self._unknown(problem, f"{where}.source", key, list(self._sources))
         return self._sources[key]
 
     def _levels(self, row: _Row, where: str) -> tuple[int, ...]:
@@ -285,16 +282,6 @@ _KEYS = {
 }
 
 
-def _first_problem(error: ValidationError, file: str, document: Mapping[str, Any]) -> InputError:
-    problems = error.errors()
-    # A misspelt key shows up twice, as unknown and as missing: the first says more.
-    first = min(problems, key=lambda p: p["type"] != "extra_forbidden")
-    problem = _one_line(dict(first), file, document)
-    if len(problems) > 1:
-        problem.args = (f"{problem} (and {len(problems) - 1} more)",)
-    return problem
-
-
 def _one_line(e: Mapping[str, Any], file: str, document: Mapping[str, Any]) -> InputError:
     wrong = partial(InputError, file=file)
     # `source` of a row is a text or a list: pydantic reports both attempts.
@@ -315,13 +302,7 @@ def _one_line(e: Mapping[str, Any], file: str, document: Mapping[str, Any]) -> I
         expected = f"sections [[{key}]], with double brackets"
     elif kind in ("model_type", "dict_type"):
         expected = _KEYS.get(str(loc[0]), "a section")
-    shown = repr(e["input"])
-    return wrong(
-        "cannot be used",
-        field=field,
-        found=shown if len(shown) <= 60 else f"{shown[:57]}...",
-        expected=expected,
-    )
+    return wrong("cannot be used", field=field, found=in_short(e["input"]), expected=expected)
 
 
 def _dotted(loc: Sequence[Any], document: Mapping[str, Any]) -> str:

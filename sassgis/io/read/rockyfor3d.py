@@ -51,7 +51,6 @@ _MOST_SCENARIOS, _MOST_AREAS = 12, 50
 class SoilType:
     """A soil type of Rockyfor3D and the ground class that takes its place."""
 
-    number: int
     name: str
     ground_class: str
     source: str
@@ -65,11 +64,10 @@ def soil_types() -> Mapping[int, SoilType]:
     rows = csv.DictReader(file.read_text(encoding="utf-8").splitlines())
     return {
         int(row["soil_type"]): SoilType(
-            int(row["soil_type"]), row["name"], row["ground_class"], row["source"],
-            row["verified"] == "true",
+            row["name"], row["ground_class"], row["source"], row["verified"] == "true"
         )
         for row in rows
-    }  # fmt: skip
+    }
 
 
 @dataclass(frozen=True)

@@ -23,10 +23,11 @@ from sassgis.model.errors import InputError
 #: one entry at most for each layer of a site.
 StartKeys = list[tuple[str, dict[str, object]]]
 
-#: The layer of release areas of a site, and what it is called elsewhere.
 #: Layers of a site that a configuration names though they are empty: release areas must be drawn,
 #: edits may be.
 _NAMED_EMPTY = ("release", "edits")
+
+#: The layer of release areas of a site, and what it is called elsewhere.
 _RELEASE_LAYERS = ("release_areas", "release")
 
 

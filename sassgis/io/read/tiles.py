@@ -268,7 +268,7 @@ def _laid_out(dems: Sequence[DemFile], given: Input) -> Terrain:
     cell = _cell(first)
     west = min(d.transform.c for d in dems)
     north = max(d.transform.f for d in dems)
-    tiles = [Tile(d, _place(d, west, north, cell, first)) for d in dems]
+    tiles = [Tile(d, _place(d, west, north, cell)) for d in dems]
     tiles.sort(key=lambda t: (t.place.row, t.place.col, t.dem.file.name))
     _check_overlaps(tiles)
     whole = hull([t.place for t in tiles])
@@ -305,7 +305,7 @@ def _check_alike(first: DemFile, dem: DemFile) -> None:
         raise refuse("tiles have cells of different sizes", f"{b:.9g} m", f"{a:.9g} m")
 
 
-def _place(dem: DemFile, west: float, north: float, cell: float, first: DemFile) -> Part:
+def _place(dem: DemFile, west: float, north: float, cell: float) -> Part:
     col, row = (dem.transform.c - west) / cell, (north - dem.transform.f) / cell
     off = max(abs(col - round(col)), abs(row - round(row)))
     if off > _OFF_LATTICE:

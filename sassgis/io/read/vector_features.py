@@ -23,7 +23,7 @@ from rasterio.features import rasterize
 
 from sassgis.io.read.offline import VECTOR, read_frame, vector_file
 from sassgis.io.read.plain_file import check_file, check_text, in_memory
-from sassgis.model.crs import crs_name, same_crs
+from sassgis.model.crs import crs_name, crs_parts, same_crs
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.in_memory import InMemory, Input
@@ -317,7 +317,7 @@ def onto_grid(
             found=f"{own.name} with {_extent((west, south, east, north))}",
             expected="its true coordinate system",
         )
-    plane = own.sub_crs_list[0] if own.is_compound else own
+    plane, _ = crs_parts(own)
     if same_crs(plane, target):
         moved = list(shapes)
     else:

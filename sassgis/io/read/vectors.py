@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import shapely
 
+from sassgis.io.read.config import control_line_of
 from sassgis.io.read.csv_table import number
 from sassgis.io.read.vector_features import (
     Feature,
@@ -150,8 +151,9 @@ def release_area(
 ) -> ReleaseArea:
     """A release area from its feature, checked against the DEM under it."""
     file = _release_file(release)
-    _check_under(feature, feature.label(release.name_field), grid, file)
-    scenarios = _scenarios(feature, release.scenario_field, block_names, release.name_field, file)
+    label = feature.label(release.name_field)
+    _check_under(feature, label, grid, file)
+    scenarios = _scenarios(feature, label, release.scenario_field, block_names, file)
     return ReleaseArea(name, feature.geometry, scenarios)
 
 
@@ -178,22 +180,18 @@ def feature_names(
 
 
 def _scenarios(
-    feature: Feature,
-    field: str | None,
-    known: Sequence[str],
-    name_field: str | None,
-    file: Input,
+    feature: Feature, label: str, field: str | None, known: Sequence[str], file: Input
 ) -> tuple[str, ...]:
     text = None if field is None else feature.text(field)
     if text is None:
         if field is not None:
-            log.info("%s: %s names no scenario: all of them", file, feature.label(name_field))
+            log.info("%s: %s names no scenario: all of them", file, label)
         return tuple(known)
     chosen = tuple(dict.fromkeys(part.strip() for part in re.split(r"[;,]", text) if part.strip()))
     for name in chosen:
         if name not in known:
             raise InputError(
-                f"{feature.label(name_field)} names an unknown block scenario",
+                f"{label} names an unknown block scenario",
                 file=file,
                 field=field,
                 found=repr(name),
@@ -306,7 +304,7 @@ def _control_lines_of(
             )
         feature = Feature(1, {}, line, "line")
         check_on_map(feature, grid, config_file, f"{key}.line", item.name)
-        return [(_control_line(item, item.name), _vertices(line))]
+        return [(control_line_of(item, item.name), _vertices(line))]
     if item.file is None:
         raise ConfigError(
             "has no place on the map",
@@ -321,10 +319,7 @@ def _control_lines_of(
         grid,
         key,
         layer=item.layer,
-        fields={
-            "name_field": item.name_field,
-            **{f"{k}_field": v for k, v in columns.items()},
-        },
+        fields={"name_field": item.name_field, **{f"{k}_field": v for k, v in columns.items()}},
         label=item.name_field,
         kinds=("line",),
     )
@@ -338,7 +333,7 @@ def _control_lines_of(
         vertices = _one_line(feature, label, item.file, key)
         check_on_map(feature, grid, item.file, key, label)
         own = _with_attributes(item, feature, label, item.file)
-        control_lines.append((_control_line(own, name), vertices))
+        control_lines.append((control_line_of(own, name), vertices))
     return control_lines
 
 
@@ -408,14 +403,6 @@ def _with_attributes(
             )
         stated[key] = value
     return replace(item, **stated)
-
-
-def _control_line(item: StationSettings, name: str) -> ControlLine:
-    return (
-        item.control_line(name)
-        if isinstance(item, BarrierSettings)
-        else ControlLine(name, "station")
-    )
 
 
 def _vertices(line: Any) -> FloatArray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -54,7 +54,8 @@ def write_config_back(path: Path, config: Config, diagnosis: Diagnosis, case: Ca
     sections = calibrated.sections(case.effects)
     with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-    document = document_with_classes(config, path, CLASSES_NAME)
+    document = written_document(config, path)
+    document.setdefault("ground", {})["classes"] = CLASSES_NAME
     if calibrated.engine_keys:
         document.setdefault("engine", {}).update(calibrated.engine_keys)
     effects = document.setdefault("effects", {})
@@ -87,26 +88,19 @@ def write_config_back(path: Path, config: Config, diagnosis: Diagnosis, case: Ca
         path.parent / CLASSES_NAME,
         classes_csv(calibrated.table, case.table, lambda _own: provenance),
     )
-    write_text(
-        path,
-        _comments(diagnosis, sections, config.label, stand is not None, left_out)
-        + tomli_w.dumps(document),
+    write_runnable(
+        path, _comments(diagnosis, sections, config.label, stand is not None, left_out), document
     )
-    # What cannot be run again is reported now, not in the next run.
-    written = load_config(path)
-    read_ground_table(written.ground.classes, written.engine.readings)
     return path
 
 
-def document_with_classes(config: Config, path: Path, classes: str | None) -> dict[str, Any]:
-    """A configuration as it is written to ``path``.
-
-    ``classes`` names a table beside that; None: the configured classes stay.
-    """
-    document = written_document(config, path)
-    if classes is not None:
-        document.setdefault("ground", {})["classes"] = classes
-    return document
+def write_runnable(path: Path, comments: Sequence[str], document: Mapping[str, Any]) -> None:
+    """Write a configuration below comments; ConfigError, InputError where it could not be run."""
+    lines = "".join(f"# {line}\n" for line in comments)
+    write_text(path, f"{lines}\n{tomli_w.dumps(document)}")
+    # What cannot be run again is reported now, not in the next run.
+    written = load_config(path)
+    read_ground_table(written.ground.classes, written.engine.readings)
 
 
 def write_text(path: Path, text: str) -> None:
@@ -122,7 +116,7 @@ def _comments(
     config_name: str,
     stand: bool,
     left_out: bool,
-) -> str:
+) -> list[str]:
     verdict, recommended = diagnosis.verdict, diagnosis.advice.recommended
     named = verdict.effect not in ("none", "unknown")
     added = {*recommended.split("+")} >= {*verdict.effect.split("+")}
@@ -171,11 +165,11 @@ def _comments(
             f"The forest ({FOREST_NAME}) is where the observations ask for one, along the fall "
             "lines of the observed rocks; it was not surveyed."
         )
-    lines += [
+    return [
+        *lines,
         "Calibrated for this slope and rocks of these sizes; elsewhere it is untested.",
         "Comments of the original file are not copied.",
     ]
-    return "".join(f"# {line}\n" for line in lines) + "\n"
 
 
 def classes_csv(

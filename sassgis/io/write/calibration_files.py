@@ -8,19 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tomli_w
 
 import sassgis
 from sassgis.gap.calibration.class_calibration import SiteCalibration, SiteResult
 from sassgis.gap.calibration.fit_errors import SHARES, QuantityErrors
 from sassgis.gap.inference.intervals import Interval
-from sassgis.io.read.config import load_config
-from sassgis.io.read.ground_map import read_ground_table
-from sassgis.io.write.calibrated_config import (
-    classes_csv,
-    document_with_classes,
-    write_text,
-)
+from sassgis.io.write.calibrated_config import classes_csv, write_runnable, write_text
+from sassgis.io.write.config_file import written_document
 from sassgis.io.write.manifest import plain
 from sassgis.model.ground import GroundClass, GroundTable
 from sassgis.model.run_config import Config
@@ -29,7 +23,7 @@ from sassgis.model.run_config import Config
 FITTED_NAME = "fitted_classes.csv"
 
 
-def write_calibration_json(path: Path, calibration: SiteCalibration) -> Path:
+def write_calibration_json(path: Path, calibration: SiteCalibration) -> None:
     """Write ``calibration.json``: all numbers of a calibration."""
     content = {
         "program": f"sassgis {sassgis.__version__}",
@@ -69,7 +63,6 @@ def write_calibration_json(path: Path, calibration: SiteCalibration) -> Path:
     }
     text = json.dumps(plain(_finite(content)), indent=2, ensure_ascii=False, allow_nan=False)
     write_text(path, text + "\n")
-    return path
 
 
 def _site(site: SiteResult) -> dict[str, Any]:
@@ -118,14 +111,13 @@ def _finite(value: Any) -> Any:
     return value
 
 
-def write_classes(path: Path, calibration: SiteCalibration, configured: GroundTable) -> Path:
+def write_classes(path: Path, calibration: SiteCalibration, configured: GroundTable) -> None:
     """Write the table of ground classes with the provenance of each calibrated one."""
 
     def provenance(own: GroundClass) -> str:
         return class_provenance(calibration, own.name)
 
     write_text(path, classes_csv(calibration.table(configured), configured, provenance))
-    return path
 
 
 def class_provenance(calibration: SiteCalibration, name: str) -> str:
@@ -168,9 +160,10 @@ def write_calibrated_config(path: Path, config: Config, calibration: SiteCalibra
     ConfigError, InputError
         If the result could not be used in a run.
     """
-    used = FITTED_NAME if calibration.recommended else None
-    document = document_with_classes(config, path, used)
-    lines = [
+    document = written_document(config, path)
+    if calibration.recommended:
+        document.setdefault("ground", {})["classes"] = FITTED_NAME
+    comments = [
         f"Made by sassgis {sassgis.__version__} (calibrate) from {config.label} and "
         f"observations of {calibration.rocks} rocks.",
         calibration.recommendation,
@@ -178,8 +171,5 @@ def write_calibrated_config(path: Path, config: Config, calibration: SiteCalibra
         "They are fitted to these sites and rocks of these sizes; elsewhere they are untested.",
         "Comments of the original file are not copied.",
     ]
-    write_text(path, "".join(f"# {line}\n" for line in lines) + "\n" + tomli_w.dumps(document))
-    # What cannot be run again is reported now, not in the next run.
-    written = load_config(path)
-    read_ground_table(written.ground.classes, written.engine.readings)
+    write_runnable(path, comments, document)
     return path

@@ -36,7 +36,7 @@ def require_parquet() -> None:
 def rock_frame(rows: BlockRows, run: MapRun, planned: Plan) -> pd.DataFrame:
     """A row per block, units in the names."""
     frame = _columns(rows.rocks, np.array([b.name for b in run.blocks])[rows.rock_scenario])
-    frame.insert(0, "area", _areas(rows.rocks["line"], run, planned))
+    frame.insert(0, "area", _areas(rows.rocks["line"], planned))
     return frame.assign(x_m=rows.x, y_m=rows.y)
 
 
@@ -44,7 +44,7 @@ def passage_frame(rows: BlockRows, run: MapRun, planned: Plan) -> pd.DataFrame:
     """A row per block and station or barrier, units in the names."""
     frame = _columns(rows.passages, np.array([b.name for b in run.blocks])[rows.passage_scenario])
     _name_control_lines(frame, [line.name for line, _ in run.control_lines])
-    frame.insert(0, "area", _areas(rows.passages["line"], run, planned))
+    frame.insert(0, "area", _areas(rows.passages["line"], planned))
     return frame if run.followed else frame.drop(columns=list(_PLACE))
 
 
@@ -112,7 +112,7 @@ def _columns(rows: NDArray[np.void], scenario: NDArray[np.str_] | None = None) -
     return frame
 
 
-def _areas(line: IntArray, run: MapRun, planned: Plan) -> NDArray[np.object_]:
+def _areas(line: IntArray, planned: Plan) -> NDArray[np.object_]:
     """Name of the release area of each line."""
     names = np.array(planned.points.area_names, dtype=object)
     area = planned.points.area[line]
@@ -144,7 +144,7 @@ def without_formulas(frame: pd.DataFrame) -> pd.DataFrame:
     return safe.rename(columns=text)
 
 
-def write_table(path: Path, frames: Iterable[pd.DataFrame]) -> Path:
+def write_table(path: Path, frames: Iterable[pd.DataFrame]) -> None:
     """Write frames one under the other, as CSV or Parquet by the suffix of the path."""
     with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -153,7 +153,7 @@ def write_table(path: Path, frames: Iterable[pd.DataFrame]) -> Path:
                 for i, frame in enumerate(frames):
                     safe = without_formulas(frame)
                     safe.to_csv(stream, index=False, header=i == 0, lineterminator="\n")
-            return path
+            return
         require_parquet()
         import pyarrow as pa
         import pyarrow.parquet as pq
@@ -168,4 +168,3 @@ def write_table(path: Path, frames: Iterable[pd.DataFrame]) -> Path:
         finally:
             if writer is not None:
                 writer.close()
-    return path

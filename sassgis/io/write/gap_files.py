@@ -22,15 +22,14 @@ from sassgis.io.write.layers.gap_map import (
 from sassgis.io.write.manifest import plain
 
 
-def write_diagnosis_json(path: Path, diagnosis: Diagnosis) -> Path:
+def write_diagnosis_json(path: Path, diagnosis: Diagnosis) -> None:
     """Write ``diagnosis.json``."""
     # as_json makes missing numbers null; what else JSON does not know (infinity) becomes text.
     text = json.dumps(plain(as_json(diagnosis)), indent=2, ensure_ascii=False, allow_nan=False)
     write_text(path, text + "\n")
-    return path
 
 
-def write_gap_gpkg(path: Path, case: Case, diagnosis: Diagnosis) -> Path:
+def write_gap_gpkg(path: Path, case: Case, diagnosis: Diagnosis) -> None:
     """Write ``gap.gpkg``: where observed and simulated rocks part, on the map.
 
     Layers ``gap_stretches`` (findings that belong to a stretch: that stretch of every fall line),
@@ -59,4 +58,4 @@ def write_gap_gpkg(path: Path, case: Case, diagnosis: Diagnosis) -> Path:
     stand = stand_layer(case, diagnosis.effect)
     if stand is not None:
         layers.append(stand)
-    return write_geopackage(path, layers, metadata)
+    write_geopackage(path, layers, metadata)

@@ -17,14 +17,16 @@ from sassgis.model.errors import InputError, OutputError
 #: Beginning of a multihash: code of the function and length of the digest.
 _MULTIHASHES = {"1220": "sha256", "1340": "sha512", "1114": "sha1", "d50110": "md5"}
 _CHUNK = 1 << 18
+#: Times that a download is begun or continued.
+_TRIES = 3
 
 
-def fetch_tile(offer: TileOffer, folder: Path, *, timeout_s: float = 30.0, tries: int = 3) -> bool:
+def fetch_tile(offer: TileOffer, folder: Path, timeout_s: float) -> bool:
     """Fetch a tile; returns False if a whole one was there already.
 
     Until the tile is whole and checked its name ends in ``.part``; the next call goes on from
-    there. A download that stops is continued, and one that is damaged begun anew, ``tries`` times;
-    the next bytes are waited for no longer than ``timeout_s``.
+    there. A download that stops is continued, and one that is damaged begun anew, a few times; the
+    next bytes are waited for no longer than ``timeout_s``.
     """
     target, part = folder / offer.name, folder / f"{offer.name}.part"
     if target.exists():
@@ -34,7 +36,7 @@ def fetch_tile(offer: TileOffer, folder: Path, *, timeout_s: float = 30.0, tries
                 "away, and the same command fetches it"
             )
         return False
-    for left in range(tries - 1, -1, -1):
+    for left in range(_TRIES - 1, -1, -1):
         try:
             _download(offer, part, timeout_s)
         except NoAnswer:

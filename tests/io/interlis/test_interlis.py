@@ -44,6 +44,13 @@ def edit(package: Path, statement: str) -> None:
         assert database.execute(statement).rowcount > 0
 
 
+@pytest.fixture
+def xtf(result: Path, tmp_path: Path) -> Path:
+    """The transfer file of the result."""
+    write_xtf(result / "hazard.gpkg", tmp_path / "a.xtf")
+    return tmp_path / "a.xtf"
+
+
 # --- what is written -------------------------------------------------------------------------
 
 
@@ -63,14 +70,11 @@ def test_the_validator_accepts_what_is_written(
     }
 
 
-def test_the_file_names_the_model_and_its_objects_as_the_model_asks(
-    result: Path, tmp_path: Path
-) -> None:
-    write_xtf(result / "hazard.gpkg", tmp_path / "a.xtf")
-    (model,) = ET.parse(tmp_path / "a.xtf").iter(f"{NS}MODEL")
+def test_the_file_names_the_model_and_its_objects_as_the_model_asks(xtf: Path) -> None:
+    (model,) = ET.parse(xtf).iter(f"{NS}MODEL")
     assert model.get("NAME") == "Hazard_Mapping_LV95_V1_3"
     assert model.get("VERSION") == "2021-03-01"
-    written = objects(tmp_path / "a.xtf")
+    written = objects(xtf)
     assert len(written) == 12
     assert {o.tag.removeprefix(NS).rsplit(".", 1)[0] for o in written} == {
         "Hazard_Mapping_LV95_V1_3.hazard_mapping"
@@ -83,14 +87,12 @@ def test_the_file_names_the_model_and_its_objects_as_the_model_asks(
     assert corners and all(re.fullmatch(r"\d{7}\.\d{3}", text) for text in corners)
 
 
-def test_values_and_surfaces_arrive_as_they_were(result: Path, tmp_path: Path) -> None:
-    package = result / "hazard.gpkg"
-    write_xtf(package, tmp_path / "zones.xtf")
+def test_values_and_surfaces_arrive_as_they_were(result: Path, xtf: Path) -> None:
     by_class: dict[str, list[ET.Element]] = {}
-    for item in objects(tmp_path / "zones.xtf"):
+    for item in objects(xtf):
         by_class.setdefault(item.tag.rsplit(".", 1)[-1], []).append(item)
     for name, kind in FEDERAL_CLASSES.items():
-        frame = pyogrio.read_dataframe(package, layer=name)
+        frame = pyogrio.read_dataframe(result / "hazard.gpkg", layer=name)
         assert len(by_class[name]) == len(frame)
         for item, (_, row) in zip(by_class[name], frame.iterrows(), strict=True):
             for attribute in kind.attributes:
@@ -185,11 +187,7 @@ SPOILED: dict[str, tuple[str, str, str]] = {
 
 
 @pytest.mark.parametrize("case", SPOILED)
-def test_spoiled_files_are_rejected(
-    result: Path, tmp_path: Path, official_models: Path, case: str
-) -> None:
-    xtf = tmp_path / "a.xtf"
-    write_xtf(result / "hazard.gpkg", xtf)
+def test_spoiled_files_are_rejected(xtf: Path, official_models: Path, case: str) -> None:
     old, new, words = SPOILED[case]
     text = xtf.read_text()
     assert re.search(old, text)
@@ -200,9 +198,7 @@ def test_spoiled_files_are_rejected(
     assert "not valid" in verdict.lines()[0]
 
 
-def test_a_broken_file_is_refused(result: Path, tmp_path: Path, official_models: Path) -> None:
-    xtf = tmp_path / "a.xtf"
-    write_xtf(result / "hazard.gpkg", xtf)
+def test_a_broken_file_is_refused(xtf: Path, tmp_path: Path, official_models: Path) -> None:
     whole = xtf.read_text()
     xtf.write_text(whole[: len(whole) // 2])
     verdict = validate_xtf(xtf, official_models)
@@ -226,10 +222,9 @@ def test_names_of_files_may_be_anything(
 
 
 def test_an_absent_import_and_a_broken_model(
-    result: Path, tmp_path: Path, official_models: Path
+    xtf: Path, tmp_path: Path, official_models: Path
 ) -> None:
-    xtf, folder = tmp_path / "a.xtf", tmp_path / "models"
-    write_xtf(result / "hazard.gpkg", xtf)
+    folder = tmp_path / "models"
     folder.mkdir()
     main = folder / "Hazard_Mapping_V1_3.ili"
     text = (official_models / main.name).read_text(encoding="utf-8")
@@ -247,9 +242,8 @@ def test_an_absent_import_and_a_broken_model(
 STUB = f'INTERLIS 2.3;\nMODEL {MODEL_NAME} (en)\n AT "x" VERSION "1" =\nEND {MODEL_NAME}.\n'
 
 
-def test_folders_without_the_model(result: Path, tmp_path: Path) -> None:
-    xtf, folder = tmp_path / "a.xtf", tmp_path / "models"
-    write_xtf(result / "hazard.gpkg", xtf)
+def test_folders_without_the_model(result: Path, xtf: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "models"
     with pytest.raises(InputError, match="holds no model"):
         validate_xtf(xtf, folder)
     folder.mkdir()
@@ -266,10 +260,8 @@ def test_folders_without_the_model(result: Path, tmp_path: Path) -> None:
 
 
 def test_a_validator_that_is_missing_or_breaks_down(
-    result: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    xtf: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    xtf = tmp_path / "a.xtf"
-    write_xtf(result / "hazard.gpkg", xtf)
     (tmp_path / "model.ili").write_text(STUB)
     for body, words in (
         ("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", "broke down: signal SIGSEGV"),

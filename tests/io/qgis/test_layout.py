@@ -21,7 +21,7 @@ from hypothesis import strategies as st
 
 import sassgis.io.qgis
 from sassgis.hazard.zone_styles import ZONE_OPACITY
-from sassgis.io.qgis.entries import LayerEntry
+from sassgis.io.qgis.entries import LayerEntry, LayerGroup
 from sassgis.io.qgis.layout import (
     PAGES,
     SCALE_NUMBERS,
@@ -302,19 +302,7 @@ def test_local_coordinates_keep_their_scale(qgis: None, tmp_path: Path) -> None:
     assert 50.0 < bar["box"][2] < 62.0
 
 
-def test_equal_names_are_refused(tmp_path: Path) -> None:
-    from sassgis.io.qgis.project import write_project
-
-    with pytest.raises(ValueError, match="layouts of a project need one name each"):
-        write_project(
-            tmp_path / "p.qgz", title="t", crs="", groups=[], extent=made_up.EXTENT,
-            layouts=[made_up.LAYOUTS[0], made_up.LAYOUTS[0]],
-        )  # fmt: skip
-
-
 def test_groups_within_groups_keep_their_order() -> None:
-    from sassgis.io.qgis.entries import LayerEntry, LayerGroup
-
     a, b, c = (LayerEntry(v, "x.gpkg") for v in list(made_up.zone_layers().values())[:3])
     group = LayerGroup("outer", (a, LayerGroup("inner", (b,)), c))
     assert group.entries == [a, b, c]

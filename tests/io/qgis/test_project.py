@@ -320,13 +320,14 @@ def test_equal_input_gives_equal_bytes(tmp_path: Path) -> None:
     assert first.project.read_bytes() == second.project.read_bytes()
 
 
-def test_layers_need_one_name_each(tmp_path: Path) -> None:
-    entry = LayerEntry(made_up.vector_layers()["stops"], "result.gpkg")
-    with pytest.raises(ValueError, match="one name each"):
-        write_project(
-            tmp_path / "p.qgz",
-            title="t",
-            crs="",
-            groups=[LayerGroup("a", (entry, entry))],
-            extent=made_up.EXTENT,
-        )
+def test_layers_and_sheets_need_one_name_each(tmp_path: Path) -> None:
+    entry, sheet = LayerEntry(made_up.vector_layers()["stops"], "result.gpkg"), made_up.LAYOUTS[0]
+    for groups, sheets, words in (
+        ([LayerGroup("a", (entry, entry))], [], "one name each"),
+        ([], [sheet, sheet], "layouts of a project need one name each"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            write_project(
+                tmp_path / "p.qgz", title="t", crs="", groups=groups, extent=made_up.EXTENT,
+                layouts=sheets,
+            )  # fmt: skip

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from helpers.one_line import one_line
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -70,19 +71,10 @@ def test_paths_are_relative_to_the_file_not_to_the_working_folder(tmp_path, monk
     assert config.dem_source.is_absolute()
 
 
-def test_settings_are_frozen(load):
-    config = load()
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        config.file = Path()  # type: ignore[misc]
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        config.terrain.smoothing_m = 1.0  # type: ignore[misc]
-
-
-def test_overrides_are_validated_like_the_file(load, one_line):
+def test_overrides_are_validated_like_the_file(load):
     assert load(run__seed=7).run.seed == 7
-    with pytest.raises(ConfigError) as error:
+    with one_line(ConfigError, "run.seed", "-7"):
         load(run__seed=-7)
-    one_line(error, "run.seed", "-7")
 
 
 # --- template -------------------------------------------------------------------------------
@@ -148,13 +140,6 @@ def test_defaults_in_comments_of_the_template_are_the_true_ones():
     assert checked >= 15
 
 
-@pytest.mark.parametrize("section", sorted(ALL_SECTIONS))
-def test_every_key_is_described(section):
-    for key, field in ALL_SECTIONS[section].items():
-        assert field.description, f"{section}.{key}"
-    assert set(ALL_SECTIONS["engine"]) == {f.name for f in dataclasses.fields(EngineSettings)}
-
-
 # --- errors ---------------------------------------------------------------------------------
 
 WRONG = [
@@ -202,46 +187,42 @@ WRONG = [
 
 
 @pytest.mark.parametrize(("old", "new", "words"), WRONG, ids=[w[1] or w[0] for w in WRONG])
-def test_mistakes_are_told_in_one_line(load, one_line, old, new, words):
+def test_mistakes_are_told_in_one_line(load, old, new, words):
     assert old in MINIMAL
-    with pytest.raises(ConfigError) as error:
+    with one_line(ConfigError, "run.toml", *words):
         load(MINIMAL.replace(old, new, 1))
-    one_line(error, "run.toml", *words)
 
 
-def test_several_mistakes_are_counted_and_unknown_keys_come_first(load, one_line):
+def test_several_mistakes_are_counted_and_unknown_keys_come_first(load):
     text = MINIMAL.replace('dem = "dem.tif"', 'demm = "x"\nsmoothing_m = -1').replace(
         "[release]", "[release]\nspacing_m = 0\n[engine]\neta_max_rule = 3\n[release2]"
     )
-    with pytest.raises(ConfigError) as error:
+    with one_line(ConfigError, "run.toml", match=r"unknown key .*\(and 4 more\)$"):
         load(text)
-    assert re.search(r"unknown key .*\(and 4 more\)$", str(error.value))
-    one_line(error, "run.toml")
 
 
 @pytest.mark.parametrize("section", ["blocks", "stations", "barriers"])
-def test_double_names_are_refused(load, one_line, section):
+def test_double_names_are_refused(load, section):
     item = {
         "blocks": '[[blocks]]\nname = "large"\naxis_1_m = 1\naxis_2_m = 1\naxis_3_m = 1\n',
         "stations": '[[stations]]\nname = "road"\nchainage_m = 3\n' * 2,
         "barriers": '[[stations]]\nname = "road"\nchainage_m = 3\n'
         '[[barriers]]\nname = "road"\nchainage_m = 3\nkind = "net"\nheight_m = 2\n',
     }[section]
-    with pytest.raises(ConfigError) as error:
+    with one_line(
+        ConfigError, "run.toml", "name", "used twice", "large" if section == "blocks" else "road"
+    ):
         load(MINIMAL + item)
-    one_line(error, "run.toml", "name", "used twice", "large" if section == "blocks" else "road")
 
 
-def test_missing_blocks(load, one_line):
-    with pytest.raises(ConfigError) as error:
+def test_missing_blocks(load):
+    with one_line(ConfigError, "run.toml", "blocks", "at least one [[blocks]]"):
         load(MINIMAL[: MINIMAL.index("[[blocks]]")])
-    one_line(error, "run.toml", "blocks", "at least one [[blocks]]")
 
 
-def test_missing_file(tmp_path, one_line):
-    with pytest.raises(ConfigError) as error:
+def test_missing_file(tmp_path):
+    with one_line(ConfigError, "none.toml", "file not found"):
         load_config(tmp_path / "none.toml")
-    one_line(error, "none.toml", "file not found")
 
 
 @pytest.mark.parametrize(
@@ -253,12 +234,11 @@ def test_missing_file(tmp_path, one_line):
         (b'[project]\nname = "\xe9boulis"\n', ["not UTF-8"]),
     ],
 )
-def test_files_that_are_not_toml(tmp_path, one_line, content, words):
+def test_files_that_are_not_toml(tmp_path, content, words):
     path = tmp_path / "run.toml"
     path.write_bytes(content)
-    with pytest.raises(ConfigError) as error:
+    with one_line(ConfigError, "run.toml", *words):
         load_config(path)
-    one_line(error, "run.toml", *words)
 
 
 def test_byte_order_mark_of_windows_editors_is_read_over(tmp_path):
@@ -289,10 +269,8 @@ def test_spacing_is_either_usable_or_refused_in_one_line(load, value):
     if usable:
         assert load(text).release.spacing_m == value
     else:
-        with pytest.raises(ConfigError) as error:
+        with one_line(ConfigError, "release.spacing_m"):
             load(text)
-        assert "release.spacing_m" in str(error.value)
-        assert "\n" not in str(error.value)
 
 
 # --- manifest and fingerprint ---------------------------------------------------------------
@@ -356,7 +334,7 @@ chainage_m = 90
 )
 
 
-def test_profile_runs_need_no_map(load, tmp_path, one_line):
+def test_profile_runs_need_no_map(load, tmp_path):
     config = load(PROFILE)
     assert config.profile is not None
     assert config.profile.file == tmp_path / "profile.csv"
@@ -364,16 +342,14 @@ def test_profile_runs_need_no_map(load, tmp_path, one_line):
         ("road", "station", math.inf, 120.0),
         ("net", "net", 500.0, 90.0),
     ]
-    with pytest.raises(ConfigError) as error:
+    with one_line(ConfigError, "run.toml", "terrain.dem", "missing key"):
         _ = config.dem_source
-    one_line(error, "run.toml", "terrain.dem", "missing key")
 
 
-def test_lines_on_the_map_have_no_chainage(load, one_line):
+def test_lines_on_the_map_have_no_chainage(load):
     config = load(PROFILE.replace("chainage_m = 120", "line = [[0, 0], [1, 1]]"))
-    with pytest.raises(ConfigError) as error:
+    with one_line(ConfigError, "run.toml", "stations[road]", "found line", "expected chainage_m"):
         profile_control_lines(config)
-    one_line(error, "run.toml", "stations[road]", "found line", "expected chainage_m")
 
 
 # --- former names ---------------------------------------------------------------------------
@@ -410,21 +386,15 @@ def test_former_keys_are_read_and_noted_once(load):
     assert resolved(new) == resolved(old)
 
 
-def test_a_setting_under_both_names_is_refused(load, one_line):
-    with pytest.raises(ConfigError) as error:
-        load(MINIMAL + "[hazard]\nuncertain_share_max = 0.3\nchanged_share_max = 0.3\n")
-    one_line(error, "run.toml", "hazard.changed_share_max", "uncertain_share_max")
-
-
-def test_a_wrong_value_under_a_former_name_is_refused(load, one_line):
-    with pytest.raises(ConfigError) as error:
-        load(MINIMAL + "[hazard]\nuncertain_share_max = 0\n")
-    one_line(error, "run.toml", "hazard.changed_share_max", "found 0")
-
-
 @pytest.mark.parametrize(
     ("keys", "words"),
     [
+        # Under its former name, and under both.
+        ("uncertain_share_max = 0", ("hazard.changed_share_max", "found 0")),
+        (
+            "uncertain_share_max = 0.3\nchanged_share_max = 0.3",
+            ("hazard.changed_share_max", "uncertain_share_max"),
+        ),
         ("changed_share_max = 0.1", ("hazard.changed_share_max", '"auto"')),
         ('blocks = "many"', ("hazard.blocks", "many")),
         ('blocks = "auto"\nblocks_max = 0', ("hazard.blocks_max", "found 0")),
@@ -432,7 +402,6 @@ def test_a_wrong_value_under_a_former_name_is_refused(load, one_line):
         ('blocks = "auto"\nchanged_share_max = 1.0', ("hazard.changed_share_max", "found 1.0")),
     ],
 )
-def test_a_budget_of_nothing_is_refused(load, one_line, keys, words):
-    with pytest.raises(ConfigError) as error:
+def test_budgets_that_cannot_be_used(load, keys, words):
+    with one_line(ConfigError, "run.toml", *words):
         load(MINIMAL + f"[hazard]\n{keys}\n")
-    one_line(error, "run.toml", *words)

@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 from affine import Affine
+from helpers.one_line import one_line
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pyproj import CRS
@@ -213,27 +214,26 @@ def test_corner_and_cell_come_through(make_dem, cell, west, north):
 # --- errors ---------------------------------------------------------------------------------
 
 
-def _refused(one_line, path, *words, **options):
-    with pytest.raises(InputError) as error:
+def _refused(path, *words, **options):
+    with one_line(InputError, path.name, *words):
         read_dem(path, **options)
-    one_line(error, path.name, *words)
 
 
-def test_missing_file(tmp_path, one_line):
-    _refused(one_line, tmp_path / "none.tif", "terrain.dem", "file not found", "expected")
+def test_missing_file(tmp_path):
+    _refused(tmp_path / "none.tif", "terrain.dem", "file not found", "expected")
 
 
-def test_file_that_is_no_raster(tmp_path, one_line):
+def test_file_that_is_no_raster(tmp_path):
     path = tmp_path / "dem.tif"
     path.write_text("x y z\n1 2 3\n")
-    _refused(one_line, path, "cannot be read as a raster", "found", "expected GeoTIFF")
+    _refused(path, "cannot be read as a raster", "found", "expected GeoTIFF")
 
 
-def test_damaged_file(make_dem, one_line):
+def test_damaged_file(make_dem):
     path = make_dem(np.random.default_rng(1).uniform(500, 600, (200, 200)))
     content = path.read_bytes()
     path.write_bytes(content[: len(content) // 2])
-    _refused(one_line, path, "read", "expected")
+    _refused(path, "read", "expected")
 
 
 def place(cell: float, west: float, north: float) -> dict[str, Affine]:
@@ -280,9 +280,9 @@ WRONG = {
 
 @pytest.mark.filterwarnings("ignore:The given matrix")
 @pytest.mark.parametrize("case", WRONG)
-def test_terrain_that_cannot_be_used(make_dem, one_line, case):
+def test_terrain_that_cannot_be_used(make_dem, case):
     heights, written, options, words = WRONG[case]
-    _refused(one_line, make_dem(heights, **written), *words, **options)
+    _refused(make_dem(heights, **written), *words, **options)
 
 
 def test_far_outside_the_area_of_use_is_a_warning(make_dem, caplog):
@@ -297,12 +297,11 @@ def test_far_outside_the_area_of_use_is_a_warning(make_dem, caplog):
 
 
 @pytest.mark.parametrize("value", [-9999.0, -32768.0, 1e20, -501.0, 9001.0])
-def test_undeclared_nodata(make_dem, one_line, value):
+def test_undeclared_nodata(make_dem, value):
     values = HEIGHTS.copy()
     values[2, 1] = values[3, 0] = value
     path = make_dem(values)
     _refused(
-        one_line,
         path,
         "band 1",
         "nodata that is not declared",
@@ -330,9 +329,9 @@ def test_maps_of_classes_draw_a_warning(make_dem, caplog):
     assert not caplog.text
 
 
-def test_a_wrong_system_can_be_overridden(make_dem, one_line):
+def test_a_wrong_system_can_be_overridden(make_dem):
     path = make_dem(HEIGHTS, crs="EPSG:4326")
-    _refused(one_line, path, "terrain.crs", "cannot be degrees", "terrain.override_crs")
+    _refused(path, "terrain.crs", "cannot be degrees", "terrain.override_crs")
     grid = read_dem(path, "EPSG:2056", override_crs=True)
     assert crs_name(grid.crs).endswith("(EPSG:2056)")
     assert read_dem(path, "local", override_crs=True).crs == ""

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from affine import Affine
+from helpers.one_line import one_line
 from helpers.sections import section_of
 from hypothesis import given
 from hypothesis import strategies as st
@@ -161,12 +162,11 @@ BAD_TABLES = [
 
 
 @pytest.mark.parametrize(("text", "words"), BAD_TABLES)
-def test_tables_that_cannot_be_used(tmp_path, one_line, text, words):
+def test_tables_that_cannot_be_used(tmp_path, text, words):
     path = tmp_path / "own.csv"
     path.write_text(text)
-    with pytest.raises(InputError) as error:
+    with one_line(InputError, "own.csv", *words):
         read_ground_table(path)
-    one_line(error, "own.csv", *words)
 
 
 @pytest.mark.parametrize(
@@ -177,18 +177,16 @@ def test_tables_that_cannot_be_used(tmp_path, one_line, text, words):
         ('[[classes]]\nname = "a"\n', ["class number 1", "eta_max", "missing column"]),
     ],
 )
-def test_toml_tables_that_cannot_be_used(tmp_path, one_line, text, words):
+def test_toml_tables_that_cannot_be_used(tmp_path, text, words):
     path = tmp_path / "own.toml"
     path.write_text(text)
-    with pytest.raises(InputError) as error:
+    with one_line(InputError, "own.toml", *words):
         read_ground_table(path)
-    one_line(error, "own.toml", *words)
 
 
-def test_missing_table(tmp_path, one_line):
-    with pytest.raises(InputError) as error:
+def test_missing_table(tmp_path):
+    with one_line(InputError, "none.csv", "ground.classes", "file not found"):
         read_ground_table(tmp_path / "none.csv")
-    one_line(error, "none.csv", "ground.classes", "file not found")
 
 
 # --- map of classes -------------------------------------------------------------------------
@@ -220,44 +218,44 @@ def test_polygons_rule_the_cells_whose_centre_they_hold(make_layer, slope_grid, 
     np.testing.assert_array_equal(classes, expected)
 
 
-def _code_raster(make_dem, slope_grid, codes, **options):
-    options = {"dtype": "uint8", "nodata": 0, **options}
-    return make_dem(codes, "codes.tif", **options)
+CODES = {"1": "rock", "2": "talus"}
 
 
-def test_raster_of_codes_on_the_same_grid(make_dem, slope_grid):
+@pytest.fixture
+def code_raster(make_dem):
+    def write(codes, **options):
+        return make_dem(codes, "codes.tif", **{"dtype": "uint8", "nodata": 0, **options})
+
+    return write
+
+
+def test_raster_of_codes_on_the_same_grid(code_raster, slope_grid):
     codes = np.tile(np.array([0, 1, 2]), (20, 10))
-    path = _code_raster(make_dem, slope_grid, codes)
-    classes = ground_raster(
-        settings(path, raster_classes={"1": "rock", "2": "talus"}), slope_grid, TABLE
-    )
+    path = code_raster(codes)
+    classes = ground_raster(settings(path, raster_classes=CODES), slope_grid, TABLE)
     np.testing.assert_array_equal(classes, np.array([DEBRIS, ROCK, TALUS])[codes])
 
 
-def test_raster_of_codes_is_aligned_by_the_nearest_cell(make_dem, slope_grid):
+def test_raster_of_codes_is_aligned_by_the_nearest_cell(code_raster, slope_grid):
     # Cells of 5 m, over the western half only, without a coordinate system, south up.
     codes = np.zeros((40, 30), int) + 1
     codes[10:20] = 2
     where = Affine(5.0, 0.0, WEST, 0.0, 5.0, NORTH - 200.0)
-    path = _code_raster(make_dem, slope_grid, codes[::-1], transform=where, crs=None, nodata=None)
-    classes = ground_raster(
-        settings(path, raster_classes={"1": "rock", "2": "talus"}), slope_grid, TABLE
-    )
+    path = code_raster(codes[::-1], transform=where, crs=None, nodata=None)
+    classes = ground_raster(settings(path, raster_classes=CODES), slope_grid, TABLE)
     expected = np.full(slope_grid.shape, DEBRIS)
     expected[:, :15] = ROCK
     expected[5:10, :15] = TALUS
     np.testing.assert_array_equal(classes, expected)
 
 
-def test_raster_of_codes_in_another_system(make_dem, slope_grid):
+def test_raster_of_codes_in_another_system(code_raster, slope_grid):
     # The old Swiss system differs by two round numbers and less than two metres here.
     codes = np.full((40, 60), 1)
     codes[:, 30:] = 2
     where = Affine(10.0, 0.0, WEST - 2e6 - 150.0, 0.0, -10.0, NORTH - 1e6 + 100.0)
-    path = _code_raster(make_dem, slope_grid, codes, transform=where, crs="EPSG:21781")
-    classes = ground_raster(
-        settings(path, raster_classes={"1": "rock", "2": "talus"}), slope_grid, TABLE
-    )
+    path = code_raster(codes, transform=where, crs="EPSG:21781")
+    classes = ground_raster(settings(path, raster_classes=CODES), slope_grid, TABLE)
     assert (classes[:, :14] == ROCK).all()
     assert (classes[:, 16:] == TALUS).all()
 
@@ -266,24 +264,22 @@ def test_raster_of_codes_in_another_system(make_dem, slope_grid):
 
 
 @pytest.fixture
-def refused(slope_grid, one_line):
+def refused(slope_grid):
     def check(path, *words, grid=None, **keys):
-        with pytest.raises(InputError) as error:
+        with one_line(InputError, *words):
             ground_raster(settings(path, **keys), grid or slope_grid, TABLE)
-        one_line(error, *words)
 
     return check
 
 
-def test_unknown_default_names_the_configuration(tmp_path, slope_grid, one_line):
+def test_unknown_default_names_the_configuration(tmp_path, slope_grid):
     path = tmp_path / "run.toml"
     path.write_text(
         '[ground]\ndefault = "rok"\n[profile]\n'
         '[[blocks]]\nname = "b"\naxis_1_m = 1\naxis_2_m = 1\naxis_3_m = 1\n'
     )
-    with pytest.raises(InputError) as error:
+    with one_line(InputError, "run.toml", "ground.default", "'rok'"):
         ground_raster(load_config(path).ground, slope_grid, TABLE)
-    one_line(error, "run.toml", "ground.default", "'rok'")
 
 
 def test_unknown_class_of_a_polygon(refused, make_layer):
@@ -297,8 +293,8 @@ def test_polygon_without_class(refused, make_layer):
     refused(path, "release.gpkg", "kind", "feature 2 has no ground class", class_field="kind")
 
 
-def test_raster_without_classes(refused, make_dem, slope_grid):
-    path = _code_raster(make_dem, slope_grid, np.ones((20, 30)))
+def test_raster_without_classes(refused, code_raster):
+    path = code_raster(np.ones((20, 30)))
     refused(path, "codes.tif", "ground.file", "is a raster", "ground.raster_classes")
 
 
@@ -322,18 +318,18 @@ def test_missing_files(refused, tmp_path):
     ],
 )
 @pytest.mark.filterwarnings("ignore:The given matrix")
-def test_rasters_that_cannot_be_used(refused, make_dem, slope_grid, codes, options, words):
-    path = _code_raster(make_dem, slope_grid, codes, **options)
-    refused(path, "codes.tif", *words, raster_classes={"1": "rock", "2": "talus"})
+def test_rasters_that_cannot_be_used(refused, code_raster, codes, options, words):
+    path = code_raster(codes, **options)
+    refused(path, "codes.tif", *words, raster_classes=CODES)
 
 
-def test_code_of_an_unknown_class(refused, make_dem, slope_grid):
-    path = _code_raster(make_dem, slope_grid, np.ones((20, 30)))
+def test_code_of_an_unknown_class(refused, code_raster):
+    path = code_raster(np.ones((20, 30)))
     words = ["ground.raster_classes", "class of code 1", "'stone'", "one of rock"]
     refused(path, *words, raster_classes={"1": "stone"})
 
 
-def test_local_dem_takes_local_codes_only(refused, make_dem, slope_grid):
-    path = _code_raster(make_dem, slope_grid, np.ones((20, 30)))
+def test_local_dem_takes_local_codes_only(refused, code_raster, slope_grid):
+    path = code_raster(np.ones((20, 30)))
     grid = replace(slope_grid, crs="")
     refused(path, "codes.tif", "local coordinates", "LV95", grid=grid, raster_classes={"1": "rock"})

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers.one_line import one_line
 
 from sassgis.io.read.config import load_config
 from sassgis.io.read.ground_map import built_in_table
@@ -50,18 +51,16 @@ def test_columns_in_any_order_and_from_a_spreadsheet(tmp_path):
         ("", ["missing column"]),
     ],
 )
-def test_tables_that_cannot_be_used(tmp_path, one_line, text, words):
+def test_tables_that_cannot_be_used(tmp_path, text, words):
     path = tmp_path / "p.csv"
     path.write_text(text)
-    with pytest.raises(InputError) as error:
+    with one_line(InputError, "p.csv", *words):
         read_profile(path, TABLE, "debris")
-    one_line(error, "p.csv", *words)
 
 
-def test_missing_file(tmp_path, one_line):
-    with pytest.raises(InputError) as error:
+def test_missing_file(tmp_path):
+    with one_line(InputError, "none.csv", "profile.file", "file not found", "s_m, z_m"):
         read_profile(tmp_path / "none.csv", TABLE, "debris")
-    one_line(error, "none.csv", "profile.file", "file not found", "s_m, z_m")
 
 
 CONFIG = """
@@ -89,13 +88,12 @@ chainage_m = 9
         ("chainage_m = 9", "chainage_m = 21", ["barriers[net].chainage_m", "21", "0 to 20 m"]),
     ],
 )
-def test_places_off_the_profile(tmp_path, one_line, old, new, words):
+def test_places_off_the_profile(tmp_path, old, new, words):
     (tmp_path / "p.csv").write_text(GOOD)
     path = tmp_path / "run.toml"
     path.write_text(CONFIG)
     profile = read_profile(tmp_path / "p.csv", TABLE, "debris")
     check_on_profile(load_config(path), profile)
     path.write_text(CONFIG.replace(old, new))
-    with pytest.raises(ConfigError) as error:
+    with one_line(ConfigError, "run.toml", *words):
         check_on_profile(load_config(path), profile)
-    one_line(error, "run.toml", *words)

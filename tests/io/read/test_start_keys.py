@@ -17,11 +17,6 @@ from sassgis.io.write.config_template import short_template
 from sassgis.model.errors import ConfigError, InputError
 
 
-@pytest.fixture
-def slope_config(tmp_path: Path) -> Path:
-    return Slope.made(tmp_path).config
-
-
 def boxes(folder: Path, layer: str, **columns: list[object]) -> Path:
     count = len(next(iter(columns.values())))
     frame = gpd.GeoDataFrame(columns, geometry=[release_box()] * count, crs="EPSG:2056")
@@ -54,19 +49,19 @@ def test_files_must_be_there(tmp_path: Path) -> None:
             start_keys(tmp_path, *files)
 
 
-def test_a_list_of_blocks_replaces_all(slope_config: Path) -> None:
+def test_a_list_of_blocks_replaces_all(slope: Slope) -> None:
     both = 'blocks=[{name="a", volume_m3=1.0}, {name="b", volume_m3=[2, 3], onset_frequency=0.1}]'
     asked = with_values([("blocks", {"name": "x"}), ("run", {"seed": 2})], [both])
     assert asked[0] == ("run", {"seed": 2})
-    text = slope_config.read_text().split("[[blocks]]")[0]
-    slope_config.write_text(
+    text = slope.config.read_text().split("[[blocks]]")[0]
+    slope.config.write_text(
         text
         + short_template(asked)
         .split("[[blocks]]", 1)[1]
         .join(("[[blocks]]", ""))
         .split("[hazard]")[0]
     )
-    config = load_config(slope_config)
+    config = load_config(slope.config)
     assert [(b.name, b.volume_m3) for b in config.blocks] == [("a", (1.0, 1.0)), ("b", (2.0, 3.0))]
     assert config.onsets["b"].frequency == 0.1 and config.onsets["a"].frequency is None
     with pytest.raises(InputError, match="is no key with a value"):

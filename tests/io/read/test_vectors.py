@@ -9,6 +9,7 @@ from pathlib import Path
 import geopandas as gpd
 import numpy as np
 import pytest
+from helpers.one_line import one_line
 from helpers.sections import section_of
 from shapely import (
     GeometryCollection,
@@ -129,34 +130,31 @@ def test_without_a_system_that_of_the_dem_is_taken_if_it_fits(make_layer, slope_
     assert "taken to be that of the DEM" in caplog.text
 
 
-def test_local_dem_takes_local_vectors_only(make_layer, slope_grid, one_line):
+def test_local_dem_takes_local_vectors_only(make_layer, slope_grid):
     local = replace(slope_grid, west=0.0, north=200.0, crs="")
     here = box(50.0, 100.0, 90.0, 130.0)
     for name in ("local.shp", "local.geojson"):  # GeoJSON is always read as WGS 84
         path = make_layer([here], name, crs=None)
         assert read_release(settings(path), local, BLOCKS)[0].geometry.equals(here)
-    with pytest.raises(InputError) as error:
+    with one_line(InputError, "release.gpkg", "release.file", "local coordinates", "LV95"):
         read_release(settings(make_layer([AREA])), local, BLOCKS)
-    one_line(error, "release.gpkg", "release.file", "local coordinates", "LV95")
 
 
 # --- errors ---------------------------------------------------------------------------------
 
 
 @pytest.fixture
-def refused(slope_grid, one_line):
+def refused(slope_grid):
     def check(path, *words, grid: Grid | None = None, **keys):
-        with pytest.raises(InputError) as error:
+        with one_line(InputError, Path(path).name, *words):
             read_release(settings(path, **keys), grid or slope_grid, BLOCKS)
-        one_line(error, Path(path).name, *words)
 
     return check
 
 
-def test_no_file_configured(slope_grid, one_line):
-    with pytest.raises(InputError) as error:
+def test_no_file_configured(slope_grid):
+    with one_line(InputError, "release.file", "no release areas"):
         read_release(ReleaseSettings(), slope_grid, BLOCKS)
-    one_line(error, "release.file", "no release areas")
 
 
 def test_not_a_vector_file(refused, tmp_path):
@@ -425,23 +423,21 @@ def test_parts_that_join_are_one_line(make_layer, control_lines):
         ('file = "area.gpkg"', ["stations[road].file", "feature 1", "Polygon", "a line"]),
     ],
 )  # fmt: skip
-def test_stations_that_cannot_be_used(make_layer, control_lines, one_line, text, words):
+def test_stations_that_cannot_be_used(make_layer, control_lines, text, words):
     make_layer([MultiLineString([ROAD, ROAD.parallel_offset(20)])], "parts.gpkg")
     make_layer([AREA], "area.gpkg")
-    with pytest.raises((InputError, ConfigError)) as error:
+    with one_line(InputError, *words):
         control_lines(f'[[stations]]\nname = "road"\n{text}')
-    one_line(error, *words)
 
 
-def test_names_differ_over_files_too(make_layer, control_lines, one_line):
+def test_names_differ_over_files_too(make_layer, control_lines):
     make_layer([ROAD], "s.gpkg", title=["road"])
     line = f"line = [[{WEST + 1}, {NORTH - 9}], [{WEST + 90}, {NORTH - 9}]]"
-    with pytest.raises(ConfigError) as error:
+    with one_line(ConfigError, "run.toml", "used twice", "'road'"):
         control_lines(
             f'[[stations]]\nname = "road"\n{line}\n'
             '[[stations]]\nname = "s"\nfile = "s.gpkg"\nname_field = "title"'
         )
-    one_line(error, "run.toml", "used twice", "'road'")
 
 
 def test_lines_partly_outside_are_warned_of(control_lines, caplog):

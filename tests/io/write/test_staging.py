@@ -38,16 +38,6 @@ def test_the_target_appears_only_at_the_end(tmp_path: Path) -> None:
     assert names(tmp_path) == {"deep", "deep/out", "deep/out/manifest.json"}
 
 
-def test_an_older_result_is_replaced_whole(tmp_path: Path) -> None:
-    target = tmp_path / "out"
-    with staged_output(target, False) as work:
-        noted(work / "of the old one.txt").write_text("x")
-        list_files(work)
-    make_result(target, "new", overwrite=True)
-    assert (target / "maps" / "a.txt").read_text() == "new"
-    assert names(tmp_path) == {"out", "out/manifest.json", "out/maps", "out/maps/a.txt"}
-
-
 def test_an_older_result_is_not_replaced_unasked(tmp_path: Path) -> None:
     target = tmp_path / "out"
     make_result(target, "old")
@@ -63,16 +53,6 @@ def test_an_empty_folder_is_taken(tmp_path: Path) -> None:
     make_result(tmp_path / "out", "new")
     assert (tmp_path / "out" / "maps" / "a.txt").read_text() == "new"
     assert {entry.name for entry in tmp_path.iterdir()} == {"out"}
-
-
-def test_a_folder_of_the_users_own_is_never_deleted(tmp_path: Path) -> None:
-    target = tmp_path / "thesis"
-    target.mkdir()
-    (target / "chapter.txt").write_text("years of work")
-    with pytest.raises(OutputError, match=r"not a result of sassgis.*manifest\.json"):
-        make_result(target, "new", overwrite=True)
-    assert (target / "chapter.txt").read_text() == "years of work"
-    assert {entry.name for entry in tmp_path.iterdir()} == {"thesis"}
 
 
 def test_a_file_in_the_place_of_the_target(tmp_path: Path) -> None:
@@ -165,14 +145,6 @@ def test_a_folder_with_the_name_of_the_moved_result_is_kept(tmp_path: Path) -> N
     assert {entry.name for entry in tmp_path.iterdir()} == {"out", "out.replaced"}
     assert (tmp_path / "out" / "maps" / "a.txt").read_text() == "new"
     assert (tmp_path / "out.replaced" / "maps" / "a.txt").read_text() == "the user's own copy"
-
-
-def test_a_link_to_a_result_stays_a_link(tmp_path: Path) -> None:
-    make_result(tmp_path / "real", "old")
-    (tmp_path / "link").symlink_to(tmp_path / "real")
-    make_result(tmp_path / "link", "new", overwrite=True)
-    assert (tmp_path / "link").is_symlink()
-    assert (tmp_path / "real" / "maps" / "a.txt").read_text() == "new"
 
 
 def test_the_old_result_comes_back_if_the_swap_fails(

@@ -14,6 +14,7 @@ import pandas as pd
 import pytest
 import rasterio
 from helpers.cut_valley import Stopped, Valley, write_vrt
+from helpers.listed_results import digests
 
 from sassgis.io.read.tiles import Part, hull
 from sassgis.io.staging import check_output
@@ -33,11 +34,6 @@ from sassgis.runs.batch_mosaic import (
 from sassgis.runs.batch_state import Reached, Record, read_state
 
 GIGABYTE = 1e9
-
-
-def digests(folder: Path, suffix: str) -> dict[str, str]:
-    files = json.loads((folder / "manifest.json").read_text())["files"]
-    return {f["path"]: f["sha256"] for f in files if f["path"].endswith(suffix)}
 
 
 @pytest.mark.battery

@@ -6,7 +6,6 @@ import html
 import json
 import re
 import shutil
-import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -16,17 +15,15 @@ import pandas as pd
 import pytest
 import rasterio
 import shapely
+from helpers.command_line import exit_code
+from helpers.in_qgis import in_qgis
 from helpers.zone_slope import VULNERABILITY, Case, box, place, two_areas
-
-from sassgis.cli import main
 
 PROBE = Path(__file__).parents[2] / "io" / "qgis" / "probe.py"
 
 
 def zone(case: Case, out: Path) -> Path:
-    with pytest.raises(SystemExit) as stopped:
-        main(["zone", str(case.config), "-o", str(out), "--jobs", "1"])
-    assert stopped.value.code == 0
+    assert exit_code("zone", case.config, "-o", out, "--jobs", "1") == 0
     return out
 
 
@@ -64,9 +61,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 @pytest.fixture(scope="module")
 def compared(results: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("compared") / "out"
-    with pytest.raises(SystemExit) as stopped:
-        main(["compare", *map(str, results), "-o", str(out)])
-    assert stopped.value.code == 0
+    assert exit_code("compare", *results, "-o", out) == 0
     return out
 
 
@@ -208,40 +203,29 @@ def test_a_run_and_a_zoning(results: Any, tmp_path: Path, call) -> None:
     assert (tmp_path / "out" / "project.qgz").is_file()
 
 
-def one_line(call, *arguments: object) -> str:
-    code, out, err = call("compare", *arguments)
-    assert code == 2 and out == "" and err.count("\n") == 1 and err.startswith("Error: "), err
-    return err
-
-
-def test_bad_folders_are_one_line(results: Any, tmp_path: Path, call) -> None:
+def test_bad_folders_are_one_line(results: Any, tmp_path: Path, refusal) -> None:
     out = tmp_path / "out"
     (tmp_path / "empty").mkdir()
-    assert "not a result" in one_line(call, results[0], tmp_path / "empty", "-o", out)
-    assert "not a result" in one_line(call, tmp_path / "nowhere", results[0], "-o", out)
+    assert "not a result" in refusal("compare", results[0], tmp_path / "empty", "-o", out)
+    assert "not a result" in refusal("compare", tmp_path / "nowhere", results[0], "-o", out)
     broken = tmp_path / "broken"
     broken.mkdir()
     (broken / "manifest.json").write_text("{")
-    assert "cannot be read" in one_line(call, broken, results[0], "-o", out)
+    assert "cannot be read" in refusal("compare", broken, results[0], "-o", out)
     (broken / "manifest.json").write_text("[]")
-    assert "is no manifest" in one_line(call, broken, results[0], "-o", out)
+    assert "is no manifest" in refusal("compare", broken, results[0], "-o", out)
     shutil.copy(results[0] / "manifest.json", broken)
-    assert "no maps to compare" in one_line(call, broken, results[0], "-o", out)
+    assert "no maps to compare" in refusal("compare", broken, results[0], "-o", out)
     (broken / "maps").mkdir()
     (broken / "maps" / "reach_probability.tif").write_text("no raster")
-    assert "cannot be read as a raster" in one_line(call, broken, results[0], "-o", out)
+    assert "cannot be read as a raster" in refusal("compare", broken, results[0], "-o", out)
     assert not out.exists() and not list(tmp_path.glob("out*"))
 
 
 @pytest.mark.qgis
 def test_qgis_opens_the_comparison(compared: Path, tmp_path: Path, qgis: None) -> None:
-    done = subprocess.run(
-        ["/usr/bin/python3", str(PROBE), str(compared / "project.qgz"), str(tmp_path / "p.png")],
-        capture_output=True, text=True, timeout=120, check=False,
-        env={"QT_QPA_PLATFORM": "offscreen", "HOME": str(tmp_path), "LC_ALL": "C.UTF-8"},
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    seen = json.loads(done.stdout)
+    picture = tmp_path / "p.png"
+    seen = json.loads(in_qgis(PROBE, compared / "project.qgz", picture, home=tmp_path))
     assert seen["opened"] and not seen["error"] and not seen["render_errors"]
     assert all(entry["valid"] for entry in seen["layers"]) and len(seen["layers"]) == 6
     by_name = {entry["name"]: entry for entry in seen["layers"]}

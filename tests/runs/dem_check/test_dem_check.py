@@ -138,22 +138,21 @@ def test_numbers_and_places_are_right(tmp_path: Path) -> None:
     assert WEST + 100.0 < pond["x"] < WEST + 122.0
 
 
-def test_the_page_as_text_json_and_html(tmp_path: Path, call) -> None:
+def test_the_page_as_text_json_and_html(tmp_path: Path, printed, refusal) -> None:
     file = write(tmp_path / "dem.tif", np.rint(hills()))
-    code, out, err = call("dem", "check", file, "--html", tmp_path / "page.html")
-    assert code == 0, err
+    out = printed("dem", "check", file, "--html", tmp_path / "page.html")
     first, *rest = out.splitlines()
     assert first == f"{file}: bad: terraces"
     assert any(line.startswith("bad   terraces") and "multiples of 1 m" in line for line in rest)
     page = (tmp_path / "page.html").read_text()
     assert "Terrain model dem.tif" in page and "multiples of 1 m" in page
-    code, out, _ = call("dem", "check", file, "--json")
-    terraces = next(f for f in json.loads(out)["findings"] if f["item"] == "terraces")
+    findings = json.loads(printed("dem", "check", file, "--json"))["findings"]
+    terraces = next(f for f in findings if f["item"] == "terraces")
     assert terraces["numbers"]["step_m"] == 1.0
     # A step of 1 m over two cells of 2 m.
     assert terraces["numbers"]["slope_error_deg"] == pytest.approx(np.degrees(np.arctan(0.25)))
-    code, _, err = call("dem", "check", file, "--html", tmp_path / "page.html")
-    assert code == 3 and "exists already" in err
+    err = refusal("dem", "check", file, "--html", tmp_path / "page.html", code=3)
+    assert "exists already" in err
 
 
 def test_a_folder_of_tiles_is_one_terrain(tmp_path: Path) -> None:
@@ -166,8 +165,7 @@ def test_a_folder_of_tiles_is_one_terrain(tmp_path: Path) -> None:
     assert (resolution.numbers["rows"], resolution.numbers["columns"]) == (60, 80)
 
 
-def test_what_is_no_terrain_model_is_one_line(tmp_path: Path, call) -> None:
+def test_what_is_no_terrain_model_is_one_line(tmp_path: Path, refusal) -> None:
     (tmp_path / "dem.tif").write_text("nothing")
     for file, words in (("dem.tif", "cannot be read as a raster"), ("no.tif", "file not found")):
-        code, _, err = call("dem", "check", tmp_path / file)
-        assert code == 2 and err.count("\n") == 1 and words in err
+        assert words in refusal("dem", "check", tmp_path / file)

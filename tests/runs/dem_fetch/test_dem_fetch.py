@@ -78,19 +78,15 @@ def polygon(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def fetch(server: StacServer, polygon: Path, call):
-    def run(*more: object) -> tuple[int, str, str]:
-        return call("dem", "fetch", polygon, "--server", server.api, "--timeout", "10", *more)
-
-    return run
+def fetch(server: StacServer, polygon: Path) -> tuple[object, ...]:
+    return ("dem", "fetch", polygon, "--server", server.api, "--timeout", "10")
 
 
 WANTED = [(0, 0), (1, 0), (1, 1)]
 
 
-def test_without_a_folder_the_tiles_are_listed_only(fetch, server: StacServer) -> None:
-    code, out, err = fetch()
-    assert code == 0, err
+def test_without_a_folder_the_tiles_are_listed_only(fetch, server: StacServer, printed) -> None:
+    out = printed(*fetch)
     *lines, last = out.splitlines()
     assert sorted(line.split()[1] for line in lines) == sorted(name(*place) for place in WANTED)
     assert all(line.startswith("2020-05-01") for line in lines)
@@ -100,10 +96,9 @@ def test_without_a_folder_the_tiles_are_listed_only(fetch, server: StacServer) -
     assert set(server.asked) == {items} and server.asked[items] == 3
 
 
-def test_tiles_become_one_terrain(fetch, server: StacServer, tmp_path: Path) -> None:
+def test_tiles_become_one_terrain(fetch, printed, server: StacServer, tmp_path: Path) -> None:
     folder = tmp_path / "terrain"
-    code, _, err = fetch("-o", folder)
-    assert code == 0, err
+    printed(*fetch, "-o", folder)
     assert sorted(p.name for p in folder.iterdir()) == sorted(
         [*(name(*place) for place in WANTED), "terrain.vrt", "sources.json", WRITTEN_NAME]
     )
@@ -123,82 +118,81 @@ def test_tiles_become_one_terrain(fetch, server: StacServer, tmp_path: Path) -> 
 
 
 def test_what_is_there_is_kept_and_what_has_changed_is_not_replaced(
-    fetch, server: StacServer, tmp_path: Path
+    fetch, printed, refusal, server: StacServer, tmp_path: Path
 ) -> None:
     """Somebody may have mended a tile by hand."""
     folder = tmp_path / "terrain"
-    assert fetch("-o", folder)[0] == 0
+    printed(*fetch, "-o", folder)
     server.asked.clear()
     changed = folder / name(1, 1)
     changed.write_bytes(changed.read_bytes()[:-10])
     before = {p: p.read_bytes() for p in folder.iterdir()}
-    code, _, err = fetch("-o", folder)
-    assert code == 3 and f"{changed}: is not the tile that the server offers" in err
+    err = refusal(*fetch, "-o", folder, code=3)
+    assert f"{changed}: is not the tile that the server offers" in err
     assert {p: p.read_bytes() for p in folder.iterdir()} == before
     changed.unlink()
-    code, out, _ = fetch("-o", folder)
-    assert code == 0 and out.count("is there") == 2
+    out = printed(*fetch, "-o", folder)
+    assert out.count("is there") == 2
     assert {p for p in server.asked if p.startswith("/files/")} == {f"/files/{name(1, 1)}"}
     assert changed.read_bytes() == server.files[name(1, 1)]
 
 
 @pytest.mark.parametrize("own", ["sources.json", "terrain.vrt"])
 def test_files_of_the_user_are_not_replaced(
-    fetch, server: StacServer, tmp_path: Path, own: str
+    fetch, refusal, server: StacServer, tmp_path: Path, own: str
 ) -> None:
     (tmp_path / own).write_text("mine")
-    code, _, err = fetch("-o", tmp_path)
-    assert code == 3 and f"{tmp_path / own}: has changed since sassgis wrote it, or is not" in err
+    err = refusal(*fetch, "-o", tmp_path, code=3)
+    assert f"{tmp_path / own}: has changed since sassgis wrote it, or is not" in err
     assert (tmp_path / own).read_text() == "mine"
 
 
 def test_a_connection_that_breaks_is_taken_up_where_it_broke(
-    fetch, server: StacServer, tmp_path: Path
+    fetch, printed, server: StacServer, tmp_path: Path
 ) -> None:
     folder, tile = tmp_path / "terrain", name(1, 0)
     size = len(server.files[tile])
     server.cut[tile] = 2
-    code, _, err = fetch("-o", folder)
-    assert code == 0, err
+    printed(*fetch, "-o", folder)
     assert server.asked[f"{tile} from {size // 2}"] == 1
     assert server.asked[f"{tile} from {size // 2 + (size - size // 2) // 2}"] == 1
     assert (folder / tile).read_bytes() == server.files[tile]
 
 
 def test_after_too_many_breaks_the_same_command_goes_on(
-    fetch, server: StacServer, tmp_path: Path
+    fetch, printed, refusal, server: StacServer, tmp_path: Path
 ) -> None:
     folder, tile = tmp_path / "terrain", name(1, 0)
     server.cut[tile] = 3
-    code, _, err = fetch("-o", folder)
-    assert code == 2 and err.count("\n") == 1
+    err = refusal(*fetch, "-o", folder)
     assert tile in err and "connection broke" in err and "the same command goes on" in err
     assert (folder / f"{tile}.part").exists() and not (folder / "terrain.vrt").exists()
-    code, _, err = fetch("-o", folder)
-    assert code == 0, err
+    printed(*fetch, "-o", folder)
     assert (folder / tile).read_bytes() == server.files[tile]
     assert not list(folder.glob("*.part"))
 
 
-def test_a_server_that_cannot_go_on_begins_anew(fetch, server: StacServer, tmp_path: Path) -> None:
+def test_a_server_that_cannot_go_on_begins_anew(
+    fetch, printed, server: StacServer, tmp_path: Path
+) -> None:
     server.ranges = False
     server.cut[name(0, 0)] = 1
-    assert fetch("-o", tmp_path / "t")[0] == 0
+    printed(*fetch, "-o", tmp_path / "t")
     assert (tmp_path / "t" / name(0, 0)).read_bytes() == server.files[name(0, 0)]
 
 
 def test_a_part_that_is_longer_than_the_tile_is_thrown_away(
-    fetch, server: StacServer, tmp_path: Path
+    fetch, printed, server: StacServer, tmp_path: Path
 ) -> None:
     (tmp_path / "t").mkdir()
     (tmp_path / "t" / f"{name(0, 0)}.part").write_bytes(b"x" * 10**6)
-    assert fetch("-o", tmp_path / "t")[0] == 0
+    printed(*fetch, "-o", tmp_path / "t")
     assert (tmp_path / "t" / name(0, 0)).read_bytes() == server.files[name(0, 0)]
 
 
 @pytest.mark.parametrize("stated", [True, False])
 def test_a_damaged_tile_is_never_kept(
-    stated: bool, fetch, server: StacServer, tmp_path: Path
+    stated: bool, fetch, refusal, server: StacServer, tmp_path: Path
 ) -> None:
     tile = name(0, 0)
     server.files[tile] = server.files[tile][: len(server.files[tile]) // 2]
@@ -206,50 +200,46 @@ def test_a_damaged_tile_is_never_kept(
         for item in server.items:
             for asset in item["assets"].values():
                 asset.pop("file:checksum", None)
-    code, _, err = fetch("-o", tmp_path / "t")
-    assert code == 2 and err.count("\n") == 1
+    err = refusal(*fetch, "-o", tmp_path / "t")
     assert tile in err and "damaged" in err and ("sha256" in err) == stated
     assert not (tmp_path / "t" / tile).exists() and not list((tmp_path / "t").glob("*.part"))
 
 
-def test_a_tile_that_is_gone(fetch, server: StacServer, tmp_path: Path) -> None:
+def test_a_tile_that_is_gone(fetch, refusal, server: StacServer, tmp_path: Path) -> None:
     del server.files[name(1, 1)]
-    code, _, err = fetch("-o", tmp_path / "t")
-    assert code == 2 and err.count("\n") == 1 and "HTTP 404" in err and "of 3" in err
+    err = refusal(*fetch, "-o", tmp_path / "t")
+    assert "HTTP 404" in err and "of 3" in err
 
 
-def test_a_slow_answer(fetch, server: StacServer, tmp_path: Path) -> None:
+def test_a_slow_answer(fetch, printed, refusal, server: StacServer, tmp_path: Path) -> None:
     server.slow[name(0, 0)] = 1.0
-    code, _, err = fetch("-o", tmp_path / "t", "--timeout", "0.2")
-    assert code == 2 and err.count("\n") == 1 and "nothing for 0.2 s" in err
-    assert fetch("-o", tmp_path / "t")[0] == 0
+    assert "nothing for 0.2 s" in refusal(*fetch, "-o", tmp_path / "t", "--timeout", "0.2")
+    printed(*fetch, "-o", tmp_path / "t")
 
 
-def test_offline_is_one_line(polygon: Path, call, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_offline_is_one_line(polygon: Path, refusal, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("no_proxy", "*")
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    code, _, err = call("dem", "fetch", polygon, "--server", f"http://127.0.0.1:{port}")
-    assert code == 2 and err.count("\n") == 1
+    err = refusal("dem", "fetch", polygon, "--server", f"http://127.0.0.1:{port}")
     assert "no answer from 127.0.0.1" in err and "connection to the internet" in err
-    code, _, err = call("dem", "fetch", polygon, "--server", "file:///etc")
-    assert code == 2 and "is no web address" in err
+    assert "is no web address" in refusal("dem", "fetch", polygon, "--server", "file:///etc")
 
 
-def test_other_errors_are_one_line(fetch, server: StacServer, tmp_path: Path, call) -> None:
+def test_other_errors_are_one_line(fetch, refusal, server: StacServer, tmp_path: Path) -> None:
     cases = [
         (("--resolution", "0.5"), "offers no tile of this resolution"),
         (("-o", tmp_path / "t", "--most", "2"), "too many tiles"),
         (("--collection", "nothing"), "HTTP 404"),
     ]
     for arguments, words in cases:
-        code, _, err = fetch(*arguments)
-        assert code == 2 and err.count("\n") == 1 and words in err, err
+        err = refusal(*fetch, *arguments)
+        assert words in err, err
     assert not (tmp_path / "t").exists()
     server.page = 10**6
     server.items = []
-    assert "offers no tile here" in fetch()[2]
+    assert "offers no tile here" in refusal(*fetch)
 
 
 @pytest.mark.parametrize(
@@ -257,18 +247,18 @@ def test_other_errors_are_one_line(fetch, server: StacServer, tmp_path: Path, ca
     ["{server}/files/..%2F..%2Fevil.tif", "file:///etc/passwd.tif", "{server}/files/a b.tif"],
 )
 def test_names_and_addresses_of_the_server_are_not_trusted(
-    href: str, fetch, server: StacServer, tmp_path: Path
+    href: str, fetch, refusal, server: StacServer, tmp_path: Path
 ) -> None:
     for item in server.items:
         for asset in item["assets"].values():
             asset["href"] = href
-    code, _, err = fetch("-o", tmp_path / "t")
-    assert code == 2 and ("offers no tile" in err or "is no web address" in err)
+    err = refusal(*fetch, "-o", tmp_path / "t")
+    assert "offers no tile" in err or "is no web address" in err
     assert not list(tmp_path.glob("**/*.tif"))
 
 
 def test_pages_that_go_in_circles_end(
-    fetch, server: StacServer, monkeypatch: pytest.MonkeyPatch
+    fetch, server: StacServer, monkeypatch: pytest.MonkeyPatch, refusal
 ) -> None:
     def endless(handler, query, first) -> None:
         body = json.dumps({"features": [], "links": [{"rel": "next", "href": "items?bbox=x"}]})
@@ -277,5 +267,4 @@ def test_pages_that_go_in_circles_end(
         handler.wfile.write(body.encode())
 
     monkeypatch.setattr(server, "_list", endless)
-    code, _, err = fetch()
-    assert code == 2 and "pages do not end" in err
+    assert "pages do not end" in refusal(*fetch)

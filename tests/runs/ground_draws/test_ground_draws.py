@@ -136,7 +136,7 @@ def test_an_interrupted_draw_goes_on_where_it_was(
 
 
 def test_without_spread_the_bands_have_no_width(
-    call: Callable, config: Config, tmp_path: Path
+    printed, refusal, config: Config, tmp_path: Path
 ) -> None:
     """By the command line, with a table of ranges that the configuration names."""
     rows = [f"{c},{p},factor,1,1" for c in ("*", "rock", "debris", "soft_meadow") for p in RANGED]
@@ -147,11 +147,9 @@ def test_without_spread_the_bands_have_no_width(
     file.write_text(text.replace("[ground]", f'[ground]\nranges = "{own}"'), encoding="utf-8")
     out = tmp_path / "out"
     arguments = ("run", file, "-o", out, "--area", "Nord", "--jobs", "1", "--ground-uncertainty")
-    code, _, err = call(*arguments, "-1")
-    assert code == 2 and "run.ground_uncertainty" in err.splitlines()[-1]
-    code, said, _ = call(*arguments, "3")
-    lines = said.splitlines()
-    assert code == 0 and lines[1].startswith("With the spread of the ground classes between sites")
+    assert "run.ground_uncertainty" in refusal(*arguments, "-1")
+    lines = printed(*arguments, "3").splitlines()
+    assert lines[1].startswith("With the spread of the ground classes between sites")
     assert lines[2].startswith("None of the classes that blocks meet has a spread; 3 draws are few")
     bands = pd.read_csv(out / "tables" / "ground_uncertainty.csv")
     for limit in ("q10", "q90"):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import rasterio
+from helpers.map_bands import read_band
 
 from sassgis.io.read.config import load_config
 from sassgis.model.map_run import MapRun
@@ -29,10 +29,7 @@ class SmallRun:
 
     def band(self, stem: str, name: str) -> np.ndarray:
         """A band of a map, NaN where it holds nothing."""
-        with rasterio.open(self.folder / "maps" / f"{stem}.tif") as raster:
-            index = [raster.tags(i)["NAME"] for i in raster.indexes].index(name) + 1
-            values: np.ndarray = raster.read(index, masked=True).astype(float).filled(np.nan)
-        return values
+        return read_band(self.folder, stem, name).astype(float).filled(np.nan)
 
 
 @pytest.fixture(scope="session")

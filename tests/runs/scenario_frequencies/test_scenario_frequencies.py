@@ -25,9 +25,8 @@ def table(tmp_path: Path) -> Path:
     return file
 
 
-def test_the_lines_are_lines_of_a_configuration(table: Path, call) -> None:
-    code, out, err = call("frequency", table, *OPTIONS, "--years", 50, "--area-ha", 2)
-    assert code == 0, err
+def test_the_lines_are_lines_of_a_configuration(table: Path, printed) -> None:
+    out = printed("frequency", table, *OPTIONS, "--years", 50, "--area-ha", 2)
     config = table.with_name("sassgis.toml")
     site = '[terrain]\ndem = "dem.tif"\n[release]\nfile = "release.gpkg"\n'
     config.write_text(site + out[out.index("[[blocks]]") :])
@@ -41,9 +40,8 @@ def test_the_lines_are_lines_of_a_configuration(table: Path, call) -> None:
     assert "WARNING        columns that were not read: place" in out
 
 
-def test_json_holds_the_same(table: Path, call) -> None:
-    code, out, err = call("frequency", table, *OPTIONS, "--rate", 3, "--json")
-    assert code == 0, err
+def test_json_holds_the_same(table: Path, printed) -> None:
+    out = printed("frequency", table, *OPTIONS, "--rate", 3, "--json")
     found = json.loads(out)
     exponent = found["fits"][0]["exponent"]
     assert exponent["lower"] < 0.8 < exponent["upper"] and found["fits"][0]["up_to_m3"] is None
@@ -53,18 +51,17 @@ def test_json_holds_the_same(table: Path, call) -> None:
     assert found["fit_p"] > 0.5
 
 
-def test_without_a_rate_there_are_shares_only(table: Path, call) -> None:
-    code, out, _ = call("frequency", table, *OPTIONS)
-    assert code == 0 and "[[blocks]]" not in out
+def test_without_a_rate_there_are_shares_only(table: Path, printed) -> None:
+    out = printed("frequency", table, *OPTIONS)
+    assert "[[blocks]]" not in out
     share = float(re.search(r"0\.1 to 1 m3: ([\d.]+)", out)[1])
     assert share == pytest.approx(1 - 10**-0.8, abs=0.02)
 
 
-def test_classes_with_decimal_commas(tmp_path: Path, call) -> None:
+def test_classes_with_decimal_commas(tmp_path: Path, printed) -> None:
     file = tmp_path / "classes.csv"
     file.write_text("from_m3;to_m3;count\n0,1;0,2;60\n0,2;0,5;40\n0,5;1;12\n1;;9\n")
-    code, out, err = call("frequency", file, "--complete-from", "0.1")
-    assert code == 0, err
+    out = printed("frequency", file, "--complete-from", "0.1")
     assert out.startswith("blocks         121 of 121 from 0.1 m3 on")
     # Counts at the limits: about 61/121 above 0.2 m3, a slope of 1.
     assert float(re.search(r"exponent +([\d.]+)", out)[1]) == pytest.approx(
@@ -88,11 +85,10 @@ def test_classes_with_decimal_commas(tmp_path: Path, call) -> None:
         ("from_m3,to_m3\n0.1,1\n", "missing column"),
     ],
 )
-def test_tables_that_cannot_be_read(tmp_path: Path, call, text: str, line: str) -> None:
+def test_tables_that_cannot_be_read(tmp_path: Path, refusal, text: str, line: str) -> None:
     file = tmp_path / "blocks.csv"
     file.write_text(text)
-    code, out, err = call("frequency", file, "--complete-from", "0.1")
-    assert code == 2 and out == "" and err.count("\n") == 1
+    err = refusal("frequency", file, "--complete-from", "0.1")
     assert "blocks.csv" in err and line in err
 
 
@@ -109,6 +105,5 @@ def test_tables_that_cannot_be_read(tmp_path: Path, call, text: str, line: str) 
         ("--years", "0"),
     ],
 )
-def test_options_that_cannot_be_used(table: Path, call, options: tuple[str, ...]) -> None:
-    code, out, err = call("frequency", table, "--complete-from", "0.1", *options)
-    assert code == 2 and out == "" and err.count("\n") == 1
+def test_options_that_cannot_be_used(table: Path, refusal, options: tuple[str, ...]) -> None:
+    refusal("frequency", table, "--complete-from", "0.1", *options)

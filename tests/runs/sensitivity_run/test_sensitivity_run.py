@@ -135,9 +135,9 @@ def test_without_frequencies_reach_and_energy_alone(
     assert not any(e.measure.startswith("area of level") for e in result.effects)
 
 
-def test_command_line(call, config: Config, eta_only: Path, tmp_path: Path) -> None:
-    code, _, err = call(
+def test_command_line(refusal, config: Config, eta_only: Path, tmp_path: Path) -> None:
+    err = refusal(
         "sensitivity", config.file, "-o", tmp_path / "out", "--ranges", tmp_path / "none.csv"
     )
-    assert code == 2 and err.splitlines()[-1].startswith("Error: ") and "none.csv" in err
+    assert "none.csv" in err
     assert not (tmp_path / "out").exists()

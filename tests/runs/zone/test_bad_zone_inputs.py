@@ -179,35 +179,29 @@ BAD: dict[str, tuple[Callable[[Case], None], str, list[str]]] = {
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_one_line_and_no_result(tmp_path: Path, call, name: str) -> None:
+def test_one_line_and_no_result(tmp_path: Path, refusal, name: str) -> None:
     case = two_areas(tmp_path)
     spoil, file, words = BAD[name]
     spoil(case)
     case.write()
     out = tmp_path / "result"
-    code, printed, err = call("zone", case.config, "-o", out)
-    assert code == 2, err
-    lines = [line for line in err.splitlines() if not line.endswith("...")]
-    assert len(lines) == 1 and lines[0].startswith("Error: "), err
-    assert file in lines[0]
+    line = refusal("zone", case.config, "-o", out)
+    assert file in line
     for word in words:
-        assert re.search(word, lines[0]), (word, lines[0])
-    assert "Traceback" not in err and printed == ""
+        assert re.search(word, line), (word, line)
     assert not out.exists()
 
 
-def test_what_is_not_bad_goes_through(tmp_path: Path, call) -> None:
+def test_what_is_not_bad_goes_through(tmp_path: Path, printed) -> None:
     """The same files unspoilt, with objects: otherwise the lines above might mean anything."""
     case = two_areas(tmp_path, hazard={"ref_width_m": 4.0})
     houses()(case)
     table("north,rare,0.1,per_year", "south,rare,2,per_year_ha")(case)
     preset("Matrix", "Matrix")(case)
     case.write()
-    code, printed, err = call("zone", case.config, "-o", tmp_path / "result", "--jobs", "1")
-    assert code == 0, err
-    assert re.search(
-        r"^\d+ blocks, \d+ zones. Another sample .* on [\d.]+ % of the zoned area", printed
-    )
+    out = printed("zone", case.config, "-o", tmp_path / "result", "--jobs", "1")
+    words = r"^\d+ blocks, \d+ zones. Another sample .* on [\d.]+ % of the zoned area"
+    assert re.search(words, out)
     assert (tmp_path / "result" / "hazard.gpkg").is_file()
 
 

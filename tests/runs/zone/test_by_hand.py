@@ -31,8 +31,8 @@ from pathlib import Path
 import geopandas as gpd
 import numpy as np
 import pytest
-import rasterio
 import shapely
+from helpers.map_bands import read_band
 from helpers.zone_slope import CELL, Case, box, place, plane, zoned
 
 from sassgis.hazard.curves import rate_interval
@@ -128,12 +128,6 @@ def strip(spans: list[tuple[int, int, int]]) -> np.ndarray:
     return out
 
 
-def band(folder: Path, stem: str, name: str) -> np.ndarray:
-    with rasterio.open(folder / "maps" / f"{stem}.tif") as raster:
-        index = [raster.tags(i)["NAME"] for i in raster.indexes].index(name) + 1
-        return raster.read(index, masked=True).filled(0)
-
-
 def test_the_energies_are_those_of_the_formula(rolled: ZoneResult) -> None:
     """Without this, the spans above would mean nothing."""
     gain = 1.4 * (4.0 / 3.0 * np.pi * 0.4**3 * 2500.0) * 9.81e-3
@@ -149,18 +143,19 @@ def test_the_energies_are_those_of_the_formula(rolled: ZoneResult) -> None:
         return np.array([e[(x >= a) & (x <= a + CELL)].max() for a in borders[:-1]])
 
     most = np.max([energy(5.0, 0.4), energy(11.0, 0.4), energy(51.0, 0.8)], axis=0)
-    found = band(rolled.run.folder, "energy", "max")
+    found = read_band(rolled.run.folder, "energy", "max").filled(0)
     np.testing.assert_allclose(found[ROW], most, rtol=1e-6)
     assert not np.delete(found, ROW, axis=0).any()
 
 
 def test_level_map(rolled: ZoneResult) -> None:
-    assert np.array_equal(band(rolled.run.folder, "hazard_level", "level"), strip(LEVELS))
+    found = read_band(rolled.run.folder, "hazard_level", "level").filled(0)
+    assert np.array_equal(found, strip(LEVELS))
 
 
 @pytest.mark.parametrize("years", INTENSITIES)
 def test_intensity_maps(rolled: ZoneResult, years: str) -> None:
-    found = band(rolled.run.folder, f"intensity_{years}", "intensity")
+    found = read_band(rolled.run.folder, f"intensity_{years}", "intensity").filled(0)
     assert np.array_equal(found, strip(INTENSITIES[years]))
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.listed_results import digests
 from helpers.zone_slope import Case, Zoned, place, two_areas, zoned
 
 from sassgis.hazard.map_sums import count_variance
@@ -219,11 +219,6 @@ def test_barriers_are_compared_with_the_same_rocks(tmp_path: Path) -> None:
     held, free = on_map(with_them), on_map(without)
     assert np.array_equal(held[column < 29], free[column < 29])
     assert held[column > 51].sum() < 0.8 * free[column > 51].sum()
-
-
-def digests(folder: Path) -> dict[str, str]:
-    manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
-    return {f["path"]: f["sha256"] for f in manifest["files"]}
 
 
 def stop_at(call: int) -> Callable[[int, int, int], None]:

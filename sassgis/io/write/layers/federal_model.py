@@ -14,7 +14,7 @@ from typing import Any, get_args
 
 import pyproj
 
-from sassgis.model.crs import same_crs
+from sassgis.model.crs import crs_parts, same_crs
 from sassgis.model.hazard import Canton, HazardPreset
 
 MODEL_TITLE = "Swiss federal minimal geodata model 166.1, Hazard Mapping, version 1.3"
@@ -110,10 +110,8 @@ def is_lv95(crs: pyproj.CRS | str | None) -> bool:
     """Whether coordinates are CH1903+ / LV95 (EPSG:2056), with a height system or without."""
     if crs is None or crs == "":
         return False
-    system = pyproj.CRS.from_user_input(crs)
-    if system.is_compound:
-        system = system.sub_crs_list[0]
-    return same_crs(system, pyproj.CRS.from_epsg(FEDERAL_EPSG))
+    plane, _ = crs_parts(pyproj.CRS.from_user_input(crs))
+    return same_crs(plane, pyproj.CRS.from_epsg(FEDERAL_EPSG))
 
 
 def in_federal_extent(
