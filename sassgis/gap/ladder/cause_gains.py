@@ -49,10 +49,7 @@ def see_each(summary: SiteSummary, task: HypothesisDraw) -> FloatArray:
 
 
 def cause_gains(
-    summary: SiteSummary,
-    base: FittedHypothesis,
-    families: Sequence[str],
-    run: RunTasks,
+    summary: SiteSummary, base: FittedHypothesis, families: Sequence[str], run: RunTasks
 ) -> dict[str, CauseGain]:
     """Gains of causes beyond a calibrated base; empty where nothing is compared."""
     if base.found is None:
