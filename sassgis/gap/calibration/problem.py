@@ -205,14 +205,11 @@ def problem_of(
             outcomes = np.where(np.isfinite(outcomes), made[:, 0], np.nan)
         seen_after = impact_quantities(impacts, outcomes[:, None], case.n_rocks)
         compared |= {k: v[:, 0] for k, v in seen_after.items() if np.isfinite(v).any()}
-    groups = np.unique(case.group).size
+    groups, unit = np.unique(case.group, return_inverse=True)
     return CalibrationProblem(
         name, case, rock_lines, scale, observed, compared, scale.rows(quantities),
         impacts, outcomes, seed, folds_of(case.n_rocks, seed, case.group),
-        np.unique(case.group, return_inverse=True)[1]
-        if groups >= _FEWEST_GROUPS
-        else np.arange(case.n_rocks),
-        unseen, sideways,
+        unit if groups.size >= _FEWEST_GROUPS else np.arange(case.n_rocks), unseen, sideways,
     )  # fmt: skip
 
 

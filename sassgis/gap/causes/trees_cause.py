@@ -22,7 +22,7 @@ from sassgis.gap.causes.cause import (
     Unseen,
     part_of,
 )
-from sassgis.gap.causes.flight_losses import loss_of_flights
+from sassgis.gap.causes.contact_gaps import loss_of_flights
 from sassgis.gap.causes.ground_classes import reaches_between
 from sassgis.gap.causes.parameter_draws import Fit, ParameterDraws, Range, rounded
 from sassgis.gap.causes.reach_gaps import reach_contrasts

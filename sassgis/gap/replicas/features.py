@@ -6,7 +6,7 @@ import numpy as np
 
 from sassgis.gap.observations.campaign import Campaign, main_blocks
 from sassgis.gap.observations.case import Case
-from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.grid import FloatArray
 
 
 def rock_quantities(case: Case, sample: Campaign) -> dict[str, FloatArray]:
@@ -35,6 +35,12 @@ def _stops(sample: Campaign) -> dict[str, FloatArray]:
 def _passages(case: Case, sample: Campaign) -> dict[str, FloatArray]:
     rows, n = sample.passages, sample.n_rocks
     assert rows is not None
+    numbers = {
+        "speed": np.log(np.maximum(rows.speed_mps, 0.1)),
+        "rotation": rows.rotation_hz,
+        "height": rows.height_m,
+        "aside": rows.lateral_m,
+    }
     out: dict[str, FloatArray] = {}
     for k in range(len(case.station_names)):
         here = np.flatnonzero((rows.station == k) & (rows.rock >= 0))
@@ -43,16 +49,8 @@ def _passages(case: Case, sample: Campaign) -> dict[str, FloatArray]:
         first = np.full(n, -1, np.int64)
         first[rows.rock[here]] = here
         passed = first >= 0
-
-        def column(values: FloatArray, first: IntArray = first, passed=passed) -> FloatArray:  # type: ignore[no-untyped-def]
-            filled = np.full(n, np.nan)
-            filled[passed] = values[first[passed]]
-            return filled
-
-        name = f"S{k}"
-        out[f"{name}:passed"] = passed.astype(float)
-        out[f"{name}:speed"] = np.log(np.maximum(column(rows.speed_mps), 0.1))
-        out[f"{name}:rotation"] = column(rows.rotation_hz)
-        out[f"{name}:height"] = column(rows.height_m)
-        out[f"{name}:aside"] = column(rows.lateral_m)
+        out[f"S{k}:passed"] = passed.astype(float)
+        for what, values in numbers.items():
+            out[f"S{k}:{what}"] = np.full(n, np.nan)
+            out[f"S{k}:{what}"][passed] = values[first[passed]]
     return out

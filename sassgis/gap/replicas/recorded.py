@@ -279,9 +279,7 @@ class _Record:
         return x, y, heights_at(grid, x, y), dip, np.degrees(turn)
 
 
-def impacts_of(
-    logs: Sequence[NDArray[np.void]],
-) -> tuple[NDArray[np.void], IntArray, IntArray]:
+def impacts_of(logs: Sequence[NDArray[np.void]]) -> tuple[NDArray[np.void], IntArray, IntArray]:
     """Events of blocks one after the other, the block of each, and the rows of impacts."""
     sizes = np.array([log.size for log in logs], np.int64)
     events = np.empty(int(sizes.sum()), EVENT_DTYPE)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from sassgis.gap.observations.case import Case
@@ -111,7 +111,7 @@ def _profiles_of(case: Case, first: float, *, stretches: bool) -> ProfileSet:
     )
 
 
-def _offsets(sizes: list[int]) -> IntArray:
+def _offsets(sizes: ArrayLike) -> IntArray:
     return np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
 
 
@@ -152,26 +152,20 @@ def _chainage_of_cells(case: Case) -> FloatArray:
 def gathered(offset: IntArray, which: IntArray) -> tuple[IntArray, IntArray]:
     """Offsets and entries of some items of a ragged array, each as often as it is named."""
     sizes = np.diff(offset)[which]
-    new = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+    new = _offsets(sizes)
     return new, np.repeat(offset[which] - new[:-1], sizes) + np.arange(new[-1])
 
 
 def control_lines_of(case: Case) -> ControlLineCrossings:
     """Stations on the line of each rock."""
-    s = case.station_s
-    control_lines = tuple(ControlLine(name, "station") for name in case.station_names)
-    offset, chainage, control_line = [0], [], []
-    for row in s:
-        known = np.flatnonzero(np.isfinite(row))
-        known = known[np.argsort(row[known], kind="stable")]
-        chainage.append(row[known])
-        control_line.append(known)
-        offset.append(offset[-1] + known.size)
+    order = np.argsort(case.station_s, axis=1, kind="stable")
+    s = np.take_along_axis(case.station_s, order, axis=1)
+    crossed = np.isfinite(s)
     return ControlLineCrossings(
-        control_lines,
-        np.array(offset, np.int64),
-        np.concatenate([np.empty(0), *chainage]),
-        np.concatenate([np.empty(0, np.int64), *control_line]).astype(np.int64),
+        tuple(ControlLine(name, "station") for name in case.station_names),
+        _offsets(crossed.sum(axis=1)),
+        s[crossed],
+        order[crossed],
     )
 
 
