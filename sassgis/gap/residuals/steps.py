@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from sassgis.gap.observations.campaign import ImpactRows, errors_of, observed_campaign
 from sassgis.gap.observations.case import Case
+from sassgis.gap.replicas.hypothesis_model import HypothesisModel
 from sassgis.gap.residuals.flights import air_of_flights, struck_above_ground
-from sassgis.gap.residuals.free_run import FreeRun, RunModel, observed_end, side_error
+from sassgis.gap.residuals.free_run import FreeRun, observed_end, side_error
 from sassgis.gap.residuals.one_step import (
     impacts_in_flight,
     rebound_draws,
@@ -104,16 +105,13 @@ MODEL_FLIGHT = "flight of the model"
 
 
 def steps_of(
-    case: Case,
-    model: RunModel,
-    run: FreeRun,
-    rng: np.random.Generator,
+    case: Case, model: HypothesisModel, run: FreeRun, rng: np.random.Generator
 ) -> StepTable:
     """The table of residuals of a case.
 
     Parameters
     ----------
-    model : RunModel
+    model : HypothesisModel
     run : FreeRun
         Its replicates of the rocks.
     """
@@ -149,10 +147,7 @@ _Part = dict[str, Any]
 
 
 def _impacts(
-    case: Case,
-    model: RunModel,
-    axes_m: FloatArray,
-    rng: np.random.Generator,
+    case: Case, model: HypothesisModel, axes_m: FloatArray, rng: np.random.Generator
 ) -> list[_Part]:
     if not len(case.observations.impacts):
         return []
@@ -160,7 +155,7 @@ def _impacts(
     seen = impacts_in_flight(case, axes_m, rows, IMPACT_DRAWS) if rows.size else None
     if seen is None:
         return []
-    draws = rebound_draws(case, model.table, seen, rng, model.effects)
+    draws = rebound_draws(case, model, seen, rng)
     own = seen.impacts
     common: _Part = {
         "rock": seen.rock, "step": np.array("impact"), "ground": seen.kind,

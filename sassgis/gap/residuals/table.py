@@ -74,11 +74,9 @@ def residuals_of(
         *free_run_residuals(case, seen, run, rng=rng),
         *reach_residuals(case, running, seen, run, edges, rng=rng),
         *path_residuals(case, running, edges, run.axes_m),
-        *impact_residuals(
-            case, model.table, run, edges, running.effects, draws=IMPACT_DRAWS, rng=rng
-        ),
+        *impact_residuals(case, model, run, edges, draws=IMPACT_DRAWS, rng=rng),
     ]
-    steps = steps_of(case, running, run, rng)
+    steps = steps_of(case, model, run, rng)
     return ResidualTable(run, seen, tuple(rows), steps)
 
 

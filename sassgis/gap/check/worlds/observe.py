@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -42,12 +42,10 @@ class ObservedTables:
         a dictionary of columns. rock_id and station are text.
     metadata : dict
         Errors of measurement and frame rate.
-    kind : str
     """
 
     tables: dict[str, Table]
     metadata: dict[str, float]
-    kind: str
 
 
 def observe(world: World, kind: Kind, n_rocks: int, seed: int) -> ObservedTables:
@@ -73,10 +71,10 @@ def observe(world: World, kind: Kind, n_rocks: int, seed: int) -> ObservedTables
     return write_down(world, run, kind, np.random.default_rng([world.seed, 808, seed]))
 
 
-def fresh_rocks(world: World, n: int, seed: int = 0) -> ObservedTables:
+def fresh_rocks(world: World, n: int) -> ObservedTables:
     """Rocks that no ``observe`` has seen, by the same instruments, everything observed."""
-    run = distort(world, simulate(world, draw_rocks(world, n, 500_000_000 + seed)))
-    return write_down(world, run, "everything", np.random.default_rng([world.seed, 909, seed]))
+    run = distort(world, simulate(world, draw_rocks(world, n, 500_000_000)))
+    return write_down(world, run, "everything", np.random.default_rng([world.seed, 909, 0]))
 
 
 def distort(world: World, run: Run) -> Run:
@@ -183,7 +181,7 @@ def write_down(world: World, run: Run, kind: Kind, rng: np.random.Generator) -> 
         **{key: world.spec.error_factor * value for key, value in believed.items()},
         **{key: float(getattr(world.faults, key)) for key in world.faults.stated},
     }
-    return ObservedTables(tables, metadata, kind)
+    return ObservedTables(tables, metadata)
 
 
 def _recorded(world: World, run: Run) -> Run:
@@ -377,8 +375,6 @@ class SiteSetup:
         Release points x, y, z (m).
     blocks : dict
         Limits of semi-axes (m), density (kg/m³), speed (m/s) and drop (m).
-    stations : dict
-        x0, y0, x1, y1 (m) by name.
     """
 
     dem: Grid
@@ -386,28 +382,14 @@ class SiteSetup:
     class_codes: NDArray[np.int64]
     releases: FloatArray
     blocks: dict[str, tuple[float, float]]
-    stations: dict[str, tuple[float, float, float, float]]
 
 
 def setup(world: World) -> SiteSetup:
     """The nominal set-up of a site: no true parameter, no truth."""
-    b = world.blocks
-    lines = world.station_lines()
     return SiteSetup(
         dem=world.survey,
         class_names=CLASSES,
         class_codes=world.relief.ground,
         releases=_stated_release(world, world.releases),
-        blocks={
-            "axis_1_m": b.axis_1_m,
-            "axis_2_m": b.axis_2_m,
-            "axis_3_m": b.axis_3_m,
-            "density_kgm3": b.density_kgm3,
-            "speed_mps": b.speed_mps,
-            "drop_m": b.drop_m,
-        },
-        stations={
-            name: (float(r[0]), float(r[1]), float(r[2]), float(r[3]))
-            for name, r in zip(world.station_names, lines, strict=True)
-        },
+        blocks=asdict(world.blocks),
     )

@@ -40,7 +40,6 @@ STRENGTHS: tuple[Strength, ...] = get_args(Strength)
 DISTURBANCES: tuple[str, ...] = ("", "patch", "speed_loss")
 MOST_STATIONS = 8
 
-
 # Weakest and strongest magnitude that the search for a strength may try.
 LIMITS: dict[str, tuple[float, float]] = {
     "lateral_deflection": (0.01, 1.2),
