@@ -17,7 +17,6 @@ import pandas as pd
 import pytest
 import rasterio
 import shapely
-import tomli_w
 from helpers.made_diagnosis import (
     CONFIG,
     FINDINGS,
@@ -555,18 +554,6 @@ def test_what_is_named_and_not_recommended_is_said_apart(made: Made, tmp_path: P
     assert "effects" not in tomllib.loads(text) and why[1:] in text
     words = words_of(tmp_path / "out" / "report.html")
     assert "Confidence 71 %" in words and "what is handed over has calibrated ground" in words
-
-
-def test_toml_is_read_back_as_it_was() -> None:
-    document = {
-        "project": {"name": 'a "b" \\ ü \x7f\n'},
-        "ground": {"raster_classes": {"1": "rock", "a b": "talus"}, "x": 1e-12, "y": 3.0},
-        "blocks": [{"name": "a", "shape": [1.0, [0.7, 1.0]]}, {"name": "b", "n": 3, "t": True}],
-        "effects": {"trees": {"form": "stems"}, "soft_ground": {"classes": ["a", "b"]}},
-        "engine": {},
-        "objects": [],
-    }
-    assert tomllib.loads(tomli_w.dumps(document)) == document
 
 
 def test_ground_table_is_read_back(made: Made, tmp_path: Path) -> None:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
-from helpers.simulated_slope import TABLE, observed
+from helpers.simulated_slope import TABLE, observed, table_with
 
 from sassgis.engine.effects.soft_ground import SoftGround
 from sassgis.gap.calibration.class_calibration import (
@@ -42,21 +41,14 @@ from sassgis.model.ground import GroundTable
 TRUTH = {"eta_max": 0.45, "mu_0": 0.3}
 
 
-def table_of(**values: float) -> GroundTable:
-    return GroundTable(
-        tuple(
-            dataclasses.replace(c, **values) if c.name == "debris" else c  # type: ignore[arg-type]
-            for c in TABLE.classes
-        )
-    )
-
-
 def site(
-    n: int, seed: int, table: GroundTable, name: str = "one", **more: object
+    n: int,
+    seed: int,
+    table: GroundTable,
+    name: str = "one",
+    tables: tuple[str, ...] = ("passages", "deposits"),
 ) -> CalibrationProblem:
-    tables = more.pop("tables", ("passages", "deposits"))
-    seen = observed(n, seed, table=table, tables=tables)  # type: ignore[arg-type]
-    return problem_of(seen, 1, name=name, sideways=False)
+    return problem_of(observed(n, seed, table=table, tables=tables), 1, name=name, sideways=False)
 
 
 def calibrated(
@@ -77,7 +69,9 @@ def calibrated(
 
 @cache
 def recovered() -> SiteCalibration:
-    return calibrated([site(40, 11, table_of(**TRUTH))], ("debris",), ("eta_max", "mu_0"))
+    return calibrated(
+        [site(40, 11, table_with("debris", **TRUTH))], ("debris",), ("eta_max", "mu_0")
+    )
 
 
 @pytest.mark.battery
@@ -93,7 +87,7 @@ def test_intervals_hold_the_parameters_that_the_rocks_were_released_with() -> No
 
 def test_the_error_on_rocks_left_out_is_that_of_rocks_never_seen() -> None:
     found = recovered()
-    new = site(80, 12, table_of(**TRUTH))
+    new = site(80, 12, table_with("debris", **TRUTH))
     made = prediction(new, configured_model(new.case, found.table(TABLE)), 7, 40).replicas
     for e, name in zip(found.sites[0].errors, found.sites[0].observed, strict=True):
         if e.name != "run-out":
@@ -154,7 +148,7 @@ def test_more_stations_and_more_impacts_weigh_no_more() -> None:
 @pytest.mark.battery
 def test_a_class_that_no_rock_reaches_is_not_identified() -> None:
     # Stations end on debris; of the meadow below nothing is seen.
-    only = site(25, 13, table_of(**TRUTH), tables=("passages",))
+    only = site(25, 13, table_with("debris", **TRUTH), tables=("passages",))
     assert "meadow" in classes_met(only.case)
     found = calibrated([only], ("meadow",), ("eta_max", "mu_0"))
     assert not any(f.identified for f in found.fitted)
@@ -173,9 +167,9 @@ def test_classes_that_the_stops_do_not_tell_apart_are_named() -> None:
 
 @pytest.mark.battery
 def test_sites_of_one_ground_agree_and_of_different_ground_do_not() -> None:
-    one = site(30, 15, table_of(eta_max=0.75))
-    same = site(30, 16, table_of(eta_max=0.75), "other")
-    other = site(30, 17, table_of(eta_max=0.25), "other")
+    one = site(30, 15, table_with("debris", eta_max=0.75))
+    same = site(30, 16, table_with("debris", eta_max=0.75), "other")
+    other = site(30, 17, table_with("debris", eta_max=0.25), "other")
     agree = calibrated([one, same], ("debris",), ("eta_max",))
     assert not agree.contradict
     assert agree.fitted[0].low <= 0.75 <= agree.fitted[0].high
@@ -191,7 +185,7 @@ def test_sites_of_one_ground_agree_and_of_different_ground_do_not() -> None:
 
 @pytest.mark.battery
 def test_impacts_identify_what_stops_do_not() -> None:
-    seen = site(30, 18, table_of(eta_max=0.5), tables=("impacts",))
+    seen = site(30, 18, table_with("debris", eta_max=0.5), tables=("impacts",))
     assert seen.impacts is not None and not seen.scale.names
     found = calibrated([seen], ("debris",), ("eta_max", "mu_0"))
     eta, mu_0 = found.fitted
