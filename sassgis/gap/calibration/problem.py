@@ -69,8 +69,7 @@ class Scale:
         values = np.column_stack([_scored(name, quantities[name]) for name in self.names])
         z = (values - self.centre) / self.scale
         absent = ~np.isfinite(z)
-        rows: FloatArray = np.hstack([np.where(absent, 0.0, z), absent.astype(float)])
-        return rows
+        return np.hstack([np.where(absent, 0.0, z), absent.astype(float)])
 
 
 @dataclass(frozen=True, slots=True)

@@ -56,8 +56,7 @@ class ObservedNumbers:
 
     def in_errors(self, numbers: FloatArray) -> FloatArray:
         """Numbers that the observations have, in standard errors, the last axis shape (p,)."""
-        scaled: FloatArray = (numbers / self.error)[..., self.used]
-        return scaled
+        return (numbers / self.error)[..., self.used]
 
 
 def joined(sites: Sequence[ObservedNumbers]) -> ObservedNumbers:

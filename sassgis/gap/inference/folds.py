@@ -32,5 +32,4 @@ def folds_of(n_rocks: int, seed: int, group: IntArray | None = None) -> IntArray
     for k in order.tolist():
         part_of[k] = int(np.argmin(filled))
         filled[part_of[k]] += size[k]
-    parts: IntArray = part_of[unit]
-    return parts
+    return part_of[unit]

@@ -95,8 +95,7 @@ class _View:
         """Numbers less those of the base, shape (n, p) to (n, q)."""
         scaled = self.summary.in_errors(numbers) - self.mean
         # What is not there is as in the base, and nothing counts more than it can by chance.
-        seen: FloatArray = np.clip(np.nan_to_num(scaled), -12.0, 12.0) @ self.onto
-        return seen
+        return np.clip(np.nan_to_num(scaled), -12.0, 12.0) @ self.onto
 
 
 def _view_of(summary: SiteSummary, found: LinearFit, base: FloatArray) -> _View:

@@ -29,8 +29,7 @@ def values_of(scale: Scale, rows: FloatArray, column: int) -> FloatArray:
     found = rows[..., column] * scale.scale[column] + scale.centre[column]
     if scale.names[column].partition(":")[2] in ("speed", "blocks"):
         found = np.exp(found)
-    values: FloatArray = np.where(rows[..., column + len(scale.names)] < 0.5, found, np.nan)
-    return values
+    return np.where(rows[..., column + len(scale.names)] < 0.5, found, np.nan)
 
 
 def model_gaps(problem: CalibrationProblem, rows: FloatArray) -> tuple[ModelGap, ...]:

@@ -118,8 +118,7 @@ class Case:
 
         In the order of ``station_names``; NaN where the line does not cross.
         """
-        s: FloatArray = self.stations.s[self.line][:, self.station_order]
-        return s
+        return self.stations.s[self.line][:, self.station_order]
 
     @property
     def reaches(self) -> tuple[str, ...]:

@@ -76,8 +76,7 @@ def _times_apart(case: Case, rows: ImpactRows) -> FloatArray:
         time = way / level
     # Two places within their error are no distance.
     apart = way > 2.0 * errors_of(case).position_m
-    found: FloatArray = time[np.isfinite(time) & (time > 0.0) & apart]
-    return found
+    return time[np.isfinite(time) & (time > 0.0) & apart]
 
 
 def _missed(case: Case, seen: Campaign) -> float:

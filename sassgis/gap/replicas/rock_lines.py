@@ -145,8 +145,7 @@ def _chainage_of_cells(case: Case) -> FloatArray:
     far, nearest = cKDTree(np.column_stack([traces.x, traces.y])).query(
         np.column_stack([x, y]), distance_upper_bound=_BESIDE_M
     )
-    s: FloatArray = np.append(traces.s, np.nan)[np.where(np.isfinite(far), nearest, -1)]
-    return s
+    return np.append(traces.s, np.nan)[np.where(np.isfinite(far), nearest, -1)]
 
 
 def gathered(offset: IntArray, which: IntArray) -> tuple[IntArray, IntArray]:
@@ -180,18 +179,14 @@ def dips_at(profiles: ProfileSet, profile: IntArray, s: FloatArray) -> FloatArra
         Chainage (m).
     """
     k = _segments_at(profiles, profile, s)
-    dips: FloatArray = np.arctan2(
-        profiles.z[k + 1] - profiles.z[k], profiles.s[k + 1] - profiles.s[k]
-    )
-    return dips
+    return np.arctan2(profiles.z[k + 1] - profiles.z[k], profiles.s[k + 1] - profiles.s[k])
 
 
 def heights_at_chainage(profiles: ProfileSet, profile: IntArray, s: FloatArray) -> FloatArray:
     """Height of profiles at chainages (m); parameters as ``dips_at``."""
     k = _segments_at(profiles, profile, s)
     share = (np.asarray(s) - profiles.s[k]) / (profiles.s[k + 1] - profiles.s[k])
-    heights: FloatArray = profiles.z[k] + share * (profiles.z[k + 1] - profiles.z[k])
-    return heights
+    return profiles.z[k] + share * (profiles.z[k + 1] - profiles.z[k])
 
 
 def _segments_at(profiles: ProfileSet, profile: IntArray, s: FloatArray) -> IntArray:

@@ -324,8 +324,7 @@ def turn_of_lines(case: Case, rock: IntArray, s: FloatArray) -> FloatArray:
 
 def turn_error(case: Case, line_turn: FloatArray) -> FloatArray:
     """Standard deviation of measured turns about those of the fall lines (°)."""
-    error: FloatArray = np.hypot(errors_of(case).turn_deg, _LINE_SHARE * line_turn)
-    return error
+    return np.hypot(errors_of(case).turn_deg, _LINE_SHARE * line_turn)
 
 
 def _turns(

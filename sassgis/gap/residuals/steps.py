@@ -96,8 +96,7 @@ class StepTable:
     @property
     def z(self) -> FloatArray:
         """Observed less predicted, in standard deviations."""
-        values: FloatArray = (self.observed - self.predicted) / self.sd
-        return values
+        return (self.observed - self.predicted) / self.sd
 
 
 #: Step of flights of the model itself, as the observer records them.

@@ -228,8 +228,7 @@ def merged_contacts(impacts: FloatArray, least_s: float) -> FloatArray:
 
 
 def _factor(rng: np.random.Generator, n: int, sd: float) -> FloatArray:
-    factors: FloatArray = np.exp(rng.normal(0.0, sd, n))
-    return factors
+    return np.exp(rng.normal(0.0, sd, n))
 
 
 def _place(
