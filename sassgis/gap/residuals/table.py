@@ -12,7 +12,6 @@ from sassgis.gap.replicas.hypothesis_model import HypothesisModel, MeasurementEr
 from sassgis.gap.replicas.rock_lines import rock_lines_of
 from sassgis.gap.residuals.flights import path_residuals
 from sassgis.gap.residuals.free_run import (
-    AtStations,
     FreeRun,
     RunModel,
     free_run,
@@ -39,8 +38,6 @@ class ResidualTable:
     ----------
     run : FreeRun
         Replicates of the rocks in the model.
-    seen : AtStations
-        The rocks at the stations.
     rows : tuple of Residual
         By place and quantity, one value per rock.
     steps : StepTable
@@ -48,7 +45,6 @@ class ResidualTable:
     """
 
     run: FreeRun
-    seen: AtStations
     rows: tuple[Residual, ...]
     steps: StepTable
 
@@ -77,7 +73,7 @@ def residuals_of(
         *impact_residuals(case, model, run, edges, draws=IMPACT_DRAWS, rng=rng),
     ]
     steps = steps_of(case, model, run, rng)
-    return ResidualTable(run, seen, tuple(rows), steps)
+    return ResidualTable(run, tuple(rows), steps)
 
 
 def residuals_with(
