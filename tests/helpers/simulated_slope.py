@@ -94,24 +94,23 @@ def table_with(name: str, **values: float) -> GroundTable:
     )
 
 
+def with_observed(case: Case, **changed: Any) -> Case:
+    """The case with other tables or metadata."""
+    return dataclasses.replace(case, observations=dataclasses.replace(case.observations, **changed))
+
+
 def with_metadata(case: Case, **stated: float) -> Case:
     """The case with other errors of measurement in its metadata."""
     own = dataclasses.replace(case.observations.metadata, **stated)
-    return dataclasses.replace(
-        case, observations=dataclasses.replace(case.observations, metadata=own)
-    )
+    return with_observed(case, metadata=own)
 
 
 def with_passages(case: Case, keep: Any) -> Case:
     """The case with some of its passages alone, by a mask."""
     put = case.projected["passages"]
     fewer = type(put)(*(getattr(put, f.name)[keep] for f in dataclasses.fields(put)))
-    passages = case.observations.passages.take(keep)
-    return dataclasses.replace(
-        case,
-        observations=dataclasses.replace(case.observations, passages=passages),
-        projected={**case.projected, "passages": fewer},
-    )
+    case = with_observed(case, passages=case.observations.passages.take(keep))
+    return dataclasses.replace(case, projected={**case.projected, "passages": fewer})
 
 
 def tangent(down: Any) -> Any:

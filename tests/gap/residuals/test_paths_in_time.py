@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.simulated_slope import observed, with_metadata
+from helpers.simulated_slope import observed, with_metadata, with_observed
 
 from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case
@@ -75,10 +75,7 @@ def test_rocks_without_trees_lose_nothing_above_the_ground(case: Case) -> None:
     assert rock.size == s.size == before.size == after.size == sd.size > 0
     assert np.unique(rock).size == rock.size and (sd > 0.0).all()
     assert not (((before - after) / sd > 5.0) & (after < 0.7 * before)).any()
-    nothing = case.observations.trajectories.take(
-        np.zeros(len(case.observations.trajectories), bool)
-    )
-    blind = replace(case, observations=replace(case.observations, trajectories=nothing))
+    blind = with_observed(case, trajectories=case.observations.trajectories.take([]))
     assert struck_above_ground(blind, axes)[0].size == 0
     assert air_of_flights(blind, axes)[0].size == 0
 
@@ -108,9 +105,7 @@ def test_air_bends_flights_against_the_level_velocity(case: Case) -> None:
             ahead = 0.5 * pull * (t - t[0]) * (t[-1] - t)
             x[rows] += ahead * way[0] / np.hypot(*way)
             y[rows] += ahead * way[1] / np.hypot(*way)
-    moved = replace(
-        case, observations=replace(case.observations, trajectories=replace(track, x=x, y=y))
-    )
+    moved = with_observed(case, trajectories=replace(track, x=x, y=y))
     again, slowed, across, _, _ = air_of_flights(moved, axes)
     assert again.size > 0.8 * rock.size
     assert np.median(free) - np.median(slowed) == pytest.approx(pull, rel=0.15)

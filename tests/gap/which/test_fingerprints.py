@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.simulated_slope import BASE, observed, with_metadata
+from helpers.simulated_slope import BASE, observed, with_metadata, with_observed
 
 from sassgis.engine.effects.soft_ground import SoftGround
 from sassgis.gap.causes.all_causes import STATISTICS
@@ -49,7 +49,7 @@ def by_name(case: Case, residuals: ResidualTable, **options: object) -> dict[str
 
 def with_deposits(case: Case, **columns: object) -> Case:
     deposits = replace(case.observations.deposits, **columns)  # type: ignore[arg-type]
-    return replace(case, observations=replace(case.observations, deposits=deposits))
+    return with_observed(case, deposits=deposits)
 
 
 def with_blocks(case: Case, masses: list[float], drop: int = 0) -> Case:
@@ -63,7 +63,7 @@ def with_blocks(case: Case, masses: list[float], drop: int = 0) -> Case:
         y=[*kept.y, *np.full(n, kept.y[0])],
         mass_kg=[*kept.mass_kg, *masses],
     )
-    return replace(case, observations=replace(case.observations, deposits=deposits))
+    return with_observed(case, deposits=deposits)
 
 
 def test_the_model_itself_leaves_no_fingerprint(case: Case, residuals: ResidualTable) -> None:
@@ -180,9 +180,7 @@ def test_a_cause_in_the_model_leaves_no_fingerprint_of_its_own() -> None:
 def test_what_instruments_scale_is_scaled_back(case: Case) -> None:
     seen = case.observations
     fast = seen.passages.speed_mps * 1.2
-    scaled = replace(
-        case, observations=replace(seen, passages=replace(seen.passages, speed_mps=fast))
-    )
+    scaled = with_observed(case, passages=replace(seen.passages, speed_mps=fast))
     model = replace(
         BASE, release=ReleaseError(faster_mps=4.0), measurement=MeasurementError(scale=1.2)
     )
