@@ -231,11 +231,12 @@ def _factor(rng: np.random.Generator, n: int, sd: float) -> FloatArray:
     return np.exp(rng.normal(0.0, sd, n))
 
 
-def _place(
-    rng: np.random.Generator, table: FloatArray, columns: tuple[int, int, int]
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    x, y, z = (table[:, k] + rng.normal(0.0, POSITION_ERROR_M, len(table)) for k in columns)
-    return x, y, z
+def _place(rng: np.random.Generator, table: FloatArray, first: int) -> Table:
+    """Measured x, y, z from three columns, the first of them by number."""
+    return {
+        name: table[:, first + k] + rng.normal(0.0, POSITION_ERROR_M, len(table))
+        for k, name in enumerate("xyz")
+    }
 
 
 def _rocks(world: World, rocks: WorldRocks, rng: np.random.Generator) -> Table:
@@ -279,25 +280,17 @@ def _stated_release(world: World, places: FloatArray, n: int = 0) -> FloatArray:
 
 def _stations(world: World) -> Table:
     lines = world.station_lines()
-    return {
-        "station": np.array(world.station_names),
-        "x0": lines[:, 0],
-        "y0": lines[:, 1],
-        "x1": lines[:, 2],
-        "y1": lines[:, 3],
-    }
+    ends = zip(("x0", "y0", "x1", "y1"), lines.T, strict=True)
+    return {"station": np.array(world.station_names), **dict(ends)}
 
 
 def _passages(world: World, run: Run, rng: np.random.Generator) -> Table:
     p = run.passages
-    x, y, z = _place(rng, p, (4, 5, 6))
     names = np.array(world.station_names)
     return {
         "rock_id": _names(world, p, "P"),
         "station": names[p[:, 3].astype(int)],
-        "x": x,
-        "y": y,
-        "z": z,
+        **_place(rng, p, 4),
         "speed_mps": p[:, 7] * _factor(rng, len(p), SPEED_ERROR_REL),
         "rotation_hz": p[:, 8] * _factor(rng, len(p), ROTATION_ERROR_REL),
         "height_m": np.maximum(p[:, 9] + rng.normal(0.0, HEIGHT_ERROR_M, len(p)), 0.0),
@@ -307,15 +300,14 @@ def _passages(world: World, run: Run, rng: np.random.Generator) -> Table:
 
 def _deposits(world: World, run: Run, rng: np.random.Generator) -> Table:
     d = run.deposits
-    x, y, z = _place(rng, d, (3, 4, 5))
+    place = _place(rng, d, 3)
     if world.faults.stops_m > 0.0:
-        x, y = (world.faults.stops_m * np.round(v / world.faults.stops_m) for v in (x, y))
+        for name in "xy":
+            place[name] = world.faults.stops_m * np.round(place[name] / world.faults.stops_m)
     error = _factor(rng, len(d), MASS_ERROR_REL)
     return {
         "rock_id": _names(world, d, "D"),
-        "x": x,
-        "y": y,
-        "z": z,
+        **place,
         "mass_kg": d[:, 6] * error,
         "volume_m3": d[:, 7] * error,
     }
@@ -324,13 +316,10 @@ def _deposits(world: World, run: Run, rng: np.random.Generator) -> Table:
 def _impacts(world: World, run: Run, rng: np.random.Generator) -> Table:
     i = run.impacts
     n = len(i)
-    x, y, z = _place(rng, i, (4, 5, 6))
     table: Table = {
         "rock_id": _names(world, i),
         "impact": i[:, 3].astype(np.int64),
-        "x": x,
-        "y": y,
-        "z": z,
+        **_place(rng, i, 4),
         "slope_deg": i[:, 7] + rng.normal(0.0, 1.0, n),
     }
     # Both components come from the same film: the direction is known, the length has the error.
@@ -347,13 +336,10 @@ def _impacts(world: World, run: Run, rng: np.random.Generator) -> Table:
 
 def _tracks(world: World, run: Run, rng: np.random.Generator) -> Table:
     t = run.tracks
-    x, y, z = _place(rng, t, (4, 5, 6))
     return {
         "rock_id": _names(world, t),
         "t_s": t[:, 3],
-        "x": x,
-        "y": y,
-        "z": z,
+        **_place(rng, t, 4),
         "speed_mps": t[:, 7] * _factor(rng, len(t), SPEED_ERROR_REL),
         "rotation_hz": t[:, 8] * _factor(rng, len(t), ROTATION_ERROR_REL),
     }
