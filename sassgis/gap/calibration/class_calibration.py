@@ -129,7 +129,7 @@ def run_trial(task: CalibrationTask, trial: Trial) -> Seen:
         model = task.model(site.problem, shares)
         own, rows = site.of_model(model, trial.number, trial.count)
         numbers.append(own)
-        scores.append(scores_of(site.problem, model, trial.number, trial.count, rows))
+        scores.append(scores_of(site.problem, model, trial.number, rows))
     return np.concatenate(numbers), float(np.concatenate(scores).mean())
 
 

@@ -207,7 +207,7 @@ def problem_of(
     groups, unit = np.unique(case.group, return_inverse=True)
     return CalibrationProblem(
         name, case, rock_lines, scale, observed, compared, scale.rows(quantities),
-        impacts, outcomes, seed, folds_of(case.n_rocks, seed, case.group),
+        impacts, outcomes, seed, folds_of(case.group, seed),
         unit if groups.size >= _FEWEST_GROUPS else np.arange(case.n_rocks), unseen, sideways,
     )  # fmt: skip
 
@@ -312,15 +312,12 @@ def scores_of(
     problem: CalibrationProblem,
     model: HypothesisModel,
     number: int,
-    count: int,
-    rows: FloatArray | None = None,
+    rows: FloatArray,
 ) -> FloatArray:
     """Energy score of each observed rock in a model, shape (n_rocks,), added over the tables.
 
-    ``rows`` of campaigns that were made already spare new ones.
+    ``rows``: of its campaigns of this number (``model_rows``).
     """
-    if rows is None and problem.scale.names:
-        rows = model_rows(problem, model, number, count)
     outcomes = None if problem.impacts is None else _outcomes(problem, model, number)
     return added(_table_scores(problem, rows, outcomes))
 

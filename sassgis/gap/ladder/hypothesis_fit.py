@@ -136,7 +136,7 @@ def run_chosen(summary: SiteSummary, task: HypothesisDraw) -> Chosen:
     problem = summary.problem
     made = task.of(problem.case)
     rows = model_rows(problem, made.model, task.number, task.count)
-    return Chosen(made, rows, scores_of(problem, made.model, task.number, task.count, rows))
+    return Chosen(made, rows, scores_of(problem, made.model, task.number, rows))
 
 
 @dataclass(frozen=True, slots=True)

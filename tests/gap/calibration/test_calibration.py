@@ -125,15 +125,15 @@ def test_more_stations_and_more_impacts_weigh_no_more() -> None:
     scale = Scale(tuple(seen.scale.names[i] for i in twice), *np.ones((2, twice.size)), 12)
     both = np.r_[twice, twice + k]
     doubled = replace(seen, scale=scale, rows=seen.rows[:, both], unseen=seen.unseen[:, both])
-    once = scores_of(seen, model, 3, 4, rows)
-    np.testing.assert_allclose(scores_of(doubled, model, 3, 4, rows[..., both]), once)
+    once = scores_of(seen, model, 3, rows)
+    np.testing.assert_allclose(scores_of(doubled, model, 3, rows[..., both]), once)
 
     # An offset that is not scored is as if it had not been measured.
     with_offset = replace(scale, names=(*seen.scale.names, *["S0:aside"] * int(passages.sum())))
     unscored = replace(doubled, scale=with_offset, sideways=False)
     astray = rows[..., both].copy()
     astray[..., k : twice.size] += 9.0
-    np.testing.assert_allclose(scores_of(unscored, model, 3, 4, astray), once)
+    np.testing.assert_allclose(scores_of(unscored, model, 3, astray), once)
 
     hit = site(12, 22, TABLE, tables=("impacts",))
     assert hit.impacts is not None
@@ -199,7 +199,8 @@ def test_contacts_speak_for_the_effect_that_acts_in_them() -> None:
     seen = problem_of(observed(30, 21, effects=soft, tables=("impacts",)), 1)
     without = configured_model(seen.case)
     total = [
-        scores_of(seen, model, 5, 4).sum() for model in (without, replace(without, effects=soft))
+        scores_of(seen, model, 5, model_rows(seen, model, 5, 4)).sum()
+        for model in (without, replace(without, effects=soft))
     ]
     assert total[1] < 0.8 * total[0]
 

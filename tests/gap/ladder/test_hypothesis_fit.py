@@ -72,13 +72,14 @@ def test_calibration_betters_the_score_of_a_wrong_ground() -> None:
 
 def test_groups_stay_together_and_parts_are_even() -> None:
     group = np.array([0, 0, 0, 0, 1, 1, 2, 2, 3, 4, 5, 6])
-    part = folds_of(12, 3, group)
+    part = folds_of(group, 3)
     assert all(np.unique(part[group == g]).size == 1 for g in range(7))
     assert sorted(np.bincount(part).tolist()) == [2, 2, 2, 2, 4]
-    assert np.bincount(folds_of(12, 3, np.array([7] * 5 + [2] * 7))).tolist() in ([5, 7], [7, 5])
+    assert np.bincount(folds_of(np.array([7] * 5 + [2] * 7), 3)).tolist() in ([5, 7], [7, 5])
     # One group is none.
-    np.testing.assert_array_equal(folds_of(12, 3, np.zeros(12, np.int64)), folds_of(12, 3))
-    np.testing.assert_array_equal(np.bincount(folds_of(12, 3)), [3, 3, 2, 2, 2])
+    alone = folds_of(np.arange(12), 3)
+    np.testing.assert_array_equal(folds_of(np.zeros(12, np.int64), 3), alone)
+    np.testing.assert_array_equal(np.bincount(alone), [3, 3, 2, 2, 2])
 
 
 def test_scores_of_a_group_count_as_one(problem: CalibrationProblem) -> None:

@@ -39,12 +39,18 @@ def residuals(case: Case) -> ResidualTable:
     return table_of(case)
 
 
-def printed(case: Case, residuals: ResidualTable, **options: object) -> dict[str, Fingerprint]:
-    return strongest(fingerprints(case, residuals, **options))  # type: ignore[arg-type]
+def printed(case: Case, residuals: ResidualTable) -> dict[str, Fingerprint]:
+    return strongest(fingerprints(case, residuals))
 
 
-def by_name(case: Case, residuals: ResidualTable, **options: object) -> dict[str, Fingerprint]:
-    return {f.statistic: f for f in fingerprints(case, residuals, **options)}  # type: ignore[arg-type]
+def by_name(case: Case, residuals: ResidualTable) -> dict[str, Fingerprint]:
+    return {f.statistic: f for f in fingerprints(case, residuals)}
+
+
+def in_days(case: Case) -> Case:
+    """The case with five rocks released on each day."""
+    days = np.array([f"day {k // 5}" for k in range(case.n_rocks)])
+    return with_observed(case, rocks=replace(case.observations.rocks, group=days))
 
 
 def with_deposits(case: Case, **columns: object) -> Case:
@@ -191,8 +197,7 @@ def test_what_instruments_scale_is_scaled_back(case: Case) -> None:
 
 
 def test_rocks_of_one_group_count_once(case: Case, residuals: ResidualTable) -> None:
-    group = np.arange(case.n_rocks) // 5
-    found = printed(case, residuals, group=group)
+    found = printed(in_days(case), residuals)
     assert max(f.rocks for f in found.values()) <= 6
 
 
@@ -207,8 +212,7 @@ def test_stems_are_seen_where_paths_lose_speed_above_the_ground(
     found = by_name(case, lost)
     assert free.z < 2.0 < 4.0 < found[name].z and found[name].p_adjusted <= 0.01
     # Rocks of one day share what befell that day.
-    group = np.arange(case.n_rocks) // 5
-    days = by_name(case, lost, group=group)[name]
+    days = by_name(in_days(case), lost)[name]
     assert days.rocks <= 6 and days.z < found[name].z
     # All at one place: a step that the terrain model lacks.
     same = np.where(steps.step == "aloft", 60.0, steps.way_m)
