@@ -20,6 +20,7 @@ from sassgis.gap.calibration.impact_scores import (
     observed_outcomes,
     simulated_outcomes,
 )
+from sassgis.gap.calibration.parameters import ClassParameter
 from sassgis.gap.causes.parameter_draws import Range
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel
@@ -100,11 +101,7 @@ def _with_shift(ground: GroundClass, shift: FloatArray) -> GroundClass:
     """A class with shifted parameters of the contact, kept within their ranges."""
     values = {}
     for (name, (limits, sd)), own in zip(_RANGES.items(), shift.tolist(), strict=True):
-        log = limits.scale == "log"
-        low, high = (np.log(v) if log else v for v in (limits.low, limits.high))
-        configured = float(getattr(ground, name))
-        at = (np.log(max(configured, limits.low)) if log else configured) - low
-        share = min(max(at / (high - low) + sd * own, 0.0), 1.0)
-        value = low + (high - low) * share
-        values[name] = float(f"{np.exp(value) if log else value:.6g}")
+        one = ClassParameter(ground.name, name, limits, float(getattr(ground, name)))
+        share = min(max(one.share(one.configured) + sd * own, 0.0), 1.0)
+        values[name] = float(f"{float(one.value(share)):.6g}")
     return replace(ground, **values)  # type: ignore[arg-type]

@@ -190,25 +190,24 @@ def project(
     prolonged : bool
         Whether lines go straight on beyond their end.
     """
-    n = np.size(x)
+    x, y, line = np.asarray(x), np.asarray(y), np.asarray(line)
+    n = x.size
     nothing = np.full(n, np.nan)
     zs = nothing if z is None else np.asarray(z, np.float64)
-    known = np.flatnonzero((np.asarray(line) >= 0) & np.isfinite(x) & np.isfinite(y))
+    known = np.flatnonzero((line >= 0) & np.isfinite(x) & np.isfinite(y))
     lines = np.full(n, -1, np.int64)
-    lines[known] = np.asarray(line)[known]
+    lines[known] = line[known]
     s, lateral, ground = nothing.copy(), nothing.copy(), nothing.copy()
     beyond = np.zeros(n, np.int8)
-    if grid is not None and known.size:
-        ground[known] = heights_at(grid, np.asarray(x)[known], np.asarray(y)[known])
     if known.size:
-        own, px, py = lines[known], np.asarray(x)[known], np.asarray(y)[known]
+        own, px, py = lines[known], x[known], y[known]
+        if grid is not None:
+            ground[known] = heights_at(grid, px, py)
         s[known], lateral[known] = xy_to_chainage(traces, own, px, py)
         beyond[known] = _beyond(traces, own, px, py, s[known])
         if prolonged:
             past = np.flatnonzero(beyond == 1)
-            s[past], lateral[past] = _past_the_end(
-                traces, lines[past], np.asarray(x)[past], np.asarray(y)[past]
-            )
+            s[past], lateral[past] = _past_the_end(traces, lines[past], x[past], y[past])
     return Projected(lines, s, lateral, zs - ground, ground, beyond)
 
 

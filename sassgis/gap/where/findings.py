@@ -14,6 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from sassgis.gap.diagnosis import GapFinding, Range
+from sassgis.gap.inference.intervals import times_drawn
 from sassgis.gap.inference.rock_tests import false_discovery_adjusted, mean_gap_tests
 from sassgis.gap.observations.case import Case
 from sassgis.gap.residuals.residuals import Residual
@@ -54,8 +55,7 @@ def where(
     q = false_discovery_adjusted(p)
     # A scatter known from above only is tested by scores that may all be zero.
     size = np.abs(np.nan_to_num(t, posinf=np.inf, neginf=-np.inf))
-    n = case.n_rocks
-    times = rng.multinomial(n, np.full(n, 1.0 / n), size=draws).astype(np.float64)
+    times = times_drawn(np.arange(case.n_rocks), rng, draws)
     findings = [
         _finding(case, r, values[:, i], float(adjusted[i]), float(q[i]), times)
         for i, (r, _) in enumerate(tested)

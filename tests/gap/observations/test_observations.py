@@ -409,7 +409,7 @@ def test_each_fault_is_found_once_and_named(case, folder, slope):
     observed = read_observations(folder(**{**NO_LOOSE_BLOCK, **changes}), slope)
     found = lines(observed, slope)
     assert any(text in line for line in found), found
-    # The fault is told once, not in three rock_lines.
+    # The fault is told once, not in three lines.
     assert len(found) <= (2 if case in ("other heights", "above the release") else 1), found
 
 
