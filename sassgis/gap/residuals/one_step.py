@@ -47,6 +47,8 @@ _REBOUND_MPS = 0.01
 _LINE_SHARE, _CHORD_M = 0.5, 1.0
 #: Turns of simulated paths on a reach that are compared at most.
 _MOST_TURNS = 2000
+#: Orientations and slopes drawn for each observed impact.
+_DRAWS = 64
 #: Speed along the ground below which a ratio to it says nothing (m/s).
 _ALONG_MPS = 1.0
 
@@ -57,7 +59,6 @@ def impact_residuals(
     run: FreeRun,
     edges: FloatArray,
     *,
-    draws: int,
     rng: np.random.Generator,
 ) -> list[Residual]:
     """Residuals of single impacts by reach and by class of ground.
@@ -70,8 +71,6 @@ def impact_residuals(
         The rocks in the model: their semi-axes, and the turns of their paths.
     edges : float64, shape (n_reaches, 2)
         Limits of the reaches (m).
-    draws : int
-        Orientations and slopes drawn for each impact.
     """
     impacts = case.observations.impacts
     if not len(impacts):
@@ -84,8 +83,7 @@ def impact_residuals(
     turned[turned] &= case.line[rock[turned]] >= 0
     found: list[Residual] = []
     if use.any():
-        rows = np.flatnonzero(use)
-        found += _rebounds(case, model, run.axes_m, edges, rows, draws, rng)
+        found += _rebounds(case, model, run.axes_m, edges, np.flatnonzero(use), rng)
     if turned.any() and (case.terrain is not None or model.effects.get(LateralDeflection) is None):
         rows = np.flatnonzero(turned)
         found += _turns(case, edges, rock[rows], s[rows], impacts.turn_deg[rows], run.impacts)
@@ -218,10 +216,9 @@ def _rebounds(
     axes_m: FloatArray,
     edges: FloatArray,
     rows: IntArray,
-    m: int,
     rng: np.random.Generator,
 ) -> list[Residual]:
-    observed = impacts_in_flight(case, axes_m, rows, m)
+    observed = impacts_in_flight(case, axes_m, rows, _DRAWS)
     if observed is None:
         return []
     out = rebound_draws(case, model, observed, rng)

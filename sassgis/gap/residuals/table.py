@@ -26,8 +26,6 @@ from sassgis.model.grid import FloatArray
 
 #: Runs of each rock.
 REPLICATES = 20
-#: Orientations and slopes drawn for each observed impact.
-IMPACT_DRAWS = 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +68,7 @@ def residuals_of(
         *free_run_residuals(case, seen, run, rng=rng),
         *reach_residuals(case, running, seen, run, edges, rng=rng),
         *path_residuals(case, running, edges, run.axes_m),
-        *impact_residuals(case, model, run, edges, draws=IMPACT_DRAWS, rng=rng),
+        *impact_residuals(case, model, run, edges, rng=rng),
     ]
     steps = steps_of(case, model, run, rng)
     return ResidualTable(run, tuple(rows), steps)
