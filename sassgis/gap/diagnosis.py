@@ -468,11 +468,10 @@ def as_json(diagnosis: Diagnosis) -> dict[str, Any]:
 
     Missing numbers (NaN) become None.
     """
-    plain = asdict(diagnosis.verdict)
-    cleaned: dict[str, Any] = _clean(
+    plain: dict[str, Any] = without_nan(
         {
             "first_sentence": diagnosis.first_sentence,
-            "verdict": plain,
+            "verdict": asdict(diagnosis.verdict),
             "where": [asdict(f) for f in diagnosis.where],
             "which": [asdict(c) for c in diagnosis.which],
             "fingerprints": [asdict(f) for f in diagnosis.fingerprints],
@@ -494,14 +493,15 @@ def as_json(diagnosis: Diagnosis) -> dict[str, Any]:
             "seed": diagnosis.seed,
         }
     )
-    return cleaned
+    return plain
 
 
-def _clean(value: Any) -> Any:
+def without_nan(value: Any) -> Any:
+    """Plain values with None in place of NaN."""
     if isinstance(value, Mapping):
-        return {str(k): _clean(v) for k, v in value.items()}
+        return {str(k): without_nan(v) for k, v in value.items()}
     if isinstance(value, tuple | list):
-        return [_clean(v) for v in value]
+        return [without_nan(v) for v in value]
     if isinstance(value, float) and value != value:
         return None
     return value

@@ -61,7 +61,6 @@ _TESTS: Mapping[str, str] = {
     "one step": "from one state to the next",
 }
 
-
 #: Rungs of the ladder that are no effect.
 RUNG_NAMES: Mapping[str, str] = {
     "configured": "the configured ground",

@@ -62,7 +62,7 @@ def evidence_beyond(
     problem = made.problem
     case, residuals = residuals_with(problem.case, base.handed_over.draw.model, seed=problem.seed)
     return Evidence(
-        fingerprints(case, residuals, group=case.group),
+        fingerprints(case, residuals),
         where(case, residuals, seed=problem.seed),
         cause_gains(made.summary, base, families, made.run),
         _notes(residuals),

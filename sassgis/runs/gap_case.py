@@ -142,10 +142,9 @@ def case_of(run: MapRun, observations: Observations, file: Path) -> Case:
         radius_m=radius,
         stations=stations,
         projected=project_observations(
-            observations, traces, line, grid=run.grid, profiles=prepared.flat,
-            prolonged=run.followed,
+            observations, traces, line, grid=run.grid, prolonged=run.followed
         ),
-    )  # fmt: skip
+    )
     case = replace(case, met=classes_met(case))
     if not run.followed:
         return case

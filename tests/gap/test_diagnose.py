@@ -16,7 +16,7 @@ from helpers.changed_arrays import change_arrays
 
 from sassgis.gap.calibration.linear_fit import Seen, Trial
 from sassgis.gap.calibration.problem import model_rows, problem_of
-from sassgis.gap.check.worlds import EffectSpec, WorldSpec, make_world, observe, setup
+from sassgis.gap.check.worlds import EffectSpec, WorldSpec, make_world, observe
 from sassgis.gap.inference.distances import RockDistances
 from sassgis.gap.ladder import cause_gains
 from sassgis.gap.replicas.hypothesis_model import MeasurementError, configured_model
@@ -25,10 +25,11 @@ from sassgis.io.read.config import load_config
 from sassgis.io.read.gap_thresholds import read_thresholds, thresholds_of
 from sassgis.io.saved_arrays import unfit
 from sassgis.io.staging import check_output
-from sassgis.io.write.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME, write_case
+from sassgis.io.write.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME
 from sassgis.model.errors import InputError, Interrupted, SassgisError
 from sassgis.runs import diagnose as gap_diagnose
 from sassgis.runs import hypothesis_fits
+from sassgis.runs.blinded_cases import write_seen
 from sassgis.runs.diagnose import diagnose
 from sassgis.runs.draw_store import DrawStore
 from sassgis.runs.fresh_shrinkage import ENSEMBLE, measured_shrinkage
@@ -49,12 +50,7 @@ def few_draws() -> Iterator[None]:
 def make_case(folder: Path, kind: str, n_rocks: int, effect: str | None = None) -> Path:
     effects = () if effect is None else (EffectSpec(effect, "strong"),)  # type: ignore[arg-type]
     world = make_world(WorldSpec("quarry", effects, n_rocks, kind), 31)
-    seen, known = observe(world, kind, n_rocks, 1), setup(world)  # type: ignore[arg-type]
-    write_case(
-        folder, title="test", dem=known.dem, class_names=known.class_names,
-        class_codes=known.class_codes, releases=known.releases, blocks=known.blocks,
-        tables=seen.tables, metadata=seen.metadata,
-    )  # fmt: skip
+    write_seen(world, folder, "test", observe(world, kind, n_rocks, 1))  # type: ignore[arg-type]
     return folder
 
 
@@ -340,7 +336,7 @@ def test_rocks_beside_the_terrain_are_refused(everything: Path, tmp_path: Path) 
         run(case, tmp_path / "out")
 
 
-def test_the_frozen_thresholds_are_whole(tmp_path: Path) -> None:
+def test_the_frozen_thresholds_are_whole() -> None:
     content = read_thresholds()
     thresholds = thresholds_of(content)
     assert SEED not in content["battery_seeds"]

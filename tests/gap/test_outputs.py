@@ -17,7 +17,6 @@ import pandas as pd
 import pytest
 import rasterio
 import shapely
-import tomli_w
 from helpers.made_diagnosis import (
     CONFIG,
     FINDINGS,
@@ -98,6 +97,16 @@ def few(tmp_path_factory: pytest.TempPathFactory, slope: Grid) -> Made:
 
 
 @pytest.fixture(scope="module")
+def case(made: Made) -> Case:
+    return made[1]
+
+
+@pytest.fixture(scope="module")
+def few_case(few: Made) -> Case:
+    return few[1]
+
+
+@pytest.fixture(scope="module")
 def stops_only(tmp_path_factory: pytest.TempPathFactory, slope: Grid) -> Made:
     return made_case(tmp_path_factory.mktemp("stops"), slope, 15, passages=False)
 
@@ -109,6 +118,13 @@ def written(made: Made, tmp_path_factory: pytest.TempPathFactory) -> Path:
     diagnosis = replace(with_trees(case), warnings=("Said on the console.",))
     write_outputs(folder, case, diagnosis, load_config(config))
     return folder
+
+
+def written_back(made: Made, folder: Path, effect: HypothesisModel) -> Path:
+    """The configuration of a diagnosis that hands over this model."""
+    config, case = made
+    diagnosis = replace(with_trees(case), effect=effect)
+    return write_config_back(folder / "config.toml", load_config(config), diagnosis, case)
 
 
 def words_of(page: Path) -> str:
@@ -204,8 +220,7 @@ def test_local_coordinates_are_written(slope: Grid, tmp_path: Path) -> None:
 # --- diagnosis.json --------------------------------------------------------------------------
 
 
-def test_json_holds_the_agreed_keys_and_no_nan(made: Made, tmp_path: Path) -> None:
-    _, case = made
+def test_json_holds_the_agreed_keys_and_no_nan(case: Case, tmp_path: Path) -> None:
     diagnosis = with_trees(case)
     broken = replace(diagnosis, where=(*FINDINGS, finding("all", "release", "speed_mps", math.inf)))
     write_diagnosis_json(tmp_path / "deep" / "d.json", broken)
@@ -269,8 +284,7 @@ def test_layers_bring_their_styles(written: Path) -> None:
     assert facts["effect"] == "trees" and facts["confusion_set"] == "trees, soft_ground"
 
 
-def test_stops_tell_what_they_are(made: Made, written: Path) -> None:
-    _, case = made
+def test_stops_tell_what_they_are(case: Case, written: Path) -> None:
     stops = gpd.read_file(written / "gap.gpkg", layer="stops")
     assert stops.kind.value_counts().to_dict() == {"rock": 39, "piece": 1, "unattributed": 1}
     assert stops[stops.kind == "piece"].rock.tolist() == ["R0"]
@@ -294,14 +308,12 @@ def test_stations_count_the_rocks_that_were_seen(written: Path) -> None:
     assert stations.chainage_m.tolist() == [pytest.approx(80, abs=1), pytest.approx(170, abs=1)]
 
 
-def test_the_gpkg_is_not_overwritten(made: Made, written: Path) -> None:
-    _, case = made
+def test_the_gpkg_is_not_overwritten(case: Case, written: Path) -> None:
     with pytest.raises(OutputError, match=r"gap\.gpkg: exists already"):
         write_gap_gpkg(written / "gap.gpkg", case, with_trees(case))
 
 
-def test_reaches_of_a_line_end_at_its_own_crossings(made: Made) -> None:
-    _, case = made
+def test_reaches_of_a_line_end_at_its_own_crossings(case: Case) -> None:
     line = used_lines(case)[3]
     low, high = limits_on(case, finding("S1-S2", "flight", "speed_mps", -1.0), line)
     assert (low, high) == tuple(case.stations.s[line])
@@ -314,8 +326,7 @@ def test_reaches_of_a_line_end_at_its_own_crossings(made: Made) -> None:
 # --- the calibrated model --------------------------------------------------------------------
 
 
-def test_the_calibrated_model_runs(made: Made, written: Path, tmp_path: Path) -> None:
-    _, case = made
+def test_the_calibrated_model_runs(case: Case, written: Path, tmp_path: Path) -> None:
     result = run(written / "model" / "config.toml", tmp_path / "out", jobs=1)
     assert result.n_blocks == 12
     job = result.run
@@ -331,8 +342,7 @@ def test_the_calibrated_model_runs(made: Made, written: Path, tmp_path: Path) ->
     assert job.seed == 3
 
 
-def test_the_stand_lies_between_its_chainages(made: Made, written: Path) -> None:
-    _, case = made
+def test_the_stand_lies_between_its_chainages(case: Case, written: Path) -> None:
     job = read_map_run(load_config(written / "model" / "config.toml"))
     assert job.forest is not None
     stems = job.forest.stems_per_m2.reshape(job.grid.shape)
@@ -346,16 +356,14 @@ def test_the_stand_lies_between_its_chainages(made: Made, written: Path) -> None
         assert not under[(s < 85) | (s > 165)].any()
 
 
-def test_neighbouring_lines_share_one_stand(made: Made) -> None:
-    _, case = made
+def test_neighbouring_lines_share_one_stand(case: Case) -> None:
     area = stand_polygon(case, (90.0, 160.0))
     assert len(area.geoms) == 1
     assert area.bounds[3] - area.bounds[1] == pytest.approx(70.0, abs=3.0)
     assert stand_polygon(case, (1e5, 2e5)).is_empty
 
 
-def test_a_stand_joins_lines_that_lie_apart(made: Made) -> None:
-    _, case = made
+def test_a_stand_joins_lines_that_lie_apart(case: Case) -> None:
     order = np.argsort([line_stretch(case.traces, i, 50.0, 60.0)[0, 0] for i in used_lines(case)])
     ends = np.array(used_lines(case))[order[[0, -1]]]
     apart = replace(case, line=np.resize(ends, case.n_rocks))
@@ -422,12 +430,7 @@ def test_the_user_keeps_a_forest_of_their_own(slope: Grid, tmp_path: Path) -> No
     text = CONFIG + '\n[effects.trees]\nform = "viscous"\nstems_per_ha = 300\ndbh_cm = 25\n'
     file, case = made_case(tmp_path, slope, 4, config=text)
     effect = HypothesisModel(case.table, EffectSettings(Trees("stems", efficiency=0.7)))
-    new = write_config_back(
-        tmp_path / "m" / "config.toml",
-        load_config(file),
-        replace(with_trees(case), effect=effect),
-        case,
-    )
+    new = written_back((file, case), tmp_path / "m", effect)
     trees = load_config(new).trees
     assert trees is not None
     assert (trees.stems_per_ha, trees.dbh_cm, trees.file) == (300.0, 25.0, None)
@@ -438,15 +441,10 @@ def test_the_user_keeps_a_forest_of_their_own(slope: Grid, tmp_path: Path) -> No
 def test_lateral_deflection_is_handed_over_where_paths_turn(
     made: Made, followed: Made, tmp_path: Path
 ) -> None:
-    for (file, case), path in ((made, "fall_line"), (followed, "followed")):
+    for own, path in ((made, "fall_line"), (followed, "followed")):
         kicks = LateralDeflection("kicks", 12.0, 7.5)
-        effect = HypothesisModel(case.table, EffectSettings(kicks))
-        new = write_config_back(
-            tmp_path / path / "config.toml",
-            load_config(file),
-            replace(with_trees(case), effect=effect),
-            case,
-        )
+        effect = HypothesisModel(own[1].table, EffectSettings(kicks))
+        new = written_back(own, tmp_path / path, effect)
         assert load_config(new).terrain.path == path
         lateral = load_config(new).effects.get(LateralDeflection)
         turns = kicks if path == "followed" else None
@@ -461,12 +459,7 @@ def test_every_part_of_a_draw_is_read_back_from_its_configuration(
     config, case = followed
     for seed in range(4):
         own = draw(case, (family,), ParameterDraws(np.random.default_rng(seed))).model
-        new = write_config_back(
-            tmp_path / str(seed) / "config.toml",
-            load_config(config),
-            replace(with_trees(case), effect=own),
-            case,
-        )
+        new = written_back(followed, tmp_path / str(seed), own)
         read = read_case(new, config.parent / "observed")
         again = configured_model(read)
         assert np.array_equal(again.table.rows(), own.table.rows())
@@ -492,12 +485,7 @@ def test_the_map_runs_what_was_scored(slope: Grid, tmp_path: Path) -> None:
     # Rough enough for blocks to stop on the slope.
     table = calibrated(case.table, mu_0=TAN + 0.25, mu_f=0.9, eta_max=0.3)
     model = HypothesisModel(table, EffectSettings(LateralDeflection("kicks", 8.0, 6.0)))
-    new = write_config_back(
-        tmp_path / "m" / "config.toml",
-        load_config(config),
-        replace(with_trees(case), effect=model),
-        case,
-    )
+    new = written_back((config, case), tmp_path / "m", model)
     points = gpd.GeoDataFrame(
         {"name": [r[0] for r in rows[1:]]},
         geometry=[shapely.Point(float(r[1]), float(r[2])) for r in rows[1:]],
@@ -557,23 +545,10 @@ def test_what_is_named_and_not_recommended_is_said_apart(made: Made, tmp_path: P
     assert "Confidence 71 %" in words and "what is handed over has calibrated ground" in words
 
 
-def test_toml_is_read_back_as_it_was() -> None:
-    document = {
-        "project": {"name": 'a "b" \\ ü \x7f\n'},
-        "ground": {"raster_classes": {"1": "rock", "a b": "talus"}, "x": 1e-12, "y": 3.0},
-        "blocks": [{"name": "a", "shape": [1.0, [0.7, 1.0]]}, {"name": "b", "n": 3, "t": True}],
-        "effects": {"trees": {"form": "stems"}, "soft_ground": {"classes": ["a", "b"]}},
-        "engine": {},
-        "objects": [],
-    }
-    assert tomllib.loads(tomli_w.dumps(document)) == document
-
-
 def test_ground_table_is_read_back(made: Made, tmp_path: Path) -> None:
     config, case = made
     table = calibrated(case.table, eta_max=0.4, dp_max=0.55, d_star_m=0.123456)
-    diagnosis = replace(with_trees(case), effect=HypothesisModel(table, EffectSettings()))
-    write_config_back(tmp_path / "config.toml", load_config(config), diagnosis, case)
+    written_back((config, case), tmp_path, HypothesisModel(table, EffectSettings()))
     read = read_ground_table(tmp_path / "ground_classes.csv")
     assert read.names == table.names
     assert np.array_equal(read.rows(), table.rows())
@@ -606,11 +581,9 @@ def test_quantities_in_words() -> None:
     assert with_unit_in_brackets("share", "1") == "share"
 
 
-def test_all_that_is_compared_has_a_name(few: Made) -> None:
-    _, case = few
-    found = where(
-        case, residuals_of(case, configured_model(case), seed=1, replicates=4), seed=1, draws=19
-    )
+def test_all_that_is_compared_has_a_name(few_case: Case) -> None:
+    residuals = residuals_of(few_case, configured_model(few_case), seed=1, replicates=4)
+    found = where(few_case, residuals, seed=1, draws=19)
     quantities = {f.quantity.removesuffix("_spread") for f in found}
     assert len(quantities) > 5
     assert quantities <= set(QUANTITY_NAMES)
@@ -670,16 +643,15 @@ def test_the_report_has_every_warning_of_the_console(written: Path) -> None:
     ],
 )  # fmt: skip
 def test_the_report_is_in_the_language_of_the_project(
-    few: Made,
+    few_case: Case,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     language: Any,
     words: tuple[str, ...],
 ) -> None:
-    _, case = few
     monkeypatch.setattr(gap_report, "gap_figures", lambda *_: [])
     # Sentences that were made by hand have no key.
-    made_up = with_trees(case)
+    made_up = with_trees(few_case)
     diagnosis = replace(
         made_up,
         first_sentence="",
@@ -690,8 +662,8 @@ def test_the_report_is_in_the_language_of_the_project(
     )
     with in_language(language):
         context = gap_report.gap_report(
-            case, diagnosis, tmp_path, project="Hang", terrain="dem.tif", crs="LV95",
-            configuration="config.toml", warnings=report_warnings(case, diagnosis),
+            few_case, diagnosis, tmp_path, project="Hang", terrain="dem.tif", crs="LV95",
+            configuration="config.toml", warnings=report_warnings(few_case, diagnosis),
         )  # fmt: skip
         page = words_of(write_report(tmp_path / "report.html", translated_report(context)))
     assert [text for text in words if text not in page] == []
@@ -699,8 +671,7 @@ def test_the_report_is_in_the_language_of_the_project(
     assert re.findall(english, page) == []
 
 
-def test_withheld_shrinkage_is_told(made: Made) -> None:
-    _, case = made
+def test_withheld_shrinkage_is_told(case: Case) -> None:
     diagnosis = with_trees(case)
     withheld = replace(diagnosis.shrinkage, value=None, ci95=None, note="the gap is small")
     parts = {p.heading: p for p in answer(replace(diagnosis, shrinkage=withheld))}
@@ -709,9 +680,8 @@ def test_withheld_shrinkage_is_told(made: Made) -> None:
     assert "%" not in text and text.endswith("The gap is small.")
 
 
-def test_no_place_is_named_where_none_is_sure(few: Made) -> None:
-    _, case = few
-    parts = {p.heading: p for p in answer(unnamed(case, "none"))}
+def test_no_place_is_named_where_none_is_sure(few_case: Case) -> None:
+    parts = {p.heading: p for p in answer(unnamed(few_case, "none"))}
     where = parts["Where the gap lies"]
     assert "cannot be placed" in where.sentences[0] and not where.points
 
@@ -734,11 +704,10 @@ def test_the_map_shows_what_matters_most_of_what_is_sure() -> None:
     assert headline([replace(speed, s0_m=math.nan)]) is None
 
 
-def test_one_sentence_for_each_quantity(few: Made) -> None:
-    _, case = few
+def test_one_sentence_for_each_quantity(few_case: Case) -> None:
     many = tuple(finding(p, "flight", "speed_mps", -2.0) for p in ("S1", "S2", "S1-S2"))
     many += (finding("S1", "flight", "height_m", 0.3, p_adjusted=0.0005),)
-    parts = {p.heading: p for p in answer(replace(with_trees(case), where=many))}
+    parts = {p.heading: p for p in answer(replace(with_trees(few_case), where=many))}
     points = parts["Where the gap lies"].points
     assert [p.split(":")[0] for p in points] == ["Speed at S1", "Passing height at S1"]
     assert "p < 0.001" in points[1]
@@ -774,9 +743,8 @@ def test_many_comparisons_are_cut_and_the_figure_says_so() -> None:
     assert "S1 · phase0" in texts(figure) and "S1 · phase39" not in texts(figure)
 
 
-def test_few_rocks_are_steps(few: Made) -> None:
-    _, case = few
-    comparison = with_trees(case).comparisons[0]
+def test_few_rocks_are_steps(few_case: Case) -> None:
+    comparison = with_trees(few_case).comparisons[0]
     figure = figures.gap_distributions_figure([comparison], effect="trees")
     (line,) = marked(figure, "observed")
     x, y = line.get_data()
@@ -800,20 +768,17 @@ def test_the_band_holds_samples_of_the_base_model() -> None:
     assert (inside >= 0.94).all()
 
 
-def test_effect_is_left_out_where_none_is_named(few: Made) -> None:
-    _, case = few
-    figure = figures.gap_distributions_figure(unnamed(case, "none").comparisons)
+def test_effect_is_left_out_where_none_is_named(few_case: Case) -> None:
+    figure = figures.gap_distributions_figure(unnamed(few_case, "none").comparisons)
     assert not marked(figure, "effect") and "→" not in texts(figure)
 
 
-def test_unobserved_quantities_are_empty_panels(few: Made) -> None:
-    _, case = few
-    comparison = replace(with_trees(case).comparisons[0], observed=(math.nan,))
+def test_unobserved_quantities_are_empty_panels(few_case: Case) -> None:
+    comparison = replace(with_trees(few_case).comparisons[0], observed=(math.nan,))
     assert "not observed" in texts(figures.gap_distributions_figure([comparison]))
 
 
-def test_hypotheses_show_what_is_confused(made: Made) -> None:
-    _, case = made
+def test_hypotheses_show_what_is_confused(case: Case) -> None:
     diagnosis = with_trees(case)
     figure = figures.gap_hypotheses_figure(
         diagnosis.which, verdict="trees", confusion=("trees", "soft_ground")
@@ -833,8 +798,7 @@ def test_hypotheses_without_intervals_are_drawn() -> None:
     assert not marked(figure, "interval") and len(marked(figure, "gain")) == 1
 
 
-def test_map_colours_lie_about_zero(made: Made) -> None:
-    _, case = made
+def test_map_colours_lie_about_zero(case: Case) -> None:
     lines, stretches, stations, first = map_parts(case, with_trees(case))
     assert first is FINDINGS[0]
     assert len(lines) == 40
@@ -851,8 +815,7 @@ def test_map_colours_lie_about_zero(made: Made) -> None:
     assert -low == high == pytest.approx(2.1)
 
 
-def test_map_without_a_gap_has_no_colours(made: Made) -> None:
-    _, case = made
+def test_map_without_a_gap_has_no_colours(case: Case) -> None:
     lines, stretches, stations, first = map_parts(case, replace(with_trees(case), where=()))
     assert first is None and not stretches
     figure = figures.gap_map_figure(

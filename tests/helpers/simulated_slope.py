@@ -21,6 +21,7 @@ from sassgis.gap.observations.tables import (
     Stations,
     Trajectories,
 )
+from sassgis.gap.replicas.hypothesis_model import HypothesisModel
 from sassgis.gap.replicas.released_rocks import repeated
 from sassgis.gap.replicas.rock_lines import dips_at
 from sassgis.model.blocks import BlockPopulation
@@ -72,6 +73,8 @@ TABLE = GroundTable(
         ),
     )
 )
+#: The model that the case knows.
+BASE = HypothesisModel(TABLE, EffectSettings())
 CONFIGURED = BlockPopulation(
     axis_1_m=(0.45, 0.65), axis_2_m=(0.35, 0.48), axis_3_m=(0.25, 0.40), drop_m=(0.3, 1.0)
 )
@@ -82,6 +85,32 @@ ERRORS = {
     "position_error_m": 0.25,
     "fps": 25.0,
 }
+
+
+def table_with(name: str, **values: float) -> GroundTable:
+    """The table with other values of one class."""
+    return GroundTable(
+        tuple(dataclasses.replace(c, **values) if c.name == name else c for c in TABLE.classes)
+    )
+
+
+def with_observed(case: Case, **changed: Any) -> Case:
+    """The case with other tables or metadata."""
+    return dataclasses.replace(case, observations=dataclasses.replace(case.observations, **changed))
+
+
+def with_metadata(case: Case, **stated: float) -> Case:
+    """The case with other errors of measurement in its metadata."""
+    own = dataclasses.replace(case.observations.metadata, **stated)
+    return with_observed(case, metadata=own)
+
+
+def with_passages(case: Case, keep: Any) -> Case:
+    """The case with some of its passages alone, by a mask."""
+    put = case.projected["passages"]
+    fewer = type(put)(*(getattr(put, f.name)[keep] for f in dataclasses.fields(put)))
+    case = with_observed(case, passages=case.observations.passages.take(keep))
+    return dataclasses.replace(case, projected={**case.projected, "passages": fewer})
 
 
 def tangent(down: Any) -> Any:
@@ -234,7 +263,7 @@ def observed(
         mass_kg=mass,
         radius_m=np.cbrt(axes.prod(axis=1)),
         stations=station_chainages(traces, stations),
-        projected=project_observations(observations, traces, line, grid=grid, profiles=flat),
+        projected=project_observations(observations, traces, line, grid=grid),
     )
 
 

@@ -32,13 +32,7 @@ from sassgis.gap.calibration.identifiability import (
     told_by,
     trade_offs,
 )
-from sassgis.gap.calibration.linear_fit import (
-    FitBudget,
-    RunTrials,
-    Seen,
-    Trial,
-    fit_linearly,
-)
+from sassgis.gap.calibration.linear_fit import FitBudget, RunTrials, Seen, Trial, fit_linearly
 from sassgis.gap.calibration.parameters import ClassParameter, Prior, parameters_of, table_with
 from sassgis.gap.calibration.problem import (
     CalibrationProblem,
@@ -47,12 +41,7 @@ from sassgis.gap.calibration.problem import (
     prediction,
     scores_of,
 )
-from sassgis.gap.calibration.site_summary import (
-    SiteSummary,
-    joined,
-    rocks_drawn_anew,
-    summary_of,
-)
+from sassgis.gap.calibration.site_summary import SiteSummary, joined, rocks_drawn_anew, summary_of
 from sassgis.gap.inference.intervals import Interval
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel, configured_model
 from sassgis.model.grid import FloatArray, IntArray
@@ -140,7 +129,7 @@ def run_trial(task: CalibrationTask, trial: Trial) -> Seen:
         model = task.model(site.problem, shares)
         own, rows = site.of_model(model, trial.number, trial.count)
         numbers.append(own)
-        scores.append(scores_of(site.problem, model, trial.number, trial.count, rows))
+        scores.append(scores_of(site.problem, model, trial.number, rows))
     return np.concatenate(numbers), float(np.concatenate(scores).mean())
 
 
@@ -339,11 +328,8 @@ class SiteCalibration:
 
     def table(self, configured: GroundTable) -> GroundTable:
         """A table with the calibrated values."""
-        return table_with(
-            configured,
-            [f.parameter for f in self.fitted],
-            np.array([f.share for f in self.fitted]),
-        )
+        shares = np.array([f.share for f in self.fitted])
+        return table_with(configured, [f.parameter for f in self.fitted], shares)
 
 
 def result_of(task: CalibrationTask, found: Calibrated, run: RunFinals) -> SiteCalibration:
@@ -365,10 +351,7 @@ def result_of(task: CalibrationTask, found: Calibrated, run: RunFinals) -> SiteC
     sites, pairs = [], []
     for k, site in enumerate(task.sites):
         models = {"before": made[3 * k], "after": made[3 * k + 1], "left out": left_out[k]}
-        score, own_score = (
-            float(_of_units(site, one).mean()) for one in made[3 * k + 1 : 3 * k + 3]
-        )
-        fit = SiteFit(score, own_score, own[k])
+        fit = SiteFit(*(float(_of_units(site, one).mean()) for one in made[3 * k + 1 : 3 * k + 3]))
         replicas = {name: model.replicas for name, model in models.items()}
         pairs.append((_of_units(site, models["before"]), _of_units(site, models["left out"])))
         sites.append(
@@ -380,7 +363,7 @@ def result_of(task: CalibrationTask, found: Calibrated, run: RunFinals) -> SiteC
                 table_scores(site, {name: model.scores for name, model in models.items()}),
                 paired_gain(*pairs[-1]),
                 fit,
-                _by_label(parameters, fit.own),
+                _by_label(parameters, own[k]),
                 replicas,
                 site.quantities,
             )

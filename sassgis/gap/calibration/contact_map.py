@@ -20,7 +20,8 @@ from sassgis.gap.calibration.impact_scores import (
     observed_outcomes,
     simulated_outcomes,
 )
-from sassgis.gap.calibration.parameters import CalibrationRange
+from sassgis.gap.calibration.parameters import ClassParameter
+from sassgis.gap.causes.parameter_draws import Range
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel
 from sassgis.gap.residuals.one_step import ImpactsInFlight
@@ -31,10 +32,10 @@ from sassgis.model.ground import GroundClass, GroundTable
 #: Ranges of the parameters of a contact, and how far those of one class lie from site to site
 #: (standard deviation, as a share of the range): wide, as other laws are to be met.
 _RANGES = {
-    "eta_max": (CalibrationRange(0.0, 1.0, False, "impacts"), 0.15),
-    "mu_f": (CalibrationRange(0.02, 1.5, False, "impacts"), 0.17),
-    "restitution": (CalibrationRange(0.0, 1.0, False, "impacts"), 0.25),
-    "restitution_speed_mps": (CalibrationRange(0.5, 200.0, True, "impacts"), 0.13),
+    "eta_max": (Range(0.0, 1.0), 0.15),
+    "mu_f": (Range(0.02, 1.5), 0.17),
+    "restitution": (Range(0.0, 1.0), 0.25),
+    "restitution_speed_mps": (Range(0.5, 200.0, "log"), 0.13),
 }
 #: Contacts and rocks from which on a class is learned, and contacts of it that are used at most.
 _FEWEST, _FEWEST_ROCKS, _MOST = 20, 5, 250
@@ -100,10 +101,7 @@ def _with_shift(ground: GroundClass, shift: FloatArray) -> GroundClass:
     """A class with shifted parameters of the contact, kept within their ranges."""
     values = {}
     for (name, (limits, sd)), own in zip(_RANGES.items(), shift.tolist(), strict=True):
-        low, high = (np.log(v) if limits.log else v for v in (limits.low, limits.high))
-        configured = float(getattr(ground, name))
-        at = (np.log(max(configured, limits.low)) if limits.log else configured) - low
-        share = min(max(at / (high - low) + sd * own, 0.0), 1.0)
-        value = low + (high - low) * share
-        values[name] = float(f"{np.exp(value) if limits.log else value:.6g}")
+        one = ClassParameter(ground.name, name, limits, float(getattr(ground, name)))
+        share = min(max(one.share(one.configured) + sd * own, 0.0), 1.0)
+        values[name] = float(f"{float(one.value(share)):.6g}")
     return replace(ground, **values)  # type: ignore[arg-type]

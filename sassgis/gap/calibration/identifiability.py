@@ -318,13 +318,10 @@ class SiteFit:
         Mean score of its rocks at the common parameters.
     own_score : float
         The same at the best parameters for this site.
-    own : float64, shape (d,)
-        These, as shares of the ranges.
     """
 
     score: float
     own_score: float
-    own: FloatArray
 
 
 def contradicting(sites: Sequence[Told], fits: Sequence[SiteFit], seed: int) -> bool:

@@ -54,7 +54,7 @@ def simulated_outcomes(
     turns = model.measurement.rotation_scale
     rng = np.random.default_rng([seed, number, 87])
     start = replace(impacts, spin=np.where(impacts.has_spin, impacts.spin / turns, impacts.spin))
-    after = rebound_draws(case, model.table, start, rng, model.effects)
+    after = rebound_draws(case, model, start, rng)
     along = np.maximum(impacts.impacts.vt_in_mps, 0.0)
     rolls = np.column_stack([along, np.zeros(along.size), along / impacts.radius])
     made = np.where(np.isfinite(after), after, rolls[:, None])

@@ -7,32 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sassgis.gap.causes.parameter_draws import Range
 from sassgis.gap.observations.case import Case
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray
 from sassgis.model.ground import PARAMETERS, GroundTable
 from sassgis.model.ground_ranges import RangeRule, ranges_of, with_values
 from sassgis.model.settings import EngineSettings
-
-
-@dataclass(frozen=True, slots=True)
-class CalibrationRange:
-    """Where a parameter may lie.
-
-    Attributes
-    ----------
-    low, high : float
-    log : bool
-        Whether it is searched on a logarithmic scale.
-    seen_in : str
-        What observations say about it.
-    """
-
-    low: float
-    high: float
-    log: bool
-    seen_in: str
-
 
 #: Digits of shares of ranges.
 _SHARE_DIGITS = 9
@@ -42,12 +23,12 @@ _BEYOND = 1.5
 _LEAST_SHARE = 0.02
 #: Ranges wide enough for any ground that rocks have been observed on. They are limits of the
 #: search, not values of any ground: a result at a limit is a finding.
-RANGES: Mapping[str, CalibrationRange] = {
-    "restitution": CalibrationRange(0.0, 0.9, False, "impacts, passing heights; less run-out"),
-    "eta_max": CalibrationRange(0.1, 1.0, False, "impacts, speeds, run-out"),
-    "mu_f": CalibrationRange(0.2, 1.2, False, "impacts, speeds, run-out"),
-    "mu_0": CalibrationRange(0.05, 0.9, False, "run-out"),
-    "rolling_threshold": CalibrationRange(0.02, 2.0, True, "run-out, passing heights"),
+RANGES: Mapping[str, Range] = {
+    "restitution": Range(0.0, 0.9),
+    "eta_max": Range(0.1, 1.0),
+    "mu_f": Range(0.2, 1.2),
+    "mu_0": Range(0.05, 0.9),
+    "rolling_threshold": Range(0.02, 2.0, "log"),
 }
 
 
@@ -58,14 +39,14 @@ class ClassParameter:
     Attributes
     ----------
     class_name, name : str
-    limits : CalibrationRange
+    limits : Range
     configured : float
         Value before the calibration.
     """
 
     class_name: str
     name: str
-    limits: CalibrationRange
+    limits: Range
     configured: float
     #: Standard deviation of the prior about the configured value, as a share of the range. Half the
     #: range where nothing is known of how such values vary between sites.
@@ -78,15 +59,15 @@ class ClassParameter:
 
     def value(self, share: FloatArray | float) -> FloatArray:
         """Values at shares of the range."""
-        own = self.limits
-        low, high = (np.log(own.low), np.log(own.high)) if own.log else (own.low, own.high)
+        own, log = self.limits, self.limits.scale == "log"
+        low, high = (np.log(own.low), np.log(own.high)) if log else (own.low, own.high)
         at = low + (high - low) * np.asarray(share, np.float64)
-        return np.exp(at) if own.log else at
+        return np.exp(at) if log else at
 
     def share(self, value: float) -> float:
         """Share of the range at which a value lies; above 1 beyond it."""
         own = self.limits
-        if own.log:
+        if own.scale == "log":
             return float(np.log(max(value, own.low) / own.low) / np.log(own.high / own.low))
         return (value - own.low) / (own.high - own.low)
 

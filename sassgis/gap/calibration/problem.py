@@ -69,8 +69,7 @@ class Scale:
         values = np.column_stack([_scored(name, quantities[name]) for name in self.names])
         z = (values - self.centre) / self.scale
         absent = ~np.isfinite(z)
-        rows: FloatArray = np.hstack([np.where(absent, 0.0, z), absent.astype(float)])
-        return rows
+        return np.hstack([np.where(absent, 0.0, z), absent.astype(float)])
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,14 +204,11 @@ def problem_of(
             outcomes = np.where(np.isfinite(outcomes), made[:, 0], np.nan)
         seen_after = impact_quantities(impacts, outcomes[:, None], case.n_rocks)
         compared |= {k: v[:, 0] for k, v in seen_after.items() if np.isfinite(v).any()}
-    groups = np.unique(case.group).size
+    groups, unit = np.unique(case.group, return_inverse=True)
     return CalibrationProblem(
         name, case, rock_lines, scale, observed, compared, scale.rows(quantities),
-        impacts, outcomes, seed, folds_of(case.n_rocks, seed, case.group),
-        np.unique(case.group, return_inverse=True)[1]
-        if groups >= _FEWEST_GROUPS
-        else np.arange(case.n_rocks),
-        unseen, sideways,
+        impacts, outcomes, seed, folds_of(case.group, seed),
+        unit if groups.size >= _FEWEST_GROUPS else np.arange(case.n_rocks), unseen, sideways,
     )  # fmt: skip
 
 
@@ -316,15 +312,12 @@ def scores_of(
     problem: CalibrationProblem,
     model: HypothesisModel,
     number: int,
-    count: int,
-    rows: FloatArray | None = None,
+    rows: FloatArray,
 ) -> FloatArray:
     """Energy score of each observed rock in a model, shape (n_rocks,), added over the tables.
 
-    ``rows`` of campaigns that were made already spare new ones.
+    ``rows``: of its campaigns of this number (``model_rows``).
     """
-    if rows is None and problem.scale.names:
-        rows = model_rows(problem, model, number, count)
     outcomes = None if problem.impacts is None else _outcomes(problem, model, number)
     return added(_table_scores(problem, rows, outcomes))
 

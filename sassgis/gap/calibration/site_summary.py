@@ -56,8 +56,7 @@ class ObservedNumbers:
 
     def in_errors(self, numbers: FloatArray) -> FloatArray:
         """Numbers that the observations have, in standard errors, the last axis shape (p,)."""
-        scaled: FloatArray = (numbers / self.error)[..., self.used]
-        return scaled
+        return (numbers / self.error)[..., self.used]
 
 
 def joined(sites: Sequence[ObservedNumbers]) -> ObservedNumbers:
@@ -147,9 +146,7 @@ class SiteSummary(ObservedNumbers):
             problem.case, problem.rock_lines, model,
             count=count, seed=problem.seed, number=number,
         )  # fmt: skip
-        rows = np.zeros((count, problem.n_rocks, 0))
-        if problem.scale.names:
-            rows = rows_of(problem, [rock_quantities(problem.case, one) for one in made])
+        rows = rows_of(problem, [rock_quantities(problem.case, one) for one in made])
         return rows, outcomes, [one.impacts for one in made]
 
 

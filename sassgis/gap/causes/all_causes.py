@@ -38,9 +38,6 @@ _ROWS = (
 #: The causes by name, in the order in which their fingerprints are listed.
 CAUSES: Mapping[str, Cause] = {row.name: row for row in _ROWS}
 
-#: Numbers of the causes, on which their random draws hang.
-NUMBERS: Mapping[str, int] = {row.name: row.number for row in _ROWS}
-
 #: Causes that are weighed against each other, by number.
 FAMILIES: tuple[str, ...] = tuple(
     row.name for row in sorted(_ROWS, key=lambda row: row.number) if row.weighed

@@ -147,10 +147,7 @@ class Cause:
 
 
 def part_of(
-    settings: type[EffectSection],
-    form: str,
-    values: Mapping[str, float],
-    **others: object,
+    settings: type[EffectSection], form: str, values: Mapping[str, float], **others: object
 ) -> CausePart:
     """An effect with drawn values and others that are not reported."""
     effect = settings(**({"form": form} if form else {}), **others, **values)

@@ -1,4 +1,4 @@
-"""What is left of impacts after the law of the contact, in standard deviations."""
+"""What is left of impacts after the law of the contact, and what flights between them lack."""
 
 from __future__ import annotations
 
@@ -28,3 +28,11 @@ def beyond_any_law(rows: StepTable, z: FloatArray) -> FloatArray:
     ridge = 1.0 * np.eye(design.shape[1])
     left: FloatArray = z - design @ np.linalg.solve(design.T @ design + ridge, design.T @ z)
     return left
+
+
+def loss_of_flights(rows: StepTable) -> tuple[StepTable, FloatArray, FloatArray]:
+    """Flights, what they lost (J/kg), and that in standard deviations; Unseen if there are few."""
+    if len(rows) < 2 * LEAST:
+        raise Unseen
+    loss = rows.predicted - rows.observed
+    return rows, loss, loss / rows.sd

@@ -20,7 +20,6 @@ _BOUNDS = {
     "mu_0": (0.02, 1.0),
 }
 
-
 #: Normal speed at which the restitution of the classes has halved (m/s).
 _HALVED_AT_MPS = 9.144
 

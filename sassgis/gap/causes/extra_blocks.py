@@ -155,7 +155,6 @@ FRAGMENTATION = Cause(
     ),
 )
 
-
 _ENTRAINMENT = Fit(
     ranges={
         "number": Range(0.003, 0.8, "log"),

@@ -15,17 +15,22 @@ from sassgis.model.grid import FloatArray
 HARD = ("rock", "asphalt")
 
 
-def soft_first(case: Case) -> list[str]:
-    """Classes that profiles cross, but for hard ones if there are others, the softest first."""
+def _yielding(case: Case) -> list[str]:
+    """Classes that profiles cross, but for hard ones if there are others."""
     present = [case.table.classes[k].name for k in np.unique(case.profiles.ground).tolist()]
-    yielding = [name for name in present if name not in HARD] or present
-    return sorted(yielding, key=lambda name: case.table.classes[case.table.index(name)].eta_max)
+    return [name for name in present if name not in HARD] or present
+
+
+def soft_first(case: Case) -> list[str]:
+    """Classes that are not hard, the softest first."""
+    return sorted(
+        _yielding(case), key=lambda name: case.table.classes[case.table.index(name)].eta_max
+    )
 
 
 def loose_classes(case: Case, draws: ParameterDraws) -> tuple[str, ...]:
     """Classes with loose blocks."""
-    present = [case.table.classes[k].name for k in np.unique(case.profiles.ground).tolist()]
-    loose = [name for name in present if name not in HARD] or present
+    loose = _yielding(case)
     # Meadows are commonly free of stones.
     if len(loose) > 1 and draws.share("loose_classes") < 0.6:
         loose = soft_first(case)[1:]

@@ -18,7 +18,7 @@ def rounded(value: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Range:
-    """Where a parameter is drawn from: between two limits, evenly or on a logarithmic scale."""
+    """Where a parameter may lie: between two limits, searched evenly or on a logarithmic scale."""
 
     low: float
     high: float

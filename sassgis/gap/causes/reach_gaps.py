@@ -58,8 +58,7 @@ def late_by_rock(gaps: FloatArray) -> FloatArray:
 def standardised(values: FloatArray) -> FloatArray:
     """Less their mean, over their scatter; zero without any."""
     spread = float(np.nanstd(values))
-    result: FloatArray = (values - np.nanmean(values)) / spread if spread > 0.0 else 0.0 * values
-    return result
+    return (values - np.nanmean(values)) / spread if spread > 0.0 else 0.0 * values
 
 
 def sizes(residuals: ResidualTable) -> FloatArray:

@@ -5,15 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sassgis.engine.effects.soft_ground import SoftGround
-from sassgis.gap.causes.cause import (
-    LEAST,
-    Cause,
-    CausePart,
-    Scores,
-    Trace,
-    Unseen,
-    part_of,
-)
+from sassgis.gap.causes.cause import LEAST, Cause, CausePart, Scores, Trace, Unseen, part_of
 from sassgis.gap.causes.contact_gaps import contact_gaps
 from sassgis.gap.causes.ground_classes import HARD, on_its_classes, soft_first
 from sassgis.gap.causes.parameter_draws import Fit, ParameterDraws, Range

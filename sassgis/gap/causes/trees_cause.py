@@ -22,7 +22,7 @@ from sassgis.gap.causes.cause import (
     Unseen,
     part_of,
 )
-from sassgis.gap.causes.flight_losses import loss_of_flights
+from sassgis.gap.causes.contact_gaps import loss_of_flights
 from sassgis.gap.causes.ground_classes import reaches_between
 from sassgis.gap.causes.parameter_draws import Fit, ParameterDraws, Range, rounded
 from sassgis.gap.causes.reach_gaps import reach_contrasts
@@ -131,10 +131,7 @@ def _struck(rows: StepTable, loss: FloatArray, usual: FloatArray) -> NDArray[np.
     middle = float(np.median(usual))
     # Stated errors may be too small: what flights scatter by themselves counts as well.
     scatter = max(float(np.median(np.abs(usual - middle))) / MEDIAN_OF_NORMAL, 1.0)
-    found: NDArray[np.bool_] = (share > _STRUCK_SHARE) & (
-        usual - max(middle, 0.0) > _STRUCK_SD * scatter
-    )
-    return found
+    return (share > _STRUCK_SHARE) & (usual - max(middle, 0.0) > _STRUCK_SD * scatter)
 
 
 def _above_the_ground(case: Case, residuals: ResidualTable) -> Scores:
@@ -150,8 +147,7 @@ def _above_the_ground(case: Case, residuals: ResidualTable) -> Scores:
 def _struck_aloft(rows: StepTable) -> NDArray[np.bool_]:
     """Whether paths in time lost so much above the ground that something was struck."""
     lost = 1.0 - rows.observed / rows.predicted
-    found: NDArray[np.bool_] = (lost > _LOST_SHARE) & (-rows.z > _LOST_SD)
-    return found
+    return (lost > _LOST_SHARE) & (-rows.z > _LOST_SD)
 
 
 def losses_at_one_place(residuals: ResidualTable) -> tuple[int, float] | None:

@@ -8,9 +8,7 @@ import math
 from dataclasses import asdict
 from typing import Any
 
-from sassgis.gap.check.answers import (
-    Truth,
-)
+from sassgis.gap.check.answers import Truth
 from sassgis.gap.check.worlds import World
 
 

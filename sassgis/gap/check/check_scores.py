@@ -21,7 +21,8 @@ from sassgis.gap.check.answers import (
     is_right,
     names_in,
 )
-from sassgis.gap.inference.intervals import Interval, share_interval
+from sassgis.gap.diagnosis import without_nan
+from sassgis.gap.inference.intervals import share_interval
 from sassgis.gap.which.verdict import CONTACT_LAW
 
 #: Least confidence with which an effect is named.
@@ -299,8 +300,8 @@ def calibration_error(pairs: Sequence[Pair]) -> float:
 def share(measure: str, hits: Iterable[bool]) -> Share:
     """Share of hits, with its interval."""
     found = list(hits)
-    interval: Interval = share_interval(int(sum(found)), len(found), method="exact")
-    return Share(measure, int(sum(found)), len(found), interval.value, interval.low, interval.high)
+    own = share_interval(int(sum(found)), len(found))
+    return Share(measure, int(sum(found)), len(found), own.value, own.low, own.high)
 
 
 def reliability(pairs: Sequence[Pair]) -> tuple[ReliabilityRow, ...]:
@@ -363,7 +364,7 @@ def _reached(aim: Aim, figures: Figures) -> dict[str, Any]:
 
 def scores_as_json(scores: CheckScores) -> dict[str, Any]:
     """The scores as plain values; missing numbers become None."""
-    plain: dict[str, Any] = _clean(
+    plain: dict[str, Any] = without_nan(
         {
             "failed": scores.failed,
             "acceptance": acceptance(scores),
@@ -557,13 +558,3 @@ def _column(effect: str) -> str:
     if "+" in effect:
         return "pair"
     return effect if effect in ANSWERS else "no answer"
-
-
-def _clean(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(k): _clean(v) for k, v in value.items()}
-    if isinstance(value, tuple | list):
-        return [_clean(v) for v in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value

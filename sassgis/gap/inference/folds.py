@@ -10,20 +10,19 @@ from sassgis.model.grid import IntArray
 FOLDS = 5
 
 
-def folds_of(n_rocks: int, seed: int, group: IntArray | None = None) -> IntArray:
+def folds_of(group: IntArray, seed: int) -> IntArray:
     """Part of each rock for cross-validation, shape (n_rocks,).
 
     Parameters
     ----------
-    n_rocks : int
-    seed : int
-    group : int64, shape (n_rocks,), optional
+    group : int64, shape (n_rocks,)
         Rocks of a group (block, day, source) come into the same part. A single group is split.
+    seed : int
     """
     rng = np.random.default_rng([seed, 21])
-    unit = np.arange(n_rocks)
-    if group is not None and np.unique(group).size > 1:
-        unit = np.unique(group, return_inverse=True)[1]
+    groups, unit = np.unique(group, return_inverse=True)
+    if groups.size == 1:
+        unit = np.arange(group.size)
     size = np.bincount(unit)
     order = rng.permutation(size.size)
     # The largest first, each into the part that has the fewest rocks so far.
@@ -32,5 +31,4 @@ def folds_of(n_rocks: int, seed: int, group: IntArray | None = None) -> IntArray
     for k in order.tolist():
         part_of[k] = int(np.argmin(filled))
         filled[part_of[k]] += size[k]
-    parts: IntArray = part_of[unit]
-    return parts
+    return part_of[unit]

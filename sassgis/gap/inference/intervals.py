@@ -14,9 +14,12 @@ from scipy import stats
 from sassgis.model.grid import FloatArray, IntArray
 
 
-def bootstrap_rows(
-    rock: IntArray, draws: int, rng: np.random.Generator
-) -> Iterator[tuple[IntArray, IntArray]]:
+def _rows_by_rock(rock: IntArray) -> list[IntArray]:
+    _, counts = np.unique(rock, return_counts=True)
+    return np.split(np.argsort(rock, kind="stable"), np.cumsum(counts)[:-1])
+
+
+def bootstrap_rows(rock: IntArray, draws: int, rng: np.random.Generator) -> Iterator[IntArray]:
     """Rows of bootstrap samples in which whole rocks are drawn with replacement.
 
     Parameters
@@ -29,21 +32,12 @@ def bootstrap_rows(
 
     Yields
     ------
-    rows : int64, shape (n_rows,)
+    int64, shape (n_rows,)
         All rows of the drawn rocks; a rock drawn twice brings its rows twice.
-    rock : int64, shape (n_rows,)
-        New numbers of the rocks, under which one drawn twice counts as two.
     """
-    names, index = np.unique(np.asarray(rock), return_inverse=True)
-    order = np.argsort(index, kind="stable")
-    size = np.bincount(index, minlength=names.size)
-    start = np.concatenate([[0], np.cumsum(size)[:-1]])
+    rows = _rows_by_rock(rock)
     for _ in range(draws):
-        drawn = rng.integers(names.size, size=names.size)
-        length = size[drawn]
-        new = np.repeat(np.arange(names.size, dtype=np.int64), length)
-        within = np.arange(length.sum()) - np.repeat(np.cumsum(length) - length, length)
-        yield order[np.repeat(start[drawn], length) + within].astype(np.int64), new
+        yield np.concatenate([rows[k] for k in rng.integers(len(rows), size=len(rows))])
 
 
 def times_drawn(unit: IntArray, rng: np.random.Generator, samples: int) -> FloatArray:
@@ -84,10 +78,9 @@ def bootstrap_interval(
     *,
     draws: int,
     rng: np.random.Generator,
-    level: float = 0.95,
-    method: Literal["percentile", "basic", "BCa"] = "BCa",
+    method: Literal["percentile", "BCa"] = "BCa",
 ) -> Interval:
-    """Interval of a statistic by resampling rocks (``scipy.stats.bootstrap``).
+    """95 % interval of a statistic by resampling rocks (``scipy.stats.bootstrap``).
 
     What is resampled are the numbers of the rocks; each brings all its rows.
 
@@ -99,9 +92,7 @@ def bootstrap_interval(
         Rock of each row.
     draws : int
     rng : numpy.random.Generator
-    level : float
-        Nominal coverage.
-    method : {"percentile", "basic", "BCa"}
+    method : {"percentile", "BCa"}
         ``BCa`` corrects the percentiles for bias and skewness by a jackknife over rocks (B. Efron,
         1987, Better bootstrap confidence intervals, J. Am. Stat. Assoc. 82, 171-185).
 
@@ -112,51 +103,37 @@ def bootstrap_interval(
         is too narrow: the coverage of 95 % intervals is then nearer to 90 %.
     """
     value = float(statistic(np.arange(np.size(rock), dtype=np.int64)))
-    names, index = np.unique(np.asarray(rock), return_inverse=True)
-    rows = np.split(np.argsort(index, kind="stable"), np.cumsum(np.bincount(index))[:-1])
-    if names.size < 2:
+    rows = _rows_by_rock(rock)
+    if len(rows) < 2:
         return Interval(value, math.nan, math.nan)
     with warnings.catch_warnings():
         # A statistic without scatter has no limits: NaN says so.
         warnings.simplefilter("ignore", stats.DegenerateDataWarning)
         found = stats.bootstrap(
-            (np.arange(names.size),),
+            (np.arange(len(rows)),),
             lambda drawn: statistic(np.concatenate([rows[i] for i in drawn])),
             n_resamples=draws,
             vectorized=False,
-            confidence_level=level,
             method=method,
             rng=rng,
         ).confidence_interval
     return Interval(value, float(found.low), float(found.high))
 
 
-def mean_interval(values: FloatArray, level: float = 0.95) -> Interval:
-    """Student's interval of the mean of independent values; NaN of fewer than two."""
+def mean_interval(values: FloatArray) -> Interval:
+    """Student's 95 % interval of the mean of independent values; NaN of fewer than two."""
     if values.size < 2:
         return Interval(math.nan, math.nan, math.nan)
     mean = float(values.mean())
     error = float(values.std(ddof=1)) / math.sqrt(values.size)
-    half = float(stats.t.ppf(0.5 + 0.5 * level, values.size - 1)) * error
+    half = float(stats.t.ppf(0.975, values.size - 1)) * error
     return Interval(mean, mean - half, mean + half)
 
 
-def share_interval(
-    hits: int,
-    trials: int,
-    *,
-    level: float = 0.95,
-    method: Literal["wilson", "exact"] = "wilson",
-) -> Interval:
-    """Interval of a share of independent trials (``scipy.stats.binomtest``).
+def share_interval(hits: int, trials: int) -> Interval:
+    """95 % interval of a share of independent trials, never too narrow.
 
-    Parameters
-    ----------
-    hits, trials : int
-    level : float
-    method : {"wilson", "exact"}
-        E. B. Wilson (1927, J. Am. Stat. Assoc. 22, 209-212): right on the average. C. J. Clopper
-        and E. S. Pearson (1934, Biometrika 26, 404-413): never too narrow.
+    C. J. Clopper and E. S. Pearson (1934, Biometrika 26, 404-413), by ``scipy.stats.binomtest``.
 
     Returns
     -------
@@ -172,5 +149,5 @@ def share_interval(
         raise ValueError(f"{hits} hits in {trials} trials")
     if trials == 0:
         return Interval(math.nan, 0.0, 1.0)
-    found = stats.binomtest(hits, trials).proportion_ci(level, method)
+    found = stats.binomtest(hits, trials).proportion_ci(0.95, "exact")
     return Interval(hits / trials, float(found.low), float(found.high))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 from scipy import stats
 
@@ -64,7 +62,7 @@ def t_statistics(values: FloatArray) -> FloatArray:
     return _t(filled.sum(axis=0), (filled**2).sum(axis=0), count)
 
 
-def _t(sums: FloatArray, squares: FloatArray, count: FloatArray | IntArray) -> FloatArray:
+def _t(sums: FloatArray, squares: FloatArray, count: IntArray) -> FloatArray:
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = sums / count
         variance = np.maximum(squares / count - mean**2, 0.0) * count / (count - 1)
@@ -75,13 +73,12 @@ def _t(sums: FloatArray, squares: FloatArray, count: FloatArray | IntArray) -> F
     return np.where(count >= 3, t, np.nan)
 
 
-def max_t_adjusted(
-    statistic: FloatArray, null: FloatArray, *, step_down: bool = True
-) -> FloatArray:
+def max_t_adjusted(statistic: FloatArray, null: FloatArray) -> FloatArray:
     """P-values adjusted for the number of comparisons, by the largest statistic under the null.
 
     P. H. Westfall and S. S. Young (1993, Resampling-based multiple testing): the chance of even one
-    false finding is kept below the level, and what the comparisons have in common is used.
+    false finding is kept below the level, and what the comparisons have in common is used. Each
+    statistic is compared with the largest of those that are not stronger than itself (step-down).
 
     Parameters
     ----------
@@ -89,9 +86,6 @@ def max_t_adjusted(
         The larger, the stronger (take absolute values for two sides); NaN where there is none.
     null : float64, shape (draws, k)
         The same from data in which there is nothing to find. NaN never wins.
-    step_down : bool
-        Compare each statistic with the largest of those not stronger than itself only, which finds
-        more at the same level.
 
     Returns
     -------
@@ -105,10 +99,7 @@ def max_t_adjusted(
         return p
     order = use[np.argsort(-observed[use], kind="stable")]
     drawn = np.where(np.isnan(null), -np.inf, null)[:, order]
-    if step_down:
-        largest = np.maximum.accumulate(drawn[:, ::-1], axis=1)[:, ::-1]
-    else:
-        largest = np.repeat(drawn.max(axis=1, keepdims=True), order.size, axis=1)
+    largest = np.maximum.accumulate(drawn[:, ::-1], axis=1)[:, ::-1]
     reached = (largest >= observed[order]).sum(axis=0)
     p[order] = np.maximum.accumulate((reached + 1.0) / (len(null) + 1.0))
     return p
@@ -130,17 +121,13 @@ def holm_adjusted(p: FloatArray) -> FloatArray:
 
 
 def mean_gap_tests(
-    values: FloatArray,
-    *,
-    draws: int,
-    rng: np.random.Generator,
-    method: Literal["sign_flip", "bootstrap"] = "sign_flip",
-    step_down: bool = True,
+    values: FloatArray, *, draws: int, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Which mean gaps differ from zero, adjusted for the number of them.
 
-    Of our own making: ``scipy.stats.permutation_test`` flips signs as well, but knows no missing
-    entries and no maximum over columns, which draws the same flips for all of them.
+    Under the null the signs of all entries of a rock may be flipped together: exact if gaps are
+    symmetric about zero. Of our own making: ``scipy.stats.permutation_test`` flips signs as well,
+    but knows no missing entries and no maximum over columns, which draws the same flips for all.
 
     Parameters
     ----------
@@ -148,12 +135,6 @@ def mean_gap_tests(
         Observed minus predicted, one row per rock; NaN where not measured.
     draws : int
     rng : numpy.random.Generator
-    method : {"sign_flip", "bootstrap"}
-        ``sign_flip``: under the null the signs of all entries of a rock may be flipped together;
-        exact if gaps are symmetric about zero. ``bootstrap``: rocks are drawn from the values less
-        their means; for skewed gaps of many rocks.
-    step_down : bool
-        See ``max_t_adjusted``.
 
     Returns
     -------
@@ -169,21 +150,15 @@ def mean_gap_tests(
     step = max(1, _MOST // max(1, n))
     count = known.sum(axis=0)
     squares = (filled**2).sum(axis=0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        centred = np.where(known, data - filled.sum(axis=0) / count, 0.0)
     for first in range(0, draws, step):
         rows = min(step, draws - first)
-        if method == "sign_flip":
-            signs = rng.choice((-1.0, 1.0), size=(rows, n))
-            null[first : first + rows] = _t(signs @ filled, squares, count)
-        else:
-            times = rng.multinomial(n, np.full(n, 1.0 / n), size=rows).astype(np.float64)
-            null[first : first + rows] = _t(times @ centred, times @ centred**2, times @ known)
+        signs = rng.choice((-1.0, 1.0), size=(rows, n))
+        null[first : first + rows] = _t(signs @ filled, squares, count)
     # A draw that repeats the data must not miss it by rounding.
     size = np.abs(null) * (1.0 + 1e-12)
     reached = (np.where(np.isnan(size), -np.inf, size) >= np.abs(t)).sum(axis=0)
     p = np.where(np.isnan(t), np.nan, (reached + 1.0) / (draws + 1.0))
-    return t, p, max_t_adjusted(np.abs(t), size, step_down=step_down)
+    return t, p, max_t_adjusted(np.abs(t), size)
 
 
 def false_discovery_adjusted(p: FloatArray) -> FloatArray:

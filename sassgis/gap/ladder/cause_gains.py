@@ -16,7 +16,7 @@ import numpy as np
 
 from sassgis.gap.calibration.linear_fit import LinearFit
 from sassgis.gap.calibration.site_summary import SiteSummary
-from sassgis.gap.causes.all_causes import NUMBERS
+from sassgis.gap.causes.all_causes import CAUSES
 from sassgis.gap.causes.cause import SHOWS
 from sassgis.gap.causes.parameter_draws import ParameterDraws
 from sassgis.gap.diagnosis import CauseGain
@@ -49,10 +49,7 @@ def see_each(summary: SiteSummary, task: HypothesisDraw) -> FloatArray:
 
 
 def cause_gains(
-    summary: SiteSummary,
-    base: FittedHypothesis,
-    families: Sequence[str],
-    run: RunTasks,
+    summary: SiteSummary, base: FittedHypothesis, families: Sequence[str], run: RunTasks
 ) -> dict[str, CauseGain]:
     """Gains of causes beyond a calibrated base; empty where nothing is compared."""
     if base.found is None:
@@ -77,11 +74,11 @@ def cause_gains(
 def _draws(summary: SiteSummary, base: FittedHypothesis, family: str) -> list[HypothesisDraw]:
     """The base with draws of a cause."""
     effect = "+".join(sorted({*families_of(base.effect), family}))
-    tasks = []
+    tasks, cause = [], CAUSES[family].number
     for k in range(DRAWS):
-        rng = np.random.default_rng([summary.problem.seed, 61, NUMBERS[family], k])
+        rng = np.random.default_rng([summary.problem.seed, 61, cause, k])
         made = draw(summary.problem.case, families_of(effect), ParameterDraws(rng, base.shares))
-        number = _NUMBER + _PARTS + NUMBERS[family] * DRAWS + k
+        number = _NUMBER + _PARTS + cause * DRAWS + k
         tasks.append(HypothesisDraw(effect, made.parameter_draws, number, EACH))
     return tasks
 
@@ -98,8 +95,7 @@ class _View:
         """Numbers less those of the base, shape (n, p) to (n, q)."""
         scaled = self.summary.in_errors(numbers) - self.mean
         # What is not there is as in the base, and nothing counts more than it can by chance.
-        seen: FloatArray = np.clip(np.nan_to_num(scaled), -12.0, 12.0) @ self.onto
-        return seen
+        return np.clip(np.nan_to_num(scaled), -12.0, 12.0) @ self.onto
 
 
 def _view_of(summary: SiteSummary, found: LinearFit, base: FloatArray) -> _View:

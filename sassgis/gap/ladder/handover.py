@@ -7,13 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from sassgis.gap.calibration.problem import CalibrationProblem, Scale
-from sassgis.gap.diagnosis import (
-    Advice,
-    GroundSetting,
-    ModelGap,
-    Range,
-    Rung,
-)
+from sassgis.gap.diagnosis import Advice, GroundSetting, ModelGap, Range, Rung
 from sassgis.gap.inference.intervals import bootstrap_rows, quantiles_of
 from sassgis.gap.ladder.hypothesis_fit import FittedHypothesis
 from sassgis.gap.observations.case import Case
@@ -35,8 +29,7 @@ def values_of(scale: Scale, rows: FloatArray, column: int) -> FloatArray:
     found = rows[..., column] * scale.scale[column] + scale.centre[column]
     if scale.names[column].partition(":")[2] in ("speed", "blocks"):
         found = np.exp(found)
-    values: FloatArray = np.where(rows[..., column + len(scale.names)] < 0.5, found, np.nan)
-    return values
+    return np.where(rows[..., column + len(scale.names)] < 0.5, found, np.nan)
 
 
 def model_gaps(problem: CalibrationProblem, rows: FloatArray) -> tuple[ModelGap, ...]:
@@ -97,7 +90,7 @@ def _compared(
     if np.unique(group).size > 1:
         samples = [
             statistics(seen[rows]) - statistics(made[:, rows])
-            for rows, _ in bootstrap_rows(group, _SAMPLES, rng)
+            for rows in bootstrap_rows(group, _SAMPLES, rng)
         ]
         drawn = np.quantile(samples, (0.025, 0.975), axis=0)
     return {

@@ -136,7 +136,7 @@ def run_chosen(summary: SiteSummary, task: HypothesisDraw) -> Chosen:
     problem = summary.problem
     made = task.of(problem.case)
     rows = model_rows(problem, made.model, task.number, task.count)
-    return Chosen(made, rows, scores_of(problem, made.model, task.number, task.count, rows))
+    return Chosen(made, rows, scores_of(problem, made.model, task.number, rows))
 
 
 @dataclass(frozen=True, slots=True)
@@ -224,11 +224,7 @@ RunTasks = Callable[
 
 
 def fit_hypothesis(
-    summary: SiteSummary,
-    effect: str,
-    run: RunTasks,
-    budget: FitBudget,
-    start: Mapping[str, float],
+    summary: SiteSummary, effect: str, run: RunTasks, budget: FitBudget, start: Mapping[str, float]
 ) -> FittedHypothesis:
     """Calibrate a hypothesis from where a simpler one, or a draw, has brought its parameters.
 
@@ -276,11 +272,7 @@ def _keeping_configured(
 
 
 def gain_of(
-    base: FloatArray,
-    effect: FloatArray,
-    group: IntArray,
-    rng: np.random.Generator,
-    draws: int = 999,
+    base: FloatArray, effect: FloatArray, group: IntArray, rng: np.random.Generator
 ) -> Interval:
     """Mean gain of score over rocks, with its bootstrap interval over groups of rocks."""
     gain = base - effect
@@ -290,7 +282,7 @@ def gain_of(
     return bootstrap_interval(
         lambda rows: float(gain[known][rows].mean()),
         group[known],
-        draws=draws,
+        draws=999,
         rng=rng,
         method="percentile",
     )

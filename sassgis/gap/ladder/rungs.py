@@ -92,11 +92,6 @@ class Ladder:
             drawn = np.array([own.value(w) for w in weights])
             self._found[step.rung] = step, own, drawn
 
-    def gap(self, rung: str) -> float:
-        """Distance of a model beyond what chance leaves."""
-        own = self._found[rung][1]
-        return own.value() - own.floor
-
     def gain(self, simpler: str, rung: str) -> tuple[Interval, float] | None:
         """Distance of a simpler model less that of another, and its standard error.
 

@@ -13,14 +13,12 @@ from sassgis.terrain.heights import heights_at
 
 #: Room for errors of measurement where none are stated.
 SPEED_ERROR_REL, HEIGHT_ERROR_M, POSITION_ERROR_M = 0.05, 0.25, 0.5
-
-
 #: Errors in units of the standard error that are still put down to the measurement.
 SIGMAS = 3.0
 
 
 def stated_or(value: float, otherwise: float) -> float:
-    """A stated error, or what is usual."""
+    """What the metadata state of the measurement, or else what is usual or estimated."""
     return value if math.isfinite(value) else otherwise
 
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sassgis.gap.observations.allowances import stated_or
 from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.observed import deposit_masses_kg
 from sassgis.model.grid import FloatArray, IntArray
@@ -80,9 +80,6 @@ class ImpactRows:
     slope_deg: FloatArray
 
 
-_Rows = TypeVar("_Rows", PassageRows, DepositRows, ImpactRows)
-
-
 @dataclass(frozen=True, slots=True)
 class Campaign:
     """One campaign; a table that was not observed is None."""
@@ -108,15 +105,11 @@ class Errors:
 def errors_of(case: Case) -> Errors:
     """Errors of measurement of the observations of a case."""
     meta, usual = case.observations.metadata, Errors()
-
-    def or_usual(stated: float, default: float) -> float:
-        return stated if np.isfinite(stated) else default
-
     return Errors(
-        or_usual(meta.speed_error_rel, usual.speed_rel),
-        or_usual(meta.rotation_error_rel, usual.rotation_rel),
-        or_usual(meta.height_error_m, usual.height_m),
-        or_usual(meta.position_error_m, usual.position_m),
+        stated_or(meta.speed_error_rel, usual.speed_rel),
+        stated_or(meta.rotation_error_rel, usual.rotation_rel),
+        stated_or(meta.height_error_m, usual.height_m),
+        stated_or(meta.position_error_m, usual.position_m),
     )
 
 

@@ -109,7 +109,7 @@ class Case:
     def station_order(self) -> IntArray:
         """Rows of the table of stations that fall lines cross, from the top down."""
         order = self.stations.order
-        crossed = np.asarray((self.stations.crossings > 0).any(axis=0), np.bool_)
+        crossed = np.asarray(np.isfinite(self.stations.s).any(axis=0), np.bool_)
         return np.asarray(order[crossed[order]], np.int64)
 
     @property
@@ -118,8 +118,7 @@ class Case:
 
         In the order of ``station_names``; NaN where the line does not cross.
         """
-        s: FloatArray = self.stations.s[self.line][:, self.station_order]
-        return s
+        return self.stations.s[self.line][:, self.station_order]
 
     @property
     def reaches(self) -> tuple[str, ...]:

@@ -26,11 +26,7 @@ from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.terrain.heights import heights_at
 
 _GRAVITY = 9.81
-
-
 _KMH = 3.6
-
-
 #: Falls between impacts that tell a scale (m), their least number, and the scale that is certainly
 #: wrong.
 _LEAST_FALL_M, _LEAST_FLIGHTS, _SCALE_USUAL = 1.0, 12, 1.05

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 Level = Literal["error", "warning"]
-
-
 LeftOut = Literal["", "value", "row", "table"]
 
 

@@ -175,8 +175,7 @@ def rock_radii_m(observations: Observations) -> FloatArray:
     density = dict(zip(rocks.rock_id.tolist(), rocks.density_kgm3.tolist(), strict=True))
     own = np.array([density.get(name, math.nan) for name in observations.rock_names], np.float64)
     own = np.where(np.isfinite(own), own, DENSITY_KGM3)
-    radii: FloatArray = np.cbrt(3.0 * masses / (4.0 * math.pi * own))
-    return radii
+    return np.cbrt(3.0 * masses / (4.0 * math.pi * own))
 
 
 def without(observations: Observations, findings: Iterable[ObservationFinding]) -> Observations:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sassgis.gap.observations.allowances import stated_or
 from sassgis.gap.observations.campaign import (
     Campaign,
     Errors,
@@ -57,15 +58,11 @@ def observer_of(case: Case) -> Observer:
         slowest = float(into.min()) if into.size else 0.0
         apart = _times_apart(case, seen.impacts)
         soonest = float(apart.min()) if apart.size >= _FEWEST_PAIRS else 0.0
-
-    def stated(value: float, estimate: float) -> float:
-        return value if np.isfinite(value) else estimate
-
     return Observer(
         errors_of(case),
-        stated(meta.contact_min_normal_speed_mps, slowest),
-        stated(meta.contact_min_interval_s, soonest),
-        stated(meta.passages_missed_share, _missed(case, seen)),
+        stated_or(meta.contact_min_normal_speed_mps, slowest),
+        stated_or(meta.contact_min_interval_s, soonest),
+        stated_or(meta.passages_missed_share, _missed(case, seen)),
     )
 
 
@@ -79,8 +76,7 @@ def _times_apart(case: Case, rows: ImpactRows) -> FloatArray:
         time = way / level
     # Two places within their error are no distance.
     apart = way > 2.0 * errors_of(case).position_m
-    found: FloatArray = time[np.isfinite(time) & (time > 0.0) & apart]
-    return found
+    return time[np.isfinite(time) & (time > 0.0) & apart]
 
 
 def _missed(case: Case, seen: Campaign) -> float:

@@ -25,8 +25,6 @@ from sassgis.terrain.heights import heights_at
 
 #: Heights of the same ground in two height systems differ by more than this (m).
 _OFFSET_M = 1.5
-
-
 #: Rocks are released up to this high above the ground (m).
 _RELEASE_HEIGHT_M = 5.0
 

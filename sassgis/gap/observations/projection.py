@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from sassgis.gap.observations.observed import Observations
 from sassgis.gap.observations.tables import POINT_TABLES, Stations
 from sassgis.model.grid import FloatArray, Grid, IntArray
-from sassgis.model.profiles import ProfileSet, ReleasePoints, TraceSet
+from sassgis.model.profiles import ReleasePoints, TraceSet
 from sassgis.terrain.flatten import chainage_to_xy, crossings, xy_to_chainage
 from sassgis.terrain.heights import heights_at
 from sassgis.terrain.release import point_keys
@@ -68,18 +68,11 @@ class StationChainages:
     ----------
     s : float64, shape (n_lines, n_stations)
         Chainage of the first crossing (m); NaN where the line does not cross.
-    along_m : float64, shape (n_lines, n_stations)
-        Where on the station that is: distance from its first vertex along it (m); below zero or
-        above its length on a prolongation.
-    crossings : int64, shape (n_lines, n_stations)
-        How often the line crosses.
     order : int64, shape (n_stations,)
         Stations from the top down, by the median chainage; those that no line crosses last.
     """
 
     s: FloatArray
-    along_m: FloatArray
-    crossings: IntArray
     order: IntArray
 
 
@@ -179,7 +172,6 @@ def project(
     z: FloatArray | None = None,
     *,
     grid: Grid | None = None,
-    profiles: ProfileSet | None = None,
     prolonged: bool = False,
 ) -> Projected:
     """Put points into the planes of fall lines.
@@ -195,34 +187,27 @@ def project(
     grid : Grid, optional
         The ground under the points. This is what a height above the ground refers to: beside the
         line the ground has another height than on it.
-    profiles : ProfileSet, optional
-        Profiles of the lines, for the ground without a grid.
     prolonged : bool
         Whether lines go straight on beyond their end.
     """
-    n = np.size(x)
+    x, y, line = np.asarray(x), np.asarray(y), np.asarray(line)
+    n = x.size
     nothing = np.full(n, np.nan)
     zs = nothing if z is None else np.asarray(z, np.float64)
-    known = np.flatnonzero((np.asarray(line) >= 0) & np.isfinite(x) & np.isfinite(y))
+    known = np.flatnonzero((line >= 0) & np.isfinite(x) & np.isfinite(y))
     lines = np.full(n, -1, np.int64)
-    lines[known] = np.asarray(line)[known]
+    lines[known] = line[known]
     s, lateral, ground = nothing.copy(), nothing.copy(), nothing.copy()
     beyond = np.zeros(n, np.int8)
-    if grid is not None and known.size:
-        ground[known] = heights_at(grid, np.asarray(x)[known], np.asarray(y)[known])
     if known.size:
-        own, px, py = lines[known], np.asarray(x)[known], np.asarray(y)[known]
+        own, px, py = lines[known], x[known], y[known]
+        if grid is not None:
+            ground[known] = heights_at(grid, px, py)
         s[known], lateral[known] = xy_to_chainage(traces, own, px, py)
         beyond[known] = _beyond(traces, own, px, py, s[known])
         if prolonged:
             past = np.flatnonzero(beyond == 1)
-            s[past], lateral[past] = _past_the_end(
-                traces, lines[past], np.asarray(x)[past], np.asarray(y)[past]
-            )
-        if grid is None and profiles is not None:
-            for i in np.unique(own).tolist():
-                rows = known[own == i]
-                ground[rows] = np.interp(s[rows], *profiles.vertices(i))
+            s[past], lateral[past] = _past_the_end(traces, lines[past], x[past], y[past])
     return Projected(lines, s, lateral, zs - ground, ground, beyond)
 
 
@@ -262,21 +247,19 @@ def project_observations(
     traces: TraceSet,
     line_of_rock: IntArray,
     *,
-    grid: Grid | None = None,
-    profiles: ProfileSet | None = None,
-    unattributed: bool = True,
+    grid: Grid,
     prolonged: bool = False,
 ) -> dict[str, Projected]:
     """Put all observed points into the planes of their rocks' fall lines.
+
+    Points that belong to no rock with a line are put on the nearest line.
 
     Parameters
     ----------
     line_of_rock : int64, shape (len(observations.rock_names),)
         See ``lines_of_rocks``.
-    grid, profiles, prolonged
+    grid, prolonged
         See ``project``.
-    unattributed : bool
-        Whether points that belong to no rock with a line are put on the nearest line.
 
     Returns
     -------
@@ -288,13 +271,11 @@ def project_observations(
     for name in POINT_TABLES:
         points = observations.tables[name].numbers
         line = lookup[observations.rock_of(name)]
-        if unattributed:
-            loose = np.flatnonzero(line < 0)
-            line[loose] = nearest_lines(traces, points["x"][loose], points["y"][loose])
+        loose = np.flatnonzero(line < 0)
+        line[loose] = nearest_lines(traces, points["x"][loose], points["y"][loose])
         found[name] = project(
-            traces, line, points["x"], points["y"], points["z"], grid=grid, profiles=profiles,
-            prolonged=prolonged,
-        )  # fmt: skip
+            traces, line, points["x"], points["y"], points["z"], grid=grid, prolonged=prolonged
+        )
     return found
 
 
@@ -309,30 +290,16 @@ def station_chainages(
         Stations are prolonged straight on at both ends by this length (m): a fall line may pass
         just beside a line across the slope that every rock crossed.
     """
-    shape = (len(traces), len(stations))
-    s, along = np.full(shape, np.nan), np.full(shape, np.nan)
-    counts = np.zeros(shape, np.int64)
+    s, middle = np.full((len(traces), len(stations)), np.nan), np.full(len(stations), np.inf)
     for j, vertices in enumerate(stations.vertices):
         if vertices.shape[0] < 2:
             continue
-        control_line = prolonged(vertices, prolong_m)
-        line, chainage = crossings(traces, control_line)
-        np.add.at(counts[:, j], line, 1)
+        line, chainage = crossings(traces, prolonged(vertices, prolong_m))
         # Crossings of a line come by rising chainage: written backwards, the first one stays.
         s[line[::-1], j] = chainage[::-1]
-        shape_of = shapely.LineString(control_line)
-        for i in np.unique(line).tolist():
-            own = slice(int(traces.offset[i]), int(traces.offset[i + 1]))
-            at = (
-                np.interp(s[i, j], traces.s[own], traces.x[own]),
-                np.interp(s[i, j], traces.s[own], traces.y[own]),
-            )
-            along[i, j] = shapely.line_locate_point(shape_of, shapely.Point(at)) - prolong_m
-    crossed = counts.sum(axis=0) > 0
-    middle = np.full(shape[1], np.inf)
-    for j in np.flatnonzero(crossed).tolist():
-        middle[j] = np.nanmedian(s[:, j])
-    return StationChainages(s, along, counts, np.argsort(middle, kind="stable"))
+        if line.size:
+            middle[j] = np.nanmedian(s[:, j])
+    return StationChainages(s, np.argsort(middle, kind="stable"))
 
 
 def prolonged(vertices: FloatArray, by_m: float) -> FloatArray:

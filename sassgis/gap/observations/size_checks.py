@@ -14,8 +14,6 @@ from sassgis.model.grid import Grid
 
 #: Densities that rocks have (kg/m³).
 _LIGHTEST_KGM3, _HEAVIEST_KGM3 = 900.0, 5000.0
-
-
 #: An ellipsoid fills from half of the box of its axes; rocks lie between. Full axes give 8 times.
 _FULL_AXES = 4.0
 

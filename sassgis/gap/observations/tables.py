@@ -55,17 +55,6 @@ class Column:
     name: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class Measured:
-    """A quantity that a table holds where these columns have numbers."""
-
-    name: str
-    unit: str
-    columns: tuple[str, ...]
-    #: Of motion, of which it speaks: release, flight, impact, rolling, stopping.
-    phases: tuple[str, ...]
-
-
 def _text(meaning: str) -> Column:
     return Column("", meaning, text=True)
 
@@ -94,9 +83,6 @@ _ROCK = _text("name of the rock; R7.2 is a piece of R7")
 _MASS = _positive("kg", "mass")
 _SPEED = Column("m/s", "speed of the centre", low=0.0, from_drop=("speed_mps",))
 _ROTATION = Column("1/s", "turns per second, without sign", low=0.0, rim_of="speed_mps")
-_MOVING = ("flight", "rolling")
-
-
 T = TypeVar("T", bound="Table")
 
 
@@ -118,6 +104,8 @@ class Table:
         Columns without which a row is of no use.
     may_be_loose : bool
         Whether a row of no known rock is one of an unattributed block.
+    quantities : mapping of str to tuple of str
+        What it holds where all of some columns have numbers.
     """
 
     __slots__ = ()
@@ -126,7 +114,7 @@ class Table:
     key: ClassVar[tuple[str, ...]] = ()
     required: ClassVar[tuple[str, ...]] = ()
     may_be_loose: ClassVar[bool] = False
-    quantities: ClassVar[tuple[Measured, ...]] = ()
+    quantities: ClassVar[Mapping[str, tuple[str, ...]]] = {}
 
     @classmethod
     def columns(cls) -> tuple[Column, ...]:
@@ -205,9 +193,9 @@ class Rocks(Table):
     )
     key: ClassVar[tuple[str, ...]] = ("rock_id",)
     required: ClassVar[tuple[str, ...]] = ("rock_id",)
-    quantities: ClassVar[tuple[Measured, ...]] = (
-        Measured("release_speed_mps", "m/s", ("release_speed_mps",), ("release",)),
-    )
+    quantities: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "release_speed_mps": ("release_speed_mps",),
+    }
     row: IntArray
     rock_id: Annotated[TextArray, _ROCK]
     x: Annotated[FloatArray, _coordinate("x", "release point", "release")]
@@ -272,12 +260,12 @@ class Passages(Table):
     about: ClassVar[str] = "A row for each rock at each station."
     key: ClassVar[tuple[str, ...]] = ("rock_id", "station")
     may_be_loose: ClassVar[bool] = True
-    quantities: ClassVar[tuple[Measured, ...]] = (
-        Measured("speed_mps", "m/s", ("speed_mps",), _MOVING),
-        Measured("rotation_hz", "1/s", ("rotation_hz",), _MOVING),
-        Measured("height_m", "m", ("height_m",), ("flight",)),
-        Measured("lateral_m", "m", ("x", "y"), _MOVING),
-    )
+    quantities: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "speed_mps": ("speed_mps",),
+        "rotation_hz": ("rotation_hz",),
+        "height_m": ("height_m",),
+        "lateral_m": ("x", "y"),
+    }
     row: IntArray
     rock_id: Annotated[TextArray, _ROCK]
     station: Annotated[TextArray, _text("station that the rock passed")]
@@ -303,13 +291,11 @@ class Impacts(Table):
         "to the right, so that a rolling rock has positive spin."
     )
     key: ClassVar[tuple[str, ...]] = ("rock_id", "impact")
-    quantities: ClassVar[tuple[Measured, ...]] = (
-        Measured(
-            "energy_kept", "", ("vt_in_mps", "vn_in_mps", "vt_out_mps", "vn_out_mps"), ("impact",)
-        ),
-        Measured("spin_out_radps", "rad/s", ("omega_in_radps", "omega_out_radps"), ("impact",)),
-        Measured("turn_deg", "°", ("turn_deg",), ("impact",)),
-    )
+    quantities: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "energy_kept": ("vt_in_mps", "vn_in_mps", "vt_out_mps", "vn_out_mps"),
+        "spin_out_radps": ("omega_in_radps", "omega_out_radps"),
+        "turn_deg": ("turn_deg",),
+    }
     row: IntArray
     rock_id: Annotated[TextArray, _ROCK]
     impact: Annotated[TextArray, _text("number or name of the impact of this rock")]
@@ -344,12 +330,12 @@ class Deposits(Table):
     table: ClassVar[str] = "deposits"
     about: ClassVar[str] = "A row for each deposited block, fragments included."
     may_be_loose: ClassVar[bool] = True
-    quantities: ClassVar[tuple[Measured, ...]] = (
-        Measured("runout_m", "m", ("x", "y"), ("stopping",)),
-        Measured("lateral_m", "m", ("x", "y"), ("stopping",)),
-        Measured("block_mass_kg", "kg", ("mass_kg",), ("stopping",)),
-        Measured("block_volume_m3", "m³", ("volume_m3",), ("stopping",)),
-    )
+    quantities: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "runout_m": ("x", "y"),
+        "lateral_m": ("x", "y"),
+        "block_mass_kg": ("mass_kg",),
+        "block_volume_m3": ("volume_m3",),
+    }
     row: IntArray
     rock_id: Annotated[TextArray, _ROCK]
     x: Annotated[FloatArray, _coordinate("x", "where it lies")]
@@ -367,12 +353,12 @@ class Trajectories(Table):
     about: ClassVar[str] = "Points along paths: a row for each rock and time."
     key: ClassVar[tuple[str, ...]] = ("rock_id", "t_s")
     required: ClassVar[tuple[str, ...]] = ("rock_id", "t_s")
-    quantities: ClassVar[tuple[Measured, ...]] = (
-        Measured("path_m", "m", ("t_s", "x", "y"), _MOVING),
-        Measured("flight_fit", "m/s²", ("t_s", "x", "y", "z"), ("flight",)),
-        Measured("speed_mps", "m/s", ("speed_mps",), _MOVING),
-        Measured("rotation_hz", "1/s", ("rotation_hz",), _MOVING),
-    )
+    quantities: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "path_m": ("t_s", "x", "y"),
+        "flight_fit": ("t_s", "x", "y", "z"),
+        "speed_mps": ("speed_mps",),
+        "rotation_hz": ("rotation_hz",),
+    }
     row: IntArray
     rock_id: Annotated[TextArray, _ROCK]
     t_s: Annotated[
@@ -436,9 +422,6 @@ METADATA_TEXTS: Mapping[str, Column] = {
         ("ground", "ground by stretch: kind, depth, moisture, diameter of blocks that lie on it"),
         ("start", "how rocks were started: pushed, dropped from a height, rolled, blasted"),
         ("film_scale", "known length in the pictures and where it lies; place of the camera"),
-        (
-            "stops",
-            "whether every rock has its stop; which left the survey; what held some",
-        ),
+        ("stops", "whether every rock has its stop; which left the survey; what held some"),
     )
 }

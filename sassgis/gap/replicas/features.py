@@ -4,24 +4,22 @@ from __future__ import annotations
 
 import numpy as np
 
-from sassgis.gap.observations.campaign import Campaign, main_blocks
+from sassgis.gap.observations.campaign import Campaign, DepositRows, PassageRows, main_blocks
 from sassgis.gap.observations.case import Case
-from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.grid import FloatArray
 
 
 def rock_quantities(case: Case, sample: Campaign) -> dict[str, FloatArray]:
     """One number per rock and quantity, NaN where there is none."""
     found: dict[str, FloatArray] = {}
     if sample.deposits is not None:
-        found |= _stops(sample)
+        found |= _stops(sample.deposits, sample.n_rocks)
     if sample.passages is not None:
-        found |= _passages(case, sample)
+        found |= _passages(case, sample.passages)
     return found
 
 
-def _stops(sample: Campaign) -> dict[str, FloatArray]:
-    rows, n = sample.deposits, sample.n_rocks
-    assert rows is not None
+def _stops(rows: DepositRows, n: int) -> dict[str, FloatArray]:
     main = main_blocks(rows, n)
     has = main >= 0
     out = {name: np.full(n, np.nan) for name in ("runout", "aside")}
@@ -32,27 +30,23 @@ def _stops(sample: Campaign) -> dict[str, FloatArray]:
     return {f"stop:{k}": v for k, v in out.items()}
 
 
-def _passages(case: Case, sample: Campaign) -> dict[str, FloatArray]:
-    rows, n = sample.passages, sample.n_rocks
-    assert rows is not None
+def _passages(case: Case, rows: PassageRows) -> dict[str, FloatArray]:
+    numbers = {
+        "speed": np.log(np.maximum(rows.speed_mps, 0.1)),
+        "rotation": rows.rotation_hz,
+        "height": rows.height_m,
+        "aside": rows.lateral_m,
+    }
     out: dict[str, FloatArray] = {}
     for k in range(len(case.station_names)):
         here = np.flatnonzero((rows.station == k) & (rows.rock >= 0))
         # The heaviest of a rock's blocks represents it.
         here = here[np.argsort(np.nan_to_num(rows.mass_kg[here]), kind="stable")]
-        first = np.full(n, -1, np.int64)
+        first = np.full(case.n_rocks, -1, np.int64)
         first[rows.rock[here]] = here
         passed = first >= 0
-
-        def column(values: FloatArray, first: IntArray = first, passed=passed) -> FloatArray:  # type: ignore[no-untyped-def]
-            filled = np.full(n, np.nan)
-            filled[passed] = values[first[passed]]
-            return filled
-
-        name = f"S{k}"
-        out[f"{name}:passed"] = passed.astype(float)
-        out[f"{name}:speed"] = np.log(np.maximum(column(rows.speed_mps), 0.1))
-        out[f"{name}:rotation"] = column(rows.rotation_hz)
-        out[f"{name}:height"] = column(rows.height_m)
-        out[f"{name}:aside"] = column(rows.lateral_m)
+        out[f"S{k}:passed"] = passed.astype(float)
+        for what, values in numbers.items():
+            out[f"S{k}:{what}"] = np.full(case.n_rocks, np.nan)
+            out[f"S{k}:{what}"][passed] = values[first[passed]]
     return out

@@ -120,8 +120,7 @@ class _Record:
 
     def _numbers(self, rows: NDArray[np.void]) -> IntArray:
         first = int(self._moved.rocks["rock"].min()) if self._moved.rocks.size else 0
-        numbers: IntArray = rows["line"] + (rows["rock"].astype(np.int64) - first) * self._n
-        return numbers
+        return rows["line"] + (rows["rock"].astype(np.int64) - first) * self._n
 
     def _lateral_offset(self, owner: IntArray, moved: FloatArray) -> FloatArray:
         """Lateral offset from the line, measured; ``moved``: that of the motion itself (m)."""
@@ -207,8 +206,7 @@ class _Record:
         lever = np.where(rows["height_m"] > 0.0, b[owner], rolling[owner])
         size = np.cbrt(rows["mass_kg"] / self._mass[owner])
         cosine = np.cos(dips_at(self._lines.unforested, owner % self._n, rows["chainage_m"]))
-        rest: FloatArray = lever * size / cosine
-        return rest
+        return lever * size / cosine
 
     def impacts(self) -> ImpactRows:
         """Impacts of whole rocks, taken apart along the ground."""
@@ -279,9 +277,7 @@ class _Record:
         return x, y, heights_at(grid, x, y), dip, np.degrees(turn)
 
 
-def impacts_of(
-    logs: Sequence[NDArray[np.void]],
-) -> tuple[NDArray[np.void], IntArray, IntArray]:
+def impacts_of(logs: Sequence[NDArray[np.void]]) -> tuple[NDArray[np.void], IntArray, IntArray]:
     """Events of blocks one after the other, the block of each, and the rows of impacts."""
     sizes = np.array([log.size for log in logs], np.int64)
     events = np.empty(int(sizes.sum()), EVENT_DTYPE)

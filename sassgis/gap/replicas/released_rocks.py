@@ -17,12 +17,7 @@ from sassgis.engine.effects.trees import Trees
 from sassgis.engine.simulate import Simulated, simulate
 from sassgis.engine.simulate_paths import follow
 from sassgis.gap.observations.case import Case
-from sassgis.gap.observations.projection import (
-    PROLONG_M,
-    project,
-    prolonged,
-    station_chainages,
-)
+from sassgis.gap.observations.projection import PROLONG_M, project, prolonged, station_chainages
 from sassgis.gap.observations.tables import Stations
 from sassgis.gap.replicas.hypothesis_model import ForestStand, HypothesisModel
 from sassgis.gap.replicas.rock_lines import STRETCH_M, RockLines, gathered

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from sassgis.gap.observations.case import Case
@@ -111,7 +111,7 @@ def _profiles_of(case: Case, first: float, *, stretches: bool) -> ProfileSet:
     )
 
 
-def _offsets(sizes: list[int]) -> IntArray:
+def _offsets(sizes: ArrayLike) -> IntArray:
     return np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
 
 
@@ -145,33 +145,26 @@ def _chainage_of_cells(case: Case) -> FloatArray:
     far, nearest = cKDTree(np.column_stack([traces.x, traces.y])).query(
         np.column_stack([x, y]), distance_upper_bound=_BESIDE_M
     )
-    s: FloatArray = np.append(traces.s, np.nan)[np.where(np.isfinite(far), nearest, -1)]
-    return s
+    return np.append(traces.s, np.nan)[np.where(np.isfinite(far), nearest, -1)]
 
 
 def gathered(offset: IntArray, which: IntArray) -> tuple[IntArray, IntArray]:
     """Offsets and entries of some items of a ragged array, each as often as it is named."""
     sizes = np.diff(offset)[which]
-    new = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+    new = _offsets(sizes)
     return new, np.repeat(offset[which] - new[:-1], sizes) + np.arange(new[-1])
 
 
 def control_lines_of(case: Case) -> ControlLineCrossings:
     """Stations on the line of each rock."""
-    s = case.station_s
-    control_lines = tuple(ControlLine(name, "station") for name in case.station_names)
-    offset, chainage, control_line = [0], [], []
-    for row in s:
-        known = np.flatnonzero(np.isfinite(row))
-        known = known[np.argsort(row[known], kind="stable")]
-        chainage.append(row[known])
-        control_line.append(known)
-        offset.append(offset[-1] + known.size)
+    order = np.argsort(case.station_s, axis=1, kind="stable")
+    s = np.take_along_axis(case.station_s, order, axis=1)
+    crossed = np.isfinite(s)
     return ControlLineCrossings(
-        control_lines,
-        np.array(offset, np.int64),
-        np.concatenate([np.empty(0), *chainage]),
-        np.concatenate([np.empty(0, np.int64), *control_line]).astype(np.int64),
+        tuple(ControlLine(name, "station") for name in case.station_names),
+        _offsets(crossed.sum(axis=1)),
+        s[crossed],
+        order[crossed],
     )
 
 
@@ -186,18 +179,14 @@ def dips_at(profiles: ProfileSet, profile: IntArray, s: FloatArray) -> FloatArra
         Chainage (m).
     """
     k = _segments_at(profiles, profile, s)
-    dips: FloatArray = np.arctan2(
-        profiles.z[k + 1] - profiles.z[k], profiles.s[k + 1] - profiles.s[k]
-    )
-    return dips
+    return np.arctan2(profiles.z[k + 1] - profiles.z[k], profiles.s[k + 1] - profiles.s[k])
 
 
 def heights_at_chainage(profiles: ProfileSet, profile: IntArray, s: FloatArray) -> FloatArray:
     """Height of profiles at chainages (m); parameters as ``dips_at``."""
     k = _segments_at(profiles, profile, s)
     share = (np.asarray(s) - profiles.s[k]) / (profiles.s[k + 1] - profiles.s[k])
-    heights: FloatArray = profiles.z[k] + share * (profiles.z[k + 1] - profiles.z[k])
-    return heights
+    return profiles.z[k] + share * (profiles.z[k + 1] - profiles.z[k])
 
 
 def _segments_at(profiles: ProfileSet, profile: IntArray, s: FloatArray) -> IntArray:

@@ -59,8 +59,6 @@ _FALLS, _SURE = 0.5, 4.0
 _GROUND_MPS2 = 0.6
 #: Runs of each stretch along the ground, in each of two orientations.
 _ROLLED = 5
-
-
 _Bounds = tuple[IntArray, IntArray]
 
 
@@ -99,9 +97,9 @@ def path_residuals(
         flights += [_fitted(case, path, own) for own in _flights(case, path, bounds, impacted)]
         rolling += _along_ground(path, bounds, float(round_m[path.rock]))
     found = []
-    if not any(e in model.effects.names for e in FLIGHT_EFFECTS):
+    if not any(e in model.moving.effects.names for e in FLIGHT_EFFECTS):
         found += _by_reach(case, edges, flights, "flight")
-    if not model.effects.get(Trees):
+    if not model.moving.effects.get(Trees):
         found += _by_reach(case, edges, _rolled(case, model, rolling, round_m), "rolling")
     return found
 
@@ -235,9 +233,7 @@ def air_of_flights(
     return rock, ahead, across, sd, speed2
 
 
-def _columns(
-    rows: Sequence[tuple[int, float, float, float, float]],
-) -> tuple[IntArray, FloatArray]:
+def _columns(rows: Sequence[tuple[int, float, float, float, float]]) -> tuple[IntArray, FloatArray]:
     """Rocks, and the four numbers of each row, shape (4, n)."""
     values = np.array(rows, np.float64).reshape(-1, 5)
     return values[:, 0].astype(np.int64), values[:, 1:].T
@@ -494,7 +490,7 @@ def _rolled(
     end = np.minimum(np.tile([p.s1 for p in stretches], 2), last[twice] - 0.1)
     done = simulate(
         repeated(model.rock_lines.unforested, twice),
-        model.table,
+        model.moving.table,
         blocks,
         case.engine,
         seed=model.seed + 501,
@@ -507,7 +503,7 @@ def _rolled(
             end,
             np.zeros(2 * n, np.int64),
         ),
-        effects=model.effects,
+        effects=model.moving.effects,
     )
     # What it loses up to the end, or to where it comes to rest before.
     square = np.zeros((2 * n, _ROLLED))

@@ -9,12 +9,7 @@ import numpy as np
 from scipy.cluster.hierarchy import fcluster, linkage
 
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
-from sassgis.gap.observations.campaign import (
-    ImpactRows,
-    errors_of,
-    main_blocks,
-    observed_campaign,
-)
+from sassgis.gap.observations.campaign import ImpactRows, errors_of, main_blocks, observed_campaign
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel
 from sassgis.gap.replicas.recorded import observe
@@ -28,9 +23,7 @@ from sassgis.gap.residuals.residuals import (
     per_rock,
     spread,
 )
-from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import BoolArray, FloatArray, IntArray
-from sassgis.model.ground import GroundTable
 from sassgis.model.profiles import ProfileSet
 from sassgis.model.results import StopReason
 
@@ -137,16 +130,6 @@ class RunModel:
     def of(cls, case: Case, model: HypothesisModel, seed: int) -> RunModel:
         """A model for the rocks of a case."""
         return cls(model, rock_lines_of(case), seed)
-
-    @property
-    def table(self) -> GroundTable:
-        """Its ground classes."""
-        return self.moving.table
-
-    @property
-    def effects(self) -> EffectSettings:
-        """Its effects."""
-        return self.moving.effects
 
 
 def observed_at_stations(case: Case) -> AtStations:

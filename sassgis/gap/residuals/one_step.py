@@ -17,9 +17,11 @@ from numpy.typing import NDArray
 from sassgis.engine.effects import hooks
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.engine.simulate import physics_of
+from sassgis.gap.observations.allowances import stated_or
 from sassgis.gap.observations.campaign import ImpactRows, errors_of
 from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.tables import Impacts
+from sassgis.gap.replicas.hypothesis_model import HypothesisModel
 from sassgis.gap.residuals.free_run import FreeRun
 from sassgis.gap.residuals.impact_step import impact_draws
 from sassgis.gap.residuals.residuals import (
@@ -30,9 +32,7 @@ from sassgis.gap.residuals.residuals import (
     rows_per_rock,
     spread,
 )
-from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import FloatArray, IntArray
-from sassgis.model.ground import GroundTable
 from sassgis.terrain.flatten import chainage_to_xy
 
 #: An impact counts as one after a flight if the normal speed is that of a fall from this height
@@ -47,21 +47,23 @@ _REBOUND_MPS = 0.01
 _LINE_SHARE, _CHORD_M = 0.5, 1.0
 #: Turns of simulated paths on a reach that are compared at most.
 _MOST_TURNS = 2000
+#: Orientations and slopes drawn for each observed impact.
+_DRAWS = 64
 #: Speed along the ground below which a ratio to it says nothing (m/s).
 _ALONG_MPS = 1.0
 
 
 def impact_residuals(
     case: Case,
-    table: GroundTable,
+    model: HypothesisModel,
     run: FreeRun,
     edges: FloatArray,
-    effects: EffectSettings,
     *,
-    draws: int,
     rng: np.random.Generator,
 ) -> list[Residual]:
     """Residuals of single impacts by reach and by class of ground.
+
+    Where blocks of the model leave the fall line on profiles, turns are left out.
 
     Parameters
     ----------
@@ -69,10 +71,6 @@ def impact_residuals(
         The rocks in the model: their semi-axes, and the turns of their paths.
     edges : float64, shape (n_reaches, 2)
         Limits of the reaches (m).
-    effects : EffectSettings
-        Of the model. Where blocks leave the fall line on profiles, turns are left out.
-    draws : int
-        Orientations and slopes drawn for each impact.
     """
     impacts = case.observations.impacts
     if not len(impacts):
@@ -85,9 +83,8 @@ def impact_residuals(
     turned[turned] &= case.line[rock[turned]] >= 0
     found: list[Residual] = []
     if use.any():
-        rows = np.flatnonzero(use)
-        found += _rebounds(case, table, effects, run.axes_m, edges, rows, draws, rng)
-    if turned.any() and (case.terrain is not None or effects.get(LateralDeflection) is None):
+        found += _rebounds(case, model, run.axes_m, edges, np.flatnonzero(use), rng)
+    if turned.any() and (case.terrain is not None or model.effects.get(LateralDeflection) is None):
         rows = np.flatnonzero(turned)
         found += _turns(case, edges, rock[rows], s[rows], impacts.turn_deg[rows], run.impacts)
     return found
@@ -168,38 +165,32 @@ def impacts_in_flight(
 
 
 def rebound_draws(
-    case: Case,
-    table: GroundTable,
-    observed: ImpactsInFlight,
-    rng: np.random.Generator,
-    effects: EffectSettings | None = None,
+    case: Case, model: HypothesisModel, observed: ImpactsInFlight, rng: np.random.Generator
 ) -> FloatArray:
     """v_t, v_n, ω after each impact in the model, shape (n, m, 3), with errors of measurement.
 
-    Without ``effects`` by the law of the contact alone. NaN where the model would not have the rock
-    rebound but roll.
+    NaN where the model would not have the rock rebound but roll.
     """
     impacts, axes = observed.impacts, observed.axes
-    acting = EffectSettings() if effects is None else effects
     settings = case.engine.resolved()
-    grounds = hooks.ground_of(acting, table.with_rolling_threshold(settings.rolling_threshold))
+    table = model.table.with_rolling_threshold(settings.rolling_threshold)
+    grounds = hooks.ground_of(model.effects, table)
     n, m = axes.shape[:2]
     meta = case.observations.metadata
-    speed_error = meta.speed_error_rel if math.isfinite(meta.speed_error_rel) else 0.0
-    spin_error = meta.rotation_error_rel if math.isfinite(meta.rotation_error_rel) else 0.0
+    errors = (stated_or(own, 0.0) for own in (meta.speed_error_rel, meta.rotation_error_rel))
     law = grounds[observed.kind]
     drawn = np.empty((n, m, 3))
     drawn[..., 0] = rng.uniform(0.0, math.pi, (n, m))
     low, high = law["dp_min"][:, None], law["dp_max"][:, None]
     drawn[..., 1] = low + (high - low) * rng.uniform(size=(n, m))
     out = np.empty((n, m, 3))
-    factors = [_factors(rng, error, (n, m)) for error in (speed_error, spin_error)]
+    factors = [_factors(rng, error, (n, m)) for error in errors]
     impact_draws(
         np.column_stack([observed.dip, impacts.vt_in_mps, impacts.vn_in_mps, observed.spin]),
         observed.kind, axes, drawn, rng.integers(2**64, size=(n, m), dtype=np.uint64),
         np.array([0.5 * sum(case.blocks[i].density_kgm3) for i in observed.rock.tolist()]),
         grounds, np.zeros(1, hooks.BLOCK_DTYPE), physics_of(settings),
-        hooks.prepare(acting, has_stems=False), out,
+        hooks.prepare(model.effects, has_stems=False), out,
     )  # fmt: skip
     out[..., :2] *= factors[0][..., None]
     out[..., 2] *= factors[1]
@@ -221,18 +212,16 @@ def usable_impacts(case: Case, axes_m: FloatArray) -> NDArray[np.bool_]:
 
 def _rebounds(
     case: Case,
-    table: GroundTable,
-    effects: EffectSettings,
+    model: HypothesisModel,
     axes_m: FloatArray,
     edges: FloatArray,
     rows: IntArray,
-    m: int,
     rng: np.random.Generator,
 ) -> list[Residual]:
-    observed = impacts_in_flight(case, axes_m, rows, m)
+    observed = impacts_in_flight(case, axes_m, rows, _DRAWS)
     if observed is None:
         return []
-    out = rebound_draws(case, table, observed, rng, effects)
+    out = rebound_draws(case, model, observed, rng)
     impacts, rock, s, kind = observed.impacts, observed.rock, observed.s, observed.kind
     radius, inertia, spin = observed.radius, observed.inertia, observed.spin
     has_spin = observed.has_spin
@@ -266,7 +255,7 @@ def _rebounds(
     found = []
     for place, inside, s0, s1 in (
         *_reach_places(case, edges, rock, s),
-        *_ground_places(rock, s, kind, table),
+        *_ground_places(s, kind, model.table.names),
     ):
         of_rock = np.where(inside, rock, -1)
 
@@ -332,8 +321,7 @@ def turn_of_lines(case: Case, rock: IntArray, s: FloatArray) -> FloatArray:
 
 def turn_error(case: Case, line_turn: FloatArray) -> FloatArray:
     """Standard deviation of measured turns about those of the fall lines (°)."""
-    error: FloatArray = np.hypot(errors_of(case).turn_deg, _LINE_SHARE * line_turn)
-    return error
+    return np.hypot(errors_of(case).turn_deg, _LINE_SHARE * line_turn)
 
 
 def _turns(
@@ -390,10 +378,10 @@ def _reach_places(
 
 
 def _ground_places(
-    rock: IntArray, s: FloatArray, kind: IntArray, table: GroundTable
+    s: FloatArray, kind: IntArray, names: Sequence[str]
 ) -> Iterator[tuple[str, NDArray[np.bool_], float, float]]:
     """Name, rows and limits of each class of ground."""
-    for k, name in enumerate(table.names):
+    for k, name in enumerate(names):
         inside = kind == k
         if inside.any():
             low, high = np.quantile(s[inside], (0.05, 0.95)).tolist()

@@ -226,8 +226,7 @@ def _states(
 def _towards(seen: FloatArray, usual: FloatArray, error: FloatArray) -> FloatArray:
     """What was seen, moved by up to its error towards what the model has; that if nothing was."""
     moved = usual + np.sign(seen - usual) * np.maximum(np.abs(seen - usual) - error, 0.0)
-    result: FloatArray = np.where(np.isfinite(seen), moved, usual)
-    return result
+    return np.where(np.isfinite(seen), moved, usual)
 
 
 @dataclass(frozen=True, slots=True)

@@ -93,8 +93,7 @@ def mean_of_draws(draws: FloatArray, least: int = 2) -> FloatArray:
     count = known.sum(axis=-1)
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = np.where(known, draws, 0.0).sum(axis=-1) / count
-    result: FloatArray = np.where(count >= least, mean, np.nan)
-    return result
+    return np.where(count >= least, mean, np.nan)
 
 
 def spread(observed: FloatArray, draws: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

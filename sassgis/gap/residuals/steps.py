@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from sassgis.gap.observations.campaign import ImpactRows, errors_of, observed_campaign
 from sassgis.gap.observations.case import Case
+from sassgis.gap.replicas.hypothesis_model import HypothesisModel
 from sassgis.gap.residuals.flights import air_of_flights, struck_above_ground
-from sassgis.gap.residuals.free_run import FreeRun, RunModel, observed_end, side_error
+from sassgis.gap.residuals.free_run import FreeRun, observed_end, side_error
 from sassgis.gap.residuals.one_step import (
     impacts_in_flight,
     rebound_draws,
@@ -95,8 +96,7 @@ class StepTable:
     @property
     def z(self) -> FloatArray:
         """Observed less predicted, in standard deviations."""
-        values: FloatArray = (self.observed - self.predicted) / self.sd
-        return values
+        return (self.observed - self.predicted) / self.sd
 
 
 #: Step of flights of the model itself, as the observer records them.
@@ -104,16 +104,13 @@ MODEL_FLIGHT = "flight of the model"
 
 
 def steps_of(
-    case: Case,
-    model: RunModel,
-    run: FreeRun,
-    rng: np.random.Generator,
+    case: Case, model: HypothesisModel, run: FreeRun, rng: np.random.Generator
 ) -> StepTable:
     """The table of residuals of a case.
 
     Parameters
     ----------
-    model : RunModel
+    model : HypothesisModel
     run : FreeRun
         Its replicates of the rocks.
     """
@@ -149,10 +146,7 @@ _Part = dict[str, Any]
 
 
 def _impacts(
-    case: Case,
-    model: RunModel,
-    axes_m: FloatArray,
-    rng: np.random.Generator,
+    case: Case, model: HypothesisModel, axes_m: FloatArray, rng: np.random.Generator
 ) -> list[_Part]:
     if not len(case.observations.impacts):
         return []
@@ -160,11 +154,10 @@ def _impacts(
     seen = impacts_in_flight(case, axes_m, rows, IMPACT_DRAWS) if rows.size else None
     if seen is None:
         return []
-    draws = rebound_draws(case, model.table, seen, rng, model.effects)
+    draws = rebound_draws(case, model, seen, rng)
     own = seen.impacts
     common: _Part = {
-        "rock": seen.rock, "step": np.array("impact"), "ground": seen.kind,
-        "vn_mps": -own.vn_in_mps,
+        "rock": seen.rock, "step": "impact", "ground": seen.kind, "vn_mps": -own.vn_in_mps,
     }  # fmt: skip
     known = np.isfinite(draws[..., 0])
     enough = known.sum(axis=1) >= IMPACT_DRAWS // 4
@@ -175,22 +168,22 @@ def _impacts(
         "spin_out_radps": (own.omega_out_radps, draws[..., 2]),
     }
     for name, (observed, drawn) in quantities.items():
-        mean, sd = _mean_and_sd(np.where(enough[:, None], drawn, np.nan))
+        mean, sd = _mean_and_sd(np.where(enough[:, None], drawn, np.nan), least=1)
         out.append({
-            **common, "quantity": np.array(name), "observed": observed, "predicted": mean, "sd": sd,
+            **common, "quantity": name, "observed": observed, "predicted": mean, "sd": sd,
         })  # fmt: skip
     line_turn = turn_of_lines(case, seen.rock, seen.s)
     turn = {
-        "quantity": np.array("turn_deg"), "observed": own.turn_deg, "predicted": line_turn,
+        "quantity": "turn_deg", "observed": own.turn_deg, "predicted": line_turn,
         "sd": turn_error(case, line_turn),
     }  # fmt: skip
     return [*out, {**common, **turn}]
 
 
-def _mean_and_sd(draws: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Over the last axis, missing ones left out; NaN where there are none."""
-    mean = mean_of_draws(draws, least=1)
-    return mean, np.sqrt(mean_of_draws((draws - mean[..., None]) ** 2, least=1))
+def _mean_and_sd(draws: FloatArray, least: int = 2) -> tuple[FloatArray, FloatArray]:
+    """Over the last axis, missing ones left out; NaN where there are too few."""
+    mean = mean_of_draws(draws, least)
+    return mean, np.sqrt(mean_of_draws((draws - mean[..., None]) ** 2, least))
 
 
 def _flights(case: Case, rows: ImpactRows | None, step: str) -> list[_Part]:
@@ -219,9 +212,8 @@ def _flights(case: Case, rows: ImpactRows | None, step: str) -> list[_Part]:
     length = np.hypot(way, fall)
     return [
         {
-            "rock": rows.rock[first][flown], "step": np.array(step),
-            "quantity": np.array("energy_jpkg"), "observed": into[flown],
-            "predicted": (out + g * fall)[flown], "sd": sd[flown],
+            "rock": rows.rock[first][flown], "step": step, "quantity": "energy_jpkg",
+            "observed": into[flown], "predicted": (out + g * fall)[flown], "sd": sd[flown],
             "way_m": length[flown], "reach": share[flown],
             "clear_m": g * (way[flown] / level[flown]) ** 2 / 8.0, "fell_jpkg": (g * fall)[flown],
         }
@@ -232,14 +224,14 @@ def _paths(case: Case, axes_m: FloatArray) -> list[_Part]:
     """What paths in time show: the surest loss on each, and what air does on flights."""
     rock, s, before, after, sd = struck_above_ground(case, axes_m)
     struck: _Part = {
-        "rock": rock, "step": np.array("aloft"), "quantity": np.array("speed_mps"),
+        "rock": rock, "step": "aloft", "quantity": "speed_mps",
         "observed": after, "predicted": before, "sd": sd, "way_m": s,
     }  # fmt: skip
     rock, ahead, across, sd, speed2 = air_of_flights(case, axes_m)
     flights: list[_Part] = [
         {
-            "rock": rock, "step": np.array("air"), "quantity": np.array(name), "observed": pull,
-            "predicted": np.zeros(rock.size), "sd": sd, "speed2": speed2,
+            "rock": rock, "step": "air", "quantity": name, "observed": pull,
+            "predicted": 0.0, "sd": sd, "speed2": speed2,
         }
         for name, pull in (("ahead_mps2", ahead), ("across_mps2", across))
     ]  # fmt: skip
@@ -265,9 +257,8 @@ def _first_contacts(
     sd = math.hypot(math.sqrt(float(scatter[known].mean())), side_error(case))
     return [
         {
-            "rock": np.flatnonzero(known), "step": np.array("start"),
-            "quantity": np.array("chainage_m"), "observed": observed[known],
-            "predicted": predicted[known], "sd": np.full(int(known.sum()), sd),
+            "rock": np.flatnonzero(known), "step": "start", "quantity": "chainage_m",
+            "observed": observed[known], "predicted": predicted[known], "sd": sd,
         }
     ]  # fmt: skip
 
@@ -288,7 +279,7 @@ def _runs(case: Case, run: FreeRun) -> list[_Part]:
     predicted, sd = _offset(case, run.at.lateral_m[rows.rock[own], :, rows.station[own]])
     return [
         {
-            "rock": rows.rock[own], "step": np.array("run"), "quantity": np.array("lateral_m"),
+            "rock": rows.rock[own], "step": "run", "quantity": "lateral_m",
             "observed": rows.lateral_m[own], "predicted": predicted, "sd": sd,
             "station": rows.station[own],
         }
@@ -300,8 +291,8 @@ def _offset(case: Case, draws: FloatArray) -> tuple[FloatArray, FloatArray]:
     error = np.full(len(draws), side_error(case))
     if case.terrain is None:
         return np.zeros(len(draws)), error
-    mean = mean_of_draws(draws)
-    return mean, np.hypot(error, np.sqrt(mean_of_draws((draws - mean[:, None]) ** 2)))
+    mean, sd = _mean_and_sd(draws)
+    return mean, np.hypot(error, sd)
 
 
 def _stops(case: Case, run: FreeRun) -> list[_Part]:
@@ -312,7 +303,7 @@ def _stops(case: Case, run: FreeRun) -> list[_Part]:
     predicted, sd = _offset(case, run.ends.lateral_m[rock])
     return [
         {
-            "rock": rock, "step": np.array("stop"), "quantity": np.array("lateral_m"),
+            "rock": rock, "step": "stop", "quantity": "lateral_m",
             "observed": lateral[rock], "predicted": predicted, "sd": sd, "way_m": runout[rock],
         }
     ]  # fmt: skip

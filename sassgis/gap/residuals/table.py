@@ -12,7 +12,6 @@ from sassgis.gap.replicas.hypothesis_model import HypothesisModel, MeasurementEr
 from sassgis.gap.replicas.rock_lines import rock_lines_of
 from sassgis.gap.residuals.flights import path_residuals
 from sassgis.gap.residuals.free_run import (
-    AtStations,
     FreeRun,
     RunModel,
     free_run,
@@ -27,8 +26,6 @@ from sassgis.model.grid import FloatArray
 
 #: Runs of each rock.
 REPLICATES = 20
-#: Orientations and slopes drawn for each observed impact.
-IMPACT_DRAWS = 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,8 +36,6 @@ class ResidualTable:
     ----------
     run : FreeRun
         Replicates of the rocks in the model.
-    seen : AtStations
-        The rocks at the stations.
     rows : tuple of Residual
         By place and quantity, one value per rock.
     steps : StepTable
@@ -48,7 +43,6 @@ class ResidualTable:
     """
 
     run: FreeRun
-    seen: AtStations
     rows: tuple[Residual, ...]
     steps: StepTable
 
@@ -74,12 +68,10 @@ def residuals_of(
         *free_run_residuals(case, seen, run, rng=rng),
         *reach_residuals(case, running, seen, run, edges, rng=rng),
         *path_residuals(case, running, edges, run.axes_m),
-        *impact_residuals(
-            case, model.table, run, edges, running.effects, draws=IMPACT_DRAWS, rng=rng
-        ),
+        *impact_residuals(case, model, run, edges, rng=rng),
     ]
-    steps = steps_of(case, running, run, rng)
-    return ResidualTable(run, seen, tuple(rows), steps)
+    steps = steps_of(case, model, run, rng)
+    return ResidualTable(run, tuple(rows), steps)
 
 
 def residuals_with(

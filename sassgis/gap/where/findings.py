@@ -14,6 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from sassgis.gap.diagnosis import GapFinding, Range
+from sassgis.gap.inference.intervals import times_drawn
 from sassgis.gap.inference.rock_tests import false_discovery_adjusted, mean_gap_tests
 from sassgis.gap.observations.case import Case
 from sassgis.gap.residuals.residuals import Residual
@@ -45,14 +46,7 @@ def where(
         Most certain first; quantities that fewer than five rocks have are left out.
     """
     rng = np.random.default_rng([seed, 33])
-    return findings_of(case, residuals.rows, draws=draws, rng=rng)
-
-
-def findings_of(
-    case: Case, residuals: Sequence[Residual], *, draws: int, rng: np.random.Generator
-) -> tuple[GapFinding, ...]:
-    """Test residuals together and write them down, most certain first."""
-    tested = [(r, r.tested()) for r in residuals]
+    tested = [(r, r.tested()) for r in residuals.rows]
     tested = [(r, v) for r, v in tested if int(np.isfinite(v).sum()) >= LEAST_ROCKS]
     if not tested:
         return ()
@@ -61,8 +55,7 @@ def findings_of(
     q = false_discovery_adjusted(p)
     # A scatter known from above only is tested by scores that may all be zero.
     size = np.abs(np.nan_to_num(t, posinf=np.inf, neginf=-np.inf))
-    n = case.n_rocks
-    times = rng.multinomial(n, np.full(n, 1.0 / n), size=draws).astype(np.float64)
+    times = times_drawn(np.arange(case.n_rocks), rng, draws)
     findings = [
         _finding(case, r, values[:, i], float(adjusted[i]), float(q[i]), times)
         for i, (r, _) in enumerate(tested)
@@ -128,9 +121,7 @@ def _on_map(case: Case, residual: Residual, own: np.ndarray) -> tuple[float, flo
     return float(x[known].mean()), float(y[known].mean())
 
 
-def locate(
-    findings: Sequence[GapFinding], phases: tuple[str, ...] | None = None
-) -> tuple[str, tuple[str, ...]]:
+def locate(findings: Sequence[GapFinding]) -> tuple[str, tuple[str, ...]]:
     """Phase and reaches in which the gap begins.
 
     Single steps say most, reaches more than runs from the release: what is wrong in a single step
@@ -140,8 +131,6 @@ def locate(
     ----------
     findings : sequence of GapFinding
         As ``where`` returns them.
-    phases : tuple of str, optional
-        Phases in which the effect that was named can act; others are passed over.
 
     Returns
     -------
@@ -153,13 +142,10 @@ def locate(
     sure = [f for f in findings if f.p_adjusted < LEVEL]
     phase = ""
     for test in ("one step", "reach", "free run"):
-        own = [f for f in sure if f.test == test and _may_be(f, phases)]
+        own = [f for f in sure if f.test == test]
         if not own:
             continue
-        if not phase:
-            phase = own[0].phase
-            if phases and phase not in phases:
-                phase = phases[0]
+        phase = phase or own[0].phase
         if test == "one step" or phase == "release":
             own = [f for f in own if f.phase == phase]
         own = [f for f in own if "-" in f.place and f.s0_m < f.s1_m]
@@ -174,12 +160,3 @@ def _strength(finding: GapFinding) -> float:
     """Gap over its standard error."""
     low, high = finding.ci95
     return abs(finding.gap) / (high - low) if high > low else math.inf
-
-
-def _may_be(finding: GapFinding, phases: tuple[str, ...] | None) -> bool:
-    """Whether a finding can show an effect of some phases."""
-    if phases is None:
-        return True
-    if finding.test == "one step" or finding.phase == "release":
-        return finding.phase in phases
-    return True

@@ -24,25 +24,20 @@ from sassgis.gap.residuals.table import ResidualTable
 from sassgis.model.grid import IntArray
 
 
-def fingerprints(
-    case: Case, residuals: ResidualTable, *, group: IntArray | None = None
-) -> tuple[Fingerprint, ...]:
+def fingerprints(case: Case, residuals: ResidualTable) -> tuple[Fingerprint, ...]:
     """Test every fingerprint on the residuals of a case.
 
     Parameters
     ----------
     residuals : ResidualTable
         Of the calibrated base.
-    group : int64, shape (n_rocks,), optional
-        What is resampled together (block, day, source); default: every rock by itself.
 
     Returns
     -------
     tuple of Fingerprint
         The most certain first; those that cannot be seen last.
     """
-    cluster = np.arange(case.n_rocks) if group is None else group
-    number = np.unique(cluster, return_inverse=True)[1]
+    group = case.group
     #: Size, z, p and groups by the name of the statistic.
     found: dict[str, tuple[float, float, float, int]] = {}
     statistics = [own for cause in CAUSES.values() for own in cause.statistics]
@@ -51,7 +46,7 @@ def fingerprints(
             continue
         with suppress(Unseen):
             scores = one.scores(case, residuals)
-            z, p, n = _tested(scores, number)
+            z, p, n = _tested(scores, group)
             if math.isfinite(z):
                 found[one.name] = scores.size, z, p, n
     for one in statistics:

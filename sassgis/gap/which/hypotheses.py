@@ -17,11 +17,7 @@ from sassgis.gap.causes.all_causes import CAUSES, FAMILIES
 from sassgis.gap.causes.parameter_draws import ParameterDraws, rounded
 from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.observed import Observations
-from sassgis.gap.replicas.hypothesis_model import (
-    HypothesisModel,
-    MeasurementError,
-    moving_effects,
-)
+from sassgis.gap.replicas.hypothesis_model import HypothesisModel, MeasurementError, moving_effects
 from sassgis.model.declared import highest
 from sassgis.model.ground import GroundTable
 from sassgis.model.settings import EngineSettings

@@ -1,4 +1,4 @@
-"""What observations support: the quantities and phases of motion that are identifiable."""
+"""What observations support: the quantities that are identifiable, and those that are not."""
 
 from __future__ import annotations
 
@@ -22,15 +22,11 @@ class Quantity:
 
     Attributes
     ----------
-    phases : tuple of str
-        Phases of motion that it speaks of: release, flight, impact, rolling, stopping.
     rocks, values : int
         On how many rocks (unattributed blocks not counted), and how many values.
     """
 
-    phases: tuple[str, ...]
     name: str
-    unit: str
     table: str
     rocks: int
     values: int
@@ -59,18 +55,16 @@ class Identifiable:
 
 
 def what_is_identifiable(observations: Observations) -> Identifiable:
-    """Which quantities and phases the data support, and what they do not identify."""
+    """Which quantities the data support, and what they do not identify."""
     quantities = []
     unattributed = 0
     for table, data in observations.tables.items():
-        for one in data.quantities:
-            known = np.all([np.isfinite(data.numbers[c]) for c in one.columns], axis=0)
+        for name, columns in data.quantities.items():
+            known = np.all([np.isfinite(data.numbers[c]) for c in columns], axis=0)
             if known.any():
                 owner = observations.rock_of(table)[known]
                 rocks = int(np.unique(owner[owner >= 0]).size)
-                quantities.append(
-                    Quantity(one.phases, one.name, one.unit, table, rocks, int(known.sum()))
-                )
+                quantities.append(Quantity(name, table, rocks, int(known.sum())))
         if data.may_be_loose:
             unattributed += int((observations.rock_of(table) < 0).sum())
     found = Identifiable(len(observations.rock_names), unattributed, tuple(quantities), ())

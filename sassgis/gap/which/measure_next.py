@@ -225,5 +225,4 @@ def _difference(one: FloatArray, other: FloatArray) -> float:
 def _of_draws(means: FloatArray) -> FloatArray:
     """Mean of each draw over the rocks that all draws have, shape (DRAWS,)."""
     whole = np.isfinite(means).all(axis=0)
-    result: FloatArray = means[:, whole].mean(axis=1) if whole.any() else np.zeros(len(means))
-    return result
+    return means[:, whole].mean(axis=1) if whole.any() else np.zeros(len(means))

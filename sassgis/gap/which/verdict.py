@@ -12,7 +12,7 @@ from sassgis.gap.diagnosis import CauseGain, Fingerprint, GapFinding
 from sassgis.gap.observations.case import Case
 from sassgis.gap.where.findings import locate
 from sassgis.gap.which.hypotheses import NONE, Draw
-from sassgis.gap.words import effect_key
+from sassgis.gap.words import LEVEL, effect_key
 from sassgis.model.languages import joined, phrase
 
 #: Answers besides the families.
@@ -65,14 +65,14 @@ def group_of(effect: str) -> str:
     return "" if first is None else first.group
 
 
-def adequate(findings: Sequence[GapFinding], level: float = 0.05) -> bool:
+def adequate(findings: Sequence[GapFinding]) -> bool:
     """Whether no gap of the calibrated base is both significant and large."""
-    return not large_gaps(findings, level)
+    return not large_gaps(findings)
 
 
-def large_gaps(findings: Sequence[GapFinding], level: float = 0.05) -> list[GapFinding]:
+def large_gaps(findings: Sequence[GapFinding]) -> list[GapFinding]:
     """Gaps that are both significant and large."""
-    return [f for f in findings if f.p_adjusted <= level and _large(f)]
+    return [f for f in findings if f.p_adjusted <= LEVEL and _large(f)]
 
 
 def _large(finding: GapFinding) -> bool:

@@ -39,7 +39,7 @@ def parameters_figure(fitted: Sequence[Fitted]) -> Figure:
     ax = figure.subplots()
     for k, f in enumerate(fitted):
         own, ends = f.parameter.limits, np.array([f.low, f.high])
-        if own.log:
+        if own.scale == "log":
             ends = np.log(ends / own.low) / math.log(own.high / own.low)
         else:
             ends = (ends - own.low) / (own.high - own.low)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
-from helpers.simulated_slope import TABLE, observed
+from helpers.simulated_slope import TABLE, observed, table_with
 
 from sassgis.engine.effects.soft_ground import SoftGround
 from sassgis.gap.calibration.class_calibration import (
@@ -42,21 +41,14 @@ from sassgis.model.ground import GroundTable
 TRUTH = {"eta_max": 0.45, "mu_0": 0.3}
 
 
-def table_of(**values: float) -> GroundTable:
-    return GroundTable(
-        tuple(
-            dataclasses.replace(c, **values) if c.name == "debris" else c  # type: ignore[arg-type]
-            for c in TABLE.classes
-        )
-    )
-
-
 def site(
-    n: int, seed: int, table: GroundTable, name: str = "one", **more: object
+    n: int,
+    seed: int,
+    table: GroundTable,
+    name: str = "one",
+    tables: tuple[str, ...] = ("passages", "deposits"),
 ) -> CalibrationProblem:
-    tables = more.pop("tables", ("passages", "deposits"))
-    seen = observed(n, seed, table=table, tables=tables)  # type: ignore[arg-type]
-    return problem_of(seen, 1, name=name, sideways=False)
+    return problem_of(observed(n, seed, table=table, tables=tables), 1, name=name, sideways=False)
 
 
 def calibrated(
@@ -77,7 +69,9 @@ def calibrated(
 
 @cache
 def recovered() -> SiteCalibration:
-    return calibrated([site(40, 11, table_of(**TRUTH))], ("debris",), ("eta_max", "mu_0"))
+    return calibrated(
+        [site(40, 11, table_with("debris", **TRUTH))], ("debris",), ("eta_max", "mu_0")
+    )
 
 
 @pytest.mark.battery
@@ -93,7 +87,7 @@ def test_intervals_hold_the_parameters_that_the_rocks_were_released_with() -> No
 
 def test_the_error_on_rocks_left_out_is_that_of_rocks_never_seen() -> None:
     found = recovered()
-    new = site(80, 12, table_of(**TRUTH))
+    new = site(80, 12, table_with("debris", **TRUTH))
     made = prediction(new, configured_model(new.case, found.table(TABLE)), 7, 40).replicas
     for e, name in zip(found.sites[0].errors, found.sites[0].observed, strict=True):
         if e.name != "run-out":
@@ -131,15 +125,15 @@ def test_more_stations_and_more_impacts_weigh_no_more() -> None:
     scale = Scale(tuple(seen.scale.names[i] for i in twice), *np.ones((2, twice.size)), 12)
     both = np.r_[twice, twice + k]
     doubled = replace(seen, scale=scale, rows=seen.rows[:, both], unseen=seen.unseen[:, both])
-    once = scores_of(seen, model, 3, 4, rows)
-    np.testing.assert_allclose(scores_of(doubled, model, 3, 4, rows[..., both]), once)
+    once = scores_of(seen, model, 3, rows)
+    np.testing.assert_allclose(scores_of(doubled, model, 3, rows[..., both]), once)
 
     # An offset that is not scored is as if it had not been measured.
     with_offset = replace(scale, names=(*seen.scale.names, *["S0:aside"] * int(passages.sum())))
     unscored = replace(doubled, scale=with_offset, sideways=False)
     astray = rows[..., both].copy()
     astray[..., k : twice.size] += 9.0
-    np.testing.assert_allclose(scores_of(unscored, model, 3, 4, astray), once)
+    np.testing.assert_allclose(scores_of(unscored, model, 3, astray), once)
 
     hit = site(12, 22, TABLE, tables=("impacts",))
     assert hit.impacts is not None
@@ -154,7 +148,7 @@ def test_more_stations_and_more_impacts_weigh_no_more() -> None:
 @pytest.mark.battery
 def test_a_class_that_no_rock_reaches_is_not_identified() -> None:
     # Stations end on debris; of the meadow below nothing is seen.
-    only = site(25, 13, table_of(**TRUTH), tables=("passages",))
+    only = site(25, 13, table_with("debris", **TRUTH), tables=("passages",))
     assert "meadow" in classes_met(only.case)
     found = calibrated([only], ("meadow",), ("eta_max", "mu_0"))
     assert not any(f.identified for f in found.fitted)
@@ -173,9 +167,9 @@ def test_classes_that_the_stops_do_not_tell_apart_are_named() -> None:
 
 @pytest.mark.battery
 def test_sites_of_one_ground_agree_and_of_different_ground_do_not() -> None:
-    one = site(30, 15, table_of(eta_max=0.75))
-    same = site(30, 16, table_of(eta_max=0.75), "other")
-    other = site(30, 17, table_of(eta_max=0.25), "other")
+    one = site(30, 15, table_with("debris", eta_max=0.75))
+    same = site(30, 16, table_with("debris", eta_max=0.75), "other")
+    other = site(30, 17, table_with("debris", eta_max=0.25), "other")
     agree = calibrated([one, same], ("debris",), ("eta_max",))
     assert not agree.contradict
     assert agree.fitted[0].low <= 0.75 <= agree.fitted[0].high
@@ -191,7 +185,7 @@ def test_sites_of_one_ground_agree_and_of_different_ground_do_not() -> None:
 
 @pytest.mark.battery
 def test_impacts_identify_what_stops_do_not() -> None:
-    seen = site(30, 18, table_of(eta_max=0.5), tables=("impacts",))
+    seen = site(30, 18, table_with("debris", eta_max=0.5), tables=("impacts",))
     assert seen.impacts is not None and not seen.scale.names
     found = calibrated([seen], ("debris",), ("eta_max", "mu_0"))
     eta, mu_0 = found.fitted
@@ -205,7 +199,8 @@ def test_contacts_speak_for_the_effect_that_acts_in_them() -> None:
     seen = problem_of(observed(30, 21, effects=soft, tables=("impacts",)), 1)
     without = configured_model(seen.case)
     total = [
-        scores_of(seen, model, 5, 4).sum() for model in (without, replace(without, effects=soft))
+        scores_of(seen, model, 5, model_rows(seen, model, 5, 4)).sum()
+        for model in (without, replace(without, effects=soft))
     ]
     assert total[1] < 0.8 * total[0]
 

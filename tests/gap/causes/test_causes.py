@@ -12,7 +12,7 @@ from sassgis.engine.effects.registry import EFFECTS
 from sassgis.engine.effects.wind import Wind
 from sassgis.gap.calibration.problem import CalibrationProblem
 from sassgis.gap.causes import all_causes
-from sassgis.gap.causes.all_causes import CAUSES, NUMBERS
+from sassgis.gap.causes.all_causes import CAUSES
 from sassgis.gap.causes.cause import CLEAR, Cause, Scores, Trace, fitted_alone
 from sassgis.gap.causes.extra_blocks import FRAGMENTATION
 from sassgis.gap.causes.parameter_draws import Fit, ParameterDraws, Range
@@ -94,7 +94,8 @@ def test_every_row_is_complete(cause: Cause) -> None:
 
 
 def test_numbers_differ_and_fit_into_those_of_campaigns() -> None:
-    assert len(set(NUMBERS.values())) == len(NUMBERS) and max(NUMBERS.values()) < 15
+    numbers = {cause.number for cause in CAUSES.values()}
+    assert len(numbers) == len(CAUSES) and max(numbers) < 15
     assert len(all_causes.STATISTICS) == sum(len(c.statistics) for c in CAUSES.values())
 
 

@@ -7,20 +7,8 @@ import math
 
 import pytest
 
-from sassgis.gap.check.answers import (
-    Answer,
-    Truth,
-    answer_from,
-    is_covered,
-    is_right,
-)
-from sassgis.gap.check.check_scores import (
-    AIMS,
-    ANSWERS,
-    acceptance,
-    score,
-    scores_as_json,
-)
+from sassgis.gap.check.answers import Answer, Truth, answer_from, is_covered, is_right
+from sassgis.gap.check.check_scores import AIMS, ANSWERS, acceptance, score, scores_as_json
 
 LEGS = ("release-S1", "S1-S2", "S2-end")
 

@@ -124,18 +124,14 @@ def test_rock_means_and_t():
 
 def test_bootstrap_draws_whole_rocks():
     rock = np.array([7, 3, 7, 3, 3, 9])
-    for rows, new in bootstrap_rows(rock, 50, np.random.default_rng(0)):
-        for unit in np.unique(new):
-            own = rows[new == unit]
-            name = rock[own[0]]
-            assert sorted(own.tolist()) == np.flatnonzero(rock == name).tolist()
-        assert np.unique(new).size == 3
+    for rows in bootstrap_rows(rock, 50, np.random.default_rng(0)):
+        times = np.bincount(rows, minlength=6)
+        drawn = [np.unique(times[rock == name]) for name in (3, 7, 9)]
+        assert all(own.size == 1 for own in drawn) and np.sum(drawn) == 3
 
 
-@pytest.mark.parametrize(
-    ("method", "theirs"), [("percentile", "percentile"), ("basic", "basic"), ("BCa", "BCa")]
-)
-def test_bootstrap_of_single_rows_is_that_of_scipy(method, theirs):
+@pytest.mark.parametrize("method", ["percentile", "BCa"])
+def test_bootstrap_of_single_rows_is_that_of_scipy(method):
     data = np.random.default_rng(3).gamma(2.0, size=30)
     ours = bootstrap_interval(
         lambda rows: data[rows].mean(),
@@ -145,7 +141,7 @@ def test_bootstrap_of_single_rows_is_that_of_scipy(method, theirs):
         method=method,
     )
     other = scipy.stats.bootstrap(
-        (data,), np.mean, n_resamples=6000, method=theirs, random_state=np.random.default_rng(2)
+        (data,), np.mean, n_resamples=6000, method=method, random_state=np.random.default_rng(2)
     ).confidence_interval
     assert ours.value == data.mean()
     assert ours.low == pytest.approx(other.low, abs=0.04)
@@ -183,17 +179,11 @@ def test_bootstrap_of_one_rock_has_no_limits():
 # --- many comparisons ------------------------------------------------------------
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_benjamini_hochberg_is_that_of_scipy(seed):
-    p = np.random.default_rng(seed).random(30) ** 2
-    np.testing.assert_allclose(
-        false_discovery_adjusted(p), scipy.stats.false_discovery_control(p), rtol=1e-12
-    )
-    with_gap = np.insert(p, 4, NAN)
-    assert np.isnan(false_discovery_adjusted(with_gap)[4])
-    np.testing.assert_allclose(
-        np.delete(false_discovery_adjusted(with_gap), 4), false_discovery_adjusted(p)
-    )
+def test_false_discoveries_leave_missing_ones_out():
+    p = np.random.default_rng(0).random(30) ** 2
+    found = false_discovery_adjusted(np.insert(p, 4, NAN))
+    assert np.isnan(found[4])
+    np.testing.assert_allclose(np.delete(found, 4), scipy.stats.false_discovery_control(p))
 
 
 def test_sign_flips_are_those_of_scipy():
@@ -229,12 +219,7 @@ def test_max_t_by_its_definition(seed):
     rng = np.random.default_rng(seed)
     observed = np.abs(rng.normal(0.5, 1.5, size=5))
     null = np.abs(rng.normal(size=(40, 5)))
-    down = max_t_adjusted(observed, null)
-    single = max_t_adjusted(observed, null, step_down=False)
-    np.testing.assert_allclose(down, westfall_young(observed, null))
-    expected = [((null.max(axis=1) >= o).sum() + 1) / 41 for o in observed]
-    np.testing.assert_allclose(single, expected)
-    assert (down <= single).all()
+    np.testing.assert_allclose(max_t_adjusted(observed, null), westfall_young(observed, null))
 
 
 def test_max_t_leaves_missing_ones_out():
@@ -243,20 +228,19 @@ def test_max_t_leaves_missing_ones_out():
     np.testing.assert_allclose(p, [2 / 3, NAN, 2 / 3])
 
 
-@pytest.mark.parametrize(("method", "limit"), [("sign_flip", 0.095), ("bootstrap", 0.11)])
-def test_headline_keeps_its_level_and_finds_the_one_gap(method, limit):
+def test_headline_keeps_its_level_and_finds_the_one_gap():
     rng = np.random.default_rng(6)
     false, found, unadjusted = 0, 0, 0
     for _ in range(200):
         rocks = rng.normal(size=(25, 8)) + rng.normal(size=(25, 1))  # correlated quantities
         rocks[rng.random(rocks.shape) < 0.2] = NAN
-        _, p, adjusted = mean_gap_tests(rocks, draws=199, rng=rng, method=method)
+        _, p, adjusted = mean_gap_tests(rocks, draws=199, rng=rng)
         false += np.nanmin(adjusted) <= 0.05
         unadjusted += np.nanmin(p) <= 0.05
         rocks[:, 3] += 2.0
-        _, _, adjusted = mean_gap_tests(rocks, draws=199, rng=rng, method=method)
+        _, _, adjusted = mean_gap_tests(rocks, draws=199, rng=rng)
         found += np.nanargmin(adjusted) == 3 and adjusted[3] <= 0.05
-    assert false / 200 < limit
+    assert false / 200 < 0.095
     assert unadjusted / 200 > 0.12
     assert found / 200 > 0.9
 
@@ -282,16 +266,6 @@ def test_missing_values_keep_the_level_of_the_tests():
 
 
 # --- shares ------------------------------------------------------------
-
-
-@pytest.mark.parametrize(("hits", "trials"), [(0, 12), (3, 12), (12, 12), (77, 200), (1, 1)])
-@pytest.mark.parametrize(("method", "theirs"), [("wilson", "wilson"), ("exact", "exact")])
-def test_share_intervals_are_those_of_scipy(hits, trials, method, theirs):
-    ours = share_interval(hits, trials, method=method, level=0.9)
-    other = scipy.stats.binomtest(hits, trials).proportion_ci(0.9, method=theirs)
-    assert ours.low == pytest.approx(other.low, abs=1e-9)
-    assert ours.high == pytest.approx(other.high, abs=1e-9)
-    assert ours.value == hits / trials
 
 
 def test_share_without_trials_is_unknown():

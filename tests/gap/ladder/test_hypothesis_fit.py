@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.simulated_slope import TABLE, observed
+from helpers.simulated_slope import TABLE, observed, table_with
 
 from sassgis.gap.calibration.problem import CalibrationProblem, problem_of
 from sassgis.gap.calibration.site_summary import summary_of
@@ -14,7 +14,6 @@ from sassgis.gap.inference.folds import folds_of
 from sassgis.gap.ladder.handover import wrong_ground
 from sassgis.gap.ladder.hypothesis_fit import FittedHypothesis
 from sassgis.gap.which.hypotheses import NONE
-from sassgis.model.ground import GroundTable
 from sassgis.runs.hypothesis_fits import HypothesisFits
 
 
@@ -62,15 +61,10 @@ def test_a_model_that_is_handed_over_gives_its_campaigns_again(
 @pytest.mark.battery
 def test_calibration_betters_the_score_of_a_wrong_ground() -> None:
     """Rocks of a rougher debris: the base comes nearer to it than what is configured."""
-    table = GroundTable(
-        tuple(
-            replace(c, eta_max=c.eta_max - 0.05) if c.name == "debris" else c for c in TABLE.classes
-        )
-    )
-    other = problem_of(observed(25, 8, table=table), 5)
+    before = {c.name: c for c in TABLE.classes}["debris"].eta_max
+    other = problem_of(observed(25, 8, table=table_with("debris", eta_max=before - 0.05)), 5)
     found = fitted(other, NONE)
     assert "debris.eta_max" in found.identified
-    before = {c.name: c for c in TABLE.classes}["debris"].eta_max
     low, high = found.intervals(other.case)["debris.eta_max"]
     assert low <= before - 0.05 <= high < before
     assert np.isfinite(found.handed_over.scores).all()
@@ -78,13 +72,14 @@ def test_calibration_betters_the_score_of_a_wrong_ground() -> None:
 
 def test_groups_stay_together_and_parts_are_even() -> None:
     group = np.array([0, 0, 0, 0, 1, 1, 2, 2, 3, 4, 5, 6])
-    part = folds_of(12, 3, group)
+    part = folds_of(group, 3)
     assert all(np.unique(part[group == g]).size == 1 for g in range(7))
     assert sorted(np.bincount(part).tolist()) == [2, 2, 2, 2, 4]
-    assert np.bincount(folds_of(12, 3, np.array([7] * 5 + [2] * 7))).tolist() in ([5, 7], [7, 5])
+    assert np.bincount(folds_of(np.array([7] * 5 + [2] * 7), 3)).tolist() in ([5, 7], [7, 5])
     # One group is none.
-    np.testing.assert_array_equal(folds_of(12, 3, np.zeros(12, np.int64)), folds_of(12, 3))
-    np.testing.assert_array_equal(np.bincount(folds_of(12, 3)), [3, 3, 2, 2, 2])
+    alone = folds_of(np.arange(12), 3)
+    np.testing.assert_array_equal(folds_of(np.zeros(12, np.int64), 3), alone)
+    np.testing.assert_array_equal(np.bincount(alone), [3, 3, 2, 2, 2])
 
 
 def test_scores_of_a_group_count_as_one(problem: CalibrationProblem) -> None:

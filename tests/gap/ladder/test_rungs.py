@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.simulated_slope import observed
+from helpers.simulated_slope import observed, with_observed
 from scipy.spatial.distance import euclidean
 
 from sassgis.gap.calibration.problem import CalibrationProblem, model_rows, problem_of
@@ -170,12 +170,7 @@ def test_a_stop_that_is_not_known_is_no_stop_that_did_not_happen() -> None:
     case = observed(12, 1)
     deposits = case.observations.deposits
     names = np.where(np.arange(len(deposits)) % 3 == 0, "", deposits.rock_id)
-    blind = replace(
-        case,
-        observations=replace(
-            case.observations, deposits=replace(deposits, rock_id=names.astype(str))
-        ),
-    )
+    blind = with_observed(case, deposits=replace(deposits, rock_id=names.astype(str)))
     own = problem_of(blind, 1)
     made = rows_of(own, 2)
     assert own.unseen.any(axis=1).sum() == 4

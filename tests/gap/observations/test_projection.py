@@ -23,7 +23,6 @@ from sassgis.model.grid import Grid
 from sassgis.model.profiles import TraceSet
 from sassgis.model.settings import TerrainSettings
 from sassgis.terrain.fall_lines import fall_line_surface, trace
-from sassgis.terrain.flatten import profiles
 from sassgis.terrain.heights import heights_at
 from sassgis.terrain.release import point_keys
 from sassgis.terrain.stretch import take_lines
@@ -83,17 +82,6 @@ def test_points_of_a_plane_slope(observed, slope):
     # The block of unknown origin is put on the line nearest to it: that of R1.
     assert found["deposits"].line[6] == 0
     np.testing.assert_allclose(found["deposits"].lateral_m[6], 22.0, atol=0.02)
-    alone = project_observations(observed, traces, line, grid=slope, unattributed=False)
-    assert alone["deposits"].line[6] == -1 and np.isnan(alone["deposits"].s[6])
-
-
-def test_ground_of_the_profile_without_a_grid(observed, slope):
-    points, rock = observed_release_points(observed)
-    traces = traced(slope, points)
-    lines = profiles(slope, traces, np.zeros(slope.shape, np.int32), 0.01)
-    line = lines_of_rocks(traces, rock, 5)
-    found = project_observations(observed, traces, line, profiles=lines)
-    np.testing.assert_allclose(found["passages"].height_m, 0.8, atol=0.03)
 
 
 def test_height_is_that_above_the_ground_below_the_point():
@@ -161,9 +149,6 @@ def test_stations_on_lines(observed, slope):
     traces = traced(slope, points)
     found = station_chainages(traces, observed.stations)
     np.testing.assert_allclose(found.s, np.tile([80.0, 180.0], (5, 1)), atol=0.02)
-    # From their western end, 60 m west of the middle.
-    np.testing.assert_allclose(found.along_m[:, 0], 60.0 + 2.0 * np.arange(1, 6), atol=0.02)
-    assert (found.crossings == 1).all()
     assert found.order.tolist() == [0, 1]
     turned = station_chainages(traces, observed.stations.take(np.array([1, 0])))
     assert turned.order.tolist() == [1, 0]
@@ -181,11 +166,9 @@ def test_stations_that_a_line_misses_or_crosses_twice():
     )
     found = station_chainages(traces, stations)
     np.testing.assert_allclose(found.s, [[np.nan, 20.0, 32.5], [np.nan, np.nan, np.nan]])
-    assert found.crossings.tolist() == [[0, 1, 2], [0, 0, 0]]
     assert found.order.tolist() == [1, 2, 0]
     longer = station_chainages(traces, stations, prolong_m=10.0)
     assert longer.s[1, 1] == pytest.approx(20.0)
-    np.testing.assert_allclose(longer.along_m[:, 1], [5.0, 35.0])
 
 
 def test_heights_of_the_dem(slope):

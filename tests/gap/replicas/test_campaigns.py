@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.simulated_slope import TABLE
+from helpers.simulated_slope import BASE
 
 from sassgis.engine.effects.trees import Trees as Forest
 from sassgis.gap.calibration.problem import CalibrationProblem
 from sassgis.gap.causes.parameter_draws import ParameterDraws
-from sassgis.gap.observations.campaign import LOOSE, PIECE, main_blocks, observed_campaign
+from sassgis.gap.observations.campaign import LOOSE, PIECE, Campaign, main_blocks, observed_campaign
 from sassgis.gap.replicas.campaigns import campaigns
 from sassgis.gap.replicas.features import rock_quantities
 from sassgis.gap.replicas.hypothesis_model import (
@@ -25,63 +25,31 @@ from sassgis.gap.which.hypotheses import draw
 from sassgis.model.effects import EffectSettings
 
 
-def plain(problem: CalibrationProblem, **changes: object) -> HypothesisModel:
-    return HypothesisModel(TABLE, EffectSettings(), **changes)  # type: ignore[arg-type]
+def made(
+    problem: CalibrationProblem, count: int, model: HypothesisModel = BASE, number: int = 0
+) -> list[Campaign]:
+    return campaigns(problem.case, problem.rock_lines, model, count=count, seed=2, number=number)
 
 
 def test_what_the_base_model_shows_is_what_it_made(problem: CalibrationProblem) -> None:
     """The field is the engine itself: its own campaigns look like it, station by station."""
-    samples = campaigns(
-        problem.case,
-        problem.rock_lines,
-        plain(problem),
-        count=30,
-        seed=2,
-    )
     seen = rock_quantities(problem.case, observed_campaign(problem.case))
-    made = [rock_quantities(problem.case, sample) for sample in samples]
+    shown = [rock_quantities(problem.case, sample) for sample in made(problem, 30)]
     for name in ("stop:runout", "S0:speed", "S1:rotation", "S0:height"):
-        means = np.array([np.nanmean(one[name]) for one in made])
+        means = np.array([np.nanmean(one[name]) for one in shown])
         assert abs(np.nanmean(seen[name]) - means.mean()) < 4.5 * means.std(), name
 
 
-def test_campaigns_are_the_same_however_they_are_asked_for(
-    problem: CalibrationProblem,
-) -> None:
-    one = campaigns(
-        problem.case,
-        problem.rock_lines,
-        plain(problem),
-        count=2,
-        seed=2,
-        number=7,
-    )
-    again = campaigns(
-        problem.case,
-        problem.rock_lines,
-        plain(problem),
-        count=2,
-        seed=2,
-        number=7,
-    )
-    other = campaigns(
-        problem.case,
-        problem.rock_lines,
-        plain(problem),
-        count=2,
-        seed=2,
-        number=8,
-    )
-    assert one[0].deposits is not None and again[0].deposits is not None
-    np.testing.assert_array_equal(one[0].deposits.s, again[0].deposits.s)
-    assert other[0].deposits is not None
-    assert not np.array_equal(one[0].deposits.s, other[0].deposits.s)
+def test_campaigns_are_the_same_however_they_are_asked_for(problem: CalibrationProblem) -> None:
+    one, again, other = (made(problem, 2, number=number)[0].deposits for number in (7, 7, 8))
+    assert one is not None and again is not None and other is not None
+    np.testing.assert_array_equal(one.s, again.s)
+    assert not np.array_equal(one.s, other.s)
 
 
 def test_measurement_scales_what_is_read(problem: CalibrationProblem) -> None:
     def speed(measurement: MeasurementError) -> float:
-        model = plain(problem, measurement=measurement)
-        rows = campaigns(problem.case, problem.rock_lines, model, count=10, seed=2)
+        rows = made(problem, 10, replace(BASE, measurement=measurement))
         return float(
             np.mean(np.concatenate([r.passages.speed_mps for r in rows if r.passages is not None]))
         )
@@ -92,25 +60,15 @@ def test_measurement_scales_what_is_read(problem: CalibrationProblem) -> None:
 
 
 def test_release_moves_the_start(problem: CalibrationProblem) -> None:
-    shifted = plain(problem, release=ReleaseError(shift_m=5.0))
-    rows = campaigns(problem.case, problem.rock_lines, shifted, count=10, seed=2)
+    rows = made(problem, 10, replace(BASE, release=ReleaseError(shift_m=5.0)))
     aside = np.concatenate([r.deposits.lateral_m for r in rows if r.deposits is not None])
     assert np.mean(aside) == pytest.approx(5.0, abs=0.2)
 
 
 def test_a_stand_takes_energy_only_where_it_stands(problem: CalibrationProblem) -> None:
-    model = replace(
-        plain(problem, stand=ForestStand(46.0, 79.0, 4000.0, 50.0)),
-        effects=EffectSettings(Forest()),
-    )
-    with_trees = campaigns(problem.case, problem.rock_lines, model, count=20, seed=2)
-    without = campaigns(
-        problem.case,
-        problem.rock_lines,
-        plain(problem),
-        count=20,
-        seed=2,
-    )
+    stand = ForestStand(46.0, 79.0, 4000.0, 50.0)
+    model = replace(BASE, stand=stand, effects=EffectSettings(Forest()))
+    with_trees, without = made(problem, 20, model), made(problem, 20)
 
     def speed(rows: list, station: int) -> float:  # type: ignore[type-arg]
         return float(
@@ -123,18 +81,12 @@ def test_a_stand_takes_energy_only_where_it_stands(problem: CalibrationProblem) 
     assert speed(with_trees, 1) < 0.5 * speed(without, 1)
 
 
-def test_pieces_and_loose_blocks_keep_to_their_campaign(
-    problem: CalibrationProblem,
-) -> None:
+def test_pieces_and_loose_blocks_keep_to_their_campaign(problem: CalibrationProblem) -> None:
     for family, kind in (("fragmentation", PIECE), ("entrainment", LOOSE)):
         names = "fragmentation.form", "fragmentation.energy_jkg", "entrainment.form"
         parameter_draws = {**dict.fromkeys(names, 0.1), "entrainment.number": 0.9}
-        made = draw(
-            problem.case,
-            (family,),
-            ParameterDraws(np.random.default_rng(1), parameter_draws),
-        )
-        for sample in campaigns(problem.case, problem.rock_lines, made.model, count=3, seed=2):
+        draws = ParameterDraws(np.random.default_rng(1), parameter_draws)
+        for sample in made(problem, 3, draw(problem.case, (family,), draws).model):
             rows = sample.deposits
             assert rows is not None
             assert (rows.kind == kind).any()

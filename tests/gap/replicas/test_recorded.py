@@ -6,31 +6,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.simulated_slope import TABLE, observed
+from helpers.simulated_slope import BASE, observed, with_metadata, with_passages
 from hypothesis import given
 from hypothesis import strategies as st
 
 from sassgis.gap.calibration.problem import CalibrationProblem
 from sassgis.gap.observations.campaign import Campaign, Errors
-from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.observer import Observer, observer_of, recorded_contacts
 from sassgis.gap.replicas.campaigns import campaigns
-from sassgis.gap.replicas.hypothesis_model import HypothesisModel
 from sassgis.gap.replicas.rock_lines import rock_lines_of
-from sassgis.model.effects import EffectSettings
-
-BASE = HypothesisModel(TABLE, EffectSettings())
 
 
 def seen_by(problem: CalibrationProblem, count: int = 3, **observer: float) -> list[Campaign]:
     own = replace(problem.rock_lines.observer, **observer)
     lines = replace(problem.rock_lines, observer=own)
     return campaigns(problem.case, lines, BASE, count=count, seed=2)
-
-
-def stated(case: Case, **metadata: float) -> Case:
-    own = replace(case.observations.metadata, **metadata)
-    return replace(case, observations=replace(case.observations, metadata=own))
 
 
 @given(
@@ -82,17 +72,11 @@ def test_the_tables_show_what_is_not_stated(problem: CalibrationProblem) -> None
     at = np.flatnonzero(passages.station == "S2")[::3]
     keep = np.ones(len(passages), np.bool_)
     keep[at] = False
-    put = case.projected["passages"]
-    fields = {f: getattr(put, f)[keep] for f in put.__slots__}
-    fewer = replace(
-        case,
-        observations=replace(case.observations, passages=passages.take(keep)),
-        projected={**case.projected, "passages": replace(put, **fields)},
-    )
+    fewer = with_passages(case, keep)
     share = observer_of(fewer).passages_missed_share
     assert share == pytest.approx(at.size / len(passages), rel=0.15)
     own = observer_of(
-        stated(
+        with_metadata(
             fewer, contact_min_normal_speed_mps=1.5, contact_min_interval_s=0.2,
             passages_missed_share=0.05,
         )

@@ -9,17 +9,15 @@ import numpy as np
 import pandas as pd
 import pytest
 from helpers.made_diagnosis import write_observations, write_slope
-from helpers.simulated_slope import ERRORS, STATIONS, TABLE, observed, slope
+from helpers.simulated_slope import BASE, ERRORS, STATIONS, TABLE, observed, slope
 
 from sassgis.engine.simulate_paths import PathTerrain, follow
 from sassgis.gap.observations.campaign import Campaign
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.campaigns import campaigns
-from sassgis.gap.replicas.hypothesis_model import HypothesisModel
 from sassgis.gap.replicas.released_rocks import all_rocks, move, station_traces, with_stations_at
 from sassgis.gap.replicas.rock_lines import control_lines_of, rock_lines_of
 from sassgis.io.read.config import load_config
-from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import Grid
 from sassgis.model.profiles import ReleasePoints
 from sassgis.model.settings import EngineSettings
@@ -29,7 +27,6 @@ from sassgis.terrain.flatten import chainage_to_xy
 from sassgis.terrain.plan import placed_points
 
 COUNT = 60
-MODEL = HypothesisModel(TABLE, EffectSettings())
 
 
 def followed(case: Case) -> Case:
@@ -45,7 +42,7 @@ def case() -> Case:
 
 
 def made(case: Case, number: int = 2) -> list[Campaign]:
-    return campaigns(case, rock_lines_of(case), MODEL, count=COUNT, seed=1, number=number)
+    return campaigns(case, rock_lines_of(case), BASE, count=COUNT, seed=1, number=number)
 
 
 @pytest.fixture(scope="module")
@@ -90,7 +87,7 @@ def test_rocks_move_as_blocks_do_from_their_release_points() -> None:
     """The very stops of the map's own call, with tilt and drift, in the plane of the fall line."""
     case = followed(observed(12, 3))
     lines = rock_lines_of(case)
-    found = move(case, lines, all_rocks(case, lines), MODEL, seed=4, count=30)
+    found = move(case, lines, all_rocks(case, lines), BASE, seed=4, count=30)
     rocks, n = case.observations.rocks, case.n_rocks
     points = ReleasePoints(
         rocks.x, rocks.y, np.arange(n, dtype=np.int64), lines.keys, case.observations.rock_names
@@ -116,7 +113,7 @@ def test_a_start_further_down_moves_all_that_follows() -> None:
     lines = rock_lines_of(case)
     rocks = all_rocks(case, lines)
     ahead = replace(rocks, start=np.column_stack([np.full(6, 10.0), np.full(6, 20.0)]))
-    found = move(case, lines, ahead, MODEL, seed=4, count=20)
+    found = move(case, lines, ahead, BASE, seed=4, count=20)
     assert found.rocks["line"].tolist() == np.repeat(np.arange(6), 20).tolist()
     assert found.rocks["rock"].tolist() == np.tile(np.arange(20), 6).tolist()
     assert found.rocks["runout_m"].min() > 9.0
@@ -127,7 +124,7 @@ def test_other_stations_are_where_they_are_asked_for() -> None:
     there = with_stations_at(case, np.array([30.0, 60.0]))
     assert there.station_s == pytest.approx(np.tile([30.0, 60.0], (6, 1)), abs=0.5)
     lines = replace(rock_lines_of(case), control_lines=control_lines_of(there))
-    (one, *_) = campaigns(there, lines, MODEL, count=2, seed=1, tables=frozenset({"passages"}))
+    (one, *_) = campaigns(there, lines, BASE, count=2, seed=1, tables=frozenset({"passages"}))
     assert set(one.passages.station.tolist()) == {0, 1}
 
 

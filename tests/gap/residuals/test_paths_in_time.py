@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.simulated_slope import observed
+from helpers.simulated_slope import observed, with_metadata, with_observed
 
 from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case
@@ -19,13 +19,13 @@ G = 9.81
 
 @pytest.fixture(scope="module")
 def case() -> Case:
-    seen = observed(12, 3)
-    metadata = replace(seen.observations.metadata, position_error_m=0.25)
-    return replace(
-        seen,
-        engine=replace(seen.engine, gravity_mps2=G),
-        observations=replace(seen.observations, metadata=metadata),
-    )
+    seen = with_metadata(observed(12, 3), position_error_m=0.25)
+    return replace(seen, engine=replace(seen.engine, gravity_mps2=G))
+
+
+def axes_of(case: Case) -> np.ndarray:
+    """As two draws of the model have them."""
+    return np.repeat(case.semi_axes_m[:, None, :], 2, axis=1)
 
 
 def path(case: Case, kept: float, push: float = 0.0, height: float = 3.0) -> flights._Path:
@@ -70,22 +70,18 @@ def test_free_paths_contacts_and_what_is_near_the_ground_are_no_stems(case: Case
 
 
 def test_rocks_without_trees_lose_nothing_above_the_ground(case: Case) -> None:
-    axes = np.repeat(case.semi_axes_m[:, None, :], 2, axis=1)
+    axes = axes_of(case)
     rock, s, before, after, sd = struck_above_ground(case, axes)
     assert rock.size == s.size == before.size == after.size == sd.size > 0
     assert np.unique(rock).size == rock.size and (sd > 0.0).all()
     assert not (((before - after) / sd > 5.0) & (after < 0.7 * before)).any()
-    nothing = case.observations.trajectories.take(
-        np.zeros(len(case.observations.trajectories), bool)
-    )
-    blind = replace(case, observations=replace(case.observations, trajectories=nothing))
+    blind = with_observed(case, trajectories=case.observations.trajectories.take([]))
     assert struck_above_ground(blind, axes)[0].size == 0
     assert air_of_flights(blind, axes)[0].size == 0
 
 
 def test_flights_without_air_are_straight_in_plan(case: Case) -> None:
-    axes = np.repeat(case.semi_axes_m[:, None, :], 2, axis=1)
-    rock, ahead, across, sd, speed2 = air_of_flights(case, axes)
+    rock, ahead, across, sd, speed2 = air_of_flights(case, axes_of(case))
     assert rock.size > 20 and (speed2 > 0.0).all()
     # The rows state the errors of measurement that were put on the paths, or more.
     for pull in (ahead, across):
@@ -97,7 +93,7 @@ def test_air_bends_flights_against_the_level_velocity(case: Case) -> None:
     track = case.observations.trajectories
     # A constant deceleration of each flight, between the same ends.
     pull = 0.8
-    axes = np.repeat(case.semi_axes_m[:, None, :], 2, axis=1)
+    axes = axes_of(case)
     rock, free, _, sd, _ = air_of_flights(case, axes)
     x, y = track.x.copy(), track.y.copy()
     rows_of = case.observations.paths_of_rocks(case.projected["trajectories"].height_m)
@@ -109,9 +105,7 @@ def test_air_bends_flights_against_the_level_velocity(case: Case) -> None:
             ahead = 0.5 * pull * (t - t[0]) * (t[-1] - t)
             x[rows] += ahead * way[0] / np.hypot(*way)
             y[rows] += ahead * way[1] / np.hypot(*way)
-    moved = replace(
-        case, observations=replace(case.observations, trajectories=replace(track, x=x, y=y))
-    )
+    moved = with_observed(case, trajectories=replace(track, x=x, y=y))
     again, slowed, across, _, _ = air_of_flights(moved, axes)
     assert again.size > 0.8 * rock.size
     assert np.median(free) - np.median(slowed) == pytest.approx(pull, rel=0.15)

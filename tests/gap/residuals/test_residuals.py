@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any
 
 import numpy as np
 import pytest
-from helpers.simulated_slope import STATIONS, TABLE, observed
+from helpers.simulated_slope import BASE, STATIONS, observed, with_passages
 
 from sassgis.engine.effects import hooks, soft_ground
 from sassgis.engine.effects.roughness import Roughness
@@ -16,7 +15,6 @@ from sassgis.engine.effects.soft_ground import SoftGround
 from sassgis.engine.ellipse import frame_of, inertia
 from sassgis.engine.impact import SCALE, impact
 from sassgis.engine.simulate import physics_of
-from sassgis.gap.replicas.hypothesis_model import HypothesisModel
 from sassgis.gap.residuals.free_run import RunModel, free_run, observed_at_stations
 from sassgis.gap.residuals.impact_step import impact_draws, orientation_at_contact
 from sassgis.gap.residuals.residuals import Residual, beyond, mean_of_draws, only_above, spread
@@ -26,9 +24,7 @@ from sassgis.model.ground import GroundClass, GroundTable
 from sassgis.model.settings import EngineSettings
 
 
-def rebounds(
-    dip, state, eta_max, r, draws, readings="1986", effects=None, keys=None, density=2700.0
-):
+def rebounds(dip, state, eta_max, r, draws, effects=None):
     """v_t, v_n, ω after one impact of spheres of radius r with some draws, shape (m, 3)."""
     ground = GroundTable(
         (
@@ -163,24 +159,13 @@ def test_rocks_that_stop_or_pass_are_told_apart():
     assert seen.speed_mps.shape == (12, 4)
     np.testing.assert_array_equal(seen.arrived == 1.0, np.isfinite(seen.speed_mps))
     # A rock seen further down has passed, also where nobody looked.
-    passages = case.observations.passages
-    first = passages.take(passages.station != "S2")
-    hidden = dataclasses.replace(
-        case,
-        observations=dataclasses.replace(case.observations, passages=first),
-        projected={**case.projected, "passages": _taken(case, passages.station != "S2")},
-    )
+    hidden = with_passages(case, case.observations.passages.station != "S2")
     np.testing.assert_array_equal(observed_at_stations(hidden).arrived, seen.arrived)
-
-
-def _taken(case: Any, which: Any) -> Any:
-    put = case.projected["passages"]
-    return type(put)(*(getattr(put, f.name)[which] for f in dataclasses.fields(put)))
 
 
 def test_runs_from_the_release_are_those_of_the_engine():
     case = observed(8, 2, tables=("deposits",))
-    run = free_run(case, RunModel.of(case, HypothesisModel(TABLE, EffectSettings()), 4), 6)
+    run = free_run(case, RunModel.of(case, BASE, 4), 6)
     assert run.ends.runout_m.shape == (8, 6) and run.axes_m.shape == (8, 6, 3)
     assert (run.ends.stops == 1.0).all() and (run.ends.largest == 1.0).all()
     arrived = run.at.arrived == 1.0

@@ -8,6 +8,7 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+from helpers.simulated_slope import with_observed
 
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.engine.effects.trees import Trees as Forest
@@ -59,7 +60,7 @@ def test_effects_that_are_on_already_are_not_tried(problem: CalibrationProblem) 
 def without_columns(case: Case, table: str, *columns: str) -> Case:
     rows = getattr(case.observations, table)
     blind = {name: np.full(len(rows), np.nan) for name in columns}
-    return replace(case, observations=replace(case.observations, **{table: replace(rows, **blind)}))
+    return with_observed(case, **{table: replace(rows, **blind)})
 
 
 def test_not_measured_stays_not_measured(problem: CalibrationProblem) -> None:

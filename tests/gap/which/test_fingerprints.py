@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.simulated_slope import TABLE, observed
+from helpers.simulated_slope import BASE, observed, with_metadata, with_observed
 
 from sassgis.engine.effects.soft_ground import SoftGround
 from sassgis.gap.causes.all_causes import STATISTICS
@@ -15,11 +15,7 @@ from sassgis.gap.causes.trees_cause import losses_at_one_place
 from sassgis.gap.diagnosis import Fingerprint
 from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.tables import Deposits
-from sassgis.gap.replicas.hypothesis_model import (
-    HypothesisModel,
-    MeasurementError,
-    ReleaseError,
-)
+from sassgis.gap.replicas.hypothesis_model import MeasurementError, ReleaseError
 from sassgis.gap.residuals.steps import StepTable
 from sassgis.gap.residuals.table import ResidualTable, residuals_of, residuals_with
 from sassgis.gap.where.findings import where
@@ -35,7 +31,7 @@ def case() -> Case:
 
 
 def table_of(case: Case) -> ResidualTable:
-    return residuals_of(case, HypothesisModel(TABLE, EffectSettings()), seed=5, replicates=8)
+    return residuals_of(case, BASE, seed=5, replicates=8)
 
 
 @pytest.fixture(scope="module")
@@ -43,13 +39,23 @@ def residuals(case: Case) -> ResidualTable:
     return table_of(case)
 
 
-def printed(case: Case, residuals: ResidualTable, **options: object) -> dict[str, Fingerprint]:
-    return strongest(fingerprints(case, residuals, **options))  # type: ignore[arg-type]
+def printed(case: Case, residuals: ResidualTable) -> dict[str, Fingerprint]:
+    return strongest(fingerprints(case, residuals))
+
+
+def by_name(case: Case, residuals: ResidualTable) -> dict[str, Fingerprint]:
+    return {f.statistic: f for f in fingerprints(case, residuals)}
+
+
+def in_days(case: Case) -> Case:
+    """The case with five rocks released on each day."""
+    days = np.array([f"day {k // 5}" for k in range(case.n_rocks)])
+    return with_observed(case, rocks=replace(case.observations.rocks, group=days))
 
 
 def with_deposits(case: Case, **columns: object) -> Case:
     deposits = replace(case.observations.deposits, **columns)  # type: ignore[arg-type]
-    return replace(case, observations=replace(case.observations, deposits=deposits))
+    return with_observed(case, deposits=deposits)
 
 
 def with_blocks(case: Case, masses: list[float], drop: int = 0) -> Case:
@@ -63,7 +69,7 @@ def with_blocks(case: Case, masses: list[float], drop: int = 0) -> Case:
         y=[*kept.y, *np.full(n, kept.y[0])],
         mass_kg=[*kept.mass_kg, *masses],
     )
-    return replace(case, observations=replace(case.observations, deposits=deposits))
+    return with_observed(case, deposits=deposits)
 
 
 def test_the_model_itself_leaves_no_fingerprint(case: Case, residuals: ResidualTable) -> None:
@@ -165,7 +171,7 @@ def test_air_brakes_against_the_motion_and_by_the_size(
     for name, share in (("ahead_mps2", -drag), ("across_mps2", aside)):
         filmed = changed(filmed, "air", name, np.nan_to_num(share * pull))
     name = "level speed lost in flight, over speed squared and size"
-    found = {f.statistic: f for f in fingerprints(light, filmed)}[name]
+    found = by_name(light, filmed)[name]
     assert seen == (found.observable and found.p_adjusted <= 0.01)
 
 
@@ -173,20 +179,17 @@ def test_a_cause_in_the_model_leaves_no_fingerprint_of_its_own() -> None:
     effects = EffectSettings(SoftGround("velocity_scaled", classes=(), reference_speed_mps=2.0))
     soft = observed(30, 3, effects=effects)
     assert where(soft, table_of(soft), seed=5)[0].p_adjusted <= 0.01
-    again, left = residuals_with(soft, HypothesisModel(TABLE, effects), seed=5, replicates=8)
+    again, left = residuals_with(soft, replace(BASE, effects=effects), seed=5, replicates=8)
     assert not [f for f in printed(again, left).values() if f.p_adjusted <= 0.01 and f.z > 0.0]
 
 
 def test_what_instruments_scale_is_scaled_back(case: Case) -> None:
     seen = case.observations
     fast = seen.passages.speed_mps * 1.2
-    scaled = replace(
-        case, observations=replace(seen, passages=replace(seen.passages, speed_mps=fast))
+    scaled = with_observed(case, passages=replace(seen.passages, speed_mps=fast))
+    model = replace(
+        BASE, release=ReleaseError(faster_mps=4.0), measurement=MeasurementError(scale=1.2)
     )
-    model = HypothesisModel(
-        TABLE, EffectSettings(), release=ReleaseError(faster_mps=4.0),
-        measurement=MeasurementError(scale=1.2),
-    )  # fmt: skip
     again, left = residuals_with(scaled, model, seed=5, replicates=4)
     np.testing.assert_allclose(again.observations.passages.speed_mps, seen.passages.speed_mps)
     assert [b.speed_mps[1] for b in again.blocks] == [b.speed_mps[1] + 4.0 for b in case.blocks]
@@ -194,8 +197,7 @@ def test_what_instruments_scale_is_scaled_back(case: Case) -> None:
 
 
 def test_rocks_of_one_group_count_once(case: Case, residuals: ResidualTable) -> None:
-    group = np.arange(case.n_rocks) // 5
-    found = printed(case, residuals, group=group)
+    found = printed(in_days(case), residuals)
     assert max(f.rocks for f in found.values()) <= 6
 
 
@@ -203,20 +205,19 @@ def test_stems_are_seen_where_paths_lose_speed_above_the_ground(
     case: Case, residuals: ResidualTable
 ) -> None:
     name = "speed lost above the ground, where no contact takes it"
-    free = {f.statistic: f for f in fingerprints(case, residuals)}[name]
+    free = by_name(case, residuals)[name]
     steps = residuals.steps
     hit = np.random.default_rng(4).random(len(steps)) < 0.3
     lost = changed(residuals, "aloft", "speed_mps", -0.7 * np.nan_to_num(steps.predicted) * hit)
-    found = {f.statistic: f for f in fingerprints(case, lost)}
+    found = by_name(case, lost)
     assert free.z < 2.0 < 4.0 < found[name].z and found[name].p_adjusted <= 0.01
     # Rocks of one day share what befell that day.
-    group = np.arange(case.n_rocks) // 5
-    days = {f.statistic: f for f in fingerprints(case, lost, group=group)}[name]
+    days = by_name(in_days(case), lost)[name]
     assert days.rocks <= 6 and days.z < found[name].z
     # All at one place: a step that the terrain model lacks.
     same = np.where(steps.step == "aloft", 60.0, steps.way_m)
     at_one = replace(lost, steps=replace(lost.steps, way_m=same))
-    assert not {f.statistic: f for f in fingerprints(case, at_one)}[name].observable
+    assert not by_name(case, at_one)[name].observable
     found = losses_at_one_place(at_one)
     assert found is not None and found[0] > 5 and found[1] == 60.0
     assert losses_at_one_place(lost) is None
@@ -232,18 +233,16 @@ def test_rough_ground_scatters_the_rebound_and_turns_the_path(
     rough = changed(edges, "impact", "turn_deg", 30.0 * rng.standard_normal(len(steps)))
     both = "scatter of the rebound, and turn of the heading"
     for own, seen in ((edges, False), (rough, True)):
-        found = {f.statistic: f for f in fingerprints(case, own)}
+        found = by_name(case, own)
         assert (found[both].p_adjusted <= 0.01) == seen
         parts = (found["scatter of the rebound"].z, found["turn of the heading at impacts"].z)
         assert found[both].z == min(parts)
 
 
 def test_errors_of_positions_are_those_that_paths_show() -> None:
-    seen = observed(40, 3)
-    metadata = replace(seen.observations.metadata, position_error_m=0.08)
-    stated = replace(seen, observations=replace(seen.observations, metadata=metadata))
+    stated = with_metadata(observed(40, 3), position_error_m=0.08)
     name = "first point of the path against the stated start"
-    found = {f.statistic: f for f in fingerprints(stated, table_of(stated))}
+    found = by_name(stated, table_of(stated))
     assert found[name].observable and found[name].z < 2.0
 
 
@@ -281,7 +280,7 @@ def test_first_contacts_up_or_down_the_slope_are_errors_of_the_release(
         off = changed(
             residuals, "start", "chainage_m", np.full(len(residuals.steps), shift_m) * only
         )
-        return {f.statistic: f for f in fingerprints(case, off)}[name].z
+        return by_name(case, off)[name].z
 
     assert z(0.0) < 0.0 and z(1.0) < 2.0
     assert z(20.0) > 4.0 and z(-20.0) > 4.0
@@ -295,4 +294,4 @@ def test_offsets_at_any_station_are_seen(case: Case, residuals: ResidualTable) -
     for station in range(1, len(case.station_names)):
         far = 250.0 * (steps.station == station)
         off = changed(residuals, "run", "lateral_m", far)
-        assert {f.statistic: f for f in fingerprints(case, off)}[name].z > 4.0
+        assert by_name(case, off)[name].z > 4.0

@@ -6,13 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.simulated_slope import TABLE, observed
+from helpers.simulated_slope import BASE, TABLE, observed
 
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel, MeasurementError
 from sassgis.gap.replicas.rock_lines import RockLines, rock_lines_of
 from sassgis.gap.which.measure_next import Separation, _places, separations
-from sassgis.model.effects import EffectSettings
 from sassgis.model.ground import GroundTable
 
 
@@ -25,9 +24,6 @@ def case() -> Case:
 @pytest.fixture(scope="module")
 def lines(case: Case) -> RockLines:
     return rock_lines_of(case)
-
-
-BASE = HypothesisModel(TABLE, EffectSettings())
 
 
 def between(

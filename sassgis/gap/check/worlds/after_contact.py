@@ -5,13 +5,7 @@ from __future__ import annotations
 import math
 
 from sassgis.gap.check.worlds import contact_laws as laws
-from sassgis.gap.check.worlds.law import (
-    GRAVITY,
-    kinetic,
-    lever,
-    rebound,
-    rolling_radius,
-)
+from sassgis.gap.check.worlds.law import GRAVITY, kinetic, lever, rebound, rolling_radius
 from sassgis.gap.check.worlds.motion_state import (
     HX,
     HY,

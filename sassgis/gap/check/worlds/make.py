@@ -32,7 +32,6 @@ LAW_KEYS = (
     "restitution", "restitution_speed_mps", "rolling_threshold",
 )  # fmt: skip
 
-
 #: The same for laws of nature other than the package's: they have no speed law, or lose energy in
 #: other ways, and with the restitution of its classes rocks would leave the sites.
 FOREIGN_LAW = (
@@ -44,9 +43,7 @@ FOREIGN_LAW = (
     (0.60, 0.0, 0.4, 0.65, 0.50, 0.17, 0.05, 0.2, 5.5, 0.1),
 )
 
-
 _N_RELEASES = 12
-
 
 _PHASES: dict[str, str] = {
     "lateral_deflection": "impact",

@@ -12,34 +12,17 @@ from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.jit import kernel
 
 KeyArray = NDArray[np.uint64]
-
-
 # Columns of a moving block.
 X, Y, Z, VX, VY, VZ, HX, HY, PHI, SPIN = range(10)
-
-
-A, B, C, DENSITY, TIME, MODE, COUNT, PIECE, KIND, GENERATION, HAND = range(10, 21)
-
-
-N_STATE = 21
-
-
-FLY, ROLL, SLIDE, STOPPED, LEFT, BROKEN = range(6)
-
-
+A, B, C, DENSITY, TIME, MODE, COUNT, PIECE, KIND, HAND = range(10, 20)
+N_STATE = 20
+FLY, ROLL, SLIDE, STOPPED, BROKEN = range(5)
 ROCK, FRAGMENT, LOOSENED = range(3)
-
-
 #: Blocks that a rock may become.
 MAX_PIECES = 64
-
-
 # Columns of the tables; the first three are rock, number of the piece, kind of block.
 DEPOSIT_COLUMNS = ("x", "y", "z", "mass_kg", "volume_m3")
-
-
 PASSAGE_COLUMNS = ("station", "x", "y", "z", "speed_mps", "rotation_hz", "height_m", "mass_kg")
-
 
 IMPACT_COLUMNS = (
     "impact",
@@ -57,7 +40,6 @@ IMPACT_COLUMNS = (
     "mass_kg",
     "t_s",
 )
-
 
 TRACK_COLUMNS = ("t_s", "x", "y", "z", "speed_mps", "rotation_hz")
 

@@ -7,14 +7,11 @@ import math
 import numpy as np
 
 from sassgis.gap.check.worlds import random_draws as draws
-from sassgis.gap.check.worlds.forces import (
-    Forces,
-)
+from sassgis.gap.check.worlds.forces import Forces
 from sassgis.gap.check.worlds.motion_state import (
     BROKEN,
     FLY,
     FRAGMENT,
-    GENERATION,
     HX,
     HY,
     KIND,
@@ -95,7 +92,6 @@ def shatter(
         child[MODE] = FLY
         child[PIECE] = counts[1]
         child[KIND] = FRAGMENT
-        child[GENERATION] = st[GENERATION] + 1.0
         stack_keys[counts[0]] = draws.child_key(key, counts[1])
         counts[0] += 1
         counts[1] += 1

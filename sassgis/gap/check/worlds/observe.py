@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -42,12 +42,10 @@ class ObservedTables:
         a dictionary of columns. rock_id and station are text.
     metadata : dict
         Errors of measurement and frame rate.
-    kind : str
     """
 
     tables: dict[str, Table]
     metadata: dict[str, float]
-    kind: str
 
 
 def observe(world: World, kind: Kind, n_rocks: int, seed: int) -> ObservedTables:
@@ -73,10 +71,10 @@ def observe(world: World, kind: Kind, n_rocks: int, seed: int) -> ObservedTables
     return write_down(world, run, kind, np.random.default_rng([world.seed, 808, seed]))
 
 
-def fresh_rocks(world: World, n: int, seed: int = 0) -> ObservedTables:
+def fresh_rocks(world: World, n: int) -> ObservedTables:
     """Rocks that no ``observe`` has seen, by the same instruments, everything observed."""
-    run = distort(world, simulate(world, draw_rocks(world, n, 500_000_000 + seed)))
-    return write_down(world, run, "everything", np.random.default_rng([world.seed, 909, seed]))
+    run = distort(world, simulate(world, draw_rocks(world, n, 500_000_000)))
+    return write_down(world, run, "everything", np.random.default_rng([world.seed, 909, 0]))
 
 
 def distort(world: World, run: Run) -> Run:
@@ -183,7 +181,7 @@ def write_down(world: World, run: Run, kind: Kind, rng: np.random.Generator) -> 
         **{key: world.spec.error_factor * value for key, value in believed.items()},
         **{key: float(getattr(world.faults, key)) for key in world.faults.stated},
     }
-    return ObservedTables(tables, metadata, kind)
+    return ObservedTables(tables, metadata)
 
 
 def _recorded(world: World, run: Run) -> Run:
@@ -230,15 +228,15 @@ def merged_contacts(impacts: FloatArray, least_s: float) -> FloatArray:
 
 
 def _factor(rng: np.random.Generator, n: int, sd: float) -> FloatArray:
-    factors: FloatArray = np.exp(rng.normal(0.0, sd, n))
-    return factors
+    return np.exp(rng.normal(0.0, sd, n))
 
 
-def _place(
-    rng: np.random.Generator, table: FloatArray, columns: tuple[int, int, int]
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    x, y, z = (table[:, k] + rng.normal(0.0, POSITION_ERROR_M, len(table)) for k in columns)
-    return x, y, z
+def _place(rng: np.random.Generator, table: FloatArray, first: int) -> Table:
+    """Measured x, y, z from three columns, the first of them by number."""
+    return {
+        name: table[:, first + k] + rng.normal(0.0, POSITION_ERROR_M, len(table))
+        for k, name in enumerate("xyz")
+    }
 
 
 def _rocks(world: World, rocks: WorldRocks, rng: np.random.Generator) -> Table:
@@ -282,25 +280,17 @@ def _stated_release(world: World, places: FloatArray, n: int = 0) -> FloatArray:
 
 def _stations(world: World) -> Table:
     lines = world.station_lines()
-    return {
-        "station": np.array(world.station_names),
-        "x0": lines[:, 0],
-        "y0": lines[:, 1],
-        "x1": lines[:, 2],
-        "y1": lines[:, 3],
-    }
+    ends = zip(("x0", "y0", "x1", "y1"), lines.T, strict=True)
+    return {"station": np.array(world.station_names), **dict(ends)}
 
 
 def _passages(world: World, run: Run, rng: np.random.Generator) -> Table:
     p = run.passages
-    x, y, z = _place(rng, p, (4, 5, 6))
     names = np.array(world.station_names)
     return {
         "rock_id": _names(world, p, "P"),
         "station": names[p[:, 3].astype(int)],
-        "x": x,
-        "y": y,
-        "z": z,
+        **_place(rng, p, 4),
         "speed_mps": p[:, 7] * _factor(rng, len(p), SPEED_ERROR_REL),
         "rotation_hz": p[:, 8] * _factor(rng, len(p), ROTATION_ERROR_REL),
         "height_m": np.maximum(p[:, 9] + rng.normal(0.0, HEIGHT_ERROR_M, len(p)), 0.0),
@@ -310,15 +300,14 @@ def _passages(world: World, run: Run, rng: np.random.Generator) -> Table:
 
 def _deposits(world: World, run: Run, rng: np.random.Generator) -> Table:
     d = run.deposits
-    x, y, z = _place(rng, d, (3, 4, 5))
+    place = _place(rng, d, 3)
     if world.faults.stops_m > 0.0:
-        x, y = (world.faults.stops_m * np.round(v / world.faults.stops_m) for v in (x, y))
+        for name in "xy":
+            place[name] = world.faults.stops_m * np.round(place[name] / world.faults.stops_m)
     error = _factor(rng, len(d), MASS_ERROR_REL)
     return {
         "rock_id": _names(world, d, "D"),
-        "x": x,
-        "y": y,
-        "z": z,
+        **place,
         "mass_kg": d[:, 6] * error,
         "volume_m3": d[:, 7] * error,
     }
@@ -327,13 +316,10 @@ def _deposits(world: World, run: Run, rng: np.random.Generator) -> Table:
 def _impacts(world: World, run: Run, rng: np.random.Generator) -> Table:
     i = run.impacts
     n = len(i)
-    x, y, z = _place(rng, i, (4, 5, 6))
     table: Table = {
         "rock_id": _names(world, i),
         "impact": i[:, 3].astype(np.int64),
-        "x": x,
-        "y": y,
-        "z": z,
+        **_place(rng, i, 4),
         "slope_deg": i[:, 7] + rng.normal(0.0, 1.0, n),
     }
     # Both components come from the same film: the direction is known, the length has the error.
@@ -350,13 +336,10 @@ def _impacts(world: World, run: Run, rng: np.random.Generator) -> Table:
 
 def _tracks(world: World, run: Run, rng: np.random.Generator) -> Table:
     t = run.tracks
-    x, y, z = _place(rng, t, (4, 5, 6))
     return {
         "rock_id": _names(world, t),
         "t_s": t[:, 3],
-        "x": x,
-        "y": y,
-        "z": z,
+        **_place(rng, t, 4),
         "speed_mps": t[:, 7] * _factor(rng, len(t), SPEED_ERROR_REL),
         "rotation_hz": t[:, 8] * _factor(rng, len(t), ROTATION_ERROR_REL),
     }
@@ -377,8 +360,6 @@ class SiteSetup:
         Release points x, y, z (m).
     blocks : dict
         Limits of semi-axes (m), density (kg/m³), speed (m/s) and drop (m).
-    stations : dict
-        x0, y0, x1, y1 (m) by name.
     """
 
     dem: Grid
@@ -386,28 +367,14 @@ class SiteSetup:
     class_codes: NDArray[np.int64]
     releases: FloatArray
     blocks: dict[str, tuple[float, float]]
-    stations: dict[str, tuple[float, float, float, float]]
 
 
 def setup(world: World) -> SiteSetup:
     """The nominal set-up of a site: no true parameter, no truth."""
-    b = world.blocks
-    lines = world.station_lines()
     return SiteSetup(
         dem=world.survey,
         class_names=CLASSES,
         class_codes=world.relief.ground,
         releases=_stated_release(world, world.releases),
-        blocks={
-            "axis_1_m": b.axis_1_m,
-            "axis_2_m": b.axis_2_m,
-            "axis_3_m": b.axis_3_m,
-            "density_kgm3": b.density_kgm3,
-            "speed_mps": b.speed_mps,
-            "drop_m": b.drop_m,
-        },
-        stations={
-            name: (float(r[0]), float(r[1]), float(r[2]), float(r[3]))
-            for name, r in zip(world.station_names, lines, strict=True)
-        },
+        blocks=asdict(world.blocks),
     )

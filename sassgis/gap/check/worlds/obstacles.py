@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import math
 
-from sassgis.gap.check.worlds.forces import (
-    strike,
-)
+from sassgis.gap.check.worlds.forces import strike
 from sassgis.gap.check.worlds.motion_state import (
     FLY,
     HX,

@@ -31,8 +31,7 @@ def draw_rocks(world: World, n: int, stream: int) -> WorldRocks:
     u = rng.random((n, 9))
 
     def between(limits: tuple[float, float], column: int) -> FloatArray:
-        drawn: FloatArray = limits[0] + (limits[1] - limits[0]) * u[:, column]
-        return drawn
+        return limits[0] + (limits[1] - limits[0]) * u[:, column]
 
     blocks = world.blocks
     axes = np.column_stack(

@@ -129,8 +129,6 @@ class Relief:
 
     Attributes
     ----------
-    kind : str
-        One of SLOPE_TYPES.
     grid : Grid
         Heights at 2 m (m).
     ground : int64, shape of the grid
@@ -144,7 +142,6 @@ class Relief:
         Belt in which rocks start (m down the slope).
     """
 
-    kind: str
     grid: Grid
     ground: IntArray
     frame: Frame
@@ -197,9 +194,8 @@ def make_relief(kind: str, seed: int) -> Relief:
     which = np.clip(np.searchsorted(breaks, wavy, side="right") - 1, 0, len(grounds) - 1)
     ground = np.array([CLASSES.index(name) for name in grounds], np.int64)[which]
     grid = Grid(heights, west, north, CELL_M, crs="EPSG:2056", vertical_datum="LN02")
-    return Relief(
-        kind, grid, ground, frame, breaks, grounds, (float(breaks[1]) - 6.0, float(breaks[1]))
-    )
+    release_s = float(breaks[1]) - 6.0, float(breaks[1])
+    return Relief(grid, ground, frame, breaks, grounds, release_s)
 
 
 def _fall(s: FloatArray, breaks: FloatArray, dips: FloatArray) -> FloatArray:

@@ -40,7 +40,6 @@ STRENGTHS: tuple[Strength, ...] = get_args(Strength)
 DISTURBANCES: tuple[str, ...] = ("", "patch", "speed_loss")
 MOST_STATIONS = 8
 
-
 # Weakest and strongest magnitude that the search for a strength may try.
 LIMITS: dict[str, tuple[float, float]] = {
     "lateral_deflection": (0.01, 1.2),
@@ -371,5 +370,4 @@ def _terrace(world: World, effect: PlacedEffect) -> FloatArray:
     s = world.relief.frame.s(x, y)
     u = (s - effect.s0_m) / (effect.s1_m - effect.s0_m)
     wave = np.where((u > 0.0) & (u < 1.0), -np.sin(2.0 * np.pi * u) * np.sin(np.pi * u), 0.0)
-    added: FloatArray = effect.magnitude * wave.reshape(grid.shape)
-    return added
+    return effect.magnitude * wave.reshape(grid.shape)
