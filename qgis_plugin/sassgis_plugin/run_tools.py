@@ -323,8 +323,10 @@ class Batch(Command):
         """The release areas, or the configuration that names them."""
         releases = inputs.given("RELEASES")
         named = [inputs.file("RELEASES"), "--config", inputs.config] if releases else []
-        mosaic_only = ["--mosaic-only"] if inputs.flag("MOSAIC_ONLY") else []
-        return [*(named or [inputs.config]), *mosaic_only, *inputs.option("MEMORY", "--memory")]
+        return [
+            *(named or [inputs.config]), *inputs.ticked("MOSAIC_ONLY", "--mosaic-only"),
+            *inputs.option("MEMORY", "--memory"),
+        ]  # fmt: skip
 
 
 class Sensitivity(Command):
