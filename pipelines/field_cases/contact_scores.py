@@ -10,11 +10,12 @@ import pandas as pd
 
 from field_cases import tables
 from field_cases.contacts import plate_axes, read_contacts
-from field_cases.program_contacts import DENSITY_KGM3, FloatArray
+from field_cases.program_contacts import DENSITY_KGM3
 from sassgis.engine.effects import hooks
 from sassgis.engine.simulate import physics_of
 from sassgis.gap.residuals.impact_step import impact_draws
 from sassgis.model.effects import EffectSettings
+from sassgis.model.grid import FloatArray
 from sassgis.model.ground import GroundTable
 from sassgis.model.settings import EngineSettings
 
