@@ -15,7 +15,7 @@ import json
 import sys
 import tempfile
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -329,7 +329,6 @@ def study(
     rocks: int = 200,
     spacing: float = 0.5,
     variants: bool = True,
-    say: Callable[[str], None] = print,
 ) -> dict[str, object]:
     """Run the study; write ``results.json`` and ``runout.png`` to ``out`` and the rest to ``work``.
 
@@ -347,7 +346,6 @@ def study(
         Of the release points (m).
     variants : bool
         Whether to run the other readings as well.
-    say : callable
 
     Returns
     -------
@@ -384,7 +382,7 @@ def study(
     if variants:
         others: dict[str, object] = {}
         for i, (name, changes) in enumerate(VARIANTS.items()):
-            say(f"Other reading: {name}")
+            print(f"Other reading: {name}")
             folder = work / f"variant_{i}"
             other = write_inputs(folder, quarry, observed, max(rocks // 4, 1), spacing, changes)
             _, all_rocks, _, moved = simulated(other, folder / "run", centre, observed)
