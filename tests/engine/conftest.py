@@ -7,17 +7,22 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from helpers.effects_lab import (
+    END,
+    FLIGHT,
+    IMPACT,
+    MIXED,
+    PAPER,
+    ROLLING,
+    SLIDING,
+    ellipsoid,
+    sphere,
+)
 
 from sassgis.engine.simulate import simulate
-from sassgis.model.blocks import BlockPopulation
 from sassgis.model.ground import GroundClass, GroundTable
 from sassgis.model.profiles import ControlLineCrossings, ProfileSet
 from sassgis.model.settings import EngineSettings
-
-FLIGHT, IMPACT, ROLLING, SLIDING, END = range(5)
-
-#: The words of the paper: what the tests of this folder run with unless they say otherwise.
-PAPER = EngineSettings(readings="1986")
 
 
 def ground(
@@ -76,19 +81,6 @@ def slope(*parts, top=1000.0, start=0.0):
     dz = -ds * np.tan(np.radians([p[1] for p in parts]))
     s = np.concatenate([[0.0], np.cumsum(ds)]) + start
     return s, np.concatenate([[0.0], np.cumsum(dz)]) + top
-
-
-def sphere(radius=0.5, **limits) -> BlockPopulation:
-    r = (radius, radius)
-    return BlockPopulation(axis_1_m=r, axis_2_m=r, axis_3_m=r, **limits)
-
-
-def ellipsoid(a=0.5, b=0.4, c=0.3, **limits) -> BlockPopulation:
-    return BlockPopulation(axis_1_m=(a, a), axis_2_m=(b, b), axis_3_m=(c, c), **limits)
-
-
-#: A population of many shapes and sizes.
-MIXED = BlockPopulation(axis_1_m=(0.4, 0.8), axis_2_m=(0.3, 0.6), axis_3_m=(0.2, 0.5))
 
 
 def run(lines, table, blocks, *, n=1, seed=1, start=None, settings=None, keys=None, **more):
