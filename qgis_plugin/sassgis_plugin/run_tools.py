@@ -54,7 +54,7 @@ _LAYERS = (
     ("PEOPLE", "people", "Places of people (persons, presence)", QgsProcessing.TypeVectorPoint),
     ("EDITS", "edits", "Zone: edits by hand (level, limit, author, date, reason)", POLYGONS),
 )
-_EXPOSED = ("BUILDINGS", "ROADS", "PEOPLE")
+EXPOSED = ("BUILDINGS", "ROADS", "PEOPLE")
 _COLUMNS = (
     "Name", "Least volume (m³)", "Greatest volume (m³)", "Onset frequency (blocks a year)",
 )  # fmt: skip
@@ -131,7 +131,7 @@ def _site(inputs: Inputs, more: Sequence[str] = ()) -> list[object]:
         'hazard.blocks="given"',
         *more,
     ]
-    if any(inputs.given(name) for name in _EXPOSED):
+    if any(inputs.given(name) for name in EXPOSED):
         # Without it exposed objects have no risk, and zones no end.
         if not inputs.given("VULNERABILITY"):
             raise QgsProcessingException("Exposed objects need a table of vulnerability.")
