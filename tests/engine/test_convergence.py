@@ -11,6 +11,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from helpers import engine_lab as lab
 from numpy.lib.recfunctions import structured_to_unstructured
 from scipy import stats
 
@@ -32,7 +33,7 @@ def split(line, times):
 
 
 @pytest.fixture(scope="module")
-def cases(lab):
+def cases():
     dropped = dataclasses.replace(lab.MIXED, drop_m=(0.5, 3.0))
     return {
         "smooth": (lab.valley(), lab.MIXED),
@@ -42,7 +43,7 @@ def cases(lab):
 
 
 @pytest.fixture(scope="module")
-def rocks(lab, cases):
+def rocks(cases):
     """Rocks of a case, kept for the module."""
     kept = {}
 
@@ -104,7 +105,7 @@ def test_cutting_the_segments_moves_nothing(rocks, name, own, times):
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_first_seconds_of_each_rock_do_not_see_the_cutting(lab, cases, name):
+def test_first_seconds_of_each_rock_do_not_see_the_cutting(cases, name):
     # Before chaos has set in, rock by rock: the first contacts of a let-down rock are the same.
     line, blocks = cases[name]
     blocks = dataclasses.replace(blocks, drop_m=(1.0, 3.0))
