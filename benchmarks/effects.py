@@ -12,6 +12,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+import slope
 
 from sassgis.engine.effects.air_drag import AirDrag
 from sassgis.engine.effects.entrainment import Entrainment
@@ -30,10 +31,8 @@ from sassgis.model.map_run import Forest
 from sassgis.model.profiles import ProfileSet
 from sassgis.model.settings import EngineSettings
 
-#: Plan length (m), slope (degrees) and ground class of each unit, from the cliff on.
-UNITS = ((48.0, 65.0, "rock"), (350.0, 36.0, "debris"), (200.0, 18.0, "debris"),
-         (502.0, 0.5, "soft_meadow"))  # fmt: skip
-CELL = 2.0
+#: Of the slope: plan length (m), slope (degrees) and ground class, from the cliff on.
+UNITS = slope.UNITS[1:]
 BLOCKS = BlockPopulation(axis_1_m=(0.3, 0.6), axis_2_m=(0.25, 0.5), axis_3_m=(0.2, 0.4))
 CASES: dict[str, EffectSettings | None] = {
     "none": None,
@@ -58,7 +57,7 @@ def slope_line(table: GroundTable) -> ProfileSet:
     s = np.unique(np.concatenate([borders, np.arange(0.0, borders[-1], 4.0)]))
     bumps = np.random.default_rng(1).normal(0.0, 0.1, s.size)
     unit = np.clip(np.searchsorted(borders, s, side="right") - 1, 0, len(UNITS) - 1)
-    cells = np.append(np.arange(0.0, s[-1], CELL), s[-1])
+    cells = np.append(np.arange(0.0, s[-1], slope.CELL), s[-1])
     ground = np.array([table.index(u[2]) for u in UNITS], np.int32)[unit]
     return ProfileSet(
         np.array([0, s.size]), s, 1000.0 - np.interp(s, borders, fall) + bumps, ground,

@@ -17,11 +17,11 @@ import numpy as np
 from field_cases import tables
 from field_cases.contact_figure import contact_figure
 from field_cases.contact_scores import (
-    AFTER,
     by_speed,
     compared,
     filmed,
     measures,
+    observed,
     published_grazing,
     simulated,
 )
@@ -71,14 +71,13 @@ def main(argv: list[str] | None = None) -> None:
             "by_speed": by_speed(program, program_made),
         },
     )
-    own = measures(films, films[list(AFTER)].to_numpy(float)[:, None, :])[:, 0]
     save(
         contact_figure(
             films,
-            own,
+            observed(films)[:, 0],
             measures(films, films_made),
             program,
-            measures(program, program[list(AFTER)].to_numpy(float)[:, None, :])[:, 0],
+            observed(program)[:, 0],
             measures(program, program_made),
         ),
         out / "contacts.png",

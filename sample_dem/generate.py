@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, gaussian_filter1d
 from shapely import LineString, Polygon, box, union_all
 from shapely.affinity import rotate, translate
@@ -22,6 +21,7 @@ from shapely.geometry.base import BaseGeometry
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 from terrain_kit import (
+    FloatArray,
     cell_centres,
     ease,
     noise,
@@ -31,8 +31,6 @@ from terrain_kit import (
     write_dem,
     write_vectors,
 )
-
-FloatArray = NDArray[np.float64]
 
 # --- the valley -------------------------------------------------------------------------------
 

@@ -29,8 +29,8 @@ from sassgis.report.figures.style import (
     BLUE,
     GREY,
     SMALL,
-    TITLE,
     WIDTH_IN,
+    head,
     new_figure,
     styled,
     thousands_formatter,
@@ -218,7 +218,7 @@ def convergence_figure(
     rows = -(-n // columns)
     figure = new_figure(WIDTH_IN, 0.55 + 2.35 * rows)
     axes: Sequence[Axes] = list(figure.subplots(rows, columns, squeeze=False).ravel())
-    figure.suptitle(wrap(title, WIDTH_IN, TITLE), x=0.01, ha="left", size=TITLE, weight="bold")
+    head(figure, title)
     for ax in axes[len(series) :]:
         ax.set_visible(False)
     for ax, (name, arrays) in zip(axes, series.items(), strict=False):

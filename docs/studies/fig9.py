@@ -75,8 +75,6 @@ def fig9_figure(
     gamma_deg: FloatArray,
     alpha_deg: FloatArray,
     surfaces: Sequence[tuple[float, FloatArray]],
-    *,
-    title: str = "Least share of kinetic energy kept in an impact without spin",
 ) -> Figure:
     """Draw η_min over position angle and incidence, one surface for each shape.
 
@@ -88,11 +86,11 @@ def fig9_figure(
         Angle of incidence from the normal (degrees, 0 to 90).
     surfaces : (b/a, η_min)
         Ratio of the semi-axes and the coefficient in %, shape (m, n): rows follow alpha.
-    title : str
     """
     gamma = np.asarray(gamma_deg, float)
     alpha = np.asarray(alpha_deg, float)
     figure = new_figure(WIDTH_IN, 3.5, constrained=False)
+    title = "Least share of kinetic energy kept in an impact without spin"
     figure.text(0.02, 0.975, title, size=TITLE, weight="bold", va="top", gid="title")
     width = 1.0 / len(surfaces)
     for i, (ratio, values) in enumerate(surfaces):

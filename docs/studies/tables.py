@@ -24,6 +24,11 @@ def rows_of(name: str) -> list[dict[str, str]]:
         return list(csv.DictReader(stream))
 
 
+def results(name: str) -> Any:
+    """What a JSON file of this folder holds."""
+    return json.loads((HERE / f"{name}.json").read_text(encoding="utf-8"))
+
+
 def markdown(head: list[str], body: list[list[str]]) -> str:
     """A table in Markdown."""
     lines = [head, ["---"] * len(head), *body]
@@ -136,12 +141,6 @@ def convergence(kind: str) -> str:
     return markdown([*head, "D, other draws", "p"], body)
 
 
-def field() -> dict[str, Any]:
-    """Results of the pipeline field_scores.py."""
-    found: dict[str, Any] = json.loads((HERE / "field" / "results.json").read_text("utf-8"))
-    return found
-
-
 def percent(share: float) -> str:
     """A relative error, whole."""
     return f"{100.0 * share:+.0f} %".replace("+0 %", "0 %").replace("-0 %", "0 %").replace("-", "−")
@@ -160,7 +159,7 @@ def metres(values: list[float]) -> str:
 
 def field_untuned() -> str:
     """Stops with classes chosen by the description alone, and two other choices."""
-    found = field()
+    found = results("field/results")
     slope = found["classes"]
     other = dict(zip(slope, reversed(slope.values()), strict=True))
     body = []
@@ -193,7 +192,7 @@ def field_untuned() -> str:
 
 def field_site_bands() -> str:
     """Bands by the spread of classes between sites, beside what was observed."""
-    found = field()
+    found = results("field/results")
     slope = found["classes"]
     other = dict(zip(slope, reversed(slope.values()), strict=True))
     body = []
@@ -214,7 +213,7 @@ def field_site_bands() -> str:
 def field_left_out() -> str:
     """Errors on rocks left out, over random halves, and at the other site."""
     body = []
-    for name, one in field()["held_out"].items():
+    for name, one in results("field/results")["held_out"].items():
         labels = {
             "left_out": f"the other half ({one['rocks_left_out']} rocks)",
             "left_out_configured": "the same, configured classes",
@@ -235,7 +234,7 @@ def field_left_out() -> str:
 def field_gain() -> str:
     """What calibration says that it gains, and what it gains on the other half."""
     body = []
-    for name, one in field()["held_out"].items():
+    for name, one in results("field/results")["held_out"].items():
         gain = one["gain"]
         cells = [" / ".join(f"{v:+.1f}" for v in gain[k]) for k in ("claimed_m", "crps_m")]
         chosen = f"{one['fitted_classes_recommended']} of {one['halves']}"
@@ -247,7 +246,7 @@ def field_gain() -> str:
 
 def field_bands() -> str:
     """How many rocks lie in the bands of their own simulations."""
-    found = field()
+    found = results("field/results")
     labels = {
         "left_out": "calibrated, rocks left out",
         "left_out_configured": "the same, as configured",
@@ -278,7 +277,7 @@ def field_repeated() -> str:
             f"{one['simulated_m']:.0f} ({' to '.join(f'{v:.0f}' for v in one['simulated_95'])})",
             f"{one['one_release_m']:.0f}",
         ]
-        for name, one in field()["repeated"].items()
+        for name, one in results("field/results")["repeated"].items()
     ]  # fmt: skip
     head = ["block", "runs, places", "observed spread (m)", "simulated (m)"]
     return markdown([*head, "simulated, from one point (m)"], body)
@@ -287,7 +286,7 @@ def field_repeated() -> str:
 def field_mass() -> str:
     """How much farther a rock of twice the mass goes."""
     body = []
-    for name, one in field()["by_mass"].items():
+    for name, one in results("field/results")["by_mass"].items():
         cells = [
             f"{one[f'{side}_m']:+.1f} ({' to '.join(f'{v:+.1f}' for v in one[f'{side}_95'])})"
             for side in ("observed", "simulated")
@@ -302,14 +301,14 @@ def field_groups() -> str:
         ["group", "rocks", "observed 10 / 50 / 90 % (m)", "simulated"],
         [
             [name, str(one["rocks"]), metres(one["observed_m"]), metres(one["simulated_m"])]
-            for name, one in field()["by_group"].items()
+            for name, one in results("field/results")["by_group"].items()
         ],
     )
 
 
 def field_published() -> str:
     """What others published for the same stops."""
-    found = field()
+    found = results("field/results")
     body = [
         [one["site"], one["source"].split(" ")[0], one["value"].replace("-", "−")]
         for one in found["published"]
@@ -323,7 +322,7 @@ def field_published() -> str:
 def field_parameters() -> str:
     """What calibrations on all rocks of a site say of the parameters."""
     body = []
-    for one in field()["parameters"]:
+    for one in results("field/results")["parameters"]:
         low, high = one["ci95"]
         said = "identified" if one["identified"] else ""
         if one["at_limit"]:
@@ -336,7 +335,7 @@ def field_parameters() -> str:
 
 def field_widths() -> str:
     """Errors against what turns the heading."""
-    rows = field()["widths"]
+    rows = results("field/results")["widths"]
     names = [key for key in rows[0] if isinstance(rows[0][key], dict)]
     body = [
         [
@@ -347,11 +346,6 @@ def field_widths() -> str:
         for row in rows
     ]
     return markdown(["side tilt", "drift", *(f"{n}: width, median" for n in names)], body)
-
-
-def contacts() -> Any:
-    """Results of the study of single contacts."""
-    return json.loads((HERE / "contacts/results.json").read_text(encoding="utf-8"))
 
 
 CONTACT_NAMES = {"r_n": "R_n", "r_t": "R_t", "energy_kept": "energy kept"}
@@ -368,9 +362,9 @@ def contacts_filmed() -> str:
                 for key in (*CONTACT_NAMES, "spin_share")
             ),
         ]
-        for row in contacts()["single"]
+        for row in results("contacts/results")["single"]
     ]
-    found = contacts()["grazing"]
+    found = results("contacts/results")["grazing"]
     for seen, made in zip(found["observed"], found["simulated"], strict=True):
         body.append(["780", "grazing", "", f"horizontal: {seen:.2f} / {made:.2f}", "", ""])
     head = ["kg", "normal / along (m/s)", *CONTACT_NAMES.values(), "spin / rolling"]
@@ -395,7 +389,7 @@ def contacts_program() -> str:
                 for key in (*CONTACT_NAMES, "spin_share")
             ),
         ]
-        for row in contacts()["by_speed"]
+        for row in results("contacts/results")["by_speed"]
     ]
     head = ["ground", "normal (m/s)", "contacts", *CONTACT_NAMES.values(), "spin / rolling"]
     return markdown(head, body)
@@ -403,7 +397,7 @@ def contacts_program() -> str:
 
 def safety_kills() -> str:
     """What kills leave behind."""
-    rows = json.loads((HERE / "safety/kills.json").read_text(encoding="utf-8"))
+    rows = results("safety/kills")
     return markdown(
         ["command", "kills", "with a saved state", "workers left", "half results", "other bytes"],
         [
@@ -419,7 +413,7 @@ def safety_kills() -> str:
 
 def safety_fuzz() -> str:
     """What readers do with damaged files."""
-    found = json.loads((HERE / "safety/fuzz.json").read_text(encoding="utf-8"))["verdicts"]
+    found = results("safety/fuzz")["verdicts"]
     total = {k: sum(v.get(k, 0) for v in found.values()) for k in ("refused", "read")}
     body = [[kind, *_verdicts(counts)] for kind, counts in found.items()]
     failed = sum(sum(v.values()) for v in found.values()) - sum(total.values())
@@ -429,7 +423,7 @@ def safety_fuzz() -> str:
 
 def safety_extremes() -> str:
     """What extreme settings do."""
-    found = json.loads((HERE / "safety/extremes.json").read_text(encoding="utf-8"))
+    found = results("safety/extremes")
     names = ("profiles", "maps", "refused", "blocks", "given up", "failed")
     counts = found["counts"]
     return markdown(
@@ -442,11 +436,6 @@ def _verdicts(counts: dict[str, int]) -> list[str]:
     refused, read = counts.get("refused", 0), counts.get("read", 0)
     total = sum(counts.values())
     return [f"{n:,}" for n in (total, refused, read, total - refused - read)]
-
-
-def speed(name: str) -> Any:
-    """Results of one of the benchmarks."""
-    return json.loads((HERE / "speed" / f"{name}.json").read_text(encoding="utf-8"))
 
 
 SLOPES = {
@@ -462,7 +451,7 @@ def speed_slope() -> str:
     """Blocks per second on the benchmark slope, and walks of SAGA."""
     body = []
     for name, label in SLOPES.items():
-        one = speed(name)
+        one = results(f"speed/{name}")
         saga = one["saga"]
         walks = saga["walks"] / sorted(saga["seconds"])[len(saga["seconds"]) // 2]
         body.append(
@@ -493,7 +482,7 @@ def speed_together() -> str:
             f"{row['cpu_s']:.1f}",
         ]
         for name in SLOPES
-        for row in speed(name)["together"]
+        for row in results(f"speed/{name}")["together"]
     ]
     head = ["slope", "workers", "blocks/s, whole", "whole (s)", "processor time (s)"]
     return markdown(head, body)
@@ -501,7 +490,7 @@ def speed_together() -> str:
 
 def speed_effects() -> str:
     """What each effect costs."""
-    found = speed("effects")
+    found = results("speed/effects")
     return markdown(
         ["effect", "time, none = 1", "mean run-out (m)", "fragments and entrained blocks"],
         [
@@ -522,7 +511,7 @@ def speed_limits() -> str:
                 f"{r['ns']:.0f}" if "ns" in r else "",
                 f"{r['us']:.1f}" if r["us"] else "",
             ]
-            for name, r in speed("limits").items()
+            for name, r in results("speed/limits").items()
         ],
     )
 
@@ -550,7 +539,7 @@ def speed_peers() -> str:
                     ]
                 ),
             ]
-            for name, r in speed("peers").items()
+            for name, r in results("speed/peers").items()
         ],
     )
 
@@ -558,9 +547,9 @@ def speed_peers() -> str:
 def speed_routed() -> str:
     """Release cells per second."""
     cells = 3000
-    own = speed("plain")
+    own = results("speed/plain")
     rate = own["further_trajectories_per_s"] * cells / own["rocks"]
-    routed = speed("flowpy")
+    routed = results("speed/flowpy")
     return markdown(
         ["program", "release cells/s"],
         [
@@ -580,14 +569,14 @@ def speed_canton() -> str:
         [*head, "memory (GB)"],
         [
             [f"{r[k]:,.0f}" for k in (*names, *times)] + [f"{1e-3 * r['peak_mb']:.1f}"]
-            for r in (*speed("growth"), *speed("canton"))
+            for r in (*results("speed/growth"), *results("speed/canton"))
         ],
     )
 
 
 def calibration_coverage() -> str:
     """Ranks of the truth, and how often intervals hold it."""
-    found = json.loads((HERE / "calibration_coverage" / "results.json").read_text("utf-8"))
+    found = results("calibration_coverage/results")
     body = []
     for row in found["summary"]:
         held = [f"{n} ({100.0 * n / row['intervals']:.0f} %)" for n in row["held"]]
@@ -609,7 +598,7 @@ def calibration_coverage() -> str:
 
 def sampling() -> str:
     """How many times less variance times time other ways of sampling need than plain sampling."""
-    found = json.loads((HERE / "sampling" / "sampling.json").read_text("utf-8"))
+    found = results("sampling/sampling")
     cells = [
         f"cells, {100 * low:g} to {100 * high:g} %" if low else f"cells, below {100 * high:g} %"
         for low, high in found["classes"]
@@ -638,7 +627,7 @@ def sampling() -> str:
 
 def sampling_decided() -> str:
     """How much is decided where a block comes to a chainage: medians over release points."""
-    rows = json.loads((HERE / "sampling" / "decided.json").read_text("utf-8"))["rows"]
+    rows = results("sampling/decided")["rows"]
     return markdown(
         ["terrain", "other draws from", "stop at the same place", "correlation of coming far"],
         [

@@ -16,7 +16,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 import rasterio
 from matplotlib.colors import ListedColormap, LogNorm
-from rasterio.windows import Window
 
 from sassgis.model.grid import Grid
 from sassgis.report.figures.relief import hillshade
@@ -87,10 +86,10 @@ def run_site(data: Path, out: Path, name: str, spacing: float) -> dict[str, Path
     return folders
 
 
-def read(path: Path, window: Window | None = None) -> np.ndarray:
+def read(path: Path) -> np.ndarray:
     """First band of a map, NaN where there is nothing."""
     with rasterio.open(path) as raster:
-        values = raster.read(1, window=window, masked=True)
+        values = raster.read(1, masked=True)
     return values.astype(float).filled(np.nan)
 
 

@@ -82,15 +82,13 @@ def samples(data: Path, out: Path) -> None:
     """Curves of all sites and seeds; those that are there are not made again."""
     for name, path in configs(data, out).items():
         own = GIVEN | ({} if name == "valley" else {"release.rocks_per_point": 20})
-        for seed in range(1, SEEDS + 1):
-            file = out / f"{name}_{seed}.npz"
+        wanted = [(f"{name}_{k}", own, k) for k in range(1, SEEDS + 1)]
+        if name in AUTO:
+            wanted += [(f"{name}_auto_{k}", NEEDED, k) for k in range(1, AUTO_SEEDS + 1)]
+        for stem, settings, seed in wanted:
+            file = out / f"{stem}.npz"
             if not file.exists():
-                sample(load_config(path, {**own, "run.seed": seed}), file)
-                print(file, flush=True)
-        for seed in range(1, AUTO_SEEDS + 1 if name in AUTO else 1):
-            file = out / f"{name}_auto_{seed}.npz"
-            if not file.exists():
-                sample(load_config(path, {**NEEDED, "run.seed": seed}), file)
+                sample(load_config(path, {**settings, "run.seed": seed}), file)
                 print(file, flush=True)
 
 

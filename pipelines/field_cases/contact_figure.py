@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from field_cases.program_contacts import FloatArray
+from sassgis.model.grid import FloatArray
 from sassgis.report.figures.style import (
     BLUE,
     GREY,

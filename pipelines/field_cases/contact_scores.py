@@ -10,11 +10,12 @@ import pandas as pd
 
 from field_cases import tables
 from field_cases.contacts import plate_axes, read_contacts
-from field_cases.program_contacts import DENSITY_KGM3, FloatArray
+from field_cases.program_contacts import DENSITY_KGM3
 from sassgis.engine.effects import hooks
 from sassgis.engine.simulate import physics_of
 from sassgis.gap.residuals.impact_step import impact_draws
 from sassgis.model.effects import EffectSettings
+from sassgis.model.grid import FloatArray
 from sassgis.model.ground import GroundTable
 from sassgis.model.settings import EngineSettings
 
@@ -107,6 +108,11 @@ def measures(contacts: pd.DataFrame, after: FloatArray) -> FloatArray:
     return np.stack([n / -vn, t / vt, kept, share], axis=-1)
 
 
+def observed(contacts: pd.DataFrame) -> FloatArray:
+    """The measures of what was observed; shape (n, 1, 4)."""
+    return measures(contacts, contacts[list(AFTER)].to_numpy(float)[:, None, :])
+
+
 def _summary(values: FloatArray) -> dict[str, list[float]]:
     """10, 50 and 90 % quantile of each measure."""
     rows = values.reshape(-1, len(MEASURES))
@@ -118,10 +124,9 @@ def _summary(values: FloatArray) -> dict[str, list[float]]:
 
 def compared(contacts: pd.DataFrame, made: FloatArray) -> dict[str, Any]:
     """Observed and simulated measures of some contacts together."""
-    own = contacts[list(AFTER)].to_numpy(float)[:, None, :]
     return {
         "contacts": len(contacts),
-        "observed": _summary(measures(contacts, own)),
+        "observed": _summary(observed(contacts)),
         "simulated": _summary(measures(contacts, made)),
     }
 

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import rasterio
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from sassgis.model.grid import FloatArray
 
 #: Radius of the ground about a contact to which a plane is fitted (m).
 REACH_M = 0.5

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
 from sassgis.gap.inference import distances
-
-FloatArray = NDArray[np.float64]
+from sassgis.model.grid import FloatArray
 
 
 def observed_scale(observed: FloatArray) -> FloatArray:
@@ -17,9 +15,9 @@ def observed_scale(observed: FloatArray) -> FloatArray:
     return np.where(spread > 1e-12, spread, 1.0)
 
 
-def energy_distance(one: FloatArray, other: FloatArray, scale: FloatArray | float = 1.0) -> float:
+def energy_distance(one: FloatArray, other: FloatArray) -> float:
     """2 E|X − Y| − E|X − X'| − E|Y − Y'| (Székely and Rizzo 2013) of rows of quantities."""
-    x, y = (_whole(np.reshape(v, (len(v), -1)) / scale) for v in (one, other))
+    x, y = (_whole(np.reshape(v, (len(v), -1))) for v in (one, other))
     return float(2.0 * cdist(x, y).mean() - cdist(x, x).mean() - cdist(y, y).mean())
 
 

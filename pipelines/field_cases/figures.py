@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from sassgis.model.grid import FloatArray
 from sassgis.report.figures.style import (
     BLUE,
     GREEN,
@@ -22,8 +22,6 @@ from sassgis.report.figures.style import (
     new_figure,
     styled,
 )
-
-FloatArray = NDArray[np.float64]
 
 _LABELS = ("run-out along the fall line (m)", "lateral offset (m), positive to the right")
 

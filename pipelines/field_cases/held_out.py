@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from field_cases.scores import (
     bands,
@@ -21,10 +20,9 @@ from field_cases.scores import (
 from field_cases.sites import Simulated, Site, simulated
 from sassgis.gap.calibration.class_calibration import SiteCalibration
 from sassgis.io.read.config import load_config
+from sassgis.model.grid import FloatArray
 from sassgis.runs.calibrate import calibrate
 from sassgis.runs.workers import Jobs
-
-FloatArray = NDArray[np.float64]
 
 
 def calibrated(

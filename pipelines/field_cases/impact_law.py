@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from field_cases.contacts import REACH_M, read_contacts
 from field_cases.distances import energy_scores, observed_scale
@@ -23,11 +22,10 @@ from sassgis.engine.simulate import physics_of
 from sassgis.gap.residuals.impact_step import impact_draws
 from sassgis.io.read.ground_map import built_in_table
 from sassgis.model.effects import EffectSettings
+from sassgis.model.grid import FloatArray
 from sassgis.model.ground import GroundClass, GroundTable
 from sassgis.model.settings import EngineSettings
 from sassgis.report.figures import save
-
-FloatArray = NDArray[np.float64]
 
 DRAWS = 400
 #: Relative error of a velocity: the effect of another radius of the plane through the ground.

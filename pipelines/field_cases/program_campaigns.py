@@ -13,13 +13,19 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from field_cases.program_contacts import DENSITY_KGM3, GRAVITY, RUNS, program_contacts, semi_axes
+from field_cases.program_contacts import (
+    DENSITY_KGM3,
+    GRAVITY,
+    RUNS,
+    cells_at,
+    program_contacts,
+    semi_axes,
+)
 from field_cases.sites import AUTHUME, AXES, QUARRY_DEM, STOP
 from field_cases.tables import Tables, field_file
 from sassgis.io.read.tiles import read_terrain
-from sassgis.model.grid import Grid
+from sassgis.model.grid import FloatArray, Grid
 
-FloatArray = NDArray[np.float64]
 #: Errors of measurement, as they are stated.
 SPEED_REL, POSITION_M, HEIGHT_M = 0.05, 0.25, 0.1
 #: Stations, as shares of the median run-out; half of their width (m).
@@ -77,9 +83,7 @@ class ProgramRuns:
 
 def ground_at(grid: Grid, x: FloatArray, y: FloatArray) -> FloatArray:
     """Height of the cell at each place."""
-    col, row = (np.rint(v).astype(np.int64) for v in grid.col_row(x, y))
-    inside = np.clip(row, 0, grid.shape[0] - 1), np.clip(col, 0, grid.shape[1] - 1)
-    found: FloatArray = grid.values[inside]
+    found: FloatArray = grid.values.ravel()[cells_at(grid, x, y)]
     return found
 
 

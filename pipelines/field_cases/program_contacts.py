@@ -18,9 +18,7 @@ from scipy.ndimage import gaussian_filter
 from field_cases.sites import AUTHUME, AUTHUME_ZONES, QUARRY_DEM, QUARRY_ZONES
 from field_cases.tables import field_file
 from sassgis.io.read.tiles import read_terrain
-from sassgis.model.grid import Grid
-
-FloatArray = NDArray[np.float64]
+from sassgis.model.grid import FloatArray, Grid
 
 RUNS = "authume_rockable_p1"
 GRAVITY = 9.81
@@ -66,7 +64,7 @@ def program_contacts(data: Path) -> pd.DataFrame:
     ahead = along / vt_in[:, None]
     axle = np.cross(normal, ahead)
     slope = np.degrees(np.arccos(normal[:, 1]))
-    code = zones.values.ravel()[_cells(zones, into[:, 1], into[:, 3])]
+    code = zones.values.ravel()[cells_at(zones, into[:, 1], into[:, 3])]
     table = pd.DataFrame(
         {
             "rock_id": [row[0] for row in found],
@@ -127,13 +125,13 @@ def _normals(heights: Grid, x: FloatArray, y: FloatArray) -> FloatArray:
     """Upward normals of the terrain, (x, up, y), smoothed over two cells; shape (n, 3)."""
     known = np.where(np.isfinite(heights.values), heights.values, np.nanmin(heights.values))
     down, right = np.gradient(gaussian_filter(known, 1.0), heights.cell_size)
-    at = _cells(heights, x, y)
+    at = cells_at(heights, x, y)
     normal = np.stack([-right.ravel()[at], np.ones(len(x)), down.ravel()[at]], axis=1)
     made: FloatArray = normal / np.linalg.norm(normal, axis=1)[:, None]
     return made
 
 
-def _cells(grid: Grid, x: FloatArray, y: FloatArray) -> NDArray[np.int64]:
+def cells_at(grid: Grid, x: FloatArray, y: FloatArray) -> NDArray[np.int64]:
     """Numbers of the cells at some places; of the nearest one for places outside."""
     rows, cols = grid.shape
     col, row = (np.rint(v).astype(np.int64) for v in grid.col_row(x, y))

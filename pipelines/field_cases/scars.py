@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from field_cases.contacts import plate_axes
 from field_cases.figures import scars_figure
@@ -16,9 +15,8 @@ from field_cases.impact_law import State, left_out_scores, summary
 from sassgis.engine.effects import soft_ground
 from sassgis.engine.effects.soft_ground import SoftGround
 from sassgis.engine.ellipse import inertia
+from sassgis.model.grid import FloatArray
 from sassgis.report.figures import save
-
-FloatArray = NDArray[np.float64]
 
 #: Rotational over translational energy before an impact (Lu et al. 2019).
 SPIN_SHARE = 0.2

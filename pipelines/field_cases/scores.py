@@ -13,8 +13,7 @@ from scipy.stats import binomtest
 
 from field_cases.sites import Simulated, Site, run_out
 from sassgis.gap.inference.distances import energy_scores
-
-FloatArray = NDArray[np.float64]
+from sassgis.model.grid import FloatArray
 
 SHARES = (0.1, 0.5, 0.9)
 BOOTSTRAPS = 1000

@@ -23,11 +23,11 @@ from field_cases.tables import (
 )
 from sassgis.io.read.config import load_config
 from sassgis.io.read.tiles import read_terrain
+from sassgis.model.grid import FloatArray
 from sassgis.model.results import StopReason
 from sassgis.runs.run import run
 from sassgis.terrain.release import points_in_polygon
 
-FloatArray = NDArray[np.float64]
 #: Lines of the configuration by section.
 Sections = Mapping[str, str]
 

@@ -26,12 +26,11 @@ from sassgis.gap.replicas.rock_lines import rock_lines_of
 from sassgis.gap.residuals.table import residuals_of
 from sassgis.gap.where.findings import where
 from sassgis.model.errors import SassgisError
+from sassgis.model.grid import FloatArray
 from sassgis.report.figures import save
 from sassgis.runs.calibrate import calibrate
 from sassgis.runs.diagnose import diagnose
 from sassgis.runs.gap_case import read_case
-
-FloatArray = NDArray[np.float64]
 
 #: Campaigns that each model is let go in.
 CAMPAIGNS = 60

@@ -122,6 +122,10 @@ class Inputs:
         """Whether a box is ticked."""
         return self.algorithm.parameterAsBool(self.parameters, name, self.context)
 
+    def ticked(self, name: str, option: str) -> list[object]:
+        """An option, if its box is ticked."""
+        return [option] if self.flag(name) else []
+
     def option(self, name: str, option: str) -> list[object]:
         """An option with its number, if one is given."""
         if self.algorithm.parameterDefinition(name) is None or not self.given(name):
@@ -171,13 +175,10 @@ class Inputs:
         return source, columns_of(site_layer, source, renamed)
 
 
-class Tool(QgsProcessingAlgorithm):
-    """A command of sassgis: base of all algorithms."""
+class Algorithm(QgsProcessingAlgorithm):
+    """What has a name and a place in the toolbox: base of all."""
 
     NAME = TITLE = HELP = GROUP = ""
-    WORDS: tuple[str, ...] = ()
-    #: Whether the program says its answer in lines, which become an output.
-    ANSWERS = False
 
     def name(self):
         """Name in scripts."""
@@ -202,6 +203,14 @@ class Tool(QgsProcessingAlgorithm):
     def createInstance(self):
         """Another one of its kind."""
         return type(self)()
+
+
+class Tool(Algorithm):
+    """A command of sassgis: base of those that call the program."""
+
+    WORDS: tuple[str, ...] = ()
+    #: Whether the program says its answer in lines, which become an output.
+    ANSWERS = False
 
     def canExecute(self):
         """Whether the program is there; else the reason."""
@@ -267,11 +276,8 @@ class Command(Tool):
         arguments = self.arguments(inputs)
         for key, option in (("JOBS", "--jobs"), ("SEED", "--seed")):
             arguments += inputs.option(key, option)
-        overwrite = ["--overwrite"] if inputs.flag("OVERWRITE") else []
-        run(
-            [program_path(), *self.WORDS, *arguments, "-o", inputs.out, *overwrite],
-            feedback,
-        )
+        arguments += ["-o", inputs.out, *inputs.ticked("OVERWRITE", "--overwrite")]
+        run([program_path(), *self.WORDS, *arguments], feedback)
         self._folder = inputs.out if inputs.flag("LOAD") else None
         self._share = changed_share(inputs.out)
         calibrated = [inputs.out / "config.toml", inputs.out / "model" / "config.toml"]

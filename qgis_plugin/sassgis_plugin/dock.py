@@ -40,7 +40,7 @@ from qgis.PyQt.QtWidgets import (
 from .command import GROUND_CLASSES
 from .program import what_is_missing
 from .result_tools import sheets_of
-from .run_tools import PRESETS
+from .run_tools import EXPOSED, PRESETS
 from .steps import LOOK_SHARE, Scenario, Site, next_step, steps_of, verdict
 
 _COLUMNS = ("Name", "From (m³)", "To (m³)", "Onset/year")
@@ -54,7 +54,6 @@ _FURTHER = (
     ("ROADS", "Roads", QgsMapLayerProxyModel.LineLayer),
     ("PEOPLE", "Places of people", QgsMapLayerProxyModel.PointLayer),
 )
-_EXPOSED = ("BUILDINGS", "ROADS", "PEOPLE")
 
 
 #: The last line of a run; warnings that stand in the report and with the zones.
@@ -287,7 +286,7 @@ class SiteDock(QDockWidget):
             release=self._name(self.release),
             ground=self.ground.currentText(),
             scenarios=self.scenarios(),
-            exposed=any(self._name(self.further[name]) for name in _EXPOSED),
+            exposed=any(self._name(self.further[name]) for name in EXPOSED),
             vulnerability=self.vulnerability.filePath(),
             folder=self.folder.filePath(),
             ref_width_m=self.width_m.value(),

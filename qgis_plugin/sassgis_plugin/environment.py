@@ -6,14 +6,9 @@ import shutil
 import sys
 from pathlib import Path
 
-from qgis.core import (
-    QgsProcessingAlgorithm,
-    QgsProcessingException,
-    QgsProcessingParameterDefinition,
-    QgsProcessingParameterFile,
-    QgsProcessingParameterString,
-)
+from qgis.core import QgsProcessingException, QgsProcessingParameterString
 
+from .command import Algorithm, advanced, file
 from .program import (
     PLUGIN_FOLDER,
     answer,
@@ -66,16 +61,11 @@ def find_python(chosen: str = "") -> list[str]:
     )
 
 
-class MakeEnvironment(QgsProcessingAlgorithm):
+class MakeEnvironment(Algorithm):
     """Make the environment in which the program runs, or make it anew."""
 
-    def name(self):
-        """Name in scripts."""
-        return "environment"
-
-    def displayName(self):
-        """Name in the toolbox."""
-        return "Make the environment"
+    NAME = "environment"
+    TITLE = "Make the environment"
 
     def shortHelpString(self):
         """Text beside the dialog."""
@@ -88,10 +78,6 @@ class MakeEnvironment(QgsProcessingAlgorithm):
             "sassgis-*.whl) or a folder with the source code."
         )
 
-    def createInstance(self):
-        """Another one of its kind."""
-        return MakeEnvironment()
-
     def initAlgorithm(self, configuration=None):
         """Declare the parameters."""
         self.addParameter(
@@ -99,11 +85,7 @@ class MakeEnvironment(QgsProcessingAlgorithm):
                 "SOURCE", "Source of sassgis: requirement, wheel or folder", source_of_program()
             )
         )
-        python = QgsProcessingParameterFile(
-            "PYTHON", "Python 3.11 or later", optional=True, fileFilter="All files (*)"
-        )
-        python.setFlags(python.flags() | QgsProcessingParameterDefinition.FlagAdvanced)
-        self.addParameter(python)
+        self.addParameter(advanced(file("PYTHON", "Python 3.11 or later", optional=True)))
 
     def processAlgorithm(self, parameters, context, feedback):
         """Make a virtual environment and install into it."""

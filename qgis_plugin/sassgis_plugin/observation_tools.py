@@ -71,10 +71,7 @@ class Diagnose(Command):
 
     def arguments(self, inputs):
         """The configuration, the observations, and whether the map is run."""
-        with_map = ["--map"] if inputs.flag("MAP") else []
         return [
-            inputs.config,
-            *_observed(inputs),
-            *inputs.option("DRAWS", "--draws"),
-            *with_map,
-        ]
+            inputs.config, *_observed(inputs), *inputs.option("DRAWS", "--draws"),
+            *inputs.ticked("MAP", "--map"),
+        ]  # fmt: skip

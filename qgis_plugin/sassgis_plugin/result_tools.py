@@ -16,7 +16,7 @@ from qgis.core import (
     QgsRenderContext,
 )
 
-from .command import INTEGER, Command, Tool, box, choice, number, result_folder
+from .command import INTEGER, Algorithm, Command, Tool, box, choice, number, result_folder
 
 GROUP = "3 Results"
 
@@ -75,10 +75,9 @@ class Export(Tool):
 
     def arguments(self, inputs):
         """The result, the file and what it holds."""
-        overwrite = ["--overwrite"] if inputs.flag("OVERWRITE") else []
         return [
             inputs.file("RESULT"), "-o", inputs.out, "--layer", inputs.text("LAYER"),
-            *inputs.words("CANTON", "--canton"), *overwrite,
+            *inputs.words("CANTON", "--canton"), *inputs.ticked("OVERWRITE", "--overwrite"),
         ]  # fmt: skip
 
     def outputs_of(self, inputs):
@@ -96,35 +95,16 @@ def sheets_of(folder: Path) -> list[str]:
     return [layout.name() for layout in project.layoutManager().printLayouts()]
 
 
-class Sheets(QgsProcessingAlgorithm):
+class Sheets(Algorithm):
     """Print the map sheets of a result; QGIS does it by itself."""
 
-    def name(self):
-        """Name in scripts."""
-        return "sheets"
-
-    def displayName(self):
-        """Name in the toolbox."""
-        return "Print map sheets"
-
-    def group(self):
-        """Heading in the toolbox."""
-        return GROUP
-
-    def groupId(self):
-        """Heading in scripts."""
-        return "3_results"
-
-    def shortHelpString(self):
-        """Text beside the dialog."""
-        return (
-            "Prints the map sheets of a result (its project.qgz) as PDF files: hazard level, "
-            "intensity by return period, energy, height, reach, risk. Without a name all of them."
-        )
-
-    def createInstance(self):
-        """Another one of its kind."""
-        return Sheets()
+    NAME = "sheets"
+    TITLE = "Print map sheets"
+    GROUP = GROUP
+    HELP = (
+        "Prints the map sheets of a result (its project.qgz) as PDF files: hazard level, "
+        "intensity by return period, energy, height, reach, risk. Without a name all of them."
+    )
 
     def flags(self):
         """Layouts belong to the main thread."""

@@ -34,17 +34,14 @@ def load_results(
         Its project takes them.
     feedback : QgsProcessingFeedback
     """
-    project = context.project()
-    if project is None or QThread.currentThread() != QCoreApplication.instance().thread():
-        feedback.pushInfo(f"Layers are not loaded from within a model: see {folder}")
+    group = _new_group(folder.name, folder, context, feedback)
+    if group is None:
         return
-    group = project.layerTreeRoot().insertGroup(0, folder.name)
+    project = context.project()
     projects = [folder / part / "project.qgz" for part in ("", "mosaic", "map")]
     if not projects[0].is_file():
         for file in sorted(folder.glob("*.gpkg")):
-            for layer in layers_in(file):
-                project.addMapLayer(layer, False)
-                group.addLayer(layer)
+            _add_layers(file, project, group)
     for file in projects:
         if file.is_file():
             _take_over(file, project, group)
@@ -60,11 +57,24 @@ def project_layers(
     file: Path, context: QgsProcessingContext, feedback: QgsProcessingFeedback
 ) -> None:
     """Load the layers of a GeoPackage into a group on top of the project."""
+    group = _new_group(file.stem, file, context, feedback)
+    if group is not None:
+        _add_layers(file, context.project(), group)
+
+
+def _new_group(
+    name: str, place: Path, context: QgsProcessingContext, feedback: QgsProcessingFeedback
+) -> QgsLayerTreeGroup | None:
+    """A group on top of the project; None from within a model, which says where the layers are."""
     project = context.project()
     if project is None or QThread.currentThread() != QCoreApplication.instance().thread():
-        feedback.pushInfo(f"Layers are not loaded from within a model: see {file}")
-        return
-    group = project.layerTreeRoot().insertGroup(0, file.stem)
+        feedback.pushInfo(f"Layers are not loaded from within a model: see {place}")
+        return None
+    return project.layerTreeRoot().insertGroup(0, name)
+
+
+def _add_layers(file: Path, project: QgsProject, group: QgsLayerTreeGroup) -> None:
+    """Add the layers of a GeoPackage to a group of the project."""
     for layer in layers_in(file):
         project.addMapLayer(layer, False)
         group.addLayer(layer)

@@ -54,7 +54,7 @@ _LAYERS = (
     ("PEOPLE", "people", "Places of people (persons, presence)", QgsProcessing.TypeVectorPoint),
     ("EDITS", "edits", "Zone: edits by hand (level, limit, author, date, reason)", POLYGONS),
 )
-_EXPOSED = ("BUILDINGS", "ROADS", "PEOPLE")
+EXPOSED = ("BUILDINGS", "ROADS", "PEOPLE")
 _COLUMNS = (
     "Name", "Least volume (m³)", "Greatest volume (m³)", "Onset frequency (blocks a year)",
 )  # fmt: skip
@@ -133,7 +133,7 @@ def _site(inputs: Inputs, more: Sequence[str] = ()) -> list[object]:
         f'hazard.blocks="{"auto" if auto else "given"}"',
         *more,
     ]
-    if any(inputs.given(name) for name in _EXPOSED):
+    if any(inputs.given(name) for name in EXPOSED):
         # Without it exposed objects have no risk, and zones no end.
         if not inputs.given("VULNERABILITY"):
             raise QgsProcessingException("Exposed objects need a table of vulnerability.")
@@ -325,8 +325,10 @@ class Batch(Command):
         """The release areas, or the configuration that names them."""
         releases = inputs.given("RELEASES")
         named = [inputs.file("RELEASES"), "--config", inputs.config] if releases else []
-        mosaic_only = ["--mosaic-only"] if inputs.flag("MOSAIC_ONLY") else []
-        return [*(named or [inputs.config]), *mosaic_only, *inputs.option("MEMORY", "--memory")]
+        return [
+            *(named or [inputs.config]), *inputs.ticked("MOSAIC_ONLY", "--mosaic-only"),
+            *inputs.option("MEMORY", "--memory"),
+        ]  # fmt: skip
 
 
 class Sensitivity(Command):

@@ -29,8 +29,9 @@ def _override():
 def _with_system(tool, inputs) -> list[object]:
     """The options of the coordinate system."""
     system = tool.parameterAsCrs(inputs.parameters, "CRS", inputs.context)
-    override = ["--override-crs"] if inputs.flag("OVERRIDE_CRS") else []
-    return ["--crs", system.authid(), *override] if system.isValid() else []
+    if not system.isValid():
+        return []
+    return ["--crs", system.authid(), *inputs.ticked("OVERRIDE_CRS", "--override-crs")]
 
 
 class _Writes(Tool):
@@ -112,11 +113,10 @@ class Cliffs(_Writes):
 
     def arguments(self, inputs):
         """The terrain model and the limits."""
-        overwrite = ["--overwrite"] if inputs.flag("OVERWRITE") else []
         return [
             inputs.terrain(), "-o", inputs.out, *inputs.words("GROUND", "--ground"),
             *inputs.option("THRESHOLD", "--threshold"), *inputs.option("MIN_AREA", "--min-area"),
-            *_with_system(self, inputs), *overwrite,
+            *_with_system(self, inputs), *inputs.ticked("OVERWRITE", "--overwrite"),
         ]  # fmt: skip
 
 
@@ -139,9 +139,9 @@ class NewSite(_Writes):
 
     def arguments(self, inputs):
         """The file and the terrain model."""
-        overwrite = ["--overwrite"] if inputs.flag("OVERWRITE") else []
         return [
-            inputs.out, "--dem", inputs.terrain(), *_with_system(self, inputs), *overwrite,
+            inputs.out, "--dem", inputs.terrain(), *_with_system(self, inputs),
+            *inputs.ticked("OVERWRITE", "--overwrite"),
         ]  # fmt: skip
 
 
@@ -166,8 +166,10 @@ class FromRockyfor3D(_Writes):
         """The file, the folder and its system."""
         system = self.parameterAsCrs(inputs.parameters, "CRS", inputs.context)
         told = ["--set", f"terrain.crs={system.authid()}"] if system.isValid() else []
-        overwrite = ["--overwrite"] if inputs.flag("OVERWRITE") else []
-        return [inputs.out, "--rockyfor3d", inputs.file("FOLDER"), *told, *overwrite]
+        return [
+            inputs.out, "--rockyfor3d", inputs.file("FOLDER"), *told,
+            *inputs.ticked("OVERWRITE", "--overwrite"),
+        ]  # fmt: skip
 
 
 class Validate(Tool):

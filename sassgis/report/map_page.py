@@ -14,14 +14,12 @@ import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import distribution
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import matplotlib.image
 import numpy as np
 import shapely
-from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 from numpy.typing import NDArray
 
@@ -37,7 +35,7 @@ from sassgis.model.styles import class_colours, class_labels
 from sassgis.report.figures.map_figure import class_numbers, shown_values
 from sassgis.report.figures.map_marks import MapObject
 from sassgis.report.figures.relief import MapView, footprint, hillshade, view_of
-from sassgis.report.page import data_uri
+from sassgis.report.page import data_uri, template
 
 #: Maps that can be chosen, the first that there is at the beginning.
 _SHOWN = ("hazard_level", "energy", "reach_probability", "passing_height", "return_period")
@@ -145,10 +143,7 @@ def write_map_page(file: Path, page: MapPage) -> None:
         "shapes": _shapes(page),
         "paths": [_path(shown) for shown in page.paths],
     }
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True)
-    environment.globals["translated"] = translated
-    template = files("sassgis.data").joinpath("map_page.html.j2").read_text(encoding="utf-8")
-    text = environment.from_string(template).render(
+    text = template("map_page.html.j2").render(
         title=page.title,
         language=current_language(),
         data=data,
@@ -286,9 +281,7 @@ def _cells(page: MapPage, by_stem: Mapping[str, RasterLayer]) -> dict[str, Any]:
     own = (row // factor) * -(-shape[1] // factor) + col // factor
 
     def column(stem: str, name: str, factor: float = 1.0) -> str:
-        band = next(b for b in by_stem[stem].bands if b.name == name)
-        values = np.nan_to_num(band.values.ravel()[cells].astype(np.float64))
-        return _packed(_logarithm(factor * values))
+        return _packed(_logarithm(factor * _band(by_stem[stem], name, cells)))
 
     sources, shares = _shares(page.contributions, cells)
     grid = page.run.grid
@@ -320,6 +313,12 @@ def _cells(page: MapPage, by_stem: Mapping[str, RasterLayer]) -> dict[str, Any]:
     }
 
 
+def _band(layer: RasterLayer, name: str, cells: IntArray) -> FloatArray:
+    """Values of a band at some cells; 0 where there is none."""
+    band = next(b for b in layer.bands if b.name == name)
+    return np.nan_to_num(band.values.ravel()[cells].astype(np.float64))
+
+
 def _strongest(strength: FloatArray, shape: tuple[int, int], factor: int) -> IntArray:
     """The cell of the largest strength of each square of so many cells that has any."""
     cells = np.flatnonzero(strength > 0.0)
@@ -346,9 +345,7 @@ def _hazard(
     rate = np.where(known[:, None], curves.rate[at][:, columns], 0.0)
 
     def band(stem: str, name: str) -> FloatArray:
-        found = next(b for b in by_stem[stem].bands if b.name == name)
-        values: FloatArray = np.nan_to_num(found.values.ravel()[cells].astype(np.float64))
-        return values
+        return _band(by_stem[stem], name, cells)
 
     periods = [f"{years:g}" for years in hazard.preset.return_periods]
     return {

@@ -88,9 +88,9 @@ def station_figures(
     return out
 
 
-def runout_counts(progress: Progress, bins: int = 40) -> Figure:
-    """Run-out by reason, in bins of whole metres."""
-    width = max(-(-progress.runout.shape[1] // bins), 1)
+def runout_counts(progress: Progress) -> Figure:
+    """Run-out by reason, in 40 bins of whole metres at most."""
+    width = max(-(-progress.runout.shape[1] // 40), 1)
     groups = -(-progress.runout.shape[1] // width)
     padded = np.zeros((progress.runout.shape[0], groups * width), np.int64)
     padded[:, : progress.runout.shape[1]] = progress.runout

@@ -5,14 +5,21 @@ from __future__ import annotations
 import logging
 from pathlib import Path
 
+import extremes
+import fuzz
+import kills
 import numpy as np
 import pytest
+import watched
 from helpers.watched_cases import prepare
+
+from sassgis.engine.state import EVENT_DTYPE, IMPACT
+from sassgis.model.effects import EffectSettings
+from sassgis.model.results import ROCK_DTYPE
+from sassgis.model.settings import EngineSettings
 
 
 def test_every_kind_of_failure_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
-    import watched
-
     monkeypatch.setattr(watched, "FIRST_S", 20.0)
     counts, failures = watched.watched(prepare, ("a word",), range(7), 2.0)
     assert counts == {"done": 4, "failed": 1, "process ended": 1, "too long": 1}
@@ -22,8 +29,6 @@ def test_every_kind_of_failure_is_counted(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_a_result_that_is_not_whole_is_seen(tmp_path: Path) -> None:
-    import kills
-
     out = tmp_path / "out"
     (out / "areas" / "a").mkdir(parents=True)
     (out / "areas" / "a" / "x").write_text("1")
@@ -40,13 +45,6 @@ def test_a_result_that_is_not_whole_is_seen(tmp_path: Path) -> None:
 
 
 def test_an_energy_that_grows_is_seen() -> None:
-    import extremes
-
-    from sassgis.engine.state import EVENT_DTYPE, IMPACT
-    from sassgis.model.effects import EffectSettings
-    from sassgis.model.results import ROCK_DTYPE
-    from sassgis.model.settings import EngineSettings
-
     rock = np.ones(1, ROCK_DTYPE)[0]
     log = np.zeros(4, EVENT_DTYPE)
     log["t_s"] = [0.0, 1.0, 2.0, 3.0]
@@ -65,8 +63,6 @@ def test_an_energy_that_grows_is_seen() -> None:
 def test_damaged_files_are_given_to_their_reader(
     tmp_path: Path, kind: str, request: pytest.FixtureRequest
 ) -> None:
-    import fuzz
-
     fuzz._site(tmp_path / "site")
     # The battery reads in a process of its own, and keeps that silent.
     request.addfinalizer(lambda: logging.disable(logging.NOTSET))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import canton
 import geopandas as gpd
 import numpy as np
 import pytest
@@ -15,8 +16,6 @@ from sassgis.terrain.release import release_points
 
 
 def test_a_share_has_its_cells_areas_and_points(tmp_path: Path) -> None:
-    import canton
-
     whole = canton.Canton(canton.KM2, 5.0, canton.AREAS, 100, 10)
     assert whole.cells == 120_000_000
     small = canton.Canton(25.0, 5.0, 10, 100, 10)

@@ -3,41 +3,26 @@
 from __future__ import annotations
 
 from pathlib import Path
-from types import ModuleType
 
 import geopandas as gpd
 import numpy as np
 import pytest
 import rasterio
+import saga
+import slope
 
 from sassgis.io.read.config import load_config
 from sassgis.terrain.release import release_points
 
-BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
-
 
 @pytest.fixture(scope="module")
-def slope() -> ModuleType:
-    import slope
-
-    return slope
-
-
-@pytest.fixture(scope="module")
-def saga() -> ModuleType:
-    import saga
-
-    return saga
-
-
-@pytest.fixture(scope="module")
-def plain(slope: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def plain(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("plain")
     slope.write_slope(folder)
     return folder
 
 
-def test_units_have_their_slopes(slope: ModuleType, plain: Path) -> None:
+def test_units_have_their_slopes(plain: Path) -> None:
     with rasterio.open(plain / "dem.tif") as raster:
         z = raster.read(1).astype(float)
     assert z.shape == (300, 600)
@@ -51,9 +36,7 @@ def test_units_have_their_slopes(slope: ModuleType, plain: Path) -> None:
         assert np.degrees(np.arctan(-fall)) == pytest.approx(angle, abs=0.05)
 
 
-def test_there_are_3000_release_points_and_each_is_a_cell_centre(
-    slope: ModuleType, plain: Path
-) -> None:
+def test_there_are_3000_release_points_and_each_is_a_cell_centre(plain: Path) -> None:
     config = load_config(plain / "config.toml")
     areas = gpd.read_file(config.release_source)
     points = release_points(
@@ -69,13 +52,13 @@ def test_there_are_3000_release_points_and_each_is_a_cell_centre(
     assert slope.borders()[1] < down.min() and down.max() < slope.borders()[2]
 
 
-def test_ground_covers_the_slope_without_overlap(slope: ModuleType, plain: Path) -> None:
+def test_ground_covers_the_slope_without_overlap(plain: Path) -> None:
     ground = gpd.read_file(plain / "ground.gpkg")
     assert ground.area.sum() == pytest.approx(slope.WIDTH * slope.HEIGHT)
     assert ground.union_all().area == pytest.approx(slope.WIDTH * slope.HEIGHT)
 
 
-def test_the_rough_slope_is_rough_where_it_should_be(slope: ModuleType) -> None:
+def test_the_rough_slope_is_rough_where_it_should_be() -> None:
     x, y = np.meshgrid(
         slope.WEST + np.arange(1.0, 1200.0, 2.0), slope.SOUTH + np.arange(1.0, 600, 2)
     )
@@ -87,18 +70,14 @@ def test_the_rough_slope_is_rough_where_it_should_be(slope: ModuleType) -> None:
     assert flat < 0.15
 
 
-def test_saga_is_named_when_it_is_absent(
-    saga: ModuleType, plain: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_saga_is_named_when_it_is_absent(plain: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(saga, "PROGRAM", "no_such_program")
     result = saga.measure(plain, repeats=1)
     assert result["available"] is False
     assert "apt-get install saga" in result["message"]
 
 
-def test_saga_walks_run_out_over_the_talus(
-    saga: ModuleType, slope: ModuleType, plain: Path
-) -> None:
+def test_saga_walks_run_out_over_the_talus(plain: Path) -> None:
     if saga.version() is None:
         pytest.skip(saga.ABSENT)
     result = saga.measure(plain, repeats=1, iterations=3)

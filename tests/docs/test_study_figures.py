@@ -6,9 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.figure_parts import find, texts
 from helpers.scripts import load
-from matplotlib.figure import Figure
-from matplotlib.text import Text
 from runout_figure import quantile_rows, runout_gap_figure
 
 from sassgis.model.grid import Grid
@@ -19,16 +18,6 @@ def studies(repository: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     folder = repository / "docs" / "studies"
     monkeypatch.syspath_prepend(folder)
     return folder
-
-
-def texts(figure: Figure) -> str:
-    figure.canvas.draw()
-    shown = figure.findobj(lambda a: isinstance(a, Text) and a.get_visible())
-    return " | ".join(" ".join(t.get_text().split()) for t in shown if t.get_text())
-
-
-def marked(figure: Figure, gid: str) -> list:
-    return list(figure.findobj(lambda artist: artist.get_gid() == gid))
 
 
 def test_fig9_has_a_surface_for_each_shape(studies: Path) -> None:
@@ -70,10 +59,10 @@ def test_gap_curves_table_and_stops() -> None:
     seen_xy = np.array([[100.0, -60.0], [110.0, -80.0]]) + corner
     made_xy = np.array([[100.0, -70.0]]) + corner
     figure = runout_gap_figure(seen, made, grid=grid, observed_xy=seen_xy, predicted_xy=made_xy)
-    np.testing.assert_allclose(marked(figure, "observed")[0].get_data()[1], [0, 50, 100])
-    np.testing.assert_allclose(marked(figure, "observed")[0].get_data()[0], [60, 60, 80])
-    np.testing.assert_allclose(marked(figure, "stops-observed")[0].get_xydata(), seen_xy)
-    np.testing.assert_allclose(marked(figure, "stops-predicted")[0].get_xydata(), made_xy)
+    np.testing.assert_allclose(find(figure, "observed")[0].get_data()[1], [0, 50, 100])
+    np.testing.assert_allclose(find(figure, "observed")[0].get_data()[0], [60, 60, 80])
+    np.testing.assert_allclose(find(figure, "stops-observed")[0].get_xydata(), seen_xy)
+    np.testing.assert_allclose(find(figure, "stops-predicted")[0].get_xydata(), made_xy)
     words = texts(figure)
     assert "2 observed rocks, 4 predicted rocks" in words
     assert "median | 70 | 100 | +30" in words

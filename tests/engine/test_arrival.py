@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 import pytest
+from helpers import engine_lab as lab
 
 from sassgis.engine.effects.entrainment import Entrainment
 from sassgis.engine.effects.fragmentation import Fragmentation
@@ -34,7 +35,7 @@ def arrivals_at(profiles, out, borders: np.ndarray) -> np.ndarray:
 # --- Closed forms --------------------------------------------------------------------------------
 
 
-def test_a_flight_crosses_borders_at_even_speed(lab):
+def test_a_flight_crosses_borders_at_even_speed():
     # A ball is thrown down a slope of 60° from 40 m above it: x is linear in time until it lands.
     beta, speed, x0 = math.radians(60.0), 5.0, 6.3
     profiles = lab.profile_set(lab.slope((200.0, 60.0)))
@@ -52,7 +53,7 @@ def test_a_flight_crosses_borders_at_even_speed(lab):
 @pytest.mark.parametrize(
     ("speed", "mu"), [(0.0, 0.5), (4.0, 0.5), (4.0, math.tan(0.6)), (6.0, 1.2)]
 )
-def test_a_sliding_ball_crosses_borders_as_under_constant_acceleration(lab, speed, mu):
+def test_a_sliding_ball_crosses_borders_as_under_constant_acceleration(speed, mu):
     # From rest, pushed, at constant speed where friction balances the slope, and slowing to a stop.
     x0, beta = 5.5, 0.6
     profiles = lab.profile_set(lab.slope((60.0, math.degrees(beta))))
@@ -69,7 +70,7 @@ def test_a_sliding_ball_crosses_borders_as_under_constant_acceleration(lab, spee
     assert arrivals_at(profiles, out, borders) == pytest.approx(want, rel=1e-9)
 
 
-def test_a_rolling_ball_crosses_borders_as_under_constant_acceleration(lab):
+def test_a_rolling_ball_crosses_borders_as_under_constant_acceleration():
     x0, beta, mu = 5.5, 0.5, 0.3
     profiles = lab.profile_set(lab.slope((60.0, math.degrees(beta))))
     out = lab.run(
@@ -87,7 +88,7 @@ def test_a_rolling_ball_crosses_borders_as_under_constant_acceleration(lab):
 # --- Event logs ----------------------------------------------------------------------------------
 
 
-def entries(lab, profiles, log) -> dict[int, float]:
+def entries(profiles, log) -> dict[int, float]:
     """First entry of a rock into each cell, from its event log: {cell: time (s)}."""
     s = profiles.cell_s
     found: dict[int, float] = {}
@@ -121,7 +122,7 @@ def entries(lab, profiles, log) -> dict[int, float]:
 
 
 @pytest.mark.parametrize("kind", ["smooth", "rough"])
-def test_times_and_their_quantiles_are_those_of_the_event_logs(lab, kind):
+def test_times_and_their_quantiles_are_those_of_the_event_logs(kind):
     line = lab.valley() if kind == "smooth" else lab.rough(3, amplitude=0.1)
     profiles = lab.profile_set(line, cell=2.0)
     blocks = dataclasses.replace(lab.MIXED, drop_m=(0.5, 2.0))
@@ -129,7 +130,7 @@ def test_times_and_their_quantiles_are_those_of_the_event_logs(lab, kind):
     out = lab.run(profiles, lab.ROCK, blocks, n=n, start=[(10.0, 30.0)], log_events=4000)
     times: dict[int, list[float]] = {}
     for log in out.event_logs:
-        for cell, t in entries(lab, profiles, log).items():
+        for cell, t in entries(profiles, log).items():
             times.setdefault(cell, []).append(t)
     sums = MapSums(int(out.cells.max()) + 1)
     sums.add(out.cells, out.sums)
@@ -157,7 +158,7 @@ def test_times_and_their_quantiles_are_those_of_the_event_logs(lab, kind):
 # --- Spawned blocks ------------------------------------------------------------------------------
 
 
-def test_fragments_arrive_as_long_after_the_release_as_the_rock_and_they_took(lab):
+def test_fragments_arrive_as_long_after_the_release_as_the_rock_and_they_took():
     # Without a cone and a loss all fragments go on as the whole rock would have gone.
     x0, speed = 6.3, 12.0
     profiles = lab.profile_set(lab.slope((300.0, 35.0)))
@@ -182,7 +183,7 @@ def test_fragments_arrive_as_long_after_the_release_as_the_rock_and_they_took(la
     assert out.sums["reach"].max() == 1 and out.sums["arrival"].sum(axis=1).max() == 1
 
 
-def test_a_rock_and_its_entrained_blocks_are_one_arrival_the_earliest(lab):
+def test_a_rock_and_its_entrained_blocks_are_one_arrival_the_earliest():
     # An entrained block may overtake its rock, or go further.
     line = lab.rough(3, amplitude=0.1)
     profiles = lab.profile_set(line, cell=2.0)

@@ -11,6 +11,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from helpers import engine_lab as lab
 from numpy.lib.recfunctions import structured_to_unstructured
 from scipy import stats
 
@@ -31,25 +32,22 @@ def split(line, times):
     return s, z
 
 
-@pytest.fixture(scope="module")
-def cases(lab):
-    dropped = dataclasses.replace(lab.MIXED, drop_m=(0.5, 3.0))
-    return {
-        "smooth": (lab.valley(), lab.MIXED),
-        "rough 0.5 m": (lab.rough(1), dropped),
-        "rough 1 m": (lab.rough(3, step=1.0, amplitude=0.1, angle=40.0), lab.MIXED),
-    }
+CASES = {
+    "smooth": (lab.valley(), lab.MIXED),
+    "rough 0.5 m": (lab.rough(1), dataclasses.replace(lab.MIXED, drop_m=(0.5, 3.0))),
+    "rough 1 m": (lab.rough(3, step=1.0, amplitude=0.1, angle=40.0), lab.MIXED),
+}
 
 
 @pytest.fixture(scope="module")
-def rocks(lab, cases):
+def rocks():
     """Rocks of a case, kept for the module."""
     kept = {}
 
     def get(name, times=0, **settings):
         key = (name, times, tuple(sorted(settings.items())))
         if key not in kept:
-            line, blocks = cases[name]
+            line, blocks = CASES[name]
             kept[key] = lab.run(
                 split(line, times),
                 lab.ROCK,
@@ -78,7 +76,6 @@ def assert_no_bias(one, other):
 
 
 HAZARD = {"readings": "hazard"}
-CASES = ["smooth", "rough 0.5 m", "rough 1 m"]
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -104,9 +101,9 @@ def test_cutting_the_segments_moves_nothing(rocks, name, own, times):
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_first_seconds_of_each_rock_do_not_see_the_cutting(lab, cases, name):
+def test_first_seconds_of_each_rock_do_not_see_the_cutting(name):
     # Before chaos has set in, rock by rock: the first contacts of a let-down rock are the same.
-    line, blocks = cases[name]
+    line, blocks = CASES[name]
     blocks = dataclasses.replace(blocks, drop_m=(1.0, 3.0))
     logs = [
         lab.run(

@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from helpers import engine_lab as lab
 
 from sassgis.engine.ellipse import inertia, mean_radius
 from sassgis.model.errors import ConfigError
@@ -15,7 +16,7 @@ from sassgis.model.settings import EngineSettings
 G = 9.81
 
 
-def share_of_way(lab, out, phase):
+def share_of_way(out, phase):
     """Share of the way of all rocks in one phase."""
     in_phase, whole = 0.0, 0.0
     for log in out.event_logs:
@@ -37,7 +38,7 @@ def test_the_sets_and_what_is_given():
         EngineSettings(readings="1987")  # type: ignore[arg-type]
 
 
-def test_the_paper_does_not_know_the_new_columns(lab):
+def test_the_paper_does_not_know_the_new_columns():
     line = lab.rough(4)
     plain = lab.run(line, lab.DEBRIS, lab.MIXED, n=60)
     other = dataclasses.replace(
@@ -46,7 +47,7 @@ def test_the_paper_does_not_know_the_new_columns(lab):
     assert lab.run(line, other, lab.MIXED, n=60).rocks.tobytes() == plain.rocks.tobytes()
 
 
-def test_the_threshold_is_that_of_the_class_unless_it_is_given(lab):
+def test_the_threshold_is_that_of_the_class_unless_it_is_given():
     line = lab.rough(4)
 
     def rocks(column, **key):
@@ -61,10 +62,10 @@ def test_the_threshold_is_that_of_the_class_unless_it_is_given(lab):
     assert rocks(0.5) == rocks(0.1, rolling_threshold=0.5)
 
 
-def test_a_rock_at_rest_on_steep_debris_does_not_slide_all_the_way(lab):
+def test_a_rock_at_rest_on_steep_debris_does_not_slide_all_the_way():
     line = lab.slope((150, 40), (100, 0))
     slides = lab.run(line, lab.DEBRIS, lab.MIXED, n=60, log_events=4000)
-    assert share_of_way(lab, slides, lab.SLIDING) > 0.9
+    assert share_of_way(slides, lab.SLIDING) > 0.9
     tips = lab.run(line, lab.DEBRIS, lab.MIXED, n=60, log_events=4000, settings=lab.HAZARD)
     # What slides then are rocks too flat to tip.
     round_ones = [
@@ -77,7 +78,7 @@ def test_a_rock_at_rest_on_steep_debris_does_not_slide_all_the_way(lab):
 
 
 @pytest.mark.parametrize(("b", "rolls"), [(0.38, True), (0.25, False)])
-def test_which_ellipse_tips(lab, b, rolls):
+def test_which_ellipse_tips(b, rolls):
     # (a² − b²)/(2 a b): 0.278 and 0.75 for a = 0.5, against μ_f = 0.6.
     own = lab.ground(mu_f=0.6, mu_0=0.5)
     blocks = lab.ellipsoid(0.5, b, 0.2, orientation_rad=(0.0, 0.0), speed_mps=(6.0, 6.0))
@@ -94,7 +95,7 @@ def test_which_ellipse_tips(lab, b, rolls):
         assert math.hypot(log["vx_mps"][0], log["vz_mps"][0]) == pytest.approx(speed, rel=1e-12)
 
 
-def test_a_slow_rock_does_not_tip(lab):
+def test_a_slow_rock_does_not_tip():
     # Its energy does not lift it over its longer axis, and the ground is too flat for rolling.
     blocks = lab.ellipsoid(0.5, 0.38, 0.3, orientation_rad=(0.0, 0.0), speed_mps=(1.0, 1.0))
     out = lab.run(
@@ -105,7 +106,7 @@ def test_a_slow_rock_does_not_tip(lab):
     assert out.rocks["runout_m"][0] - 5.0 == pytest.approx(1.0 / (2 * G * 0.8), rel=1e-9)
 
 
-def test_a_sliding_rock_tips_once_it_is_fast_enough(lab):
+def test_a_sliding_rock_tips_once_it_is_fast_enough():
     # Where μ_r > tan β > μ_f it slides faster and faster until it can turn over its longer axis.
     own = lab.ground(mu_f=0.5, mu_0=0.9)
     blocks = lab.ellipsoid(0.5, 0.38, 0.3, orientation_rad=(0.0, 0.0))
@@ -123,7 +124,7 @@ def test_a_sliding_rock_tips_once_it_is_fast_enough(lab):
 
 
 @pytest.mark.parametrize("turn", [2.0, 4.0, 8.0])
-def test_a_rolling_rock_loses_once_at_a_concave_corner(lab, turn):
+def test_a_rolling_rock_loses_once_at_a_concave_corner(turn):
     own = lab.ground(eta_max=0.35, mu_0=0.4, dp=(0.1, 0.4))
     blocks = lab.ellipsoid(0.5, 0.4, 0.3, speed_mps=(0.0, 0.0))
     line = lab.slope((60, 35), (60, 35 - turn), (200, 0))
@@ -149,7 +150,7 @@ def test_a_rolling_rock_loses_once_at_a_concave_corner(lab, turn):
         assert abs(log["z_m"][i + 1] - log["z_m"][i]) < 0.01 * r
 
 
-def test_many_small_corners_cost_what_few_large_ones_do(lab):
+def test_many_small_corners_cost_what_few_large_ones_do():
     """A concave arc of 35 degrees in 5 or 20 corners: the speed at its end hardly differs."""
     own = lab.ground(eta_max=0.35, mu_0=0.4)
     ends = []
@@ -162,7 +163,7 @@ def test_many_small_corners_cost_what_few_large_ones_do(lab):
     assert max(ends) < 1.15 * min(ends)
 
 
-def test_rolling_friction_differs_from_block_to_block(lab):
+def test_rolling_friction_differs_from_block_to_block():
     """On a level the way to rest is v²/(2 g μ), log-normal about that of the class."""
     own = lab.ground(mu_0=0.4, k=0.0)
     blocks = lab.sphere(0.4, speed_mps=(6.0, 6.0), spin_radps=(15.0, 15.0))
@@ -177,7 +178,7 @@ def test_rolling_friction_differs_from_block_to_block(lab):
 
 
 @pytest.mark.parametrize("drop", [0.0, 0.05, 0.4])
-def test_hops_cost_what_rolling_costs(lab, drop):
+def test_hops_cost_what_rolling_costs(drop):
     """A sphere that hops with 1 − η_max = μ_r (1 + I/r²): each impulse J takes μ_r J, as rolling.
 
     The impulse at the centre takes 1.4 μ_r J, and friction at P shares the loss with the spin.

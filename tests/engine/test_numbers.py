@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from helpers import engine_lab as lab
 
 from sassgis.engine.ellipse import contact_frame, inertia, mean_radius
 from sassgis.engine.impact import COULOMB, SCALE, energy_kept, impact, turn_about_contact
@@ -185,7 +186,7 @@ def test_coulomb_impact_stays_in_the_cone(seed):
 # --- through the whole simulation ---
 
 
-def test_sphere_falling_on_a_slope_met_flatter(lab):
+def test_sphere_falling_on_a_slope_met_flatter():
     # Sphere R = 0.5 falling straight down at 10 m/s on β = 44° met as β' = 35°: speed after
     # 4.096975, η = 0.234993, launch 9° above the slope, next contact after 0.181645 s,
     # 0.847454 m down-slope.
@@ -222,7 +223,7 @@ def test_sphere_falling_on_a_slope_met_flatter(lab):
     assert np.hypot(*way) == pytest.approx(0.847454, abs=3e-6)
 
 
-def test_flight_in_closed_form(lab):
+def test_flight_in_closed_form():
     # Flight, β = 44°, 10 m/s at 10° above the slope: 0.492150 s, 5.672013 m along the slope, at
     # most 0.213652 m from it. The ball is thrown from a ramp that ends at β's start: a kink of
     # 10° less slope, along which it slides at 10 m/s at the end.
@@ -263,7 +264,7 @@ def test_flight_in_closed_form(lab):
     ],
 )
 @pytest.mark.parametrize("pieces", [1, 64])
-def test_sliding_to_rest(lab, mu, degrees, speed, length, pieces):
+def test_sliding_to_rest(mu, degrees, speed, length, pieces):
     # L = v²/[2 g (μ cos β − sin β)], on one segment and on the same slope cut into 64.
     line = lab.slope(*[(100.0 / pieces, degrees)] * pieces)
     out = lab.run(
@@ -282,7 +283,7 @@ def test_sliding_to_rest(lab, mu, degrees, speed, length, pieces):
 
 
 @pytest.mark.parametrize("pieces", [1, 64])
-def test_rolling_to_rest(lab, pieces):
+def test_rolling_to_rest(pieces):
     # Rolling to rest, μ_r = 0.6, 20°, 5 m/s: 5.744979 m. A sphere in synchronous spin.
     r = 0.5
     line = lab.slope(*[(100.0 / pieces, 20.0)] * pieces)
@@ -299,7 +300,7 @@ def test_rolling_to_rest(lab, pieces):
     )
 
 
-def test_rolling_friction_grows_with_the_ground_blocks(lab):
+def test_rolling_friction_grows_with_the_ground_blocks():
     # Equation (2): μ_r = μ_0 + k d*/d, with d the diameter of the rock.
     r, mu_0, k, d_star = 0.4, 0.4, 0.2, 0.3
     out = lab.run(
@@ -322,7 +323,7 @@ def test_rolling_friction_grows_with_the_ground_blocks(lab):
         pytest.param(57.0, 0.55, 0.2, 0.6, id="Table 1, debris"),
     ],
 )
-def test_table_1_slope_variation_is_met_at_impacts(lab, degrees, eta_max, low, high):
+def test_table_1_slope_variation_is_met_at_impacts(degrees, eta_max, low, high):
     # Table 1: limits of Δp/p with p = tan β. The slope met at each impact fills them evenly.
     from scipy import stats
 
@@ -342,7 +343,7 @@ def test_table_1_slope_variation_is_met_at_impacts(lab, degrees, eta_max, low, h
     assert stats.kstest(u, "uniform", (low, high - low)).pvalue > 0.01
 
 
-def test_a_sphere_never_bounces_without_variation(lab):
+def test_a_sphere_never_bounces_without_variation():
     # Fact 3: Δp = 0 leaves no normal velocity, and the rock rolls after its first contact.
     out = lab.run(
         lab.slope((200.0, 40.0), (100.0, 0.0)),
@@ -357,7 +358,7 @@ def test_a_sphere_never_bounces_without_variation(lab):
 
 
 @pytest.mark.parametrize("variation", [0.05, 0.2, 0.5])
-def test_a_sphere_leaves_at_the_angle_of_the_variation(lab, variation):
+def test_a_sphere_leaves_at_the_angle_of_the_variation(variation):
     # Fact 3: with the variation the launch angle above the mean slope is β − β'.
     out = lab.run(
         lab.slope((200.0, 44.0)),

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.effects_lab import profile
-from helpers.terrains import grid_of, middle, points_at
+from helpers.terrains import folded, grid_of, middle, points_at
 from scipy.integrate import solve_ivp
 from scipy.stats import ks_2samp
 
@@ -194,12 +194,6 @@ def test_plan_width_is_10_to_20_percent_of_the_length(
 
 
 # --- symmetry ------------------------------------------------------------------------------------
-
-
-def folded(x: FloatArray, y: FloatArray) -> FloatArray:
-    """A slope to the east with a gully askew and a bench."""
-    gully = 4.0 * np.exp(-(((y - 0.3 * x - 10.0) / 12.0) ** 2))
-    return 1000.0 - 0.75 * np.minimum(x, 60.0) - gully - 0.05 * np.maximum(x - 60.0, 0.0)
 
 
 def test_turning_and_mirroring_the_terrain_turns_and_mirrors_the_map() -> None:

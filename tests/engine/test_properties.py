@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from helpers import engine_lab as lab
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.lib.recfunctions import structured_to_unstructured
@@ -16,6 +17,7 @@ from shapely import LineString, distance, points
 from sassgis.engine.ellipse import contact_frame, inertia
 from sassgis.model import rng as draws
 from sassgis.model.blocks import BlockPopulation
+from sassgis.model.profiles import ControlLineCrossings
 
 G = 9.81
 QUICK = settings(
@@ -64,14 +66,14 @@ def line_of(w):
     return s, 500.0 - np.tan(np.radians(angle)) * np.minimum(s, 50.0) + noise
 
 
-def readings(lab, rule, **changes):
+def readings(rule, **changes):
     """The words of the paper with a rule of impact, or the readings for hazard work."""
     if rule == "restitution":
         return dataclasses.replace(lab.HAZARD, **changes)
     return lab.with_settings(eta_max_rule=rule, **changes)
 
 
-def play(lab, w, n=12, **changes):
+def play(w, n=12, **changes):
     a, b, c = w["axes"]
     blocks = BlockPopulation(
         axis_1_m=(a, a), axis_2_m=(b, b), axis_3_m=(c, c), drop_m=(0.0, w["drop"]),
@@ -84,7 +86,7 @@ def play(lab, w, n=12, **changes):
         n=n,
         seed=w["seed"],
         start=[(3.0, 20.0)],
-        settings=readings(lab, w["rule"], rolling=w["rolling"], **changes),
+        settings=readings(w["rule"], rolling=w["rolling"], **changes),
         log_events=4000,
     )
 
@@ -98,9 +100,9 @@ def energies(log, a, b):
 
 @given(w=worlds())
 @QUICK
-def test_energy_laws_along_whole_logs(lab, w):
+def test_energy_laws_along_whole_logs(w):
     # η_max at every impact; energy kept in flight; total energy never rises.
-    out = play(lab, w)
+    out = play(w)
     eta_max = 1.0 if w["rule"] == "restitution" else w["ground"]["eta_max"]
     for rock, log in zip(out.rocks, out.event_logs, strict=True):
         a, b = rock["a_m"], rock["b_m"]
@@ -129,9 +131,9 @@ def test_energy_laws_along_whole_logs(lab, w):
 
 @given(w=worlds())
 @QUICK
-def test_the_point_of_contact_rests_after_an_impact(lab, w):
+def test_the_point_of_contact_rests_after_an_impact(w):
     # Equation (4): v_x = y ω, v_y = −x ω about the P that was met, with the rule "scale".
-    out = play(lab, {**w, "rule": "scale"})
+    out = play({**w, "rule": "scale"})
     for rock, log in zip(out.rocks, out.event_logs, strict=True):
         phase = log["phase"].astype(int)
         for i in np.flatnonzero((phase[:-1] == lab.IMPACT) & (phase[1:] == lab.FLIGHT)):
@@ -148,9 +150,9 @@ def test_the_point_of_contact_rests_after_an_impact(lab, w):
 
 @given(w=worlds())
 @QUICK
-def test_the_centre_keeps_the_shorter_semi_axis_from_the_ground(lab, w):
+def test_the_centre_keeps_the_shorter_semi_axis_from_the_ground(w):
     # Only the flank of a turning block reaches into the ground, by a − b at most.
-    out = play(lab, w)
+    out = play(w)
     s, z = line_of(w)
     way = LineString(np.column_stack([s, z]))
     for rock, log in zip(out.rocks, out.event_logs, strict=True):
@@ -163,7 +165,7 @@ def test_the_centre_keeps_the_shorter_semi_axis_from_the_ground(lab, w):
 
 @given(w=worlds())
 @QUICK
-def test_a_round_rock_has_no_orientation(lab, w):
+def test_a_round_rock_has_no_orientation(w):
     # a = b: trajectories do not depend on θ.
     a = w["axes"][0]
     outs = []
@@ -176,7 +178,7 @@ def test_a_round_rock_has_no_orientation(lab, w):
             lab.run(
                 line_of(w), lab.ground(**w["ground"]), blocks, n=6, seed=w["seed"],
                 start=[(3.0, 20.0)], log_events=4000,
-                settings=readings(lab, w["rule"], rolling=w["rolling"]),
+                settings=readings(w["rule"], rolling=w["rolling"]),
             )
         )  # fmt: skip
     for one, other in zip(outs[0].event_logs, outs[1].event_logs, strict=True):
@@ -201,7 +203,7 @@ def mirrored(line):
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize("rule", ["scale", "coulomb", "restitution"])
 @pytest.mark.parametrize("kind", ["smooth", "rough"])
-def test_a_slope_to_the_left_gives_mirrored_rocks(lab, seed, rule, kind):
+def test_a_slope_to_the_left_gives_mirrored_rocks(seed, rule, kind):
     # Orientation θ to the slope becomes π − θ; everything else is mirrored.
     line = lab.rough(seed, step=0.5, amplitude=0.1, length=60.0) if kind == "rough" else (
         lab.slope((40, 40), (20, 25), (60, 0))
@@ -217,7 +219,7 @@ def test_a_slope_to_the_left_gives_mirrored_rocks(lab, seed, rule, kind):
         out = lab.run(
             own, lab.ROCK, lab.ellipsoid(a, 0.4, 0.3, drop_m=(1.0, 1.0),
             orientation_rad=(angle, angle)), start=[(at, at)], seed=seed, log_events=2000,
-            settings=readings(lab, rule),
+            settings=readings(rule),
         )  # fmt: skip
         logs.append(out.event_logs[0])
     one, other = logs
@@ -239,10 +241,10 @@ def same(one, other):
     return all(np.array_equal(one[f], other[f]) for f in one.dtype.names)
 
 
-def test_same_seed_same_rocks_for_any_chunks_and_order(lab):
+def test_same_seed_same_rocks_for_any_chunks_and_order():
     lines = [lab.rough(i, length=50.0, foot=20.0) for i in range(5)]
     keys = np.array([11, 22, 33, 44, 55], np.uint64)
-    control_lines = lab.ControlLineCrossings
+    control_lines = ControlLineCrossings
     everything = lab.run(
         lab.profile_set(*lines), lab.ROCK, lab.MIXED, n=8, seed=7, keys=keys, start=[(5.0, 20.0)]
     ).rocks
@@ -267,14 +269,14 @@ def test_same_seed_same_rocks_for_any_chunks_and_order(lab):
         assert same(part, everything[keep])
 
 
-def test_recording_logs_changes_nothing(lab):
+def test_recording_logs_changes_nothing():
     line = lab.rough(2, length=60.0)
     plain = lab.run(line, lab.ROCK, lab.MIXED, n=50, start=[(5.0, 20.0)]).rocks
     noted = lab.run(line, lab.ROCK, lab.MIXED, n=50, start=[(5.0, 20.0)], log_events=50).rocks
     assert same(plain, noted)
 
 
-def test_other_seeds_and_keys_give_other_rocks(lab):
+def test_other_seeds_and_keys_give_other_rocks():
     line = lab.rough(2, length=60.0)
     base = lab.run(line, lab.ROCK, lab.MIXED, n=20, seed=1).rocks
     for more in ({"seed": 2}, {"keys": np.array([9], np.uint64)}, {"seed": 2**63 + 1}):
@@ -322,7 +324,7 @@ def test_draws_of_neighbouring_seeds_and_lines_are_independent():
         assert not np.isin(base, other).any()
 
 
-def test_the_population_is_drawn_evenly_between_its_limits(lab):
+def test_the_population_is_drawn_evenly_between_its_limits():
     blocks = BlockPopulation(
         axis_1_m=(0.9, 1.2), axis_2_m=(0.6, 0.8), axis_3_m=(0.2, 0.5), density_kgm3=(2500, 2900)
     )

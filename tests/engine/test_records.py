@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 import pytest
+from helpers import engine_lab as lab
 
 from sassgis.engine.ellipse import inertia
 from sassgis.model.statistics_table import SUMS, default_bins
@@ -17,7 +18,7 @@ pytestmark = pytest.mark.kernels
 G = 9.81
 
 
-def brute(lab, profiles, out, fine=2e-4):
+def brute(profiles, out, fine=2e-4):
     """Maxima of each rock in each cell from its course: flights on a dense grid of times, ground
     stretches at their ends. Returns {(rock, cell): [energy kJ, height, speed]}.
     """
@@ -70,7 +71,7 @@ def brute(lab, profiles, out, fine=2e-4):
 
 
 @pytest.mark.parametrize("kind", ["smooth", "rough"])
-def test_maxima_per_cell_are_those_of_the_logs(lab, kind):
+def test_maxima_per_cell_are_those_of_the_logs(kind):
     # One rock at a time, so that each cell's maxima are this rock's.
     line = lab.valley() if kind == "smooth" else lab.rough(3, amplitude=0.1)
     profiles = lab.profile_set(line, cell=2.0)
@@ -80,7 +81,7 @@ def test_maxima_per_cell_are_those_of_the_logs(lab, kind):
         out = lab.run(
             profiles, lab.ROCK, blocks, first_rock=r, start=[(10.0, 30.0)], log_events=3000
         )
-        want = brute(lab, profiles, out)
+        want = brute(profiles, out)
         reached = set(out.cells[out.sums["reach"] > 0].tolist())
         named = {cell for _, cell in want}
         # Cells that are only grazed by the shift of the centre at the start of rolling may differ.
@@ -104,7 +105,7 @@ def test_maxima_per_cell_are_those_of_the_logs(lab, kind):
 
 @pytest.mark.compiled
 @pytest.mark.parametrize("kind", ["smooth", "rough"])
-def test_counts_agree_with_each_other(lab, kind):
+def test_counts_agree_with_each_other(kind):
     line = lab.valley() if kind == "smooth" else lab.rough(3, amplitude=0.1)
     n = 400
     profiles = lab.profile_set(line, cell=2.0)
@@ -141,7 +142,7 @@ def test_counts_agree_with_each_other(lab, kind):
 
 
 @pytest.mark.compiled
-def test_sums_of_chunks_add_up(lab):
+def test_sums_of_chunks_add_up():
     lines = [lab.rough(i, length=50.0, foot=20.0) for i in range(4)]
     profiles = lab.profile_set(*lines)
     keys = np.arange(4, dtype=np.uint64)
@@ -164,7 +165,7 @@ def test_sums_of_chunks_add_up(lab):
 
 
 @pytest.mark.compiled
-def test_lines_that_share_cells_add_up(lab):
+def test_lines_that_share_cells_add_up():
     # Two lines over the same cells: reach adds, its square adds line by line.
     line = lab.rough(1, length=50.0, foot=20.0)
     two = lab.profile_set(line, line)
@@ -179,7 +180,7 @@ def test_lines_that_share_cells_add_up(lab):
     assert np.array_equal(both["energy"], parts[0]["energy"] + parts[1]["energy"])
 
 
-def test_cells_without_a_number_are_left_out(lab):
+def test_cells_without_a_number_are_left_out():
     line = lab.slope((60.0, 40.0), (40.0, 0.0))
     profiles = lab.profile_set(line)
     cell = profiles.cell.copy()
@@ -193,7 +194,7 @@ def test_cells_without_a_number_are_left_out(lab):
     assert np.array_equal(full.rocks, part.rocks)
 
 
-def test_the_height_of_a_flight_is_recorded_at_its_top(lab):
+def test_the_height_of_a_flight_is_recorded_at_its_top():
     # 10 m/s at 10° above a slope of 44°: at most 0.213652 m from the slope (sass_model.md), which
     # is 0.213652/cos β measured vertically. A ball slides over a kink and takes off along it.
     beta = math.radians(44.0)

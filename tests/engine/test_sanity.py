@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from helpers import engine_lab as lab
 from numpy.lib.recfunctions import structured_to_unstructured as matrix
 from scipy import stats
 
@@ -17,7 +18,7 @@ G = 9.81
 
 
 @pytest.mark.parametrize("kind", ["smooth", "rough"])
-def test_four_times_the_gravity_is_the_same_path_in_half_the_time(lab, kind):
+def test_four_times_the_gravity_is_the_same_path_in_half_the_time(kind):
     # From rest all speeds scale with √g: factor 4 in g is factor 2, exact in floating point.
     line = lab.valley() if kind == "smooth" else lab.rough(3, amplitude=0.1)
     blocks = dataclasses.replace(lab.MIXED, drop_m=(0.0, 2.0))
@@ -54,7 +55,7 @@ def test_four_times_the_gravity_is_the_same_path_in_half_the_time(lab, kind):
 
 
 @pytest.mark.parametrize("kind", ["smooth", "rough"])
-def test_four_times_as_large_is_twice_as_long(lab, kind):
+def test_four_times_as_large_is_twice_as_long(kind):
     # All lengths × 4, block and d* included: run-out × 4, times and speeds × 2.
     s, z = lab.valley() if kind == "smooth" else lab.rough(3, amplitude=0.1)
     names = ("axis_1_m", "axis_2_m", "axis_3_m", "drop_m")
@@ -84,7 +85,7 @@ def test_four_times_as_large_is_twice_as_long(lab, kind):
     assert close.mean() > 0.3
 
 
-def test_density_moves_no_rock(lab):
+def test_density_moves_no_rock():
     line = lab.rough(2)
     light, heavy = (
         lab.run(line, lab.ROCK, dataclasses.replace(lab.MIXED, density_kgm3=(d, d)), n=100).rocks
@@ -98,7 +99,7 @@ def test_density_moves_no_rock(lab):
     ("field", "values", "sign"),
     [("mu_f", (0.5, 0.7, 0.9), -1), ("mu_0", (0.4, 0.5, 0.6), -1), ("eta_max", (0.5, 0.7, 0.9), 1)],
 )
-def test_mean_run_out_follows_the_parameters(lab, field, values, sign):
+def test_mean_run_out_follows_the_parameters(field, values, sign):
     line = lab.slope((150.0, 38.0), (150.0, 15.0), (400.0, 0.0))
     blocks = dataclasses.replace(lab.MIXED, drop_m=(1.0, 3.0))
     means = []
@@ -115,7 +116,7 @@ def test_mean_run_out_follows_the_parameters(lab, field, values, sign):
 # --- stopping ---
 
 
-def test_a_rock_stays_where_friction_holds_it(lab):
+def test_a_rock_stays_where_friction_holds_it():
     # At rest and tan β below both frictions: never started; above μ_f it slides.
     for degrees, mu_f, mu_0, moves in (
         (0.0, 0.8, 0.5, False),
@@ -134,7 +135,7 @@ def test_a_rock_stays_where_friction_holds_it(lab):
         assert (out.rocks["max_speed_mps"][never] == 0.0).all()
 
 
-def test_rest_only_where_friction_holds(lab):
+def test_rest_only_where_friction_holds():
     # On long segments: a rock that comes to rest lies where tan β is below the larger friction.
     line = lab.slope((60, 45), (60, 30), (60, 42), (100, 10), (100, 0))
     blocks = dataclasses.replace(lab.MIXED, drop_m=(0.5, 2.0))
@@ -166,7 +167,7 @@ PITS = {
 
 
 @pytest.mark.parametrize("name", PITS)
-def test_pits_bring_rocks_to_rest_in_few_events(lab, name):
+def test_pits_bring_rocks_to_rest_in_few_events(name):
     blocks = BlockPopulation(
         axis_1_m=(0.3, 0.8), axis_2_m=(0.3, 0.6), axis_3_m=(0.2, 0.5), drop_m=(0.0, 6.0),
         speed_mps=(0.0, 10.0), spin_radps=(-10.0, 10.0),
@@ -183,7 +184,7 @@ def test_pits_bring_rocks_to_rest_in_few_events(lab, name):
     assert (r["runout_z_m"][held] > ground).all()
 
 
-def test_nothing_breaks_on_rough_profiles(lab):
+def test_nothing_breaks_on_rough_profiles():
     # 80 random rough profiles × 50 blocks.
     counts = np.zeros(5, int)
     below = 0
@@ -216,7 +217,7 @@ def test_nothing_breaks_on_rough_profiles(lab):
     assert below == 0
 
 
-def test_a_cliff_is_free_fall(lab):
+def test_a_cliff_is_free_fall():
     # A ball pushed over an edge at v: range of the parabola, R above the ground.
     r, v, h = 0.5, 6.0, 30.0
     line = (np.array([0.0, 20.0, 20.0 + 1e-6, 200.0]), np.array([h, h, 0.0, 0.0]))

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import re
-import sys
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
+import authume
 import numpy as np
 import pytest
 
@@ -17,19 +15,8 @@ from sassgis.model.errors import InputError
 
 
 @pytest.fixture(scope="module")
-def authume(repository: Path) -> ModuleType:
-    file = repository / "docs" / "studies" / "authume" / "authume.py"
-    spec = importlib.util.spec_from_file_location("authume", file)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["authume"] = module  # Dataclasses look their module up.
-    spec.loader.exec_module(module)
-    return module
-
-
-@pytest.fixture(scope="module")
 def done(
-    authume: ModuleType, shared_data: Path, tmp_path_factory: pytest.TempPathFactory
+    shared_data: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> tuple[dict[str, Any], Path]:
     if not (shared_data / authume.FOLDER).is_dir():
         pytest.skip("the data of the Authume quarry are not in the folder of the field data")
@@ -68,7 +55,7 @@ def test_observed_and_predicted_are_measured_alike(done: tuple[dict[str, Any], P
 
 @pytest.mark.battery
 def test_what_may_be_shown_holds_no_coordinates(
-    authume: ModuleType, shared_data: Path, done: tuple[dict[str, Any], Path]
+    shared_data: Path, done: tuple[dict[str, Any], Path]
 ) -> None:
     report, folder = done
     assert {f.name for f in (folder / "out").iterdir()} == {"results.json", "runout.png"}
@@ -93,18 +80,7 @@ def test_what_may_be_shown_holds_no_coordinates(
     assert not any(abs(n - observed.release_height_m) < 1.0 for n in numbers)
 
 
-def test_energy_distance_against_its_definition(authume: ModuleType) -> None:
-    rng = np.random.default_rng(3)
-    x, y = rng.normal(size=30), rng.normal(0.7, 2.0, size=50)
-
-    def mean_gap(a: np.ndarray, b: np.ndarray) -> float:
-        return float(np.abs(a[:, None] - b[None, :]).mean())
-
-    wanted = 2.0 * mean_gap(x, y) - mean_gap(x, x) - mean_gap(y, y)
-    assert authume.energy_distance(x, y) == pytest.approx(wanted)
-
-
-def test_the_permutation_test_is_fair_and_has_power(authume: ModuleType) -> None:
+def test_the_permutation_test_is_fair_and_has_power() -> None:
     rng = np.random.default_rng(5)
     alike = [
         authume.permutation_test(rng.normal(size=20), rng.normal(size=40), rng, 99)[1]
@@ -117,7 +93,7 @@ def test_the_permutation_test_is_fair_and_has_power(authume: ModuleType) -> None
     )
 
 
-def test_bootstrap_limits_hold_the_truth_about_as_often_as_they_say(authume: ModuleType) -> None:
+def test_bootstrap_limits_hold_the_truth_about_as_often_as_they_say() -> None:
     rng = np.random.default_rng(7)
     held = []
     for _ in range(150):
@@ -132,7 +108,7 @@ def test_bootstrap_limits_hold_the_truth_about_as_often_as_they_say(authume: Mod
 
 
 def test_without_the_data_one_clear_line(
-    authume: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(InputError, match=r"Endpoints_P1\.txt.*--data"):
         authume.read_observed(tmp_path)

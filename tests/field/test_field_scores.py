@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.scripts import load
 
 pytestmark = pytest.mark.battery
 
@@ -111,10 +111,7 @@ def test_one_command_makes_every_table_of_the_page(
     # The default settings are among those whose widths are compared.
     for name, one in found["built_in"].items():
         assert found["widths"][0][name]["width_error"] == one["width_error"]
-    spec = importlib.util.spec_from_file_location("tables", repository / "docs/studies/tables.py")
-    assert spec is not None and spec.loader is not None
-    tables = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(tables)
-    monkeypatch.setattr(tables, "field", lambda: found)
+    tables = load(repository / "docs/studies/tables.py")
+    monkeypatch.setattr(tables, "results", lambda _name: found)
     made = {name: table() for name, table in tables.TABLES.items() if name.startswith("field")}
     assert len(made) > 8 and all(text.count("\n") >= 2 for text in made.values())

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from dataclasses import replace
 from pathlib import Path
 
+import authume
 import pytest
 
 from sassgis.hazard.bins import bins_of
@@ -23,13 +22,7 @@ pytestmark = pytest.mark.battery
 
 
 @pytest.fixture(scope="module")
-def quarry(repository: Path, shared_data: Path, tmp_path_factory) -> tuple[MapRun, Plan]:
-    file = repository / "docs" / "studies" / "authume" / "authume.py"
-    spec = importlib.util.spec_from_file_location("authume_tolerance", file)
-    assert spec is not None and spec.loader is not None
-    authume = importlib.util.module_from_spec(spec)
-    sys.modules["authume_tolerance"] = authume  # Dataclasses look their module up.
-    spec.loader.exec_module(authume)
+def quarry(shared_data: Path, tmp_path_factory) -> tuple[MapRun, Plan]:
     data = shared_data / authume.FOLDER
     if not data.is_dir():
         pytest.skip("the data of the Authume quarry are not in the folder of the field data")

@@ -35,8 +35,6 @@ def test_nothing_changes_where_nothing_changed() -> None:
 
 
 def test_twice_as_far_and_three_times_the_energy() -> None:
-    far = np.zeros(200, np.int64)
-    far[::2] = far[1::2] = EVENLY // 2
     far = np.repeat(EVENLY // 2, 2)
     found = response(outcome(EVENLY), outcome(far, np.full(60, 300.0)))
     assert found["runout_q50"] == (pytest.approx(1.0), True)
@@ -66,8 +64,7 @@ def test_blocks_that_never_started_have_no_run_out() -> None:
 
 
 def test_the_warning_names_what_changed_beyond_a_fifth() -> None:
-    far = np.zeros(130, np.int64)
-    far[:130] = round(2000 / 130)
+    far = np.full(130, round(2000 / 130), np.int64)
     check = tolerance_check(0.2, outcome(EVENLY), {0.1: outcome(EVENLY), 0.4: outcome(far)})
     (warning,) = check.warnings()
     assert "run-out (95 %) +30 % at 0.4 m" in warning and "0.1 m" not in warning

@@ -19,9 +19,9 @@ from sassgis.model.settings import EngineSettings
 FLIGHT, IMPACT, ROLLING, SLIDING, END = range(5)
 REST, BARRIER, LEFT_PROFILE, STEP_LIMIT, NEVER_STARTED, BROKEN = range(6)
 G = 9.81
-#: The words of the paper, on which the effects were built.
+#: The words of the paper: what the tests of the engine run with unless they say otherwise.
 PAPER = EngineSettings(readings="1986")
-
+#: A population of many shapes and sizes.
 MIXED = BlockPopulation(axis_1_m=(0.4, 0.8), axis_2_m=(0.3, 0.6), axis_3_m=(0.2, 0.5))
 
 
@@ -72,7 +72,7 @@ def sphere(radius: float = 0.5, **limits: Any) -> BlockPopulation:
     return BlockPopulation(axis_1_m=r, axis_2_m=r, axis_3_m=r, **limits)
 
 
-def ellipsoid(a: float, b: float, c: float, **limits: Any) -> BlockPopulation:
+def ellipsoid(a: float = 0.5, b: float = 0.4, c: float = 0.3, **limits: Any) -> BlockPopulation:
     return BlockPopulation(axis_1_m=(a, a), axis_2_m=(b, b), axis_3_m=(c, c), **limits)
 
 

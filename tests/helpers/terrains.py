@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sassgis.model.grid import Grid
+from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.profiles import ReleasePoints
 
-FloatArray = NDArray[np.float64]
 Heights = Callable[[FloatArray, FloatArray], FloatArray]
 
 
@@ -43,6 +41,12 @@ def points_at(x: object, y: object) -> ReleasePoints:
         key=np.arange(xs.size, dtype=np.uint64),
         area_names=("a",),
     )
+
+
+def folded(x: FloatArray, y: FloatArray) -> FloatArray:
+    """A slope to the east with a gully askew and a bench."""
+    gully = 4.0 * np.exp(-(((y - 0.3 * x - 10.0) / 12.0) ** 2))
+    return 1000.0 - 0.75 * np.minimum(x, 60.0) - gully - 0.05 * np.maximum(x - 60.0, 0.0)
 
 
 def rough(x: FloatArray, y: FloatArray) -> FloatArray:

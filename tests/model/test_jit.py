@@ -20,14 +20,6 @@ def in_a_process(code: str, **environment: str) -> str:
     ).stdout  # fmt: skip
 
 
-def test_importing_changes_no_environment_variable():
-    code = (
-        "import os; before = dict(os.environ); import sassgis, sassgis.engine.simulate; "
-        "print(before == dict(os.environ))"
-    )
-    assert in_a_process(code).strip() == "True"
-
-
 def test_machine_code_is_kept_in_the_folder_asked_for_and_only_ours(tmp_path):
     code = (
         "import numba; from sassgis.model import rng; rng.uniform(rng.mix(1), 0, 0); "

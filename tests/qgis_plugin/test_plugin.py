@@ -318,12 +318,8 @@ def test_choices_are_those_of_the_program() -> None:
         assert all(needed[name][column].needed for column in columns)
 
 
-def scenario(*row: str) -> Scenario:
-    return Scenario(*row)
-
-
 def test_each_step_says_what_is_missing() -> None:
-    good = scenario("small", "0.1", "0.5", "0.2")
+    good = Scenario("small", "0.1", "0.5", "0.2")
     site = Site(terrain="dem", release="areas", ground="debris", scenarios=(good,), folder="/x")
 
     def missing(**changes: object) -> dict[str, str]:
@@ -344,10 +340,10 @@ def test_each_step_says_what_is_missing() -> None:
         ("a", "1", "2", "often"): "number of blocks a year",
     }  # fmt: skip
     for row, words in rows.items():
-        assert words in missing(scenarios=(scenario(*row),))["blocks"]
-        assert words in missing(scenarios=(scenario(*row),))["run"]
+        assert words in missing(scenarios=(Scenario(*row),))["blocks"]
+        assert words in missing(scenarios=(Scenario(*row),))["run"]
     assert "differ" in missing(scenarios=(good, good))["blocks"]
-    assert "onset frequency" in missing(scenarios=(scenario("a", "1", "2", ""),))["zones"]
+    assert "onset frequency" in missing(scenarios=(Scenario("a", "1", "2", ""),))["zones"]
     run = {"simulated": "/x", "sheets": ("Energy",)}
     texts = [next_step(steps_of(replace(site, **own))) for own in (
         {"terrain": ""}, {"terrain": "", "program": "not installed."}, {"folder": ""}, {}, run,

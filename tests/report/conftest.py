@@ -1,36 +1,9 @@
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
-from matplotlib.artist import Artist
-from matplotlib.figure import Figure
-from matplotlib.text import Text
 
 from sassgis.model.grid import Grid
-
-
-@pytest.fixture
-def find() -> Callable[[Figure, str], list[Artist]]:
-    """All artists of a figure with a mark."""
-
-    def search(figure: Figure, gid: str) -> list[Artist]:
-        return list(figure.findobj(lambda artist: artist.get_gid() == gid))
-
-    return search
-
-
-@pytest.fixture
-def texts() -> Callable[[Figure], str]:
-    """All words that a figure shows, line breaks as spaces."""
-
-    def read(figure: Figure) -> str:
-        figure.canvas.draw()
-        shown = [t for t in figure.findobj(Text) if isinstance(t, Text) and t.get_visible()]
-        return " | ".join(" ".join(t.get_text().split()) for t in shown if t.get_text())
-
-    return read
 
 
 @pytest.fixture

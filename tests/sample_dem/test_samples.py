@@ -6,8 +6,8 @@ import csv
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
 
+import generate
 import geopandas as gpd
 import numpy as np
 import pytest
@@ -41,14 +41,7 @@ TEXTS = (
 
 
 @pytest.fixture(scope="module")
-def generate() -> ModuleType:
-    import generate
-
-    return generate
-
-
-@pytest.fixture(scope="module")
-def made(generate: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("samples")
     generate.main(folder)
     return folder
@@ -134,7 +127,7 @@ def test_release_areas_lie_in_rock_and_hold_a_fair_number_of_points() -> None:
     assert set(releases["scenario"]) == {b["name"] for b in config["blocks"]}
 
 
-def down_the_slope(generate: ModuleType, layer: str, name: str) -> tuple[np.ndarray, np.ndarray]:
+def down_the_slope(layer: str, name: str) -> tuple[np.ndarray, np.ndarray]:
     """Places along the slope, ascending, and down the slope of the vertices of a feature."""
     shapes = gpd.read_file(SAMPLES / f"valley/{layer}.gpkg").set_index("name").geometry
     x, y = shapely.get_coordinates(shapes[name]).T
@@ -148,14 +141,14 @@ def down_the_slope(generate: ModuleType, layer: str, name: str) -> tuple[np.ndar
     [("house 2", None), ("house 4", "net Mitte"), ("house 5", "wall Nord")],
 )
 def test_houses_by_the_track_lie_behind_what_they_are_said_to_lie_behind(
-    generate: ModuleType, house: str, barrier: str | None
+    house: str, barrier: str | None
 ) -> None:
-    u, v = down_the_slope(generate, "buildings", house)
-    track = np.interp(u, *down_the_slope(generate, "track", "forest track"))
+    u, v = down_the_slope("buildings", house)
+    track = np.interp(u, *down_the_slope("track", "forest track"))
     assert (track < v).all() and (v < track + 25.0).all()
     behind = []
     for layer, name in (("net", "net Mitte"), ("wall", "wall Nord")):
-        along, down = down_the_slope(generate, layer, name)
+        along, down = down_the_slope(layer, name)
         if along[0] < u.min() and u.max() < along[-1]:
             assert (np.interp(u, along, down) < track - 5.0).all()
             behind.append(name)
@@ -232,7 +225,7 @@ def test_configurations_name_files_that_exist_and_places_on_the_slope(name: str)
         assert config["profile"]["rocks"] == 100
 
 
-def test_noise_is_repeatable_and_of_unit_strength(generate: ModuleType) -> None:
+def test_noise_is_repeatable_and_of_unit_strength() -> None:
     x, y = np.meshgrid(np.arange(0.0, 900.0, 3.1), np.arange(0.0, 900.0, 3.1))
     for seed in (1, 23, 47):
         values = generate.noise(x, y, 20.0, seed)

@@ -5,9 +5,8 @@ import pytest
 from helpers.terrains import grid_of, middle, points_at
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
-from sassgis.model.grid import Grid
+from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.profiles import LineEnd, TraceSet
 from sassgis.model.settings import TerrainSettings
 from sassgis.terrain.fall_lines import _closes, fall_line_surface, trace
@@ -15,7 +14,6 @@ from sassgis.terrain.release import take
 
 pytestmark = pytest.mark.kernels
 
-FloatArray = NDArray[np.float64]
 SHARP = TerrainSettings(smoothing_m=0.0)
 
 

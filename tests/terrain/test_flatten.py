@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from sassgis.model.errors import InputError
-from sassgis.model.grid import Grid
+from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.profiles import ProfileSet, TraceSet
 from sassgis.model.settings import TerrainSettings
 from sassgis.terrain.fall_lines import fall_line_surface, trace
@@ -21,8 +21,6 @@ from sassgis.terrain.flatten import (
 )
 
 pytestmark = pytest.mark.kernels
-
-FloatArray = NDArray[np.float64]
 
 
 def polyline(*lines: list[tuple[float, float]]) -> TraceSet:

@@ -46,9 +46,9 @@ TILTED = ellipsoid(
 )
 
 
-def first_impact(effects, blocks=TILTED, table=None, settings=None, line=FLAT, **more):
+def first_impact(effects, blocks=TILTED, table=None, line=FLAT):
     """Rows of the first impact of a rock and of what follows."""
-    out = run(line, table or plain(), blocks, effects, log_events=8, settings=settings, **more)
+    out = run(line, table or plain(), blocks, effects, log_events=8)
     log = out.event_logs[0]
     i = int(np.flatnonzero(log["phase"] == IMPACT)[0])
     return log[i], log[i + 1], out.rocks[0]

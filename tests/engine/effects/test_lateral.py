@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from helpers.terrains import grid_of, middle, points_at
+from helpers.terrains import folded, grid_of, middle, points_at
 from scipy import stats
 
 from sassgis.engine.effects import lateral_deflection
@@ -105,10 +105,6 @@ def test_constant_drifts_lie_evenly_within_the_width():
 
 @pytest.mark.parametrize("form", ["kicks", "constant"])
 def test_without_strength_blocks_are_as_without_to_the_last_bit(form):
-    def folded(x, y):
-        gully = 4.0 * np.exp(-(((y - 0.3 * x - 10.0) / 12.0) ** 2))
-        return 1000.0 - 0.75 * np.minimum(x, 60.0) - gully - 0.05 * np.maximum(x - 60.0, 0.0)
-
     grid = grid_of(folded, 260, 260, 1.0)
 
     def run(lateral):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from helpers.effects_lab import MIXED, forest, ground, profile, rough_slope, run, same
+from helpers.effects_lab import MIXED, forest, ground, profile, rough_slope, run, same, sphere
 from numpy.lib.recfunctions import structured_to_unstructured as matrix
 
 from sassgis.engine.effects.air_drag import AirDrag
@@ -110,8 +110,6 @@ def test_soft_ground_without_strength_is_the_base_but_for_rounding(base, name):
 
 
 def test_mean_inertia_of_a_sphere_is_its_own(base):
-    from helpers.effects_lab import sphere
-
     one = run(FLAT, ground(), sphere(0.5), n=40, log_events=8)
     other = run(
         FLAT, ground(), sphere(0.5), EffectSettings(RockShape("mean_inertia")), n=40,

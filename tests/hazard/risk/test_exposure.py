@@ -36,18 +36,13 @@ BEND = LineString([(20, 40), (150, 55), (170, 130), (340, 160)])
 CODES = ("low", "mean", "high")
 
 
-@pytest.fixture
-def refused():
-    def check(call, *words):
-        with pytest.raises(InputError) as caught:
-            call()
-        text = str(caught.value)
-        assert "\n" not in text
-        for word in words:
-            assert word in text, text
-        return text
-
-    return check
+def refused(call, *words):
+    with pytest.raises(InputError) as caught:
+        call()
+    text = str(caught.value)
+    assert "\n" not in text
+    for word in words:
+        assert word in text, text
 
 
 # --- what is read -----------------------------------------------------------------------------
@@ -259,7 +254,7 @@ def test_what_lies_beyond_the_map_has_no_cells(grid):
 # --- what is refused --------------------------------------------------------------------------
 
 
-def test_missing_and_unusable_numbers(layer, grid, refused):
+def test_missing_and_unusable_numbers(layer, grid):
     houses = [box(20, 20, 32, 30), box(50, 20, 62, 30)]
     path = layer(houses, house=["A", "B"], chf=[1.0, None], men=[2.0, -3.0], share=[0.5, 1.5])
 
@@ -278,7 +273,7 @@ def test_missing_and_unusable_numbers(layer, grid, refused):
     refused(read(speed_kmh="chf"), "objects[h].speed_kmh: does not go with kind building")
 
 
-def test_names_that_repeat(layer, grid, refused):
+def test_names_that_repeat(layer, grid):
     path = layer([box(20, 20, 32, 30), box(50, 20, 62, 30)], house=["A", "A"])
     refused(
         lambda: read_objects(path, grid, kind="building", name="h", name_field="house"),
@@ -301,7 +296,7 @@ def test_names_that_repeat(layer, grid, refused):
         ("people", BEND, "LineString"),
     ],
 )
-def test_the_wrong_kind_of_geometry(layer, grid, refused, kind, shape, found):
+def test_the_wrong_kind_of_geometry(layer, grid, kind, shape, found):
     refused(
         lambda: read_objects(layer([shape]), grid, kind=kind, name="o"),
         "objects[o].file: feature 1 is of the wrong kind",
@@ -309,7 +304,7 @@ def test_the_wrong_kind_of_geometry(layer, grid, refused, kind, shape, found):
     )
 
 
-def test_objects_outside_the_map(layer, grid, refused, caplog):
+def test_objects_outside_the_map(layer, grid, caplog):
     path = layer([box(20, 20, 32, 30), box(500, 20, 512, 30)], house=["A", "B"])
     refused(
         lambda: read_objects(path, grid, kind="building", name="h", name_field="house"),
@@ -321,7 +316,7 @@ def test_objects_outside_the_map(layer, grid, refused, caplog):
     assert "25.0 % of it lies outside the DEM" in caplog.text
 
 
-def test_a_system_that_does_not_fit(layer, grid, refused):
+def test_a_system_that_does_not_fit(layer, grid):
     path = layer([translate(box(20, 20, 32, 30), 200_000, 0)])
     refused(lambda: read_objects(path, grid, kind="building", name="h"), "lies outside the DEM")
     bare = replace(grid, crs="")
@@ -331,7 +326,7 @@ def test_a_system_that_does_not_fit(layer, grid, refused):
     )
 
 
-def test_traffic_that_is_half_stated_or_too_much(layer, grid, refused):
+def test_traffic_that_is_half_stated_or_too_much(layer, grid):
     path = layer([BEND])
 
     def read(**defaults):
@@ -347,7 +342,7 @@ def test_traffic_that_is_half_stated_or_too_much(layer, grid, refused):
     )
 
 
-def test_stretches_shorter_than_cells_allow(layer, grid, refused):
+def test_stretches_shorter_than_cells_allow(layer, grid):
     refused(
         lambda: read_objects(layer([BEND]), grid, kind="road", name="r", segment_m=5.0),
         "objects[r].segment_m",
@@ -409,7 +404,7 @@ def test_a_table_from_a_spreadsheet(tmp_path):
         (ROWS, "", ["has no rows"]),
     ],
 )
-def test_tables_that_cannot_be_used(tmp_path, refused, old, new, words):
+def test_tables_that_cannot_be_used(tmp_path, old, new, words):
     assert old in HEAD + ROWS
     refused(table(tmp_path, (HEAD + ROWS).replace(old, new, 1)), "v.csv", *words)
 
@@ -420,7 +415,7 @@ def test_vulnerability_that_falls_is_told(tmp_path, caplog):
     assert "vulnerability of kind building falls from 0.1 at mean to 0.05 at high" in caplog.text
 
 
-def test_kinds_that_objects_need(refused):
+def test_kinds_that_objects_need():
     whole = vulnerability()
     whole.check_covers([HOUSE, ROAD])
     part = Vulnerability(CODES, tuple(r for r in whole.rows if r.kind == "building"), "v.csv")
@@ -438,5 +433,5 @@ def test_kinds_that_objects_need(refused):
         ({"traffic": ROAD.traffic}, ["traffic_per_day: does not go with a building"]),
     ],
 )
-def test_objects_that_cannot_be(refused, change, words):
+def test_objects_that_cannot_be(change, words):
     refused(lambda: replace(HOUSE, **change), *words)

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers.figure_parts import find, texts
 
 from sassgis.model.results import ControlLine, Histogram, StopReason
 from sassgis.report.figures import (
@@ -24,7 +25,7 @@ COMPUTED = (
 )
 
 
-def test_station_panels_hold_the_counts(find, texts) -> None:
+def test_station_panels_hold_the_counts() -> None:
     figure = station_figure("Camera 2", *COMPUTED, n=20)
     drawn = find(figure, "computed")
     assert [d.get_data().values.tolist() for d in drawn] == [h.counts.tolist() for h in COMPUTED]
@@ -39,13 +40,13 @@ def test_station_panels_hold_the_counts(find, texts) -> None:
     assert find(figure, "open-bin")[0].get_text() == "≥ 2"
 
 
-def test_station_that_no_rock_passes(texts) -> None:
+def test_station_that_no_rock_passes() -> None:
     none = tuple(Histogram(h.edges, h.counts * 0, h.unit) for h in COMPUTED)
     words = texts(station_figure("x", *none, n=50))
     assert words.count("no block here") == 4 and "0 of 50" in words
 
 
-def test_runout_bars_by_reason_and_exceedance(find, texts) -> None:
+def test_runout_bars_by_reason_and_exceedance() -> None:
     values = np.array([10.0, 20.0, 20.0, 50.0, 100.0])
     reasons = np.array([4, 0, 1, 0, 2])
     figure = runout_figure(values, reasons, bin_m=10.0)
@@ -68,17 +69,17 @@ def test_runout_bars_by_reason_and_exceedance(find, texts) -> None:
     assert "1 block of 5 went on" in words
 
 
-def test_runout_without_open_ends_has_no_warning(texts) -> None:
+def test_runout_without_open_ends_has_no_warning() -> None:
     assert "went on" not in texts(runout_figure(np.array([1.0, 2.0]), np.array([0, 1])))
 
 
 @pytest.mark.parametrize("values", [[5.0], [5.0, 5.0]])
-def test_runout_of_few_rocks(values: list[float], texts) -> None:
+def test_runout_of_few_rocks(values: list[float]) -> None:
     words = texts(runout_figure(np.array(values), np.zeros(len(values), int)))
     assert f"at rest: {len(values)}" in words
 
 
-def test_runout_counts(find) -> None:
+def test_runout_counts() -> None:
     edges = np.array([0.0, 10.0, 20.0, 30.0])
     figure = runout_counts_figure(edges, {StopReason.REST: np.array([1, 2, 1])})
     x, share = find(figure, "exceedance")[0].get_data()
@@ -91,7 +92,7 @@ BINS = np.linspace(0.0, 100.0, 11)
 QUANTILES = {0.95: np.linspace(500.0, 50.0, 10), 0.5: np.linspace(50.0, 5.0, 10)}
 
 
-def test_energy_has_a_log_axis_and_named_curves(find, texts) -> None:
+def test_energy_has_a_log_axis_and_named_curves() -> None:
     control_lines = [(ControlLine("road", "station"), 80.0)]
     figure = energy_profile_figure(BINS, QUANTILES, S, Z, control_lines=control_lines)
     upper, lower = figure.axes
@@ -108,7 +109,7 @@ def test_energy_has_a_log_axis_and_named_curves(find, texts) -> None:
     ("quantity", "label", "name"),
     [("speed", "(m/s)", "Speed"), ("height", "height (m)", "Passing height")],
 )
-def test_other_quantities_have_a_plain_axis(quantity, label, name, texts) -> None:
+def test_other_quantities_have_a_plain_axis(quantity, label, name) -> None:
     figure = energy_profile_figure(BINS, QUANTILES, S, Z, quantity=quantity)
     assert figure.axes[0].get_yscale() == "linear"
     assert figure.axes[0].get_ylim()[0] == 0.0
@@ -116,7 +117,7 @@ def test_other_quantities_have_a_plain_axis(quantity, label, name, texts) -> Non
     assert label in words and f"{name} along the profile" in words
 
 
-def test_energy_gaps_and_emptiness(find, texts) -> None:
+def test_energy_gaps_and_emptiness() -> None:
     part = {0.5: np.where(np.arange(10) < 5, 8.0, np.nan), 0.9: np.full(10, np.nan)}
     assert "median" in texts(energy_profile_figure(BINS, part, S, Z))
     zero = {0.5: np.array([0.0, *np.full(9, 3.0)])}

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
+from helpers.figure_parts import find, texts
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 
@@ -64,7 +65,7 @@ def test_only_classes_have_a_position() -> None:
     np.testing.assert_array_equal(found, [[np.nan, 0, 1, np.nan], [2, np.nan, np.nan, np.nan]])
 
 
-def test_a_map_of_classes_has_their_colours_and_names(valley: Grid, find, texts) -> None:
+def test_a_map_of_classes_has_their_colours_and_names(valley: Grid) -> None:
     figure = map_figure(valley, level_of(valley))
     (image,) = find(figure, "layer")
     values = np.ma.filled(image.get_array().astype(float), np.nan)
@@ -79,7 +80,7 @@ def test_a_map_of_classes_has_their_colours_and_names(valley: Grid, find, texts)
     assert "Short." in texts(map_figure(valley, level_of(valley), note="Short."))
 
 
-def test_translated_names_of_classes_have_room(valley: Grid, find) -> None:
+def test_translated_names_of_classes_have_room(valley: Grid) -> None:
     layer = replace(level_of(valley), classes=(replace(LEVELS[0], label="residual"),))
     with in_language("de"):
         figure = map_figure(valley, layer)
@@ -88,7 +89,7 @@ def test_translated_names_of_classes_have_room(valley: Grid, find) -> None:
     assert name.get_window_extent().x1 < figure.bbox.x1
 
 
-def test_stripes_lie_on_the_hatched_cells_alone(valley: Grid, find) -> None:
+def test_stripes_lie_on_the_hatched_cells_alone(valley: Grid) -> None:
     figure = map_figure(valley, level_of(valley))
     stripes = [s for s in find(figure, "stripes") if s.axes.get_label() == "map"]
     assert len(stripes) == 1
@@ -118,7 +119,7 @@ def test_fine_lines_fall_where_stripes_rise() -> None:
     assert not (rising[1:, 1:] == rising[:-1, :-1]).all()
 
 
-def test_zones_are_drawn_in_place_of_cells(valley: Grid, find) -> None:
+def test_zones_are_drawn_in_place_of_cells(valley: Grid) -> None:
     ring = np.array([[100.0, -50.0], [150.0, -50.0], [150.0, -90.0]])
     ring += [valley.west, valley.north]
     level = level_of(valley)
@@ -138,7 +139,7 @@ def test_columns_make_the_maps_large(panels: int, aspect: float, columns: int) -
     assert columns_of(panels, aspect, 6.0, 8.0) == columns
 
 
-def test_intensities_side_by_side(valley: Grid, find, texts) -> None:
+def test_intensities_side_by_side(valley: Grid) -> None:
     first = level_of(valley)
     rare = np.where(np.isfinite(first.bands[0].values), 4.0, np.nan).astype(np.float32)
     second = replace(
@@ -159,7 +160,7 @@ def test_intensities_side_by_side(valley: Grid, find, texts) -> None:
     assert "Width 5 m." in words and "release area" in words
 
 
-def test_the_scale_bar_has_the_scale_of_the_maps(valley: Grid, find) -> None:
+def test_the_scale_bar_has_the_scale_of_the_maps(valley: Grid) -> None:
     figure = intensity_figure(valley, [level_of(valley)] * 2, MapMarks())
     (label,) = find(figure, "scale-bar")
     metres = float(label.get_text().split()[0])
@@ -171,7 +172,7 @@ def test_the_scale_bar_has_the_scale_of_the_maps(valley: Grid, find) -> None:
     assert bar == pytest.approx(np.ptp(pixels[:, 0]), rel=0.02)
 
 
-def test_uncertain_cells_have_lines_over_them(valley: Grid, find, texts) -> None:
+def test_uncertain_cells_have_lines_over_them(valley: Grid) -> None:
     open_ = np.zeros(valley.shape, bool)
     open_[10:14, 22:26] = True
     open_[30:, :] = True  # No block arrives here.
@@ -190,7 +191,7 @@ def test_changes_of_level() -> None:
     np.testing.assert_array_equal(level_changes(before, after), [np.nan, 1, 0, -1, -1, 1])
 
 
-def test_before_after_and_what_changed(valley: Grid, find, texts) -> None:
+def test_before_after_and_what_changed(valley: Grid) -> None:
     before = level_of(valley)
     values = before.bands[0].values.copy()
     values[12:18, 22:28] = 2.0
@@ -226,7 +227,7 @@ def curves(rate: list[float], per_rock: float = 1e-4) -> HazardCurves:
 CURVE = curves([0.05, 0.03, 0.02, 0.008, 0.001, 0.0])
 
 
-def test_the_curve_is_drawn_with_band_sources_and_fields(find, texts) -> None:
+def test_the_curve_is_drawn_with_band_sources_and_fields() -> None:
     sources = {"A / small": CURVE.rate[1] * 0.75, "A / large": CURVE.rate[1] * 0.25}
     figure = hazard_curve_figure(CURVE, 1, PRESET, by_source=sources, note="Width 5 m.")
     (total,) = find(figure, "total")
@@ -254,7 +255,7 @@ def test_the_curve_is_drawn_with_band_sources_and_fields(find, texts) -> None:
     assert {"30", "100", "300"} <= set(words.split(" | "))
 
 
-def test_the_fields_are_those_of_the_matrix(find) -> None:
+def test_the_fields_are_those_of_the_matrix() -> None:
     figure = hazard_curve_figure(CURVE, 1, PRESET)
     ax = next(a for a in figure.axes if a.get_label() == "curve")
 
@@ -277,7 +278,7 @@ def test_the_fields_are_those_of_the_matrix(find) -> None:
     assert named == {level.label for level in PRESET.levels}
 
 
-def test_the_note_tells_the_level_and_what_decides_it(texts) -> None:
+def test_the_note_tells_the_level_and_what_decides_it() -> None:
     # 30 kJ and more once in 50 years: moderate; all rocks once in 20 years: so by low intensity.
     assert "Level: moderate (blue), by blocks of any energy, once in 20 years." in texts(
         hazard_curve_figure(CURVE, 1, PRESET)
@@ -298,7 +299,7 @@ def test_many_sources_are_brought_together() -> None:
     assert "s0" not in leading_sources({"s0": ENERGIES * 0.0, "s1": ENERGIES})
 
 
-def test_an_error_that_cannot_be_told(texts) -> None:
+def test_an_error_that_cannot_be_told() -> None:
     unknown = replace(CURVE, variance=np.full_like(CURVE.variance, np.nan))
     assert "does not give the error" in texts(hazard_curve_figure(unknown, 1, PRESET))
 
@@ -306,7 +307,7 @@ def test_an_error_that_cannot_be_told(texts) -> None:
 # --- risk --------------------------------------------------------------------------------------
 
 
-def test_the_largest_risks_stand_on_top(find, texts) -> None:
+def test_the_largest_risks_stand_on_top() -> None:
     names = ["a", "b", "c", "nobody", "d"]
     risk = np.array([2e-5, 5e-5, 1e-5, 0.0, 3e-5])
     errors = np.array([1e-6, 4e-5, 1e-6, 0.0, np.nan])

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import shapely
+from helpers.figure_parts import find, texts
 from matplotlib.colors import to_hex
 
 from sassgis.model.grid import FloatArray, Grid
@@ -32,7 +33,7 @@ def straight_lines(grid: Grid, n: int) -> list[FloatArray]:
     return [np.array([[v, grid.north - 50.0], [v, grid.north - 150.0]]) for v in x]
 
 
-def shown(figure, find):
+def shown(figure):
     return np.ma.filled(find(figure, "layer")[0].get_array().astype(float), np.nan)
 
 
@@ -42,10 +43,10 @@ def test_a_limit_belongs_to_the_class_above() -> None:
     np.testing.assert_array_equal(class_numbers(np.array([-1.0, 0.0]), (0.0, 5.0)), [np.nan, 0])
 
 
-def test_layer_is_drawn_by_classes_cropped_and_placed(valley: Grid, find, texts) -> None:
+def test_layer_is_drawn_by_classes_cropped_and_placed(valley: Grid) -> None:
     figure = map_figure(valley, layer_of(valley))
     image = find(figure, "layer")[0]
-    values = shown(figure, find)
+    values = shown(figure)
     assert set(values[np.isfinite(values)]) == {0.0, 1.0, 2.0}
     assert np.count_nonzero(values == 2.0) == 4
     # The one cell of zero energy is no rock and stays clear.
@@ -63,18 +64,18 @@ def test_layer_is_drawn_by_classes_cropped_and_placed(valley: Grid, find, texts)
     assert "east (m)" in words and "north (m)" in words
 
 
-def test_heights_of_zero_are_shown(valley: Grid, find) -> None:
-    values = shown(map_figure(valley, layer_of(valley, unit="m")), find)
+def test_heights_of_zero_are_shown(valley: Grid) -> None:
+    values = shown(map_figure(valley, layer_of(valley, unit="m")))
     assert np.isfinite(values).sum() == 100
 
 
-def test_layer_without_classes_has_a_ramp_over_its_data(valley: Grid, find) -> None:
+def test_layer_without_classes_has_a_ramp_over_its_data(valley: Grid) -> None:
     figure = map_figure(valley, layer_of(valley, breaks=()))
     image = find(figure, "layer")[0]
     assert (image.norm.vmin, image.norm.vmax) == (10.0, 300.0)
 
 
-def test_empty_layer_says_so_and_shows_all_terrain(valley: Grid, texts) -> None:
+def test_empty_layer_says_so_and_shows_all_terrain(valley: Grid) -> None:
     layer = layer_of(valley)
     empty = replace(
         layer, bands=(replace(layer.bands[0], values=np.full(valley.shape, np.nan, np.float32)),)
@@ -85,7 +86,7 @@ def test_empty_layer_says_so_and_shows_all_terrain(valley: Grid, texts) -> None:
     assert ax.get_xlim() == (valley.bounds[0], valley.bounds[2])
 
 
-def test_release_lines_and_control_lines(valley: Grid, find, texts) -> None:
+def test_release_lines_and_control_lines(valley: Grid) -> None:
     corner = np.array([valley.west, valley.north])
     ring = np.array([[80.0, -60.0], [110.0, -60.0], [110.0, -50.0]]) + corner
     control_line = np.array([[90.0, -80.0], [250.0, -80.0]]) + corner
@@ -110,7 +111,7 @@ def test_release_lines_and_control_lines(valley: Grid, find, texts) -> None:
     assert "dashes: station" in words and "line: wall" in words and "dots: net" not in words
 
 
-def test_names_do_not_overlap(valley: Grid, find) -> None:
+def test_names_do_not_overlap(valley: Grid) -> None:
     x, y = valley.west + 120.0, valley.north - 60.0
     near = [(f"house {k}", shapely.box(x, y - k, x + 1.0, y - k + 1.0)) for k in range(1, 9)]
     across = np.array([[x - 40.0, y - 4.0], [x, y - 4.0]])
@@ -125,7 +126,7 @@ def test_names_do_not_overlap(valley: Grid, find) -> None:
         assert not any(box.overlaps(other) for other in boxes[:k])
 
 
-def test_large_maps_keep_single_cells_in_sight(find, texts) -> None:
+def test_large_maps_keep_single_cells_in_sight() -> None:
     grid = Grid(np.zeros((2000, 1000)), 0.0, 2000.0, 1.0)
     values = np.full(grid.shape, np.nan, np.float32)
     values[777, 333] = 50.0

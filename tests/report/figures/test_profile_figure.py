@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers.figure_parts import find, texts
 
 from sassgis.model.results import ControlLine
 from sassgis.report.figures import ProfilePanel, profile_figure
@@ -23,7 +24,7 @@ CONTROL_LINES = [
 ]
 
 
-def test_profile_shows_what_was_given(find, texts) -> None:
+def test_profile_shows_what_was_given() -> None:
     figure = one(
         S,
         Z,
@@ -52,7 +53,7 @@ def test_profile_shows_what_was_given(find, texts) -> None:
     assert "where 2 blocks ended" in words
 
 
-def test_barriers_stand_at_their_true_height(find, texts) -> None:
+def test_barriers_stand_at_their_true_height() -> None:
     figure = one(S, Z, [], control_lines=CONTROL_LINES)
     np.testing.assert_allclose(find(figure, "control_line-1")[0].get_ydata(), [1720.0, 1725.0])
     np.testing.assert_allclose(find(figure, "control_line-2")[0].get_ydata(), [1670.0, 1674.0])
@@ -77,7 +78,7 @@ def test_everything_drawn_lies_within_the_limits() -> None:
     assert ax.get_ylim()[0] < 1650.0
 
 
-def test_many_short_stretches_go_to_a_legend(texts) -> None:
+def test_many_short_stretches_go_to_a_legend() -> None:
     s = np.arange(0.0, 400.0, 4.0)
     ground = np.arange(s.size - 1) % 3
     names = ("rock", "coarse debris", "forest floor with stones")
@@ -86,11 +87,11 @@ def test_many_short_stretches_go_to_a_legend(texts) -> None:
     assert [t.get_text() for t in legend.get_texts()] == list(names)
 
 
-def test_an_unnamed_class_is_called_by_its_number(texts) -> None:
+def test_an_unnamed_class_is_called_by_its_number() -> None:
     assert "class 7" in texts(one(S, Z, [], ground=np.full(4, 7)))
 
 
-def test_comparison_shares_scale_and_limits(find, texts) -> None:
+def test_comparison_shares_scale_and_limits() -> None:
     before = ProfilePanel(S, Z, PATHS, title="without measures")
     after = ProfilePanel(S, Z, PATHS[:1], control_lines=CONTROL_LINES, title="with measures")
     figure = profile_figure([before, after])

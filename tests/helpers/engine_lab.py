@@ -1,23 +1,26 @@
-"""What the engine's tests share: short ways to make profiles, grounds and runs."""
+"""Short ways to make profiles, grounds and runs for the tests of the engine."""
 
 from __future__ import annotations
 
 import dataclasses
-from types import SimpleNamespace
 
 import numpy as np
-import pytest
+from helpers.effects_lab import (  # noqa: F401 - for the tests
+    END,
+    FLIGHT,
+    IMPACT,
+    MIXED,
+    PAPER,
+    ROLLING,
+    SLIDING,
+    ellipsoid,
+    sphere,
+)
 
 from sassgis.engine.simulate import simulate
-from sassgis.model.blocks import BlockPopulation
 from sassgis.model.ground import GroundClass, GroundTable
-from sassgis.model.profiles import ControlLineCrossings, ProfileSet
+from sassgis.model.profiles import ProfileSet
 from sassgis.model.settings import EngineSettings
-
-FLIGHT, IMPACT, ROLLING, SLIDING, END = range(5)
-
-#: The words of the paper: what the tests of this folder run with unless they say otherwise.
-PAPER = EngineSettings(readings="1986")
 
 
 def ground(
@@ -36,6 +39,8 @@ def ground(
     )
 
 
+#: The settings that are for hazard work, which are the usual ones.
+HAZARD = EngineSettings()
 #: Table 1 of Bozzolo and Pamini (1986), with frictions from the middle of their ranges.
 ROCK = ground("rock", 0.70, (0.0, 0.3), 0.8, 0.5, 0.2, 0.2)
 DEBRIS = ground("debris", 0.55, (0.2, 0.6), 0.8, 0.5, 0.2, 0.3)
@@ -78,19 +83,6 @@ def slope(*parts, top=1000.0, start=0.0):
     return s, np.concatenate([[0.0], np.cumsum(dz)]) + top
 
 
-def sphere(radius=0.5, **limits) -> BlockPopulation:
-    r = (radius, radius)
-    return BlockPopulation(axis_1_m=r, axis_2_m=r, axis_3_m=r, **limits)
-
-
-def ellipsoid(a=0.5, b=0.4, c=0.3, **limits) -> BlockPopulation:
-    return BlockPopulation(axis_1_m=(a, a), axis_2_m=(b, b), axis_3_m=(c, c), **limits)
-
-
-#: A population of many shapes and sizes.
-MIXED = BlockPopulation(axis_1_m=(0.4, 0.8), axis_2_m=(0.3, 0.6), axis_3_m=(0.2, 0.5))
-
-
 def run(lines, table, blocks, *, n=1, seed=1, start=None, settings=None, keys=None, **more):
     """``simulate`` with defaults for tests; ``lines`` is a ProfileSet or one (s, z) pair."""
     profiles = lines if isinstance(lines, ProfileSet) else profile_set(lines)
@@ -130,29 +122,3 @@ def rough(seed, step=0.5, length=120.0, angle=36.0, amplitude=0.15, foot=40.0):
 def valley():
     """A smooth slope that flattens step by step: 30, 65, 36, 18 and 0 degrees."""
     return slope((50, 30), (10, 65), (140, 36), (200, 18), (300, 0))
-
-
-@pytest.fixture(scope="session")
-def lab() -> SimpleNamespace:
-    """The helpers of this folder under one name."""
-    return SimpleNamespace(
-        FLIGHT=FLIGHT,
-        IMPACT=IMPACT,
-        ROLLING=ROLLING,
-        SLIDING=SLIDING,
-        END=END,
-        ROCK=ROCK,
-        DEBRIS=DEBRIS,
-        MIXED=MIXED,
-        ControlLineCrossings=ControlLineCrossings,
-        ground=ground,
-        profile_set=profile_set,
-        slope=slope,
-        sphere=sphere,
-        ellipsoid=ellipsoid,
-        run=run,
-        with_settings=with_settings,
-        HAZARD=EngineSettings(),
-        rough=rough,
-        valley=valley,
-    )

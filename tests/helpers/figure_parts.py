@@ -1,0 +1,19 @@
+"""What is in a figure."""
+
+from __future__ import annotations
+
+from matplotlib.artist import Artist
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+
+
+def find(figure: Figure, gid: str) -> list[Artist]:
+    """All artists of a figure with a mark."""
+    return list(figure.findobj(lambda artist: artist.get_gid() == gid))
+
+
+def texts(figure: Figure) -> str:
+    """All words that a figure shows, line breaks as spaces."""
+    figure.canvas.draw()
+    shown = [t for t in figure.findobj(Text) if isinstance(t, Text) and t.get_visible()]
+    return " | ".join(" ".join(t.get_text().split()) for t in shown if t.get_text())
