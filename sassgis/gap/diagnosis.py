@@ -497,11 +497,11 @@ def as_json(diagnosis: Diagnosis) -> dict[str, Any]:
 
 
 def without_nan(value: Any) -> Any:
-    """Plain values with None in place of numbers that are not finite."""
+    """Plain values with None in place of NaN."""
     if isinstance(value, Mapping):
         return {str(k): without_nan(v) for k, v in value.items()}
     if isinstance(value, tuple | list):
         return [without_nan(v) for v in value]
-    if isinstance(value, float) and not math.isfinite(value):
+    if isinstance(value, float) and math.isnan(value):
         return None
     return value
