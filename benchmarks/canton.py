@@ -17,7 +17,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -188,10 +188,11 @@ def _resident_mb(pid: int) -> float:
 
 
 def _started_by(pid: int) -> list[int]:
-    try:
-        own = [int(n) for n in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
-    except OSError:
-        return []
+    own = []
+    # Workers may be started by any thread.
+    for file in Path(f"/proc/{pid}/task").glob("*/children"):
+        with suppress(OSError):
+            own += [int(n) for n in file.read_text().split()]
     return own + [n for child in own for n in _started_by(child)]
 
 

@@ -4,9 +4,9 @@
 
 FOLDER holds ``config_before.toml`` and ``config_after.toml``; default: the sample slope, which
 resembles Bedrina 1 qualitatively. Writes both results, a comparison of the trajectories
-like Fig. 13 of Bozzolo and Pamini (1986), histograms at the cameras like their Fig. 12,
-``hits.csv`` with the rocks on the road, and ``ranges.csv`` with the share of the rocks that lie
-within the ranges of Fig. 12.
+like Fig. 13 of Bozzolo and Pamini (1986), histograms at the cameras like their Fig. 12 and of the
+energy, ``hits.csv`` with the rocks on the road, and ``ranges.csv`` with the share of the rocks that
+lie within the ranges of Fig. 12.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import numpy as np
 import pandas as pd
 
 from sassgis.hazard.along_profile import arrivals, passage_histogram, share_within
+from sassgis.hazard.control_lines import trimmed
 from sassgis.io.write.frames import write_table
 from sassgis.model.errors import SassgisError
 from sassgis.report.figures import profile_figure, save, station_figure
@@ -66,6 +67,8 @@ def main(argv: list[str] | None = None) -> None:
         for name, r in results.items()
     ]
     save(profile_figure(panels), given.output / "comparison.png")
+    sums = results["before"].control_lines
+    names = [line.name for line in sums.control_lines]
     for camera in CAMERAS:
         bins = [
             passage_histogram(
@@ -73,7 +76,8 @@ def main(argv: list[str] | None = None) -> None:
             )
             for q, (unit, high) in RANGES.items()
         ]
-        figure = station_figure(camera, *bins, n=results["before"].rocks.size)
+        energy = trimmed(sums.distribution(names.index(camera), "energy_kj").histogram)
+        figure = station_figure(camera, *bins, energy, n=results["before"].rocks.size)
         save(figure, given.output / f"{camera.replace(' ', '_')}.png")
     print(hits.to_string(index=False))
     print(ranges.to_string(index=False))

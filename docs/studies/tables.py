@@ -568,7 +568,8 @@ def speed_canton() -> str:
     return markdown(
         [*head, "memory (GB)"],
         [
-            [f"{r[k]:,.0f}" for k in (*names, *times)] + [f"{1e-3 * r['peak_mb']:.1f}"]
+            [f"{r[k]:,.0f}" for k in (*names, *times)]
+            + [f"{1e-3 * r['peak_mb']:.1f}" if r["peak_mb"] else "–"]
             for r in (*results("speed/growth"), *results("speed/canton"))
         ],
     )

@@ -156,6 +156,10 @@ def without_shapes(frame: Any) -> list[Feature]:
     return [Feature(n, row, None, "") for n, row in enumerate(rows, start=1)]
 
 
+#: Key of a layer that is kept for the fields whose texts have been checked.
+_CHECKED = "checked"
+
+
 def open_layer(
     file: Input,
     layer: str | None,
@@ -184,8 +188,12 @@ def open_layer(
                 found=repr(field),
                 expected=nearest(field, known),
             )
-        for number, text in enumerate(() if field is None else frame[field], start=1):
-            check_text(text, file, f"layer {name}, {field}", f"feature {number}")
+        # Of a layer that is kept once only: a batch asks for each of its features.
+        checked = frame.attrs.get(_CHECKED, set())
+        if field is not None and field not in checked:
+            for number, text in enumerate(frame[field], start=1):
+                check_text(text, file, f"layer {name}, {field}", f"feature {number}")
+            checked.add(field)
     if len(frame) == 0 and not may_be_empty:
         raise InputError(
             "layer is empty", file=file, field=f"layer {name}", expected="at least one feature"
@@ -207,6 +215,7 @@ def _read_layer(
         name = _choose_layer(layers, layer, file, key)
         # Geometries that cannot be decoded come as None and are reported by feature.
         frame = read_frame(file, name, on_invalid="ignore")
+    frame.attrs[_CHECKED] = set()
     texts = dict.fromkeys(" ".join(str(w.message).split()) for w in warned)
     if frame.crs is None and (beside := file.with_suffix(".prj")).is_file():
         unknown = f"{beside.name} states no coordinate system that is understood"
