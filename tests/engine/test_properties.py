@@ -178,16 +178,17 @@ def test_a_round_rock_has_no_orientation(w):
             lab.run(
                 line_of(w), lab.ground(**w["ground"]), blocks, n=6, seed=w["seed"],
                 start=[(3.0, 20.0)], log_events=4000,
-                settings=readings(w["rule"], rolling=w["rolling"]),
+                # By default a contact counts a micrometre early or late.
+                settings=readings(w["rule"], rolling=w["rolling"], contact_tolerance_m=1e-10),
             )
         )  # fmt: skip
     for one, other in zip(outs[0].event_logs, outs[1].event_logs, strict=True):
-        # Each contact magnifies the rounding of the angle, a grazing one a thousand times.
+        # 1e-9 over the first contacts; later the path itself magnifies the rounding of the angle.
         k = min(3, one.shape[0], other.shape[0])
         assert np.allclose(
             structured_to_unstructured(one[:k])[:, :6],
             structured_to_unstructured(other[:k])[:, :6],
-            rtol=1e-6,
+            rtol=1e-9,
             atol=1e-7,
         )
 
