@@ -122,7 +122,7 @@ def _site(inputs: Inputs, more: Sequence[str] = ()) -> list[object]:
     language = next((own for own in LANGUAGES if QgsApplication.locale()[:2] == own), "en")
     name = inputs.out.name.replace('"', "'")
     # So many, or as many as the map needs, for which the former are a first sample.
-    auto = inputs.algorithm.parameterDefinition("AUTO") is not None and inputs.flag("AUTO")
+    wanted = "auto" if inputs.flag("AUTO") else "given"
     settings = [
         f'project.name="{name}"',
         f'project.language="{language}"',
@@ -130,7 +130,7 @@ def _site(inputs: Inputs, more: Sequence[str] = ()) -> list[object]:
         f"blocks=[{', '.join(map(_block, scenarios))}]",
         f"release.spacing_m={number_text(inputs.number('SPACING'))}",
         f"release.rocks_per_point={number_text(inputs.number('BLOCKS'))}",
-        f'hazard.blocks="{"auto" if auto else "given"}"',
+        f'hazard.blocks="{wanted}"',
         *more,
     ]
     if any(inputs.given(name) for name in EXPOSED):

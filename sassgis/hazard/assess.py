@@ -167,12 +167,7 @@ def around(grid: Grid, cells: IntArray, beside: int) -> tuple[Grid, IntArray]:
     top, left = max(int(row.min()) - beside, 0), max(int(col.min()) - beside, 0)
     bottom = min(int(row.max()) + beside + 1, n_rows)
     right = min(int(col.max()) + beside + 1, n_cols)
-    own = replace(
-        grid,
-        values=grid.values[top:bottom, left:right],
-        west=grid.west + left * grid.cell_size,
-        north=grid.north - top * grid.cell_size,
-    )
+    own = grid.part(slice(top, bottom), slice(left, right))
     flat = (row - top) * (right - left) + (col - left)
     return own, flat[: cells.size]
 

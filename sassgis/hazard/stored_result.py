@@ -146,12 +146,7 @@ def _cut(result: StoredResult, rows: slice, cols: slice) -> StoredResult:
     grid = result.grid
     if (rows.stop - rows.start, cols.stop - cols.start) == grid.shape:
         return result
-    part = replace(
-        grid,
-        values=grid.values[rows, cols],
-        west=grid.west + cols.start * grid.cell_size,
-        north=grid.north - rows.start * grid.cell_size,
-    )
+    part = grid.part(rows, cols)
     maps = {
         stem: replace(
             layer,

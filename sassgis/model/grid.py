@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,6 +50,15 @@ class Grid:
             self.north - n_rows * self.cell_size,
             self.west + n_cols * self.cell_size,
             self.north,
+        )
+
+    def part(self, rows: slice, cols: slice) -> Grid:
+        """The cells of some rows and columns, which have a first and a last one."""
+        return replace(
+            self,
+            values=self.values[rows, cols],
+            west=self.west + cols.start * self.cell_size,
+            north=self.north - rows.start * self.cell_size,
         )
 
     def col_row(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -265,13 +265,8 @@ class _Place:
     known: BoolArray
 
     def part(self, rows: slice, cols: slice) -> _Place:
-        grid = replace(
-            self.grid,
-            values=self.grid.values[rows, cols],
-            west=self.grid.west + cols.start * self.grid.cell_size,
-            north=self.grid.north - rows.start * self.grid.cell_size,
-        )
-        return _Place([m[rows, cols] for m in self.maps], grid, self.known[rows, cols])
+        maps = [m[rows, cols] for m in self.maps]
+        return _Place(maps, self.grid.part(rows, cols), self.known[rows, cols])
 
 
 def _places(whole: _Place, reach: int) -> Iterator[_Place]:

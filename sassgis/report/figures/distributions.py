@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
@@ -97,7 +98,12 @@ def energy_profile_figure(
         nothing_to_show(upper, "no block passes", keep_x=True)
         return figure
     if log:
-        _log_axis(upper, "y", np.log10(known.min()), np.log10(known.max()))
+        high = np.log10(known.max())
+        # Blocks about to stop draw a long tail to nothing: five decades show all that matters.
+        low = max(np.log10(known.min()), high - 5.0)
+        ends = 10.0 ** (low - 0.08), 10.0 ** (high + 0.12 * (high - low) + 0.1)
+        upper.set(yscale="log", ylim=ends)
+        _log_ticks(upper.yaxis, high - low)
     else:
         upper.set_ylim(min(0.0, float(known.min())), 1.1 * max(float(known.max()), 1e-9))
     for i, (share, values) in enumerate(curves.items()):
@@ -127,15 +133,10 @@ def _draw_control_lines(
         )  # fmt: skip
 
 
-def _log_axis(ax: Axes, which: str, low: float, high: float) -> None:
-    """Show energies between powers of ten."""
-    # Blocks about to stop draw a long tail to nothing: five decades show all that matters.
-    low = max(low, high - 5.0)
-    limits = 10.0 ** (low - 0.08), 10.0 ** (high + 0.12 * (high - low) + 0.1)
-    ax.set(**{f"{which}scale": "log", f"{which}lim": limits})
-    axis = {"x": ax.xaxis, "y": ax.yaxis}[which]
-    # Where few powers of ten are in sight, the steps between them are named too.
-    steps = (1.0, 2.0, 5.0) if high - low < 2.0 else (1.0,)
+def _log_ticks(axis: Axis, decades: float) -> None:
+    """Ticks of energies over so many powers of ten."""
+    # Where few are in sight, the steps between them are named too.
+    steps = (1.0, 2.0, 5.0) if decades < 2.0 else (1.0,)
     axis.set_major_locator(LogLocator(10.0, subs=steps))
     axis.set_major_formatter(FuncFormatter(lambda v, _: thousands(v) if v >= 1.0 else f"{v:g}"))
     axis.set_minor_formatter(NullFormatter())
@@ -204,8 +205,8 @@ def _panel(ax: Axes, name: str, histogram: Histogram, log: bool = False) -> None
     # Bins reach further than most runs; show up to the last that holds a block.
     first, last = float(edges[used[0]]), float(edges[used[-1] + 1])
     if log:
-        _log_axis(ax, "x", np.log10(first), np.log10(last))
-        ax.set_xlim(first / 1.1, 1.1 * last)
+        ax.set(xscale="log", xlim=(first / 1.1, 1.1 * last))
+        _log_ticks(ax.xaxis, np.log10(last / first))
     else:
         first = min(first, max(float(edges[0]), 0.0))
         ax.set_xlim(first, last + 0.04 * (last - first))
@@ -236,11 +237,10 @@ def station_figure(
     """
     figure = new_figure(WIDTH_IN, 4.4)
     axes = figure.subplots(2, 2)
-    labels = ("speed", "rotation", "passing height", "kinetic energy")
-    for ax, label, histogram in zip(
-        axes.flat, labels, (speed, rotation, height, energy), strict=True
-    ):
-        _panel(ax, label, histogram, log=histogram is energy)
+    _panel(axes[0, 0], "speed", speed)
+    _panel(axes[0, 1], "rotation", rotation)
+    _panel(axes[1, 0], "passing height", height)
+    _panel(axes[1, 1], "kinetic energy", energy, log=True)
     for ax in axes[:, 0]:
         ax.set_ylabel("number of blocks")
     head(figure, name)

@@ -37,11 +37,10 @@ from sassgis.report.figures.map_figure import (
 )
 from sassgis.report.figures.map_marks import (
     MapMarks,
-    MapName,
     all_points,
     draw_lines,
     draw_points,
-    write_names,
+    line_name,
 )
 from sassgis.report.figures.relief import footprint, taken_by, view_of
 from sassgis.report.figures.style import (
@@ -140,19 +139,15 @@ def gap_map_figure(
         draw_lines(ax, [c for c in lines if len(c) > 1], 0.5, 0.5)
         _draw_stretches(ax, stretches, norm, 2.4, 6)
         _draw_stretches(ax, list(stations.values()), norm, 3.2, 8)
-        names = []
-        for name, station in stations.items():
+        for station in stations.values():
             if len(station.trace) > 1 and not math.isfinite(station.gap):
                 ax.plot(*station.trace.T, ls="--", color=INK, lw=1.1, zorder=7)
-            if len(station.trace):
-                x, y = station.trace[np.argmax(station.trace[:, 0])]
-                look = {"weight": "bold", "zorder": 22}
-                names.append(MapName(name, (float(x), float(y)), 3.0, look, needed=True))
-        write_names(ax, names, view.box, 72.0 * frame.width / (view.box[2] - view.box[0]))
         draw_points(ax, stops, "D", 3.2, "white", INK, 0.7, zorder=11, gid="stops")
 
     panel = MapPanel(None, GAP_COLOURS, norm, alpha=1.0)
-    maps = draw_maps(view, [panel], MapMarks(release=list(release[:, None])), frame, draw)
+    names = [line_name(n, station.trace) for n, station in stations.items() if len(station.trace)]
+    marks = MapMarks(list(release[:, None]), names=names)
+    maps = draw_maps(view, [panel], marks, frame, draw)
     maps.page.around("Where the gap lies", text)
     furniture_within(maps, frame, view.box, taken_by(points, view.box))
     if gaps:

@@ -81,6 +81,8 @@ class MapMarks:
         Outlines of what was edited by hand.
     objects : sequence of MapObject
         Exposed objects.
+    names : sequence of MapName
+        Of what is drawn otherwise.
     """
 
     release: Sequence[FloatArray] = ()
@@ -89,6 +91,7 @@ class MapMarks:
     zones: Sequence[tuple[Any, RasterClass]] = ()
     edits: Sequence[FloatArray] = ()
     objects: Sequence[MapObject] = ()
+    names: Sequence[MapName] = ()
 
     def draw(self, ax: Axes, box: Extent, points_per_metre: float) -> None:
         """Draw all of it on a map."""
@@ -96,7 +99,7 @@ class MapMarks:
         _outlines(ax, self.edits, _EDIT, linewidths=1.6, linestyles="--", zorder=4.5, gid="edits")
         names = draw_control_lines(ax, self.control_lines, box)
         names += draw_objects(ax, self.objects, box)
-        write_names(ax, names, box, points_per_metre)
+        _write_names(ax, [*self.names, *names], box, points_per_metre)
         if self.lines:
             draw_lines(ax, [self.lines[i] for i in even_choice(len(self.lines), MAX_LINES)])
         draw_release(ax, self.release)
@@ -205,7 +208,7 @@ def draw_objects(ax: Axes, objects: Sequence[MapObject], box: Extent) -> list[Ma
     return names if len(objects) <= MAX_OBJECT_NAMES else []
 
 
-def write_names(ax: Axes, names: Sequence[MapName], box: Extent, points_per_metre: float) -> None:
+def _write_names(ax: Axes, names: Sequence[MapName], box: Extent, points_per_metre: float) -> None:
     """Write names beside their places where they do not overlap those before them.
 
     One for which there is no room on either side, above or below is left out, unless it is needed.
@@ -259,7 +262,12 @@ def draw_control_lines(
         ax.plot(*xy.T, ls=dashes, color=colour, lw=width, zorder=9, gid=f"control_line-{name}")
         seen = shapely.get_coordinates(shapely.clip_by_rect(shapely.linestrings(xy), *box))
         if seen.size:
-            east = seen[np.argmax(seen[:, 0])]
-            look = {"color": colour, "weight": "bold", "zorder": 22}
-            names.append(MapName(name, (float(east[0]), float(east[1])), 3.0, look, needed=True))
+            names.append(line_name(name, seen, color=colour))
     return names
+
+
+def line_name(name: str, xy: FloatArray, **look: Any) -> MapName:
+    """The name of a line across a map, beside its easternmost vertex."""
+    x, y = xy[np.argmax(xy[:, 0])]
+    look = {"weight": "bold", "zorder": 22, **look}
+    return MapName(name, (float(x), float(y)), 3.0, look, needed=True)

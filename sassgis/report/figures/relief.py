@@ -104,13 +104,8 @@ def view_of(grid: Grid, box: Extent) -> MapView:
     col_1 = int(np.clip(np.ceil((east - grid.west) / grid.cell_size), col_0 + 1, n_cols))
     row_0 = int(np.clip(np.floor((grid.north - north) / grid.cell_size), 0, n_rows - 1))
     row_1 = int(np.clip(np.ceil((grid.north - south) / grid.cell_size), row_0 + 1, n_rows))
-    part = replace(
-        grid,
-        values=grid.values[row_0:row_1, col_0:col_1],
-        west=grid.west + col_0 * grid.cell_size,
-        north=grid.north - row_0 * grid.cell_size,
-    )
-    return MapView(box, slice(row_0, row_1), slice(col_0, col_1), part)
+    rows, cols = slice(row_0, row_1), slice(col_0, col_1)
+    return MapView(box, rows, cols, grid.part(rows, cols))
 
 
 def coarsen(values: FloatArray, factor: int, how: str) -> FloatArray:
