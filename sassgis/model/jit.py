@@ -41,7 +41,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 @functools.cache
-def _numba() -> ModuleType:
+def loaded_numba() -> ModuleType:
     """numba, without the settings that it would take from a file in the current folder."""
     warnings.filterwarnings("ignore", "A Numba config file is found")
     # Where there is no yaml numba leaves its file alone.
@@ -181,7 +181,7 @@ def _part_kind() -> type:
 
 def _part(function: F, **options: Any) -> F:
     """A function that compiled code calls."""
-    numba = _numba()
+    numba = loaded_numba()
     if numba.config.DISABLE_JIT:
         return function
     from sassgis.model.machine_code import PartCompiler
@@ -205,7 +205,7 @@ def _compiled(function: F, *, kept: bool = False, **options: Any) -> F:
 
     ``kept`` is whether the machine code is, where it can be.
     """
-    numba: Any = _numba()
+    numba: Any = loaded_numba()
     config = numba.config
     if not os.environ.get("NUMBA_OPT"):
         # A sixth less time to compile than at numba's own level, for code that is no slower.
