@@ -19,7 +19,6 @@ from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.map_run import BlockRows, FallLines, MapRun, Round, Worth
 from sassgis.model.profiles import LineEnd
 from sassgis.model.results import PASSAGE_DTYPE, ROCK_DTYPE, StopReason
-from sassgis.terrain.plan import Plan
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,7 +228,7 @@ def _furthest(rows: BlockRows) -> tuple[float, int, int, int]:
     return float(reach[i]), int(line[i]), int(scenario[i]), int(rock[i])
 
 
-def sample_of(run: MapRun, planned: Plan, progress: Progress) -> Sample:
+def sample_of(run: MapRun, progress: Progress) -> Sample:
     """The sample behind the maps: the simulated blocks that started."""
     return Sample(
         started=int(progress.reasons.sum() - progress.reasons[StopReason.NEVER_STARTED]),

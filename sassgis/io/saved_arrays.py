@@ -1,4 +1,4 @@
-"""What a run saves to go on from after an interruption: as it was saved, or taken for none.
+"""What a run saves to go on from after an interruption: as it was saved, or not used.
 
 Each file holds a digest of its content, its name, what it belongs to, and the program. It finds
 damage and changes by hand; it is no signature, as whoever can write the file can write a digest.
@@ -22,7 +22,7 @@ from sassgis.io.write.program import program_digest
 from sassgis.model.errors import InputError
 from sassgis.model.noted_files import noted
 
-#: How a line begins that tells of a file that is taken for none.
+#: How a line begins that tells of a file that is not used.
 UNFIT = "Saved state"
 _FINGERPRINT, _DIGEST, _TYPES = "fingerprint", "digest", "types"
 #: What a damaged file may raise, from its end that is missing to flags that no archive has.
@@ -144,7 +144,7 @@ def read_saved_json(
 
 def unfit(path: Path, why: str = "damaged, or changed since it was saved") -> str:
     """One line to tell that what was saved is not used."""
-    return f"{UNFIT} {path} is taken for none: {why}"
+    return f"{UNFIT} {path} is not used: {why}"
 
 
 def _of_program(fingerprint: str) -> str:

@@ -23,11 +23,8 @@ def runout_quantile_m(counts: IntArray, share: float) -> int:
     return int(np.searchsorted(below, share * below[-1])) + 1
 
 
-_RUNOUT = "median {} m, 95 % of the blocks within {} m, longest {} m"
-
-
-def runout_words(counts: IntArray, text: str = _RUNOUT) -> str:
-    """Run-out of blocks that were counted in bins of 1 m; empty for none."""
+def runout_words(counts: IntArray, text: str) -> str:
+    """Run-out of blocks that were counted in bins of 1 m, put into a text; empty for none."""
     if not counts.sum():
         return ""
     median, most = (runout_quantile_m(counts, share) for share in (0.5, 0.95))

@@ -32,7 +32,13 @@ from sassgis.model.ground import PARAMETERS
 from sassgis.model.run_config import Config
 from sassgis.runs.calibration_outputs import write_calibration
 from sassgis.runs.draw_store import DrawProgress, DrawStore, OnProgress
-from sassgis.runs.gap_case import comparable, fingerprint_of, observations_name, read_case
+from sassgis.runs.gap_case import (
+    comparable,
+    fingerprint_of,
+    observations_name,
+    read_case,
+    scenario_warnings,
+)
 from sassgis.runs.job import AnyConfig, configured, workers_asked
 from sassgis.runs.workers import Jobs, one_algebra_thread, task_map
 
@@ -99,6 +105,9 @@ def calibrate(
                 expected="a sequence of (configuration, observations)",
             ) from None  # fmt: skip
         configs = [configured(config, None) for config in given]
+        for config in configs:
+            for text in scenario_warnings(config):
+                tell(f"{config.project.name}: {text}")
         names = fitted_names(parameters, [config.engine for config in configs])
         ready = _sites(configs, observed, seed)
         files = [observations_name(own) for own in observed]

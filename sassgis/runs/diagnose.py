@@ -48,11 +48,15 @@ from sassgis.io.write.gap_files import write_diagnosis_json
 from sassgis.model.errors import InputError, Interrupted
 from sassgis.model.grid import FloatArray
 from sassgis.model.languages import joined, phrase
-from sassgis.model.run_config import Config
 from sassgis.runs.draw_store import OnProgress
 from sassgis.runs.evidence import Evidence, evidence_beyond, prepared_case
 from sassgis.runs.fresh_shrinkage import ENSEMBLE
-from sassgis.runs.gap_case import comparable, fingerprint_of, observations_name
+from sassgis.runs.gap_case import (
+    comparable,
+    fingerprint_of,
+    observations_name,
+    scenario_warnings,
+)
 from sassgis.runs.gap_outputs import write_outputs
 from sassgis.runs.hypothesis_fits import DRAWS, HypothesisFits
 from sassgis.runs.job import AnyConfig, configured, workers_asked
@@ -153,7 +157,7 @@ def diagnose(
             diagnosis,
             warnings=(
                 *settings.notes,
-                *_scenario_warnings(settings),
+                *scenario_warnings(settings),
                 *_group_warnings(case),
                 *diagnosis.warnings,
             ),
@@ -169,14 +173,6 @@ def diagnose(
     return diagnosis
 
 
-def _scenario_warnings(config: Config) -> tuple[str, ...]:
-    """That of several block scenarios only one counts."""
-    if len(config.blocks) == 1:
-        return ()
-    text = "What is not measured of a rock is taken from the first block scenario ({}) alone."
-    return (phrase(text, config.blocks[0].name),)
-
-
 def _group_warnings(case: Case) -> tuple[str, ...]:
     """Too few groups to tell what their members have in common from a cause."""
     groups = np.unique(case.group).size
@@ -185,8 +181,8 @@ def _group_warnings(case: Case) -> tuple[str, ...]:
     text = "The rocks are in {} groups." if groups > 1 else "The rocks are in 1 group."
     found = phrase(text, groups)
     told = phrase(
-        "With fewer than {} no cause can be told from what the rocks of a group have in common; "
-        "intervals are far too narrow.",
+        "With fewer than {} no cause can be distinguished from what the rocks of a group have in "
+        "common; intervals are far too narrow.",
         _FEWEST_GROUPS,
     )
     return (joined(" ", (found, told)),)

@@ -116,9 +116,7 @@ def publish_map(
     tell("Writing the maps")
     config, run, planned, progress = done.config, done.run, done.planned, done.progress
     warnings = (*extras.warnings, *done.warnings)
-    layers = block_maps(
-        config, run.grid, progress.sums, sample_of(run, planned, progress), bins_of(run)
-    )
+    layers = block_maps(config, run.grid, progress.sums, sample_of(run, progress), bins_of(run))
     counts = _counts(done)
     facts = facts_of(config, run) | extras.facts | counts
     report = partial(

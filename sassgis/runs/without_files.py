@@ -193,7 +193,7 @@ def _dataset_of(done: Simulation) -> xr.Dataset:
 
     config, run, progress = done.config, done.run, done.progress
     layers = map_layers(
-        progress.sums, run.grid.shape, sample_of(run, done.planned, progress), bins_of(run).edges,
+        progress.sums, run.grid.shape, sample_of(run, progress), bins_of(run).edges,
         run.grid.cell_size, config.output.energy_classes_kj,
     )  # fmt: skip
     return maps_dataset(

@@ -1,4 +1,4 @@
-"""Saved arrays: as they were saved, or taken for none."""
+"""Saved arrays: as they were saved, or not used."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def test_what_was_changed_is_taken_for_none_and_said(tmp_path: Path, change: str
     change_arrays(file, CHANGES[change])
     said: list[str] = []
     assert read_saved(file, "own", said.append) is None
-    assert said == [f"Saved state {file} is taken for none: damaged, or changed since it was saved"]
+    assert said == [f"Saved state {file} is not used: damaged, or changed since it was saved"]
     with pytest.raises(InputError, match=r"state.npz: .*expected what was there"):
         saved_or_refused(file, "what was there")
 
@@ -107,9 +107,7 @@ def test_other_settings_and_versions_are_said(
     assert read_saved(file, "another", said.append) is None
     monkeypatch.setattr(saved_arrays, "program_digest", lambda: "of other code")
     assert read_saved(file, "own", said.append) is None
-    assert (
-        said == [f"Saved state {file} is taken for none: of other settings, inputs or versions"] * 2
-    )
+    assert said == [f"Saved state {file} is not used: of other settings, inputs or versions"] * 2
 
 
 def test_a_library_that_computes_is_part_of_the_program(monkeypatch: pytest.MonkeyPatch) -> None:

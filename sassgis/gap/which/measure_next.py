@@ -80,12 +80,12 @@ class Separation:
 def separations(
     case: Case, rock_lines: RockLines, models: Mapping[str, Sequence[HypothesisModel]], seed: int
 ) -> tuple[Separation, ...]:
-    """What would best tell the first of several calibrated models from each of the others.
+    """What would best distinguish the first of several calibrated models from each of the others.
 
     Parameters
     ----------
     models : mapping of cause to sequence of HypothesisModel
-        Draws that fit alike; the cause that is told from the others first.
+        Draws that fit alike; the cause that is to be distinguished first.
     """
     causes = list(models)
     if len(causes) < 2:

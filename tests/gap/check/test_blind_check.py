@@ -246,7 +246,7 @@ def test_a_knowing_diagnosis_scores_in_full_but_for_where_it_breaks(
     heard: list[str] = []
     run(copy, thresholds, diagnoser="helpers.check_stubs:told", say=heard.append)
     assert file.read_text() == text
-    assert [line for line in heard if "taken for none" in line] == [unfit(file)]
+    assert [line for line in heard if "is not used" in line] == [unfit(file)]
 
 
 @pytest.mark.battery
@@ -263,7 +263,7 @@ def test_answers_that_were_changed_before_all_were_given_are_given_again(
     files[2].write_text((answers / "004.json").read_text())
     said: list[str] = []
     run(copy, thresholds, say=said.append)
-    told = [line for line in said if "taken for none" in line]
+    told = [line for line in said if "is not used" in line]
     assert told == [unfit(answers / "001"), unfit(files[1]), unfit(files[2])]
     assert files[0].read_text() == before[0]
     assert [json.loads(file.read_text())["failure"] for file in files[1:]] == ["", ""]

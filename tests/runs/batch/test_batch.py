@@ -222,7 +222,7 @@ def test_an_area_that_was_changed_is_refused_until_it_is_moved_away(
     said: list[str] = []
     with pytest.raises(OutputError, match=rf"{own}: exists and .* or has changed; .*--overwrite"):
         batch(valley.releases, out, dem=valley.tiles, jobs=1, say=said.append)
-    line = f"Saved state {own / file} is taken for none: damaged, or changed since it was saved"
+    line = f"Saved state {own / file} is not used: damaged, or changed since it was saved"
     assert said == [line]
     # It is nobody's to delete but the user's.
     with pytest.raises(OutputError, match=rf"{own / file}: .*--overwrite deletes only"):

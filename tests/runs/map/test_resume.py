@@ -99,7 +99,7 @@ def test_a_state_of_other_settings_is_ignored(small, interrupted: Path, change) 
     fingerprint = job_module.state_fingerprint(config, job)
     said: list[str] = []
     assert Checkpoint(checkpoint.parent, fingerprint).restore(job, said.append) is None
-    assert len(said) == 1 and "state.npz is taken for none: of other settings" in said[0]
+    assert len(said) == 1 and "state.npz is not used: of other settings" in said[0]
     same = load_config(small.config, TABLES)
     own = Checkpoint(checkpoint.parent, job_module.state_fingerprint(same, small.result.run))
     assert own.restore(small.result.run, said.append) is not None and len(said) == 1
@@ -137,7 +137,7 @@ def test_a_changed_state_is_not_used_and_the_run_says_so(
     config = load_config(small.config, TABLES)
     assert firsts(config, interrupted, jobs=1, say=said.append)[0] == 1
     assert [text for text in said if str(state) in text] == [
-        f"Saved state {state} is taken for none: damaged, or changed since it was saved"
+        f"Saved state {state} is not used: damaged, or changed since it was saved"
     ]
     assert not any("Going on" in text for text in said)
     mine, theirs = ((f / "manifest.json").read_bytes() for f in (interrupted, small.folder))
@@ -220,7 +220,7 @@ def test_a_state_that_is_not_whole_though_it_fits_is_not_used(
     change(state)
     write_saved(file, state, "own ")
     assert Checkpoint(tmp_path, "own").restore(small.result.run, said.append) is None
-    assert said == [f"Saved state {file} is taken for none: it is not whole"]
+    assert said == [f"Saved state {file} is not used: it is not whole"]
 
 
 @pytest.mark.battery

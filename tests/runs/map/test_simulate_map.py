@@ -96,7 +96,7 @@ def test_maps_agree_with_each_rock_looked_at_alone(job, monkeypatch: pytest.Monk
     progress = simulate_map(one, planned, chunk_points=1)
     bins = bins_of(one).edges
     layers = map_layers(
-        progress.sums, one.grid.shape, sample_of(one, planned, progress), bins, one.grid.cell_size
+        progress.sums, one.grid.shape, sample_of(one, progress), bins, one.grid.cell_size
     )
     band = {(a.stem, b.name): b.values.ravel() for a in layers for b in a.bands}
     counts = np.bincount([c for c, _ in seen["energy"]], minlength=one.grid.values.size)
@@ -185,7 +185,7 @@ def test_rocks_that_cannot_be_followed_are_counted(job) -> None:
     assert progress.lost == 6 and progress.reasons.sum() == 6
     assert planned.blocks_of_point(some).sum() == progress.lost + progress.reasons.sum()
     never = progress.reasons[StopReason.NEVER_STARTED]
-    assert sample_of(some, planned, progress).started == 6 - never
+    assert sample_of(some, progress).started == 6 - never
 
 
 def test_rocks_leave_a_terrain_model_that_ends_too_early(job) -> None:
