@@ -194,7 +194,7 @@ class CauseGain:
     sureness : float
         Standard errors by which it is more than what chance makes of the base.
     power : float
-        Share of its draws that these data would show, by a sureness of 3.
+        Share of its draws that these data would show, by a sureness of 5.
     excess : float
         Squared distance of what was observed from the base, over that of its own campaigns: the
         same for all causes of a site.

@@ -381,7 +381,8 @@ def _where_table(findings: tuple[GapFinding, ...]) -> ReportTable:
 
 def _which_table(diagnosis: Diagnosis) -> ReportTable:
     verdict = diagnosis.verdict
-    separated = dict.fromkeys(causes_in(verdict.confusion_set), "no")
+    separated = dict.fromkeys(verdict.cannot_exclude, "cannot be seen")
+    separated |= dict.fromkeys(causes_in(verdict.confusion_set), "no")
     separated[verdict.effect] = "the answer"
     return ReportTable(
         "Causes",

@@ -20,6 +20,7 @@ from sassgis.gap.which.verdict import (
     confusion_set,
     decide,
     group_probability,
+    is_certain,
     place_of,
     second_of,
     seen_of,
@@ -101,7 +102,7 @@ def _second(added: AddedCauses, first: str, weights: CauseWeights, frozen: Thres
     left = evidence_beyond(added.made, added.fit(first), families)
     shares = shares_of(left, families, weights)
     second = second_of(left.prints, shares, frozen)
-    if second and CAUSES[second].closes:
+    if second and CAUSES[second].closes and not is_certain(left.prints, second, frozen):
         closes = added.shrinkage("+".join(sorted([first, second])), without=first).value
         if closes is not None and closes <= 0.0:
             return ""

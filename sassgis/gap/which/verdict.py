@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from sassgis.gap.causes.all_causes import CAUSES, GROUPS
-from sassgis.gap.causes.cause import CLEAR, SHOWS
+from sassgis.gap.causes.cause import CLEAR, PRINTED, SHOWS
 from sassgis.gap.diagnosis import CauseGain, Fingerprint, GapFinding
 from sassgis.gap.observations.case import Case
 from sassgis.gap.where.findings import locate
@@ -40,9 +40,9 @@ class Thresholds:
     calibrated : float
         Probability from which the most probable family is calibrated, though it is not named.
     possible : mapping
-        Probability from which a family, and "none", is in the confusion set, where impacts were
-        recorded ("impacts") and "otherwise": so that nine sets of ten hold the truth, at sites
-        with an effect and at those without.
+        Probability from which a family, "none" and "unknown" are in the confusion set, where
+        impacts were recorded ("impacts") and "otherwise": so that nine sets of ten hold the truth,
+        at sites with a known effect, without one, and with an unknown one.
     right : mapping
         Share of the sites at which an answer that names no family was right; its confidence is
         never higher.
@@ -54,7 +54,7 @@ class Thresholds:
     second: float = 6.0
     calibrated: float = 0.2
     possible: Mapping[str, Sequence[float]] = field(
-        default_factory=lambda: {"impacts": (0.05, 0.05), "otherwise": (0.05, 0.05)}
+        default_factory=lambda: dict.fromkeys(("impacts", "otherwise"), (0.05,) * 3)
     )
     right: Mapping[str, float] = field(default_factory=dict)
 
@@ -84,8 +84,9 @@ def _large(finding: GapFinding) -> bool:
 #: A cause is named only if a fingerprint of its own is seen: one-sided 5 % of a normal deviate. Of
 #: a gain as much is asked.
 SEEN = 1.645
-#: Least power with which data must show a cause, by what it closes, for it to be named or excluded.
-POWER = 0.5
+#: Least power with which data must show a cause, by what it closes, for it to be named or excluded
+#: (the usual one of J. Cohen, 1988, Statistical power analysis for the behavioral sciences).
+POWER = 0.8
 
 
 def strongest(prints: Sequence[Fingerprint]) -> dict[str, Fingerprint]:
@@ -103,15 +104,25 @@ def significant(prints: Sequence[Fingerprint], level: float) -> dict[str, Finger
 
 
 #: Fingerprints that no contact could leave; those of them that are of masses, places and paths in
-#: time alone, so that they hang on no contact that may be missing in a table either.
+#: time alone, so that they hang on no contact that may be missing in a table either; and of these
+#: those that the scatter of the rocks does not hide.
 _CLEAR = {t.name: t for c in CAUSES.values() for t in c.statistics if t.weight >= CLEAR}
 _WITHOUT_CONTACTS = {name for name, own in _CLEAR.items() if "impacts" not in own.tables}
+_OF_PATHS = {name for name, own in _CLEAR.items() if "trajectories" in own.tables}
+_OF_MASSES = {name for name, own in _CLEAR.items() if {*own.tables} == {"rocks", "deposits"}}
 
 
-def _without_contacts(prints: Sequence[Fingerprint], effect: str) -> float:
-    """Of the fingerprints of a cause that no contact could leave or hide, the surest z."""
+def is_certain(prints: Sequence[Fingerprint], effect: str, thresholds: Thresholds) -> bool:
+    """Whether masses, places or paths in time show a cause, whatever else the rocks do."""
     own = [f for f in prints if f.effect == effect and f.statistic in _WITHOUT_CONTACTS]
-    return max((f.z for f in own if f.observable), default=-math.inf)
+    return any(f.observable and f.z >= thresholds.second for f in own)
+
+
+def _would_show(one: Fingerprint) -> bool:
+    """Whether a fingerprint is one that would be seen where its cause is, or is seen."""
+    if one.statistic in _OF_PATHS or (one.statistic in _CLEAR and one.z >= PRINTED):
+        return True
+    return one.statistic in _OF_MASSES and one.z > -PRINTED
 
 
 def seen_of(
@@ -119,10 +130,13 @@ def seen_of(
 ) -> tuple[str, ...]:
     """Families that these data could show: by a fingerprint of their own, or by what they close.
 
-    Fingerprints that another law of the contact leaves as well show a family only if it has the
-    power to close something, or does.
+    Paths in time could show theirs wherever they were recorded; so could masses, unless the one
+    that a family adds may lie in the gap that another one leaves. Other fingerprints that no
+    contact leaves may be hidden by the scatter of the rocks: they must be seen. Those that another
+    law of the contact leaves as well show a family only if it has the power to close something, or
+    does.
     """
-    by_prints = {f.effect for f in prints if f.observable and f.statistic in _CLEAR}
+    by_prints = {f.effect for f in prints if f.observable and _would_show(f)}
     by_gains = {n for n, own in gains.items() if own.power >= POWER or own.sureness >= SHOWS}
     return tuple(n for n in tried if n in by_prints or n in by_gains)
 
@@ -186,9 +200,8 @@ def decide(
     own = best[first].z if first in best else -math.inf
     gain = gains[first].sureness if first in gains else -math.inf
     if first and max(own, gain) >= SEEN and shares[first] >= thresholds.named:
-        # Masses, places and paths show a cause, also where the rocks come as far without it.
-        certain = _without_contacts(prints, first) >= thresholds.second
-        if closes is None or closes > 0.0 or certain:
+        # Such a cause is one also where the rocks come as far without it.
+        if closes is None or closes > 0.0 or is_certain(prints, first, thresholds):
             sure = f"{min(shares[first], 0.99):.0%}"
             reason = phrase("{} probable by its fingerprints and by what it closes", sure)
             if own >= SEEN:
@@ -244,10 +257,11 @@ def confusion_set(
 ) -> tuple[str, ...]:
     """The answer, and what is as probable as ``least``.
 
-    ``least``: of a family, and of "none". Two or more families of one group that are not the answer
-    become the group, which then stands for all of its causes.
+    ``least``: of a family, of "none", and of "unknown". Two or more families of one group that are
+    not the answer become the group, which then stands for all of its causes.
     """
-    possible = [n for n, p in shares.items() if n != UNKNOWN and p >= least[n == NONE]]
+    of = {NONE: least[1], UNKNOWN: least[2]}
+    possible = [n for n, p in shares.items() if p >= of.get(n, least[0])]
     named = effect.split("+")
     held = [n for n in possible if n not in named]
     found = list(named)

@@ -223,13 +223,23 @@ def test_what_could_not_be_seen_is_neither_named_nor_counted() -> None:
     weights = cause_weights_of(read_thresholds())
     clear = next(s.name for s in CAUSES["trees"].statistics if s.weight >= CLEAR)
     prints = [Fingerprint("trees", clear, 1.0, 9.0, 0.001, True, 30)]
-    gains = {"air_drag": gained("air_drag", 2.9, 0.2), "roughness": gained("roughness", 0.0, 0.9)}
+    # Of a place, and too weak to be told from the scatter of the rocks.
+    growth = "growth of the lateral offset below the first station"
+    prints.append(Fingerprint("lateral_deflection", growth, 1.0, 2.9, 0.01, True, 30))
+    gains = {"air_drag": gained("air_drag", 4.9, 0.7), "roughness": gained("roughness", 0.0, 0.9)}
     seen = seen_of(prints, gains, FAMILIES)
     assert seen == ("trees", "roughness")
     p = weights.shares(prints, gains, seen)
     assert set(p) == {"trees", "roughness", NONE, "unknown"}
-    # What certainly closes something is seen, whatever its power.
-    assert "air_drag" in seen_of(prints, {"air_drag": gained("air_drag", 3.0, 0.2)}, FAMILIES)
+    # What certainly closes something is seen, whatever its power; so is a place that is certain.
+    assert "air_drag" in seen_of(prints, {"air_drag": gained("air_drag", 5.0, 0.2)}, FAMILIES)
+    assert "lateral_deflection" in seen_of([replace(prints[1], z=3.0)], {}, FAMILIES)
+    # Where much mass is missing nothing is known of what came in addition.
+    more = Fingerprint(
+        "entrainment", "mass that lies beyond what was released", 0.0, 0.0, 1.0, True, 30
+    )
+    assert seen_of([more], {}, FAMILIES) == ("entrainment",)
+    assert seen_of([replace(more, z=-4.0)], {}, FAMILIES) == ()
     # The more causes these data cannot show, the less certain is "none".
     fewer, more = (weights.shares([], {}, (), hidden=k) for k in (1, 8))
     assert more[NONE] < fewer[NONE] and sum(more.values()) == pytest.approx(1.0)
@@ -239,15 +249,21 @@ def test_what_could_not_be_seen_is_neither_named_nor_counted() -> None:
 
 def test_the_confusion_set_has_groups_where_families_are_not_told_apart() -> None:
     p = {"trees": 0.4, "air_drag": 0.3, "none": 0.2, "roughness": 0.07, "rock_shape": 0.03}
-    assert confusion_set("unknown", (0.05, 0.05), p) == (
+    assert confusion_set("unknown", (0.05, 0.05, 0.05), p) == (
         "unknown",
         "along the way",
         "none",
         "roughness",
     )
-    assert confusion_set("trees", (0.25, 0.25), p) == ("trees", "air_drag")
-    assert confusion_set("trees", (0.03, 0.03), p) == ("trees", "air_drag", "none", "contact")
-    assert confusion_set("trees", (0.03, 0.5), p) == ("trees", "air_drag", "contact")
+    assert confusion_set("trees", (0.25, 0.25, 0.05), p) == ("trees", "air_drag")
+    assert confusion_set("trees", (0.03, 0.03, 0.05), p) == ("trees", "air_drag", "none", "contact")
+    assert confusion_set("trees", (0.03, 0.5, 0.05), p) == ("trees", "air_drag", "contact")
+    # An effect that has no name is possible as well.
+    assert confusion_set("none", (0.5, 0.1, 0.1), {"none": 0.6, "unknown": 0.1}) == (
+        "none",
+        "unknown",
+    )
+    assert confusion_set("none", (0.5, 0.1, 0.2), {"none": 0.6, "unknown": 0.1}) == ("none",)
     found = causes_in(("unknown", "along the way", "none"))
     assert found == ("unknown", "air_drag", "trees", "none") and group_of("trees+x") == group_of(
         "air_drag"
