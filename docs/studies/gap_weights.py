@@ -36,7 +36,7 @@ from scipy import stats
 from scipy.optimize import minimize
 from scipy.special import logsumexp
 
-from sassgis.gap.causes.all_causes import GROUPS, STATISTICS
+from sassgis.gap.causes.all_causes import CAUSES, GROUPS, STATISTICS
 from sassgis.gap.check.answers import Answer, Truth, is_right
 from sassgis.gap.check.check_scores import CheckScores, score, scores_as_json
 from sassgis.gap.check.worlds import WorldSpec
@@ -94,6 +94,8 @@ FIXED = (
     "site", "law", "slope", "effects", "strengths", "disturbance", "rocks", "kind", "adequate",
     "excess", "against",
 )  # fmt: skip
+#: Limits of the sureness of a gain in the table of those that reach it.
+REACHED = (2, 3, 5, 8)
 #: Columns of each cause that was tried: what it closes, standard errors, power.
 GAINS = ("share", "sureness", "power")
 
@@ -566,9 +568,32 @@ def level() -> str:
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
+def reached() -> str:
+    """How many gains reach a sureness, of causes that act and of causes that do not."""
+    acts, absent, most = [], [], []
+    for row in read_rows():
+        gains = {n: g.sureness for n, g in evidence(row)[1].items() if CAUSES[n].closes}
+        acts += [sure for name, sure in gains.items() if name in known_of(row)]
+        own = [sure for name, sure in gains.items() if name not in known_of(row)]
+        absent += own
+        most.append(max(own, default=-math.inf))
+    lines = [["", *(f"{limit} and more" for limit in REACHED)], ["---"] * (1 + len(REACHED))]
+    for words, sure in (
+        ("causes that act", acts),
+        ("causes that do not", absent),
+        ("sites with one that does not", most),
+    ):
+        counts = [f"{sum(one >= limit for one in sure)}/{len(sure)}" for limit in REACHED]
+        lines.append([words, *counts])
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
 def filled(text: str) -> str:
     """The page with its tables."""
-    tables = {"laws": table, "confusion": confusion, "level": level, "against": against}
+    tables = {
+        "laws": table, "confusion": confusion, "level": level, "against": against,
+        "reached": reached,
+    }  # fmt: skip
     for name, made in tables.items():
         text = re.sub(
             rf"(<!-- {name} -->\n).*?(\n<!-- end {name} -->)",
