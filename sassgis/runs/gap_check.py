@@ -258,8 +258,9 @@ def _processes(
 ) -> Iterator[Callable[[Iterable[Task]], Iterator[TaskOutcome]]]:
     """What gives outcomes of tasks, in processes that see no more than they must."""
     if isinstance(jobs, int):
-        # No more than are worked on: an outcome is written down when it is its turn.
-        with Processes(jobs, ahead=1) as own:
+        # An outcome is written down when it is its turn; few wait, as these are lost when the user
+        # stops, but enough that no process waits for one site that takes a minute.
+        with Processes(jobs, ahead=3) as own:
             yield partial(own.in_order, perform, sandboxed)
     else:
         yield partial(jobs.in_order, in_own_process, sandboxed)
