@@ -44,4 +44,4 @@ def _nothing(array: NDArray[Any], row: int, byte: int) -> None:
 
 
 #: ``prefetch(array, row, byte)``: the line of the cache with the byte of a row; changes nothing.
-prefetch = _nothing if _numba.config.DISABLE_JIT else _numba.extending.intrinsic(_typed)
+prefetch: Any = _nothing if _numba.config.DISABLE_JIT else _numba.extending.intrinsic(_typed)

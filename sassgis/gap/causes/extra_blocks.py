@@ -88,7 +88,14 @@ def _gone(case: Case) -> NDArray[np.bool_]:
     owner, lying = seen.rock_of("deposits"), deposit_masses_kg(seen)
     own = owner >= 0
     found = np.bincount(owner[own], lying[own], minlength=case.n_rocks)
-    return gone & (found < 0.5 * case.mass_kg)
+    gone &= found < 0.5 * case.mass_kg
+    # Nor has one left for which a block without a name lies.
+    nameless = np.sort(lying[~own]).tolist()
+    for rock in np.flatnonzero(gone)[np.argsort(-case.mass_kg[gone])]:
+        if nameless and nameless[-1] >= 0.5 * case.mass_kg[rock]:
+            nameless.pop()
+            gone[rock] = False
+    return gone
 
 
 def mass_budget(rocks: FloatArray, blocks: FloatArray) -> tuple[float, float]:

@@ -39,15 +39,23 @@ def over_scatter(gaps: FloatArray, least: float) -> FloatArray:
     return scaled
 
 
-def reach_contrasts(residuals: ResidualTable) -> list[FloatArray]:
-    """Speed gap on each reach less that on the others, in scatters, shape (n_rocks,) each."""
+def wrong_on_one(residuals: ResidualTable, sign: float = 0.0) -> list[FloatArray]:
+    """How much the speed is wrong on each reach alone, in scatters, shape (n_rocks,) each.
+
+    Its gap less that on the others, as far as this exceeds what the others are off themselves:
+    where all reaches are wrong none is wrong alone. ``sign`` is that of the gap that is looked for;
+    0: that which the reach has.
+    """
     speed = speed_gaps(residuals)
     if speed.shape[1] < 2:
         raise Unseen
     own = over_scatter(speed, 0.05)
-    return [
-        own[:, k] - mean_of_draws(np.delete(own, k, axis=1), least=1) for k in range(own.shape[1])
-    ]
+    found = []
+    for k in range(own.shape[1]):
+        others = mean_of_draws(np.delete(own, k, axis=1), least=1)
+        towards = sign or float(np.sign(np.nanmean(own[:, k])))
+        found.append(towards * (own[:, k] - others) - abs(float(np.nanmean(others))))
+    return found
 
 
 def late_by_rock(gaps: FloatArray) -> FloatArray:

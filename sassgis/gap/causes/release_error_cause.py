@@ -13,6 +13,7 @@ from sassgis.gap.causes.cause import (
     LEAST,
     MEDIAN_OF_NORMAL,
     SHIFT,
+    USUAL,
     Cause,
     CausePart,
     Scores,
@@ -21,7 +22,7 @@ from sassgis.gap.causes.cause import (
 )
 from sassgis.gap.causes.lateral_scatter import base_size, known_mean, station_offsets, usual_offset
 from sassgis.gap.causes.parameter_draws import ParameterDraws
-from sassgis.gap.causes.reach_gaps import reach_contrasts
+from sassgis.gap.causes.reach_gaps import wrong_on_one
 from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.hypothesis_model import ReleaseError
@@ -66,7 +67,7 @@ def _first_point(case: Case, residuals: ResidualTable) -> Scores:
     names = case.observations.rock_names
     place = {name: i for i, name in enumerate(rocks.rock_id.tolist())}
     off = np.full(case.n_rocks, np.nan)
-    paths = case.observations.paths_of_rocks(track.speed_mps)
+    paths = case.observations.paths_of_rocks(track.x)
     for rock, rows in paths.items():
         i = place.get(names[rock])
         if i is not None and track.t_s[rows[0]] < 0.05:
@@ -101,9 +102,8 @@ def _offset_that_stays(case: Case, residuals: ResidualTable) -> Scores:
 
 
 def _first_reach(case: Case, residuals: ResidualTable) -> Scores:
-    contrast = reach_contrasts(residuals)[0]
-    mean = float(np.nanmean(contrast))
-    return Scores(math.copysign(1.0, mean) * contrast - SHIFT, mean)
+    wrong = wrong_on_one(residuals)[0]
+    return Scores(wrong - SHIFT, float(np.nanmean(wrong)))
 
 
 CAUSE = Cause(
@@ -128,8 +128,9 @@ CAUSE = Cause(
         Trace(
             "first contact up or down the slope from where the model has it",
             _first_contact,
+            # A camera that sees the slope from below the start on makes the same.
             ("impacts",),
-            CLEAR,
+            USUAL,
         ),
         Trace(
             "offset at the first station, not growing to the second",

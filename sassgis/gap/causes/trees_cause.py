@@ -25,7 +25,7 @@ from sassgis.gap.causes.cause import (
 from sassgis.gap.causes.contact_gaps import loss_of_flights
 from sassgis.gap.causes.ground_classes import reaches_between
 from sassgis.gap.causes.parameter_draws import Fit, ParameterDraws, Range, rounded
-from sassgis.gap.causes.reach_gaps import reach_contrasts
+from sassgis.gap.causes.reach_gaps import wrong_on_one
 from sassgis.gap.inference.rock_tests import t_statistics
 from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case
@@ -165,7 +165,7 @@ def losses_at_one_place(residuals: ResidualTable) -> tuple[int, float] | None:
 
 def _on_one_reach(case: Case, residuals: ResidualTable) -> Scores:
     """The reach with the surest loss; on the first one it would be an error of the release."""
-    lost = [-contrast for contrast in reach_contrasts(residuals)[1:]]
+    lost = wrong_on_one(residuals, sign=-1.0)[1:]
     surest = max(lost, key=lambda one: float(np.nan_to_num(t_statistics(one)[0])))
     return Scores(surest - SHIFT, float(np.nanmean(surest - SHIFT)))
 
