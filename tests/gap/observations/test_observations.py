@@ -377,6 +377,10 @@ CASES = {
         "deposits.mass_kg: rows 6, 7: blocks of R5 are more than the rock itself (found "
         "700 kg; expected 540 kg",
     ),
+    "pieces of several rocks too heavy": (
+        {"deposits": lambda rows: setting("mass_kg", 900.0, [0, 1])(rows[:-1])},
+        "deposits.mass_kg: rows 2, 3: blocks of R1, R2 are more than the rock itself (found 900 kg",
+    ),
     "pieces without suffix": (
         {"deposits": lambda rows: setting("rock_id", "R5", [4, 5])(rows[:-1])},
         "deposits.rock_id: row 7: several stops of one rock are taken to be its pieces "
