@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from sassgis.gap.causes.all_causes import CAUSES, GROUPS
-from sassgis.gap.causes.cause import CLEAR, PRINTED, SHOWS
+from sassgis.gap.causes.cause import CERTAIN, CLEAR, PRINTED, SHOWS
 from sassgis.gap.diagnosis import CauseGain, Fingerprint, GapFinding
 from sassgis.gap.observations.case import Case
 from sassgis.gap.where.findings import locate
@@ -120,7 +120,7 @@ def is_certain(prints: Sequence[Fingerprint], effect: str, thresholds: Threshold
 
 def _would_show(one: Fingerprint) -> bool:
     """Whether a fingerprint is one that would be seen where its cause is, or is seen."""
-    if one.statistic in _OF_PATHS or (one.statistic in _CLEAR and one.z >= PRINTED):
+    if one.statistic in _OF_PATHS or one.z >= (PRINTED if one.statistic in _CLEAR else CERTAIN):
         return True
     return one.statistic in _OF_MASSES and one.z > -PRINTED
 
@@ -132,9 +132,9 @@ def seen_of(
 
     Paths in time could show theirs wherever they were recorded; so could masses, unless the one
     that a family adds may lie in the gap that another one leaves. Other fingerprints that no
-    contact leaves may be hidden by the scatter of the rocks: they must be seen. Those that another
-    law of the contact leaves as well show a family only if it has the power to close something, or
-    does.
+    contact leaves may be hidden by the scatter of the rocks: they must be seen, and more clearly
+    those that another law of the contact leaves as well. Else a family must have the power to close
+    something, or close it.
     """
     by_prints = {f.effect for f in prints if f.observable and _would_show(f)}
     by_gains = {n for n, own in gains.items() if own.power >= POWER or own.sureness >= SHOWS}

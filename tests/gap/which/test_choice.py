@@ -234,6 +234,11 @@ def test_what_could_not_be_seen_is_neither_named_nor_counted() -> None:
     # What certainly closes something is seen, whatever its power; so is a place that is certain.
     assert "air_drag" in seen_of(prints, {"air_drag": gained("air_drag", 5.0, 0.2)}, FAMILIES)
     assert "lateral_deflection" in seen_of([replace(prints[1], z=3.0)], {}, FAMILIES)
+    # What a contact leaves as well must be clearer.
+    lost = "rebound lost with the normal speed, on one ground alone"
+    soft = Fingerprint("soft_ground", lost, 1.0, 5.9, 0.001, True, 30)
+    assert seen_of([soft], {}, FAMILIES) == ()
+    assert seen_of([replace(soft, z=6.0)], {}, FAMILIES) == ("soft_ground",)
     # Where much mass is missing nothing is known of what came in addition.
     more = Fingerprint(
         "entrainment", "mass that lies beyond what was released", 0.0, 0.0, 1.0, True, 30
