@@ -206,6 +206,12 @@ def _cell_of(visit: np.uint64) -> int:
     return int(visit >> _CELL)
 
 
+@lean
+def _bin_in(visit: np.uint64, which: int) -> int:
+    """The bin of a histogram that a visit holds."""
+    return int((visit >> np.uint64(_BIN_BITS * which)) & _BINS)
+
+
 @kernel
 def by_cell(visits: NDArray[np.uint64], n_cells: int) -> NDArray[np.uint64]:
     """Visits, those of a cell together."""
@@ -423,13 +429,11 @@ def add_visits(
             soon = visits[k + _AHEAD]
             at = np.int64(row[_cell_of(soon)])
             for i in range(len(_BINNED)):
-                own = (soon >> np.uint64(_BIN_BITS * i)) & _BINS
-                prefetch(counts[i], at, _OWN_BYTES * np.int64(own))
+                prefetch(counts[i], at, _OWN_BYTES * _bin_in(soon, i))
         visit = visits[k]
         at = row[_cell_of(visit)]
         for i in range(len(_BINNED)):
-            own = (visit >> np.uint64(_BIN_BITS * i)) & _BINS
-            counts[i][at, np.int64(own)] += np.uint32(weight)
+            counts[i][at, _bin_in(visit, i)] += np.uint32(weight)
 
 
 class Event(NamedTuple):

@@ -13,7 +13,6 @@ from sassgis.gap.causes.cause import (
     LEAST,
     MEDIAN_OF_NORMAL,
     SHIFT,
-    USUAL,
     Cause,
     CausePart,
     Scores,
@@ -67,7 +66,7 @@ def _first_point(case: Case, residuals: ResidualTable) -> Scores:
     names = case.observations.rock_names
     place = {name: i for i, name in enumerate(rocks.rock_id.tolist())}
     off = np.full(case.n_rocks, np.nan)
-    paths = case.observations.paths_of_rocks(track.x)
+    paths = case.observations.paths_of_rocks()
     for rock, rows in paths.items():
         i = place.get(names[rock])
         if i is not None and track.t_s[rows[0]] < 0.05:
@@ -125,12 +124,11 @@ CAUSE = Cause(
             ("rocks", "trajectories"),
             CLEAR,
         ),
+        # Not clear: a camera that sees the slope from below the start on makes the same.
         Trace(
             "first contact up or down the slope from where the model has it",
             _first_contact,
-            # A camera that sees the slope from below the start on makes the same.
             ("impacts",),
-            USUAL,
         ),
         Trace(
             "offset at the first station, not growing to the second",

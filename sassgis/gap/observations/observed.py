@@ -102,9 +102,9 @@ class Observations:
             np.bool_,
         )
 
-    def paths_of_rocks(self, needed: FloatArray) -> dict[int, IntArray]:
-        """Rows of ``trajectories`` of each whole rock by time, those with a place and a number in
-        ``needed``.
+    def paths_of_rocks(self, needed: FloatArray | float = 0.0) -> dict[int, IntArray]:
+        """Rows of ``trajectories`` of each whole rock by time, those with a place and, if
+        given, a number in ``needed``.
         """
         track = self.trajectories
         if not len(track):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -136,9 +136,9 @@ RULES: Mapping[str, Rule] = {
 }  # fmt: skip
 
 
-def some_of(names: Sequence[str]) -> str:
+def some_of(names: Sequence[str], shown_as: Callable[[str], str] = repr) -> str:
     """The first four names, and how many more there are."""
-    shown = ", ".join(repr(n) for n in names[:4])
+    shown = ", ".join(map(shown_as, names[:4]))
     return shown + (f" and {len(names) - 4} more" if len(names) > 4 else "")
 
 

@@ -9,15 +9,15 @@ import numpy as np
 
 from sassgis.gap.observations.observation_finding import ObservationFinding
 from sassgis.gap.observations.observed import DENSITY_KGM3, Observations
-from sassgis.gap.observations.rules import RULES
+from sassgis.gap.observations.rules import RULES, some_of
 from sassgis.model.grid import Grid
 
 #: Densities that rocks have (kg/m³).
 _LIGHTEST_KGM3, _HEAVIEST_KGM3 = 900.0, 5000.0
 #: An ellipsoid fills from half of the box of its axes; rocks lie between. Full axes give 8 times.
 _FULL_AXES = 4.0
-#: Blocks of a rock that weigh so many times the rock, and rocks that are named of several.
-_HEAVIER, _NAMES = 1.15, 3
+#: Blocks of a rock may weigh so many times the rock.
+_HEAVIER = 1.15
 
 
 def check_sizes(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
@@ -67,22 +67,20 @@ def check_pieces(obs: Observations, grid: Grid | None) -> Iterator[ObservationFi
     place = {name: i for i, name in enumerate(rocks.rock_id.tolist())}
     for column, unit in (("mass_kg", "kg"), ("volume_m3", "m³")):
         values = deposits.numbers[column]
-        heavy, rows = {}, np.zeros(len(deposits), bool)
+        heavy: dict[str, tuple[float, float]] = {}
+        rows = np.zeros(len(deposits), bool)
         for i, name in enumerate(obs.rock_names):
             own = (owner == i) & np.isfinite(values)
-            whole = rocks.numbers[column][place[name]]
-            if own.any() and np.isfinite(whole) and values[own].sum() > _HEAVIER * whole:
-                heavy[name] = float(values[own].sum()), float(whole)
+            lying, whole = float(values[own].sum()), float(rocks.numbers[column][place[name]])
+            if own.any() and lying > _HEAVIER * whole:
+                heavy[name] = lying, whole
                 rows |= own
         if heavy:
             # Scales are wrong for many at once: that is one thing to say.
-            names = ", ".join(list(heavy)[:_NAMES])
-            if len(heavy) > _NAMES:
-                names += f" and {len(heavy) - _NAMES} more"
-            name = max(heavy, key=lambda one: heavy[one][0] / heavy[one][1])
-            found, most = heavy[name]
-            of = f" of {name}" if len(heavy) > 1 else ""
+            worst = max(heavy, key=lambda name: heavy[name][0] / heavy[name][1])
+            found, most = heavy[worst]
+            of = f" of {worst}" if len(heavy) > 1 else ""
             yield from RULES["heavy pieces"].at(
                 obs, "deposits", rows, f"{found:.4g} {unit}{of}", column,
-                name=names, most=f"{most:.4g} {unit}",
+                name=some_of(list(heavy), str), most=f"{most:.4g} {unit}",
             )  # fmt: skip
