@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 from typing import Any
 
@@ -86,7 +87,10 @@ def template(path: Path, crs: str | None) -> None:
     example="gap validate observed --config sassgis.toml",
 )
 def validate_observations(observations: Path, config: Path | None) -> None:
-    """Read OBSERVATIONS and say what is wrong with them and what can be identified."""
+    """Read OBSERVATIONS and say what is wrong with them and what can be identified.
+
+    Exit code 1 where something is wrong; a warning leaves it at 0.
+    """
     from sassgis.gap.which.identifiable import what_is_identifiable
     from sassgis.io.read.config import load_config
     from sassgis.io.read.observation_files import read_observations
@@ -102,8 +106,15 @@ def validate_observations(observations: Path, config: Path | None) -> None:
         grid = read_terrain(
             settings.dem_source, terrain.crs, terrain.vertical_datum, terrain.override_crs
         )
-    read = read_observations(observations, grid, drop_m)
-    for finding in check(read, grid, drop_m):
+    log = logging.getLogger(read_observations.__module__)
+    # All is told below, once.
+    log.disabled = True
+    try:
+        read = read_observations(observations, grid, drop_m)
+    finally:
+        log.disabled = False
+    findings = check(read, grid, drop_m)
+    for finding in findings:
         click.echo(str(finding))
     found = what_is_identifiable(read)
     click.echo(f"{found.rocks} rocks, {found.unattributed} blocks of unknown origin")
@@ -114,6 +125,8 @@ def validate_observations(observations: Path, config: Path | None) -> None:
         )
     for line in found.not_identifiable:
         click.echo(f"not identifiable: {line}")
+    if any(finding.level == "error" for finding in findings):
+        click.get_current_context().exit(1)
 
 
 @command(
@@ -163,7 +176,8 @@ def diagnose(
     click.echo(verdict_sentence(result))
     click.echo(
         f"Open {out / 'report.html'} in a browser, {out / 'gap.gpkg'} in QGIS; "
-        f"{out / 'model' / 'config.toml'} has {rung_name(result.advice.recommended)}."
+        f"{out / 'model' / 'config.toml'} has {rung_name(result.advice.recommended)}"
+        f"{'' if result.advice.short is None else ', and is not recommended'}."
     )
     if with_map:
         from sassgis.runs.gap_map_change import map_change

@@ -25,3 +25,17 @@ def test_an_empty_template_is_one_clear_line(tmp_path: Path, printed, refusal) -
     folder = tmp_path / "observed"
     printed("gap", "template", folder)
     assert "holds no observed rock" in refusal("gap", "validate", folder)
+
+
+def test_errors_are_printed_once_and_the_command_ends_with_code_one(tmp_path: Path, call) -> None:
+    folder = tmp_path / "observed"
+    folder.mkdir()
+    rows = [f"R{k},{k},5,1,{1000 * k},{k}" for k in (1, 2, 3)]
+    head = "rock_id,x,y,z,mass_kg,volume_m3"
+    (folder / "rocks.csv").write_text("\n".join([head, *rows]) + "\n")
+    (folder / "deposits.csv").write_text("rock_id,x,y\nR1,3,4\nR1,3,4\n")
+    code, out, err = call("gap", "validate", folder)
+    told = [line for line in (out + err).splitlines() if "the same stop is there twice" in line]
+    assert (code, len(told)) == (1, 1) and told[0].startswith("error: ")
+    (folder / "deposits.csv").write_text("rock_id,x,y\nR1,3,4\n")
+    assert call("gap", "validate", folder)[0] == 0

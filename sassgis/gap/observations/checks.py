@@ -142,7 +142,8 @@ def _belonging(obs: Observations, grid: Grid | None) -> Iterator[ObservationFind
             if mask.any():
                 missing = list(dict.fromkeys(passages.station[mask].tolist()))
                 nearest = nearest_of(missing[0], names)
-                yield from RULES[rule].at(obs, "passages", mask, some_of(missing), nearest=nearest)
+                found = some_of([name for name in missing if name]) or "no name"
+                yield from RULES[rule].at(obs, "passages", mask, found, nearest=nearest)
 
 
 def empty_tables(observations: Observations, read: Iterable[str]) -> list[ObservationFinding]:

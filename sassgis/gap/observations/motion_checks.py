@@ -32,6 +32,17 @@ _KMH = 3.6
 _LEAST_FALL_M, _LEAST_FLIGHTS, _SCALE_USUAL = 1.0, 12, 1.05
 #: Surface speed of a rock over its own speed: rolling is 1, a median of twice that is another unit.
 _SPIN_RATIO = 2.0
+#: Rotations in other units, as multiples of turns, and of radians, per second.
+_TURNS = {
+    "radians per second": 2.0 * math.pi,
+    "turns per minute": 60.0,
+    "degrees per second": 360.0,
+}
+_RADIANS = {"turns per minute": 30.0 / math.pi, "degrees per second": 180.0 / math.pi}
+#: A scale of speeds that no film has: another unit.
+_OTHER_UNIT = 1.8
+#: Speed along a path below which its times are in milliseconds (m/s).
+_MILLISECONDS_MPS = 0.1
 
 
 def check_impacts(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
@@ -110,10 +121,10 @@ def check_spins(obs: Observations, grid: Grid | None) -> Iterator[ObservationFin
         middle = float(np.median(ratio[known]))
         if middle <= _SPIN_RATIO:
             continue
-        guess = "degrees per second"
-        if turns and middle < 30.0:
-            guess = "radians per second or turns per minute"
-        yield from RULES["spin"].at(
+        # Rims of rocks move at a third of their speed, or up to a little more than it.
+        others = _TURNS if turns else _RADIANS
+        guess = next((u for u, f in others.items() if f / 3.0 < middle < 1.2 * f), "")
+        yield from RULES["spin" if guess else "odd spin"].at(
             obs,
             table,
             known,
@@ -129,8 +140,8 @@ def check_trajectory_speeds(obs: Observations, grid: Grid | None) -> Iterator[Ob
     path = obs.trajectories
     # Nearer points are apart by the errors of their positions.
     span = max(2.0, 8.0 * stated_or(obs.metadata.position_error_m, POSITION_ERROR_M))
-    ratios = []
-    known = np.flatnonzero(np.isfinite(path.t_s + path.x + path.y + path.speed_mps))
+    ratios, means = [], []
+    known = np.flatnonzero(np.isfinite(path.t_s + path.x + path.y))
     _, rock = np.unique(path.rock_id[known], return_inverse=True)
     order = np.lexsort((path.t_s[known], rock))
     borders = np.flatnonzero(np.diff(rock[order])) + 1
@@ -141,13 +152,22 @@ def check_trajectory_speeds(obs: Observations, grid: Grid | None) -> Iterator[Ob
         height = z if np.isfinite(z).all() else np.zeros(rows.size)
         points = np.column_stack([path.x[rows], path.y[rows], height])
         kept = _apart(points, span)
+        far = float(np.sqrt((np.diff(points[kept], axis=0) ** 2).sum(axis=1)).sum())
+        if not far:
+            continue
+        time = path.t_s[rows]
+        means.append(far / max(float(time[kept[-1]] - time[0]), 1e-9))
         speed = path.speed_mps[rows]
-        steps = np.diff(path.t_s[rows]) * 0.5 * (speed[1:] + speed[:-1])
-        stated = np.diff(np.concatenate([[0.0], np.cumsum(steps)])[kept])
-        far = np.sqrt((np.diff(points[kept], axis=0) ** 2).sum(axis=1))
-        if far.size:
+        timed = np.isfinite(speed)
+        if timed.sum() > 0.5 * timed.size:
             # One number per rock: errors of single positions cancel along the path.
-            ratios.append(float(stated.sum() / far.sum()))
+            speed = np.interp(time, time[timed], speed[timed])
+            steps = np.diff(time) * 0.5 * (speed[1:] + speed[:-1])
+            ratios.append(float(steps[: kept[-1]].sum() / far))
+    if means and np.median(means) < _MILLISECONDS_MPS:
+        slow = f"{np.median(means):.3g} m/s along the paths"
+        yield from RULES["milliseconds"].at(obs, "trajectories", np.isfinite(path.t_s), slow)
+        return
     if not ratios:
         return
     middle = float(np.median(ratios))
@@ -206,21 +226,26 @@ def check_drops(
 ) -> Iterator[ObservationFinding]:
     """Speeds that no drop explains; blocks were let go up to ``drop_m`` above the ground."""
     top = tops_m(obs, grid, drop_m)
+    fast = [(table, own) for table, columns in TABLES.items() for own in columns if own.from_drop]
     scale, certain, flights = fall_scale(obs, grid)
-    if certain < _SCALE_USUAL:
+    speeds = np.isfinite(obs.impacts.vt_in_mps)
+    if certain >= _OTHER_UNIT:
+        found = f"{scale:.1f} times what the falls between impacts give, {flights} flights"
+        yield from RULES["unit of impacts"].at(obs, "impacts", speeds, found)
+        fast = [(table, own) for table, own in fast if table != "impacts"]
+    elif certain < _SCALE_USUAL:
         scale = 1.0
     else:
         yield from RULES["scale"].at(
             obs,
             "impacts",
-            np.isfinite(obs.impacts.vt_in_mps),
+            speeds,
             f"{100.0 * (scale - 1.0):.0f} % more than the falls between impacts give, at least "
             f"{100.0 * (certain - 1.0):.0f} %, {flights} flights",
         )
     start = start_speeds_mps(obs)
     error = stated_or(obs.metadata.speed_error_rel, SPEED_ERROR_REL)
     slack = SIGMAS * stated_or(obs.metadata.height_error_m, HEIGHT_ERROR_M)
-    fast = [(table, own) for table, columns in TABLES.items() for own in columns if own.from_drop]
     for table, own in fast:
         data, column = obs.tables[table], own.name
         if not len(data):

@@ -62,6 +62,7 @@ class Rule:
 
 
 _AXES = "semi_axis_a_m, semi_axis_b_m, semi_axis_c_m"
+_IMPACT_SPEEDS = "vt_in_mps, vn_in_mps, vt_out_mps, vn_out_mps"
 _DENSITY = "900 to 5000 kg/m³"
 
 #: By name; the checks say which rows break them.
@@ -88,7 +89,11 @@ RULES: Mapping[str, Rule] = {
     "small axes": Rule("warning", "semi-axes are too small for the volume or the mass", _AXES,
                        "half of length, width and height in m"),
     "unit of mass": Rule("error", "look like {unit}: mass and volume do not go together",
-                         "mass_kg", _DENSITY),
+                         "mass_kg", _DENSITY, "value"),
+    "tonnes": Rule("error", "look like tonnes: mass and semi-axes do not go together", "mass_kg",
+                   "kg", "value"),
+    "unit of axes": Rule("error", "look like {unit}", _AXES, "half of length, width and height in "
+                         "m", "value"),
     "mass and volume": Rule("warning", "mass and volume do not go together", "mass_kg", _DENSITY),
     "density": Rule("error", "{problem}", "density_kgm3", _DENSITY, "value"),
     "heavy pieces": Rule("warning", "blocks of {name} are more than the rock itself", "",
@@ -103,12 +108,16 @@ RULES: Mapping[str, Rule] = {
     "energy gain": Rule("warning", "more energy after the impact than before", "vt_out_mps",
                         "at most 1, {room:.2f} with errors of measurement"),
     "spin": Rule("error", "look like {guess}", "", "{unit}", "value"),
+    "odd spin": Rule("error", "too fast for the sizes and speeds of the rocks: another unit, or "
+                     "full axes?", "", "{unit}", "value"),
     "unit of speed": Rule("error", "look like {unit}", "speed_mps", "m/s, and times in s", "value"),
     "speed and time": Rule("error", "speeds do not go with positions and times", "speed_mps",
                            "m/s, and times in s", "value"),
+    "milliseconds": Rule("error", "look like milliseconds", "t_s", "s", "value"),
+    "unit of impacts": Rule("error", "look like km/h, or another unit", _IMPACT_SPEEDS, "m/s",
+                            "value"),
     "scale": Rule("warning", "speeds are too high for all, by one scale; they are kept",
-                  "vt_in_mps, vn_in_mps, vt_out_mps, vn_out_mps",
-                  "the scale of the film and its frame rate as they were"),
+                  _IMPACT_SPEEDS, "the scale of the film and its frame rate as they were"),
     "km/h": Rule("error", "look like km/h", "", "{fastest:.1f} m/s at most", "value"),
     "mostly too fast": Rule("error", "faster than the drop allows", "",
                             "{fastest:.1f} m/s at most", "value"),

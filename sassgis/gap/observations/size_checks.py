@@ -16,6 +16,11 @@ from sassgis.model.grid import Grid
 _LIGHTEST_KGM3, _HEAVIEST_KGM3 = 900.0, 5000.0
 #: An ellipsoid fills from half of the box of its axes; rocks lie between. Full axes give 8 times.
 _FULL_AXES = 4.0
+#: What axes, or the mass, look like in another unit: ellipsoids of so many times the volume.
+_UNITS = {"centimetres": 1e6, "millimetres": 1e9}
+_TONNES = 1e3
+#: Factor within which such a number is taken for that unit.
+_NEAR = 4.0
 #: Blocks of a rock may weigh so many times the rock.
 _HEAVIER = 1.15
 
@@ -30,9 +35,15 @@ def check_sizes(obs: Observations, grid: Grid | None) -> Iterator[ObservationFin
         ratio = axes / volume
     known = np.isfinite(ratio)
     full = known & (ratio > _FULL_AXES)
-    if known.any() and np.median(ratio[known]) > _FULL_AXES:
-        found = f"ellipsoids of {np.median(ratio[known]):.1f} times the volume of the rocks"
-        yield from RULES["full axes"].at(obs, "rocks", known, found)
+    middle = float(np.median(ratio[known])) if known.any() else 1.0
+    if middle > _FULL_AXES:
+        found = f"ellipsoids of {middle:,.0f} times the volume of the rocks"
+        # Also of full axes in that unit.
+        unit = next((u for u, f in _UNITS.items() if f / _NEAR < middle < 8.0 * _NEAR * f), "")
+        tonnes = _TONNES / _NEAR < middle < _NEAR * _TONNES
+        by_mass = ~np.isfinite(rocks.volume_m3[known]).any()
+        fault = "tonnes" if tonnes and by_mass else "unit of axes" if unit else "full axes"
+        yield from RULES[fault].at(obs, "rocks", known, found, unit=unit)
     elif full.any():
         found = f"an ellipsoid of {ratio[full].max():.1f} times the volume of the rock"
         yield from RULES["large axes"].at(obs, "rocks", full, found)

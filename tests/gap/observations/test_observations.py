@@ -287,13 +287,42 @@ CASES = {
         {"impacts": setting("omega_in_radps", lambda w: 57.3 * w)},
         "impacts.omega_in_radps: rows 2, 3, 4, 5, 6: look like degrees per second",
     ),
+    "turns a minute": (
+        {"passages": setting("rotation_hz", lambda f: 60.0 * f)},
+        "passages.rotation_hz: rows 2, 3, 4, 5, 6 and 5 more: look like turns per minute",
+    ),
+    "spins of no unit": (
+        {"passages": setting("rotation_hz", lambda f: 35.0 * f)},
+        "passages.rotation_hz: rows 2, 3, 4, 5, 6 and 5 more: too fast for the sizes and speeds",
+    ),
+    "milliseconds": (
+        {"trajectories": setting("t_s", lambda t: 1000.0 * t)},
+        "trajectories.t_s: rows 2, 3, 4, 5, 6 and 11 more: look like milliseconds (found 0.006",
+    ),
+    "axes in cm": (
+        {
+            "rocks": lambda rows: [
+                r | {f"semi_axis_{k}_m": 100 * r[f"semi_axis_{k}_m"] for k in "abc"} for r in rows
+            ]
+        },
+        "rows 2, 3, 4, 5, 6: look like centimetres",
+    ),
+    "tonnes, no volume": (
+        {
+            "rocks": lambda rows: [
+                r | {"mass_kg": 0.001 * 2700 * r["volume_m3"], "volume_m3": ""} for r in rows
+            ],
+            "deposits": None,
+        },
+        "rocks.mass_kg: rows 2, 3, 4, 5, 6: look like tonnes: mass and semi-axes do not go",
+    ),
     "full axes": (
         {
             "rocks": lambda rows: [
                 r | {f"semi_axis_{k}_m": 2 * r[f"semi_axis_{k}_m"] for k in "abc"} for r in rows
             ]
         },
-        "look like full axes, not semi-axes (found ellipsoids of 8.1 times the volume",
+        "look like full axes, not semi-axes (found ellipsoids of 8 times the volume",
     ),
     "tonnes": (
         {"rocks": setting("mass_kg", 0.54), "deposits": None},
@@ -700,6 +729,13 @@ def test_a_wrong_scale_of_speeds_is_named_and_the_rows_are_kept(folder, slope):
         lines(read_observations(folder(impacts=hops(1.0), deposits=None, trajectories=None), slope))
         == []
     )
+
+
+def test_speeds_at_impacts_in_another_unit_are_left_out(folder, slope):
+    read = read_observations(folder(impacts=hops(3.6), deposits=None, trajectories=None), slope)
+    found = only(read, slope)
+    assert "look like km/h, or another unit (found 3.5 times what the falls" in found
+    assert np.isnan(read.impacts.vt_in_mps).all() and np.isnan(read.impacts.vn_out_mps).all()
 
 
 def test_one_impact_too_fast_is_left_out_whatever_the_scale(folder, slope):
