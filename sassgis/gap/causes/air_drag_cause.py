@@ -9,7 +9,6 @@ import numpy as np
 
 from sassgis.engine.effects.air_drag import AirDrag
 from sassgis.gap.causes.cause import (
-    CLEAR,
     LEAST,
     MISSTATED,
     Cause,
@@ -105,13 +104,13 @@ CAUSE = Cause(
             "level speed lost in flight, over speed squared and size",
             _against_the_motion,
             ("trajectories",),
-            CLEAR,
+            clear=True,
         ),
         Trace(
             "energy lost in flight, over path and size, on every flight",
             _on_every_flight,
             ("impacts",),
-            CLEAR,
+            clear=True,
         ),
     ),
 )

@@ -27,10 +27,6 @@ MISSTATED = 0.5
 SHIFT = 0.15
 #: Median of the size of a standard normal number.
 MEDIAN_OF_NORMAL = 0.6745
-#: Weight of a fingerprint for its own cause before any site: of most; of what no contact can leave
-#: (masses, places, paths in time). What another law, edges of a rock or a patch of other ground
-#: leave as well weighs less.
-USUAL, CLEAR = 1.5, 4.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,18 +73,18 @@ class Trace:
     name
         In words; results and frozen weights know it by these.
     scores
-        Raises Unseen where the observations cannot show it. Two names: the less certain of these
-        fingerprints, so that both must be seen.
+        Raises Unseen where the observations cannot show it.
     tables
         Tables of observations that it takes, all of them.
-    weight
-        For its own cause, before any site.
+    clear
+        Whether no contact can leave it: it is of masses, places or paths in time. Another law,
+        edges of a rock or a patch of other ground leave the others as well.
     """
 
     name: str
-    scores: Scoring | tuple[str, str]
+    scores: Scoring
     tables: tuple[str, ...]
-    weight: float = USUAL
+    clear: bool = False
 
 
 def no_place(case: Case, models: Sequence[HypothesisModel]) -> tuple[str, ...]:
@@ -140,6 +136,11 @@ class Cause:
     weighed: bool = True
     closes: bool = True
     place: Callable[[Case, Sequence[HypothesisModel]], tuple[str, ...]] = no_place
+
+    @property
+    def of_data(self) -> bool:
+        """Whether it is an error of what was observed, and no part of the motion."""
+        return self.phase in ("release", "observation")
 
     @property
     def words(self) -> tuple[str, str]:

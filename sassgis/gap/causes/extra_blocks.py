@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from sassgis.engine.effects.entrainment import Entrainment
 from sassgis.engine.effects.fragmentation import Fragmentation
 from sassgis.gap.causes.cause import (
-    CLEAR,
     LEAST,
     MISSTATED,
     Cause,
@@ -157,7 +156,7 @@ FRAGMENTATION = Cause(
             "mass of whole rocks that is missing, and lies in pieces",
             _mass_scores(0),
             ("rocks", "deposits"),
-            CLEAR,
+            clear=True,
         ),
     ),
 )
@@ -190,7 +189,10 @@ ENTRAINMENT = Cause(
     shown_by=f"{_MASS_BUDGET}; what is more than came down was set in motion",
     statistics=(
         Trace(
-            "mass that lies beyond what was released", _mass_scores(1), ("rocks", "deposits"), CLEAR
+            "mass that lies beyond what was released",
+            _mass_scores(1),
+            ("rocks", "deposits"),
+            clear=True,
         ),
     ),
     place=on_its_classes("entrainment"),

@@ -10,7 +10,6 @@ import numpy as np
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.engine.effects.roughness import Roughness
 from sassgis.gap.causes.cause import (
-    CLEAR,
     LEAST,
     MISSTATED,
     Cause,
@@ -111,12 +110,12 @@ CAUSE = Cause(
     "beyond that of the simulated rocks; both also beyond what edges of blocks make anywhere, 10° "
     "and 15 % of the way",
     statistics=(
-        Trace(TURN, _turn, ("impacts",), CLEAR),
+        Trace(TURN, _turn, ("impacts",), clear=True),
         Trace(
             "growth of the lateral offset below the first station",
             _growth,
             ("passages", "stations"),
-            CLEAR,
+            clear=True,
         ),
     ),
 )

@@ -8,7 +8,6 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from sassgis.gap.causes.cause import (
-    CLEAR,
     LEAST,
     MISSTATED,
     Cause,
@@ -174,31 +173,30 @@ CAUSE = Cause(
             "speeds against distances in time, all rocks alike",
             _all_alike,
             ("trajectories",),
-            CLEAR,
+            clear=True,
         ),
         Trace(
             "speeds against the falls between contacts, too high for all",
             _against_falls,
             ("impacts",),
-            CLEAR,
+            clear=True,
         ),
         Trace(
             "speeds against distances in time, each rock by its own share",
             _each_its_own,
             ("trajectories",),
-            CLEAR,
+            clear=True,
         ),
         Trace(
             "what is off at one station is made up for at the next",
             _made_up,
             ("passages", "stations"),
-            0.5,
         ),
         Trace(
             "offset of stops, soon below a station that was passed without",
             _aside,
             ("passages", "stations", "deposits"),
-            CLEAR,
+            clear=True,
         ),
     ),
 )

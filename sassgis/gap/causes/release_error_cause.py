@@ -9,7 +9,6 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from sassgis.gap.causes.cause import (
-    CLEAR,
     LEAST,
     MEDIAN_OF_NORMAL,
     SHIFT,
@@ -122,7 +121,7 @@ CAUSE = Cause(
             "first point of the path against the stated start",
             _first_point,
             ("rocks", "trajectories"),
-            CLEAR,
+            clear=True,
         ),
         # Not clear: a camera that sees the slope from below the start on makes the same.
         Trace(
@@ -134,13 +133,12 @@ CAUSE = Cause(
             "offset at the first station, not growing to the second",
             _offset_that_stays,
             ("passages", "stations"),
-            CLEAR,
+            clear=True,
         ),
         Trace(
             "speed on the first reach, right on the others",
             _first_reach,
             ("passages", "stations"),
-            0.5,
         ),
     ),
     place=lambda case, models: case.reaches[:1],

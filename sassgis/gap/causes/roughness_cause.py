@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from sassgis.engine.effects.roughness import Roughness
-from sassgis.gap.causes.cause import CLEAR, Cause, CausePart, Scores, Trace, part_of
+from sassgis.gap.causes.cause import Cause, CausePart, Scores, Trace, part_of
 from sassgis.gap.causes.contact_gaps import beyond_any_law, contact_gaps
 from sassgis.gap.causes.ground_classes import loose_classes, on_its_classes
-from sassgis.gap.causes.lateral_deflection_cause import TURN
 from sassgis.gap.causes.parameter_draws import Fit, ParameterDraws, Range
 from sassgis.gap.causes.reach_gaps import (
     late_by_rock,
@@ -26,8 +25,6 @@ FIT = Fit(
     forms={"uniform": 1.0, "wave": 1.0},
     parameters={"uniform": ("obstacle_m",)},
 )
-#: What edges of a rock leave as well.
-_SCATTER = "scatter of the rebound"
 
 
 def _draw(case: Case, draws: ParameterDraws) -> CausePart:
@@ -62,18 +59,14 @@ CAUSE = Cause(
     group="contact",
     phase="impact",
     draw=_draw,
-    shown_by="scatter of the rebound beyond that of the model together with turns of the heading: "
-    "rough ground tilts the contact in both directions, edges of a rock scatter the rebound alone; "
+    shown_by="scatter of the rebound beyond that of the model, which edges of rocks leave as well; "
     "the more the smaller the rock; small rocks slow on all reaches",
     statistics=(
-        Trace(_SCATTER, _scatter, ("impacts",), 0.0),
-        Trace(
-            "scatter of the rebound, and turn of the heading", (_SCATTER, TURN), ("impacts",), CLEAR
-        ),
+        Trace("scatter of the rebound", _scatter, ("impacts",)),
         Trace(
             "scatter of the rebound, the more the smaller the rock", _scatter_of_small, ("impacts",)
         ),
-        Trace("small rocks slow on all reaches", _small_slow, ("passages", "stations"), 0.5),
+        Trace("small rocks slow on all reaches", _small_slow, ("passages", "stations")),
     ),
     place=on_its_classes("roughness"),
 )

@@ -75,13 +75,11 @@ CAUSE = Cause(
             "rebound lost with the normal speed, on one ground alone",
             _on_one_ground,
             ("impacts",),
-            1.0,
         ),
         Trace(
             "large rocks stop early at the foot",
             _large_stop_early,
             ("passages", "stations", "deposits"),
-            0.5,
         ),
     ),
     place=on_its_classes("soft_ground"),

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from sassgis.engine.effects.trees import Trees
 from sassgis.gap.causes.cause import (
-    CLEAR,
     LEAST,
     MEDIAN_OF_NORMAL,
     SHIFT,
@@ -183,18 +182,17 @@ CAUSE = Cause(
     "the radius and half a metre and lead no farther than a free one, so that no contact can have "
     "been missed; speed lost on one reach alone",
     statistics=(
-        Trace("energy lost at once, on few flights", _on_few_flights, ("impacts",), CLEAR),
+        Trace("energy lost at once, on few flights", _on_few_flights, ("impacts",), clear=True),
         Trace(
             "speed lost above the ground, where no contact takes it",
             _above_the_ground,
             ("trajectories",),
-            CLEAR,
+            clear=True,
         ),
         Trace(
             "speed lost on one reach, right on the others",
             _on_one_reach,
             ("passages", "stations"),
-            0.5,
         ),
     ),
     place=_in_the_stand,

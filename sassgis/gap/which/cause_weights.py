@@ -16,7 +16,6 @@ import numpy as np
 from scipy.special import softmax
 
 from sassgis.gap.causes.all_causes import CAUSES
-from sassgis.gap.causes.cause import CLEAR
 from sassgis.gap.diagnosis import CauseGain, Fingerprint
 from sassgis.gap.which.hypotheses import NONE
 from sassgis.gap.which.verdict import UNKNOWN
@@ -101,7 +100,7 @@ def evidence_of(
     cause: str, prints: Sequence[Fingerprint], gains: Mapping[str, CauseGain]
 ) -> FloatArray:
     """FEATURES of a cause, shape (4,); what cannot be seen counts nothing."""
-    clear = {own.name for own in CAUSES[cause].statistics if own.weight >= CLEAR}
+    clear = {own.name for own in CAUSES[cause].statistics if own.clear}
     own = {f.statistic: f.z for f in prints if f.effect == cause and f.observable}
     best = [
         max((_count(z) for name, z in own.items() if (name in clear) is kind), default=0.0)

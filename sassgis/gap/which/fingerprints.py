@@ -42,16 +42,11 @@ def fingerprints(case: Case, residuals: ResidualTable) -> tuple[Fingerprint, ...
     found: dict[str, tuple[float, float, float, int]] = {}
     statistics = [own for cause in CAUSES.values() for own in cause.statistics]
     for one in statistics:
-        if isinstance(one.scores, tuple):
-            continue
         with suppress(Unseen):
             scores = one.scores(case, residuals)
             z, p, n = _tested(scores, group)
             if math.isfinite(z):
                 found[one.name] = scores.size, z, p, n
-    for one in statistics:
-        if isinstance(one.scores, tuple) and found.keys() >= set(one.scores):
-            found[one.name] = max((found[name] for name in one.scores), key=lambda own: own[2])
     adjusted = holm_adjusted(np.array([p for _, _, p, _ in found.values()]))
     out = [
         Fingerprint(STATISTICS[name], name, size, z, float(p), True, n)

@@ -13,7 +13,7 @@ from sassgis.engine.effects.wind import Wind
 from sassgis.gap.calibration.problem import CalibrationProblem
 from sassgis.gap.causes import all_causes
 from sassgis.gap.causes.all_causes import CAUSES
-from sassgis.gap.causes.cause import CLEAR, Cause, Scores, Trace, fitted_alone
+from sassgis.gap.causes.cause import Cause, Scores, Trace, fitted_alone
 from sassgis.gap.causes.extra_blocks import FRAGMENTATION
 from sassgis.gap.causes.parameter_draws import Fit, ParameterDraws, Range
 from sassgis.gap.observations.case import Case
@@ -41,7 +41,7 @@ WIND = Cause(
     phase="flight",
     draw=fitted_alone(Wind, FIT),
     shown_by="rocks that are blown",
-    statistics=(Trace("rocks are blown", blown, ("trajectories",), CLEAR),),
+    statistics=(Trace("rocks are blown", blown, ("trajectories",), clear=True),),
 )
 
 

@@ -14,7 +14,6 @@ from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.engine.effects.trees import Trees as Forest
 from sassgis.gap.calibration.problem import CalibrationProblem, scale_of
 from sassgis.gap.causes.all_causes import CAUSES, FAMILIES, STATISTICS
-from sassgis.gap.causes.cause import CLEAR
 from sassgis.gap.causes.ground_classes import reaches_between
 from sassgis.gap.causes.parameter_draws import ParameterDraws
 from sassgis.gap.diagnosis import CauseGain, Fingerprint, GapFinding
@@ -221,7 +220,7 @@ def test_every_second_cause_is_nameable_if_it_is_left_beside_the_first(
 
 def test_what_could_not_be_seen_is_neither_named_nor_counted() -> None:
     weights = cause_weights_of(read_thresholds())
-    clear = next(s.name for s in CAUSES["trees"].statistics if s.weight >= CLEAR)
+    clear = next(s.name for s in CAUSES["trees"].statistics if s.clear)
     prints = [Fingerprint("trees", clear, 1.0, 9.0, 0.001, True, 30)]
     # Of a place, and too weak to be told from the scatter of the rocks.
     growth = "growth of the lateral offset below the first station"

@@ -9,7 +9,7 @@ import pytest
 from helpers.simulated_slope import BASE, observed, with_metadata, with_observed
 
 from sassgis.engine.effects.soft_ground import SoftGround
-from sassgis.gap.causes.all_causes import STATISTICS
+from sassgis.gap.causes.all_causes import CAUSES, STATISTICS
 from sassgis.gap.causes.extra_blocks import mass_budget
 from sassgis.gap.causes.trees_cause import losses_at_one_place
 from sassgis.gap.diagnosis import Fingerprint
@@ -223,20 +223,19 @@ def test_stems_are_seen_where_paths_lose_speed_above_the_ground(
     assert losses_at_one_place(lost) is None
 
 
-def test_rough_ground_scatters_the_rebound_and_turns_the_path(
+def test_turns_of_the_heading_do_not_speak_for_rough_ground(
     case: Case, residuals: ResidualTable
 ) -> None:
     rng = np.random.default_rng(6)
     steps = residuals.steps
     away = rng.standard_normal(len(steps))
     edges = changed(residuals, "impact", "normal_speed_mps", 3.0 * np.nan_to_num(steps.sd) * away)
-    rough = changed(edges, "impact", "turn_deg", 30.0 * rng.standard_normal(len(steps)))
-    both = "scatter of the rebound, and turn of the heading"
-    for own, seen in ((edges, False), (rough, True)):
-        found = by_name(case, own)
-        assert (found[both].p_adjusted <= 0.01) == seen
-        parts = (found["scatter of the rebound"].z, found["turn of the heading at impacts"].z)
-        assert found[both].z == min(parts)
+    turned = changed(edges, "impact", "turn_deg", 30.0 * rng.standard_normal(len(steps)))
+    found = by_name(case, turned)
+    clear = {t.name for t in CAUSES["roughness"].statistics if t.clear}
+    assert not clear and found["scatter of the rebound"].p_adjusted <= 0.01
+    assert found["turn of the heading at impacts"].effect == "lateral_deflection"
+    assert found["turn of the heading at impacts"].z > 3.0
 
 
 def test_errors_of_positions_are_those_that_paths_show() -> None:
