@@ -359,6 +359,9 @@ class Advice:
         All gaps of the configured model, and of the one that is handed over on rocks left out.
     recommended : str
         Rung that is handed over: the last one whose gain over the simpler one clears zero.
+    short : ModelGap or None
+        By what it falls short all the same, for certain and by twice what counts: it is then handed
+        over as the nearest, but no model is recommended.
     why : str
         In a sentence.
     """
@@ -371,6 +374,7 @@ class Advice:
     compared: tuple[ModelGap, ...] = ()
     left: tuple[ModelGap, ...] = ()
     recommended: str = "ground"
+    short: ModelGap | None = None
     why: str = ""
 
     @property

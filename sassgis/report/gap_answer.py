@@ -66,6 +66,12 @@ def _named(diagnosis: Diagnosis) -> Phrase:
         return phrase(
             "No effect has to be added: what is left between observed and simulated rocks {}.", left
         )
+    if advice.recommended == "contact_law":
+        return phrase(
+            "No effect has to be added: once the law of the contact is calibrated, what is left "
+            "between observed and simulated rocks {}.",
+            left,
+        )
     return phrase(
         "No effect has to be added: once the ground is calibrated, what is left between observed "
         "and simulated rocks {}.",
@@ -142,8 +148,14 @@ def _confused(diagnosis: Diagnosis) -> ReportAnswer:
     verdict = diagnosis.verdict
     others = [e for e in verdict.confusion_set if e != verdict.effect]
     sentences = ["None of the other explanations that were tried remains possible."]
-    if others:
+    if others and verdict.effect == "unknown":
+        sentences = [phrase("Still possible: {}.", effect_names(others))]
+    elif others:
         sentences = [phrase("These data do not separate it from: {}.", effect_names(others))]
+    elif verdict.effect == "unknown" or verdict.cannot_exclude:
+        sentences = ["None of the causes that these data could show is probable besides."]
+        if verdict.effect == "unknown":
+            sentences = ["None of the causes that these data could show is probable."]
     if verdict.cannot_exclude:
         sentences.append(_unseen(verdict))
     if diagnosis.measure_next:

@@ -313,10 +313,10 @@ def _gaps_table(advice: Advice) -> ReportTable:
         return gap.predicted, _with_interval(gap.gap, gap.ci95), side
 
     return ReportTable(
-        "Observed rocks, the configured model and the recommended one",
+        "Observed rocks, the configured model and the one handed over",
         heads(
             "place; quantity; observed; counts from; configured; gap | 95 % interval; side; "
-            "recommended; gap | 95 % interval; side"
+            "handed over; gap | 95 % interval; side"
         ),
         tuple(
             (
@@ -330,7 +330,7 @@ def _gaps_table(advice: Advice) -> ReportTable:
             for g in advice.compared
         ),
         phrase(
-            "Recommended: {}, on rocks left out. Gap: observed less predicted; above zero the "
+            "Handed over: {}, on rocks left out. Gap: observed less predicted; above zero the "
             "model falls short, on the unsafe side. In brackets: certain, but too small to count. "
             "Interval: rocks resampled. Width: from the 10 % to the 90 % quantile. Energy: of "
             "translation.",

@@ -12,14 +12,22 @@ import numpy as np
 
 from sassgis.gap.calibration.problem import CalibrationProblem, model_rows, problem_of
 from sassgis.gap.calibration.site_summary import summary_of
-from sassgis.gap.diagnosis import Advice, Comparison, Diagnosis, Hypothesis, Range, Verdict
+from sassgis.gap.diagnosis import (
+    Advice,
+    Comparison,
+    Diagnosis,
+    Hypothesis,
+    ModelGap,
+    Range,
+    Verdict,
+)
 from sassgis.gap.inference.distances import RockDistances
 from sassgis.gap.ladder.handover import (
     CONFIGURED_NUMBER,
-    falls_short,
     first_sentence,
     model_gaps,
     settings_of,
+    shortfall,
     values_of,
     worst_of,
     wrong_ground,
@@ -34,6 +42,7 @@ from sassgis.gap.ladder.rungs import (
     needs_contact_law,
 )
 from sassgis.gap.observations.case import Case
+from sassgis.gap.replicas.campaigns import share_left
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel, configured_model
 from sassgis.gap.replicas.model_json import model_as_json
 from sassgis.gap.which.hypotheses import NONE, families_to_try
@@ -69,6 +78,8 @@ MAP_NAME = "map"
 _FEWEST_ROCKS = 5
 #: With fewer groups of rocks a warning is given.
 _FEWEST_GROUPS = 4
+#: Share of rocks that leave the terrain from which it is said.
+_FEW_LEAVE = 0.01
 _ATYPICAL = (
     "The calibrated base is farther from these observations than at any synthetic site: the "
     "probabilities of the causes may not hold here."
@@ -188,6 +199,26 @@ def _group_warnings(case: Case) -> tuple[str, ...]:
     return (joined(" ", (found, told)),)
 
 
+def _gaps(
+    problem: CalibrationProblem, model: HypothesisModel, rows: FloatArray
+) -> tuple[tuple[ModelGap, ...], float]:
+    """How far a model is off, and the share of its rocks that leave the terrain."""
+    left = share_left(problem.case, problem.rock_lines, model, problem.seed)
+    return model_gaps(problem, rows, left), left
+
+
+def _edge_warnings(before: float, after: float) -> tuple[str, ...]:
+    """That rocks leave the terrain, as configured and in the model that is handed over."""
+    if max(before, after) < _FEW_LEAVE:
+        return ()
+    text = (
+        "{} % of the rocks as configured, {} % in the calibrated model, reach the edge of the "
+        "terrain model or the end of their fall line: they count as stopped there, and may come "
+        "farther."
+    )
+    return (phrase(text, *(f"{100.0 * share:.0f}" for share in (before, after))),)
+
+
 # ---------------------------------------------------------------------------------------------
 # Comparing
 
@@ -212,7 +243,11 @@ def _diagnosis(
     # An effect is added to the base that the contact asks for, if that is certainly the better one.
     added = AddedCauses(made, evidence, simplest == CONTACT_LAW)
     shares = shares_of(evidence, families_to_try(case), weights)
-    short = falls_short(model_gaps(problem, rows[simplest]))
+    before, left_before = _gaps(problem, configured_model(case), rows[CONFIGURED])
+    of_simplest = before
+    if simplest != CONFIGURED:
+        of_simplest = _gaps(problem, made.model(added.name(simplest)).model, rows[simplest])[0]
+    short = shortfall(of_simplest) is not None
     verdict, shrinkage = verdict_of(
         added, shares, weights, frozen, law, adequate(evidence.findings) and not short,
         ground_is_enough(first_rungs),
@@ -224,10 +259,12 @@ def _diagnosis(
     for step in steps:
         ladder.add(Step(step, added.rung if step == parts[0] else parts[0], added.rows(step)))
     recommended, why = ladder.recommended(*bases, *steps)
-    before = model_gaps(problem, rows[CONFIGURED])
     # Of the configured ground nothing was calibrated.
     fit = None if recommended == CONFIGURED else added.fit(recommended)
     handed = configured_model(case) if fit is None else fit.handed_over.draw.model
+    left, left_after = before, left_before
+    if fit is not None:
+        left, left_after = _gaps(problem, handed, added.rows(recommended))
     intervals = {effect: own.intervals(case) for effect, own in made.fits.items()}
     advice = Advice(
         worst_of(before),
@@ -236,8 +273,9 @@ def _diagnosis(
         () if fit is None else settings_of(case, fit, intervals[fit.effect]),
         () if fit is None else tuple((t.one, t.other, t.correlation) for t in fit.trade_offs),
         before,
-        before if fit is None else model_gaps(problem, added.rows(recommended)),
+        left,
         recommended,
+        shortfall(left),
         why,
     )
     rungs = ladder.rungs(*rows, *steps)
@@ -262,6 +300,7 @@ def _diagnosis(
         # Errors were logged while reading.
         warnings=(
             *(str(f) for f in case.observations.findings if f.level == "warning"),
+            *_edge_warnings(left_before, left_after),
             *evidence.notes,
             *(() if excess <= weights.farthest else (_ATYPICAL,)),
         ),

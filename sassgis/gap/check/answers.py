@@ -108,6 +108,9 @@ class Answer:
         Causes that the observations could not show.
     failure : str
         Why there is no answer.
+    short, recommended : bool
+        Whether the model that is handed over falls far short, on the unsafe side; whether it is
+        recommended.
     """
 
     case: str
@@ -121,6 +124,8 @@ class Answer:
     large_findings: bool = False
     cannot_exclude: tuple[str, ...] = ()
     failure: str = ""
+    short: bool = False
+    recommended: bool = True
 
 
 def answer_from(case: str, diagnosis: Mapping[str, Any]) -> Answer:
@@ -151,6 +156,11 @@ def answer_from(case: str, diagnosis: Mapping[str, Any]) -> Answer:
         group=str(verdict.get("group", "")),
         large_findings=not adequate([f for f in map(_finding, diagnosis.get("where", ())) if f]),
         cannot_exclude=tuple(verdict.get("cannot_exclude", ())),
+        short=any(
+            gap["side"] == "unsafe" and gap["gap"] >= 2.0 * gap["limit"]
+            for gap in diagnosis["advice"].get("left", ())
+        ),
+        recommended=diagnosis["advice"].get("short") is None,
     )
 
 

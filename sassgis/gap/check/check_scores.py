@@ -89,6 +89,7 @@ AIMS: tuple[Aim, ...] = (
     Aim("group_full", f"{_CLEAR_FULL}: group right", 0.90),
     Aim("group_modest", f"{_CLEAR_MODEST}: group right", 0.60),
     Aim("none_while_large", "gap significant and large, yet “none” is answered", 0.0, False),
+    Aim("recommended_short", "model far short on the unsafe side, yet recommended", 0.0, False),
     Aim("unknown_named", "unknown effect, yet a known one is named", 0.20, at_least=False),
     Aim("covered_everything", "truth in the confusion set, everything observed", 0.90),
     Aim("covered_otherwise", "truth in the confusion set, other observations", 0.90),
@@ -456,6 +457,10 @@ def _measures(pairs: Sequence[Pair]) -> dict[str, Share]:
         "none_while_large": share(
             "gap significant and large, answer none",
             [a.effect == "none" for _, a in pairs if a.large_findings],
+        ),
+        "recommended_short": share(
+            "model far short on the unsafe side, yet recommended",
+            [a.recommended for _, a in pairs if a.short],
         ),
         "covered_everything": share(
             "truth in the confusion set, everything observed", covered(everything)

@@ -7,12 +7,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from sassgis.gap.calibration.problem import CalibrationProblem, Scale
+from sassgis.gap.causes.all_causes import CAUSES
 from sassgis.gap.diagnosis import Advice, GroundSetting, ModelGap, Range, Rung
 from sassgis.gap.inference.intervals import bootstrap_rows, quantiles_of
 from sassgis.gap.ladder.hypothesis_fit import FittedHypothesis
 from sassgis.gap.observations.case import Case
 from sassgis.gap.which.hypotheses import GROUND_WIDTHS
-from sassgis.gap.words import number_text, quantity_name, range_text, rung_name
+from sassgis.gap.words import effect_name, number_text, quantity_name, range_text, rung_name
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.languages import Phrase, all_of, capital, joined, named, phrase
 
@@ -32,7 +33,9 @@ def values_of(scale: Scale, rows: FloatArray, column: int) -> FloatArray:
     return np.where(rows[..., column + len(scale.names)] < 0.5, found, np.nan)
 
 
-def model_gaps(problem: CalibrationProblem, rows: FloatArray) -> tuple[ModelGap, ...]:
+def model_gaps(
+    problem: CalibrationProblem, rows: FloatArray, left: float = 0.0
+) -> tuple[ModelGap, ...]:
     """How far a model is off: run-out, and energy, or else speed, at the stations.
 
     Parameters
@@ -40,6 +43,8 @@ def model_gaps(problem: CalibrationProblem, rows: FloatArray) -> tuple[ModelGap,
     problem : CalibrationProblem
     rows : float64, shape (m, n_rocks, p)
         Of rocks in the model.
+    left : float
+        Share of the rocks that leave the terrain in the model, and may come farther.
     """
     names, scale = problem.scale.names, problem.scale
     mass = problem.case.mass_kg
@@ -65,6 +70,8 @@ def model_gaps(problem: CalibrationProblem, rows: FloatArray) -> tuple[ModelGap,
         for statistic in compared if what == "runout" else ("median", "90 %"):
             observed, predicted, (low, high) = compared[statistic]
             side = "unsafe" if low > 0.0 else "safe" if high < 0.0 else ""
+            if what == "runout" and side == "unsafe" and _reaches_beyond(statistic, compared, left):
+                side = ""
             limit = least * (compared["90 %"][0] if statistic == "width" else observed)
             found.append(
                 ModelGap(
@@ -74,6 +81,15 @@ def model_gaps(problem: CalibrationProblem, rows: FloatArray) -> tuple[ModelGap,
             )  # fmt: skip
     # Run-out first.
     return tuple(sorted(found, key=lambda gap: gap.place != "stop"))
+
+
+def _reaches_beyond(
+    statistic: str, compared: Mapping[str, tuple[float, float, Range]], left: float
+) -> bool:
+    """Whether a run-out is unknown, as those rocks left the terrain, or too narrow but farther."""
+    if statistic == "width" and compared["90 %"][2][1] < 0.0:
+        return True
+    return left > (0.5 if statistic == "median" else 0.1)
 
 
 def _compared(
@@ -112,9 +128,10 @@ def worst_of(gaps: Sequence[ModelGap]) -> ModelGap | None:
     return next(iter(gaps), None)
 
 
-def falls_short(gaps: Sequence[ModelGap]) -> bool:
-    """Whether a gap on the unsafe side is certain, and twice as large as it must be to count."""
-    return any(g.side == "unsafe" and g.gap >= 2.0 * g.limit for g in gaps)
+def shortfall(gaps: Sequence[ModelGap]) -> ModelGap | None:
+    """The surest gap that is certain, on the unsafe side, and twice as large as it must be."""
+    short = [g for g in gaps if g.side == "unsafe" and g.gap >= 2.0 * g.limit]
+    return worst_of(short)
 
 
 def settings_of(
@@ -170,6 +187,8 @@ def first_sentence(advice: Advice, ladder: Sequence[Rung]) -> str:
             "The ground classes {} are wrong: no values in their usual ranges fit.", names
         )
         said.append(one if len(advice.wrong_ground) == 1 else more)
+    if advice.short is not None:
+        return joined(" ", [*said, *_none_recommended(advice, advice.short, ladder)])
     said += _to_run(advice, ladder)
     left = worst_of(advice.left)
     if left is not None and left.counts and left.side == "unsafe" and left != gap:
@@ -177,22 +196,53 @@ def first_sentence(advice: Advice, ladder: Sequence[Rung]) -> str:
     return joined(" ", said)
 
 
-def _to_run(advice: Advice, ladder: Sequence[Rung]) -> list[Phrase]:
-    """What is recommended, what it closes, and why nothing more is."""
-    why = [phrase("{}.", capital(advice.why))] if advice.why else []
+def _why(advice: Advice) -> list[Phrase]:
+    """Why nothing more is handed over."""
+    return [phrase("{}.", capital(advice.why))] if advice.why else []
+
+
+def _none_recommended(advice: Advice, short: ModelGap, ladder: Sequence[Rung]) -> list[Phrase]:
+    """That the nearest model falls short, and by what."""
     if advice.recommended == "configured":
-        return [phrase("Keep the configured ground."), *why]
-    # A share whose interval holds zero may be chance.
-    closed = {
+        return [phrase("None of the models that were tried is recommended."), *_why(advice)]
+    said = [
+        phrase(
+            "None of the models that were tried is recommended: with the nearest, {} "
+            "(model/config.toml), {}",
+            rung_name(advice.recommended),
+            _off_by(short, advice),
+        )
+    ]
+    if share := _shares(ladder).get(advice.recommended):
+        on_rocks = phrase("On rocks left out of the calibration, it closes {} of the gap.", share)
+        said.append(on_rocks)
+    return [*said, *_why(advice)]
+
+
+def _shares(ladder: Sequence[Rung]) -> dict[str, Phrase]:
+    """What models close of the gap; a share whose interval holds zero may be chance."""
+    return {
         r.rung: _closed(r)
         for r in ladder
         if r.share is not None and (r.ci95 is None or r.ci95[0] > 0.0)
     }
+
+
+def _to_run(advice: Advice, ladder: Sequence[Rung]) -> list[Phrase]:
+    """What is recommended, what it closes, and why nothing more is."""
+    why = _why(advice)
+    if advice.recommended == "configured":
+        return [phrase("Keep the configured ground."), *why]
+    closed = _shares(ladder)
     share = closed.get(advice.recommended)
     if advice.recommended == "ground":
         on_rocks = phrase("On rocks left out of the calibration, this closes {} of the gap.", share)
         return [*_what_to_set(advice), *([on_rocks] if share else []), *why]
     name = rung_name(advice.recommended)
+    apart = [n for n in advice.recommended.split("+") if n in CAUSES and CAUSES[n].of_data]
+    if apart:
+        text = "{} is no part of the motion: the file has only the ground that goes with it."
+        why = [phrase(text, capital(effect_name("+".join(apart)))), *why]
     if not share:
         said = phrase("Run model/config.toml, which has {}.", name)
     elif "ground" not in closed:

@@ -13,11 +13,14 @@ from sassgis.gap.replicas.recorded import observe
 from sassgis.gap.replicas.released_rocks import all_rocks, move
 from sassgis.gap.replicas.rock_lines import RockLines
 from sassgis.model.grid import FloatArray
+from sassgis.model.results import StopReason
 
 #: Tables of a campaign.
 TABLES = frozenset({"passages", "deposits", "impacts"})
 #: Events kept in the log of a block; later impacts are not seen.
 _MOST_EVENTS = 160
+#: Times that each rock is released to count those that leave.
+_COUNTED = 8
 
 
 def campaigns(
@@ -66,6 +69,13 @@ def campaigns(
         log_events=_MOST_EVENTS if "impacts" in tables else 0,
     )
     return observe(case, rock_lines, model, moved, count, rng, tables)
+
+
+def share_left(case: Case, rock_lines: RockLines, model: HypothesisModel, seed: int) -> float:
+    """Share of the rocks that still move at the edge of the terrain model, or where lines end."""
+    released = all_rocks(with_release(case, model.release, rock_lines.end), rock_lines)
+    moved = move(case, rock_lines, released, model, seed=seed, count=_COUNTED)
+    return float((moved.rocks["reason"] == StopReason.LEFT_PROFILE).mean())
 
 
 def with_release(case: Case, error: ReleaseError, end: FloatArray) -> Case:

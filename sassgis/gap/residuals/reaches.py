@@ -59,7 +59,7 @@ def reach_residuals(
     names = case.reaches
     n_stations = len(case.station_names)
     found: list[Residual] = []
-    speeds: list[FloatArray] = []
+    speeds: list[Residual] = []
     runout = observed_end(case)[0]
     for k in range(n_stations + 1):
         span = (float(edges[k, 0]), float(edges[k, 1]))
@@ -73,15 +73,17 @@ def reach_residuals(
         if k < n_stations:
             own = residuals_at_station(case, seen, run, at, k, names[k], "reach", span)
             started = np.isfinite(seen.speed_mps[:, k - 1]) if k else np.ones(case.n_rocks, bool)
-            found += [replace(r, observed=np.where(started, r.observed, np.nan)) for r in own]
-            speeds.append(np.where(started, own[0].gap, np.nan))
+            own = [replace(r, observed=np.where(started, r.observed, np.nan)) for r in own]
+            found += own
+            speeds.append(own[0])
         else:
             found.append(
                 Residual(names[k], "stopping", "runout_m", "reach", runout, mean_of_draws(stop),
                          *span)
             )  # fmt: skip
     if len(speeds) > 1:
-        others = mean_of_draws(np.column_stack(speeds[1:]), least=1)
+        first = speeds[0]
+        others = mean_of_draws(np.column_stack([r.gap for r in speeds[1:]]), least=1)
         span = (float(edges[0, 0]), float(edges[0, 1]))
         found.append(
             Residual(
@@ -89,10 +91,11 @@ def reach_residuals(
                 "release",
                 "speed_mps",
                 "reach",
-                speeds[0],
-                others,
+                first.observed,
+                # Were the motion as wrong there as below.
+                first.predicted + others,
                 *span,
-                score=_weaker(speeds[0], speeds[0] - others),
+                score=_weaker(first.gap, first.gap - others),
             )
         )
     return found

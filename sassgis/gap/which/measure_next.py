@@ -15,7 +15,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sassgis.gap.causes.all_causes import CAUSES
-from sassgis.gap.observations.campaign import WHOLE, Campaign, ImpactRows
+from sassgis.gap.observations.campaign import (
+    WHOLE,
+    Campaign,
+    ImpactRows,
+    observed_campaign,
+)
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.campaigns import campaigns
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel
@@ -92,8 +97,15 @@ def separations(
         return ()
     places = _places(case, rock_lines)
     seen = {name: _shown(case, rock_lines, models[name], places, seed) for name in causes}
-    first = causes[0]
-    return tuple(_best(first, name, seen[first], seen[name]) for name in causes[1:])
+    first, there = causes[0], _recorded(case)
+    return tuple(_best(first, name, seen[first], seen[name], there) for name in causes[1:])
+
+
+def _recorded(case: Case) -> dict[str, int]:
+    """Rocks of which impacts and stops were recorded, by what they show in words."""
+    # Stations that are tried are new ones.
+    seen = replace(observed_campaign(case), passages=None)
+    return {what: int(np.isfinite(v).sum()) for what, v in _quantities(seen, ())}
 
 
 def tables_to_add(case: Case, causes: Sequence[str]) -> tuple[str, ...]:
@@ -187,17 +199,32 @@ def _impacts(hit: ImpactRows, n: int) -> Iterator[tuple[str, FloatArray]]:
 
 
 def _best(
-    one: str, other: str, first: Mapping[str, FloatArray], second: Mapping[str, FloatArray]
+    one: str,
+    other: str,
+    first: Mapping[str, FloatArray],
+    second: Mapping[str, FloatArray],
+    recorded: Mapping[str, int],
 ) -> Separation:
-    """The measurement with the largest difference, counted on campaigns that did not choose it."""
+    """The measurement with the largest difference, counted on campaigns that did not choose it.
+
+    What was recorded of so many rocks already has not told them apart.
+    """
     half = _CAMPAIGNS // 2
     size = {w: _difference(first[w][:, :half], second[w][:, :half]) for w in first}
-    best = max(size, key=lambda w: abs(size[w]))
+    new = [w for w in size if _rocks(size[w]) > recorded.get(w, 0)]
+    best = max(new, key=lambda w: abs(size[w]), default="")
+    if not best:
+        return Separation(one, other, "", 0)
     sure = _difference(first[best][:, half:], second[best][:, half:])
     sure *= math.copysign(1.0, size[best])
     if sure < _LEAST_DIFFERENCE:
         return Separation(one, other, "", 0)
-    return Separation(one, other, best, max(math.ceil((_SURE / sure) ** 2), _LEAST_ROCKS))
+    return Separation(one, other, best, max(math.ceil(_rocks(sure)), _LEAST_ROCKS))
+
+
+def _rocks(difference: float) -> float:
+    """Rocks that a difference takes, in standard deviations of one."""
+    return (_SURE / difference) ** 2 if difference else math.inf
 
 
 def _difference(one: FloatArray, other: FloatArray) -> float:

@@ -127,6 +127,8 @@ def _comments(
         if recommended == "configured"
         else f"Ground classes are calibrated to these observations ({CLASSES_NAME}).",
     ]
+    if diagnosis.advice.short is not None:
+        lines.append("Not recommended: it falls short of the rocks, on the unsafe side.")
     if diagnosis.advice.why:
         lines.append(f"{diagnosis.advice.why[:1].upper()}{diagnosis.advice.why[1:]}.")
     if not named:

@@ -87,6 +87,7 @@ def test_each_share_as_counted_by_hand() -> None:
         "null_right": (1, 3),
         # 1 and 4; the gap of 1 is no large one.
         "none_while_large": (1, 1),
+        "recommended_short": (0, 0),
         # 3, 6, B are not, 8 and 9 are by their members; 6 and 7 were seen otherwise.
         "covered_everything": (7, 9),
         "covered_otherwise": (1, 2),

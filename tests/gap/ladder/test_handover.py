@@ -9,7 +9,7 @@ import pytest
 
 from sassgis.gap.calibration.problem import CalibrationProblem, model_rows
 from sassgis.gap.diagnosis import Advice, GroundSetting, ModelGap, Rung
-from sassgis.gap.ladder.handover import falls_short, first_sentence, model_gaps, values_of, worst_of
+from sassgis.gap.ladder.handover import first_sentence, model_gaps, shortfall, values_of, worst_of
 from sassgis.gap.replicas.hypothesis_model import configured_model
 
 
@@ -33,7 +33,7 @@ def test_the_worst_is_the_surest_on_the_unsafe_side() -> None:
     assert worst_of([gap(3.0, 1.0), gap(20.0, 30.0), long]) == long
     assert worst_of([gap(3.0, 1.0), gap(20.0, 30.0)]) == gap(3.0, 1.0)
     assert worst_of([]) is None
-    assert falls_short([long, short]) and not falls_short([long, gap(8.0, 1.0)])
+    assert shortfall([long, short]) == short and shortfall([long, gap(8.0, 1.0)]) is None
 
 
 @pytest.mark.parametrize("shift", [30.0, -30.0])
@@ -95,6 +95,46 @@ def test_the_sentence_recommends_what_gains_and_says_why_not_more() -> None:
     said = first_sentence(advice("trees"), RUNGS)
     assert "Run model/config.toml, which has trees: on rocks left out" in said
     assert "calibrated ground alone 66 %" in said
+
+
+def test_a_run_out_beyond_the_terrain_is_not_called_short(problem: CalibrationProblem) -> None:
+    rows = model_rows(problem, configured_model(problem.case), 1, 2)
+    k = problem.scale.names.index("stop:runout")
+    near = rows.copy()
+    near[..., k] -= 3.0
+    sides = [
+        {g.statistic: g.side for g in model_gaps(problem, near, left) if g.place == "stop"}
+        for left in (0.0, 0.2, 0.6)
+    ]
+    assert sides[0]["90 %"] == sides[0]["median"] == sides[1]["median"] == "unsafe"
+    assert sides[1]["90 %"] == sides[2]["90 %"] == sides[2]["median"] == ""
+    # Too narrow, but all of it farther than the rocks came.
+    narrow = rows.copy()
+    narrow[..., k] = rows[..., k].max() + 5.0
+    found = {g.statistic: g for g in model_gaps(problem, narrow) if g.place == "stop"}
+    assert found["width"].gap > 0.0 and found["width"].side == ""
+    assert found["90 %"].side == "safe"
+
+
+def test_a_model_that_falls_far_short_is_not_recommended() -> None:
+    short = gap(107.0, 10.0)
+    said = first_sentence(replace(advice("trees", left=(short,)), short=short), RUNGS)
+    assert "Run model" not in said and "Even so" not in said
+    assert (
+        "None of the models that were tried is recommended: with the nearest, trees "
+        "(model/config.toml), the model is 107 m short (median run-out; 95 %: 97 to 117 m), on the "
+        "unsafe side. On rocks left out of the calibration, it closes 66 % (95 %: 50 to 80 %) of "
+        "the gap."
+    ) in said
+    said = first_sentence(replace(advice("configured", left=(short,)), short=short), RUNGS)
+    assert said.endswith("on the unsafe side. None of the models that were tried is recommended.")
+
+
+def test_what_is_no_part_of_the_motion_is_not_said_to_be_in_the_file() -> None:
+    rungs = (*RUNGS, Rung("release_error", 0.9, 0.7, (0.6, 0.8)))
+    said = first_sentence(advice("release_error"), rungs)
+    assert "Error of the release is no part of the motion: the file has only the ground" in said
+    assert "no part of the motion" not in first_sentence(advice("trees"), RUNGS)
 
 
 def test_what_the_recommended_model_leaves_on_the_unsafe_side_is_said() -> None:

@@ -12,7 +12,7 @@ from sassgis.engine.effects.trees import Trees as Forest
 from sassgis.gap.calibration.problem import CalibrationProblem
 from sassgis.gap.causes.parameter_draws import ParameterDraws
 from sassgis.gap.observations.campaign import LOOSE, PIECE, Campaign, main_blocks, observed_campaign
-from sassgis.gap.replicas.campaigns import campaigns
+from sassgis.gap.replicas.campaigns import campaigns, share_left
 from sassgis.gap.replicas.features import rock_quantities
 from sassgis.gap.replicas.hypothesis_model import (
     ForestStand,
@@ -23,6 +23,7 @@ from sassgis.gap.replicas.hypothesis_model import (
 from sassgis.gap.replicas.rock_lines import dips_at, heights_at_chainage
 from sassgis.gap.which.hypotheses import draw
 from sassgis.model.effects import EffectSettings
+from sassgis.model.ground import GroundTable
 
 
 def made(
@@ -45,6 +46,15 @@ def test_campaigns_are_the_same_however_they_are_asked_for(problem: CalibrationP
     assert one is not None and again is not None and other is not None
     np.testing.assert_array_equal(one.s, again.s)
     assert not np.array_equal(one.s, other.s)
+
+
+def test_rocks_that_run_off_the_terrain_are_counted(problem: CalibrationProblem) -> None:
+    smooth = GroundTable(
+        tuple(replace(c, eta_max=0.95, mu_f=0.05, mu_0=0.02, k=0.0) for c in BASE.table.classes)
+    )
+    case, lines = problem.case, problem.rock_lines
+    few, many = (share_left(case, lines, replace(BASE, table=t), 3) for t in (BASE.table, smooth))
+    assert few < 0.1 and many > 0.5
 
 
 def test_measurement_scales_what_is_read(problem: CalibrationProblem) -> None:

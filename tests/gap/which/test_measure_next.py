@@ -11,7 +11,7 @@ from helpers.simulated_slope import BASE, TABLE, observed
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel, MeasurementError
 from sassgis.gap.replicas.rock_lines import RockLines, rock_lines_of
-from sassgis.gap.which.measure_next import Separation, _places, separations
+from sassgis.gap.which.measure_next import Separation, _best, _places, _recorded, separations
 from sassgis.model.ground import GroundTable
 
 
@@ -57,6 +57,15 @@ def test_rocks_are_fewer_the_larger_the_difference(case: Case, lines: RockLines)
     low = GroundTable(tuple(replace(c, eta_max=0.9 * c.eta_max) for c in TABLE.classes))
     slow = between(case, lines, BASE, replace(BASE, table=low))
     assert slow.what and slow.rocks < 40
+
+
+def test_what_was_recorded_of_enough_rocks_is_not_asked_for_again(case: Case) -> None:
+    what = "where rocks stop along the fall line"
+    assert _recorded(case)[what] == 20
+    rng = np.random.default_rng(1)
+    one, other = ({what: mean + rng.normal(size=(4, 4, 20))} for mean in (0.0, 2.0))
+    assert _best("none", "trees", one, other, {}).what == what
+    assert not _best("none", "trees", one, other, {what: 20}).what
 
 
 def test_what_draws_of_one_model_differ_by_tells_nothing(case: Case, lines: RockLines) -> None:
