@@ -216,7 +216,7 @@ def scale_of(case: Case, quantities: Mapping[str, FloatArray]) -> Scale:
     """Quantities to be scored, with the scatter of the observed as their unit."""
     errors = errors_of(case)
     floors = {
-        "runout": 2.0 * errors.position_m,
+        "runout": 2.0 * errors.stop_m,
         "aside": 2.0 * errors.position_m,
         "speed": errors.speed_rel,
         "rotation": 0.1,
@@ -237,7 +237,8 @@ def scale_of(case: Case, quantities: Mapping[str, FloatArray]) -> Scale:
             continue
         names.append(name)
         centre.append(float(known.mean()))
-        scale.append(max(float(known.std(ddof=1)), floors[what]))
+        floor = floors["runout"] if (place, what) == ("stop", "aside") else floors[what]
+        scale.append(max(float(known.std(ddof=1)), floor))
     return Scale(tuple(names), np.array(centre), np.array(scale), case.n_rocks)
 
 

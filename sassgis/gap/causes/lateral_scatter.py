@@ -33,7 +33,8 @@ def station_offsets(case: Case, residuals: ResidualTable, least: int = 2) -> Flo
 
 def usual_offset(case: Case) -> float:
     """Mean size of offsets (m) that errors make, were they larger than stated."""
-    return math.sqrt(2.0 / math.pi) * (1.0 + MISSTATED) * side_error(case)
+    error = max(side_error(case), side_error(case, stop=True))
+    return math.sqrt(2.0 / math.pi) * (1.0 + MISSTATED) * error
 
 
 def base_size(draws: FloatArray) -> FloatArray:

@@ -92,7 +92,10 @@ class Campaign:
 
 @dataclass(frozen=True, slots=True)
 class Errors:
-    """Standard errors of measurement: as stated in the metadata, else what is usual."""
+    """Standard errors of measurement: as stated in the metadata, else what is usual.
+
+    ``stop_m`` is that of the place of a stop, ``position_m`` of any other.
+    """
 
     speed_rel: float = 0.05
     rotation_rel: float = 0.06
@@ -100,16 +103,20 @@ class Errors:
     position_m: float = 0.5
     turn_deg: float = 2.0
     mass_rel: float = 0.05
+    stop_m: float = 0.5
 
 
 def errors_of(case: Case) -> Errors:
     """Errors of measurement of the observations of a case."""
     meta, usual = case.observations.metadata, Errors()
+    position_m = stated_or(meta.position_error_m, usual.position_m)
     return Errors(
         stated_or(meta.speed_error_rel, usual.speed_rel),
         stated_or(meta.rotation_error_rel, usual.rotation_rel),
         stated_or(meta.height_error_m, usual.height_m),
-        stated_or(meta.position_error_m, usual.position_m),
+        position_m,
+        mass_rel=stated_or(meta.mass_error_rel, usual.mass_rel),
+        stop_m=stated_or(meta.stop_error_m, position_m),
     )
 
 

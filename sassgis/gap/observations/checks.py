@@ -84,7 +84,8 @@ def _same_stop(obs: Observations, grid: Grid | None) -> Iterator[ObservationFind
     deposits = obs.deposits
     first: dict[str, list[int]] = {}
     again, pieces = np.zeros(len(deposits), np.bool_), np.zeros(len(deposits), np.bool_)
-    near = stated_or(obs.metadata.position_error_m, POSITION_ERROR_M)
+    stated = obs.metadata
+    near = stated_or(stated.stop_error_m, stated_or(stated.position_error_m, POSITION_ERROR_M))
     for i, name in enumerate(deposits.rock_id.tolist()):
         if not name:
             continue

@@ -93,7 +93,7 @@ def _missed(case: Case, seen: Campaign) -> float:
         main = main_blocks(seen.deposits, case.n_rocks)
         has = main >= 0
         furthest[has] = np.fmax(furthest[has], seen.deposits.s[main[has]])
-    tolerance = 2.0 * errors_of(case).position_m
+    tolerance = 2.0 * errors_of(case).stop_m
     with np.errstate(invalid="ignore"):
         passed = (s > case.start[:, 1:2]) & (s < furthest[:, None] - tolerance)
     # A station at which nothing was recorded was not watched.

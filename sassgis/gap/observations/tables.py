@@ -400,6 +400,12 @@ class Metadata:
     ] = math.nan
     height_error_m: Annotated[float, Column("m", "standard error of a height of flight")] = math.nan
     position_error_m: Annotated[float, Column("m", "standard error of a position")] = math.nan
+    stop_error_m: Annotated[
+        float, Column("m", "standard error of the place of a stop; without it, of any position")
+    ] = math.nan
+    mass_error_rel: Annotated[float, Column("", "standard error of a mass, as a share of it")] = (
+        math.nan
+    )
     contact_min_normal_speed_mps: Annotated[
         float, Column("m/s", "speed into the ground below which a contact is not recorded")
     ] = math.nan

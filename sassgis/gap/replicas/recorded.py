@@ -122,9 +122,9 @@ class _Record:
         first = int(self._moved.rocks["rock"].min()) if self._moved.rocks.size else 0
         return rows["line"] + (rows["rock"].astype(np.int64) - first) * self._n
 
-    def _lateral_offset(self, owner: IntArray, moved: FloatArray) -> FloatArray:
+    def _lateral_offset(self, owner: IntArray, moved: FloatArray, stated_m: float) -> FloatArray:
         """Lateral offset from the line, measured; ``moved``: that of the motion itself (m)."""
-        error = np.hypot(self._errors.position_m, self._model.measurement.position_m)
+        error = np.hypot(stated_m, self._model.measurement.position_m)
         noise = error * self._rng.standard_normal(owner.size)
         measured: FloatArray = moved + self._offset[owner] + noise
         return measured
@@ -158,11 +158,11 @@ class _Record:
         ).astype(np.int64)
         s = np.concatenate([rocks["runout_m"], pieces["runout_m"]])
         mass = np.concatenate([rocks["mass_kg"], pieces["mass_kg"]])
-        lateral = self._lateral_offset(owner, moved)
+        lateral = self._lateral_offset(owner, moved, self._errors.stop_m)
         m = self._model.measurement
         first = self._case.station_s[:, 0] if self._case.station_names else np.zeros(self._n)
         anchor = np.nan_to_num(first)[owner % self._n]
-        error = np.hypot(self._errors.position_m, m.position_m)
+        error = np.hypot(self._errors.stop_m, m.position_m)
         s = anchor + m.stretch * (s - anchor) + error * self._rng.standard_normal(s.size)
         mass = mass * np.exp(self._errors.mass_rel * self._rng.standard_normal(mass.size))
         return DepositRows(np.where(kind == LOOSE, -1 - owner, owner), kind, s, lateral, mass)
@@ -188,7 +188,7 @@ class _Record:
             np.where(kind == LOOSE, -1 - owner, owner),
             rows["control_line"].astype(np.int64),
             kind,
-            self._lateral_offset(owner, aside),
+            self._lateral_offset(owner, aside, errors.position_m),
             speed,
             rotation,
             height,

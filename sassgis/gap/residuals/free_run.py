@@ -323,9 +323,7 @@ def free_run_residuals(
     runout, aside_end, stops, largest = observed_end(case)
     if np.isfinite(runout).any():
         span = (float(np.nanmin(runout)), float(np.nanmax(runout)))
-        predicted = run.ends.runout_m + error.position_m * rng.standard_normal(
-            run.ends.runout_m.shape
-        )
+        predicted = run.ends.runout_m + error.stop_m * rng.standard_normal(run.ends.runout_m.shape)
         found.append(
             Residual(
                 "all", "stopping", "runout_m", "free run", runout, mean_of_draws(predicted), *span
@@ -347,12 +345,14 @@ def free_run_residuals(
     return found
 
 
-def side_error(case: Case) -> float:
-    """Error of an offset from the fall line (m).
+def side_error(case: Case, stop: bool = False) -> float:
+    """Error of an offset from the fall line (m), of a stop or of a passage.
 
     The line starts where the rock was seen to start, and is known to half a cell.
     """
-    return math.hypot(math.sqrt(2.0) * errors_of(case).position_m, 0.5 * case.grid.cell_size)
+    error = errors_of(case)
+    end = error.stop_m if stop else error.position_m
+    return math.hypot(error.position_m, end, 0.5 * case.grid.cell_size)
 
 
 def _sides(
@@ -369,11 +369,12 @@ def _sides(
     What rocks of one release have in common is an error of their fall lines, too, and no scatter of
     theirs. A model in the plane of the fall line cannot leave it: there only the error is expected.
     """
-    error = side_error(case)
+    error = side_error(case, place == "all")
     if case.terrain is not None:
         mean = mean_of_draws(draws)
-        own = math.sqrt(2.0) * errors_of(case).position_m
-        blurred = draws + own * rng.standard_normal(draws.shape)
+        stated = errors_of(case)
+        end = stated.stop_m if place == "all" else stated.position_m
+        blurred = draws + math.hypot(stated.position_m, end) * rng.standard_normal(draws.shape)
         both = _apart(case, np.column_stack([lateral, blurred]))
         size, usual, score = spread(both[:, 0], both[:, 1:])
     else:

@@ -286,9 +286,9 @@ def _runs(case: Case, run: FreeRun) -> list[_Part]:
     ]  # fmt: skip
 
 
-def _offset(case: Case, draws: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _offset(case: Case, draws: FloatArray, *, stop: bool = False) -> tuple[FloatArray, FloatArray]:
     """Mean lateral offset in the model and its standard deviation, with the error of the line."""
-    error = np.full(len(draws), side_error(case))
+    error = np.full(len(draws), side_error(case, stop))
     if case.terrain is None:
         return np.zeros(len(draws)), error
     mean, sd = _mean_and_sd(draws)
@@ -300,7 +300,7 @@ def _stops(case: Case, run: FreeRun) -> list[_Part]:
     rock = np.flatnonzero(np.isfinite(runout))
     if not rock.size:
         return []
-    predicted, sd = _offset(case, run.ends.lateral_m[rock])
+    predicted, sd = _offset(case, run.ends.lateral_m[rock], stop=True)
     return [
         {
             "rock": rock, "step": "stop", "quantity": "lateral_m",

@@ -90,3 +90,17 @@ def test_nothing_observed_is_recorded_whole() -> None:
     found = observer_of(observed(8, 3, tables=("deposits",)))
     assert found.contact_min_normal_speed_mps == found.contact_min_interval_s == 0.0
     assert found.passages_missed_share == 0.0
+
+
+def test_stops_have_an_error_of_their_own(problem: CalibrationProblem) -> None:
+    stated = with_metadata(problem.case, position_error_m=0.1, stop_error_m=4.0, mass_error_rel=0.3)
+    errors = observer_of(stated).errors
+    assert (errors.position_m, errors.stop_m, errors.mass_rel) == (0.1, 4.0, 0.3)
+    assert observer_of(with_metadata(stated, stop_error_m=np.nan)).errors.stop_m == 0.1
+    made = seen_by(problem, count=20, errors=errors)
+    beside = [
+        np.concatenate([getattr(s, t).lateral_m for s in made]) for t in ("deposits", "passages")
+    ]
+    # On fall lines there is no other.
+    assert beside[0].std() == pytest.approx(4.0, rel=0.1)
+    assert beside[1].std() == pytest.approx(0.1, rel=0.1)
