@@ -33,12 +33,6 @@ def _draw(case: Case, draws: ParameterDraws) -> CausePart:
     return part_of(Roughness, form, values, classes=classes)
 
 
-def _scatter(case: Case, residuals: ResidualTable) -> Scores:
-    rows, z = contact_gaps(residuals, "normal_speed_mps")
-    scatter = beyond_any_law(rows, z) ** 2 - 1.0
-    return Scores(per_rock(scatter - 0.3, rows.rock, case.n_rocks), float(scatter.mean()))
-
-
 def _scatter_of_small(case: Case, residuals: ResidualTable) -> Scores:
     rows, z = contact_gaps(residuals, "normal_speed_mps")
     left = beyond_any_law(rows, z)
@@ -59,10 +53,9 @@ CAUSE = Cause(
     group="contact",
     phase="impact",
     draw=_draw,
-    shown_by="scatter of the rebound beyond that of the model, which edges of rocks leave as well; "
-    "the more the smaller the rock; small rocks slow on all reaches",
+    shown_by="scatter of the rebound beyond that of the model, the more the smaller the rock (that "
+    "of all sizes alike is left by edges of rocks, too); small rocks slow on all reaches",
     statistics=(
-        Trace("scatter of the rebound", _scatter, ("impacts",)),
         Trace(
             "scatter of the rebound, the more the smaller the rock", _scatter_of_small, ("impacts",)
         ),

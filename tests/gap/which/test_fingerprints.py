@@ -232,8 +232,8 @@ def test_turns_of_the_heading_do_not_speak_for_rough_ground(
     edges = changed(residuals, "impact", "normal_speed_mps", 3.0 * np.nan_to_num(steps.sd) * away)
     turned = changed(edges, "impact", "turn_deg", 30.0 * rng.standard_normal(len(steps)))
     found = by_name(case, turned)
-    clear = {t.name for t in CAUSES["roughness"].statistics if t.clear}
-    assert not clear and found["scatter of the rebound"].p_adjusted <= 0.01
+    rough = [t.name for t in CAUSES["roughness"].statistics]
+    assert all(found[name].p_adjusted > 0.01 for name in rough)
     assert found["turn of the heading at impacts"].effect == "lateral_deflection"
     assert found["turn of the heading at impacts"].z > 3.0
 
