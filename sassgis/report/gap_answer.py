@@ -94,7 +94,7 @@ def _why(diagnosis: Diagnosis) -> ReportAnswer:
     verdict = diagnosis.verdict
     out: list[str] = [_sentence(verdict.reason)] if verdict.reason else []
     if verdict.phase or verdict.segments:
-        place = all_of(place_words(s) for s in verdict.segments)
+        place = all_of(place_words(s) for s in _stretches(verdict.segments))
         acts = phrase("It acts")
         if verdict.phase:
             acts = phrase("It acts in the phase “{}”", phrase(verdict.phase))
@@ -137,6 +137,19 @@ def _why(diagnosis: Diagnosis) -> ReportAnswer:
                 )
             )
     return ReportAnswer("How sure this is", tuple(out))
+
+
+def _stretches(segments: Iterable[str]) -> list[str]:
+    """Reaches that follow each other, as one."""
+    out: list[str] = []
+    for own in segments:
+        before, (upper, _, lower) = out[-1] if out else "", own.partition("-")
+        # Names of stations that have a dash cannot be taken apart.
+        if before.partition("-")[2] == upper and (before + own).count("-") == 2:
+            out[-1] = f"{before.partition('-')[0]}-{lower}"
+        else:
+            out.append(own)
+    return out
 
 
 def hypothesis_of(which: Iterable[Hypothesis], effect: str) -> Hypothesis | None:

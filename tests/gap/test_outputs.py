@@ -671,6 +671,30 @@ def test_the_report_is_in_the_language_of_the_project(
     assert re.findall(english, page) == []
 
 
+def test_reaches_that_follow_each_other_are_one_place(few_case: Case) -> None:
+    made = with_trees(few_case)
+    for segments, words in (
+        (("release-S1", "S1-S2", "S2-end"), "from the release to the stop."),
+        (("release-S1", "S2-S3", "S3-S4"), "above S1 and between S2 and S4."),
+        (("A-1-B", "B-C"), "on the stretch A-1-B and between B and C."),
+    ):
+        own = replace(made, verdict=replace(made.verdict, segments=segments))
+        parts = {p.heading: p for p in answer(own)}
+        assert words in " ".join(parts["How sure this is"].sentences), words
+
+
+def test_what_is_possible_beside_an_unknown_cause_is_told(few_case: Case) -> None:
+    made = unnamed(few_case, "unknown")
+    for held, hidden, words in (
+        (("unknown", "trees"), (), "Still possible: trees."),
+        (("unknown",), ("air_drag",), "None of the causes that these data could show is probable."),
+    ):
+        verdict = replace(made.verdict, confusion_set=held, cannot_exclude=hidden)
+        parts = {p.heading: p for p in answer(replace(made, verdict=verdict))}
+        said = parts["What it may be mistaken for"].sentences
+        assert said[0] == words and "remains possible" not in " ".join(said)
+
+
 def test_withheld_shrinkage_is_told(case: Case) -> None:
     diagnosis = with_trees(case)
     withheld = replace(diagnosis.shrinkage, value=None, ci95=None, note="the gap is small")
