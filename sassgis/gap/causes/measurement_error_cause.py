@@ -67,11 +67,14 @@ def _draw(case: Case, draws: ParameterDraws) -> CausePart:
     return CausePart("scale, time base, noise", change, asdict(measurement))
 
 
-def _speed_ratios(case: Case) -> tuple[FloatArray, FloatArray]:
-    """Speeds as stated over those from positions and times, of each rock: log, usual scatter."""
+def _speed_ratios(case: Case) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Speeds as stated over those from positions and times, of each rock: log, usual scatter.
+
+    And how much of it is the correction of distances for errors of position.
+    """
     track = case.observations.trajectories
     error = errors_of(case)
-    ratio, usual = np.full((2, case.n_rocks), np.nan)
+    ratio, usual, corrected = np.full((3, case.n_rocks), np.nan)
     for rock, rows in case.observations.paths_of_rocks(track.speed_mps).items():
         t = track.t_s[rows]
         ahead = np.searchsorted(t, t + _LAG_S - 1e-6)
@@ -89,15 +92,19 @@ def _speed_ratios(case: Case) -> tuple[FloatArray, FloatArray]:
             ratio[rock] = np.median(np.log(stated[fast] * lag[fast] / clean[fast]))
             spread = math.hypot(error.speed_rel, 1.5 * error.position_m / np.median(clean[fast]))
             usual[rock] = 2.0 * spread / math.sqrt(float(fast.sum()) / 5.0)
+            corrected[rock] = np.median(np.log(distance[fast] / clean[fast]))
     if np.isfinite(ratio).sum() < LEAST:
         raise Unseen
-    return ratio, usual
+    return ratio, usual, corrected
 
 
 def _all_alike(case: Case, residuals: ResidualTable) -> Scores:
-    ratio, _ = _speed_ratios(case)
+    ratio, _, corrected = _speed_ratios(case)
     middle = float(np.nanmedian(ratio))
-    return Scores(math.copysign(1.0, middle) * ratio - 0.05, abs(middle) - 0.05)
+    # The correction goes with the square of an error that may be stated wrongly.
+    room = (_SCALE_USUAL - 1.0) + ((1.0 + MISSTATED) ** 2 - 1.0) * corrected
+    size = abs(middle) - float(np.nanmedian(room))
+    return Scores(math.copysign(1.0, middle) * ratio - room, size)
 
 
 def _against_falls(case: Case, residuals: ResidualTable) -> Scores:
@@ -121,7 +128,7 @@ def _against_falls(case: Case, residuals: ResidualTable) -> Scores:
 
 
 def _each_its_own(case: Case, residuals: ResidualTable) -> Scores:
-    ratio, usual = _speed_ratios(case)
+    ratio, usual, _ = _speed_ratios(case)
     away = np.abs(ratio - float(np.nanmedian(ratio)))
     return Scores(away - (1.0 + MISSTATED) * usual, float(np.nanstd(ratio)))
 
