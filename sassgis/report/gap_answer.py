@@ -36,7 +36,7 @@ def verdict_sentence(diagnosis: Diagnosis) -> Phrase:
     if verdict.group_probability >= 0.0:
         share = f"{100 * verdict.group_probability:.0f}"
         out.append(phrase("Group “{}”: {} %.", phrase(verdict.group), share))
-    if verdict.effect == "none" and verdict.cannot_exclude:
+    if verdict.effect in ("none", "contact_law") and verdict.cannot_exclude:
         out.append(_unseen(verdict))
     return joined(" ", out)
 
@@ -51,6 +51,11 @@ def _named(diagnosis: Diagnosis) -> Phrase:
     verdict, advice = diagnosis.verdict, diagnosis.advice
     if verdict.effect == "unknown":
         return phrase("These data cannot answer which cause the gap has.")
+    if verdict.effect == "contact_law":
+        return phrase(
+            "No cause that these data could show is probable beside {}.",
+            effect_phrase(verdict.effect),
+        )
     if verdict.effect != "none":
         shown, by = effect_phrase(verdict.effect), diagnosis.shrinkage
         if by.effect == verdict.effect and by.value is not None and by.value <= 0.0:
