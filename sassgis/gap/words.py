@@ -112,7 +112,9 @@ def quantity_name(quantity: str) -> Phrase:
         name = quantity_name(quantity.removeprefix("stop "))
         return phrase("{} of stops", name) if name.startswith("lateral") else name
     if quantity.endswith("_spread"):
-        return phrase("scatter of {}", quantity_name(quantity.removesuffix("_spread")))
+        return phrase(
+            "scatter of {} about the prediction", quantity_name(quantity.removesuffix("_spread"))
+        )
     if quantity in QUANTITY_NAMES:
         return phrase(QUANTITY_NAMES[quantity])
     end = next((e for e in _UNIT_ENDS if quantity.endswith(e)), "")

@@ -574,7 +574,7 @@ def test_quantities_in_words() -> None:
     assert quantity_name("height_m") == "passing height"
     assert quantity_name("peak_energy_kj") == "peak energy"
     assert quantity_name("odd") == "odd"
-    assert quantity_name("runout_m_spread") == "scatter of run-out"
+    assert quantity_name("runout_m_spread") == "scatter of run-out about the prediction"
     assert quantity_name("stop runout") == "run-out"
     assert quantity_name("stop aside") == "lateral offset of stops"
     assert with_unit_in_brackets("speed", "m/s") == "speed (m/s)"
