@@ -555,6 +555,19 @@ def against() -> str:
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
+def adequacy() -> str:
+    """Sites without an effect at which the base is adequate, by what else is there."""
+    rows = [r for r in read_rows() if not r["effects"]]
+    lines = [["", "all", *LAWS], ["---"] * (2 + len(LAWS))]
+    for kind, words in (("", "nothing"), ("patch", "a patch of another ground that no map shows"),
+                        ("speed_loss", "a loss at contacts that grows with the speed")):  # fmt: skip
+        own = [r for r in rows if r["disturbance"] == kind]
+        parts = [own, *([r for r in own if r["law"] == law] for law in LAWS)]
+        shown = [f"{sum(int(r['adequate']) for r in part)}/{len(part)}" for part in parts]
+        lines.append([words, *shown])
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
 def level() -> str:
     """Campaigns of a model that the check calls inadequate for that model, by generator."""
     with LEVEL.open(encoding="utf-8", newline="") as stream:
@@ -592,7 +605,7 @@ def filled(text: str) -> str:
     """The page with its tables."""
     tables = {
         "laws": table, "confusion": confusion, "level": level, "against": against,
-        "reached": reached,
+        "reached": reached, "adequacy": adequacy,
     }  # fmt: skip
     for name, made in tables.items():
         text = re.sub(
