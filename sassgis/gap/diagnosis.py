@@ -10,6 +10,8 @@ from typing import Any
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel
 
 Range = tuple[float, float]
+#: Share of the draws of a cause that must show, for what it closes to speak for it.
+LEAST_POWER = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,6 +210,11 @@ class CauseGain:
     power: float
     excess: float
     shares: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def credible(self) -> bool:
+        """Whether the cause could make a gain at all here: else something else makes it."""
+        return self.power >= LEAST_POWER
 
 
 @dataclass(frozen=True, slots=True)

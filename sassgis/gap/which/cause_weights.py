@@ -107,7 +107,7 @@ def evidence_of(
         for kind in (True, False)
     ]
     gain = gains.get(cause)
-    if gain is None or not CAUSES[cause].closes:
+    if gain is None or not CAUSES[cause].closes or not gain.credible:
         return np.array([*best, 0.0, 0.0])
     return np.array([*best, _count(gain.sureness), gain.share])
 

@@ -134,10 +134,14 @@ def seen_of(
     that a family adds may lie in the gap that another one leaves. Other fingerprints that no
     contact leaves may be hidden by the scatter of the rocks: they must be seen, and more clearly
     those that another law of the contact leaves as well. Else a family must have the power to close
-    something, or close it.
+    something, or close it; what hardly any draw of it could close, something else does.
     """
     by_prints = {f.effect for f in prints if f.observable and _would_show(f)}
-    by_gains = {n for n, own in gains.items() if own.power >= POWER or own.sureness >= SHOWS}
+    by_gains = {
+        name
+        for name, own in gains.items()
+        if own.power >= POWER or (own.credible and own.sureness >= SHOWS)
+    }
     return tuple(n for n in tried if n in by_prints or n in by_gains)
 
 
@@ -198,7 +202,8 @@ def decide(
     first = max(tried, key=lambda n: shares[n], default="")
     refused = phrase("")
     own = best[first].z if first in best else -math.inf
-    gain = gains[first].sureness if first in gains else -math.inf
+    credible = first in gains and gains[first].credible
+    gain = gains[first].sureness if credible else -math.inf
     if first and max(own, gain) >= SEEN and shares[first] >= thresholds.named:
         # Such a cause is one also where the rocks come as far without it.
         if closes is None or closes > 0.0 or is_certain(prints, first, thresholds):
