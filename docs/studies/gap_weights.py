@@ -559,8 +559,11 @@ def adequacy() -> str:
     """Sites without an effect at which the base is adequate, by what else is there."""
     rows = [r for r in read_rows() if not r["effects"]]
     lines = [["", "all", *LAWS], ["---"] * (2 + len(LAWS))]
-    for kind, words in (("", "nothing"), ("patch", "a patch of another ground that no map shows"),
-                        ("speed_loss", "a loss at contacts that grows with the speed")):  # fmt: skip
+    for kind, words in (
+        ("", "nothing"),
+        ("patch", "a patch of another ground that no map shows"),
+        ("speed_loss", "a loss at contacts that grows with the speed"),
+    ):
         own = [r for r in rows if r["disturbance"] == kind]
         parts = [own, *([r for r in own if r["law"] == law] for law in LAWS)]
         shown = [f"{sum(int(r['adequate']) for r in part)}/{len(part)}" for part in parts]

@@ -36,6 +36,8 @@ def verdict_sentence(diagnosis: Diagnosis) -> Phrase:
     if verdict.group_probability >= 0.0:
         share = f"{100 * verdict.group_probability:.0f}"
         out.append(phrase("Group “{}”: {} %.", phrase(verdict.group), share))
+    if "measurement_error" in verdict.effect.split("+"):
+        out.append("The observations that are compared with the model have it.")
     if verdict.effect in ("none", "contact_law") and verdict.cannot_exclude:
         out.append(_unseen(verdict))
     return joined(" ", out)
@@ -65,7 +67,9 @@ def _named(diagnosis: Diagnosis) -> Phrase:
             )
         return phrase("The gap is best explained by {}.", shown)
     left = phrase("is no more than chance among {} rocks", diagnosis.rocks)
-    if any(gap.counts and gap.side == "unsafe" for gap in advice.left):
+    if any(gap.counts and gap.side == "unsafe" for gap in advice.left) or any(
+        significance(finding) == "sure" for finding in diagnosis.where
+    ):
         left = phrase("is that of no known cause, and small")
     if advice.recommended == "configured":
         return phrase(

@@ -230,8 +230,15 @@ def test_what_could_not_be_seen_is_neither_named_nor_counted() -> None:
     assert seen == ("trees", "roughness")
     p = weights.shares(prints, gains, seen)
     assert set(p) == {"trees", "roughness", NONE, "unknown"}
-    # What certainly closes something is seen, whatever its power; so is a place that is certain.
+    # What certainly closes something is seen, if some of its draws could; so is a certain place.
     assert "air_drag" in seen_of(prints, {"air_drag": gained("air_drag", 5.0, 0.2)}, FAMILIES)
+    none_could = {"air_drag": gained("air_drag", 9.0, 0.0)}
+    assert "air_drag" not in seen_of(prints, none_could, FAMILIES)
+    one, other = (
+        weights.shares([], {"air_drag": gained("air_drag", 9.0, own)}, FAMILIES)["air_drag"]
+        for own in (0.0, 0.1)
+    )
+    assert one < 0.01 and other > 0.3
     assert "lateral_deflection" in seen_of([replace(prints[1], z=3.0)], {}, FAMILIES)
     # What a contact leaves as well must be clearer.
     lost = "rebound lost with the normal speed, on one ground alone"
