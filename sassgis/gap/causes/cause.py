@@ -19,8 +19,8 @@ LEAST = 5
 #: Sureness of a gain from which a cause is seen by what it closes. Ten causes are tried at a site:
 #: of those that are absent three of a hundred have this (docs/studies/gap_weights.md).
 SHOWS = 5.0
-#: z from which a fingerprint that no contact could leave is seen by itself, and any other.
-PRINTED, CERTAIN = 3.0, 6.0
+#: z from which a fingerprint that no contact could leave is seen by itself.
+PRINTED = 3.0
 #: Stated errors of measurement may be wrong by this share of themselves.
 MISSTATED = 0.5
 #: Shift, in standard deviations, up to which a comparison may be off by itself.

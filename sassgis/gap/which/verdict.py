@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from sassgis.gap.causes.all_causes import CAUSES, GROUPS
-from sassgis.gap.causes.cause import CERTAIN, PRINTED, SHOWS
+from sassgis.gap.causes.cause import PRINTED, SHOWS
 from sassgis.gap.diagnosis import CauseGain, Fingerprint, GapFinding
 from sassgis.gap.observations.case import Case
 from sassgis.gap.where.findings import locate
@@ -120,7 +120,7 @@ def is_certain(prints: Sequence[Fingerprint], effect: str, thresholds: Threshold
 
 def _would_show(one: Fingerprint) -> bool:
     """Whether a fingerprint is one that would be seen where its cause is, or is seen."""
-    if one.statistic in _OF_PATHS or one.z >= (PRINTED if one.statistic in _CLEAR else CERTAIN):
+    if one.statistic in _OF_PATHS or (one.statistic in _CLEAR and one.z >= PRINTED):
         return True
     return one.statistic in _OF_MASSES and one.z > -PRINTED
 
@@ -132,9 +132,10 @@ def seen_of(
 
     Paths in time could show theirs wherever they were recorded; so could masses, unless the one
     that a family adds may lie in the gap that another one leaves. Other fingerprints that no
-    contact leaves may be hidden by the scatter of the rocks: they must be seen, and more clearly
-    those that another law of the contact leaves as well. Else a family must have the power to close
-    something, or close it; what hardly any draw of it could close, something else does.
+    contact leaves may be hidden by the scatter of the rocks: they must be seen. What another
+    law of the contact or a film that begins late leaves as well shows nothing by itself. Else a
+    family must have the power to close something, or close it; what hardly any draw of it could
+    close, something else does.
     """
     by_prints = {f.effect for f in prints if f.observable and _would_show(f)}
     by_gains = {
@@ -260,14 +261,15 @@ def group_probability(group: str, shares: Mapping[str, float]) -> float:
 def confusion_set(
     effect: str, least: Sequence[float], shares: Mapping[str, float]
 ) -> tuple[str, ...]:
-    """The answer, and what is as probable as ``least``.
+    """The answer, what is as probable as ``least``, and what is more probable than any of these.
 
     ``least``: of a family, of "none", and of "unknown". Two or more families of one group that are
     not the answer become the group, which then stands for all of its causes.
     """
     of = {NONE: least[1], UNKNOWN: least[2]}
-    possible = [n for n, p in shares.items() if p >= of.get(n, least[0])]
     named = effect.split("+")
+    enough = [p for n, p in shares.items() if n in named or p >= of.get(n, least[0])]
+    possible = [n for n, p in shares.items() if p >= min(enough, default=1.0)]
     held = [n for n in possible if n not in named]
     found = list(named)
     for name in held:

@@ -240,11 +240,10 @@ def test_what_could_not_be_seen_is_neither_named_nor_counted() -> None:
     )
     assert one < 0.01 and other > 0.3
     assert "lateral_deflection" in seen_of([replace(prints[1], z=3.0)], {}, FAMILIES)
-    # What a contact leaves as well must be clearer.
+    # What a contact leaves as well shows nothing by itself.
     lost = "rebound lost with the normal speed, on one ground alone"
-    soft = Fingerprint("soft_ground", lost, 1.0, 5.9, 0.001, True, 30)
+    soft = Fingerprint("soft_ground", lost, 1.0, 9.0, 0.001, True, 30)
     assert seen_of([soft], {}, FAMILIES) == ()
-    assert seen_of([replace(soft, z=6.0)], {}, FAMILIES) == ("soft_ground",)
     # Where much mass is missing nothing is known of what came in addition.
     more = Fingerprint(
         "entrainment", "mass that lies beyond what was released", 0.0, 0.0, 1.0, True, 30
@@ -268,7 +267,9 @@ def test_the_confusion_set_has_groups_where_families_are_not_told_apart() -> Non
     )
     assert confusion_set("trees", (0.25, 0.25, 0.05), p) == ("trees", "air_drag")
     assert confusion_set("trees", (0.03, 0.03, 0.05), p) == ("trees", "air_drag", "none", "contact")
-    assert confusion_set("trees", (0.03, 0.5, 0.05), p) == ("trees", "air_drag", "contact")
+    # What is more probable than something in the set is in it, too.
+    assert confusion_set("trees", (0.03, 0.5, 0.05), p) == ("trees", "air_drag", "none", "contact")
+    assert confusion_set("trees", (0.25, 0.5, 0.05), p) == ("trees", "air_drag")
     # An effect that has no name is possible as well.
     assert confusion_set("none", (0.5, 0.1, 0.1), {"none": 0.6, "unknown": 0.1}) == (
         "none",
