@@ -37,10 +37,21 @@ def verdict_sentence(diagnosis: Diagnosis) -> Phrase:
         share = f"{100 * verdict.group_probability:.0f}"
         out.append(phrase("Group “{}”: {} %.", phrase(verdict.group), share))
     if "measurement_error" in verdict.effect.split("+"):
-        out.append("The observations that are compared with the model have it.")
+        out.append(phrase("The observations that are compared with the model have it."))
+        out += _scaled(hypothesis_of(diagnosis.which, verdict.effect))
     if verdict.effect in ("none", "contact_law") and verdict.cannot_exclude:
         out.append(_unseen(verdict))
     return joined(" ", out)
+
+
+def _scaled(named: Hypothesis | None) -> list[Phrase]:
+    """By what factor speeds were observed, if that is no chance."""
+    scale = None if named is None else named.parameters.get("scale")
+    low, high = (1.0, 1.0) if named is None else named.intervals.get("scale", (1.0, 1.0))
+    if scale is None or low <= 1.0 <= high:
+        return []
+    said = "Observed speeds are {} times those that fit (95 %: {})."
+    return [phrase(said, sensible(scale), interval_text((low, high)))]
 
 
 def _unseen(verdict: Verdict) -> Phrase:
@@ -102,7 +113,7 @@ def answer(diagnosis: Diagnosis) -> tuple[ReportAnswer, ...]:
 def _why(diagnosis: Diagnosis) -> ReportAnswer:
     verdict = diagnosis.verdict
     out: list[str] = [_sentence(verdict.reason)] if verdict.reason else []
-    if verdict.phase or verdict.segments:
+    if verdict.effect not in UNNAMED and (verdict.phase or verdict.segments):
         place = all_of(place_words(s) for s in _stretches(verdict.segments))
         acts = phrase("It acts")
         if verdict.phase:

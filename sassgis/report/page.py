@@ -135,6 +135,8 @@ def sensible(value: Cell, digits: int = 3) -> str:
     number = float(value)
     if math.isnan(number):
         return "–"
+    if abs(number) < 1e-12:
+        number = 0.0
     if math.isinf(number):
         return "∞" if number > 0.0 else "−∞"
     if isinstance(value, int | np.integer) or number == 0.0:

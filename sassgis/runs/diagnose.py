@@ -80,6 +80,10 @@ _FEWEST_ROCKS = 5
 _FEWEST_GROUPS = 4
 #: Share of rocks that leave the terrain from which it is said.
 _FEW_LEAVE = 0.01
+_NOT_THE_LAW = (
+    "another law of the contact closes more on rocks left out, but not certainly more than other "
+    "values of the ground might"
+)
 _ATYPICAL = (
     "The calibrated base is farther from these observations than at any synthetic site: the "
     "probabilities of the causes may not hold here."
@@ -170,6 +174,7 @@ def diagnose(
                 *settings.notes,
                 *scenario_warnings(settings),
                 *_group_warnings(case),
+                *_stop_warnings(case),
                 *diagnosis.warnings,
             ),
         )
@@ -197,6 +202,23 @@ def _group_warnings(case: Case) -> tuple[str, ...]:
         _FEWEST_GROUPS,
     )
     return (joined(" ", (found, told)),)
+
+
+def _stop_warnings(case: Case) -> tuple[str, ...]:
+    """That rocks passed the last station and have no stop: the farthest may be among them."""
+    seen = case.observations
+    lying = {int(k) for k in seen.rock_of("deposits") if k >= 0}
+    if not lying or not case.station_names:
+        return ()
+    last = seen.passages.station == case.station_names[-1]
+    lost = {int(k) for k in seen.rock_of("passages")[last] if k >= 0} - lying
+    if not lost:
+        return ()
+    text = (
+        "{} rocks passed the last station and have no stop: run-outs are those of the other rocks, "
+        "and may be too short."
+    )
+    return (phrase(text, len(lost)),)
 
 
 def _gaps(
@@ -259,6 +281,9 @@ def _diagnosis(
     for step in steps:
         ladder.add(Step(step, added.rung if step == parts[0] else parts[0], added.rows(step)))
     recommended, why = ladder.recommended(*bases, *steps)
+    beyond = ladder.gain(GROUND, CONTACT_LAW)
+    if not law and recommended == GROUND and beyond is not None and beyond[0].low > 0.0:
+        why = why or _NOT_THE_LAW
     # Of the configured ground nothing was calibrated.
     fit = None if recommended == CONFIGURED else added.fit(recommended)
     handed = configured_model(case) if fit is None else fit.handed_over.draw.model
@@ -356,12 +381,13 @@ def _hypotheses(
 ) -> tuple[Hypothesis, ...]:
     """What was calibrated, most probable first."""
     made = added.made
-    base = made.scores(NONE)
     rng = np.random.default_rng([made.problem.seed, 81])
     found = []
     for tried, fit in made.fits.items():
         own = fit.held_out_scores(made.problem.part)
-        gain = gain_of(base, own, made.problem.case.group, rng)
+        # A law of the contact is none of the cause's merits.
+        simpler = NONE if tried in (NONE, CONTACT_LAW) else added.base
+        gain = gain_of(made.scores(simpler), own, made.problem.case.group, rng)
         top = fit.handed_over.draw
         causes = [part for part in tried.split("+") if part != CONTACT_LAW]
         name = "+".join(causes) or CONTACT_LAW

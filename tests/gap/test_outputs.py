@@ -683,6 +683,20 @@ def test_reaches_that_follow_each_other_are_one_place(few_case: Case) -> None:
         assert words in " ".join(parts["How sure this is"].sentences), words
 
 
+def test_a_scale_of_speeds_that_is_named_is_told(few_case: Case) -> None:
+    made = with_trees(few_case)
+    own = replace(
+        made.which[0], effect="measurement_error", parameters={"scale": 1.13},
+        intervals={"scale": (1.01, 1.21)},
+    )  # fmt: skip
+    verdict = replace(made.verdict, effect="measurement_error")
+    said = verdict_sentence(replace(made, verdict=verdict, which=(own,)))
+    assert "The observations that are compared with the model have it." in said
+    assert "Observed speeds are 1.13 times those that fit (95 %: 1.01" in said
+    unsure = replace(own, intervals={"scale": (0.97, 1.21)})
+    assert "times those" not in verdict_sentence(replace(made, verdict=verdict, which=(unsure,)))
+
+
 def test_what_is_possible_beside_an_unknown_cause_is_told(few_case: Case) -> None:
     made = unnamed(few_case, "unknown")
     for held, hidden, words in (

@@ -13,6 +13,7 @@ from sassgis.terrain.heights import heights_at
 
 #: Room for errors of measurement where none are stated.
 SPEED_ERROR_REL, HEIGHT_ERROR_M, POSITION_ERROR_M = 0.05, 0.25, 0.5
+MASS_ERROR_REL = 0.05
 #: Errors in units of the standard error that are still put down to the measurement.
 SIGMAS = 3.0
 

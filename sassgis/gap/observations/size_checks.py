@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from sassgis.gap.observations.allowances import MASS_ERROR_REL, SIGMAS, stated_or
 from sassgis.gap.observations.observation_finding import ObservationFinding
 from sassgis.gap.observations.observed import DENSITY_KGM3, Observations
 from sassgis.gap.observations.rules import RULES, some_of
@@ -21,8 +22,6 @@ _UNITS = {"centimetres": 1e6, "millimetres": 1e9}
 _TONNES = 1e3
 #: Factor within which such a number is taken for that unit.
 _NEAR = 4.0
-#: Blocks of a rock may weigh so many times the rock.
-_HEAVIER = 1.15
 
 
 def check_sizes(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
@@ -76,6 +75,9 @@ def check_pieces(obs: Observations, grid: Grid | None) -> Iterator[ObservationFi
         return
     owner = obs.rock_of("deposits")
     place = {name: i for i, name in enumerate(rocks.rock_id.tolist())}
+    # Both were weighed.
+    error = stated_or(obs.metadata.mass_error_rel, MASS_ERROR_REL)
+    room = 1.0 + SIGMAS * math.sqrt(2.0) * error
     for column, unit in (("mass_kg", "kg"), ("volume_m3", "m³")):
         values = deposits.numbers[column]
         heavy: dict[str, tuple[float, float]] = {}
@@ -83,7 +85,7 @@ def check_pieces(obs: Observations, grid: Grid | None) -> Iterator[ObservationFi
         for i, name in enumerate(obs.rock_names):
             own = (owner == i) & np.isfinite(values)
             lying, whole = float(values[own].sum()), float(rocks.numbers[column][place[name]])
-            if own.any() and lying > _HEAVIER * whole:
+            if own.any() and lying > room * whole:
                 heavy[name] = lying, whole
                 rows |= own
         if heavy:
@@ -93,5 +95,5 @@ def check_pieces(obs: Observations, grid: Grid | None) -> Iterator[ObservationFi
             of = f" of {worst}" if len(heavy) > 1 else ""
             yield from RULES["heavy pieces"].at(
                 obs, "deposits", rows, f"{found:.4g} {unit}{of}", column,
-                name=some_of(list(heavy), str), most=f"{most:.4g} {unit}",
+                name=some_of(list(heavy), str), most=f"{room * most:.4g} {unit}",
             )  # fmt: skip
