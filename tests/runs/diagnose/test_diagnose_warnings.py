@@ -1,0 +1,27 @@
+"""What a diagnosis warns of: rocks that leave the terrain or have no stop."""
+
+from __future__ import annotations
+
+import numpy as np
+from helpers.simulated_slope import observed, with_observed
+
+from sassgis.runs.diagnose import _edge_warnings, _stop_warnings
+
+
+def test_rocks_that_leave_the_terrain_are_told() -> None:
+    assert _edge_warnings(0.0, 0.009) == ()
+    (said,) = _edge_warnings(0.94, 0.0)
+    assert said.startswith("94 % of the rocks as configured, 0 % in the calibrated model, reach")
+
+
+def test_rocks_that_passed_the_last_station_and_have_no_stop_are_told() -> None:
+    case = observed(20, 3)
+    assert _stop_warnings(case) == ()
+    last = case.observations.passages.station == case.station_names[-1]
+    passed = np.unique(case.observations.passages.rock_id[last])[:2]
+    stops = case.observations.deposits
+    lost = with_observed(case, deposits=stops.take(~np.isin(stops.rock_id, passed)))
+    (said,) = _stop_warnings(lost)
+    assert said.startswith("2 rocks passed the last station and have no stop")
+    # Nothing is said where no stops were observed at all.
+    assert _stop_warnings(observed(20, 3, tables=("passages",))) == ()
