@@ -310,7 +310,7 @@ def _sentence(text: str) -> Phrase:
 
 
 def _share(value: float) -> str:
-    return f"{100 * value:.0f} %".replace("-", "\u2212")
+    return f"{100 * min(value, 1.0):.0f} %".replace("-", "\u2212")
 
 
 def interval_text(span: tuple[float, float], digits: int = 3) -> Phrase:

@@ -277,8 +277,8 @@ def gap_tables(case: Case, diagnosis: Diagnosis) -> list[ReportTable]:
                 (
                     rung_name(r.rung),
                     r.distance,
-                    _percent(r.share),
-                    _interval_cell(r.ci95 and (100.0 * r.ci95[0], 100.0 * r.ci95[1]), 2),
+                    None if r.share is None else _most(r.share),
+                    _interval_cell(r.ci95 and (_most(r.ci95[0]), _most(r.ci95[1])), 2),
                     rung_name(r.over) if r.over else "–",
                     r.gain,
                     _interval_cell(r.gain_ci95, 2),
@@ -341,6 +341,11 @@ def _gaps_table(advice: Advice) -> ReportTable:
 
 def _with_interval(value: float, span: tuple[float, float]) -> Phrase:
     return phrase("{} ({})", sensible(value, 2), interval_text(span, 2))
+
+
+def _most(share: float) -> float:
+    """In per cent; nearer than chance leaves models is no nearer."""
+    return 100.0 * min(share, 1.0)
 
 
 def _percent(share: float | None) -> float | None:

@@ -264,10 +264,11 @@ def _to_run(advice: Advice, ladder: Sequence[Rung]) -> list[Phrase]:
 
 
 def _closed(rung: Rung) -> Phrase:
-    share = f"{100.0 * (rung.share or 0.0):.0f}"
+    # Nearer than chance leaves models is no nearer.
+    share = f"{100.0 * min(rung.share or 0.0, 1.0):.0f}"
     if rung.ci95 is None:
         return phrase("{} %", share)
-    low, high = (f"{100.0 * v:.0f}".replace("-", "\u2212") for v in rung.ci95)
+    low, high = (f"{100.0 * min(v, 1.0):.0f}".replace("-", "\u2212") for v in rung.ci95)
     return phrase("{} % (95 %: {} to {} %)", share, low, high)
 
 
