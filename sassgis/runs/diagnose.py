@@ -12,6 +12,7 @@ import numpy as np
 
 from sassgis.gap.calibration.problem import CalibrationProblem, model_rows, problem_of
 from sassgis.gap.calibration.site_summary import summary_of
+from sassgis.gap.causes.contact_law_cause import BOUNDS
 from sassgis.gap.diagnosis import (
     Advice,
     Comparison,
@@ -80,6 +81,8 @@ _FEWEST_ROCKS = 5
 _FEWEST_GROUPS = 4
 #: Share of rocks that leave the terrain from which it is said.
 _FEW_LEAVE = 0.01
+#: Share of a range, at its ends, in which a value is at its limit.
+_AT_LIMIT = 0.02
 _NOT_THE_LAW = (
     "another law of the contact closes more on rocks left out, but not certainly more than other "
     "values of the ground might"
@@ -229,6 +232,24 @@ def _gaps(
     return model_gaps(problem, rows, left), left
 
 
+def _limit_warnings(case: Case, model: HypothesisModel) -> tuple[str, ...]:
+    """That values of the ground are as far as any ground has shown."""
+    met = [own for own in model.table.classes if own.name in case.met]
+    found = [
+        f"{own.name} {name} {getattr(own, name):.2g}"
+        for own in met
+        for name, (low, high) in BOUNDS.items()
+        if min(getattr(own, name) - low, high - getattr(own, name)) < _AT_LIMIT * (high - low)
+    ]
+    if not found:
+        return ()
+    text = (
+        "Values as far as any ground has shown: {}. The contact may follow a law that the model "
+        "does not have."
+    )
+    return (phrase(text, ", ".join(found)),)
+
+
 def _edge_warnings(before: float, after: float) -> tuple[str, ...]:
     """That rocks leave the terrain, as configured and in the model that is handed over."""
     if max(before, after) < _FEW_LEAVE:
@@ -326,6 +347,7 @@ def _diagnosis(
         warnings=(
             *(str(f) for f in case.observations.findings if f.level == "warning"),
             *_edge_warnings(left_before, left_after),
+            *(() if fit is None else _limit_warnings(case, handed)),
             *evidence.notes,
             *(() if excess <= weights.farthest else (_ATYPICAL,)),
         ),

@@ -13,7 +13,7 @@ from sassgis.gap.replicas.hypothesis_model import HypothesisModel
 from sassgis.model.ground import GroundTable
 
 #: Those that any ground has shown (``calibration.parameters.RANGES``).
-_BOUNDS = {
+BOUNDS = {
     "eta_max": (0.05, 1.0),
     "mu_f": (0.05, 1.5),
     "restitution": (0.0, 0.95),
@@ -54,7 +54,7 @@ def _draw(case: Case, draws: ParameterDraws) -> CausePart:
                 speed = case.learned.classes[k].restitution_speed_mps
                 own["restitution_speed_mps"] = speed
             for name, shift in by.items():
-                low, high = _BOUNDS[name]
+                low, high = BOUNDS[name]
                 value = float(getattr(classes[k], name)) + shift
                 own[name] = rounded(min(max(value, low), high))
             classes[k] = replace(classes[k], **own)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-import numpy as np
-from helpers.simulated_slope import observed, with_observed
+from dataclasses import replace
 
-from sassgis.runs.diagnose import _edge_warnings, _stop_warnings
+import numpy as np
+from helpers.simulated_slope import BASE, observed, with_observed
+
+from sassgis.model.ground import GroundTable
+from sassgis.runs.diagnose import _edge_warnings, _limit_warnings, _stop_warnings
 
 
 def test_rocks_that_leave_the_terrain_are_told() -> None:
@@ -25,3 +28,12 @@ def test_rocks_that_passed_the_last_station_and_have_no_stop_are_told() -> None:
     assert said.startswith("2 rocks passed the last station and have no stop")
     # Nothing is said where no stops were observed at all.
     assert _stop_warnings(observed(20, 3, tables=("passages",))) == ()
+
+
+def test_values_at_their_limit_are_told() -> None:
+    case = replace(observed(20, 3), met=("debris",))
+    usual = tuple(replace(c, restitution=0.4) for c in BASE.table.classes)
+    assert _limit_warnings(case, replace(BASE, table=GroundTable(usual))) == ()
+    slippery = tuple(replace(c, mu_f=0.06) if c.name == "debris" else c for c in usual)
+    (said,) = _limit_warnings(case, replace(BASE, table=GroundTable(slippery)))
+    assert said.startswith("Values as far as any ground has shown: debris mu_f 0.06.")
