@@ -12,7 +12,6 @@ import numpy as np
 
 from sassgis.gap.calibration.problem import CalibrationProblem, model_rows, problem_of
 from sassgis.gap.calibration.site_summary import summary_of
-from sassgis.gap.causes.contact_law_cause import BOUNDS
 from sassgis.gap.diagnosis import (
     Advice,
     Comparison,
@@ -42,7 +41,6 @@ from sassgis.gap.ladder.rungs import (
     ground_is_enough,
     needs_contact_law,
 )
-from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.campaigns import share_left
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel, configured_model
 from sassgis.gap.replicas.model_json import model_as_json
@@ -57,7 +55,6 @@ from sassgis.io.staging import output_if_asked, writing
 from sassgis.io.write.gap_files import write_diagnosis_json
 from sassgis.model.errors import InputError, Interrupted
 from sassgis.model.grid import FloatArray
-from sassgis.model.languages import joined, phrase
 from sassgis.runs.draw_store import OnProgress
 from sassgis.runs.evidence import Evidence, evidence_beyond, prepared_case
 from sassgis.runs.fresh_shrinkage import ENSEMBLE
@@ -68,6 +65,12 @@ from sassgis.runs.gap_case import (
     scenario_warnings,
 )
 from sassgis.runs.gap_outputs import write_outputs
+from sassgis.runs.gap_warnings import (
+    edge_warnings,
+    group_warnings,
+    limit_warnings,
+    stop_warnings,
+)
 from sassgis.runs.hypothesis_fits import DRAWS, HypothesisFits
 from sassgis.runs.job import AnyConfig, configured, workers_asked
 from sassgis.runs.weighed_causes import AddedCauses, shares_of, verdict_of
@@ -77,12 +80,6 @@ from sassgis.runs.workers import Jobs, one_algebra_thread, task_map
 MAP_NAME = "map"
 #: With fewer rocks nothing can be left out.
 _FEWEST_ROCKS = 5
-#: With fewer groups of rocks a warning is given.
-_FEWEST_GROUPS = 4
-#: Share of rocks that leave the terrain from which it is said.
-_FEW_LEAVE = 0.01
-#: Share of a range, at its ends, in which a value is at its limit.
-_AT_LIMIT = 0.02
 _NOT_THE_LAW = (
     "another law of the contact closes more on rocks left out, but not certainly more than other "
     "values of the ground might"
@@ -176,8 +173,8 @@ def diagnose(
             warnings=(
                 *settings.notes,
                 *scenario_warnings(settings),
-                *_group_warnings(case),
-                *_stop_warnings(case),
+                *group_warnings(case),
+                *stop_warnings(case),
                 *diagnosis.warnings,
             ),
         )
@@ -192,74 +189,12 @@ def diagnose(
     return diagnosis
 
 
-def _group_warnings(case: Case) -> tuple[str, ...]:
-    """Too few groups to tell what their members have in common from a cause."""
-    groups = np.unique(case.group).size
-    if groups >= _FEWEST_GROUPS:
-        return ()
-    text = "The rocks are in {} groups." if groups > 1 else "The rocks are in 1 group."
-    found = phrase(text, groups)
-    told = phrase(
-        "With fewer than {} no cause can be distinguished from what the rocks of a group have in "
-        "common; intervals are far too narrow.",
-        _FEWEST_GROUPS,
-    )
-    return (joined(" ", (found, told)),)
-
-
-def _stop_warnings(case: Case) -> tuple[str, ...]:
-    """That rocks passed the last station and have no stop: the farthest may be among them."""
-    seen = case.observations
-    lying = {int(k) for k in seen.rock_of("deposits") if k >= 0}
-    if not lying or not case.station_names:
-        return ()
-    last = seen.passages.station == case.station_names[-1]
-    lost = {int(k) for k in seen.rock_of("passages")[last] if k >= 0} - lying
-    if not lost:
-        return ()
-    text = (
-        "{} rocks passed the last station and have no stop: run-outs are those of the other rocks, "
-        "and may be too short."
-    )
-    return (phrase(text, len(lost)),)
-
-
 def _gaps(
     problem: CalibrationProblem, model: HypothesisModel, rows: FloatArray
 ) -> tuple[tuple[ModelGap, ...], float]:
     """How far a model is off, and the share of its rocks that leave the terrain."""
     left = share_left(problem.case, problem.rock_lines, model, problem.seed)
     return model_gaps(problem, rows, left), left
-
-
-def _limit_warnings(case: Case, model: HypothesisModel) -> tuple[str, ...]:
-    """That values of the ground are as far as any ground has shown."""
-    met = [own for own in model.table.classes if own.name in case.met]
-    found = [
-        f"{own.name} {name} {getattr(own, name):.2g}"
-        for own in met
-        for name, (low, high) in BOUNDS.items()
-        if min(getattr(own, name) - low, high - getattr(own, name)) < _AT_LIMIT * (high - low)
-    ]
-    if not found:
-        return ()
-    text = (
-        "Values as far as any ground has shown: {}. The contact may follow a law that the model "
-        "does not have."
-    )
-    return (phrase(text, ", ".join(found)),)
-
-
-def _edge_warnings(before: float, after: float) -> tuple[str, ...]:
-    """That rocks leave the terrain, as configured and in the model that is handed over."""
-    if max(before, after) < _FEW_LEAVE:
-        return ()
-    text = (
-        "{} % of the rocks as configured, {} % in the calibrated model, reach the edge of the "
-        "terrain model or the end of their fall line: they count as stopped there, and may come "
-        "farther."
-    )
-    return (phrase(text, *(f"{100.0 * share:.0f}" for share in (before, after))),)
 
 
 # ---------------------------------------------------------------------------------------------
@@ -346,8 +281,8 @@ def _diagnosis(
         # Errors were logged while reading.
         warnings=(
             *(str(f) for f in case.observations.findings if f.level == "warning"),
-            *_edge_warnings(left_before, left_after),
-            *(() if fit is None else _limit_warnings(case, handed)),
+            *edge_warnings(left_before, left_after),
+            *(() if fit is None else limit_warnings(case, handed)),
             *evidence.notes,
             *(() if excess <= weights.farthest else (_ATYPICAL,)),
         ),

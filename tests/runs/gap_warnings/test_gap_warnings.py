@@ -8,32 +8,32 @@ import numpy as np
 from helpers.simulated_slope import BASE, observed, with_observed
 
 from sassgis.model.ground import GroundTable
-from sassgis.runs.diagnose import _edge_warnings, _limit_warnings, _stop_warnings
+from sassgis.runs.gap_warnings import edge_warnings, limit_warnings, stop_warnings
 
 
 def test_rocks_that_leave_the_terrain_are_told() -> None:
-    assert _edge_warnings(0.0, 0.009) == ()
-    (said,) = _edge_warnings(0.94, 0.0)
+    assert edge_warnings(0.0, 0.009) == ()
+    (said,) = edge_warnings(0.94, 0.0)
     assert said.startswith("94 % of the rocks as configured, 0 % in the calibrated model, reach")
 
 
 def test_rocks_that_passed_the_last_station_and_have_no_stop_are_told() -> None:
     case = observed(20, 3)
-    assert _stop_warnings(case) == ()
+    assert stop_warnings(case) == ()
     last = case.observations.passages.station == case.station_names[-1]
     passed = np.unique(case.observations.passages.rock_id[last])[:2]
     stops = case.observations.deposits
     lost = with_observed(case, deposits=stops.take(~np.isin(stops.rock_id, passed)))
-    (said,) = _stop_warnings(lost)
+    (said,) = stop_warnings(lost)
     assert said.startswith("2 rocks passed the last station and have no stop")
     # Nothing is said where no stops were observed at all.
-    assert _stop_warnings(observed(20, 3, tables=("passages",))) == ()
+    assert stop_warnings(observed(20, 3, tables=("passages",))) == ()
 
 
 def test_values_at_their_limit_are_told() -> None:
     case = replace(observed(20, 3), met=("debris",))
     usual = tuple(replace(c, restitution=0.4) for c in BASE.table.classes)
-    assert _limit_warnings(case, replace(BASE, table=GroundTable(usual))) == ()
+    assert limit_warnings(case, replace(BASE, table=GroundTable(usual))) == ()
     slippery = tuple(replace(c, mu_f=0.06) if c.name == "debris" else c for c in usual)
-    (said,) = _limit_warnings(case, replace(BASE, table=GroundTable(slippery)))
+    (said,) = limit_warnings(case, replace(BASE, table=GroundTable(slippery)))
     assert said.startswith("Values as far as any ground has shown: debris mu_f 0.06.")

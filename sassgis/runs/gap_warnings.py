@@ -1,0 +1,79 @@
+"""What a user should know of observations and of models before trusting a diagnosis."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sassgis.gap.causes.contact_law_cause import BOUNDS
+from sassgis.gap.observations.case import Case
+from sassgis.gap.replicas.hypothesis_model import HypothesisModel
+from sassgis.model.languages import joined, phrase
+
+#: With fewer groups of rocks a warning is given.
+_FEWEST_GROUPS = 4
+#: Share of rocks that leave the terrain from which it is said.
+_FEW_LEAVE = 0.01
+#: Share of a range, at its ends, in which a value is at its limit.
+_AT_LIMIT = 0.02
+
+
+def group_warnings(case: Case) -> tuple[str, ...]:
+    """Too few groups to tell what their members have in common from a cause."""
+    groups = np.unique(case.group).size
+    if groups >= _FEWEST_GROUPS:
+        return ()
+    text = "The rocks are in {} groups." if groups > 1 else "The rocks are in 1 group."
+    found = phrase(text, groups)
+    told = phrase(
+        "With fewer than {} no cause can be distinguished from what the rocks of a group have in "
+        "common; intervals are far too narrow.",
+        _FEWEST_GROUPS,
+    )
+    return (joined(" ", (found, told)),)
+
+
+def stop_warnings(case: Case) -> tuple[str, ...]:
+    """That rocks passed the last station and have no stop: the farthest may be among them."""
+    seen = case.observations
+    lying = {int(k) for k in seen.rock_of("deposits") if k >= 0}
+    if not lying or not case.station_names:
+        return ()
+    last = seen.passages.station == case.station_names[-1]
+    lost = {int(k) for k in seen.rock_of("passages")[last] if k >= 0} - lying
+    if not lost:
+        return ()
+    text = (
+        "{} rocks passed the last station and have no stop: run-outs are those of the other rocks, "
+        "and may be too short."
+    )
+    return (phrase(text, len(lost)),)
+
+
+def limit_warnings(case: Case, model: HypothesisModel) -> tuple[str, ...]:
+    """That values of the ground are as far as any ground has shown."""
+    met = [own for own in model.table.classes if own.name in case.met]
+    found = [
+        f"{own.name} {name} {getattr(own, name):.2g}"
+        for own in met
+        for name, (low, high) in BOUNDS.items()
+        if min(getattr(own, name) - low, high - getattr(own, name)) < _AT_LIMIT * (high - low)
+    ]
+    if not found:
+        return ()
+    text = (
+        "Values as far as any ground has shown: {}. The contact may follow a law that the model "
+        "does not have."
+    )
+    return (phrase(text, ", ".join(found)),)
+
+
+def edge_warnings(before: float, after: float) -> tuple[str, ...]:
+    """That rocks leave the terrain, as configured and in the model that is handed over."""
+    if max(before, after) < _FEW_LEAVE:
+        return ()
+    text = (
+        "{} % of the rocks as configured, {} % in the calibrated model, reach the edge of the "
+        "terrain model or the end of their fall line: they count as stopped there, and may come "
+        "farther."
+    )
+    return (phrase(text, *(f"{100.0 * share:.0f}" for share in (before, after))),)
