@@ -473,6 +473,11 @@ def fit() -> None:
 # Page
 
 
+def markdown(lines: Sequence[Sequence[str]]) -> str:
+    """A table in Markdown, its head and rule included."""
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
 def table() -> str:
     """Figures in all and by generator."""
     found = json.loads(RESULTS.read_text(encoding="utf-8"))
@@ -511,7 +516,7 @@ def table() -> str:
     ):
         shown = [own["numbers"].get(key) for own in all_of]
         lines.append([words, *("–" if v is None else f"{v:.2f}" for v in shown)])
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+    return markdown(lines)
 
 
 def confusion() -> str:
@@ -529,7 +534,7 @@ def confusion() -> str:
             others = [f"{name} {n}" for name, n in sorted(counts.items())]
             cells.append("; ".join([f"{right}/{len(own)}", ", ".join(others)]).rstrip("; "))
         lines.append([cause, *cells])
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines).replace("_", " ")
+    return markdown(lines).replace("_", " ")
 
 
 def against() -> str:
@@ -552,7 +557,7 @@ def against() -> str:
                 *(f"{counts[one, law]}/{sites[law]}" for law in head[2:]),
             ]
         )
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+    return markdown(lines)
 
 
 def adequacy() -> str:
@@ -568,7 +573,7 @@ def adequacy() -> str:
         parts = [own, *([r for r in own if r["law"] == law] for law in LAWS)]
         shown = [f"{sum(int(r['adequate']) for r in part)}/{len(part)}" for part in parts]
         lines.append([words, *shown])
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+    return markdown(lines)
 
 
 def level() -> str:
@@ -581,7 +586,7 @@ def level() -> str:
         for own in (rows, *laws.values())
     ]
     lines = [["all", *laws], ["---"] * (1 + len(laws)), shown]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+    return markdown(lines)
 
 
 def reached() -> str:
@@ -601,7 +606,7 @@ def reached() -> str:
     ):
         counts = [f"{sum(one >= limit for one in sure)}/{len(sure)}" for limit in REACHED]
         lines.append([words, *counts])
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+    return markdown(lines)
 
 
 def filled(text: str) -> str:

@@ -323,6 +323,11 @@ class ModelGap:
         """Whether it is distinguished from chance, and relevant."""
         return bool(self.side) and abs(self.gap) >= self.limit
 
+    @property
+    def far_short(self) -> bool:
+        """Whether it is certain, on the unsafe side, and twice as large as it must be to count."""
+        return self.side == "unsafe" and self.gap >= 2.0 * self.limit
+
 
 @dataclass(frozen=True, slots=True)
 class GroundSetting:

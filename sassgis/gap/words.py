@@ -95,6 +95,11 @@ def effect_phrase(effect: str) -> Phrase:
     )
 
 
+def closed_percent(share: float) -> float:
+    """A share of a gap that is closed, in per cent: nearer than chance leaves models is no nearer."""
+    return 100.0 * min(share, 1.0)
+
+
 def number_text(value: float) -> str:
     """Two digits for large numbers, as many decimals as a setting needs for small ones."""
     text = f"{value:.0f}" if abs(value) >= 10.0 else f"{value:.2g}"

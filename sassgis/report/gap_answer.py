@@ -6,6 +6,7 @@ from collections.abc import Iterable
 
 from sassgis.gap.diagnosis import Diagnosis, GapFinding, Hypothesis, Shrinkage, Verdict
 from sassgis.gap.words import (
+    closed_percent,
     effect_name,
     effect_phrase,
     place_words,
@@ -180,15 +181,17 @@ def hypothesis_of(which: Iterable[Hypothesis], effect: str) -> Hypothesis | None
 def _confused(diagnosis: Diagnosis) -> ReportAnswer:
     verdict = diagnosis.verdict
     others = [e for e in verdict.confusion_set if e != verdict.effect]
-    sentences = ["None of the other explanations that were tried remains possible."]
-    if others and verdict.effect == "unknown":
-        sentences = [phrase("Still possible: {}.", effect_names(others))]
-    elif others:
-        sentences = [phrase("These data do not separate it from: {}.", effect_names(others))]
-    elif verdict.effect == "unknown" or verdict.cannot_exclude:
+    unknown = verdict.effect == "unknown"
+    sentences: list[str]
+    if others:
+        possible = "Still possible: {}." if unknown else "These data do not separate it from: {}."
+        sentences = [phrase(possible, effect_names(others))]
+    elif unknown:
+        sentences = ["None of the causes that these data could show is probable."]
+    elif verdict.cannot_exclude:
         sentences = ["None of the causes that these data could show is probable besides."]
-        if verdict.effect == "unknown":
-            sentences = ["None of the causes that these data could show is probable."]
+    else:
+        sentences = ["None of the other explanations that were tried remains possible."]
     if verdict.cannot_exclude:
         sentences.append(_unseen(verdict))
     if diagnosis.measure_next:
@@ -310,7 +313,7 @@ def _sentence(text: str) -> Phrase:
 
 
 def _share(value: float) -> str:
-    return f"{100 * min(value, 1.0):.0f} %".replace("-", "\u2212")
+    return f"{closed_percent(value):.0f} %".replace("-", "\u2212")
 
 
 def interval_text(span: tuple[float, float], digits: int = 3) -> Phrase:

@@ -21,6 +21,7 @@ from sassgis.gap.where.places import (
 )
 from sassgis.gap.which.verdict import causes_in
 from sassgis.gap.words import (
+    closed_percent,
     effect_name,
     place_name,
     quantity_name,
@@ -277,8 +278,10 @@ def gap_tables(case: Case, diagnosis: Diagnosis) -> list[ReportTable]:
                 (
                     rung_name(r.rung),
                     r.distance,
-                    None if r.share is None else _most(r.share),
-                    _interval_cell(r.ci95 and (_most(r.ci95[0]), _most(r.ci95[1])), 2),
+                    _closed(r.share),
+                    _interval_cell(
+                        r.ci95 and (closed_percent(r.ci95[0]), closed_percent(r.ci95[1])), 2
+                    ),
                     rung_name(r.over) if r.over else "–",
                     r.gain,
                     _interval_cell(r.gain_ci95, 2),
@@ -343,9 +346,8 @@ def _with_interval(value: float, span: tuple[float, float]) -> Phrase:
     return phrase("{} ({})", sensible(value, 2), interval_text(span, 2))
 
 
-def _most(share: float) -> float:
-    """In per cent; nearer than chance leaves models is no nearer."""
-    return 100.0 * min(share, 1.0)
+def _closed(share: float | None) -> float | None:
+    return None if share is None else closed_percent(share)
 
 
 def _percent(share: float | None) -> float | None:
@@ -426,10 +428,10 @@ def _shrinkage_table(diagnosis: Diagnosis) -> ReportTable:
     s = diagnosis.shrinkage
     rows: list[tuple[Cell, ...]] = [
         (quantity_name(quantity), *map(v.get, ("base", "effect", "floor")),
-         _percent(v.get("shrinkage")))
+         _closed(v.get("shrinkage")))
         for quantity, v in s.by_quantity.items()
     ]  # fmt: skip
-    together = (s.distance_base, s.distance_effect, s.distance_floor, _percent(s.value))
+    together = (s.distance_base, s.distance_effect, s.distance_floor, _closed(s.value))
     return ReportTable(
         "How far the gap shrinks",
         heads(

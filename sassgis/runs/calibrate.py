@@ -37,8 +37,8 @@ from sassgis.runs.gap_case import (
     fingerprint_of,
     observations_name,
     read_case,
-    scenario_warnings,
 )
+from sassgis.runs.gap_warnings import scenario_warnings
 from sassgis.runs.job import AnyConfig, configured, workers_asked
 from sassgis.runs.workers import Jobs, one_algebra_thread, task_map
 

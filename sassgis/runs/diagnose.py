@@ -62,13 +62,13 @@ from sassgis.runs.gap_case import (
     comparable,
     fingerprint_of,
     observations_name,
-    scenario_warnings,
 )
 from sassgis.runs.gap_outputs import write_outputs
 from sassgis.runs.gap_warnings import (
     edge_warnings,
     group_warnings,
     limit_warnings,
+    scenario_warnings,
     stop_warnings,
 )
 from sassgis.runs.hypothesis_fits import DRAWS, HypothesisFits
@@ -221,11 +221,10 @@ def _diagnosis(
     # An effect is added to the base that the contact asks for, if that is certainly the better one.
     added = AddedCauses(made, evidence, simplest == CONTACT_LAW)
     shares = shares_of(evidence, families_to_try(case), weights)
-    before, left_before = _gaps(problem, configured_model(case), rows[CONFIGURED])
-    of_simplest = before
+    gaps = {CONFIGURED: _gaps(problem, configured_model(case), rows[CONFIGURED])}
     if simplest != CONFIGURED:
-        of_simplest = _gaps(problem, made.model(added.name(simplest)).model, rows[simplest])[0]
-    short = shortfall(of_simplest) is not None
+        gaps[simplest] = _gaps(problem, made.model(added.name(simplest)).model, rows[simplest])
+    short = shortfall(gaps[simplest][0]) is not None
     verdict, shrinkage = verdict_of(
         added, shares, weights, frozen, law, adequate(evidence.findings) and not short,
         ground_is_enough(first_rungs),
@@ -243,9 +242,9 @@ def _diagnosis(
     # Of the configured ground nothing was calibrated.
     fit = None if recommended == CONFIGURED else added.fit(recommended)
     handed = configured_model(case) if fit is None else fit.handed_over.draw.model
-    left, left_after = before, left_before
-    if fit is not None:
-        left, left_after = _gaps(problem, handed, added.rows(recommended))
+    if recommended not in gaps:
+        gaps[recommended] = _gaps(problem, handed, added.rows(recommended))
+    (before, left_before), (left, left_after) = gaps[CONFIGURED], gaps[recommended]
     intervals = {effect: own.intervals(case) for effect, own in made.fits.items()}
     advice = Advice(
         worst_of(before),

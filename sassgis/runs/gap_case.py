@@ -31,7 +31,6 @@ from sassgis.io.read.observation_files import (
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, IntArray
-from sassgis.model.languages import phrase
 from sassgis.model.map_run import MapRun
 from sassgis.model.profiles import ReleasePoints, TraceSet
 from sassgis.model.run_config import Config
@@ -41,14 +40,6 @@ from sassgis.terrain.fall_lines import fall_line_surface, trace
 from sassgis.terrain.plan import plan
 from sassgis.terrain.prepare import prepare_lines
 from sassgis.terrain.release import point_keys, take
-
-
-def scenario_warnings(config: Config) -> tuple[str, ...]:
-    """That of several block scenarios only one counts."""
-    if len(config.blocks) == 1:
-        return ()
-    text = "What is not measured of a rock is taken from the first block scenario ({}) alone."
-    return (phrase(text, config.blocks[0].name),)
 
 
 def comparable(problem: CalibrationProblem, observations: AnyObservations) -> CalibrationProblem:

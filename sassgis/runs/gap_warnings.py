@@ -8,6 +8,7 @@ from sassgis.gap.causes.contact_law_cause import BOUNDS
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel
 from sassgis.model.languages import joined, phrase
+from sassgis.model.run_config import Config
 
 #: With fewer groups of rocks a warning is given.
 _FEWEST_GROUPS = 4
@@ -15,6 +16,14 @@ _FEWEST_GROUPS = 4
 _FEW_LEAVE = 0.01
 #: Share of a range, at its ends, in which a value is at its limit.
 _AT_LIMIT = 0.02
+
+
+def scenario_warnings(config: Config) -> tuple[str, ...]:
+    """That of several block scenarios only one counts."""
+    if len(config.blocks) == 1:
+        return ()
+    text = "What is not measured of a rock is taken from the first block scenario ({}) alone."
+    return (phrase(text, config.blocks[0].name),)
 
 
 def group_warnings(case: Case) -> tuple[str, ...]:
@@ -35,18 +44,18 @@ def group_warnings(case: Case) -> tuple[str, ...]:
 def stop_warnings(case: Case) -> tuple[str, ...]:
     """That rocks passed the last station and have no stop: the farthest may be among them."""
     seen = case.observations
-    lying = {int(k) for k in seen.rock_of("deposits") if k >= 0}
-    if not lying or not case.station_names:
+    lying = seen.rock_of("deposits")
+    if not (lying >= 0).any() or not case.station_names:
         return ()
     last = seen.passages.station == case.station_names[-1]
-    lost = {int(k) for k in seen.rock_of("passages")[last] if k >= 0} - lying
-    if not lost:
+    lost = np.setdiff1d(seen.rock_of("passages")[last], [*lying, -1])
+    if not lost.size:
         return ()
     text = (
         "{} rocks passed the last station and have no stop: run-outs are those of the other rocks, "
         "and may be too short."
     )
-    return (phrase(text, len(lost)),)
+    return (phrase(text, lost.size),)
 
 
 def limit_warnings(case: Case, model: HypothesisModel) -> tuple[str, ...]:

@@ -42,8 +42,6 @@ FIT = Fit(
     forms={"kicks": 0.65, "constant": 0.35},
     parameters={"kicks": ("angle_deg", "hop_m"), "constant": ("width_percent",)},
 )
-#: Turn of the heading at impacts, which rough ground leaves as well.
-TURN = "turn of the heading at impacts"
 
 
 def _draw(case: Case, draws: ParameterDraws) -> CausePart:
@@ -110,7 +108,7 @@ CAUSE = Cause(
     "beyond that of the simulated rocks; both also beyond what edges of blocks make anywhere, 10° "
     "and 15 % of the way",
     statistics=(
-        Trace(TURN, _turn, ("impacts",), clear=True),
+        Trace("turn of the heading at impacts", _turn, ("impacts",), clear=True),
         Trace(
             "growth of the lateral offset below the first station",
             _growth,

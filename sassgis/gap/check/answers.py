@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from sassgis.gap.causes.all_causes import GROUPS
-from sassgis.gap.diagnosis import GapFinding
+from sassgis.gap.diagnosis import GapFinding, ModelGap
 from sassgis.gap.which.verdict import CONTACT_LAW, adequate, causes_in
 
 #: Law of the sites that obey the model.
@@ -156,10 +156,7 @@ def answer_from(case: str, diagnosis: Mapping[str, Any]) -> Answer:
         group=str(verdict.get("group", "")),
         large_findings=not adequate([f for f in map(_finding, diagnosis.get("where", ())) if f]),
         cannot_exclude=tuple(verdict.get("cannot_exclude", ())),
-        short=any(
-            gap["side"] == "unsafe" and gap["gap"] >= 2.0 * gap["limit"]
-            for gap in diagnosis["advice"].get("left", ())
-        ),
+        short=any(ModelGap(**gap).far_short for gap in diagnosis["advice"].get("left", ())),
         recommended=diagnosis["advice"].get("short") is None,
     )
 

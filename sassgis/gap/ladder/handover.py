@@ -13,7 +13,14 @@ from sassgis.gap.inference.intervals import bootstrap_rows, quantiles_of
 from sassgis.gap.ladder.hypothesis_fit import FittedHypothesis
 from sassgis.gap.observations.case import Case
 from sassgis.gap.which.hypotheses import GROUND_WIDTHS
-from sassgis.gap.words import effect_name, number_text, quantity_name, range_text, rung_name
+from sassgis.gap.words import (
+    closed_percent,
+    effect_name,
+    number_text,
+    quantity_name,
+    range_text,
+    rung_name,
+)
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.languages import Phrase, all_of, capital, joined, named, phrase
 
@@ -129,9 +136,8 @@ def worst_of(gaps: Sequence[ModelGap]) -> ModelGap | None:
 
 
 def shortfall(gaps: Sequence[ModelGap]) -> ModelGap | None:
-    """The surest gap that is certain, on the unsafe side, and twice as large as it must be."""
-    short = [g for g in gaps if g.side == "unsafe" and g.gap >= 2.0 * g.limit]
-    return worst_of(short)
+    """The surest gap by which a model falls far short; None if it does not."""
+    return worst_of([gap for gap in gaps if gap.far_short])
 
 
 def settings_of(
@@ -264,11 +270,10 @@ def _to_run(advice: Advice, ladder: Sequence[Rung]) -> list[Phrase]:
 
 
 def _closed(rung: Rung) -> Phrase:
-    # Nearer than chance leaves models is no nearer.
-    share = f"{100.0 * min(rung.share or 0.0, 1.0):.0f}"
+    share = f"{closed_percent(rung.share or 0.0):.0f}"
     if rung.ci95 is None:
         return phrase("{} %", share)
-    low, high = (f"{100.0 * min(v, 1.0):.0f}".replace("-", "\u2212") for v in rung.ci95)
+    low, high = (f"{closed_percent(v):.0f}".replace("-", "\u2212") for v in rung.ci95)
     return phrase("{} % (95 %: {} to {} %)", share, low, high)
 
 

@@ -7,7 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.gap.observations.allowances import stated_or
+from sassgis.gap.observations.allowances import (
+    MASS_ERROR_REL,
+    POSITION_ERROR_M,
+    SPEED_ERROR_REL,
+    stated_or,
+)
 from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.observed import deposit_masses_kg
 from sassgis.model.grid import FloatArray, IntArray
@@ -97,13 +102,13 @@ class Errors:
     ``stop_m`` is that of the place of a stop, ``position_m`` of any other.
     """
 
-    speed_rel: float = 0.05
+    speed_rel: float = SPEED_ERROR_REL
     rotation_rel: float = 0.06
     height_m: float = 0.15
-    position_m: float = 0.5
+    position_m: float = POSITION_ERROR_M
     turn_deg: float = 2.0
-    mass_rel: float = 0.05
-    stop_m: float = 0.5
+    mass_rel: float = MASS_ERROR_REL
+    stop_m: float = POSITION_ERROR_M
 
 
 def errors_of(case: Case) -> Errors:

@@ -350,9 +350,13 @@ def side_error(case: Case, stop: bool = False) -> float:
 
     The line starts where the rock was seen to start, and is known to half a cell.
     """
+    return math.hypot(_ends_error(case, stop), 0.5 * case.grid.cell_size)
+
+
+def _ends_error(case: Case, stop: bool) -> float:
+    """Error of measurement at both ends of an offset (m): the start, and the passage or stop."""
     error = errors_of(case)
-    end = error.stop_m if stop else error.position_m
-    return math.hypot(error.position_m, end, 0.5 * case.grid.cell_size)
+    return math.hypot(error.position_m, error.stop_m if stop else error.position_m)
 
 
 def _sides(
@@ -369,12 +373,11 @@ def _sides(
     What rocks of one release have in common is an error of their fall lines, too, and no scatter of
     theirs. A model in the plane of the fall line cannot leave it: there only the error is expected.
     """
-    error = side_error(case, place == "all")
+    stop = place == "all"
+    error = side_error(case, stop)
     if case.terrain is not None:
         mean = mean_of_draws(draws)
-        stated = errors_of(case)
-        end = stated.stop_m if place == "all" else stated.position_m
-        blurred = draws + math.hypot(stated.position_m, end) * rng.standard_normal(draws.shape)
+        blurred = draws + _ends_error(case, stop) * rng.standard_normal(draws.shape)
         both = _apart(case, np.column_stack([lateral, blurred]))
         size, usual, score = spread(both[:, 0], both[:, 1:])
     else:
