@@ -96,7 +96,7 @@ def effect_phrase(effect: str) -> Phrase:
 
 
 def closed_percent(share: float) -> float:
-    """A share of a gap that is closed, in per cent: nearer than chance leaves models is no nearer."""
+    """A closed share of a gap, in per cent: nearer than chance leaves models is no nearer."""
     return 100.0 * min(share, 1.0)
 
 
