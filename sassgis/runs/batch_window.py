@@ -26,6 +26,8 @@ _SPLINE_CELLS = 48
 #: Standard deviations at which the Gaussian of the smoothing ends.
 _GAUSSIAN_ENDS = 4.0
 _POINTS = 256
+#: So many lines are traced first: where one of them leaves a part, the others need not be.
+_SCOUTS = 8
 #: Share of the length of the fall lines by which a part is wider than they, for followed paths.
 _ASIDE = 0.15
 #: Cells beside one that a path looks at whose heights count there, next to half a block.
@@ -136,15 +138,11 @@ def windowed(
             raise InputError("lies outside the DEM", found=str(bounds))
         run = make(part)
         planned = plan(run)
-        widest = max(run.terrain.smoothing_m, SD_PER_DIAMETER * run.block_scale_m)
-        keep = edge_cells(widest, ref_width_m, terrain.cell_size)
-        extent = _extent(run, planned)
-        if run.followed:
-            aside = _ASIDE * math.hypot(extent[2] - extent[0], extent[3] - extent[1])
-            keep += math.ceil((aside + run.release.spacing_m) / terrain.cell_size)
-        reached = terrain.part_of(extent).grown(keep, keep, keep, keep)
         cut = cut_sides(part, terrain)
-        missing = [c * beyond for c, beyond in zip(cut, _beyond(reached, part), strict=True)]
+        for lines in (_SCOUTS, len(planned.starts)):
+            missing = _missing(terrain, part, run, planned, ref_width_m, lines)
+            if any(missing):
+                break
         if not any(missing):
             if run.followed:
                 rim = rim_cells(run, ref_width_m)
@@ -154,6 +152,21 @@ def windowed(
             m + max(less, (m + 1) // 2) if less else m
             for m, less in zip((north, east, south, west), missing, strict=True)
         )
+
+
+def _missing(
+    terrain: Terrain, part: Part, run: MapRun, planned: Plan, ref_width_m: float, lines: int
+) -> list[int]:
+    """Cells by which a part is too small for so many of the fall lines, on each side as Sides."""
+    widest = max(run.terrain.smoothing_m, SD_PER_DIAMETER * run.block_scale_m)
+    keep = edge_cells(widest, ref_width_m, terrain.cell_size)
+    extent = _extent(run, planned, lines)
+    if run.followed:
+        aside = _ASIDE * math.hypot(extent[2] - extent[0], extent[3] - extent[1])
+        keep += math.ceil((aside + run.release.spacing_m) / terrain.cell_size)
+    reached = terrain.part_of(extent).grown(keep, keep, keep, keep)
+    cut = cut_sides(part, terrain)
+    return [c * beyond for c, beyond in zip(cut, _beyond(reached, part), strict=True)]
 
 
 def cut_sides(part: Part, terrain: Terrain) -> tuple[bool, bool, bool, bool]:
@@ -178,11 +191,12 @@ def _beyond(reached: Part, part: Part) -> Sides:
     )
 
 
-def _extent(run: MapRun, planned: Plan) -> tuple[float, float, float, float]:
-    """Rectangle around all lines (m)."""
+def _extent(run: MapRun, planned: Plan, lines: int) -> tuple[float, float, float, float]:
+    """Rectangle around so many of the lines, evenly taken (m)."""
     low, high = np.full(2, np.inf), np.full(2, -np.inf)
-    for first in range(0, len(planned.starts), _POINTS):
-        some = take(planned.starts, slice(first, first + _POINTS))
+    starts = take(planned.starts, slice(None, None, max(len(planned.starts) // lines, 1)))
+    for first in range(0, len(starts), _POINTS):
+        some = take(starts, slice(first, first + _POINTS))
         lines = trace(run.grid, planned.surface, some, run.terrain)
         low = np.minimum(low, [lines.x.min(), lines.y.min()])
         high = np.maximum(high, [lines.x.max(), lines.y.max()])

@@ -128,7 +128,8 @@ def without_threads(faces: NDArray[Any], classes: IntArray) -> IntArray:
     out = classes.copy()
     threads = np.flatnonzero(_nowhere_wider(faces, _THREAD_M))
     thread, face = shapely.STRtree(faces).query(faces[threads], predicate="touches")
-    shared = shapely.length(shapely.intersection(faces[threads[thread]], faces[face])) > 0.0
+    # The borders of both have a line in common.
+    shared = shapely.relate_pattern(faces[threads[thread]], faces[face], "****1****")
     thread, face = threads[thread[shared]], face[shared]
     while True:
         higher = out[face] > out[thread]

@@ -35,6 +35,9 @@ from sassgis.model.hazard import Drawing
 #: A disk does not reach into the corners of a wide part, which are not narrow for that: a right
 #: angle is filled by a disk that is larger by this factor.
 _CORNER = 1.45
+#: A disk that is larger by this factor crosses the border that it would touch. Lines that nearly
+#: coincide take twice as long to cut.
+_ACROSS = 1.01
 #: Narrow parts are widened in steps of this share of the least width.
 _STEP = 4
 _FITS = 0.999
@@ -58,17 +61,27 @@ def _grown(area: Any, distance_m: float, chords: int = 6) -> Any:
     return shapely.buffer(area, distance_m, quad_segs=chords)
 
 
+def _simplified(area: Any, tolerance_m: float) -> Any:
+    """An area without vertices that lie this near to the line without them.
+
+    Douglas and Peucker (1973). Where lines cross for it, with the vertices that avert that: looking
+    for these takes several times as long.
+    """
+    found = shapely.simplify(area, tolerance_m, preserve_topology=False)
+    return found if shapely.is_valid(found) else shapely.simplify(area, tolerance_m)
+
+
 def _smooth(area: Any, tolerance_m: float) -> Any:
     """An area in fewer, longer lines, none of which cuts into it.
 
-    Grown by half of the tolerance, and then simplified by less than that (Douglas and Peucker
-    1973): the new line stays outside, and within the tolerance.
+    Grown by half of the tolerance, and then simplified by less than that: the new line stays
+    outside, and within the tolerance.
     """
     if tolerance_m == 0.0:
         return area
     half = tolerance_m / 2.0
     # Two chords to a quarter of a circle come as near as 0.92 of the distance.
-    return shapely.simplify(_grown(area, half, 2), 0.9 * half)
+    return _simplified(_grown(area, half, 2), 0.9 * half)
 
 
 def _closed(area: Any, gap_m: float, tolerance_m: float) -> Any:
@@ -76,10 +89,10 @@ def _closed(area: Any, gap_m: float, tolerance_m: float) -> Any:
     if gap_m == 0.0:
         return area
     closed = _grown(_grown(area, gap_m / 2.0), -gap_m / 2.0)
-    return shapely.simplify(closed, _CLOSED_WITHIN * tolerance_m)
+    return _simplified(closed, _CLOSED_WITHIN * tolerance_m)
 
 
-def _narrow(area: Any, width_m: float, corner: float = 1.0) -> Any:
+def _narrow(area: Any, width_m: float, corner: float = _ACROSS) -> Any:
     """Parts of an area into which no disk fits that is as wide."""
     # A part of exactly this width is not narrow.
     half = _FITS * width_m / 2.0
@@ -305,22 +318,59 @@ def _stacks_at_once(
     stacks: list[list[Any]] = []
     below: Sequence[Any] = [_NOWHERE] * n_classes
     for m, envelope in zip(place.maps, enveloped, strict=True):
-        below = _stack(m, place.grid, rules, envelope, below, terrain)
+        below = _stack(replace(place, maps=[m]), rules, envelope, below, terrain)
         stacks.append([*below])
     return stacks
 
 
+def _raised(place: _Place, gaps: Sequence[float], smallest_m2: float) -> IntArray:
+    """Classes of the cells of a map, raised where what is drawn is of that class anyway.
+
+    Between cells that lie near each other on all sides, and in small holes, lines would be drawn
+    that closing gaps and filling holes takes away. Here they are not made.
+
+    Parameters
+    ----------
+    place : _Place
+        With one map.
+    gaps : sequence of float
+        Gaps that are closed around each class with those above it (m).
+    smallest_m2 : float
+        Holes below this are filled.
+    """
+    (classes,), size = place.maps, place.grid.cell_size
+    out = classes.copy()
+    for k, gap in enumerate(gaps, start=1):
+        own = classes >= k
+        # A disk meets all cells around that of its middle whose diagonal is shorter than its radius.
+        radius = gap / 2.0 / size
+        near = max(math.ceil(radius / math.sqrt(2.0)) - 1, 0)
+        met = ndimage.maximum_filter(own, 2 * near + 1, mode="constant")
+        closed = ndimage.minimum_filter(met, 2 * math.ceil(radius) + 1, mode="constant")
+        own |= closed & place.known
+        hole, count = ndimage.label(~own)
+        small = np.bincount(hole.ravel(), minlength=count + 1) * size**2 < smallest_m2
+        outside = ~place.known
+        outside[[0, -1], :] = outside[:, [0, -1]] = True
+        small[hole[outside]] = False
+        small[0] = False
+        out[own | small[hole]] = np.maximum(out[own | small[hole]], k)
+    return out
+
+
 def _stack(
-    classes: IntArray, grid: Grid, rules: Drawing, envelope: bool, within: Sequence[Any], known: Any
+    place: _Place, rules: Drawing, envelope: bool, within: Sequence[Any], known: Any
 ) -> list[Any]:
     """Area of each class with those above it, from class 1; each contains that of ``within``."""
     stack: list[Any] = []
     higher = _NOWHERE
-    faces, of_face = cell_faces(classes, grid)
+    gaps = [rules.gap_m] * len(within)
+    if envelope:
+        gaps[0] = max(rules.gap_m, rules.envelope_m)
+    faces, of_face = cell_faces(_raised(place, gaps, rules.area_m2), place.grid)
     for k in range(len(within), 0, -1):
-        gap = rules.gap_m if k > 1 or not envelope else max(rules.gap_m, rules.envelope_m)
         cells = shapely.coverage_union_all(faces[of_face >= k])
-        higher = _superlevel(cells, [higher, within[k - 1]], rules, gap, known)
+        higher = _superlevel(cells, [higher, within[k - 1]], rules, gaps[k - 1], known)
         stack.insert(0, higher)
     for k in range(1, len(stack)):
         stack[k] = _with_rims(stack[k], stack[k - 1], rules)
