@@ -152,7 +152,9 @@ def _nested_zones(
     envelopes: Sequence[bool],
 ) -> list[Coverage]:
     """Zones of maps, each some cells and their classes, of which none is above the next."""
-    reached = np.unique(np.concatenate([cells for cells, _ in maps]))
+    # Maps of the same curves name the same cells, which are ascending already.
+    named = list({id(cells): cells for cells, _ in maps}.values())
+    reached = named[0] if len(named) == 1 else np.unique(np.concatenate(named))
     own, cells = around(grid, reached, reach_cells(rules, grid.cell_size))
     rasters = [raster(own, cells[np.searchsorted(reached, c)], k) for c, k in maps]
     return drawn_zones(rasters, own, rules, np.isfinite(own.values), envelopes)
