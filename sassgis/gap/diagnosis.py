@@ -284,9 +284,10 @@ class ModelGap:
     place : str
         Station, or "stop".
     quantity : str
-        "runout_m", "energy_kj" or, where masses are not known, "speed_mps".
+        "runout_m", "energy_kj" or, where masses are not known, "speed_mps"; "arrived" (%).
     statistic : str
-        "median", "90 %" (quantile) or "width" (from the 10 % to the 90 % quantile).
+        "median", "90 %" (quantile) or "width" (from the 10 % to the 90 % quantile); of "arrived"
+        the "mean" over the rocks.
     unit : str
     observed, predicted : float
     gap : float

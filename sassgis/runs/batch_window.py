@@ -197,7 +197,7 @@ def _extent(run: MapRun, planned: Plan, lines: int) -> tuple[float, float, float
     starts = take(planned.starts, slice(None, None, max(len(planned.starts) // lines, 1)))
     for first in range(0, len(starts), _POINTS):
         some = take(starts, slice(first, first + _POINTS))
-        lines = trace(run.grid, planned.surface, some, run.terrain)
-        low = np.minimum(low, [lines.x.min(), lines.y.min()])
-        high = np.maximum(high, [lines.x.max(), lines.y.max()])
+        traced = trace(run.grid, planned.surface, some, run.terrain)
+        low = np.minimum(low, [traced.x.min(), traced.y.min()])
+        high = np.maximum(high, [traced.x.max(), traced.y.max()])
     return float(low[0]), float(low[1]), float(high[0]), float(high[1])

@@ -21,11 +21,14 @@ from sassgis.gap.words import (
     range_text,
     rung_name,
 )
-from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.grid import BoolArray, FloatArray, IntArray
 from sassgis.model.languages import Phrase, all_of, capital, joined, named, phrase
 
-#: Share of what was observed from which a gap is relevant; of a width, of the 90 % run-out.
-RELEVANT: Mapping[str, float] = {"runout_m": 0.05, "energy_kj": 0.15, "speed_mps": 0.07}
+#: Share of what was observed from which a gap is relevant; of a width, of the 90 % run-out; of the
+#: rocks that arrive, of all rocks.
+RELEVANT: Mapping[str, float] = {
+    "runout_m": 0.05, "energy_kj": 0.15, "speed_mps": 0.07, "arrived": 0.1
+}  # fmt: skip
 #: Bootstrap samples, and rocks that must be known.
 _SAMPLES, _FEWEST = 999, 3
 #: Number of the campaigns of the configured model.
@@ -43,7 +46,7 @@ def values_of(scale: Scale, rows: FloatArray, column: int) -> FloatArray:
 def model_gaps(
     problem: CalibrationProblem, rows: FloatArray, left: float = 0.0
 ) -> tuple[ModelGap, ...]:
-    """How far a model is off: run-out, and energy, or else speed, at the stations.
+    """How far a model is off: run-out, and energy, or else speed, and arrivals at the stations.
 
     Parameters
     ----------
@@ -68,6 +71,8 @@ def model_gaps(
             if np.isfinite(mass[np.isfinite(seen)]).all():
                 seen, made = 0.5e-3 * mass * seen**2, 0.5e-3 * mass * made**2
                 quantity, unit = "energy_kj", "kJ"
+        if what == "speed":
+            found.append(_arrivals(problem, place, column, np.isfinite(seen), np.isfinite(made)))
         known = np.flatnonzero(np.isfinite(seen) & np.isfinite(made).any(axis=0))
         if known.size < _FEWEST:
             continue
@@ -86,8 +91,35 @@ def model_gaps(
                     (low, high), abs(limit), known.size, side,
                 )
             )  # fmt: skip
-    # Run-out first.
-    return tuple(sorted(found, key=lambda gap: gap.place != "stop"))
+    # Run-out first, arrivals last.
+    return tuple(sorted(found, key=lambda gap: (gap.quantity == "arrived", gap.place != "stop")))
+
+
+def _arrivals(
+    problem: CalibrationProblem, place: str, column: int, seen: BoolArray, made: BoolArray
+) -> ModelGap:
+    """How many more rocks arrived at a station than do in the model (% of the rocks).
+
+    Fewer say nothing: a station may miss rocks.
+
+    Parameters
+    ----------
+    seen : bool, shape (n_rocks,)
+        Recorded there.
+    made : bool, shape (m, n_rocks)
+        Of campaigns of the model.
+    """
+    more = 100.0 * (seen - made.mean(axis=0))
+    low, high = np.nan, np.nan
+    if np.unique(problem.case.group).size > 1:
+        rng = np.random.default_rng([problem.seed, 58, column])
+        drawn = [more[rows].mean() for rows in bootstrap_rows(problem.case.group, _SAMPLES, rng)]
+        low, high = np.quantile(drawn, (0.025, 0.975)).tolist()
+    return ModelGap(
+        place, "arrived", "mean", "%", 100.0 * float(seen.mean()), 100.0 * float(made.mean()),
+        float(more.mean()), (low, high), 100.0 * RELEVANT["arrived"], seen.size,
+        "unsafe" if low > 0.0 else "",
+    )  # fmt: skip
 
 
 def _reaches_beyond(
@@ -278,11 +310,12 @@ def _closed(rung: Rung) -> Phrase:
 
 
 #: Words for gaps on the unsafe side and on the safe side.
-_OFF = {
+_OFF: Mapping[str, tuple[str, ...]] = {
     "width": ("scatters {} {} too little", "scatters {} {} too much"),
     "runout_m": ("is {} {} short", "is {} {} long"),
     "energy_kj": ("is {} {} too low", "is {} {} too high"),
     "speed_mps": ("is {} {} too slow", "is {} {} too fast"),
+    "arrived": ("stops {} {} of the rocks too early",),
 }
 
 
@@ -293,6 +326,8 @@ def _off_by(gap: ModelGap, advice: Advice) -> Phrase:
         compared = dict.fromkeys(
             phrase("median, 90 % and width of run-out")
             if g.quantity == "runout_m"
+            else quantity_name(g.quantity)
+            if g.quantity == "arrived"
             else phrase("median and 90 % {} at stations", quantity_name(g.quantity))
             for g in advice.compared
         )
@@ -308,6 +343,8 @@ def _off_by(gap: ModelGap, advice: Advice) -> Phrase:
         what = phrase("width of the run-out, 10 to 90 %")
     elif kind == "runout_m":
         what = phrase("median run-out" if gap.statistic == "median" else "90 % run-out")
+    elif kind == "arrived":
+        what = phrase("before {}", gap.place)
     else:
         what = phrase("{} {} at {}", statistic, quantity, gap.place)
     off = phrase(_OFF[kind][gap.side == "safe"], number_text(abs(gap.gap)), gap.unit)

@@ -346,7 +346,7 @@ def _raised(place: _Place, gaps: Sequence[float], smallest_m2: float) -> IntArra
     out = classes.copy()
     for k, gap in enumerate(gaps, start=1):
         own = classes >= k
-        # A disk meets all cells around that of its middle whose diagonal is shorter than its radius.
+        # A disk meets each cell around that of its middle, up to a diagonal of its radius.
         radius = gap / 2.0 / size
         near = max(math.ceil(radius / math.sqrt(2.0)) - 1, 0)
         met = ndimage.maximum_filter(own, 2 * near + 1, mode="constant")

@@ -58,7 +58,7 @@ def test_every_statistic_has_its_gap_side_and_interval(
     # A shift moves all rocks alike.
     assert width.side == "" and width.ci95[0] < 0.0 < width.ci95[1]
     at_stations = [g for g in found.values() if g.place != "stop"]
-    assert at_stations and {g.quantity for g in at_stations} == {"energy_kj"}
+    assert {g.quantity for g in at_stations} == {"energy_kj", "arrived"}
     k = problem.scale.names.index("S0:speed")
     speed = values_of(problem.scale, problem.rows, k)
     energy = 0.5e-3 * problem.case.mass_kg * speed**2
@@ -151,3 +151,35 @@ def test_what_the_recommended_model_leaves_on_the_unsafe_side_is_said() -> None:
         "As configured, the model is not distinguished from 40 rocks in median, 90 % and width of "
         "run-out: median run-out observed less predicted 1 m (95 %: \u22123 to 5 m)."
     )
+
+
+@pytest.mark.parametrize("none", [False, True])
+def test_rocks_that_a_model_stops_too_early_count_as_a_shortfall(
+    problem: CalibrationProblem, none: bool
+) -> None:
+    """Also where none of them arrives, so that there is no energy to compare."""
+    rows = model_rows(problem, configured_model(problem.case), 1, 4)
+    k = problem.scale.names.index("S0:speed")
+    absent = k + len(problem.scale.names)
+    as_seen = np.repeat(problem.rows[None], 4, axis=0)
+    arrived = {g.place: g for g in model_gaps(problem, as_seen) if g.quantity == "arrived"}
+    own = arrived[problem.case.station_names[0]]
+    seen = 1.0 - problem.rows[:, absent]
+    assert own.observed == own.predicted == pytest.approx(100.0 * seen.mean())
+    assert own.gap == 0.0 and own.side == "" and not own.counts
+    rows[..., absent] = 1.0
+    if not none:
+        rows[:, ::3, absent] = 0.0
+    found = [g for g in model_gaps(problem, rows) if g.place == problem.case.station_names[0]]
+    short = next(g for g in found if g.quantity == "arrived")
+    assert short.gap == pytest.approx(100.0 * (seen - (1.0 - rows[0][:, absent])).mean())
+    assert short.far_short and short.side == "unsafe"
+    assert none == (len(found) == 1)
+    said = first_sentence(replace(advice("trees", left=(short,)), short=short), RUNGS)
+    assert f"of the rocks too early (before {short.place}; 95 %: " in said
+    # More in the model than were recorded: a station may have missed some.
+    rows[..., absent] = 0.0
+    fewer = problem.rows.copy()
+    fewer[::2, absent] = 1.0
+    more = model_gaps(replace(problem, rows=fewer), rows)
+    assert all(g.side == "" for g in more if g.quantity == "arrived")
