@@ -112,28 +112,6 @@ def observed_release_points(observations: Observations) -> tuple[ReleasePoints, 
     return points, rock
 
 
-def lines_of_rocks(traces: TraceSet, rock: IntArray, n_rocks: int) -> IntArray:
-    """Fall line of each rock.
-
-    Parameters
-    ----------
-    traces : TraceSet
-        Traced from the points of ``observed_release_points``.
-    rock : int64
-        As ``observed_release_points`` returns it.
-    n_rocks : int
-        Number of ``rock_names``.
-
-    Returns
-    -------
-    int64, shape (n_rocks,)
-        -1 for a rock without a line.
-    """
-    lines = np.full(n_rocks, -1, np.int64)
-    lines[rock[traces.point]] = np.arange(len(traces))
-    return lines
-
-
 def nearest_lines(traces: TraceSet, x: FloatArray, y: FloatArray) -> IntArray:
     """Line nearest to each point, for blocks of which the release is not known.
 
@@ -257,7 +235,7 @@ def project_observations(
     Parameters
     ----------
     line_of_rock : int64, shape (len(observations.rock_names),)
-        See ``lines_of_rocks``.
+        Fall line of each rock; -1 for a rock without one.
     grid, prolonged
         See ``project``.
 

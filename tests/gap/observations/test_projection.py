@@ -10,7 +10,6 @@ from helpers.observed_slope import NORTH, WEST, at, ground
 
 from sassgis.gap.observations.observed import Observations
 from sassgis.gap.observations.projection import (
-    lines_of_rocks,
     nearest_lines,
     observed_release_points,
     project,
@@ -58,10 +57,9 @@ def observed(folder, slope) -> Observations:
 def test_points_of_a_plane_slope(observed, slope):
     """On a plane the fall line runs straight down: all is known by hand."""
     points, rock = observed_release_points(observed)
+    assert rock.tolist() == [0, 1, 2, 3, 4]
     traces = traced(slope, points)
-    line = lines_of_rocks(traces, rock, 5)
-    assert line.tolist() == [0, 1, 2, 3, 4]
-    found = project_observations(observed, traces, line, grid=slope)
+    found = project_observations(observed, traces, rock, grid=slope)
     assert {k: len(v) for k, v in found.items()} == {
         "rocks": 5,
         "passages": 10,
@@ -124,9 +122,6 @@ def test_rocks_without_a_release_point_have_no_line(observed, slope):
     assert points.area_names == ("R1", "R3", "R4", "R5") and rock.tolist() == [0, 2, 3, 4]
     # Draws hang on the name of the rock, not on its place in the table.
     assert points.key[1] == point_keys("R3", 1)[0]
-    traces = traced(slope, points)
-    line = lines_of_rocks(traces, rock, 5)
-    assert line.tolist() == [0, -1, 1, 2, 3]
 
 
 def test_nearest_lines_are_those_of_brute_force():
