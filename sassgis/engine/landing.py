@@ -35,6 +35,8 @@ FIRST_TURN = 1e-4
 _REST_SHARE = 1e-3
 _SAME_SPOT = 1e-3
 _MOST_ON_SPOT = 20
+# Speed along the ground, over that of the surface, below which there is none.
+_STOPPED = 1e-9
 
 
 class Velocity(NamedTuple):
@@ -98,6 +100,8 @@ def _rebound(
     output: Output,
     physics: Physics,
     effects: hooks.Effects | None,
+    ct: float,
+    st: float,
     vt: float,
     energy: float,
     as_circle: bool,
@@ -106,6 +110,8 @@ def _rebound(
 
     Parameters
     ----------
+    ct, st : float
+        Cosine and sine of its angle.
     vt : float
         Velocity along the ground (m/s).
     energy : float
@@ -124,7 +130,6 @@ def _rebound(
     mx, mz, rule, friction = hooks.on_contact(
         effects, state, block, ground, mx, mz, physics.eta_rule, ground.mu_f
     )
-    ct, st = cos_sin(state.theta)
     px, py, _ = frame_of(block.a, block.b, st * mz + ct * mx, ct * mz - st * mx)
     if as_circle:
         px, py = 0.0, block.roll_radius
@@ -190,7 +195,7 @@ def land(
         wt, wn, omega = soft_landing(lever, support, block.inertia, vt, vn, state.omega, resistance)
         state.omega = omega
     else:
-        if _rebound(state, block, site, output, physics, effects, vt, energy, as_circle):
+        if _rebound(state, block, site, output, physics, effects, ct, st, vt, energy, as_circle):
             end(state, BROKEN)
             return
         omega = state.omega
@@ -245,7 +250,8 @@ def _settle(state: Record, block: Block, site: Site, gravity: float, velocity: V
     """
     profile = site.profile
     wt, wn, omega = velocity
-    direction = 1 if (wt > 0.0 or (wt == 0.0 and omega >= 0.0)) else -1
+    # One that the ground has stopped along its way goes on as it spins: rounding must not decide.
+    direction = 1 if wt + _STOPPED * omega * block.radius >= 0.0 else -1
     energy = 0.5 * (wt * wt + wn * wn + block.inertia * omega * omega)
     segment = foot_segment(profile, state.segment, state.x, state.z, direction)
     state.direction = direction
@@ -275,7 +281,7 @@ def rolling_place(
     here = profile[segment]
     x = foot_x - radius * here.tz
     z = foot_z + radius * here.tx
-    return x, max(z, resting_height(x, 0.0, radius, radius, profile, segment))
+    return x, max(z, resting_height(x, 1.0, 0.0, radius, radius, profile, segment))
 
 
 @lean
@@ -301,7 +307,7 @@ def _slide_or_rest(
     slide_x = foot_x - support * here.tz
     slide_z = max(
         foot_z + support * here.tx,
-        resting_height(slide_x, state.theta, block.a, block.b, profile, state.segment),
+        resting_height(slide_x, ct, st, block.a, block.b, profile, state.segment),
     )
     drop_to = state.z - slide_z
     left_over = 0.5 * wt * wt + gravity * min(drop_to, 0.0)
