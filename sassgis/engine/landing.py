@@ -241,6 +241,15 @@ def _leave_as_ellipse(state: Record, block: Block) -> None:
         state.theta = math.atan2(-state.nx, state.nz) + math.copysign(lean, state.omega)
 
 
+@inlined
+def way_on(wt: float, omega: float, radius: float) -> int:
+    """Direction along the ground, 1 or -1, of a block with some velocity there (m/s) and spin.
+
+    One that the ground has stopped along its way goes on as it spins: rounding must not decide.
+    """
+    return 1 if wt + _STOPPED * omega * radius >= 0.0 else -1
+
+
 @lean
 def _settle(state: Record, block: Block, site: Site, gravity: float, velocity: Velocity) -> None:
     """Go on along the ground: roll if the energy suffices, else slide, else rest.
@@ -250,8 +259,7 @@ def _settle(state: Record, block: Block, site: Site, gravity: float, velocity: V
     """
     profile = site.profile
     wt, wn, omega = velocity
-    # One that the ground has stopped along its way goes on as it spins: rounding must not decide.
-    direction = 1 if wt + _STOPPED * omega * block.radius >= 0.0 else -1
+    direction = way_on(wt, omega, block.radius)
     energy = 0.5 * (wt * wt + wn * wn + block.inertia * omega * omega)
     segment = foot_segment(profile, state.segment, state.x, state.z, direction)
     state.direction = direction

@@ -19,6 +19,7 @@ from sassgis.engine.impact import (
     soft_landing,
     turn_about_contact,
 )
+from sassgis.engine.landing import way_on
 
 pytestmark = pytest.mark.kernels
 QUICK = settings(max_examples=400, deadline=None, derandomize=True)
@@ -176,3 +177,11 @@ def test_a_flank_that_recedes_lets_the_core_be_met():
     wx, wy, _ = impact(x, y, i, 5.0, -2.0, 15.0, 1.0, RESTITUTION, 0.8, 0.3, 1e9, 0.0)
     assert wy == pytest.approx(0.6)
     assert np.isfinite(wx)
+
+
+@pytest.mark.parametrize(
+    ("along", "spin", "way"),
+    [(2.0, -3.0, 1), (-2.0, 3.0, -1), (1e-17, -3.0, -1), (-1e-17, 3.0, 1), (0.0, 0.0, 1)],
+)
+def test_a_block_that_was_stopped_goes_on_as_it_spins(along, spin, way):
+    assert way_on(along, spin, 0.5) == way
