@@ -199,9 +199,8 @@ def map_axes(ax: Axes, extent: Extent, parts: int = 5) -> None:
     in_km = step >= 1000.0
     scale, decimals = (1000.0, 0) if in_km else (1.0, max(0, int(-np.floor(np.log10(step)))))
     # Labels that would reach beyond the map meet those of the next one.
-    end = 0.05 * (north - south)
-    inside = {ax.xaxis: (west, east), ax.yaxis: (south + end, north - end)}
-    for axis, (low, high) in inside.items():
+    for axis, begin, end in ((ax.xaxis, west, east), (ax.yaxis, south, north)):
+        low, high = begin + 0.05 * (end - begin), end - 0.05 * (end - begin)
         axis.set_major_locator(MultipleLocator(step))
         axis.set_major_formatter(
             FuncFormatter(
