@@ -38,12 +38,9 @@ def contact_frame(a: float, b: float, theta: float) -> tuple[float, float, float
 @lean
 def frame_of(a: float, b: float, s: float, c: float) -> tuple[float, float, float]:
     """As contact_frame, from the sine and cosine of the angle."""
-    y2 = a * a * s * s + b * b * c * c
-    y = math.sqrt(y2)
-    # A quotient that need not wait for the root, in the place of two that do.
-    per_y = y * (1.0 / y2)
-    x = (a * a - b * b) * s * c * per_y
-    curvature = ((a * a - b * b) * (c * c - s * s) - x * x) * per_y
+    y = math.sqrt(a * a * s * s + b * b * c * c)
+    x = (a * a - b * b) * s * c / y
+    curvature = ((a * a - b * b) * (c * c - s * s) - x * x) / y
     return x, y, curvature
 
 

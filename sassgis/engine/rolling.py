@@ -31,8 +31,8 @@ def rolling_friction(block: Block, ground: Record) -> float:
 
 
 @lean
-def lift_off_speed2(block: Block, gravity: float, cos_slope: float) -> float:
-    """Square of the rolling speed above which an ellipse leaves the ground before it is upright.
+def lift_off_speed(block: Block, gravity: float, cos_slope: float) -> float:
+    """Rolling speed above which an ellipse leaves the ground before it stands upright (m/s).
 
     Upright, the normal force is g cos β − ω² (a² − b²)/a. The spin there follows from the rolling
     energy less what lifts the centre from the mean radius to a.
@@ -40,7 +40,7 @@ def lift_off_speed2(block: Block, gravity: float, cos_slope: float) -> float:
     a, b = block.a, block.b
     spin2 = gravity * cos_slope * a / (a * a - b * b)
     energy = 0.5 * spin2 * (block.inertia + a * a) + gravity * cos_slope * (a - block.roll_radius)
-    return 2.0 * energy / block.roll_share
+    return math.sqrt(2.0 * energy / block.roll_share)
 
 
 @lean
@@ -64,12 +64,10 @@ def _force_before_upright(
     weight = gravity * cos_slope
     # The frame of ellipse.frame_of, whose derivatives are: y' = x, x' = curvature.
     shape = block.a * block.a - block.b * block.b
-    y2 = block.a * block.a - shape * s * s
-    y = math.sqrt(y2)
-    per_y = y * (1.0 / y2)
-    x = -shape * c * s * per_y
-    curvature = (shape * (s * s - c * c) - x * x) * per_y
-    curvature_rate = -x * (4.0 + 3.0 * curvature * per_y)
+    y = math.sqrt(block.a * block.a - shape * s * s)
+    x = -shape * c * s / y
+    curvature = (shape * (s * s - c * c) - x * x) / y
+    curvature_rate = -x * (4.0 + 3.0 * curvature / y)
     per_inertia = 1.0 / (block.inertia + x * x + y * y)
     inertia_rate = 2.0 * x * (curvature + y)
     spin2 = 0.0
@@ -127,11 +125,7 @@ def lift_off_angle(
     if at_high <= 0.0:
         return high
     low = 0.0
-    # Upright, the lever is 0 and the curvature −(a² − b²)/a.
-    twice = block.roll_share * max(v * v + 2.0 * pull * first, 0.0)
-    twice -= 2.0 * weight * (block.a - block.roll_radius)
-    spin2 = max(twice, 0.0) / (block.inertia + block.a * block.a)
-    at_low = weight - (block.a - block.b * block.b / block.a) * spin2
+    at_low, _ = _force_before_upright(block, v, pull, first, gravity, cos_slope, down, low)
     if at_low > 0.0:
         # It barely reaches the speed: the force may have ended and come back.
         for i in range(1, _SCANS):
@@ -257,18 +251,17 @@ def rolling_stretch(
             length = reach
             ends_by = TO_SLIDING
     if as_ellipse:
-        least2 = lift_off_speed2(block, gravity, cos_slope)
-        turned = direction * (theta - 0.5 * math.pi)
-        to_upright = turned - math.pi * math.floor(turned / math.pi)
+        least = lift_off_speed(block, gravity, cos_slope)
+        to_upright = (direction * (theta - 0.5 * math.pi)) % math.pi
         if to_upright < 1e-6:
             to_upright += math.pi
         first = roll_radius * to_upright
-        gap = least2 - v * v
+        gap = least * least - v * v
         if pull > 0.0 and gap > 0.0:
             late = gap / (2.0 * pull) - first
             if late > 0.0:
                 first += math.ceil(late / (math.pi * roll_radius)) * math.pi * roll_radius
-        fast = v * v + 2.0 * pull * first >= least2 * (1.0 + 1e-12)
+        fast = v * v + 2.0 * pull * first >= least * least * (1.0 + 1e-12)
         if fast and first - roll_radius * _WIDEST < length:
             early = lift_off_angle(block, v, pull, first, gravity, cos_slope, down)
             if first - roll_radius * early < length:

@@ -77,9 +77,8 @@ def _open_for(
     jerk, most : float
         Bounds of the size of its third and of minus its second derivative at any time.
     """
-    # Until the parabola of now closes the third derivative bends it by so much at most. Without the
-    # square root it closes a little later, and the step is a little shorter.
-    closed = -gap / rate if rate < 0.0 and bend >= 0.0 else _until_closed(gap, rate, bend)
+    # Until the parabola of now closes the third derivative bends it by so much at most.
+    closed = _until_closed(gap, rate, bend)
     extra = jerk * closed / 3.0
     if not bend + extra < most:
         return _until_closed(gap, rate, most), np.inf
@@ -146,10 +145,8 @@ def contact_with_segment(
             ct, st = cos_sin(theta - omega * t)
             s = tx * st - tz * ct
             c = tx * ct + tz * st
-            support2 = b * b + difference * s * s
-            support = math.sqrt(support2)
-            # The quotient need not wait for the root.
-            per_support = support * (1.0 / support2)
+            support = math.sqrt(b * b + difference * s * s)
+            per_support = 1.0 / support
             lever = difference * s * c * per_support
             gap = across + (rise - 0.5 * down * t) * t - support
             rate = approach + lever * omega
