@@ -143,7 +143,7 @@ def test_the_ladder_and_the_first_sentence_are_there(answered: Path) -> None:
     assert found["first_sentence"] in unescape((answered / "report.html").read_text())
     assert {c["quantity"] for c in found["advice"]["consequences"]} == {
         "runout_m (median)", "runout_m (90 %)", "runout_m (width)", "energy_kj (median)",
-        "energy_kj (90 %)",
+        "energy_kj (90 %)", "arrived (mean)",
     }  # fmt: skip
     settings = found["advice"]["settings"]
     assert all(s["ci95"][0] <= s["value"] <= s["ci95"][1] for s in settings)
