@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from sassgis.engine.angles import cos_sin
 from sassgis.engine.contact import resting_height
 from sassgis.engine.effects import hooks
 from sassgis.engine.flight import flight
@@ -179,8 +178,7 @@ def start_released(state: Record, block: Block, site: Site, physics: Physics, st
     here = profile[segment]
     state.segment = segment
     state.theta = start.orientation + angle_of(profile, segment)
-    ct, st = cos_sin(state.theta)
-    lies = resting_height(start.x, ct, st, block.a, block.b, profile, segment)
+    lies = resting_height(start.x, state.theta, block.a, block.b, profile, segment)
     state.z = lies + start.drop
     state.vx = start.speed * here.tx
     state.vz = start.speed * here.tz
@@ -214,7 +212,7 @@ def _start_at_rest(state: Record, block: Block, site: Site, physics: Physics) ->
     elif rolls:
         state.phase = ROLLING
         radius = block.roll_radius
-        state.z = resting_height(state.x, 1.0, 0.0, radius, radius, site.profile, state.segment)
+        state.z = resting_height(state.x, 0.0, radius, radius, site.profile, state.segment)
     else:
         end(state, NEVER_STARTED)
 
@@ -233,8 +231,7 @@ def start_spawned(
     state.phase = FLIGHT
     state.segment = segment_at(profile, spawned.x, segment_at(profile, released_x, 0))
     state.theta = spawned.theta
-    ct, st = cos_sin(state.theta)
-    lies = resting_height(spawned.x, ct, st, block.a, block.b, profile, state.segment)
+    lies = resting_height(spawned.x, state.theta, block.a, block.b, profile, state.segment)
     state.z = max(spawned.z, lies)
     state.vx = spawned.vx
     state.vz = spawned.vz

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sassgis.engine.angles import cos_sin
 from sassgis.engine.profile import segment_at
 from sassgis.engine.rows import Record, Records, last_of
 from sassgis.engine.touching import Flying, contact_with_segment, contact_with_vertex
@@ -290,8 +291,7 @@ def _contact_at(
 @lean
 def resting_height(
     x: float,
-    ct: float,
-    st: float,
+    theta: float,
     a: float,
     b: float,
     profile: Records,
@@ -303,8 +303,8 @@ def resting_height(
 
     Parameters
     ----------
-    x, ct, st, a, b : float
-        Chainage (m), cosine and sine of the angle of the major axis, semi-axes (m).
+    x, theta, a, b : float
+        Chainage (m), angle of the major axis (rad), semi-axes (m).
     near : int
         A segment near x, to start looking from.
 
@@ -313,6 +313,7 @@ def resting_height(
     float
         Minus infinity where there is no ground below.
     """
+    ct, st = cos_sin(theta)
     reach = math.sqrt(a * a * ct * ct + b * b * st * st)
     height = -np.inf
     n = last_of(profile)

@@ -281,9 +281,8 @@ def _rests_at(state: Record, block: Block, site: Site) -> float:
     """Height at which the block would touch the ground as it stands (m)."""
     if state.phase == ROLLING:
         radius = block.roll_radius
-        return resting_height(state.x, 1.0, 0.0, radius, radius, site.profile, 0)
-    ct, st = cos_sin(state.theta)
-    return resting_height(state.x, ct, st, block.a, block.b, site.profile, 0)
+        return resting_height(state.x, 0.0, radius, radius, site.profile, 0)
+    return resting_height(state.x, state.theta, block.a, block.b, site.profile, 0)
 
 
 @inlined

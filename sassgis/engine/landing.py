@@ -289,7 +289,7 @@ def rolling_place(
     here = profile[segment]
     x = foot_x - radius * here.tz
     z = foot_z + radius * here.tx
-    return x, max(z, resting_height(x, 1.0, 0.0, radius, radius, profile, segment))
+    return x, max(z, resting_height(x, 0.0, radius, radius, profile, segment))
 
 
 @lean
@@ -315,7 +315,7 @@ def _slide_or_rest(
     slide_x = foot_x - support * here.tz
     slide_z = max(
         foot_z + support * here.tx,
-        resting_height(slide_x, ct, st, block.a, block.b, profile, state.segment),
+        resting_height(slide_x, state.theta, block.a, block.b, profile, state.segment),
     )
     drop_to = state.z - slide_z
     left_over = 0.5 * wt * wt + gravity * min(drop_to, 0.0)

@@ -309,7 +309,7 @@ def test_resting_height_touches_without_overlap(seed):
         a = rng.uniform(0.2, 1.0)
         b = a * rng.uniform(0.3, 1.0)
         x, theta = rng.uniform(3.0, 9.0), rng.uniform(0.0, math.pi)
-        h = resting_height(x, math.cos(theta), math.sin(theta), a, b, ground_profile(s, z), 0)
+        h = resting_height(x, theta, a, b, ground_profile(s, z), 0)
         gaps, _ = settle((x, h, 0.0, 0.0, theta, 0.0, a, b), (s, z), 0.0)
         assert gaps.min() == pytest.approx(0.0, abs=1e-9)
         lower, _ = settle((x, h - 1e-6, 0.0, 0.0, theta, 0.0, a, b), (s, z), 0.0)

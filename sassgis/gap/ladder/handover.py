@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -110,11 +111,8 @@ def _arrivals(
         Of campaigns of the model.
     """
     more = 100.0 * (seen - made.mean(axis=0))
-    low, high = np.nan, np.nan
-    if np.unique(problem.case.group).size > 1:
-        rng = np.random.default_rng([problem.seed, 58, column])
-        drawn = [more[rows].mean() for rows in bootstrap_rows(problem.case.group, _SAMPLES, rng)]
-        low, high = np.quantile(drawn, (0.025, 0.975)).tolist()
+    rng = np.random.default_rng([problem.seed, 58, column])
+    low, high = _interval(lambda rows: more[rows].mean(), problem.case.group, rng).tolist()
     return ModelGap(
         place, "arrived", "mean", "%", 100.0 * float(seen.mean()), 100.0 * float(made.mean()),
         float(more.mean()), (low, high), 100.0 * RELEVANT["arrived"], seen.size,
@@ -141,17 +139,25 @@ def _compared(
         return np.array([middle, high, high - low])
 
     observed, predicted = statistics(seen), statistics(made)
-    drawn = np.full((2, 3), np.nan)
-    if np.unique(group).size > 1:
-        samples = [
-            statistics(seen[rows]) - statistics(made[:, rows])
-            for rows in bootstrap_rows(group, _SAMPLES, rng)
-        ]
-        drawn = np.quantile(samples, (0.025, 0.975), axis=0)
+    drawn = _interval(lambda rows: statistics(seen[rows]) - statistics(made[:, rows]), group, rng)
     return {
         name: (float(observed[k]), float(predicted[k]), (float(drawn[0, k]), float(drawn[1, k])))
         for k, name in enumerate(("median", "90 %", "width"))
     }
+
+
+def _interval(
+    statistic: Callable[[IntArray], Any], group: IntArray, rng: np.random.Generator
+) -> FloatArray:
+    """95 % interval of a statistic of rows of rocks, shape (2, ...); NaN of a single group.
+
+    Groups of rocks are drawn anew; the statistic takes the rows of those that are drawn.
+    """
+    if np.unique(group).size == 1:
+        return np.full((2, *np.shape(statistic(np.arange(group.size)))), np.nan)
+    samples = [statistic(rows) for rows in bootstrap_rows(group, _SAMPLES, rng)]
+    out: FloatArray = np.quantile(samples, (0.025, 0.975), axis=0)
+    return out
 
 
 def worst_of(gaps: Sequence[ModelGap]) -> ModelGap | None:

@@ -358,7 +358,7 @@ def _raised(place: _Place, gaps: Sequence[float], smallest_m2: float) -> IntArra
         outside[[0, -1], :] = outside[:, [0, -1]] = True
         small[hole[outside]] = False
         small[0] = False
-        out[own | small[hole]] = np.maximum(out[own | small[hole]], k)
+        np.maximum(out, k, out=out, where=own | small[hole])
     return out
 
 
