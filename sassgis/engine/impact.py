@@ -10,6 +10,8 @@ import math
 from sassgis.model.jit import lean
 
 SCALE, COULOMB, RESTITUTION = 0, 1, 2
+#: Speed along the ground at which an impact leaves 1/(1 + speed_loss) of it (m/s).
+_LOSS_AT_MPS = 10.0
 #: The laws of impact by the names that they have in the settings.
 RULES = {"scale": SCALE, "coulomb": COULOMB, "restitution": RESTITUTION}
 
@@ -151,6 +153,19 @@ def held_back(vx: float, ploughing: float, impulse: float) -> float:
 
 
 @lean
+def share_left(vx: float, speed_loss: float) -> float:
+    """Share of speed along the ground and spin that a loss which grows with the speed leaves.
+
+    1/(1 + speed_loss (vx/10 m/s)²), the same of both, so that a block that rolls goes on rolling;
+    ``vx`` is the speed along the ground before the impact (m/s). The form is ours: ground that
+    yields, or is thrown up, takes more from fast blocks than from slow ones.
+    """
+    if speed_loss == 0.0:
+        return 1.0
+    return 1.0 / (1.0 + speed_loss * (vx / _LOSS_AT_MPS) ** 2)
+
+
+@lean
 def limited(
     wx: float, wy: float, spin: float, inertia: float, most: float
 ) -> tuple[float, float, float]:
@@ -200,6 +215,7 @@ def impact(
     e: float = 0.0,
     halved_at: float = 9.144,
     ploughing: float = 0.0,
+    speed_loss: float = 0.0,
 ) -> tuple[float, float, float]:
     """Velocity and spin after an impact: limited to η_max, or with RESTITUTION held back.
 
@@ -221,6 +237,8 @@ def impact(
         For RESTITUTION: as restitution_at takes them.
     ploughing : float
         For RESTITUTION: as held_back() takes it.
+    speed_loss : float
+        For RESTITUTION: as share_left() takes it.
 
     Returns
     -------
@@ -233,7 +251,8 @@ def impact(
             x = 0.0
         rebound = restitution_at(e, halved_at, vy + x * omega)
         wx, wy, spin = rebound_at_contact(x, y, inertia, vx, vy, omega, mu, rebound)
-        return held_back(wx, ploughing, wy - vy), wy, spin
+        left = share_left(vx, speed_loss)
+        return left * held_back(wx, ploughing, wy - vy), wy, left * spin
     if rule == COULOMB:
         wx, wy, spin = slip_at_contact(x, y, inertia, vx, vy, omega, mu)
     else:

@@ -136,11 +136,14 @@ def _rebound(
     log_event(output.log, state, mz, -mx)
     vx = state.vx
     vz = state.vz
-    # As a circle it goes on rolling: rounding the corner costs what rolling costs.
-    ploughing = _resistance(block, ground) if as_circle else 1.0 - ground.eta_max
+    ploughing = 1.0 - ground.eta_max
+    speed_loss = ground.speed_loss
+    if as_circle:
+        # It goes on rolling: rounding the corner costs what rolling costs.
+        ploughing, speed_loss = _resistance(block, ground), 0.0
     wt, wn, omega = impact(
         px, py, block.inertia, vx * mz - vz * mx, vx * mx + vz * mz, state.omega, ground.eta_max,
-        rule, friction, ground.restitution, ground.restitution_speed_mps, ploughing
+        rule, friction, ground.restitution, ground.restitution_speed_mps, ploughing, speed_loss
     )  # fmt: skip
     wt, wn, omega = hooks.after_impact(
         effects, state, block, ground, -(vx * mx + vz * mz), wt, wn, omega

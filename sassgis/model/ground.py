@@ -14,7 +14,7 @@ from sassgis.model.errors import InputError
 #: Parameters of a ground class; the numbers among the attributes of GroundClass.
 PARAMETERS = (
     "eta_max", "dp_min", "dp_max", "mu_f", "mu_0", "k", "d_star_m", "restitution",
-    "restitution_speed_mps", "rolling_threshold",
+    "restitution_speed_mps", "rolling_threshold", "speed_loss",
 )  # fmt: skip
 #: How far values may be trusted, the most first, and how maps, report and warnings call that.
 Trust = Literal["paper", "fitted", "estimate"]
@@ -35,6 +35,7 @@ LIMITS = {
     "restitution": (0.0, 1.0),
     "restitution_speed_mps": (0.1, 1e6),
     "rolling_threshold": (0.0, 10.0),
+    "speed_loss": (0.0, 100.0),
 }
 _ROW_DTYPE = np.dtype([(name, np.float64) for name in PARAMETERS])
 
@@ -61,6 +62,9 @@ class GroundClass:
         9.144, Pfeiffer and Bowen (1989) as coded in PlatRock (Common/BounceModels.py).
     rolling_threshold : float
         A block lands softly and rolls where v_n²/(2 g cos β) is below this share of its radius.
+    speed_loss : float
+        Of speed along the ground and spin an impact leaves 1/(1 + speed_loss (v_t/10 m/s)²):
+        impact.share_left. 0: no such loss.
     source : str
         Where the values come from.
     trust : {"paper", "fitted", "estimate"}
@@ -80,6 +84,7 @@ class GroundClass:
     restitution: float = 0.0
     restitution_speed_mps: float = 9.144
     rolling_threshold: float = 0.1
+    speed_loss: float = 0.0
     source: str = ""
     trust: Trust = "estimate"
 

@@ -119,7 +119,8 @@ def ranges_of(
 def acting(engine: EngineSettings) -> tuple[str, ...]:
     """Parameters that the readings of the engine use."""
     given = engine.resolved()
-    idle = [] if given.eta_max_rule == "restitution" else ["restitution", "restitution_speed_mps"]
+    rebound = ["restitution", "restitution_speed_mps", "speed_loss"]
+    idle = [] if given.eta_max_rule == "restitution" else rebound
     if given.rolling_threshold is not None:
         idle.append("rolling_threshold")
     return tuple(p for p in RANGED if p not in idle)

@@ -456,7 +456,7 @@ def _ground_table(before: GroundTable, after: GroundTable) -> ReportTable:
         "Calibrated ground classes",
         heads(
             "class; η max; Δp/p least; Δp/p most; μ_f; μ_0; k; d* | m; e; v of e/2 | m/s; "
-            "rolling threshold"
+            "rolling threshold; speed loss"
         ),
         tuple(rows),
         "Configured → calibrated, with the named effect if there is one. Classes that did not "

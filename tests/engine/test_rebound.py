@@ -171,6 +171,29 @@ def test_nothing_held_back_leaves_the_contact_law_alone():
     assert impact(*body, *v, 0.2, RESTITUTION, 0.8, 0.3, 1e9) == pytest.approx(alone, rel=1e-6)
 
 
+@pytest.mark.parametrize("vx", [-20.0, -10.0, 3.0, 10.0, 20.0])
+def test_a_loss_that_grows_with_the_speed_leaves_a_rolling_sphere_rolling(vx):
+    # 1/(1 + q (v/10)²) of speed along the ground and spin, whatever the rebound.
+    r, q = 0.5, 0.25
+    body = (0.0, r, inertia(r, r), vx, -2.0, vx / r)
+    wx, wy, spin = impact(*body, 0.0, RESTITUTION, 0.8, 0.4, 1e9, 0.0, q)
+    assert wx == pytest.approx(vx / (1.0 + q * vx * vx / 100.0))
+    assert spin == pytest.approx(wx / r)
+    assert wy == pytest.approx(0.8)
+
+
+@given(m=meetings(), e=st.floats(0.0, 1.0), q=st.floats(0.0, 5.0))
+@QUICK
+def test_a_loss_with_the_speed_only_takes_and_none_changes_nothing(m, e, q):
+    body, v = m
+    law = (0.0, RESTITUTION, 0.8, e, 1e9, 0.2)
+    free, slow = (impact(*body, *v, *law, loss) for loss in (0.0, q))
+    assert free == impact(*body, *v, *law)
+    assert slow[1] == free[1]
+    for k in (0, 2):
+        assert abs(slow[k]) <= abs(free[k]) and slow[k] * free[k] >= 0.0
+
+
 def test_a_flank_that_recedes_lets_the_core_be_met():
     # Its centre comes down all the same: not into the ground.
     x, y, i = 0.2, 0.4, 0.08

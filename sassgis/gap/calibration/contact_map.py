@@ -1,7 +1,7 @@
 """The law of the contact as the recorded contacts have it, class by class.
 
-Restitution, the speed at which it has halved, friction and what the ground holds back make smooth,
-monotone functions of the normal speed and of the angle of an impact. They are learned from single
+Restitution, the speed at which it has halved, friction, what the ground holds back and a loss that
+grows with the speed make smooth, monotone functions of the speeds along the ground and normal to it. They are learned from single
 contacts, each predicted from the state that was observed before it, and shrunk towards the values
 of the class. What a class without contacts is taken to be follows the others half way.
 """
@@ -36,6 +36,7 @@ _RANGES = {
     "mu_f": (Range(0.02, 1.5), 0.17),
     "restitution": (Range(0.0, 1.0), 0.25),
     "restitution_speed_mps": (Range(0.5, 200.0, "log"), 0.13),
+    "speed_loss": (Range(0.0, 1.0), 0.1),
 }
 #: Contacts and rocks from which on a class is learned, and contacts of it that are used at most.
 _FEWEST, _FEWEST_ROCKS, _MOST = 20, 5, 250

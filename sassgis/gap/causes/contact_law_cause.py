@@ -18,6 +18,7 @@ BOUNDS = {
     "mu_f": (0.05, 1.5),
     "restitution": (0.0, 0.95),
     "mu_0": (0.02, 1.0),
+    "speed_loss": (0.0, 1.0),
 }
 
 #: Normal speed at which the restitution of the classes has halved (m/s).
@@ -41,6 +42,8 @@ def _draw(case: Case, draws: ParameterDraws) -> CausePart:
         }
         if case.engine.resolved().eta_max_rule == "restitution":
             shifts["restitution"] = draws.uniform("law.restitution", -0.6, 0.6)
+            # Below zero there is no loss: as likely as one.
+            shifts["speed_loss"] = draws.uniform("law.speed_loss", -0.4, 0.4)
             halved = draws.log("law.restitution_speed", 1.0 / 12.0, 12.0)
             values["restitution_speed_mps"] = rounded(halved * _HALVED_AT_MPS)
     used = set(np.unique(case.profiles.ground).tolist())
@@ -69,7 +72,7 @@ def _beyond(case: Case, kind: int) -> dict[str, float]:
     if case.learned is None:
         return {}
     learned, configured = (table.classes[kind] for table in (case.learned, case.table))
-    names = ("eta_max", "mu_f", "restitution")
+    names = ("eta_max", "mu_f", "restitution", "speed_loss")
     return {name: float(getattr(learned, name) - getattr(configured, name)) for name in names}
 
 

@@ -129,7 +129,7 @@ def impact_draws(
             wt, wn, spin = impact(
                 x, y, block.inertia, state.vx * mz - state.vz * mx, into, omega, ground.eta_max,
                 rule, friction, ground.restitution, ground.restitution_speed_mps,
-                1.0 - ground.eta_max,
+                1.0 - ground.eta_max, ground.speed_loss,
             )  # fmt: skip
             wt, wn, spin = hooks.after_impact(effects, state, block, ground, -into, wt, wn, spin)
             vx, vz = wt * mz + wn * mx, wn * mz - wt * mx

@@ -63,8 +63,8 @@ def read_ground_table(path: AnyInput | None = None, readings: str = "hazard") ->
     path
         The user's own table, CSV or TOML (``[[classes]]``), with the columns name, eta_max, dp_min,
         dp_max, mu_f, mu_0, k, d_star_m, restitution, restitution_speed_mps, rolling_threshold and,
-        if wanted, source and trust. A class of a built-in
-        name replaces that one; others are added.
+        if wanted, speed_loss, source and trust. A class of a built-in name replaces that one;
+        others are added.
     readings
         Named set of readings of the engine, which has built-in classes of its own.
     """
@@ -95,6 +95,7 @@ def _columns(file: Input) -> dict[str, CsvColumn]:
     return {
         "name": CsvColumn(),
         **{parameter: CsvColumn(float) for parameter in PARAMETERS},
+        "speed_loss": CsvColumn(float, default=0.0),
         "source": CsvColumn(default=f"own table {file.name}"),
         "trust": CsvColumn(known=tuple(TRUST_TEXT), default="estimate"),
     }
