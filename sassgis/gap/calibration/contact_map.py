@@ -1,9 +1,10 @@
 """The law of the contact as the recorded contacts have it, class by class.
 
 Restitution, the speed at which it has halved, friction, what the ground holds back and a loss that
-grows with the speed make smooth, monotone functions of the speeds along the ground and normal to it. They are learned from single
-contacts, each predicted from the state that was observed before it, and shrunk towards the values
-of the class. What a class without contacts is taken to be follows the others half way.
+grows with the speed make smooth, monotone functions of normal speed, speed along the ground and
+angle of an impact. They are learned from single contacts, each predicted from the state that was
+observed before it, and shrunk towards the values of the class. What a class without contacts is
+taken to be follows the others half way.
 """
 
 from __future__ import annotations
