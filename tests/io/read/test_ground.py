@@ -117,23 +117,25 @@ def test_toml_and_spreadsheet_tables_say_the_same(tmp_path):
     assert read_ground_table(toml) == read_ground_table(sheet)
 
 
-def test_source_may_be_left_out_but_is_then_an_estimate(tmp_path):
+def test_source_and_speed_loss_may_be_left_out(tmp_path):
     path = tmp_path / "own.csv"
     path.write_text(HEADER.removesuffix(",source,trust\n") + "\nscree,.5,0,0,.8,.5,.2,.4,0,9,.1\n")
     own = read_ground_table(path).classes[-1]
     assert own.trust == "estimate"
     assert "own.csv" in own.source
+    assert own.speed_loss == 0.0
 
 
-@given(values=st.tuples(*[st.floats(0.0, 1.0)] * 10))
+@given(values=st.tuples(*[st.floats(0.0, 1.0)] * 11))
 def test_numbers_come_through_unchanged(values):
     import tempfile
 
-    eta, a, b, *rest, speed, threshold = values
-    numbers = (eta, min(a, b), max(a, b), *rest, 0.1 + speed, threshold)
+    eta, a, b, *rest, speed, threshold, loss = values
+    numbers = (eta, min(a, b), max(a, b), *rest, 0.1 + speed, threshold, loss)
+    header = HEADER.replace("rolling_threshold,", "rolling_threshold,speed_loss,")
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "own.csv"
-        path.write_text(HEADER + "x," + ",".join(map(repr, numbers)) + ",s,paper\n")
+        path.write_text(header + "x," + ",".join(map(repr, numbers)) + ",s,paper\n")
         assert read_ground_table(path).rows()[-1].tolist() == tuple(numbers)
 
 
