@@ -13,6 +13,7 @@ import numpy as np
 from sassgis.engine.simulate_paths import PathTerrain
 from sassgis.gap.calibration.parameters import classes_met
 from sassgis.gap.calibration.problem import CalibrationProblem
+from sassgis.gap.observations.allowances import GRAVITY
 from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.observed import DENSITY_KGM3, Observations, rock_masses_kg
 from sassgis.gap.observations.projection import (
@@ -92,8 +93,9 @@ def observations_name(observations: AnyObservations) -> Path:
 
 
 def drop_of(blocks: Sequence[BlockPopulation]) -> float:
-    """Height above the ground from which blocks are let go, at most (m)."""
-    return max((own.drop_m[1] for own in blocks), default=0.0)
+    """Height above the ground from which blocks are let go, at most (m); a speed as its height."""
+    heights = (own.drop_m[1] + own.speed_mps[1] ** 2 / (2.0 * GRAVITY) for own in blocks)
+    return max(heights, default=0.0)
 
 
 def fingerprint_of(config: Config, observations: AnyObservations, options: str) -> str:

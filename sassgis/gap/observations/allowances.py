@@ -11,6 +11,8 @@ from sassgis.gap.observations.observed import Observations, rock_radii_m
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.terrain.heights import heights_at
 
+#: Of falls between observed points (m/s²).
+GRAVITY = 9.81
 #: Room for errors of measurement where none are stated.
 SPEED_ERROR_REL, HEIGHT_ERROR_M, POSITION_ERROR_M = 0.05, 0.25, 0.5
 MASS_ERROR_REL = 0.05

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.gap.observations.allowances import (
+    GRAVITY,
     HEIGHT_ERROR_M,
     POSITION_ERROR_M,
     SIGMAS,
@@ -25,11 +26,13 @@ from sassgis.gap.observations.tables import TABLES
 from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.terrain.heights import heights_at
 
-_GRAVITY = 9.81
 _KMH = 3.6
 #: Falls between impacts that tell a scale (m), their least number, and the scale that is certainly
 #: wrong.
 _LEAST_FALL_M, _LEAST_FLIGHTS, _SCALE_USUAL = 1.0, 12, 1.05
+#: Rocks, and share of them, from which on speeds that are too fast for the drop speak against the
+#: stated start, which a diagnosis looks for.
+_FEWEST_FAST, _SHARE_FAST = 5, 0.25
 #: Surface speed of a rock over its own speed: rolling is 1, a median of twice that is another unit.
 _SPIN_RATIO = 2.0
 #: Rotations in other units, as multiples of turns, and of radians, per second.
@@ -210,8 +213,8 @@ def fall_scale(obs: Observations, grid: Grid | None) -> tuple[float, float, int]
     for rock in np.unique(hit.rock_id).tolist():
         rows = np.flatnonzero(hit.rock_id == rock)
         for a, b in pairwise(rows[np.argsort(hit.impact[rows], kind="stable")].tolist()):
-            fell = 2.0 * _GRAVITY * (z[a] - z[b])
-            if fell > 2.0 * _GRAVITY * _LEAST_FALL_M:
+            fell = 2.0 * GRAVITY * (z[a] - z[b])
+            if fell > 2.0 * GRAVITY * _LEAST_FALL_M:
                 ratios.append((into[b] - out[a]) / fell)
     known = np.sort(np.array(ratios)[np.isfinite(ratios)])
     if known.size < _LEAST_FLIGHTS:
@@ -260,7 +263,7 @@ def check_drops(
         if table == "passages" and len(obs.stations):
             z = np.where(np.isfinite(z), z, station_heights_m(obs, grid, lowest=True))
         drop = np.maximum(top[owner] - z, 0.0) + slack
-        fastest = np.sqrt(2.0 * _GRAVITY * drop + start[owner] ** 2)
+        fastest = np.sqrt(2.0 * GRAVITY * drop + start[owner] ** 2)
         ratio = speed / fastest
         known = np.isfinite(ratio)
         # Rows that only a wrong scale makes too fast are right but for that.
@@ -274,13 +277,29 @@ def check_drops(
             f" in row {data.row[worst]}"  # type: ignore[attr-defined]
         )
         many = too_fast.sum() > 0.4 * known.sum() and known.sum() >= 3
+        lacking = (speed / room) ** 2 / (2.0 * GRAVITY) - (fastest**2 / (2.0 * GRAVITY))
+        missing = _missing_heights_m(owner[too_fast], lacking[too_fast])
+        rocks = np.unique(owner[known & (owner >= 0)]).size
         explained = np.mean(ratio[known] / _KMH <= 1.0 + SIGMAS * error) > 0.9
         if many and explained:
             rule, rows = RULES["km/h"], known
             says = f"median {np.median(speed[known]):.1f}; {says}"
+        elif not many and missing.size >= max(_FEWEST_FAST, _SHARE_FAST * rocks):
+            words = {"rocks": missing.size, "all": rocks, "more": float(np.median(missing))}
+            yield from RULES["start too low"].at(obs, table, too_fast, says, column, **words)
+            continue
         else:
             rule, rows = RULES["mostly too fast" if many else "too fast"], too_fast
         yield from rule.at(obs, table, rows, says, column, fastest=fastest[worst])
+
+
+def _missing_heights_m(owner: IntArray, lacking: FloatArray) -> FloatArray:
+    """Height by which each rock would have to start higher for its speeds (m)."""
+    own = owner >= 0
+    rocks, at = np.unique(owner[own], return_inverse=True)
+    most = np.zeros(rocks.size)
+    np.maximum.at(most, at, lacking[own])
+    return most
 
 
 def start_speeds_mps(obs: Observations) -> FloatArray:

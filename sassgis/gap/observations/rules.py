@@ -121,6 +121,9 @@ RULES: Mapping[str, Rule] = {
     "km/h": Rule("error", "look like km/h", "", "{fastest:.1f} m/s at most", "value"),
     "mostly too fast": Rule("error", "faster than the drop allows", "",
                             "{fastest:.1f} m/s at most", "value"),
+    "start too low": Rule("warning", "faster than the drop from the stated start allows, at "
+                          "{rocks} of {all} rocks; they are kept", "",
+                          "a start that is {more:.0f} m higher, or a right scale"),
     "too fast": Rule("warning", "faster than the drop allows", "",
                      "{fastest:.1f} m/s at most", "value"),
     # Places

@@ -82,7 +82,12 @@ def _columns_of(declaring: type) -> tuple[Column, ...]:
 _ROCK = _text("name of the rock; R7.2 is a piece of R7")
 _MASS = _positive("kg", "mass")
 _SPEED = Column("m/s", "speed of the centre", low=0.0, from_drop=("speed_mps",))
-_ROTATION = Column("1/s", "turns per second, without sign", low=0.0, rim_of="speed_mps")
+_ROTATION = Column(
+    "1/s",
+    "turns per second of the rock about its axis, whichever it is, without sign",
+    low=0.0,
+    rim_of="speed_mps",
+)
 T = TypeVar("T", bound="Table")
 
 
@@ -231,7 +236,7 @@ class Stations(Table):
     table: ClassVar[str] = "stations"
     about: ClassVar[str] = (
         "Lines across the slope at which passing rocks were measured. In a GeoPackage the line may "
-        "have any number of vertices."
+        "have any number of vertices, from either end."
     )
     key: ClassVar[tuple[str, ...]] = ("station",)
     required: ClassVar[tuple[str, ...]] = ("station",)
@@ -257,7 +262,10 @@ class Passages(Table):
     """Rocks at stations."""
 
     table: ClassVar[str] = "passages"
-    about: ClassVar[str] = "A row for each rock at each station."
+    about: ClassVar[str] = (
+        "A row for each rock at each station; one that passed without a measurement has a row "
+        "without numbers."
+    )
     key: ClassVar[tuple[str, ...]] = ("rock_id", "station")
     may_be_loose: ClassVar[bool] = True
     quantities: ClassVar[Mapping[str, tuple[str, ...]]] = {
@@ -274,7 +282,12 @@ class Passages(Table):
     z: Annotated[FloatArray, _coordinate("z", "where it passed, centre of the rock")]
     speed_mps: Annotated[FloatArray, _SPEED]
     rotation_hz: Annotated[FloatArray, _ROTATION]
-    height_m: Annotated[FloatArray, Column("m", "vertical, from the ground to the centre", low=0.0)]
+    height_m: Annotated[
+        FloatArray,
+        Column(
+            "m", "vertical, from the ground to the centre, not less its resting height", low=0.0
+        ),
+    ]
     mass_kg: Annotated[FloatArray, _MASS]
 
 
@@ -288,7 +301,8 @@ class Impacts(Table):
         "from sensors in the rock. Velocities are those of the centre of the rock, in the vertical "
         "plane of motion, along the ground and along the *outward* normal of the ground: an "
         "approaching rock has `vn_in_mps` below zero. Spin is clockwise positive with the motion "
-        "to the right, so that a rolling rock has positive spin."
+        "to the right, so that a rolling rock has positive spin. Where the path turns, those after "
+        "the impact are along the new heading."
     )
     key: ClassVar[tuple[str, ...]] = ("rock_id", "impact")
     quantities: ClassVar[Mapping[str, tuple[str, ...]]] = {
@@ -303,7 +317,13 @@ class Impacts(Table):
     y: Annotated[FloatArray, _coordinate("y", "point of impact")]
     z: Annotated[FloatArray, _coordinate("z", "point of impact")]
     slope_deg: Annotated[
-        FloatArray, Column("°", "dip of the ground along the travel", low=-90, high=90)
+        FloatArray,
+        Column(
+            "°",
+            "dip of the ground along the travel, over a metre or two: not of single bumps",
+            low=-90,
+            high=90,
+        ),
     ]
     vt_in_mps: Annotated[
         FloatArray,
@@ -328,7 +348,10 @@ class Deposits(Table):
     """Blocks where they lie."""
 
     table: ClassVar[str] = "deposits"
-    about: ClassVar[str] = "A row for each deposited block, fragments included."
+    about: ClassVar[str] = (
+        "A row for each deposited block, fragments included. A rock that broke has rows for its "
+        "pieces, which also passed the stations below under their own names, and none for itself."
+    )
     may_be_loose: ClassVar[bool] = True
     quantities: ClassVar[Mapping[str, tuple[str, ...]]] = {
         "runout_m": ("x", "y"),
@@ -393,7 +416,12 @@ class Metadata:
 
     fps: Annotated[float, Column("1/s", "pictures per second")] = math.nan
     speed_error_rel: Annotated[
-        float, Column("", "standard error of a speed, as a share of it (0.05: 5 %)")
+        float,
+        Column(
+            "",
+            "standard error of a speed, as a share of it (0.05: 5 %); at impacts of the "
+            "whole speed, both components alike",
+        ),
     ] = math.nan
     rotation_error_rel: Annotated[
         float, Column("", "standard error of a rotation, as a share of it")
@@ -410,7 +438,12 @@ class Metadata:
         float, Column("m/s", "speed into the ground below which a contact is not recorded")
     ] = math.nan
     contact_min_interval_s: Annotated[
-        float, Column("s", "time after a contact within which another one cannot be distinguished")
+        float,
+        Column(
+            "s",
+            "time after a contact within which another one is taken for one with it: "
+            "velocities before the first and after the last",
+        ),
     ] = math.nan
     passages_missed_share: Annotated[
         float, Column("", "share of the passages at stations that were missed")

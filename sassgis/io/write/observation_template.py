@@ -65,7 +65,7 @@ def _guide() -> str:
         "whole tables and columns may be deleted. One row for each rock, station, passage, ...",
         "x, y and z are in the coordinates and heights of the DEM. Points for decimals.",
         "A rock_id with a suffix after a point (R7.2) is a piece of R7. A deposit or passage of",
-        "unknown origin has an empty rock_id.",
+        "unknown origin has an empty rock_id; the check then tells how many there are.",
     ]
     for table, columns in TABLES.items():
         lines += ["", table, *_rows(columns)]

@@ -32,8 +32,10 @@ from sassgis.gap.observations.tables import (
 from sassgis.gap.which.identifiable import what_is_identifiable
 from sassgis.io.read.observation_files import read_observations, validate_observations
 from sassgis.io.write.observation_template import observations_template
+from sassgis.model.blocks import BlockPopulation
 from sassgis.model.errors import InputError, OutputError
 from sassgis.model.grid import Grid
+from sassgis.runs.gap_case import drop_of
 
 
 def lines(observations, grid=None):
@@ -736,6 +738,26 @@ def test_speeds_at_impacts_in_another_unit_are_left_out(folder, slope):
     found = only(read, slope)
     assert "look like km/h, or another unit (found 3.5 times what the falls" in found
     assert np.isnan(read.impacts.vt_in_mps).all() and np.isnan(read.impacts.vn_out_mps).all()
+
+
+def test_rocks_too_fast_for_the_stated_start_speak_against_it_and_stay(folder, slope):
+    # Those of hops fell 14 m before their first impact: here they start 12 m too low.
+    def low(records):
+        out = [dict(r) for r in records]
+        for i, own in enumerate(out[:5], 1):
+            own["x"], own["y"], own["z"] = at(2.0 * i, 38.0)
+        return out
+
+    path = folder(rocks=low, impacts=hops(1.0), passages=None, deposits=None, trajectories=None)
+    found = only(read := read_observations(path, slope), slope)
+    assert "the drop from the stated start allows, at 5 of 5 rocks; they are kept" in found
+    assert "m higher" in found
+    assert np.isfinite(read.impacts.vt_in_mps).all()
+
+
+def test_a_speed_at_the_release_counts_as_the_height_that_gives_it():
+    slow, fast = (BlockPopulation(speed_mps=(0.0, v), drop_m=(0.0, 0.5)) for v in (0.0, 4.0))
+    assert drop_of([fast, slow]) - drop_of([slow]) == pytest.approx(16.0 / 19.62)
 
 
 def test_one_impact_too_fast_is_left_out_whatever_the_scale(folder, slope):
