@@ -86,7 +86,7 @@ MOST_ROCKS = 100
 #: What the numbers are before any site, and how strongly a ridge holds them there.
 START = CauseWeights(np.array([4.0, 1.5, 2.0, 1.0]), 6.0, -2.0, 1.0, math.inf)
 RIDGE = 1.0
-NAMED = (0.55, 0.6, 0.65, 0.7, 0.75, 0.8)
+NAMED = (0.65, 0.7, 0.75, 0.8)
 #: Most false alarms among sites without an effect, wrong names among those with one; share of the
 #: sites whose confusion set need not hold the truth.
 FALSE_ALARMS, WRONG_NAMED, OUTSIDE = 0.05, 0.08, 0.1
@@ -374,7 +374,8 @@ def least_possible(scores: Sequence[float]) -> float:
     """
     known = np.sort([one for one in scores if math.isfinite(one)])
     k = math.floor(OUTSIDE * (known.size + 1))
-    return float(known[k - 1]) if k else 0.0
+    # In the middle of the gap below it, which serves causes that are rarer here as well.
+    return float(math.sqrt(known[k - 1] * known[max(k - 2, 0)])) if k else 0.0
 
 
 def chosen(rows: Sequence[Row], weights: Sequence[CauseWeights]) -> Thresholds:

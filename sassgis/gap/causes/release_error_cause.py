@@ -21,6 +21,7 @@ from sassgis.gap.causes.cause import (
 from sassgis.gap.causes.lateral_scatter import base_size, known_mean, station_offsets, usual_offset
 from sassgis.gap.causes.parameter_draws import ParameterDraws
 from sassgis.gap.causes.reach_gaps import wrong_on_one
+from sassgis.gap.observations.allowances import above_release_m
 from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.hypothesis_model import ReleaseError
@@ -92,6 +93,21 @@ def _first_contact(case: Case, residuals: ResidualTable) -> Scores:
     return Scores(per_rock(scores, rows.rock, case.n_rocks), middle)
 
 
+def _contact_above_start(case: Case, residuals: ResidualTable) -> Scores:
+    """How far above its stated start a rock touched the ground at the highest."""
+    over = above_release_m(case.observations, case.grid)
+    rock = case.observations.rock_of("impacts")
+    highest = np.full(case.n_rocks, -np.inf)
+    own = (rock >= 0) & np.isfinite(over)
+    np.maximum.at(highest, rock[own], over[own])
+    highest[~np.isfinite(highest)] = np.nan
+    if np.isfinite(highest).sum() < LEAST:
+        raise Unseen
+    errors = errors_of(case)
+    usual = _MORE * math.hypot(errors.position_m, errors.height_m) + 2.0 * _STATED_M
+    return Scores(highest - usual, float(np.nanmean(highest)))
+
+
 def _offset_that_stays(case: Case, residuals: ResidualTable) -> Scores:
     at = station_offsets(case, residuals)
     growth = np.abs(at[:, 1] - at[:, 0])
@@ -113,7 +129,8 @@ CAUSE = Cause(
     summary="an error in where or how fast the rocks are taken to start, not in the motion below",
     draw=_draw,
     shown_by="first point of the path against the stated start; first contacts up or down the "
-    "slope from those of the model, both by more than 1.5 m and the errors; "
+    "slope from those of the model, both by more than 1.5 m and the errors; contacts more than 3 m "
+    "above the stated start; "
     "an offset at the first station "
     "that does not grow to the second; a speed that is wrong on the first reach alone",
     statistics=(
@@ -121,6 +138,12 @@ CAUSE = Cause(
             "first point of the path against the stated start",
             _first_point,
             ("rocks", "trajectories"),
+            clear=True,
+        ),
+        Trace(
+            "contact above the stated start",
+            _contact_above_start,
+            ("rocks", "impacts"),
             clear=True,
         ),
         # Not clear: a camera that sees the slope from below the start on makes the same.

@@ -50,6 +50,20 @@ def tops_m(obs: Observations, grid: Grid | None, drop_m: float = 0.0) -> FloatAr
     return top
 
 
+def above_release_m(obs: Observations, grid: Grid | None) -> FloatArray:
+    """Height of each impact above the stated release of its rock (m); NaN where unknown."""
+    z = {}
+    for table in (obs.rocks, obs.impacts):
+        own = table.z
+        if grid is not None:
+            own = np.where(np.isfinite(own), own, heights_at(grid, table.x, table.y))
+        z[table.table] = own
+    stated = dict(zip(obs.rocks.rock_id.tolist(), z["rocks"].tolist(), strict=True))
+    release = np.array([*(stated.get(name, math.nan) for name in obs.rock_names), math.nan])
+    found: FloatArray = z["impacts"] - release[obs.rock_of("impacts")]
+    return found
+
+
 def station_heights_m(obs: Observations, grid: Grid | None, *, lowest: bool) -> FloatArray:
     """Ground at the station of each passage: its lowest or middle point."""
     heights = {}

@@ -12,6 +12,7 @@ from sassgis.gap.observations.allowances import (
     HEIGHT_ERROR_M,
     POSITION_ERROR_M,
     SIGMAS,
+    above_release_m,
     stated_or,
     station_heights_m,
     tops_m,
@@ -50,6 +51,7 @@ def check_near_stations(obs: Observations, grid: Grid | None) -> Iterator[Observ
 def check_downhill(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
     """Passages of a rock that climb, lie above its release, or are listed out of order."""
     passages = obs.passages
+    yield from _impacts_above_release(obs, grid)
     if not len(passages):
         return
     own = passages.z - np.nan_to_num(passages.height_m)
@@ -88,6 +90,17 @@ def check_downhill(obs: Observations, grid: Grid | None) -> Iterator[Observation
     yield from RULES["climbs"].at(obs, "passages", climbing)
     names = some_of(passages.station[unordered].tolist())
     yield from RULES["unordered"].at(obs, "passages", unordered, names)
+
+
+def _impacts_above_release(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
+    over = above_release_m(obs, grid)
+    meta = obs.metadata
+    error = stated_or(meta.height_error_m, HEIGHT_ERROR_M)
+    error += stated_or(meta.position_error_m, POSITION_ERROR_M)
+    above = over > max(2.0, SIGMAS * error)
+    if above.any():
+        most = f"up to {over[above].max():.1f} m above"
+        yield from RULES["impacts above release"].at(obs, "impacts", above, most)
 
 
 def _placed_rocks(obs: Observations) -> list[str]:

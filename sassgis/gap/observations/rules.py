@@ -131,6 +131,8 @@ RULES: Mapping[str, Rule] = {
                              "x, y", "{room:g} m at most"),
     "above release": Rule("warning", "passages lie above the release of the rock", "station",
                           "stations below the release"),
+    "impacts above release": Rule("warning", "impacts lie above the stated release of the rock",
+                                  "x, y", "the right place of the release"),
     "climbs": Rule("error", "the rock climbs from one station to the next lower one", "z",
                    "the right station in each row, and z of the rock there", "value"),
     "unordered": Rule("warning", "passages are not listed down the slope: taken in the order of "

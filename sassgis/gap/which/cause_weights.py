@@ -18,7 +18,7 @@ from scipy.special import softmax
 from sassgis.gap.causes.all_causes import CAUSES
 from sassgis.gap.diagnosis import CauseGain, Fingerprint
 from sassgis.gap.which.hypotheses import NONE
-from sassgis.gap.which.verdict import UNKNOWN
+from sassgis.gap.which.verdict import UNKNOWN, may_close
 from sassgis.model.grid import FloatArray
 
 #: Up to what z and the sureness of a gain count, and their unit. Below zero they count nothing:
@@ -107,7 +107,8 @@ def evidence_of(
         for kind in (True, False)
     ]
     gain = gains.get(cause)
-    if gain is None or not CAUSES[cause].closes or not gain.credible:
+    closes = CAUSES[cause].closes and may_close(cause, prints)
+    if gain is None or not closes or not gain.credible:
         return np.array([*best, 0.0, 0.0])
     return np.array([*best, _count(gain.sureness), gain.share])
 

@@ -125,6 +125,19 @@ def _would_show(one: Fingerprint) -> bool:
     return one.statistic in _OF_MASSES and one.z > -PRINTED
 
 
+def may_close(cause: str, prints: Sequence[Fingerprint]) -> bool:
+    """Whether what a cause closes could speak for it.
+
+    Causes at the contact close what another law of the contact than that of the base leaves, too:
+    of these a fingerprint of their own must be significant.
+    """
+    if group_of(cause) != group_of(CONTACT_LAW):
+        return True
+    return any(
+        f.effect == cause and f.observable and f.z > 0.0 and f.p_adjusted <= LEVEL for f in prints
+    )
+
+
 def seen_of(
     prints: Sequence[Fingerprint], gains: Mapping[str, CauseGain], tried: Sequence[str]
 ) -> tuple[str, ...]:
@@ -141,7 +154,8 @@ def seen_of(
     by_gains = {
         name
         for name, own in gains.items()
-        if own.power >= POWER or (own.credible and own.sureness >= SHOWS)
+        if may_close(name, prints)
+        and (own.power >= POWER or (own.credible and own.sureness >= SHOWS))
     }
     return tuple(n for n in tried if n in by_prints or n in by_gains)
 
@@ -203,7 +217,7 @@ def decide(
     first = max(tried, key=lambda n: shares[n], default="")
     refused = phrase("")
     own = best[first].z if first in best else -math.inf
-    credible = first in gains and gains[first].credible
+    credible = first in gains and gains[first].credible and may_close(first, prints)
     gain = gains[first].sureness if credible else -math.inf
     if first and max(own, gain) >= SEEN and shares[first] >= thresholds.named:
         # Such a cause is one also where the rocks come as far without it.

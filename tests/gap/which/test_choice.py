@@ -191,14 +191,14 @@ def gained(effect: str, sureness: float, power: float = 1.0) -> CauseGain:
 
 def test_a_sure_gain_names_a_family_without_a_fingerprint_and_a_nil_one_speaks_against_it() -> None:
     weights = cause_weights_of(read_thresholds())
-    sure, nil = ({"soft_ground": gained("soft_ground", own)} for own in (8.0, -2.0))
+    sure, nil = ({"air_drag": gained("air_drag", own)} for own in (8.0, -2.0))
     p = weights.shares([], sure, FAMILIES)
-    assert next(name for name in p if name != NONE) == "soft_ground"
-    found = decide([], sure, shares(soft_ground=0.8), True, 0.5, FROZEN, False)
-    assert found[0] == "soft_ground"
-    own = next(s for s, e in STATISTICS.items() if e == "soft_ground")
-    prints = [Fingerprint("soft_ground", own, 1.0, 5.0, 0.001, True, 30)]
-    with_print = [weights.shares(prints, gains, FAMILIES)["soft_ground"] for gains in (sure, nil)]
+    assert next(name for name in p if name != NONE) == "air_drag"
+    found = decide([], sure, shares(air_drag=0.8), True, 0.5, FROZEN, False)
+    assert found[0] == "air_drag"
+    own = next(s.name for s in CAUSES["air_drag"].statistics if not s.clear)
+    prints = [Fingerprint("air_drag", own, 1.0, 5.0, 0.001, True, 30)]
+    with_print = [weights.shares(prints, gains, FAMILIES)["air_drag"] for gains in (sure, nil)]
     assert with_print[1] < 0.5 < with_print[0]
 
 
@@ -218,6 +218,22 @@ def test_every_second_cause_is_nameable_if_it_is_left_beside_the_first(
     assert second_of([printed(second, 8.0)], shares(**{second: 0.4}), frozen) == ""
 
 
+def test_what_causes_at_the_contact_close_counts_only_beside_a_significant_fingerprint() -> None:
+    weights = cause_weights_of(read_thresholds())
+    name = CAUSES["roughness"].statistics[0].name
+    gains = {"roughness": gained("roughness", 14.0, 0.9)}
+    low, high = (
+        weights.shares(
+            [Fingerprint("roughness", name, 1.0, z, p, True, 40)], gains, ("roughness",)
+        )["roughness"]
+        for z, p in ((2.6, 0.1), (4.0, 0.001))
+    )
+    assert low < 0.1 and high > 0.5
+    # Along the way no law of the contact does the same.
+    drag = {"air_drag": gained("air_drag", 14.0, 0.9)}
+    assert weights.shares([], drag, ("air_drag",))["air_drag"] > 0.3
+
+
 def test_what_could_not_be_seen_is_neither_named_nor_counted() -> None:
     weights = cause_weights_of(read_thresholds())
     clear = next(s.name for s in CAUSES["trees"].statistics if s.clear)
@@ -226,9 +242,13 @@ def test_what_could_not_be_seen_is_neither_named_nor_counted() -> None:
     growth = "growth of the lateral offset below the first station"
     prints.append(Fingerprint("lateral_deflection", growth, 1.0, 2.9, 0.01, True, 30))
     gains = {"air_drag": gained("air_drag", 4.9, 0.7), "roughness": gained("roughness", 0.0, 0.9)}
-    seen = seen_of(prints, gains, FAMILIES)
+    # What a cause at the contact could close, another law of the contact closes as well.
+    assert seen_of(prints, gains, FAMILIES) == ("trees",)
+    rough = next(s.name for s in CAUSES["roughness"].statistics)
+    printed_too = [*prints, Fingerprint("roughness", rough, 1.0, 4.0, 0.002, True, 30)]
+    seen = seen_of(printed_too, gains, FAMILIES)
     assert seen == ("trees", "roughness")
-    p = weights.shares(prints, gains, seen)
+    p = weights.shares(printed_too, gains, seen)
     assert set(p) == {"trees", "roughness", NONE, "unknown"}
     # What certainly closes something is seen, if some of its draws could; so is a certain place.
     assert "air_drag" in seen_of(prints, {"air_drag": gained("air_drag", 5.0, 0.2)}, FAMILIES)

@@ -22,6 +22,7 @@ from sassgis.gap.where.findings import where
 from sassgis.gap.which.fingerprints import fingerprints
 from sassgis.gap.which.verdict import strongest
 from sassgis.model.effects import EffectSettings
+from sassgis.terrain.heights import heights_at
 
 
 @pytest.fixture(scope="module")
@@ -285,6 +286,21 @@ def test_first_contacts_up_or_down_the_slope_are_errors_of_the_release(
     assert z(20.0) > 4.0 and z(-20.0) > 4.0
     # Films of a fifth of the rocks begin late.
     assert z(20.0, some) < 0.0
+
+
+def test_contacts_above_the_stated_start_are_errors_of_the_release(
+    case: Case, residuals: ResidualTable
+) -> None:
+    name = "contact above the stated start"
+
+    def z(lower_m: float) -> float:
+        rocks = case.observations.rocks
+        z = heights_at(case.grid, rocks.x, rocks.y) - lower_m
+        seen = replace(case.observations, rocks=replace(rocks, z=z))
+        return by_name(replace(case, observations=seen), residuals)[name].z
+
+    assert z(0.0) < 0.0
+    assert z(40.0) > 4.0
 
 
 def test_offsets_at_any_station_are_seen(case: Case, residuals: ResidualTable) -> None:
