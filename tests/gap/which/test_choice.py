@@ -191,14 +191,14 @@ def gained(effect: str, sureness: float, power: float = 1.0) -> CauseGain:
 
 def test_a_sure_gain_names_a_family_without_a_fingerprint_and_a_nil_one_speaks_against_it() -> None:
     weights = cause_weights_of(read_thresholds())
-    sure, nil = ({"air_drag": gained("air_drag", own)} for own in (8.0, -2.0))
+    sure, nil = ({"trees": gained("trees", own)} for own in (8.0, -2.0))
     p = weights.shares([], sure, FAMILIES)
-    assert next(name for name in p if name != NONE) == "air_drag"
-    found = decide([], sure, shares(air_drag=0.8), True, 0.5, FROZEN, False)
-    assert found[0] == "air_drag"
-    own = next(s.name for s in CAUSES["air_drag"].statistics if not s.clear)
-    prints = [Fingerprint("air_drag", own, 1.0, 5.0, 0.001, True, 30)]
-    with_print = [weights.shares(prints, gains, FAMILIES)["air_drag"] for gains in (sure, nil)]
+    assert next(name for name in p if name != NONE) == "trees"
+    found = decide([], sure, shares(trees=0.8), True, 0.5, FROZEN, False)
+    assert found[0] == "trees"
+    own = next(s.name for s in CAUSES["trees"].statistics if not s.clear)
+    prints = [Fingerprint("trees", own, 1.0, 5.0, 0.001, True, 30)]
+    with_print = [weights.shares(prints, gains, FAMILIES)["trees"] for gains in (sure, nil)]
     assert with_print[1] < 0.5 < with_print[0]
 
 
