@@ -104,10 +104,10 @@ def significant(prints: Sequence[Fingerprint], level: float) -> dict[str, Finger
 
 
 #: Fingerprints that no contact could leave; those of them that are of masses, places and paths in
-#: time alone, so that they hang on no contact that may be missing in a table either; and of these
+#: time, so that they hang on no contact that may be missing in a table either; and of these
 #: those that the scatter of the rocks does not hide.
 _CLEAR = {t.name: t for c in CAUSES.values() for t in c.statistics if t.clear}
-_WITHOUT_CONTACTS = {name for name, own in _CLEAR.items() if "impacts" not in own.tables}
+_WITHOUT_CONTACTS = {name for name, own in _CLEAR.items() if own.tables != ("impacts",)}
 _OF_PATHS = {name for name, own in _CLEAR.items() if "trajectories" in own.tables}
 _OF_MASSES = {name for name, own in _CLEAR.items() if {*own.tables} == {"rocks", "deposits"}}
 
