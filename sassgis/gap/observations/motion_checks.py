@@ -277,7 +277,7 @@ def check_drops(
             f" in row {data.row[worst]}"  # type: ignore[attr-defined]
         )
         many = too_fast.sum() > 0.4 * known.sum() and known.sum() >= 3
-        lacking = (speed / room) ** 2 / (2.0 * GRAVITY) - (fastest**2 / (2.0 * GRAVITY))
+        lacking = ((speed / room) ** 2 - fastest**2) / (2.0 * GRAVITY)
         missing = _missing_heights_m(owner[too_fast], lacking[too_fast])
         rocks = np.unique(owner[known & (owner >= 0)]).size
         explained = np.mean(ratio[known] / _KMH <= 1.0 + SIGMAS * error) > 0.9

@@ -117,7 +117,7 @@ def test_toml_and_spreadsheet_tables_say_the_same(tmp_path):
     assert read_ground_table(toml) == read_ground_table(sheet)
 
 
-def test_source_and_speed_loss_may_be_left_out(tmp_path):
+def test_source_may_be_left_out_but_is_then_an_estimate(tmp_path):
     path = tmp_path / "own.csv"
     path.write_text(HEADER.removesuffix(",source,trust\n") + "\nscree,.5,0,0,.8,.5,.2,.4,0,9,.1\n")
     own = read_ground_table(path).classes[-1]
