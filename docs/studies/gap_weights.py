@@ -66,6 +66,7 @@ from sassgis.gap.which.verdict import (
     group_of,
     large_gaps,
     seen_of,
+    speaking,
 )
 from sassgis.gap.words import quantity_name
 from sassgis.io.read.gap_thresholds import THRESHOLDS, read_thresholds, thresholds_of
@@ -126,7 +127,7 @@ def row_of(site: str, folder: Path) -> dict[str, Any]:
         made = make_case(spec, seed, site, str(own))
         label.write_text(json.dumps(made["label"]), encoding="utf-8")
     effects = json.loads(label.read_text(encoding="utf-8"))["effects"]
-    found, _ = evidence_at(own / "config.toml", own / "observations")
+    found = evidence_at(own / "config.toml", own / "observations")
     z = {f.statistic: round(f.z, 2) for f in found.prints if f.observable}
     gains = {
         f"{name} {what}": round(float(getattr(gain, what)), 3)
@@ -176,7 +177,7 @@ def read_rows() -> list[Row]:
 
 
 def evidence(row: Row) -> tuple[list[Fingerprint], dict[str, CauseGain]]:
-    """Fingerprints and gains of a row."""
+    """Fingerprints of a row, and gains."""
     z = {name: float(row[name]) for name in STATISTICS if row.get(name)}
     p = holm_adjusted(stats.norm.sf(list(z.values()))) if z else np.empty(0)
     prints = [
@@ -198,6 +199,7 @@ def seen_at(
 ) -> tuple[list[Fingerprint], dict[str, CauseGain], tuple[str, ...], int, bool]:
     """Fingerprints, gains, what could be seen, what not, and whether the base is adequate."""
     prints, gains = evidence(row)
+    gains = speaking(prints, gains)
     seen = seen_of(prints, gains, FAMILIES)
     return prints, gains, seen, len(FAMILIES) - len(seen), bool(int(row["adequate"]))
 
@@ -333,8 +335,8 @@ def shares_of(row: Row, weights: CauseWeights) -> dict[str, float]:
 
 def answer_of(row: Row, weights: CauseWeights, thresholds: Thresholds) -> Answer:
     """What would be answered, were nothing known of the distance on rocks left out."""
-    prints, gains = evidence(row)
-    shares, is_adequate = shares_of(row, weights), bool(int(row["adequate"]))
+    prints, gains, *_, is_adequate = seen_at(row)
+    shares = shares_of(row, weights)
     effect, group, _ = decide(prints, gains, shares, is_adequate, None, thresholds, False)
     return Answer(
         case=row["site"],

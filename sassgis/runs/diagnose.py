@@ -33,14 +33,7 @@ from sassgis.gap.ladder.handover import (
     wrong_ground,
 )
 from sassgis.gap.ladder.hypothesis_fit import CHOSEN, FRESH, draw_of, gain_of
-from sassgis.gap.ladder.rungs import (
-    CONFIGURED,
-    GROUND,
-    Ladder,
-    Step,
-    ground_is_enough,
-    needs_contact_law,
-)
+from sassgis.gap.ladder.rungs import CONFIGURED, GROUND, Step, ground_is_enough
 from sassgis.gap.replicas.campaigns import share_left
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel, configured_model
 from sassgis.gap.replicas.model_json import model_as_json
@@ -55,8 +48,9 @@ from sassgis.io.staging import output_if_asked, writing
 from sassgis.io.write.gap_files import write_diagnosis_json
 from sassgis.model.errors import InputError, Interrupted
 from sassgis.model.grid import FloatArray
+from sassgis.runs.base_rungs import BaseRungs
 from sassgis.runs.draw_store import OnProgress
-from sassgis.runs.evidence import Evidence, evidence_beyond, prepared_case
+from sassgis.runs.evidence import Evidence, evidence_of_site, prepared_case
 from sassgis.runs.fresh_shrinkage import ENSEMBLE
 from sassgis.runs.gap_case import (
     comparable,
@@ -161,11 +155,11 @@ def diagnose(
             with task_map(summary, workers_asked(settings, jobs)) as run:
                 tell(f"Calibrating the base model with {case.n_rocks} rocks")
                 made = HypothesisFits(summary, run, draws, on_progress)
-                base = made.add(CONTACT_LAW)
+                made.add(CONTACT_LAW)
                 tell("Weighing the causes")
-                evidence = evidence_beyond(made, base, families_to_try(case))
+                evidence, base = evidence_of_site(made)
                 tell("Calibrating the most probable hypotheses")
-                diagnosis = _diagnosis(made, evidence, read_thresholds(), fingerprint)
+                diagnosis = _diagnosis(made, evidence, base, read_thresholds(), fingerprint)
         except KeyboardInterrupt:
             raise Interrupted("stopped by the user") from None
         diagnosis = replace(
@@ -202,22 +196,16 @@ def _gaps(
 
 
 def _diagnosis(
-    made: HypothesisFits, evidence: Evidence, chosen: Mapping[str, Any], fingerprint: str
+    made: HypothesisFits,
+    evidence: Evidence,
+    base: BaseRungs,
+    chosen: Mapping[str, Any],
+    fingerprint: str,
 ) -> Diagnosis:
     """The answer, from what speaks for causes."""
     problem, case = made.problem, made.problem.case
     frozen, weights = thresholds_of(dict(chosen)), cause_weights_of(dict(chosen))
-    rows = {
-        CONFIGURED: model_rows(problem, configured_model(case), CONFIGURED_NUMBER, FRESH),
-        GROUND: made.rows(NONE),
-        CONTACT_LAW: made.rows(CONTACT_LAW),
-    }
-    over = {CONFIGURED: "", GROUND: CONFIGURED, CONTACT_LAW: GROUND}
-    ladder = Ladder(problem, [Step(name, over[name], own) for name, own in rows.items()])
-    first_rungs = ladder.rungs(*rows)
-    law = needs_contact_law(first_rungs)
-    bases = (CONFIGURED, GROUND, *([CONTACT_LAW] if law else []))
-    simplest = ladder.recommended(*bases)[0]
+    rows, ladder, law, simplest = base.rows, base.ladder, base.law, base.simplest
     # An effect is added to the base that the contact asks for, if that is certainly the better one.
     added = AddedCauses(made, evidence, simplest == CONTACT_LAW)
     shares = shares_of(evidence, families_to_try(case), weights)
@@ -227,7 +215,7 @@ def _diagnosis(
     short = shortfall(gaps[simplest][0]) is not None
     verdict, shrinkage = verdict_of(
         added, shares, weights, frozen, law, adequate(evidence.findings) and not short,
-        ground_is_enough(first_rungs),
+        ground_is_enough(base.rungs),
     )  # fmt: skip
     named = verdict.effect if verdict.effect not in (NONE, UNKNOWN, CONTACT_LAW) else ""
     # With two causes the surer one comes first.
@@ -235,7 +223,7 @@ def _diagnosis(
     steps = tuple(dict.fromkeys([*parts[:1], *([named] if named else [])]))
     for step in steps:
         ladder.add(Step(step, added.rung if step == parts[0] else parts[0], added.rows(step)))
-    recommended, why = ladder.recommended(*bases, *steps)
+    recommended, why = ladder.recommended(*base.names, *steps)
     beyond = ladder.gain(GROUND, CONTACT_LAW)
     if not law and recommended == GROUND and beyond is not None and beyond[0].low > 0.0:
         why = why or _NOT_THE_LAW

@@ -16,10 +16,11 @@ from sassgis.gap.observations.case import Case
 from sassgis.gap.residuals.table import ResidualTable, residuals_with
 from sassgis.gap.where.findings import where
 from sassgis.gap.which.fingerprints import fingerprints
-from sassgis.gap.which.hypotheses import families_to_try
-from sassgis.gap.which.verdict import CONTACT_LAW
+from sassgis.gap.which.hypotheses import NONE, families_to_try
+from sassgis.gap.which.verdict import CONTACT_LAW, adequate
 from sassgis.io.read.observation_files import AnyObservations
 from sassgis.model.languages import phrase
+from sassgis.runs.base_rungs import BaseRungs, base_rungs
 from sassgis.runs.gap_case import comparable, read_case
 from sassgis.runs.hypothesis_fits import DRAWS, HypothesisFits
 from sassgis.runs.job import AnyConfig
@@ -35,7 +36,8 @@ class Evidence:
     prints : tuple of Fingerprint
         The surest first.
     findings : tuple of GapFinding
-        The surest first.
+        The surest first. Those of calibrated ground, if it leaves nothing that is significant and
+        large, is what the rocks ask for, and a freer contact would leave more.
     gains : mapping of family to CauseGain
     notes : tuple of str
         What else the observations show.
@@ -59,14 +61,33 @@ def evidence_beyond(
     made: HypothesisFits, base: FittedHypothesis, families: Sequence[str]
 ) -> Evidence:
     """What is left of a base, and what speaks for causes beyond it."""
-    problem = made.problem
-    case, residuals = residuals_with(problem.case, base.handed_over.draw.model, seed=problem.seed)
+    case, residuals = _residuals(made, base)
     return Evidence(
         fingerprints(case, residuals),
-        where(case, residuals, seed=problem.seed),
+        where(case, residuals, seed=made.problem.seed),
         cause_gains(made.summary, base, families, made.run),
         _notes(residuals),
     )
+
+
+def _residuals(made: HypothesisFits, fit: FittedHypothesis) -> tuple[Case, ResidualTable]:
+    problem = made.problem
+    return residuals_with(problem.case, fit.handed_over.draw.model, seed=problem.seed)
+
+
+def evidence_of_site(made: HypothesisFits) -> tuple[Evidence, BaseRungs]:
+    """Evidence beyond the base with a free contact, and the models without an effect.
+
+    A contact that is free in wide limits may be calibrated less well than the ground alone.
+    """
+    found = evidence_beyond(made, made.add(CONTACT_LAW), families_to_try(made.problem.case))
+    base = base_rungs(made)
+    if not adequate(found.findings) and base.simplest != CONTACT_LAW:
+        case, residuals = _residuals(made, made.add(NONE))
+        left = where(case, residuals, seed=made.problem.seed)
+        if adequate(left):
+            found = replace(found, findings=left)
+    return found, base
 
 
 def _notes(residuals: ResidualTable) -> tuple[str, ...]:
@@ -85,10 +106,8 @@ def _notes(residuals: ResidualTable) -> tuple[str, ...]:
     )
 
 
-def evidence_at(
-    config: AnyConfig, observations: AnyObservations, seed: int = 1
-) -> tuple[Evidence, HypothesisFits]:
-    """Evidence at a site, in this process: beyond the base with a free contact.
+def evidence_at(config: AnyConfig, observations: AnyObservations, seed: int = 1) -> Evidence:
+    """Evidence at a site, in this process.
 
     Parameters
     ----------
@@ -100,5 +119,4 @@ def evidence_at(
         case = prepared_case(config, observations, seed, 1.0)
         summary = summary_of(comparable(problem_of(case, seed), observations))
         with task_map(summary, 1) as run:
-            made = HypothesisFits(summary, run, DRAWS)
-        return evidence_beyond(made, made.add(CONTACT_LAW), families_to_try(case)), made
+            return evidence_of_site(HypothesisFits(summary, run, DRAWS))[0]

@@ -24,6 +24,7 @@ from sassgis.gap.which.verdict import (
     place_of,
     second_of,
     seen_of,
+    speaking,
 )
 from sassgis.gap.words import effect_key
 from sassgis.model.grid import FloatArray
@@ -87,9 +88,10 @@ def shares_of(
     evidence: Evidence, families: tuple[str, ...], weights: CauseWeights
 ) -> dict[str, float]:
     """Probability of each cause that these data could show, of "none" and of "unknown"."""
-    seen = seen_of(evidence.prints, evidence.gains, families)
+    gains = speaking(evidence.prints, evidence.gains)
+    seen = seen_of(evidence.prints, gains, families)
     hidden, sound = len(families) - len(seen), adequate(evidence.findings)
-    return weights.shares(evidence.prints, evidence.gains, seen, hidden, sound)
+    return weights.shares(evidence.prints, gains, seen, hidden, sound)
 
 
 def _second(added: AddedCauses, first: str, weights: CauseWeights, frozen: Thresholds) -> str:
@@ -137,7 +139,13 @@ def verdict_of(
     shrinkage = added.shrinkage(first) if first != NONE else _nothing_added(added)
     closes = shrinkage.value if first != NONE and CAUSES[first].closes else None
     effect, group, reason = decide(
-        evidence.prints, evidence.gains, shares, sound, closes, frozen, law
+        evidence.prints,
+        speaking(evidence.prints, evidence.gains),
+        shares,
+        sound,
+        closes,
+        frozen,
+        law,
     )
     if effect == first and effect != NONE:
         second = _second(added, first, weights, frozen)

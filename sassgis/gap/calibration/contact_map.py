@@ -4,11 +4,13 @@ Restitution, the speed at which it has halved, friction, what the ground holds b
 grows with the speed make smooth, monotone functions of normal speed, speed along the ground and
 angle of an impact. They are learned from single contacts, each predicted from the state that was
 observed before it, and shrunk towards the values of the class. What a class without contacts is
-taken to be follows the others half way.
+taken to be follows the others half way. Spins have a factor besides, the same for all classes:
+blocks do not turn in the plane of their path alone.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -23,8 +25,8 @@ from sassgis.gap.calibration.impact_scores import (
 )
 from sassgis.gap.calibration.parameters import ClassParameter
 from sassgis.gap.causes.parameter_draws import Range
-from sassgis.gap.observations.case import Case
-from sassgis.gap.replicas.hypothesis_model import HypothesisModel
+from sassgis.gap.observations.case import Case, LearnedContacts
+from sassgis.gap.replicas.hypothesis_model import HypothesisModel, MeasurementError
 from sassgis.gap.residuals.one_step import ImpactsInFlight
 from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import FloatArray
@@ -39,14 +41,16 @@ _RANGES = {
     "restitution_speed_mps": (Range(0.5, 200.0, "log"), 0.13),
     "speed_loss": (Range(0.0, 1.0), 0.1),
 }
+#: Standard deviation of the logarithm of the factor of the spins.
+_SPIN_SD = 0.2
 #: Contacts and rocks from which on a class is learned, and contacts of it that are used at most.
 _FEWEST, _FEWEST_ROCKS, _MOST = 20, 5, 250
 #: Values that are tried first, of twice the usual spread, and evaluations of the search after it.
 _TRIED, _SEARCHED = 32, 90
 
 
-def learned_contacts(case: Case, seed: int) -> GroundTable | None:
-    """Ground classes with the contact as observed; None where too few contacts were recorded.
+def learned_contacts(case: Case, seed: int) -> LearnedContacts | None:
+    """Contacts as observed; None where too few were recorded.
 
     Only the law of impact with restitution has these parameters.
     """
@@ -55,24 +59,31 @@ def learned_contacts(case: Case, seed: int) -> GroundTable | None:
     impacts = observed_impacts(case)
     if impacts is None:
         return None
-    known = {}
+    known: dict[int, FloatArray] = {}
+    counts: list[int] = []
     for k in np.unique(impacts.kind).tolist():
         rows = np.flatnonzero(impacts.kind == k)
         if rows.size >= _FEWEST and np.unique(impacts.rock[rows]).size >= _FEWEST_ROCKS:
             few = rows[np.linspace(0, rows.size - 1, min(rows.size, _MOST)).astype(np.int64)]
             known[k] = _learned(case, impacts.take(few), k, seed)
+            counts.append(few.size)
     if not known:
         return None
     others = 0.5 * np.mean(list(known.values()), axis=0)
-    return GroundTable(
+    table = GroundTable(
         tuple(
             _with_shift(ground, known.get(k, others)) for k, ground in enumerate(case.table.classes)
         )
     )
+    spin = np.average([shift[-1] for shift in known.values()], weights=counts)
+    return LearnedContacts(table, _spin_scale(float(spin)))
 
 
 def _learned(case: Case, impacts: ImpactsInFlight, kind: int, seed: int) -> FloatArray:
-    """Shift of the parameters of a class from the configured ones, in usual spreads."""
+    """Shift of the parameters of a class from the configured ones, and of the spins.
+
+    In usual spreads, shape (n + 1,).
+    """
     observed = observed_outcomes(impacts)
     n = impacts.rock.size
 
@@ -80,15 +91,20 @@ def _learned(case: Case, impacts: ImpactsInFlight, kind: int, seed: int) -> Floa
         classes = list(case.table.classes)
         classes[kind] = _with_shift(classes[kind], shift)
         # The same draws for all values: what differs is no luck.
-        model = HypothesisModel(GroundTable(tuple(classes)), EffectSettings())
+        model = HypothesisModel(
+            GroundTable(tuple(classes)),
+            EffectSettings(),
+            measurement=MeasurementError(spin_scale=_spin_scale(float(shift[-1]))),
+        )
         made = simulated_outcomes(case, model, impacts, seed=seed, number=3700)
         scores = impact_scores(impacts, observed, made, case.n_rocks)
         return float(scores[np.unique(impacts.rock)].mean()) + 0.5 * float(shift @ shift) / n
 
+    d = len(_RANGES) + 1
     normal = qmc.MultivariateNormalQMC(
-        np.zeros(len(_RANGES)), 4.0 * np.eye(len(_RANGES)), rng=np.random.default_rng([seed, 37])
+        np.zeros(d), 4.0 * np.eye(d), rng=np.random.default_rng([seed, 37])
     )
-    tried = [np.zeros(len(_RANGES)), *normal.random(_TRIED)]
+    tried = [np.zeros(d), *normal.random(_TRIED)]
     best = min(tried, key=loss)
     simplex = np.vstack([best, best + 0.7 * np.eye(best.size)])
     found = minimize(
@@ -99,10 +115,14 @@ def _learned(case: Case, impacts: ImpactsInFlight, kind: int, seed: int) -> Floa
     return shift
 
 
+def _spin_scale(shift: float) -> float:
+    return float(f"{math.exp(_SPIN_SD * shift):.6g}")
+
+
 def _with_shift(ground: GroundClass, shift: FloatArray) -> GroundClass:
     """A class with shifted parameters of the contact, kept within their ranges."""
     values = {}
-    for (name, (limits, sd)), own in zip(_RANGES.items(), shift.tolist(), strict=True):
+    for (name, (limits, sd)), own in zip(_RANGES.items(), shift[:-1].tolist(), strict=True):
         one = ClassParameter(ground.name, name, limits, float(getattr(ground, name)))
         share = min(max(one.share(one.configured) + sd * own, 0.0), 1.0)
         values[name] = float(f"{float(one.value(share)):.6g}")

@@ -51,7 +51,7 @@ def simulated_outcomes(
     case: Case, model: HypothesisModel, impacts: ImpactsInFlight, *, seed: int, number: int
 ) -> FloatArray:
     """The same in a model, shape (n, DRAWS, 3); a rock that would roll on keeps its speed."""
-    turns = model.measurement.rotation_scale
+    turns = model.measurement.spin_scale
     rng = np.random.default_rng([seed, number, 87])
     start = replace(impacts, spin=np.where(impacts.has_spin, impacts.spin / turns, impacts.spin))
     after = rebound_draws(case, model, start, rng)
@@ -59,8 +59,6 @@ def simulated_outcomes(
     rolls = np.column_stack([along, np.zeros(along.size), along / impacts.radius])
     made = np.where(np.isfinite(after), after, rolls[:, None])
     made[..., 2] *= turns
-    if noise := model.measurement.rotation_noise:
-        made[..., 2] *= 1.0 + noise * rng.standard_normal(made.shape[:2])
     return _relative(impacts, made)
 
 

@@ -54,7 +54,7 @@ def _draw(case: Case, draws: ParameterDraws) -> CausePart:
             by = shifts | _beyond(case, k)
             own = dict(values)
             if case.learned is not None:
-                speed = case.learned.classes[k].restitution_speed_mps
+                speed = case.learned.table.classes[k].restitution_speed_mps
                 own["restitution_speed_mps"] = speed
             for name, shift in by.items():
                 low, high = BOUNDS[name]
@@ -71,7 +71,7 @@ def _beyond(case: Case, kind: int) -> dict[str, float]:
     """How far the contacts recorded on a class are from what is configured."""
     if case.learned is None:
         return {}
-    learned, configured = (table.classes[kind] for table in (case.learned, case.table))
+    learned, configured = (table.classes[kind] for table in (case.learned.table, case.table))
     names = ("eta_max", "mu_f", "restitution", "speed_loss")
     return {name: float(getattr(learned, name) - getattr(configured, name)) for name in names}
 

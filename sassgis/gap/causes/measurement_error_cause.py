@@ -49,10 +49,12 @@ def _draw(case: Case, draws: ParameterDraws) -> CausePart:
     if not any(kinds):
         kinds[int(draws.share("seen.one") * 4)] = True
     scale = math.exp(draws.uniform("seen.log_scale", -0.35, 0.35)) if kinds[0] else 1.0
+    turns = math.exp(draws.uniform("seen.log_turns", -0.3, 0.3)) if kinds[2] else 1.0
     measurement = MeasurementError(
         scale=scale,
         clock_sd=draws.log("seen.clock_sd", 0.02, 0.35) if kinds[1] else 0.0,
-        rotation_scale=math.exp(draws.uniform("seen.log_turns", -0.3, 0.3)) if kinds[2] else 1.0,
+        rotation_scale=turns,
+        spin_scale=turns,
         noise_rel=draws.log("seen.noise", 0.05, 0.4) if kinds[2] else 0.0,
         stretch=1.0 + (scale - 1.0) * draws.share("seen.stretch"),
         position_m=draws.log("seen.position_m", 0.5, 8.0) if kinds[3] else 0.0,
@@ -60,8 +62,12 @@ def _draw(case: Case, draws: ParameterDraws) -> CausePart:
 
     def change(model: HypothesisModel) -> HypothesisModel:
         own = model.measurement
-        turns = measurement.rotation_scale * own.rotation_scale
-        both = replace(measurement, rotation_scale=turns, rotation_noise=own.rotation_noise)
+        both = replace(
+            measurement,
+            rotation_scale=turns * own.rotation_scale,
+            spin_scale=turns * own.spin_scale,
+            rotation_noise=own.rotation_noise,
+        )
         return replace(model, measurement=both)
 
     return CausePart("scale, time base, noise", change, asdict(measurement))

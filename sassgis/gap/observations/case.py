@@ -21,6 +21,22 @@ from sassgis.model.settings import EngineSettings
 
 
 @dataclass(frozen=True, slots=True)
+class LearnedContacts:
+    """Contacts as they were recorded.
+
+    Attributes
+    ----------
+    table : GroundTable
+        Ground classes with the law of these contacts.
+    spin_scale : float
+        Spins as recorded over those of a block that turns in the plane of its path.
+    """
+
+    table: GroundTable
+    spin_scale: float
+
+
+@dataclass(frozen=True, slots=True)
 class Case:
     """Observations in the planes of fall lines, with all that is needed to simulate the rocks.
 
@@ -57,8 +73,8 @@ class Case:
         classes are guesses.
     met : tuple of str
         Classes on which the rocks come.
-    learned : GroundTable or None
-        Ground classes with the contact as it was recorded; None where it was not.
+    learned : LearnedContacts or None
+        None where too few contacts were recorded.
     """
 
     observations: Observations
@@ -79,7 +95,7 @@ class Case:
     terrain: PathTerrain | None = None
     ground_range: float = 1.0
     met: tuple[str, ...] = ()
-    learned: GroundTable | None = None
+    learned: LearnedContacts | None = None
 
     @property
     def n_rocks(self) -> int:

@@ -46,9 +46,11 @@ class MeasurementError:
     clock_sd : float
         Standard deviation of the logarithm of each rock's time base.
     rotation_scale : float
-        Rotations as measured over true.
+        Rotations at stations and on paths as measured over true.
     rotation_noise : float
-        Added relative error of rotations: blocks do not turn in one plane.
+        Added relative error of these: blocks do not turn in one plane.
+    spin_scale : float
+        Spins at contacts, about the axis across the path, as measured over true.
     noise_rel : float
         Added relative error of speeds and rotations.
     stretch : float
@@ -61,6 +63,7 @@ class MeasurementError:
     clock_sd: float = 0.0
     rotation_scale: float = 1.0
     rotation_noise: float = 0.0
+    spin_scale: float = 1.0
     noise_rel: float = 0.0
     stretch: float = 1.0
     position_m: float = 0.0

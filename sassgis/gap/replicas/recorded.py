@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -106,9 +105,7 @@ class _Record:
     ) -> None:
         self._case, self._lines, self._model, self._moved = case, rock_lines, model, moved
         self._observer, m = rock_lines.observer, model.measurement
-        stated = self._observer.errors
-        turning = math.hypot(stated.rotation_rel, m.rotation_noise)
-        self._errors = replace(stated, rotation_rel=turning)
+        self._errors = self._observer.errors
         self._rng = rng
         self._n = case.n_rocks
         self._count = count
@@ -179,7 +176,8 @@ class _Record:
         errors, m = self._errors, self._model.measurement
         speed = rows["speed_mps"] * m.scale * self._speed_error(owner, errors.speed_rel)
         turns = np.abs(rows["rotation_hz"]) * m.rotation_scale
-        rotation = turns * self._speed_error(owner, errors.rotation_rel)
+        error = math.hypot(errors.rotation_rel, m.rotation_noise)
+        rotation = turns * self._speed_error(owner, error)
         rest = self._rest(rows, owner)
         height = (rows["height_m"] + rest) * m.scale
         height = np.maximum(height + errors.height_m * self._rng.standard_normal(owner.size), 0.0)
@@ -222,7 +220,7 @@ class _Record:
 
         def apart(event: NDArray[np.void]) -> tuple[FloatArray, FloatArray, FloatArray]:
             error = m.scale * self._speed_error(owner, errors.speed_rel)
-            turn = m.rotation_scale * self._speed_error(owner, errors.rotation_rel)
+            turn = m.spin_scale * self._speed_error(owner, errors.rotation_rel)
             vx, vz = event["vx_mps"], event["vz_mps"]
             return (
                 (vx * cosine + vz * sine) * error,

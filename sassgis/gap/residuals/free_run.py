@@ -233,7 +233,7 @@ def free_run(case: Case, model: RunModel, replicates: int) -> FreeRun:
 
 def _impacts(case: Case, model: RunModel, done: Moved, count: int) -> tuple[ImpactRows, ...]:
     """Impacts of each replicate; what instruments scale is scaled back in the case already."""
-    error = replace(model.moving.measurement, scale=1.0, rotation_scale=1.0, stretch=1.0)
+    error = replace(model.moving.measurement, scale=1.0, spin_scale=1.0, stretch=1.0)
     rng = np.random.default_rng([model.seed, 35])
     made = observe(
         case, model.rock_lines, replace(model.moving, measurement=error), done, count, rng,

@@ -89,7 +89,7 @@ def residuals_with(
 
 def _scaled_back(case: Case, error: MeasurementError) -> Case:
     """The case with speeds, heights and spins as they are without an error of the instruments."""
-    seen, scale, spin = case.observations, error.scale, error.rotation_scale
+    seen, scale, spin = case.observations, error.scale, error.spin_scale
     passed, hit, path = seen.passages, seen.impacts, seen.trajectories
     observations = replace(
         seen,
@@ -97,7 +97,7 @@ def _scaled_back(case: Case, error: MeasurementError) -> Case:
             passed,
             speed_mps=passed.speed_mps / scale,
             height_m=passed.height_m / scale,
-            rotation_hz=passed.rotation_hz / spin,
+            rotation_hz=passed.rotation_hz / error.rotation_scale,
         ),
         impacts=replace(
             hit,
@@ -109,7 +109,9 @@ def _scaled_back(case: Case, error: MeasurementError) -> Case:
             omega_out_radps=hit.omega_out_radps / spin,
         ),
         trajectories=replace(
-            path, speed_mps=path.speed_mps / scale, rotation_hz=path.rotation_hz / spin
+            path,
+            speed_mps=path.speed_mps / scale,
+            rotation_hz=path.rotation_hz / error.rotation_scale,
         ),
     )
     return replace(case, observations=observations)

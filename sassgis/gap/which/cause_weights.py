@@ -18,7 +18,7 @@ from scipy.special import softmax
 from sassgis.gap.causes.all_causes import CAUSES
 from sassgis.gap.diagnosis import CauseGain, Fingerprint
 from sassgis.gap.which.hypotheses import NONE
-from sassgis.gap.which.verdict import UNKNOWN, may_close
+from sassgis.gap.which.verdict import UNKNOWN
 from sassgis.model.grid import FloatArray
 
 #: Up to what z and the sureness of a gain count, and their unit. Below zero they count nothing:
@@ -80,6 +80,8 @@ class CauseWeights:
 
         Parameters
         ----------
+        gains : mapping
+            Those that could speak for their causes.
         tried : sequence of str
             Families that may be named.
         hidden, sound
@@ -99,7 +101,10 @@ class CauseWeights:
 def evidence_of(
     cause: str, prints: Sequence[Fingerprint], gains: Mapping[str, CauseGain]
 ) -> FloatArray:
-    """FEATURES of a cause, shape (4,); what cannot be seen counts nothing."""
+    """FEATURES of a cause, shape (4,); what cannot be seen counts nothing.
+
+    ``gains``: those that could speak for their causes.
+    """
     clear = {own.name for own in CAUSES[cause].statistics if own.clear}
     own = {f.statistic: f.z for f in prints if f.effect == cause and f.observable}
     best = [
@@ -107,8 +112,7 @@ def evidence_of(
         for kind in (True, False)
     ]
     gain = gains.get(cause)
-    closes = CAUSES[cause].closes and may_close(cause, prints)
-    if gain is None or not closes or not gain.credible:
+    if gain is None or not CAUSES[cause].closes:
         return np.array([*best, 0.0, 0.0])
     return np.array([*best, _count(gain.sureness), gain.share])
 

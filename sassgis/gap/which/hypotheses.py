@@ -16,7 +16,6 @@ from sassgis.gap.calibration.parameters import classes_met, fitted_names
 from sassgis.gap.causes.all_causes import CAUSES, FAMILIES
 from sassgis.gap.causes.parameter_draws import ParameterDraws, rounded
 from sassgis.gap.observations.case import Case
-from sassgis.gap.observations.observed import Observations
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel, MeasurementError, moving_effects
 from sassgis.model.declared import highest
 from sassgis.model.ground import GroundTable
@@ -39,8 +38,9 @@ _BOUNDS = {
 #: Factors on the configured sideways tilt and drift of followed paths between which they are free:
 #: wider, and the base follows what deflects blocks.
 _SIDEWAYS = (1.0 / 3.0, 3.0)
-#: Rotations over those of a block that turns in the plane of its path, and their scatter: others
-#: turn about an axis that moves, and roll on corners.
+#: Rotations at stations over those of a block that turns in the plane of its path, and their
+#: scatter: others turn about an axis that moves, and roll on corners. Of spins at contacts, which
+#: are those about the axis across the path, the factor is learned from the contacts.
 _SPIN, _SPIN_NOISE = (0.65, 1.0 / 0.65), (0.02, 0.8)
 NONE = "none"
 
@@ -79,7 +79,7 @@ def draw(case: Case, families: tuple[str, ...], parameter_draws: ParameterDraws)
     table, parameters = _calibrated(case, parameter_draws)
     engine = _engine_keys(case, parameter_draws)
     turning = {}
-    if _rotations_seen(case.observations):
+    if np.isfinite(case.observations.passages.rotation_hz).any():
         turning["rotation_factor"] = parameter_draws.log("rotation_factor", *_SPIN)
         turning["rotation_noise"] = parameter_draws.log("rotation_noise", *_SPIN_NOISE)
     made = Draw(
@@ -91,6 +91,7 @@ def draw(case: Case, families: tuple[str, ...], parameter_draws: ParameterDraws)
             measurement=MeasurementError(
                 rotation_scale=turning.get("rotation_factor", 1.0),
                 rotation_noise=turning.get("rotation_noise", 0.0),
+                spin_scale=1.0 if case.learned is None else case.learned.spin_scale,
             ),
             **engine,  # type: ignore[arg-type]
         ),
@@ -129,12 +130,6 @@ def _engine_keys(case: Case, parameter_draws: ParameterDraws) -> dict[str, float
         key = "rolling_friction_sd"
         drawn[key] = parameter_draws.uniform(key, 0.0, 2.0 * rolling)
     return {key: min(value, highest(EngineSettings, key)) for key, value in drawn.items()}
-
-
-def _rotations_seen(observations: Observations) -> bool:
-    """Whether rotations of any block were observed."""
-    seen = (observations.passages.rotation_hz, observations.impacts.omega_out_radps)
-    return any(bool(np.isfinite(own).any()) for own in seen)
 
 
 def _calibrated(

@@ -125,17 +125,16 @@ def _would_show(one: Fingerprint) -> bool:
     return one.statistic in _OF_MASSES and one.z > -PRINTED
 
 
-def may_close(cause: str, prints: Sequence[Fingerprint]) -> bool:
-    """Whether what a cause closes could speak for it.
+def speaking(prints: Sequence[Fingerprint], gains: Mapping[str, CauseGain]) -> dict[str, CauseGain]:
+    """Gains that could speak for their causes.
 
-    Causes at the contact close what another law of the contact than that of the base leaves, too:
-    of these a fingerprint of their own must be significant.
+    What hardly any draw of a cause could close, something else does. Causes at the contact close
+    what another law of the contact than that of the base leaves, too: of these a fingerprint of
+    their own must be significant.
     """
-    if group_of(cause) != group_of(CONTACT_LAW):
-        return True
-    return any(
-        f.effect == cause and f.observable and f.z > 0.0 and f.p_adjusted <= LEVEL for f in prints
-    )
+    contact = group_of(CONTACT_LAW)
+    own = significant(prints, LEVEL)
+    return {n: g for n, g in gains.items() if g.credible and (group_of(n) != contact or n in own)}
 
 
 def seen_of(
@@ -147,16 +146,15 @@ def seen_of(
     that a family adds may lie in the gap that another one leaves. Other fingerprints that no
     contact leaves may be hidden by the scatter of the rocks: they must be seen. What another
     law of the contact or a film that begins late leaves as well shows nothing by itself. Else a
-    family must have the power to close something, or close it; what hardly any draw of it could
-    close, something else does.
+    family must have the power to close something, or close it.
+
+    Parameters
+    ----------
+    gains : mapping
+        Those that could speak for their causes.
     """
     by_prints = {f.effect for f in prints if f.observable and _would_show(f)}
-    by_gains = {
-        name
-        for name, own in gains.items()
-        if may_close(name, prints)
-        and (own.power >= POWER or (own.credible and own.sureness >= SHOWS))
-    }
+    by_gains = {n for n, own in gains.items() if own.power >= POWER or own.sureness >= SHOWS}
     return tuple(n for n in tried if n in by_prints or n in by_gains)
 
 
@@ -194,6 +192,8 @@ def decide(
 
     Parameters
     ----------
+    gains : mapping
+        Those that could speak for their causes.
     shares : mapping
         Probability of each family that may be named, of "none" and of "unknown".
     is_adequate : bool
@@ -217,8 +217,7 @@ def decide(
     first = max(tried, key=lambda n: shares[n], default="")
     refused = phrase("")
     own = best[first].z if first in best else -math.inf
-    credible = first in gains and gains[first].credible and may_close(first, prints)
-    gain = gains[first].sureness if credible else -math.inf
+    gain = gains[first].sureness if first in gains else -math.inf
     if first and max(own, gain) >= SEEN and shares[first] >= thresholds.named:
         # Such a cause is one also where the rocks come as far without it.
         if closes is None or closes > 0.0 or is_certain(prints, first, thresholds):

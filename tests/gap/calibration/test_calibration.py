@@ -205,7 +205,7 @@ def test_contacts_speak_for_the_effect_that_acts_in_them() -> None:
     assert total[1] < 0.8 * total[0]
 
 
-def test_a_factor_of_the_rotations_is_taken_off_before_the_impact_and_put_on_after() -> None:
+def test_a_factor_of_the_spins_is_taken_off_before_the_impact_and_put_on_after() -> None:
     seen = site(12, 22, TABLE, tables=("impacts",))
     assert seen.impacts is not None
     model = configured_model(seen.case)
@@ -213,7 +213,7 @@ def test_a_factor_of_the_rotations_is_taken_off_before_the_impact_and_put_on_aft
     def outcomes(factor: float, turns: float) -> FloatArray:
         assert seen.impacts is not None
         spins = replace(seen.impacts, spin=factor * seen.impacts.spin)
-        scaled = replace(model, measurement=MeasurementError(rotation_scale=turns))
+        scaled = replace(model, measurement=MeasurementError(spin_scale=turns))
         return simulated_outcomes(seen.case, scaled, spins, seed=3, number=2)
 
     np.testing.assert_allclose(
@@ -221,7 +221,7 @@ def test_a_factor_of_the_rotations_is_taken_off_before_the_impact_and_put_on_aft
     )
 
 
-def test_rotations_that_scatter_scatter_after_impacts_and_at_stations_alone() -> None:
+def test_rotations_that_scatter_scatter_at_stations_alone() -> None:
     seen = site(12, 22, TABLE, tables=("impacts", "passages"))
     models = [
         replace(configured_model(seen.case), measurement=MeasurementError(rotation_noise=noise))
@@ -231,10 +231,7 @@ def test_rotations_that_scatter_scatter_after_impacts_and_at_stations_alone() ->
     plain, wide = (
         simulated_outcomes(seen.case, own, seen.impacts, seed=3, number=2) for own in models
     )
-    np.testing.assert_array_equal(plain[..., :2], wide[..., :2])
-    factor = wide[..., 2] / plain[..., 2]
-    assert np.mean(factor) == pytest.approx(1.0, abs=0.1)
-    assert np.std(factor) == pytest.approx(0.5, abs=0.1)
+    np.testing.assert_array_equal(plain, wide)
     made = [campaigns(seen.case, seen.rock_lines, own, count=8, seed=2) for own in models]
     turns, speeds = (
         [np.concatenate([getattr(one.passages, name) for one in own]) for own in made]

@@ -18,7 +18,7 @@ from sassgis.gap.causes.ground_classes import reaches_between
 from sassgis.gap.causes.parameter_draws import ParameterDraws
 from sassgis.gap.diagnosis import CauseGain, Fingerprint, GapFinding
 from sassgis.gap.observations.campaign import observed_campaign
-from sassgis.gap.observations.case import Case
+from sassgis.gap.observations.case import Case, LearnedContacts
 from sassgis.gap.replicas.features import rock_quantities
 from sassgis.gap.replicas.model_json import model_as_json, model_from_json
 from sassgis.gap.which.hypotheses import NONE, draw, families_to_try
@@ -32,6 +32,7 @@ from sassgis.gap.which.verdict import (
     group_of,
     second_of,
     seen_of,
+    speaking,
 )
 from sassgis.io.read.gap_thresholds import cause_weights_of, read_thresholds
 from sassgis.model.effects import EffectSettings
@@ -91,12 +92,20 @@ def test_rotations_have_a_factor_of_their_own_where_they_were_seen(
     assert seen.model.measurement.rotation_scale == pytest.approx(scale * error)
     scatter = base.parameters["rotation_noise"]
     assert seen.model.measurement.rotation_noise == scatter == pytest.approx(0.126, abs=0.001)
+    # Spins at contacts have theirs from the contacts, and the error as well.
+    own = LearnedContacts(problem.case.table, 0.8)
+    with_contacts = replace(problem.case, learned=own)
+    base, seen = (
+        draw(with_contacts, own, ParameterDraws(None, shares)).model.measurement
+        for own in ((), ("measurement_error",))
+    )
+    assert base.spin_scale == 0.8 and seen.spin_scale == pytest.approx(0.8 * error)
     blind = without_columns(problem.case, "passages", "rotation_hz")
-    blind = without_columns(blind, "impacts", "omega_out_radps")
     without = draw(blind, (), ParameterDraws(None, shares))
     assert "rotation_factor" not in without.parameters
     assert without.model.measurement.rotation_scale == 1.0
     assert without.model.measurement.rotation_noise == 0.0
+    assert without.model.measurement.spin_scale == 1.0
 
 
 def test_settings_of_the_motion_are_drawn_no_higher_than_they_may_be(
@@ -222,11 +231,12 @@ def test_what_causes_at_the_contact_close_counts_only_beside_a_significant_finge
     weights = cause_weights_of(read_thresholds())
     name = CAUSES["roughness"].statistics[0].name
     gains = {"roughness": gained("roughness", 14.0, 0.9)}
+    rough = [
+        [Fingerprint("roughness", name, 1.0, z, p, True, 40)] for z, p in ((2.6, 0.1), (4.0, 0.001))
+    ]
     low, high = (
-        weights.shares(
-            [Fingerprint("roughness", name, 1.0, z, p, True, 40)], gains, ("roughness",)
-        )["roughness"]
-        for z, p in ((2.6, 0.1), (4.0, 0.001))
+        weights.shares(prints, speaking(prints, gains), ("roughness",))["roughness"]
+        for prints in rough
     )
     assert low < 0.1 and high > 0.5
     # Along the way no law of the contact does the same.
@@ -243,22 +253,19 @@ def test_what_could_not_be_seen_is_neither_named_nor_counted() -> None:
     prints.append(Fingerprint("lateral_deflection", growth, 1.0, 2.9, 0.01, True, 30))
     gains = {"air_drag": gained("air_drag", 4.9, 0.7), "roughness": gained("roughness", 0.0, 0.9)}
     # What a cause at the contact could close, another law of the contact closes as well.
-    assert seen_of(prints, gains, FAMILIES) == ("trees",)
+    assert seen_of(prints, speaking(prints, gains), FAMILIES) == ("trees",)
     rough = next(s.name for s in CAUSES["roughness"].statistics)
     printed_too = [*prints, Fingerprint("roughness", rough, 1.0, 4.0, 0.002, True, 30)]
-    seen = seen_of(printed_too, gains, FAMILIES)
+    seen = seen_of(printed_too, speaking(printed_too, gains), FAMILIES)
     assert seen == ("trees", "roughness")
-    p = weights.shares(printed_too, gains, seen)
+    p = weights.shares(printed_too, speaking(printed_too, gains), seen)
     assert set(p) == {"trees", "roughness", NONE, "unknown"}
     # What certainly closes something is seen, if some of its draws could; so is a certain place.
     assert "air_drag" in seen_of(prints, {"air_drag": gained("air_drag", 5.0, 0.2)}, FAMILIES)
-    none_could = {"air_drag": gained("air_drag", 9.0, 0.0)}
-    assert "air_drag" not in seen_of(prints, none_could, FAMILIES)
-    one, other = (
-        weights.shares([], {"air_drag": gained("air_drag", 9.0, own)}, FAMILIES)["air_drag"]
-        for own in (0.0, 0.1)
-    )
-    assert one < 0.01 and other > 0.3
+    of_power = [{"air_drag": gained("air_drag", 9.0, own)} for own in (0.0, 0.1)]
+    none_could, some_could = (speaking(prints, own) for own in of_power)
+    assert not none_could and some_could == of_power[1]
+    assert weights.shares([], some_could, FAMILIES)["air_drag"] > 0.3
     assert "lateral_deflection" in seen_of([replace(prints[1], z=3.0)], {}, FAMILIES)
     # What a contact leaves as well shows nothing by itself.
     lost = "rebound lost with the normal speed, on one ground alone"
