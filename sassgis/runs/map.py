@@ -18,29 +18,19 @@ from numpy.typing import NDArray
 from sassgis.engine.simulate import Simulated, simulate
 from sassgis.engine.simulate_paths import PathTerrain, follow
 from sassgis.hazard.bins import bins_of
-from sassgis.hazard.progress import (
-    ChunkResult,
-    Progress,
-    add_chunk,
-    joined_lines,
-    joined_rows,
-)
+from sassgis.hazard.progress import ChunkResult, Progress, add_chunk, joined_lines, joined_rows
 from sassgis.model.errors import InputError
-from sassgis.model.grid import IntArray
+from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.in_memory import Input
 from sassgis.model.map_run import BlockRows, MapRun, Round, Worth
-from sassgis.model.profiles import ReleasePoints
+from sassgis.model.profiles import ReleasePoints, TraceSet
 from sassgis.model.statistics_table import Bins
 from sassgis.runs.interrupts import held_back
 from sassgis.runs.workers import Threads, Workers
 from sassgis.terrain.fall_lines import trace
 from sassgis.terrain.flatten import chainage_to_xy
 from sassgis.terrain.plan import Plan
-from sassgis.terrain.prepare import (
-    draw_keys,
-    drawn_lines,
-    prepare_lines,
-)
+from sassgis.terrain.prepare import draw_keys, drawn_lines, prepare_lines
 from sassgis.terrain.release import take
 
 CHUNK_POINTS = 96
@@ -80,13 +70,6 @@ class _Common:
     worth: Worth | None
 
 
-def _work(common: _Common, chunk: Chunk) -> ChunkResult:
-    """One chunk."""
-    if common.run.followed:
-        return _followed(common, chunk)
-    return _on_lines(common.run, common.planned, chunk, common.bins)
-
-
 def numbered(rows: NDArray[np.void], chunk: Chunk, each: int) -> NDArray[np.void]:
     """Rows of blocks that are numbered within a chunk, with their numbers in the run.
 
@@ -110,6 +93,11 @@ def on_known_ground(run: MapRun, points: ReleasePoints) -> NDArray[np.bool_]:
     return np.isfinite(run.heights.value_at(points.x, points.y))
 
 
+def traced(run: MapRun, planned: Plan, which: IntArray) -> TraceSet:
+    """The fall lines of some release points."""
+    return trace(run.grid, planned.surface, take(planned.starts, which), run.terrain)
+
+
 def check_starts(
     run: MapRun, points: ReleasePoints, planned: Callable[[], Plan], file: Input | None
 ) -> None:
@@ -126,15 +114,7 @@ def check_starts(
         can = bool(on_known_ground(run, points).any())
     else:
         plan = planned()
-        can = any(
-            len(
-                prepare_lines(
-                    run,
-                    trace(run.grid, plan.surface, take(plan.starts, own.points), run.terrain),
-                )
-            )
-            for own in chunks_of(plan)
-        )
+        can = any(len(prepare_lines(run, traced(run, plan, c.points))) for c in chunks_of(plan))
     if not can:
         raise InputError(
             "no block could be simulated",
@@ -146,16 +126,41 @@ def check_starts(
         )
 
 
-def _followed(common: _Common, chunk: Chunk) -> ChunkResult:
-    """A chunk of blocks whose paths are followed."""
+#: Of a block scenario: its position, what was simulated, rows of all blocks, where each ends (m).
+_OfScenario = tuple[int, Simulated, NDArray[np.void], FloatArray, FloatArray]
+
+
+def _work(common: _Common, chunk: Chunk) -> ChunkResult:
+    """One chunk."""
     run, planned = common.run, common.planned
+    good, traces, found = (_followed if run.followed else _on_lines)(common, chunk)
     area, each = int(planned.points.area[chunk.points[0]]), run.release.rocks_per_point
-    points = take(planned.points, chunk.points)
+    own = replace(chunk, points=chunk.points[good], repetitions=chunk.repetitions[good])
+    parts = [
+        BlockRows.of_chunk(
+            numbered(ended, own, each), x, y, numbered(result.passages, own, each), k, chunk.weight
+        )
+        for k, result, ended, x, y in found
+    ]
+    lost = int((~good).sum()) * each * len(chunk.scenarios)
+    # For the map: where the descent leads from each point, once for all repetitions.
+    drawn = []
+    if not chunk.repetitions[0]:
+        lines = traced(run, planned, chunk.points) if traces is None else traces
+        drawn.append(drawn_lines(lines, run.grid, chunk.points))
+    sums = {k: result for k, result, *_ in found}
+    return ChunkResult(
+        area, own.points, chunk.weight, sums, joined_rows(parts), joined_lines(drawn), lost
+    )
+
+
+def _followed(common: _Common, chunk: Chunk) -> tuple[NDArray[np.bool_], None, list[_OfScenario]]:
+    """Blocks whose paths are followed, and which entries of a chunk have some."""
+    run = common.run
+    points = take(common.planned.points, chunk.points)
     known = on_known_ground(run, points)
     points = take(points, np.flatnonzero(known))
-    own = replace(chunk, points=chunk.points[known], repetitions=chunk.repetitions[known])
-    sums: dict[int, Simulated] = {}
-    parts: list[BlockRows] = []
+    found: list[_OfScenario] = []
     for k in chunk.scenarios if len(points) else ():
         result = follow(
             path_terrain(run),
@@ -164,9 +169,9 @@ def _followed(common: _Common, chunk: Chunk) -> ChunkResult:
             run.blocks[k],
             run.engine,
             seed=run.seed,
-            rocks_per_point=each,
-            point_keys=draw_keys(points.key, run.blocks[k].name, own.repetitions),
-            spread_m=run.start_spread_m(area),
+            rocks_per_point=run.release.rocks_per_point,
+            point_keys=draw_keys(points.key, run.blocks[k].name, chunk.repetitions[known]),
+            spread_m=run.start_spread_m(int(points.area[0])),
             objects=run.objects,
             window=run.window,
             bins=common.bins,
@@ -175,34 +180,22 @@ def _followed(common: _Common, chunk: Chunk) -> ChunkResult:
         )
         if result.looked_at is not None and any(sides := run.sides_met(result.looked_at)):
             raise TerrainTooSmall(sides)
-        ended = numbered(np.concatenate([result.rocks, result.pieces]), own, each)
-        passages = numbered(result.passages, own, each)
-        sums[k] = result
-        parts.append(BlockRows.of_chunk(ended, result.x, result.y, passages, k, chunk.weight))
-    lost = int((~known).sum()) * each * len(chunk.scenarios)
-    # For the map: where the descent leads from each point.
-    drawn = []
-    if not chunk.repetitions[0]:
-        starts = take(planned.starts, chunk.points)
-        traces = trace(run.grid, planned.surface, starts, run.terrain)
-        drawn.append(drawn_lines(traces, run.grid, chunk.points))
-    return ChunkResult(
-        area, own.points, chunk.weight, sums, joined_rows(parts), joined_lines(drawn), lost
-    )
+        ended = np.concatenate([result.rocks, result.pieces])
+        found.append((k, result, ended, result.x, result.y))
+    return known, None, found
 
 
-def _on_lines(run: MapRun, planned: Plan, chunk: Chunk, bins: Bins) -> ChunkResult:
-    """A chunk of blocks that keep to the lines of their release points."""
-    starts = take(planned.starts, chunk.points)
-    traces = trace(run.grid, planned.surface, starts, run.terrain)
+def _on_lines(
+    common: _Common, chunk: Chunk
+) -> tuple[NDArray[np.bool_], TraceSet, list[_OfScenario]]:
+    """Blocks that keep to the lines of their points, which entries have some, and all lines."""
+    run, planned = common.run, common.planned
+    traces = traced(run, planned, chunk.points)
     prepared = prepare_lines(run, traces)
     good, lines = prepared.good, prepared.lines
-    own = replace(chunk, points=chunk.points[good], repetitions=chunk.repetitions[good])
-    area, each = int(starts.area[0]), run.release.rocks_per_point
     start = prepared.starts(planned.moved[chunk.points][lines.point])
-    length = prepared.length_m
-    sums: dict[int, Simulated] = {}
-    parts: list[BlockRows] = []
+    keys, length = planned.starts.key[chunk.points], prepared.length_m
+    found: list[_OfScenario] = []
     for k in chunk.scenarios if len(lines) else ():
         blocks = run.blocks[k]
         result = simulate(
@@ -211,30 +204,21 @@ def _on_lines(run: MapRun, planned: Plan, chunk: Chunk, bins: Bins) -> ChunkResu
             blocks,
             run.engine,
             seed=run.seed,
-            rocks_per_line=each,
-            line_keys=draw_keys(starts.key, blocks.name, chunk.repetitions)[good],
+            rocks_per_line=run.release.rocks_per_point,
+            line_keys=draw_keys(keys, blocks.name, chunk.repetitions)[good],
             starts=start,
             control_lines=prepared.crossings,
             objects=run.objects,
             window=run.window,
-            bins=bins,
+            bins=common.bins,
             effects=run.effects,
             forest=run.forest,
         )
         ended = np.concatenate([result.rocks, result.pieces])
         line = ended["line"].astype(np.int64)
         x, y = chainage_to_xy(lines, line, np.clip(ended["runout_m"], 0.0, length[line]))
-        passages = numbered(result.passages, own, each)
-        sums[k] = result
-        parts.append(
-            BlockRows.of_chunk(numbered(ended, own, each), x, y, passages, k, chunk.weight)
-        )
-    lost = int((~good).sum()) * each * len(chunk.scenarios)
-    # All of a chunk are of one repetition, and the lines of the first are drawn.
-    drawn = [] if chunk.repetitions[0] else [drawn_lines(traces, run.grid, chunk.points)]
-    return ChunkResult(
-        area, own.points, chunk.weight, sums, joined_rows(parts), joined_lines(drawn), lost
-    )
+        found.append((k, result, ended, x, y))
+    return good, traces, found
 
 
 def chunks_of(

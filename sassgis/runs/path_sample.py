@@ -14,21 +14,12 @@ from sassgis.hazard.along_profile import LinePaths
 from sassgis.hazard.block_paths import BlockPath
 from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.map_run import MapRun
-from sassgis.model.profiles import (
-    ReleasePoints,
-    TraceSet,
-)
+from sassgis.model.profiles import ReleasePoints, TraceSet
 from sassgis.model.results import StopReason
-from sassgis.runs.map import on_known_ground, path_terrain
-from sassgis.terrain.fall_lines import trace
+from sassgis.runs.map import on_known_ground, path_terrain, traced
 from sassgis.terrain.flatten import chainage_to_xy, profiles
 from sassgis.terrain.plan import Plan
-from sassgis.terrain.prepare import (
-    PreparedLines,
-    control_line_crossings,
-    draw_keys,
-    prepare_lines,
-)
+from sassgis.terrain.prepare import PreparedLines, control_line_crossings, draw_keys, prepare_lines
 from sassgis.terrain.release import take
 
 LOG_EVENTS = 2000
@@ -116,15 +107,14 @@ def _on_lines_again(
     run: MapRun, planned: Plan, which: IntArray, scenario: int, rocks: int, again: int = 0
 ) -> tuple[TraceSet, PreparedLines, Simulated | None]:
     """Some blocks of release points on their lines, with event logs; None if all are too short."""
-    starts = take(planned.starts, which)
-    traces = trace(run.grid, planned.surface, starts, run.terrain)
+    traces = traced(run, planned, which)
     prepared = prepare_lines(run, traces)
     if not len(prepared):
         return traces, prepared, None
     blocks = run.blocks[scenario]
     return traces, prepared, simulate(
         prepared.profiles, run.table, blocks, run.engine, seed=run.seed, rocks_per_line=rocks,
-        line_keys=draw_keys(starts.key, blocks.name, again)[prepared.good],
+        line_keys=draw_keys(planned.starts.key[which], blocks.name, again)[prepared.good],
         starts=prepared.starts(planned.moved[which][prepared.lines.point]),
         control_lines=prepared.crossings, log_events=LOG_EVENTS, effects=run.effects,
         forest=run.forest,
