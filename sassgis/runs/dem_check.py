@@ -127,40 +127,20 @@ def check_dem(path: Path, crs: str | None = None, override_crs: bool = False) ->
     with collected_notices() as notices:
         dem = read_raw_dem(path, crs, override_crs)
     slopes = slopes_deg(dem.values, dem.dx_m, dem.dy_m)
-    return DemReport(
-        path,
-        (
-            _system(dem, notices),
-            _units(dem),
-            _nodata(dem),
-            _resolution(dem),
-            _steepness(slopes),
-            _terraces(dem),
-            *_bumps(dem),
-            _depressions(dem),
-            _extent(dem, slopes),
-        ),
-    )
-
-
-def _extent(dem: RawDem, slopes: FloatArray) -> DemFinding:
-    if not dem.square or dem.unit_fault:
-        return DemFinding("extent", "good", "not looked at: no square cells in metres", "", {})
-    grid = Grid(dem.values, 0.0, 0.0, dem.dx_m)
-    steep = np.flatnonzero(np.nan_to_num(slopes.ravel()) > _CLIFF_DEG)
-    found = beyond_edge(grid, *grid.cell_centres(steep)) if steep.size else []
-    far = [own for own in found if own.distance_m > _BEYOND_M]
-    what = f"energy line of {ANGLE_DEG:g}° from ground above {_CLIFF_DEG:g}°"
-    numbers = {"angle_deg": ANGLE_DEG, "beyond_m": {own.side: own.distance_m for own in far}}
-    if not far:
-        text = f"{what}: ends within the model, or {_BEYOND_M:g} m beyond it at most"
-        return DemFinding("extent", "good", text, "", numbers)
-    sides = ", ".join(f"{own.where} {own.distance_m:.0f} m" for own in far)
-    return DemFinding(
-        "extent", "look", f"{what} goes on beyond the model: {sides}",
-        "blocks that leave the model are lost: get more terrain there, if they are released so "
-        "near; sassgis validate knows where they are", numbers,
-    )  # fmt: skip
+    bumps = bumps_m(dem.values)
+    found = {
+        "coordinate system": _system(dem, notices),
+        "units": _units(dem),
+        "nodata": _nodata(dem),
+        "resolution": _resolution(dem),
+        "steepness": _steepness(slopes),
+        "terraces": _terraces(dem),
+        "spikes": _bumps(dem, bumps, "stand out"),
+        "pits": _bumps(dem, -bumps, "lie low"),
+        "depressions": _depressions(dem),
+        "extent": _extent(dem, slopes),
+    }
+    return DemReport(path, tuple(DemFinding(item, *own) for item, own in found.items()))
 
 
 def write_dem_page(file: Path, report: DemReport, overwrite: bool = False) -> None:
@@ -186,17 +166,20 @@ def _grade(value: float, limits: tuple[float, float]) -> Verdict:
     return "good" if value <= limits[0] else "look" if value <= limits[1] else "bad"
 
 
-def _system(dem: RawDem, notices: list[str]) -> DemFinding:
+#: Verdict, what was found, advice and numbers of an item.
+_Found = tuple[Verdict, str, str, dict[str, Any]]
+
+
+def _system(dem: RawDem, notices: list[str]) -> _Found:
     fault = dem.system_fault
     if fault is not None:
         found = fault.problem if fault.found is None else f"{fault.problem}: {fault.found}"
-        return DemFinding("coordinate system", "bad", found, in_options(fault.expected or ""), {})
-    name = crs_name(dem.crs)
+        return "bad", found, in_options(fault.expected or ""), {}
     own = [n.partition(": ")[2] for n in notices]
-    return DemFinding("coordinate system", "look" if own else "good", name, "; ".join(own), {})
+    return "look" if own else "good", crs_name(dem.crs), "; ".join(own), {}
 
 
-def _units(dem: RawDem) -> DemFinding:
+def _units(dem: RawDem) -> _Found:
     low, high = float(np.nanmin(dem.values)), float(np.nanmax(dem.values))
     numbers = {"lowest_m": low, "highest_m": high, "unit": dem.unit, "datum": dem.vertical_datum}
     found = f"heights from {low:.1f} to {high:.1f} m, " + (
@@ -204,75 +187,63 @@ def _units(dem: RawDem) -> DemFinding:
     )
     kinds = few_values(dem.values)
     if kinds:
-        return DemFinding(
-            "units", "bad", f"{len(kinds)} different numbers from {low:g} to {high:g}",
-            "a map of classes, such as zones or codes of ground, is no terrain model", numbers,
-        )  # fmt: skip
+        found = f"{len(kinds)} different numbers from {low:g} to {high:g}"
+        advice = "a map of classes, such as zones or codes of ground, is no terrain model"
+        return "bad", found, advice, numbers
     if dem.unit_fault:
-        return DemFinding("units", "bad", dem.unit_fault, "heights in metres or feet", numbers)
+        return "bad", dem.unit_fault, "heights in metres or feet", numbers
     if dem.unit and dem.unit.lower() not in ("m", "metre", "meter", "metres", "meters"):
-        return DemFinding(
-            "units", "look", f"{found}, converted from {dem.unit}", "compare with a map", numbers
-        )
+        return "look", f"{found}, converted from {dem.unit}", "compare with a map", numbers
     advice = "" if dem.vertical_datum else "state the height system as terrain.vertical_datum"
-    return DemFinding("units", "good", found, advice, numbers)
+    return "good", found, advice, numbers
 
 
-def _nodata(dem: RawDem) -> DemFinding:
+def _nodata(dem: RawDem) -> _Found:
     known = np.isfinite(dem.values)
     wrong = dem.not_heights
     holes = int(inner_holes(dem.values).sum()) - wrong
     missing = 1.0 - float(known.mean())
-    numbers: dict[str, Any] = {
+    numbers = {
         "nodata_share": missing, "declared": dem.nodata,
         "not_declared_cells": wrong, "inner_cells": max(holes, 0),
     }  # fmt: skip
     share = f"{100.0 * missing:.2f} % nodata"
     if wrong:
-        return DemFinding(
-            "nodata",
-            "bad",
+        found = (
             f"{share}; {wrong} cells hold numbers that are no heights (infinite, beyond the Earth, "
-            "or 0 amid mountains)",
-            "declare them with rio edit-info FILE --nodata NUMBER",
-            numbers,
+            "or 0 amid mountains)"
         )
+        return "bad", found, "declare them with rio edit-info FILE --nodata NUMBER", numbers
     if holes > 0:
-        return DemFinding(
-            "nodata", "look", f"{share}, {holes} cells of it in holes",
-            "blocks end there: fill them (QGIS: Fill NoData cells), or keep them if they are water",
-            numbers,
-        )  # fmt: skip
-    return DemFinding("nodata", "good", share, "", numbers)
+        found = f"{share}, {holes} cells of it in holes"
+        advice = (
+            "blocks end there: fill them (QGIS: Fill NoData cells), or keep them if they are water"
+        )
+        return "look", found, advice, numbers
+    return "good", share, "", numbers
 
 
-def _resolution(dem: RawDem) -> DemFinding:
+def _resolution(dem: RawDem) -> _Found:
     cell = max(dem.dx_m, dem.dy_m)
     n_rows, n_cols = dem.values.shape
     numbers = {"dx_m": dem.dx_m, "dy_m": dem.dy_m, "rows": n_rows, "columns": n_cols}
     found = f"cells of {dem.dx_m:.3g} x {dem.dy_m:.3g} m, {n_rows} rows x {n_cols} columns"
     verdict = _grade(round(cell, 6), _CELL_M)
     advice = {
-        "good": "",
-        "look": f"ledges, gullies and walls narrower than about {2.0 * cell:.3g} m are not in it",
-        "bad": "too coarse: slopes are flattened and cliffs are missing",
+        "good": [],
+        "look": [f"ledges, gullies and walls narrower than about {2.0 * cell:.3g} m are not in it"],
+        "bad": ["too coarse: slopes are flattened and cliffs are missing"],
     }[verdict]
-    if not dem.in_metres:
-        verdict = "look" if verdict == "good" else verdict
-        advice = "; ".join([*([advice] if advice else []), "taken as metres: see the system above"])
-    if not dem.square:
-        verdict = "look" if verdict == "good" else verdict
-        advice = "; ".join([*([advice] if advice else []), "is resampled to square cells"])
-    return DemFinding("resolution", verdict, found, advice, numbers)
+    advice += [] if dem.in_metres else ["taken as metres: see the system above"]
+    advice += [] if dem.square else ["is resampled to square cells"]
+    return "look" if advice and verdict == "good" else verdict, found, "; ".join(advice), numbers
 
 
-def _steepness(slopes: FloatArray) -> DemFinding:
+def _steepness(slopes: FloatArray) -> _Found:
     known = slopes[np.isfinite(slopes)]
     if not known.size:
-        return DemFinding(
-            "steepness", "bad", "no cell with known neighbours on all sides",
-            "fill the rows or columns that are missing", {},
-        )  # fmt: skip
+        found = "no cell with known neighbours on all sides"
+        return "bad", found, "fill the rows or columns that are missing", {}
     shares = {f"above_{a:.0f}_deg": float((known > a).mean()) for a in (30.0, 45.0, 60.0, 80.0)}
     numbers = {"median_deg": float(np.median(known)), "steepest_deg": float(known.max()), **shares}
     found = (
@@ -280,20 +251,15 @@ def _steepness(slopes: FloatArray) -> DemFinding:
         f"{100.0 * shares['above_45_deg']:.1f} % above 45°"
     )
     if wall_share(slopes) > WALL_SHARE:
-        return DemFinding(
-            "steepness", "bad", f"{found}, {100.0 * shares['above_80_deg']:.1f} % above 80°",
-            "too steep for terrain: are heights or cells in another unit?", numbers,
-        )  # fmt: skip
+        found = f"{found}, {100.0 * shares['above_80_deg']:.1f} % above 80°"
+        return "bad", found, "too steep for terrain: are heights or cells in another unit?", numbers
     if known.max() < _STEEP_DEG:
-        return DemFinding(
-            "steepness", "look", found,
-            f"nothing steeper than {_STEEP_DEG:.0f}°: is it smoothed, too coarse, or the place?",
-            numbers,
-        )  # fmt: skip
-    return DemFinding("steepness", "good", found, "", numbers)
+        what = f"nothing steeper than {_STEEP_DEG:.0f}°: is it smoothed, too coarse, or the place?"
+        return "look", found, what, numbers
+    return "good", found, "", numbers
 
 
-def _terraces(dem: RawDem) -> DemFinding:
+def _terraces(dem: RawDem) -> _Found:
     step = height_step(dem.values)
     cell = min(dem.dx_m, dem.dy_m)
     error = float(np.degrees(np.arctan(step / (2.0 * cell))))
@@ -313,60 +279,77 @@ def _terraces(dem: RawDem) -> DemFinding:
         parts.append(f"heights crowd at multiples of {interval:g} m")
     if equal > _EQUAL[0]:
         parts.append(f"{100.0 * equal:.0f} % of the neighbours across slopes are equal")
-    return DemFinding(
-        "terraces", verdict, "; ".join(parts) or "none",
-        "" if verdict == "good" else "take the data before they were rounded, interpolated from "
-        "contour lines or repeated; smoothing alone does not bring slopes back",
-        numbers,
-    )  # fmt: skip
+    advice = (
+        "take the data before they were rounded, interpolated from contour lines or repeated; "
+        "smoothing alone does not bring slopes back"
+    )
+    return verdict, "; ".join(parts) or "none", "" if verdict == "good" else advice, numbers
 
 
-def _bumps(dem: RawDem) -> tuple[DemFinding, DemFinding]:
-    bumps = bumps_m(dem.values)
+def _bumps(dem: RawDem, out: FloatArray, word: str) -> _Found:
+    """Single cells that differ from all around them by so much, upwards."""
     least = max(_BUMP_M, min(dem.dx_m, dem.dy_m))
-
-    def finding(item: str, out: FloatArray, word: str) -> DemFinding:
-        count, top = int((out >= least).sum()), float(out.max())
-        numbers: dict[str, Any] = {"cells": count, "limit_m": least, "largest_m": top}
-        if not count:
-            return DemFinding(item, "good", f"none {word} by {least:.2g} m or more", "", numbers)
-        row, col = np.unravel_index(int(np.argmax(out)), out.shape)
-        x, y = dem.place(int(row), int(col))
-        numbers |= {"x": x, "y": y}
-        bad = count > max(_BUMP_COUNT, _BUMP_SHARE * out.size) or top > _BUMP_BAD_M
-        return DemFinding(
-            item, "bad" if bad else "look",
-            f"{count} single cells {word} by {least:.2g} m or more, the largest by {top:.1f} m "
-            f"at {x:.8g}, {y:.8g}",
-            "remove trees, birds and faults of the survey, or replace these cells by their "
-            "neighbours",
-            numbers,
-        )  # fmt: skip
-
-    return finding("spikes", bumps, "stand out"), finding("pits", -bumps, "lie low")
+    count, top = int((out >= least).sum()), float(out.max())
+    numbers: dict[str, Any] = {"cells": count, "limit_m": least, "largest_m": top}
+    if not count:
+        return "good", f"none {word} by {least:.2g} m or more", "", numbers
+    x, y = _place_of_largest(dem, out)
+    bad = count > max(_BUMP_COUNT, _BUMP_SHARE * out.size) or top > _BUMP_BAD_M
+    found = (
+        f"{count} single cells {word} by {least:.2g} m or more, the largest by {top:.1f} m "
+        f"at {x:.8g}, {y:.8g}"
+    )
+    advice = (
+        "remove trees, birds and faults of the survey, or replace these cells by their neighbours"
+    )
+    return "bad" if bad else "look", found, advice, {**numbers, "x": x, "y": y}
 
 
-def _depressions(dem: RawDem) -> DemFinding:
+def _place_of_largest(dem: RawDem, values: FloatArray) -> tuple[float, float]:
+    row, col = np.unravel_index(int(np.argmax(values)), values.shape)
+    return dem.place(int(row), int(col))
+
+
+def _depressions(dem: RawDem) -> _Found:
     depth = depression_depth(dem.values)
     labels, count = ndimage.label(depth > 0.0, np.ones((3, 3)))
     deepest = np.asarray(ndimage.maximum(depth, labels, np.arange(1, count + 1)), float)
-    deep = deepest >= _DEPRESSION_M
+    deep = int((deepest >= _DEPRESSION_M).sum())
     share = float((depth >= _DEPRESSION_M).mean())
     top = float(depth.max())
-    numbers: dict[str, Any] = {"count": int(deep.sum()), "share": share, "deepest_m": top}
-    if not deep.any():
-        return DemFinding(
-            "depressions", "good", f"none deeper than {_DEPRESSION_M:g} m", "", numbers
-        )
-    row, col = np.unravel_index(int(np.argmax(depth)), depth.shape)
-    x, y = dem.place(int(row), int(col))
+    numbers = {"count": deep, "share": share, "deepest_m": top}
+    if not deep:
+        return "good", f"none deeper than {_DEPRESSION_M:g} m", "", numbers
+    x, y = _place_of_largest(dem, depth)
+    found = (
+        f"{deep} without outlet, deeper than {_DEPRESSION_M:g} m; "
+        f"the deepest {top:.1f} m at {x:.8g}, {y:.8g}"
+    )
     numbers |= {"x": x, "y": y}
-    look = top >= _DEEP_M or share > _DEPRESSION_SHARE
-    return DemFinding(
-        "depressions", "look" if look else "good",
-        f"{int(deep.sum())} without outlet, deeper than {_DEPRESSION_M:g} m; "
-        f"the deepest {top:.1f} m at {x:.8g}, {y:.8g}",
+    if top < _DEEP_M and share <= _DEPRESSION_SHARE:
+        return "good", found, "", numbers
+    advice = (
         "blocks may stop there: are they real (hollows, lakes, quarries), or dammed by bridges and "
-        "trees?" if look else "",
-        numbers,
-    )  # fmt: skip
+        "trees?"
+    )
+    return "look", found, advice, numbers
+
+
+def _extent(dem: RawDem, slopes: FloatArray) -> _Found:
+    if not dem.square or dem.unit_fault:
+        return "good", "not looked at: no square cells in metres", "", {}
+    grid = Grid(dem.values, 0.0, 0.0, dem.dx_m)
+    steep = np.flatnonzero(np.nan_to_num(slopes.ravel()) > _CLIFF_DEG)
+    found = beyond_edge(grid, *grid.cell_centres(steep)) if steep.size else []
+    far = [own for own in found if own.distance_m > _BEYOND_M]
+    what = f"energy line of {ANGLE_DEG:g}° from ground above {_CLIFF_DEG:g}°"
+    numbers = {"angle_deg": ANGLE_DEG, "beyond_m": {own.side: own.distance_m for own in far}}
+    if not far:
+        text = f"{what}: ends within the model, or {_BEYOND_M:g} m beyond it at most"
+        return "good", text, "", numbers
+    sides = ", ".join(f"{own.where} {own.distance_m:.0f} m" for own in far)
+    advice = (
+        "blocks that leave the model are lost: get more terrain there, if they are released so "
+        "near; sassgis validate knows where they are"
+    )
+    return "look", f"{what} goes on beyond the model: {sides}", advice, numbers
