@@ -13,24 +13,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from sassgis.gap.check.answers import (
-    Answer,
-    Truth,
-    answer_from,
-    names_in,
-)
+from sassgis.gap.check.answers import Answer, Truth, answer_from, names_in
 from sassgis.gap.check.blinded_labels import blinding_hash, labels_text, truth_of
-from sassgis.gap.check.check_scores import (
-    CheckScores,
-    score,
-)
+from sassgis.gap.check.check_scores import CheckScores, score
 from sassgis.gap.check.sandbox import Task, TaskOutcome, perform
-from sassgis.gap.check.worlds import (
-    battery,
-    quick_battery,
-    require_library,
-    world_seeds,
-)
+from sassgis.gap.check.worlds import battery, quick_battery, require_library, world_seeds
 from sassgis.io.read.gap_thresholds import THRESHOLDS, frozen_digest, read_thresholds
 from sassgis.io.saved_arrays import read_saved_json, unfit, with_digest
 from sassgis.io.staging import alone, partial_folder, staged_output, writing
@@ -65,13 +52,7 @@ OnProgress = Callable[[int, int, int], None]
 
 @dataclass(frozen=True, slots=True)
 class CheckResult:
-    """What a check found.
-
-    Attributes
-    ----------
-    scores : CheckScores
-    warnings : tuple of str
-    """
+    """What a check found."""
 
     scores: CheckScores
     warnings: tuple[str, ...]
@@ -128,10 +109,6 @@ def check(
     say : callable, optional
         Called with a line of text now and then.
 
-    Returns
-    -------
-    CheckResult
-
     Raises
     ------
     InputError
@@ -182,12 +159,10 @@ def check(
 
 
 def _thresholds_digest(file: Path | None, seed: int, development: bool) -> str:
-    content = read_thresholds(file)
-    path = file or THRESHOLDS
-    if seed in content["battery_seeds"] and not development:
+    if seed in read_thresholds(file)["battery_seeds"] and not development:
         raise InputError(
             "this battery was looked at while the diagnosis was made: scores on it would flatter",
-            file=path,
+            file=file or THRESHOLDS,
             field="battery_seeds",
             found=f"seed {seed}",
             expected="another --seed, or --development",
@@ -208,7 +183,7 @@ def _battery(seed: int, worlds: int, law: str | None, quick: bool) -> list[Plann
 
 def _claim(place: CheckFolder, plan: dict[str, Any]) -> list[str]:
     """Take the folder, or go on in it; returns the states of the program that worked in it."""
-    own = program_digest()
+    own, programs = program_digest(), []
     if place.plan.exists():
         there = read_json(place.plan)
         programs = [str(p) for p in there.pop("programs", [])]
@@ -219,7 +194,6 @@ def _claim(place: CheckFolder, plan: dict[str, Any]) -> list[str]:
                 "choose another folder"
             )
     else:
-        programs = []
         with writing(place.root):
             if place.root.exists() and (not place.root.is_dir() or any(place.root.iterdir())):
                 raise OutputError(f"{place.root}: exists and is no check; choose another folder")
@@ -245,11 +219,8 @@ def _make(
         write_text(place.salt, f"{salt}\n")
         lines = [f"{made[w.case]['digest']}  cases/{w.case}" for w in planned]
         write_text(place.case_list, "\n".join(lines) + "\n")
-        text = labels_text([made[w.case]["label"] for w in planned])
-        write_text(
-            place.blinding,
-            f"{blinding_hash(salt, text)}  blinded/salt.txt + blinded/labels.json\n",
-        )
+        digest = blinding_hash(salt, labels_text([made[w.case]["label"] for w in planned]))
+        write_text(place.blinding, f"{digest}  blinded/salt.txt + blinded/labels.json\n")
 
 
 @contextmanager
@@ -305,20 +276,13 @@ def _answer(
     total = len(planned)
     done = total - len(open_cases)
     seen = sum(n for case, n in rocks.items() if case not in open_cases)
-    tasks = [
-        Task(
-            case,
-            diagnoser,
-            (
-                str(place.case(case) / CONFIG_NAME),
-                str(place.case(case) / OBSERVATIONS_NAME),
-                str(place.answer(case)),
-            ),
-            {"jobs": 1, "seed": 1, "overwrite": True},
-            (place.case(case), place.answer(case), partial_folder(place.answer(case))),
-        )
-        for case in open_cases
-    ]
+    tasks = []
+    options = {"jobs": 1, "seed": 1, "overwrite": True}
+    for case in open_cases:
+        own, answer = place.case(case), place.answer(case)
+        given = (str(own / CONFIG_NAME), str(own / OBSERVATIONS_NAME), str(answer))
+        folders = (own, answer, partial_folder(answer))
+        tasks.append(Task(case, diagnoser, given, options, folders))
     with _processes(jobs, place.root) as each:
         for outcome in each(tasks):
             failure = outcome.failure or _unreadable(place, outcome.name)
@@ -459,14 +423,10 @@ def _measure(
     with _processes(jobs) as made, _processes(jobs, place.root) as measured:
         for first in range(0, len(left), _BATCH):
             some = left[first : first + _BATCH]
-            fresh = [
-                Task(
-                    w.case,
-                    f"{_MAKER}:make_fresh",
-                    (w.spec, w.seed, FRESH_ROCKS, str(place.fresh(w.case))),
-                )
-                for w in some
-            ]
+            fresh = []
+            for w in some:
+                given = (w.spec, w.seed, FRESH_ROCKS, str(place.fresh(w.case)))
+                fresh.append(Task(w.case, f"{_MAKER}:make_fresh", given))
             with alone(place.root / "fresh"):
                 for outcome in made(fresh):
                     if outcome.failure:
@@ -482,19 +442,12 @@ def _measure(
 
 
 def _measure_tasks(place: CheckFolder, some: Iterable[PlannedSite], measurer: str) -> list[Task]:
-    return [
-        Task(
-            w.case,
-            measurer,
-            (
-                str(place.case(w.case) / CONFIG_NAME),
-                str(place.fresh(w.case)),
-                str(place.answer(w.case)),
-            ),
-            folders=(place.case(w.case), place.fresh(w.case), place.answer(w.case)),
-        )
-        for w in some
-    ]
+    tasks = []
+    for w in some:
+        own, fresh, answer = place.case(w.case), place.fresh(w.case), place.answer(w.case)
+        given = (str(own / CONFIG_NAME), str(fresh), str(answer))
+        tasks.append(Task(w.case, measurer, given, folders=(own, fresh, answer)))
+    return tasks
 
 
 def _read_measured(
@@ -513,9 +466,7 @@ def _measured(outcome: TaskOutcome) -> dict[str, Any]:
 
 
 def _number(value: object) -> float | None:
-    if not isinstance(value, int | float) or not math.isfinite(value):
-        return None
-    return float(value)
+    return float(value) if isinstance(value, int | float) and math.isfinite(value) else None
 
 
 def _conclude(
@@ -531,15 +482,11 @@ def _conclude(
         w.case: own for w in planned if (own := _read_measured(place, w.case, tell)) is not None
     }
     scores = score(truths, answers.values(), {case: m["S"] for case, m in measured.items()})
-    rows = [
-        WorldRow(
-            truth,
-            answers[truth.case],
-            measured.get(truth.case, {}),
-            float(read_json(place.record(truth.case))["seconds"]),
-        )
-        for truth in truths
-    ]
+    rows = []
+    for truth in truths:
+        seconds = float(read_json(place.record(truth.case))["seconds"])
+        found = measured.get(truth.case, {})
+        rows.append(WorldRow(truth, answers[truth.case], found, seconds))
     record = CheckRecord(
         plan=plan,
         programs=tuple(programs),

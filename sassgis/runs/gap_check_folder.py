@@ -22,46 +22,18 @@ class PlannedSite:
     seed: int
 
 
-@dataclass(frozen=True, slots=True)
 class CheckFolder:
     """The files of a check."""
 
-    root: Path
-
-    @property
-    def plan(self) -> Path:
-        """What was asked for."""
-        return self.root / "check.json"
-
-    @property
-    def blinding(self) -> Path:
-        """Hash of the labels."""
-        return self.root / "labels.sha256"
-
-    @property
-    def case_list(self) -> Path:
-        """Digests of the cases."""
-        return self.root / "cases.sha256"
-
-    @property
-    def answer_list(self) -> Path:
-        """Digests of the answers."""
-        return self.root / "answers.sha256"
-
-    @property
-    def salt(self) -> Path:
-        """What blinds the labels."""
-        return self.root / "blinded" / "salt.txt"
-
-    @property
-    def labels(self) -> Path:
-        """The truth, opened at the end."""
-        return self.root / "blinded" / "labels.json"
-
-    @property
-    def cases(self) -> Path:
-        """All cases."""
-        return self.root / "cases"
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        self.plan = root / "check.json"  # what was asked for
+        self.blinding = root / "labels.sha256"  # hash of the labels
+        self.case_list = root / "cases.sha256"  # digests of the cases
+        self.answer_list = root / "answers.sha256"  # digests of the answers
+        self.salt = root / "blinded" / "salt.txt"  # what blinds the labels
+        self.labels = root / "blinded" / "labels.json"  # the truth, opened at the end
+        self.cases = root / "cases"  # all cases
 
     def case(self, case: str) -> Path:
         """The files of a case."""
