@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -18,15 +18,7 @@ from sassgis.hazard.ground_spread import (
     spread_bands,
     spread_maps,
 )
-from sassgis.hazard.sensitivity import (
-    BASE,
-    FAR,
-    MEDIAN,
-    Names,
-    Variant,
-    VariantFinding,
-    finding_of,
-)
+from sassgis.hazard.sensitivity import BASE, FAR, MEDIAN, Names, Variant, VariantFinding, finding_of
 from sassgis.io.read.objects import object_cells
 from sassgis.io.read.range_table import read_ranges
 from sassgis.io.staging import staged_output
@@ -34,7 +26,7 @@ from sassgis.model.exposure import PlacedObjects
 from sassgis.model.ground_ranges import ParameterRange, RangeRule, acting, ranges_of
 from sassgis.model.map_run import MapRun, ObjectCells
 from sassgis.model.run_config import Config
-from sassgis.runs.job import Job, OnProgress, Simulation, configured, read_job, workers_asked
+from sassgis.runs.job import Job, OnProgress, Simulation, configured, read_job
 from sassgis.runs.map import check_starts
 from sassgis.runs.variant_lab import VariantLab, classes_on
 from sassgis.runs.workers import Jobs
@@ -97,16 +89,13 @@ def drawn_ground(
     if not draws:
         return None
     tell(f"Simulating {draws} draws of the ground classes")
-    run = replace(done.run, stop_points_max=0)
     # Of a road the whole, as in the report: a band of each stretch says less.
     wholes = list(dict.fromkeys(o.whole for o in placed.objects))
-    cells, number = object_cells(placed, run.grid)
+    cells, number = object_cells(placed, done.run.grid)
     owner = np.array([wholes.index(o.whole) for o in placed.objects], np.int64)
     exposed = ObjectCells(len(wholes), cells, owner[number])
-    lab = VariantLab(
-        config, Job(run, done.planned, ()), rules, work, workers_asked(config, jobs), on_progress,
-        tell, _PART, exposed,
-    )  # fmt: skip
+    job = Job(done.run, done.planned, ())
+    lab = VariantLab(config, job, rules, work, jobs, on_progress, tell, _PART, exposed)
     base = finding_of(done.run, done.progress, rules, exposed)
     return _drawn(lab, known, draws, base, wholes)
 
@@ -182,10 +171,7 @@ def runout_bands(
         job = read_job(config, None, tell)
         known = read_ranges(job.run.table, config.ground.ranges)
         check_starts(job.run, job.planned.points, lambda: job.planned, config.release.file)
-        ready = replace(job, run=replace(job.run, stop_points_max=0))
-        lab = VariantLab(
-            config, ready, None, work, workers_asked(config, jobs), on_progress, tell, _PART
-        )
+        lab = VariantLab(config, job, None, work, jobs, on_progress, tell, _PART)
         base = lab.found(Variant(BASE, {}))
         found = _drawn(lab, known, draws, base).spread
     return found.band(MEDIAN), found.band(FAR)

@@ -36,7 +36,7 @@ from sassgis.model.run_config import Config
 from sassgis.report.page import translated_report, write_report
 from sassgis.report.sensitivity_report import sensitivity_report
 from sassgis.runs.inputs import read_rules, states_frequencies
-from sassgis.runs.job import AnyConfig, OnProgress, configured, read_job, workers_asked
+from sassgis.runs.job import AnyConfig, OnProgress, configured, read_job
 from sassgis.runs.map import check_starts
 from sassgis.runs.origin import Origin, write_origin
 from sassgis.runs.relief_project import write_over_relief
@@ -108,41 +108,23 @@ def sensitivity(
             job = prepared(job, rules)
         given = config.release.rocks_per_point
         few = max(_FEWEST_ROCKS, round(_ROCKS_SHARE * given)) if rocks is None else rocks
-        release = replace(job.run.release, rocks_per_point=few)
-        run = replace(job.run, release=release, stop_points_max=0)
+        run = replace(job.run, release=replace(job.run.release, rocks_per_point=few))
         check_starts(run, job.planned.points, lambda: job.planned, config.release.file)
-        ready = replace(job, run=run)
-        lab = VariantLab(config, ready, rules, work, workers_asked(config, jobs), on_progress, tell)
-        done = _simulated(lab, known, samples, tell)
+        lab = VariantLab(config, replace(job, run=run), rules, work, jobs, on_progress, tell)
+        varied, done = _simulated(lab, known, samples, tell)
         tell("Writing maps, tables and report")
-        warnings = (*job.notices, *_warnings(rules, done.ranges))
-        found = _publish(work, config, lab, done, warnings, ranges, areas)
-    return SensitivityResult(
-        Path(out), done.ranges, found[0], found[1], len(done.findings), warnings
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class _Done:
-    """All simulations of a design: base, another seed and farthest, ends, filling."""
-
-    ranges: tuple[ParameterRange, ...]
-    variants: tuple[Variant, ...]
-    findings: tuple[VariantFinding, ...]
-
-    @property
-    def ends(self) -> slice:
-        return slice(3, 3 + 2 * len(self.ranges))
-
-    @property
-    def filling(self) -> slice:
-        return slice(3 + 2 * len(self.ranges), None)
+        warnings = (*job.notices, *_warnings(rules, varied))
+        found, maps = _publish(work, config, lab, varied, done, warnings, ranges, areas)
+    return SensitivityResult(Path(out), varied, found, maps, len(done), warnings)
 
 
 def _simulated(
     lab: VariantLab, rules: Sequence[RangeRule], samples: int, tell: Callable[[str], None]
-) -> _Done:
-    """Find the classes that blocks may meet, and simulate the design for their ranges."""
+) -> tuple[tuple[ParameterRange, ...], list[tuple[Variant, VariantFinding]]]:
+    """Find the classes that blocks may meet, and simulate the design for their ranges.
+
+    Simulations are: the base, another seed and the farthest, two ends of each range, the filling.
+    """
     run = lab.job.run
     tell("Simulating the classes as they are, and at their farthest")
     used = acting(run.engine)
@@ -152,8 +134,8 @@ def _simulated(
         (Variant(CHANCE, {}), run.seed + 1),
         (farthest(ranges_of(run.table, everywhere, rules, used)), None),
     ]
-    findings = [lab.find(v, s) for v, s in first]
-    met = classes_on(run, np.unique(np.concatenate([f.cells for f in findings])))
+    done = [(v, lab.find(v, seed)) for v, seed in first]
+    met = classes_on(run, np.unique(np.concatenate([f.cells for _, f in done])))
     ranges = ranges_of(run.table, met, rules, used)
     if not ranges:
         raise InputError(
@@ -162,8 +144,7 @@ def _simulated(
     ends, filling = design(ranges, samples, run.seed)
     lab.total = len(first) + len(ends) + len(filling)
     tell(f"Simulating {len(ranges)} ranges alone and {samples} points of all")
-    findings += [lab.find(v) for v in (*ends, *filling)]
-    return _Done(ranges, (*(v for v, _ in first), *ends, *filling), tuple(findings))
+    return ranges, done + [(v, lab.find(v)) for v in (*ends, *filling)]
 
 
 def _warnings(rules: Rules | None, ranges: Sequence[ParameterRange]) -> tuple[str, ...]:
@@ -189,23 +170,22 @@ def _publish(
     work: Path,
     config: Config,
     lab: VariantLab,
-    done: _Done,
+    ranges: tuple[ParameterRange, ...],
+    done: Sequence[tuple[Variant, VariantFinding]],
     warnings: Sequence[str],
     own_ranges: Path | None,
     areas: Sequence[str] | None,
 ) -> tuple[tuple[RangeEffect, ...], SensitivityMaps]:
     """Write everything into the working folder."""
-    run, rules = lab.job.run, lab.rules
-    grid = run.grid
-    base, chance = done.findings[:2]
-    ends, filling = done.findings[done.ends], done.findings[done.filling]
+    run, rules, grid = lab.job.run, lab.rules, lab.job.run.grid
+    filled = done[3 + 2 * len(ranges) :]
+    base, chance, _, *ends = (found for _, found in done[: 3 + 2 * len(ranges)])
     names = lab.names(() if rules is None else [o.name for o in rules.placed.objects])
     cell_m2 = grid.cell_size**2
-    pairs = list(zip(done.variants, done.findings, strict=True))
-    found = effects(done.ranges, base, chance, ends, pairs[done.filling], names, cell_m2)
-    maps = sensitivity_maps(base, chance, ends, filling)
+    found = effects(ranges, base, chance, ends, filled, names, cell_m2)
+    maps = sensitivity_maps(base, chance, ends, [finding for _, finding in filled])
     preset = None if rules is None else rules.preset
-    layers = sensitivity_layers(maps, done.ranges, len(filling), grid.shape, preset)
+    layers = sensitivity_layers(maps, ranges, len(filled), grid.shape, preset)
     write_over_relief(
         work,
         grid,
@@ -214,9 +194,9 @@ def _publish(
         title=f"{config.project.name}: sensitivity",
         abstract="How results change within the ranges of the ground classes.",
     )
-    write_table(work / "tables" / "ranges.csv", [range_table(done.ranges)])
+    write_table(work / "tables" / "ranges.csv", [range_table(ranges)])
     write_table(work / "tables" / "effects.csv", [effect_table(found)])
-    simulations = simulation_table(base, pairs, done.ranges, names, cell_m2)
+    simulations = simulation_table(base, done, ranges, names, cell_m2)
     write_table(work / "tables" / "simulations.csv", [simulations])
     facts = {
         "Program": f"sassgis {sassgis.__version__}",
@@ -226,7 +206,7 @@ def _publish(
     }
     with in_language(config.project.language):
         context = sensitivity_report(
-            config.project.name, run, found, maps, layers, len(filling), base.blocks, names,
+            config.project.name, run, found, maps, layers, len(filled), base.blocks, names,
             work / "figures",
         )  # fmt: skip
         context = replace(context, warnings=tuple(warnings), provenance=tuple(facts.items()))
@@ -235,8 +215,8 @@ def _publish(
         work,
         config,
         {
-            "simulations": len(done.findings),
-            "ranges": len(done.ranges),
+            "simulations": len(done),
+            "ranges": len(ranges),
             "rocks_per_point": run.release.rocks_per_point,
             "rocks_per_simulation": base.blocks,
         },

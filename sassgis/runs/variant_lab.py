@@ -20,8 +20,8 @@ from sassgis.model.ground_ranges import with_values
 from sassgis.model.map_run import MapRun, ObjectCells
 from sassgis.model.run_config import Config
 from sassgis.runs.checkpoint import Checkpoint
-from sassgis.runs.job import Job, OnProgress, simulate_saved, state_fingerprint
-from sassgis.runs.workers import Workers
+from sassgis.runs.job import Job, OnProgress, simulate_saved, state_fingerprint, workers_asked
+from sassgis.runs.workers import Jobs
 
 _KEPT = [f.name for f in fields(VariantFinding)]
 
@@ -31,6 +31,8 @@ class VariantLab:
 
     Parameters
     ----------
+    job : Job
+        Of its stops none is kept.
     work : Path
         Working folder of the result.
     part : str
@@ -45,20 +47,21 @@ class VariantLab:
         job: Job,
         rules: Rules | None,
         work: Path,
-        jobs: int | Workers,
+        jobs: Jobs,
         on_progress: OnProgress | None,
         tell: Callable[[str], None],
         part: str = "",
         exposed: ObjectCells | None = None,
     ) -> None:
-        self.job, self.rules, self._tell = job, rules, tell
+        run = replace(job.run, stop_points_max=0)
+        self.job, self.rules, self._tell = replace(job, run=run), rules, tell
         self.total = 0
         judged = None if rules is None else (rules.preset, rules.frequencies)
-        each = job.run.release.rocks_per_point
-        self._fingerprint = state_fingerprint(config, job.run, repr((each, judged, _KEPT)))
+        asked = repr((run.release.rocks_per_point, judged, _KEPT))
+        self._fingerprint = state_fingerprint(config, run, asked)
         self._work, self._part, self._exposed = work, part, exposed
         self._folder = work / CHECKPOINT_STEM / part
-        self._jobs, self._step = jobs, on_progress
+        self._jobs, self._step = workers_asked(config, jobs), on_progress
         self._asked, self._blocks = 0, 0
 
     def names(self, objects: Sequence[str]) -> Names:
@@ -97,11 +100,8 @@ class VariantLab:
         self, variant: Variant, seed: int | None, under_way: Checkpoint
     ) -> VariantFinding:
         run = self.job.run
-        run = replace(
-            run,
-            table=with_values(run.table, variant.values),
-            seed=run.seed if seed is None else seed,
-        )
+        table = with_values(run.table, variant.values)
+        run = replace(run, table=table, seed=run.seed if seed is None else seed)
         progress = under_way.restore(run, self._tell) or Progress.fresh(run)
         try:
             simulate_saved(run, self.job.planned, progress, under_way, self._jobs)
