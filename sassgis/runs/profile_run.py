@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,7 @@ from sassgis.io.staging import staged_output
 from sassgis.io.write.frames import profile_passage_frame, profile_rock_frame, write_table
 from sassgis.model import rng
 from sassgis.model.errors import InputError
-from sassgis.model.grid import FloatArray
+from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.in_memory import Input, named
 from sassgis.model.languages import in_language
 from sassgis.model.map_run import Forest, MapRun
@@ -204,67 +205,43 @@ def simulate_profile(
     count = rocks or (config.profile.rocks if config.profile else 100)
     bins = require_profile(config, profile.s, profile.z, count)
     flat = _with_stretches(profile)
-    chainages = [c for _, c in profile.control_lines]
-    control_lines = ControlLineCrossings.same_for_all(
-        [g for g, _ in profile.control_lines], chainages, 1
-    )
+    lines, chainages = [g for g, _ in profile.control_lines], [c for _, c in profile.control_lines]
+    control_lines = ControlLineCrossings.same_for_all(lines, chainages, 1)
     sums = ControlLineSums(control_lines.control_lines)
     parts: list[Simulated] = []
     paths: list[tuple[FloatArray, FloatArray]] = []
     drawn = min(count, -(-_DRAWN // len(config.blocks)))
     for blocks in config.blocks:
         keys = rng.combined(np.zeros(1, np.uint64), scenario_word(blocks.name))
-
-        def simulated(n: int, first: int, events: int, blocks=blocks, keys=keys) -> Simulated:  # type: ignore[no-untyped-def]
-            return simulate(
-                flat,
-                profile.table,
-                blocks,
-                config.engine,
-                seed=config.run.seed if seed is None else seed,
-                rocks_per_line=n,
-                line_keys=keys,
-                starts=np.array([profile.start]),
-                control_lines=control_lines,
-                first_rock=first,
-                bins=bins,
-                log_events=events,
-                effects=config.effects,
-                forest=profile.forest,
-            )
-
-        shown = simulated(drawn, 0, _LOG_EVENTS)
+        simulated = partial(
+            simulate, flat, profile.table, blocks, config.engine,
+            seed=config.run.seed if seed is None else seed, line_keys=keys,
+            starts=np.array([profile.start]), control_lines=control_lines, bins=bins,
+            effects=config.effects, forest=profile.forest,
+        )  # fmt: skip
+        shown = simulated(rocks_per_line=drawn, log_events=_LOG_EVENTS)
         paths += [trajectory(c, config.engine.gravity_mps2) for c in shown.event_logs]
-        parts.append(simulated(count, 0, 0))
+        parts.append(simulated(rocks_per_line=count))
     for part in parts:
         sums.add(part.passages)
-    borders = flat.cell_s[1:]
-    along = {
-        name: dict(
-            zip(
-                PROBABILITIES,
-                quantiles(
-                    np.sum([part.sums[name] for part in parts], axis=0, dtype=np.int64),
-                    bins.edges[name],
-                    PROBABILITIES,
-                    np.max([part.sums[f"{name}_max"] for part in parts], axis=0),
-                ),
-                strict=True,
-            )
-        )
-        for name in ("energy", "speed", "height")
-    }
+    along = {}
+    for name in ("energy", "speed", "height"):
+        counts: IntArray = np.sum([part.sums[name] for part in parts], axis=0, dtype=np.int64)
+        largest = np.max([part.sums[f"{name}_max"] for part in parts], axis=0)
+        values = quantiles(counts, bins.edges[name], PROBABILITIES, largest)
+        along[name] = dict(zip(PROBABILITIES, values, strict=True))
+    numbers = np.arange(len(parts), dtype=np.int64)
     return ProfileResult(
         profile,
         np.concatenate([p.rocks for p in parts]),
-        np.repeat(np.arange(len(parts), dtype=np.int64), [p.rocks.size for p in parts]),
+        np.repeat(numbers, [p.rocks.size for p in parts]),
         np.concatenate([p.pieces for p in parts]),
-        np.repeat(np.arange(len(parts), dtype=np.int64), [p.pieces.size for p in parts]),
+        np.repeat(numbers, [p.pieces.size for p in parts]),
         np.concatenate([p.passages for p in parts]),
         sums,
         tuple(paths),
         drawn,
-        borders,
+        flat.cell_s[1:],
         along,
     )
 
