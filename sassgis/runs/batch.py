@@ -125,9 +125,7 @@ def batch(
     """
     tell = say or (lambda _text: None)
     folder = Path(out)
-    loaded = batch_config(
-        releases if isinstance(releases, Config) else Path(releases), config, dem, seed
-    )
+    loaded = batch_config(releases, config, dem, seed)
     candidates = find_areas(loaded)
     setting, notices = read_setting(loaded, candidates, first_margin_m, mosaic_only)
     if loaded.run.ground_uncertainty:
@@ -203,13 +201,9 @@ def _summary(
     """The table of all areas, with those that are there already."""
     given = config.release_source
     base = Path() if isinstance(given, InMemory) else given if given.is_dir() else given.parent
-    files = [c.release.file for c in candidates]
     summary = BatchSummary(
         folder / SUMMARY_NAME,
-        {
-            _folder(c): (c.name, "" if file is None else _relative(file, base))
-            for c, file in zip(candidates, files, strict=True)
-        },
+        {_folder(c): (c.name, _relative(c.release.file, base)) for c in candidates},
         [level.code for level in rules.preset.levels],
     )
     for candidate in candidates:
@@ -230,18 +224,19 @@ def _note(
     summary.done(_folder(candidate), facts, record.zones_m2, seconds)
 
 
-def _relative(file: Input, base: Path) -> str:
-    if isinstance(file, InMemory) or not file.is_relative_to(base):
-        return str(file)
+def _relative(file: Input | None, base: Path) -> str:
+    if file is None or isinstance(file, InMemory) or not file.is_relative_to(base):
+        return str(file or "")
     return file.relative_to(base).as_posix()
 
 
 def batch_config(
-    releases: Path | Config, config: str | Path | None, dem: str | Path | None, seed: int | None
+    given: str | Path | Config, config: str | Path | None, dem: str | Path | None, seed: int | None
 ) -> Config:
     """The configuration, with the release areas in it."""
-    if isinstance(releases, Config):
-        return configured(releases, seed)
+    if isinstance(given, Config):
+        return configured(given, seed)
+    releases = Path(given)
     overrides: dict[str, object] = {} if seed is None else {"run.seed": seed}
     if dem is not None:
         overrides["terrain.dem"] = str(Path(dem).expanduser().resolve())

@@ -311,20 +311,14 @@ def divided(
     Blocks are halved until they fit; those of one tile of the files are not divided any more.
     """
     own = [a for a in areas if a.counted.common(place) is not None]
-    n_rows, n_cols = place.n_rows, place.n_cols
+    row, col, n_rows, n_cols = place.row, place.col, place.n_rows, place.n_cols
     if bytes_needed(place, own, bins) <= memory_bytes or max(n_rows, n_cols) <= TILE:
         return [(place, own)]
     cut = TILE * -(-max(n_rows, n_cols) // (2 * TILE))
     if n_rows >= n_cols:
-        halves = (
-            Part(place.row, place.col, cut, n_cols),
-            Part(place.row + cut, place.col, n_rows - cut, n_cols),
-        )
+        halves = Part(row, col, cut, n_cols), Part(row + cut, col, n_rows - cut, n_cols)
     else:
-        halves = (
-            Part(place.row, place.col, n_rows, cut),
-            Part(place.row, place.col + cut, n_rows, n_cols - cut),
-        )
+        halves = Part(row, col, n_rows, cut), Part(row, col + cut, n_rows, n_cols - cut)
     return [block for half in halves for block in divided(half, own, bins, memory_bytes)]
 
 
