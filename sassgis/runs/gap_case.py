@@ -24,11 +24,7 @@ from sassgis.gap.observations.projection import (
 )
 from sassgis.gap.replicas.released_rocks import station_traces
 from sassgis.io.read.config import settings_hash
-from sassgis.io.read.observation_files import (
-    AnyObservations,
-    observation_source,
-    read_observations,
-)
+from sassgis.io.read.observation_files import AnyObservations, observation_source, read_observations
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, IntArray
@@ -69,13 +65,8 @@ def read_case(config: AnyConfig, observations: AnyObservations) -> Case:
 
     Parameters
     ----------
-    config : Config, mapping or path
     observations : path, or mapping of str to DataFrame
         A GeoPackage, a folder of CSV files, or the tables by name.
-
-    Returns
-    -------
-    Case
 
     Raises
     ------
@@ -165,25 +156,19 @@ def _fall_lines(
     The last array is of each line: how far up the slope from the release point it begins (m).
     """
     points, rock = observed_release_points(observations)
-    n = len(observations.rock_names)
+    line = np.full(len(observations.rock_names), -1, np.int64)
     if len(points):
         places = np.column_stack([points.x, points.y])
         unique, which = np.unique(places, axis=0, return_inverse=True)
         keys = np.concatenate([point_keys(f"{x:.3f} {y:.3f}", 1) for x, y in unique])
-        starts = ReleasePoints(
-            unique[:, 0].copy(),
-            unique[:, 1].copy(),
-            np.arange(len(unique), dtype=np.int64),
-            keys,
-            tuple(str(k) for k in range(len(unique))),
-        )
-        line = np.full(n, -1, np.int64)
+        numbers = np.arange(len(unique), dtype=np.int64)
+        x, y = (unique[:, k].copy() for k in (0, 1))
+        starts = ReleasePoints(x, y, numbers, keys, tuple(map(str, numbers.tolist())))
         line[rock] = which.ravel()
         moved = np.zeros(len(unique))
     else:
         planned = plan(run)
         starts, moved = planned.starts, planned.moved
-        line = np.full(n, -1, np.int64)
     surface = fall_line_surface(run.grid, run.terrain)
     good = prepare_lines(run, trace(run.grid, surface, starts, run.terrain)).good
     if not good.any():
@@ -210,21 +195,15 @@ def rock_populations(
 
     Parameters
     ----------
-    observations : Observations
-    configured : BlockPopulation
     mass_kg : float64, shape (n_rocks,)
         NaN where unknown.
     """
-    rocks = observations.rocks
-    row = {name: i for i, name in enumerate(rocks.rock_id.tolist())}
-    made = []
-    for k, name in enumerate(observations.rock_names):
-        block = replace(configured, name=name)
-        i = row.get(name)
-        if i is not None:
-            block = _fixed(block, observations, i, float(mass_kg[k]))
-        made.append(block)
-    return tuple(made)
+    row = {name: i for i, name in enumerate(observations.rocks.rock_id.tolist())}
+    blocks = [replace(configured, name=name) for name in observations.rock_names]
+    return tuple(
+        _fixed(block, observations, row[block.name], float(mass)) if block.name in row else block
+        for block, mass in zip(blocks, mass_kg, strict=True)
+    )
 
 
 def _fixed(
