@@ -19,8 +19,6 @@ def make_case(spec: WorldSpec, seed: int, case: str, folder: str) -> dict[str, A
 
     Parameters
     ----------
-    spec : WorldSpec
-    seed : int
     case : str
         Number of the site, without meaning.
     folder : str

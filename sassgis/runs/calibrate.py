@@ -32,12 +32,7 @@ from sassgis.model.ground import PARAMETERS
 from sassgis.model.run_config import Config
 from sassgis.runs.calibration_outputs import write_calibration
 from sassgis.runs.draw_store import DrawProgress, DrawStore, OnProgress
-from sassgis.runs.gap_case import (
-    comparable,
-    fingerprint_of,
-    observations_name,
-    read_case,
-)
+from sassgis.runs.gap_case import comparable, fingerprint_of, observations_name, read_case
 from sassgis.runs.gap_warnings import scenario_warnings
 from sassgis.runs.job import AnyConfig, configured, workers_asked
 from sassgis.runs.workers import Jobs, one_algebra_thread, task_map
@@ -76,17 +71,12 @@ def calibrate(
         Default: all that can be calibrated.
     jobs : int, optional
         Processes; 0 or None: all cores. The answer does not depend on it.
-    seed : int
     draws : int, optional
         Parameter sets of each of the six rounds. Default: 4 for each parameter, at least 32.
-    overwrite : bool
     on_progress : callable, optional
         Called with draws done, draws in all, and rocks simulated.
-    say : callable, optional
-
-    Returns
-    -------
-    SiteCalibration
+    seed, overwrite, say
+        As for sassgis.runs.run.run.
 
     Raises
     ------
@@ -110,14 +100,13 @@ def calibrate(
                 tell(f"{config.project.name}: {text}")
         names = fitted_names(parameters, [config.engine for config in configs])
         ready = _sites(configs, observed, seed)
-        files = [observations_name(own) for own in observed]
         chosen = _chosen(ready, classes)
         rules = read_ranges(ready[0].case.table, configs[0].ground.ranges)
         task = calibration_task(ready, chosen, names, rules, seed)
         if task.measured < _FEWEST:
             raise InputError(
                 "too few rocks to calibrate on",
-                file=files[0],
+                file=observations_name(observed[0]),
                 field="rocks",
                 found=f"{task.measured} with a stop, a passage or an impact",
                 expected=f"{_FEWEST} or more",

@@ -26,10 +26,7 @@ from sassgis.runs.inputs import input_files
 
 
 def write_calibration(
-    work: Path,
-    configs: Sequence[Config],
-    cases: Sequence[Case],
-    calibration: SiteCalibration,
+    work: Path, configs: Sequence[Config], cases: Sequence[Case], calibration: SiteCalibration
 ) -> None:
     """Write a calibration into a folder.
 

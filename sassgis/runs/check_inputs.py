@@ -190,11 +190,8 @@ class InputReport:
         for control_line in self.control_lines:
             text = f"{control_line.kind:<15}{control_line.name}"
             if control_line.kind != "station":
-                limit = (
-                    "no limit"
-                    if math.isinf(control_line.capacity_kj)
-                    else f"{control_line.capacity_kj:g} kJ"
-                )
+                capacity = control_line.capacity_kj
+                limit = "no limit" if math.isinf(capacity) else f"{capacity:g} kJ"
                 text += f": {control_line.height_m:g} m high, {limit}"
             out.append(text)
         out += [f"notice         {text}" for text in self.notices]
@@ -205,11 +202,6 @@ class InputReport:
 
 def check_inputs(config: Config) -> InputReport:
     """Read all inputs of a configuration, as a run would, and check all that it would check.
-
-    Parameters
-    ----------
-    config
-        The configuration.
 
     Raises
     ------

@@ -162,9 +162,7 @@ def cluster(scheduler: str) -> Iterator[Cluster]:
         from distributed import Client
     except ImportError:
         raise InputError(
-            "needs dask",
-            field="--scheduler",
-            expected="pip install 'sassgis[cluster]'",
+            "needs dask", field="--scheduler", expected="pip install 'sassgis[cluster]'"
         ) from None
     if logging.getLogger().level > logging.DEBUG:
         # What goes wrong with the cluster is said in one line, not in the tracebacks of its log.

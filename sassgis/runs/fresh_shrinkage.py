@@ -30,7 +30,6 @@ def measured_shrinkage(
 
     Parameters
     ----------
-    config : path
     observations : path
         Of the new rocks.
     answer : path

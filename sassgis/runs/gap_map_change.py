@@ -44,10 +44,6 @@ def map_change(
     say : callable, optional
         Called with a line of text now and then.
 
-    Returns
-    -------
-    ResultChange
-
     Raises
     ------
     ConfigError

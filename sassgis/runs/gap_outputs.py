@@ -25,12 +25,7 @@ def observed_files(case: Case) -> dict[str, Input]:
     return {f"observations {file.name}": file for file in files}
 
 
-def write_outputs(
-    work: Path,
-    case: Case,
-    diagnosis: Diagnosis,
-    config: Config,
-) -> None:
+def write_outputs(work: Path, case: Case, diagnosis: Diagnosis, config: Config) -> None:
     """Write a diagnosis into a folder; equal diagnoses give equal files.
 
     ``diagnosis.json``, ``gap.gpkg``, ``figures/*.png``, ``report.html``, ``model/config.toml`` with
@@ -41,8 +36,6 @@ def write_outputs(
     work : Path
         Folder of the result, or the staged one beside it: paths in ``model/config.toml`` hold for
         both.
-    case : Case
-    diagnosis : Diagnosis
     config : Config
         The configuration that was diagnosed.
 

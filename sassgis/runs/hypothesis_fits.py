@@ -8,12 +8,7 @@ from typing import Any
 from sassgis.gap.calibration.linear_fit import FitBudget
 from sassgis.gap.calibration.problem import CalibrationProblem
 from sassgis.gap.calibration.site_summary import SiteSummary
-from sassgis.gap.ladder.hypothesis_fit import (
-    COUNT,
-    LOOKED,
-    FittedHypothesis,
-    fit_hypothesis,
-)
+from sassgis.gap.ladder.hypothesis_fit import COUNT, LOOKED, FittedHypothesis, fit_hypothesis
 from sassgis.gap.which.hypotheses import NONE, Draw
 from sassgis.gap.which.verdict import CONTACT_LAW
 from sassgis.model.grid import FloatArray
@@ -32,11 +27,7 @@ class HypothesisFits:
     """
 
     def __init__(
-        self,
-        summary: SiteSummary,
-        run: TaskMap,
-        draws: int,
-        on_progress: OnProgress | None = None,
+        self, summary: SiteSummary, run: TaskMap, draws: int, on_progress: OnProgress | None = None
     ) -> None:
         self.summary = summary
         self._run, self._on_progress = run, on_progress

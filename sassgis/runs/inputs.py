@@ -19,12 +19,7 @@ from sassgis.io.read.config import FILE_KEYS, profile_control_lines
 from sassgis.io.read.forest import read_forest
 from sassgis.io.read.frequencies import read_frequencies
 from sassgis.io.read.ground_map import default_class, ground_raster, read_ground_table
-from sassgis.io.read.objects import (
-    joined_objects,
-    object_cells,
-    read_objects,
-    read_vulnerability,
-)
+from sassgis.io.read.objects import joined_objects, object_cells, read_objects, read_vulnerability
 from sassgis.io.read.presets import read_preset
 from sassgis.io.read.profile_csv import check_on_profile, read_profile
 from sassgis.io.read.tiles import read_terrain

@@ -24,12 +24,7 @@ from sassgis.io.write.layers.edited_places import edits_layer
 from sassgis.io.write.layers.federal import federal_layers
 from sassgis.io.write.layers.hazard_maps import hazard_layers
 from sassgis.io.write.layers.risk_objects import risk_tables, risk_vectors
-from sassgis.io.write.zone_tables import (
-    design_tables,
-    layer_table,
-    protection_table,
-    source_table,
-)
+from sassgis.io.write.zone_tables import design_tables, layer_table, protection_table, source_table
 from sassgis.model.grid import Grid
 from sassgis.model.hazard import HazardCurves
 from sassgis.model.in_memory import Input

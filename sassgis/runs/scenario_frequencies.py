@@ -164,11 +164,7 @@ class ScenarioFrequencies:
 
 
 def scenario_frequencies(
-    file: Path,
-    complete_from: float,
-    up_to: float | None,
-    limits: Sequence[float],
-    onsets: Onsets,
+    file: Path, complete_from: float, up_to: float | None, limits: Sequence[float], onsets: Onsets
 ) -> ScenarioFrequencies:
     """Fit a power law to a table of block volumes, and give the frequencies of scenarios.
 

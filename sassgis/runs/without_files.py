@@ -26,12 +26,7 @@ from sassgis.model.ground import GroundClass
 from sassgis.model.hazard import ZoningSettings
 from sassgis.model.results import StopReason
 from sassgis.model.run_config import Config
-from sassgis.runs.inputs import (
-    named_preset,
-    ref_width,
-    with_counts,
-    yearly_frequencies,
-)
+from sassgis.runs.inputs import named_preset, ref_width, with_counts, yearly_frequencies
 from sassgis.runs.job import Job, OnProgress, Simulation, read_job, simulate_config
 from sassgis.runs.profile_run import profile_input, simulate_profile
 from sassgis.runs.workers import Jobs
@@ -154,10 +149,7 @@ def simulate(
 
 
 def _simulated(
-    config: Config,
-    jobs: Jobs,
-    on_progress: OnProgress | None,
-    say: Callable[[str], None] | None,
+    config: Config, jobs: Jobs, on_progress: OnProgress | None, say: Callable[[str], None] | None
 ) -> xr.Dataset:
     from sassgis.io.write.map_dataset import with_sources
 
@@ -349,10 +341,6 @@ def profile(
         Chainages between which blocks start (m); default: the first of the profile.
     n_blocks : int, optional
         Blocks of each block scenario; default: 100.
-
-    Returns
-    -------
-    ProfileTables
 
     Raises
     ------
