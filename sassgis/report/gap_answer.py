@@ -66,38 +66,32 @@ def _named(diagnosis: Diagnosis) -> Phrase:
     if verdict.effect == "unknown":
         return phrase("These data cannot answer which cause the gap has.")
     if verdict.effect == "contact_law":
-        return phrase(
-            "No cause that these data could show is probable beside {}.",
-            effect_phrase(verdict.effect),
-        )
+        text = "No cause that these data could show is probable beside {}."
+        return phrase(text, effect_phrase(verdict.effect))
     if verdict.effect != "none":
-        shown, by = effect_phrase(verdict.effect), diagnosis.shrinkage
+        text, by = "The gap is best explained by {}.", diagnosis.shrinkage
         if by.effect == verdict.effect and by.value is not None and by.value <= 0.0:
-            return phrase(
-                "The observations show {}, but adding it closes none of the gap on rocks left out.",
-                shown,
+            text = (
+                "The observations show {}, but adding it closes none of the gap on rocks left out."
             )
-        return phrase("The gap is best explained by {}.", shown)
+        return phrase(text, effect_phrase(verdict.effect))
     left = phrase("is no more than chance among {} rocks", diagnosis.rocks)
     if any(gap.counts and gap.side == "unsafe" for gap in advice.left) or any(
         significance(finding) == "sure" for finding in diagnosis.where
     ):
         left = phrase("is that of no known cause, and small")
-    if advice.recommended == "configured":
-        return phrase(
-            "No effect has to be added: what is left between observed and simulated rocks {}.", left
-        )
-    if advice.recommended == "contact_law":
-        return phrase(
-            "No effect has to be added: once the law of the contact is calibrated, what is left "
-            "between observed and simulated rocks {}.",
-            left,
-        )
-    return phrase(
+    text = (
         "No effect has to be added: once the ground is calibrated, what is left between observed "
-        "and simulated rocks {}.",
-        left,
+        "and simulated rocks {}."
     )
+    if advice.recommended == "configured":
+        text = "No effect has to be added: what is left between observed and simulated rocks {}."
+    elif advice.recommended == "contact_law":
+        text = (
+            "No effect has to be added: once the law of the contact is calibrated, what is left "
+            "between observed and simulated rocks {}."
+        )
+    return phrase(text, left)
 
 
 def answer(diagnosis: Diagnosis) -> tuple[ReportAnswer, ...]:
@@ -121,15 +115,10 @@ def _why(diagnosis: Diagnosis) -> ReportAnswer:
             acts = phrase("It acts in the phase “{}”", phrase(verdict.phase))
         out.append(phrase("{}.", joined(" ", filter(None, (acts, place)))))
     recommended = diagnosis.advice.recommended
-    if verdict.effect not in UNNAMED and not {*recommended.split("+")} >= {
-        *verdict.effect.split("+")
-    }:
-        out.append(
-            phrase(
-                "It is named, but not recommended: what is handed over has {}.",
-                rung_name(recommended),
-            )
-        )
+    missing = {*verdict.effect.split("+")} - {*recommended.split("+")}
+    if verdict.effect not in UNNAMED and missing:
+        text = "It is named, but not recommended: what is handed over has {}."
+        out.append(phrase(text, rung_name(recommended)))
     if verdict.effect != "unknown":
         out.append(
             "The confidence is that of synthetic sites of several laws of motion. Take the answer "
@@ -143,20 +132,14 @@ def _why(diagnosis: Diagnosis) -> ReportAnswer:
             sensible(named.score + named.gain),
         )
         if named.gain > 0.0:
-            gain = sensible(named.gain)
-            out.append(
-                phrase(
-                    "With it, single held-out rocks are predicted better by {} {}.", gain, interval
-                )
-            )
+            text = "With it, single held-out rocks are predicted better by {} {}."
+            out.append(phrase(text, sensible(named.gain), interval))
         else:
-            out.append(
-                phrase(
-                    "Single held-out rocks are not predicted better with it {}: the evidence for "
-                    "it is in patterns over all rocks, such as trends, scatter and single impacts.",
-                    interval,
-                )
+            text = (
+                "Single held-out rocks are not predicted better with it {}: the evidence for it is "
+                "in patterns over all rocks, such as trends, scatter and single impacts."
             )
+            out.append(phrase(text, interval))
     return ReportAnswer("How sure this is", tuple(out))
 
 
@@ -235,27 +218,22 @@ def _where(findings: tuple[GapFinding, ...]) -> ReportAnswer:
     sure = [f for f in findings if significance(f) == "sure"]
     likely = [f for f in findings if significance(f) == "likely"]
     if not sure:
-        text = phrase(
+        none = (
             "Of {} comparisons by place, phase and quantity none is significant after adjustment "
-            "for their number: the gap, if there is one, cannot be placed.",
-            len(findings),
+            "for their number: the gap, if there is one, cannot be placed."
         )
+        text = phrase(none, len(findings))
         if likely:
             seen = phrase("{} are likely (see the figure).", len(likely))
             text = joined(" ", (text, seen))
         return ReportAnswer(heading, (text,))
     stated = _one_per_quantity(sure)[:_STATED]
-    text = phrase(
-        "{} of {} comparisons are significant after adjustment for their number",
-        len(sure),
-        len(findings),
-    )
+    some = "{} of {} comparisons are significant after adjustment for their number"
+    text = phrase(some, len(sure), len(findings))
     if likely:
         text = phrase("{}, {} more are likely", text, len(likely))
-    if len(sure) > len(stated):
-        text = phrase("{}. The most certain, one of each quantity:", text)
-    else:
-        text = phrase("{}:", text)
+    more = len(sure) > len(stated)
+    text = phrase("{}. The most certain, one of each quantity:" if more else "{}:", text)
     return ReportAnswer(heading, (text,), tuple(finding_sentence(f) for f in stated))
 
 
@@ -280,12 +258,11 @@ def _how_far(shrinkage: Shrinkage, effect: str) -> ReportAnswer:
     )
     note = (_sentence(shrinkage.note),) if shrinkage.note else ()
     if effect in UNNAMED:
-        base = phrase(
+        text = (
             "No effect was named that could be added. The energy distance of the calibrated base "
-            "model to the observed rocks is {}; {} is the least that chance leaves.",
-            sensible(shrinkage.distance_base),
-            sensible(shrinkage.distance_floor),
+            "model to the observed rocks is {}; {} is the least that chance leaves."
         )
+        base = phrase(text, *map(sensible, (shrinkage.distance_base, shrinkage.distance_floor)))
         return ReportAnswer(heading, (base, *(note if effect == "none" else ())))
     if shrinkage.value is None:
         first = phrase(
@@ -293,17 +270,14 @@ def _how_far(shrinkage: Shrinkage, effect: str) -> ReportAnswer:
             "what chance leaves."
         )
     else:
-        share = _share(shrinkage.value)
         span = phrase("")
         if shrinkage.ci95 is not None:
             span = phrase(" (95 % interval {} to {})", *map(_share, shrinkage.ci95))
-        first = phrase(
+        text = (
             "With {} added, {} of the gap that is not chance closes{}, on rocks left out of the "
-            "calibration.",
-            effect_name(shrinkage.effect),
-            share,
-            span,
+            "calibration."
         )
+        first = phrase(text, effect_name(shrinkage.effect), _share(shrinkage.value), span)
     return ReportAnswer(heading, (first, left, *note))
 
 

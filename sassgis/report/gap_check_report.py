@@ -11,13 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from sassgis import __version__
-from sassgis.gap.check.answers import (
-    Answer,
-    Truth,
-    is_covered,
-    is_located,
-    is_right,
-)
+from sassgis.gap.check.answers import Answer, Truth, is_covered, is_located, is_right
 from sassgis.gap.check.check_scores import (
     AIMS,
     NAMED_CONFIDENCE,
@@ -32,14 +26,7 @@ from sassgis.report.figures.gap_check_figures import (
     reliability_figure,
     shrinkage_figure,
 )
-from sassgis.report.page import (
-    Cell,
-    ReportContext,
-    ReportFigure,
-    ReportTable,
-    heads,
-    write_report,
-)
+from sassgis.report.page import Cell, ReportContext, ReportFigure, ReportTable, heads, write_report
 from sassgis.report.pictures import picture
 
 
@@ -185,29 +172,21 @@ def _pictures(record: CheckRecord, folder: Path) -> tuple[ReportFigure, ...]:
         for row in record.rows
         if row.answer.shrinkage is not None and row.measured.get("S") is not None
     ]
-    pictures = [
-        picture(
-            folder,
-            "confusion",
-            "What was answered",
-            "Numbers of sites by truth and answer, shaded by their share of the row; right "
-            "answers are outlined. Pairs stand together: an answer of the right column may name "
-            "other effects than the true ones.",
-            confusion_figure(scores.confusion),
-        ),
-        picture(
-            folder,
-            "reliability",
-            "What the confidence is worth",
-            "Share of right answers by stated confidence, with 95 % intervals. Points below the "
-            "diagonal claim more than they hold.",
-            reliability_figure(
-                scores.reliability,
-                NAMED_CONFIDENCE,
-                next(aim.limit for aim in AIMS if aim.key == "confident_right"),
-            ),
-        ),
-    ]
+    caption = (
+        "Numbers of sites by truth and answer, shaded by their share of the row; right answers are "
+        "outlined. Pairs stand together: an answer of the right column may name other effects than "
+        "the true ones."
+    )
+    figure = confusion_figure(scores.confusion)
+    pictures = [picture(folder, "confusion", "What was answered", caption, figure)]
+    caption = (
+        "Share of right answers by stated confidence, with 95 % intervals. Points below the "
+        "diagonal claim more than they hold."
+    )
+    least = next(aim.limit for aim in AIMS if aim.key == "confident_right")
+    figure = reliability_figure(scores.reliability, NAMED_CONFIDENCE, least)
+    title = "What the confidence is worth"
+    pictures.append(picture(folder, "reliability", title, caption, figure))
     if compared:
         stated, measured = ([float(v) for v in side] for side in zip(*compared, strict=True))
         caption = (

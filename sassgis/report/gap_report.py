@@ -12,13 +12,7 @@ from matplotlib.figure import Figure
 import sassgis
 from sassgis.gap.diagnosis import Advice, Diagnosis, GapFinding, ModelGap
 from sassgis.gap.observations.case import Case
-from sassgis.gap.where.places import (
-    is_stretch,
-    limits_on,
-    line_stretch,
-    observed_end,
-    used_lines,
-)
+from sassgis.gap.where.places import is_stretch, limits_on, line_stretch, observed_end, used_lines
 from sassgis.gap.which.verdict import causes_in
 from sassgis.gap.words import (
     closed_percent,
@@ -50,14 +44,7 @@ from sassgis.report.gap_answer import (
     p_text,
     verdict_sentence,
 )
-from sassgis.report.page import (
-    Cell,
-    ReportContext,
-    ReportFigure,
-    ReportTable,
-    heads,
-    sensible,
-)
+from sassgis.report.page import Cell, ReportContext, ReportFigure, ReportTable, heads, sensible
 from sassgis.report.pictures import picture
 
 #: Below this number of rocks the report warns of it.
@@ -71,13 +58,11 @@ def report_warnings(case: Case, diagnosis: Diagnosis) -> list[str]:
     out: list[str] = []
     verdict = diagnosis.verdict
     if diagnosis.rocks < FEW_ROCKS:
-        out.append(
-            phrase(
-                "Only {} rocks were observed. Intervals are wide, and an effect that is not named "
-                "may still be there.",
-                diagnosis.rocks,
-            )
+        text = (
+            "Only {} rocks were observed. Intervals are wide, and an effect that is not named may "
+            "still be there."
         )
+        out.append(phrase(text, diagnosis.rocks))
     if verdict.effect not in UNNAMED and len(verdict.confusion_set) > 1:
         names = effect_names(verdict.confusion_set)
         out.append(phrase("More than one explanation fits these data: {}.", names))
@@ -88,18 +73,16 @@ def report_warnings(case: Case, diagnosis: Diagnosis) -> list[str]:
         )
     left_out = sum(bool(f.left_out) for f in case.observations.findings)
     if left_out:
-        out.append(
-            phrase(
+        text = (
+            "{} findings about the observations made values, rows or tables be left out; sassgis "
+            "gap validate lists them."
+        )
+        if left_out == 1:
+            text = (
                 "1 finding about the observations made values, rows or tables be left out; sassgis "
                 "gap validate lists them."
             )
-            if left_out == 1
-            else phrase(
-                "{} findings about the observations made values, rows or tables be left out; "
-                "sassgis gap validate lists them.",
-                left_out,
-            )
-        )
+        out.append(phrase(text, left_out))
     return out
 
 
@@ -188,27 +171,23 @@ def gap_figures(case: Case, diagnosis: Diagnosis, folder: Path) -> list[ReportFi
     stops = np.column_stack([table.deposits.x, table.deposits.y])
     caption = "No gap has a place along the fall lines."
     if first is not None and any(math.isfinite(s.gap) for s in (*stretches, *stations.values())):
-        caption = phrase(
+        text = (
             "{}. Across the slope: at a station; along the fall lines: on that stretch, as a rule "
             "with the rocks started anew where it begins, so that what went wrong above does not "
-            "count again.",
-            capital(quantity_name(first.quantity)),
+            "count again."
         )
-    add(
-        "gap_map",
-        "Where the gap lies",
-        caption,
-        gap_map_figure(
-            case.grid,
-            lines=lines,
-            stretches=stretches,
-            stations=stations,
-            release=np.unique(release[np.isfinite(release).all(axis=1)], axis=0),
-            stops=stops[np.isfinite(stops).all(axis=1)],
-            quantity=first.quantity if first is not None else "",
-            unit=first.unit if first is not None else "",
-        ),
+        caption = phrase(text, capital(quantity_name(first.quantity)))
+    drawn = gap_map_figure(
+        case.grid,
+        lines=lines,
+        stretches=stretches,
+        stations=stations,
+        release=np.unique(release[np.isfinite(release).all(axis=1)], axis=0),
+        stops=stops[np.isfinite(stops).all(axis=1)],
+        quantity=first.quantity if first is not None else "",
+        unit=first.unit if first is not None else "",
     )
+    add("gap_map", "Where the gap lies", caption, drawn)
     if diagnosis.where:
         add(
             "gap_where",
@@ -483,6 +462,9 @@ def gap_report(
     Project, terrain file, coordinate system and configuration file are given by their names.
     """
     rows, columns = case.grid.shape
+    cells = phrase(
+        "{}, {} × {} cells of {} m", terrain, columns, rows, f"{case.grid.cell_size:.4g}"
+    )
     tried = effect_names(c.effect for c in diagnosis.which)
     tables = [phrase("{} {}", n, phrase(name)) for name, n in diagnosis.tables.items()]
     said = filter(None, (phrase(diagnosis.first_sentence), verdict_sentence(diagnosis)))
@@ -495,16 +477,7 @@ def gap_report(
         what_was_run=(
             ("Observed rocks", diagnosis.rocks),
             ("Observations", joined(", ", tables) or "none"),
-            (
-                "Terrain",
-                phrase(
-                    "{}, {} × {} cells of {} m",
-                    terrain,
-                    columns,
-                    rows,
-                    f"{case.grid.cell_size:.4g}",
-                ),
-            ),
+            ("Terrain", cells),
             ("Coordinate system", crs),
             ("Fall lines", len(used_lines(case))),
             ("Stations", joined(", ", case.station_names) or "none"),

@@ -211,16 +211,10 @@ def _pictures(
         alt = map_alt(run.grid, layer)
         pictures.append(picture(folder, f"map_{stem}", layer.title, layer.note, figure, alt))
     if furthest is not None:
-        pictures.append(
-            picture(
-                folder,
-                "profile_furthest",
-                "A path of blocks and the terrain under it",
-                "Flattened into one vertical plane. Walls and nets at their true height.",
-                line_figure(furthest),
-                path_alt(furthest),
-            )
-        )
+        title = "A path of blocks and the terrain under it"
+        caption = "Flattened into one vertical plane. Walls and nets at their true height."
+        figure, alt = line_figure(furthest), path_alt(furthest)
+        pictures.append(picture(folder, "profile_furthest", title, caption, figure, alt))
     caption = "Chainage in plan along the path at which blocks stop, by stopping reason."
     text = "Histogram: median {} m, 95 % of the blocks within {} m, longest {} m."
     alt = runout_words(progress.runout.sum(axis=0), text)
@@ -230,8 +224,8 @@ def _pictures(
 
 def _blocks_words(run: MapRun, planned: Plan, progress: Progress) -> str:
     """How many blocks were simulated, and how they are shared out among the release points."""
-    most = max(planned.repetitions or (run.repetitions,))
-    least = min(planned.repetitions or (run.repetitions,))
+    repetitions = planned.repetitions or (run.repetitions,)
+    least, most = min(repetitions), max(repetitions)
     times = f"{most}" if least == most else phrase("{} to {}", least, most)
     text = "{} repetitions of {} blocks at each release point"
     words = phrase(text, times, run.release.rocks_per_point)

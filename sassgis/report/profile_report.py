@@ -48,19 +48,12 @@ def profile_report(
     """
     p = result.profile
     length, relief = p.s[-1] - p.s[0], p.z.max() - p.z.min()
+    text = "{} vertices, {} m long, {} m of relief"
     return ReportContext(
         title=p.name,
         subtitle="Rockfall along one profile with the SASS model (Bozzolo and Pamini, 1986)",
         what_was_run=(
-            (
-                "Profile",
-                phrase(
-                    "{} vertices, {} m long, {} m of relief",
-                    p.s.size,
-                    f"{length:.0f}",
-                    f"{relief:.0f}",
-                ),
-            ),
+            ("Profile", phrase(text, p.s.size, f"{length:.0f}", f"{relief:.0f}")),
             ("Start", phrase("chainage {} to {} m", *(f"{s:g}" for s in p.start))),
             ("Simulated blocks", int(result.rocks.size)),
             ("Fragments and entrained blocks", int(result.pieces.size)),
@@ -93,7 +86,6 @@ def _pictures(result: ProfileResult, folder: Path) -> list[ReportFigure]:
             result.stretches, result.along[quantity], p.s, p.z, quantity=quantity,
             control_lines=list(p.control_lines),
         )  # fmt: skip
-
         out.append(picture(folder, f"{quantity}_along", title, caption, figure))
     ended = np.concatenate([result.rocks, result.pieces])
     caption = "Chainage at which blocks stop, by stopping reason."

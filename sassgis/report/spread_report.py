@@ -34,16 +34,13 @@ def spread_lines(spread: GroundSpread) -> Lines:
         )
     ]
     if (areas := spread.areas) is not None:
-        parts.append(
-            phrase(
-                "the level of {} m² ({} %) of the zoned area may be higher, of {} m² lower; {} m² "
-                "beyond it may have one",
-                sensible(round(areas.higher)),
-                f"{100.0 * areas.higher / areas.zoned if areas.zoned else 0.0:.0f}",
-                sensible(round(areas.lower)),
-                sensible(round(areas.beyond)),
-            )
+        text = (
+            "the level of {} m² ({} %) of the zoned area may be higher, of {} m² lower; {} m² "
+            "beyond it may have one"
         )
+        share = f"{100.0 * areas.higher / areas.zoned if areas.zoned else 0.0:.0f}"
+        higher, *rest = (sensible(round(v)) for v in (areas.higher, areas.lower, areas.beyond))
+        parts.append(phrase(text, higher, share, *rest))
     lines = [("Spread of the ground classes", joined("; ", parts))]
     known = []
     if not spread.ranges:

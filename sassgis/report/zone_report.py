@@ -92,23 +92,19 @@ def zone_figures(
     level, unsure = by_stem["hazard_level"], by_stem["confidence"]
     marks = map_marks(run, map_objects(rules.placed))
     width = phrase("Reference width {} m.", f"{rules.ref_width_m:.4g}")
+    text = (
+        "Preset {}: {}. Zones as drawn: never lower than the cells in them, except where edited by "
+        "hand. {}"
+    )
+    areas = [
+        (c.label, float(shapely.area(zones.polygons[zones.classes == c.value]).sum()))
+        for c in reversed(level.classes)
+    ]
     add(
         "hazard_level",
         "Hazard zones",
-        phrase(
-            "Preset {}: {}. Zones as drawn: never lower than the cells in them, except where "
-            "edited by hand. {}",
-            rules.preset.name,
-            phrase(rules.preset.title),
-            width,
-        ),
-        classes_alt(
-            level.title,
-            [
-                (c.label, float(shapely.area(zones.polygons[zones.classes == c.value]).sum()))
-                for c in reversed(level.classes)
-            ],
-        ),
+        phrase(text, rules.preset.name, phrase(rules.preset.title), width),
+        classes_alt(level.title, areas),
         figures.map_figure(grid, level, replace(marks, **_zone_marks(hazard, level)), note=width),
     )
     intensities = [m for m in maps if m.stem.startswith("intensity")]
@@ -211,19 +207,14 @@ def _risk_figures(risk: RiskTable, currency: str, folder: Path) -> list[ReportFi
         names = [o.name for o in risk.objects]
         first = [i for i in np.argsort(-values, kind="stable")[:3] if values[i] > 0]
         largest = [phrase("{} {} {}", names[i], sensible(values[i]), unit) for i in first]
-        out.append(
-            picture(
-                folder,
-                f"risk_{quantity}",
-                title,
-                "Objects with the largest values, with the 95 % interval of the sampling error "
-                "(upper bound). Values and vulnerability are the user's.",
-                figures.risk_figure(
-                    names, values, risk.standard_error(quantity), quantity=quantity, unit=unit
-                ),
-                phrase("Bars, the largest first: {}.", joined(", ", largest)),
-            )
+        caption = (
+            "Objects with the largest values, with the 95 % interval of the sampling error (upper "
+            "bound). Values and vulnerability are the user's."
         )
+        errors = risk.standard_error(quantity)
+        figure = figures.risk_figure(names, values, errors, quantity=quantity, unit=unit)
+        alt = phrase("Bars, the largest first: {}.", joined(", ", largest))
+        out.append(picture(folder, f"risk_{quantity}", title, caption, figure, alt))
     return out
 
 
@@ -252,6 +243,7 @@ def zone_tables(
     Frames are those of ``tables/sources.csv`` and ``design.csv``, return periods those of the
     design values.
     """
+    text = "{}. The level of a cell is the highest that its hazard curve crosses."
     tables = [
         ReportTable(
             phrase("Rules: preset {}", preset.name),
@@ -263,10 +255,7 @@ def zone_tables(
                     list(zip(preset.intensities, energy_labels(preset), preset.matrix, strict=True))
                 )
             ),
-            phrase(
-                "{}. The level of a cell is the highest that its hazard curve crosses.",
-                phrase(preset.title),
-            ),
+            phrase(text, phrase(preset.title)),
         ),
         ReportTable(
             "Sources",
@@ -359,21 +348,14 @@ def _edit_table(preset: HazardPreset, applied: Sequence[AppliedEdit]) -> ReportT
             "share with another level since"
         ),
         tuple(
-            (
-                labels[a.edit.level],
-                phrase(LIMIT_TEXT[a.edit.limit]),
-                a.edit.author,
-                a.edit.date,
-                a.edit.reason,
-                shares_text(a.then) or None,
-                shares_text(a.now),
-                f"{100 * a.changed:.0f} %" if a.then else None,
-            )
+            (labels[a.edit.level], phrase(LIMIT_TEXT[a.edit.limit]), a.edit.author, a.edit.date,
+             a.edit.reason, shares_text(a.then) or None, shares_text(a.now),
+             f"{100 * a.changed:.0f} %" if a.then else None)
             for a in applied
         ),
         "Zones, map sheets and the federal model have these levels in place of the computed ones. "
         "Maps of cells, intensities, frequencies and risk are as computed.",
-    )
+    )  # fmt: skip
 
 
 def _risk_table(risk: RiskTable, without: RiskTable | None, money: str) -> ReportTable:

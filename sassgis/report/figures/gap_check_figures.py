@@ -11,10 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
-from sassgis.gap.check.check_scores import (
-    ANSWERS,
-    ReliabilityRow,
-)
+from sassgis.gap.check.check_scores import ANSWERS, ReliabilityRow
 from sassgis.report.figures.style import (
     BLUE,
     GREY,

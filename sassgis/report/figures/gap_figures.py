@@ -324,21 +324,17 @@ def gap_distributions_figure(comparisons: Sequence[Comparison], *, effect: str =
             "95 of 100 samples of as many values lie."
         )
     ]
+    text = (
+        "D: energy distance to the observed values, in their standard deviations, of the values "
+        "that are drawn."
+    )
     if after:
-        parts += [
-            phrase("Vermilion: with {}.", effect_name(effect)),
-            phrase(
-                "D: energy distance to the observed values, in their standard deviations, base → "
-                "with the effect, of the values that are drawn."
-            ),
-        ]
-    else:
-        parts.append(
-            phrase(
-                "D: energy distance to the observed values, in their standard deviations, of the "
-                "values that are drawn."
-            )
+        parts.append(phrase("Vermilion: with {}.", effect_name(effect)))
+        text = (
+            "D: energy distance to the observed values, in their standard deviations, base → with "
+            "the effect, of the values that are drawn."
         )
+    parts.append(phrase(text))
     if len(chosen) < len(comparisons):
         parts.append(phrase("{} of {} comparisons are drawn.", len(chosen), len(comparisons)))
     note = joined(" ", parts)

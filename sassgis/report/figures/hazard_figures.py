@@ -318,11 +318,8 @@ def risk_figure(
             text = "Not drawn: {} object of less risk, together {} {}."
         notes.append(phrase(text, thousands(rest.size), less, unit))
     if np.isfinite(errors).any():
-        notes.append(
-            phrase(
-                "Thin lines: 95 % intervals (1.96 standard errors) of the sample of blocks alone."
-            )
-        )
+        text = "Thin lines: 95 % intervals (1.96 standard errors) of the sample of blocks alone."
+        notes.append(phrase(text))
     title = {"loss": "Loss by object", "deaths": "Deaths by object"}[quantity]
     heading = wrap(title, WIDTH_IN - 0.4, TITLE)
     below = wrap(joined(" ", notes), WIDTH_IN - 0.4)

@@ -132,14 +132,11 @@ def confidence_figure(
     assert panel.values is not None
     reached = np.isfinite(panel.values)
     share = int((uncertain & reached).sum()) / max(int(reached.sum()), 1)
-    words = phrase(
-        "Statistically uncertain: {} % of the cells that have a level.", f"{100.0 * share:.1f}"
-    )
+    text = "Statistically uncertain: {} % of the cells that have a level."
+    note = joined(" ", filter(None, (phrase(text, f"{100.0 * share:.1f}"), note)))
     legend = ClassRow("", level.classes, RasterClass(0, "statistically uncertain", INK))
     title = "Levels that another sample of blocks may change"
-    return _class_maps(
-        grid, [panel], [legend], marks, title, joined(" ", filter(None, (words, note)))
-    )
+    return _class_maps(grid, [panel], [legend], marks, title, note)
 
 
 def level_changes(before: FloatArray, after: FloatArray) -> FloatArray:
