@@ -10,7 +10,7 @@ import dataclasses
 import math
 import re
 import types
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from numbers import Integral, Real
@@ -115,6 +115,16 @@ class Section:
 
     def _fits_together(self) -> None:
         """Raise ConfigError where single values are right, but not all of them together."""
+
+    def _goes_with(self, keys: Iterable[str], other: str, what: str, named: str = "") -> None:
+        """Raise ConfigError where one of some keys has a value, and the other that it needs none.
+
+        ``what`` the other is, and how the message names it where that is not its key.
+        """
+        for key in keys:
+            if getattr(self, key) is not None and getattr(self, other) is None:
+                problem, expected = f"has no {what} to go with", f"{named or other} as well"
+                raise ConfigError(problem, field=key, expected=expected)
 
 
 def declared(cls: type) -> Mapping[str, Declared]:

@@ -89,7 +89,4 @@ class Grid:
         """X and y (m) of the centres of flat cell indices."""
         n_cols = self.shape[1]
         row, col = np.divmod(np.asarray(cells, np.int64), n_cols)
-        return (
-            self.west + (col + 0.5) * self.cell_size,
-            self.north - (row + 0.5) * self.cell_size,
-        )
+        return (self.west + (col + 0.5) * self.cell_size, self.north - (row + 0.5) * self.cell_size)

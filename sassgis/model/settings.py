@@ -12,16 +12,7 @@ from typing import Annotated, Any, Literal
 
 from annotated_types import Interval, MinLen
 
-from sassgis.model.declared import (
-    Codes,
-    Example,
-    Name,
-    Renamed,
-    Section,
-    Span,
-    Text,
-    declared,
-)
+from sassgis.model.declared import Codes, Example, Name, Renamed, Section, Span, Text, declared
 from sassgis.model.errors import ConfigError
 from sassgis.model.hazard import OnsetUnit
 from sassgis.model.in_memory import Input
@@ -206,11 +197,7 @@ class GroundSettings(Section):
     config_file: Path | None = field(default=None, compare=False, repr=False)
 
     def _fits_together(self) -> None:
-        for key in ("layer", "raster_classes"):
-            if getattr(self, key) is not None and self.file is None:
-                raise ConfigError(
-                    "has no file to go with", field=key, expected="ground.file as well"
-                )
+        self._goes_with(("layer", "raster_classes"), "file", "file", "ground.file")
 
 
 Semiaxis = Annotated[Span, Interval(gt=0, le=10)]
@@ -306,17 +293,8 @@ class BlockSettings(Section):
                         field=key,
                         expected="three SEMI-axis ranges (m), or volume_m3 instead",
                     )
-            for key in ("volume_exponent", "shape"):
-                if getattr(self, key) is not None:
-                    raise ConfigError(
-                        "has no volume to go with", field=key, expected="volume_m3 as well"
-                    )
-        if self.onset_above_m3 is not None and self.volume_exponent is None:
-            raise ConfigError(
-                "has no power law to go with",
-                field="onset_above_m3",
-                expected="volume_exponent as well",
-            )
+        self._goes_with(("volume_exponent", "shape"), "volume_m3", "volume")
+        self._goes_with(("onset_above_m3",), "volume_exponent", "power law")
 
     @property
     def axes(self) -> dict[str, tuple[float, float]]:
@@ -356,9 +334,7 @@ class StationSettings(Section):
                 found=" and ".join(places) or "none",
                 expected="exactly one of line, file, chainage_m",
             )
-        for key in ("layer", "name_field"):
-            if getattr(self, key) is not None and self.file is None:
-                raise ConfigError("has no file to go with", field=key, expected="file as well")
+        self._goes_with(("layer", "name_field"), "file", "file")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -396,10 +372,7 @@ class BarrierSettings(StationSettings):
         StationSettings._fits_together(self)
         for key in ("kind", "height_m", "capacity_kj"):
             attribute = getattr(self, f"{key}_field")
-            if attribute is not None and self.file is None:
-                raise ConfigError(
-                    "has no file to go with", field=f"{key}_field", expected="file as well"
-                )
+            self._goes_with((f"{key}_field",), "file", "file")
             if key != "capacity_kj" and attribute is None and getattr(self, key) is None:
                 raise ConfigError(
                     "missing key", field=key, expected=declared(BarrierSettings)[key].description

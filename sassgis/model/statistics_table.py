@@ -6,6 +6,7 @@ release areas and saved states are joined, the bands of each raster, and the tab
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -62,15 +63,6 @@ class CellSum:
 
 
 @dataclass(frozen=True, slots=True)
-class LargestValues:
-    """What no block exceeds on a terrain: kinetic energy (kJ), passing height (m), speed (m/s)."""
-
-    energy_kj: float = 1e6
-    height_m: float = 100.0
-    speed_mps: float = 80.0
-
-
-@dataclass(frozen=True, slots=True)
 class Statistic:
     """A row of the table: one map."""
 
@@ -90,9 +82,9 @@ class Statistic:
     breaks: tuple[float, ...]
     ramp: str  # name of a matplotlib colour map
     quantity: str = ""  # one of QUANTITIES; empty for counts of blocks
-    # Edges of the histogram on a terrain. Those of a larger terrain begin with those of a smaller
-    # one.
-    edges: Callable[[LargestValues], FloatArray] | None = None
+    # Edges of the histogram on a terrain, from the value that no block exceeds there. Those of a
+    # larger terrain begin with those of a smaller one.
+    edges: Callable[[float], FloatArray] | None = None
     # The same for the table of resolutions in docs/maps.md.
     bins: str = ""
     resolution: str = ""
@@ -116,12 +108,10 @@ class Statistic:
     def _sums_of(self, band: str) -> tuple[CellSum, ...]:
         if probability_of(band) is not None:
             return (CellSum(self.quantity, "histogram", self.quantity),)
-        if band == "mean":
-            return (CellSum(f"{self.quantity}_sum", "sum", self.quantity),)
-        if band == "max":
-            return (CellSum(f"{self.quantity}_max", "max", self.quantity),)
-        if band == "min":
-            return (CellSum(f"{self.quantity}_min", "min", self.quantity),)
+        reducers: dict[str, Reducer] = {"mean": "sum", "max": "max", "min": "min"}
+        if band in reducers:
+            own = reducers[band]
+            return (CellSum(f"{self.quantity}_{own}", own, self.quantity),)
         names = {"standard_error": ("reach", "reach_square"), "stops": ("stops",)}
         return tuple(CellSum(name, "count") for name in names.get(band, ("reach",)))
 
@@ -131,29 +121,29 @@ def probability_of(band: str) -> float | None:
     return int(band[1:]) / 100 if band[0] == "q" and band[1:].isdigit() else None
 
 
-def _energy_steps(largest: LargestValues) -> int:
-    return max(int(np.ceil(20.0 * np.log10(max(largest.energy_kj, 1.0) / 30.0))), 20)
+def _energy_steps(largest_kj: float) -> int:
+    return max(int(np.ceil(20.0 * np.log10(max(largest_kj, 1.0) / 30.0))), 20)
 
 
-def _energy_edges(largest: LargestValues) -> FloatArray:
+def _energy_edges(largest_kj: float) -> FloatArray:
     """Edges (kJ)."""
-    steps = np.arange(-60, _energy_steps(largest) + 1)
+    steps = np.arange(-60, _energy_steps(largest_kj) + 1)
     return np.concatenate([[0.0], 30.0 * 10.0 ** (steps / 20.0)])
 
 
-def _height_edges(largest: LargestValues) -> FloatArray:
+def _height_edges(largest_m: float) -> FloatArray:
     """Edges (m)."""
-    steps = max(int(np.ceil(np.log(max(largest.height_m, 4.0) / 2.0) / np.log(1.06))), 1)
+    steps = max(int(np.ceil(np.log(max(largest_m, 4.0) / 2.0) / np.log(1.06))), 1)
     return np.concatenate([np.arange(0.0, 2.0, 0.1), 2.0 * 1.06 ** np.arange(steps + 1)])
 
 
-def _speed_edges(largest: LargestValues) -> FloatArray:
+def _speed_edges(largest_mps: float) -> FloatArray:
     """Edges (m/s)."""
-    fast = np.arange(20.0, max(largest.speed_mps, 22.0) + 1.0, 1.0)
+    fast = np.arange(20.0, max(largest_mps, 22.0) + 1.0, 1.0)
     return np.concatenate([np.arange(0.0, 20.0, 0.5), fast])
 
 
-def _arrival_edges(_: LargestValues) -> FloatArray:
+def _arrival_edges(_: float) -> FloatArray:
     """Edges up to half an hour (s)."""
     steps = int(np.ceil(np.log(180.0) / np.log(1.05)))
     return np.concatenate([np.arange(0.0, 10.0, 0.5), 10.0 * 1.05 ** np.arange(steps + 1)])
@@ -304,9 +294,11 @@ def default_bins(
     Hazard curves: 0, four energies a decade from 0.95 kJ with 30 and 300 kJ among them, and the
     thresholds given.
     """
-    largest = LargestValues(largest_energy_kj, largest_height_m, largest_speed_mps)
-    edges = {row.quantity: row.edges(largest) for row in STATISTICS if row.edges is not None}
-    regular = 30.0 * 10.0 ** (np.arange(-6, _energy_steps(largest) // 5 + 1) / 4.0)
+    # In the order of QUANTITIES; of times none is needed.
+    values = (largest_energy_kj, largest_height_m, largest_speed_mps, math.inf)
+    largest = dict(zip(QUANTITIES, values, strict=True))
+    edges = {s.quantity: s.edges(largest[s.quantity]) for s in STATISTICS if s.edges is not None}
+    regular = 30.0 * 10.0 ** (np.arange(-6, _energy_steps(largest_energy_kj) // 5 + 1) / 4.0)
     regular[[6, 10]] = 30.0, 300.0
     given = np.array([t for t in thresholds_kj if not np.isclose(t, regular, rtol=1e-9).any()])
     return Bins(edges, np.unique(np.concatenate([[0.0], regular, given])))
