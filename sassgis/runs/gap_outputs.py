@@ -6,17 +6,15 @@ from pathlib import Path
 
 from sassgis.gap.diagnosis import Diagnosis
 from sassgis.gap.observations.case import Case
-from sassgis.io.read.config import resolved
 from sassgis.io.write.calibrated_config import write_config_back
 from sassgis.io.write.gap_files import write_diagnosis_json, write_gap_gpkg
-from sassgis.io.write.manifest import write_manifest
 from sassgis.model.crs import crs_name
 from sassgis.model.in_memory import Input
 from sassgis.model.languages import in_language
 from sassgis.model.run_config import Config
 from sassgis.report.gap_report import gap_report, report_warnings
 from sassgis.report.page import translated_report, write_report
-from sassgis.runs.inputs import input_files
+from sassgis.runs.origin import Origin, write_origin
 
 
 def observed_files(case: Case) -> dict[str, Input]:
@@ -63,30 +61,18 @@ def write_outputs(work: Path, case: Case, diagnosis: Diagnosis, config: Config) 
             warnings=warnings,
         )
         write_report(work / "report.html", translated_report(context))
-    inputs = input_files(config) | observed_files(case)
-    verdict = diagnosis.verdict
-    write_manifest(
-        work / "manifest.json",
-        inputs=inputs,
-        base=config.base,
-        crs=case.grid.crs,
-        vertical_datum=case.grid.vertical_datum,
-        seed=diagnosis.seed,
-        ref_widths_m={},
-        preset="",
-        settings=resolved(config)
-        | {
-            "diagnosis": {
-                "effect": verdict.effect,
-                "confidence": verdict.confidence,
-                "settings_hash": diagnosis.settings_hash,
-            }
-        },
-        counts={
-            "rocks": diagnosis.rocks,
-            **{f"rows_{name}": int(n) for name, n in diagnosis.tables.items()},
-            "comparisons": len(diagnosis.where),
-            "explanations": len(diagnosis.which),
-        },
-        warnings=warnings,
-    )
+    found = {
+        "effect": diagnosis.verdict.effect,
+        "confidence": diagnosis.verdict.confidence,
+        "settings_hash": diagnosis.settings_hash,
+    }
+    counts = {
+        "rocks": diagnosis.rocks,
+        **{f"rows_{name}": int(n) for name, n in diagnosis.tables.items()},
+        "comparisons": len(diagnosis.where),
+        "explanations": len(diagnosis.which),
+    }
+    write_origin(
+        work, config, counts, warnings, seed=diagnosis.seed, grid=case.grid, maps=False,
+        origin=Origin(observed_files(case)), settings={"diagnosis": found},
+    )  # fmt: skip

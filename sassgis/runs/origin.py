@@ -46,6 +46,7 @@ def write_origin(
     origin: Origin | None = None,
     settings: Mapping[str, object] | None = None,
     checks: Mapping[str, object] | None = None,
+    maps: bool = True,
 ) -> None:
     """Write the manifest of a result of a configuration, after all other files.
 
@@ -55,9 +56,11 @@ def write_origin(
         None if it lies on no map.
     settings : mapping, optional
         Beside those of the configuration.
+    maps : bool
+        Whether it has maps of the blocks.
     """
     origin = origin or Origin()
-    reach = {} if grid is None else {"reach_probability": grid.cell_size}
+    reach = {"reach_probability": grid.cell_size} if maps and grid is not None else {}
     write_manifest(
         work / MANIFEST_NAME,
         inputs={**input_files(config), **origin.inputs},
