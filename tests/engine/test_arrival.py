@@ -40,7 +40,7 @@ def test_a_flight_crosses_borders_at_even_speed():
     beta, speed, x0 = math.radians(60.0), 5.0, 6.3
     profiles = lab.profile_set(lab.slope((200.0, 60.0)))
     ball = lab.sphere(drop_m=(40.0, 40.0), speed_mps=(speed, speed))
-    out = lab.run(profiles, lab.ROCK, ball, start=[(x0, x0)], log_events=50)
+    out = lab.run(profiles, lab.ROCK, ball, start=x0, log_events=50)
     impact = out.event_logs[0][1]
     assert impact["phase"] == lab.IMPACT
     borders = borders_ahead(profiles, x0, impact["x_m"])
@@ -58,7 +58,7 @@ def test_a_sliding_ball_crosses_borders_as_under_constant_acceleration(speed, mu
     x0, beta = 5.5, 0.6
     profiles = lab.profile_set(lab.slope((60.0, math.degrees(beta))))
     ball = lab.sphere(speed_mps=(speed, speed))
-    out = lab.run(profiles, lab.ground(mu_f=mu), ball, start=[(x0, x0)], log_events=50)
+    out = lab.run(profiles, lab.plain(mu_f=mu), ball, start=x0, log_events=50)
     pull = G * (math.sin(beta) - mu * math.cos(beta))
     furthest = min(out.rocks["furthest_m"][0], 59.0)
     borders = borders_ahead(profiles, x0, furthest)
@@ -73,9 +73,7 @@ def test_a_sliding_ball_crosses_borders_as_under_constant_acceleration(speed, mu
 def test_a_rolling_ball_crosses_borders_as_under_constant_acceleration():
     x0, beta, mu = 5.5, 0.5, 0.3
     profiles = lab.profile_set(lab.slope((60.0, math.degrees(beta))))
-    out = lab.run(
-        profiles, lab.ground(mu_f=0.9, mu_0=mu), lab.sphere(), start=[(x0, x0)], log_events=9
-    )
+    out = lab.run(profiles, lab.plain(mu_f=0.9, mu_0=mu), lab.sphere(), start=x0, log_events=9)
     assert out.event_logs[0][0]["phase"] == lab.ROLLING
     start = out.event_logs[0][0]["x_m"]
     borders = borders_ahead(profiles, start, 59.0)
@@ -121,13 +119,12 @@ def entries(profiles, log) -> dict[int, float]:
     return found
 
 
-@pytest.mark.parametrize("kind", ["smooth", "rough"])
-def test_times_and_their_quantiles_are_those_of_the_event_logs(kind):
-    line = lab.valley() if kind == "smooth" else lab.rough(3, amplitude=0.1)
-    profiles = lab.profile_set(line, cell=2.0)
+@lab.on_both_lines
+def test_times_and_their_quantiles_are_those_of_the_event_logs(line):
+    profiles = lab.profile_set(line)
     blocks = dataclasses.replace(lab.MIXED, drop_m=(0.5, 2.0))
     n = 60
-    out = lab.run(profiles, lab.ROCK, blocks, n=n, start=[(10.0, 30.0)], log_events=4000)
+    out = lab.run(profiles, lab.ROCK, blocks, n=n, start=(10.0, 30.0), log_events=4000)
     times: dict[int, list[float]] = {}
     for log in out.event_logs:
         for cell, t in entries(profiles, log).items():
@@ -163,7 +160,7 @@ def test_fragments_arrive_as_long_after_the_release_as_the_rock_and_they_took():
     x0, speed = 6.3, 12.0
     profiles = lab.profile_set(lab.slope((300.0, 35.0)))
     rock = lab.sphere(drop_m=(10.0, 10.0), speed_mps=(speed, speed))
-    run = {"start": [(x0, x0)], "log_events": 50}
+    run = {"start": x0, "log_events": 50}
     flights = [e for e in lab.run(profiles, lab.ROCK, rock, **run).event_logs[0] if e["phase"] == 0]
     after = flights[1]
     effects = EffectSettings(
@@ -186,9 +183,9 @@ def test_fragments_arrive_as_long_after_the_release_as_the_rock_and_they_took():
 def test_a_rock_and_its_entrained_blocks_are_one_arrival_the_earliest():
     # An entrained block may overtake its rock, or go further.
     line = lab.rough(3, amplitude=0.1)
-    profiles = lab.profile_set(line, cell=2.0)
+    profiles = lab.profile_set(line)
     effects = EffectSettings(Entrainment(number=1.0, size_ratio=0.9, share=1.0, classes=()))
-    run = {"start": [(3.0, 20.0)], "n": 1, "seed": 4}
+    run = {"start": (3.0, 20.0), "n": 1, "seed": 4}
     ahead = 0
     for rock in range(15):
         own = lab.run(profiles, lab.ROCK, lab.MIXED, first_rock=rock, **run).sums

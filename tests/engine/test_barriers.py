@@ -16,8 +16,10 @@ from sassgis.model.results import ControlLine, Outcome, StopReason
 G = 9.81
 
 
-def crossings(control_lines, at, n_lines=1):
-    return ControlLineCrossings.same_for_all(control_lines, at, n_lines)
+def past(line, lines, at, *, on=lab.ROCK, blocks=lab.MIXED, n=300, start=(10.0, 30.0), **more):
+    """Blocks that meet control lines at some chainages on their way down."""
+    crossings = ControlLineCrossings.same_for_all(lines, at, 1)
+    return lab.run(line, on, blocks, n=n, start=start, control_lines=crossings, **more)
 
 
 def at_chainage(log, x_control_line):
@@ -46,15 +48,13 @@ def at_chainage(log, x_control_line):
     return None
 
 
-@pytest.mark.parametrize("kind", ["smooth", "rough"])
-def test_station_values_are_those_of_the_parabola(kind):
-    line = lab.valley() if kind == "smooth" else lab.rough(3, amplitude=0.1)
-    at = [62.0, 75.3, 90.0] if kind == "smooth" else [35.1, 47.3, 60.0]
-    control_lines = tuple(ControlLine(f"station {i}", "station") for i in range(3))
-    out = lab.run(
-        line, lab.ROCK, lab.MIXED, n=150, start=[(10.0, 30.0)], log_events=2000,
-        control_lines=crossings(control_lines, at),
-    )  # fmt: skip
+@pytest.mark.parametrize(
+    ("kind", "at"), [("smooth", [62.0, 75.3, 90.0]), ("rough", [35.1, 47.3, 60.0])]
+)
+def test_station_values_are_those_of_the_parabola(kind, at):
+    line = lab.LINES[kind]
+    lines = [ControlLine(f"station {i}", "station") for i in range(3)]
+    out = past(line, lines, at, n=150, log_events=2000)
     checked = 0
     slope = np.diff(line[1]) / np.diff(line[0])
     for p in out.passages:
@@ -84,18 +84,11 @@ def test_station_values_are_those_of_the_parabola(kind):
     assert checked > 60
 
 
-@pytest.mark.parametrize("kind", ["smooth", "rough"])
+@lab.on_both_lines
 @pytest.mark.parametrize("at", [80.0, 81.37, 60.0], ids=["vertex or not", "between", "vertex"])
-def test_every_rock_that_passes_is_registered_once(kind, at):
-    line = lab.valley() if kind == "smooth" else lab.rough(3, amplitude=0.1)
-    control_lines = (
-        ControlLine("wall of no height", "wall", 0.0),
-        ControlLine("station", "station"),
-    )
-    out = lab.run(
-        line, lab.ROCK, dataclasses.replace(lab.MIXED, drop_m=(0.0, 2.0)), n=400,
-        start=[(10.0, 30.0)], control_lines=crossings(control_lines, [at, at]),
-    )  # fmt: skip
+def test_every_rock_that_passes_is_registered_once(line, at):
+    lines = [ControlLine("wall of no height", "wall", 0.0), ControlLine("station", "station")]
+    out = past(line, lines, [at, at], n=400, blocks=dataclasses.replace(lab.MIXED, drop_m=(0, 2)))
     beyond = set(out.rocks["rock"][out.rocks["furthest_m"] > at])
     for control_line in (0, 1):
         seen = out.passages["rock"][out.passages["control_line"] == control_line]
@@ -106,37 +99,20 @@ def test_every_rock_that_passes_is_registered_once(kind, at):
 
 def test_a_wall_of_no_height_stops_none():
     line = lab.valley()
-    plain = lab.run(line, lab.ROCK, lab.MIXED, n=300, start=[(10.0, 45.0)]).rocks
-    wall = lab.run(
-        line,
-        lab.ROCK,
-        lab.MIXED,
-        n=300,
-        start=[(10.0, 45.0)],
-        control_lines=crossings(
-            (ControlLine("none", "wall", 0.0), ControlLine("s", "station")), [90.0, 120.0]
-        ),
-    )
+    lines = [ControlLine("none", "wall", 0.0), ControlLine("s", "station")]
+    plain = lab.run(line, lab.ROCK, lab.MIXED, n=300, start=(10.0, 45.0)).rocks
+    wall = past(line, lines, [90.0, 120.0], start=(10.0, 45.0))
     for name in plain.dtype.names:
         assert np.array_equal(plain[name], wall.rocks[name]), name
 
 
-@pytest.mark.parametrize("kind", ["smooth", "rough"])
+@lab.on_both_lines
 @pytest.mark.parametrize("barrier", ["wall", "net"])
 @pytest.mark.parametrize("at", [80.0, 81.37, 60.0])
-def test_a_barrier_higher_than_any_bounce_stops_all(kind, barrier, at):
-    line = lab.valley() if kind == "smooth" else lab.rough(3, amplitude=0.1)
-    out = lab.run(
-        line,
-        lab.ROCK,
-        lab.MIXED,
-        n=300,
-        start=[(10.0, 30.0)],
-        control_lines=crossings(
-            (ControlLine("high", barrier, 500.0, restarts_from_rest=barrier == "net"),), [at]
-        ),
-    )
-    free = lab.run(line, lab.ROCK, lab.MIXED, n=300, start=[(10.0, 30.0)]).rocks
+def test_a_barrier_higher_than_any_bounce_stops_all(line, barrier, at):
+    high = ControlLine("high", barrier, 500.0, restarts_from_rest=barrier == "net")
+    out = past(line, [high], [at])
+    free = lab.run(line, lab.ROCK, lab.MIXED, n=300, start=(10.0, 30.0)).rocks
     arrives = set(free["rock"][free["furthest_m"] > at])
     assert set(out.passages["rock"]) == arrives
     assert out.passages.size == len(arrives)
@@ -153,10 +129,7 @@ def test_a_barrier_higher_than_any_bounce_stops_all(kind, barrier, at):
 @pytest.mark.parametrize("at", [80.0, 60.0], ids=["border of cells", "border and vertex"])
 def test_rocks_stopped_on_a_cell_border_count_before_it(at):
     # Cells are 2 m: what a wall on the border stops has not come to the cell behind it.
-    out = lab.run(
-        lab.valley(), lab.ROCK, lab.MIXED, n=100, start=[(10.0, 30.0)],
-        control_lines=crossings((ControlLine("high", "wall", 500.0),), [at]),
-    )  # fmt: skip
+    out = past(lab.valley(), [ControlLine("high", "wall", 500.0)], [at], n=100)
     assert (out.sums["stops"] <= out.sums["reach"]).all()
     assert (out.sums["reach"][int(at / 2.0) :] == 0).all()
     assert (out.sums["stops"][int(at / 2.0) :] == 0).all()
@@ -164,21 +137,15 @@ def test_rocks_stopped_on_a_cell_border_count_before_it(at):
 
 def test_a_net_takes_all_speed_and_the_rock_goes_on_from_there():
     line = lab.slope((80.0, 40.0), (60.0, 45.0), (100.0, 0.0))
-    out = lab.run(
-        line, lab.ROCK, dataclasses.replace(lab.MIXED, drop_m=(1.0, 3.0)), n=100,
-        start=[(10.0, 30.0)], log_events=3000,
-        control_lines=crossings(
-            (ControlLine("net", "net", 50.0, restarts_from_rest=True),), [90.0]
-        ),
-    )  # fmt: skip
+    net = ControlLine("net", "net", 50.0, restarts_from_rest=True)
+    blocks = dataclasses.replace(lab.MIXED, drop_m=(1.0, 3.0))
+    out = past(line, [net], [90.0], blocks=blocks, n=100, log_events=3000)
     held = out.passages["rock"][out.passages["outcome"] == Outcome.HELD_BY_NET]
     assert held.size > 30
     for rock in held:
         log = out.event_logs[rock]
-        i = int(np.flatnonzero(log["x_m"] == 90.0)[0])
-        assert log["vx_mps"][i] == 0.0
-        assert log["vz_mps"][i] == 0.0
-        assert log["omega_radps"][i] == 0.0
+        at_net = log[log["x_m"] == 90.0][0]
+        assert [at_net[k] for k in ("vx_mps", "vz_mps", "omega_radps")] == [0.0, 0.0, 0.0]
     # Steeper than friction below the net: it moves on.
     on = out.rocks["furthest_m"][held]
     assert (on > 90.5).mean() > 0.5
@@ -187,22 +154,13 @@ def test_a_net_takes_all_speed_and_the_rock_goes_on_from_there():
 @pytest.mark.parametrize("barrier", ["wall", "net"])
 def test_what_is_left_after_a_breakthrough(barrier):
     # A rock with more energy than the capacity goes through with what is left.
-    line = lab.valley()
     limit = 60.0
-    control_lines = (
+    lines = [
         ControlLine("fence", barrier, 100.0, limit, barrier == "net"),
         ControlLine("behind", "station"),
-    )
+    ]
     at = [85.0, 85.0 + 1e-7]
-    out = lab.run(
-        line,
-        lab.ROCK,
-        lab.MIXED,
-        n=400,
-        start=[(10.0, 45.0)],
-        control_lines=crossings(control_lines, at),
-        log_events=2000,
-    )
+    out = past(lab.valley(), lines, at, n=400, start=(10.0, 45.0), log_events=2000)
     p = out.passages
     energy = p["energy_trans_kj"] + p["energy_rot_kj"]
     first = p["control_line"] == 0
@@ -223,10 +181,8 @@ def test_what_is_left_after_a_breakthrough(barrier):
 def test_a_rock_goes_over_only_if_its_lowest_point_is_above_the_top(height):
     line = lab.valley()
     at = 85.0
-    out = lab.run(
-        line, lab.ROCK, lab.MIXED, n=400, start=[(10.0, 45.0)], log_events=2000,
-        control_lines=crossings((ControlLine("wall", "wall", height),), [at]),
-    )  # fmt: skip
+    wall = ControlLine("wall", "wall", height)
+    out = past(line, [wall], [at], n=400, start=(10.0, 45.0), log_events=2000)
     top = np.interp(at, *line) + height
     seen = {int(o): 0 for o in Outcome}
     for p in out.passages:
@@ -257,22 +213,16 @@ def test_no_rock_gets_past_a_full_wall_from_behind():
     # Rocks that run up the far side of a valley and come back meet the wall from behind.
     line = lab.slope((60.0, 45.0), (10.0, 0.0), (60.0, -35.0))
     ball = lab.sphere(0.5, drop_m=(2.0, 2.0), speed_mps=(5.0, 5.0))
-    ground = lab.ground(eta_max=0.95, mu_f=0.3, mu_0=0.1)
-    free = lab.run(line, ground, ball, n=100, start=[(5.0, 20.0)]).rocks
+    ground = lab.plain(eta_max=0.95, mu_f=0.3, mu_0=0.1)
+    free = lab.run(line, ground, ball, n=100, start=(5.0, 20.0)).rocks
     back = free["furthest_m"] - free["runout_m"]
     assert (back > 3.0).sum() > 50
+    run = {"on": ground, "blocks": ball, "n": 100, "start": (5.0, 20.0)}
     for barrier in ("wall", "net"):
-        at = 82.0
-        out = lab.run(
-            line, ground, ball, n=100, start=[(5.0, 20.0)],
-            control_lines=crossings((ControlLine("low", barrier, 2.0, 1.0),), [at]),
-        ).rocks  # fmt: skip
+        out = past(line, [ControlLine("low", barrier, 2.0, 1.0)], [82.0], **run).rocks
         assert np.isfinite(out["runout_m"]).all()
     # A wall that lets rocks through uphill because its capacity is small, and one that does not.
-    stop = lab.run(
-        line, ground, ball, n=100, start=[(5.0, 20.0)],
-        control_lines=crossings((ControlLine("w", "wall", 1e3),), [75.0]),
-    ).rocks  # fmt: skip
+    stop = past(line, [ControlLine("w", "wall", 1e3)], [75.0], **run).rocks
     assert (stop["furthest_m"] <= 75.0).all()
 
 
@@ -282,12 +232,9 @@ def test_rolling_and_sliding_rocks_are_registered_too():
         lab.sphere(0.5, speed_mps=(20.0, 20.0), spin_radps=(40.0, 40.0)),
         lab.ellipsoid(speed_mps=(20.0, 20.0)),
     ):
-        control_lines = tuple(ControlLine(f"s{i}", "station") for i in range(3))
-        at = [20.0, 20.7, 22.0]
-        out = lab.run(
-            line, lab.ground(mu_0=0.5, eta_max=1.0), blocks, n=20, start=[(5.0, 7.0)],
-            control_lines=crossings(control_lines, at),
-        )  # fmt: skip
+        lines = [ControlLine(f"s{i}", "station") for i in range(3)]
+        own = {"on": lab.plain(eta_max=1.0), "blocks": blocks, "n": 20, "start": (5.0, 7.0)}
+        out = past(line, lines, [20.0, 20.7, 22.0], **own)
         assert out.passages.size == 60
         mu = 0.5 if blocks.spin_radps[1] > 0 else 0.8
         beta = math.radians(20.0)
@@ -300,7 +247,7 @@ def test_rolling_and_sliding_rocks_are_registered_too():
 
 def test_same_control_lines_on_all_lines_are_sorted_by_chainage():
     control_lines = (ControlLine("far", "station"), ControlLine("near", "station"))
-    same = crossings(control_lines, [50.0, 20.0], 2)
+    same = ControlLineCrossings.same_for_all(control_lines, [50.0, 20.0], 2)
     assert same.chainage.tolist() == [20.0, 50.0, 20.0, 50.0]
     assert same.control_line.tolist() == [1, 0, 1, 0]
     assert same.offset.tolist() == [0, 2, 4]

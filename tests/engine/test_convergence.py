@@ -48,14 +48,8 @@ def rocks():
         key = (name, times, tuple(sorted(settings.items())))
         if key not in kept:
             line, blocks = CASES[name]
-            kept[key] = lab.run(
-                split(line, times),
-                lab.ROCK,
-                blocks,
-                n=N,
-                start=[(5.0, 30.0)],
-                settings=lab.with_settings(**settings),
-            ).rocks
+            own = {"n": N, "start": (5.0, 30.0), "settings": lab.with_settings(**settings)}
+            kept[key] = lab.run(split(line, times), lab.ROCK, blocks, **own).rocks
         return kept[key]
 
     return get
@@ -105,18 +99,9 @@ def test_first_seconds_of_each_rock_do_not_see_the_cutting(name):
     # Before chaos has set in, rock by rock: the first contacts of a let-down rock are the same.
     line, blocks = CASES[name]
     blocks = dataclasses.replace(blocks, drop_m=(1.0, 3.0))
-    logs = [
-        lab.run(
-            split(line, times),
-            lab.ROCK,
-            blocks,
-            n=300,
-            start=[(5.0, 30.0)],
-            log_events=6,
-            settings=lab.with_settings(contact_tolerance_m=1e-9),
-        ).event_logs
-        for times in (0, 3)
-    ]
+    fine = lab.with_settings(contact_tolerance_m=1e-9)
+    own = {"n": 300, "start": (5.0, 30.0), "log_events": 6, "settings": fine}
+    logs = [lab.run(split(line, times), lab.ROCK, blocks, **own).event_logs for times in (0, 3)]
     differ = 0
     for one, other in zip(*logs, strict=True):
         flights = [

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
-from helpers.terrains import points_at
+from helpers.paths_lab import MIXED, TABLE, paths
+from helpers.terrains import grid_of
 from scipy import ndimage
 
 from sassgis.engine import simulate_paths
@@ -13,10 +16,8 @@ from sassgis.engine.draws import block_of
 from sassgis.engine.effects.hooks import BLOCK_DTYPE
 from sassgis.engine.heading import start_path
 from sassgis.engine.path import look_ahead, room_ahead
-from sassgis.engine.simulate_paths import PathTerrain, _path, follow
+from sassgis.engine.simulate_paths import PathTerrain, _path
 from sassgis.engine.state import Site
-from sassgis.io.read.ground_map import built_in_table
-from sassgis.model.blocks import BlockPopulation
 from sassgis.model.grid import Grid
 from sassgis.model.map_run import ObjectCells
 from sassgis.model.settings import EngineSettings
@@ -73,17 +74,13 @@ def test_segments_stay_near_the_terrain_and_stretches_name_its_cells(seed: int) 
 
 @pytest.mark.parametrize("room", [7, 2000, 6000])
 def test_sums_do_not_depend_on_the_room_for_visits(monkeypatch, room: int) -> None:
-    rows = np.arange(40.0)
-    grid = Grid(np.repeat((-1.4 * rows)[:, None], 30, axis=1), 1000.0, 2000.0, CELL)
-    terrain = PathTerrain(grid, np.zeros(grid.shape, np.int32), 0.25)
-    points = points_at([1030.0, 1031.0, 1036.0], [1994.0, 1992.0, 1994.0])
-    blocks = BlockPopulation("b", (0.3, 0.6), (0.25, 0.5), (0.2, 0.4), (2600.0, 2750.0))
+    grid = grid_of(lambda x, y: 0.7 * y + 0.0 * x, 30, 40, CELL)
+
+    blocks = dataclasses.replace(MIXED, drop_m=(0.0, 0.0))
+    x, y = [0.0, 1.0, 6.0], [34.0, 32.0, 34.0]
 
     def sums() -> dict[str, np.ndarray]:
-        out = follow(
-            terrain, points, built_in_table(), blocks, EngineSettings(), seed=3,
-            rocks_per_point=40, point_keys=points.key,
-        )  # fmt: skip
+        out = paths(grid, x, y, n=40, on=TABLE, blocks=blocks, seed=3, keys=range(3))
         return out.sums
 
     whole = sums()

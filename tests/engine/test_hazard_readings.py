@@ -52,7 +52,7 @@ def test_the_threshold_is_that_of_the_class_unless_it_is_given():
 
     def rocks(column, **key):
         own = dataclasses.replace(
-            lab.ground(eta_max=0.85), restitution=0.5, rolling_threshold=column
+            lab.plain(eta_max=0.85), restitution=0.5, rolling_threshold=column
         )
         settings = dataclasses.replace(lab.HAZARD, **key)
         dropped = dataclasses.replace(lab.MIXED, drop_m=(0.5, 0.5))
@@ -80,11 +80,9 @@ def test_a_rock_at_rest_on_steep_debris_does_not_slide_all_the_way():
 @pytest.mark.parametrize(("b", "rolls"), [(0.38, True), (0.25, False)])
 def test_which_ellipse_tips(b, rolls):
     # (a² − b²)/(2 a b): 0.278 and 0.75 for a = 0.5, against μ_f = 0.6.
-    own = lab.ground(mu_f=0.6, mu_0=0.5)
+    own = lab.plain(mu_f=0.6, mu_0=0.5)
     blocks = lab.ellipsoid(0.5, b, 0.2, orientation_rad=(0.0, 0.0), speed_mps=(6.0, 6.0))
-    out = lab.run(
-        lab.slope((60, 0)), own, blocks, settings=lab.HAZARD, log_events=40, start=[(5.0, 5.0)]
-    )
+    out = lab.run(lab.slope((60, 0)), own, blocks, settings=lab.HAZARD, log_events=40, start=5.0)
     log = out.event_logs[0]
     assert log["phase"][0] == (lab.ROLLING if rolls else lab.SLIDING)
     if rolls:
@@ -99,8 +97,8 @@ def test_a_slow_rock_does_not_tip():
     # Its energy does not lift it over its longer axis, and the ground is too flat for rolling.
     blocks = lab.ellipsoid(0.5, 0.38, 0.3, orientation_rad=(0.0, 0.0), speed_mps=(1.0, 1.0))
     out = lab.run(
-        lab.slope((60, 0)), lab.ground(), blocks, settings=lab.HAZARD, log_events=40,
-        start=[(5.0, 5.0)],
+        lab.slope((60, 0)), lab.plain(), blocks, settings=lab.HAZARD, log_events=40,
+        start=5.0,
     )  # fmt: skip
     assert set(out.event_logs[0]["phase"][:-1]) == {lab.SLIDING}
     assert out.rocks["runout_m"][0] - 5.0 == pytest.approx(1.0 / (2 * G * 0.8), rel=1e-9)
@@ -108,10 +106,10 @@ def test_a_slow_rock_does_not_tip():
 
 def test_a_sliding_rock_tips_once_it_is_fast_enough():
     # Where μ_r > tan β > μ_f it slides faster and faster until it can turn over its longer axis.
-    own = lab.ground(mu_f=0.5, mu_0=0.9)
+    own = lab.plain(mu_f=0.5, mu_0=0.9)
     blocks = lab.ellipsoid(0.5, 0.38, 0.3, orientation_rad=(0.0, 0.0))
     line = lab.slope((60, 35), (5, 0))
-    out = lab.run(line, own, blocks, settings=lab.HAZARD, log_events=40, start=[(5.0, 5.0)])
+    out = lab.run(line, own, blocks, settings=lab.HAZARD, log_events=40, start=5.0)
     log = out.event_logs[0]
     first = int(np.flatnonzero(log["phase"] == lab.ROLLING)[0])
     assert first > 0
@@ -125,13 +123,13 @@ def test_a_sliding_rock_tips_once_it_is_fast_enough():
 
 @pytest.mark.parametrize("turn", [2.0, 4.0, 8.0])
 def test_a_rolling_rock_loses_once_at_a_concave_corner(turn):
-    own = lab.ground(eta_max=0.35, mu_0=0.4, dp=(0.1, 0.4))
+    own = lab.plain(eta_max=0.35, mu_0=0.4, dp_min=0.1, dp_max=0.4)
     blocks = lab.ellipsoid(0.5, 0.4, 0.3, speed_mps=(0.0, 0.0))
     line = lab.slope((60, 35), (60, 35 - turn), (200, 0))
     settings = dataclasses.replace(
         lab.HAZARD, rolling="round", rolling_threshold=0.0, rolling_friction_sd=0.0
     )
-    out = lab.run(line, own, blocks, n=40, settings=settings, log_events=400, start=[(5.0, 30.0)])
+    out = lab.run(line, own, blocks, n=40, settings=settings, log_events=400, start=(5.0, 30.0))
     r = mean_radius(0.5, 0.4)
     for log in out.event_logs:
         at = np.flatnonzero((abs(log["x_m"] - 60.0) < 1.0) & (log["phase"] == lab.IMPACT))
@@ -152,28 +150,28 @@ def test_a_rolling_rock_loses_once_at_a_concave_corner(turn):
 
 def test_many_small_corners_cost_what_few_large_ones_do():
     """A concave arc of 35 degrees in 5 or 20 corners: the speed at its end hardly differs."""
-    own = lab.ground(eta_max=0.35, mu_0=0.4)
+    own = lab.plain(eta_max=0.35, mu_0=0.4)
     ends = []
     for n in (5, 20, 60):
         arc = [(20.0 / n, 35.0 - 35.0 * (i + 0.5) / n) for i in range(n)]
         line = lab.slope((60, 35), *arc, (200, 0))
         settings = dataclasses.replace(lab.HAZARD, rolling="round")
-        out = lab.run(line, own, lab.sphere(0.4), n=20, settings=settings, start=[(5.0, 5.0)])
+        out = lab.run(line, own, lab.sphere(0.4), n=20, settings=settings, start=5.0)
         ends.append(float(np.median(out.rocks["runout_m"])) - 80.0)
     assert max(ends) < 1.15 * min(ends)
 
 
 def test_rolling_friction_differs_from_block_to_block():
     """On a level the way to rest is v²/(2 g μ), log-normal about that of the class."""
-    own = lab.ground(mu_0=0.4, k=0.0)
+    own = lab.plain(mu_0=0.4, k=0.0)
     blocks = lab.sphere(0.4, speed_mps=(6.0, 6.0), spin_radps=(15.0, 15.0))
     settings = dataclasses.replace(lab.HAZARD, rolling="round", end_sliding=False)
     assert settings.resolved().rolling_friction_sd == 0.15
-    out = lab.run(lab.slope((100, 0)), own, blocks, n=2000, settings=settings, start=[(5.0, 5.0)])
+    out = lab.run(lab.slope((100, 0)), own, blocks, n=2000, settings=settings, start=5.0)
     ways = np.log((out.rocks["runout_m"] - 5.0) / (36.0 / (2.0 * G * 0.4)))
     assert np.mean(ways) == pytest.approx(0.0, abs=0.015)
     assert np.std(ways) == pytest.approx(0.15, rel=0.06)
-    paper = lab.run(lab.slope((100, 0)), own, blocks, n=50, start=[(5.0, 5.0)])
+    paper = lab.run(lab.slope((100, 0)), own, blocks, n=50, start=5.0)
     assert np.ptp(paper.rocks["runout_m"]) < 1e-12
 
 
@@ -184,11 +182,11 @@ def test_hops_cost_what_rolling_costs(drop):
     The impulse at the centre takes 1.4 μ_r J, and friction at P shares the loss with the spin.
     """
     own = dataclasses.replace(
-        lab.ground(eta_max=0.3, mu_0=0.5), restitution=0.5, restitution_speed_mps=1e6
+        lab.plain(eta_max=0.3, mu_0=0.5), restitution=0.5, restitution_speed_mps=1e6
     )
     blocks = lab.sphere(0.5, speed_mps=(12.0, 12.0), spin_radps=(24.0, 24.0), drop_m=(drop, drop))
     settings = dataclasses.replace(lab.HAZARD, rolling_friction_sd=0.0)
-    out = lab.run(lab.slope((100, 0)), own, blocks, settings=settings, start=[(5.0, 5.0)])
+    out = lab.run(lab.slope((100, 0)), own, blocks, settings=settings, start=5.0)
     fall = math.sqrt(2.0 * G * drop)
     v, way = 12.0, 12.0 * fall / G
     while fall**2 > 2.0 * G * 0.1 * 0.5:

@@ -6,56 +6,35 @@ import math
 
 import numpy as np
 import pytest
+from helpers.effects_lab import ellipsoid, ground
+from helpers.paths_lab import ends, paths
+from helpers.terrains import grid_of
 
 from sassgis.engine.heading import _bending, _bent
 from sassgis.engine.simulate import Simulated
-from sassgis.engine.simulate_paths import PathTerrain, follow
-from sassgis.model.blocks import BlockPopulation
-from sassgis.model.grid import Grid
-from sassgis.model.ground import GroundClass, GroundTable
-from sassgis.model.profiles import ReleasePoints
+from sassgis.model.grid import FloatArray
 from sassgis.model.settings import EngineSettings
 
 pytestmark = pytest.mark.kernels
 
-CELL, SIDE = 2.0, 60
-TABLE = GroundTable(
-    (
-        GroundClass(
-            "slope",
-            eta_max=0.85,
-            dp_min=0.1,
-            dp_max=0.3,
-            mu_f=0.7,
-            mu_0=0.4,
-            k=0.2,
-            d_star_m=0.2,
-            restitution=0.3,
-            restitution_speed_mps=9.144,
-            rolling_threshold=0.1,
-        ),
-    )
-)
-BLOCKS = BlockPopulation(
-    "b", (0.45, 0.45), (0.35, 0.35), (0.3, 0.3), (2700.0, 2700.0), (0.0, 0.0), (0.0, 0.0),
-    (1.0, 1.0),
+GROUND = ground(
+    eta_max=0.85, dp_min=0.1, mu_f=0.7, mu_0=0.4, restitution=0.3, restitution_speed_mps=9.144,
+    rolling_threshold=0.1,
 )  # fmt: skip
 
 
-def plane(east: float, south: float, rocks: int = 4, **engine: float) -> Simulated:
-    """Blocks from the middle of a plane that falls by so much per metre to the east and south."""
-    along = (np.arange(SIDE) + 0.5) * CELL
-    z = 500.0 - east * along[None, :] - south * along[:, None]
-    grid = Grid(z, 0.0, SIDE * CELL, CELL)
-    middle = np.array([0.5 * SIDE * CELL])
-    points = ReleasePoints(
-        middle, middle.copy(), np.zeros(1, np.int64), np.array([7], np.uint64), ("a",)
-    )
-    return follow(
-        PathTerrain(grid, np.zeros(grid.shape, np.int32), 0.25), points, TABLE, BLOCKS,
-        EngineSettings(**engine), seed=3, rocks_per_point=rocks, point_keys=points.key,
-        log_events=400,
+def plane(east: float, south: float, n: int = 4, **engine: float) -> tuple[FloatArray, Simulated]:
+    """Blocks from the middle of a plane that falls by so much per metre to the east and south.
+
+    How far from the fall line through their start they end (m), and their run.
+    """
+    grid = grid_of(lambda x, y: 500.0 - east * x + south * y, 60, 60)
+    out = paths(
+        grid, n=n, on=GROUND, blocks=ellipsoid(0.45, 0.35, 0.3, drop_m=(1.0, 1.0)),
+        settings=EngineSettings(**engine), seed=3, log_events=400,
     )  # fmt: skip
+    x, y = ends(grid, out)
+    return (x * south + y * east) / math.hypot(east, south), out
 
 
 @pytest.mark.parametrize("angle", [-3.0, -1.0, 0.4, 2.5])
@@ -72,16 +51,13 @@ def test_the_turn_on_the_ground_is_the_integral_of_its_rate(angle: float) -> Non
 
 @pytest.mark.parametrize(("east", "south"), [(0.6, 0.0), (0.5, 0.3), (-0.2, 0.6)])
 def test_without_chance_blocks_keep_to_the_fall_line_of_a_plane(east: float, south: float) -> None:
-    out = plane(east, south, side_tilt_deg=0.0, drift_deg=0.0)
-    middle = 0.5 * SIDE * CELL
-    across = ((out.x - middle) * south + (out.y - middle) * east) / math.hypot(east, south)
+    across, out = plane(east, south, side_tilt_deg=0.0, drift_deg=0.0)
     assert np.all(out.rocks["runout_m"] > 10.0)
     assert np.abs(across).max() < 1e-6
 
 
 def test_chance_moves_blocks_to_both_sides_and_makes_no_energy() -> None:
-    out = plane(0.6, 0.0, rocks=12, side_tilt_deg=15.0, drift_deg=3.0)
-    across = out.y - 0.5 * SIDE * CELL
+    across, out = plane(0.6, 0.0, n=12, side_tilt_deg=15.0, drift_deg=3.0)
     assert (across > 0.1).any() and (across < -0.1).any()
     inertia = (0.45**2 + 0.35**2) / 5.0
     for log in out.event_logs:

@@ -111,29 +111,21 @@ def test_sphere_in_synchronous_spin(vx, vy):
     assert got == pytest.approx(1.4 * vx**2 / (1.4 * vx**2 + vy**2), rel=1e-14)
 
 
-def test_the_worked_impact():
-    # Impact, a = 0.5, b = 0.38, θ = 0.7 rad, v_0 = (9, −5), ω_0 = 12.
+@pytest.mark.parametrize(
+    ("eta_max", "after"),
+    [(1.0, (8.401235, -2.322376, 19.364381)), (0.7, (7.411660, -2.048825, 17.083466))],
+)
+def test_the_worked_impact(eta_max, after):
+    # Impact, a = 0.5, b = 0.38, θ = 0.7 rad, v_0 = (9, −5), ω_0 = 12, free and with η_max = 0.70.
     a, b = 0.5, 0.38
     x, y, _ = contact_frame(a, b, 0.7)
     i = inertia(a, b)
-    assert x == pytest.approx(0.1199303, abs=5e-8)
-    assert y == pytest.approx(0.4338499, abs=5e-8)
-    assert energy_kept(x, y, i, 9.0, -5.0, 12.0) == pytest.approx(0.8994009, abs=5e-8)
-    vx, vy, w = impact(x, y, i, 9.0, -5.0, 12.0, 1.0, SCALE, 0.8)
-    assert w == pytest.approx(19.364381, abs=5e-7)
-    assert (vx, vy) == pytest.approx((8.401235, -2.322376), abs=5e-7)
-
-
-def test_the_worked_impact_with_eta_max():
-    # The same with η_max = 0.70.
-    a, b = 0.5, 0.38
-    x, y, _ = contact_frame(a, b, 0.7)
-    i = inertia(a, b)
-    vx, vy, w = impact(x, y, i, 9.0, -5.0, 12.0, 0.70, SCALE, 0.8)
-    assert w == pytest.approx(17.083466, abs=5e-7)
-    assert (vx, vy) == pytest.approx((7.411660, -2.048825), abs=5e-7)
+    free = energy_kept(x, y, i, 9.0, -5.0, 12.0)
+    assert (x, y, free) == pytest.approx((0.1199303, 0.4338499, 0.8994009), abs=5e-8)
+    vx, vy, w = impact(x, y, i, 9.0, -5.0, 12.0, eta_max, SCALE, 0.8)
+    assert (vx, vy, w) == pytest.approx(after, abs=5e-7)
     kept = (i * w * w + vx * vx + vy * vy) / (i * 144.0 + 106.0)
-    assert kept == pytest.approx(0.70, rel=1e-14)
+    assert kept == pytest.approx(min(free, eta_max), rel=1e-14)
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -186,28 +178,24 @@ def test_coulomb_impact_stays_in_the_cone(seed):
 # --- through the whole simulation ---
 
 
+def from_20_m(line, ground, blocks, **more):
+    """Blocks that start at 20 m, with all that happens to the first one."""
+    out = lab.run(line, ground, blocks, start=20.0, log_events=200, **more)
+    return out.rocks[0], out.event_logs[0]
+
+
 def test_sphere_falling_on_a_slope_met_flatter():
     # Sphere R = 0.5 falling straight down at 10 m/s on β = 44° met as β' = 35°: speed after
     # 4.096975, η = 0.234993, launch 9° above the slope, next contact after 0.181645 s,
     # 0.847454 m down-slope.
     u = 1.0 - math.tan(math.radians(35.0)) / math.tan(math.radians(44.0))
-    ground = lab.ground(eta_max=1.0, dp=(u, u))
-    out = lab.run(
-        lab.slope((200.0, 44.0)),
-        ground,
+    _, log = from_20_m(
+        lab.slope((200.0, 44.0)), lab.plain(eta_max=1.0, dp_min=u, dp_max=u),
         lab.sphere(0.5, drop_m=(100.0 / (2 * G),) * 2),
-        start=[(20.0, 20.0)],
         settings=lab.with_settings(contact_tolerance_m=1e-10),
-        log_events=20,
-    )
-    log = out.event_logs[0]
+    )  # fmt: skip
     # The second landing is below the threshold of rolling, v_n²/(2 g cos β) = 0.029 m < R/10.
-    assert [int(p) for p in log["phase"][:4]] == [
-        lab.FLIGHT,
-        lab.IMPACT,
-        lab.FLIGHT,
-        lab.ROLLING,
-    ]
+    assert log["phase"][:4].tolist() == [lab.FLIGHT, lab.IMPACT, lab.FLIGHT, lab.ROLLING]
     met, leaves, lands = log[1], log[2], log[3]
     before = np.hypot(met["vx_mps"], met["vz_mps"])
     assert before == pytest.approx(10.0, abs=2e-6)
@@ -223,38 +211,6 @@ def test_sphere_falling_on_a_slope_met_flatter():
     assert np.hypot(*way) == pytest.approx(0.847454, abs=3e-6)
 
 
-def test_flight_in_closed_form():
-    # Flight, β = 44°, 10 m/s at 10° above the slope: 0.492150 s, 5.672013 m along the slope, at
-    # most 0.213652 m from it. The ball is thrown from a ramp that ends at β's start: a kink of
-    # 10° less slope, along which it slides at 10 m/s at the end.
-    from sassgis.engine.contact import next_contact
-    from sassgis.engine.profile import profile_of
-    from sassgis.engine.touching import Flying
-
-    beta = math.radians(44.0)
-    s, z = lab.slope((100.0, 44.0))
-    r = 0.5
-    x0 = 10.0 + r * math.sin(beta)
-    z0 = float(np.interp(10.0, s, z)) + r * math.cos(beta)
-    way = -beta + math.radians(10.0)
-    ball = Flying(x0, z0, 10 * math.cos(way), 10 * math.sin(way), 0.3, 7.0, r, r, G)
-    profile = profile_of(s, z, np.zeros(s.size, np.int32))
-    t, seg, nx, nz, _ = next_contact(ball, 0.0, 10.0, 1e-9, profile, 0, -1)
-    assert seg == 0
-    assert (nx, nz) == pytest.approx((math.sin(beta), math.cos(beta)), abs=1e-15)
-    assert t == pytest.approx(0.492150, abs=5e-7)
-    dx = 10 * math.cos(way) * t
-    dz = (10 * math.sin(way) - 0.5 * G * t) * t
-    assert math.hypot(dx, dz) == pytest.approx(5.672013, abs=5e-6)
-    # Furthest from the slope at half time; the record of heights says the same through `simulate`
-    # in test_records.py.
-    half = 0.5 * t
-    far = (10 * math.cos(way) * half) * math.sin(beta) + (
-        (10 * math.sin(way) - 0.5 * G * half) * half
-    ) * math.cos(beta)
-    assert far == pytest.approx(0.213652, abs=5e-7)
-
-
 @pytest.mark.parametrize(
     ("mu", "degrees", "speed", "length"),
     [
@@ -267,14 +223,7 @@ def test_flight_in_closed_form():
 def test_sliding_to_rest(mu, degrees, speed, length, pieces):
     # L = v²/[2 g (μ cos β − sin β)], on one segment and on the same slope cut into 64.
     line = lab.slope(*[(100.0 / pieces, degrees)] * pieces)
-    out = lab.run(
-        line,
-        lab.ground(mu_f=mu),
-        lab.ellipsoid(speed_mps=(speed, speed)),
-        start=[(20.0, 20.0)],
-        log_events=200,
-    )
-    rock = out.rocks[0]
+    rock, _ = from_20_m(line, lab.plain(mu_f=mu), lab.ellipsoid(speed_mps=(speed, speed)))
     assert rock["reason"] == 0
     along = (rock["runout_m"] - 20.0) / math.cos(math.radians(degrees))
     assert along == pytest.approx(length, abs=5e-7)
@@ -287,32 +236,23 @@ def test_rolling_to_rest(pieces):
     # Rolling to rest, μ_r = 0.6, 20°, 5 m/s: 5.744979 m. A sphere in synchronous spin.
     r = 0.5
     line = lab.slope(*[(100.0 / pieces, 20.0)] * pieces)
-    out = lab.run(
-        line,
-        lab.ground(mu_0=0.6),
-        lab.sphere(r, speed_mps=(5.0, 5.0), spin_radps=(5.0 / r, 5.0 / r)),
-        start=[(20.0, 20.0)],
-    )
-    rock = out.rocks[0]
+    block = lab.sphere(r, speed_mps=(5.0, 5.0), spin_radps=(5.0 / r, 5.0 / r))
+    rock, _ = from_20_m(line, lab.plain(mu_0=0.6), block)
     assert rock["reason"] == 0
-    assert (rock["runout_m"] - 20.0) / math.cos(math.radians(20.0)) == pytest.approx(
-        5.744979, abs=5e-7
-    )
+    along = (rock["runout_m"] - 20.0) / math.cos(math.radians(20.0))
+    assert along == pytest.approx(5.744979, abs=5e-7)
 
 
 def test_rolling_friction_grows_with_the_ground_blocks():
     # Equation (2): μ_r = μ_0 + k d*/d, with d the diameter of the rock.
     r, mu_0, k, d_star = 0.4, 0.4, 0.2, 0.3
-    out = lab.run(
-        lab.slope((100.0, 10.0)),
-        lab.ground(mu_0=mu_0, k=k, d_star_m=d_star),
-        lab.sphere(r, speed_mps=(4.0, 4.0), spin_radps=(10.0, 10.0)),
-        start=[(20.0, 20.0)],
-    )
+    block = lab.sphere(r, speed_mps=(4.0, 4.0), spin_radps=(10.0, 10.0))
+    ground = lab.plain(mu_0=mu_0, k=k, d_star_m=d_star)
+    rock, _ = from_20_m(lab.slope((100.0, 10.0)), ground, block)
     mu = mu_0 + k * d_star / (2 * r)
     beta = math.radians(10.0)
     length = 16.0 / (2 * G * (mu * math.cos(beta) - math.sin(beta)))
-    assert out.rocks["runout_m"][0] - 20.0 == pytest.approx(length * math.cos(beta), rel=1e-12)
+    assert rock["runout_m"] - 20.0 == pytest.approx(length * math.cos(beta), rel=1e-12)
 
 
 @pytest.mark.compiled
@@ -328,13 +268,10 @@ def test_table_1_slope_variation_is_met_at_impacts(degrees, eta_max, low, high):
     from scipy import stats
 
     out = lab.run(
-        lab.slope((300.0, degrees)),
-        lab.ground(eta_max=eta_max, dp=(low, high)),
-        dataclasses.replace(lab.MIXED, drop_m=(1.0, 3.0)),
-        n=600,
-        start=[(5.0, 10.0)],
+        lab.slope((300.0, degrees)), lab.plain(eta_max=eta_max, dp_min=low, dp_max=high),
+        dataclasses.replace(lab.MIXED, drop_m=(1.0, 3.0)), n=600, start=(5.0, 10.0),
         log_events=120,
-    )
+    )  # fmt: skip
     hits = np.concatenate([x[x["phase"] == lab.IMPACT] for x in out.event_logs])
     u = 1.0 - (-hits["uz"] / hits["ux"]) / math.tan(math.radians(degrees))
     assert hits.shape[0] > 500
@@ -345,14 +282,9 @@ def test_table_1_slope_variation_is_met_at_impacts(degrees, eta_max, low, high):
 
 def test_a_sphere_never_bounces_without_variation():
     # Fact 3: Δp = 0 leaves no normal velocity, and the rock rolls after its first contact.
-    out = lab.run(
-        lab.slope((200.0, 40.0), (100.0, 0.0)),
-        lab.ground(),
-        lab.sphere(0.5, drop_m=(3.0, 3.0)),
-        start=[(20.0, 20.0)],
-        log_events=50,
-    )
-    phases = [int(p) for p in out.event_logs[0]["phase"]]
+    line = lab.slope((200.0, 40.0), (100.0, 0.0))
+    _, log = from_20_m(line, lab.plain(), lab.sphere(0.5, drop_m=(3.0, 3.0)))
+    phases = log["phase"].tolist()
     assert phases[:3] == [lab.FLIGHT, lab.IMPACT, lab.ROLLING]
     assert lab.FLIGHT not in phases[1:]
 
@@ -360,14 +292,9 @@ def test_a_sphere_never_bounces_without_variation():
 @pytest.mark.parametrize("variation", [0.05, 0.2, 0.5])
 def test_a_sphere_leaves_at_the_angle_of_the_variation(variation):
     # Fact 3: with the variation the launch angle above the mean slope is β − β'.
-    out = lab.run(
-        lab.slope((200.0, 44.0)),
-        lab.ground(eta_max=0.6, dp=(variation, variation)),
-        lab.sphere(0.5, drop_m=(5.0, 5.0)),
-        start=[(20.0, 20.0)],
-        log_events=10,
-    )
-    leaves = out.event_logs[0][2]
+    ground = lab.plain(eta_max=0.6, dp_min=variation, dp_max=variation)
+    _, log = from_20_m(lab.slope((200.0, 44.0)), ground, lab.sphere(0.5, drop_m=(5.0, 5.0)))
+    leaves = log[2]
     launch = math.atan2(leaves["vz_mps"], leaves["vx_mps"]) + math.radians(44.0)
     met = math.atan(math.tan(math.radians(44.0)) * (1.0 - variation))
     assert launch == pytest.approx(math.radians(44.0) - met, abs=1e-12)

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.effects_lab import profile
+from helpers.effects_lab import ROLLING, run
+from helpers.paths_lab import DEBRIS, HAZARD, MIXED, ROCK, STRAIGHT, ends, paths
 from helpers.terrains import folded, grid_of, middle, points_at
 from scipy.integrate import solve_ivp
 from scipy.stats import ks_2samp
@@ -18,9 +19,8 @@ from sassgis.engine.effects.air_drag import AirDrag
 from sassgis.engine.effects.fragmentation import Fragmentation
 from sassgis.engine.effects.trees import Trees
 from sassgis.engine.effects.wind import Wind
-from sassgis.engine.simulate import Simulated, simulate
+from sassgis.engine.simulate import Simulated
 from sassgis.engine.simulate_paths import PathTerrain, follow
-from sassgis.io.read.ground_map import built_in_table
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.effects import EffectSettings
 from sassgis.model.errors import InputError
@@ -32,50 +32,10 @@ from sassgis.model.results import ControlLine, StopReason
 from sassgis.model.settings import EngineSettings
 
 G = 9.81
-FLIGHT, IMPACT, ROLLING, SLIDING, END = range(5)
-TABLE = built_in_table()
-DEBRIS = TABLE.classes[TABLE.index("debris")]
-ROCK = TABLE.classes[TABLE.index("rock")]
-MIXED = BlockPopulation("b", (0.3, 0.6), (0.25, 0.5), (0.2, 0.4), (2600.0, 2750.0), drop_m=(1, 2))
-HAZARD = EngineSettings()
-STRAIGHT = EngineSettings(side_tilt_deg=0.0, drift_deg=0.0)
 
 
 def ground(**changes: float) -> GroundClass:
     return dataclasses.replace(DEBRIS, name="own", **changes)
-
-
-def paths(
-    grid: Grid,
-    x: Any = 0.0,
-    y: Any = 0.0,
-    *,
-    n: int = 500,
-    on: GroundClass = DEBRIS,
-    blocks: BlockPopulation = MIXED,
-    settings: EngineSettings = HAZARD,
-    tolerance: float = 0.25,
-    seed: int = 1,
-    key: int = 7,
-    lines: tuple[tuple[ControlLine, FloatArray], ...] = (),
-    forest: Forest | None = None,
-    **more: Any,
-) -> Simulated:
-    """Paths of ``n`` blocks from each point, in coordinates from the middle of the grid."""
-    x0, y0 = middle(grid)
-    x, y = np.broadcast_arrays(x, y)
-    points = points_at(x + x0, y + y0)
-    traces = [(line, trace + np.array([x0, y0])) for line, trace in lines]
-    terrain = PathTerrain(grid, np.zeros(grid.shape, np.int32), tolerance, traces, forest)
-    return follow(
-        terrain, points, GroundTable((on,)), blocks, settings, seed=seed, rocks_per_point=n,
-        point_keys=points.key + np.uint64(key), **more,
-    )  # fmt: skip
-
-
-def ends(grid: Grid, out: Simulated) -> tuple[FloatArray, FloatArray]:
-    x0, y0 = middle(grid)
-    return out.x - x0, out.y - y0
 
 
 def bench(angle: float, length: float, *, run_out: float = 0.0, cell: float = 2.0) -> Grid:
@@ -146,7 +106,7 @@ def test_without_tilt_and_drift_a_block_keeps_to_the_fall_line_and_its_run_out()
     _, y = ends(grid, out)
     # Up the slope, exactly against the descent, a block does not keep its balance.
     assert (np.abs(y) < 1e-6).mean() > 0.95 and np.abs(y).max() < 0.1
-    line = straight(35.0, 100.0, 300, DEBRIS, STRAIGHT)
+    line = straight(35.0, 100.0, 300, DEBRIS, settings=STRAIGHT)
     # Impact after impact rounding grows: most end at the same place, the others where they may.
     same = np.abs(out.rocks["runout_m"] - line.rocks["runout_m"]) < 1e-3
     assert same.mean() > 0.15
@@ -154,17 +114,12 @@ def test_without_tilt_and_drift_a_block_keeps_to_the_fall_line_and_its_run_out()
     assert middles[0] == pytest.approx(middles[1], rel=0.01)
 
 
-def straight(
-    angle: float, length: float, n: int, on: GroundClass, settings: EngineSettings = HAZARD
-) -> Simulated:
+def straight(angle: float, length: float, n: int, on: GroundClass, **more: Any) -> Simulated:
     """The same blocks on the profile of the fall line of a bench."""
-    drop = math.tan(math.radians(angle))
     s = np.array([-20.0, length, length + 400.0])
-    z = 1000.0 - drop * np.minimum(s, length)
-    return simulate(
-        profile((s, z)), GroundTable((on,)), MIXED, settings, seed=1, rocks_per_line=n,
-        line_keys=np.array([7], np.uint64), starts=np.zeros((1, 2)),
-    )  # fmt: skip
+    z = 1000.0 - math.tan(math.radians(angle)) * np.minimum(s, length)
+    key = np.array([7], np.uint64)
+    return run((s, z), on, MIXED, n=n, start=0.0, keys=key, **({"settings": HAZARD} | more))
 
 
 @pytest.mark.parametrize(("on", "angle"), [(DEBRIS, 35.0), (DEBRIS, 38.0), (ROCK, 35.0)])
@@ -252,32 +207,24 @@ def test_every_block_ends_somewhere_once() -> None:
 def test_blocks_hang_on_nothing_but_their_key() -> None:
     grid = grid_of(folded, 260, 260, 1.0)
     x, y = np.linspace(-90.0, -60.0, 7), np.linspace(-8.0, 8.0, 7)
-    x0, y0 = middle(grid)
-    terrain = PathTerrain(grid, np.zeros(grid.shape, np.int32), 0.25)
-    points = points_at(x + x0, y + y0)
 
-    def run(which: Any, n: int = 20, first: int = 0) -> Simulated:
+    def some(which: Any, n: int = 20, first: int = 0) -> Simulated:
         which = np.asarray(which)
-        some = dataclasses.replace(
-            points, x=points.x[which], y=points.y[which], area=points.area[which],
-            key=points.key[which],
-        )  # fmt: skip
-        return follow(
-            terrain, some, GroundTable((DEBRIS,)), MIXED, HAZARD, seed=3, rocks_per_point=n,
-            point_keys=some.key, point_numbers=which.astype(np.int64), spread_m=5.0,
+        return paths(
+            grid, x[which], y[which], n=n, seed=3, keys=which, point_numbers=which, spread_m=5.0,
             first_rock=first,
         )  # fmt: skip
 
-    whole = run(range(7))
-    backwards = run([6, 5, 4, 3, 2, 1, 0])
+    whole = some(range(7))
+    backwards = some([6, 5, 4, 3, 2, 1, 0])
     order = np.argsort(backwards.rocks["line"], kind="stable")
     assert backwards.rocks[order].tobytes() == whole.rocks.tobytes()
     assert np.array_equal(backwards.cells, whole.cells)
     for name, values in whole.sums.items():
         assert backwards.sums[name].tobytes() == values.tobytes(), name
-    alone = run([4])
+    alone = some([4])
     assert alone.rocks.tobytes() == whole.rocks[80:100].tobytes()
-    later = run([4], n=10, first=10)
+    later = some([4], n=10, first=10)
     assert later.rocks.tobytes() == whole.rocks[90:100].tobytes()
 
 
@@ -391,23 +338,14 @@ def test_a_rolling_sphere_turns_as_an_independent_integration_says() -> None:
 # --- stations, walls, effects --------------------------------------------------------------------
 
 
-def crossing_of(line: ControlLine, x: float) -> ControlLineCrossings:
-    return ControlLineCrossings((line,), np.array([0, 1]), np.array([x]), np.array([0]))
-
-
 def test_a_wall_holds_the_same_share_as_on_a_line() -> None:
     grid = bench(36.0, 100.0)
     wall = ControlLine("wall", "wall", height_m=1.5)
     trace = np.array([[-30.0, -100.0], [-30.0, 100.0]])
     n = 2500
     out = paths(grid, x=-90.0, n=n, lines=((wall, trace),))
-    drop = math.tan(math.radians(36.0))
-    s = np.array([-20.0, 90.0, 300.0])
-    line = simulate(
-        profile((s, 1000.0 - drop * np.minimum(s, 90.0))), GroundTable((DEBRIS,)), MIXED, HAZARD,
-        seed=1, rocks_per_line=n, line_keys=np.array([7], np.uint64), starts=np.zeros((1, 2)),
-        control_lines=crossing_of(wall, 60.0),
-    )  # fmt: skip
+    crossing = ControlLineCrossings.same_for_all((wall,), [60.0], 1)
+    line = straight(36.0, 90.0, n, DEBRIS, control_lines=crossing)
     shares = [(r.rocks["reason"] == StopReason.BARRIER).mean() for r in (out, line)]
     assert 0.1 < shares[1] < 0.95
     assert shares[0] == pytest.approx(shares[1], abs=4.0 * math.sqrt(0.5 / n))
@@ -478,15 +416,10 @@ def test_a_block_that_rolls_over_the_border_of_two_grounds_moves_on(relief: floa
         ), 60, 60, 2.0,
     )  # fmt: skip
     on = ground(mu_f=0.7, restitution=0.3)
-    strips = np.broadcast_to((np.arange(60) // 2 % 2).astype(np.int32), grid.shape)
-    x0, y0 = middle(grid)
-    points = points_at(np.array([x0 - 50.0]), np.array([y0]))
+    both = GroundTable((on, dataclasses.replace(on, name="other")))
     blocks = BlockPopulation("b", (0.8, 1.2), (0.6, 0.9), (0.5, 0.8), (2700.0, 2700.0))
-    out = follow(
-        PathTerrain(grid, strips, 0.25), points,
-        GroundTable((on, dataclasses.replace(on, name="other"))), blocks, HAZARD, seed=3,
-        rocks_per_point=4000, point_keys=points.key,
-    )  # fmt: skip
+    strips = np.arange(60) // 2 % 2
+    out = paths(grid, x=-50.0, n=4000, on=both, classes=strips, blocks=blocks, seed=3, keys=[0])
     assert (out.rocks["reason"] != StopReason.STEP_LIMIT).all()
     assert np.median(out.rocks["runout_m"]) > 30.0
 

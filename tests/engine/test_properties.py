@@ -26,7 +26,7 @@ QUICK = settings(
 
 
 @st.composite
-def worlds(draw, variation=True):
+def worlds(draw):
     """A random profile, ground, population and settings, as plain numbers."""
     shape = (
         draw(st.integers(0, 2**32 - 1)),
@@ -41,7 +41,8 @@ def worlds(draw, variation=True):
         "shape": shape,
         "ground": {
             "eta_max": draw(st.floats(0.3, 1.0)),
-            "dp": (low, high) if variation else (0.0, 0.0),
+            "dp_min": low,
+            "dp_max": high,
             "mu_f": draw(st.floats(0.3, 1.0)),
             "mu_0": draw(st.floats(0.2, 0.7)),
             "k": 0.2,
@@ -73,22 +74,16 @@ def readings(rule, **changes):
     return lab.with_settings(eta_max_rule=rule, **changes)
 
 
-def play(w, n=12, **changes):
+def play(w, blocks=None, n=12, **changes):
     a, b, c = w["axes"]
-    blocks = BlockPopulation(
-        axis_1_m=(a, a), axis_2_m=(b, b), axis_3_m=(c, c), drop_m=(0.0, w["drop"]),
-        speed_mps=(0.0, w["speed"]), spin_radps=tuple(sorted((0.0, w["spin"]))),
+    blocks = blocks or lab.ellipsoid(
+        a, b, c, drop_m=(0.0, w["drop"]), speed_mps=(0.0, w["speed"]),
+        spin_radps=tuple(sorted((0.0, w["spin"]))),
     )  # fmt: skip
     return lab.run(
-        line_of(w),
-        lab.ground(**w["ground"]),
-        blocks,
-        n=n,
-        seed=w["seed"],
-        start=[(3.0, 20.0)],
-        settings=readings(w["rule"], rolling=w["rolling"], **changes),
-        log_events=4000,
-    )
+        line_of(w), lab.plain(**w["ground"]), blocks, n=n, seed=w["seed"], start=(3.0, 20.0),
+        settings=readings(w["rule"], rolling=w["rolling"], **changes), log_events=4000,
+    )  # fmt: skip
 
 
 def energies(log, a, b):
@@ -170,18 +165,9 @@ def test_a_round_rock_has_no_orientation(w):
     a = w["axes"][0]
     outs = []
     for angle in (0.0, 1.234):
-        blocks = BlockPopulation(
-            axis_1_m=(a, a), axis_2_m=(a, a), axis_3_m=(a, a), drop_m=(0.0, w["drop"]),
-            orientation_rad=(angle, angle),
-        )  # fmt: skip
-        outs.append(
-            lab.run(
-                line_of(w), lab.ground(**w["ground"]), blocks, n=6, seed=w["seed"],
-                start=[(3.0, 20.0)], log_events=4000,
-                # By default a contact counts a micrometre early or late.
-                settings=readings(w["rule"], rolling=w["rolling"], contact_tolerance_m=1e-10),
-            )
-        )  # fmt: skip
+        blocks = lab.sphere(a, drop_m=(0.0, w["drop"]), orientation_rad=(angle, angle))
+        # By default a contact counts a micrometre early or late.
+        outs.append(play(w, blocks, n=6, contact_tolerance_m=1e-10))
     for one, other in zip(outs[0].event_logs, outs[1].event_logs, strict=True):
         # 1e-9 over the first contacts; later the path itself magnifies the rounding of the angle.
         k = min(3, one.shape[0], other.shape[0])
@@ -212,16 +198,14 @@ def test_a_slope_to_the_left_gives_mirrored_rocks(seed, rule, kind):
     rng = np.random.default_rng(seed)
     theta = rng.uniform(0.0, math.pi)
     start = 8.0 + rng.uniform(0.0, 6.0)
-    a = 0.6
     logs = []
     for way, own in ((1, line), (-1, mirrored(line))):
         at = start if way > 0 else line[0][-1] - start
         angle = theta if way > 0 else math.pi - theta
+        block = lab.ellipsoid(0.6, 0.4, 0.3, drop_m=(1.0, 1.0), orientation_rad=(angle, angle))
         out = lab.run(
-            own, lab.ROCK, lab.ellipsoid(a, 0.4, 0.3, drop_m=(1.0, 1.0),
-            orientation_rad=(angle, angle)), start=[(at, at)], seed=seed, log_events=2000,
-            settings=readings(rule),
-        )  # fmt: skip
+            own, lab.ROCK, block, start=at, seed=seed, log_events=2000, settings=readings(rule)
+        )
         logs.append(out.event_logs[0])
     one, other = logs
     k = min(10, one.shape[0], other.shape[0])
@@ -245,35 +229,27 @@ def same(one, other):
 def test_same_seed_same_rocks_for_any_chunks_and_order():
     lines = [lab.rough(i, length=50.0, foot=20.0) for i in range(5)]
     keys = np.array([11, 22, 33, 44, 55], np.uint64)
-    control_lines = ControlLineCrossings
-    everything = lab.run(
-        lab.profile_set(*lines), lab.ROCK, lab.MIXED, n=8, seed=7, keys=keys, start=[(5.0, 20.0)]
-    ).rocks
-    again = lab.run(
-        lab.profile_set(*lines), lab.ROCK, lab.MIXED, n=8, seed=7, keys=keys, start=[(5.0, 20.0)],
-        control_lines=control_lines.none(5),
-    ).rocks  # fmt: skip
-    assert same(everything, again)
+
+    def rocks(order=(0, 1, 2, 3, 4), n=8, **more):
+        profiles = lab.profile_set(*[lines[i] for i in order])
+        own = {"seed": 7, "keys": keys[list(order)], "start": (5.0, 20.0), **more}
+        return lab.run(profiles, lab.ROCK, lab.MIXED, n=n, **own).rocks
+
+    everything = rocks()
+    assert same(everything, rocks(control_lines=ControlLineCrossings.none(5)))
     for order in ([4, 2, 0, 1, 3], [1], [3, 0]):
-        part = lab.run(
-            lab.profile_set(*[lines[i] for i in order]), lab.ROCK, lab.MIXED, n=8, seed=7,
-            keys=keys[order], start=[(5.0, 20.0)], line_numbers=np.array(order),
-        ).rocks  # fmt: skip
+        part = rocks(order, line_numbers=np.array(order))
         for i in order:
             assert same(part[part["line"] == i], everything[everything["line"] == i])
     for first, n in ((0, 3), (3, 5)):
-        part = lab.run(
-            lab.profile_set(*lines), lab.ROCK, lab.MIXED, n=n, seed=7, keys=keys,
-            start=[(5.0, 20.0)], first_rock=first,
-        ).rocks  # fmt: skip
         keep = (everything["rock"] >= first) & (everything["rock"] < first + n)
-        assert same(part, everything[keep])
+        assert same(rocks(n=n, first_rock=first), everything[keep])
 
 
 def test_recording_logs_changes_nothing():
     line = lab.rough(2, length=60.0)
-    plain = lab.run(line, lab.ROCK, lab.MIXED, n=50, start=[(5.0, 20.0)]).rocks
-    noted = lab.run(line, lab.ROCK, lab.MIXED, n=50, start=[(5.0, 20.0)], log_events=50).rocks
+    plain = lab.run(line, lab.ROCK, lab.MIXED, n=50, start=(5.0, 20.0)).rocks
+    noted = lab.run(line, lab.ROCK, lab.MIXED, n=50, start=(5.0, 20.0), log_events=50).rocks
     assert same(plain, noted)
 
 
@@ -329,7 +305,7 @@ def test_the_population_is_drawn_evenly_between_its_limits():
     blocks = BlockPopulation(
         axis_1_m=(0.9, 1.2), axis_2_m=(0.6, 0.8), axis_3_m=(0.2, 0.5), density_kgm3=(2500, 2900)
     )
-    r = lab.run(lab.slope((50, 20)), lab.ROCK, blocks, n=2000, start=[(5.0, 30.0)]).rocks
+    r = lab.run(lab.slope((50, 20)), lab.ROCK, blocks, n=2000, start=(5.0, 30.0)).rocks
     for name, low, high in (
         ("a_m", 0.9, 1.2), ("b_m", 0.6, 0.8), ("c_m", 0.2, 0.5), ("density_kgm3", 2500, 2900),
         ("start_m", 5.0, 30.0),

@@ -70,17 +70,14 @@ def brute(profiles, out, fine=2e-4):
     return result
 
 
-@pytest.mark.parametrize("kind", ["smooth", "rough"])
-def test_maxima_per_cell_are_those_of_the_logs(kind):
+@lab.on_both_lines
+def test_maxima_per_cell_are_those_of_the_logs(line):
     # One rock at a time, so that each cell's maxima are this rock's.
-    line = lab.valley() if kind == "smooth" else lab.rough(3, amplitude=0.1)
-    profiles = lab.profile_set(line, cell=2.0)
+    profiles = lab.profile_set(line)
     blocks = dataclasses.replace(lab.MIXED, drop_m=(0.5, 2.0))
     compared = above = 0
     for r in range(12):
-        out = lab.run(
-            profiles, lab.ROCK, blocks, first_rock=r, start=[(10.0, 30.0)], log_events=3000
-        )
+        out = lab.run(profiles, lab.ROCK, blocks, first_rock=r, start=(10.0, 30.0), log_events=3000)
         want = brute(profiles, out)
         reached = set(out.cells[out.sums["reach"] > 0].tolist())
         named = {cell for _, cell in want}
@@ -104,13 +101,12 @@ def test_maxima_per_cell_are_those_of_the_logs(kind):
 
 
 @pytest.mark.compiled
-@pytest.mark.parametrize("kind", ["smooth", "rough"])
-def test_counts_agree_with_each_other(kind):
-    line = lab.valley() if kind == "smooth" else lab.rough(3, amplitude=0.1)
+@lab.on_both_lines
+def test_counts_agree_with_each_other(line):
     n = 400
-    profiles = lab.profile_set(line, cell=2.0)
+    profiles = lab.profile_set(line)
     blocks = dataclasses.replace(lab.MIXED, drop_m=(0.5, 2.0))
-    out = lab.run(profiles, lab.ROCK, blocks, n=n, start=[(10.0, 30.0)])
+    out = lab.run(profiles, lab.ROCK, blocks, n=n, start=(10.0, 30.0))
     s = out.sums
     assert (s["reach"] <= n).all()
     for field in (s["energy"], s["height"], s["speed"], s["arrival"]):
@@ -146,7 +142,7 @@ def test_sums_of_chunks_add_up():
     lines = [lab.rough(i, length=50.0, foot=20.0) for i in range(4)]
     profiles = lab.profile_set(*lines)
     keys = np.arange(4, dtype=np.uint64)
-    args = {"start": [(5.0, 20.0)], "seed": 3}
+    args = {"start": (5.0, 20.0), "seed": 3}
     whole = lab.run(profiles, lab.ROCK, lab.MIXED, n=20, keys=keys, **args).sums
     first = lab.run(profiles, lab.ROCK, lab.MIXED, n=8, keys=keys, **args).sums
     second = lab.run(profiles, lab.ROCK, lab.MIXED, n=12, first_rock=8, keys=keys, **args).sums
@@ -172,7 +168,7 @@ def test_lines_that_share_cells_add_up():
     n = two.cell_offset[1]
     two = dataclasses.replace(two, cell=np.tile(two.cell[:n], 2))
     keys = np.array([4, 9], np.uint64)
-    args = {"start": [(5.0, 20.0)], "n": 30}
+    args = {"start": (5.0, 20.0), "n": 30}
     both = lab.run(two, lab.ROCK, lab.MIXED, keys=keys, **args).sums
     parts = [lab.run(line, lab.ROCK, lab.MIXED, keys=keys[i : i + 1], **args).sums for i in (0, 1)]
     assert np.array_equal(both["reach"], parts[0]["reach"] + parts[1]["reach"])
@@ -210,7 +206,7 @@ def test_the_height_of_a_flight_is_recorded_at_its_top():
     # The centre stands sin β R ahead of the foot.
     x0 = 10.0 + r * math.sin(ramp)
     out = lab.run(
-        line, lab.ground(mu_f=mu), lab.sphere(r, speed_mps=(speed, speed)), start=[(x0, x0)],
+        line, lab.plain(mu_f=mu), lab.sphere(r, speed_mps=(speed, speed)), start=x0,
         log_events=10,
     )  # fmt: skip
     # It takes off R (1 − cos 10°) closer to the lower slope's resting height than the resting ball.

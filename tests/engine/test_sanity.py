@@ -17,13 +17,12 @@ from sassgis.model.results import StopReason
 G = 9.81
 
 
-@pytest.mark.parametrize("kind", ["smooth", "rough"])
-def test_four_times_the_gravity_is_the_same_path_in_half_the_time(kind):
+@lab.on_both_lines
+def test_four_times_the_gravity_is_the_same_path_in_half_the_time(line):
     # From rest all speeds scale with √g: factor 4 in g is factor 2, exact in floating point.
-    line = lab.valley() if kind == "smooth" else lab.rough(3, amplitude=0.1)
     blocks = dataclasses.replace(lab.MIXED, drop_m=(0.0, 2.0))
     one, four = (
-        lab.run(line, lab.ROCK, blocks, n=100, start=[(10.0, 30.0)], log_events=3000,
+        lab.run(line, lab.ROCK, blocks, n=100, start=(10.0, 30.0), log_events=3000,
                 settings=lab.with_settings(gravity_mps2=g))
         for g in (G / 4, G)
     )  # fmt: skip
@@ -33,18 +32,8 @@ def test_four_times_the_gravity_is_the_same_path_in_half_the_time(kind):
     for u, v in zip(one.event_logs, four.event_logs, strict=True):
         k = min(4, u.shape[0], v.shape[0])
         # Chaos magnifies the shortest steps in time (1e-9 s) over the next contacts.
-        ok = np.allclose(
-            matrix(u[:k][geometric]),
-            matrix(v[:k][geometric]),
-            rtol=0,
-            atol=1e-7,
-        )
-        ok &= np.allclose(
-            2 * matrix(u[:k][speeds]),
-            matrix(v[:k][speeds]),
-            rtol=0,
-            atol=1e-6,
-        )
+        ok = np.allclose(matrix(u[:k][geometric]), matrix(v[:k][geometric]), rtol=0, atol=1e-7)
+        ok &= np.allclose(2 * matrix(u[:k][speeds]), matrix(v[:k][speeds]), rtol=0, atol=1e-6)
         ok &= np.allclose(u["t_s"][:k], 2 * v["t_s"][:k], rtol=0, atol=1e-7)
         apart += not ok
     assert apart <= 1
@@ -54,10 +43,10 @@ def test_four_times_the_gravity_is_the_same_path_in_half_the_time(kind):
     assert close.mean() > 0.3
 
 
-@pytest.mark.parametrize("kind", ["smooth", "rough"])
-def test_four_times_as_large_is_twice_as_long(kind):
+@lab.on_both_lines
+def test_four_times_as_large_is_twice_as_long(line):
     # All lengths × 4, block and d* included: run-out × 4, times and speeds × 2.
-    s, z = lab.valley() if kind == "smooth" else lab.rough(3, amplitude=0.1)
+    s, z = line
     names = ("axis_1_m", "axis_2_m", "axis_3_m", "drop_m")
     small = dataclasses.replace(lab.MIXED, drop_m=(0.0, 2.0))
     large = dataclasses.replace(
@@ -65,11 +54,11 @@ def test_four_times_as_large_is_twice_as_long(kind):
     )
     coarse = dataclasses.replace(lab.ROCK, d_star_m=4.0 * lab.ROCK.d_star_m)
     one = lab.run(
-        (s, z), lab.ROCK, small, n=100, start=[(10.0, 30.0)], log_events=3000,
+        (s, z), lab.ROCK, small, n=100, start=(10.0, 30.0), log_events=3000,
         settings=lab.with_settings(contact_tolerance_m=1e-6),
     )  # fmt: skip
     four = lab.run(
-        (4 * s, 4 * z), coarse, large, n=100, start=[(40.0, 120.0)], log_events=3000,
+        (4 * s, 4 * z), coarse, large, n=100, start=(40.0, 120.0), log_events=3000,
         settings=lab.with_settings(contact_tolerance_m=4e-6),
     )  # fmt: skip
     apart = 0
@@ -126,8 +115,8 @@ def test_a_rock_stays_where_friction_holds_it():
         (38.0, 0.8, 0.95, False),
     ):
         out = lab.run(
-            lab.slope((100.0, degrees), (60.0, 0.0)), lab.ground(mu_f=mu_f, mu_0=mu_0),
-            lab.ellipsoid(), n=20, start=[(10.0, 40.0)],
+            lab.slope((100.0, degrees), (60.0, 0.0)), lab.plain(mu_f=mu_f, mu_0=mu_0),
+            lab.ellipsoid(), n=20, start=(10.0, 40.0),
         )  # fmt: skip
         never = out.rocks["reason"] == StopReason.NEVER_STARTED
         assert never.all() != moves
@@ -139,7 +128,7 @@ def test_rest_only_where_friction_holds():
     # On long segments: a rock that comes to rest lies where tan β is below the larger friction.
     line = lab.slope((60, 45), (60, 30), (60, 42), (100, 10), (100, 0))
     blocks = dataclasses.replace(lab.MIXED, drop_m=(0.5, 2.0))
-    r = lab.run(line, lab.ROCK, blocks, n=500, start=[(5.0, 40.0)]).rocks
+    r = lab.run(line, lab.ROCK, blocks, n=500, start=(5.0, 40.0)).rocks
     rest = r["reason"] == StopReason.REST
     assert rest.sum() > 300
     slope = np.diff(line[1]) / np.diff(line[0])
@@ -173,7 +162,7 @@ def test_pits_bring_rocks_to_rest_in_few_events(name):
         speed_mps=(0.0, 10.0), spin_radps=(-10.0, 10.0),
     )  # fmt: skip
     line = tuple(np.asarray(v, float) for v in PITS[name])
-    out = lab.run(line, lab.ROCK, blocks, n=300, start=[(2.0, 15.0)], log_events=3000)
+    out = lab.run(line, lab.ROCK, blocks, n=300, start=(2.0, 15.0), log_events=3000)
     r = out.rocks
     events = np.array([len(c) for c in out.event_logs])
     assert (r["reason"] != StopReason.STEP_LIMIT).all()
@@ -224,8 +213,8 @@ def test_a_cliff_is_free_fall():
     mu = 0.3
     speed = math.sqrt(v * v + 2 * mu * G * 10.0)
     out = lab.run(
-        line, lab.ground(mu_f=mu, eta_max=1.0), lab.sphere(r, speed_mps=(speed, speed)),
-        start=[(10.0, 10.0)], log_events=10,
+        line, lab.plain(mu_f=mu, eta_max=1.0), lab.sphere(r, speed_mps=(speed, speed)),
+        start=10.0, log_events=10,
     )  # fmt: skip
     log = out.event_logs[0]
     lands = log[log["phase"] == lab.IMPACT][0]

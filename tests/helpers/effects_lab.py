@@ -52,18 +52,21 @@ def rough_slope(seed: int, angle: float = 36.0) -> tuple[FloatArray, FloatArray]
     return s, z + rng.normal(0.0, 0.12, s.size)
 
 
-def profile(line: Any, cell: float = 2.0, classes: Any = 0) -> ProfileSet:
-    """A profile set of one line, on stretches of equal length in place of cells."""
-    s, z = (np.asarray(v, float) for v in line)
-    border = np.append(np.arange(s[0], s[-1] - 1e-9, cell), s[-1])
+def profile_set(*lines: Any, cell: float = 2.0, classes: Any = 0) -> ProfileSet:
+    """Profiles from (s, z) pairs, on stretches of equal length in place of cells."""
+    s, z = ([np.asarray(line[i], float) for line in lines] for i in (0, 1))
+    borders = [np.append(np.arange(own[0], own[-1] - 1e-9, cell), own[-1]) for own in s]
+    offset, cells = (
+        np.cumsum([0, *sizes]) for sizes in ([v.size for v in s], [v.size - 1 for v in borders])
+    )
     return ProfileSet(
-        np.array([0, s.size]),
-        s,
-        z,
-        np.broadcast_to(np.asarray(classes, np.int32), s.shape).copy(),
-        np.array([0, border.size - 1]),
-        border,
-        np.arange(border.size - 1, dtype=np.int64),
+        offset,
+        np.concatenate(s),
+        np.concatenate(z),
+        np.broadcast_to(np.asarray(classes, np.int32), offset[-1:]).copy(),
+        cells,
+        np.concatenate(borders),
+        np.arange(cells[-1], dtype=np.int64),
     )
 
 
@@ -96,11 +99,12 @@ def run(
     seed: int = 1,
     start: Any = 5.0,
     cell: float = 2.0,
+    keys: Any = None,
     settings: EngineSettings | None = None,
     **more: Any,
 ) -> Simulated:
-    """``simulate`` on one line, a ProfileSet or (s, z), and one ground class or a table."""
-    flat = line if isinstance(line, ProfileSet) else profile(line, cell)
+    """``simulate`` on a ProfileSet or one line (s, z), and one ground class or a table."""
+    flat = line if isinstance(line, ProfileSet) else profile_set(line, cell=cell)
     return simulate(
         flat,
         table if isinstance(table, GroundTable) else GroundTable((table,)),
@@ -108,8 +112,8 @@ def run(
         settings or PAPER,
         seed=seed,
         rocks_per_line=n,
-        line_keys=np.arange(1, dtype=np.uint64),
-        starts=np.broadcast_to(np.asarray(start, float), (1, 2)),
+        line_keys=np.arange(len(flat), dtype=np.uint64) if keys is None else keys,
+        starts=np.broadcast_to(np.asarray(start, float), (len(flat), 2)),
         effects=effects,
         **more,
     )

@@ -7,11 +7,13 @@ import pytest
 from helpers.effects_lab import (
     BROKEN,
     END,
+    MIXED,
     STEP_LIMIT,
     G,
     forest,
     ground,
-    profile,
+    profile_set,
+    rough_slope,
     run,
 )
 from hypothesis import HealthCheck, Phase, given, settings
@@ -101,7 +103,7 @@ def rocks(draw):
 
 
 def play(line, blocks, effects, table=None, n=8, cell=2.0, **more):
-    flat = profile(line, cell)
+    flat = profile_set(line, cell=cell)
     return run(
         flat, table or ground(), blocks, effects, n=n, start=(3.0, 20.0),
         forest=forest(flat, 0.03), **more,
@@ -164,10 +166,7 @@ ALL_ON = EffectSettings(
 
 
 def test_all_at_once_give_the_same_rocks_in_any_chunks():
-    rng = np.random.default_rng(2)
-    s = np.arange(0.0, 130.5, 0.5)
-    line = s, 500.0 - 0.7 * np.minimum(s, 90.0) + rng.normal(0.0, 0.12, s.size)
-    blocks = BlockPopulation(axis_1_m=(0.4, 0.8), axis_2_m=(0.3, 0.6), axis_3_m=(0.2, 0.5))
+    line, blocks = rough_slope(2), MIXED
     whole = play(line, blocks, ALL_ON, n=30)
     parts = [play(line, blocks, ALL_ON, n=15, first_rock=k) for k in (0, 15)]
     for name in ("rocks", "pieces", "passages"):

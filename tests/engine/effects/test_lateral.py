@@ -2,37 +2,26 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
 import pytest
-from helpers.terrains import folded, grid_of, middle, points_at
+from helpers.paths_lab import MIXED, STRAIGHT, paths
+from helpers.terrains import folded, grid_of, middle
 from scipy import stats
 
 from sassgis.engine.effects import lateral_deflection
 from sassgis.engine.effects.hooks import BLOCK_DTYPE
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
-from sassgis.engine.simulate_paths import PathTerrain, follow
-from sassgis.io.read.ground_map import built_in_table
-from sassgis.model.blocks import BlockPopulation
 from sassgis.model.effects import EffectSettings
-from sassgis.model.ground import GroundTable
 from sassgis.model.settings import EngineSettings
 
-TABLE = built_in_table()
-MIXED = BlockPopulation("b", (0.3, 0.6), (0.25, 0.5), (0.2, 0.4), (2600.0, 2750.0), drop_m=(1, 2))
-#: Without these the heading on a plane turns by the effect alone.
-STRAIGHT = EngineSettings(side_tilt_deg=0.0, drift_deg=0.0)
 
-
-def paths(grid, lateral, n, *, blocks=MIXED, settings=STRAIGHT, start=(0.0, 0.0), **more):
-    points = points_at(*(own + at for own, at in zip(start, middle(grid), strict=True)))
-    debris = GroundTable((TABLE.classes[TABLE.index("debris")],))
-    return follow(
-        PathTerrain(grid, np.zeros(grid.shape, np.int32), 0.25), points, debris, blocks, settings,
-        seed=1, rocks_per_point=n, point_keys=points.key,
-        effects=EffectSettings(*([] if lateral is None else [lateral])), **more,
-    )  # fmt: skip
+def deflected(grid, lateral, n, *, x=0.0, y=0.0, settings=STRAIGHT, **more):
+    """Paths whose heading on a plane turns by the effect alone."""
+    effects = EffectSettings(*([] if lateral is None else [lateral]))
+    return paths(grid, x, y, n=n, settings=settings, effects=effects, keys=[0], **more)
 
 
 def slope(bend=0.0):
@@ -69,12 +58,9 @@ def test_turns_come_after_hops_whatever_the_steps_of_the_path(step):
 def test_on_level_ground_the_heading_turns_as_the_hops_ask():
     """Nothing else turns it there: its variance is σ² L / h over paths of length L."""
     grid = grid_of(lambda x, y: 500.0 + 0.0 * x, 160, 160)
-    pushed = BlockPopulation(
-        "b", (0.3, 0.6), (0.25, 0.5), (0.2, 0.4), (2600.0, 2750.0), speed_mps=(15.0, 25.0),
-        drop_m=(1.0, 2.0),
-    )  # fmt: skip
+    pushed = dataclasses.replace(MIXED, speed_mps=(15.0, 25.0))
     sigma, hop, n = 3.0, 2.0, 1500
-    out = paths(grid, LateralDeflection("kicks", sigma, hop), n, blocks=pushed, log_events=4000)
+    out = deflected(grid, LateralDeflection("kicks", sigma, hop), n, blocks=pushed, log_events=4000)
     turned, ahead = [], []
     for log in out.event_logs:
         du, dv = np.diff(log["u"]), np.diff(log["v"])
@@ -94,7 +80,7 @@ def test_on_level_ground_the_heading_turns_as_the_hops_ask():
 
 def test_constant_drifts_lie_evenly_within_the_width():
     grid, percent, n = slope(), 20.0, 800
-    out = paths(grid, LateralDeflection("constant", width_percent=percent), n, start=(-140.0, 0.0))
+    out = deflected(grid, LateralDeflection("constant", width_percent=percent), n, x=-140.0)
     down = out.x - middle(grid)[0] + 140.0
     share = across(grid, out)[down > 30.0] / down[down > 30.0]
     assert share.size > 0.5 * n
@@ -108,7 +94,7 @@ def test_without_strength_blocks_are_as_without_to_the_last_bit(form):
     grid = grid_of(folded, 260, 260, 1.0)
 
     def run(lateral):
-        return paths(grid, lateral, 120, settings=EngineSettings(), start=(-80.0, 3.0))
+        return deflected(grid, lateral, 120, settings=EngineSettings(), x=-80.0, y=3.0)
 
     base, off = run(None), run(LateralDeflection(form, angle_deg=0.0, width_percent=0.0))
     on = run(LateralDeflection(form))
@@ -123,8 +109,8 @@ def test_kicks_widen_the_map_to_both_sides_and_a_gully_holds_them():
     sides = {
         (angle, bend): across(
             slope(bend),
-            paths(
-                slope(bend), LateralDeflection("kicks", angle, 5.0), 500, start=(-140.0, 0.0),
+            deflected(
+                slope(bend), LateralDeflection("kicks", angle, 5.0), 500, x=-140.0,
                 settings=EngineSettings(drift_deg=0.0),
             ),
         )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from helpers.effects_lab import MIXED, forest, ground, profile, rough_slope, run, same, sphere
+from helpers.effects_lab import MIXED, forest, ground, profile_set, rough_slope, run, same, sphere
 from numpy.lib.recfunctions import structured_to_unstructured as matrix
 
 from sassgis.engine.effects.air_drag import AirDrag
@@ -20,7 +20,7 @@ from sassgis.model.effects import EffectSettings
 from sassgis.model.profiles import ControlLineCrossings
 from sassgis.model.results import ControlLine
 
-FLAT = profile(rough_slope(3))
+FLAT = profile_set(rough_slope(3))
 CONTROL_LINES = ControlLineCrossings.same_for_all(
     [ControlLine("S", "station"), ControlLine("N", "net", 2.0, 80.0)], [40.0, 70.0], 1
 )

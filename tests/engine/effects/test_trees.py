@@ -13,7 +13,7 @@ from helpers.effects_lab import (
     first,
     forest,
     plain,
-    profile,
+    profile_set,
     run,
     slope,
     sphere,
@@ -75,7 +75,7 @@ WEAK = EffectSettings(Trees("full_stems", efficiency=FEW / ONE_STEM))
 def test_stems_met_on_a_long_roll_are_poisson(cell):
     density = 0.012
     mean = density * (2.0 * RADIUS + 0.3) * 200.0
-    (counts,) = stems_met(WEAK, profile(LINE, cell), density)
+    (counts,) = stems_met(WEAK, profile_set(LINE, cell=cell), density)
     top = 7
     seen = np.bincount(np.minimum(counts, top), minlength=top + 1)
     expected = stats.poisson(mean).pmf(np.arange(top))
@@ -85,12 +85,12 @@ def test_stems_met_on_a_long_roll_are_poisson(cell):
 
 
 def test_the_same_stems_whatever_the_cells():
-    fine, coarse = (stems_met(WEAK, profile(LINE, cell), 0.012)[0] for cell in (0.5, 50.0))
+    fine, coarse = (stems_met(WEAK, profile_set(LINE, cell=cell), 0.012)[0] for cell in (0.5, 50.0))
     assert (fine == coarse).all()
 
 
 def test_nothing_is_met_outside_the_stand():
-    flat = profile(LINE, 2.0)
+    flat = profile_set(LINE)
     middle = flat.cell_s[:-1] + 1.0
     stems = np.where((middle > 100.0) & (middle < 150.0), 0.03, 0.0)
     before, inside, after, end = stems_met(WEAK, flat, stems, chainages=(99.9, 125.0, 150.1, 250.0))
@@ -157,7 +157,7 @@ def landing(effects, flat, stems, n=1, speed=20.0, drop=40.0, blocks=None):
 
 @pytest.mark.parametrize("cell", [0.5, 2.0, 100.0])
 def test_stems_are_met_below_their_height_only(cell):
-    flat = profile(slope((200.0, 0.0)), cell)
+    flat = profile_set(slope((200.0, 0.0)), cell=cell)
     height, density, speed = 15.0, 0.05, 20.0
     take = 0.05 * MASS
     effects = EffectSettings(Trees("full_stems", efficiency=take / ONE_STEM, height_m=height))
@@ -188,7 +188,7 @@ def test_the_loss_in_a_forest_does_not_depend_on_the_cells(cell):
     effects = EffectSettings(Trees())
     runs = []
     for size in (2.0, cell):
-        flat = profile(rough_slope(5), size)
+        flat = profile_set(rough_slope(5), cell=size)
         out = run(
             flat, ground(), MIXED, effects, n=1500, start=(3.0, 20.0), forest=forest(flat, 0.04)
         )
@@ -201,7 +201,7 @@ def test_a_viscous_forest_slows_a_flight_exponentially():
     k, drop, speed = 600.0, 60.0, 15.0
     effects = EffectSettings(Trees("viscous", drag_kgps=k, height_m=100.0))
     for cell in (0.5, 2.0, 100.0):
-        flat = profile(slope((200.0, 0.0)), cell)
+        flat = profile_set(slope((200.0, 0.0)), cell=cell)
         (met,) = landing(effects, flat, 0.01, speed=speed, drop=drop)
         t = met["t_s"]
         decay = math.exp(-k * t / MASS)
@@ -210,7 +210,7 @@ def test_a_viscous_forest_slows_a_flight_exponentially():
         assert met["vz_mps"] == pytest.approx(-MASS * G / k * (1.0 - decay), rel=1e-3)
         way = MASS * G / k * (t - MASS / k * (1.0 - decay))
         assert way == pytest.approx(drop, rel=2e-3)
-    flat = profile(slope((200.0, 0.0)), 2.0)
+    flat = profile_set(slope((200.0, 0.0)))
     still = run(
         flat, plain(), sphere(RADIUS, drop_m=(drop, drop)), effects, log_events=600,
         forest=forest(flat, 0.01),
@@ -226,7 +226,7 @@ def test_a_viscous_forest_stops_a_rolling_rock(cell):
     # At constant speed but for the forest: dv/dx = -k/m, so that it ends at m v/k.
     k = 60.0
     effects = EffectSettings(Trees("viscous", drag_kgps=k))
-    flat = profile(LINE, cell)
+    flat = profile_set(LINE, cell=cell)
     out = run(
         flat,
         EVEN,
@@ -253,7 +253,7 @@ def test_a_viscous_forest_lets_a_rolling_rock_come_to_its_steady_speed(k):
     slope_of = math.radians(ANGLE)
     ground = plain(mu_0=math.tan(slope_of) - pull / (G * math.cos(slope_of)))
     effects = EffectSettings(Trees("viscous", drag_kgps=k))
-    flat = profile(slope((2000.0, ANGLE)))
+    flat = profile_set(slope((2000.0, ANGLE)))
     at = control_lines(1900.0)
     out = run(flat, ground, ROLLING, effects, n=1, control_lines=at, forest=forest(flat, 0.01))
     assert out.passages["speed_mps"] == pytest.approx(pull * MASS / k, rel=1e-3)
@@ -263,7 +263,7 @@ def test_a_strong_stem_stops_a_rock_where_it_is_met():
     # Ways to the first stem are exponential. Friction is just above the slope, so that a rock that
     # has been stopped stays.
     ground = plain(mu_0=(1.0 + 1e-9) * math.tan(math.radians(ANGLE)))
-    flat = profile(slope((2000.0, ANGLE)))
+    flat = profile_set(slope((2000.0, ANGLE)))
     effects = EffectSettings(Trees("full_stems"))
     out = run(flat, ground, ROLLING, effects, n=800, forest=forest(flat, 0.02))
     assert ONE_STEM > ROLLING_ENERGY
