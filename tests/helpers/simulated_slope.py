@@ -44,33 +44,16 @@ BREAKS = (70.0, 130.0, 205.0, LENGTH)
 TANGENTS = (0.95, 0.72, 0.52, 0.2)
 STATIONS = (45.0, 80.0, 115.0, 150.0)
 TABLE = GroundTable(
-    (
+    tuple(
         GroundClass(
-            "rock", eta_max=0.72, dp_min=0.0, dp_max=0.3, mu_f=0.7, mu_0=0.4, k=0.17, d_star_m=0.0
-        ),
-        GroundClass(
-            "debris",
-            eta_max=0.62,
-            dp_min=0.1,
-            dp_max=0.4,
-            mu_f=0.75,
-            mu_0=0.45,
-            k=0.2,
-            d_star_m=0.1,
-        ),
-        GroundClass(
-            "talus", eta_max=0.6, dp_min=0.1, dp_max=0.4, mu_f=0.75, mu_0=0.45, k=0.2, d_star_m=0.2
-        ),
-        GroundClass(
-            "meadow",
-            eta_max=0.45,
-            dp_min=0.1,
-            dp_max=0.3,
-            mu_f=0.8,
-            mu_0=0.6,
-            k=0.17,
-            d_star_m=0.05,
-        ),
+            name, eta_max=eta, dp_min=low, dp_max=high, mu_f=mu_f, mu_0=mu_0, k=k, d_star_m=d_star
+        )
+        for name, eta, low, high, mu_f, mu_0, k, d_star in (
+            ("rock", 0.72, 0.0, 0.3, 0.7, 0.4, 0.17, 0.0),
+            ("debris", 0.62, 0.1, 0.4, 0.75, 0.45, 0.2, 0.1),
+            ("talus", 0.6, 0.1, 0.4, 0.75, 0.45, 0.2, 0.2),
+            ("meadow", 0.45, 0.1, 0.3, 0.8, 0.6, 0.17, 0.05),
+        )
     )
 )
 #: The model that the case knows.
@@ -154,23 +137,16 @@ def observed(
     grid, kind = slope()
     release_x = np.linspace(15.0, 45.0, 6)
     release_y = np.full(6, LENGTH - TOP_Y)
-    points = ReleasePoints(
-        release_x,
-        release_y,
-        np.arange(6),
-        np.concatenate([point_keys(f"P{i}", 1) for i in range(6)]),
-        tuple(f"P{i}" for i in range(6)),
-    )
+    areas = tuple(f"P{i}" for i in range(6))
+    keys = np.concatenate([point_keys(area, 1) for area in areas])
+    points = ReleasePoints(release_x, release_y, np.arange(6), keys, areas)
     settings = TerrainSettings()
     traces = trace(grid, fall_line_surface(grid, settings), points, settings)
     flat = profiles(grid, traces, kind, 0.05)
     lines = with_lead_in(flat, 20.0)
     line = np.arange(n_rocks) % 6
-    axes = np.sort(
-        np.column_stack(
-            [rng.uniform(*getattr(CONFIGURED, f"axis_{j}_m"), n_rocks) for j in (1, 2, 3)]
-        )
-    )[:, ::-1]
+    drawn = [rng.uniform(*getattr(CONFIGURED, f"axis_{j}_m"), n_rocks) for j in (1, 2, 3)]
+    axes = np.sort(np.column_stack(drawn))[:, ::-1]
     speed = rng.uniform(0.5, 2.0, n_rocks)
     blocks = tuple(
         dataclasses.replace(
@@ -249,22 +225,12 @@ def observed(
         made["trajectories"] = _paths(done.event_logs, names, round_, placed, noisy, rng)
     observations = Observations(rocks=rocks, stations=stations, metadata=Metadata(**ERRORS), **made)
     return Case(
-        observations=observations,
-        grid=grid,
-        table=TABLE,
-        engine=EngineSettings(readings="1986"),
-        effects=EffectSettings(),
-        forest=None,
-        traces=traces,
-        profiles=lines,
-        line=line,
-        blocks=blocks,
-        start=np.zeros((n_rocks, 2)),
-        mass_kg=mass,
-        radius_m=np.cbrt(axes.prod(axis=1)),
-        stations=station_chainages(traces, stations),
+        observations=observations, grid=grid, table=TABLE, engine=EngineSettings(readings="1986"),
+        effects=EffectSettings(), forest=None, traces=traces, profiles=lines, line=line,
+        blocks=blocks, start=np.zeros((n_rocks, 2)), mass_kg=mass,
+        radius_m=np.cbrt(axes.prod(axis=1)), stations=station_chainages(traces, stations),
         projected=project_observations(observations, traces, line, grid=grid),
-    )
+    )  # fmt: skip
 
 
 def _impacts(
