@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import geopandas as gpd
 import numpy as np
 import rasterio
+from helpers.hazard_samples import swiss
 from shapely.geometry import LineString, Point, box
 
 from sassgis.hazard.preset_labels import energy_labels
@@ -24,7 +26,7 @@ from sassgis.io.vector_layer import VectorLayer
 from sassgis.io.write.geopackage import write_geopackage
 from sassgis.io.write.raster import write_raster
 from sassgis.model.grid import Grid
-from sassgis.model.hazard import HazardLevel, HazardPreset, IntensityClass, Provenance
+from sassgis.model.hazard import HazardPreset
 from sassgis.model.results import Band, RasterClass, RasterLayer
 from sassgis.model.styles import (
     BARRIER_STYLE,
@@ -62,25 +64,13 @@ def grid(crs: str | None = None) -> Grid:
 
 
 def preset() -> HazardPreset:
-    source = Provenance("nowhere", False)
-    return HazardPreset(
-        name="made-up",
-        title="Made up",
-        intensities=(
-            IntensityClass("low", "low", 0.0, "#fee08b", source),
-            IntensityClass("mean", "mean", 30.0, "#f46d43", source),
-            IntensityClass("high", "high", 300.0, "#a50026", source),
-        ),
-        return_periods=(30.0, 100.0, 300.0),
-        return_period_provenance=source,
-        levels=(
-            HazardLevel("residual_hazard", "residuo", "#ffe000", True, source),
-            HazardLevel("slight", "basso", "#ffe000", False, source),
-            HazardLevel("mean", "medio", "#2b6cff", False, source),
-            HazardLevel("substantial", "elevato", "#e60000", False, source),
-        ),
-        matrix=((2, 2, 1, 0), (3, 2, 2, 0), (3, 3, 3, 0)),
-        matrix_provenance=((source,) * 4,) * 3,
+    """The preset of the tests with labels and colours of its own."""
+    own = (
+        ("residuo", "#ffe000"), ("basso", "#ffe000"), ("medio", "#2b6cff"), ("elevato", "#e60000"),
+    )  # fmt: skip
+    levels = zip(swiss().levels, own, strict=True)
+    return replace(
+        swiss(), levels=tuple(replace(a, label=label, colour=c) for a, (label, c) in levels)
     )
 
 
@@ -99,55 +89,34 @@ def raster_layers(dem: Grid) -> dict[str, RasterLayer]:
     def band(name: str, text: str, unit: str, values: np.ndarray) -> Band:
         return Band(name, text, unit, values.astype(np.float32))
 
-    return {
-        "energy": RasterLayer(
-            "energy",
-            "Energy, 95 % (kJ)",
-            "Share of the passages; reference width 3 m",
-            (
-                band("e95", "Energy not exceeded by 95 % of the passages", "kJ", energy),
-                band("emax", "Greatest energy", "kJ", energy * 1.5),
-            ),
-            (30.0, 300.0),
-            "YlOrRd",
+    width = "reference width 3 m"
+    energies = (
+        band("e95", "Energy not exceeded by 95 % of the passages", "kJ", energy),
+        band("emax", "Greatest energy", "kJ", energy * 1.5),
+    )
+    reaches = (band("reach", "Reach probability", "1", reach),)
+    heights = (band("h95", "Passing height", "m", height),)
+    codes = (band("level", "Hazard level", "", levels_of_cells()),)
+    terrain = (band("z", "Height", "m", dem.values),)
+    classes = tuple(
+        RasterClass(number, level.label, level.colour, level.hatched)
+        for number, level in enumerate(preset().levels, start=1)
+    )
+    layers = (
+        RasterLayer(
+            "energy", "Energy, 95 % (kJ)", f"Share of the passages; {width}", energies,
+            (30.0, 300.0), "YlOrRd",
         ),
-        "reach": RasterLayer(
-            "reach",
-            "Reach probability (1)",
-            "Per released rock; reference width 3 m",
-            (band("reach", "Reach probability", "1", reach),),
-            (),
-            "viridis",
+        RasterLayer(
+            "reach", "Reach probability (1)", f"Per released rock; {width}", reaches, (), "viridis"
         ),
-        "height": RasterLayer(
-            "height",
-            "Passing height, 95 % (m)",
-            "",
-            (band("h95", "Passing height", "m", height),),
-            (1.0, 2.0, 5.0),
-            "Blues",
+        RasterLayer("height", "Passing height, 95 % (m)", "", heights, (1.0, 2.0, 5.0), "Blues"),
+        RasterLayer(
+            "level", "Hazard level on cells", f"Worst level; {width}", codes, (), "", classes
         ),
-        "level": RasterLayer(
-            "level",
-            "Hazard level on cells",
-            "Worst level; reference width 3 m",
-            (band("level", "Hazard level", "", levels_of_cells()),),
-            (),
-            "",
-            tuple(
-                RasterClass(number, level.label, level.colour, level.hatched)
-                for number, level in enumerate(preset().levels, start=1)
-            ),
-        ),
-        "terrain": RasterLayer(
-            "terrain",
-            "Terrain (relief)",
-            "Heights of the DEM",
-            (band("z", "Height", "m", dem.values),),
-            (),
-            HILLSHADE,
-        ),
-    }
+        RasterLayer("terrain", "Terrain (relief)", "Heights of the DEM", terrain, (), HILLSHADE),
+    )  # fmt: skip
+    return {layer.stem: layer for layer in layers}
 
 
 #: Bands down the slope (first and last row), from severe to slight.
@@ -171,43 +140,23 @@ def zone_layers(crs: str | None = "EPSG:2056") -> dict[str, VectorLayer]:
         for first, last in rows.values()
     ]
 
-    def layer(
-        name: str, title: str, style: VectorStyle, areas: list, **columns: list
-    ) -> VectorLayer:
+    def layer(name: str, title: str, style: VectorStyle, areas: list, **columns: list) -> None:
         frame = gpd.GeoDataFrame(columns, geometry=areas, crs=crs)
-        return VectorLayer(name, title, "", frame, {}, style=style)
+        layers[name] = VectorLayer(name, title, "", frame, {}, style=style)
 
+    layers: dict[str, VectorLayer] = {}
     levels = preset().levels
     spans = zip(preset().intensities, energy_labels(preset()), strict=True)
     intensities = [(c.code, f"{c.label} ({span})", c.colour, False) for c, span in spans]
     middle = [area.buffer(-40) for area in boxes]
-    return {
-        layer.name: layer
-        for layer in (
-            layer("uncertain", "Level not settled", uncertain_style(), [boxes[1].buffer(-60)]),
-            layer(
-                "zones",
-                "Hazard level",
-                hazard_level_style("hazard_level", levels),
-                boxes,
-                hazard_level=list(rows),
-            ),
-            layer(
-                "intensity",
-                "Intensity, 100 years",
-                zone_style("intensity_class", intensities),
-                middle[:3],
-                intensity_class=["high", "mean", "low"],
-            ),
-            layer(
-                "change",
-                "Change of level by the barriers",
-                level_change_style("change"),
-                middle[:3],
-                change=["lower", "same", "higher"],
-            ),
-        )
-    }
+    layer("uncertain", "Level not settled", uncertain_style(), [boxes[1].buffer(-60)])
+    style = hazard_level_style("hazard_level", levels)
+    layer("zones", "Hazard level", style, boxes, hazard_level=list(rows))
+    style, classes = zone_style("intensity_class", intensities), ["high", "mean", "low"]
+    layer("intensity", "Intensity, 100 years", style, middle[:3], intensity_class=classes)
+    title, style = "Change of level by the barriers", level_change_style("change")
+    layer("change", title, style, middle[:3], change=["lower", "same", "higher"])
+    return layers
 
 
 def vector_layers(crs: str | None = "EPSG:2056") -> dict[str, VectorLayer]:
@@ -217,108 +166,72 @@ def vector_layers(crs: str | None = "EPSG:2056") -> dict[str, VectorLayer]:
     ]
     stops = [Point(line.coords[-1]) for line in lines]
 
-    def frame(geometry: list, **columns: list) -> gpd.GeoDataFrame:
-        return gpd.GeoDataFrame(columns, geometry=geometry, crs=crs)
+    def frame(geometry: list, **columns: Any) -> gpd.GeoDataFrame:
+        return gpd.GeoDataFrame(columns, geometry=gpd.GeoSeries(geometry, crs=crs), crs=crs)
 
     name = {"name": FieldInfo("Name", "", "As in the configuration")}
+    wall = LineString([(WEST + 350, NORTH - 500), (WEST + 650, NORTH - 500)])
+    cliff = box(WEST + 420, NORTH - 110, WEST + 580, NORTH - 60)
+    rest = box(WEST + 20, NORTH - 780, WEST + 250, NORTH - 600)
+    station = Symbol("marker", "#ffffff", outline="#08519c", shape="diamond")
+    hatched = Symbol("fill", "#ffcc00", outline="#aa8800", outline_mm=0.4, hatch="diagonal")
+    reasons = {
+        "rest": ("At rest", "#1a1a1a"),
+        "barrier": ("At a barrier", "#1b9e77"),
+        "left_profile": ("Left the profile", "#d95f02"),
+    }
+    energies = zip(
+        class_limits((30, 300)), class_labels((30, 300), "kJ"), class_colours((30, 300), "plasma"),
+        strict=True,
+    )  # fmt: skip
+    classes = tuple(
+        StyleClass(label, Symbol("line", colour, size_mm=0.8), lower=low, upper=high)
+        for (low, high), label, colour in energies
+    )
     layers = [
         VectorLayer(
-            "barriers",
-            "Barriers",
-            "Walls and nets",
-            frame(
-                [LineString([(WEST + 350, NORTH - 500), (WEST + 650, NORTH - 500)])],
-                name=["Dam & net <A>"],
-                kind=["wall"],
-                height_m=[4.0],
-            ),
+            "barriers", "Barriers", "Walls and nets",
+            frame([wall], name=["Dam & net <A>"], kind=["wall"], height_m=[4.0]),
             {**name, "height_m": FieldInfo("Height", "m", "Vertical, above the ground")},
             style=BARRIER_STYLE,
         ),
         VectorLayer(
-            "stations",
-            "Stations",
-            "Where passages are recorded",
+            "stations", "Stations", "Where passages are recorded",
             frame([Point(WEST + 500, NORTH - 400)], name=["Road"], n=[12]),
-            {**name, "n": FieldInfo("Passages")},
-            style=VectorStyle(
-                Symbol("marker", "#ffffff", outline="#08519c", shape="diamond"), label_column="name"
-            ),
+            {**name, "n": FieldInfo("Passages")}, style=VectorStyle(station, label_column="name"),
         ),
         VectorLayer(
-            "stops",
-            "Stops",
-            "Where rocks came to rest",
+            "stops", "Stops", "Where rocks came to rest",
             frame(stops, reason=["rest", "rest", "barrier", "left_profile", "rest"]),
             {"reason": FieldInfo("Reason of stop")},
-            style=categorised_style(
-                STOP_STYLE.symbol,
-                "reason",
-                {
-                    "rest": ("At rest", "#1a1a1a"),
-                    "barrier": ("At a barrier", "#1b9e77"),
-                    "left_profile": ("Left the profile", "#d95f02"),
-                },
-            ),
+            style=categorised_style(STOP_STYLE.symbol, "reason", reasons),
         ),
         VectorLayer(
-            "fall_lines",
-            "Fall lines: furthest rock (kJ)",
-            "Plan of the profiles",
+            "fall_lines", "Fall lines: furthest rock (kJ)", "Plan of the profiles",
             frame(lines, energy_kj=[10.0, 30.0, 120.0, 300.0, 800.0]),
             {"energy_kj": FieldInfo("Greatest energy", "kJ", "Translation and rotation")},
             style=VectorStyle(
-                Symbol("line", "#000000", size_mm=0.8),
-                method="ranges",
-                column="energy_kj",
-                classes=tuple(
-                    StyleClass(label, Symbol("line", colour, size_mm=0.8), lower=low, upper=high)
-                    for (low, high), label, colour in zip(
-                        class_limits((30, 300)),
-                        class_labels((30, 300), "kJ"),
-                        class_colours((30, 300), "plasma"),
-                        strict=True,
-                    )
-                ),
+                Symbol("line", "#000000", size_mm=0.8), method="ranges", column="energy_kj",
+                classes=classes,
             ),
         ),
         VectorLayer(
-            "release_points",
-            "Release points",
-            "",
-            frame([Point(WEST + 500, NORTH - 90)], point=[0]),
-            {},
-            style=RELEASE_POINT_STYLE,
+            "release_points", "Release points", "",
+            frame([Point(WEST + 500, NORTH - 90)], point=[0]), {}, style=RELEASE_POINT_STYLE,
         ),
         VectorLayer(
-            "release_areas",
-            "Release areas",
-            "",
-            frame([box(WEST + 420, NORTH - 110, WEST + 580, NORTH - 60)], name=["Cliff"]),
-            name,
+            "release_areas", "Release areas", "", frame([cliff], name=["Cliff"]), name,
             style=RELEASE_AREA_STYLE,
         ),
         VectorLayer(
-            "residual",
-            "Residual (hatched)",
-            "",
-            frame([box(WEST + 20, NORTH - 780, WEST + 250, NORTH - 600)], level=["residual"]),
-            {},
-            style=VectorStyle(
-                Symbol("fill", "#ffcc00", outline="#aa8800", outline_mm=0.4, hatch="diagonal")
-            ),
+            "residual", "Residual (hatched)", "", frame([rest], level=["residual"]), {},
+            style=VectorStyle(hatched),
         ),
         VectorLayer(
-            "empty_lines",
-            "Nothing here",
-            "No line was traced",
-            gpd.GeoDataFrame(
-                {"length_m": np.zeros(0)}, geometry=gpd.GeoSeries([], crs=crs), crs=crs
-            ),
-            {"length_m": FieldInfo("Length", "m")},
-            style=FALL_LINE_STYLE,
+            "empty_lines", "Nothing here", "No line was traced", frame([], length_m=np.zeros(0)),
+            {"length_m": FieldInfo("Length", "m")}, style=FALL_LINE_STYLE,
         ),
-    ]
+    ]  # fmt: skip
     return {layer.name: layer for layer in layers}
 
 
@@ -333,31 +246,21 @@ NOTES = (
 )
 LAYOUTS = (
     PrintLayout(
-        "Hazard level",
-        "Rockfall hazard: made-up slope",
-        "Worst level of all return periods",
+        "Hazard level", "Rockfall hazard: made-up slope", "Worst level of all return periods",
         (
-            "vector_barriers",
-            "vector_release_areas",
-            "vector_uncertain",
-            "vector_zones",
+            "vector_barriers", "vector_release_areas", "vector_uncertain", "vector_zones",
             "raster_terrain",
         ),
-        EXTENT,
-        FACTS,
-        NOTES,
+        EXTENT, FACTS, NOTES,
     ),
     PrintLayout(
         "Intensity & cells",
         "Intensity and levels of single cells, in a title that needs more than one line",
         "",
         ("vector_intensity", "raster_level", "raster_reach", "raster_energy", "raster_terrain"),
-        EXTENT,
-        FACTS,
-        (),
-        "A4",
+        EXTENT, FACTS, (), "A4",
     ),
-)
+)  # fmt: skip
 
 
 def make(folder: Path, *, local: bool = False) -> Made:
@@ -372,41 +275,28 @@ def make(folder: Path, *, local: bool = False) -> Made:
         [*vectors.values(), *zones.values()],
         {"seed": 1, "ref_width_m": 3.0},
     )
+
+    def of_result(layer: VectorLayer, *, visible: bool = True) -> LayerEntry:
+        return LayerEntry(layer, "result.gpkg", visible=visible)
+
+    hidden = {name: of_result(layer, visible=False) for name, layer in zones.items()}
+    tif = {
+        stem: LayerEntry(layer, f"maps/{stem}.tif", visible=stem in ("energy", "terrain"))
+        for stem, layer in maps.items()
+    }
+    intensity = LayerGroup(
+        "Intensity maps", (hidden.pop("intensity"),), exclusive=True, expanded=False
+    )
+    terrain = tif.pop("terrain")
     project = write_project(
         folder / "project.qgz",
         title="Made-up slope – Ü & <test>",
         crs=dem.crs,
         groups=[
-            LayerGroup(
-                "Fall lines and stops",
-                tuple(LayerEntry(layer, "result.gpkg") for layer in vectors.values()),
-            ),
-            LayerGroup(
-                "Hazard",
-                (
-                    *(
-                        LayerEntry(zones[name], "result.gpkg", visible=False)
-                        for name in ("uncertain", "zones", "change")
-                    ),
-                    LayerGroup(
-                        "Intensity maps",
-                        (LayerEntry(zones["intensity"], "result.gpkg", visible=False),),
-                        exclusive=True,
-                        expanded=False,
-                    ),
-                ),
-            ),
-            LayerGroup(
-                "Maps",
-                (
-                    LayerEntry(maps["energy"], "maps/energy.tif"),
-                    LayerEntry(maps["reach"], "maps/reach.tif", visible=False),
-                    LayerEntry(maps["height"], "maps/height.tif", visible=False),
-                    LayerEntry(maps["level"], "maps/level.tif", visible=False),
-                ),
-                exclusive=True,
-            ),
-            LayerGroup("Terrain", (LayerEntry(maps["terrain"], "maps/terrain.tif"),)),
+            LayerGroup("Fall lines and stops", tuple(map(of_result, vectors.values()))),
+            LayerGroup("Hazard", (*hidden.values(), intensity)),
+            LayerGroup("Maps", tuple(tif.values()), exclusive=True),
+            LayerGroup("Terrain", (terrain,)),
         ],
         extent=EXTENT,
         abstract="Nothing real.",
