@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
 from sassgis.model.grid import FloatArray, Grid
-from sassgis.model.profiles import ReleasePoints
+from sassgis.model.profiles import ReleasePoints, TraceSet
 
 Heights = Callable[[FloatArray, FloatArray], FloatArray]
 
@@ -34,12 +35,22 @@ def middle(grid: Grid) -> tuple[float, float]:
 
 def points_at(x: object, y: object) -> ReleasePoints:
     xs, ys = np.atleast_1d(np.asarray(x, np.float64)), np.atleast_1d(np.asarray(y, np.float64))
-    return ReleasePoints(
-        x=xs,
-        y=ys,
-        area=np.zeros(xs.size, np.int64),
-        key=np.arange(xs.size, dtype=np.uint64),
-        area_names=("a",),
+    keys = np.arange(xs.size, dtype=np.uint64)
+    return ReleasePoints(xs, ys, np.zeros(xs.size, np.int64), keys, ("a",))
+
+
+def polyline(*lines: Any) -> TraceSet:
+    """Traces through given points."""
+    xy = [np.asarray(one, np.float64) for one in lines]
+    s = [np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(one, axis=0).T))]) for one in xy]
+    n = len(xy)
+    return TraceSet(
+        offset=np.cumsum([0, *map(len, xy)]),
+        x=np.concatenate(xy)[:, 0].copy(),
+        y=np.concatenate(xy)[:, 1].copy(),
+        s=np.concatenate(s),
+        point=np.arange(n, dtype=np.int64),
+        end=np.zeros(n, np.uint8),
     )
 
 

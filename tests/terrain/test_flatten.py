@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import shapely
-from helpers.terrains import grid_of, middle, points_at, rough
+from helpers.terrains import grid_of, middle, points_at, polyline, rough
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -21,21 +21,6 @@ from sassgis.terrain.flatten import (
 )
 
 pytestmark = pytest.mark.kernels
-
-
-def polyline(*lines: list[tuple[float, float]]) -> TraceSet:
-    """Traces through given points."""
-    xy = [np.array(one, np.float64) for one in lines]
-    s = [np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(one, axis=0).T))]) for one in xy]
-    n = len(xy)
-    return TraceSet(
-        offset=np.concatenate([[0], np.cumsum([len(one) for one in xy])]).astype(np.int64),
-        x=np.concatenate(xy)[:, 0].copy(),
-        y=np.concatenate(xy)[:, 1].copy(),
-        s=np.concatenate(s),
-        point=np.arange(n, dtype=np.int64),
-        end=np.zeros(n, np.uint8),
-    )
 
 
 @pytest.fixture(scope="module")

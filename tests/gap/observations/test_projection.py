@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 from helpers.observed_slope import NORTH, WEST, at, ground
+from helpers.terrains import polyline
 
 from sassgis.gap.observations.observed import Observations
 from sassgis.gap.observations.projection import (
@@ -19,7 +20,6 @@ from sassgis.gap.observations.projection import (
 from sassgis.gap.observations.tables import Stations
 from sassgis.io.read.observation_files import read_observations
 from sassgis.model.grid import Grid
-from sassgis.model.profiles import TraceSet
 from sassgis.model.settings import TerrainSettings
 from sassgis.terrain.fall_lines import fall_line_surface, trace
 from sassgis.terrain.heights import heights_at
@@ -32,21 +32,6 @@ MIDDLE = WEST + 100.0
 def traced(grid, points):
     settings = TerrainSettings()
     return trace(grid, fall_line_surface(grid, settings), points, settings)
-
-
-def straight(*lines):
-    """Traces of given corners."""
-    xy = [np.asarray(line, float) for line in lines]
-    s = [np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(p, axis=0).T))]) for p in xy]
-    n = len(xy)
-    return TraceSet(
-        offset=np.cumsum([0, *(len(p) for p in xy)]),
-        x=np.concatenate(xy)[:, 0],
-        y=np.concatenate(xy)[:, 1],
-        s=np.concatenate(s),
-        point=np.arange(n),
-        end=np.zeros(n, np.uint8),
-    )
 
 
 @pytest.fixture
@@ -86,7 +71,7 @@ def test_height_is_that_above_the_ground_below_the_point():
     """On a slope that also falls sideways, the ground under the line would be wrong."""
     x = (np.arange(60) + 0.5) * 2.0
     grid = Grid(np.repeat((100.0 - 0.5 * x)[None, :], 60, axis=0), 0.0, 120.0, 2.0)
-    traces = straight([(60.0, 100.0), (60.0, 20.0)])
+    traces = polyline([(60.0, 100.0), (60.0, 20.0)])
     found = project(
         traces, np.array([0]), np.array([70.0]), np.array([60.0]), np.array([67.0]), grid=grid
     )
@@ -96,7 +81,7 @@ def test_height_is_that_above_the_ground_below_the_point():
 
 
 def test_sign_of_the_side_and_chainage_round_a_corner():
-    traces = straight([(0.0, 0.0), (10.0, 0.0), (10.0, -10.0)])
+    traces = polyline([(0.0, 0.0), (10.0, 0.0), (10.0, -10.0)])
     x, y = np.array([4.0, 4.0, 12.0, 8.0]), np.array([-2.0, 3.0, -5.0, -5.0])
     found = project(traces, np.zeros(4, int), x, y)
     np.testing.assert_allclose(found.s, [4.0, 4.0, 15.0, 15.0])
@@ -105,7 +90,7 @@ def test_sign_of_the_side_and_chainage_round_a_corner():
 
 
 def test_beyond_the_ends_is_said():
-    traces = straight([(0.0, 0.0), (10.0, 0.0)], [(5.0, 5.0)])
+    traces = polyline([(0.0, 0.0), (10.0, 0.0)], [(5.0, 5.0)])
     x = np.array([-2.0, 5.0, 12.0, 10.0, np.nan, 3.0])
     found = project(traces, np.array([0, 0, 0, 0, 0, 1]), x, np.zeros(6))
     assert found.beyond.tolist() == [-1, 0, 1, 0, 0, 0]
@@ -126,7 +111,7 @@ def test_rocks_without_a_release_point_have_no_line(observed, slope):
 
 def test_nearest_lines_are_those_of_brute_force():
     rng = np.random.default_rng(0)
-    traces = straight(*(np.cumsum(rng.normal(size=(6, 2)), axis=0) * 5 for _ in range(7)))
+    traces = polyline(*(np.cumsum(rng.normal(size=(6, 2)), axis=0) * 5 for _ in range(7)))
     x, y = rng.normal(size=(2, 40)) * 15
     x[3] = np.nan
     found = nearest_lines(traces, x, y)
@@ -150,7 +135,7 @@ def test_stations_on_lines(observed, slope):
 
 
 def test_stations_that_a_line_misses_or_crosses_twice():
-    traces = straight([(0.0, 0.0), (0.0, -50.0)], [(30.0, 0.0), (30.0, -50.0)])
+    traces = polyline([(0.0, 0.0), (0.0, -50.0)], [(30.0, 0.0), (30.0, -50.0)])
     stations = Stations.of(
         station=["none", "short", "bent"],
         vertices=[
