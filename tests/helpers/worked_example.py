@@ -31,20 +31,12 @@ def vulnerability() -> Vulnerability:
 
 HOUSE = ExposedObject("house", "building", value=600_000.0, persons=4.0, presence=0.5)
 ROAD = ExposedObject(
-    "road 0+000–0+050",
-    "road",
-    parent="road",
-    value_per_m=2000.0,
-    length_m=50.0,
+    "road 0+000–0+050", "road", parent="road", value_per_m=2000.0, length_m=50.0,
     traffic=Traffic(
-        traffic_per_day=4800.0,
-        speed_kmh=60.0,
-        vehicle_length_m=5.0,
-        persons_per_vehicle=1.5,
-        vehicle_value=30_000.0,
-        trips_per_day=2.0,
+        traffic_per_day=4800.0, speed_kmh=60.0, vehicle_length_m=5.0, persons_per_vehicle=1.5,
+        vehicle_value=30_000.0, trips_per_day=2.0,
     ),
-)
+)  # fmt: skip
 SOURCES = (
     Source("cliff", "frequent", 0.5, 1000, 50, block_width_m=1.0),
     Source("cliff", "rare", 0.1, 500, 50, block_width_m=2.0),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import logging
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 import shapely
 from helpers.exposed_objects import read_objects
+from helpers.one_line import one_line
 from helpers.worked_example import HOUSE, ROAD, vulnerability
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -27,43 +29,25 @@ from sassgis.model.exposure import PlacedObjects, Traffic, Vulnerability
 from sassgis.model.grid import Grid
 
 TRAFFIC = {
-    "traffic_per_day": 2000.0,
-    "speed_kmh": 50.0,
-    "vehicle_length_m": 5.0,
+    "traffic_per_day": 2000.0, "speed_kmh": 50.0, "vehicle_length_m": 5.0,
     "persons_per_vehicle": 1.5,
-}
+}  # fmt: skip
 BEND = LineString([(20, 40), (150, 55), (170, 130), (340, 160)])
 CODES = ("low", "mean", "high")
 
 
-def refused(call, *words):
-    with pytest.raises(InputError) as caught:
-        call()
-    text = str(caught.value)
-    assert "\n" not in text
-    for word in words:
-        assert word in text, text
+TWO_HOUSES = [box(20, 20, 32, 30), box(50, 20, 62, 30)]
 
 
 # --- what is read -----------------------------------------------------------------------------
 
 
 def test_buildings_with_their_numbers(layer, grid):
-    path = layer(
-        [box(20, 20, 32, 30), box(50, 20, 62, 30)],
-        house=["A", "B"],
-        chf=[500_000, 800_000],
-        people=[3.0, 12.0],
-    )
+    path = layer(TWO_HOUSES, house=["A", "B"], chf=[500_000, 800_000], people=[3.0, 12.0])
     placed = read_objects(
-        path,
-        grid,
-        kind="building",
-        name="houses",
-        name_field="house",
-        fields={"value": "chf", "persons": "people"},
-        defaults={"presence": 0.6},
-    )
+        path, grid, kind="building", name="houses", name_field="house",
+        fields={"value": "chf", "persons": "people"}, defaults={"presence": 0.6},
+    )  # fmt: skip
     a, b = placed.objects
     assert (a.name, a.kind, a.value, a.persons, a.presence) == ("A", "building", 5e5, 3.0, 0.6)
     assert (b.name, b.value, b.persons) == ("B", 8e5, 12.0)
@@ -71,7 +55,7 @@ def test_buildings_with_their_numbers(layer, grid):
 
 
 def test_an_empty_attribute_takes_the_default(layer, grid):
-    path = layer([box(20, 20, 32, 30), box(50, 20, 62, 30)], chf=[500_000.0, None])
+    path = layer(TWO_HOUSES, chf=[500_000.0, None])
     placed = read_objects(
         path, grid, kind="building", fields={"value": "chf"}, defaults={"value": 1.0}
     )
@@ -135,21 +119,14 @@ def test_more_stretches_than_a_road_can_have_are_refused_at_once(layer, grid):
 
 def test_stretches_have_names_by_chainage_and_the_numbers_of_the_road(layer, grid):
     path = layer([LineString([(10, 50), (210, 50)])], nr=["Via"], dtv=[3500])
+    numbers = {**TRAFFIC, "traffic_per_day": None, "value_per_m": 3000.0}
     placed = read_objects(
-        path,
-        grid,
-        kind="road",
-        name="road",
-        name_field="nr",
-        fields={"traffic_per_day": "dtv"},
-        defaults={**TRAFFIC, "traffic_per_day": None, "value_per_m": 3000.0},
-    )
-    assert [o.name for o in placed.objects] == [
-        "Via 0+000–0+050",
-        "Via 0+050–0+100",
-        "Via 0+100–0+150",
-        "Via 0+150–0+200",
-    ]
+        path, grid, kind="road", name="road", name_field="nr", fields={"traffic_per_day": "dtv"},
+        defaults=numbers,
+    )  # fmt: skip
+    ends = ["0+000", "0+050", "0+100", "0+150", "0+200"]
+    names = [f"Via {a}–{b}" for a, b in itertools.pairwise(ends)]
+    assert [o.name for o in placed.objects] == names
     for thing in placed.objects:
         assert thing.parent == thing.whole == "Via"
         assert thing.traffic == Traffic(3500.0, 50.0, 5.0, 1.5)
@@ -255,36 +232,32 @@ def test_what_lies_beyond_the_map_has_no_cells(grid):
 
 
 def test_missing_and_unusable_numbers(layer, grid):
-    houses = [box(20, 20, 32, 30), box(50, 20, 62, 30)]
-    path = layer(houses, house=["A", "B"], chf=[1.0, None], men=[2.0, -3.0], share=[0.5, 1.5])
+    path = layer(TWO_HOUSES, house=["A", "B"], chf=[1.0, None], men=[2.0, -3.0], share=[0.5, 1.5])
 
-    def read(**fields):
-        return lambda: read_objects(
-            path, grid, kind="building", name="h", name_field="house", fields=fields
-        )
+    def refused(*words, **fields):
+        with one_line(InputError, *words):
+            read_objects(path, grid, kind="building", name="h", name_field="house", fields=fields)
 
-    refused(
-        read(value="chf"), "objects.gpkg: chf", "feature 2 (B) has no value", "objects[h].value"
-    )
-    refused(read(persons="men"), "men: feature 2 (B): is out of range", "found -3", "0 or more")
-    refused(read(presence="share"), "share: feature 2 (B)", "found 1.5", "at most 1")
-    refused(read(value="chff"), "objects[h].value_field: attribute not found", "nearest: chf")
-    refused(read(value="house"), "house: feature 1 (A): is not a number", "'A'")
-    refused(read(speed_kmh="chf"), "objects[h].speed_kmh: does not go with kind building")
+    words = ["objects.gpkg: chf", "feature 2 (B) has no value", "objects[h].value"]
+    refused(*words, value="chf")
+    refused("men: feature 2 (B): is out of range", "found -3", "0 or more", persons="men")
+    refused("share: feature 2 (B)", "found 1.5", "at most 1", presence="share")
+    refused("objects[h].value_field: attribute not found", "nearest: chf", value="chff")
+    refused("house: feature 1 (A): is not a number", "'A'", value="house")
+    refused("objects[h].speed_kmh: does not go with kind building", speed_kmh="chf")
 
 
 def test_names_that_repeat(layer, grid):
-    path = layer([box(20, 20, 32, 30), box(50, 20, 62, 30)], house=["A", "A"])
-    refused(
-        lambda: read_objects(path, grid, kind="building", name="h", name_field="house"),
-        "house: name is used twice",
-        "'A' in features 1 and 2",
-        "objects[h].name_field",
-    )
+    path = layer(TWO_HOUSES, house=["A", "A"])
+    words = ["house: name is used twice", "'A' in features 1 and 2", "objects[h].name_field"]
+    with one_line(InputError, *words):
+        read_objects(path, grid, kind="building", name="h", name_field="house")
     road = read_objects(layer([BEND], "r.gpkg"), grid, kind="road", name="x")
     house = read_objects(layer([box(9, 9, 12, 12)], "h.gpkg"), grid, kind="building", name="x")
-    refused(lambda: joined_objects([road, house], Path("c.toml")), "c.toml: objects", "'x'")
-    refused(lambda: joined_objects([road, road]), "used twice")
+    with one_line(InputError, "c.toml: objects", "'x'"):
+        joined_objects([road, house], Path("c.toml"))
+    with one_line(InputError, "used twice"):
+        joined_objects([road, road])
     assert len(joined_objects([road, replace(house, objects=(HOUSE,))])) == len(road) + 1
 
 
@@ -297,20 +270,15 @@ def test_names_that_repeat(layer, grid):
     ],
 )
 def test_the_wrong_kind_of_geometry(layer, grid, kind, shape, found):
-    refused(
-        lambda: read_objects(layer([shape]), grid, kind=kind, name="o"),
-        "objects[o].file: feature 1 is of the wrong kind",
-        f"found {found}",
-    )
+    words = ["objects[o].file: feature 1 is of the wrong kind", f"found {found}"]
+    with one_line(InputError, *words):
+        read_objects(layer([shape]), grid, kind=kind, name="o")
 
 
 def test_objects_outside_the_map(layer, grid, caplog):
     path = layer([box(20, 20, 32, 30), box(500, 20, 512, 30)], house=["A", "B"])
-    refused(
-        lambda: read_objects(path, grid, kind="building", name="h", name_field="house"),
-        "objects[h].file: feature 2 (B) lies outside the DEM",
-        "x 2700500",
-    )
+    with one_line(InputError, "objects[h].file: feature 2 (B) lies outside the DEM", "x 2700500"):
+        read_objects(path, grid, kind="building", name="h", name_field="house")
     with caplog.at_level(logging.WARNING, "sassgis.io"):
         read_objects(layer([box(-5, 20, 15, 30)], "p.gpkg"), grid, kind="building", name="hut")
     assert "25.0 % of it lies outside the DEM" in caplog.text
@@ -318,37 +286,29 @@ def test_objects_outside_the_map(layer, grid, caplog):
 
 def test_a_system_that_does_not_fit(layer, grid):
     path = layer([translate(box(20, 20, 32, 30), 200_000, 0)])
-    refused(lambda: read_objects(path, grid, kind="building", name="h"), "lies outside the DEM")
-    bare = replace(grid, crs="")
-    refused(
-        lambda: read_objects(path, bare, kind="building", name="h"),
-        "has a coordinate system, yet the DEM is in local coordinates",
-    )
+    local = "has a coordinate system, yet the DEM is in local coordinates"
+    for own, words in ((grid, "lies outside the DEM"), (replace(grid, crs=""), local)):
+        with one_line(InputError, words):
+            read_objects(path, own, kind="building", name="h")
 
 
 def test_traffic_that_is_half_stated_or_too_much(layer, grid):
     path = layer([BEND])
 
-    def read(**defaults):
-        return lambda: read_objects(path, grid, kind="road", name="r", defaults=defaults)
+    def refused(*words, **defaults):
+        with one_line(InputError, *words):
+            read_objects(path, grid, kind="road", name="r", defaults=defaults)
 
-    refused(read(traffic_per_day=100.0), "objects[r].speed_kmh", "not all of its numbers")
-    refused(read(speed_kmh=50.0), "objects[r].traffic_per_day", "nothing says how many")
-    refused(read(**{**TRAFFIC, "speed_kmh": 0.0}), "speed_kmh", "above 0")
-    refused(
-        read(**{**TRAFFIC, "traffic_per_day": 600_000.0}),
-        "more vehicles than fit on the road",
-        "2.5 m of vehicles on each metre",
-    )
+    refused("objects[r].speed_kmh", "not all of its numbers", traffic_per_day=100.0)
+    refused("objects[r].traffic_per_day", "nothing says how many", speed_kmh=50.0)
+    refused("speed_kmh", "above 0", **{**TRAFFIC, "speed_kmh": 0.0})
+    words = ["more vehicles than fit on the road", "2.5 m of vehicles on each metre"]
+    refused(*words, **{**TRAFFIC, "traffic_per_day": 600_000.0})
 
 
 def test_stretches_shorter_than_cells_allow(layer, grid):
-    refused(
-        lambda: read_objects(layer([BEND]), grid, kind="road", name="r", segment_m=5.0),
-        "objects[r].segment_m",
-        "found 5",
-        "6 m or more (3 cells)",
-    )
+    with one_line(InputError, "objects[r].segment_m", "found 5", "6 m or more (3 cells)"):
+        read_objects(layer([BEND]), grid, kind="road", name="r", segment_m=5.0)
 
 
 def test_what_deserves_a_look(layer, grid, caplog):
@@ -367,24 +327,22 @@ HEAD = "kind,intensity,vulnerability,lethality,source\n"
 ROWS = "building,low,0.01,0,test\nbuilding,mean,0.1,0.01,test\nbuilding,high,0.5,0.2,test\n"
 
 
-def table(tmp_path, text):
+def read_table(tmp_path, text):
     path = tmp_path / "v.csv"
     path.write_text(text, encoding="utf-8")
-    return lambda: read_vulnerability(path, CODES)
+    return read_vulnerability(path, CODES)
 
 
 def test_a_table_of_vulnerability(tmp_path):
-    read = table(tmp_path, HEAD + ROWS)()
+    read = read_table(tmp_path, HEAD + ROWS)
     assert read.kinds == ("building",)
     assert [r.vulnerability for r in read.of("building")] == [0.01, 0.1, 0.5]
     assert [r.lethality for r in read.of("building")] == [0.0, 0.01, 0.2]
     mixed = HEAD + "\n".join(reversed(ROWS.split()))
-    assert table(tmp_path, mixed)().of("building") == read.of("building")
-
-
-def test_a_table_from_a_spreadsheet(tmp_path):
+    assert read_table(tmp_path, mixed).of("building") == read.of("building")
+    # From a spreadsheet with decimal commas.
     text = (HEAD + ROWS).replace(",", ";").replace("0.1", "0,1")
-    assert table(tmp_path, text)().of("building")[1].vulnerability == 0.1
+    assert read_table(tmp_path, text).of("building")[1].vulnerability == 0.1
 
 
 @pytest.mark.parametrize(
@@ -406,12 +364,13 @@ def test_a_table_from_a_spreadsheet(tmp_path):
 )
 def test_tables_that_cannot_be_used(tmp_path, old, new, words):
     assert old in HEAD + ROWS
-    refused(table(tmp_path, (HEAD + ROWS).replace(old, new, 1)), "v.csv", *words)
+    with one_line(InputError, "v.csv", *words):
+        read_table(tmp_path, (HEAD + ROWS).replace(old, new, 1))
 
 
 def test_vulnerability_that_falls_is_told(tmp_path, caplog):
     with caplog.at_level(logging.WARNING, "sassgis.io"):
-        table(tmp_path, (HEAD + ROWS).replace("high,0.5", "high,0.05"))()
+        read_table(tmp_path, (HEAD + ROWS).replace("high,0.5", "high,0.05"))
     assert "vulnerability of kind building falls from 0.1 at mean to 0.05 at high" in caplog.text
 
 
@@ -420,7 +379,8 @@ def test_kinds_that_objects_need():
     whole.check_covers([HOUSE, ROAD])
     part = Vulnerability(CODES, tuple(r for r in whole.rows if r.kind == "building"), "v.csv")
     part.check_covers([HOUSE])
-    refused(lambda: part.check_covers([HOUSE, ROAD]), "v.csv: kind", "expected road as well")
+    with one_line(InputError, "v.csv: kind", "expected road as well"):
+        part.check_covers([HOUSE, ROAD])
 
 
 @pytest.mark.parametrize(
@@ -434,4 +394,5 @@ def test_kinds_that_objects_need():
     ],
 )
 def test_objects_that_cannot_be(change, words):
-    refused(lambda: replace(HOUSE, **change), *words)
+    with one_line(InputError, *words):
+        replace(HOUSE, **change)

@@ -190,17 +190,9 @@ def tables(draw) -> RiskTable:
         objects.append(thing)
     sources, rows = [], []
     for s in range(n_sources):
-        sources.append(
-            Source(
-                f"area {s % 2}",
-                f"blocks {s}",
-                draw(st.floats(1e-4, 10.0)),
-                200,
-                10,
-                random_points=draw(st.booleans()),
-                block_width_m=draw(st.floats(0.1, 3.0)),
-            )
-        )
+        rate, width = draw(st.floats(1e-4, 10.0)), draw(st.floats(0.1, 3.0))
+        own = {"random_points": draw(st.booleans()), "block_width_m": width}
+        sources.append(Source(f"area {s % 2}", f"blocks {s}", rate, 200, 10, **own))
         count = [
             sorted(draw(st.lists(st.integers(0, 200), min_size=3, max_size=3)), reverse=True)
             for _ in objects
@@ -213,20 +205,11 @@ def tables(draw) -> RiskTable:
 @settings(max_examples=60, deadline=None)
 def test_totals_are_the_exact_sums_of_their_rows(table):
     rows = object_rows(table)
+    sources = [r | {"source": f"{r['area']} / {r['scenario']}"} for r in source_rows(table)]
     for total in total_rows(table):
-        match total["scope"]:
-            case "all":
-                own = rows
-            case "kind":
-                own = [r for r in rows if r["kind"] == total["name"]]
-            case "whole":
-                own = [r for r in rows if r["part_of"] == total["name"]]
-            case "source":
-                own = [
-                    r
-                    for r in source_rows(table)
-                    if f"{r['area']} / {r['scenario']}" == total["name"]
-                ]
+        scope, name = total["scope"], total["name"]
+        column = "part_of" if scope == "whole" else scope
+        own = [r for r in (sources if scope == "source" else rows) if r.get(column, name) == name]
         for q in ADDITIVE:
             column = f"{q}_per_year"
             assert total[column] == math.fsum(float(r[column]) for r in own), (total["name"], q)
@@ -263,17 +246,9 @@ def test_one_user_passes_all_stretches_of_a_road():
     road = next(t for t in risk_totals(both) if t.scope == "whole")
     assert road.name == "road" and road.objects == 2
     assert road.individual_risk == close(2 * 2.0 / 24.0 * 2.25e-7)
-    house = next(
-        t
-        for t in risk_totals(
-            assessed(
-                (HOUSE, replace(HOUSE, name="another")),
-                SOURCES[:1],
-                [counts([0, 1], [[20, 8, 2], [20, 8, 2]])],
-            )
-        )
-        if t.scope == "all"
-    )
+    houses = (HOUSE, replace(HOUSE, name="another"))
+    both = assessed(houses, SOURCES[:1], [counts([0, 1], [[20, 8, 2], [20, 8, 2]])])
+    house = next(t for t in risk_totals(both) if t.scope == "all")
     # Nobody lives in two houses.
     assert house.individual_risk == close(1.15e-4)
 
