@@ -11,10 +11,19 @@ import geopandas as gpd
 import numpy as np
 import pytest
 import rasterio
+import shapely
 from affine import Affine
 
 LV95 = "EPSG:2056"
 WEST, NORTH = 2_700_000.0, 1_150_000.0
+ONE_BLOCK = '[[blocks]]\nname = "large"\naxis_1_m = 0.5\naxis_2_m = 0.5\naxis_3_m = 0.5\n'
+#: The least that a run on a map must say.
+MAP_RUN = f'[terrain]\ndem = "dem.tif"\n[release]\nfile = "release.gpkg"\n{ONE_BLOCK}'
+
+
+def at(x0: float, y0: float, x1: float, y1: float) -> shapely.Polygon:
+    """Rectangle in metres from the north-western corner of the DEM, y downwards."""
+    return shapely.box(WEST + x0, NORTH - y1, WEST + x1, NORTH - y0)
 
 
 @pytest.fixture

@@ -220,11 +220,6 @@ def test_missing_blocks(load):
         load(MINIMAL[: MINIMAL.index("[[blocks]]")])
 
 
-def test_missing_file(tmp_path):
-    with one_line(ConfigError, "none.toml", "file not found"):
-        load_config(tmp_path / "none.toml")
-
-
 @pytest.mark.parametrize(
     ("content", "words"),
     [

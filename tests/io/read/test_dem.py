@@ -219,10 +219,6 @@ def _refused(path, *words, **options):
         read_dem(path, **options)
 
 
-def test_missing_file(tmp_path):
-    _refused(tmp_path / "none.tif", "terrain.dem", "file not found", "expected")
-
-
 def test_file_that_is_no_raster(tmp_path):
     path = tmp_path / "dem.tif"
     path.write_text("x y z\n1 2 3\n")

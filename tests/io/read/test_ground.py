@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from affine import Affine
+from helpers.input_files import NORTH, ONE_BLOCK, WEST, at
 from helpers.one_line import one_line
 from helpers.sections import section_of
 from hypothesis import given
 from hypothesis import strategies as st
-from shapely import box
 
 from sassgis.io.read.config import load_config
 from sassgis.io.read.ground_map import built_in_table, ground_raster, read_ground_table
@@ -18,7 +18,6 @@ from sassgis.model.errors import InputError
 from sassgis.model.ground import GroundClass
 from sassgis.model.settings import GroundSettings
 
-WEST, NORTH = 2_700_000.0, 1_150_000.0
 HEADER = (
     "name,eta_max,dp_min,dp_max,mu_f,mu_0,k,d_star_m,restitution,restitution_speed_mps,"
     "rolling_threshold,source,trust\n"
@@ -81,20 +80,10 @@ def test_own_classes_are_added_or_replace(tmp_path):
     table = read_ground_table(path)
     assert table.names == (*built_in_table().names, "scree")
     assert table.classes[-1] == GroundClass(
-        "scree",
-        eta_max=0.5,
-        dp_min=0.1,
-        dp_max=0.4,
-        mu_f=0.8,
-        mu_0=0.5,
-        k=0.2,
-        d_star_m=0.4,
-        restitution=0.3,
-        restitution_speed_mps=9.144,
-        rolling_threshold=0.2,
-        source="measured 2020",
-        trust="fitted",
-    )
+        "scree", eta_max=0.5, dp_min=0.1, dp_max=0.4, mu_f=0.8, mu_0=0.5, k=0.2, d_star_m=0.4,
+        restitution=0.3, restitution_speed_mps=9.144, rolling_threshold=0.2,
+        source="measured 2020", trust="fitted",
+    )  # fmt: skip
     assert table.classes[table.index("rock")].eta_max == 0.8
     assert table.classes[table.index("debris")] == built_in_table().classes[1]
 
@@ -140,10 +129,7 @@ def test_numbers_come_through_unchanged(values):
 
 
 BAD_TABLES = [
-    (
-        HEADER.replace("mu_0,", "") + "a,1,0,0,1,1,1,0,9,0,s,paper\n",
-        ["row 1", "mu_0", "missing column"],
-    ),
+    (HEADER.replace("mu_0,", "") + GOOD, ["row 1", "mu_0", "missing column"]),
     (HEADER.replace("mu_0", "mu0") + GOOD, ["row 1", "mu0", "unknown", "nearest: mu_0"]),
     (HEADER.replace("restitution,", "") + GOOD, ["row 1", "restitution", "missing column"]),
     (HEADER + GOOD.replace("0.3,9", "1.2,9"), ["row 2", "restitution", "1.2", "0 to 1"]),
@@ -163,26 +149,21 @@ BAD_TABLES = [
 ]
 
 
-@pytest.mark.parametrize(("text", "words"), BAD_TABLES)
-def test_tables_that_cannot_be_used(tmp_path, text, words):
-    path = tmp_path / "own.csv"
-    path.write_text(text)
-    with one_line(InputError, "own.csv", *words):
-        read_ground_table(path)
+BAD_TOML = [
+    ("[[classes]\n", ["not valid TOML"]),
+    ("[rock]\neta_max = 1\n", ["keys rock", "[[classes]]"]),
+    ('[[classes]]\nname = "a"\n', ["class number 1", "eta_max", "missing column"]),
+]
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("[[classes]\n", ["not valid TOML"]),
-        ("[rock]\neta_max = 1\n", ["keys rock", "[[classes]]"]),
-        ('[[classes]]\nname = "a"\n', ["class number 1", "eta_max", "missing column"]),
-    ],
+    ("name", "text", "words"),
+    [*(("own.csv", *bad) for bad in BAD_TABLES), *(("own.toml", *bad) for bad in BAD_TOML)],
 )
-def test_toml_tables_that_cannot_be_used(tmp_path, text, words):
-    path = tmp_path / "own.toml"
+def test_tables_that_cannot_be_used(tmp_path, name, text, words):
+    path = tmp_path / name
     path.write_text(text)
-    with one_line(InputError, "own.toml", *words):
+    with one_line(InputError, name, *words):
         read_ground_table(path)
 
 
@@ -195,10 +176,6 @@ def test_missing_table(tmp_path):
 
 TABLE = built_in_table()
 ROCK, DEBRIS, TALUS = (TABLE.index(n) for n in ("rock", "debris", "talus"))
-
-
-def at(x0, y0, x1, y1):
-    return box(WEST + x0, NORTH - y1, WEST + x1, NORTH - y0)
 
 
 def test_default_everywhere(slope_grid):
@@ -276,10 +253,7 @@ def refused(slope_grid):
 
 def test_unknown_default_names_the_configuration(tmp_path, slope_grid):
     path = tmp_path / "run.toml"
-    path.write_text(
-        '[ground]\ndefault = "rok"\n[profile]\n'
-        '[[blocks]]\nname = "b"\naxis_1_m = 1\naxis_2_m = 1\naxis_3_m = 1\n'
-    )
+    path.write_text(f'[ground]\ndefault = "rok"\n[profile]\n{ONE_BLOCK}')
     with one_line(InputError, "run.toml", "ground.default", "'rok'"):
         ground_raster(load_config(path).ground, slope_grid, TABLE)
 
@@ -313,12 +287,11 @@ def test_missing_files(refused, tmp_path):
         (np.ones((2, 20, 30)), {}, ["several bands", "2 bands", "one band of codes"]),
         (np.ones((20, 30)), {"transform": Affine.identity()}, ["no georeference"]),
         (
-            np.ones((20, 30)),
-            {"transform": Affine(10.0, 0.0, WEST + 9e3, 0.0, -10.0, NORTH)},
+            np.ones((20, 30)), {"transform": Affine(10.0, 0.0, WEST + 9e3, 0.0, -10.0, NORTH)},
             ["no ground class on the DEM", "overlaps"],
         ),
     ],
-)
+)  # fmt: skip
 @pytest.mark.filterwarnings("ignore:The given matrix")
 def test_rasters_that_cannot_be_used(refused, code_raster, codes, options, words):
     path = code_raster(codes, **options)

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers.input_files import ONE_BLOCK
 from helpers.one_line import one_line
 
 from sassgis.io.read.config import load_config
@@ -63,21 +64,10 @@ def test_missing_file(tmp_path):
         read_profile(tmp_path / "none.csv", TABLE, "debris")
 
 
-CONFIG = """
-[profile]
-file = "p.csv"
-start_m = [0, 5]
-[[blocks]]
-name = "large"
-axis_1_m = 0.5
-axis_2_m = 0.5
-axis_3_m = 0.5
-[[barriers]]
-name = "net"
-kind = "net"
-height_m = 3
-chainage_m = 9
-"""
+CONFIG = (
+    f'[profile]\nfile = "p.csv"\nstart_m = [0, 5]\n{ONE_BLOCK}'
+    '[[barriers]]\nname = "net"\nkind = "net"\nheight_m = 3\nchainage_m = 9\n'
+)
 
 
 @pytest.mark.parametrize(

@@ -4,13 +4,12 @@ import logging
 
 import numpy as np
 import pytest
-from shapely import box
+from helpers.input_files import NORTH, ONE_BLOCK, WEST, at
 
 from sassgis.io.read.config import load_config
 from sassgis.model.errors import InputError
 from sassgis.runs.check_inputs import check_inputs
 
-WEST, NORTH = 2_700_000.0, 1_150_000.0
 TEXT = f"""
 [terrain]
 dem = "dem.tif"
@@ -22,12 +21,7 @@ spacing_m = 10
 [ground]
 file = "ground.gpkg"
 class_field = "kind"
-[[blocks]]
-name = "large"
-axis_1_m = 0.5
-axis_2_m = 0.5
-axis_3_m = 0.5
-[[stations]]
+{ONE_BLOCK}[[stations]]
 name = "road"
 line = [[{WEST + 10}, {NORTH - 150}], [{WEST + 200}, {NORTH - 150}]]
 [[barriers]]
@@ -44,8 +38,8 @@ def config(tmp_path, make_dem, make_layer):
     values = np.broadcast_to(1000.0 - 10.0 * np.arange(20.0)[:, None], (20, 30)).copy()
     values[:, 27:] = -9999.0
     make_dem(values, nodata=-9999.0)
-    make_layer([box(WEST + 10, NORTH - 60, WEST + 110, NORTH - 20)], title=["north"])
-    make_layer([box(WEST, NORTH - 100, WEST + 134, NORTH)], "ground.gpkg", kind=["talus"])
+    make_layer([at(10, 20, 110, 60)], title=["north"])
+    make_layer([at(0, 0, 134, 100)], "ground.gpkg", kind=["talus"])
     (tmp_path / "run.toml").write_text(TEXT)
     return tmp_path / "run.toml"
 
@@ -91,7 +85,7 @@ def test_lines_are_lines(config):
 def test_warnings_of_the_readers_are_in_the_report_and_the_log_stays_as_it_was(
     config, make_layer, caplog
 ):
-    outside = box(WEST + 250, NORTH - 60, WEST + 350, NORTH - 20)
+    outside = at(250, 20, 350, 60)
     make_layer([outside], crs="EPSG:2056", to="EPSG:21781", title=["east"])
     logger = logging.getLogger("sassgis.io")
     before = (logger.level, logger.propagate, list(logger.handlers))
@@ -104,7 +98,7 @@ def test_warnings_of_the_readers_are_in_the_report_and_the_log_stays_as_it_was(
 
 
 def test_errors_come_through_and_the_log_stays_as_it_was(config, make_layer):
-    make_layer([box(0, 0, 9, 9)], title=["far"])
+    make_layer([at(1000, 31, 1100, 58)], title=["far"])
     logger = logging.getLogger("sassgis.io")
     handlers = list(logger.handlers)
     with pytest.raises(InputError, match="outside the DEM"):
@@ -114,11 +108,10 @@ def test_errors_come_through_and_the_log_stays_as_it_was(config, make_layer):
 
 
 def test_profile_runs_are_checked_without_a_map(tmp_path):
-    blocks = TEXT[TEXT.index("[[blocks]]") : TEXT.index("[[stations]]")]
     path = tmp_path / "profile.toml"
     path.write_text(
         '[profile]\nfile = "p.csv"\nstart_m = [0, 5]\n'
-        f'{blocks}[[stations]]\nname = "road"\nchainage_m = 9\n'
+        f'{ONE_BLOCK}[[stations]]\nname = "road"\nchainage_m = 9\n'
     )
     (tmp_path / "p.csv").write_text("s_m,z_m,ground\n0,100,rock\n5,96,\n20,94,\n")
     report = check_inputs(load_config(path))
