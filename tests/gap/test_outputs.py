@@ -17,6 +17,7 @@ import pandas as pd
 import pytest
 import rasterio
 import shapely
+from helpers.figure_parts import find, texts
 from helpers.made_diagnosis import (
     CONFIG,
     FINDINGS,
@@ -34,7 +35,7 @@ from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.engine.effects.trees import Trees
 from sassgis.gap.causes.all_causes import FAMILIES
 from sassgis.gap.causes.parameter_draws import ParameterDraws
-from sassgis.gap.diagnosis import Hypothesis
+from sassgis.gap.diagnosis import Diagnosis, Hypothesis
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.campaigns import campaigns
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel, configured_model
@@ -53,7 +54,6 @@ from sassgis.gap.words import (
 )
 from sassgis.hazard.result_change import ENERGY_MEAN, difference
 from sassgis.io.read.config import FILE_KEYS, load_config
-from sassgis.io.read.ground_map import read_ground_table
 from sassgis.io.staging import check_output
 from sassgis.io.write.calibrated_config import write_config_back
 from sassgis.io.write.gap_files import write_diagnosis_json, write_gap_gpkg
@@ -62,6 +62,7 @@ from sassgis.model.effects import EffectSettings
 from sassgis.model.errors import ConfigError, InputError, OutputError
 from sassgis.model.grid import Grid
 from sassgis.model.languages import in_language
+from sassgis.model.run_config import Config
 from sassgis.report import gap_report
 from sassgis.report.figures import gap_figures as figures
 from sassgis.report.figures.gap_figures import GapStretch, _band
@@ -111,13 +112,17 @@ def stops_only(tmp_path_factory: pytest.TempPathFactory, slope: Grid) -> Made:
     return made_case(tmp_path_factory.mktemp("stops"), slope, 15, passages=False)
 
 
-@pytest.fixture(scope="module")
-def written(made: Made, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def outputs(made: Made, diagnosis: Diagnosis, folder: Path) -> Path:
+    """All that is written of a diagnosis."""
     config, case = made
-    folder = tmp_path_factory.mktemp("written") / "out"
-    diagnosis = replace(with_trees(case), warnings=("Said on the console.",))
     write_outputs(folder, case, diagnosis, load_config(config))
     return folder
+
+
+@pytest.fixture(scope="module")
+def written(made: Made, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    diagnosis = replace(with_trees(made[1]), warnings=("Said on the console.",))
+    return outputs(made, diagnosis, tmp_path_factory.mktemp("written") / "out")
 
 
 def written_back(made: Made, folder: Path, effect: HypothesisModel) -> Path:
@@ -151,11 +156,9 @@ def test_everything_is_written_and_listed(written: Path) -> None:
 
 
 def test_equal_diagnoses_give_equal_files(made: Made, written: Path, tmp_path: Path) -> None:
-    config, case = made
+    diagnosis = replace(with_trees(made[1]), warnings=("Said on the console.",))
     # As deep as the first, so that relative paths are the same.
-    again = written.parent / "again"
-    diagnosis = replace(with_trees(case), warnings=("Said on the console.",))
-    write_outputs(again, case, diagnosis, load_config(config))
+    again = outputs(made, diagnosis, written.parent / "again")
     files = [p.relative_to(written) for p in written.rglob("*") if p.is_file()]
     assert [f for f in files if (again / f).read_bytes() != (written / f).read_bytes()] == []
 
@@ -174,46 +177,41 @@ def test_what_is_seen_and_closes_nothing_is_said_so(made: Made) -> None:
 
 @pytest.mark.parametrize("effect", ["none", "unknown"])
 def test_nothing_named_is_written_too(few: Made, tmp_path: Path, effect: str) -> None:
-    config, case = few
-    diagnosis = unnamed(case, effect)
-    write_outputs(tmp_path / "out", case, diagnosis, load_config(config))
-    words = words_of(tmp_path / "out" / "report.html")
+    diagnosis = unnamed(few[1], effect)
+    out = outputs(few, diagnosis, tmp_path / "out")
+    words = words_of(out / "report.html")
     assert verdict_sentence(diagnosis) in words
     assert "Only 15 rocks were observed" in words
-    document = tomllib.loads((tmp_path / "out" / "model" / "config.toml").read_text())
-    assert "effects" not in document
-    assert not (tmp_path / "out" / "model" / "forest.gpkg").exists()
+    assert "effects" not in tomllib.loads((out / "model" / "config.toml").read_text())
+    assert not (out / "model" / "forest.gpkg").exists()
 
 
 def test_stops_alone_are_enough(stops_only: Made, tmp_path: Path) -> None:
-    config, case = stops_only
-    diagnosis = replace(
-        with_trees(case), where=(finding("all", "stopping", "runout_m", -21.0),), which=()
-    )
-    write_outputs(tmp_path / "out", case, diagnosis, load_config(config))
-    assert not (tmp_path / "out" / "figures" / "gap_hypotheses.png").exists()
-    assert len(gpd.read_file(tmp_path / "out" / "gap.gpkg", layer="stations")) == 0
-    assert len(gpd.read_file(tmp_path / "out" / "gap.gpkg", layer="stops")) == 16
+    longer = finding("all", "stopping", "runout_m", -21.0)
+    diagnosis = replace(with_trees(stops_only[1]), where=(longer,), which=())
+    out = outputs(stops_only, diagnosis, tmp_path / "out")
+    assert not (out / "figures" / "gap_hypotheses.png").exists()
+    assert len(gpd.read_file(out / "gap.gpkg", layer="stations")) == 0
+    assert len(gpd.read_file(out / "gap.gpkg", layer="stops")) == 16
 
 
 def test_a_diagnosis_that_found_nothing_at_all_is_written(few: Made, tmp_path: Path) -> None:
-    config, case = few
     diagnosis = replace(
-        unnamed(case, "none"), where=(), which=(), comparisons=(), not_identifiable=(),
+        unnamed(few[1], "none"), where=(), which=(), comparisons=(), not_identifiable=(),
         measure_next=(), tables={},
     )  # fmt: skip
-    write_outputs(tmp_path / "out", case, diagnosis, load_config(config))
-    assert "Nothing could be compared" in words_of(tmp_path / "out" / "report.html")
+    out = outputs(few, diagnosis, tmp_path / "out")
+    assert "Nothing could be compared" in words_of(out / "report.html")
 
 
 def test_local_coordinates_are_written(slope: Grid, tmp_path: Path) -> None:
     text = CONFIG.replace("[terrain]", '[terrain]\ncrs = "local"')
-    config, case = made_case(tmp_path, replace(slope, crs=""), 6, config=text)
-    write_outputs(tmp_path / "out", case, with_trees(case), load_config(config))
-    stops = gpd.read_file(tmp_path / "out" / "gap.gpkg", layer="stops")
+    own = made_case(tmp_path, replace(slope, crs=""), 6, config=text)
+    out = outputs(own, with_trees(own[1]), tmp_path / "out")
+    stops = gpd.read_file(out / "gap.gpkg", layer="stops")
     assert stops.crs.name == "Undefined Cartesian SRS"
-    assert "local coordinates" in words_of(tmp_path / "out" / "report.html")
-    stand = read_map_run(load_config(tmp_path / "out" / "model" / "config.toml")).forest
+    assert "local coordinates" in words_of(out / "report.html")
+    stand = read_map_run(load_config(out / "model" / "config.toml")).forest
     assert stand is not None and stand.stems_per_m2.max() > 0.0
 
 
@@ -394,34 +392,30 @@ def test_paths_hold_in_the_new_place(slope: Grid, tmp_path: Path) -> None:
     )
     after = load_config(new)
 
-    def same(a: Path | str | None, b: Path | str | None) -> bool:
-        return a is not None and b is not None and Path(a).resolve() == Path(b).resolve()
+    def places(config: Config) -> list[Path]:
+        assert config.trees is not None
+        named = (
+            config.terrain.dem, config.release.file, config.hazard.preset,
+            config.hazard.frequencies, config.risk.vulnerability, config.objects[0].file,
+            config.trees.file,
+        )  # fmt: skip
+        return [Path(str(file)).resolve() for file in named if file is not None]
 
-    assert same(before.terrain.dem, after.terrain.dem) and after.dem_source.is_file()
-    assert same(before.release.file, after.release.file)
-    assert same(before.hazard.preset, after.hazard.preset)
-    assert same(before.hazard.frequencies, after.hazard.frequencies)
-    assert same(before.risk.vulnerability, after.risk.vulnerability)
-    assert same(before.objects[0].file, after.objects[0].file)
-    assert before.trees is not None and after.trees is not None
-    assert same(before.trees.file, after.trees.file)
+    assert places(before) == places(after) and len(places(after)) == 7
+    assert after.dem_source.is_file()
     assert not Path(tomllib.loads(new.read_text())["terrain"]["dem"]).is_absolute()
-    assert same(after.ground.classes, new.parent / "ground_classes.csv")
+    assert Path(str(after.ground.classes)).resolve() == new.parent / "ground_classes.csv"
 
 
 def test_every_key_that_names_a_file_is_known() -> None:
+    alone = ("release", "stations", "barriers", "profile", "objects", "edits")
     assert {name: set(keys) for name, keys in FILE_KEYS.items() if keys} == {
         "terrain": {"dem"},
-        "release": {"file"},
         "ground": {"file", "classes", "ranges"},
-        "stations": {"file"},
-        "barriers": {"file"},
+        **{name: {"file"} for name in alone},
         "effects.trees": {"file", "single_trees", "stems_raster", "dbh_raster"},
-        "profile": {"file"},
         "hazard": {"frequencies"},
         "risk": {"vulnerability"},
-        "objects": {"file"},
-        "edits": {"file"},
         "project": {"base_map"},
     }
 
@@ -529,29 +523,19 @@ def test_comments_say_where_the_model_comes_from(made: Made, tmp_path: Path) -> 
 
 
 def test_what_is_named_and_not_recommended_is_said_apart(made: Made, tmp_path: Path) -> None:
-    config, case = made
-    named = with_trees(case)
+    named = with_trees(made[1])
     why = "on rocks left out nothing is closed for certain by trees beyond calibrated ground"
     apart = replace(
         named, effect=named.base, advice=replace(named.advice, recommended="ground", why=why)
     )
-    write_outputs(tmp_path / "out", case, apart, load_config(config))
-    text = (tmp_path / "out" / "model" / "config.toml").read_text()
+    out = outputs(made, apart, tmp_path / "out")
+    text = (out / "model" / "config.toml").read_text()
     assert (
         "Named: trees, with a confidence of 0.71, but not added: the model has calibrated" in text
     )
     assert "effects" not in tomllib.loads(text) and why[1:] in text
-    words = words_of(tmp_path / "out" / "report.html")
+    words = words_of(out / "report.html")
     assert "Confidence 71 %" in words and "what is handed over has calibrated ground" in words
-
-
-def test_ground_table_is_read_back(made: Made, tmp_path: Path) -> None:
-    config, case = made
-    table = calibrated(case.table, eta_max=0.4, dp_max=0.55, d_star_m=0.123456)
-    written_back((config, case), tmp_path, HypothesisModel(table, EffectSettings()))
-    read = read_ground_table(tmp_path / "ground_classes.csv")
-    assert read.names == table.names
-    assert np.array_equal(read.rows(), table.rows())
 
 
 # --- words -----------------------------------------------------------------------------------
@@ -627,10 +611,6 @@ def test_the_answer_comes_first_with_its_uncertainty(made: Made, written: Path) 
     assert "http" not in re.sub(r"data:image/png;base64,[^\"]+", "", page).replace("http-equiv", "")
 
 
-def test_the_report_has_every_warning_of_the_console(written: Path) -> None:
-    assert "Said on the console." in words_of(written / "report.html")
-
-
 @pytest.mark.parametrize(
     ("language", "words"),
     [
@@ -643,23 +623,15 @@ def test_the_report_has_every_warning_of_the_console(written: Path) -> None:
     ],
 )  # fmt: skip
 def test_the_report_is_in_the_language_of_the_project(
-    few_case: Case,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    language: Any,
-    words: tuple[str, ...],
+    few_case: Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, language: Any, words: Any
 ) -> None:
     monkeypatch.setattr(gap_report, "gap_figures", lambda *_: [])
     # Sentences that were made by hand have no key.
     made_up = with_trees(few_case)
     diagnosis = replace(
-        made_up,
-        first_sentence="",
-        verdict=replace(made_up.verdict, reason=""),
-        shrinkage=replace(made_up.shrinkage, note=""),
-        measure_next=(),
-        not_identifiable=(),
-    )
+        made_up, first_sentence="", verdict=replace(made_up.verdict, reason=""),
+        shrinkage=replace(made_up.shrinkage, note=""), measure_next=(), not_identifiable=(),
+    )  # fmt: skip
     with in_language(language):
         context = gap_report.gap_report(
             few_case, diagnosis, tmp_path, project="Hang", terrain="dem.tif", crs="LV95",
@@ -671,6 +643,11 @@ def test_the_report_is_in_the_language_of_the_project(
     assert re.findall(english, page) == []
 
 
+def part(diagnosis: Diagnosis, heading: str) -> Any:
+    """The part of the answer under a heading."""
+    return next(p for p in answer(diagnosis) if p.heading == heading)
+
+
 def test_reaches_that_follow_each_other_are_one_place(few_case: Case) -> None:
     made = with_trees(few_case)
     for segments, words in (
@@ -679,8 +656,7 @@ def test_reaches_that_follow_each_other_are_one_place(few_case: Case) -> None:
         (("A-1-B", "B-C"), "on the stretch A-1-B and between B and C."),
     ):
         own = replace(made, verdict=replace(made.verdict, segments=segments))
-        parts = {p.heading: p for p in answer(own)}
-        assert words in " ".join(parts["How sure this is"].sentences), words
+        assert words in " ".join(part(own, "How sure this is").sentences), words
 
 
 def test_a_scale_of_speeds_that_is_named_is_told(few_case: Case) -> None:
@@ -704,28 +680,27 @@ def test_what_is_possible_beside_an_unknown_cause_is_told(few_case: Case) -> Non
         (("unknown",), ("air_drag",), "None of the causes that these data could show is probable."),
     ):
         verdict = replace(made.verdict, confusion_set=held, cannot_exclude=hidden)
-        parts = {p.heading: p for p in answer(replace(made, verdict=verdict))}
-        said = parts["What it may be mistaken for"].sentences
+        said = part(replace(made, verdict=verdict), "What it may be mistaken for").sentences
         assert said[0] == words and "remains possible" not in " ".join(said)
 
 
 def test_withheld_shrinkage_is_told(case: Case) -> None:
     diagnosis = with_trees(case)
     withheld = replace(diagnosis.shrinkage, value=None, ci95=None, note="the gap is small")
-    parts = {p.heading: p for p in answer(replace(diagnosis, shrinkage=withheld))}
-    text = " ".join(parts["How far the gap shrinks"].sentences)
+    own = replace(diagnosis, shrinkage=withheld)
+    text = " ".join(part(own, "How far the gap shrinks").sentences)
     assert "is not given" in text and "1 with the calibrated base model" in text
     assert "%" not in text and text.endswith("The gap is small.")
 
 
 def test_no_place_is_named_where_none_is_sure(few_case: Case) -> None:
-    parts = {p.heading: p for p in answer(unnamed(few_case, "none"))}
-    where = parts["Where the gap lies"]
+    where = part(unnamed(few_case, "none"), "Where the gap lies")
     assert "cannot be placed" in where.sentences[0] and not where.points
 
 
-def test_tables_tell_what_changed(written: Path) -> None:
+def test_tables_tell_what_changed_and_warnings_are_repeated(written: Path) -> None:
     words = words_of(written / "report.html")
+    assert "Said on the console." in words
     assert "debris 0.55 → 0.612" in words
     assert "efficiency 0.8 0.5 to 1.2" in words
     assert "80 passages" in words
@@ -745,8 +720,7 @@ def test_the_map_shows_what_matters_most_of_what_is_sure() -> None:
 def test_one_sentence_for_each_quantity(few_case: Case) -> None:
     many = tuple(finding(p, "flight", "speed_mps", -2.0) for p in ("S1", "S2", "S1-S2"))
     many += (finding("S1", "flight", "height_m", 0.3, p_adjusted=0.0005),)
-    parts = {p.heading: p for p in answer(replace(with_trees(few_case), where=many))}
-    points = parts["Where the gap lies"].points
+    points = part(replace(with_trees(few_case), where=many), "Where the gap lies").points
     assert [p.split(":")[0] for p in points] == ["Speed at S1", "Passing height at S1"]
     assert "p < 0.001" in points[1]
 
@@ -754,19 +728,9 @@ def test_one_sentence_for_each_quantity(few_case: Case) -> None:
 # --- figures ---------------------------------------------------------------------------------
 
 
-def texts(figure: Any) -> str:
-    figure.canvas.draw()
-    shown = figure.findobj(lambda a: hasattr(a, "get_text") and a.get_visible())
-    return " | ".join(" ".join(t.get_text().split()) for t in shown if t.get_text())
-
-
-def marked(figure: Any, gid: str) -> list[Any]:
-    return list(figure.findobj(lambda artist: artist.get_gid() == gid))
-
-
 def test_dots_are_filled_by_significance() -> None:
     figure = figures.gap_where_figure(FINDINGS)
-    assert [len(marked(figure, f"gap-{s}")) for s in ("sure", "likely", "open")] == [3, 2, 6]
+    assert [len(find(figure, f"gap-{s}")) for s in ("sure", "likely", "open")] == [3, 2, 6]
     words = texts(figure)
     assert "speed (m/s)" in words and "S2-end · stopping" in words and "38" in words
 
@@ -784,14 +748,14 @@ def test_many_comparisons_are_cut_and_the_figure_says_so() -> None:
 def test_few_rocks_are_steps(few_case: Case) -> None:
     comparison = with_trees(few_case).comparisons[0]
     figure = figures.gap_distributions_figure([comparison], effect="trees")
-    (line,) = marked(figure, "observed")
+    (line,) = find(figure, "observed")
     x, y = line.get_data()
     assert np.array_equal(x[1:], np.sort(comparison.observed))
     assert np.allclose(y, np.arange(16) / 15)
     assert line.get_drawstyle() == "steps-post"
-    (dots,) = marked(figure, "observed-values")
+    (dots,) = find(figure, "observed-values")
     assert len(dots.get_xdata()) == 15
-    assert len(marked(figure, "effect")) == 1
+    assert len(find(figure, "effect")) == 1
     assert "n = 15" in texts(figure)
 
 
@@ -808,7 +772,7 @@ def test_the_band_holds_samples_of_the_base_model() -> None:
 
 def test_effect_is_left_out_where_none_is_named(few_case: Case) -> None:
     figure = figures.gap_distributions_figure(unnamed(few_case, "none").comparisons)
-    assert not marked(figure, "effect") and "→" not in texts(figure)
+    assert not find(figure, "effect") and "→" not in texts(figure)
 
 
 def test_unobserved_quantities_are_empty_panels(few_case: Case) -> None:
@@ -821,9 +785,9 @@ def test_hypotheses_show_what_is_confused(case: Case) -> None:
     figure = figures.gap_hypotheses_figure(
         diagnosis.which, verdict="trees", confusion=("trees", "soft_ground")
     )
-    (named,) = marked(figure, "share-trees")
-    (confused,) = marked(figure, "share-soft_ground")
-    (other,) = marked(figure, "share-roughness")
+    (named,) = find(figure, "share-trees")
+    (confused,) = find(figure, "share-soft_ground")
+    (other,) = find(figure, "share-roughness")
     colours = {b.get_facecolor() for b in (named, confused, other)}
     assert len(colours) == 3
     assert named.get_width() == 0.71
@@ -833,7 +797,15 @@ def test_hypotheses_show_what_is_confused(case: Case) -> None:
 def test_hypotheses_without_intervals_are_drawn() -> None:
     lone = Hypothesis("none", "", 1.0, 0.0, (math.nan, math.nan), math.nan)
     figure = figures.gap_hypotheses_figure([lone], verdict="none")
-    assert not marked(figure, "interval") and len(marked(figure, "gain")) == 1
+    assert not find(figure, "interval") and len(find(figure, "gain")) == 1
+
+
+def map_figure(grid: Grid, lines: Any, stretches: Any, stations: Any, *of: str) -> Any:
+    quantity, unit = of or ("speed_mps", "m/s")
+    return figures.gap_map_figure(
+        grid, lines=lines, stretches=stretches, stations=stations, release=np.empty((0, 2)),
+        stops=np.empty((0, 2)), quantity=quantity, unit=unit,
+    )  # fmt: skip
 
 
 def test_map_colours_lie_about_zero(case: Case) -> None:
@@ -843,11 +815,8 @@ def test_map_colours_lie_about_zero(case: Case) -> None:
     assert {s.gap for s in stretches} == {-1.6, 0.1, 0.9}
     assert {name: s.gap for name, s in stations.items()} == {"S1": -0.2, "S2": -2.1}
     assert [stations[n].sure for n in ("S1", "S2")] == [False, True]
-    figure = figures.gap_map_figure(
-        case.grid, lines=lines, stretches=stretches, stations=stations,
-        release=np.empty((0, 2)), stops=np.empty((0, 2)), quantity="speed_mps", unit="m/s",
-    )  # fmt: skip
-    assert len(marked(figure, "gaps")) == 2
+    figure = map_figure(case.grid, lines, stretches, stations)
+    assert len(find(figure, "gaps")) == 2
     bar = next(a for a in figure.axes if a.get_label() == "legend")
     low, high = bar.get_ylim()
     assert -low == high == pytest.approx(2.1)
@@ -856,20 +825,14 @@ def test_map_colours_lie_about_zero(case: Case) -> None:
 def test_map_without_a_gap_has_no_colours(case: Case) -> None:
     lines, stretches, stations, first = map_parts(case, replace(with_trees(case), where=()))
     assert first is None and not stretches
-    figure = figures.gap_map_figure(
-        case.grid, lines=lines, stretches=stretches, stations=stations,
-        release=np.empty((0, 2)), stops=np.empty((0, 2)), quantity="", unit="",
-    )  # fmt: skip
+    figure = map_figure(case.grid, lines, stretches, stations, "", "")
     assert "Colour:" not in texts(figure)
     assert [a.get_label() for a in figure.axes] == ["map"]
 
 
 def test_a_station_alone_can_be_drawn(slope: Grid) -> None:
     line = np.array([[2_700_050.0, 1_149_900.0], [2_700_150.0, 1_149_900.0]])
-    figure = figures.gap_map_figure(
-        slope, lines=[], stretches=[], stations={"S1": GapStretch(line, 0.0)},
-        release=np.empty((0, 2)), stops=np.empty((0, 2)), quantity="speed_mps", unit="m/s",
-    )  # fmt: skip
+    figure = map_figure(slope, [], [], {"S1": GapStretch(line, 0.0)})
     assert "S1" in texts(figure)
 
 

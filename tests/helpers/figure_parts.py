@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from matplotlib.artist import Artist
+from typing import Any
+
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 
-def find(figure: Figure, gid: str) -> list[Artist]:
+def find(figure: Figure, gid: str) -> list[Any]:
     """All artists of a figure with a mark."""
     return list(figure.findobj(lambda artist: artist.get_gid() == gid))
 

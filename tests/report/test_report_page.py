@@ -117,21 +117,12 @@ def test_empty_sections_disappear() -> None:
 def test_everything_from_outside_is_escaped() -> None:
     evil = '<script>alert("x")</script> & "quoted"'
     table = ReportTable(evil, ((evil, evil),), ((evil,),), evil)
-    page = render_report(
-        ReportContext(
-            title=evil,
-            subtitle=evil,
-            byline=(evil,),
-            summary=((evil, evil),),
-            what_was_run=((evil, evil),),
-            warnings=(evil,),
-            key_results=table,
-            figures=(ReportFigure(evil, evil, PNG, alt=f'{evil}" onload="x'),),
-            tables=(table,),
-            provenance=((evil, evil),),
-        )
-    )
-    parsed = Page(page)
+    figure, pairs = ReportFigure(evil, evil, PNG, alt=f'{evil}" onload="x'), ((evil, evil),)
+    context = ReportContext(
+        title=evil, subtitle=evil, byline=(evil,), summary=pairs, what_was_run=pairs,
+        warnings=(evil,), key_results=table, figures=(figure,), tables=(table,), provenance=pairs,
+    )  # fmt: skip
+    parsed = Page(render_report(context))
     assert "script" not in parsed.tags
     assert not [name for name, _ in parsed.attributes if name.startswith("on")]
     assert parsed.text.count(evil) == 25
@@ -172,11 +163,8 @@ def test_ragged_tables_are_refused() -> None:
 
 def test_number_columns_are_told_from_words() -> None:
     assert number_columns(TABLE) == (False, True, True)
-    assert number_columns(replace(TABLE, rows=((None, np.int64(3), np.float32(2.0)),))) == (
-        False,
-        True,
-        True,
-    )
+    numpy = replace(TABLE, rows=((None, np.int64(3), np.float32(2.0)),))
+    assert number_columns(numpy) == (False, True, True)
 
 
 @pytest.mark.parametrize(

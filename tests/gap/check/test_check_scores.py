@@ -17,18 +17,12 @@ def truth(case: str, verdict: str, strength: str = "strong", **changes: object) 
     names = () if verdict == "none" else tuple(verdict.split("+"))
     if verdict == "unknown":
         names = ("snow",)
+    alone = len(names) == 1
     values: dict[str, object] = {
-        "case": case,
-        "verdict": verdict,
-        "effects": names,
-        "strengths": (strength,) * len(names),
-        "phase": "impact" if len(names) == 1 else "",
-        "segments": LEGS if len(names) == 1 else (),
-        "reaches": LEGS,
-        "slope": "gully",
-        "rocks": 100,
-        "kind": "everything",
-    }
+        "case": case, "verdict": verdict, "effects": names, "strengths": (strength,) * len(names),
+        "phase": "impact" if alone else "", "segments": LEGS if alone else (), "reaches": LEGS,
+        "slope": "gully", "rocks": 100, "kind": "everything",
+    }  # fmt: skip
     return Truth(**{**values, **changes})  # type: ignore[arg-type]
 
 
@@ -55,9 +49,7 @@ def test_each_share_as_counted_by_hand() -> None:
         said("2", "trees", 0.65, confusion_set=("trees", "none")),
         said("3", "unknown", 0.4),
         said("4", "none", 0.3, confusion_set=("none", "trees"), large_findings=True),
-        said(
-            "5", "trees", 0.95, phase="flight", segments=("S1-S2", "S2-end"), group="along the way"
-        ),
+        said("5", "trees", 0.95, phase="flight", segments=LEGS[1:], group="along the way"),
         said("6", "trees", 0.6, group="along the way"),
         said("7", "soft_ground", 0.5, phase="impact", segments=("release-end",)),
         said("8", "trees+air_drag", 0.8),
@@ -115,9 +107,7 @@ def test_each_share_as_counted_by_hand() -> None:
 
 def test_another_law_may_be_named_and_is_never_a_false_alarm() -> None:
     truths = [
-        truth("1", "none", law="elastic"),
-        truth("2", "none", law="elastic"),
-        truth("3", "none", law="elastic"),
+        *(truth(case, "none", law="elastic") for case in "123"),
         truth("4", "none", disturbance="patch"),
         truth("5", "none"),
         truth("6", "trees", law="elastic"),
@@ -243,12 +233,8 @@ def test_shrinkage_is_compared_where_both_are_given() -> None:
     fresh = {"0": 0.65, "1": 0.60, "2": 0.9, "3": None, "4": None, "5": 0.5}
     scores = score(truths, answers, fresh)
     found = {n: scores.measures[f"shrinkage_near{n}"] for n in ("", "_20", "_40", "_100")}
-    assert {n: (s.hits, s.trials) for n, s in found.items()} == {
-        "": (2, 3),
-        "_20": (0, 0),
-        "_40": (1, 1),
-        "_100": (1, 2),
-    }
+    counted = {n: (s.hits, s.trials) for n, s in found.items()}
+    assert counted == {"": (2, 3), "_20": (0, 0), "_40": (1, 1), "_100": (1, 2)}
     check = scores.shrinkage
     assert (check.worlds, check.compared) == (6, 3)
     assert (check.only_stated, check.only_measured, check.neither) == (1, 1, 1)
@@ -265,11 +251,8 @@ def test_groups_hold_every_single_effect_once() -> None:
     answers = [said(t.case, "trees") for t in truths]
     groups = score(truths, answers).groups
     assert all(sum(s.trials for s in rows) == 3 for rows in groups.values())
-    assert [(s.measure, s.hits) for s in groups["sample size"]] == [
-        ("20 rocks", 1),
-        ("100 rocks", 0),
-        ("300 rocks", 1),
-    ]
+    sizes = [(s.measure, s.hits) for s in groups["sample size"]]
+    assert sizes == [("20 rocks", 1), ("100 rocks", 0), ("300 rocks", 1)]
     assert [s.measure for s in groups["strength"]] == ["weak", "strong"]
 
 
