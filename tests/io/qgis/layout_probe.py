@@ -76,12 +76,8 @@ def describe(item):
         facts["scale"] = item.scale()
         facts["layers"] = [layer.id() for layer in item.layers()]
         facts["locked"] = item.keepLayerSet()
-        facts["extent"] = [
-            extent.xMinimum(),
-            extent.yMinimum(),
-            extent.xMaximum(),
-            extent.yMaximum(),
-        ]
+        corners = ("xMinimum", "yMinimum", "xMaximum", "yMaximum")
+        facts["extent"] = [getattr(extent, corner)() for corner in corners]
     elif isinstance(item, QgsLayoutItemLegend):
         renderer = QgsLegendRenderer(item.model(), item.legendSettings())
         image = QImage(10, 10, QImage.Format_ARGB32)

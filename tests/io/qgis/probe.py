@@ -4,7 +4,7 @@ Run by the system's Python, which has QGIS: ``/usr/bin/python3 probe.py PROJECT.
 With ``--at X,Y`` (repeatable, map units) the colours of the picture there are printed too; with
 ``--alone PATH`` (repeatable) a raster, or ``FILE.gpkg|layername=NAME``, is opened by itself to see
 the style that it brings along. ``--only NAME`` (repeatable) draws these layers in place of those
-that the project shows. ``--legend PICTURE.png`` draws the legend of the visible layers.
+that the project shows.
 """
 
 import argparse
@@ -18,21 +18,21 @@ from qgis.core import (
     Qgis,
     QgsApplication,
     QgsLayerTreeGroup,
-    QgsLayerTreeModel,
-    QgsLegendRenderer,
-    QgsLegendSettings,
     QgsMapRendererParallelJob,
     QgsMapSettings,
     QgsProject,
     QgsRasterLayer,
     QgsReferencedRectangle,
-    QgsRenderContext,
     QgsVectorLayer,
 )
 from qgis.PyQt.QtCore import QSize
-from qgis.PyQt.QtGui import QColor, QImage, QPainter
+from qgis.PyQt.QtGui import QColor
 
 WIDTH = 1000
+
+
+def described(entry):
+    return {"label": entry.label(), "colour": entry.symbol().color().name()}
 
 
 def describe_renderer(layer):
@@ -61,24 +61,11 @@ def describe_renderer(layer):
     elif facts["type"] == "categorizedSymbol":
         facts["column"] = renderer.classAttribute()
         facts["classes"] = [
-            {
-                "value": entry.value(),
-                "label": entry.label(),
-                "colour": entry.symbol().color().name(),
-            }
-            for entry in renderer.categories()
+            {"value": entry.value(), **described(entry)} for entry in renderer.categories()
         ]
     elif facts["type"] == "graduatedSymbol":
         facts["column"] = renderer.classAttribute()
-        facts["classes"] = [
-            {
-                "lower": entry.lowerValue(),
-                "upper": entry.upperValue(),
-                "label": entry.label(),
-                "colour": entry.symbol().color().name(),
-            }
-            for entry in renderer.ranges()
-        ]
+        facts["classes"] = [described(entry) for entry in renderer.ranges()]
     elif facts["type"] == "singleSymbol":
         symbol = renderer.symbol()
         facts["colour"] = symbol.color().name()
@@ -155,29 +142,6 @@ def render(project, only):
     return job.renderedImage(), settings.mapToPixel(), errors
 
 
-def draw_legend(project, target):
-    tree = project.layerTreeRoot().clone()
-    hidden = [node.layerId() for node in tree.findLayers() if not node.isVisible()]
-    for key in hidden:
-        node = tree.findLayer(key)
-        node.parent().removeChildNode(node)
-    model = QgsLayerTreeModel(tree)
-    renderer = QgsLegendRenderer(model, QgsLegendSettings())
-    scale = 5  # pixels per mm
-    image = QImage(QSize(150 * scale, 180 * scale), QImage.Format_ARGB32)
-    image.fill(QColor(255, 255, 255))
-    image.setDotsPerMeterX(1000 * scale)
-    image.setDotsPerMeterY(1000 * scale)
-    painter = QPainter(image)
-    context = QgsRenderContext.fromQPainter(painter)
-    painter.scale(scale, scale)  # The legend is drawn in mm.
-    renderer.drawLegend(context)
-    painter.end()
-    image.save(target)
-    # In this order, each needs the next.
-    del context, painter, renderer, model, tree
-
-
 def background_share(image):
     step = 4
     seen = blank = 0
@@ -197,7 +161,6 @@ def main():
     parser.add_argument("picture")
     parser.add_argument("--at", action="append", default=[])
     parser.add_argument("--alone", action="append", default=[])
-    parser.add_argument("--legend")
     parser.add_argument("--only", action="append", default=[])
     given = parser.parse_args()
 
@@ -215,7 +178,6 @@ def main():
         "title": project.title(),
         "crs": project.crs().authid(),
         "crs_valid": project.crs().isValid(),
-        "crs_name": project.crs().description(),
         "absolute_paths": project.readBoolEntry("Paths", "/Absolute", True)[0],
         "extent": [view.xMinimum(), view.yMinimum(), view.xMaximum(), view.yMaximum()],
         "layers": [describe(layer) for layer in layers],
@@ -231,8 +193,6 @@ def main():
             x, y = map(float, place.split(","))
             pixel = to_pixel.transform(x, y)
             report["at"][place] = image.pixelColor(int(pixel.x()), int(pixel.y())).name()
-        if given.legend:
-            draw_legend(project, given.legend)
     alone = []
     for source in given.alone:
         if ".gpkg" in source:
