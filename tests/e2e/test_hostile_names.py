@@ -12,7 +12,7 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import pytest
-from helpers.zone_slope import VULNERABILITY, Case, box, place, two_areas
+from helpers.zone_slope import HOUSE, Case, box, place, two_areas
 
 from sassgis.model.labels import file_stem, file_stems
 
@@ -32,16 +32,10 @@ def hostile(folder: Path) -> Case:
     case.write_layer(
         "release.gpkg", [box(4.0, 20.0, 8.0, 9.0), box(5.0, 41.0, 7.0, 9.0)], {"name": NAMES}
     )
-    case.write_layer("house.gpkg", [box(50.0, 25.0, 6.0, 20.0)], {"name": [FORMULA]})
-    case.lists["objects"] = [
-        {"name": "houses", "kind": "building", "file": "house.gpkg", "name_field": "name",
-         "value": 4e5, "persons": 2.0, "presence": 0.5},
-    ]  # fmt: skip
+    case.expose("houses", "building", {FORMULA: box(50.0, 25.0, 6.0, 20.0)}, **HOUSE)
     case.lists["stations"] = [
         {"name": FORMULA, "line": [list(place(40.0, 20.0)), list(place(40.0, 50.0))]}
     ]
-    case.write_text("vulnerability.csv", *VULNERABILITY.split())
-    case.sections["risk"] = {"vulnerability": "vulnerability.csv"}
     case.write()
     return case
 

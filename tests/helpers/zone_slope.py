@@ -56,17 +56,24 @@ def box(col: float, row: float, cols: float, rows: float) -> shapely.Polygon:
 FREQUENT = {"name": "frequent", "axis_1_m": [0.2, 0.4], "axis_2_m": 0.25, "axis_3_m": 0.2}
 RARE = {"name": "rare", "axis_1_m": [0.6, 0.9], "axis_2_m": 0.6, "axis_3_m": 0.5}
 
-VULNERABILITY = "\n".join(
-    [
-        "kind,intensity,vulnerability,lethality,source",
-        *(
-            f"{kind},{intensity},{0 if kind == 'people' else loss},{death},invented"
-            for kind, death in (("building", 0.1), ("people", 0.4))
-            for intensity, loss in (("low", 0.01), ("mean", 0.1), ("high", 0.5))
-        ),
-        "",
-    ]
-)
+LOSSES = {"building": (0.01, 0.1, 0.5), "people": (0, 0, 0)}
+DEATHS = {"building": 0.1, "people": 0.4, "road": 0, "vehicle": 0.2, "line": 0}
+
+
+def vulnerable(*kinds: str) -> str:
+    """Rows of a table of vulnerability."""
+    return "".join(
+        f"{kind},{intensity},{loss},{DEATHS[kind]},invented\n"
+        for kind in kinds
+        for intensity, loss in zip(
+            ("low", "mean", "high"), LOSSES.get(kind, (0.1, 0.4, 0.9)), strict=True
+        )
+    )
+
+
+VULNERABILITY = "kind,intensity,vulnerability,lethality,source\n" + vulnerable(*LOSSES)
+#: Numbers of a house.
+HOUSE = {"value": 4e5, "persons": 2.0, "presence": 0.5}
 
 
 def toml(value: object) -> str:
@@ -129,6 +136,23 @@ class Case:
         gpd.GeoDataFrame(dict(columns or {}), geometry=list(shapes), crs=crs).to_file(
             file, driver="GPKG"
         )
+
+    def expose(
+        self,
+        name: str,
+        kind: str,
+        objects: Mapping[str, Any],
+        columns: Mapping[str, Sequence[object]] | None = None,
+        **keys: object,
+    ) -> None:
+        """Exposed objects by their names in a layer of their own, and how vulnerable they are."""
+        own = {"name": name, "kind": kind, "file": f"{name}.gpkg", "name_field": "name"}
+        names = {"name": list(objects), **(columns or {})}
+        self.write_layer(f"{name}.gpkg", list(objects.values()), names)
+        self.lists.setdefault("objects", []).append({**own, **keys})
+        rest = vulnerable("road", "vehicle", "line").rstrip()
+        self.write_text("vulnerability.csv", VULNERABILITY + rest)
+        self.sections["risk"] = {"vulnerability": "vulnerability.csv"}
 
     def write_text(self, name: str, *lines: str) -> None:
         (self.folder / name).write_text("\n".join(lines) + "\n", encoding="utf-8")

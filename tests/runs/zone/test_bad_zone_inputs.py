@@ -62,20 +62,14 @@ def houses(*shapes: shapely.Geometry, crs: str = "EPSG:2056", **change: object):
     """Buildings as they should be, with a change of the configuration (None: key left out)."""
 
     def spoil(case: Case) -> None:
+        names = [f"house {i + 1}" for i in range(len(shapes) or 1)]
         places = shapes or (box(60.0, 33.0, 3.0, 3.0),)
-        case.write_layer(
-            "houses.gpkg", places,
-            {"name": [f"house {i + 1}" for i in range(len(places))],
-             "worth": [None] * len(places)},
-            crs,
-        )  # fmt: skip
-        keys = {
-            "name": "houses", "kind": "building", "file": "houses.gpkg", "name_field": "name",
-            "value": 1e6, "persons": 3.0, "presence": 0.7, **change,
-        }  # fmt: skip
-        case.lists["objects"] = [{k: v for k, v in keys.items() if v is not None}]
-        case.write_text("vulnerability.csv", VULNERABILITY.rstrip())
-        case.sections["risk"] = {"vulnerability": "vulnerability.csv"}
+        worth = {"name": names, "worth": [None] * len(names)}
+        case.expose("houses", "building", dict(zip(names, places, strict=True)))
+        case.write_layer("houses.gpkg", places, worth, crs)
+        (own,) = case.lists["objects"]
+        own |= {"value": 1e6, "persons": 3.0, "presence": 0.7, **change}
+        case.lists["objects"] = [{k: v for k, v in own.items() if v is not None}]
 
     return spoil
 
