@@ -47,9 +47,8 @@ def test_which_level_holds(level: int, limit: EditLimit, west: int, east: int) -
     zones, made_by, (applied,) = with_edits(ZONES, [across], CODES)
     assert [level_at(zones, x, 50) for x in (75, 125)] == [west, east]
     # Elsewhere nothing is touched.
-    assert [level_at(zones, x, y) for x, y in ((25, 50), (175, 50), (75, 80), (125, 20))] == [
-        2, 4, 2, 4,
-    ]  # fmt: skip
+    elsewhere = [(25, 50), (175, 50), (75, 80), (125, 20)]
+    assert [level_at(zones, x, y) for x, y in elsewhere] == [2, 4, 2, 4]
     assert shapely.coverage_is_valid(zones.polygons)
     kept = np.concatenate([zones.polygons, [across.geometry]])
     assert shapely.union_all(kept).area == pytest.approx(20_000.0)

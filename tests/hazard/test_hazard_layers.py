@@ -55,16 +55,9 @@ def flat(band: Band, where: list[int] = CAME) -> list[float]:
 
 def test_the_set_of_layers(layers: dict[str, RasterLayer]) -> None:
     assert list(layers) == [
-        "hazard_level",
-        "intensity_30",
-        "intensity_100",
-        "intensity_300",
-        "intensity_extreme",
-        "energy_at_return_period",
-        "return_period",
-        "frequency",
-        "confidence",
-    ]
+        "hazard_level", "intensity_30", "intensity_100", "intensity_300", "intensity_extreme",
+        "energy_at_return_period", "return_period", "frequency", "confidence",
+    ]  # fmt: skip
     for layer in layers.values():
         for band in layer.bands:
             assert band.values.shape == SHAPE
@@ -91,22 +84,14 @@ def test_notes_tell_the_preset_and_what_is_unverified(
 def test_level_and_intensity(layers: dict[str, RasterLayer]) -> None:
     level = layers["hazard_level"]
     assert flat(level.bands[0]) == hazard_level(CURVES, PRESET)[:4].tolist()
-    assert [(c.value, c.label, c.hatched) for c in level.classes] == [
-        (1, "residual", True),
-        (2, "slight", False),
-        (3, "mean", False),
-        (4, "substantial", False),
-    ]
-    assert [c.colour for c in level.classes] == [c.colour for c in PRESET.levels]
+    expected = [(k, c.label, c.hatched, c.colour) for k, c in enumerate(PRESET.levels, start=1)]
+    assert [(c.value, c.label, c.hatched, c.colour) for c in level.classes] == expected
     for stem, years in (("30", 30.0), ("100", 100.0), ("300", 300.0), ("extreme", None)):
         layer = layers[f"intensity_{stem}"]
         codes = intensity_class(CURVES, PRESET, years)[:4]
         np.testing.assert_array_equal(flat(layer.bands[0]), np.where(codes > 0, codes, np.nan))
-        assert [c.label for c in layer.classes] == [
-            "low (below 30 kJ)",
-            "mean (30 to 300 kJ)",
-            "high (300 kJ and more)",
-        ]
+        labels = ["low (below 30 kJ)", "mean (30 to 300 kJ)", "high (300 kJ and more)"]
+        assert [c.label for c in layer.classes] == labels
     # 4 of 10000 rocks a year above 300 kJ: not within 30 or 300 years... but 40 are.
     assert flat(layers["intensity_300"].bands[0])[2] == 3.0
     assert np.isnan(flat(layers["intensity_30"].bands[0])[3])
