@@ -137,18 +137,10 @@ class Case:
             file, driver="GPKG"
         )
 
-    def expose(
-        self,
-        name: str,
-        kind: str,
-        objects: Mapping[str, Any],
-        columns: Mapping[str, Sequence[object]] | None = None,
-        **keys: object,
-    ) -> None:
+    def expose(self, name: str, kind: str, objects: Mapping[str, Any], **keys: object) -> None:
         """Exposed objects by their names in a layer of their own, and how vulnerable they are."""
         own = {"name": name, "kind": kind, "file": f"{name}.gpkg", "name_field": "name"}
-        names = {"name": list(objects), **(columns or {})}
-        self.write_layer(f"{name}.gpkg", list(objects.values()), names)
+        self.write_layer(f"{name}.gpkg", list(objects.values()), {"name": list(objects)})
         self.lists.setdefault("objects", []).append({**own, **keys})
         rest = vulnerable("road", "vehicle", "line").rstrip()
         self.write_text("vulnerability.csv", VULNERABILITY + rest)
