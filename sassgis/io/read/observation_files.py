@@ -22,7 +22,7 @@ from sassgis.gap.observations.observation_finding import ObservationFinding
 from sassgis.gap.observations.observed import Observations, without
 from sassgis.gap.observations.tables import TABLES, Metadata, Table
 from sassgis.io.read.csv_table import csv_cells
-from sassgis.io.read.observation_values import KEY, Findings, RawTable, metadata_of, table_of
+from sassgis.io.read.observation_values import KEY, RawTable, metadata_of, table_of
 from sassgis.io.read.offline import read_frame, vector_file
 from sassgis.io.read.plain_file import read_text
 from sassgis.io.read.vector_features import nearest
@@ -97,29 +97,27 @@ def read_observations(
     """
     source = observation_source(path)
     path = source if isinstance(source, Path) else Path(KEY)
-    findings = Findings()
+    findings: list[ObservationFinding] = []
     raws, metadata = _raw_tables(source, findings)
     tables: dict[str, Table] = {}
     failed: list[InputError] = []
     for name, raw in raws.items():
         try:
-            tables[name] = table_of(raw, grid, findings)
+            tables[name] = table_of(raw, grid)
         except InputError as error:
             failed.append(error)
-            findings.add(
-                "error",
+            raw.note(
                 error.problem,
-                raw,
                 found=str(error.found or ""),
                 expected=error.expected or "",
                 left_out="table",
             )
     observations = Observations(
         **tables,  # type: ignore[arg-type]
-        metadata=metadata_of(metadata, findings) if metadata else Metadata(),
+        metadata=metadata_of(metadata) if metadata else Metadata(),
         files={name: raw.file for name, raw in raws.items()},
     )
-    found = [*findings.all, *empty_tables(observations, [r for r in raws if r in tables])]
+    found = [*findings, *empty_tables(observations, [r for r in raws if r in tables])]
     checked = check_observations(observations, grid, drop_m)
     hopeless = [f for f in found if f.problem == "holds no observed rock"]
     if hopeless and failed:
@@ -184,7 +182,7 @@ def _refuse_elsewhere(
 
 
 def _raw_tables(
-    source: Path | Mapping[str, InMemory], findings: Findings
+    source: Path | Mapping[str, InMemory], findings: list[ObservationFinding]
 ) -> tuple[dict[str, RawTable], RawTable | None]:
     each = ""
     if not isinstance(source, Path):
@@ -210,18 +208,20 @@ def _raw_tables(
     return {name: raws[name] for name in TABLES if name in raws}, metadata
 
 
-def _known_table(name: str, file: Input, findings: Findings) -> str | None:
+def _known_table(name: str, file: Input, findings: list[ObservationFinding]) -> str | None:
     lower = name.strip().lower()
     if lower in TABLES or lower == _METADATA:
         return lower
     if lower not in _FOREIGN:
         problem = f"table {shown(name)} is not one of observations and is not read"
         known = nearest(lower, (*TABLES, _METADATA))
-        findings.all.append(ObservationFinding("warning", problem, str(file), expected=known))
+        findings.append(ObservationFinding("warning", problem, str(file), expected=known))
     return None
 
 
-def _csv_tables(tables: Mapping[str, Input], findings: Findings) -> dict[str, RawTable]:
+def _csv_tables(
+    tables: Mapping[str, Input], findings: list[ObservationFinding]
+) -> dict[str, RawTable]:
     raws: dict[str, RawTable] = {}
     for stem, file in tables.items():
         name = _known_table(stem, file, findings)
@@ -241,15 +241,13 @@ def _csv_tables(tables: Mapping[str, Input], findings: Findings) -> dict[str, Ra
             for c in data:
                 if c.lower() not in texts:
                     data[c] = np.array([v.replace(",", ".") for v in data[c]], dtype=object)
-        raws[name] = raw = RawTable(name, file, np.array(rows, np.int64), data)
+        raws[name] = raw = RawTable(name, file, np.array(rows, np.int64), data, findings)
         if len(set(columns)) < len(columns):
             twice = next(c for c in columns if columns.count(c) > 1)
-            findings.add("warning", "column is there twice: the last one is read", raw, twice)
+            raw.note("column is there twice: the last one is read", twice)
         if short:
-            findings.add(
-                "error",
+            raw.note(
                 "does not fit the header",
-                raw,
                 rows=short,
                 expected=f"{len(columns)} values (texts with a {delimiter} in quotes)",
                 left_out="row",
@@ -257,7 +255,7 @@ def _csv_tables(tables: Mapping[str, Input], findings: Findings) -> dict[str, Ra
     return raws
 
 
-def _geopackage(file: Path, findings: Findings) -> dict[str, RawTable]:
+def _geopackage(file: Path, findings: list[ObservationFinding]) -> dict[str, RawTable]:
     raws = {}
     with vector_file(file, KEY):
         for layer, geometry in pyogrio.list_layers(file).tolist():
@@ -270,5 +268,6 @@ def _geopackage(file: Path, findings: Findings) -> dict[str, RawTable]:
                 shapes, crs = tuple(frame.geometry.array), frame.crs
                 frame = pd.DataFrame(frame.drop(columns=frame.geometry.name))
             columns = {str(c): frame[c].to_numpy(dtype=object) for c in frame.columns}
-            raws[name] = RawTable(name, file, frame.index.to_numpy(np.int64), columns, shapes, crs)
+            rows = frame.index.to_numpy(np.int64)
+            raws[name] = RawTable(name, file, rows, columns, findings, shapes, crs)
     return raws

@@ -55,27 +55,22 @@ _UNITS = {
 
 @dataclass(frozen=True)
 class RawTable:
-    """A table as it stands in its file: columns of text, numbers or whatever, and its shapes."""
+    """A table as it stands in its file: columns of text, numbers or whatever, and its shapes.
+
+    What is found while it is read is added to ``findings``, which all tables share.
+    """
 
     name: str
     file: Input
     rows: IntArray
     columns: Mapping[str, NDArray[Any]]
+    findings: list[ObservationFinding]
     shapes: tuple[Any, ...] | None = None
     crs: Any = None
 
-
-class Findings:
-    """Collects what is found while reading."""
-
-    def __init__(self) -> None:
-        self.all: list[ObservationFinding] = []
-
-    def add(
+    def note(
         self,
-        level: Level,
         problem: str,
-        raw: RawTable,
         column: str = "",
         rows: Sequence[int] | IntArray = (),
         *,
@@ -83,41 +78,32 @@ class Findings:
         expected: str = "",
         left_out: LeftOut = "",
     ) -> None:
-        """Note something about rows of a table."""
-        self.all.append(
-            ObservationFinding(
-                level,
-                shown(problem),
-                str(raw.file),
-                raw.name,
-                shown(column),
-                tuple(int(r) for r in rows),
-                shown(found),
-                shown(expected),
-                left_out,
-            )
-        )
+        """Note something about rows: an error where something is left out for it."""
+        level: Level = "error" if left_out else "warning"
+        where = str(self.file), self.name, shown(column), tuple(int(r) for r in rows)
+        detail = shown(found), shown(expected), left_out
+        self.findings.append(ObservationFinding(level, shown(problem), *where, *detail))
 
 
-def table_of(raw: RawTable, grid: Grid | None, findings: Findings) -> Table:
+def table_of(raw: RawTable, grid: Grid | None) -> Table:
     """What can be used of a table, in the coordinates of the DEM."""
-    columns = _named_columns(raw, findings)
+    columns = _named_columns(raw)
     n = raw.rows.size
     data: dict[str, Any] = {"row": raw.rows}
     for column in TABLES[raw.name]:
         if column.text:
             values = columns.get(column.name)
             names = [""] * n if values is None else _names(values)
-            data[column.name] = _short(raw, column.name, names, findings)
+            data[column.name] = _short(raw, column.name, names)
         elif column.name in columns:
-            data[column.name] = _numbers(raw, column, columns[column.name], findings)
+            data[column.name] = _numbers(raw, column, columns[column.name])
     if raw.shapes is not None:
-        data |= _placed(raw, data, grid, findings)
+        data |= _placed(raw, data, grid)
     elif raw.name in POINT_TABLES:
-        _half_places(raw, data, findings)
-    keep = _identified(raw, data, findings)
+        _half_places(raw, data)
+    keep = _identified(raw, data)
     if raw.name not in POINT_TABLES:
-        return _stations(raw, data, keep, findings)
+        return _stations(raw, data, keep)
     table = TABLE_TYPES[raw.name].of(**data).take(keep)
     if raw.name == "trajectories" and len(table):
         return _by_time(table)
@@ -132,7 +118,7 @@ def _by_time(table: Table) -> Table:
     return table.take(np.lexsort((table.t_s, rank)))  # type: ignore[attr-defined]
 
 
-def _named_columns(raw: RawTable, findings: Findings) -> dict[str, NDArray[Any]]:
+def _named_columns(raw: RawTable) -> dict[str, NDArray[Any]]:
     """Columns under their own names; those that are not known are not read."""
     own = {name: column for column in TABLES[raw.name] for name in (column.name, *column.aliases)}
     result: dict[str, NDArray[Any]] = {}
@@ -146,13 +132,7 @@ def _named_columns(raw: RawTable, findings: Findings) -> dict[str, NDArray[Any]]
         if name in ("", "fid", "id", "geom", "geometry", "wkt"):
             continue
         known = [c.name for c in TABLES[raw.name]]
-        findings.add(
-            "warning",
-            "column is not known and is not read",
-            raw,
-            given,
-            expected=_meant(name, known),
-        )
+        raw.note("column is not known and is not read", given, expected=_meant(name, known))
     return result
 
 
@@ -182,7 +162,7 @@ def _names(values: NDArray[Any]) -> list[str]:
     return names
 
 
-def _short(raw: RawTable, column: str, texts: list[str], findings: Findings) -> list[str]:
+def _short(raw: RawTable, column: str, texts: list[str]) -> list[str]:
     """Texts, empty where they are too long or cannot be shown."""
     wrong: dict[int, InputError] = {}
     for i, text in enumerate(texts):
@@ -192,10 +172,8 @@ def _short(raw: RawTable, column: str, texts: list[str], findings: Findings) -> 
             wrong[i], texts[i] = error, ""
     if wrong:
         first = next(iter(wrong.values()))
-        findings.add(
-            "error",
+        raw.note(
             first.problem,
-            raw,
             column,
             raw.rows[list(wrong)],
             found=str(first.found),
@@ -205,7 +183,7 @@ def _short(raw: RawTable, column: str, texts: list[str], findings: Findings) -> 
     return texts
 
 
-def _numbers(raw: RawTable, column: Column, values: NDArray[Any], findings: Findings) -> FloatArray:
+def _numbers(raw: RawTable, column: Column, values: NDArray[Any]) -> FloatArray:
     """Numbers of a column; NaN where there is none or it cannot be one."""
     texts = np.array([str(v).strip() for v in values.tolist()], dtype=object)
     empty = np.array([t.lower() in _EMPTY for t in texts.tolist()], np.bool_)
@@ -214,10 +192,8 @@ def _numbers(raw: RawTable, column: Column, values: NDArray[Any], findings: Find
     odd = ~empty & ~np.isfinite(result)
     if odd.any():
         comma = any("," in t for t in texts[odd].tolist())
-        findings.add(
-            "error",
+        raw.note(
             "is not a number",
-            raw,
             column.name,
             raw.rows[odd],
             found=repr(texts[odd][0]),
@@ -231,10 +207,8 @@ def _numbers(raw: RawTable, column: Column, values: NDArray[Any], findings: Find
     if wrong.any():
         low = "above 0" if column.positive else f"{column.low:g} or more"
         limits = low if math.isinf(column.high) else f"{column.low:g} to {column.high:g}"
-        findings.add(
-            "error",
+        raw.note(
             "cannot be",
-            raw,
             column.name,
             raw.rows[wrong],
             found=f"{result[wrong][0]:g}",
@@ -245,7 +219,7 @@ def _numbers(raw: RawTable, column: Column, values: NDArray[Any], findings: Find
     return result
 
 
-def _identified(raw: RawTable, data: Mapping[str, Any], findings: Findings) -> NDArray[np.bool_]:
+def _identified(raw: RawTable, data: Mapping[str, Any]) -> NDArray[np.bool_]:
     """Rows that say what they are about."""
     keep = np.ones(raw.rows.size, np.bool_)
     # A block or a passage without a name is an unattributed one: its table requires none.
@@ -257,12 +231,12 @@ def _identified(raw: RawTable, data: Mapping[str, Any], findings: Findings) -> N
         lost = keep & ~there
         if lost.any():
             problem = "point has no time" if column == "t_s" else "has no name"
-            findings.add("error", problem, raw, column, raw.rows[lost], left_out="row")
+            raw.note(problem, column, raw.rows[lost], left_out="row")
         keep &= there
     return keep
 
 
-def _half_places(raw: RawTable, data: dict[str, Any], findings: Findings) -> None:
+def _half_places(raw: RawTable, data: dict[str, Any]) -> None:
     """An x without its y is no place."""
     nothing = np.full(raw.rows.size, np.nan)
     there = [np.isfinite(data.get(c, nothing)) for c in ("x", "y")]
@@ -270,17 +244,15 @@ def _half_places(raw: RawTable, data: dict[str, Any], findings: Findings) -> Non
     if not half.any():
         return
     # What stands there and is no number has been said.
-    said = [f.rows for f in findings.all if f.table == raw.name and f.column in ("x", "y")]
+    said = [f.rows for f in raw.findings if f.table == raw.name and f.column in ("x", "y")]
     missing = half & ~np.isin(raw.rows, np.concatenate([*said, np.empty(0, np.int64)]))
     if missing.any():
-        findings.add("error", "x or y is missing", raw, "x, y", raw.rows[missing], left_out="value")
+        raw.note("x or y is missing", "x, y", raw.rows[missing], left_out="value")
     for c in ("x", "y"):
         data[c] = np.where(half, np.nan, data.get(c, nothing))
 
 
-def _placed(
-    raw: RawTable, data: Mapping[str, Any], grid: Grid | None, findings: Findings
-) -> dict[str, Any]:
+def _placed(raw: RawTable, data: Mapping[str, Any], grid: Grid | None) -> dict[str, Any]:
     """Coordinates of the features of a layer, in those of the DEM."""
     assert raw.shapes is not None
     lines = raw.name not in POINT_TABLES
@@ -295,10 +267,8 @@ def _placed(
         np.bool_,
     )
     if (odd := there & ~fits).any():
-        findings.add(
-            "error",
+        raw.note(
             "geometry cannot be used",
-            raw,
             rows=raw.rows[odd],
             found=shapes[int(np.flatnonzero(odd)[0])].geom_type,
             expected="a line across the slope" if lines else "a point",
@@ -317,10 +287,8 @@ def _placed(
         for i, shape in zip(index.tolist(), moved, strict=True):
             merged = shapely.line_merge(shape)
             if merged.geom_type != "LineString":
-                findings.add(
-                    "error",
+                raw.note(
                     "station is made of separate parts",
-                    raw,
                     rows=[raw.rows[i]],
                     expected="one line without gaps",
                     left_out="row",
@@ -344,9 +312,7 @@ def _placed(
     return result
 
 
-def _stations(
-    raw: RawTable, data: Mapping[str, Any], keep: NDArray[np.bool_], findings: Findings
-) -> Stations:
+def _stations(raw: RawTable, data: Mapping[str, Any], keep: NDArray[np.bool_]) -> Stations:
     n = raw.rows.size
     vertices: list[FloatArray] = list(data.get("vertices", [np.empty((0, 2))] * n))
     ends = [data.get(c, np.full(n, np.nan)) for c in ("x0", "y0", "x1", "y1")]
@@ -359,10 +325,8 @@ def _stations(
             vertices[i] = vertices[i][~again]
     lineless = keep & np.array([len(v) < 2 for v in vertices], np.bool_)
     if lineless.any():
-        findings.add(
-            "warning",
+        raw.note(
             "station has no line: its passages are used by their own x and y",
-            raw,
             "x0, y0, x1, y1",
             raw.rows[lineless],
             expected="a line, or x0, y0, x1, y1",
@@ -370,14 +334,12 @@ def _stations(
     return Stations.of(row=raw.rows, station=data["station"], vertices=tuple(vertices)).take(keep)
 
 
-def metadata_of(raw: RawTable, findings: Findings) -> Metadata:
+def metadata_of(raw: RawTable) -> Metadata:
     """How well was measured; keys that are not known are passed on."""
     columns = {k.strip().lower(): v for k, v in raw.columns.items()}
     if not {"key", "value"} <= set(columns):
-        findings.add(
-            "error",
+        raw.note(
             "metadata cannot be read",
-            raw,
             found=", ".join(raw.columns) or "nothing",
             expected="columns key and value",
             left_out="table",
@@ -385,9 +347,9 @@ def metadata_of(raw: RawTable, findings: Findings) -> Metadata:
         return Metadata()
     known: dict[str, float] = {}
     others: dict[str, str] = {}
-    keys = _short(raw, "key", _names(columns["key"]), findings)
+    keys = _short(raw, "key", _names(columns["key"]))
     values = ["" if v is None or v != v else str(v).strip() for v in columns["value"].tolist()]
-    values = _short(raw, "value", values, findings)
+    values = _short(raw, "value", values)
     for row, key, text in zip(raw.rows.tolist(), keys, values, strict=True):
         name = key.lower()
         if name not in METADATA_KEYS:
@@ -395,9 +357,7 @@ def metadata_of(raw: RawTable, findings: Findings) -> Metadata:
             if not key or name in METADATA_TEXTS:
                 continue
             if "nearest" in (hint := nearest(name, tuple(METADATA_KEYS))):
-                findings.add(
-                    "warning", f"key {key} is only passed on", raw, "key", [row], expected=hint
-                )
+                raw.note(f"key {key} is only passed on", "key", [row], expected=hint)
             continue
         if text.lower() in _EMPTY:
             continue
@@ -407,10 +367,8 @@ def metadata_of(raw: RawTable, findings: Findings) -> Metadata:
             number = math.nan
         relative = name.endswith(("_rel", "_share"))
         if not (math.isfinite(number) and number >= 0.0) or (relative and number >= 1.0):
-            findings.add(
-                "error",
+            raw.note(
                 f"{key} cannot be used" + (": looks like percent" if number >= 1.0 else ""),
-                raw,
                 "value",
                 [row],
                 found=repr(text),
