@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from sassgis.hazard.volume_frequency import BlockSurvey
-from sassgis.io.read.csv_table import csv_cells, csv_rows, number
-from sassgis.io.read.plain_file import read_text
+from sassgis.io.read.csv_table import csv_cells, csv_rows
+from sassgis.io.read.plain_file import number, read_text
 from sassgis.model.errors import InputError
 
 _LIST, _CLASSES = ("volume_m3",), ("from_m3", "to_m3", "count")

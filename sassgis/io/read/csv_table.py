@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from sassgis.io.read.plain_file import check_text, read_text
+from sassgis.io.read.plain_file import check_text, number, read_text
 from sassgis.io.read.vector_features import nearest
 from sassgis.model.errors import InputError
 from sassgis.model.in_memory import Input
@@ -221,22 +221,3 @@ def errors_of_row(where: str, file: Input) -> Iterator[None]:
             found=error.found,
             expected=error.expected,
         ) from None
-
-
-def number(value: object, where: str, column: str, file: Input) -> float:
-    """Finite number in a cell; InputError with the row and the column otherwise."""
-    try:
-        if isinstance(value, bool):
-            raise ValueError
-        result = float(value)  # type: ignore[arg-type]
-        if math.isfinite(result):
-            return result
-    except (TypeError, ValueError):
-        pass
-    raise InputError(
-        f"{where}: is not a number",
-        file=file,
-        field=column,
-        found=repr(value),
-        expected="a finite number, with a point for decimals",
-    )

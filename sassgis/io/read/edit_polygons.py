@@ -86,7 +86,7 @@ def read_edits(settings: EditSettings, preset: HazardPreset, grid: Grid) -> tupl
         kinds=("polygon",), may_be_empty=True,
     )  # fmt: skip
     codes = [NO_LEVEL, *(c.code for c in preset.levels)]
-    return tuple(_edit(f, codes, grid, settings.file) for f in features)
+    return tuple(_edit(f, codes, grid) for f in features)
 
 
 def check_no_edits(settings: EditSettings) -> None:
@@ -101,21 +101,17 @@ def check_no_edits(settings: EditSettings) -> None:
         )  # fmt: skip
 
 
-def _edit(feature: Feature, codes: Sequence[str], grid: Grid, file: Path) -> Edit:
-    who = feature.label()
-
+def _edit(feature: Feature, codes: Sequence[str], grid: Grid) -> Edit:
     def text(column: str, expected: str) -> str:
         found = feature.text(column)
         if found is None:
-            raise InputError(f"{who} has no value", file=file, field=column, expected=expected)
+            raise feature.wrong("has no value", column, expected=expected)
         return found
 
     def one_of(column: str, found: str, known: Sequence[str]) -> int:
         if found not in known:
-            raise InputError(
-                f"{who} has an unknown value", file=file, field=column, found=repr(found),
-                expected=nearest(found, known),
-            )  # fmt: skip
+            meant = nearest(found, known)
+            raise feature.wrong("has an unknown value", column, found=repr(found), expected=meant)
         return known.index(found)
 
     level = one_of("level", text("level", nearest("", codes)), codes)
@@ -125,18 +121,14 @@ def _edit(feature: Feature, codes: Sequence[str], grid: Grid, file: Path) -> Edi
     try:
         date.fromisoformat(day)
     except ValueError:
-        raise InputError(
-            f"{who} has no date", file=file, field="date", found=repr(day),
-            expected="year-month-day: 2026-01-31",
-        ) from None  # fmt: skip
+        expected = "year-month-day: 2026-01-31"
+        raise feature.wrong("has no date", "date", found=repr(day), expected=expected) from None
     if share_inside(feature, grid) < _WHOLE:
-        raise outside(file, "edits.file", who, feature.geometry.bounds, grid)
+        raise outside(feature.file, "edits.file", feature.label, feature.geometry.bounds, grid)
     rows, cols, mask = cells_under(feature.geometry, grid)
     if not (mask & np.isfinite(grid.values[rows, cols])).any():
-        raise InputError(
-            f"{who} lies where the terrain is unknown", file=file, field="edits.file",
-            expected="a polygon on the terrain model",
-        )  # fmt: skip
+        expected = "a polygon on the terrain model"
+        raise feature.wrong("lies where the terrain is unknown", "edits.file", expected=expected)
     author, reason = text("author", "who made the edit"), text("reason", "why it was made")
     computed = _optional(feature, "computed")
     return Edit(feature.geometry, level, limit, author, day, reason, computed)

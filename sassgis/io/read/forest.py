@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import logging
 import math
-from functools import partial
 
 import numpy as np
 from rasterio.features import rasterize
 from rasterio.warp import Resampling
 from scipy import ndimage
 
-from sassgis.io.read.csv_table import CsvColumn, number, read_table
+from sassgis.io.read.csv_table import CsvColumn, read_table
 from sassgis.io.read.dem import affine_of, open_raster, pair_of_systems, read_band, resample
 from sassgis.io.read.vector_features import Feature, read_features
 from sassgis.model.errors import InputError
@@ -78,15 +77,10 @@ def _from_polygons(
         for feature in features:
             value = default
             if field is not None and feature.text(field) is not None:
-                value = number(feature.attributes[field], feature.label(), field, file)
+                value = feature.value(field)
             if value is None or value < 0.0:
-                raise InputError(
-                    f"{feature.label()} has no number that can be used",
-                    file=file,
-                    field=field,
-                    found=value,
-                    expected="0 or more",
-                )
+                problem = "has no number that can be used"
+                raise feature.wrong(problem, field, found=value, expected="0 or more")
             shapes.append((feature.geometry, value))
         maps.append(
             np.asarray(
@@ -181,7 +175,7 @@ def _trees_of(file: Input, grid: Grid) -> tuple[FloatArray, ...]:
         features = read_features(
             file, grid, key, fields={"single_trees": "dbh_cm"}, kinds=("point",)
         )
-        found = [(f.label(), _tree(f, file)) for f in features]
+        found = [(f.label, _tree(f)) for f in features]
     if not found:
         raise InputError("holds no tree", file=file, expected="a row for each")
     for where, (_, _, _, conifers) in found:
@@ -197,13 +191,8 @@ def _is_table(file: Input) -> bool:
     return file.suffix.lower() in (".csv", ".txt")
 
 
-def _tree(feature: Feature, file: Input) -> tuple[float, ...]:
-    numbers = partial(number, where=feature.label(), file=file)
-    share = feature.attributes.get("conifer_share")
-    missing = share is None or feature.text("conifer_share") is None
-    return (
-        feature.geometry.x,
-        feature.geometry.y,
-        numbers(feature.attributes["dbh_cm"], column="dbh_cm"),
-        math.nan if missing else numbers(share, column="conifer_share"),
-    )
+def _tree(feature: Feature) -> tuple[float, ...]:
+    share = "conifer_share"
+    stated = share in feature.attributes and feature.text(share) is not None
+    place = feature.geometry
+    return place.x, place.y, feature.value("dbh_cm"), feature.value(share) if stated else math.nan

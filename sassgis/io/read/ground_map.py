@@ -213,13 +213,9 @@ def _from_polygons(
     for feature in features:
         name = feature.text(field)
         if name is None:
-            raise InputError(
-                f"{feature.label()} has no ground class",
-                file=file,
-                field=field,
-                expected=f"one of {', '.join(table.names)}",
-            )
-        index = _class_index(name, table, f"class of {feature.label()}", file, field)
+            expected = f"one of {', '.join(table.names)}"
+            raise feature.wrong("has no ground class", field, expected=expected)
+        index = _class_index(name, table, f"class of {feature.label}", file, field)
         shapes.append((feature.geometry, index))
     return np.asarray(
         rasterize(

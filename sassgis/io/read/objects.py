@@ -12,9 +12,9 @@ import numpy as np
 import shapely
 from shapely.ops import substring
 
-from sassgis.io.read.csv_table import CsvColumn, errors_of_row, number, read_table
-from sassgis.io.read.vector_features import Feature, nearest, read_features
-from sassgis.io.read.vectors import check_on_map, feature_names
+from sassgis.io.read.csv_table import CsvColumn, errors_of_row, read_table
+from sassgis.io.read.vector_features import Feature, nearest
+from sassgis.io.read.vectors import check_on_map, named_features
 from sassgis.model.errors import InputError
 from sassgis.model.exposure import (
     NUMBERS_OF_KIND,
@@ -63,28 +63,13 @@ def read_objects(settings: ObjectSettings, grid: Grid) -> PlacedObjects:
         In the order of the file, stretches by chainage. Stretches of roads outside the DEM are
         left out, with a warning.
     """
-    file, name, name_field = settings.file, settings.name, settings.name_field
-    key = _key(settings)
+    file, key, kinds = settings.file, _key(settings), _SHAPES[settings.kind]
     _check_settings(settings, grid)
-    features = read_features(
-        file,
-        grid,
-        key,
-        layer=settings.layer,
-        fields={"name_field": name_field, **{f"{k}_field": v for k, v in settings.fields.items()}},
-        label=name_field,
-        kinds=_SHAPES[settings.kind],
-    )
-    if name_field is None and len(features) == 1:
-        names = [name]
-    else:
-        names = feature_names(features, name_field, name, file, key)
     objects: list[ExposedObject] = []
     geometries: list[Any] = []
-    for feature, own in zip(features, names, strict=True):
-        label = feature.label(name_field)
-        check_on_map(feature, grid, file, f"{key}.file", label)
-        whole = _object(own, _numbers(feature, label, settings), label, settings)
+    for feature, name in named_features(settings, grid, key, settings.fields, kinds):
+        check_on_map(feature, grid, file, f"{key}.file", feature.label)
+        whole = _object(name, _numbers(feature, settings), feature.label, settings)
         if feature.kind == "line":
             parts = _stretches(whole, feature.geometry, settings.segment_m, grid, file)
         else:
@@ -151,23 +136,19 @@ def _check_settings(settings: ObjectSettings, grid: Grid) -> None:
         )
 
 
-def _numbers(feature: Feature, label: str, settings: ObjectSettings) -> dict[str, float]:
+def _numbers(feature: Feature, settings: ObjectSettings) -> dict[str, float]:
     """The numbers of one feature by name, those that are stated."""
     columns, defaults = settings.fields, settings.defaults
     values: dict[str, float] = {}
     for name in NUMBERS_OF_KIND[settings.kind]:
         column = columns.get(name)
         if column is not None and feature.text(column) is not None:
-            values[name] = number(feature.attributes[column], label, column, settings.file)
+            values[name] = feature.value(column)
         elif name in defaults:
             values[name] = defaults[name]
         elif column is not None:
-            raise InputError(
-                f"{label} has no value",
-                file=settings.file,
-                field=column,
-                expected=f"a number, or {_key(settings)}.{name} for features without one",
-            )
+            expected = f"a number, or {_key(settings)}.{name} for features without one"
+            raise feature.wrong("has no value", column, expected=expected)
     return values
 
 

@@ -6,6 +6,7 @@ nested ten thousand times, a name fills a map sheet.
 
 from __future__ import annotations
 
+import math
 import re
 import stat
 import tomllib
@@ -147,3 +148,22 @@ def check_text(text: object, file: str | Input, field: str, where: str = "") -> 
             found=ascii(odd[0]),
             expected="letters, digits, signs",
         )
+
+
+def number(value: object, where: str, column: str, file: Input) -> float:
+    """Finite number in a cell; InputError with the row and the column otherwise."""
+    try:
+        if isinstance(value, bool):
+            raise ValueError
+        result = float(value)  # type: ignore[arg-type]
+        if math.isfinite(result):
+            return result
+    except (TypeError, ValueError):
+        pass
+    raise InputError(
+        f"{where}: is not a number",
+        file=file,
+        field=column,
+        found=repr(value),
+        expected="a finite number, with a point for decimals",
+    )

@@ -146,7 +146,7 @@ def with_system(given: StartKeys, dem: Path | None, release: Path | None) -> Sta
         terrain["crs"] = ":".join(code)
         frame = open_terrain(dem, ":".join(code)).outline()
     if drawn is not None and release is not None:
-        with_shapes(without_shapes(drawn), drawn, release, frame, "release", None)
+        with_shapes(without_shapes(drawn, release), drawn, release, frame, "release")
     return keys
 
 

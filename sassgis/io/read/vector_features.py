@@ -7,7 +7,7 @@ import logging
 import math
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ from pyproj.exceptions import ProjError
 from rasterio.features import rasterize
 
 from sassgis.io.read.offline import VECTOR, read_frame, vector_file
-from sassgis.io.read.plain_file import check_file, check_text, in_memory
+from sassgis.io.read.plain_file import check_file, check_text, in_memory, number
 from sassgis.model.crs import crs_name, crs_parts, same_crs
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid
@@ -53,21 +53,37 @@ class Feature:
     geometry : shapely geometry
         Valid, not empty, without heights.
     kind : {"polygon", "line", "point"}
+    file : Path or InMemory, optional
+        What holds the layer.
+    name_field : str, optional
+        Attribute with the names of the features.
     """
 
     number: int
     attributes: Mapping[str, Any]
     geometry: Any
     kind: str
+    file: Input | None = None
+    name_field: str | None = None
 
     def text(self, field: str) -> str | None:
         """Attribute as text; None where it is empty."""
         return _text(self.attributes[field])
 
-    def label(self, name_field: str | None = None) -> str:
+    def value(self, field: str) -> float:
+        """Attribute as a finite number; InputError otherwise."""
+        assert self.file is not None
+        return number(self.attributes[field], self.label, field, self.file)
+
+    @property
+    def label(self) -> str:
         """How messages speak of the feature."""
-        name = self.text(name_field) if name_field else None
+        name = self.text(self.name_field) if self.name_field else None
         return f"feature {self.number}" + (f" ({name})" if name else "")
+
+    def wrong(self, problem: str, field: str | None, **detail: Any) -> InputError:
+        """The error for what is wrong with the feature; ``detail`` is what InputError takes."""
+        return InputError(f"{self.label} {problem}", file=self.file, field=field, **detail)
 
 
 def nearest(name: str, known: Sequence[str]) -> str:
@@ -121,10 +137,10 @@ def read_features(
     frame = open_layer(file, layer, key, fields or {}, may_be_empty)
     if not len(frame):
         return []
-    plain = without_shapes(frame)
+    plain = without_shapes(frame, file, label)
     if choose is not None:
         plain = choose(plain)
-    return with_shapes(plain, frame, file, grid, key, label, kinds)
+    return with_shapes(plain, frame, file, grid, key, kinds)
 
 
 def with_shapes(
@@ -133,11 +149,10 @@ def with_shapes(
     file: Input,
     grid: Grid,
     key: str,
-    label: str | None,
     kinds: Sequence[str] = ("polygon", "line", "point"),
 ) -> list[Feature]:
     """Features of a layer with their geometries; the arguments are those of read_features."""
-    labels = [f.label(label) for f in plain]
+    labels = [f.label for f in plain]
     geometries = [frame.geometry.array[f.number - 1] for f in plain]
     shapes = [shapely.force_2d(g) if g is not None else None for g in geometries]
     found_kinds = [
@@ -145,15 +160,15 @@ def with_shapes(
     ]
     moved = onto_grid(shapes, frame.crs, grid, file, key, labels)
     return [
-        Feature(f.number, f.attributes, g, kind)
+        replace(f, geometry=g, kind=kind)
         for f, g, kind in zip(plain, moved, found_kinds, strict=True)
     ]
 
 
-def without_shapes(frame: Any) -> list[Feature]:
+def without_shapes(frame: Any, file: Input, name_field: str | None = None) -> list[Feature]:
     """The features of a layer by number and attributes."""
     rows = frame.drop(columns=frame.geometry.name).to_dict("records")
-    return [Feature(n, row, None, "") for n, row in enumerate(rows, start=1)]
+    return [Feature(n, row, None, "", file, name_field) for n, row in enumerate(rows, start=1)]
 
 
 #: Key of a layer that is kept for the fields whose texts have been checked.

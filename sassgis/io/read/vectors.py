@@ -6,9 +6,8 @@ import logging
 import math
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,6 @@ import numpy as np
 import shapely
 
 from sassgis.io.read.config import control_line_of
-from sassgis.io.read.csv_table import number
 from sassgis.io.read.vector_features import (
     Feature,
     cells_under,
@@ -31,6 +29,7 @@ from sassgis.io.read.vector_features import (
 )
 from sassgis.model.declared import declared, fault
 from sassgis.model.errors import ConfigError, InputError
+from sassgis.model.exposure import ObjectSettings
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.in_memory import Input
 from sassgis.model.release_areas import ReleaseArea
@@ -53,14 +52,12 @@ def release_features(release: ReleaseSettings) -> list[Feature]:
     """The release areas of a file by number and attributes; their shapes are not looked at."""
     file = _release_file(release)
     frame = open_layer(file, release.layer, "release", {"name_field": release.name_field})
-    return without_shapes(frame)
+    return without_shapes(frame, file, release.name_field)
 
 
 def release_names(release: ReleaseSettings) -> tuple[str, ...]:
     """Names of all release areas in the order of the file; their shapes are not looked at."""
-    file = _release_file(release)
-    found = release_features(release)
-    return tuple(feature_names(found, release.name_field, "area", file, "release"))
+    return tuple(feature_names(release_features(release), "area", "release"))
 
 
 def _release_file(release: ReleaseSettings) -> Input:
@@ -96,11 +93,8 @@ def read_release(
     file = _release_file(release)
     name_field, scenario_field = release.name_field, release.scenario_field
 
-    def named(features: Sequence[Feature]) -> list[str]:
-        return feature_names(features, name_field, "area", file, "release")
-
     def chosen(features: Sequence[Feature]) -> list[Feature]:
-        names = named(features)
+        names = feature_names(features, "area", "release")
         for name in only or ():
             if name not in names:
                 raise InputError(
@@ -121,9 +115,10 @@ def read_release(
         label=name_field,
         choose=chosen,
     )
+    names = feature_names(features, "area", "release")
     areas = [
         release_area(feature, name, release, grid, block_names)
-        for feature, name in zip(features, named(features), strict=True)
+        for feature, name in zip(features, names, strict=True)
     ]
     warn_of_overlaps(areas, file)
     return areas
@@ -142,36 +137,61 @@ def read_release_feature(release: ReleaseSettings, number: int, grid: Grid) -> F
     file = _release_file(release)
     fields = {"name_field": release.name_field, "scenario_field": release.scenario_field}
     frame = open_layer(file, release.layer, "release", fields)
-    own = replace(without_shapes(frame.iloc[[number - 1]])[0], number=number)
-    return with_shapes([own], frame, file, grid, "release", release.name_field)[0]
+    own = without_shapes(frame.iloc[[number - 1]], file, release.name_field)[0]
+    return with_shapes([replace(own, number=number)], frame, file, grid, "release")[0]
 
 
 def release_area(
     feature: Feature, name: str, release: ReleaseSettings, grid: Grid, block_names: Sequence[str]
 ) -> ReleaseArea:
     """A release area from its feature, checked against the DEM under it."""
-    file = _release_file(release)
-    label = feature.label(release.name_field)
-    _check_under(feature, label, grid, file)
-    scenarios = _scenarios(feature, label, release.scenario_field, block_names, file)
+    _check_under(feature, grid)
+    scenarios = _scenarios(feature, release.scenario_field, block_names)
     return ReleaseArea(name, feature.geometry, scenarios)
 
 
-def feature_names(
-    features: Sequence[Feature], field: str | None, stem: str, file: Input, section: str
-) -> list[str]:
+def named_features(
+    item: StationSettings | ObjectSettings,
+    grid: Grid,
+    key: str,
+    columns: Mapping[str, str],
+    kinds: Sequence[str],
+) -> list[tuple[Feature, str]]:
+    """The features that a section reads, with their names; a single one may have that of it.
+
+    Parameters
+    ----------
+    columns
+        Attributes that the section names besides that of the names, by what they say.
+    """
+    assert item.file is not None
+    features = read_features(
+        item.file,
+        grid,
+        key,
+        layer=item.layer,
+        fields={f"{k}_field": v for k, v in [("name", item.name_field), *columns.items()]},
+        label=item.name_field,
+        kinds=kinds,
+    )
+    if item.name_field is None and len(features) == 1:
+        return [(features[0], item.name)]
+    return list(zip(features, feature_names(features, item.name, key), strict=True))
+
+
+def feature_names(features: Sequence[Feature], stem: str, section: str) -> list[str]:
     """Names of the features: identities, so no two are the same."""
-    wrong = partial(InputError, file=file, field=field)
-    if field is None:
-        return [f"{stem} {f.number}" for f in features]
     seen: dict[str, Feature] = {}
     for feature in features:
-        name = feature.text(field)
+        field = feature.name_field
+        name = f"{stem} {feature.number}" if field is None else feature.text(field)
         if name is None:
-            raise wrong(f"{feature.label()} has no name", expected="a text")
+            raise feature.wrong("has no name", field, expected="a text")
         if name in seen:
-            raise wrong(
+            raise InputError(
                 "name is used twice",
+                file=feature.file,
+                field=field,
                 found=f"{name!r} in features {seen[name].number} and {feature.number}",
                 expected=f"names that differ, or another {section}.name_field",
             )
@@ -179,29 +199,23 @@ def feature_names(
     return list(seen)
 
 
-def _scenarios(
-    feature: Feature, label: str, field: str | None, known: Sequence[str], file: Input
-) -> tuple[str, ...]:
+def _scenarios(feature: Feature, field: str | None, known: Sequence[str]) -> tuple[str, ...]:
     text = None if field is None else feature.text(field)
     if text is None:
         if field is not None:
-            log.info("%s: %s names no scenario: all of them", file, label)
+            log.info("%s: %s names no scenario: all of them", feature.file, feature.label)
         return tuple(known)
     chosen = tuple(dict.fromkeys(part.strip() for part in re.split(r"[;,]", text) if part.strip()))
     for name in chosen:
         if name not in known:
-            raise InputError(
-                f"{label} names an unknown block scenario",
-                file=file,
-                field=field,
-                found=repr(name),
-                expected=nearest(name, known),
-            )
+            problem, meant = "names an unknown block scenario", nearest(name, known)
+            raise feature.wrong(problem, field, found=repr(name), expected=meant)
     return chosen or tuple(known)
 
 
-def _check_under(feature: Feature, label: str, grid: Grid, file: Input) -> None:
+def _check_under(feature: Feature, grid: Grid) -> None:
     """Compare a release area with the DEM under it."""
+    file, label = feature.file, feature.label
     inside = share_inside(feature, grid)
     if inside == 0.0:
         raise outside(file, "release.file", label, feature.geometry.bounds, grid)
@@ -216,13 +230,9 @@ def _check_under(feature: Feature, label: str, grid: Grid, file: Input) -> None:
     unknown = ~np.isfinite(grid.values[rows, cols]) & mask
     n_cells, n_unknown = int(mask.sum()), int(unknown.sum())
     if n_unknown == n_cells:
-        raise InputError(
-            f"{label} lies on nodata",
-            file=file,
-            field="release.file",
-            found=f"{n_cells} cells under it, none with a height",
-            expected="an area on known terrain",
-        )
+        found = f"{n_cells} cells under it, none with a height"
+        expected = "an area on known terrain"
+        raise feature.wrong("lies on nodata", "release.file", found=found, expected=expected)
     if n_unknown:
         log.warning(
             "%s: %s: %d of %d cells under it are nodata (%.1f %%); no block starts there",
@@ -314,25 +324,11 @@ def _control_lines_of(
             expected="line or file",
         )
     columns = item.fields if isinstance(item, BarrierSettings) else {}
-    features = read_features(
-        item.file,
-        grid,
-        key,
-        layer=item.layer,
-        fields={"name_field": item.name_field, **{f"{k}_field": v for k, v in columns.items()}},
-        label=item.name_field,
-        kinds=("line",),
-    )
-    if item.name_field is None and len(features) == 1:
-        names = [item.name]
-    else:
-        names = feature_names(features, item.name_field, item.name, item.file, key)
     control_lines = []
-    for feature, name in zip(features, names, strict=True):
-        label = feature.label(item.name_field)
-        vertices = _one_line(feature, label, item.file, key)
-        check_on_map(feature, grid, item.file, key, label)
-        own = _with_attributes(item, feature, label, item.file)
+    for feature, name in named_features(item, grid, key, columns, ("line",)):
+        vertices = _one_line(feature, key)
+        check_on_map(feature, grid, item.file, key, feature.label)
+        own = _with_attributes(item, feature)
         control_lines.append((control_line_of(own, name), vertices))
     return control_lines
 
@@ -351,34 +347,32 @@ def read_line(file: Input, grid: Grid, key: str) -> FloatArray:
             "holds several lines", file=file, field=key, found=str(len(features)),
             expected="one line",
         )  # fmt: skip
-    label = features[0].label()
-    vertices = _one_line(features[0], label, file, key)
+    (feature,) = features
+    vertices = _one_line(feature, key)
     # Half a cell: heights are known between the centres of cells.
     inside = shapely.box(*grid.bounds).buffer(-0.5 * grid.cell_size, join_style="mitre")
-    if not inside.contains(features[0].geometry):
-        raise outside(file, key, f"{label} or a part of it", features[0].geometry.bounds, grid)
+    if not inside.contains(feature.geometry):
+        what = f"{feature.label} or a part of it"
+        raise outside(file, key, what, feature.geometry.bounds, grid)
     return vertices
 
 
-def _one_line(feature: Feature, label: str, file: Input, key: str) -> FloatArray:
+def _one_line(feature: Feature, key: str) -> FloatArray:
     """Vertices of a line whose parts, if it has several, meet at their ends."""
     line = feature.geometry
     if line.geom_type == "MultiLineString":
         line = shapely.line_merge(line)
     if line.geom_type != "LineString":
-        raise InputError(
-            f"{label} is made of separate parts",
-            file=file,
-            field=key,
+        raise feature.wrong(
+            "is made of separate parts",
+            key,
             found=f"{len(line.geoms)} parts",
             expected="one line without gaps; make each part a feature of its own",
         )
     return _vertices(line)
 
 
-def _with_attributes(
-    item: StationSettings, feature: Feature, label: str, file: Input
-) -> StationSettings:
+def _with_attributes(item: StationSettings, feature: Feature) -> StationSettings:
     """A barrier with what the attributes of one feature say; empty ones leave it as it is."""
     if not isinstance(item, BarrierSettings):
         return item
@@ -387,16 +381,14 @@ def _with_attributes(
         text = feature.text(column)
         if text is None:
             if key != "capacity_kj" and getattr(item, key) is None:
-                raise InputError(
-                    f"{label} has no value", file=file, field=column, expected=f"its {key}"
-                )
+                raise feature.wrong("has no value", column, expected=f"its {key}")
             continue
-        value = text if key == "kind" else number(feature.attributes[column], label, column, file)
+        value = text if key == "kind" else feature.value(column)
         wrong = fault(declared(BarrierSettings)[key].kind, value)
         if wrong is not None:
             raise InputError(
-                f"{label}: {wrong.problem}",
-                file=file,
+                f"{feature.label}: {wrong.problem}",
+                file=feature.file,
                 field=column,
                 found=repr(value),
                 expected=wrong.expected,
