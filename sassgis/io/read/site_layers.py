@@ -31,7 +31,7 @@ from sassgis.model.styles import (
 
 @dataclass(frozen=True, slots=True)
 class SiteLayer:
-    """A layer to draw in.
+    """A layer to draw in; ``data/map_layers.csv`` has its title and description.
 
     Attributes
     ----------
@@ -48,13 +48,21 @@ class SiteLayer:
     """
 
     name: str
-    title: str
-    description: str
     section: str
     fields: Mapping[str, FieldInfo]
     style: VectorStyle
     fixed: Mapping[str, object] = field(default_factory=dict)
     attributes: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def title(self) -> str:
+        """Name in the legend."""
+        return descriptions()[f"{self.name}.site"][""]["alias"]
+
+    @property
+    def description(self) -> str:
+        """What it is for."""
+        return descriptions()[f"{self.name}.site"][""]["description"]
 
 
 _NAME = FieldInfo("name", description="name that no other feature has", needed=True, unique=True)
@@ -71,23 +79,12 @@ _COLOURS = {
     "rock": "#8c8c8c", "debris": "#b5a48b", "talus": "#d9c89e", "soft_meadow": "#b8e186",
     "overgrown_slope": "#7fbc41", "forest_soil": "#4d9221", "asphalt": "#404040",
 }  # fmt: skip
-_OBJECT_TEXT: Mapping[str, tuple[str, str, Symbol]] = {
-    "building": (
-        "buildings",
-        "Buildings as polygons.",
-        Symbol("fill", "#c51b7d", opacity=0.6, outline="#8e0152"),
-    ),
-    "people": (
-        "people",
-        "Places where people stay out of doors, as points.",
-        Symbol("marker", "#c51b7d", shape="diamond"),
-    ),
-    "road": ("roads", "Roads as lines.", Symbol("line", "#c51b7d", size_mm=0.8)),
-    "line": (
-        "lines",
-        "Pipes, cables and other lines that have a value and carry nobody.",
-        Symbol("line", "#c51b7d", size_mm=0.5, dash="dash"),
-    ),
+#: Layers of exposed objects by their kind.
+_OBJECTS = {
+    "building": ("buildings", Symbol("fill", "#c51b7d", opacity=0.6, outline="#8e0152")),
+    "people": ("people", Symbol("marker", "#c51b7d", shape="diamond")),
+    "road": ("roads", Symbol("line", "#c51b7d", size_mm=0.8)),
+    "line": ("lines", Symbol("line", "#c51b7d", size_mm=0.5, dash="dash")),
 }
 
 
@@ -108,99 +105,66 @@ def _stated(own: Declared, *, needed: bool = False, high: float | None = None) -
 
 
 def _objects(kind: str) -> SiteLayer:
-    name, text, symbol = _OBJECT_TEXT[kind]
+    name, symbol = _OBJECTS[kind]
     keys = declared(ObjectSettings)
     numbers = {
         n: _stated(keys[n], high=1.0 if n == "presence" else None) for n in NUMBERS_OF_KIND[kind]
     }
     return SiteLayer(
         name,
-        name.capitalize(),
-        text,
         "objects",
         {"name": _NAME, **numbers},
         VectorStyle(symbol, label_column="name"),
         {"name": name, "kind": kind},
-        {"name": "name_field", **{n: f"{n}_field" for n in numbers}},
+        _named_by("name", *numbers),
     )
+
+
+def _named_by(*columns: str) -> dict[str, str]:
+    """Keys that name columns as they are called themselves."""
+    return {column: f"{column}_field" for column in columns}
 
 
 def site_layers() -> tuple[SiteLayer, ...]:
     """All layers of a site, the topmost first."""
     barrier, forest = declared(BarrierSettings), declared(ForestPlace)
+    barriers = {
+        "name": _NAME,
+        "kind": FieldInfo("kind", "", "wall or net", ("wall", "net"), needed=True),
+        "height_m": _stated(barrier["height_m"], needed=True),
+        "capacity_kj": _stated(barrier["capacity_kj"]),
+    }
+    scenarios = FieldInfo("scenario", "", "block scenarios: a;b for several; empty: all")
+    stands = {key: _stated(forest[key], needed=True) for key in ("stems_per_ha", "dbh_cm")}
+    trees = VectorStyle(Symbol("fill", "#1b7837", hatch="falling", outline="#1b7837"))
     classes = built_in_table().names
-    ground = Symbol("fill", "#999999", opacity=0.5, outline="#666666", outline_mm=0.1)
+    grounds = {"class": FieldInfo("class", "", "ground class", classes, needed=True)}
+    plain = Symbol("fill", "#999999", opacity=0.5, outline="#666666", outline_mm=0.1)
+    colours: dict[str | int, tuple[str, str]] = {
+        c: (c, _COLOURS.get(c, "#999999")) for c in classes
+    }
+    levels = [c.code for c in read_preset("ch-so").levels]
     return (
         SiteLayer(
-            "stations",
-            "Stations",
-            "Lines where passing blocks are recorded.",
-            "stations",
-            {"name": _NAME},
-            STATION_STYLE,
-            {"name": "station"},
-            {"name": "name_field"},
+            "stations", "stations", {"name": _NAME}, STATION_STYLE, {"name": "station"},
+            _named_by("name"),
         ),
         SiteLayer(
-            "barriers",
-            "Barriers",
-            "Walls and nets as lines.",
-            "barriers",
-            {
-                "name": _NAME,
-                "kind": FieldInfo("kind", "", "wall or net", ("wall", "net"), needed=True),
-                "height_m": _stated(barrier["height_m"], needed=True),
-                "capacity_kj": _stated(barrier["capacity_kj"]),
-            },
-            BARRIER_STYLE,
-            {"name": "barrier"},
-            {"name": "name_field"}
-            | {key: f"{key}_field" for key in ("kind", "height_m", "capacity_kj")},
+            "barriers", "barriers", barriers, BARRIER_STYLE, {"name": "barrier"},
+            _named_by(*barriers),
         ),
         *(_objects(kind) for kind in OBJECT_KINDS),
+        SiteLayer("edits", "edits", edit_fields(levels, False), EDIT_STYLE),
         SiteLayer(
-            "edits",
-            descriptions()["edits"][""]["alias"],
-            descriptions()["edits"][""]["description"],
-            "edits",
-            edit_fields([c.code for c in read_preset("ch-so").levels], False),
-            EDIT_STYLE,
+            "release_areas", "release", {"name": _NAME, "scenario": scenarios},
+            RELEASE_AREA_STYLE, {}, _named_by("name", "scenario"),
         ),
         SiteLayer(
-            "release_areas",
-            "Release areas",
-            "Where blocks start.",
-            "release",
-            {
-                "name": _NAME,
-                "scenario": FieldInfo(
-                    "scenario", "", "block scenarios: a;b for several; empty: all"
-                ),
-            },
-            RELEASE_AREA_STYLE,
-            {},
-            {"name": "name_field", "scenario": "scenario_field"},
-        ),
-        SiteLayer(
-            "forest",
-            "Forest",
-            "Stands of trees.",
-            "effects.trees",
-            {key: _stated(forest[key], needed=True) for key in ("stems_per_ha", "dbh_cm")},
-            VectorStyle(Symbol("fill", "#1b7837", hatch="falling", outline="#1b7837")),
-            {},
+            "forest", "effects.trees", stands, trees, {},
             {"stems_per_ha": "stems_field", "dbh_cm": "dbh_field"},
         ),
         SiteLayer(
-            "ground",
-            "Ground",
-            "Ground classes; where polygons overlap the one drawn later counts.",
-            "ground",
-            {"class": FieldInfo("class", "", "ground class", classes, needed=True)},
-            categorised_style(
-                ground, "class", {c: (c, _COLOURS.get(c, "#999999")) for c in classes}
-            ),
-            {},
-            {"class": "class_field"},
+            "ground", "ground", grounds, categorised_style(plain, "class", colours), {},
+            _named_by("class"),
         ),
-    )
+    )  # fmt: skip
