@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import math
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -18,6 +18,7 @@ from affine import Affine
 from numpy.typing import NDArray
 from rasterio.enums import ColorInterp, Resampling
 from rasterio.errors import NotGeoreferencedWarning, RasterioError, RasterioIOError
+from rasterio.features import rasterize
 from rasterio.io import MemoryFile
 from rasterio.warp import reproject
 from rasterio.windows import Window
@@ -27,7 +28,7 @@ from sassgis.io.read.offline import RASTER, offline, open_dataset
 from sassgis.io.read.plain_file import check_file, check_text, in_memory
 from sassgis.model.crs import crs_parts, same_crs
 from sassgis.model.errors import InputError
-from sassgis.model.grid import FloatArray, Grid
+from sassgis.model.grid import BoolArray, FloatArray, Grid
 from sassgis.model.in_memory import AnyInput, InMemory, Input, named
 from sassgis.model.memory import require_memory
 
@@ -145,27 +146,18 @@ def read_dem(
         dem = _described(dataset, file, crs, vertical_datum, override_crs)
         require_room(dem.shape, file)
         values = _heights(dataset, dem)
+    wrong = partial(InputError, file=file)
     if not np.isfinite(values).any():
-        raise InputError(
-            "holds no height at all",
-            file=file,
-            field=f"band {dem.band}",
-            found=f"{values.size} cells, all nodata",
-            expected="heights",
-        )
+        found = f"{values.size} cells, all nodata"
+        field = f"band {dem.band}"
+        raise wrong("holds no height at all", field=field, found=found, expected="heights")
     values, transform = _north_up(values, dem.transform)
     if not _is_square(transform, values.shape):
         values, transform = _squared(values, transform, file)
         if not np.isfinite(values).any():
-            raise InputError("holds no height at all after resampling", file=file)
-    return Grid(
-        values=np.ascontiguousarray(values),
-        west=transform.c,
-        north=transform.f,
-        cell_size=(transform.a - transform.e) / 2.0,
-        crs=dem.crs,
-        vertical_datum=dem.vertical_datum,
-    )
+            raise wrong("holds no height at all after resampling")
+    place = transform.c, transform.f, (transform.a - transform.e) / 2.0
+    return Grid(np.ascontiguousarray(values), *place, dem.crs, dem.vertical_datum)
 
 
 def require_room(shape: tuple[int, int], file: Input) -> None:
@@ -178,12 +170,9 @@ def _described(
 ) -> DemFile:
     band = height_band(dataset, file)
     if min(dataset.shape) < 3:
-        raise InputError(
-            "is too small for slopes",
-            file=file,
-            found=f"{dataset.height} rows x {dataset.width} columns",
-            expected="at least 3 x 3 cells",
-        )
+        found = f"{dataset.height} rows x {dataset.width} columns"
+        wrong = partial(InputError, file=file, found=found)
+        raise wrong("is too small for slopes", expected="at least 3 x 3 cells")
     transform = _transform(dataset, file)
     bounds = _outer_bounds(transform, dataset.shape)
     plane, datum, vertical_unit = dem_system(
@@ -212,13 +201,8 @@ def open_raster(file: Input, key: str) -> Iterator[Any]:
         try:
             dataset = open_dataset(file)
         except (RasterioError, OSError) as error:
-            raise InputError(
-                "cannot be read as a raster",
-                file=file,
-                field=key,
-                found=_reason(error, file),
-                expected=RASTER,
-            ) from None
+            wrong = partial(InputError, file=file, field=key, found=_reason(error, file))
+            raise wrong("cannot be read as a raster", expected=RASTER) from None
         with dataset:
             yield dataset
 
@@ -252,17 +236,17 @@ def height_band(dataset: Any, file: Input) -> int:
 
 
 def _transform(dataset: Any, file: Input) -> Affine:
+    wrong = partial(InputError, file=file)
     transform: Affine = dataset.transform
     # GDAL reports the identity, with rows running down, where a file has no georeference.
     if transform.is_identity:
-        raise InputError(
+        raise wrong(
             "has no georeference",
-            file=file,
             found="control points only" if dataset.gcps[0] else "no corner and no cell size",
             expected="a raster on the map: place it in QGIS (Georeferencer), or add a world file",
         )
     if transform.is_degenerate or not all(math.isfinite(v) for v in transform[:6]):
-        raise InputError("has an unusable georeference", file=file, found=tuple(transform[:6]))
+        raise wrong("has an unusable georeference", found=tuple(transform[:6]))
     return transform
 
 
@@ -282,13 +266,9 @@ def _height_unit(dataset: Any, band: int, file: Input, vertical_unit: float) -> 
     """Metres per unit of the band: what the band states counts before the height system."""
     stated = (dataset.units[band - 1] or "").strip().lower()
     if stated not in METRES:
-        raise InputError(
-            "heights are in an unknown unit",
-            file=file,
-            field=f"band {band}",
-            found=repr(dataset.units[band - 1]),
-            expected="metres or feet",
-        )
+        wrong = partial(InputError, file=file, field=f"band {band}")
+        found = repr(dataset.units[band - 1])
+        raise wrong("heights are in an unknown unit", found=found, expected="metres or feet")
     unit = METRES[stated] if stated else vertical_unit
     if unit != 1.0:
         log.info("%s: heights are converted to metres (1 unit = %.6f m)", file, unit)
@@ -304,13 +284,8 @@ def read_band(dataset: Any, band: int, file: Input, part: Window | None = None) 
             if kind == ColorInterp.alpha:
                 raw = np.ma.masked_where(dataset.read(other, window=part) == 0, raw)
     except (RasterioIOError, RasterioError, OSError) as error:
-        raise InputError(
-            "cannot be read to the end",
-            file=file,
-            field=f"band {band}",
-            found=_reason(error, file),
-            expected="an undamaged file",
-        ) from None
+        wrong = partial(InputError, file=file, field=f"band {band}", found=_reason(error, file))
+        raise wrong("cannot be read to the end", expected="an undamaged file") from None
     return raw
 
 
@@ -322,22 +297,21 @@ def _heights(dataset: Any, dem: DemFile, part: Window | None = None) -> FloatArr
     with np.errstate(invalid="ignore"):  # a NaN may be a signalling one
         values = np.array(raw.data, dtype=np.float64)
     values[np.ma.getmaskarray(raw)] = np.nan
-    first = (0, 0) if part is None else (int(part.row_off), int(part.col_off))
-    _refuse_infinite(values, file, band, first)
+    wrong = partial(InputError, file=file, field=f"band {band}")
+    infinite = np.isinf(values)
+    if infinite.any():
+        found = f"{int(infinite.sum())} cells, the first at {_place(infinite, part)}"
+        raise wrong("holds infinite heights", found=found, expected="numbers or nodata")
     scale, offset = dataset.scales[band - 1], dataset.offsets[band - 1]
     values *= scale * unit
     values += offset * unit
     known = np.isfinite(values)
     absurd = known & ((values < LOWEST_M) | (values > HIGHEST_M))
     if absurd.any():
-        row, col = np.unravel_index(int(np.argmax(absurd)), values.shape)
-        stored = float(raw.data[row, col])
-        raise InputError(
+        stored = float(raw.data[absurd][0])
+        raise wrong(
             "holds heights that do not occur on Earth, probably nodata that is not declared",
-            file=file,
-            field=f"band {band}",
-            found=f"{int(absurd.sum())} cells, the first {stored:g} at "
-            f"row {row + first[0] + 1}, column {col + first[1] + 1}",
+            found=f"{int(absurd.sum())} cells, the first {stored:g} at {_place(absurd, part)}",
             expected=f"heights from {LOWEST_M:g} to {HIGHEST_M:g} m; "
             f"declare nodata with rio edit-info FILE --nodata {stored:g}",
         )
@@ -379,28 +353,30 @@ def _warn_of_zeros(values: FloatArray, file: Input, band: int) -> None:
         return
     others = values[np.isfinite(values) & ~zero]
     if others.size and others.min() > ZERO_GAP_M:
-        log.warning(
+        text = (
             "%s: band %d: %d cells hold exactly 0 while all others lie above %.0f m; "
-            "probably nodata that is not declared",
-            file,
-            band,
-            int(zero.sum()),
-            math.floor(float(others.min())),
+            "probably nodata that is not declared"
         )
+        log.warning(text, file, band, int(zero.sum()), math.floor(float(others.min())))
 
 
-def _refuse_infinite(values: FloatArray, file: Input, band: int, first: tuple[int, int]) -> None:
-    infinite = np.isinf(values)
-    if infinite.any():
-        row, col = np.unravel_index(int(np.argmax(infinite)), values.shape)
-        raise InputError(
-            "holds infinite heights",
-            file=file,
-            field=f"band {band}",
-            found=f"{int(infinite.sum())} cells, the first at "
-            f"row {row + first[0] + 1}, column {col + first[1] + 1}",
-            expected="numbers or nodata",
-        )
+def _place(cells: BoolArray, part: Window | None) -> str:
+    """Where the first of some cells of a part lies in the whole."""
+    row, col = np.argwhere(cells)[0] + 1
+    if part is not None:
+        row, col = row + int(part.row_off), col + int(part.col_off)
+    return f"row {row}, column {col}"
+
+
+def burnt(
+    shapes: Sequence[tuple[Any, float]], grid: Grid, fill: float, kind: Any, touched: bool = False
+) -> NDArray[Any]:
+    """Values of geometries on the cells whose centre they cover, or all that they touch.
+
+    Where several cover a cell, the last one counts; where none does, ``fill``.
+    """
+    where: dict[str, Any] = {"transform": affine_of(grid), "all_touched": touched}
+    return np.asarray(rasterize(shapes, grid.shape, fill, dtype=kind, **where))
 
 
 # ---------------------------------------------------------------------------------------------
@@ -436,15 +412,9 @@ def _squared(values: FloatArray, transform: Affine, file: Input) -> tuple[FloatA
     n_rows = max(1, math.ceil((north - south) / cell - 1e-6))
     require_room((n_rows, n_cols), file)
     target = Affine(cell, 0.0, west, 0.0, -cell, north)
-    turned = bool(transform.b or transform.d)
-    log.info(
-        "%s: %s (%g m x %g m) are resampled to square cells of %g m with north up (bilinear)",
-        file,
-        "rotated cells" if turned else "cells that are not square",
-        width,
-        height,
-        cell,
-    )
+    what = "rotated cells" if transform.b or transform.d else "cells that are not square"
+    text = "%s: %s (%g m x %g m) are resampled to square cells of %g m with north up (bilinear)"
+    log.info(text, file, what, width, height, cell)
     square = resample(values, transform, target, (n_rows, n_cols), Resampling.bilinear, np.nan)
     return square, target
 
@@ -498,14 +468,8 @@ def affine_of(grid: Grid) -> Affine:
     return Affine(grid.cell_size, 0.0, grid.west, 0.0, -grid.cell_size, grid.north)
 
 
-def pair_of_systems(dataset: Any, grid: Grid, file: Input, field: str) -> tuple[str, str]:
-    """Coordinate systems of a raster and of the DEM; two empty texts where they are the same."""
-    if not dataset.crs:
-        log.info("%s: states no coordinate system: taken to be that of the DEM", file)
-        return "", ""
-    own, _ = crs_parts(pyproj.CRS.from_user_input(dataset.crs))
-    if own.is_engineering:
-        return "", ""
+def system_of(grid: Grid, own: pyproj.CRS, file: Input, field: str) -> pyproj.CRS:
+    """System of the DEM; InputError if it has none, while a file has its ``own``."""
     if not grid.crs:
         raise InputError(
             "has a coordinate system, yet the DEM is in local coordinates",
@@ -514,7 +478,18 @@ def pair_of_systems(dataset: Any, grid: Grid, file: Input, field: str) -> tuple[
             found=str(own.name),
             expected="local coordinates without a coordinate system",
         )
-    target = pyproj.CRS.from_wkt(grid.crs)
+    return pyproj.CRS.from_wkt(grid.crs)
+
+
+def pair_of_systems(dataset: Any, grid: Grid, file: Input, field: str) -> tuple[str, str]:
+    """Coordinate systems of a raster and of the DEM; two empty texts where they are the same."""
+    if not dataset.crs:
+        log.info("%s: states no coordinate system: taken to be that of the DEM", file)
+        return "", ""
+    own, _ = crs_parts(pyproj.CRS.from_user_input(dataset.crs))
+    if own.is_engineering:
+        return "", ""
+    target = system_of(grid, own, file, field)
     if same_crs(own, target):
         return "", ""
     log.info("%s: reprojected from %s to %s (nearest cell)", file, own.name, target.name)

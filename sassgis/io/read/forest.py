@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import logging
 import math
+from functools import partial
 
 import numpy as np
-from rasterio.features import rasterize
 from rasterio.warp import Resampling
 from scipy import ndimage
 
 from sassgis.io.read.csv_table import CsvColumn, read_table
-from sassgis.io.read.dem import affine_of, open_raster, pair_of_systems, read_band, resample
+from sassgis.io.read.dem import affine_of, burnt, open_raster, pair_of_systems, read_band, resample
 from sassgis.io.read.vector_features import Feature, read_features
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid
@@ -82,17 +82,7 @@ def _from_polygons(
                 problem = "has no number that can be used"
                 raise feature.wrong(problem, field, found=value, expected="0 or more")
             shapes.append((feature.geometry, value))
-        maps.append(
-            np.asarray(
-                rasterize(
-                    shapes,
-                    out_shape=grid.shape,
-                    fill=0.0,
-                    transform=affine_of(grid),
-                    dtype=np.float64,
-                )
-            )
-        )
+        maps.append(burnt(shapes, grid, 0.0, np.float64))
     return maps[0], maps[1]
 
 
@@ -126,13 +116,9 @@ def _from_trees(file: Input, grid: Grid, whole: Grid) -> tuple[FloatArray, Float
     """
     x, y, dbh_cm, conifers = _trees_of(file, whole)
     if not (whole.cell_of(x, y) >= 0).any():
-        raise InputError(
-            "no tree lies on the DEM",
-            file=file,
-            field="effects.trees.single_trees",
-            found=f"x {x.min():.10g} to {x.max():.10g}, y {y.min():.10g} to {y.max():.10g}",
-            expected="coordinates of the DEM",
-        )
+        found = f"x {x.min():.10g} to {x.max():.10g}, y {y.min():.10g} to {y.max():.10g}"
+        wrong = partial(InputError, file=file, field="effects.trees.single_trees")
+        raise wrong("no tree lies on the DEM", found=found, expected="coordinates of the DEM")
     ratios = energy_ratios()
     factor = np.where(
         np.isnan(conifers), 1.0,
@@ -163,8 +149,8 @@ def _from_trees(file: Input, grid: Grid, whole: Grid) -> tuple[FloatArray, Float
 def _trees_of(file: Input, grid: Grid) -> tuple[FloatArray, ...]:
     """X, y, diameter (cm) and share of conifers (NaN: not stated) of each tree."""
     key = "effects.trees"
-    table = file.kind == "table" if isinstance(file, InMemory) else _is_table(file)
-    if table:
+    is_table = isinstance(file, InMemory) and file.kind == "table"
+    if is_table or file.suffix.lower() in (".csv", ".txt"):
         columns = {
             "x": CsvColumn(float), "y": CsvColumn(float), "dbh_cm": CsvColumn(float, low=0.0),
             "conifer_share": CsvColumn(float, low=0.0, default=math.nan),
@@ -185,10 +171,6 @@ def _trees_of(file: Input, grid: Grid) -> tuple[FloatArray, ...]:
                 expected="a share, 0 to 1",
             )  # fmt: skip
     return tuple(np.array([values for _, values in found], np.float64).T)
-
-
-def _is_table(file: Input) -> bool:
-    return file.suffix.lower() in (".csv", ".txt")
 
 
 def _tree(feature: Feature) -> tuple[float, ...]:

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 from rasterio.enums import Resampling
 from rasterio.errors import RasterioError
-from rasterio.features import rasterize
 
 from sassgis.io.read.csv_table import (
     CsvColumn,
@@ -22,7 +21,7 @@ from sassgis.io.read.csv_table import (
     required_and_optional,
     row_of,
 )
-from sassgis.io.read.dem import affine_of, open_raster, pair_of_systems, resample
+from sassgis.io.read.dem import affine_of, burnt, open_raster, pair_of_systems, resample
 from sassgis.io.read.plain_file import read_text, toml_table
 from sassgis.io.read.vector_features import nearest, read_features
 from sassgis.model.errors import InputError
@@ -76,13 +75,8 @@ def read_ground_table(path: AnyInput | None = None, readings: str = "hazard") ->
     names = [c.name for c in own]
     for name in names:
         if names.count(name) > 1:
-            raise InputError(
-                "ground class is defined twice",
-                file=path,
-                field="name",
-                found=repr(name),
-                expected="names that differ",
-            )
+            wrong = partial(InputError, file=path, field="name", found=repr(name))
+            raise wrong("ground class is defined twice", expected="names that differ")
     for ground_class in own:
         if ground_class.name in classes:
             log.info("%s: class %s replaces the built-in one", path, ground_class.name)
@@ -118,20 +112,18 @@ def _read_classes(file: Input) -> list[GroundClass]:
 
 
 def _toml_rows(text: str, file: Input) -> Iterator[tuple[str, dict[str, Any]]]:
+    wrong = partial(InputError, file=file)
     document = toml_table(text, file, "[[classes]] sections")
     rows = document.get("classes")
     if set(document) != {"classes"} or not isinstance(rows, list):
-        raise InputError(
-            "is not a table of ground classes",
-            file=file,
-            found=f"keys {', '.join(document) or 'none'}",
-            expected="[[classes]] sections and nothing else",
-        )
+        found = f"keys {', '.join(document) or 'none'}"
+        expected = "[[classes]] sections and nothing else"
+        raise wrong("is not a table of ground classes", found=found, expected=expected)
     columns = _columns(file)
     for place, row in enumerate(rows, start=1):
         where = f"class number {place}"
         if not isinstance(row, dict):
-            raise InputError(f"{where} is not a section", file=file, expected="[[classes]]")
+            raise wrong(f"{where} is not a section", expected="[[classes]]")
         check_columns(list(row), file, where, *required_and_optional(columns))
         yield where, row_of(row, columns, where, file)
 
@@ -176,38 +168,19 @@ def default_class(ground: GroundSettings, table: GroundTable) -> int:
 def _class_index(name: str, table: GroundTable, who: str, file: Input | None, field: str) -> int:
     if name in table.names:
         return table.index(name)
-    raise InputError(
-        f"{who} is not a known ground class",
-        file=file,
-        field=field,
-        found=repr(name),
-        expected=nearest(name, table.names),
-    )
+    wrong = partial(InputError, file=file, field=field, found=repr(name))
+    raise wrong(f"{who} is not a known ground class", expected=nearest(name, table.names))
 
 
 def _from_polygons(
-    ground: GroundSettings,
-    file: Input,
-    grid: Grid,
-    table: GroundTable,
-    default: int,
-    whole: Grid,
+    ground: GroundSettings, file: Input, grid: Grid, table: GroundTable, default: int, whole: Grid
 ) -> NDArray[np.int32]:
     if _is_raster(file):
-        raise InputError(
-            "is a raster",
-            file=file,
-            field="ground.file",
-            expected='ground.raster_classes beside it, such as {1 = "rock", 2 = "debris"}',
-        )
+        expected = 'ground.raster_classes beside it, such as {1 = "rock", 2 = "debris"}'
+        raise InputError("is a raster", file=file, field="ground.file", expected=expected)
     field = ground.class_field
     features = read_features(
-        file,
-        whole,
-        "ground",
-        layer=ground.layer,
-        fields={"class_field": field},
-        kinds=("polygon",),
+        file, whole, "ground", layer=ground.layer, fields={"class_field": field}, kinds=("polygon",)
     )
     shapes = []
     for feature in features:
@@ -217,16 +190,7 @@ def _from_polygons(
             raise feature.wrong("has no ground class", field, expected=expected)
         index = _class_index(name, table, f"class of {feature.label}", file, field)
         shapes.append((feature.geometry, index))
-    return np.asarray(
-        rasterize(
-            shapes,
-            out_shape=grid.shape,
-            fill=default,
-            transform=affine_of(grid),
-            all_touched=False,
-            dtype=np.int32,
-        )
-    )
+    return burnt(shapes, grid, default, np.int32)
 
 
 def _is_raster(file: Input) -> bool:
@@ -263,11 +227,11 @@ def _from_codes(
             )
         if dataset.transform.is_identity:
             raise wrong("has no georeference", expected="a raster that lies on the map")
-        codes = _codes(dataset, file)
+        read = _codes(dataset, file)
         own, target = pair_of_systems(dataset, grid, file, "ground.file")
         transform = dataset.transform
     aligned = resample(
-        codes, transform, affine_of(grid), grid.shape, Resampling.nearest, _NO_CODE, own, target
+        read, transform, affine_of(grid), grid.shape, Resampling.nearest, _NO_CODE, own, target
     )
     present, counts = np.unique(aligned, return_counts=True)
     if present.tolist() == [_NO_CODE] and not may_miss:
@@ -277,13 +241,10 @@ def _from_codes(
         if code == _NO_CODE:
             continue
         if code not in indices:
-            raise InputError(
-                "holds a code without a class",
-                file=file,
-                field="ground.raster_classes",
-                found=f"code {code} in {count} cells",
-                expected=f"a class for it; known codes: {', '.join(map(str, sorted(indices)))}",
-            )
+            wrong = partial(InputError, file=file, field="ground.raster_classes")
+            found, codes = f"code {code} in {count} cells", ", ".join(map(str, sorted(indices)))
+            expected = f"a class for it; known codes: {codes}"
+            raise wrong("holds a code without a class", found=found, expected=expected)
         result[aligned == code] = indices[code]
     return result
 

@@ -16,11 +16,10 @@ import numpy as np
 import pyogrio
 import pyproj
 import shapely
-from affine import Affine
 from numpy.typing import NDArray
 from pyproj.exceptions import ProjError
-from rasterio.features import rasterize
 
+from sassgis.io.read.dem import burnt, system_of
 from sassgis.io.read.offline import VECTOR, read_frame, vector_file
 from sassgis.io.read.plain_file import check_file, check_text, in_memory, number
 from sassgis.model.crs import crs_name, crs_parts, same_crs
@@ -30,15 +29,8 @@ from sassgis.model.in_memory import InMemory, Input
 
 log = logging.getLogger(__name__)
 
-_KINDS = {
-    "Point": "point",
-    "MultiPoint": "point",
-    "LineString": "line",
-    "LinearRing": "line",
-    "MultiLineString": "line",
-    "Polygon": "polygon",
-    "MultiPolygon": "polygon",
-}
+#: What messages and settings call lines.
+_LINES = {"linestring": "line", "linearring": "line"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,13 +188,8 @@ def open_layer(
     known = [c for c in frame.columns if c != "geometry"]
     for setting, field in fields.items():
         if field is not None and field not in known:
-            raise InputError(
-                "attribute not found",
-                file=file,
-                field=f"{key}.{setting}",
-                found=repr(field),
-                expected=nearest(field, known),
-            )
+            wrong = partial(InputError, file=file, field=f"{key}.{setting}", found=repr(field))
+            raise wrong("attribute not found", expected=nearest(field, known))
         # Of a layer that is kept once only: a batch asks for each of its features.
         checked = frame.attrs.get(_CHECKED, set())
         if field is not None and field not in checked:
@@ -242,24 +229,20 @@ def _read_layer(
 def _choose_layer(
     layers: Mapping[str, str | None], wanted: str | None, file: Input, key: str
 ) -> str:
-    wrong = partial(InputError, file=file, field=f"{key}.layer")
+    wrong, place = partial(InputError, file=file), f"{key}.layer"
     drawn = [name for name, kind in layers.items() if kind is not None]
     if wanted is not None and wanted in drawn:
         return wanted
     if not drawn:
-        raise InputError(
-            "holds no layer with geometry",
-            file=file,
-            field=f"{key}.file",
-            found=f"layers {', '.join(layers) or 'none'}",
-            expected="a layer of polygons, lines or points",
-        )
+        found, expected = ", ".join(layers) or "none", "a layer of polygons, lines or points"
+        problem, place = "holds no layer with geometry", f"{key}.file"
+        raise wrong(problem, field=place, found=f"layers {found}", expected=expected)
     if wanted is not None:
-        raise wrong("layer not found", found=repr(wanted), expected=nearest(wanted, drawn))
+        found, expected = repr(wanted), nearest(wanted, drawn)
+        raise wrong("layer not found", field=place, found=found, expected=expected)
     if len(drawn) > 1:
-        raise wrong(
-            "has several layers", found=", ".join(drawn), expected=f"one of them as {key}.layer"
-        )
+        found, expected = ", ".join(drawn), f"one of them as {key}.layer"
+        raise wrong("has several layers", field=place, found=found, expected=expected)
     return drawn[0]
 
 
@@ -269,32 +252,22 @@ _FARTHEST = 1e8
 
 def _check_shape(shape: Any, who: str, file: Input, key: str, kinds: Sequence[str]) -> str:
     """Kind of a geometry, in the coordinates of its file so that users find the place."""
-    wrong = partial(InputError, file=file)
-    place = f"{key}.file"
+    wrong = partial(InputError, file=file, field=f"{key}.file")
+    wanted = "a " + " or ".join(kinds)
     if shape is None or shape.is_empty:
-        raise wrong(
-            f"{who} has no usable geometry", field=place, expected="a " + " or ".join(kinds)
-        )
-    kind = _KINDS.get(shape.geom_type, "")
+        raise wrong(f"{who} has no usable geometry", expected=wanted)
+    kind: str = shape.geom_type.removeprefix("Multi").lower()
+    kind = _LINES.get(kind, kind)
     if kind not in kinds:
-        raise wrong(
-            f"{who} is of the wrong kind",
-            field=place,
-            found=shape.geom_type,
-            expected="a " + " or ".join(kinds),
-        )
+        raise wrong(f"{who} is of the wrong kind", found=shape.geom_type, expected=wanted)
     if not np.isfinite(shapely.get_coordinates(shape)).all():
-        raise wrong(f"{who} has a coordinate that is no number", field=place, expected="numbers")
+        raise wrong(f"{who} has a coordinate that is no number", expected="numbers")
     if not (np.abs(shapely.get_coordinates(shape)) <= _FARTHEST).all():
-        raise wrong(
-            f"{who} has a coordinate that is no place on Earth",
-            field=place,
-            expected=f"at most {_FARTHEST:g} m or degrees",
-        )
+        expected = f"at most {_FARTHEST:g} m or degrees"
+        raise wrong(f"{who} has a coordinate that is no place on Earth", expected=expected)
     if not shape.is_valid:
         raise wrong(
             f"{who} is not valid",
-            field=place,
             found=shapely.is_valid_reason(shape),
             expected="a geometry that does not cross itself; mend it with QGIS 'Fix geometries'",
         )
@@ -305,8 +278,8 @@ def onto_grid(
     shapes: Sequence[Any], crs: Any, grid: Grid, file: Input, key: str, labels: Sequence[str]
 ) -> list[Any]:
     """Geometries in the coordinates of the DEM; they must meet it somewhere."""
-    wrong = partial(InputError, file=file)
     place = f"{key}.file"
+    wrong = partial(InputError, file=file, field=place)
     own = None if crs is None else pyproj.CRS.from_user_input(crs)
     if own is not None and own.is_engineering:
         own = None
@@ -316,28 +289,19 @@ def onto_grid(
         if not _meets(shapes, grid):
             raise wrong(
                 "has no coordinate system and does not lie on the DEM",
-                field=place,
                 found=_extent(_bounds(shapes)),
                 expected=f"a file with its coordinate system, or coordinates of the DEM: "
                 f"{_extent(grid.bounds)}",
             )
         log.info("%s: states no coordinate system: taken to be that of the DEM", file)
         return list(shapes)
-    if not grid.crs:
-        raise wrong(
-            "has a coordinate system, yet the DEM is in local coordinates",
-            field=place,
-            found=str(own.name),
-            expected="local coordinates without a coordinate system",
-        )
-    target = pyproj.CRS.from_wkt(grid.crs)
+    target = system_of(grid, own, file, place)
     west, south, east, north = _bounds(shapes)
     if own.is_geographic and (
         max(abs(west), abs(east)) > 360.0 or max(abs(south), abs(north)) > 90.0
     ):
         raise wrong(
             "coordinates cannot be degrees: the file is probably tagged with the wrong system",
-            field=place,
             found=f"{own.name} with {_extent((west, south, east, north))}",
             expected="its true coordinate system",
         )
@@ -350,11 +314,9 @@ def onto_grid(
     if not _meets(moved, grid):
         error = outside(file, place, labels[0], _bounds(moved), grid)
         if plane.is_geographic and _meets_swapped(shapes, plane, target, grid):
+            found = _extent((west, south, east, north))
             error = wrong(
-                "latitude and longitude are swapped",
-                field=place,
-                found=_extent((west, south, east, north)),
-                expected="longitude first",
+                "latitude and longitude are swapped", found=found, expected="longitude first"
             )
         raise error
     return moved
@@ -424,13 +386,8 @@ def outside(
     grid: Grid,
 ) -> InputError:
     """The error for a feature beyond the DEM."""
-    return InputError(
-        f"{label} lies outside the DEM",
-        file=file,
-        field=place,
-        found=_extent(bounds),
-        expected=f"within {_extent(grid.bounds)}",
-    )
+    wrong = partial(InputError, file=file, field=place, found=_extent(bounds))
+    return wrong(f"{label} lies outside the DEM", expected=f"within {_extent(grid.bounds)}")
 
 
 # ---------------------------------------------------------------------------------------------
@@ -470,29 +427,14 @@ def cells_under(geometry: Any, grid: Grid) -> tuple[slice, slice, NDArray[np.boo
     n_rows, n_cols = grid.shape
     west, south, east, north = geometry.bounds
     size = grid.cell_size
-    first_row = min(max(math.floor((grid.north - north) / size), 0), n_rows - 1)
-    last_row = min(max(math.floor((grid.north - south) / size), 0), n_rows - 1)
-    first_col = min(max(math.floor((west - grid.west) / size), 0), n_cols - 1)
-    last_col = min(max(math.floor((east - grid.west) / size), 0), n_cols - 1)
-    rows, cols = slice(first_row, last_row + 1), slice(first_col, last_col + 1)
-    corner = Affine(
-        size, 0.0, grid.west + first_col * size, 0.0, -size, grid.north - first_row * size
-    )
-    mask = np.zeros((0, 0), dtype=bool)
-    for touched in (False, True):
-        if not touched and shapely.get_dimensions(geometry) < 2:
-            continue
-        burnt = rasterize(
-            [(geometry, 1)],
-            out_shape=(last_row - first_row + 1, last_col - first_col + 1),
-            transform=corner,
-            all_touched=touched,
-            dtype=np.uint8,
-        )
-        mask = burnt.astype(bool)
-        if mask.any():
-            break
-    return rows, cols, mask
+    row = [min(max(math.floor((grid.north - y) / size), 0), n_rows - 1) for y in (north, south)]
+    col = [min(max(math.floor((x - grid.west) / size), 0), n_cols - 1) for x in (west, east)]
+    rows, cols = slice(row[0], row[1] + 1), slice(col[0], col[1] + 1)
+    part = grid.part(rows, cols)
+    mask = burnt([(geometry, 1)], part, 0, np.uint8)
+    if shapely.get_dimensions(geometry) < 2 or not mask.any():
+        mask = burnt([(geometry, 1)], part, 0, np.uint8, touched=True)
+    return rows, cols, mask.astype(bool)
 
 
 def steepest_slope_deg(geometry: Any, grid: Grid) -> float:
