@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,6 +18,7 @@ from sassgis.io.qgis.entries import LayerEntry, LayerGroup, without_empty
 from sassgis.io.qgis.layout import Extent, PrintLayout
 from sassgis.io.qgis.project import write_project
 from sassgis.io.read.base_map import BASE_MAP_KEY
+from sassgis.io.read.plain_file import seen_from
 from sassgis.io.read.result_folder import EDITS_FILE
 from sassgis.io.vector_layer import VectorLayer
 from sassgis.model.grid import Grid
@@ -190,7 +190,7 @@ def _base_group(
     if base_map is None or file is None:
         return ()
     # As seen from the working folder, which lies beside that of the result.
-    place = Path(os.path.relpath(file, folder.resolve())).as_posix()
+    place = seen_from(folder.resolve(), file)
     return (LayerGroup("Base map", (LayerEntry(base_map, place),)),)
 
 
@@ -295,9 +295,8 @@ def _intensity_zones(
         )
         # A period without zones has its sheet all the same: it says that there are none.
         where = f'"{column}" = {value:g}'
-        out.append(
-            LayerEntry(shown, _VECTORS, False, though_empty=True, part=period, part_where=where)
-        )
+        part = {"part": period, "part_where": where}
+        out.append(LayerEntry(shown, _VECTORS, False, though_empty=True, **part))
     return tuple(out)
 
 
@@ -313,33 +312,23 @@ def zone_layouts(
 
     ``own`` are its layers but for edits and those of the federal model.
     """
-    preset = rules.preset
-    words = replace(
-        words,
-        facts=(
-            *words.facts,
-            ("Onset frequencies", onset_words(rules)),
-            ("Rules", preset.title),
-            ("Reference width", f"{rules.ref_width_m:.4g} m"),
-            (
-                "Zones drawn for",
-                phrase(
-                    "1:{}; least width {} m, least area {} m²",
-                    f"{rules.zones.scale:,.0f}",
-                    f"{rules.zones.width_m:g}",
-                    f"{rules.zones.area_m2:g}",
-                ),
-            ),
-        ),
-        notes=(
-            sample_words(found.hazard.changed_share),
-            "Hazard follows from the onset frequencies that the user stated.",
-            *unverified_in_short(preset),
-            *words.notes,
-            *edit_lines(found.hazard.edits),
-        ),
-        extent=_zone_extent(found.hazard.intensities[-1].zones, grid),
+    preset, drawn = rules.preset, rules.zones
+    least = f"{drawn.scale:,.0f}", f"{drawn.width_m:g}", f"{drawn.area_m2:g}"
+    facts = (
+        ("Onset frequencies", onset_words(rules)),
+        ("Rules", preset.title),
+        ("Reference width", f"{rules.ref_width_m:.4g} m"),
+        ("Zones drawn for", phrase("1:{}; least width {} m, least area {} m²", *least)),
     )
+    notes = (
+        sample_words(found.hazard.changed_share),
+        "Hazard follows from the onset frequencies that the user stated.",
+        *unverified_in_short(preset),
+        *words.notes,
+        *edit_lines(found.hazard.edits),
+    )
+    extent = _zone_extent(found.hazard.intensities[-1].zones, grid)
+    words = replace(words, facts=(*words.facts, *facts), notes=notes, extent=extent)
     lines = ["vector_edits"] if found.hazard.edits else []
     lines += [f"vector_{layer.name}" for layer in own if layer.name == "open_limits"]
     sheets = [words.sheet("Hazard level", "Hazard zones, rockfall", *lines, "vector_hazard_zones")]
@@ -352,12 +341,8 @@ def zone_layouts(
         )
         for years in preset.return_periods
     ]
-    sheets.append(
-        words.sheet(
-            "Intensity extreme event", "Intensity of rockfall, extreme event",
-            zones.format("extreme"),
-        )
-    )  # fmt: skip
+    extreme = "Intensity extreme event", "Intensity of rockfall, extreme event"
+    sheets.append(words.sheet(*extreme, zones.format("extreme")))
     sheets = [replace(sheet, drawn_for=rules.zones.scale) for sheet in sheets]
     if risk:
         around = tuple(k for k in words.around if not k.startswith("vector_exposed"))

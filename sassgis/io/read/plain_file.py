@@ -7,9 +7,11 @@ nested ten thousand times, a name fills a map sheet.
 from __future__ import annotations
 
 import math
+import os
 import re
 import stat
 import tomllib
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -29,6 +31,14 @@ _UNPRINTABLE = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff
 _LONG_KEY = re.compile(
     rf"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{_DEEPEST}}}"""
 )
+
+
+def seen_from(folder: Path, file: Path) -> str:
+    """A file as a configuration in a folder would name it: relative, with slashes."""
+    try:
+        return Path(os.path.relpath(file, folder)).as_posix()
+    except ValueError:  # On another drive (Windows).
+        return file.as_posix()
 
 
 def check_file(file: Input, field: str | None, expected: str, folders: bool = False) -> None:
@@ -152,18 +162,10 @@ def check_text(text: object, file: str | Input, field: str, where: str = "") -> 
 
 def number(value: object, where: str, column: str, file: Input) -> float:
     """Finite number in a cell; InputError with the row and the column otherwise."""
-    try:
-        if isinstance(value, bool):
-            raise ValueError
+    with suppress(TypeError, ValueError):
         result = float(value)  # type: ignore[arg-type]
-        if math.isfinite(result):
+        if math.isfinite(result) and not isinstance(value, bool):
             return result
-    except (TypeError, ValueError):
-        pass
-    raise InputError(
-        f"{where}: is not a number",
-        file=file,
-        field=column,
-        found=repr(value),
-        expected="a finite number, with a point for decimals",
-    )
+    wrong = partial(InputError, file=file, field=column, found=repr(value))
+    expected = "a finite number, with a point for decimals"
+    raise wrong(f"{where}: is not a number", expected=expected)

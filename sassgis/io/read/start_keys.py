@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +13,12 @@ import pyproj
 from sassgis.io.read.config import LISTS, declared_sections
 from sassgis.io.read.dem_system import NO_SYSTEM
 from sassgis.io.read.offline import read_frame, vector_file
-from sassgis.io.read.plain_file import toml_table
+from sassgis.io.read.plain_file import seen_from, toml_table
 from sassgis.io.read.site_layers import SiteLayer, site_layers
 from sassgis.io.read.tiles import open_terrain
 from sassgis.io.read.vector_features import open_layer, with_shapes, without_shapes
 from sassgis.model.errors import InputError
+from sassgis.model.grid import Grid
 
 #: Keys with their values by section; sections with double brackets are not told apart, as there is
 #: one entry at most for each layer of a site.
@@ -67,13 +68,9 @@ def start_keys(folder: Path, dem: Path | None, release: Path | None) -> StartKey
         return keys
     chosen = next((n for n in _RELEASE_LAYERS if n in layers), layers[0])
     if len(layers) > 1 and chosen not in _RELEASE_LAYERS:
-        raise InputError(
-            "has several layers",
-            file=release,
-            field="--release",
-            found=", ".join(layers),
-            expected="a file with one layer, or one that is called release_areas",
-        )
+        wrong = partial(InputError, file=release, field="--release", found=", ".join(layers))
+        expected = "a file with one layer, or one that is called release_areas"
+        raise wrong("has several layers", expected=expected)
     own_keys: dict[str, object] = {"file": place}
     if len(layers) > 1:
         own_keys["layer"] = chosen
@@ -131,13 +128,12 @@ def with_system(given: StartKeys, dem: Path | None, release: Path | None) -> Sta
     keys = [(section, dict(values)) for section, values in given]
     by_name = dict(reversed(keys))
     terrain = by_name["terrain"]
-    crs, override = terrain.get("crs"), bool(terrain.get("override_crs", False))
     drawn = None
     if release is not None:
         own = str(by_name["release"].get("layer") or _layers(release)[0])
         drawn = open_layer(release, own, "release", {})
     try:
-        frame = open_terrain(dem, None if crs is None else str(crs), None, override).outline()
+        frame = outline_of(dem, terrain)
     except InputError as error:
         system = None if drawn is None or drawn.crs is None else pyproj.CRS(drawn.crs)
         code = None if system is None else system.to_authority(min_confidence=90)
@@ -148,6 +144,12 @@ def with_system(given: StartKeys, dem: Path | None, release: Path | None) -> Sta
     if drawn is not None and release is not None:
         with_shapes(without_shapes(drawn, release), drawn, release, frame, "release")
     return keys
+
+
+def outline_of(dem: Path, terrain: Mapping[str, object]) -> Grid:
+    """A terrain model without its heights; ``terrain`` are keys of its section."""
+    crs, override = terrain.get("crs"), bool(terrain.get("override_crs", False))
+    return open_terrain(dem, None if crs is None else str(crs), None, override).outline()
 
 
 def _toml(text: str) -> object:
@@ -201,4 +203,4 @@ def _table(file: Path, layer: str) -> Any:
 
 def seen_from_folder(folder: Path, file: Path) -> str:
     """A file as it is named from the folder of a configuration."""
-    return Path(os.path.relpath(file.resolve(), folder.resolve())).as_posix()
+    return seen_from(folder.resolve(), file.resolve())

@@ -12,6 +12,7 @@ import tomli_w
 
 from sassgis.io.read.checked import is_preset_file
 from sassgis.io.read.config import FILE_KEYS, LISTS
+from sassgis.io.read.plain_file import seen_from
 from sassgis.io.staging import staged_file, writing
 from sassgis.model.in_memory import InMemory
 from sassgis.model.run_config import Config
@@ -85,14 +86,6 @@ def written_document(config: Config, path: Path, overwrite: bool = False) -> dic
     if isinstance(preset, str) and is_preset_file(preset):
         document["hazard"]["preset"] = named(preset, "preset")
     return document
-
-
-def seen_from(place: Path, file: Path) -> str:
-    """A file as it is named from a folder."""
-    try:
-        return Path(os.path.relpath(file, place)).as_posix()
-    except ValueError:  # On another drive (Windows).
-        return file.as_posix()
 
 
 def _written_beside(given: InMemory, file: Path, overwrite: bool) -> str:

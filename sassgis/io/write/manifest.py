@@ -6,7 +6,6 @@ import dataclasses
 import functools
 import json
 import math
-import os
 import platform
 from collections.abc import Iterable, Mapping, Sequence
 from enum import Enum
@@ -20,6 +19,7 @@ import rasterio
 import sassgis
 from sassgis.io.digests import content_digest, json_digest
 from sassgis.io.own_files import MANIFEST_DIGEST
+from sassgis.io.read.plain_file import seen_from
 from sassgis.io.staging import result_files, writing
 from sassgis.model.errors import InputError
 from sassgis.model.in_memory import InMemory, Input
@@ -181,7 +181,7 @@ def _input_entries(given: Input, base: Path) -> list[dict[str, object]]:
     """Name and digest of an input, and of what belongs to it."""
     if isinstance(given, InMemory):
         return [{"path": given.name, "size": None, "sha256": given.digest}]
-    return [_described(file, _shown(file, base)) for file in input_files(given)]
+    return [_described(file, seen_from(base, file)) for file in input_files(given)]
 
 
 def input_files(given: Path) -> list[Path]:
@@ -197,11 +197,3 @@ def _described(file: Path, shown: str) -> dict[str, object]:
         return {"path": shown, "size": file.stat().st_size, "sha256": content_digest(file)}
     except OSError as error:
         raise InputError(f"cannot be read: {error.strerror}", file=shown) from error
-
-
-def _shown(file: Path, base: Path) -> str:
-    """Relative to ``base``, as the user would write it in the configuration."""
-    try:
-        return Path(os.path.relpath(file, base)).as_posix()
-    except ValueError:  # On another drive (Windows).
-        return file.as_posix()

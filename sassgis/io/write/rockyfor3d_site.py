@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sassgis.io.read.rockyfor3d import read_rockyfor3d
-from sassgis.io.read.start_keys import with_values
-from sassgis.io.read.tiles import open_terrain
+from sassgis.io.read.start_keys import outline_of, with_values
 from sassgis.io.staging import staged_file
 from sassgis.io.write.config_template import short_template
 from sassgis.io.write.frames import write_table
@@ -44,11 +43,7 @@ def write_rockyfor3d_site(
     """
     terrain = dict(with_values([("terrain", {})], assignments))["terrain"]
     dem = next((f for f in folder.glob("*") if f.stem.lower() == "dem"), folder / "dem.asc")
-    crs = terrain.get("crs")
-    frame = open_terrain(
-        dem, None if crs is None else str(crs), None, bool(terrain.get("override_crs", False))
-    ).outline()
-    made = read_rockyfor3d(folder, file.parent, frame.crs or None)
+    made = read_rockyfor3d(folder, file.parent, outline_of(dem, terrain).crs or None)
     comments = "".join(
         textwrap.fill(note, 100, initial_indent="# - ", subsequent_indent="#   ") + "\n"
         for note in made.notes

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import geopandas as gpd
@@ -12,6 +12,7 @@ import pyproj
 
 from sassgis.io.qgis.entries import LayerEntry, LayerGroup
 from sassgis.io.qgis.project import write_project
+from sassgis.io.read.plain_file import seen_from
 from sassgis.io.read.site_layers import SiteLayer, site_layers
 from sassgis.io.read.tiles import open_terrain
 from sassgis.io.staging import staged_file
@@ -58,11 +59,8 @@ def site_template(
     ground: tuple[LayerEntry, ...] = ()
     if dem is None:
         if crs is None:
-            raise InputError(
-                "no coordinate system is given",
-                field="--crs",
-                expected='a code such as "EPSG:2056", or --dem',
-            )
+            expected = 'a code such as "EPSG:2056", or --dem'
+            raise InputError("no coordinate system is given", field="--crs", expected=expected)
         system = _plane(crs)
         extent = _area_of_use(system)
         wkt = system.to_wkt()
@@ -70,7 +68,7 @@ def site_template(
         frame = open_terrain(dem, crs, None, override_crs).outline()
         wkt, extent = frame.crs, frame.bounds
         if dem.is_file():
-            place = Path(os.path.relpath(dem.resolve(), path.resolve().parent)).as_posix()
+            place = seen_from(path.resolve().parent, dem.resolve())
             relief = replace(terrain_layer(frame), note=f"Terrain model {dem.name}.")
             ground = (LayerEntry(relief, place),)
     layers = {own.name: _empty(own, wkt) for own in site_layers()}
@@ -108,12 +106,9 @@ def _plane(text: str) -> pyproj.CRS:
     """The plane part of a projected system in metres."""
     system = crs_parts(parse_crs(text, field="--crs"))[0]
     if not system.is_projected or system.axis_info[0].unit_name not in ("metre", "meter"):
-        raise InputError(
-            "is not a projected system in metres",
-            field="--crs",
-            found=str(system.name),
-            expected='a projected system such as "EPSG:2056"',
-        )
+        wrong = partial(InputError, field="--crs", found=str(system.name))
+        expected = 'a projected system such as "EPSG:2056"'
+        raise wrong("is not a projected system in metres", expected=expected)
     return system
 
 

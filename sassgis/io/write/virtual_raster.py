@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
 from sassgis.io.read.dem import open_raster
+from sassgis.io.read.plain_file import seen_from
 from sassgis.io.read.tiles import Terrain
 from sassgis.io.staging import staged_file
 
@@ -36,8 +36,7 @@ def write_vrt(file: Path, terrain: Terrain, overwrite: bool = False) -> Path:
             block = raster.block_shapes[tile.dem.band - 1]
         kinds.add(kind)
         source = ET.Element("ComplexSource")
-        tile_file = Path(str(tile.dem.file)).resolve()
-        place = Path(os.path.relpath(tile_file, file.resolve().parent)).as_posix()
+        place = seen_from(file.resolve().parent, Path(str(tile.dem.file)).resolve())
         ET.SubElement(source, "SourceFilename", relativeToVRT="1").text = place
         ET.SubElement(source, "SourceBand").text = str(tile.dem.band)
         rows, cols = tile.dem.shape
