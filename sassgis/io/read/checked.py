@@ -297,7 +297,8 @@ def _within(schema: Any, limits: Interval) -> Any:
 Place = tuple[int | str, ...]
 Wrong = TypeVar("Wrong", bound=InputError)
 
-_EXPECTED = {
+#: What pydantic would have accepted, by the kind of its error.
+EXPECTED = {
     "float_type": "a number",
     "int_type": "a whole number",
     "int_from_float": "a whole number",
@@ -306,6 +307,7 @@ _EXPECTED = {
     "finite_number": "a finite number",
     "path_type": "a path in quotes",
     "tuple_type": "a list in [ ]",
+    "list_type": "a list in [ ]",
     "string_too_short": "a text that is not empty",
 }
 
@@ -370,7 +372,7 @@ class Messages:
             return f"a list of at least {context['min_length']}"
         if kind == "too_long":
             return f"{context['max_length']} numbers"
-        return _EXPECTED.get(kind, message)
+        return EXPECTED.get(kind, message)
 
     def _dotted(self, loc: Place) -> str:
         """Key as the user would look for it: ``blocks[large].axis_1_m``."""

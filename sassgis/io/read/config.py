@@ -207,10 +207,9 @@ def configure(**sections: Any) -> Config:
         if name in LISTS:
             several = [value] if isinstance(value, Mapping | Section) else value
             if isinstance(several, str) or not isinstance(several, Iterable):
+                wrong = partial(ConfigError, field=name, found=repr(value))
                 expected = f"sections [[{name}]]: a mapping, or a sequence of them"
-                raise ConfigError(
-                    "cannot be used", field=name, found=repr(value), expected=expected
-                )
+                raise wrong("cannot be used", expected=expected)
             document[name] = [_plain_section(name, one) for one in several]
         elif name == "effects" and isinstance(value, Mapping):
             document[name] = {k: _plain_section(f"effects.{k}", v) for k, v in value.items()}
@@ -309,12 +308,9 @@ def _with_new_names(document: dict[str, Any], file: Path | None) -> list[str]:
         for key, own in keys.items():
             for table in (t for t in tables if own.old_name in t):
                 if key in table:
-                    raise ConfigError(
-                        f"is given twice: {own.old_name} is its former name",
-                        file=file,
-                        field=f"{section}.{key}",
-                        expected=f"{key} alone",
-                    )
+                    wrong = partial(ConfigError, file=file, field=f"{section}.{key}")
+                    problem = f"is given twice: {own.old_name} is its former name"
+                    raise wrong(problem, expected=f"{key} alone")
                 table[key] = table.pop(own.old_name)
                 notes[
                     f"{file or 'configuration'}: {section}.{own.old_name} is now called {key}; the "
@@ -329,13 +325,9 @@ def profile_control_lines(config: Config) -> list[tuple[ControlLine, float]]:
     for section, items in (("stations", config.stations), ("barriers", config.barriers)):
         for item in items:
             if item.chainage_m is None:
-                raise ConfigError(
-                    "has no place along a profile",
-                    file=config.file,
-                    field=f"{section}[{item.name}]",
-                    found="line" if item.line is not None else "file",
-                    expected="chainage_m",
-                )
+                wrong = partial(ConfigError, file=config.file, field=f"{section}[{item.name}]")
+                found = "line" if item.line is not None else "file"
+                raise wrong("has no place along a profile", found=found, expected="chainage_m")
             control_lines.append((control_line_of(item, item.name), item.chainage_m))
     return control_lines
 
@@ -488,9 +480,8 @@ def _cross_checks(sections: Mapping[str, Any], file: Path | None) -> list[Config
                 text = declared(SECTIONS[section])[key].description
                 problems.append(wrong("missing key", field=f"{section}.{key}", expected=text))
     if not sections.get("blocks"):
-        problems.append(
-            wrong("missing section", field="blocks", expected="at least one [[blocks]]")
-        )
+        expected = "at least one [[blocks]]"
+        problems.append(wrong("missing section", field="blocks", expected=expected))
     groups = {
         "blocks.name": ("blocks",),
         "stations/barriers.name": ("stations", "barriers"),
@@ -498,25 +489,14 @@ def _cross_checks(sections: Mapping[str, Any], file: Path | None) -> list[Config
     }
     for field, members in groups.items():
         names = [item.name for member in members for item in sections.get(member, ())]
-        for name in (n for n, count in Counter(names).items() if count > 1):
-            problems.append(
-                wrong(
-                    "name is used twice",
-                    field=field,
-                    found=repr(name),
-                    expected="names that differ",
-                )
-            )
+        twice = partial(wrong, "name is used twice", field=field, expected="names that differ")
+        problems += [twice(found=repr(n)) for n, count in Counter(names).items() if count > 1]
     kept_to_lines = sections.get("terrain", TerrainSettings()).path == "fall_line"
     if kept_to_lines and LateralDeflection.name in sections.get("effects", {}):
-        problems.append(
-            wrong(
-                "has no meaning on fall lines: it turns the heading of paths that are followed",
-                field=f"effects.{LateralDeflection.name}",
-                found='terrain.path = "fall_line"',
-                expected='terrain.path = "followed" (the default)',
-            )
-        )
+        wrong = partial(wrong, field=f"effects.{LateralDeflection.name}")
+        problem = "has no meaning on fall lines: it turns the heading of paths that are followed"
+        found, expected = ('terrain.path = "fall_line"', 'terrain.path = "followed" (the default)')
+        problems.append(wrong(problem, found=found, expected=expected))
     return problems
 
 

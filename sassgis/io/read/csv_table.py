@@ -134,12 +134,9 @@ def csv_rows(
     for line, cells in lines:
         where = f"row {line}"
         if len(cells) != len(columns):
-            raise InputError(
-                f"{where} does not fit the header",
-                file=file,
-                found=f"{len(cells)} values",
-                expected=f"{len(columns)} (texts with a {delimiter} in quotes)",
-            )
+            wrong = partial(InputError, file=file, found=f"{len(cells)} values")
+            expected = f"{len(columns)} (texts with a {delimiter} in quotes)"
+            raise wrong(f"{where} does not fit the header", expected=expected)
         row = {c: v.strip() for c, v in zip(columns, cells, strict=True)}
         for column, cell in row.items():
             check_text(cell, file, column, where)
@@ -188,24 +185,16 @@ def check_columns(
     optional: Sequence[str],
 ) -> None:
     """Raise InputError where a column is missing, unknown or repeated."""
+    wrong = partial(InputError, file=file)
     known = (*required, *optional)
     for column in columns:
         if column not in known or columns.count(column) > 1:
-            raise InputError(
-                f"{where}: unknown or repeated column",
-                file=file,
-                field=column or "(empty)",
-                expected=nearest(column, known),
-            )
+            problem, meant = f"{where}: unknown or repeated column", nearest(column, known)
+            raise wrong(problem, field=column or "(empty)", expected=meant)
     for column in required:
         if column not in columns:
-            raise InputError(
-                f"{where}: missing column",
-                file=file,
-                field=column,
-                found=", ".join(columns) or "nothing",
-                expected=", ".join(known),
-            )
+            found, expected = ", ".join(columns) or "nothing", ", ".join(known)
+            raise wrong(f"{where}: missing column", field=column, found=found, expected=expected)
 
 
 @contextmanager
@@ -214,10 +203,5 @@ def errors_of_row(where: str, file: Input) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        raise InputError(
-            f"{where}: {error.problem}",
-            file=file,
-            field=error.field,
-            found=error.found,
-            expected=error.expected,
-        ) from None
+        wrong = partial(InputError, file=file, field=error.field, found=error.found)
+        raise wrong(f"{where}: {error.problem}", expected=error.expected) from None

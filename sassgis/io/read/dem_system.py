@@ -44,16 +44,13 @@ def dem_system(
     if configured is not None and not local:
         wanted = parse_crs(configured, file=file, field="terrain.crs")
     if stated is None and configured is None:
-        beside = file.with_suffix(".prj") if isinstance(file, Path) else None
         found = None
-        if beside is not None and beside.exists():
+        if isinstance(file, Path) and (beside := file.with_suffix(".prj")).exists():
             found = f"{beside.name}, which states none that is understood"
-        raise wrong(
-            NO_SYSTEM,
-            found=found,
-            expected='it as terrain.crs, such as "EPSG:2056" (or "local")',
-        )
-    if stated is not None and (local or (wanted is not None and not _agree(stated, wanted))):
+        expected = 'it as terrain.crs, such as "EPSG:2056" (or "local")'
+        raise wrong(NO_SYSTEM, found=found, expected=expected)
+    agree = wanted is None or stated is None or same_crs(crs_parts(stated)[0], crs_parts(wanted)[0])
+    if stated is not None and (local or not agree):
         raise wrong(
             "the coordinate system of the file and the one configured differ",
             found=f"{stated.name} in the file, {configured} configured",
@@ -93,14 +90,12 @@ def _stated_crs(dataset: Any, file: Input) -> pyproj.CRS | None:
     return None if crs.is_engineering else crs
 
 
-def _agree(stated: pyproj.CRS, wanted: pyproj.CRS) -> bool:
-    return same_crs(crs_parts(stated)[0], crs_parts(wanted)[0])
-
-
 def _check_plane(plane: pyproj.CRS, file: Input, bounds: tuple[float, float, float, float]) -> None:
     """Refuse what cannot be measured in metres, or cannot be where it says it is."""
+    metres = "a projected system in metres"
     wrong = partial(InputError, file=file, field="terrain.crs")
     west, south, east, north = bounds
+    x, y = 0.5 * (west + east), 0.5 * (south + north)
     extent = f"x {west:.10g} to {east:.10g}, y {south:.10g} to {north:.10g}"
     in_degrees = max(abs(west), abs(east)) <= 360.0 and max(abs(south), abs(north)) <= 90.0
     if plane.is_geographic:
@@ -110,33 +105,26 @@ def _check_plane(plane: pyproj.CRS, file: Input, bounds: tuple[float, float, flo
                 found=f"{plane.name} with {extent}",
                 expected="its true, projected system: terrain.crs with terrain.override_crs",
             )
-        utm = _utm(0.5 * (west + east), 0.5 * (south + north))
-        raise wrong(
-            "is in degrees",
-            found=str(plane.name),
-            expected=f"a projected system in metres: rio warp FILE NEW --dst-crs EPSG:{utm}",
-        )
+        to_utm = f"{metres}: rio warp FILE NEW --dst-crs EPSG:{_utm(x, y)}"
+        raise wrong("is in degrees", found=str(plane.name), expected=to_utm)
     if not plane.is_projected:
-        raise wrong(
-            "has no projected coordinate system",
-            found=str(plane.name),
-            expected="a projected system in metres",
-        )
+        found = str(plane.name)
+        raise wrong("has no projected coordinate system", found=found, expected=metres)
     for axis in plane.axis_info[:2]:
         if abs(axis.unit_conversion_factor - 1.0) > 1e-9:
             raise wrong(
                 "coordinates are not in metres",
                 found=f"{plane.name} in {axis.unit_name}",
-                expected="a projected system in metres: rio warp FILE NEW --dst-crs EPSG:...",
+                expected=f"{metres}: rio warp FILE NEW --dst-crs EPSG:...",
             )
     if in_degrees:
         raise wrong(
             "coordinates look like degrees, yet the file is tagged with a system in metres",
             found=f"{plane.name} with {extent}",
-            expected="a projected system in metres; if it is in degrees: rio edit-info FILE --crs "
-            "EPSG:4326, then rio warp FILE NEW --dst-crs EPSG:...",
+            expected=f"{metres}; if it is in degrees: rio edit-info FILE --crs EPSG:4326, then "
+            "rio warp FILE NEW --dst-crs EPSG:...",
         )
-    _check_place(plane, file, 0.5 * (west + east), 0.5 * (south + north), extent)
+    _check_place(plane, file, x, y, extent)
 
 
 def _utm(lon: float, lat: float) -> int:
@@ -168,14 +156,11 @@ def _check_place(plane: pyproj.CRS, file: Input, x: float, y: float, extent: str
         past = (lon - area.west) % 360.0
         beyond = max(beyond, min(past - width, 360.0 - past) if past > width else 0.0)
         if beyond > _AREA_MARGIN_DEG:
-            log.warning(
+            text = (
                 "%s: lies %.1f degrees outside the area of use of %s (%s); "
-                "the coordinate system may be wrong",
-                file,
-                beyond,
-                plane.name,
-                area.name,
+                "the coordinate system may be wrong"
             )
+            log.warning(text, file, beyond, plane.name, area.name)
     if abs(scale - 1.0) > _SCALE_ERROR:
         raise wrong(
             "map metres are not metres on the ground",
@@ -206,11 +191,6 @@ def _height_system(
         )
     axis = vertical.axis_info[0] if vertical.axis_info else None
     if axis is not None and axis.direction.lower() == "down":
-        raise InputError(
-            "holds depths, positive downwards",
-            file=file,
-            field="terrain.vertical_datum",
-            found=name,
-            expected="heights, positive upwards",
-        )
+        wrong = partial(InputError, file=file, field="terrain.vertical_datum", found=name)
+        raise wrong("holds depths, positive downwards", expected="heights, positive upwards")
     return name, 1.0 if axis is None else float(axis.unit_conversion_factor)

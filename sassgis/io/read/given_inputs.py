@@ -86,10 +86,6 @@ def classes_frame(classes: Sequence[GroundClass]) -> pd.DataFrame:
     return frame
 
 
-def _named(name: str, kind: str) -> str:
-    return f"{name} ({kind})"
-
-
 def _layer(value: Any, name: str) -> InMemory:
     kind = type(value).__name__
     if isinstance(value, shapely.Geometry):
@@ -102,13 +98,13 @@ def _layer(value: Any, name: str) -> InMemory:
     for geometry in frame.geometry.array:
         digest.update(b"" if geometry is None else shapely.to_wkb(geometry))
     digest.update(frame.drop(columns="geometry").to_csv(index=False).encode())
-    return InMemory(_named(name, kind), "layer", digest.hexdigest(), frame)
+    return InMemory(f"{name} ({kind})", "layer", digest.hexdigest(), frame)
 
 
 def _table(frame: pd.DataFrame, name: str) -> InMemory:
     text = frame.to_csv(index=False)
     digest = hashlib.sha256(text.encode()).hexdigest()
-    return InMemory(_named(name, "DataFrame"), "table", digest, text)
+    return InMemory(f"{name} (DataFrame)", "table", digest, text)
 
 
 def _from_data_array(array: Any, name: str) -> InMemory:
@@ -173,4 +169,4 @@ def _raster(array: np.ndarray, place: Affine, crs: Any, nodata: Any, name: str) 
         data = bytes(file.getbuffer())
     digest = hashlib.sha256(array.astype(kind).tobytes())
     digest.update(repr((tuple(place), wkt, nodata, array.shape)).encode())
-    return InMemory(_named(name, "in memory"), "raster", digest.hexdigest(), data)
+    return InMemory(f"{name} (in memory)", "raster", digest.hexdigest(), data)

@@ -101,13 +101,9 @@ def _check_names(parts: Sequence[PlacedObjects], file: Input | None) -> None:
         counts.update({o.parent for o in part.objects if o.parent})
     for name, count in counts.items():
         if count > 1:
-            raise InputError(
-                "name is used twice",
-                file=file,
-                field="objects",
-                found=repr(name),
-                expected="names that differ, over all entries of [[objects]]",
-            )
+            wrong = partial(InputError, file=file, field="objects", found=repr(name))
+            expected = "names that differ, over all entries of [[objects]]"
+            raise wrong("name is used twice", expected=expected)
 
 
 def _key(settings: ObjectSettings) -> str:
@@ -117,19 +113,15 @@ def _key(settings: ObjectSettings) -> str:
 
 def _check_settings(settings: ObjectSettings, grid: Grid) -> None:
     """Whether the numbers go with the kind, and stretches with the cells."""
+    wrong, numbers = partial(InputError, file=settings.file), NUMBERS_OF_KIND[settings.kind]
     for name in (*settings.defaults, *settings.fields):
-        if name not in NUMBERS_OF_KIND[settings.kind]:
-            raise InputError(
-                f"does not go with kind {settings.kind}",
-                file=settings.file,
-                field=f"{_key(settings)}.{name}",
-                expected=nearest(name, NUMBERS_OF_KIND[settings.kind]),
-            )
+        if name not in numbers:
+            problem, field = f"does not go with kind {settings.kind}", f"{_key(settings)}.{name}"
+            raise wrong(problem, field=field, expected=nearest(name, numbers))
     least = _LEAST_CELLS * grid.cell_size
     if _SHAPES[settings.kind] == ("line",) and not settings.segment_m >= least:
-        raise InputError(
+        raise wrong(
             "stretches would be too short for the cells of the DEM",
-            file=settings.file,
             field=f"{_key(settings)}.segment_m",
             found=f"{settings.segment_m:g}",
             expected=f"{least:g} m or more ({_LEAST_CELLS:g} cells)",
@@ -159,20 +151,16 @@ def _object(
     try:
         traffic = None
         if settings.kind == "road":
-            flow = {k: own.pop(k) for k in NUMBERS_OF_KIND["road"] if k in own and k in _ROAD_USE}
+            flow = {k: own.pop(k) for k in values if k in _ROAD_USE}
             traffic = _traffic(flow, label, settings)
         return ExposedObject(name, settings.kind, traffic=traffic, **own)
     except InputError as error:
         if error.file is not None:
             raise
         field = str(error.field)
-        raise InputError(
-            f"{label}: {error.problem}",
-            file=settings.file,
-            field=settings.fields.get(field, f"{_key(settings)}.{field}"),
-            found=error.found,
-            expected=error.expected,
-        ) from None
+        field = settings.fields.get(field, f"{_key(settings)}.{field}")
+        wrong = partial(InputError, file=settings.file, field=field, found=error.found)
+        raise wrong(f"{label}: {error.problem}", expected=error.expected) from None
 
 
 _ROAD_USE = (*_TRAFFIC, "vehicle_value", "trips_per_day")
@@ -212,20 +200,13 @@ def _warn(placed: PlacedObjects, grid: Grid, file: Input) -> None:
         stake = thing.value or thing.value_per_m or thing.persons or thing.traffic is not None
         if not stake and thing.whole not in warned:
             warned.add(thing.whole)
-            log.warning(
-                "%s: %s has neither value nor people nor traffic: only hits are counted",
-                file,
-                thing.whole,
-            )
+            text = "%s: %s has neither value nor people nor traffic: only hits are counted"
+            log.warning(text, file, thing.whole)
         occupancy = 0.0 if thing.traffic is None else thing.traffic.occupancy
         if occupancy > 1.0 and thing.whole not in warned:
             warned.add(thing.whole)
-            log.warning(
-                "%s: %s: vehicles cover %.0f %% of the length of the road, all lanes together",
-                file,
-                thing.whole,
-                100.0 * occupancy,
-            )
+            text = "%s: %s: vehicles cover %.0f %% of the length of the road, all lanes together"
+            log.warning(text, file, thing.whole, 100.0 * occupancy)
 
 
 # ---------------------------------------------------------------------------------------------
@@ -245,13 +226,10 @@ def _stretches(
     if len(parts) > 1:
         log.info("%s: %s has %d separate parts, one after the other", file, whole.name, len(parts))
     if not line.length <= _MOST_STRETCHES * segment_m:
-        raise InputError(
-            f"{whole.name} has too many stretches",
-            file=file,
-            field="segment_m",
-            found=f"a length of {line.length:.4g} m in stretches of {segment_m:g} m",
-            expected=f"at most {_MOST_STRETCHES} of them: longer ones, or a shorter line",
-        )
+        wrong = partial(InputError, file=file, field="segment_m")
+        found = f"a length of {line.length:.4g} m in stretches of {segment_m:g} m"
+        expected = f"at most {_MOST_STRETCHES} of them: longer ones, or a shorter line"
+        raise wrong(f"{whole.name} has too many stretches", found=found, expected=expected)
     spans: list[tuple[float, float, Any]] = []
     start = 0.0
     for part in parts:
@@ -270,13 +248,8 @@ def _stretches(
         if shape.intersection(box).length > 0.0
     ]
     if len(rows) < len(spans):
-        log.warning(
-            "%s: %s: %d of %d stretches lie outside the DEM and are left out",
-            file,
-            whole.name,
-            len(spans) - len(rows),
-            len(spans),
-        )
+        text = "%s: %s: %d of %d stretches lie outside the DEM and are left out"
+        log.warning(text, file, whole.name, len(spans) - len(rows), len(spans))
     return rows
 
 
@@ -361,17 +334,10 @@ def _touched(shape: Any, grid: Grid) -> IntArray:
 def _trace(line: Any) -> TraceSet:
     points = shapely.get_coordinates(line)
     steps = np.hypot(*np.diff(points, axis=0).T)
-    points = points[np.append(True, steps > 0.0)]
+    x, y = np.ascontiguousarray(points[np.append(True, steps > 0.0)].T)
     s = np.concatenate([[0.0], np.cumsum(steps[steps > 0.0])])
-    zero = np.zeros(1)
-    return TraceSet(
-        offset=np.array([0, s.size], np.int64),
-        x=np.ascontiguousarray(points[:, 0]),
-        y=np.ascontiguousarray(points[:, 1]),
-        s=s,
-        point=zero.astype(np.int64),
-        end=zero.astype(np.uint8),
-    )
+    offset, point = np.array([0, s.size], np.int64), np.zeros(1, np.int64)
+    return TraceSet(offset=offset, x=x, y=y, s=s, point=point, end=np.zeros(1, np.uint8))
 
 
 def _under_polygon(shape: Any, grid: Grid) -> IntArray:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -106,36 +107,28 @@ def read_observations(
             tables[name] = table_of(raw, grid)
         except InputError as error:
             failed.append(error)
-            raw.note(
-                error.problem,
-                found=str(error.found or ""),
-                expected=error.expected or "",
-                left_out="table",
-            )
+            found, expected = str(error.found or ""), error.expected or ""
+            raw.note(error.problem, found=found, expected=expected, left_out="table")
     observations = Observations(
         **tables,  # type: ignore[arg-type]
         metadata=metadata_of(metadata) if metadata else Metadata(),
         files={name: raw.file for name, raw in raws.items()},
     )
-    found = [*findings, *empty_tables(observations, [r for r in raws if r in tables])]
+    findings += empty_tables(observations, [r for r in raws if r in tables])
     checked = check_observations(observations, grid, drop_m)
-    hopeless = [f for f in found if f.problem == "holds no observed rock"]
+    hopeless = [f for f in findings if f.problem == "holds no observed rock"]
     if hopeless and failed:
         raise failed[0]
     _refuse_elsewhere(observations, checked, path)
     if hopeless:
-        raise InputError(
-            hopeless[0].problem, file=path, found=hopeless[0].found, expected=hopeless[0].expected
-        )
+        first = hopeless[0]
+        raise InputError(first.problem, file=path, found=first.found, expected=first.expected)
     # What was left out while reading is gone already: only its record is kept.
-    observations = replace(observations, findings=tuple(found))
+    observations = replace(observations, findings=tuple(findings))
     observations = without(observations, checked)
     for finding in observations.findings:
-        log.log(
-            logging.ERROR if finding.level == "error" else logging.WARNING,
-            "%s",
-            str(finding).partition(": ")[2],
-        )
+        level = logging.ERROR if finding.level == "error" else logging.WARNING
+        log.log(level, "%s", str(finding).partition(": ")[2])
     return observations
 
 
@@ -172,13 +165,8 @@ def _refuse_elsewhere(
     placed = {name for name, columns in observations.present.items() if {"x", "y"} <= columns}
     if placed and placed <= set(beside):
         first = beside[sorted(placed, key=list(TABLES).index)[0]]
-        raise InputError(
-            first.problem,
-            file=first.file or path,
-            field=first.table,
-            found=first.found,
-            expected=first.expected,
-        )
+        wrong = partial(InputError, file=first.file or path, field=first.table)
+        raise wrong(first.problem, found=first.found, expected=first.expected)
 
 
 def _raw_tables(
@@ -199,12 +187,9 @@ def _raw_tables(
         )
     metadata = raws.pop(_METADATA, None)
     if not raws:
-        raise InputError(
-            "holds no table of observations",
-            file=source if isinstance(source, Path) else None,
-            field=KEY,
-            expected=f"at least one of {', '.join(TABLES)}{each}",
-        )
+        wrong = partial(InputError, file=source if isinstance(source, Path) else None, field=KEY)
+        expected = f"at least one of {', '.join(TABLES)}{each}"
+        raise wrong("holds no table of observations", expected=expected)
     return {name: raws[name] for name in TABLES if name in raws}, metadata
 
 
@@ -246,12 +231,8 @@ def _csv_tables(
             twice = next(c for c in columns if columns.count(c) > 1)
             raw.note("column is there twice: the last one is read", twice)
         if short:
-            raw.note(
-                "does not fit the header",
-                rows=short,
-                expected=f"{len(columns)} values (texts with a {delimiter} in quotes)",
-                left_out="row",
-            )
+            expected = f"{len(columns)} values (texts with a {delimiter} in quotes)"
+            raw.note("does not fit the header", rows=short, expected=expected, left_out="row")
     return raws
 
 

@@ -9,6 +9,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -171,15 +172,9 @@ def _short(raw: RawTable, column: str, texts: list[str]) -> list[str]:
         except InputError as error:
             wrong[i], texts[i] = error, ""
     if wrong:
-        first = next(iter(wrong.values()))
-        raw.note(
-            first.problem,
-            column,
-            raw.rows[list(wrong)],
-            found=str(first.found),
-            expected=str(first.expected),
-            left_out="value",
-        )
+        first, rows = next(iter(wrong.values())), raw.rows[list(wrong)]
+        detail = {"found": str(first.found), "expected": str(first.expected)}
+        raw.note(first.problem, column, rows, left_out="value", **detail)
     return texts
 
 
@@ -189,17 +184,13 @@ def _numbers(raw: RawTable, column: Column, values: NDArray[Any]) -> FloatArray:
     empty = np.array([t.lower() in _EMPTY for t in texts.tolist()], np.bool_)
     numbers = pd.to_numeric(pd.Series(np.where(empty, "nan", texts)), errors="coerce")
     result: FloatArray = numbers.to_numpy(np.float64, copy=True)
+    lost = partial(raw.note, column=column.name, left_out="value")
     odd = ~empty & ~np.isfinite(result)
     if odd.any():
         comma = any("," in t for t in texts[odd].tolist())
-        raw.note(
-            "is not a number",
-            column.name,
-            raw.rows[odd],
-            found=repr(texts[odd][0]),
-            expected="a number, with a point for decimals" if comma else "a number",
-            left_out="value",
-        )
+        expected = "a number, with a point for decimals" if comma else "a number"
+        found = repr(texts[odd][0])
+        lost("is not a number", rows=raw.rows[odd], found=found, expected=expected)
     with np.errstate(invalid="ignore"):
         wrong = (result < column.low) | (result > column.high)
         if column.positive:
@@ -207,14 +198,8 @@ def _numbers(raw: RawTable, column: Column, values: NDArray[Any]) -> FloatArray:
     if wrong.any():
         low = "above 0" if column.positive else f"{column.low:g} or more"
         limits = low if math.isinf(column.high) else f"{column.low:g} to {column.high:g}"
-        raw.note(
-            "cannot be",
-            column.name,
-            raw.rows[wrong],
-            found=f"{result[wrong][0]:g}",
-            expected=f"{limits} {column.unit}".strip(),
-            left_out="value",
-        )
+        expected, found = f"{limits} {column.unit}".strip(), f"{result[wrong][0]:g}"
+        lost("cannot be", rows=raw.rows[wrong], found=found, expected=expected)
     result[odd | wrong] = np.nan
     return result
 
@@ -338,13 +323,10 @@ def metadata_of(raw: RawTable) -> Metadata:
     """How well was measured; keys that are not known are passed on."""
     columns = {k.strip().lower(): v for k, v in raw.columns.items()}
     if not {"key", "value"} <= set(columns):
-        raw.note(
-            "metadata cannot be read",
-            found=", ".join(raw.columns) or "nothing",
-            expected="columns key and value",
-            left_out="table",
-        )
+        found, expected = ", ".join(raw.columns) or "nothing", "columns key and value"
+        raw.note("metadata cannot be read", found=found, expected=expected, left_out="table")
         return Metadata()
+    lost = partial(raw.note, left_out="value")
     known: dict[str, float] = {}
     others: dict[str, str] = {}
     keys = _short(raw, "key", _names(columns["key"]))
@@ -367,14 +349,9 @@ def metadata_of(raw: RawTable) -> Metadata:
             number = math.nan
         relative = name.endswith(("_rel", "_share"))
         if not (math.isfinite(number) and number >= 0.0) or (relative and number >= 1.0):
-            raw.note(
-                f"{key} cannot be used" + (": looks like percent" if number >= 1.0 else ""),
-                "value",
-                [row],
-                found=repr(text),
-                expected="a share, such as 0.05" if relative else "a number, 0 or more",
-                left_out="value",
-            )
+            problem = f"{key} cannot be used" + (": looks like percent" if number >= 1.0 else "")
+            expected = "a share, such as 0.05" if relative else "a number, 0 or more"
+            lost(problem, "value", [row], found=repr(text), expected=expected)
             continue
         known[name] = number
     return Metadata(**known, others=others)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import lru_cache
+from functools import lru_cache, partial
 from html import unescape
 from pathlib import Path
 from typing import Any
@@ -174,13 +174,9 @@ def vector_file(file: Path, field: str | None) -> Iterator[None]:
         with offline():
             yield
     except (*_VECTOR_ERRORS, ValueError, OSError) as error:
-        raise InputError(
-            "cannot be read as a vector file",
-            file=file,
-            field=field,
-            found=str(error).split(";")[0].replace(f"'{file}' ", "")[:160],
-            expected=VECTOR,
-        ) from None
+        found = str(error).split(";")[0].replace(f"'{file}' ", "")[:160]
+        wrong = partial(InputError, file=file, field=field, found=found)
+        raise wrong("cannot be read as a vector file", expected=VECTOR) from None
 
 
 def read_frame(file: Path, layer: str, **options: Any) -> Any:

@@ -13,7 +13,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from sassgis.hazard.preset_labels import preset_unverified
-from sassgis.io.read.checked import first_of, in_short
+from sassgis.io.read.checked import EXPECTED, first_of, in_short
 from sassgis.io.read.plain_file import read_text, toml_table
 from sassgis.io.read.vector_features import nearest
 from sassgis.model.errors import InputError
@@ -116,12 +116,9 @@ def read_preset(name: str | PathLike[str]) -> HazardPreset:
         return _preset(text, name, f"built-in preset {name}")
     path = Path(name)
     if path.suffix.lower() != ".toml" and not os.path.isfile(path):
-        raise InputError(
-            "is not a known hazard preset",
-            field="preset",
-            found=repr(str(name)),
-            expected=f"{nearest(str(name), preset_names())}, or the path of a .toml file",
-        )
+        expected = f"{nearest(str(name), preset_names())}, or the path of a .toml file"
+        wrong = partial(InputError, field="preset", found=repr(str(name)))
+        raise wrong("is not a known hazard preset", expected=expected)
     return _preset(read_text(path, "preset", _WHAT), path.stem, str(path))
 
 
@@ -150,39 +147,32 @@ class _Reading:
 
     def preset(self, name: str) -> HazardPreset:
         content = self._content
-        intensities = tuple(
-            IntensityClass(
-                c.code, c.label, c.from_kj, c.colour, self._source(c.source, f"intensity[{c.code}]")
-            )
-            for c in content.intensity
-        )
-        levels = tuple(
-            HazardLevel(
-                c.code, c.label, c.colour, c.hatched, self._source(c.source, f"levels[{c.code}]")
-            )
-            for c in content.levels
-        )
+        intensities = []
+        for c in content.intensity:
+            own = self._source(c.source, f"intensity[{c.code}]")
+            intensities.append(IntensityClass(c.code, c.label, c.from_kj, c.colour, own))
+        levels = []
+        for k in content.levels:
+            own = self._source(k.source, f"levels[{k.code}]")
+            levels.append(HazardLevel(k.code, k.label, k.colour, k.hatched, own))
         known = [c.code for c in intensities]
         for code in content.matrix:
             if code not in known:
                 raise self._unknown("row of no intensity class", f"matrix.{code}", code, known)
         for code in known:
             if code not in content.matrix:
-                raise InputError(
-                    "the matrix has a hole: no row for an intensity class",
-                    file=self._file,
-                    field="matrix",
-                    found=", ".join(content.matrix) or "no row",
-                    expected=f"a section [matrix.{code}]",
-                )
+                found = ", ".join(content.matrix) or "no row"
+                wrong = partial(InputError, file=self._file, field="matrix", found=found)
+                problem = "the matrix has a hole: no row for an intensity class"
+                raise wrong(problem, expected=f"a section [matrix.{code}]")
         rows = [content.matrix[code] for code in known]
         return HazardPreset(
             name,
             content.title.strip(),
-            intensities,
+            tuple(intensities),
             tuple(content.return_periods.limits_years),
             self._source(content.return_periods.source, "return_periods"),
-            levels,
+            tuple(levels),
             tuple(self._levels(row, f"matrix.{c}") for row, c in zip(rows, known, strict=True)),
             tuple(self._fields(row, f"matrix.{c}") for row, c in zip(rows, known, strict=True)),
             self._file,
@@ -192,8 +182,8 @@ class _Reading:
         )
 
     def _sheet(self, sheet: _Sheet | None) -> SheetRules | None:
+        # Rules that say nothing of sheets: those that come with sassgis.
         if sheet is None:
-            # Rules that say nothing of sheets: those that come with sassgis.
             return read_preset("ch-so").sheet
         own = sheet.model_dump(exclude={"source"})
         return SheetRules(**own, provenance=self._source(sheet.source, "sheet"))
@@ -215,23 +205,17 @@ class _Reading:
         if isinstance(row.source, str):
             return (self._source(row.source, where),) * len(row.levels)
         if len(row.source) != len(row.levels):
-            raise InputError(
-                "does not have a source for each level",
-                file=self._file,
-                field=f"{where}.source",
-                found=f"{len(row.source)} sources",
-                expected=f"one source for all, or {len(row.levels)}",
+            wrong = partial(InputError, file=self._file, field=f"{where}.source")
+            found, expected = (
+                f"{len(row.source)} sources",
+                f"one source for all, or {len(row.levels)}",
             )
+            raise wrong("does not have a source for each level", found=found, expected=expected)
         return tuple(self._source(key, where) for key in row.source)
 
     def _unknown(self, problem: str, field: str, found: str, known: list[str]) -> InputError:
-        return InputError(
-            problem,
-            file=self._file,
-            field=field,
-            found=repr(found),
-            expected=nearest(found, known),
-        )
+        wrong = partial(InputError, file=self._file, field=field, found=repr(found))
+        return wrong(problem, expected=nearest(found, known))
 
 
 # ---------------------------------------------------------------------------------------------
@@ -247,17 +231,6 @@ _MODELS: Mapping[str, type[BaseModel]] = {
     "sheet": _Sheet,
 }
 _LISTS = ("intensity", "levels")
-_EXPECTED = {
-    "float_type": "a number",
-    "finite_number": "a finite number",
-    "string_type": "a text in quotes",
-    "bool_type": "true or false",
-    "list_type": "a list in [ ]",
-}
-_MEANT = {
-    "colour": 'a colour such as "#d7262b"',
-    "code": "a letter, then letters, digits and _",
-}
 _KEYS = {
     "title": "a line that says whose rules these are",
     "sources": "sections [sources.KEY] with text and verified",
@@ -267,10 +240,10 @@ _KEYS = {
     "matrix": "a section [matrix.CODE] per intensity class",
     "text": "the publication, with page or section where known",
     "verified": "true if the value was read in the source, false if not",
-    "code": _MEANT["code"],
+    "code": "a letter, then letters, digits and _",
     "label": "the name on maps",
     "from_kj": "the lower limit of the energy (kJ), 0 for the lowest class",
-    "colour": _MEANT["colour"],
+    "colour": 'a colour such as "#d7262b"',
     "source": "the KEY of one of the sections [sources.KEY]",
     "years": "the return period (years) beyond which there is no level",
     "width_mm": "the least width of a zone on the sheet (mm)",
@@ -295,9 +268,9 @@ def _one_line(e: Mapping[str, Any], file: str, document: Mapping[str, Any]) -> I
         if loc[0] == "matrix" and key == "levels":
             expected = "a level for each class of return period"
         return wrong("missing key", field=field, expected=expected)
-    expected = _EXPECTED.get(kind, str(e["msg"]))
+    expected = EXPECTED.get(kind, str(e["msg"]))
     if kind == "string_pattern_mismatch":
-        expected = _MEANT.get(key, "a text that is not empty")
+        expected = _KEYS[key] if key in ("code", "colour") else "a text that is not empty"
     elif kind == "list_type" and key in _LISTS and len(loc) == 1:
         expected = f"sections [[{key}]], with double brackets"
     elif kind in ("model_type", "dict_type"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from functools import partial
 
 import numpy as np
 
@@ -38,6 +39,7 @@ def read_profile(path: Input, table: GroundTable, default: str) -> ProfileSet:
         "z_m": CsvColumn(float),
         "ground": CsvColumn(known=table.names, default=default, what="ground class"),
     }
+    wrong = partial(InputError, file=path)
     s: list[float] = []
     z: list[float] = []
     ground: list[int] = []
@@ -45,9 +47,8 @@ def read_profile(path: Input, table: GroundTable, default: str) -> ProfileSet:
     for where, row in read_table(path, "profile.file", what, columns):
         chainage = row["s_m"]
         if s and chainage <= s[-1]:
-            raise InputError(
+            raise wrong(
                 f"{where}: chainage does not rise",
-                file=path,
                 field="s_m",
                 found=f"{chainage:g} after {s[-1]:g}",
                 expected="a larger one than in the row before",
@@ -56,12 +57,8 @@ def read_profile(path: Input, table: GroundTable, default: str) -> ProfileSet:
         z.append(row["z_m"])
         ground.append(table.index(row["ground"]))
     if len(s) < 2:
-        raise InputError(
-            "is too short for a profile",
-            file=path,
-            found=f"{len(s)} row(s)",
-            expected="two rows or more",
-        )
+        found = f"{len(s)} row(s)"
+        raise wrong("is too short for a profile", found=found, expected="two rows or more")
     return ProfileSet(
         offset=np.array([0, len(s)], np.int64),
         s=np.array(s),
@@ -77,26 +74,17 @@ def check_on_profile(config: Config, profile: ProfileSet) -> None:
     """Check that starts, stations and barriers of a configuration lie on its profile."""
     first, last = float(profile.s[0]), float(profile.s[-1])
     expected = f"within the profile, {first:g} to {last:g} m"
+    wrong = partial(ConfigError, file=config.file, expected=expected)
     if config.profile is not None:
         low, high = config.profile.start_m
         if low < first or high > last:
-            raise ConfigError(
-                "blocks would start off the profile",
-                file=config.file,
-                field="profile.start_m",
-                found=f"[{low:g}, {high:g}]",
-                expected=expected,
-            )
+            found = f"[{low:g}, {high:g}]"
+            raise wrong("blocks would start off the profile", field="profile.start_m", found=found)
         steepest = np.degrees(np.arctan((-np.diff(profile.z) / np.diff(profile.s)).max()))
         if steepest <= 0.0:
             log.warning("%s: the profile descends nowhere", config.profile.file)
     for control_line, chainage in profile_control_lines(config):
         if not first <= chainage <= last:
             section = "stations" if control_line.kind == "station" else "barriers"
-            raise ConfigError(
-                "lies off the profile",
-                file=config.file,
-                field=f"{section}[{control_line.name}].chainage_m",
-                found=f"{chainage:g}",
-                expected=expected,
-            )
+            field = f"{section}[{control_line.name}].chainage_m"
+            raise wrong("lies off the profile", field=field, found=f"{chainage:g}")

@@ -7,7 +7,7 @@ swisstopo is at https://data.geo.admin.ch/api/stac; its collection of heights is
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -115,7 +115,8 @@ def find_tiles(
             else f"nothing over {west:.4f}, {south:.4f} to {east:.4f}, {north:.4f}",
             expected="another --resolution" if others else "a polygon in the area of the data",
         )  # fmt: skip
-    return _newest(offers)
+    newest = {o.place: o for o in sorted(offers, key=lambda o: (o.date, o.name))}
+    return tuple(newest[place] for place in sorted(newest))
 
 
 def _items(url: str, timeout_s: float) -> Iterator[dict[str, Any]]:
@@ -172,10 +173,3 @@ def _offers(item: dict[str, Any], url: str) -> Iterator[TileOffer]:
                 name, href, place or str(item.get("id")), date or (known["year"] if known else ""),
                 float(size), str(checksum).lower(),
             )  # fmt: skip
-
-
-def _newest(offers: Sequence[TileOffer]) -> tuple[TileOffer, ...]:
-    best: dict[str, TileOffer] = {}
-    for offer in sorted(offers, key=lambda o: (o.date, o.name)):
-        best[offer.place] = offer
-    return tuple(best[place] for place in sorted(best))

@@ -6,6 +6,7 @@ import logging
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations
 from pathlib import Path
 
@@ -59,12 +60,8 @@ class Part:
 
     def grown(self, north: int, east: int, south: int, west: int) -> Part:
         """With so many rows and columns more on each side."""
-        return Part(
-            self.row - north,
-            self.col - west,
-            self.n_rows + north + south,
-            self.n_cols + west + east,
-        )
+        n_rows, n_cols = self.n_rows + north + south, self.n_cols + west + east
+        return Part(self.row - north, self.col - west, n_rows, n_cols)
 
     def cells_in(self, other: Part, cells: IntArray) -> tuple[BoolArray, IntArray]:
         """Which of some cells (flat indices) lie in ``other``, and where these are there."""
@@ -145,22 +142,16 @@ class Terrain:
     def part_of(self, bounds: Sequence[float]) -> Part:
         """The cells that meet a rectangle (west, south, east, north), also beyond the DEM."""
         west, south, east, north = bounds
-        col = math.floor((west - self.west) / self.cell_size)
-        row = math.floor((self.north - north) / self.cell_size)
-        last_col = math.floor((east - self.west) / self.cell_size)
-        last_row = math.floor((self.north - south) / self.cell_size)
+        col, last_col = (math.floor((x - self.west) / self.cell_size) for x in (west, east))
+        row, last_row = (math.floor((self.north - y) / self.cell_size) for y in (north, south))
         return Part(row, col, last_row - row + 1, last_col - col + 1)
 
     def frame(self, part: Part) -> Grid:
         """A part of the lattice without its heights, which take no memory and are 0."""
-        return Grid(
-            values=np.broadcast_to(np.zeros(1), (part.n_rows, part.n_cols)),
-            west=self.west + part.col * self.cell_size,
-            north=self.north - part.row * self.cell_size,
-            cell_size=self.cell_size,
-            crs=self.crs,
-            vertical_datum=self.vertical_datum,
-        )
+        values = np.broadcast_to(np.zeros(1), (part.n_rows, part.n_cols))
+        west = self.west + part.col * self.cell_size
+        north = self.north - part.row * self.cell_size
+        return Grid(values, west, north, self.cell_size, self.crs, self.vertical_datum)
 
 
 def _within(part: Part, whole: Part) -> tuple[slice, slice]:
@@ -196,16 +187,16 @@ def open_terrain(
     if isinstance(given, InMemory) or not given.is_dir():
         dem = describe_dem(given, crs, vertical_datum, override_crs)
         if not dem.is_plain:
-            return _resampled(dem, read_dem(given, crs, vertical_datum, override_crs))
+            grid = read_dem(given, crs, vertical_datum, override_crs)
+            whole = Part(0, 0, *grid.shape)
+            place = grid.west, grid.north, grid.cell_size, whole, grid.crs, grid.vertical_datum
+            return Terrain((Tile(dem, whole),), *place, grid)
         return _laid_out([dem], given)
     files = sorted(f for f in given.iterdir() if f.suffix.lower() in TILE_SUFFIXES)
     if not files:
-        raise InputError(
-            "holds no tile of a terrain model",
-            file=given,
-            field="terrain.dem",
-            expected="a raster, a VRT, or a folder of rasters (" + ", ".join(TILE_SUFFIXES) + ")",
-        )
+        wrong = partial(InputError, file=given, field="terrain.dem")
+        expected = f"a raster, a VRT, or a folder of rasters ({', '.join(TILE_SUFFIXES)})"
+        raise wrong("holds no tile of a terrain model", expected=expected)
     if len(files) == 1:
         return open_terrain(files[0], crs, vertical_datum, override_crs)
     return open_tiles(files, given, crs, vertical_datum, override_crs)
@@ -245,25 +236,14 @@ def read_terrain(
     return grid
 
 
-def _resampled(dem: DemFile, grid: Grid) -> Terrain:
-    whole = Part(0, 0, *grid.shape)
-    return Terrain(
-        (Tile(dem, whole),), grid.west, grid.north, grid.cell_size, whole, grid.crs,
-        grid.vertical_datum, grid,
-    )  # fmt: skip
-
-
 def _laid_out(dems: Sequence[DemFile], given: Input) -> Terrain:
     """Put tiles on one lattice."""
     first = dems[0]
     for dem in dems:
         if not dem.is_plain:
-            raise InputError(
-                "cells are not square with north up, as tiles must be",
-                file=dem.file,
-                found=f"{tuple(dem.transform)[:6]}",
-                expected="a raster that rio warp has brought onto the lattice of the others",
-            )
+            wrong = partial(InputError, file=dem.file, found=f"{tuple(dem.transform)[:6]}")
+            expected = "a raster that rio warp has brought onto the lattice of the others"
+            raise wrong("cells are not square with north up, as tiles must be", expected=expected)
         _check_alike(first, dem)
     cell = _cell(first)
     west = min(d.transform.c for d in dems)
@@ -282,27 +262,21 @@ def _cell(dem: DemFile) -> float:
 
 
 def _check_alike(first: DemFile, dem: DemFile) -> None:
-    def refuse(problem: str, found: str, expected: str) -> InputError:
-        return InputError(
-            problem, file=dem.file, found=found, expected=f"{expected}, as {first.file.name}"
-        )
+    def refuse(what: str, found: str, expected: str) -> InputError:
+        expected = f"{expected}, as {first.file.name}"
+        return InputError(f"tiles have {what}", file=dem.file, found=found, expected=expected)
 
     systems = (first.crs, dem.crs)
     if systems[0] != systems[1] and (
         "" in systems or not same_crs(*(pyproj.CRS.from_wkt(s) for s in systems))
     ):
-        raise refuse(
-            "tiles have different coordinate systems", crs_name(dem.crs), crs_name(first.crs)
-        )
+        raise refuse("different coordinate systems", crs_name(dem.crs), crs_name(first.crs))
+    datums = [own.vertical_datum or "none stated" for own in (dem, first)]
     if dem.vertical_datum != first.vertical_datum:
-        raise refuse(
-            "tiles have different height systems",
-            dem.vertical_datum or "none stated",
-            first.vertical_datum or "none stated",
-        )
+        raise refuse("different height systems", *datums)
     a, b = _cell(first), _cell(dem)
     if abs(a - b) * max(*dem.shape, *first.shape) > _OFF_LATTICE * a:
-        raise refuse("tiles have cells of different sizes", f"{b:.9g} m", f"{a:.9g} m")
+        raise refuse("cells of different sizes", f"{b:.9g} m", f"{a:.9g} m")
 
 
 def _place(dem: DemFile, west: float, north: float, cell: float) -> Part:
@@ -331,15 +305,9 @@ def _check_overlaps(tiles: Sequence[Tile]) -> None:
             continue
         found = f"{float(np.median(gap)):.3g} m (median), up to {float(gap.max()):.3g} m"
         if np.median(gap) > _OTHER_TERRAIN_M:
-            raise InputError(
-                f"heights differ from those of {one.dem.file.name} where both overlap",
-                file=two.dem.file,
-                found=f"{found}, in {gap.size} cells",
-                expected=f"the same heights, within {_OTHER_TERRAIN_M:g} m (median)",
-            )
-        log.warning(
-            "%s: heights differ by %s from those of %s, which count where both overlap",
-            two.dem.file,
-            found,
-            one.dem.file.name,
-        )
+            wrong = partial(InputError, file=two.dem.file, found=f"{found}, in {gap.size} cells")
+            problem = f"heights differ from those of {one.dem.file.name} where both overlap"
+            expected = f"the same heights, within {_OTHER_TERRAIN_M:g} m (median)"
+            raise wrong(problem, expected=expected)
+        text = "%s: heights differ by %s from those of %s, which count where both overlap"
+        log.warning(text, two.dem.file, found, one.dem.file.name)

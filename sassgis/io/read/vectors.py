@@ -8,6 +8,7 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -97,13 +98,8 @@ def read_release(
         names = feature_names(features, "area", "release")
         for name in only or ():
             if name not in names:
-                raise InputError(
-                    "no release area has this name",
-                    file=file,
-                    field="area",
-                    found=repr(name),
-                    expected=nearest(name, names),
-                )
+                wrong = partial(InputError, file=file, field="area", found=repr(name))
+                raise wrong("no release area has this name", expected=nearest(name, names))
         return [f for f, n in zip(features, names, strict=True) if only is None or n in only]
 
     features = read_features(
@@ -188,13 +184,10 @@ def feature_names(features: Sequence[Feature], stem: str, section: str) -> list[
         if name is None:
             raise feature.wrong("has no name", field, expected="a text")
         if name in seen:
-            raise InputError(
-                "name is used twice",
-                file=feature.file,
-                field=field,
-                found=f"{name!r} in features {seen[name].number} and {feature.number}",
-                expected=f"names that differ, or another {section}.name_field",
-            )
+            wrong = partial(InputError, file=feature.file, field=field)
+            found = f"{name!r} in features {seen[name].number} and {feature.number}"
+            expected = f"names that differ, or another {section}.name_field"
+            raise wrong("name is used twice", found=found, expected=expected)
         seen[name] = feature
     return list(seen)
 
@@ -220,12 +213,8 @@ def _check_under(feature: Feature, grid: Grid) -> None:
     if inside == 0.0:
         raise outside(file, "release.file", label, feature.geometry.bounds, grid)
     if inside < 1.0:
-        log.warning(
-            "%s: %s: %.1f %% of it lies outside the DEM; no block starts there",
-            file,
-            label,
-            max(100.0 * (1.0 - inside), 0.1),
-        )
+        text = "%s: %s: %.1f %% of it lies outside the DEM; no block starts there"
+        log.warning(text, file, label, max(100.0 * (1.0 - inside), 0.1))
     rows, cols, mask = cells_under(feature.geometry, grid)
     unknown = ~np.isfinite(grid.values[rows, cols]) & mask
     n_cells, n_unknown = int(mask.sum()), int(unknown.sum())
@@ -234,24 +223,15 @@ def _check_under(feature: Feature, grid: Grid) -> None:
         expected = "an area on known terrain"
         raise feature.wrong("lies on nodata", "release.file", found=found, expected=expected)
     if n_unknown:
-        log.warning(
-            "%s: %s: %d of %d cells under it are nodata (%.1f %%); no block starts there",
-            file,
-            label,
-            n_unknown,
-            n_cells,
-            100.0 * n_unknown / n_cells,
-        )
+        text = "%s: %s: %d of %d cells under it are nodata (%.1f %%); no block starts there"
+        log.warning(text, file, label, n_unknown, n_cells, 100.0 * n_unknown / n_cells)
     steepest = steepest_slope_deg(feature.geometry, grid)
     if steepest < START_SLOPE_DEG:
-        log.warning(
+        text = (
             "%s: %s: nowhere steeper than %.1f degrees; "
-            "below %.1f degrees no block at rest starts to move",
-            file,
-            label,
-            steepest,
-            START_SLOPE_DEG,
+            "below %.1f degrees no block at rest starts to move"
         )
+        log.warning(text, file, label, steepest, START_SLOPE_DEG)
 
 
 def warn_of_overlaps(areas: Sequence[ReleaseArea], file: Input) -> None:
@@ -261,13 +241,8 @@ def warn_of_overlaps(areas: Sequence[ReleaseArea], file: Input) -> None:
     for i, j in zip(first.tolist(), second.tolist(), strict=True):
         common = shapes[i].intersection(shapes[j]).area if i < j else 0.0
         if common > 0.0 and set(areas[i].scenarios) & set(areas[j].scenarios):
-            log.warning(
-                "%s: areas %s and %s overlap by %.1f m2; blocks start there from both",
-                file,
-                areas[i].name,
-                areas[j].name,
-                common,
-            )
+            text = "%s: areas %s and %s overlap by %.1f m2; blocks start there from both"
+            log.warning(text, file, areas[i].name, areas[j].name, common)
 
 
 # ---------------------------------------------------------------------------------------------
@@ -289,40 +264,27 @@ def read_control_lines(config: Config, grid: Grid) -> list[tuple[ControlLine, Fl
     names = [control_line.name for control_line, _ in control_lines]
     for name, count in Counter(names).items():
         if count > 1:
-            raise ConfigError(
-                "name is used twice",
-                file=config.file,
-                field="stations/barriers.name",
-                found=repr(name),
-                expected="names that differ, features of station and barrier files included",
-            )
+            wrong = partial(ConfigError, file=config.file, field="stations/barriers.name")
+            expected = "names that differ, features of station and barrier files included"
+            raise wrong("name is used twice", found=repr(name), expected=expected)
     return control_lines
 
 
 def _control_lines_of(
     item: StationSettings, key: str, config_file: Path | None, grid: Grid
 ) -> list[tuple[ControlLine, FloatArray]]:
+    wrong = partial(ConfigError, file=config_file)
     if item.line is not None:
         line = shapely.LineString(item.line)
         if not line.is_valid:
-            raise ConfigError(
-                "has no length",
-                file=config_file,
-                field=f"{key}.line",
-                found=str([list(p) for p in item.line]),
-                expected="at least two points that differ",
-            )
+            found, expected = str([list(p) for p in item.line]), "at least two points that differ"
+            raise wrong("has no length", field=f"{key}.line", found=found, expected=expected)
         feature = Feature(1, {}, line, "line")
         check_on_map(feature, grid, config_file, f"{key}.line", item.name)
         return [(control_line_of(item, item.name), _vertices(line))]
     if item.file is None:
-        raise ConfigError(
-            "has no place on the map",
-            file=config_file,
-            field=key,
-            found="chainage_m, which belongs to profile runs",
-            expected="line or file",
-        )
+        found = "chainage_m, which belongs to profile runs"
+        raise wrong("has no place on the map", field=key, found=found, expected="line or file")
     columns = item.fields if isinstance(item, BarrierSettings) else {}
     control_lines = []
     for feature, name in named_features(item, grid, key, columns, ("line",)):
@@ -363,12 +325,9 @@ def _one_line(feature: Feature, key: str) -> FloatArray:
     if line.geom_type == "MultiLineString":
         line = shapely.line_merge(line)
     if line.geom_type != "LineString":
-        raise feature.wrong(
-            "is made of separate parts",
-            key,
-            found=f"{len(line.geoms)} parts",
-            expected="one line without gaps; make each part a feature of its own",
-        )
+        expected = "one line without gaps; make each part a feature of its own"
+        found = f"{len(line.geoms)} parts"
+        raise feature.wrong("is made of separate parts", key, found=found, expected=expected)
     return _vertices(line)
 
 
@@ -384,15 +343,10 @@ def _with_attributes(item: StationSettings, feature: Feature) -> StationSettings
                 raise feature.wrong("has no value", column, expected=f"its {key}")
             continue
         value = text if key == "kind" else feature.value(column)
-        wrong = fault(declared(BarrierSettings)[key].kind, value)
-        if wrong is not None:
-            raise InputError(
-                f"{feature.label}: {wrong.problem}",
-                file=feature.file,
-                field=column,
-                found=repr(value),
-                expected=wrong.expected,
-            )
+        refused = fault(declared(BarrierSettings)[key].kind, value)
+        if refused is not None:
+            wrong = partial(InputError, file=feature.file, field=column, found=repr(value))
+            raise wrong(f"{feature.label}: {refused.problem}", expected=refused.expected)
         stated[key] = value
     return replace(item, **stated)
 
@@ -409,10 +363,5 @@ def check_on_map(feature: Feature, grid: Grid, file: Input | None, key: str, lab
         raise outside(file, key, label, feature.geometry.bounds, grid)
     inside = share_inside(feature, grid)
     if inside < 1.0:
-        log.warning(
-            "%s: %s: %s: %.1f %% of it lies outside the DEM",
-            file,
-            key,
-            label,
-            max(100.0 * (1.0 - inside), 0.1),
-        )
+        text = "%s: %s: %s: %.1f %% of it lies outside the DEM"
+        log.warning(text, file, key, label, max(100.0 * (1.0 - inside), 0.1))
