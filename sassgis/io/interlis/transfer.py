@@ -19,11 +19,7 @@ import geopandas as gpd
 import shapely
 from pyogrio.errors import DataLayerError
 
-from sassgis.io.interlis.validation import (
-    ValidationResult,
-    check_validator,
-    validate_xtf,
-)
+from sassgis.io.interlis.validation import ValidationResult, check_validator, validate_xtf
 from sassgis.io.interlis.xtf_document import XtfObject, document
 from sassgis.io.read.offline import read_frame, vector_file
 from sassgis.io.read.result_folder import check_is_result
@@ -101,11 +97,8 @@ def export_xtf(
     check_is_result(result_folder)
     package = result_folder / PACKAGE_NAME
     if not package.is_file():
-        raise InputError(
-            "this result has no hazard zones",
-            file=result_folder,
-            expected=f"{PACKAGE_NAME} in it, which a run of hazard zones writes",
-        )
+        expected = f"{PACKAGE_NAME} in it, which a run of hazard zones writes"
+        raise InputError("this result has no hazard zones", file=result_folder, expected=expected)
     if models is not None:
         check_validator(models, [MODEL_NAME])
     written = write_xtf(package, xtf, canton=canton, overwrite=overwrite)
@@ -175,12 +168,8 @@ def _read_layer(file: Path, kind: FederalClass) -> gpd.GeoDataFrame | None:
             expected=f"coordinates in EPSG:{FEDERAL_EPSG}",
         )
     if absent := [a.name for a in kind.attributes if a.name not in frame]:
-        raise InputError(
-            "column is missing",
-            file=file,
-            field=f"{kind.name}.{absent[0]}",
-            expected="the columns of model 166.1, as this version writes them",
-        )
+        expected = "the columns of model 166.1, as this version writes them"
+        raise wrong("column is missing", field=f"{kind.name}.{absent[0]}", expected=expected)
     check_extent(frame.geometry.dropna().to_numpy(), field=kind.name, file=file)
     return frame
 

@@ -112,13 +112,9 @@ def validate_xtf(xtf: Path, model_folder: Path, *, timeout_s: float = 1800.0) ->
             os.symlink(xtf.resolve(), data)
         except OSError:
             shutil.copyfile(xtf, data)
-        task = {
-            "data": str(data),
-            "models": str(models),
-            "log": str(work / "log.txt"),
-            "findings": str(work / "findings.xtf"),
-            "verdict": str(work / "verdict.json"),
-        }
+        made = {"log": "log.txt", "findings": "findings.xtf", "verdict": "verdict.json"}
+        task = {"data": str(data), "models": str(models)}
+        task |= {name: str(work / file) for name, file in made.items()}
         try:
             done = subprocess.run(
                 [sys.executable, "-c", _RUNNER, json.dumps(task)],
@@ -171,12 +167,9 @@ def check_validator(model_folder: Path, models: Sequence[str]) -> None:
     texts = [file.read_text(encoding="latin-1") for file in _ili_files(model_folder)]
     held = {name for text in texts for name in _MODEL.findall(text)}
     if absent := [name for name in models if name not in held]:
-        raise InputError(
-            "models that the file needs are missing",
-            file=model_folder,
-            found=", ".join(sorted(held)) or "no model",
-            expected=f"the .ili file of {', '.join(absent)}",
-        )
+        wrong = partial(InputError, file=model_folder, found=", ".join(sorted(held)) or "no model")
+        expected = f"the .ili file of {', '.join(absent)}"
+        raise wrong("models that the file needs are missing", expected=expected)
 
 
 def _header_models(xtf: Path) -> list[str]:
@@ -211,16 +204,9 @@ def _findings(log: Path, copies: Mapping[str, Path]) -> tuple[str, list[Finding]
             text = text.replace(copy, str(file))
         severity = texts.get("Type", "").lower()
         if severity in ("error", "warning"):
-            line = texts.get("Line", "")
-            found.append(
-                Finding(
-                    severity,
-                    text,
-                    texts.get("ObjTag", ""),
-                    texts.get("Tid", ""),
-                    int(line) if line.isdigit() else 0,
-                )
-            )
+            line, tag, tid = (texts.get(name, "") for name in ("Line", "ObjTag", "Tid"))
+            number = int(line) if line.isdigit() else 0
+            found.append(Finding(severity, text, tag, tid, number))
         elif text.startswith("ilivalidator-"):
             validator = " ".join(text.split("-")[:2])
     return validator, found

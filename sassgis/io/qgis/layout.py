@@ -24,7 +24,7 @@ from sassgis.io.qgis.entries import LayerEntry
 from sassgis.io.qgis.markup import without_expressions
 from sassgis.io.qgis.sheet_legend import fill_legend
 from sassgis.io.qgis.text_size import breakable, text_height, text_width, wrapped
-from sassgis.model.languages import phrase, translated, with_translated
+from sassgis.model.languages import phrase, translated
 
 Extent = tuple[float, float, float, float]
 
@@ -73,11 +73,6 @@ class PrintLayout:
     notes: tuple[str, ...] = ()
     page: Literal["A3", "A4"] = "A3"
     drawn_for: float = 0.0
-
-
-def translated_layout(layout: PrintLayout) -> PrintLayout:
-    """A sheet in the language in which the program writes; its title is the user's."""
-    return with_translated(layout, "name", "subtitle", "facts", "notes")
 
 
 class Box(NamedTuple):

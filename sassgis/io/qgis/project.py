@@ -14,11 +14,11 @@ from pathlib import Path
 from pyproj import CRS
 
 from sassgis.io.qgis.entries import LayerGroup
-from sassgis.io.qgis.layout import PrintLayout, layout_element, translated_layout
+from sassgis.io.qgis.layout import PrintLayout, layout_element
 from sassgis.io.qgis.markup import document, filled
 from sassgis.io.staging import writing
 from sassgis.model.crs import crs_parts
-from sassgis.model.languages import translated
+from sassgis.model.languages import translated, with_translated
 from sassgis.model.settings import ProjectSettings
 
 _ZIP_TIME = (1980, 1, 1, 0, 0, 0)
@@ -57,7 +57,8 @@ def write_project(
         is not there.
     """
     groups = [group.translated for group in groups]
-    layouts = [translated_layout(layout) for layout in layouts]
+    # The title of a sheet is the user's.
+    layouts = [with_translated(own, "name", "subtitle", "facts", "notes") for own in layouts]
     entries = [entry for group in groups for entry in group.entries]
     keys = [entry.key for entry in entries]
     if len(set(keys)) != len(keys):

@@ -111,11 +111,7 @@ def write_text(path: Path, text: str) -> None:
 
 
 def _comments(
-    diagnosis: Diagnosis,
-    sections: Collection[str],
-    config_name: str,
-    stand: bool,
-    left_out: bool,
+    diagnosis: Diagnosis, sections: Collection[str], config_name: str, stand: bool, left_out: bool
 ) -> list[str]:
     verdict, recommended = diagnosis.verdict, diagnosis.advice.recommended
     named = verdict.effect not in ("none", "unknown")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import asdict, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,6 @@ import numpy as np
 import sassgis
 from sassgis.gap.calibration.class_calibration import SiteCalibration, SiteResult
 from sassgis.gap.calibration.fit_errors import SHARES, QuantityErrors
-from sassgis.gap.inference.intervals import Interval
 from sassgis.io.write.calibrated_config import classes_csv, write_runnable, write_text
 from sassgis.io.write.config_file import written_document
 from sassgis.io.write.manifest import plain
@@ -31,11 +31,8 @@ def write_calibration_json(path: Path, calibration: SiteCalibration) -> None:
         "draws": calibration.draws,
         "recommendation": calibration.recommendation,
         "recommended": "calibrated" if calibration.recommended else "configured",
-        "gain_left_out": _interval(calibration.gain),
-        "findings": [
-            {"kind": f.kind, "parameters": f.parameters, "text": f.text}
-            for f in calibration.findings
-        ],
+        "gain_left_out": calibration.gain,
+        "findings": calibration.findings,
         "parameters": [
             {
                 "class": f.parameter.class_name,
@@ -52,10 +49,7 @@ def write_calibration_json(path: Path, calibration: SiteCalibration) -> None:
             for f in calibration.fitted
         ],
         "identified_combinations": calibration.combinations,
-        "trade_offs": [
-            {"one": t.one, "other": t.other, "correlation": t.correlation}
-            for t in calibration.trade_offs
-        ],
+        "trade_offs": calibration.trade_offs,
         "as_good": calibration.as_good,
         "classes_not_told_apart": calibration.alike,
         "sites_contradict": calibration.contradict,
@@ -73,9 +67,9 @@ def _site(site: SiteResult) -> dict[str, Any]:
         "score": site.fit.score,
         "own_score": site.fit.own_score,
         "own_parameters": site.own,
-        "gain_left_out": _interval(site.gain),
+        "gain_left_out": site.gain,
         "scores": [
-            {"table": t.table, "rocks": t.rocks, **t.score, "gain_left_out": _interval(t.gain)}
+            {"table": t.table, "rocks": t.rocks, **t.score, "gain_left_out": t.gain}
             for t in site.scores
         ],
         "errors": [_errors(e) for e in site.errors],
@@ -91,17 +85,15 @@ def _errors(e: QuantityErrors) -> dict[str, Any]:
         "observed": e.observed,
         "simulated": e.quantiles,
         "crps": e.crps,
-        "median_error": {k: _interval(v) for k, v in e.median_error.items()},
-        "crps_gain_left_out": _interval(e.gain),
+        "median_error": e.median_error,
+        "crps_gain_left_out": e.gain,
     }
 
 
-def _interval(interval: Interval) -> dict[str, float]:
-    return {"value": interval.value, "low": interval.low, "high": interval.high}
-
-
 def _finite(value: Any) -> Any:
-    """The same to six digits, with None for what is no number."""
+    """The same to six digits, with None for what is no number; dataclasses as mappings."""
+    if is_dataclass(value) and not isinstance(value, type):
+        value = asdict(value)
     if isinstance(value, Mapping):
         return {k: _finite(v) for k, v in value.items()}
     if isinstance(value, list | tuple):

@@ -101,9 +101,7 @@ def write_case(
 
 
 def write_observations(
-    folder: Path,
-    tables: Mapping[str, Mapping[str, NDArray[Any]]],
-    metadata: Mapping[str, float],
+    folder: Path, tables: Mapping[str, Mapping[str, NDArray[Any]]], metadata: Mapping[str, float]
 ) -> Path:
     """Write tables of observations (columns by name) as a folder of CSV files; returns it."""
     with writing(folder):

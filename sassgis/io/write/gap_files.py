@@ -54,8 +54,6 @@ def write_gap_gpkg(path: Path, case: Case, diagnosis: Diagnosis) -> None:
         fall_line_layer(case),
         stop_layer(case, diagnosis),
         impact_layer(case),
+        stand_layer(case, diagnosis.effect),
     ]
-    stand = stand_layer(case, diagnosis.effect)
-    if stand is not None:
-        layers.append(stand)
-    write_geopackage(path, layers, metadata)
+    write_geopackage(path, [own for own in layers if own is not None], metadata)

@@ -70,16 +70,11 @@ def _coordinates(grid: Grid) -> dict[str, Any]:
     system["GeoTransform"] = " ".join(repr(float(v)) for v in place)
     if grid.vertical_datum:
         system["vertical_datum"] = grid.vertical_datum
-    axis = {"standard_name": "projection_{}_coordinate", "units": "m"}
-    return {
-        "y": ("y", y, {"axis": "Y", "long_name": "northing"} | _filled(axis, "y")),
-        "x": ("x", x, {"axis": "X", "long_name": "easting"} | _filled(axis, "x")),
-        GRID_MAPPING: ((), 0, system),
-    }
-
-
-def _filled(attributes: Mapping[str, str], axis: str) -> dict[str, str]:
-    return {key: text.format(axis) for key, text in attributes.items()}
+    found: dict[str, Any] = {}
+    for axis, centres, name in (("y", y, "northing"), ("x", x, "easting")):
+        standard = {"standard_name": f"projection_{axis}_coordinate", "units": "m"}
+        found[axis] = axis, centres, {"axis": axis.upper(), "long_name": name, **standard}
+    return {**found, GRID_MAPPING: ((), 0, system)}
 
 
 def with_sources(

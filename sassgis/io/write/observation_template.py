@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from contextlib import closing
 from pathlib import Path
 
@@ -103,12 +103,10 @@ def _describe(path: Path) -> None:
         )
         database.executemany(f'INSERT INTO "{_METADATA}" ("key") VALUES (?)', [(k,) for k in _KEYS])
         register_table(database, _METADATA, "metadata", "How well was measured")
-        register_columns(database, list(_descriptions()))
-
-
-def _descriptions() -> Iterator[tuple[str, str, str, str]]:
-    for table, columns in TABLES.items():
-        for c in columns:
-            if c.name not in _PLACES:
-                unit = f" [{c.unit}]" if c.unit else ""
-                yield table, c.name, f"{c.name}{unit}", c.meaning
+        described = [
+            (table, c.name, f"{c.name} [{c.unit}]" if c.unit else c.name, c.meaning)
+            for table, columns in TABLES.items()
+            for c in columns
+            if c.name not in _PLACES
+        ]
+        register_columns(database, described)

@@ -45,21 +45,14 @@ def export_view(result_folder: Path, target: Path, layer: str, *, overwrite: boo
     """
     driver = FORMATS.get(target.suffix.lower())
     if driver is None:
-        raise InputError(
-            "unknown format",
-            field="--output",
-            found=target.name,
-            expected=f"a name that ends in .xtf, {', '.join(FORMATS)}",
-        )
+        expected = f"a name that ends in .xtf, {', '.join(FORMATS)}"
+        raise InputError("unknown format", field="--output", found=target.name, expected=expected)
     check_is_result(result_folder)
     file, name, words = _LAYERS[layer]
     frame = read_layer(result_folder / file, name)
     if frame is None:
-        raise InputError(
-            f"this result has no {words}",
-            file=result_folder,
-            expected=f"layer {name} in {file}",
-        )
+        expected = f"layer {name} in {file}"
+        raise InputError(f"this result has no {words}", file=result_folder, expected=expected)
     if frame.crs is None or frame.crs.is_engineering:
         raise InputError(
             f"{driver.removeprefix('LIB')} needs coordinates on the Earth",
@@ -69,8 +62,12 @@ def export_view(result_folder: Path, target: Path, layer: str, *, overwrite: boo
         )
     frame = frame.to_crs(4326)
     fill = _fills(result_folder, frame, layer)
-    shown = _as_kml(frame, layer, fill) if driver == "LIBKML" else _as_json(frame, layer, fill)
-    options = {"RFC7946": "YES"} if driver == "GeoJSON" else {}
+    if driver == "LIBKML":
+        shown, options = _as_kml(frame, layer, fill), {}
+    else:
+        zone = {"stroke": _OUTLINE, "fill": fill, "fill-opacity": _OPACITY}
+        shown = frame.assign(**({"stroke": fill} if layer == "paths" else zone))
+        options = {"RFC7946": "YES"}
     with staged_file(target, overwrite) as work:
         pyogrio.write_dataframe(
             shown, work, layer=words, driver=driver, layer_options=options,
@@ -89,13 +86,6 @@ def _fills(folder: Path, frame: gpd.GeoDataFrame, layer: str) -> list[str]:
         return [_PATH] * len(frame)
     colour = {c.label: c.colour for c in level_classes(folder)}
     return [colour.get(label, "#808080") for label in frame["label"]]
-
-
-def _as_json(frame: gpd.GeoDataFrame, layer: str, fill: list[str]) -> gpd.GeoDataFrame:
-    if layer == "paths":
-        return frame.assign(stroke=fill)
-    style = {"stroke": _OUTLINE, "fill": fill, "fill-opacity": _OPACITY}
-    return frame.assign(**style)
 
 
 def _as_kml(frame: gpd.GeoDataFrame, layer: str, fill: list[str]) -> gpd.GeoDataFrame:

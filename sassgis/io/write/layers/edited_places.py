@@ -35,12 +35,6 @@ def edits_layer(applied: Sequence[AppliedEdit], preset: HazardPreset, crs: str) 
     frame = pd.DataFrame(columns, dtype="object")
     frame["changed_share"] = np.array([a.changed for a in applied], np.float64).round(3)
     shapes = gpd.GeoSeries([e.geometry for e in edits], crs=crs or None)
-    rows = descriptions()["edits"][""]
-    return VectorLayer(
-        "edits",
-        rows["alias"],
-        rows["description"],
-        gpd.GeoDataFrame(frame, geometry=shapes),
-        edit_fields(codes[1:], True),
-        style=EDIT_STYLE,
-    )
+    row, frame = descriptions()["edits"][""], gpd.GeoDataFrame(frame, geometry=shapes)
+    words, fields = (row["alias"], row["description"]), edit_fields(codes[1:], True)
+    return VectorLayer("edits", *words, frame, fields, style=EDIT_STYLE)

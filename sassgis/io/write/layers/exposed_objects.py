@@ -20,14 +20,8 @@ _DIMENSION = {"fill": 2, "line": 1, "marker": 0}
 
 def exposed_layers(placed: PlacedObjects, crs: str) -> list[VectorLayer]:
     """Layers of areas, lines and points, those that have objects; stretches of a road as one."""
-    frame = gpd.GeoDataFrame(
-        {
-            "name": [thing.whole for thing in placed.objects],
-            "kind": [thing.kind for thing in placed.objects],
-        },
-        geometry=list(placed.geometries),
-        crs=crs or None,
-    )
+    whole = {"name": [t.whole for t in placed.objects], "kind": [t.kind for t in placed.objects]}
+    frame = gpd.GeoDataFrame(whole, geometry=list(placed.geometries), crs=crs or None)
     frame = frame.dissolve(["name", "kind"], sort=False).reset_index()[["name", "kind", "geometry"]]
     # A name is written along a whole road, which its stretches are too short for.
     stretches = frame.geom_type == "MultiLineString"

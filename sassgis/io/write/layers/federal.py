@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import geopandas as gpd
@@ -117,15 +118,8 @@ def federal_layers(
     if not by_area:
         del rows["intensity_by_source"]
     where: dict[str, Any] = {"crs": crs, "federal": claims, "canton": config.hazard.canton}
-    return [
-        federal_layer(
-            name,
-            own,
-            **where,
-            legend=preset.levels if name == "hazard_area" else preset.intensities,
-        )
-        for name, own in rows.items()
-    ]
+    legends = dict.fromkeys(rows, preset.intensities) | {"hazard_area": preset.levels}
+    return [federal_layer(name, own, legend=legends[name], **where) for name, own in rows.items()]
 
 
 def _zones(maps: Sequence[IntensityMap], preset: HazardPreset) -> Iterator[IntensityZones]:
@@ -162,15 +156,9 @@ def intensity_rows(zones: Iterator[IntensityZones] | Sequence[IntensityZones]) -
 
     # The extreme scenario, then from rare to frequent.
     for zone in sorted(zones, key=lambda zone: (not zone.extreme, -years(zone))):
+        when = {"return_period_in_years": zone.return_period, "extreme_scenario": zone.extreme}
         for polygon, code in zip(zone.polygons, zone.codes, strict=True):
-            yield (
-                polygon,
-                {
-                    "intensity_class": code,
-                    "return_period_in_years": zone.return_period,
-                    "extreme_scenario": zone.extreme,
-                },
-            )
+            yield polygon, {"intensity_class": code, **when}
 
 
 def federal_layer(
@@ -196,12 +184,9 @@ def federal_layer(
     """
     kind = FEDERAL_CLASSES[name]
     if federal and not is_lv95(crs):
-        raise InputError(
-            "the federal model is for other coordinates",
-            field=name,
-            found="local coordinates" if not crs else pyproj.CRS.from_user_input(crs).name,
-            expected=f"EPSG:{FEDERAL_EPSG}",
-        )
+        wrong = partial(InputError, field=name, expected=f"EPSG:{FEDERAL_EPSG}")
+        found = "local coordinates" if not crs else pyproj.CRS.from_user_input(crs).name
+        raise wrong("the federal model is for other coordinates", found=found)
     common = {a.name: a.default for a in kind.attributes} | {RESPONSIBILITY: canton}
     parts: list[Any] = []
     values: list[dict[str, Any]] = []

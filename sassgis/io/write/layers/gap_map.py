@@ -14,12 +14,7 @@ from sassgis.gap.diagnosis import Diagnosis, GapFinding
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel
 from sassgis.gap.where.places import is_stretch, limits_on, line_stretch, used_lines
-from sassgis.gap.words import (
-    finding_label,
-    quantity_name,
-    significance,
-    tested_by,
-)
+from sassgis.gap.words import finding_label, quantity_name, significance, tested_by
 from sassgis.io.vector_layer import VectorLayer, described_layer
 from sassgis.model.styles import (
     FALL_LINE_STYLE,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,12 +42,7 @@ def proposed_areas(
     }
     if rock is not None:
         measured["rock_share"] = of(rock.astype(float), ndimage.mean)
-    columns = {name: np.round(values, 3) for name, values in measured.items()}
-    outlines = [shapes[int(n)] for n in numbers]
-    return described_layer(
-        "release_areas.proposed",
-        {"name": [f"cliff {n}" for n in numbers], **columns},
-        outlines,
-        grid.crs,
-        RELEASE_AREA_STYLE,
-    )
+    columns: dict[str, Any] = {"name": [f"cliff {n}" for n in numbers]}
+    columns |= {name: np.round(values, 3) for name, values in measured.items()}
+    outlines, style = [shapes[int(n)] for n in numbers], RELEASE_AREA_STYLE
+    return described_layer("release_areas.proposed", columns, outlines, grid.crs, style)

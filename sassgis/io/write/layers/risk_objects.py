@@ -67,21 +67,10 @@ def risk_frames(
     hits = [f"hits_{code}" for code in table.intensities]
     who = ["name", "kind", "part_of"]
     per_year = _with_errors([*hits, *QUANTITIES])
-    objects = [
-        *who,
-        *("from_m", "length_m", "value", "value_per_m", "persons", "presence", "traffic_per_day"),
-        *per_year,
-        "hits_of_one_rock_per_year",
-    ]
-    sources = [
-        *who,
-        "area",
-        "scenario",
-        *(f"{name}_per_year" for name in hits),
-        *_with_errors(QUANTITIES),
-        "share_of_loss",
-        "share_of_deaths",
-    ]
+    objects = [*who, "from_m", "length_m", "value", "value_per_m", "persons", "presence"]
+    objects += ["traffic_per_day", *per_year, "hits_of_one_rock_per_year"]
+    sources = [*who, "area", "scenario", *(f"{name}_per_year" for name in hits)]
+    sources += [*_with_errors(QUANTITIES), "share_of_loss", "share_of_deaths"]
     totals = ["scope", "name", "objects"]
     for q in ADDITIVE:
         totals += [f"{q}_per_year", f"{q}_per_year_se", f"{q}_per_year_se_apart"]
@@ -154,19 +143,11 @@ def risk_vectors(
         shown = "individual_risk" if dimension != 1 else "deaths"
         if not (rows["deaths_per_year"] > 0.0).any():
             shown = "loss"
-        layers.append(
-            described_layer(
-                name,
-                rows,
-                [placed.geometries[i] for i in own],
-                crs,
-                _style(_SYMBOLS[symbol], shown, currency),
-                fields=fields,
-                shown=_words(shown, currency).label,
-                sources=len(table.sources),
-                currency=currency,
-            )
-        )
+        shapes = [placed.geometries[i] for i in own]
+        style = _style(_SYMBOLS[symbol], shown, currency)
+        words = {"shown": _words(shown, currency).label, "sources": len(table.sources)}
+        words["currency"] = currency
+        layers.append(described_layer(name, rows, shapes, crs, style, fields=fields, **words))
     return layers
 
 
@@ -220,11 +201,8 @@ def _style(symbol: Symbol, quantity: str, currency: str) -> VectorStyle:
     edges = [_LEAST, *limits, float("inf")]
     classes = [StyleClass("none", replace(symbol, colour=_NOTHING_COLOUR), upper=_LEAST)]
     for k, colour in enumerate(class_colours((0.0, *limits), _RAMP)):
-        classes.append(
-            StyleClass(
-                labels[k], replace(symbol, colour=colour), lower=edges[k], upper=edges[k + 1]
-            )
-        )
+        own = replace(symbol, colour=colour)
+        classes.append(StyleClass(labels[k], own, lower=edges[k], upper=edges[k + 1]))
     # Names of stretches would cover the road.
     label = "" if symbol.kind == "line" else "name"
     return VectorStyle(symbol, "ranges", f"{quantity}_per_year", tuple(classes), label)

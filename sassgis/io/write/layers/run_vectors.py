@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import shapely
@@ -58,14 +59,9 @@ _LINE_CUT = (LineEnd.LEFT_DEM, LineEnd.NODATA, LineEnd.MAX_LENGTH)
 
 def release_areas(run: MapRun, planned: Plan) -> VectorLayer:
     """Release areas with what was released in them."""
-    rocks = planned.blocks_of_point(run)
-    n = len(run.areas)
-    return released_from(
-        run.areas,
-        np.bincount(planned.points.area, minlength=n),
-        np.bincount(planned.points.area, weights=rocks, minlength=n),
-        run.grid.crs,
-    )
+    area, n = planned.points.area, len(run.areas)
+    rocks = np.bincount(area, weights=planned.blocks_of_point(run), minlength=n)
+    return released_from(run.areas, np.bincount(area, minlength=n), rocks, run.grid.crs)
 
 
 def released_from(
@@ -111,15 +107,11 @@ def fall_lines(run: MapRun, planned: Plan, progress: Progress) -> VectorLayer:
         text: (text, "#c1121f" if end in _LINE_CUT else FALL_LINE_STYLE.symbol.colour)
         for end, text in LINE_END_TEXT.items()
     }
+    shapes: Any = shapely.linestrings(x, y, indices=index) if x.size else []
+    plain = FALL_LINE_STYLE
+    style = categorised_style(plain.symbol, "ends_at", colours, plain.smallest_scale)
     return described_layer(
-        "fall_lines",
-        columns,
-        shapely.linestrings(x, y, indices=index) if x.size else [],
-        run.grid.crs,
-        categorised_style(
-            FALL_LINE_STYLE.symbol, "ends_at", colours, FALL_LINE_STYLE.smallest_scale
-        ),
-        smoothing_m=run.terrain.smoothing_m,
+        "fall_lines", columns, shapes, run.grid.crs, style, smoothing_m=run.terrain.smoothing_m
     )
 
 
@@ -138,18 +130,13 @@ def stops(run: MapRun, planned: Plan, progress: Progress) -> VectorLayer:
         "impacts": rocks["impacts"].astype(np.int64),
         "piece": rocks["piece"].astype(np.int64),
     }
-    all_of_them = rows.rocks.size == total
+    which = phrase("All {} blocks.", total)
+    if rows.rocks.size != total:
+        which = phrase("{} of {} blocks, chosen at random.", rows.rocks.size, total)
     colours: Colours = {text: (text, _STOP_COLOUR[reason]) for reason, text in STOP_TEXT.items()}
-    return described_layer(
-        "stops",
-        columns,
-        shapely.points(rows.x[on_map], rows.y[on_map]),
-        run.grid.crs,
-        categorised_style(STOP_STYLE.symbol, "end", colours, STOP_STYLE.smallest_scale),
-        which=phrase("All {} blocks.", total)
-        if all_of_them
-        else phrase("{} of {} blocks, chosen at random.", rows.rocks.size, total),
-    )
+    style = categorised_style(STOP_STYLE.symbol, "end", colours, STOP_STYLE.smallest_scale)
+    places = shapely.points(rows.x[on_map], rows.y[on_map])
+    return described_layer("stops", columns, places, run.grid.crs, style, which=which)
 
 
 def block_paths(paths: Sequence[BlockPath], crs: str) -> VectorLayer:
@@ -219,14 +206,9 @@ def footprint(run: MapRun, layers: Sequence[RasterLayer]) -> VectorLayer:
     }
     labels = [_footprint_label(level) for level in FOOTPRINT_LEVELS]
     colours: Colours = {x: (x, colour) for x, colour in zip(labels, _FOOTPRINT_COLOUR, strict=True)}
-    return described_layer(
-        "footprint",
-        columns,
-        list(outlines.values()),
-        run.grid.crs,
-        categorised_style(FOOTPRINT_STYLE.symbol, "label", colours),
-        ref_width_m=run.grid.cell_size,
-    )
+    style = categorised_style(FOOTPRINT_STYLE.symbol, "label", colours)
+    shapes, width = list(outlines.values()), run.grid.cell_size
+    return described_layer("footprint", columns, shapes, run.grid.crs, style, ref_width_m=width)
 
 
 def all_layers(

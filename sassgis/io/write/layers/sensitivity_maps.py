@@ -9,12 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.hazard.sensitivity import SensitivityMaps
-from sassgis.io.write.layers.maps import (
-    Place,
-    described_band,
-    described_raster,
-    level_classes,
-)
+from sassgis.io.write.layers.maps import Place, described_band, described_raster, level_classes
 from sassgis.model.ground_ranges import ParameterRange
 from sassgis.model.hazard import HazardPreset
 from sassgis.model.languages import phrase

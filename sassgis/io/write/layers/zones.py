@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import geopandas as gpd
 import numpy as np
@@ -23,7 +24,7 @@ from sassgis.model.edits import NO_LEVEL
 from sassgis.model.grid import Grid, IntArray
 from sassgis.model.hazard import HazardPreset
 from sassgis.model.languages import translated
-from sassgis.model.styles import REACHED_STYLE
+from sassgis.model.styles import REACHED_STYLE, VectorStyle
 
 #: Sources that are named in the table of a zone.
 _NAMED_SOURCES = 5
@@ -90,34 +91,30 @@ def hazard_zones(
         "open_m": np.round(facts.open_m, 1),
         "ref_width_m": np.full(len(levels), ref_width_m),
     }
-    return described_layer(
-        "hazard_zones",
-        columns,
-        list(hazard.levels.polygons),
-        grid.crs,
-        hazard_level_style("hazard_level", preset.levels),
-        preset=preset.name,
-        ref_width_m=ref_width_m,
-        percent=f"{100 * confidence:g} %",
-    )
+    percent = f"{100 * confidence:g} %"
+    words: dict[str, Any] = {"preset": preset.name, "ref_width_m": ref_width_m, "percent": percent}
+    style, shapes = hazard_level_style("hazard_level", preset.levels), list(hazard.levels.polygons)
+    return described_layer("hazard_zones", columns, shapes, grid.crs, style, **words)
 
 
 def uncertain_zones(uncertain_cells: np.ndarray, grid: Grid, confidence: float) -> VectorLayer:
     """Cells whose level another sample of blocks might change."""
-    ones = np.ones(uncertain_cells.size)
-    shown = cells_as_zones(raster(grid, uncertain_cells, ones), grid).polygons
-    columns = {"area_m2": [round(p.area, 1) for p in shown]}
     percent = f"{100 * confidence:g} %"
-    return described_layer(
-        "uncertain", columns, list(shown), grid.crs, uncertain_style(), percent=percent
-    )
+    return _outlined("uncertain", uncertain_cells, grid, uncertain_style(), percent=percent)
 
 
 def reached_limit(reached: IntArray, grid: Grid) -> VectorLayer:
     """How far simulated blocks came at all, however rarely; ``reached`` are flat cells."""
-    shown = cells_as_zones(raster(grid, reached, np.ones(reached.size)), grid).polygons
+    return _outlined("reached_limit", reached, grid, REACHED_STYLE)
+
+
+def _outlined(
+    key: str, cells: IntArray, grid: Grid, style: VectorStyle, **words: Any
+) -> VectorLayer:
+    """Patches of cells with their areas."""
+    shown = cells_as_zones(raster(grid, cells, np.ones(cells.size)), grid).polygons
     columns = {"area_m2": [round(p.area, 1) for p in shown]}
-    return described_layer("reached_limit", columns, list(shown), grid.crs, REACHED_STYLE)
+    return described_layer(key, columns, list(shown), grid.crs, style, **words)
 
 
 def open_limits(hazard: Hazard, preset: HazardPreset, grid: Grid) -> VectorLayer:
