@@ -257,7 +257,10 @@ def with_campaign(case: Case, made: Campaign) -> Case:
 
 
 def make_level(folder: Path) -> None:
-    """How often the check calls the configured model inadequate where that model made the rocks."""
+    """How often the check calls the configured model inadequate where that model made the rocks.
+
+    And the factor on the spins that was learned from the recorded contacts.
+    """
     rows = []
     for site, (seed, spec) in sites().items():
         own = folder / "cases" / site
@@ -272,11 +275,12 @@ def make_level(folder: Path) -> None:
             large.append(large_gaps(where(seen, residuals_of(seen, model, seed=1), seed=1)))
         against = Counter(f"{f.test}: {f.quantity}" for found in large for f in found)
         rows.append((site, spec.law, spec.kind, len(large), sum(map(bool, large)),
-                     "; ".join(sorted(against))))  # fmt: skip
+                     "; ".join(sorted(against)),
+                     "" if case.learned is None else case.learned.spin_scale))  # fmt: skip
         print(*rows[-1], flush=True)
     with LEVEL.open("w", encoding="utf-8", newline="") as stream:
         table = csv.writer(stream, lineterminator="\n")
-        table.writerow(("site", "law", "kind", "campaigns", "inadequate", "against"))
+        table.writerow(("site", "law", "kind", "campaigns", "inadequate", "against", "spins"))
         table.writerows(rows)
 
 
@@ -581,10 +585,24 @@ def adequacy() -> str:
     return markdown(lines)
 
 
+def read_level() -> list[Row]:
+    """The committed table of campaigns of the configured model."""
+    with LEVEL.open(encoding="utf-8", newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+def spins() -> str:
+    """Factors on the spins that were learned from contacts, by generator: least to largest."""
+    shown = []
+    for law in LAWS:
+        own = sorted(float(r["spins"]) for r in read_level() if r["law"] == law and r["spins"])
+        shown.append(f"{own[0]:.2f} to {own[-1]:.2f} ({len(own)} sites)")
+    return markdown([list(LAWS), ["---"] * len(LAWS), shown])
+
+
 def level() -> str:
     """Campaigns of a model that the check calls inadequate for that model, by generator."""
-    with LEVEL.open(encoding="utf-8", newline="") as stream:
-        rows = list(csv.DictReader(stream))
+    rows = read_level()
     laws = {name: [r for r in rows if r["law"] == name] for name in LAWS}
     shown = [
         f"{sum(int(r['inadequate']) for r in own)}/{sum(int(r['campaigns']) for r in own)}"
@@ -618,7 +636,7 @@ def filled(text: str) -> str:
     """The page with its tables."""
     tables = {
         "laws": table, "confusion": confusion, "level": level, "against": against,
-        "reached": reached, "adequacy": adequacy,
+        "reached": reached, "adequacy": adequacy, "spins": spins,
     }  # fmt: skip
     for name, made in tables.items():
         text = re.sub(
