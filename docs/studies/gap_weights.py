@@ -177,7 +177,7 @@ def read_rows() -> list[Row]:
 
 
 def evidence(row: Row) -> tuple[list[Fingerprint], dict[str, CauseGain]]:
-    """Fingerprints of a row, and gains."""
+    """Fingerprints and gains of a row."""
     z = {name: float(row[name]) for name in STATISTICS if row.get(name)}
     p = holm_adjusted(stats.norm.sf(list(z.values()))) if z else np.empty(0)
     prints = [
@@ -339,8 +339,8 @@ def shares_of(row: Row, weights: CauseWeights) -> dict[str, float]:
 
 def answer_of(row: Row, weights: CauseWeights, thresholds: Thresholds) -> Answer:
     """What would be answered, were nothing known of the distance on rocks left out."""
-    prints, gains, *_, is_adequate = seen_at(row)
-    shares = shares_of(row, weights)
+    found = prints, gains, _, _, is_adequate = seen_at(row)
+    shares = weights.shares(*found)
     effect, group, _ = decide(prints, gains, shares, is_adequate, None, thresholds, False)
     return Answer(
         case=row["site"],

@@ -17,7 +17,7 @@ from sassgis.gap.residuals.table import ResidualTable, residuals_with
 from sassgis.gap.where.findings import where
 from sassgis.gap.which.fingerprints import fingerprints
 from sassgis.gap.which.hypotheses import NONE, families_to_try
-from sassgis.gap.which.verdict import CONTACT_LAW, adequate
+from sassgis.gap.which.verdict import CONTACT_LAW, adequate, speaking
 from sassgis.io.read.observation_files import AnyObservations
 from sassgis.model.languages import phrase
 from sassgis.runs.base_rungs import BaseRungs, base_rungs
@@ -47,6 +47,11 @@ class Evidence:
     findings: tuple[GapFinding, ...]
     gains: Mapping[str, CauseGain]
     notes: tuple[str, ...]
+
+    @property
+    def speaking(self) -> Mapping[str, CauseGain]:
+        """Gains that could speak for their causes."""
+        return speaking(self.prints, self.gains)
 
 
 def prepared_case(

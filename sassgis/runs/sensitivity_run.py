@@ -178,8 +178,10 @@ def _publish(
 ) -> tuple[tuple[RangeEffect, ...], SensitivityMaps]:
     """Write everything into the working folder."""
     run, rules, grid = lab.job.run, lab.rules, lab.job.run.grid
-    filled = done[3 + 2 * len(ranges) :]
-    base, chance, _, *ends = (found for _, found in done[: 3 + 2 * len(ranges)])
+    # As _simulated puts them: three, two ends of each range, the filling.
+    last_end = 3 + 2 * len(ranges)
+    base, chance, _, *ends = (found for _, found in done[:last_end])
+    filled = done[last_end:]
     names = lab.names(() if rules is None else [o.name for o in rules.placed.objects])
     cell_m2 = grid.cell_size**2
     found = effects(ranges, base, chance, ends, filled, names, cell_m2)

@@ -24,7 +24,6 @@ from sassgis.gap.which.verdict import (
     place_of,
     second_of,
     seen_of,
-    speaking,
 )
 from sassgis.gap.words import effect_key
 from sassgis.model.grid import FloatArray
@@ -88,7 +87,7 @@ def shares_of(
     evidence: Evidence, families: tuple[str, ...], weights: CauseWeights
 ) -> dict[str, float]:
     """Probability of each cause that these data could show, of "none" and of "unknown"."""
-    gains = speaking(evidence.prints, evidence.gains)
+    gains = evidence.speaking
     seen = seen_of(evidence.prints, gains, families)
     hidden, sound = len(families) - len(seen), adequate(evidence.findings)
     return weights.shares(evidence.prints, gains, seen, hidden, sound)
@@ -139,13 +138,7 @@ def verdict_of(
     shrinkage = added.shrinkage(first) if first != NONE else _nothing_added(added)
     closes = shrinkage.value if first != NONE and CAUSES[first].closes else None
     effect, group, reason = decide(
-        evidence.prints,
-        speaking(evidence.prints, evidence.gains),
-        shares,
-        sound,
-        closes,
-        frozen,
-        law,
+        evidence.prints, evidence.speaking, shares, sound, closes, frozen, law
     )
     if effect == first and effect != NONE:
         second = _second(added, first, weights, frozen)

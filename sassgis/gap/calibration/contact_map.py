@@ -24,7 +24,7 @@ from sassgis.gap.calibration.impact_scores import (
     simulated_outcomes,
 )
 from sassgis.gap.calibration.parameters import ClassParameter
-from sassgis.gap.causes.parameter_draws import Range
+from sassgis.gap.causes.parameter_draws import Range, rounded
 from sassgis.gap.observations.case import Case, LearnedContacts
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel, MeasurementError
 from sassgis.gap.residuals.one_step import ImpactsInFlight
@@ -116,7 +116,7 @@ def _learned(case: Case, impacts: ImpactsInFlight, kind: int, seed: int) -> Floa
 
 
 def _spin_scale(shift: float) -> float:
-    return float(f"{math.exp(_SPIN_SD * shift):.6g}")
+    return rounded(math.exp(_SPIN_SD * shift))
 
 
 def _with_shift(ground: GroundClass, shift: FloatArray) -> GroundClass:
@@ -125,5 +125,5 @@ def _with_shift(ground: GroundClass, shift: FloatArray) -> GroundClass:
     for (name, (limits, sd)), own in zip(_RANGES.items(), shift[:-1].tolist(), strict=True):
         one = ClassParameter(ground.name, name, limits, float(getattr(ground, name)))
         share = min(max(one.share(one.configured) + sd * own, 0.0), 1.0)
-        values[name] = float(f"{float(one.value(share)):.6g}")
+        values[name] = rounded(float(one.value(share)))
     return replace(ground, **values)  # type: ignore[arg-type]

@@ -112,9 +112,13 @@ def validate_xtf(xtf: Path, model_folder: Path, *, timeout_s: float = 1800.0) ->
             os.symlink(xtf.resolve(), data)
         except OSError:
             shutil.copyfile(xtf, data)
-        made = {"log": "log.txt", "findings": "findings.xtf", "verdict": "verdict.json"}
-        task = {"data": str(data), "models": str(models)}
-        task |= {name: str(work / file) for name, file in made.items()}
+        task = {
+            "data": str(data),
+            "models": str(models),
+            "log": str(work / "log.txt"),
+            "findings": str(work / "findings.xtf"),
+            "verdict": str(work / "verdict.json"),
+        }
         try:
             done = subprocess.run(
                 [sys.executable, "-c", _RUNNER, json.dumps(task)],
@@ -167,9 +171,13 @@ def check_validator(model_folder: Path, models: Sequence[str]) -> None:
     texts = [file.read_text(encoding="latin-1") for file in _ili_files(model_folder)]
     held = {name for text in texts for name in _MODEL.findall(text)}
     if absent := [name for name in models if name not in held]:
-        wrong = partial(InputError, file=model_folder, found=", ".join(sorted(held)) or "no model")
         expected = f"the .ili file of {', '.join(absent)}"
-        raise wrong("models that the file needs are missing", expected=expected)
+        raise InputError(
+            "models that the file needs are missing",
+            file=model_folder,
+            found=", ".join(sorted(held)) or "no model",
+            expected=expected,
+        )
 
 
 def _header_models(xtf: Path) -> list[str]:

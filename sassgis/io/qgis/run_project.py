@@ -295,8 +295,9 @@ def _intensity_zones(
         )
         # A period without zones has its sheet all the same: it says that there are none.
         where = f'"{column}" = {value:g}'
-        part = {"part": period, "part_where": where}
-        out.append(LayerEntry(shown, _VECTORS, False, though_empty=True, **part))
+        out.append(
+            LayerEntry(shown, _VECTORS, False, though_empty=True, part=period, part_where=where)
+        )
     return tuple(out)
 
 
@@ -341,8 +342,12 @@ def zone_layouts(
         )
         for years in preset.return_periods
     ]
-    extreme = "Intensity extreme event", "Intensity of rockfall, extreme event"
-    sheets.append(words.sheet(*extreme, zones.format("extreme")))
+    sheets.append(
+        words.sheet(
+            "Intensity extreme event", "Intensity of rockfall, extreme event",
+            zones.format("extreme"),
+        )
+    )  # fmt: skip
     sheets = [replace(sheet, drawn_for=rules.zones.scale) for sheet in sheets]
     if risk:
         around = tuple(k for k in words.around if not k.startswith("vector_exposed"))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -50,9 +49,14 @@ def read_block_survey(file: Path) -> tuple[BlockSurvey, tuple[str, ...]]:
         ) -> float:
             found = number(row[column], where, column, file)
             if found < least or (column != "count" and found <= 0.0):
-                wrong = partial(InputError, file=file, field=column, found=row[column])
                 expected = "0 or more" if column == "count" else f"a volume above {least:g} m3"
-                raise wrong(f"{where}: cannot be used", expected=expected)
+                raise InputError(
+                    f"{where}: cannot be used",
+                    file=file,
+                    field=column,
+                    found=row[column],
+                    expected=expected,
+                )
             return found
 
         low = value(needed[0], 0.0)
@@ -66,7 +70,12 @@ def read_block_survey(file: Path) -> tuple[BlockSurvey, tuple[str, ...]]:
     low, high, count = np.array(sorted(rows)).T
     if needed is _CLASSES and (high[:-1] > low[1:]).any():
         at = int(np.argmax(high[:-1] > low[1:]))
-        wrong = partial(InputError, file=file, field="to_m3")
         found = f"{high[at]:g}, and the next from {low[at + 1]:g}"
-        raise wrong("classes overlap", found=found, expected="classes one above the other")
+        raise InputError(
+            "classes overlap",
+            file=file,
+            field="to_m3",
+            found=found,
+            expected="classes one above the other",
+        )
     return BlockSurvey(low, high, count), others

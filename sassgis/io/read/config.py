@@ -207,9 +207,10 @@ def configure(**sections: Any) -> Config:
         if name in LISTS:
             several = [value] if isinstance(value, Mapping | Section) else value
             if isinstance(several, str) or not isinstance(several, Iterable):
-                wrong = partial(ConfigError, field=name, found=repr(value))
                 expected = f"sections [[{name}]]: a mapping, or a sequence of them"
-                raise wrong("cannot be used", expected=expected)
+                raise ConfigError(
+                    "cannot be used", field=name, found=repr(value), expected=expected
+                )
             document[name] = [_plain_section(name, one) for one in several]
         elif name == "effects" and isinstance(value, Mapping):
             document[name] = {k: _plain_section(f"effects.{k}", v) for k, v in value.items()}
@@ -308,9 +309,10 @@ def _with_new_names(document: dict[str, Any], file: Path | None) -> list[str]:
         for key, own in keys.items():
             for table in (t for t in tables if own.old_name in t):
                 if key in table:
-                    wrong = partial(ConfigError, file=file, field=f"{section}.{key}")
                     problem = f"is given twice: {own.old_name} is its former name"
-                    raise wrong(problem, expected=f"{key} alone")
+                    raise ConfigError(
+                        problem, file=file, field=f"{section}.{key}", expected=f"{key} alone"
+                    )
                 table[key] = table.pop(own.old_name)
                 notes[
                     f"{file or 'configuration'}: {section}.{own.old_name} is now called {key}; the "
@@ -325,9 +327,14 @@ def profile_control_lines(config: Config) -> list[tuple[ControlLine, float]]:
     for section, items in (("stations", config.stations), ("barriers", config.barriers)):
         for item in items:
             if item.chainage_m is None:
-                wrong = partial(ConfigError, file=config.file, field=f"{section}[{item.name}]")
                 found = "line" if item.line is not None else "file"
-                raise wrong("has no place along a profile", found=found, expected="chainage_m")
+                raise ConfigError(
+                    "has no place along a profile",
+                    file=config.file,
+                    field=f"{section}[{item.name}]",
+                    found=found,
+                    expected="chainage_m",
+                )
             control_lines.append((control_line_of(item, item.name), item.chainage_m))
     return control_lines
 
@@ -493,10 +500,14 @@ def _cross_checks(sections: Mapping[str, Any], file: Path | None) -> list[Config
         problems += [twice(found=repr(n)) for n, count in Counter(names).items() if count > 1]
     kept_to_lines = sections.get("terrain", TerrainSettings()).path == "fall_line"
     if kept_to_lines and LateralDeflection.name in sections.get("effects", {}):
-        wrong = partial(wrong, field=f"effects.{LateralDeflection.name}")
-        problem = "has no meaning on fall lines: it turns the heading of paths that are followed"
-        found, expected = ('terrain.path = "fall_line"', 'terrain.path = "followed" (the default)')
-        problems.append(wrong(problem, found=found, expected=expected))
+        problems.append(
+            wrong(
+                "has no meaning on fall lines: it turns the heading of paths that are followed",
+                field=f"effects.{LateralDeflection.name}",
+                found='terrain.path = "fall_line"',
+                expected='terrain.path = "followed" (the default)',
+            )
+        )
     return problems
 
 

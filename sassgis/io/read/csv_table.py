@@ -134,9 +134,13 @@ def csv_rows(
     for line, cells in lines:
         where = f"row {line}"
         if len(cells) != len(columns):
-            wrong = partial(InputError, file=file, found=f"{len(cells)} values")
             expected = f"{len(columns)} (texts with a {delimiter} in quotes)"
-            raise wrong(f"{where} does not fit the header", expected=expected)
+            raise InputError(
+                f"{where} does not fit the header",
+                file=file,
+                found=f"{len(cells)} values",
+                expected=expected,
+            )
         row = {c: v.strip() for c, v in zip(columns, cells, strict=True)}
         for column, cell in row.items():
             check_text(cell, file, column, where)
@@ -203,5 +207,10 @@ def errors_of_row(where: str, file: Input) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        wrong = partial(InputError, file=file, field=error.field, found=error.found)
-        raise wrong(f"{where}: {error.problem}", expected=error.expected) from None
+        raise InputError(
+            f"{where}: {error.problem}",
+            file=file,
+            field=error.field,
+            found=error.found,
+            expected=error.expected,
+        ) from None

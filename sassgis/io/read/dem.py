@@ -156,8 +156,14 @@ def read_dem(
         values, transform = _squared(values, transform, file)
         if not np.isfinite(values).any():
             raise wrong("holds no height at all after resampling")
-    place = transform.c, transform.f, (transform.a - transform.e) / 2.0
-    return Grid(np.ascontiguousarray(values), *place, dem.crs, dem.vertical_datum)
+    return Grid(
+        values=np.ascontiguousarray(values),
+        west=transform.c,
+        north=transform.f,
+        cell_size=(transform.a - transform.e) / 2.0,
+        crs=dem.crs,
+        vertical_datum=dem.vertical_datum,
+    )
 
 
 def require_room(shape: tuple[int, int], file: Input) -> None:
@@ -171,8 +177,9 @@ def _described(
     band = height_band(dataset, file)
     if min(dataset.shape) < 3:
         found = f"{dataset.height} rows x {dataset.width} columns"
-        wrong = partial(InputError, file=file, found=found)
-        raise wrong("is too small for slopes", expected="at least 3 x 3 cells")
+        raise InputError(
+            "is too small for slopes", file=file, found=found, expected="at least 3 x 3 cells"
+        )
     transform = _transform(dataset, file)
     bounds = _outer_bounds(transform, dataset.shape)
     plane, datum, vertical_unit = dem_system(
@@ -201,8 +208,13 @@ def open_raster(file: Input, key: str) -> Iterator[Any]:
         try:
             dataset = open_dataset(file)
         except (RasterioError, OSError) as error:
-            wrong = partial(InputError, file=file, field=key, found=_reason(error, file))
-            raise wrong("cannot be read as a raster", expected=RASTER) from None
+            raise InputError(
+                "cannot be read as a raster",
+                file=file,
+                field=key,
+                found=_reason(error, file),
+                expected=RASTER,
+            ) from None
         with dataset:
             yield dataset
 
@@ -266,9 +278,14 @@ def _height_unit(dataset: Any, band: int, file: Input, vertical_unit: float) -> 
     """Metres per unit of the band: what the band states counts before the height system."""
     stated = (dataset.units[band - 1] or "").strip().lower()
     if stated not in METRES:
-        wrong = partial(InputError, file=file, field=f"band {band}")
         found = repr(dataset.units[band - 1])
-        raise wrong("heights are in an unknown unit", found=found, expected="metres or feet")
+        raise InputError(
+            "heights are in an unknown unit",
+            file=file,
+            field=f"band {band}",
+            found=found,
+            expected="metres or feet",
+        )
     unit = METRES[stated] if stated else vertical_unit
     if unit != 1.0:
         log.info("%s: heights are converted to metres (1 unit = %.6f m)", file, unit)
@@ -284,8 +301,13 @@ def read_band(dataset: Any, band: int, file: Input, part: Window | None = None) 
             if kind == ColorInterp.alpha:
                 raw = np.ma.masked_where(dataset.read(other, window=part) == 0, raw)
     except (RasterioIOError, RasterioError, OSError) as error:
-        wrong = partial(InputError, file=file, field=f"band {band}", found=_reason(error, file))
-        raise wrong("cannot be read to the end", expected="an undamaged file") from None
+        raise InputError(
+            "cannot be read to the end",
+            file=file,
+            field=f"band {band}",
+            found=_reason(error, file),
+            expected="an undamaged file",
+        ) from None
     return raw
 
 

@@ -191,6 +191,11 @@ def _height_system(
         )
     axis = vertical.axis_info[0] if vertical.axis_info else None
     if axis is not None and axis.direction.lower() == "down":
-        wrong = partial(InputError, file=file, field="terrain.vertical_datum", found=name)
-        raise wrong("holds depths, positive downwards", expected="heights, positive upwards")
+        raise InputError(
+            "holds depths, positive downwards",
+            file=file,
+            field="terrain.vertical_datum",
+            found=name,
+            expected="heights, positive upwards",
+        )
     return name, 1.0 if axis is None else float(axis.unit_conversion_factor)

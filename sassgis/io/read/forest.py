@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import math
-from functools import partial
 
 import numpy as np
 from rasterio.warp import Resampling
@@ -117,8 +116,13 @@ def _from_trees(file: Input, grid: Grid, whole: Grid) -> tuple[FloatArray, Float
     x, y, dbh_cm, conifers = _trees_of(file, whole)
     if not (whole.cell_of(x, y) >= 0).any():
         found = f"x {x.min():.10g} to {x.max():.10g}, y {y.min():.10g} to {y.max():.10g}"
-        wrong = partial(InputError, file=file, field="effects.trees.single_trees")
-        raise wrong("no tree lies on the DEM", found=found, expected="coordinates of the DEM")
+        raise InputError(
+            "no tree lies on the DEM",
+            file=file,
+            field="effects.trees.single_trees",
+            found=found,
+            expected="coordinates of the DEM",
+        )
     ratios = energy_ratios()
     factor = np.where(
         np.isnan(conifers), 1.0,

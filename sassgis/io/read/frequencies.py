@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from typing import get_args
 
 from sassgis.io.read.csv_table import CsvColumn, read_table
@@ -39,7 +38,12 @@ def read_frequencies(
     for where, row in read_table(file, "hazard.frequencies", what, columns):
         key = row["area"], row["scenario"]
         if key in found:
-            wrong = partial(InputError, file=file, field="scenario", found=", ".join(key))
-            raise wrong(f"{where}: area and scenario turn up twice", expected="one row for each")
+            raise InputError(
+                f"{where}: area and scenario turn up twice",
+                file=file,
+                field="scenario",
+                found=", ".join(key),
+                expected="one row for each",
+            )
         found[key] = Onset(row["frequency"], row["unit"])
     return found

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import fields
-from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -36,9 +35,14 @@ def read_thresholds(file: Path | None = None) -> dict[str, Any]:
         raise InputError("thresholds cannot be read", file=path, found=reason) from None
     seeds = content.get("battery_seeds") if isinstance(content, dict) else None
     if not isinstance(seeds, list) or not all(isinstance(s, int) for s in seeds):
-        wrong = partial(InputError, file=path, field="battery_seeds", found=seeds)
         problem = "says not on which batteries the thresholds were chosen"
-        raise wrong(problem, expected="a list of whole numbers")
+        raise InputError(
+            problem,
+            file=path,
+            field="battery_seeds",
+            found=seeds,
+            expected="a list of whole numbers",
+        )
     return dict(content)
 
 
@@ -59,8 +63,12 @@ def cause_weights_of(content: dict[str, Any]) -> CauseWeights:
     try:
         return weights_of(content["weights"])
     except (KeyError, TypeError, ValueError) as error:
-        wrong = partial(InputError, file=THRESHOLDS, field="weights", found=repr(error))
-        raise wrong("weights of the fingerprints cannot be read") from None
+        raise InputError(
+            "weights of the fingerprints cannot be read",
+            file=THRESHOLDS,
+            field="weights",
+            found=repr(error),
+        ) from None
 
 
 def frozen_digest(file: Path | None = None) -> str:

@@ -75,8 +75,13 @@ def read_ground_table(path: AnyInput | None = None, readings: str = "hazard") ->
     names = [c.name for c in own]
     for name in names:
         if names.count(name) > 1:
-            wrong = partial(InputError, file=path, field="name", found=repr(name))
-            raise wrong("ground class is defined twice", expected="names that differ")
+            raise InputError(
+                "ground class is defined twice",
+                file=path,
+                field="name",
+                found=repr(name),
+                expected="names that differ",
+            )
     for ground_class in own:
         if ground_class.name in classes:
             log.info("%s: class %s replaces the built-in one", path, ground_class.name)
@@ -168,8 +173,13 @@ def default_class(ground: GroundSettings, table: GroundTable) -> int:
 def _class_index(name: str, table: GroundTable, who: str, file: Input | None, field: str) -> int:
     if name in table.names:
         return table.index(name)
-    wrong = partial(InputError, file=file, field=field, found=repr(name))
-    raise wrong(f"{who} is not a known ground class", expected=nearest(name, table.names))
+    raise InputError(
+        f"{who} is not a known ground class",
+        file=file,
+        field=field,
+        found=repr(name),
+        expected=nearest(name, table.names),
+    )
 
 
 def _from_polygons(
@@ -241,10 +251,15 @@ def _from_codes(
         if code == _NO_CODE:
             continue
         if code not in indices:
-            wrong = partial(InputError, file=file, field="ground.raster_classes")
             found, codes = f"code {code} in {count} cells", ", ".join(map(str, sorted(indices)))
             expected = f"a class for it; known codes: {codes}"
-            raise wrong("holds a code without a class", found=found, expected=expected)
+            raise InputError(
+                "holds a code without a class",
+                file=file,
+                field="ground.raster_classes",
+                found=found,
+                expected=expected,
+            )
         result[aligned == code] = indices[code]
     return result
 

@@ -101,9 +101,14 @@ def _check_names(parts: Sequence[PlacedObjects], file: Input | None) -> None:
         counts.update({o.parent for o in part.objects if o.parent})
     for name, count in counts.items():
         if count > 1:
-            wrong = partial(InputError, file=file, field="objects", found=repr(name))
             expected = "names that differ, over all entries of [[objects]]"
-            raise wrong("name is used twice", expected=expected)
+            raise InputError(
+                "name is used twice",
+                file=file,
+                field="objects",
+                found=repr(name),
+                expected=expected,
+            )
 
 
 def _key(settings: ObjectSettings) -> str:
@@ -159,8 +164,13 @@ def _object(
             raise
         field = str(error.field)
         field = settings.fields.get(field, f"{_key(settings)}.{field}")
-        wrong = partial(InputError, file=settings.file, field=field, found=error.found)
-        raise wrong(f"{label}: {error.problem}", expected=error.expected) from None
+        raise InputError(
+            f"{label}: {error.problem}",
+            file=settings.file,
+            field=field,
+            found=error.found,
+            expected=error.expected,
+        ) from None
 
 
 _ROAD_USE = (*_TRAFFIC, "vehicle_value", "trips_per_day")
@@ -226,10 +236,15 @@ def _stretches(
     if len(parts) > 1:
         log.info("%s: %s has %d separate parts, one after the other", file, whole.name, len(parts))
     if not line.length <= _MOST_STRETCHES * segment_m:
-        wrong = partial(InputError, file=file, field="segment_m")
         found = f"a length of {line.length:.4g} m in stretches of {segment_m:g} m"
         expected = f"at most {_MOST_STRETCHES} of them: longer ones, or a shorter line"
-        raise wrong(f"{whole.name} has too many stretches", found=found, expected=expected)
+        raise InputError(
+            f"{whole.name} has too many stretches",
+            file=file,
+            field="segment_m",
+            found=found,
+            expected=expected,
+        )
     spans: list[tuple[float, float, Any]] = []
     start = 0.0
     for part in parts:

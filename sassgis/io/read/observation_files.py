@@ -8,7 +8,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -165,8 +164,13 @@ def _refuse_elsewhere(
     placed = {name for name, columns in observations.present.items() if {"x", "y"} <= columns}
     if placed and placed <= set(beside):
         first = beside[sorted(placed, key=list(TABLES).index)[0]]
-        wrong = partial(InputError, file=first.file or path, field=first.table)
-        raise wrong(first.problem, found=first.found, expected=first.expected)
+        raise InputError(
+            first.problem,
+            file=first.file or path,
+            field=first.table,
+            found=first.found,
+            expected=first.expected,
+        )
 
 
 def _raw_tables(
@@ -187,9 +191,13 @@ def _raw_tables(
         )
     metadata = raws.pop(_METADATA, None)
     if not raws:
-        wrong = partial(InputError, file=source if isinstance(source, Path) else None, field=KEY)
         expected = f"at least one of {', '.join(TABLES)}{each}"
-        raise wrong("holds no table of observations", expected=expected)
+        raise InputError(
+            "holds no table of observations",
+            file=source if isinstance(source, Path) else None,
+            field=KEY,
+            expected=expected,
+        )
     return {name: raws[name] for name in TABLES if name in raws}, metadata
 
 

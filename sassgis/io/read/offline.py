@@ -11,7 +11,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import lru_cache, partial
+from functools import lru_cache
 from html import unescape
 from pathlib import Path
 from typing import Any
@@ -175,8 +175,9 @@ def vector_file(file: Path, field: str | None) -> Iterator[None]:
             yield
     except (*_VECTOR_ERRORS, ValueError, OSError) as error:
         found = str(error).split(";")[0].replace(f"'{file}' ", "")[:160]
-        wrong = partial(InputError, file=file, field=field, found=found)
-        raise wrong("cannot be read as a vector file", expected=VECTOR) from None
+        raise InputError(
+            "cannot be read as a vector file", file=file, field=field, found=found, expected=VECTOR
+        ) from None
 
 
 def read_frame(file: Path, layer: str, **options: Any) -> Any:

@@ -166,6 +166,7 @@ def number(value: object, where: str, column: str, file: Input) -> float:
         result = float(value)  # type: ignore[arg-type]
         if math.isfinite(result) and not isinstance(value, bool):
             return result
-    wrong = partial(InputError, file=file, field=column, found=repr(value))
     expected = "a finite number, with a point for decimals"
-    raise wrong(f"{where}: is not a number", expected=expected)
+    raise InputError(
+        f"{where}: is not a number", file=file, field=column, found=repr(value), expected=expected
+    )

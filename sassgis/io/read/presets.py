@@ -117,8 +117,9 @@ def read_preset(name: str | PathLike[str]) -> HazardPreset:
     path = Path(name)
     if path.suffix.lower() != ".toml" and not os.path.isfile(path):
         expected = f"{nearest(str(name), preset_names())}, or the path of a .toml file"
-        wrong = partial(InputError, field="preset", found=repr(str(name)))
-        raise wrong("is not a known hazard preset", expected=expected)
+        raise InputError(
+            "is not a known hazard preset", field="preset", found=repr(str(name)), expected=expected
+        )
     return _preset(read_text(path, "preset", _WHAT), path.stem, str(path))
 
 
@@ -162,9 +163,14 @@ class _Reading:
         for code in known:
             if code not in content.matrix:
                 found = ", ".join(content.matrix) or "no row"
-                wrong = partial(InputError, file=self._file, field="matrix", found=found)
                 problem = "the matrix has a hole: no row for an intensity class"
-                raise wrong(problem, expected=f"a section [matrix.{code}]")
+                raise InputError(
+                    problem,
+                    file=self._file,
+                    field="matrix",
+                    found=found,
+                    expected=f"a section [matrix.{code}]",
+                )
         rows = [content.matrix[code] for code in known]
         return HazardPreset(
             name,
@@ -205,17 +211,23 @@ class _Reading:
         if isinstance(row.source, str):
             return (self._source(row.source, where),) * len(row.levels)
         if len(row.source) != len(row.levels):
-            wrong = partial(InputError, file=self._file, field=f"{where}.source")
             found, expected = (
                 f"{len(row.source)} sources",
                 f"one source for all, or {len(row.levels)}",
             )
-            raise wrong("does not have a source for each level", found=found, expected=expected)
+            raise InputError(
+                "does not have a source for each level",
+                file=self._file,
+                field=f"{where}.source",
+                found=found,
+                expected=expected,
+            )
         return tuple(self._source(key, where) for key in row.source)
 
     def _unknown(self, problem: str, field: str, found: str, known: list[str]) -> InputError:
-        wrong = partial(InputError, file=self._file, field=field, found=repr(found))
-        return wrong(problem, expected=nearest(found, known))
+        return InputError(
+            problem, file=self._file, field=field, found=repr(found), expected=nearest(found, known)
+        )
 
 
 # ---------------------------------------------------------------------------------------------

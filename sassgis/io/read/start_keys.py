@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -68,9 +67,14 @@ def start_keys(folder: Path, dem: Path | None, release: Path | None) -> StartKey
         return keys
     chosen = next((n for n in _RELEASE_LAYERS if n in layers), layers[0])
     if len(layers) > 1 and chosen not in _RELEASE_LAYERS:
-        wrong = partial(InputError, file=release, field="--release", found=", ".join(layers))
         expected = "a file with one layer, or one that is called release_areas"
-        raise wrong("has several layers", expected=expected)
+        raise InputError(
+            "has several layers",
+            file=release,
+            field="--release",
+            found=", ".join(layers),
+            expected=expected,
+        )
     own_keys: dict[str, object] = {"file": place}
     if len(layers) > 1:
         own_keys["layer"] = chosen

@@ -6,7 +6,6 @@ import logging
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import combinations
 from pathlib import Path
 
@@ -194,9 +193,10 @@ def open_terrain(
         return _laid_out([dem], given)
     files = sorted(f for f in given.iterdir() if f.suffix.lower() in TILE_SUFFIXES)
     if not files:
-        wrong = partial(InputError, file=given, field="terrain.dem")
         expected = f"a raster, a VRT, or a folder of rasters ({', '.join(TILE_SUFFIXES)})"
-        raise wrong("holds no tile of a terrain model", expected=expected)
+        raise InputError(
+            "holds no tile of a terrain model", file=given, field="terrain.dem", expected=expected
+        )
     if len(files) == 1:
         return open_terrain(files[0], crs, vertical_datum, override_crs)
     return open_tiles(files, given, crs, vertical_datum, override_crs)
@@ -241,9 +241,13 @@ def _laid_out(dems: Sequence[DemFile], given: Input) -> Terrain:
     first = dems[0]
     for dem in dems:
         if not dem.is_plain:
-            wrong = partial(InputError, file=dem.file, found=f"{tuple(dem.transform)[:6]}")
             expected = "a raster that rio warp has brought onto the lattice of the others"
-            raise wrong("cells are not square with north up, as tiles must be", expected=expected)
+            raise InputError(
+                "cells are not square with north up, as tiles must be",
+                file=dem.file,
+                found=f"{tuple(dem.transform)[:6]}",
+                expected=expected,
+            )
         _check_alike(first, dem)
     cell = _cell(first)
     west = min(d.transform.c for d in dems)
@@ -305,9 +309,10 @@ def _check_overlaps(tiles: Sequence[Tile]) -> None:
             continue
         found = f"{float(np.median(gap)):.3g} m (median), up to {float(gap.max()):.3g} m"
         if np.median(gap) > _OTHER_TERRAIN_M:
-            wrong = partial(InputError, file=two.dem.file, found=f"{found}, in {gap.size} cells")
             problem = f"heights differ from those of {one.dem.file.name} where both overlap"
             expected = f"the same heights, within {_OTHER_TERRAIN_M:g} m (median)"
-            raise wrong(problem, expected=expected)
+            raise InputError(
+                problem, file=two.dem.file, found=f"{found}, in {gap.size} cells", expected=expected
+            )
         text = "%s: heights differ by %s from those of %s, which count where both overlap"
         log.warning(text, two.dem.file, found, one.dem.file.name)

@@ -45,7 +45,7 @@ class Feature:
     geometry : shapely geometry
         Valid, not empty, without heights.
     kind : {"polygon", "line", "point"}
-    file : Path or InMemory, optional
+    file : Path or InMemory or None
         What holds the layer.
     name_field : str, optional
         Attribute with the names of the features.
@@ -188,8 +188,13 @@ def open_layer(
     known = [c for c in frame.columns if c != "geometry"]
     for setting, field in fields.items():
         if field is not None and field not in known:
-            wrong = partial(InputError, file=file, field=f"{key}.{setting}", found=repr(field))
-            raise wrong("attribute not found", expected=nearest(field, known))
+            raise InputError(
+                "attribute not found",
+                file=file,
+                field=f"{key}.{setting}",
+                found=repr(field),
+                expected=nearest(field, known),
+            )
         # Of a layer that is kept once only: a batch asks for each of its features.
         checked = frame.attrs.get(_CHECKED, set())
         if field is not None and field not in checked:
@@ -229,20 +234,24 @@ def _read_layer(
 def _choose_layer(
     layers: Mapping[str, str | None], wanted: str | None, file: Input, key: str
 ) -> str:
-    wrong, place = partial(InputError, file=file), f"{key}.layer"
+    wrong = partial(InputError, file=file, field=f"{key}.layer")
     drawn = [name for name, kind in layers.items() if kind is not None]
     if wanted is not None and wanted in drawn:
         return wanted
     if not drawn:
-        found, expected = ", ".join(layers) or "none", "a layer of polygons, lines or points"
-        problem, place = "holds no layer with geometry", f"{key}.file"
-        raise wrong(problem, field=place, found=f"layers {found}", expected=expected)
+        raise InputError(
+            "holds no layer with geometry",
+            file=file,
+            field=f"{key}.file",
+            found=f"layers {', '.join(layers) or 'none'}",
+            expected="a layer of polygons, lines or points",
+        )
     if wanted is not None:
-        found, expected = repr(wanted), nearest(wanted, drawn)
-        raise wrong("layer not found", field=place, found=found, expected=expected)
+        raise wrong("layer not found", found=repr(wanted), expected=nearest(wanted, drawn))
     if len(drawn) > 1:
-        found, expected = ", ".join(drawn), f"one of them as {key}.layer"
-        raise wrong("has several layers", field=place, found=found, expected=expected)
+        raise wrong(
+            "has several layers", found=", ".join(drawn), expected=f"one of them as {key}.layer"
+        )
     return drawn[0]
 
 
@@ -386,8 +395,13 @@ def outside(
     grid: Grid,
 ) -> InputError:
     """The error for a feature beyond the DEM."""
-    wrong = partial(InputError, file=file, field=place, found=_extent(bounds))
-    return wrong(f"{label} lies outside the DEM", expected=f"within {_extent(grid.bounds)}")
+    return InputError(
+        f"{label} lies outside the DEM",
+        file=file,
+        field=place,
+        found=_extent(bounds),
+        expected=f"within {_extent(grid.bounds)}",
+    )
 
 
 # ---------------------------------------------------------------------------------------------

@@ -98,8 +98,13 @@ def read_release(
         names = feature_names(features, "area", "release")
         for name in only or ():
             if name not in names:
-                wrong = partial(InputError, file=file, field="area", found=repr(name))
-                raise wrong("no release area has this name", expected=nearest(name, names))
+                raise InputError(
+                    "no release area has this name",
+                    file=file,
+                    field="area",
+                    found=repr(name),
+                    expected=nearest(name, names),
+                )
         return [f for f, n in zip(features, names, strict=True) if only is None or n in only]
 
     features = read_features(
@@ -184,10 +189,11 @@ def feature_names(features: Sequence[Feature], stem: str, section: str) -> list[
         if name is None:
             raise feature.wrong("has no name", field, expected="a text")
         if name in seen:
-            wrong = partial(InputError, file=feature.file, field=field)
             found = f"{name!r} in features {seen[name].number} and {feature.number}"
             expected = f"names that differ, or another {section}.name_field"
-            raise wrong("name is used twice", found=found, expected=expected)
+            raise InputError(
+                "name is used twice", file=feature.file, field=field, found=found, expected=expected
+            )
         seen[name] = feature
     return list(seen)
 
@@ -264,9 +270,14 @@ def read_control_lines(config: Config, grid: Grid) -> list[tuple[ControlLine, Fl
     names = [control_line.name for control_line, _ in control_lines]
     for name, count in Counter(names).items():
         if count > 1:
-            wrong = partial(ConfigError, file=config.file, field="stations/barriers.name")
             expected = "names that differ, features of station and barrier files included"
-            raise wrong("name is used twice", found=repr(name), expected=expected)
+            raise ConfigError(
+                "name is used twice",
+                file=config.file,
+                field="stations/barriers.name",
+                found=repr(name),
+                expected=expected,
+            )
     return control_lines
 
 
@@ -345,8 +356,13 @@ def _with_attributes(item: StationSettings, feature: Feature) -> StationSettings
         value = text if key == "kind" else feature.value(column)
         refused = fault(declared(BarrierSettings)[key].kind, value)
         if refused is not None:
-            wrong = partial(InputError, file=feature.file, field=column, found=repr(value))
-            raise wrong(f"{feature.label}: {refused.problem}", expected=refused.expected)
+            raise InputError(
+                f"{feature.label}: {refused.problem}",
+                file=feature.file,
+                field=column,
+                found=repr(value),
+                expected=refused.expected,
+            )
         stated[key] = value
     return replace(item, **stated)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import geopandas as gpd
@@ -106,9 +105,13 @@ def _plane(text: str) -> pyproj.CRS:
     """The plane part of a projected system in metres."""
     system = crs_parts(parse_crs(text, field="--crs"))[0]
     if not system.is_projected or system.axis_info[0].unit_name not in ("metre", "meter"):
-        wrong = partial(InputError, field="--crs", found=str(system.name))
         expected = 'a projected system such as "EPSG:2056"'
-        raise wrong("is not a projected system in metres", expected=expected)
+        raise InputError(
+            "is not a projected system in metres",
+            field="--crs",
+            found=str(system.name),
+            expected=expected,
+        )
     return system
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from functools import partial
 from typing import Any, NamedTuple
 
 import geopandas as gpd
@@ -184,9 +183,13 @@ def federal_layer(
     """
     kind = FEDERAL_CLASSES[name]
     if federal and not is_lv95(crs):
-        wrong = partial(InputError, field=name, expected=f"EPSG:{FEDERAL_EPSG}")
         found = "local coordinates" if not crs else pyproj.CRS.from_user_input(crs).name
-        raise wrong("the federal model is for other coordinates", found=found)
+        raise InputError(
+            "the federal model is for other coordinates",
+            field=name,
+            found=found,
+            expected=f"EPSG:{FEDERAL_EPSG}",
+        )
     common = {a.name: a.default for a in kind.attributes} | {RESPONSIBILITY: canton}
     parts: list[Any] = []
     values: list[dict[str, Any]] = []

@@ -43,8 +43,13 @@ def checked_values(
     """
 
     def refused(attribute: str, problem: str, found: object, expected: str) -> InputError:
-        wrong = partial(InputError, file=file, field=f"{kind.name}.{attribute}")
-        return wrong(f"{where}: {problem}", found=found, expected=expected)
+        return InputError(
+            f"{where}: {problem}",
+            file=file,
+            field=f"{kind.name}.{attribute}",
+            found=found,
+            expected=expected,
+        )
 
     checked: dict[str, Any] = {}
     for attribute in kind.attributes:
@@ -194,8 +199,7 @@ def check_extent(geometries: Sequence[Any], *, field: str, file: Path | None = N
     west, south, east, north = shapely.total_bounds(geometries).tolist()
     low_x, low_y, high_x, high_y = FEDERAL_EXTENT
     if not (low_x <= west and east <= high_x and low_y <= south and north <= high_y):
-        wrong = partial(InputError, file=file, field=field)
         found = f"E {west:.10g} to {east:.10g}, N {south:.10g} to {north:.10g}"
         expected = f"E {low_x:.10g} to {high_x:.10g}, N {low_y:.10g} to {high_y:.10g}"
         problem = "zones lie outside the extent of the federal model"
-        raise wrong(problem, found=found, expected=expected)
+        raise InputError(problem, file=file, field=field, found=found, expected=expected)

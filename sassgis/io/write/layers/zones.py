@@ -91,10 +91,16 @@ def hazard_zones(
         "open_m": np.round(facts.open_m, 1),
         "ref_width_m": np.full(len(levels), ref_width_m),
     }
-    percent = f"{100 * confidence:g} %"
-    words: dict[str, Any] = {"preset": preset.name, "ref_width_m": ref_width_m, "percent": percent}
-    style, shapes = hazard_level_style("hazard_level", preset.levels), list(hazard.levels.polygons)
-    return described_layer("hazard_zones", columns, shapes, grid.crs, style, **words)
+    return described_layer(
+        "hazard_zones",
+        columns,
+        list(hazard.levels.polygons),
+        grid.crs,
+        hazard_level_style("hazard_level", preset.levels),
+        preset=preset.name,
+        ref_width_m=ref_width_m,
+        percent=f"{100 * confidence:g} %",
+    )
 
 
 def uncertain_zones(uncertain_cells: np.ndarray, grid: Grid, confidence: float) -> VectorLayer:
