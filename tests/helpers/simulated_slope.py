@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -126,6 +126,7 @@ def observed(
     effects: EffectSettings | None = None,
     stand: tuple[float, float, float, float] | None = None,
     faster_mps: float = 0.0,
+    readings: Literal["1986", "hazard"] = "1986",
     tables: tuple[str, ...] = ("passages", "deposits", "impacts", "trajectories"),
 ) -> Case:
     """A case whose rocks the engine has let go, with other settings than the case knows.
@@ -134,6 +135,7 @@ def observed(
     the speed of the release that is written down.
     """
     rng = np.random.default_rng([seed, 5])
+    engine = EngineSettings(readings=readings)
     grid, kind = slope()
     release_x = np.linspace(15.0, 45.0, 6)
     release_y = np.full(6, LENGTH - TOP_Y)
@@ -179,7 +181,7 @@ def observed(
         inside = (down >= s0) & (down < s1)
         forest = Forest(np.where(inside, stems / 1e4, 0.0), np.where(inside, girth, 0.0))
     done = simulate(
-        own, table, real, EngineSettings(readings="1986"), seed=seed, rocks_per_line=1,
+        own, table, real, engine, seed=seed, rocks_per_line=1,
         line_keys=np.arange(n_rocks, dtype=np.uint64) + np.uint64(1000),
         starts=np.zeros((n_rocks, 2)),
         control_lines=ControlLineCrossings.same_for_all(
@@ -225,7 +227,7 @@ def observed(
         made["trajectories"] = _paths(done.event_logs, names, round_, placed, noisy, rng)
     observations = Observations(rocks=rocks, stations=stations, metadata=Metadata(**ERRORS), **made)
     return Case(
-        observations=observations, grid=grid, table=TABLE, engine=EngineSettings(readings="1986"),
+        observations=observations, grid=grid, table=TABLE, engine=engine,
         effects=EffectSettings(), forest=None, traces=traces, profiles=lines, line=line,
         blocks=blocks, start=np.zeros((n_rocks, 2)), mass_kg=mass,
         radius_m=np.cbrt(axes.prod(axis=1)), stations=station_chainages(traces, stations),

@@ -4,8 +4,8 @@ Restitution, the speed at which it has halved, friction, what the ground holds b
 grows with the speed make smooth, monotone functions of normal speed, speed along the ground and
 angle of an impact. They are learned from single contacts, each predicted from the state that was
 observed before it, and shrunk towards the values of the class. What a class without contacts is
-taken to be follows the others half way. Spins have a factor besides, the same for all classes:
-blocks do not turn in the plane of their path alone.
+taken to be follows the others half way. Spins have a factor and a scatter besides, the same for all
+classes: blocks do not turn in the plane of their path alone.
 """
 
 from __future__ import annotations
@@ -43,6 +43,8 @@ _RANGES = {
 }
 #: Standard deviation of the logarithm of the factor of the spins.
 _SPIN_SD = 0.2
+#: Relative scatters of the spins that are tried.
+_SPIN_NOISES = (0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.65, 0.8)
 #: Contacts and rocks from which on a class is learned, and contacts of it that are used at most.
 _FEWEST, _FEWEST_ROCKS, _MOST = 20, 5, 250
 #: Values that are tried first, of twice the usual spread, and evaluations of the search after it.
@@ -76,7 +78,23 @@ def learned_contacts(case: Case, seed: int) -> LearnedContacts | None:
         )
     )
     spin = np.average([shift[-1] for shift in known.values()], weights=counts)
-    return LearnedContacts(table, _spin_scale(float(spin)))
+    scale = _spin_scale(float(spin))
+    return LearnedContacts(table, scale, _spin_noise(case, impacts, table, scale, seed))
+
+
+def _spin_noise(
+    case: Case, impacts: ImpactsInFlight, table: GroundTable, scale: float, seed: int
+) -> float:
+    """Scatter of the spins after a contact that the law with its errors of measurement lacks."""
+    observed = observed_outcomes(impacts)
+
+    def loss(noise: float) -> float:
+        error = MeasurementError(spin_scale=scale, spin_noise=noise)
+        model = HypothesisModel(table, EffectSettings(), measurement=error)
+        made = simulated_outcomes(case, model, impacts, seed=seed, number=3700)
+        return float(impact_scores(impacts, observed, made, case.n_rocks).mean())
+
+    return min(_SPIN_NOISES, key=loss)
 
 
 def _learned(case: Case, impacts: ImpactsInFlight, kind: int, seed: int) -> FloatArray:

@@ -3,6 +3,8 @@
 Rocks and blocks are ranked by mass, whatever they are called. Where rocks broke the blocks of their
 ranks are too light, and what they lack lies in blocks beyond the number of rocks. Where blocks were
 entrained there is more mass than came down. The null is that of the errors of the masses alone.
+Rocks that nobody found may have broken or have left: unless what lies beside the others makes up
+for them, both are possible.
 """
 
 from __future__ import annotations
@@ -45,6 +47,8 @@ _LEAST_MASS_ERROR, _LEAST_MASS, _MASS_DRAWS = 0.02, 0.004, 200
 _CHIP = 0.01
 #: Share of the released mass that must lack before rocks are looked for that left the ground.
 _LOST = 0.01
+#: Share of the rocks that nobody found which must lie in pieces, for these to be theirs.
+_MADE_UP = 0.75
 
 
 def _mass_scores(which: int) -> Scoring:
@@ -56,7 +60,10 @@ def _mass_scores(which: int) -> Scoring:
             raise Unseen
         blocks = blocks[blocks > _CHIP * np.median(rocks)]
         if blocks.sum() < (1.0 - _LOST) * rocks.sum():
-            rocks = rocks[~_gone(case)]
+            left = _gone(case)
+            if which == 1 and not _made_up(case, left):
+                left |= ~_found(case)
+            rocks = rocks[~left]
         if rocks.size < LEAST:
             raise Unseen
         error = max(errors_of(case).mass_rel * (1.0 + MISSTATED), _LEAST_MASS_ERROR)
@@ -95,6 +102,24 @@ def _gone(case: Case) -> NDArray[np.bool_]:
             nameless.pop()
             gone[rock] = False
     return gone
+
+
+def _found(case: Case) -> NDArray[np.bool_]:
+    """Rocks that lie, or of which a piece lies that bears their name."""
+    return np.isin(np.arange(case.n_rocks), case.observations.rock_of("deposits"))
+
+
+def _made_up(case: Case, left: NDArray[np.bool_]) -> bool:
+    """Whether pieces lie for the rocks that were not found, and did not leave.
+
+    Where pieces bear the names of their rocks they do; else what has no name must weigh as much.
+    """
+    seen = case.observations
+    if seen.is_piece("deposits").any():
+        return True
+    nameless = deposit_masses_kg(seen)[seen.rock_of("deposits") < 0].sum()
+    lost = case.mass_kg[~_found(case) & ~left].sum()
+    return bool(nameless >= _MADE_UP * lost)
 
 
 def mass_budget(rocks: FloatArray, blocks: FloatArray) -> tuple[float, float]:
@@ -186,7 +211,8 @@ ENTRAINMENT = Cause(
     phase="impact",
     draw=_entrained,
     closes=False,
-    shown_by=f"{_MASS_BUDGET}; what is more than came down was set in motion",
+    shown_by=f"{_MASS_BUDGET}; others that were not found may have left too, unless pieces "
+    "weigh three quarters of them; what is more than came down was set in motion",
     statistics=(
         Trace(
             "mass that lies beyond what was released",

@@ -65,8 +65,9 @@ def _draw(case: Case, draws: ParameterDraws) -> CausePart:
         both = replace(
             measurement,
             rotation_scale=turns * own.rotation_scale,
-            spin_scale=turns * own.spin_scale,
             rotation_noise=own.rotation_noise,
+            spin_scale=turns * own.spin_scale,
+            spin_noise=own.spin_noise,
         )
         return replace(model, measurement=both)
 

@@ -30,10 +30,13 @@ class LearnedContacts:
         Ground classes with the law of these contacts.
     spin_scale : float
         Spins as recorded over those of a block that turns in the plane of its path.
+    spin_noise : float
+        Relative scatter of the spins beyond the errors that are stated.
     """
 
     table: GroundTable
     spin_scale: float
+    spin_noise: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -51,6 +51,8 @@ class MeasurementError:
         Added relative error of these: blocks do not turn in one plane.
     spin_scale : float
         Spins at contacts, about the axis across the path, as measured over true.
+    spin_noise : float
+        Added relative error of these.
     noise_rel : float
         Added relative error of speeds and rotations.
     stretch : float
@@ -64,6 +66,7 @@ class MeasurementError:
     rotation_scale: float = 1.0
     rotation_noise: float = 0.0
     spin_scale: float = 1.0
+    spin_noise: float = 0.0
     noise_rel: float = 0.0
     stretch: float = 1.0
     position_m: float = 0.0

@@ -217,10 +217,11 @@ class _Record:
         x, y, ground, dip, turned = self._under(events, index, hit[order], owner)
         cosine, sine = np.cos(dip), np.sin(dip)
         errors, m = self._errors, self._model.measurement
+        spin_error = math.hypot(errors.rotation_rel, m.spin_noise)
 
         def apart(event: NDArray[np.void]) -> tuple[FloatArray, FloatArray, FloatArray]:
             error = m.scale * self._speed_error(owner, errors.speed_rel)
-            turn = m.spin_scale * self._speed_error(owner, errors.rotation_rel)
+            turn = m.spin_scale * self._speed_error(owner, spin_error)
             vx, vz = event["vx_mps"], event["vz_mps"]
             return (
                 (vx * cosine + vz * sine) * error,

@@ -177,7 +177,10 @@ def rebound_draws(
     grounds = hooks.ground_of(model.effects, table)
     n, m = axes.shape[:2]
     meta = case.observations.metadata
-    errors = (stated_or(own, 0.0) for own in (meta.speed_error_rel, meta.rotation_error_rel))
+    speed_error, spin_error = (
+        stated_or(own, 0.0) for own in (meta.speed_error_rel, meta.rotation_error_rel)
+    )
+    errors = (speed_error, math.hypot(spin_error, model.measurement.spin_noise))
     law = grounds[observed.kind]
     drawn = np.empty((n, m, 3))
     drawn[..., 0] = rng.uniform(0.0, math.pi, (n, m))

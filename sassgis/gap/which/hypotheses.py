@@ -40,7 +40,7 @@ _BOUNDS = {
 _SIDEWAYS = (1.0 / 3.0, 3.0)
 #: Rotations at stations over those of a block that turns in the plane of its path, and their
 #: scatter: others turn about an axis that moves, and roll on corners. Of spins at contacts, which
-#: are those about the axis across the path, the factor is learned from the contacts.
+#: are those about the axis across the path, factor and scatter are learned from the contacts.
 _SPIN, _SPIN_NOISE = (0.65, 1.0 / 0.65), (0.02, 0.8)
 NONE = "none"
 
@@ -78,6 +78,9 @@ def draw(case: Case, families: tuple[str, ...], parameter_draws: ParameterDraws)
     """
     table, parameters = _calibrated(case, parameter_draws)
     engine = _engine_keys(case, parameter_draws)
+    spins = {}
+    if case.learned is not None:
+        spins = {"spin_scale": case.learned.spin_scale, "spin_noise": case.learned.spin_noise}
     turning = {}
     if np.isfinite(case.observations.passages.rotation_hz).any():
         turning["rotation_factor"] = parameter_draws.log("rotation_factor", *_SPIN)
@@ -91,7 +94,7 @@ def draw(case: Case, families: tuple[str, ...], parameter_draws: ParameterDraws)
             measurement=MeasurementError(
                 rotation_scale=turning.get("rotation_factor", 1.0),
                 rotation_noise=turning.get("rotation_noise", 0.0),
-                spin_scale=1.0 if case.learned is None else case.learned.spin_scale,
+                **spins,
             ),
             **engine,  # type: ignore[arg-type]
         ),

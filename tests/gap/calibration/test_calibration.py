@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from helpers.simulated_slope import TABLE, observed, table_with
+from helpers.simulated_slope import TABLE, observed, table_with, with_observed
 
 from sassgis.engine.effects.soft_ground import SoftGround
 from sassgis.gap.calibration.class_calibration import (
@@ -19,6 +19,7 @@ from sassgis.gap.calibration.class_calibration import (
     run_trial,
     search,
 )
+from sassgis.gap.calibration.contact_map import learned_contacts
 from sassgis.gap.calibration.impact_scores import impact_scores, simulated_outcomes
 from sassgis.gap.calibration.parameters import classes_met
 from sassgis.gap.calibration.problem import (
@@ -219,6 +220,29 @@ def test_a_factor_of_the_spins_is_taken_off_before_the_impact_and_put_on_after()
     np.testing.assert_allclose(
         outcomes(0.8, 0.8), outcomes(1.0, 1.0) * np.array([1.0, 1.0, 0.8]), rtol=1e-9
     )
+
+
+def test_contacts_teach_their_law_and_how_spins_scatter() -> None:
+    truth = table_with("rock", restitution=0.4)
+    case = observed(12, 22, table=truth, tables=("impacts",), readings="hazard")
+    hit = case.observations.impacts
+    after = np.random.default_rng(8).normal(np.log(0.75), 0.4, len(hit))
+    turning = replace(
+        hit,
+        omega_in_radps=0.75 * hit.omega_in_radps,
+        omega_out_radps=np.exp(after) * hit.omega_out_radps,
+    )
+    plain, scattered = (
+        learned_contacts(one, 1) for one in (case, with_observed(case, impacts=turning))
+    )
+    assert plain is not None and scattered is not None
+    assert plain.spin_noise <= 0.15 and 0.3 <= scattered.spin_noise <= 0.5
+    assert 0.9 < plain.spin_scale < 1.1 and 0.65 < scattered.spin_scale < 0.85
+    for learned in (plain, scattered):
+        rock, *others = (own.restitution for own in learned.table.classes)
+        assert rock > 0.15 > max(others)
+    without = observed(12, 22, table=truth, tables=("deposits",), readings="hazard")
+    assert learned_contacts(without, 1) is None
 
 
 def test_rotations_that_scatter_scatter_at_stations_alone() -> None:

@@ -93,13 +93,14 @@ def test_rotations_have_a_factor_of_their_own_where_they_were_seen(
     scatter = base.parameters["rotation_noise"]
     assert seen.model.measurement.rotation_noise == scatter == pytest.approx(0.126, abs=0.001)
     # Spins at contacts have theirs from the contacts, and the error as well.
-    own = LearnedContacts(problem.case.table, 0.8)
+    own = LearnedContacts(problem.case.table, 0.8, 0.3)
     with_contacts = replace(problem.case, learned=own)
     base, seen = (
         draw(with_contacts, own, ParameterDraws(None, shares)).model.measurement
         for own in ((), ("measurement_error",))
     )
     assert base.spin_scale == 0.8 and seen.spin_scale == pytest.approx(0.8 * error)
+    assert base.spin_noise == seen.spin_noise == 0.3
     blind = without_columns(problem.case, "passages", "rotation_hz")
     without = draw(blind, (), ParameterDraws(None, shares))
     assert "rotation_factor" not in without.parameters
