@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 from dataclasses import asdict
 from typing import Any
 
 from sassgis.gap.check.answers import Truth
 from sassgis.gap.check.worlds import World
+from sassgis.model.labels import rounded
 
 
 def label_of(world: World, case: str) -> dict[str, Any]:
@@ -37,11 +37,11 @@ def label_of(world: World, case: str) -> dict[str, Any]:
             {
                 "name": effect.name,
                 "strength": effect.strength,
-                "magnitude": _rounded(effect.magnitude),
-                "size": _rounded(effect.size),
+                "magnitude": rounded(effect.magnitude, 6),
+                "size": rounded(effect.size, 6),
                 "phase": effect.phase,
-                "s0_m": _rounded(effect.s0_m),
-                "s1_m": _rounded(effect.s1_m),
+                "s0_m": rounded(effect.s0_m, 6),
+                "s1_m": rounded(effect.s1_m, 6),
                 "segments": list(effect.segments),
                 "ground": effect.ground,
             }
@@ -79,7 +79,3 @@ def labels_text(labels: list[dict[str, Any]]) -> str:
 def blinding_hash(salt: str, text: str) -> str:
     """SHA-256 of salt and labels; the salt keeps anyone from trying out what labels may be."""
     return hashlib.sha256(f"{salt}\n{text}".encode()).hexdigest()
-
-
-def _rounded(value: float) -> float | None:
-    return float(f"{value:.6g}") if math.isfinite(value) else None

@@ -17,6 +17,7 @@ from sassgis.io.write.calibrated_config import classes_csv, write_runnable, writ
 from sassgis.io.write.config_file import written_document
 from sassgis.io.write.manifest import plain
 from sassgis.model.ground import GroundClass, GroundTable
+from sassgis.model.labels import rounded
 from sassgis.model.run_config import Config
 
 #: The table of the fitted classes.
@@ -99,7 +100,7 @@ def _finite(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_finite(v) for v in value]
     if isinstance(value, float | np.floating):
-        return float(f"{value:.6g}") if np.isfinite(value) else None
+        return rounded(value, 6)
     return value
 
 

@@ -16,6 +16,7 @@ from sassgis.gap.replicas.hypothesis_model import HypothesisModel
 from sassgis.gap.where.places import is_stretch, limits_on, line_stretch, used_lines
 from sassgis.gap.words import finding_label, quantity_name, significance, tested_by
 from sassgis.io.vector_layer import VectorLayer, described_layer
+from sassgis.model.labels import rounded
 from sassgis.model.styles import (
     FALL_LINE_STYLE,
     STATION_STYLE,
@@ -266,8 +267,8 @@ def stand_layer(case: Case, model: HypothesisModel) -> VectorLayer | None:
         return None
     columns = {
         "name": ["fitted stand"],
-        "stems_per_ha": np.array([float(f"{stand.stems_per_ha:.6g}")], float),
-        "dbh_cm": np.array([float(f"{stand.dbh_cm:.6g}")], float),
+        "stems_per_ha": np.array([rounded(stand.stems_per_ha, 6)], float),
+        "dbh_cm": np.array([rounded(stand.dbh_cm, 6)], float),
         "from_m": np.array([round(stand.s0, 2)], float),
         "to_m": np.array([round(stand.s1, 2)], float),
     }
