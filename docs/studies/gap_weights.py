@@ -259,7 +259,7 @@ def with_campaign(case: Case, made: Campaign) -> Case:
 def make_level(folder: Path) -> None:
     """How often the check calls the configured model inadequate where that model made the rocks.
 
-    And the factor on the spins that was learned from the recorded contacts.
+    And the factor on the spins that was learned from the recorded contacts, and their scatter.
     """
     rows = []
     for site, (seed, spec) in sites().items():
@@ -274,13 +274,15 @@ def make_level(folder: Path) -> None:
             seen = with_campaign(case, one)
             large.append(large_gaps(where(seen, residuals_of(seen, model, seed=1), seed=1)))
         against = Counter(f"{f.test}: {f.quantity}" for found in large for f in found)
+        own = case.learned
+        spins = ("", "") if own is None else (own.spin_scale, own.spin_noise)
         rows.append((site, spec.law, spec.kind, len(large), sum(map(bool, large)),
-                     "; ".join(sorted(against)),
-                     "" if case.learned is None else case.learned.spin_scale))  # fmt: skip
+                     "; ".join(sorted(against)), *spins))  # fmt: skip
         print(*rows[-1], flush=True)
     with LEVEL.open("w", encoding="utf-8", newline="") as stream:
         table = csv.writer(stream, lineterminator="\n")
-        table.writerow(("site", "law", "kind", "campaigns", "inadequate", "against", "spins"))
+        table.writerow(("site", "law", "kind", "campaigns", "inadequate", "against", "spins",
+                        "scatter"))  # fmt: skip
         table.writerows(rows)
 
 
