@@ -594,12 +594,16 @@ def read_level() -> list[Row]:
 
 
 def spins() -> str:
-    """Factors on the spins that were learned from contacts, by generator: least to largest."""
-    shown = []
-    for law in LAWS:
-        own = sorted(float(r["spins"]) for r in read_level() if r["law"] == law and r["spins"])
-        shown.append(f"{own[0]:.2f} to {own[-1]:.2f} ({len(own)} sites)")
-    return markdown([list(LAWS), ["---"] * len(LAWS), shown])
+    """Factors on the spins that contacts teach, and scatters, by generator."""
+    rows = [row for row in read_level() if row["spins"]]
+    lines = [["", *LAWS], ["---"] * (1 + len(LAWS))]
+    for column, name in (("spins", "factor"), ("scatter", "scatter")):
+        shown = [name]
+        for law in LAWS:
+            own = sorted(float(row[column]) for row in rows if row["law"] == law)
+            shown.append(f"{own[0]:.2f} to {own[-1]:.2f} ({len(own)} sites)" if own else "–")
+        lines.append(shown)
+    return markdown(lines)
 
 
 def level() -> str:

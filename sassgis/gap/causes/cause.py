@@ -17,7 +17,7 @@ from sassgis.model.grid import FloatArray
 #: A fingerprint rests on at least this many rocks or groups.
 LEAST = 5
 #: Sureness of a gain from which a cause is seen by what it closes. Ten causes are tried at a site:
-#: of those that are absent three of a hundred have this (docs/studies/gap_weights.md).
+#: of those that are absent one of a hundred has this (docs/studies/gap_weights.md).
 SHOWS = 5.0
 #: z from which a fingerprint that no contact could leave is seen by itself.
 PRINTED = 3.0
