@@ -274,8 +274,8 @@ def make_level(folder: Path) -> None:
             seen = with_campaign(case, one)
             large.append(large_gaps(where(seen, residuals_of(seen, model, seed=1), seed=1)))
         against = Counter(f"{f.test}: {f.quantity}" for found in large for f in found)
-        own = case.learned
-        spins = ("", "") if own is None else (own.spin_scale, own.spin_noise)
+        learned = case.learned
+        spins = ("", "") if learned is None else (learned.spin_scale, learned.spin_noise)
         rows.append((site, spec.law, spec.kind, len(large), sum(map(bool, large)),
                      "; ".join(sorted(against)), *spins))  # fmt: skip
         print(*rows[-1], flush=True)

@@ -90,11 +90,25 @@ def _spin_noise(
 
     def loss(noise: float) -> float:
         error = MeasurementError(spin_scale=scale, spin_noise=noise)
-        model = HypothesisModel(table, EffectSettings(), measurement=error)
-        made = simulated_outcomes(case, model, impacts, seed=seed, number=3700)
-        return float(impact_scores(impacts, observed, made, case.n_rocks).mean())
+        return _misfit(case, impacts, observed, table, error, seed)
 
     return min(_SPIN_NOISES, key=loss)
+
+
+def _misfit(
+    case: Case,
+    impacts: ImpactsInFlight,
+    observed: FloatArray,
+    table: GroundTable,
+    error: MeasurementError,
+    seed: int,
+) -> float:
+    """Mean score of the rocks that have impacts."""
+    # The same draws for all values: what differs is no luck.
+    model = HypothesisModel(table, EffectSettings(), measurement=error)
+    made = simulated_outcomes(case, model, impacts, seed=seed, number=3700)
+    scores = impact_scores(impacts, observed, made, case.n_rocks)
+    return float(scores[np.unique(impacts.rock)].mean())
 
 
 def _learned(case: Case, impacts: ImpactsInFlight, kind: int, seed: int) -> FloatArray:
@@ -108,15 +122,9 @@ def _learned(case: Case, impacts: ImpactsInFlight, kind: int, seed: int) -> Floa
     def loss(shift: FloatArray) -> float:
         classes = list(case.table.classes)
         classes[kind] = _with_shift(classes[kind], shift)
-        # The same draws for all values: what differs is no luck.
-        model = HypothesisModel(
-            GroundTable(tuple(classes)),
-            EffectSettings(),
-            measurement=MeasurementError(spin_scale=_spin_scale(float(shift[-1]))),
-        )
-        made = simulated_outcomes(case, model, impacts, seed=seed, number=3700)
-        scores = impact_scores(impacts, observed, made, case.n_rocks)
-        return float(scores[np.unique(impacts.rock)].mean()) + 0.5 * float(shift @ shift) / n
+        error = MeasurementError(spin_scale=_spin_scale(float(shift[-1])))
+        misfit = _misfit(case, impacts, observed, GroundTable(tuple(classes)), error, seed)
+        return misfit + 0.5 * float(shift @ shift) / n
 
     d = len(_RANGES) + 1
     normal = qmc.MultivariateNormalQMC(

@@ -61,9 +61,8 @@ def _mass_scores(which: int) -> Scoring:
         blocks = blocks[blocks > _CHIP * np.median(rocks)]
         if blocks.sum() < (1.0 - _LOST) * rocks.sum():
             left = _gone(case)
-            if which == 1 and not _made_up(case, left):
-                left |= ~_found(case)
-            rocks = rocks[~left]
+            # What lies beside the others may be in addition as well as theirs.
+            rocks = rocks[~(left | _unexplained(case, left) if which == 1 else left)]
         if rocks.size < LEAST:
             raise Unseen
         error = max(errors_of(case).mass_rel * (1.0 + MISSTATED), _LEAST_MASS_ERROR)
@@ -104,22 +103,17 @@ def _gone(case: Case) -> NDArray[np.bool_]:
     return gone
 
 
-def _found(case: Case) -> NDArray[np.bool_]:
-    """Rocks that lie, or of which a piece lies that bears their name."""
-    return np.isin(np.arange(case.n_rocks), case.observations.rock_of("deposits"))
-
-
-def _made_up(case: Case, left: NDArray[np.bool_]) -> bool:
-    """Whether pieces lie for the rocks that were not found, and did not leave.
+def _unexplained(case: Case, left: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Rocks that nobody found though they are not known to have left, unless pieces lie for them.
 
     Where pieces bear the names of their rocks they do; else what has no name must weigh as much.
     """
     seen = case.observations
-    if seen.is_piece("deposits").any():
-        return True
-    nameless = deposit_masses_kg(seen)[seen.rock_of("deposits") < 0].sum()
-    lost = case.mass_kg[~_found(case) & ~left].sum()
-    return bool(nameless >= _MADE_UP * lost)
+    owner = seen.rock_of("deposits")
+    lost = ~np.isin(np.arange(case.n_rocks), owner) & ~left
+    nameless = deposit_masses_kg(seen)[owner < 0].sum()
+    made_up = nameless >= _MADE_UP * case.mass_kg[lost].sum()
+    return np.asarray(lost & ~(made_up | seen.is_piece("deposits").any()), np.bool_)
 
 
 def mass_budget(rocks: FloatArray, blocks: FloatArray) -> tuple[float, float]:

@@ -36,7 +36,7 @@ class LearnedContacts:
 
     table: GroundTable
     spin_scale: float
-    spin_noise: float = 0.0
+    spin_noise: float
 
 
 @dataclass(frozen=True, slots=True)
