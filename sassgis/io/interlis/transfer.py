@@ -100,7 +100,7 @@ def export_xtf(
         expected = f"{PACKAGE_NAME} in it, which a run of hazard zones writes"
         raise InputError("this result has no hazard zones", file=result_folder, expected=expected)
     if models is not None:
-        check_validator(models, [MODEL_NAME])
+        check_validator(models)
     written = write_xtf(package, xtf, canton=canton, overwrite=overwrite)
     return written if models is None else replace(written, validation=validate_xtf(xtf, models))
 

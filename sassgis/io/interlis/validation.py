@@ -11,17 +11,19 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
+from sassgis.io.write.layers.federal_model import MODEL_NAME
 from sassgis.model.errors import InputError, OutputError
 
 XTF_NAMESPACE = "http://www.interlis.ch/INTERLIS2.3"
 _NS = f"{{{XTF_NAMESPACE}}}"
 _MOST_LINES = 20
+#: The validator is waited for no longer (s).
+_TIMEOUT_S = 1800.0
 #: A model as an .ili file declares it, at the beginning of a line.
 _MODEL = re.compile(
     r"^\s*(?:CONTRACTED\s+)?(?:TYPE\s+|REFSYSTEM\s+|SYMBOLOGY\s+)?MODEL\s+(\w+)\s*(?:\(\w+\)\s*)?AT\b",
@@ -92,13 +94,12 @@ with open(task["verdict"], "w") as stream:
 """
 
 
-def validate_xtf(xtf: Path, model_folder: Path, *, timeout_s: float = 1800.0) -> ValidationResult:
+def validate_xtf(xtf: Path, model_folder: Path) -> ValidationResult:
     """Let ilivalidator check a transfer file against the models of a folder; without any network.
 
-    The folder holds the .ili files of the model and of all models that it imports; the validator is
-    waited for no longer than ``timeout_s``.
+    The folder holds the .ili files of the model and of all models that it imports: it is one that
+    check_validator has found fit.
     """
-    check_validator(model_folder, _header_models(xtf))
     with tempfile.TemporaryDirectory(prefix="sassgis-") as name:
         work = Path(name)
         # Semicolons part its lists of files, and it knows no names beyond ASCII everywhere.
@@ -125,12 +126,12 @@ def validate_xtf(xtf: Path, model_folder: Path, *, timeout_s: float = 1800.0) ->
                 cwd=work,
                 stdin=subprocess.DEVNULL,
                 capture_output=True,
-                timeout=timeout_s,
+                timeout=_TIMEOUT_S,
                 check=False,
             )
         except subprocess.TimeoutExpired:
             raise OutputError(
-                f"{xtf}: the INTERLIS validator did not end within {timeout_s:g} s"
+                f"{xtf}: the INTERLIS validator did not end within {_TIMEOUT_S:g} s"
             ) from None
         verdict = work / "verdict.json"
         if done.returncode != 0 or not verdict.is_file():
@@ -158,7 +159,7 @@ def _ili_files(folder: Path) -> list[Path]:
     return files
 
 
-def check_validator(model_folder: Path, models: Sequence[str]) -> None:
+def check_validator(model_folder: Path) -> None:
     """Refuse what would keep a file from being validated, before it is written."""
     if importlib.util.find_spec("ilivalidator") is None:
         raise InputError(
@@ -170,32 +171,13 @@ def check_validator(model_folder: Path, models: Sequence[str]) -> None:
         )
     texts = [file.read_text(encoding="latin-1") for file in _ili_files(model_folder)]
     held = {name for text in texts for name in _MODEL.findall(text)}
-    if absent := [name for name in models if name not in held]:
-        expected = f"the .ili file of {', '.join(absent)}"
+    if MODEL_NAME not in held:
         raise InputError(
             "models that the file needs are missing",
             file=model_folder,
             found=", ".join(sorted(held)) or "no model",
-            expected=expected,
+            expected=f"the .ili file of {MODEL_NAME}",
         )
-
-
-def _header_models(xtf: Path) -> list[str]:
-    wrong = partial(InputError, file=xtf)
-    names: list[str] = []
-    try:
-        for _, element in ET.iterparse(xtf, events=("end",)):
-            if element.tag == f"{_NS}MODEL":
-                names.append(element.get("NAME", ""))
-            elif element.tag == f"{_NS}HEADERSECTION":
-                break
-    except OSError as error:
-        raise wrong("cannot be read", found=error.strerror) from error
-    except ET.ParseError as error:
-        raise wrong("is no INTERLIS transfer file", found=str(error)) from error
-    if not names:
-        raise wrong("is no INTERLIS transfer file", expected="the names of models in its header")
-    return names
 
 
 def _findings(log: Path, copies: Mapping[str, Path]) -> tuple[str, list[Finding]]:
