@@ -88,12 +88,9 @@ def settings_as_options() -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        field, expected = (
-            None if text is None else in_options(text) for text in (error.field, error.expected)
-        )
-        raise InputError(
-            error.problem, file=error.file, field=field, found=error.found, expected=expected
-        ) from None
+        texts = {"field": error.field, "expected": error.expected}
+        told = {key: text and in_options(text) for key, text in texts.items()}
+        raise InputError(**error.parts(**told)) from None
 
 
 @contextmanager

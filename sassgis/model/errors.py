@@ -5,6 +5,8 @@ Every one of them prints as a single line. Anything else that escapes is a bug i
 
 from __future__ import annotations
 
+from typing import Any
+
 #: What a message repeats of an input, or offers instead, is cut to so many characters and the last.
 _FIRST, _LAST = 400, 150
 
@@ -53,6 +55,11 @@ class InputError(SassgisError):
             if part is not None
         )
         super().__init__(f"{line} ({detail})" if detail else line)
+
+    def parts(self, **other: object) -> dict[str, Any]:
+        """What it was made of, to make one that says ``other`` things of the same fault."""
+        names = ("problem", "file", "field", "found", "expected")
+        return {name: getattr(self, name) for name in names} | other
 
 
 def shown(part: object) -> str:

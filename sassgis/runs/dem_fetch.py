@@ -81,13 +81,11 @@ def fetch_terrain(
         try:
             fetched = fetch_tile(offer, folder, timeout_s)
         except InputError as error:
-            raise InputError(
+            problem = (
                 f"tile {number} of {len(offers)}: {error.problem}; the same command goes on from "
-                "there",
-                file=error.file,
-                found=error.found,
-                expected=error.expected,
-            ) from None
+                "there"
+            )
+            raise InputError(**error.parts(problem=problem)) from None
         say(f"{number}/{len(offers)} {offer.name} {'fetched' if fetched else 'is there'}")
     terrain = open_tiles([folder / o.name for o in offers], folder)
     facts = [

@@ -292,13 +292,8 @@ def named_preset(config: Config) -> HazardPreset:
     except InputError as error:
         if error.field != "preset":
             raise
-        raise InputError(
-            error.problem,
-            file=error.file or config.file,
-            field="hazard.preset",
-            found=error.found,
-            expected=error.expected,
-        ) from None
+        file = error.file or config.file
+        raise InputError(**error.parts(file=file, field="hazard.preset")) from None
 
 
 def with_rules(run: MapRun, rules: Rules) -> MapRun:

@@ -176,6 +176,4 @@ def _units(slopes: FloatArray, dem: Path, threshold_deg: float | None) -> SlopeU
     except InputError as error:
         if threshold_deg is not None:
             return None
-        raise InputError(
-            error.problem, file=dem, found=error.found, expected=error.expected
-        ) from None
+        raise InputError(**error.parts(file=dem)) from None

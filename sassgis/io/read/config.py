@@ -162,7 +162,7 @@ def load_config(path: str | PathLike[str], overrides: Mapping[str, object] | Non
     try:
         document = read_toml(file, None, "a TOML configuration file")
     except InputError as error:
-        raise _relocated(error, file, error.field) from None
+        raise ConfigError(**error.parts(file=file)) from None
     for dotted, value in (overrides or {}).items():
         section, _, key = dotted.partition(".")
         target = document.setdefault(section, {})
@@ -471,12 +471,6 @@ def file_digest(path: AnyInput) -> str:
 # What is wrong
 
 
-def _relocated(error: InputError, file: Path | None, field: str | None) -> ConfigError:
-    return ConfigError(
-        error.problem, file=file, field=field, found=error.found, expected=error.expected
-    )
-
-
 def _cross_checks(sections: Mapping[str, Any], file: Path | None) -> list[ConfigError]:
     """What no section can see by itself."""
     wrong = partial(ConfigError, file=file)
@@ -517,7 +511,8 @@ def _population(block: BlockSettings, file: Path | None) -> BlockPopulation | Co
     try:
         return BlockPopulation(**plain)
     except InputError as error:
-        return _relocated(error, file, f"blocks[{block.name}].{error.field}")
+        field = f"blocks[{block.name}].{error.field}"
+        return ConfigError(**error.parts(file=file, field=field))
 
 
 def _onset(block: BlockSettings) -> Onset:

@@ -207,10 +207,4 @@ def errors_of_row(where: str, file: Input) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        raise InputError(
-            f"{where}: {error.problem}",
-            file=file,
-            field=error.field,
-            found=error.found,
-            expected=error.expected,
-        ) from None
+        raise InputError(**error.parts(problem=f"{where}: {error.problem}", file=file)) from None

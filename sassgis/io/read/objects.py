@@ -164,13 +164,8 @@ def _object(
             raise
         field = str(error.field)
         field = settings.fields.get(field, f"{_key(settings)}.{field}")
-        raise InputError(
-            f"{label}: {error.problem}",
-            file=settings.file,
-            field=field,
-            found=error.found,
-            expected=error.expected,
-        ) from None
+        problem = f"{label}: {error.problem}"
+        raise InputError(**error.parts(problem=problem, file=settings.file, field=field)) from None
 
 
 _ROAD_USE = (*_TRAFFIC, "vehicle_value", "trips_per_day")
