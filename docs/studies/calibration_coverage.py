@@ -36,7 +36,7 @@ from sassgis.gap.calibration.problem import problem_of
 from sassgis.gap.check.worlds import WorldSpec, make_world, observe, setup
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.hypothesis_model import configured_model
-from sassgis.io.read.range_table import read_ranges
+from sassgis.io.read.ground_map import read_ranges
 from sassgis.io.write.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME, write_case
 from sassgis.runs.gap_case import read_case
 from sassgis.runs.workers import task_map

@@ -1,11 +1,18 @@
-"""Digests of files, each taken once."""
+"""Digests of files, each taken once, of plain values, and of the program."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-from functools import lru_cache
+from functools import cache, lru_cache
+from importlib.metadata import version
 from pathlib import Path
+
+import sassgis
+
+_KINDS = (".py", ".csv", ".json", ".toml", ".npz")
+#: Another version of these may read other numbers, or compute others in their last digits.
+_LIBRARIES = ("numpy", "numba", "llvmlite", "scipy", "shapely", "pyproj", "rasterio", "pyogrio")
 
 
 def content_digest(file: Path) -> str:
@@ -29,3 +36,18 @@ def json_digest(plain: object) -> str:
         plain, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False
     )
     return hashlib.sha256(text.encode("utf-8")).hexdigest()
+
+
+@cache
+def program_digest() -> str:
+    """SHA-256 of the package, code and data, and of the versions of what it computes with.
+
+    What is kept from an earlier run may have been made by another program.
+    """
+    root = Path(sassgis.__file__).parent
+    total = hashlib.sha256(repr([(name, version(name)) for name in _LIBRARIES]).encode())
+    for file in sorted(root.rglob("*")):
+        if file.suffix in _KINDS and file.is_file():
+            total.update(file.relative_to(root).as_posix().encode())
+            total.update(file.read_bytes())
+    return total.hexdigest()

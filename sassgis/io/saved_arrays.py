@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sassgis.io.write.program import program_digest
+from sassgis.io.digests import program_digest
 from sassgis.model.errors import InputError
 from sassgis.model.noted_files import noted
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from sassgis.hazard.assess import Assessment, Rules
 from sassgis.hazard.progress import Progress
+from sassgis.io.digests import program_digest
 from sassgis.io.own_files import MANIFEST_NAME
 from sassgis.io.read.base_map import read_base_map
 from sassgis.io.read.config import SECTIONS, file_digest, settings_hash
@@ -24,7 +25,6 @@ from sassgis.io.read.vector_features import Feature
 from sassgis.io.read.vectors import read_control_lines, read_release_feature, release_area
 from sassgis.io.staging import staged_output
 from sassgis.io.write.manifest import write_manifest
-from sassgis.io.write.program import program_digest
 from sassgis.model.errors import InputError, OutputError
 from sassgis.model.exposure import PlacedObjects
 from sassgis.model.grid import FloatArray, Grid

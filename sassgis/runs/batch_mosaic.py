@@ -36,8 +36,8 @@ from sassgis.io.staging import staged_output, writing
 from sassgis.io.vector_layer import VectorLayer
 from sassgis.io.write.block_maps import TILE, BlockMaps, Unfinished, finish_map
 from sassgis.io.write.layers import run_vectors
-from sassgis.io.write.layers.exposed_objects import exposed_layers
-from sassgis.io.write.layers.terrain_layer import terrain_layer
+from sassgis.io.write.layers.maps import terrain_layer
+from sassgis.io.write.layers.risk_objects import exposed_layers
 from sassgis.model.exposure import PlacedObjects
 from sassgis.model.grid import Grid
 from sassgis.model.languages import in_language

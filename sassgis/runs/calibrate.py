@@ -22,8 +22,8 @@ from sassgis.gap.calibration.class_calibration import (
 from sassgis.gap.calibration.class_spread import spread_of_sites
 from sassgis.gap.calibration.parameters import classes_met, fitted_names
 from sassgis.gap.calibration.problem import CalibrationProblem, problem_of
+from sassgis.io.read.ground_map import read_ranges
 from sassgis.io.read.observation_files import AnyObservations
-from sassgis.io.read.range_table import read_ranges
 from sassgis.io.staging import CHECKPOINT_STEM, output_if_asked
 from sassgis.io.write.frames import write_table
 from sassgis.io.write.sensitivity_tables import rule_table

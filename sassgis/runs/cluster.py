@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import sassgis
-from sassgis.io.write.program import program_digest
+from sassgis.io.digests import program_digest
 from sassgis.model.errors import InputError, OutputError, SassgisError
 
 if TYPE_CHECKING:

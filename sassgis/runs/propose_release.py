@@ -12,7 +12,7 @@ from sassgis.io.read.ground_map import ground_raster, read_ground_table
 from sassgis.io.read.tiles import read_terrain
 from sassgis.io.staging import staged_file
 from sassgis.io.write.geopackage import write_geopackage
-from sassgis.io.write.layers.proposed_areas import proposed_areas
+from sassgis.io.write.layers.run_vectors import proposed_areas
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray
 from sassgis.model.settings import GroundSettings

@@ -21,9 +21,8 @@ from sassgis.io.vector_layer import VectorLayer
 from sassgis.io.write.frames import passage_frame, rock_frame, write_table
 from sassgis.io.write.geopackage import write_geopackage
 from sassgis.io.write.layers import run_vectors
-from sassgis.io.write.layers.exposed_objects import exposed_layers
-from sassgis.io.write.layers.maps import map_layers
-from sassgis.io.write.layers.terrain_layer import terrain_layer
+from sassgis.io.write.layers.maps import map_layers, terrain_layer
+from sassgis.io.write.layers.risk_objects import exposed_layers
 from sassgis.io.write.raster import write_raster
 from sassgis.model.exposure import PlacedObjects
 from sassgis.model.grid import Grid

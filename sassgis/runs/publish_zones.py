@@ -20,7 +20,6 @@ from sassgis.hazard.warnings import (
 from sassgis.io.qgis.run_project import onset_words, zone_groups, zone_layouts
 from sassgis.io.vector_layer import VectorLayer
 from sassgis.io.write.layers import zones as zone_layers
-from sassgis.io.write.layers.edited_places import edits_layer
 from sassgis.io.write.layers.federal import federal_layers
 from sassgis.io.write.layers.hazard_maps import hazard_layers
 from sassgis.io.write.layers.risk_objects import risk_tables, risk_vectors
@@ -60,7 +59,7 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
         zone_layers.uncertain_zones(uncertain, grid, confidence),
         zone_layers.reached_limit(hazard.curves.places, grid),
     ]
-    edits = edits_layer(hazard.edits, preset, grid.crs)
+    edits = zone_layers.edits_layer(hazard.edits, preset, grid.crs)
     risk: list[VectorLayer] = []
     sources = source_table(hazard.sampled)
     frames = {

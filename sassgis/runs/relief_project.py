@@ -7,7 +7,7 @@ from pathlib import Path
 
 from sassgis.io.qgis.entries import LayerEntry, LayerGroup
 from sassgis.io.qgis.project import write_project
-from sassgis.io.write.layers.terrain_layer import terrain_layer
+from sassgis.io.write.layers.maps import terrain_layer
 from sassgis.io.write.raster import write_raster
 from sassgis.model.grid import Grid
 from sassgis.model.results import RasterLayer

@@ -24,7 +24,7 @@ from sassgis.hazard.sensitivity import (
 )
 from sassgis.hazard.warnings import rule_warnings
 from sassgis.io.read.config import settings_hash
-from sassgis.io.read.range_table import read_ranges
+from sassgis.io.read.ground_map import read_ranges
 from sassgis.io.staging import staged_output
 from sassgis.io.write.frames import write_table
 from sassgis.io.write.layers.sensitivity_maps import sensitivity_layers

@@ -179,8 +179,7 @@ def _frequencies(config: Config, done: Simulation) -> dict[tuple[str, str], floa
 
 def _dataset_of(done: Simulation) -> xr.Dataset:
     from sassgis.hazard.progress import sample_of
-    from sassgis.io.write.layers.maps import map_layers
-    from sassgis.io.write.layers.terrain_layer import terrain_layer
+    from sassgis.io.write.layers.maps import map_layers, terrain_layer
     from sassgis.io.write.map_dataset import maps_dataset
 
     config, run, progress = done.config, done.run, done.progress

@@ -14,7 +14,7 @@ from helpers.changed_arrays import Change, change_arrays
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sassgis.io import saved_arrays
+from sassgis.io import digests, saved_arrays
 from sassgis.io.saved_arrays import (
     read_saved,
     read_saved_json,
@@ -22,7 +22,6 @@ from sassgis.io.saved_arrays import (
     with_digest,
     write_saved,
 )
-from sassgis.io.write import program
 from sassgis.model.errors import InputError
 
 ROWS = np.array([(1, 0.5), (2, 1.5)], dtype=[("block", "i4"), ("energy_kj", "f8")])
@@ -111,13 +110,13 @@ def test_other_settings_and_versions_are_said(
 
 
 def test_a_library_that_computes_is_part_of_the_program(monkeypatch: pytest.MonkeyPatch) -> None:
-    before, version = program.program_digest.__wrapped__(), program.version
-    assert program.program_digest.__wrapped__() == before
+    before, version = digests.program_digest.__wrapped__(), digests.version
+    assert digests.program_digest.__wrapped__() == before
     for library in ("numpy", "numba"):
         monkeypatch.setattr(
-            program, "version", lambda n, own=library: version(n) + "x" * (n == own)
+            digests, "version", lambda n, own=library: version(n) + "x" * (n == own)
         )
-        assert program.program_digest.__wrapped__() != before
+        assert digests.program_digest.__wrapped__() != before
 
 
 @pytest.mark.parametrize(

@@ -8,22 +8,33 @@ Federal Office for the Environment's minimal geodata model 166.1:
 from __future__ import annotations
 
 import json
+import math
 import uuid
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import count, pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
+from xml.sax.saxutils import escape
 
 import geopandas as gpd
+import jinja2
+import numpy as np
 import shapely
 from pyogrio.errors import DataLayerError
 
-from sassgis.io.interlis.validation import ValidationResult, check_validator, validate_xtf
-from sassgis.io.interlis.xtf_document import XtfObject, document
+from sassgis import __version__
+from sassgis.io.interlis.validation import (
+    XTF_NAMESPACE,
+    ValidationResult,
+    check_validator,
+    validate_xtf,
+)
 from sassgis.io.read.offline import read_frame, vector_file
 from sassgis.io.read.result_folder import check_is_result
 from sassgis.io.staging import staged_file
+from sassgis.io.write.layers import federal_model
 from sassgis.io.write.layers.federal_model import (
     FEDERAL_CLASSES,
     FEDERAL_EPSG,
@@ -44,6 +55,14 @@ from sassgis.model.errors import ConfigError, InputError
 
 PACKAGE_NAME = "hazard.gpkg"
 _NAMESPACE = uuid.UUID("0a5f4c7e-6f0b-5d0e-9b56-1b6d1c8c7d15")
+
+
+class XtfObject(NamedTuple):
+    """An object: its identifier, its texts by attribute, its zone."""
+
+    tid: str
+    texts: Mapping[str, str]
+    polygon: Any
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +139,7 @@ def write_xtf(
         staged_file(xtf_path, overwrite) as work,
         work.open("w", encoding="utf-8", newline="\n") as stream,
     ):
-        stream.writelines(document(objects, _NAMESPACE))
+        stream.writelines(_document(objects))
     return ExportResult(xtf_path, {name: len(found) for name, found in objects.items()})
 
 
@@ -183,3 +202,56 @@ def _text(attribute: Attribute, value: Any) -> str:
     if attribute.kind == "number":
         return f"{value:.{attribute.decimals}f}"
     return str(value)
+
+
+def _document(objects: Mapping[str, Sequence[XtfObject]]) -> Iterator[str]:
+    """The text of a transfer file in pieces, as it may be large.
+
+    ``objects`` are those of each class; the identifier of the basket is made from theirs.
+    """
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("sassgis", "data"),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters["xml"] = escape
+    tids = [item.tid for inside in objects.values() for item in inside]
+    return environment.get_template("federal_model.xtf.j2").generate(
+        xmlns=XTF_NAMESPACE,
+        version=__version__,
+        model=federal_model,
+        basket=uuid.uuid5(_NAMESPACE, "|".join([federal_model.TOPIC, *tids])),
+        objects=[(federal_model.FEDERAL_CLASSES[name], own) for name, own in objects.items()],
+        rings=touching_at_corners,
+    )
+
+
+def touching_at_corners(polygon: Any) -> list[list[tuple[float, float]]]:
+    """Closed rings of a valid polygon, the outline first; where they touch, both have a corner.
+
+    INTERLIS takes a corner on the edge of another ring for an intersection.
+    """
+    rings = [list(ring.coords) for ring in (polygon.exterior, *polygon.interiors)]
+    if len(rings) == 1:
+        return rings
+    edges = np.array([edge for ring in rings for edge in pairwise(ring)])
+    corners = np.unique(np.concatenate([np.array(ring) for ring in rings]), axis=0)
+    tree = shapely.STRtree(shapely.linestrings(edges))  # type: ignore[arg-type]
+    which, edge = tree.query(shapely.points(corners), predicate="intersects")
+    inner = (corners[which] != edges[edge, 0]).any(axis=1)
+    inner &= (corners[which] != edges[edge, 1]).any(axis=1)
+    added: dict[int, list[tuple[float, float]]] = {}
+    for corner, at in zip(corners[which[inner]].tolist(), edge[inner].tolist(), strict=True):
+        added.setdefault(at, []).append((corner[0], corner[1]))
+    numbers = count()
+    whole = []
+    for ring in rings:
+        corners_of = [ring[0]]
+        for start, end in pairwise(ring):
+            between = [
+                (math.dist(start, corner), corner) for corner in added.get(next(numbers), [])
+            ]
+            corners_of += [*(corner for _, corner in sorted(between)), end]
+        whole.append(corners_of)
+    return whole

@@ -1,4 +1,4 @@
-"""Ground classes: the built-in table, the user's own, and the map of classes on the DEM's cells."""
+"""Ground classes: tables of them and of their ranges, and their map on the cells of the DEM."""
 
 from __future__ import annotations
 
@@ -27,12 +27,14 @@ from sassgis.io.read.vector_features import nearest, read_features
 from sassgis.model.errors import InputError
 from sassgis.model.grid import Grid
 from sassgis.model.ground import PARAMETERS, TRUST_TEXT, GroundClass, GroundTable
+from sassgis.model.ground_ranges import EVERY_CLASS, RANGED, RangeRule
 from sassgis.model.in_memory import AnyInput, InMemory, Input, named
 from sassgis.model.settings import GroundSettings
 
 log = logging.getLogger(__name__)
 
 _NO_CODE = np.iinfo(np.int32).min
+_DATA = resources.files("sassgis") / "data"
 
 
 # ---------------------------------------------------------------------------------------------
@@ -49,8 +51,7 @@ def built_in_table(readings: str = "hazard") -> GroundTable:
 
     ``readings`` is the named set of readings of the engine.
     """
-    path = resources.files("sassgis") / "data" / _BUILT_IN[readings]
-    with resources.as_file(path) as file:
+    with resources.as_file(_DATA / _BUILT_IN[readings]) as file:
         return GroundTable(tuple(_read_classes(file)))
 
 
@@ -131,6 +132,44 @@ def _toml_rows(text: str, file: Input) -> Iterator[tuple[str, dict[str, Any]]]:
             raise wrong(f"{where} is not a section", expected="[[classes]]")
         check_columns(list(row), file, where, *required_and_optional(columns))
         yield where, row_of(row, columns, where, file)
+
+
+def read_ranges(table: GroundTable, own: Input | None = None) -> tuple[RangeRule, ...]:
+    """Rules of the built-in table, and after them those of the user's own.
+
+    Parameters
+    ----------
+    table : GroundTable
+        Of the run: the classes that an own table may name.
+    own : Input, optional
+        CSV with the columns class (``*`` for every other class), parameter, kind (value, offset,
+        factor), low, high and, if wanted, source, verified, sites, rocks and together.
+    """
+    with resources.as_file(_DATA / "ground_ranges.csv") as file:
+        rules = _read_rules(file, None)
+    return rules if own is None else (*rules, *_read_rules(own, table))
+
+
+def _read_rules(file: Input, table: GroundTable | None) -> tuple[RangeRule, ...]:
+    classes = () if table is None else (*table.names, EVERY_CLASS)
+    columns = {
+        "class": CsvColumn(known=classes, what="ground class"),
+        "parameter": CsvColumn(known=RANGED),
+        "kind": CsvColumn(known=("value", "offset", "factor")),
+        "low": CsvColumn(float),
+        "high": CsvColumn(float),
+        "source": CsvColumn(default=f"own table {file.name}"),
+        "verified": CsvColumn(bool, default=False),
+        "sites": CsvColumn(int, low=0, default=0),
+        "rocks": CsvColumn(int, low=0, default=0),
+        "together": CsvColumn(default=""),
+    }
+    rules = []
+    what = "a table of ranges of ground classes (CSV)"
+    for where, row in read_table(file, "ranges", what, columns):
+        with errors_of_row(where, file):
+            rules.append(RangeRule(*row.values()))
+    return tuple(rules)
 
 
 # ---------------------------------------------------------------------------------------------

@@ -17,7 +17,7 @@ from sassgis.io.read.tiles import open_terrain
 from sassgis.io.staging import staged_file
 from sassgis.io.vector_layer import VectorLayer
 from sassgis.io.write.geopackage import write_geopackage
-from sassgis.io.write.layers.terrain_layer import terrain_layer
+from sassgis.io.write.layers.maps import terrain_layer
 from sassgis.model.crs import crs_parts, parse_crs
 from sassgis.model.errors import InputError, OutputError
 

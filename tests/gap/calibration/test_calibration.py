@@ -33,7 +33,7 @@ from sassgis.gap.calibration.problem import (
 from sassgis.gap.inference.distances import energy_scores
 from sassgis.gap.replicas.campaigns import campaigns
 from sassgis.gap.replicas.hypothesis_model import MeasurementError, configured_model
-from sassgis.io.read.range_table import read_ranges
+from sassgis.io.read.ground_map import read_ranges
 from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import FloatArray
 from sassgis.model.ground import GroundTable

@@ -18,9 +18,8 @@ import shapely
 from helpers import made_zones as made
 from shapely.geometry import box
 
-from sassgis.io.interlis.transfer import export_xtf, write_xtf
+from sassgis.io.interlis.transfer import export_xtf, touching_at_corners, write_xtf
 from sassgis.io.interlis.validation import XTF_NAMESPACE, validate_xtf
-from sassgis.io.interlis.xtf_document import touching_at_corners
 from sassgis.io.own_files import WRITTEN_NAME
 from sassgis.io.write.geopackage import write_geopackage
 from sassgis.io.write.layers.federal_model import FEDERAL_CLASSES, MODEL_NAME

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from sassgis.io.read.ground_map import built_in_table
-from sassgis.io.read.range_table import read_ranges
+from sassgis.io.read.ground_map import built_in_table, read_ranges
 from sassgis.model.errors import InputError
 from sassgis.model.ground_ranges import EVERY_CLASS, RANGED, ranges_of
 

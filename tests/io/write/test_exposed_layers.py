@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import shapely
 
-from sassgis.io.write.layers.exposed_objects import exposed_layers
+from sassgis.io.write.layers.risk_objects import exposed_layers
 from sassgis.model.exposure import ExposedObject, PlacedObjects
 
 

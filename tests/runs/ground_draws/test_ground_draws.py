@@ -17,7 +17,7 @@ from sassgis.hazard.bins import bins_of
 from sassgis.hazard.ground_spread import draw_of
 from sassgis.hazard.response import outcome_of
 from sassgis.io.read.config import load_config
-from sassgis.io.read.range_table import read_ranges
+from sassgis.io.read.ground_map import read_ranges
 from sassgis.io.staging import partial_folder
 from sassgis.model.errors import Interrupted
 from sassgis.model.ground_ranges import RANGED, ranges_of, with_values

@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from sassgis.hazard.map_sums import MapSums, Sample, band_values
 from sassgis.io.vector_layer import descriptions
-from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.hazard import HazardPreset
 from sassgis.model.languages import phrase
 from sassgis.model.results import Band, RasterClass, RasterLayer
 from sassgis.model.statistics_table import STATISTICS
+from sassgis.model.styles import HILLSHADE
 
 
 class Place(NamedTuple):
@@ -63,6 +64,13 @@ def level_classes(preset: HazardPreset) -> list[RasterClass]:
     return [
         RasterClass(k, c.label, c.colour, c.hatched) for k, c in enumerate(preset.levels, start=1)
     ]
+
+
+def terrain_layer(grid: Grid) -> RasterLayer:
+    """The heights, to be shown as relief."""
+    heights = grid.vertical_datum or "datum not stated"
+    bands = [described_band("terrain", "height", grid.values)]
+    return described_raster("terrain", bands, (), HILLSHADE, heights=heights)
 
 
 def map_layers(

@@ -1,4 +1,4 @@
-"""Risk of exposed objects as tables and as layers of the GeoPackage."""
+"""Exposed objects as layers of the GeoPackage, and their risk as tables and layers."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
+import geopandas as gpd
 import pandas as pd
 import shapely
 
@@ -32,12 +33,19 @@ _LEAST = 1e-30
 _RISK_LIMITS = (1e-6, 1e-5, 1e-4, 1e-3)
 _LOSS_LIMITS = (1.0, 10.0, 100.0, 1000.0, 10_000.0)
 
-_SYMBOLS = {
-    "fill": Symbol("fill", "#808080", opacity=0.9, outline="#333333", outline_mm=0.2),
-    "line": Symbol("line", "#808080", size_mm=1.6),
-    "marker": Symbol("marker", "#808080", size_mm=3.0, outline="#333333", shape="diamond"),
+#: Dimension of the objects that a kind of symbol is for.
+_DIMENSION = {"fill": 2, "line": 1, "marker": 0}
+_COLOUR = "#5a4632"
+_EXPOSED = {
+    "exposed_areas": Symbol("fill", _COLOUR, outline="#ffffff", outline_mm=0.15),
+    "exposed_lines": Symbol("line", _COLOUR, size_mm=0.8),
+    "exposed_points": Symbol("marker", _COLOUR, size_mm=2.4, outline="#ffffff", shape="diamond"),
 }
-_LAYERS = {"risk_objects": ("fill", 2), "risk_lines": ("line", 1), "risk_points": ("marker", 0)}
+_RISK = {
+    "risk_objects": Symbol("fill", "#808080", opacity=0.9, outline="#333333", outline_mm=0.2),
+    "risk_lines": Symbol("line", "#808080", size_mm=1.6),
+    "risk_points": Symbol("marker", "#808080", size_mm=3.0, outline="#333333", shape="diamond"),
+}
 _WORDS = {
     "hits": ("hits", "1/year", "blocks that reach the object, at any height above the ground"),
     "property_loss": ("loss of the object itself", "{}/year", ""),
@@ -53,6 +61,25 @@ _WORDS = {
 }
 _SE = "upper bound of the sampling error; none of the model or of the onset frequency"
 _LIMITS = "by the sampling of blocks; none of the model or of the onset frequency"
+
+
+def exposed_layers(placed: PlacedObjects, crs: str) -> list[VectorLayer]:
+    """Layers of areas, lines and points, those that have objects; stretches of a road as one."""
+    whole = {"name": [t.whole for t in placed.objects], "kind": [t.kind for t in placed.objects]}
+    frame = gpd.GeoDataFrame(whole, geometry=list(placed.geometries), crs=crs or None)
+    frame = frame.dissolve(["name", "kind"], sort=False).reset_index()[["name", "kind", "geometry"]]
+    # A name is written along a whole road, which its stretches are too short for.
+    stretches = frame.geom_type == "MultiLineString"
+    frame.geometry = frame.geometry.where(~stretches, frame.geometry.line_merge())
+    dimension = shapely.get_dimensions(frame.geometry.to_numpy())
+    layers = []
+    for name, symbol in _EXPOSED.items():
+        own = frame[dimension == _DIMENSION[symbol.kind]]
+        if len(own):
+            style = VectorStyle(symbol, label_column="name")
+            columns = own[["name", "kind"]].reset_index(drop=True)
+            layers.append(described_layer(name, columns, list(own.geometry), crs, style))
+    return layers
 
 
 def risk_frames(
@@ -135,7 +162,8 @@ def risk_vectors(
     frame = risk_frames(table, currency, values)["risk_objects"].drop(columns="currency")
     fields = _fields(table, currency) | _value_fields(values)
     layers = []
-    for name, (symbol, dimension) in _LAYERS.items():
+    for name, symbol in _RISK.items():
+        dimension = _DIMENSION[symbol.kind]
         own = [i for i, g in enumerate(placed.geometries) if shapely.get_dimensions(g) == dimension]
         if not own:
             continue
@@ -144,7 +172,7 @@ def risk_vectors(
         if not (rows["deaths_per_year"] > 0.0).any():
             shown = "loss"
         shapes = [placed.geometries[i] for i in own]
-        style = _style(_SYMBOLS[symbol], shown, currency)
+        style = _style(symbol, shown, currency)
         words = {"shown": _words(shown, currency).label, "sources": len(table.sources)}
         words["currency"] = currency
         layers.append(described_layer(name, rows, shapes, crs, style, fields=fields, **words))
