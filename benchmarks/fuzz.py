@@ -191,7 +191,7 @@ def _site(folder: Path) -> None:
     for name in ("release", "road"):
         gpd.read_file(folder / f"{name}.gpkg").to_file(folder / f"{name}.geojson", driver="GeoJSON")
     from sassgis.io.read.ground_map import built_in_table
-    from sassgis.io.write.calibrated_config import classes_csv
+    from sassgis.io.write.gap_files import classes_csv
 
     table = built_in_table()
     (folder / "classes.csv").write_text(classes_csv(table, table, lambda _c: ""), encoding="utf-8")

@@ -6,8 +6,7 @@ from pathlib import Path
 
 from sassgis.gap.diagnosis import Diagnosis
 from sassgis.gap.observations.case import Case
-from sassgis.io.write.calibrated_config import write_config_back
-from sassgis.io.write.gap_files import write_diagnosis_json, write_gap_gpkg
+from sassgis.io.write.gap_files import write_config_back, write_diagnosis_json, write_gap_gpkg
 from sassgis.model.crs import crs_name
 from sassgis.model.in_memory import Input
 from sassgis.model.languages import in_language

@@ -13,8 +13,8 @@ import numpy as np
 import sassgis
 from sassgis.gap.calibration.class_calibration import SiteCalibration, SiteResult
 from sassgis.gap.calibration.fit_errors import SHARES, QuantityErrors
-from sassgis.io.write.calibrated_config import classes_csv, write_runnable, write_text
 from sassgis.io.write.config_file import written_document
+from sassgis.io.write.gap_files import classes_csv, write_runnable, write_text
 from sassgis.io.write.manifest import plain
 from sassgis.model.ground import GroundClass, GroundTable
 from sassgis.model.labels import rounded

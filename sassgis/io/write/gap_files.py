@@ -2,13 +2,25 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import json
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
 
 import sassgis
+from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.gap.diagnosis import Diagnosis, as_json
 from sassgis.gap.observations.case import Case
-from sassgis.io.write.calibrated_config import write_text
+from sassgis.gap.words import effect_name, rung_name
+from sassgis.io.read.config import load_config
+from sassgis.io.read.ground_map import read_ground_table
+from sassgis.io.staging import writing
+from sassgis.io.write.config_file import written_document
 from sassgis.io.write.geopackage import write_geopackage
 from sassgis.io.write.layers.gap_map import (
     fall_line_layer,
@@ -20,6 +32,14 @@ from sassgis.io.write.layers.gap_map import (
     stop_layer,
 )
 from sassgis.io.write.manifest import plain
+from sassgis.model.declared import declared
+from sassgis.model.ground import PARAMETERS, GroundClass, GroundTable
+from sassgis.model.run_config import Config
+from sassgis.model.settings import ForestPlace
+
+#: Files of the calibrated model, beside its configuration.
+CLASSES_NAME = "ground_classes.csv"
+FOREST_NAME = "forest.gpkg"
 
 
 def write_diagnosis_json(path: Path, diagnosis: Diagnosis) -> None:
@@ -57,3 +77,181 @@ def write_gap_gpkg(path: Path, case: Case, diagnosis: Diagnosis) -> None:
         stand_layer(case, diagnosis.effect),
     ]
     write_geopackage(path, [own for own in layers if own is not None], metadata)
+
+
+def write_config_back(path: Path, config: Config, diagnosis: Diagnosis, case: Case) -> Path:
+    """Write the user's configuration with the calibrated ground and the named effect.
+
+    A ground-class table and, for fitted trees, a forest are written beside it. Files that the
+    configuration names are named relative to the new place.
+
+    Parameters
+    ----------
+    path : Path
+        The new TOML file; its folder is made.
+    config : Config
+        The configuration that was diagnosed.
+
+    Raises
+    ------
+    ConfigError, InputError
+        If the result could not be used in a run.
+    """
+    calibrated = diagnosis.effect
+    sections = calibrated.sections(case.effects)
+    with writing(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+    document = written_document(config, path)
+    document.setdefault("ground", {})["classes"] = CLASSES_NAME
+    if calibrated.engine_keys:
+        document.setdefault("engine", {}).update(calibrated.engine_keys)
+    effects = document.setdefault("effects", {})
+    for family, section in sections.items():
+        own = {k: _toml_ready(v) for k, v in section.items() if v is not None}
+        if family == "trees":
+            given, known = effects.get(family, {}), declared(ForestPlace)
+            stands = {k: v for k, v in given.items() if k in known}
+            own = {**stands, **own}
+        effects[family] = own
+    stand = stand_layer(case, calibrated)
+    if stand is not None:
+        write_geopackage(path.parent / FOREST_NAME, [stand])
+        trees = effects.setdefault("trees", {})
+        for key in declared(ForestPlace):
+            trees.pop(key, None)
+        trees |= {
+            "file": FOREST_NAME,
+            "layer": stand.name,
+            "stems_field": "stems_per_ha",
+            "dbh_field": "dbh_cm",
+        }
+    document["terrain"]["path"] = "fall_line" if case.terrain is None else "followed"
+    # Blocks cannot leave their fall line.
+    left_out = case.terrain is None and effects.pop(LateralDeflection.name, None) is not None
+    if not effects:
+        del document["effects"]
+    provenance = f"Calibrated to observations of {diagnosis.rocks} rocks (sassgis gap diagnose)"
+    write_text(
+        path.parent / CLASSES_NAME,
+        classes_csv(calibrated.table, case.table, lambda _own: provenance),
+    )
+    write_runnable(
+        path, _comments(diagnosis, sections, config.label, stand is not None, left_out), document
+    )
+    return path
+
+
+def write_runnable(path: Path, comments: Sequence[str], document: Mapping[str, Any]) -> None:
+    """Write a configuration below comments; ConfigError, InputError where it could not be run."""
+    lines = "".join(f"# {line}\n" for line in comments)
+    write_text(path, f"{lines}\n{tomli_w.dumps(document)}")
+    # What cannot be run again is reported now, not in the next run.
+    written = load_config(path)
+    read_ground_table(written.ground.classes, written.engine.readings)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file; OutputError where the disk refuses."""
+    with writing(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8", newline="\n")
+
+
+def _comments(
+    diagnosis: Diagnosis, sections: Collection[str], config_name: str, stand: bool, left_out: bool
+) -> list[str]:
+    verdict, recommended = diagnosis.verdict, diagnosis.advice.recommended
+    named = verdict.effect not in ("none", "unknown")
+    added = {*recommended.split("+")} >= {*verdict.effect.split("+")}
+    lines = [
+        f"Made by sassgis {sassgis.__version__} (gap diagnose) from {config_name} and "
+        f"observations of {diagnosis.rocks} rocks.",
+        f"Ground classes are as configured ({CLASSES_NAME})."
+        if recommended == "configured"
+        else f"Ground classes are calibrated to these observations ({CLASSES_NAME}).",
+    ]
+    if diagnosis.advice.short is not None:
+        lines.append("Not recommended: it falls short of the rocks, on the unsafe side.")
+    if diagnosis.advice.why:
+        lines.append(f"{diagnosis.advice.why[:1].upper()}{diagnosis.advice.why[1:]}.")
+    if not named:
+        lines.append(
+            "No effect was named."
+            if verdict.effect == "none"
+            else "No known effect explains the gap."
+        )
+    elif not added:
+        lines.append(
+            f"Named: {effect_name(verdict.effect)}, with a confidence of {verdict.confidence:.2f}, "
+            f"but not added: the model has {rung_name(recommended)}."
+        )
+    elif not set(verdict.effect.split("+")) & set(sections):
+        lines.append(
+            f"Named: {effect_name(verdict.effect)}, with a confidence of {verdict.confidence:.2f}. "
+            "That is not a part of the motion, so nothing was added to the model."
+        )
+    else:
+        lines.append(
+            f"Named: {effect_name(verdict.effect)}, with a confidence of {verdict.confidence:.2f}; "
+            "fitted: [effects." + "], [effects.".join(sections) + "]."
+        )
+        if len(verdict.confusion_set) > 1:
+            lines.append(
+                "The observations do not separate: "
+                + ", ".join(effect_name(e) for e in verdict.confusion_set)
+                + "."
+            )
+    if left_out:
+        lines.append(
+            "[effects.lateral_deflection] is left out: it turns followed paths, not fall lines."
+        )
+    if stand:
+        lines.append(
+            f"The forest ({FOREST_NAME}) is where the observations ask for one, along the fall "
+            "lines of the observed rocks; it was not surveyed."
+        )
+    return [
+        *lines,
+        "Calibrated for this slope and rocks of these sizes; elsewhere it is untested.",
+        "Comments of the original file are not copied.",
+    ]
+
+
+def classes_csv(
+    table: GroundTable, configured: GroundTable, provenance: Callable[[GroundClass], str]
+) -> str:
+    """A table of ground classes; those that were changed get their provenance and what was before.
+
+    ``provenance`` gives a sentence for a class that was changed.
+    """
+    before = {c.name: c for c in configured.classes}
+    out = io.StringIO()
+    rows = csv.writer(out, lineterminator="\n")
+    rows.writerow(("name", *PARAMETERS, "source", "trust"))
+    for own in table.classes:
+        numbers = [f"{getattr(own, c):.6g}" for c in PARAMETERS]
+        changed = _changes(before.get(own.name), own)
+        source, trust = own.source, own.trust
+        if changed:
+            trust = "fitted"
+            source = f"{provenance(own)}; before: {changed}."
+        rows.writerow((own.name, *numbers, source, trust))
+    return out.getvalue()
+
+
+def _changes(old: GroundClass | None, new: GroundClass) -> str:
+    if old is None:
+        return ""
+    pairs = [(c, getattr(old, c), getattr(new, c)) for c in PARAMETERS]
+    return ", ".join(f"{c} {a:g}" for c, a, b in pairs if a != b)
+
+
+def _toml_ready(value: Any) -> Any:
+    """A value of a section without numpy's types, numbers to six digits."""
+    if isinstance(value, np.generic | np.ndarray):
+        value = value.tolist()
+    if isinstance(value, float):
+        return float(f"{value:.6g}")
+    if isinstance(value, list | tuple):
+        return [_toml_ready(v) for v in value]
+    return value
