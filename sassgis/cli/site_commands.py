@@ -192,7 +192,8 @@ def init(
         _from_rockyfor3d(file, folder, settings, overwrite)
         return
     from sassgis.io.read.start_keys import start_keys, with_system, with_values
-    from sassgis.io.write.config_template import config_template, short_template, write_new
+    from sassgis.io.staging import write_new
+    from sassgis.io.write.config_template import config_template, short_template
     from sassgis.runs.inputs import collected_notices
 
     asked = with_values(start_keys(file.parent, dem, release), settings)
@@ -228,7 +229,7 @@ def schema(file: Path, overwrite: bool) -> None:
     import json
 
     from sassgis.io.read.config import config_schema
-    from sassgis.io.write.config_template import write_new
+    from sassgis.io.staging import write_new
 
     write_new(file, json.dumps(config_schema(), indent=1, ensure_ascii=False) + "\n", overwrite)
     click.echo(f"Wrote {file}. First line of the configuration, for editors: #:schema {file.name}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import json
 import os
 import shutil
 import sqlite3
@@ -168,6 +169,19 @@ def writing(path: Path) -> Iterator[None]:
         raise
 
 
+def write_text(path: Path, text: str) -> None:
+    """Write a text file; OutputError where the disk refuses."""
+    with writing(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8", newline="\n")
+
+
+def write_json(path: Path, content: object) -> None:
+    """Write plain values as JSON; OutputError where the disk refuses."""
+    text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)
+    write_text(path, text + "\n")
+
+
 def partial_folder(target: Path) -> Path:
     """The working folder of a result: beside it, so that a rename can put it in place."""
     target = Path(os.path.realpath(target))
@@ -306,6 +320,12 @@ def staged_file(target: Path, overwrite: bool = False) -> Iterator[Path]:
         raise
     finally:
         shutil.rmtree(work, ignore_errors=True)
+
+
+def write_new(file: Path, text: str, overwrite: bool) -> None:
+    """Write a text to a file of its own; OutputError if it is there already and must stay."""
+    with staged_file(file, overwrite) as work:
+        work.write_text(text, encoding="utf-8", newline="\n")
 
 
 def _check_file(target: Path, overwrite: bool) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -26,7 +25,7 @@ from sassgis.io.saved_arrays import (
     with_digest,
     write_saved,
 )
-from sassgis.io.staging import writing
+from sassgis.io.staging import write_json, writing
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.map_run import MapRun
 from sassgis.model.results import ControlLine
@@ -124,11 +123,7 @@ class Reached:
 
 def write_record(folder: Path, record: Record) -> None:
     """Write what is known of an area into its folder."""
-    path = folder / RECORD_NAME
-    with writing(path):
-        content = with_digest(asdict(record), "")
-        text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)
-        path.write_text(text + "\n", encoding="utf-8")
+    write_json(folder / RECORD_NAME, with_digest(asdict(record), ""))
 
 
 def read_record(folder: Path, tell: Callable[[str], None]) -> Record | None:

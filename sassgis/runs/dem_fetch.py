@@ -8,7 +8,7 @@ from pathlib import Path
 
 from sassgis.io.read.stac import COLLECTION, SERVER, TileOffer, find_tiles, read_search_area
 from sassgis.io.read.tiles import open_tiles
-from sassgis.io.staging import staged_file, writing
+from sassgis.io.staging import write_new, writing
 from sassgis.io.write.tile_download import fetch_tile
 from sassgis.io.write.virtual_raster import write_vrt
 from sassgis.model.errors import InputError
@@ -91,6 +91,5 @@ def fetch_terrain(
     facts = [
         {"file": o.name, "href": o.href, "date": o.date, "checksum": o.checksum} for o in offers
     ]
-    with staged_file(folder / SOURCES, overwrite=True) as work:
-        work.write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
+    write_new(folder / SOURCES, json.dumps(facts, indent=1) + "\n", overwrite=True)
     return write_vrt(folder / VRT, terrain, overwrite=True)

@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
-from dataclasses import asdict, is_dataclass
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 import sassgis
 from sassgis.gap.calibration.class_calibration import SiteCalibration, SiteResult
 from sassgis.gap.calibration.fit_errors import SHARES, QuantityErrors
+from sassgis.io.staging import write_json, write_text
 from sassgis.io.write.config_file import written_document
-from sassgis.io.write.gap_files import classes_csv, write_runnable, write_text
+from sassgis.io.write.gap_files import classes_csv, write_runnable
 from sassgis.io.write.manifest import plain
 from sassgis.model.ground import GroundClass, GroundTable
-from sassgis.model.labels import rounded
 from sassgis.model.run_config import Config
 
 #: The table of the fitted classes.
@@ -56,8 +51,7 @@ def write_calibration_json(path: Path, calibration: SiteCalibration) -> None:
         "sites_contradict": calibration.contradict,
         "sites": [_site(site) for site in calibration.sites],
     }
-    text = json.dumps(plain(_finite(content)), indent=2, ensure_ascii=False, allow_nan=False)
-    write_text(path, text + "\n")
+    write_json(path, plain(content, 6))
 
 
 def _site(site: SiteResult) -> dict[str, Any]:
@@ -89,19 +83,6 @@ def _errors(e: QuantityErrors) -> dict[str, Any]:
         "median_error": e.median_error,
         "crps_gain_left_out": e.gain,
     }
-
-
-def _finite(value: Any) -> Any:
-    """The same to six digits, with None for what is no number; dataclasses as mappings."""
-    if is_dataclass(value) and not isinstance(value, type):
-        value = asdict(value)
-    if isinstance(value, Mapping):
-        return {k: _finite(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(v) for v in value]
-    if isinstance(value, float | np.floating):
-        return rounded(value, 6)
-    return value
 
 
 def write_classes(path: Path, calibration: SiteCalibration, configured: GroundTable) -> None:

@@ -13,7 +13,8 @@ import tomli_w
 from sassgis.io.read.checked import is_preset_file
 from sassgis.io.read.config import FILE_KEYS, LISTS
 from sassgis.io.read.plain_file import seen_from
-from sassgis.io.staging import staged_file, writing
+from sassgis.io.staging import staged_file, write_new, writing
+from sassgis.io.write.manifest import plain
 from sassgis.model.in_memory import InMemory
 from sassgis.model.run_config import Config
 
@@ -46,8 +47,7 @@ def save_config(config: Config, path: str | PathLike[str], *, overwrite: bool = 
     """
     file = Path(path)
     document = written_document(config, file, overwrite)
-    with staged_file(file, overwrite) as work:
-        work.write_text(tomli_w.dumps(document), encoding="utf-8", newline="\n")
+    write_new(file, tomli_w.dumps(document), overwrite)
     return file
 
 
@@ -69,7 +69,7 @@ def written_document(config: Config, path: Path, overwrite: bool = False) -> dic
             return values
         files = FILE_KEYS.get(name, ())
         return {
-            key: named(value, own if key == "file" else key) if key in files else _toml_ready(value)
+            key: named(value, own if key == "file" else key) if key in files else plain(value)
             for key, value in values.items()
         }
 
@@ -97,10 +97,3 @@ def _written_beside(given: InMemory, file: Path, overwrite: bool) -> str:
         else:
             given.data.to_file(work, driver="GPKG", layer=file.stem)
     return file.name
-
-
-def _toml_ready(value: Any) -> Any:
-    """Codes of a raster are keys, and TOML has texts for keys."""
-    if isinstance(value, Mapping):
-        return {str(key): own for key, own in value.items()}
-    return str(value) if isinstance(value, Path) else value

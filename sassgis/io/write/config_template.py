@@ -6,13 +6,11 @@ import json
 import re
 import textwrap
 from collections.abc import Iterable, Mapping
-from pathlib import Path
 from typing import Any
 
 from sassgis.engine.effects.registry import EFFECTS
 from sassgis.io.read.checked import first_line
 from sassgis.io.read.config import LISTS, SECTIONS, declared_sections
-from sassgis.io.staging import staged_file
 from sassgis.model.declared import Declared
 
 _HEAD = """\
@@ -120,12 +118,6 @@ def config_template(given: Given = ()) -> str:
         rows = [f"{key} = {toml_value(value)}" for key, value in values.items()]
         parts.append("\n".join([_bracketed(name), *rows]) + "\n")
     return "\n".join(parts)
-
-
-def write_new(file: Path, text: str, overwrite: bool) -> None:
-    """Write a text to a file of its own; OutputError if it is there already and must stay."""
-    with staged_file(file, overwrite) as work:
-        work.write_text(text, encoding="utf-8")
 
 
 def _summary(section: str) -> str:

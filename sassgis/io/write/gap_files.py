@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import tomli_w
 
 import sassgis
@@ -19,7 +17,7 @@ from sassgis.gap.observations.case import Case
 from sassgis.gap.words import effect_name, rung_name
 from sassgis.io.read.config import load_config
 from sassgis.io.read.ground_map import read_ground_table
-from sassgis.io.staging import writing
+from sassgis.io.staging import write_json, write_text, writing
 from sassgis.io.write.config_file import written_document
 from sassgis.io.write.geopackage import write_geopackage
 from sassgis.io.write.layers.gap_map import (
@@ -45,8 +43,7 @@ FOREST_NAME = "forest.gpkg"
 def write_diagnosis_json(path: Path, diagnosis: Diagnosis) -> None:
     """Write ``diagnosis.json``."""
     # as_json makes missing numbers null; what else JSON does not know (infinity) becomes text.
-    text = json.dumps(plain(as_json(diagnosis)), indent=2, ensure_ascii=False, allow_nan=False)
-    write_text(path, text + "\n")
+    write_json(path, plain(as_json(diagnosis)))
 
 
 def write_gap_gpkg(path: Path, case: Case, diagnosis: Diagnosis) -> None:
@@ -107,7 +104,7 @@ def write_config_back(path: Path, config: Config, diagnosis: Diagnosis, case: Ca
         document.setdefault("engine", {}).update(calibrated.engine_keys)
     effects = document.setdefault("effects", {})
     for family, section in sections.items():
-        own = {k: _toml_ready(v) for k, v in section.items() if v is not None}
+        own = {k: plain(v, 6) for k, v in section.items() if v is not None}
         if family == "trees":
             given, known = effects.get(family, {}), declared(ForestPlace)
             stands = {k: v for k, v in given.items() if k in known}
@@ -148,13 +145,6 @@ def write_runnable(path: Path, comments: Sequence[str], document: Mapping[str, A
     # What cannot be run again is reported now, not in the next run.
     written = load_config(path)
     read_ground_table(written.ground.classes, written.engine.readings)
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write a text file; OutputError where the disk refuses."""
-    with writing(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8", newline="\n")
 
 
 def _comments(
@@ -244,14 +234,3 @@ def _changes(old: GroundClass | None, new: GroundClass) -> str:
         return ""
     pairs = [(c, getattr(old, c), getattr(new, c)) for c in PARAMETERS]
     return ", ".join(f"{c} {a:g}" for c, a, b in pairs if a != b)
-
-
-def _toml_ready(value: Any) -> Any:
-    """A value of a section without numpy's types, numbers to six digits."""
-    if isinstance(value, np.generic | np.ndarray):
-        value = value.tolist()
-    if isinstance(value, float):
-        return float(f"{value:.6g}")
-    if isinstance(value, list | tuple):
-        return [_toml_ready(v) for v in value]
-    return value

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import json
 import math
 import platform
 from collections.abc import Iterable, Mapping, Sequence
 from enum import Enum
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path, PurePath
+from typing import Any
 
 import numpy as np
 import pyogrio
@@ -20,9 +20,10 @@ import sassgis
 from sassgis.io.digests import content_digest, json_digest
 from sassgis.io.own_files import MANIFEST_DIGEST
 from sassgis.io.read.plain_file import seen_from
-from sassgis.io.staging import result_files, writing
+from sassgis.io.staging import result_files, write_json
 from sassgis.model.errors import InputError
 from sassgis.model.in_memory import InMemory, Input
+from sassgis.model.labels import rounded
 
 MANIFEST_FORMAT = 1
 
@@ -116,9 +117,7 @@ def write_manifest(
         ],
     }
     content[MANIFEST_DIGEST] = json_digest(content)
-    with writing(path):
-        text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)
-        path.write_text(text + "\n", encoding="utf-8")
+    write_json(path, content)
     return path
 
 
@@ -143,8 +142,10 @@ def _version(package: str) -> str:
         return "unknown"
 
 
-def plain(value: object) -> object:
+def plain(value: object, digits: int | None = None) -> Any:
     """The value as JSON knows it: dataclasses as objects, arrays as lists, infinity as text.
+
+    With ``digits`` numbers are rounded to so many, and None stands for what is no finite one.
 
     Raises
     ------
@@ -156,19 +157,20 @@ def plain(value: object) -> object:
     if value is None or isinstance(value, bool | int | str):
         return value
     if isinstance(value, float):
+        if digits is not None:
+            return rounded(value, digits)
         return value if math.isfinite(value) else str(value)
     if isinstance(value, np.generic | np.ndarray):
-        return plain(value.tolist())
+        return plain(value.tolist(), digits)
     if isinstance(value, PurePath):
         return value.as_posix()
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {
-            entry.name: plain(getattr(value, entry.name)) for entry in dataclasses.fields(value)
-        }
+        names = (entry.name for entry in dataclasses.fields(value))
+        return {name: plain(getattr(value, name), digits) for name in names}
     if isinstance(value, Mapping):
-        return {str(key): plain(entry) for key, entry in value.items()}
+        return {str(key): plain(entry, digits) for key, entry in value.items()}
     if isinstance(value, Iterable) and not isinstance(value, bytes):
-        return [plain(entry) for entry in value]
+        return [plain(entry, digits) for entry in value]
     raise TypeError(f"no form in JSON for {type(value).__name__}")
 
 

@@ -11,7 +11,7 @@ from rasterio.io import MemoryFile
 from rasterio.transform import from_origin
 
 from sassgis.io.qgis.markup import qml
-from sassgis.io.staging import writing
+from sassgis.io.staging import write_text, writing
 from sassgis.io.translated_layers import translated_raster
 from sassgis.model.grid import Grid
 from sassgis.model.ramps import rgb
@@ -65,9 +65,7 @@ def write_raster(layer: RasterLayer, grid: Grid, folder: Path) -> Path:
 def write_style(layer: RasterLayer, target: Path) -> None:
     """Write the QGIS style of a map beside it."""
     layer = translated_raster(layer)
-    style = target.with_suffix(".qml")
-    with writing(style):
-        style.write_text(qml(layer), encoding="utf-8")
+    write_text(target.with_suffix(".qml"), qml(layer))
 
 
 def check_classes(layer: RasterLayer) -> None:

@@ -8,7 +8,7 @@ from xml.etree import ElementTree as ET
 from sassgis.io.read.dem import open_raster
 from sassgis.io.read.plain_file import seen_from
 from sassgis.io.read.tiles import Terrain
-from sassgis.io.staging import staged_file
+from sassgis.io.staging import write_new
 
 #: Types that hold the nodata of the whole; heights in others are given as Float32.
 _TYPES = {"float32": "Float32", "float64": "Float64", "int16": "Int16", "int32": "Int32"}
@@ -58,6 +58,5 @@ def write_vrt(file: Path, terrain: Terrain, overwrite: bool = False) -> Path:
     ET.SubElement(band, "NoDataValue").text = repr(_NODATA)
     band.extend(sources)
     ET.indent(root, " ")
-    with staged_file(file, overwrite) as work:
-        work.write_text(ET.tostring(root, "unicode") + "\n", encoding="utf-8")
+    write_new(file, ET.tostring(root, "unicode") + "\n", overwrite)
     return file
