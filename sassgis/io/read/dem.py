@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import math
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -503,7 +503,22 @@ def system_of(grid: Grid, own: pyproj.CRS, file: Input, field: str) -> pyproj.CR
     return pyproj.CRS.from_wkt(grid.crs)
 
 
-def pair_of_systems(dataset: Any, grid: Grid, file: Input, field: str) -> tuple[str, str]:
+def on_cells(
+    file: Input, grid: Grid, field: str, read: Callable[[Any], NDArray[Any]], nodata: float
+) -> NDArray[Any]:
+    """Values of a raster on the cells of the DEM: those of its nearest cell.
+
+    ``read`` takes the open raster; ``nodata`` means no value, in what it gives and in the result.
+    """
+    with open_raster(file, field) as dataset:
+        values, transform = read(dataset), dataset.transform
+        own, target = _pair_of_systems(dataset, grid, file, field)
+    return resample(
+        values, transform, affine_of(grid), grid.shape, Resampling.nearest, nodata, own, target
+    )
+
+
+def _pair_of_systems(dataset: Any, grid: Grid, file: Input, field: str) -> tuple[str, str]:
     """Coordinate systems of a raster and of the DEM; two empty texts where they are the same."""
     if not dataset.crs:
         log.info("%s: states no coordinate system: taken to be that of the DEM", file)

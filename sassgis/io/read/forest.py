@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import logging
 import math
+from typing import Any
 
 import numpy as np
-from rasterio.warp import Resampling
 from scipy import ndimage
 
 from sassgis.io.read.csv_table import CsvColumn, read_table
-from sassgis.io.read.dem import affine_of, burnt, open_raster, pair_of_systems, read_band, resample
+from sassgis.io.read.dem import burnt, on_cells, read_band
 from sassgis.io.read.vector_features import Feature, read_features
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid
@@ -87,17 +87,14 @@ def _from_polygons(
 
 def _from_raster(file: Input, grid: Grid, field: str) -> FloatArray:
     """Values at the nearest cell; 0 where the raster has none."""
-    with open_raster(file, field) as raster:
-        own, target = pair_of_systems(raster, grid, file, field)
+
+    def read(raster: Any) -> FloatArray:
         # Not 0: the warper shifts valid zeros by a hair where that means no value.
-        values = np.ma.filled(read_band(raster, 1, file).astype(np.float64), np.nan)
-        transform = raster.transform
-    out: FloatArray = np.nan_to_num(
-        resample(
-            values, transform, affine_of(grid), grid.shape, Resampling.nearest, np.nan, own, target
-        ),
-        nan=0.0, posinf=np.inf,
-    )  # fmt: skip
+        values: FloatArray = np.ma.filled(read_band(raster, 1, file).astype(np.float64), np.nan)
+        return values
+
+    aligned = on_cells(file, grid, field, read, np.nan)
+    out: FloatArray = np.nan_to_num(aligned, nan=0.0, posinf=np.inf)
     if not np.isfinite(out).all() or (out < 0.0).any():
         raise InputError(
             "holds numbers that cannot be used", file=file, field=field, expected="0 or more"

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rasterio.enums import Resampling
 from rasterio.errors import RasterioError
 
 from sassgis.io.read.csv_table import (
@@ -21,7 +20,7 @@ from sassgis.io.read.csv_table import (
     required_and_optional,
     row_of,
 )
-from sassgis.io.read.dem import affine_of, burnt, open_raster, pair_of_systems, resample
+from sassgis.io.read.dem import burnt, on_cells, open_raster
 from sassgis.io.read.plain_file import read_text, toml_table
 from sassgis.io.read.vector_features import nearest, read_features
 from sassgis.model.errors import InputError
@@ -263,28 +262,20 @@ def _from_codes(
     default: int,
     may_miss: bool,
 ) -> NDArray[np.int32]:
-    wrong = partial(InputError, file=file, field="ground.file")
     classes = ground.raster_classes or {}
     indices = {
         code: _class_index(name, table, f"class of code {code}", file, "ground.raster_classes")
         for code, name in classes.items()
     }
-    with open_raster(file, "ground.file") as dataset:
-        if dataset.count != 1:
-            raise wrong(
-                "has several bands", found=f"{dataset.count} bands", expected="one band of codes"
-            )
-        if dataset.transform.is_identity:
-            raise wrong("has no georeference", expected="a raster that lies on the map")
-        read = _codes(dataset, file)
-        own, target = pair_of_systems(dataset, grid, file, "ground.file")
-        transform = dataset.transform
-    aligned = resample(
-        read, transform, affine_of(grid), grid.shape, Resampling.nearest, _NO_CODE, own, target
-    )
+    aligned = on_cells(file, grid, "ground.file", partial(_codes, file=file), _NO_CODE)
     present, counts = np.unique(aligned, return_counts=True)
     if present.tolist() == [_NO_CODE] and not may_miss:
-        raise wrong("holds no ground class on the DEM", expected="a raster that overlaps the DEM")
+        raise InputError(
+            "holds no ground class on the DEM",
+            file=file,
+            field="ground.file",
+            expected="a raster that overlaps the DEM",
+        )
     result = np.full(grid.shape, default, dtype=np.int32)
     for code, count in zip(present.tolist(), counts.tolist(), strict=True):
         if code == _NO_CODE:
@@ -306,6 +297,12 @@ def _from_codes(
 def _codes(dataset: Any, file: Input) -> NDArray[np.int32]:
     """Codes as whole numbers; nodata as a number that no code can have."""
     wrong = partial(InputError, file=file, field="ground.file")
+    if dataset.count != 1:
+        raise wrong(
+            "has several bands", found=f"{dataset.count} bands", expected="one band of codes"
+        )
+    if dataset.transform.is_identity:
+        raise wrong("has no georeference", expected="a raster that lies on the map")
     try:
         raw = dataset.read(1, masked=True)
     except (RasterioError, OSError) as error:

@@ -6,7 +6,7 @@ import difflib
 import logging
 import math
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
@@ -108,7 +108,6 @@ def read_features(
     fields: Mapping[str, str | None] | None = None,
     label: str | None = None,
     kinds: Sequence[str] = ("polygon", "line", "point"),
-    choose: Callable[[Sequence[Feature]], list[Feature]] | None = None,
     may_be_empty: bool = False,
 ) -> list[Feature]:
     """Read a layer, check its geometries and bring them into the coordinates of the DEM.
@@ -121,18 +120,13 @@ def read_features(
         Attribute with the names of the features, for messages.
     kinds
         Kinds of geometry that can be used.
-    choose
-        Picks the features to read, by number and attributes alone. Default: all.
     may_be_empty
         Whether a layer without features is no fault.
     """
     frame = open_layer(file, layer, key, fields or {}, may_be_empty)
     if not len(frame):
         return []
-    plain = without_shapes(frame, file, label)
-    if choose is not None:
-        plain = choose(plain)
-    return with_shapes(plain, frame, file, grid, key, kinds)
+    return with_shapes(without_shapes(frame, file, label), frame, file, grid, key, kinds)
 
 
 def with_shapes(

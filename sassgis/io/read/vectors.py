@@ -72,6 +72,13 @@ def _release_file(release: ReleaseSettings) -> Input:
     return release.file
 
 
+def _release_layer(release: ReleaseSettings) -> tuple[Input, Any]:
+    """The file and the layer, with all attributes that are asked for."""
+    file = _release_file(release)
+    fields = {"name_field": release.name_field, "scenario_field": release.scenario_field}
+    return file, open_layer(file, release.layer, "release", fields)
+
+
 def read_release(
     release: ReleaseSettings,
     grid: Grid,
@@ -91,35 +98,23 @@ def read_release(
         In the order of the file. What can be used but deserves a look (an area partly outside the
         DEM, over nodata, too flat for a start, or over another area) is logged as a warning.
     """
-    file = _release_file(release)
-    name_field, scenario_field = release.name_field, release.scenario_field
-
-    def chosen(features: Sequence[Feature]) -> list[Feature]:
-        names = feature_names(features, "area", "release")
-        for name in only or ():
-            if name not in names:
-                raise InputError(
-                    "no release area has this name",
-                    file=file,
-                    field="area",
-                    found=repr(name),
-                    expected=nearest(name, names),
-                )
-        return [f for f, n in zip(features, names, strict=True) if only is None or n in only]
-
-    features = read_features(
-        file,
-        grid,
-        "release",
-        layer=release.layer,
-        fields={"name_field": name_field, "scenario_field": scenario_field},
-        label=name_field,
-        choose=chosen,
-    )
+    file, frame = _release_layer(release)
+    features = without_shapes(frame, file, release.name_field)
     names = feature_names(features, "area", "release")
+    for name in only or ():
+        if name not in names:
+            raise InputError(
+                "no release area has this name",
+                file=file,
+                field="area",
+                found=repr(name),
+                expected=nearest(name, names),
+            )
+    places = [k for k, name in enumerate(names) if only is None or name in only]
+    shaped = with_shapes([features[k] for k in places], frame, file, grid, "release")
     areas = [
-        release_area(feature, name, release, grid, block_names)
-        for feature, name in zip(features, names, strict=True)
+        release_area(feature, names[k], release, grid, block_names)
+        for feature, k in zip(shaped, places, strict=True)
     ]
     warn_of_overlaps(areas, file)
     return areas
@@ -135,9 +130,7 @@ def read_release_feature(release: ReleaseSettings, number: int, grid: Grid) -> F
     grid
         The terrain model; its heights are not looked at.
     """
-    file = _release_file(release)
-    fields = {"name_field": release.name_field, "scenario_field": release.scenario_field}
-    frame = open_layer(file, release.layer, "release", fields)
+    file, frame = _release_layer(release)
     own = without_shapes(frame.iloc[[number - 1]], file, release.name_field)[0]
     return with_shapes([replace(own, number=number)], frame, file, grid, "release")[0]
 
