@@ -34,10 +34,10 @@ from sassgis.io.read.tiles import Part, hull
 from sassgis.io.read.vectors import release_area, warn_of_overlaps
 from sassgis.io.staging import staged_output, writing
 from sassgis.io.vector_layer import VectorLayer
-from sassgis.io.write.block_maps import TILE, BlockMaps, Unfinished, finish_map
 from sassgis.io.write.layers import run_vectors
 from sassgis.io.write.layers.maps import terrain_layer
 from sassgis.io.write.layers.risk_objects import exposed_layers
+from sassgis.io.write.raster import TILE, BlockMaps, Unfinished, finish_map
 from sassgis.model.exposure import PlacedObjects
 from sassgis.model.grid import Grid
 from sassgis.model.languages import in_language

@@ -16,7 +16,7 @@ from sassgis.hazard.volume_frequency import (
     fit_test,
     higher_thresholds,
 )
-from sassgis.io.read.block_survey import read_block_survey
+from sassgis.io.read.frequencies import read_block_survey
 from sassgis.io.write.config_template import toml_value
 from sassgis.model.errors import ConfigError
 from sassgis.model.hazard import OnsetUnit

@@ -43,11 +43,9 @@ from sassgis.io.write.layers.federal_model import (
     RESPONSIBILITY,
     Attribute,
     FederalClass,
-    is_lv95,
-)
-from sassgis.io.write.layers.federal_values import (
     check_extent,
     checked_values,
+    is_lv95,
     plain,
     surface_parts,
 )

@@ -1,11 +1,17 @@
-"""Onset frequencies of single release areas, from a table."""
+"""How often blocks come, from tables: onset frequencies, and volumes that were observed."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from pathlib import Path
 from typing import get_args
 
-from sassgis.io.read.csv_table import CsvColumn, read_table
+import numpy as np
+
+from sassgis.hazard.volume_frequency import BlockSurvey
+from sassgis.io.read.csv_table import CsvColumn, csv_cells, csv_rows, read_table
+from sassgis.io.read.plain_file import number, read_text
 from sassgis.model.errors import InputError
 from sassgis.model.hazard import Onset, OnsetUnit
 from sassgis.model.in_memory import Input
@@ -47,3 +53,72 @@ def read_frequencies(
             )
         found[key] = Onset(row["frequency"], row["unit"])
     return found
+
+
+_LIST, _CLASSES = ("volume_m3",), ("from_m3", "to_m3", "count")
+
+
+def read_block_survey(file: Path) -> tuple[BlockSurvey, tuple[str, ...]]:
+    """Read a list of block volumes, or counts of blocks by class of volume.
+
+    Parameters
+    ----------
+    file : Path
+        CSV with the column volume_m3 and, if one row is several blocks, count; or with from_m3,
+        to_m3 (empty in an open class) and count. Other columns are left out.
+
+    Returns
+    -------
+    left_out : tuple of str
+        Columns that were not read.
+    """
+    text = read_text(file, "blocks", "a CSV table of block volumes")
+    columns, _, _ = csv_cells(text, file)
+    needed = _CLASSES if "from_m3" in columns else _LIST
+    read = {*needed, "count"}
+    for name in needed:
+        if name not in columns:
+            raise InputError(
+                "row 1: missing column", file=file, field=name,
+                found=", ".join(columns) or "nothing",
+                expected=f"{_LIST[0]}, or {', '.join(_CLASSES[:-1])} and {_CLASSES[-1]}",
+            )  # fmt: skip
+    others = tuple(c for c in columns if c not in read)
+    rows = []
+    for where, row in csv_rows(text, file, needed, ("count", *others), tuple(read)):
+
+        def value(
+            column: str, least: float, where: str = where, row: dict[str, str] = row
+        ) -> float:
+            found = number(row[column], where, column, file)
+            if found < least or (column != "count" and found <= 0.0):
+                expected = "0 or more" if column == "count" else f"a volume above {least:g} m3"
+                raise InputError(
+                    f"{where}: cannot be used",
+                    file=file,
+                    field=column,
+                    found=row[column],
+                    expected=expected,
+                )
+            return found
+
+        low = value(needed[0], 0.0)
+        if needed is _LIST:
+            high = low
+        else:
+            high = value("to_m3", low) if row["to_m3"] else math.inf
+        rows.append((low, high, value("count", 0.0) if "count" in columns else 1.0))
+    if not rows:
+        raise InputError("has no blocks", file=file, expected="one row for each block or class")
+    low, high, count = np.array(sorted(rows)).T
+    if needed is _CLASSES and (high[:-1] > low[1:]).any():
+        at = int(np.argmax(high[:-1] > low[1:]))
+        found = f"{high[at]:g}, and the next from {low[at + 1]:g}"
+        raise InputError(
+            "classes overlap",
+            file=file,
+            field="to_m3",
+            found=found,
+            expected="classes one above the other",
+        )
+    return BlockSurvey(low, high, count), others

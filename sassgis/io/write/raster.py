@@ -1,14 +1,19 @@
-"""Maps as Cloud-Optimised GeoTIFF, each with its QGIS style beside it."""
+"""Maps as Cloud-Optimised GeoTIFF, whole or block by block, each with its QGIS style beside it."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from pathlib import Path
+from types import TracebackType
 from typing import Any
 
 import numpy as np
+import rasterio
+import rasterio.shutil
 from numpy.typing import NDArray
 from rasterio.io import MemoryFile
 from rasterio.transform import from_origin
+from rasterio.windows import Window
 
 from sassgis.io.qgis.markup import qml
 from sassgis.io.staging import write_text, writing
@@ -16,7 +21,7 @@ from sassgis.io.translated_layers import translated_raster
 from sassgis.model.grid import Grid
 from sassgis.model.ramps import rgb
 from sassgis.model.results import Band, RasterLayer
-from sassgis.model.styles import class_tint
+from sassgis.model.styles import class_tint, zero_is_nothing
 
 #: Of measured numbers. NaN would do for the cells, but GDAL's most-frequent-value overviews turn it
 #: into zeros (seen with 3.10); every GIS knows this one.
@@ -24,6 +29,10 @@ NODATA = -9999.0
 #: Of maps of classes, by the type of their numbers; 0 is left to mean "not reached".
 CLASS_NODATA = {"uint8": 255, "int16": -32768, "int32": -2147483648}
 _BLOCK = 256
+#: Side of the tiles of the files in between; blocks that begin at multiples of it are quickest.
+TILE = 512
+#: Most memory that GDAL may hold back (bytes).
+_CACHE = 256 << 20
 
 
 def write_raster(layer: RasterLayer, grid: Grid, folder: Path) -> Path:
@@ -51,24 +60,24 @@ def write_raster(layer: RasterLayer, grid: Grid, folder: Path) -> Path:
                 f"band {band.name} of {layer.stem} has shape {band.values.shape}, "
                 f"the grid {grid.shape}"
             )
-    check_classes(layer)
+    _check_classes(layer)
     target = folder / f"{layer.stem}.tif"
     with writing(target):
         folder.mkdir(parents=True, exist_ok=True)
         # GDAL writes when it closes a file and may then only log that the disk is full; plain
         # Python, writing what GDAL made in memory, fails with the reason.
         target.write_bytes(_encode(layer, grid))
-    write_style(layer, target)
+    _write_style(layer, target)
     return target
 
 
-def write_style(layer: RasterLayer, target: Path) -> None:
+def _write_style(layer: RasterLayer, target: Path) -> None:
     """Write the QGIS style of a map beside it."""
     layer = translated_raster(layer)
     write_text(target.with_suffix(".qml"), qml(layer))
 
 
-def check_classes(layer: RasterLayer) -> None:
+def _check_classes(layer: RasterLayer) -> None:
     """Raise ValueError if a map of classes holds a number above 0 that is no class."""
     if not layer.classes:
         return
@@ -101,15 +110,15 @@ def _encode(layer: RasterLayer, grid: Grid) -> bytes:
     number_type, nodata = _number_type(layer)
     with MemoryFile(ext=".tif") as memory:
         with memory.open(
-            **frame_of(layer, grid, number_type, nodata), **cog_options(layer)
+            **_frame_of(layer, grid, number_type, nodata), **_cog_options(layer)
         ) as dataset:
-            describe(dataset, layer, grid, number_type)
+            _describe(dataset, layer, grid, number_type)
             for number, band in enumerate(layer.bands, start=1):
-                dataset.write(stored(band, number_type, nodata), number)
+                dataset.write(_stored(band, number_type, nodata), number)
         return bytes(memory.getbuffer())
 
 
-def frame_of(layer: RasterLayer, grid: Grid, number_type: str, nodata: float) -> dict[str, Any]:
+def _frame_of(layer: RasterLayer, grid: Grid, number_type: str, nodata: float) -> dict[str, Any]:
     """Size, type and place of the file of a map."""
     return {
         "width": grid.shape[1], "height": grid.shape[0], "count": len(layer.bands),
@@ -118,7 +127,7 @@ def frame_of(layer: RasterLayer, grid: Grid, number_type: str, nodata: float) ->
     }  # fmt: skip
 
 
-def cog_options(layer: RasterLayer) -> dict[str, Any]:
+def _cog_options(layer: RasterLayer) -> dict[str, Any]:
     """How GDAL makes the Cloud-Optimised GeoTIFF of a map."""
     return {
         "driver": "COG",
@@ -136,7 +145,7 @@ def cog_options(layer: RasterLayer) -> dict[str, Any]:
     }
 
 
-def describe(dataset: Any, layer: RasterLayer, grid: Grid, number_type: str) -> None:
+def _describe(dataset: Any, layer: RasterLayer, grid: Grid, number_type: str) -> None:
     """Set tags, names and colours."""
     layer = translated_raster(layer)
     dataset.update_tags(TITLE=layer.title, NOTE=layer.note, AREA_OR_POINT="Area")
@@ -159,6 +168,114 @@ def describe(dataset: Any, layer: RasterLayer, grid: Grid, number_type: str) -> 
         dataset.write_colormap(1, colours)
 
 
-def stored(band: Band, number_type: str, nodata: float) -> NDArray[Any]:
+def _stored(band: Band, number_type: str, nodata: float) -> NDArray[Any]:
     """Values of a band as they are in the file."""
     return np.where(np.isfinite(band.values), band.values, nodata).astype(number_type)
+
+
+# ---------------------------------------------------------------------------------------------
+# Block by block, so that no map is ever in memory as a whole
+
+
+@dataclass(frozen=True, slots=True)
+class Unfinished:
+    """A map all of whose blocks are written: the file that holds them, and the one to make."""
+
+    layer: RasterLayer
+    between: Path
+    target: Path
+
+
+def finish_map(unfinished: Unfinished) -> None:
+    """Turn the file in between into a Cloud-Optimised GeoTIFF with overviews; it stays."""
+    with rasterio.Env(GDAL_CACHEMAX=_CACHE), writing(unfinished.target):
+        rasterio.shutil.copy(
+            unfinished.between, unfinished.target, **_cog_options(unfinished.layer)
+        )
+
+
+class BlockMaps:
+    """Maps of a grid that is too large for the memory: close them, then finish_map each.
+
+    Cells of blocks that are never written are nodata. The files are those of write_raster, but for
+    a map of classes whose other bands hold no classes: it holds fractions whatever the values.
+    """
+
+    def __init__(self, grid: Grid, folder: Path) -> None:
+        self._grid = grid
+        self._folder = folder
+        self._open: dict[str, tuple[Any, RasterLayer]] = {}
+        self._limits: dict[str, tuple[float, float]] = {}
+        self._unfinished: list[Unfinished] = []
+        self._env = rasterio.Env(GDAL_CACHEMAX=_CACHE)
+
+    def __enter__(self) -> BlockMaps:
+        self._env.__enter__()
+        with writing(self._folder):
+            self._folder.mkdir(parents=True, exist_ok=True)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        try:
+            for stem in list(self._open):
+                self._close(stem, kind is None)
+        finally:
+            self._env.__exit__(kind, error, trace)
+
+    def write(self, layer: RasterLayer, row: int, col: int) -> None:
+        """Write a block of a map; ``row`` and ``col`` are those of its first cell."""
+        _check_classes(layer)
+        target = self._between(layer.stem)
+        n_rows, n_cols = layer.bands[0].values.shape
+        number_type, nodata = "float32", NODATA
+        if layer.classes and all(band.unit == "class" for band in layer.bands):
+            number_type, nodata = "uint8", CLASS_NODATA["uint8"]
+        with writing(target):
+            if layer.stem not in self._open:
+                dataset = rasterio.open(
+                    target, "w", **_frame_of(layer, self._grid, number_type, nodata),
+                    driver="GTiff", compress="DEFLATE", zlevel=1, tiled=True, blockxsize=TILE,
+                    blockysize=TILE, sparse_ok=True, bigtiff="YES", interleave="band",
+                )  # fmt: skip
+                _describe(dataset, layer, self._grid, number_type)
+                empty = tuple(replace(b, values=b.values[:0]) for b in layer.bands)
+                self._open[layer.stem] = dataset, replace(layer, bands=empty)
+            dataset, _ = self._open[layer.stem]
+            window = Window(col, row, n_cols, n_rows)
+            for number, band in enumerate(layer.bands, start=1):
+                dataset.write(_stored(band, number_type, nodata), number, window=window)
+        shown = layer.bands[0].values
+        shown = shown[np.isfinite(shown)]
+        if zero_is_nothing(layer.bands[0].unit):
+            shown = shown[shown != 0]
+        if shown.size:
+            low, high = self._limits.get(layer.stem, (np.inf, -np.inf))
+            self._limits[layer.stem] = min(low, float(shown.min())), max(high, float(shown.max()))
+
+    @property
+    def unfinished(self) -> tuple[Unfinished, ...]:
+        """The maps, once they are closed; of their values only the smallest and the largest."""
+        return tuple(self._unfinished)
+
+    def _between(self, stem: str) -> Path:
+        return self._folder / f"{stem}.blocks.tif"
+
+    def _close(self, stem: str, whole: bool) -> None:
+        """Close a map whose blocks are written, and write its style."""
+        dataset, layer = self._open.pop(stem)
+        between, target = self._between(stem), self._folder / f"{stem}.tif"
+        with writing(target):
+            dataset.close()
+            if not whole:
+                between.unlink()
+                return
+        # Styles without limits of their own go from the smallest to the largest value.
+        limits = np.array([self._limits.get(stem, (np.nan, np.nan))])
+        layer = replace(layer, bands=(replace(layer.bands[0], values=limits), *layer.bands[1:]))
+        _write_style(layer, target)
+        self._unfinished.append(Unfinished(layer, between, target))

@@ -9,8 +9,7 @@ import numpy as np
 import rasterio
 from rasterio.errors import RasterioError
 
-from sassgis.io.read.stac import TileOffer
-from sassgis.io.read.web import NoAnswer, opened
+from sassgis.io.read.stac import NoAnswer, TileOffer, opened
 from sassgis.io.staging import writing
 from sassgis.model.errors import InputError, OutputError
 

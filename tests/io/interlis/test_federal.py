@@ -25,8 +25,6 @@ from sassgis.io.write.layers.federal_model import (
     federal_note,
     in_federal_extent,
     is_lv95,
-)
-from sassgis.io.write.layers.federal_values import (
     shortened,
     surface_parts,
     unique_short_names,

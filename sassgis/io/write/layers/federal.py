@@ -24,14 +24,12 @@ from sassgis.io.write.layers.federal_model import (
     FEDERAL_CLASSES,
     FEDERAL_EPSG,
     RESPONSIBILITY,
+    check_extent,
+    checked_values,
     federal_note,
     has_federal_codes,
     in_federal_extent,
     is_lv95,
-)
-from sassgis.io.write.layers.federal_values import (
-    check_extent,
-    checked_values,
     plain,
     shortened,
     surface_parts,

@@ -14,8 +14,8 @@ from sassgis.hazard.assess import raster
 from sassgis.hazard.ground_spread import HIGH, LOW, SpreadMaps
 from sassgis.hazard.sensitivity import SensitivityMaps
 from sassgis.io.vector_layer import VectorLayer, described_layer
-from sassgis.io.write.layers.footprint import cell_outlines, footprints
 from sassgis.io.write.layers.maps import Place, described_band, described_raster, level_classes
+from sassgis.io.write.layers.run_vectors import cell_outlines, footprints
 from sassgis.io.write.layers.zones import level_changes
 from sassgis.model.grid import Grid, IntArray
 from sassgis.model.ground_ranges import ParameterRange
