@@ -105,13 +105,6 @@ def without_expressions(text: str) -> str:
     return text.replace("[%", "[\N{WORD JOINER}%")
 
 
-def options(parent: ET.Element, items: dict[str, str]) -> None:
-    """Add a map of names to texts."""
-    entries = ET.SubElement(parent, "Option", type="Map")
-    for name, value in items.items():
-        ET.SubElement(entries, "Option", name=name, type="QString", value=value)
-
-
 class _Shading(NamedTuple):
     """The colours of a band of numbers: value, colour and label of each; QGIS takes <= value."""
 

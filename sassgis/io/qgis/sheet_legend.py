@@ -7,7 +7,7 @@ from typing import NamedTuple
 from xml.etree import ElementTree as ET
 
 from sassgis.io.qgis.entries import LayerEntry
-from sassgis.io.qgis.markup import options, without_expressions
+from sassgis.io.qgis.markup import filled, without_expressions
 from sassgis.io.qgis.text_size import text_height, wrapped
 from sassgis.io.vector_layer import VectorLayer
 from sassgis.model.languages import translated
@@ -26,6 +26,19 @@ class _LegendEntry(NamedTuple):
     layer: LayerEntry
     title: list[str]
     classes: list[list[str]]
+
+    @property
+    def texts(self) -> dict[str, str]:
+        """What QGIS shows of it in the legend, by the name of the property."""
+        raster = isinstance(self.layer.content, RasterLayer)
+        texts = {"legend/title-label": "\n".join(self.title)}
+        if raster:
+            # QGIS lists the name of the band before the classes.
+            places = range(1, 1 + max(len(self.classes), 1))
+            texts["legend/node-order"] = ",".join(map(str, places))
+        for place, lines in enumerate(self.classes, start=int(raster)):
+            texts[f"legend/label-{place}"] = "\n".join(lines)
+        return {key: without_expressions(text) for key, text in texts.items()}
 
 
 def _class_texts(content: RasterLayer | VectorLayer) -> list[str]:
@@ -105,47 +118,12 @@ def fill_legend(
     tree = item.find("layer-tree-group")
     assert tree is not None
     tree.clear()
-    ET.SubElement(tree, "customproperties")
-    others = tree
-    if heading:
-        others = ET.Element(
-            "layer-tree-group", name=translated("Also shown"), checked="Qt::Checked", expanded="1"
+    tree.extend(
+        filled(
+            "qgis_legend.xml.j2",
+            classed=[entry for entry, alone in zip(entries, single, strict=True) if not alone],
+            single=[entry for entry, alone in zip(entries, single, strict=True) if alone],
+            heading=translated("Also shown") if heading else "",
         )
-        ET.SubElement(others, "customproperties")
-    for entry, alone in zip(entries, single, strict=True):
-        (others if alone else tree).append(_legend_leaf(entry))
-    if heading:
-        tree.append(others)
-    ET.SubElement(tree, "custom-order", enabled="0")
-    return _legend_height(entries, points, symbol_height, heading=heading) + 1.0
-
-
-def _legend_leaf(entry: _LegendEntry) -> ET.Element:
-    """A layer in the legend, its texts broken into lines where they are long."""
-    layer = entry.layer
-    leaf = ET.Element(
-        "layer-tree-layer",
-        {
-            "id": layer.key,
-            "name": layer.content.title,
-            "source": layer.datasource,
-            "providerKey": layer.provider,
-            "checked": "Qt::Checked",
-            "expanded": "1",
-            "legend_exp": "",
-            "legend_split_behavior": "0",
-            "patch_size": "0,0",
-        },
     )
-    first = 0
-    properties = {"legend/title-label": "\n".join(entry.title)}
-    if isinstance(layer.content, RasterLayer):
-        # QGIS lists the name of the band before the classes.
-        first = 1
-        places = range(1, 1 + max(len(entry.classes), 1))
-        properties["legend/node-order"] = ",".join(map(str, places))
-    for place, lines in enumerate(entry.classes, start=first):
-        properties[f"legend/label-{place}"] = "\n".join(lines)
-    plain = {key: without_expressions(text) for key, text in properties.items()}
-    options(ET.SubElement(leaf, "customproperties"), plain)
-    return leaf
+    return _legend_height(entries, points, symbol_height, heading=heading) + 1.0
