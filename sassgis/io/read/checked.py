@@ -322,17 +322,24 @@ class Messages:
         The file as it was read, for the names of blocks and stations.
     lists : tuple of str
         Sections that are written with double brackets.
-    keys_at : callable
-        From a place to the keys that are known there.
+    meaning : callable
+        From the place of a key to what it is; None where no key is.
     nearest : callable
         From the place of an unknown key to what was probably meant.
+    named_by : str
+        Key by which a section with double brackets is called.
+    expected : callable
+        From a place and the kind of pydantic's error to what would have been accepted, where the
+        file has words of its own for it.
     """
 
-    file: Path | None
+    file: object
     document: Mapping[str, Any]
     lists: tuple[str, ...]
-    keys_at: Callable[[Place], Mapping[str, Declared]]
+    meaning: Callable[[Place], str | None]
     nearest: Callable[[Place], str]
+    named_by: str = "name"
+    expected: Callable[[Place, str], str | None] = lambda _loc, _kind: None
 
     def of(self, error: ValidationError) -> list[ConfigError]:
         """All that is wrong."""
@@ -345,17 +352,16 @@ class Messages:
         if kind == "extra_forbidden":
             return wrong("unknown key", field=field, expected=self.nearest(loc))
         if kind == "missing":
-            own = self.keys_at(loc).get(str(loc[-1]))
-            text = "two numbers [x, y]" if own is None else own.description
-            problem = "is too short" if own is None else "missing key"
-            return wrong(problem, field=field, expected=text)
+            text = self.meaning(loc)
+            problem = "is too short" if text is None else "missing key"
+            return wrong(problem, field=field, expected=text or "two numbers [x, y]")
         found: object = context["found"] if "found" in context else in_short(e["input"])
         if kind == "sassgis":
             if context["key"]:
                 field = f"{field}.{context['key']}"
                 found = context.get("found")
             return wrong(context["problem"], field=field, found=found, expected=context["expected"])
-        expected = self._expected(loc, kind, context, e["msg"])
+        expected = self.expected(loc, kind) or self._expected(loc, kind, context, e["msg"])
         return wrong("cannot be used", field=field, found=found, expected=expected)
 
     def _expected(self, loc: Place, kind: str, context: Mapping[str, Any], message: str) -> str:
@@ -381,13 +387,14 @@ class Messages:
         if head in self.lists and rest and isinstance(rest[0], int):
             number = int(rest.pop(0))
             try:
-                name = self.document[head][number]["name"]
+                name = self.document[head][number][self.named_by]
             except (KeyError, IndexError, TypeError):
                 name = None
             text += f"[{name}]" if isinstance(name, str) and name.strip() else f"[no. {number + 1}]"
         for part in rest:
-            # The place inside a pair or a list is given by the value that was found there.
-            if isinstance(part, str) and part != "[key]":
+            # The place inside a pair or a list is given by the value that was found there; what is
+            # a text or a list was tried as both.
+            if isinstance(part, str) and part not in ("[key]", "str", "list[str]"):
                 text += f".{part}"
         return text
 

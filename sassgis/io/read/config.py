@@ -257,7 +257,7 @@ def _config_of(document: dict[str, Any], file: Path | None, base: Path) -> Confi
     try:
         sections = _document().validate_python(document, context={"base": base, "file": file})
     except ValidationError as error:
-        messages = Messages(file, document, LISTS, _keys_at, _nearest)
+        messages = Messages(file, document, LISTS, _meaning, _nearest)
         raise first_of(messages.of(error)) from None
     problems = _cross_checks(sections, file)
     made = [_population(block, file) for block in sections.get("blocks", ())]
@@ -531,6 +531,11 @@ def _keys_at(loc: Place) -> Mapping[str, Declared]:
     if name != "effects":
         return declared(SECTIONS[name]) if len(loc) > 1 else {}
     return EFFECTS[str(loc[1])].keys if len(loc) > 2 else {}
+
+
+def _meaning(loc: Place) -> str | None:
+    own = _keys_at(loc).get(str(loc[-1]))
+    return None if own is None else own.description
 
 
 def _nearest(loc: Place) -> str:

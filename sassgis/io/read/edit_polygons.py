@@ -19,6 +19,7 @@ from sassgis.io.read.vector_features import (
     open_layer,
     outside,
     read_features,
+    refuse_unknown,
     share_inside,
 )
 from sassgis.io.vector_layer import descriptions
@@ -109,9 +110,8 @@ def _edit(feature: Feature, codes: Sequence[str], grid: Grid) -> Edit:
         return found
 
     def one_of(column: str, found: str, known: Sequence[str]) -> int:
-        if found not in known:
-            meant = nearest(found, known)
-            raise feature.wrong("has an unknown value", column, found=repr(found), expected=meant)
+        problem = f"{feature.label} has an unknown value"
+        refuse_unknown(found, known, problem, file=feature.file, field=column)
         return known.index(found)
 
     level = one_of("level", text("level", nearest("", codes)), codes)

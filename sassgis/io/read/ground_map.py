@@ -22,7 +22,7 @@ from sassgis.io.read.csv_table import (
 )
 from sassgis.io.read.dem import burnt, on_cells, open_raster
 from sassgis.io.read.plain_file import read_text, toml_table
-from sassgis.io.read.vector_features import nearest, read_features
+from sassgis.io.read.vector_features import read_features, refuse_unknown
 from sassgis.model.errors import InputError
 from sassgis.model.grid import Grid
 from sassgis.model.ground import PARAMETERS, TRUST_TEXT, GroundClass, GroundTable
@@ -209,15 +209,8 @@ def default_class(ground: GroundSettings, table: GroundTable) -> int:
 
 
 def _class_index(name: str, table: GroundTable, who: str, file: Input | None, field: str) -> int:
-    if name in table.names:
-        return table.index(name)
-    raise InputError(
-        f"{who} is not a known ground class",
-        file=file,
-        field=field,
-        found=repr(name),
-        expected=nearest(name, table.names),
-    )
+    refuse_unknown(name, table.names, f"{who} is not a known ground class", file=file, field=field)
+    return table.index(name)
 
 
 def _from_polygons(

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
-from functools import partial
+from collections.abc import Mapping
 from importlib import resources
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from sassgis.hazard.preset_labels import preset_unverified
-from sassgis.io.read.checked import EXPECTED, first_of, in_short
+from sassgis.io.read.checked import Messages, Place, first_of
 from sassgis.io.read.plain_file import read_text, toml_table
-from sassgis.io.read.vector_features import nearest
+from sassgis.io.read.vector_features import nearest, refuse_unknown
 from sassgis.model.errors import InputError
 from sassgis.model.hazard import HazardLevel, HazardPreset, IntensityClass, Provenance, SheetRules
 
@@ -132,7 +131,8 @@ def _preset(text: str, name: str, file: str) -> HazardPreset:
     try:
         content = _File.model_validate(document)
     except ValidationError as error:
-        raise first_of([_one_line(dict(e), file, document) for e in error.errors()]) from None
+        messages = Messages(file, document, _LISTS, _meaning, _nearest, "code", _expected)
+        raise first_of(messages.of(error)) from None
     return _Reading(content, file).preset(name)
 
 
@@ -158,8 +158,7 @@ class _Reading:
             levels.append(HazardLevel(k.code, k.label, k.colour, k.hatched, own))
         known = [c.code for c in intensities]
         for code in content.matrix:
-            if code not in known:
-                raise self._unknown("row of no intensity class", f"matrix.{code}", code, known)
+            self._refer(code, known, "row of no intensity class", f"matrix.{code}")
         for code in known:
             if code not in content.matrix:
                 found = ", ".join(content.matrix) or "no row"
@@ -195,16 +194,14 @@ class _Reading:
         return SheetRules(**own, provenance=self._source(sheet.source, "sheet"))
 
     def _source(self, key: str, where: str) -> Provenance:
-        if key not in self._sources:
-            problem = "names a source that is not defined"
-            raise self._unknown(problem, f"{where}.source", key, list(self._sources))
+        problem = "names a source that is not defined"
+        self._refer(key, list(self._sources), problem, f"{where}.source")
         return self._sources[key]
 
     def _levels(self, row: _Row, where: str) -> tuple[int, ...]:
         codes = [c.code for c in self._content.levels]
         for code in row.levels:
-            if code not in codes:
-                raise self._unknown("names no level", f"{where}.levels", code, codes)
+            self._refer(code, codes, "names no level", f"{where}.levels")
         return tuple(codes.index(code) for code in row.levels)
 
     def _fields(self, row: _Row, where: str) -> tuple[Provenance, ...]:
@@ -224,10 +221,8 @@ class _Reading:
             )
         return tuple(self._source(key, where) for key in row.source)
 
-    def _unknown(self, problem: str, field: str, found: str, known: list[str]) -> InputError:
-        return InputError(
-            problem, file=self._file, field=field, found=repr(found), expected=nearest(found, known)
-        )
+    def _refer(self, name: str, known: list[str], problem: str, field: str) -> None:
+        refuse_unknown(name, known, problem, file=self._file, field=field)
 
 
 # ---------------------------------------------------------------------------------------------
@@ -267,38 +262,22 @@ _KEYS = {
 }
 
 
-def _one_line(e: Mapping[str, Any], file: str, document: Mapping[str, Any]) -> InputError:
-    wrong = partial(InputError, file=file)
-    # `source` of a row is a text or a list: pydantic reports both attempts.
-    loc = [part for part in e["loc"] if part not in ("str", "list[str]")]
-    field, key, kind = _dotted(loc, document), str(loc[-1]), e["type"]
-    if kind == "extra_forbidden":
-        known = list(_MODELS[loc[0]].model_fields if len(loc) > 1 else _File.model_fields)
-        return wrong("unknown key", field=field, expected=nearest(key, known))
-    if kind == "missing":
-        expected = _KEYS.get(key)
-        if loc[0] == "matrix" and key == "levels":
-            expected = "a level for each class of return period"
-        return wrong("missing key", field=field, expected=expected)
-    expected = EXPECTED.get(kind, str(e["msg"]))
+def _meaning(loc: Place) -> str | None:
+    if loc[0] == "matrix" and loc[-1] == "levels":
+        return "a level for each class of return period"
+    return _KEYS.get(str(loc[-1]))
+
+
+def _nearest(loc: Place) -> str:
+    """The known key that an unknown one was probably meant to be."""
+    model = _MODELS[str(loc[0])] if len(loc) > 1 else _File
+    return nearest(str(loc[-1]), list(model.model_fields))
+
+
+def _expected(loc: Place, kind: str) -> str | None:
+    key = str(loc[-1])
     if kind == "string_pattern_mismatch":
-        expected = _KEYS[key] if key in ("code", "colour") else "a text that is not empty"
-    elif kind == "list_type" and key in _LISTS and len(loc) == 1:
-        expected = f"sections [[{key}]], with double brackets"
-    elif kind in ("model_type", "dict_type"):
-        expected = _KEYS.get(str(loc[0]), "a section")
-    return wrong("cannot be used", field=field, found=in_short(e["input"]), expected=expected)
-
-
-def _dotted(loc: Sequence[Any], document: Mapping[str, Any]) -> str:
-    """Key as the user would look for it: ``levels[slight].colour``."""
-    text = str(loc[0])
-    rest = list(loc[1:])
-    if text in _LISTS and rest:
-        number = rest.pop(0)
-        code = None
-        if isinstance(document[text][number], dict):
-            code = document[text][number].get("code")
-        text += f"[{code}]" if isinstance(code, str) and code else f"[no. {number + 1}]"
-    # The place inside a list is named by the value that was found there.
-    return ".".join([text, *(str(part) for part in rest if isinstance(part, str))])
+        return _KEYS[key] if key in ("code", "colour") else "a text that is not empty"
+    if kind == "list_type" and key in _LISTS and len(loc) == 1:
+        return f"sections [[{key}]], with double brackets"
+    return _KEYS.get(str(loc[0]), "a section") if kind in ("model_type", "dict_type") else None

@@ -87,6 +87,12 @@ def nearest(name: str, known: Sequence[str]) -> str:
     return f"one of {', '.join(known)}{hint}"
 
 
+def refuse_unknown(name: str, known: Sequence[str], problem: str, **place: Any) -> None:
+    """Raise InputError for a name that is not known; ``place`` is its file and field."""
+    if name not in known:
+        raise InputError(problem, found=repr(name), expected=nearest(name, known), **place)
+
+
 def _text(value: object) -> str | None:
     if value is None or value != value or str(value) == "<NA>":
         return None
@@ -181,14 +187,8 @@ def open_layer(
         log.warning("%s: %s", file, text)
     known = [c for c in frame.columns if c != "geometry"]
     for setting, field in fields.items():
-        if field is not None and field not in known:
-            raise InputError(
-                "attribute not found",
-                file=file,
-                field=f"{key}.{setting}",
-                found=repr(field),
-                expected=nearest(field, known),
-            )
+        if field is not None:
+            refuse_unknown(field, known, "attribute not found", file=file, field=f"{key}.{setting}")
         # Of a layer that is kept once only: a batch asks for each of its features.
         checked = frame.attrs.get(_CHECKED, set())
         if field is not None and field not in checked:

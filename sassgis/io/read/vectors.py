@@ -19,10 +19,10 @@ from sassgis.io.read.config import control_line_of
 from sassgis.io.read.vector_features import (
     Feature,
     cells_under,
-    nearest,
     open_layer,
     outside,
     read_features,
+    refuse_unknown,
     share_inside,
     steepest_slope_deg,
     with_shapes,
@@ -102,14 +102,7 @@ def read_release(
     features = without_shapes(frame, file, release.name_field)
     names = feature_names(features, "area", "release")
     for name in only or ():
-        if name not in names:
-            raise InputError(
-                "no release area has this name",
-                file=file,
-                field="area",
-                found=repr(name),
-                expected=nearest(name, names),
-            )
+        refuse_unknown(name, names, "no release area has this name", file=file, field="area")
     places = [k for k, name in enumerate(names) if only is None or name in only]
     shaped = with_shapes([features[k] for k in places], frame, file, grid, "release")
     areas = [
@@ -199,9 +192,8 @@ def _scenarios(feature: Feature, field: str | None, known: Sequence[str]) -> tup
         return tuple(known)
     chosen = tuple(dict.fromkeys(part.strip() for part in re.split(r"[;,]", text) if part.strip()))
     for name in chosen:
-        if name not in known:
-            problem, meant = "names an unknown block scenario", nearest(name, known)
-            raise feature.wrong(problem, field, found=repr(name), expected=meant)
+        problem = f"{feature.label} names an unknown block scenario"
+        refuse_unknown(name, known, problem, file=feature.file, field=field)
     return chosen or tuple(known)
 
 
