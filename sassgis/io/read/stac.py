@@ -108,7 +108,7 @@ def opened(url: str, timeout_s: float, headers: dict[str, str] | None = None) ->
         ) from None
 
 
-def _get_json(url: str, timeout_s: float) -> Any:
+def get_json(url: str, timeout_s: float) -> Any:
     """The answer of a server as JSON."""
     with opened(url, timeout_s) as answer:
         text = answer.read(_LARGEST_ANSWER)
@@ -196,7 +196,7 @@ def _items(url: str, timeout_s: float) -> Iterator[dict[str, Any]]:
                 expected="a smaller polygon, or a server whose last page has no next one",
             )  # fmt: skip
         seen.add(url)
-        page = _get_json(url, timeout_s)
+        page = get_json(url, timeout_s)
         if not isinstance(page, dict) or not isinstance(page.get("features"), list):
             raise InputError(
                 "does not answer as a STAC interface", file=url, expected="a page with features"

@@ -7,7 +7,7 @@ from io import BytesIO
 
 import pytest
 
-from sassgis.io.read import web
+from sassgis.io.read import stac
 from sassgis.io.read.csv_table import csv_rows
 from sassgis.io.read.gap_thresholds import read_thresholds
 from sassgis.io.read.plain_file import LONGEST_TEXT, check_text, read_text, toml_table
@@ -84,6 +84,6 @@ def test_nested_json(tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
         read_manifest(tmp_path)
     with pytest.raises(InputError, match=r"manifest\.json: thresholds cannot be read"):
         read_thresholds(tmp_path / "manifest.json")
-    monkeypatch.setattr(web, "opened", lambda *_: nullcontext(BytesIO(text.encode())))
+    monkeypatch.setattr(stac, "opened", lambda *_: nullcontext(BytesIO(text.encode())))
     with pytest.raises(InputError, match="does not answer in JSON"):
-        web.get_json("https://example.org", 1.0)
+        stac.get_json("https://example.org", 1.0)
