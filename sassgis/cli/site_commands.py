@@ -213,9 +213,9 @@ def _from_rockyfor3d(file: Path, folder: Path, settings: tuple[str, ...], overwr
     """Write what a folder of Rockyfor3D becomes, and what has no counterpart."""
     from sassgis.io.write.rockyfor3d_site import write_rockyfor3d_site
 
-    site = write_rockyfor3d_site(file, folder, settings, overwrite)
-    notes(site.notes)
-    click.echo(f"Wrote {', '.join(str(f) for f in site.files)}. Now: sassgis validate {file}")
+    files, told = write_rockyfor3d_site(file, folder, settings, overwrite)
+    notes(told)
+    click.echo(f"Wrote {', '.join(map(str, files))}. Now: sassgis validate {file}")
 
 
 @command(

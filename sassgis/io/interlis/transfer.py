@@ -11,7 +11,7 @@ import json
 import math
 import uuid
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from itertools import count, pairwise
 from pathlib import Path
@@ -95,7 +95,10 @@ def export_xtf(
     canton: str | None = None,
     overwrite: bool = False,
 ) -> ExportResult:
-    """Write the hazard zones of a result as INTERLIS transfer file.
+    """Write the hazard zones of a result as INTERLIS 2.3 transfer file.
+
+    Equal layers give equal files: the identifiers of objects are made from what they hold. Layers
+    that are not in the minimum model may be absent.
 
     Parameters
     ----------
@@ -118,27 +121,14 @@ def export_xtf(
         raise InputError("this result has no hazard zones", file=result_folder, expected=expected)
     if models is not None:
         check_validator(models)
-    written = write_xtf(package, xtf, canton=canton, overwrite=overwrite)
-    return written if models is None else replace(written, validation=validate_xtf(xtf, models))
-
-
-def write_xtf(
-    geopackage_path: Path, xtf_path: Path, *, canton: str | None = None, overwrite: bool = False
-) -> ExportResult:
-    """Write the layers of the federal model as INTERLIS 2.3 transfer file; see export_xtf.
-
-    Equal layers give equal files: the identifiers of objects are made from what they hold. Layers
-    that are not in the minimum model may be absent.
-    """
-    objects = {
-        name: _objects(geopackage_path, kind, canton) for name, kind in FEDERAL_CLASSES.items()
-    }
+    objects = {name: _objects(package, kind, canton) for name, kind in FEDERAL_CLASSES.items()}
     with (
-        staged_file(xtf_path, overwrite) as work,
+        staged_file(xtf, overwrite) as work,
         work.open("w", encoding="utf-8", newline="\n") as stream,
     ):
         stream.writelines(_document(objects))
-    return ExportResult(xtf_path, {name: len(found) for name, found in objects.items()})
+    counts = {name: len(found) for name, found in objects.items()}
+    return ExportResult(xtf, counts, None if models is None else validate_xtf(xtf, models))
 
 
 def _objects(file: Path, kind: FederalClass, canton: str | None) -> list[XtfObject]:

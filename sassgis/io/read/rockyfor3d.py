@@ -6,7 +6,6 @@ at hand, and docs/rockyfor3d.md says of each how far that is checked.
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -47,27 +46,15 @@ _FORMS = {
 _MOST_SCENARIOS, _MOST_AREAS = 12, 50
 
 
-@dataclass(frozen=True, slots=True)
-class SoilType:
-    """A soil type of Rockyfor3D and the ground class that takes its place."""
-
-    name: str
-    ground_class: str
-    source: str
-    verified: bool
-
-
 @cache
-def soil_types() -> Mapping[int, SoilType]:
-    """The soil types by number, from sassgis/data/rockyfor3d_soils.csv."""
-    file = resources.files("sassgis").joinpath("data", "rockyfor3d_soils.csv")
-    rows = csv.DictReader(file.read_text(encoding="utf-8").splitlines())
-    return {
-        int(row["soil_type"]): SoilType(
-            row["name"], row["ground_class"], row["source"], row["verified"] == "true"
-        )
-        for row in rows
-    }
+def soil_types() -> Mapping[int, Any]:
+    """Rows of sassgis/data/rockyfor3d_soils.csv by the number of the soil type.
+
+    Each has a name, the ground class that takes its place, and where that is from.
+    """
+    with (resources.files("sassgis") / "data" / "rockyfor3d_soils.csv").open("rb") as file:
+        table = pd.read_csv(file, index_col="soil_type")
+    return dict(zip(table.index.tolist(), table.itertuples(), strict=True))
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,6 @@ from annotated_types import Interval
 from sassgis.io.read.edit_polygons import edit_fields
 from sassgis.io.read.ground_map import built_in_table
 from sassgis.io.read.presets import read_preset
-from sassgis.io.vector_layer import descriptions
 from sassgis.model.declared import Declared, declared, interval
 from sassgis.model.exposure import NUMBERS_OF_KIND, OBJECT_KINDS, ObjectSettings
 from sassgis.model.settings import BarrierSettings, ForestPlace
@@ -53,16 +52,6 @@ class SiteLayer:
     style: VectorStyle
     fixed: Mapping[str, object] = field(default_factory=dict)
     attributes: Mapping[str, str] = field(default_factory=dict)
-
-    @property
-    def title(self) -> str:
-        """Name in the legend."""
-        return descriptions()[f"{self.name}.site"][""]["alias"]
-
-    @property
-    def description(self) -> str:
-        """What it is for."""
-        return descriptions()[f"{self.name}.site"][""]["description"]
 
 
 _NAME = FieldInfo("name", description="name that no other feature has", needed=True, unique=True)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
 
 from sassgis.io.read.rockyfor3d import read_rockyfor3d
@@ -15,18 +14,12 @@ from sassgis.io.write.config_template import short_template
 from sassgis.io.write.frames import write_table
 
 
-@dataclass(frozen=True, slots=True)
-class WrittenSite:
-    """Files of a site, and what its user must know of them."""
-
-    files: tuple[Path, ...]
-    notes: tuple[str, ...]
-
-
 def write_rockyfor3d_site(
     file: Path, folder: Path, assignments: Sequence[str] = (), overwrite: bool = False
-) -> WrittenSite:
+) -> tuple[list[Path], list[str]]:
     """Write a configuration from a folder of Rockyfor3D, and beside it what it is made into.
+
+    Returns the files, and what their user must know of them.
 
     Parameters
     ----------
@@ -60,4 +53,4 @@ def write_rockyfor3d_site(
             files.append(file.parent / f"{name}.csv")
             write_table(staged.enter_context(staged_file(files[-1], overwrite)), [table])
         staged.enter_context(staged_file(file, overwrite)).write_text(text, encoding="utf-8")
-    return WrittenSite(tuple(files), tuple(made.notes))
+    return files, made.notes

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-import geopandas as gpd
 import pandas as pd
 import pyproj
 
@@ -15,7 +14,7 @@ from sassgis.io.read.plain_file import seen_from
 from sassgis.io.read.site_layers import SiteLayer, site_layers
 from sassgis.io.read.tiles import open_terrain
 from sassgis.io.staging import staged_file
-from sassgis.io.vector_layer import VectorLayer
+from sassgis.io.vector_layer import VectorLayer, described_layer
 from sassgis.io.write.geopackage import write_geopackage
 from sassgis.io.write.layers.maps import terrain_layer
 from sassgis.model.crs import crs_parts, parse_crs
@@ -97,8 +96,7 @@ def _empty(own: SiteLayer, wkt: str) -> VectorLayer:
         name: pd.Series(dtype="str" if info.low is None else "float64")
         for name, info in own.fields.items()
     }
-    frame = gpd.GeoDataFrame(columns, geometry=gpd.GeoSeries([], crs=wkt or None))
-    return VectorLayer(own.name, own.title, own.description, frame, own.fields, style=own.style)
+    return described_layer(f"{own.name}.site", columns, [], wkt, own.style, fields=own.fields)
 
 
 def _plane(text: str) -> pyproj.CRS:

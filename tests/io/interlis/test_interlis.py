@@ -18,7 +18,7 @@ import shapely
 from helpers import made_zones as made
 from shapely.geometry import box
 
-from sassgis.io.interlis.transfer import export_xtf, touching_at_corners, write_xtf
+from sassgis.io.interlis.transfer import export_xtf, touching_at_corners
 from sassgis.io.interlis.validation import XTF_NAMESPACE, validate_xtf
 from sassgis.io.own_files import WRITTEN_NAME
 from sassgis.io.write.geopackage import write_geopackage
@@ -46,7 +46,7 @@ def edit(package: Path, statement: str) -> None:
 @pytest.fixture
 def xtf(result: Path, tmp_path: Path) -> Path:
     """The transfer file of the result."""
-    write_xtf(result / "hazard.gpkg", tmp_path / "a.xtf")
+    export_xtf(result, tmp_path / "a.xtf")
     return tmp_path / "a.xtf"
 
 
@@ -120,13 +120,13 @@ def test_equal_results_give_equal_files_and_identifiers_follow_content(
 ) -> None:
     package = make_result() / "hazard.gpkg"
     one, two = tmp_path / "one.xtf", tmp_path / "two.xtf"
-    write_xtf(package, one)
-    write_xtf(package, two)
+    export_xtf(package.parent, one)
+    export_xtf(package.parent, two)
     assert one.read_bytes() == two.read_bytes()
     before = [o.get("TID") for o in objects(one)]
     assert len(set(before)) == 12
     edit(package, "UPDATE hazard_area SET hazard_level = 'slight' WHERE fid = 1")
-    write_xtf(package, two, overwrite=True)
+    export_xtf(package.parent, two, overwrite=True)
     after = [o.get("TID") for o in objects(two)]
     assert sum(a != b for a, b in zip(before, after, strict=True)) == 1
 
@@ -135,7 +135,7 @@ def test_equal_zones_have_identifiers_of_their_own(
     make_result: Callable[..., Path], tmp_path: Path
 ) -> None:
     package = make_result(indicative=[made.STEPS, made.STEPS]) / "hazard.gpkg"
-    write_xtf(package, tmp_path / "a.xtf")
+    export_xtf(package.parent, tmp_path / "a.xtf")
     assert len({o.get("TID") for o in objects(tmp_path / "a.xtf")}) == 13
 
 
@@ -150,7 +150,7 @@ def with_multipart(package: Path) -> None:
 
 def test_multipart_zones(result: Path, tmp_path: Path) -> None:
     with_multipart(result / "hazard.gpkg")
-    summary = write_xtf(result / "hazard.gpkg", tmp_path / "a.xtf")
+    summary = export_xtf(result, tmp_path / "a.xtf")
     assert summary.objects["hazard_area"] == 4 + 2
 
 
@@ -160,9 +160,10 @@ def test_an_empty_result_gives_a_file_without_objects(tmp_path: Path) -> None:
     ]
     for layer, frame in zip(made.some_layers(), layers, strict=True):
         pyogrio.write_dataframe(
-            frame, tmp_path / "h.gpkg", layer=layer.name, geometry_type="MultiPolygon"
+            frame, tmp_path / "hazard.gpkg", layer=layer.name, geometry_type="MultiPolygon"
         )
-    summary = write_xtf(tmp_path / "h.gpkg", tmp_path / "a.xtf")
+    (tmp_path / "manifest.json").write_text("{}")
+    summary = export_xtf(tmp_path, tmp_path / "a.xtf")
     assert set(summary.objects.values()) == {0}
 
 
@@ -362,13 +363,15 @@ def test_results_from_abroad(tmp_path: Path) -> None:
             export_xtf(folder, tmp_path / "a.xtf")
     # All five layers, but in other coordinates, and then in these but outside.
     for crs, words in (("EPSG:32632", "Switzerland only"), ("EPSG:2056", "outside the extent")):
-        package = tmp_path / f"{crs[5:]}.gpkg"
+        folder = tmp_path / f"all {crs[5:]}"
+        folder.mkdir()
+        (folder / "manifest.json").write_text("{}")
         for layer in made.some_layers():
             frame = layer.frame.set_crs(crs, allow_override=True)
             frame.geometry = frame.geometry.translate(-400_000.0)
-            pyogrio.write_dataframe(frame, package, layer=layer.name)
+            pyogrio.write_dataframe(frame, folder / "hazard.gpkg", layer=layer.name)
         with pytest.raises(InputError, match=words):
-            write_xtf(package, tmp_path / "a.xtf")
+            export_xtf(folder, tmp_path / "a.xtf")
 
 
 @pytest.mark.parametrize(

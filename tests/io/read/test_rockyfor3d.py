@@ -15,7 +15,7 @@ from helpers.small_slope import CELL, COLS, NORTH, ROWS, WEST, heights
 from sassgis.io.read.config import load_config
 from sassgis.io.read.ground_map import built_in_table
 from sassgis.io.read.rockyfor3d import soil_types
-from sassgis.io.write.rockyfor3d_site import WrittenSite, write_rockyfor3d_site
+from sassgis.io.write.rockyfor3d_site import write_rockyfor3d_site
 from sassgis.model.errors import InputError, OutputError
 from sassgis.model.map_run import MapRun
 from sassgis.runs.inputs import read_map_run
@@ -24,7 +24,7 @@ from sassgis.terrain.plan import placed_points
 NONE = np.zeros((ROWS, COLS))
 
 
-def site_of(folder: Path, **options: bool) -> WrittenSite:
+def site_of(folder: Path, **options: bool) -> tuple[list[Path], list[str]]:
     file = folder.parent / "site.toml"
     return write_rockyfor3d_site(file, folder, ["terrain.crs=EPSG:2056"], **options)
 
@@ -100,12 +100,12 @@ def test_trees_keep_their_place_and_kind(tmp_path: Path) -> None:
     folder = made(tmp_path / "in", {"conif_percent": np.full((ROWS, COLS), 30.0)})
     listed = f"x y dbh conifers\n{WEST + 50} {NORTH - 30} 42.5 80\n{WEST + 60},{NORTH - 40},18\n"
     (folder / "TreeFile.txt").write_text(listed)
-    site = site_of(folder)
+    files, _ = site_of(folder)
     trees = pd.read_csv(tmp_path / "trees.csv")
     assert trees["dbh_cm"].tolist() == [42.5, 18.0]
     # The second has that of its cell.
     assert trees["conifer_share"].tolist() == [0.8, 0.3]
-    assert tmp_path / "trees.csv" in site.files
+    assert tmp_path / "trees.csv" in files
     run = read_map_run(load_config(tmp_path / "site.toml"))
     assert run.forest is not None and run.forest.stems_per_m2.max() > 0.0
 
@@ -113,7 +113,7 @@ def test_trees_keep_their_place_and_kind(tmp_path: Path) -> None:
 def test_stands_are_read_from_their_rasters(tmp_path: Path) -> None:
     stand = {"nrtrees": np.full((ROWS, COLS), 400.0), "dbhmean": np.full((ROWS, COLS), 25.0),
              "dbhstd": NONE + 5.0, "conif_percent": NONE + 50.0}  # fmt: skip
-    site = site_of(made(tmp_path / "in", stand))
+    _, notes = site_of(made(tmp_path / "in", stand))
     run = read_map_run(load_config(tmp_path / "site.toml"))
     assert run.forest is not None
     assert run.forest.stems_per_m2 == pytest.approx(0.04)
@@ -121,7 +121,7 @@ def test_stands_are_read_from_their_rasters(tmp_path: Path) -> None:
     trees = load_config(tmp_path / "site.toml").effects.named("trees")
     assert trees is not None and trees.species == "conifers"
     assert trees.efficiency == pytest.approx((0.5 * 0.93 + 0.5 * 1.59) / 0.93, abs=1e-3)
-    assert any("dbhstd has no counterpart" in note for note in site.notes)
+    assert any("dbhstd has no counterpart" in note for note in notes)
 
 
 def test_many_kinds_of_blocks_are_put_together(tmp_path: Path) -> None:
@@ -143,12 +143,12 @@ def test_many_kinds_of_blocks_are_put_together(tmp_path: Path) -> None:
 
 def test_what_was_written_is_whole_and_not_overwritten(tmp_path: Path) -> None:
     folder = made(tmp_path / "in", nets())
-    site = site_of(folder)
-    assert {f.name for f in site.files} == {"site.toml", "release.gpkg", "nets.gpkg"}
+    files, _ = site_of(folder)
+    assert {f.name for f in files} == {"site.toml", "release.gpkg", "nets.gpkg"}
     assert gpd.read_file(tmp_path / "release.gpkg").crs.to_epsg() == 2056
     with pytest.raises(OutputError, match="exists already"):
         site_of(folder)
-    assert site_of(folder, overwrite=True).files == site.files
+    assert site_of(folder, overwrite=True)[0] == files
 
 
 def changed(folder: Path, name: str, values: np.ndarray | None, cell: float = CELL) -> Path:

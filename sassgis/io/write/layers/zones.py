@@ -21,7 +21,7 @@ from sassgis.hazard.zone_styles import (
 from sassgis.hazard.zoning.applied_edits import AppliedEdit, shares_text
 from sassgis.hazard.zoning.coverage import Coverage, cells_as_zones
 from sassgis.io.read.edit_polygons import edit_fields
-from sassgis.io.vector_layer import VectorLayer, described_layer, descriptions
+from sassgis.io.vector_layer import VectorLayer, described_layer
 from sassgis.model.edits import NO_LEVEL
 from sassgis.model.grid import Grid, IntArray
 from sassgis.model.hazard import HazardPreset
@@ -205,7 +205,5 @@ def edits_layer(applied: Sequence[AppliedEdit], preset: HazardPreset, crs: str) 
     }
     frame = pd.DataFrame(columns, dtype="object")
     frame["changed_share"] = np.array([a.changed for a in applied], np.float64).round(3)
-    shapes = gpd.GeoSeries([e.geometry for e in edits], crs=crs or None)
-    row, frame = descriptions()["edits"][""], gpd.GeoDataFrame(frame, geometry=shapes)
-    words, fields = (row["alias"], row["description"]), edit_fields(codes[1:], True)
-    return VectorLayer("edits", *words, frame, fields, style=EDIT_STYLE)
+    shapes, fields = [e.geometry for e in edits], edit_fields(codes[1:], True)
+    return described_layer("edits", frame, shapes, crs, EDIT_STYLE, fields=fields)
