@@ -35,7 +35,7 @@ _DAMAGE = (
 def write_saved(
     path: Path, arrays: Mapping[str, ArrayLike], fingerprint: str, *, compressed: bool = False
 ) -> str:
-    """Write arrays beside and rename, so that a full disk leaves the older state as it was.
+    """Write arrays beside and rename, so that a full disk leaves the older state; their digest.
 
     Parameters
     ----------
@@ -43,11 +43,6 @@ def write_saved(
         No objects.
     fingerprint : str
         Of the settings and inputs that they belong to; the program is added here.
-
-    Returns
-    -------
-    str
-        The digest.
     """
     given = {name: np.asarray(own) for name, own in arrays.items()}
     narrow = {name: _narrow(own) for name, own in given.items()}

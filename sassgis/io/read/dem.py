@@ -463,10 +463,6 @@ def resample(
         Value that means nodata, here and in the result.
     crs, target_crs : str
         Well-known texts; where either is empty both are taken to be the same.
-
-    Returns
-    -------
-    array of the kind of ``values``, shape ``shape``
     """
     # GDAL wants a system even where source and target share one; any plane one will do then.
     same = not (crs and target_crs) or crs == target_crs

@@ -28,10 +28,6 @@ def read_frequencies(
         CSV with the columns area, scenario, frequency, unit (per_year, per_year_ha, per_year_m).
     areas, scenarios : sequence of str
         Names that there are.
-
-    Returns
-    -------
-    dict of (area, scenario) to Onset
     """
     columns = {
         "area": CsvColumn(known=areas),

@@ -9,7 +9,7 @@ files are read, and there is no network.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import lru_cache
 from html import unescape
@@ -69,11 +69,17 @@ def offline() -> Iterator[None]:
 
     Servers named in the environment variable ``NO_PROXY`` are left out: they can be reached.
     """
-    before = {key: pyogrio.get_gdal_config_option(key) for key in _SETTINGS}
-    pyogrio.set_gdal_config_options(_SETTINGS)
+    with pyogrio_settings(_SETTINGS), rasterio.Env(**_SETTINGS):
+        yield
+
+
+@contextmanager
+def pyogrio_settings(settings: Mapping[str, str]) -> Iterator[None]:
+    """Settings of pyogrio's GDAL within the block."""
+    before = {key: pyogrio.get_gdal_config_option(key) for key in settings}
+    pyogrio.set_gdal_config_options(settings)
     try:
-        with rasterio.Env(**_SETTINGS):
-            yield
+        yield
     finally:
         pyogrio.set_gdal_config_options(before)
 

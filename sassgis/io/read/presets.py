@@ -98,17 +98,12 @@ def preset_names() -> tuple[str, ...]:
 
 
 def read_preset(name: str | PathLike[str]) -> HazardPreset:
-    """Read a hazard preset.
+    """Read a hazard preset, which is named after its file.
 
     Parameters
     ----------
     name : str or path
         One of ``preset_names()``, or the path of a TOML file (docs/presets.md).
-
-    Returns
-    -------
-    HazardPreset
-        Named after the file.
     """
     if isinstance(name, str) and name in preset_names():
         text = (_FOLDER / f"{name}.toml").read_text(encoding="utf-8")

@@ -41,10 +41,7 @@ class Readiness:
 def readiness(config: Config) -> tuple[Readiness, ...]:
     """What a configuration is complete for; no file is opened.
 
-    Returns
-    -------
-    tuple of Readiness
-        For run, zone, risk and, if the configuration has a profile, for profile.
+    That is run, zone, risk and, if the configuration has a profile, profile.
     """
     run = [] if config.terrain.dem is not None else ["terrain.dem"]
     run += [] if config.release.file is not None else ["release.file"]

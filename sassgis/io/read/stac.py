@@ -145,7 +145,7 @@ def find_tiles(
     collection: str = COLLECTION,
     timeout_s: float = 30.0,
 ) -> tuple[TileOffer, ...]:
-    """The tiles over an area, of each the newest edition.
+    """The tiles over an area, of each the newest edition, by place.
 
     Parameters
     ----------
@@ -153,11 +153,6 @@ def find_tiles(
         In longitude and latitude.
     resolution_m : float
         Size of the cells (m).
-
-    Returns
-    -------
-    tuple of TileOffer
-        By place.
     """
     west, south, east, north = area.bounds
     query = urlencode(

@@ -43,10 +43,6 @@ def start_keys(folder: Path, dem: Path | None, release: Path | None) -> StartKey
     release : Path, optional
         Release areas; or a GeoPackage of ``sassgis new``, of which every layer with features is
         used.
-
-    Returns
-    -------
-    list of (section, keys)
     """
     keys: StartKeys = []
     if dem is not None:

@@ -35,11 +35,6 @@ def save_config(config: Config, path: str | PathLike[str], *, overwrite: bool = 
     overwrite : bool
         Whether files that are there already may be replaced.
 
-    Returns
-    -------
-    Path
-        The file.
-
     Raises
     ------
     OutputError

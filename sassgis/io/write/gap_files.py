@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ from sassgis.gap.diagnosis import Diagnosis, as_json
 from sassgis.gap.observations.case import Case
 from sassgis.gap.words import effect_name, rung_name
 from sassgis.io.read.config import load_config
+from sassgis.io.read.given_inputs import classes_frame
 from sassgis.io.read.ground_map import read_ground_table
 from sassgis.io.staging import write_json, write_text, writing
 from sassgis.io.write.config_file import written_document
@@ -215,18 +215,14 @@ def classes_csv(
     ``provenance`` gives a sentence for a class that was changed.
     """
     before = {c.name: c for c in configured.classes}
-    out = io.StringIO()
-    rows = csv.writer(out, lineterminator="\n")
-    rows.writerow(("name", *PARAMETERS, "source", "trust"))
+    classes = []
     for own in table.classes:
-        numbers = [f"{getattr(own, c):.6g}" for c in PARAMETERS]
-        changed = _changes(before.get(own.name), own)
-        source, trust = own.source, own.trust
-        if changed:
-            trust = "fitted"
+        if changed := _changes(before.get(own.name), own):
             source = f"{provenance(own)}; before: {changed}."
-        rows.writerow((own.name, *numbers, source, trust))
-    return out.getvalue()
+            own = replace(own, source=source, trust="fitted")
+        classes.append(own)
+    frame = classes_frame(classes)
+    return frame.to_csv(index=False, float_format="%.6g", lineterminator="\n")
 
 
 def _changes(old: GroundClass | None, new: GroundClass) -> str:

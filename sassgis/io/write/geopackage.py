@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import sqlite3
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
+from collections.abc import Mapping, Sequence
+from contextlib import closing
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ import pyogrio
 import shapely
 
 from sassgis.io.qgis.markup import qml
+from sassgis.io.read.offline import pyogrio_settings
 from sassgis.io.staging import writing
 from sassgis.io.translated_layers import translated_vector
 from sassgis.io.vector_layer import KEY_COLUMN, VectorLayer
@@ -53,7 +54,7 @@ def write_geopackage(
     prepared = [_prepare(layer) for layer in layers]
     with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-        with _gdal_time(FIXED_TIME):
+        with pyogrio_settings({"OGR_CURRENT_DATE": FIXED_TIME}):
             for layer, (frame, geometry_type) in zip(layers, prepared, strict=True):
                 add_layer(
                     path,
@@ -118,16 +119,6 @@ def add_layer(
             layer_options=options,
             **more,
         )
-
-
-@contextmanager
-def _gdal_time(stamp: str) -> Iterator[None]:
-    before = pyogrio.get_gdal_config_option("OGR_CURRENT_DATE")
-    pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": stamp})
-    try:
-        yield
-    finally:
-        pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": before})
 
 
 def _create(database: sqlite3.Connection, *tables: str) -> None:
