@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from operator import attrgetter
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,6 +15,7 @@ from sassgis.hazard.along_profile import ProfileResult
 from sassgis.io.staging import writing
 from sassgis.model.errors import OutputError
 from sassgis.model.grid import IntArray
+from sassgis.model.labels import rounded
 from sassgis.model.map_run import BlockRows, MapRun
 from sassgis.model.results import Outcome, StopReason
 from sassgis.terrain.plan import Plan
@@ -60,6 +62,23 @@ def profile_passage_frame(result: ProfileResult) -> pd.DataFrame:
     frame = _columns(result.passages).drop(columns=["line", *_PLACE])
     _name_control_lines(frame, [line.name for line, _ in result.profile.control_lines])
     return frame
+
+
+def same(*names: str) -> dict[str, str]:
+    """Columns that are called as the attributes that they hold."""
+    return dict(zip(names, names, strict=True))
+
+
+def table_of(
+    rows: Sequence[object], columns: Mapping[str, str], digits: Mapping[str, int]
+) -> pd.DataFrame:
+    """A row for each thing: its attributes by the names of their columns.
+
+    Numbers in the columns that ``digits`` names are rounded to so many.
+    """
+    values = {name: [attrgetter(own)(row) for row in rows] for name, own in columns.items()}
+    values |= {name: [rounded(v, n) for v in values[name]] for name, n in digits.items()}
+    return pd.DataFrame(values)
 
 
 class ProfileTables(NamedTuple):

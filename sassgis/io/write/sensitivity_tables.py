@@ -8,59 +8,40 @@ import pandas as pd
 
 from sassgis.hazard.ground_spread import SpreadBand
 from sassgis.hazard.sensitivity import Names, RangeEffect, Variant, VariantFinding, measures
+from sassgis.io.write.frames import same, table_of
 from sassgis.model.ground_ranges import ParameterRange, RangeRule
 from sassgis.model.labels import rounded
 
 
 def range_table(ranges: Sequence[ParameterRange]) -> pd.DataFrame:
     """The ranges with their sources."""
-    return pd.DataFrame(
-        {
-            "number": range(1, len(ranges) + 1),
-            "class": [r.class_name for r in ranges],
-            "parameter": [r.parameter for r in ranges],
-            "value": [r.value for r in ranges],
-            "low": [rounded(r.low, 6) for r in ranges],
-            "high": [rounded(r.high, 6) for r in ranges],
-            "sd": [rounded(r.sd, 6) for r in ranges],
-            "source": [r.source for r in ranges],
-            "verified": [r.verified for r in ranges],
-            "sites": [r.sites for r in ranges],
-            "rocks": [r.rocks for r in ranges],
-        }
-    )
+    names = ("parameter", "value", "low", "high", "sd", "source", "verified", "sites", "rocks")
+    columns = {"class": "class_name", **same(*names)}
+    table = table_of(ranges, columns, {"low": 6, "high": 6, "sd": 6})
+    table.insert(0, "number", range(1, len(ranges) + 1))
+    return table
 
 
 def effect_table(effects: Sequence[RangeEffect]) -> pd.DataFrame:
     """A row for each parameter and measure."""
-    return pd.DataFrame(
-        {
-            "class": [e.range.class_name for e in effects],
-            "parameter": [e.range.parameter for e in effects],
-            "measure": [e.measure for e in effects],
-            "unit": [e.unit for e in effects],
-            "base": [rounded(e.base, 5) for e in effects],
-            "at_low": [rounded(e.low, 5) for e in effects],
-            "at_high": [rounded(e.high, 5) for e in effects],
-            "another_seed": [rounded(e.chance, 5) for e in effects],
-            "beyond_chance": [e.beyond_chance for e in effects],
-            "rank_correlation": [rounded(e.correlation, 3) for e in effects],
-        }
-    )
+    columns = {
+        "class": "range.class_name",
+        "parameter": "range.parameter",
+        **same("measure", "unit", "base"),
+        "at_low": "low",
+        "at_high": "high",
+        "another_seed": "chance",
+        "beyond_chance": "beyond_chance",
+        "rank_correlation": "correlation",
+    }
+    digits = dict.fromkeys(("base", "at_low", "at_high", "another_seed"), 5)
+    return table_of(effects, columns, {**digits, "rank_correlation": 3})
 
 
 def band_table(bands: Sequence[SpreadBand]) -> pd.DataFrame:
     """A row for each measure, with the values of the classes and over the draws."""
-    return pd.DataFrame(
-        {
-            "measure": [b.measure for b in bands],
-            "unit": [b.unit for b in bands],
-            "base": [rounded(b.base, 5) for b in bands],
-            "q10": [rounded(b.low, 5) for b in bands],
-            "q50": [rounded(b.middle, 5) for b in bands],
-            "q90": [rounded(b.high, 5) for b in bands],
-        }
-    )
+    columns = {**same("measure", "unit", "base"), "q10": "low", "q50": "middle", "q90": "high"}
+    return table_of(bands, columns, dict.fromkeys(("base", "q10", "q50", "q90"), 5))
 
 
 def simulation_table(
@@ -84,16 +65,5 @@ def simulation_table(
 
 def rule_table(rules: Sequence[RangeRule]) -> pd.DataFrame:
     """Ranges as ``--ranges`` and ``[ground] ranges`` take them."""
-    return pd.DataFrame(
-        {
-            "class": [r.class_name for r in rules],
-            "parameter": [r.parameter for r in rules],
-            "kind": [r.kind for r in rules],
-            "low": [rounded(r.low, 6) for r in rules],
-            "high": [rounded(r.high, 6) for r in rules],
-            "source": [r.source for r in rules],
-            "verified": [r.verified for r in rules],
-            "sites": [r.sites for r in rules],
-            "rocks": [r.rocks for r in rules],
-        }
-    )
+    names = ("parameter", "kind", "low", "high", "source", "verified", "sites", "rocks")
+    return table_of(rules, {"class": "class_name", **same(*names)}, {"low": 6, "high": 6})

@@ -19,6 +19,7 @@ from sassgis.hazard.design import (
 )
 from sassgis.hazard.sources import Sampled
 from sassgis.io.vector_layer import VectorLayer
+from sassgis.io.write.frames import table_of
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.labels import rounded
 from sassgis.model.results import ControlLine
@@ -27,15 +28,14 @@ from sassgis.terrain.moved_lines import mean_height_m, moved_lines
 
 def source_table(sampled: Sequence[Sampled]) -> pd.DataFrame:
     """Release area, scenario, onset frequency and the blocks behind it."""
-    return pd.DataFrame(
-        {
-            "area": [s.source.area for s in sampled],
-            "scenario": [s.source.scenario for s in sampled],
-            "onset_per_year": [rounded(s.source.frequency, 6) for s in sampled],
-            "rocks": [s.source.rocks for s in sampled],
-            "per_year_of_one_rock": [rounded(s.source.rate_per_rock, 6) for s in sampled],
-        }
-    )
+    columns = {
+        "area": "source.area",
+        "scenario": "source.scenario",
+        "onset_per_year": "source.frequency",
+        "rocks": "source.rocks",
+        "per_year_of_one_rock": "source.rate_per_rock",
+    }
+    return table_of(sampled, columns, {"onset_per_year": 6, "per_year_of_one_rock": 6})
 
 
 def design_table(

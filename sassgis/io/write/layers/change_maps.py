@@ -22,9 +22,9 @@ from sassgis.hazard.stored_result import StoredResult
 from sassgis.hazard.zone_styles import LEVEL_CHANGES
 from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.io.vector_layer import VectorLayer
+from sassgis.io.write.frames import same, table_of
 from sassgis.io.write.layers.maps import described_band, described_raster
 from sassgis.io.write.layers.zones import change_table, changes, level_changes
-from sassgis.model.labels import rounded
 from sassgis.model.results import RasterClass, RasterLayer
 
 #: Limits of the legend: as much below as above zero.
@@ -95,20 +95,10 @@ def _codes(before: StoredResult, after: StoredResult) -> list[str]:
 
 def change_rows_table(rows: Sequence[ChangeRow]) -> pd.DataFrame:
     """Every number before and after, a row each."""
-    columns = ["part", "name", "quantity", "unit", "before", "after", "change"]
-    return pd.DataFrame(
-        [
-            [r.part, r.name, r.quantity, r.unit]
-            + [rounded(v, 6) for v in (r.before, r.after, r.change)]
-            for r in rows
-        ],
-        columns=columns,
-    )
+    columns = same("part", "name", "quantity", "unit", "before", "after", "change")
+    return table_of(rows, columns, dict.fromkeys(("before", "after", "change"), 6))
 
 
 def difference_table(differences: Sequence[SettingChange]) -> pd.DataFrame:
     """In what program, settings, inputs and libraries differ, a row each."""
-    return pd.DataFrame(
-        [(d.kind, d.name, d.before, d.after) for d in differences],
-        columns=["kind", "name", "before", "after"],
-    )
+    return table_of(differences, same("kind", "name", "before", "after"), {})
