@@ -112,18 +112,12 @@ def fill_legend(
         float(item.get(key, "")) for key in ("symbolWidth", "symbolHeight")
     )
     entries = _legend_entries(shown, width, symbol_width, points)
-    single = [_has_one_sign(entry.layer) for entry in entries]
-    # Signs of their own would seem to belong to the classes before them.
-    heading = 0 < sum(single) < len(entries)
+    single = [entry for entry in entries if _has_one_sign(entry.layer)]
+    classed = [entry for entry in entries if not _has_one_sign(entry.layer)]
     tree = item.find("layer-tree-group")
     assert tree is not None
     tree.clear()
-    tree.extend(
-        filled(
-            "qgis_legend.xml.j2",
-            classed=[entry for entry, alone in zip(entries, single, strict=True) if not alone],
-            single=[entry for entry, alone in zip(entries, single, strict=True) if alone],
-            heading=translated("Also shown") if heading else "",
-        )
-    )
-    return _legend_height(entries, points, symbol_height, heading=heading) + 1.0
+    # Signs of their own would seem to belong to the classes before them.
+    heading = translated("Also shown") if single and classed else ""
+    tree.extend(filled("qgis_legend.xml.j2", classed=classed, single=single, heading=heading))
+    return _legend_height(entries, points, symbol_height, heading=bool(heading)) + 1.0

@@ -12,7 +12,7 @@ from sassgis.io.staging import write_json, write_text
 from sassgis.io.write.config_file import written_document
 from sassgis.io.write.gap_files import classes_csv, write_runnable
 from sassgis.io.write.manifest import plain
-from sassgis.model.ground import GroundClass, GroundTable
+from sassgis.model.ground import GroundTable
 from sassgis.model.run_config import Config
 
 #: The table of the fitted classes.
@@ -87,11 +87,10 @@ def _errors(e: QuantityErrors) -> dict[str, Any]:
 
 def write_classes(path: Path, calibration: SiteCalibration, configured: GroundTable) -> None:
     """Write the table of ground classes with the provenance of each calibrated one."""
-
-    def provenance(own: GroundClass) -> str:
-        return class_provenance(calibration, own.name)
-
-    write_text(path, classes_csv(calibration.table(configured), configured, provenance))
+    text = classes_csv(
+        calibration.table(configured), configured, lambda c: class_provenance(calibration, c.name)
+    )
+    write_text(path, text)
 
 
 def class_provenance(calibration: SiteCalibration, name: str) -> str:

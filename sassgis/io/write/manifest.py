@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 import math
 import platform
 from collections.abc import Iterable, Mapping, Sequence
 from enum import Enum
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
 from pathlib import Path, PurePath
 from typing import Any
 
@@ -92,6 +91,7 @@ def write_manifest(
     checks : mapping of str to object, optional
         What the run found of its own numerics.
     """
+    plain_settings = plain(settings)
     content: dict[str, object] = {
         "format": MANIFEST_FORMAT,
         "sassgis": sassgis.__version__,
@@ -106,8 +106,8 @@ def write_manifest(
         "seed": int(seed),
         "ref_widths_m": plain(ref_widths_m),
         "preset": preset,
-        "settings": plain(settings),
-        "settings_sha256": settings_digest(settings),
+        "settings": plain_settings,
+        "settings_sha256": json_digest(plain_settings),
         "counts": plain(counts),
         "warnings": list(warnings),
         "checks": plain(checks or {}),
@@ -127,19 +127,11 @@ def software_versions() -> dict[str, str]:
         "python": platform.python_version(),
         "platform": f"{platform.system()} {platform.machine()}",
     }
-    versions |= {package: _version(package) for package in _PACKAGES}
+    versions |= {package: version(package) for package in _PACKAGES}
     # Each brings its own GDAL.
     versions["gdal (rasterio)"] = str(rasterio.__gdal_version__)
     versions["gdal (pyogrio)"] = str(pyogrio.__gdal_version_string__)
     return versions
-
-
-@functools.cache
-def _version(package: str) -> str:
-    try:
-        return version(package)
-    except PackageNotFoundError:  # pragma: no cover
-        return "unknown"
 
 
 def plain(value: object, digits: int | None = None) -> Any:
@@ -172,11 +164,6 @@ def plain(value: object, digits: int | None = None) -> Any:
     if isinstance(value, Iterable) and not isinstance(value, bytes):
         return [plain(entry, digits) for entry in value]
     raise TypeError(f"no form in JSON for {type(value).__name__}")
-
-
-def settings_digest(settings: object) -> str:
-    """SHA-256 of the settings; the order of the keys does not matter."""
-    return json_digest(plain(settings))
 
 
 def _input_entries(given: Input, base: Path) -> list[dict[str, object]]:
