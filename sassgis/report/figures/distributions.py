@@ -320,19 +320,12 @@ def _draw_runout(
 
 
 @styled
-def runout_figure(runout_m: FloatArray, reasons: IntArray, *, bin_m: float | None = None) -> Figure:
-    """Draw where blocks end, and the share that gets at least so far.
+def runout_figure(runout_m: FloatArray, reasons: IntArray) -> Figure:
+    """Draw where blocks end (chainage, m) by StopReason, and the share that gets at least so far.
 
-    Parameters
-    ----------
-    runout_m : float, shape (n,)
-        Chainage where each block ended (m).
-    reasons : int, shape (n,)
-        Its StopReason.
-    bin_m : float, optional
-        Width of a bar (m); default: a round width for about 30 bars.
+    Bars are of a round width, about 30 of them.
     """
-    width = bin_m or round_step(float(np.ptp(runout_m)), 30)
+    width = round_step(float(np.ptp(runout_m)), 30)
     first = np.floor(runout_m.min() / width) * width
     n_bins = int(np.floor((runout_m.max() - first) / width)) + 1
     edges = first + width * np.arange(n_bins + 1)

@@ -22,6 +22,7 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import AbstractPathEffect, withStroke
 from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, PercentFormatter
+from scipy.optimize import isotonic_regression
 
 from sassgis.model.errors import OutputError
 from sassgis.model.grid import FloatArray
@@ -226,23 +227,14 @@ def spread(positions: Sequence[float] | FloatArray, widths: float | FloatArray) 
         Room that each label takes, same unit.
     """
     wanted = np.asarray(positions, float)
-    room = np.broadcast_to(np.asarray(widths, float), wanted.shape)
+    if not wanted.size:
+        return wanted
     order = np.argsort(wanted, kind="stable")
-    sorted_room = room[order]
-    packed = np.zeros(wanted.size)
-    packed[1:] = np.cumsum((sorted_room[:-1] + sorted_room[1:]) / 2.0)
-    # Less the tightest packing, the middles need only not to fall: an isotonic regression, solved
-    # by merging neighbours that are out of order into their mean.
-    blocks: list[tuple[float, int]] = []
-    for value in wanted[order] - packed:
-        mean, number = float(value), 1
-        while blocks and blocks[-1][0] > mean:
-            before, n_before = blocks.pop()
-            mean = (before * n_before + mean * number) / (n_before + number)
-            number += n_before
-        blocks.append((mean, number))
+    room = np.broadcast_to(np.asarray(widths, float), wanted.shape)[order]
+    packed = np.append(0.0, np.cumsum((room[:-1] + room[1:]) / 2.0))
     out = np.empty_like(wanted)
-    out[order] = packed + np.repeat([m for m, _ in blocks], [n for _, n in blocks])
+    # Less the tightest packing, the middles need only not to fall.
+    out[order] = packed + isotonic_regression(wanted[order] - packed).x
     return out
 
 
