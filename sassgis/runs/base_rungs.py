@@ -23,10 +23,8 @@ class BaseRungs:
 
     Attributes
     ----------
-    ladder : Ladder
     rows : mapping of rung to float64, shape (FRESH, n_rocks, p)
         Of rocks left out.
-    rungs : tuple of Rung
     law : bool
         Whether another law of the contact is needed.
     """

@@ -110,8 +110,6 @@ def diagnose(
         Folder to write; without it nothing is written.
     jobs : int, optional
         Processes; 0 or None: all cores. The answer does not depend on it.
-    seed : int
-    overwrite : bool
     draws : int
         Draws in each round of a calibration. More take longer.
     ground_range : float
@@ -121,11 +119,6 @@ def diagnose(
         Whether map, figures, report and configuration are written besides the numbers.
     on_progress : callable, optional
         Called with draws done, draws in all, and rocks simulated; counts anew for each step.
-    say : callable, optional
-
-    Returns
-    -------
-    Diagnosis
 
     Raises
     ------

@@ -118,7 +118,6 @@ def evidence_at(config: AnyConfig, observations: AnyObservations, seed: int = 1)
     ----------
     config, observations
         As for ``diagnose``.
-    seed : int
     """
     with one_algebra_thread():
         case = prepared_case(config, observations, seed, 1.0)

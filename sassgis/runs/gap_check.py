@@ -87,7 +87,6 @@ def check(
     ----------
     out : path
         Folder of the check.
-    worlds : int
     seed : int
         Of the battery.
     law : str, optional
