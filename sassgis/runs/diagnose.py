@@ -48,9 +48,8 @@ from sassgis.io.staging import output_if_asked, writing
 from sassgis.io.write.gap_files import write_diagnosis_json
 from sassgis.model.errors import InputError, Interrupted
 from sassgis.model.grid import FloatArray
-from sassgis.runs.base_rungs import BaseRungs
 from sassgis.runs.draw_store import OnProgress
-from sassgis.runs.evidence import Evidence, evidence_of_site, prepared_case
+from sassgis.runs.evidence import BaseRungs, Evidence, evidence_of_site, prepared_case
 from sassgis.runs.fresh_shrinkage import ENSEMBLE
 from sassgis.runs.gap_case import (
     comparable,

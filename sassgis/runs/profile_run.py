@@ -36,8 +36,7 @@ from sassgis.model.profiles import (
 from sassgis.model.results import StopReason
 from sassgis.model.run_config import Config
 from sassgis.model.statistics_table import PROBABILITIES
-from sassgis.report.notebook import in_short
-from sassgis.report.page import ReportContext, translated_report, write_report
+from sassgis.report.page import ReportContext, in_short, translated_report, write_report
 from sassgis.report.profile_report import profile_report
 from sassgis.runs.estimate import require_profile
 from sassgis.runs.inputs import collected_notices, profile_from_csv, read_map_run

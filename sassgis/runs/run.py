@@ -80,7 +80,7 @@ class RunResult:
         return maps_dataset(self.layers, self.run.grid, about)
 
     def _repr_html_(self) -> str:
-        from sassgis.report.notebook import in_short
+        from sassgis.report.page import in_short
 
         return in_short(self.report, self.folder)
 
