@@ -34,6 +34,7 @@ from sassgis.gap.ladder.handover import (
 )
 from sassgis.gap.ladder.hypothesis_fit import CHOSEN, FRESH, draw_of, gain_of
 from sassgis.gap.ladder.rungs import CONFIGURED, GROUND, Step, ground_is_enough
+from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.campaigns import share_left
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel, configured_model
 from sassgis.gap.replicas.model_json import model_as_json
@@ -45,18 +46,19 @@ from sassgis.gap.which.verdict import CONTACT_LAW, UNKNOWN, adequate, causes_in
 from sassgis.io.read.gap_thresholds import cause_weights_of, read_thresholds, thresholds_of
 from sassgis.io.read.observation_files import AnyObservations
 from sassgis.io.staging import output_if_asked, writing
-from sassgis.io.write.gap_files import write_diagnosis_json
+from sassgis.io.write.calibrated_config import write_config_back
+from sassgis.io.write.gap_files import write_diagnosis_json, write_gap_gpkg
+from sassgis.model.crs import crs_name
 from sassgis.model.errors import InputError, Interrupted
 from sassgis.model.grid import FloatArray
+from sassgis.model.languages import in_language
+from sassgis.model.run_config import Config
+from sassgis.report.gap_report import gap_report, report_warnings
+from sassgis.report.page import translated_report, write_report
 from sassgis.runs.draw_store import OnProgress
 from sassgis.runs.evidence import BaseRungs, Evidence, evidence_of_site, prepared_case
 from sassgis.runs.fresh_shrinkage import ENSEMBLE
-from sassgis.runs.gap_case import (
-    comparable,
-    fingerprint_of,
-    observations_name,
-)
-from sassgis.runs.gap_outputs import write_outputs
+from sassgis.runs.gap_case import comparable, fingerprint_of, observations_name, observed_files
 from sassgis.runs.gap_warnings import (
     edge_warnings,
     group_warnings,
@@ -66,6 +68,7 @@ from sassgis.runs.gap_warnings import (
 )
 from sassgis.runs.hypothesis_fits import DRAWS, HypothesisFits
 from sassgis.runs.job import AnyConfig, configured, workers_asked
+from sassgis.runs.origin import Origin, write_origin
 from sassgis.runs.weighed_causes import AddedCauses, shares_of, verdict_of
 from sassgis.runs.workers import Jobs, one_algebra_thread, task_map
 
@@ -168,10 +171,9 @@ def diagnose(
             return diagnosis
         tell("Writing the results")
         _write_models(work / ENSEMBLE, made, diagnosis)
+        write_diagnosis_json(work / "diagnosis.json", diagnosis)
         if report:
             write_outputs(work, case, diagnosis, settings)
-        else:
-            write_diagnosis_json(work / "diagnosis.json", diagnosis)
     return diagnosis
 
 
@@ -371,6 +373,58 @@ def _comparisons(
 
 def _finite(values: FloatArray) -> tuple[float, ...]:
     return tuple(np.round(values[np.isfinite(values)], 4).tolist())
+
+
+def write_outputs(work: Path, case: Case, diagnosis: Diagnosis, config: Config) -> None:
+    """Write a diagnosis into a folder; equal diagnoses give equal files.
+
+    ``gap.gpkg``, ``figures/*.png``, ``report.html``, ``model/config.toml`` with
+    its files, and last ``manifest.json``.
+
+    Parameters
+    ----------
+    work : Path
+        Folder of the result, or the staged one beside it: paths in ``model/config.toml`` hold for
+        both.
+    config : Config
+        The configuration that was diagnosed.
+
+    Raises
+    ------
+    ConfigError, InputError
+        If a file that the configuration names cannot be read.
+    OutputError
+        If the disk is full or not writable.
+    """
+    write_gap_gpkg(work / "gap.gpkg", case, diagnosis)
+    write_config_back(work / "model" / "config.toml", config, diagnosis, case)
+    # What the console says, and what only the report has.
+    warnings = list(dict.fromkeys((*diagnosis.warnings, *report_warnings(case, diagnosis))))
+    with in_language(config.project.language):
+        context = gap_report(
+            case,
+            diagnosis,
+            work / "figures",
+            project=config.project.name,
+            terrain=config.dem_source.name,
+            crs=crs_name(case.grid.crs or ""),
+            configuration=config.label,
+            warnings=warnings,
+        )
+        write_report(work / "report.html", translated_report(context))
+    verdict = diagnosis.verdict
+    found = {"effect": verdict.effect, "confidence": verdict.confidence,
+             "settings_hash": diagnosis.settings_hash}  # fmt: skip
+    counts = {
+        "rocks": diagnosis.rocks,
+        **{f"rows_{name}": int(n) for name, n in diagnosis.tables.items()},
+        "comparisons": len(diagnosis.where),
+        "explanations": len(diagnosis.which),
+    }
+    write_origin(
+        work, config, counts, warnings, seed=diagnosis.seed, grid=case.grid, maps=False,
+        origin=Origin(observed_files(case)), settings={"diagnosis": found},
+    )  # fmt: skip
 
 
 def _write_models(file: Path, made: HypothesisFits, diagnosis: Diagnosis) -> None:

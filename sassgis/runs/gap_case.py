@@ -28,6 +28,7 @@ from sassgis.io.read.observation_files import AnyObservations, observation_sourc
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.in_memory import Input
 from sassgis.model.map_run import MapRun
 from sassgis.model.profiles import ReleasePoints, TraceSet
 from sassgis.model.run_config import Config
@@ -81,6 +82,12 @@ def read_case(config: AnyConfig, observations: AnyObservations) -> Case:
 def observations_name(observations: AnyObservations) -> Path:
     """What messages call them."""
     return Path("observations" if isinstance(observations, Mapping) else observations)
+
+
+def observed_files(case: Case) -> dict[str, Input]:
+    """The files of the observations, each once, by their role."""
+    files = sorted({*case.observations.files.values()}, key=str)
+    return {f"observations {file.name}": file for file in files}
 
 
 def drop_of(blocks: Sequence[BlockPopulation]) -> float:
