@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from sassgis.gap.calibration.contact_map import learned_contacts
-from sassgis.gap.calibration.problem import model_rows, problem_of
-from sassgis.gap.calibration.site_summary import summary_of
+from sassgis.gap.calibration.problem import model_rows
 from sassgis.gap.causes.trees_cause import losses_at_one_place
 from sassgis.gap.diagnosis import CauseGain, Fingerprint, GapFinding, Rung
 from sassgis.gap.ladder.cause_gains import cause_gains
@@ -24,10 +23,9 @@ from sassgis.gap.which.verdict import CONTACT_LAW, adequate, speaking
 from sassgis.io.read.observation_files import AnyObservations
 from sassgis.model.grid import FloatArray
 from sassgis.model.languages import phrase
-from sassgis.runs.gap_case import comparable, read_case
-from sassgis.runs.hypothesis_fits import DRAWS, HypothesisFits
+from sassgis.runs.gap_case import read_case
+from sassgis.runs.hypothesis_fits import HypothesisFits
 from sassgis.runs.job import AnyConfig
-from sassgis.runs.workers import one_algebra_thread, task_map
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,18 +152,3 @@ def _notes(residuals: ResidualTable) -> tuple[str, ...]:
             f"{found[1]:.0f}",
         ),
     )
-
-
-def evidence_at(config: AnyConfig, observations: AnyObservations, seed: int = 1) -> Evidence:
-    """Evidence at a site, in this process.
-
-    Parameters
-    ----------
-    config, observations
-        As for ``diagnose``.
-    """
-    with one_algebra_thread():
-        case = prepared_case(config, observations, seed, 1.0)
-        summary = summary_of(comparable(problem_of(case, seed), observations))
-        with task_map(summary, 1) as run:
-            return evidence_of_site(HypothesisFits(summary, run, DRAWS))[0]
