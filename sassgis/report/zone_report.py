@@ -28,7 +28,6 @@ from sassgis.model.map_run import MapRun
 from sassgis.model.results import RasterLayer
 from sassgis.report import figures
 from sassgis.report.exposed_report import limited, map_objects
-from sassgis.report.figures import MapMarks
 from sassgis.report.map_report import map_marks
 from sassgis.report.number_text import thousands
 from sassgis.report.page import Cell, ReportFigure, ReportTable, heads, sensible
@@ -140,7 +139,19 @@ def zone_figures(
             figures.blocks_figure(history, changed_share_max),
         )  # fmt: skip
     if found.without is not None:
-        out.append(_barrier_figure(run, rules, found, level, marks, width, folder))
+        both = []
+        for one in (found.without, hazard):
+            levels = raster(grid, one.curves.places, hazard_level(one.curves, rules.preset))
+            drawn = np.where(levels == 0, np.nan, levels).astype(np.float32)
+            both.append(replace(level, bands=(replace(level.bands[0], values=drawn),)))
+        names = ("Without walls and nets", "With them")
+        add(
+            "barriers",
+            BARRIERS_TITLE,
+            "Hazard level of the cells without and with walls and nets, from the same blocks.",
+            phrase("Without: {} With: {}", *(map_alt(grid, layer) for layer in both)),
+            figures.change_figure(grid, both[0], both[1], marks, names=names, note=width),
+        )
     curves, preset = hazard.curves, rules.preset
     x, y = grid.cell_centres(curves.places[place : place + 1])
     rates = [
@@ -163,34 +174,6 @@ def zone_figures(
     if found.risk is not None:
         out += _risk_figures(found.risk, currency, folder)
     return tuple(out)
-
-
-def _barrier_figure(
-    run: MapRun,
-    rules: Rules,
-    found: Assessment,
-    level: RasterLayer,
-    marks: MapMarks,
-    width: str,
-    folder: Path,
-) -> ReportFigure:
-    """Levels of the cells without and with walls and nets, drawn as ``level`` is."""
-    grid = run.grid
-    both = []
-    for one in (found.without, found.hazard):
-        assert one is not None
-        levels = raster(grid, one.curves.places, hazard_level(one.curves, rules.preset))
-        drawn = np.where(levels == 0, np.nan, levels).astype(np.float32)
-        both.append(replace(level, bands=(replace(level.bands[0], values=drawn),)))
-    names = ("Without walls and nets", "With them")
-    return picture(
-        folder,
-        "barriers",
-        BARRIERS_TITLE,
-        "Hazard level of the cells without and with walls and nets, from the same blocks.",
-        figures.change_figure(grid, both[0], both[1], marks, names=names, note=width),
-        phrase("Without: {} With: {}", *(map_alt(grid, layer) for layer in both)),
-    )
 
 
 def _risk_figures(risk: RiskTable, currency: str, folder: Path) -> list[ReportFigure]:
