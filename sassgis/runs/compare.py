@@ -11,7 +11,6 @@ from sassgis.hazard.stored_result import StoredResult, objects_within, on_common
 from sassgis.io.own_files import MANIFEST_NAME
 from sassgis.io.qgis.entries import LayerEntry
 from sassgis.io.read.config import load_config
-from sassgis.io.read.objects import object_cells
 from sassgis.io.read.result_folder import read_result
 from sassgis.io.staging import staged_output
 from sassgis.io.write.frames import write_table
@@ -30,7 +29,7 @@ from sassgis.model.in_memory import Input
 from sassgis.model.languages import in_language
 from sassgis.report.change_report import change_figures, change_report
 from sassgis.report.page import translated_report, write_report
-from sassgis.runs.inputs import input_files, placed_objects
+from sassgis.runs.inputs import cells_of_wholes, input_files, placed_objects
 from sassgis.runs.relief_project import write_over_relief
 from sassgis.runs.run import run
 from sassgis.runs.workers import Jobs
@@ -52,10 +51,8 @@ def compare(
         Folders that ``run``, ``zone`` or ``batch`` (an area, or the mosaic) wrote.
     out : path
         Folder of the comparison; appears whole or not at all.
-    overwrite : bool
-        Whether a result that is there already may be replaced.
-    say : callable, optional
-        Called with a line of text now and then.
+    overwrite, say
+        As for sassgis.runs.run.run.
 
     Raises
     ------
@@ -97,12 +94,8 @@ def map_change(
         With the same terrain. ``terrain.path`` of the second holds for both.
     out : path
         Folder of the result; appears whole or not at all.
-    jobs : int, optional
-        In place of that of the configurations.
-    overwrite : bool
-        Whether a result that is there already may be replaced.
-    say : callable, optional
-        Called with a line of text now and then.
+    jobs, overwrite, say
+        As for sassgis.runs.run.run.
 
     Raises
     ------
@@ -192,12 +185,8 @@ def write_comparison(
         )
         placed = objects_within(placed, after.grid)
     grid = after.grid
-    cells, owner = object_cells(placed, grid)
-    names = list(dict.fromkeys(o.whole for o in placed.objects))
-    number = {name: i for i, name in enumerate(names)}
-    of_whole = [number[o.whole] for o in placed.objects]
-    owner[:] = [of_whole[i] for i in owner.tolist()]
-    change = result_change(before, after, (names, cells, owner), notes)
+    names, touched = cells_of_wholes(placed, grid)
+    change = result_change(before, after, (names, touched.cell, touched.number), notes)
     levels = not levels_differ(before, after)
     tell("Writing the maps of the change")
     maps = change_layers(before, after)
