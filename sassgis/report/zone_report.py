@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -90,6 +89,13 @@ def zone_figures(
     zones = hazard.levels
     level, unsure = by_stem["hazard_level"], by_stem["confidence"]
     marks = map_marks(run, map_objects(rules.placed))
+    entry = {c.value: c for c in level.classes}
+    edited = shapely.get_parts([a.edit.geometry for a in hazard.edits])
+    zone_marks = replace(
+        marks,
+        zones=[(p, entry[k]) for p, k in zip(zones.polygons, zones.classes, strict=True)],
+        edits=[shapely.get_coordinates(ring) for ring in shapely.get_rings(edited)],
+    )
     width = phrase("Reference width {} m.", f"{rules.ref_width_m:.4g}")
     text = (
         "Preset {}: {}. Zones as drawn: never lower than the cells in them, except where edited by "
@@ -104,7 +110,7 @@ def zone_figures(
         "Hazard zones",
         phrase(text, rules.preset.name, phrase(rules.preset.title), width),
         classes_alt(level.title, areas),
-        figures.map_figure(grid, level, replace(marks, **_zone_marks(hazard, level)), note=width),
+        figures.map_figure(grid, level, zone_marks, note=width),
     )
     intensities = [m for m in maps if m.stem.startswith("intensity")]
     add(
@@ -199,17 +205,6 @@ def _risk_figures(risk: RiskTable, currency: str, folder: Path) -> list[ReportFi
         alt = phrase("Bars, the largest first: {}.", joined(", ", largest))
         out.append(picture(folder, f"risk_{quantity}", title, caption, figure, alt))
     return out
-
-
-def _zone_marks(hazard: Hazard, level: RasterLayer) -> dict[str, Any]:
-    """Zones in the classes of the map of levels, and the outlines of edits."""
-    zones = hazard.levels
-    entry = {c.value: c for c in level.classes}
-    edited = [a.edit.geometry for a in hazard.edits]
-    return {
-        "zones": [(p, entry[k]) for p, k in zip(zones.polygons, zones.classes, strict=True)],
-        "edits": [shapely.get_coordinates(r) for r in shapely.get_rings(shapely.get_parts(edited))],
-    }
 
 
 def zone_tables(

@@ -363,16 +363,13 @@ def _comparisons(
         place, _, what = name.partition(":")
         quantity, unit = _SHOWN[what]
         shown = "stop" if place == "stop" else problem.case.station_names[int(place[1:])]
-        seen, before, after = (
-            () if rows is None else _finite(values_of(problem.scale, rows, i))
+        given = (
+            np.empty(0) if rows is None else values_of(problem.scale, rows, i)
             for rows in (problem.rows, base, effect)
         )
-        out.append(Comparison(shown, quantity, unit, seen, before, after))
+        values = (tuple(np.round(v[np.isfinite(v)], 4).tolist()) for v in given)
+        out.append(Comparison(shown, quantity, unit, *values))
     return tuple(out)
-
-
-def _finite(values: FloatArray) -> tuple[float, ...]:
-    return tuple(np.round(values[np.isfinite(values)], 4).tolist())
 
 
 def write_outputs(work: Path, case: Case, diagnosis: Diagnosis, config: Config) -> None:

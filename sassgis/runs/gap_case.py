@@ -229,18 +229,13 @@ def _fixed(
         changes.update({f"axis_{j + 1}_m": (a, a) for j, a in enumerate(axes)})
         changes["volume_m3"] = changes["volume_exponent"] = None
     elif math.isfinite(mass):
-        own = float(rocks.volume_m3[i])
-        volume = own if math.isfinite(own) else mass / _density(density, block)
+        volume = float(rocks.volume_m3[i])
+        if not math.isfinite(volume):
+            middle = 0.5 * sum(block.density_kgm3) or DENSITY_KGM3
+            volume = mass / (density if math.isfinite(density) else middle)
         changes["volume_m3"] = (volume, volume)
         changes["volume_exponent"] = None
     return replace(block, **changes)  # type: ignore[arg-type]
-
-
-def _density(observed: float, block: BlockPopulation) -> float:
-    if math.isfinite(observed):
-        return observed
-    middle = 0.5 * sum(block.density_kgm3)
-    return middle if middle > 0.0 else DENSITY_KGM3
 
 
 def _radius(block: BlockPopulation) -> float:
