@@ -26,12 +26,12 @@ from sassgis.report.figures.style import (
     beside,
     halo,
     head,
+    house_style,
     new_figure,
     nothing_to_show,
     percent_formatter,
     round_step,
     spread,
-    styled,
     text_width_pt,
     thousands_formatter,
 )
@@ -50,7 +50,7 @@ _TITLES = {
 }
 
 
-@styled
+@house_style()
 def energy_profile_figure(
     s_bins: FloatArray,
     quantiles: Mapping[float, FloatArray],
@@ -221,7 +221,7 @@ def _panel(ax: Axes, name: str, histogram: Histogram, log: bool = False) -> None
         beside(ax, f"≥ {edges[-2]:.3g}", at, (0, 2), **look)
 
 
-@styled
+@house_style()
 def station_figure(
     name: str,
     speed: Histogram,
@@ -319,7 +319,7 @@ def _draw_runout(
     return figure
 
 
-@styled
+@house_style()
 def runout_figure(runout_m: FloatArray, reasons: IntArray) -> Figure:
     """Draw where blocks end (chainage, m) by StopReason, and the share that gets at least so far.
 
@@ -334,7 +334,7 @@ def runout_figure(runout_m: FloatArray, reasons: IntArray) -> Figure:
     return _draw_runout(edges, counts, curve, "", "steps-pre")
 
 
-@styled
+@house_style()
 def runout_counts_figure(
     edges: FloatArray, counts: Mapping[StopReason, IntArray], *, title: str = ""
 ) -> Figure:

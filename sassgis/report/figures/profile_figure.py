@@ -30,10 +30,10 @@ from sassgis.report.figures.style import (
     Page,
     beside,
     halo,
+    house_style,
     lines_in,
     round_step,
     spread,
-    styled,
     text_width_pt,
     thousands_formatter,
     wrap,
@@ -276,7 +276,7 @@ def _draw_panel(ax: Axes, panel: ProfilePanel, frame: _Frame) -> None:
     ax.set_ylabel("height (m)")
 
 
-@styled
+@house_style()
 def profile_figure(panels: Sequence[ProfilePanel], *, letters: bool = True) -> Figure:
     """Stack profiles at one scale on one page, such as a slope before and after measures.
 

@@ -22,15 +22,15 @@ from sassgis.report.figures.style import (
     WIDTH_IN,
     beside,
     halo,
+    house_style,
     new_figure,
-    styled,
 )
 
 #: Frequencies this much rarer than the longest return period are not drawn.
 _RARER = 5.0
 
 
-@styled
+@house_style()
 def protection_figure(
     places: pd.DataFrame,
     before: Arrivals,

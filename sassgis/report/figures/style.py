@@ -6,12 +6,12 @@ import functools
 import io
 import textwrap
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib.resources import as_file, files
 from os import PathLike
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -57,9 +57,6 @@ GROUND_COLOURS = (
     "#8c8c8c", "#E6C27A", "#7FBF9B", "#A6D3EE", "#E0A3C2", "#C98A5B", "#5B8FB9", "#EDE79B",
 )  # fmt: skip
 
-P = ParamSpec("P")
-R = TypeVar("R")
-
 # matplotlib reads its defaults from one table per process; the lock keeps threads apart.
 _LOCK = threading.RLock()
 
@@ -76,21 +73,10 @@ def _settings() -> dict[Any, Any]:
 
 @contextmanager
 def house_style() -> Iterator[None]:
-    """Draw in the style of the figures, whatever the user's matplotlibrc says."""
+    """Draw in the style of the figures, whatever the user's matplotlibrc says; also a decorator."""
     with _LOCK, mpl.rc_context():
         mpl.rcParams.update(_settings())
         yield
-
-
-def styled(function: Callable[P, R]) -> Callable[P, R]:
-    """Run a figure function in the house style."""
-
-    @functools.wraps(function)
-    def wrapper(*args: P.args, **kwargs: P.kwargs) -> R:
-        with house_style():
-            return function(*args, **kwargs)
-
-    return wrapper
 
 
 def new_figure(width_in: float, height_in: float, *, constrained: bool = True) -> Figure:
