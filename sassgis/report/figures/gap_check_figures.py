@@ -21,12 +21,12 @@ from sassgis.report.figures.style import (
     VERMILION,
     WIDTH_IN,
     beside,
+    count,
     house_style,
     new_figure,
     nothing_to_show,
     percent_formatter,
 )
-from sassgis.report.number_text import thousands
 
 _SHADES = LinearSegmentedColormap.from_list("shares", ["#ffffff", "#d6e7f3", "#7fb6da", BLUE])
 _DIAGONAL: dict[str, Any] = {"color": GREY, "linewidth": 0.8, "linestyle": (0, (4, 3))}
@@ -125,9 +125,9 @@ def reliability_figure(rows: Sequence[ReliabilityRow], limit: float, least: floa
         width=[row.high - row.low for row in rows], align="edge", color=LIGHT, edgecolor="white",
     )  # fmt: skip
     counts.set_ylabel("sites")
-    n = sum(row.right.trials for row in rows)
-    sites = f"{thousands(n)} {'site' if n == 1 else 'sites'}"
-    counts.set_xlabel(f"stated confidence, mean of each bin ({sites})")
+    counts.set_xlabel(
+        f"stated confidence, mean of each bin ({count(sum(r.right.trials for r in rows), 'site')})"
+    )
     counts.grid(False, axis="x")
     return figure
 

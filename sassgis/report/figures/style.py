@@ -189,6 +189,11 @@ def thousands_formatter(decimals: int = 0) -> FuncFormatter:
     return FuncFormatter(lambda value, _: thousands(value, decimals))
 
 
+def count(n: int, noun: str) -> str:
+    """Write '1 block', '1 200 blocks'."""
+    return f"{thousands(n)} {noun if n == 1 else noun + 's'}"
+
+
 def nothing_to_show(ax: Axes, text: str = "no data", *, keep_x: bool = False) -> None:
     """Say in the middle of a panel that it is empty on purpose, and take its ticks away."""
     ax.set_yticks([])
