@@ -49,9 +49,7 @@ def compare(
     ----------
     before, after : path
         Folders that ``run``, ``zone`` or ``batch`` (an area, or the mosaic) wrote.
-    out : path
-        Folder of the comparison; appears whole or not at all.
-    overwrite, say
+    out, overwrite, say
         As for sassgis.runs.run.run.
 
     Raises
@@ -92,9 +90,7 @@ def map_change(
     ----------
     config_before, config_after : path
         With the same terrain. ``terrain.path`` of the second holds for both.
-    out : path
-        Folder of the result; appears whole or not at all.
-    jobs, overwrite, say
+    out, jobs, overwrite, say
         As for sassgis.runs.run.run.
 
     Raises

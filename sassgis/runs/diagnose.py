@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from sassgis.gap.calibration.problem import CalibrationProblem, model_rows, problem_of
+from sassgis.gap.calibration.problem import CalibrationProblem, Scale, model_rows, problem_of
 from sassgis.gap.calibration.site_summary import summary_of
 from sassgis.gap.diagnosis import (
     Advice,
@@ -37,7 +37,7 @@ from sassgis.gap.ladder.rungs import CONFIGURED, GROUND, Step, ground_is_enough
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.campaigns import share_left
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel, configured_model
-from sassgis.gap.replicas.model_json import model_as_json
+from sassgis.gap.replicas.model_json import model_as_json, model_from_json
 from sassgis.gap.which.hypotheses import NONE, families_to_try
 from sassgis.gap.which.identifiable import what_is_identifiable
 from sassgis.gap.which.measure_next import DRAWS as DRAWS_COMPARED
@@ -57,8 +57,13 @@ from sassgis.report.gap_report import gap_report, report_warnings
 from sassgis.report.page import translated_report, write_report
 from sassgis.runs.draw_store import OnProgress
 from sassgis.runs.evidence import BaseRungs, Evidence, evidence_of_site, prepared_case
-from sassgis.runs.fresh_shrinkage import ENSEMBLE
-from sassgis.runs.gap_case import comparable, fingerprint_of, observations_name, observed_files
+from sassgis.runs.gap_case import (
+    comparable,
+    fingerprint_of,
+    observations_name,
+    observed_files,
+    read_case,
+)
 from sassgis.runs.gap_warnings import (
     edge_warnings,
     group_warnings,
@@ -74,6 +79,8 @@ from sassgis.runs.workers import Jobs, one_algebra_thread, task_map
 
 #: Folder of the result in which the maps before and after are put, where they are wanted.
 MAP_NAME = "map"
+#: Models that are handed over, whole, for measuring on other rocks.
+ENSEMBLE = "model/ensemble.json"
 #: With fewer rocks nothing can be left out.
 _FEWEST_ROCKS = 5
 _NOT_THE_LAW = (
@@ -463,6 +470,64 @@ def _campaigns_of(made: HypothesisFits, model: HypothesisModel) -> tuple[int, Fl
         if fit.handed_over.draw.model == model:
             return CHOSEN, fit.handed_over.rows
     return CONFIGURED_NUMBER, model_rows(made.problem, model, CONFIGURED_NUMBER, FRESH)
+
+
+def measured_shrinkage(
+    config: str | Path, observations: str | Path, answer: str | Path
+) -> dict[str, float | None]:
+    """Measure how far the gap shrinks on other rocks of the same slope.
+
+    The model as configured and those that the diagnosis calibrated, without and with the effect
+    that it names, release the new rocks; nothing is calibrated again. The rocks of the diagnosis
+    itself give the campaigns again by which its models were chosen.
+
+    Parameters
+    ----------
+    observations : path
+        Of the new rocks.
+    answer : path
+        Folder that ``diagnose`` wrote.
+
+    Returns
+    -------
+    dict
+        "S", from the configured model to the one handed over (None where the gap of the configured
+        one may be chance); "D_configured", "D_base", "D_effect", "D_floor".
+
+    Raises
+    ------
+    ConfigError, InputError
+    """
+    file = Path(answer) / ENSEMBLE
+    try:
+        kept: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+        scale = Scale(
+            tuple(kept["scale"]["names"]),
+            np.array(kept["scale"]["centre"]),
+            np.array(kept["scale"]["scale"]),
+        )
+        models = {name: model_from_json(kept[name]["model"]) for name in ("base", "effect")}
+        numbers = {name: int(kept[name]["number"]) for name in models}
+        count, seed = int(kept["count"]), int(kept["seed"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(
+            "the calibrated models of a diagnosis cannot be read", file=file, found=str(error)
+        ) from error
+    problem = problem_of(read_case(config, observations), seed, scale)
+    models["configured"] = configured_model(problem.case)
+    numbers["configured"] = CONFIGURED_NUMBER
+    base, effect, configured = (
+        RockDistances.of(problem.rows, model_rows(problem, model, numbers[name], count))
+        for name, model in models.items()
+    )
+    gap = configured.value() - effect.floor
+    return {
+        "S": (configured.value() - effect.value()) / gap if configured.above_chance else None,
+        "D_configured": configured.value(),
+        "D_base": base.value(),
+        "D_effect": effect.value(),
+        "D_floor": effect.floor,
+    }
 
 
 def answer(config: str | Path, observations: str | Path, out: str | Path, **options: Any) -> None:

@@ -39,7 +39,7 @@ SEED = 2026
 #: Rocks on which a stated shrinkage is checked.
 FRESH_ROCKS = 300
 DIAGNOSER = "sassgis.runs.diagnose:answer"
-MEASURER = "sassgis.runs.fresh_shrinkage:measured_shrinkage"
+MEASURER = "sassgis.runs.diagnose:measured_shrinkage"
 
 _FORMAT = 2
 _MAKER = "sassgis.runs.blinded_cases"
