@@ -100,6 +100,15 @@ def calibration_report(
     """Draw the figures into ``folder`` and put the report together."""
     sites = joined(", ", (phrase("{} ({} rocks)", s.name, s.rocks) for s in calibration.sites))
     labels = [f.parameter.label for f in calibration.fitted]
+    common = ReportTable(
+        "Common parameters and those that fit each site best",
+        (*heads("site; score, common; score, own"), *((label, "") for label in labels)),
+        tuple(
+            (s.name, s.fit.score, s.fit.own_score, *(float(f"{s.own[k]:.3g}") for k in labels))
+            for s in calibration.sites
+        ),
+        "Score: energy score, mean over the rocks; less is better.",
+    )
     return ReportContext(
         title=translated("Calibrated ground classes"),
         subtitle=sites,
@@ -135,7 +144,7 @@ def calibration_report(
                 tuple(tuple(float(f"{one[k]:.3g}") for k in labels) for one in calibration.as_good),
                 "As far apart as possible among those that chance does not separate from the best.",
             ),
-            *((_site_table(calibration),) if len(calibration.sites) > 1 else ()),
+            *([common] if len(calibration.sites) > 1 else []),
         ),
         provenance=(("Program", f"sassgis {sassgis.__version__}"), ("Seed", calibration.seed)),
     )
@@ -223,17 +232,3 @@ def _error_table(site: SiteResult) -> ReportTable:
 def _percent(error: Interval) -> str:
     value, low, high = (100.0 * v for v in (error.value, error.low, error.high))
     return phrase("{} ({} to {})", f"{value:+.0f} %", f"{low:+.0f}", f"{high:+.0f}")
-
-
-def _site_table(calibration: SiteCalibration) -> ReportTable:
-    labels = [f.parameter.label for f in calibration.fitted]
-    return ReportTable(
-        "Common parameters and those that fit each site best",
-        (*heads("site; score, common; score, own"), *((label, "") for label in labels)),
-        tuple(
-            (s.name, s.fit.score, s.fit.own_score,
-             *(float(f"{s.own[label]:.3g}") for label in labels))
-            for s in calibration.sites
-        ),
-        "Score: energy score, mean over the rocks; less is better.",
-    )  # fmt: skip

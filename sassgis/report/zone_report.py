@@ -16,7 +16,7 @@ from sassgis.hazard.curves import source_rate
 from sassgis.hazard.levels import hazard_level
 from sassgis.hazard.preset_labels import energy_labels, period_labels
 from sassgis.hazard.risk import RiskTable, risk_totals
-from sassgis.hazard.zoning.applied_edits import AppliedEdit, shares_text
+from sassgis.hazard.zoning.applied_edits import shares_text
 from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.model.edits import LIMIT_TEXT
 from sassgis.model.grid import FloatArray
@@ -253,7 +253,23 @@ def zone_tables(
             )
         ]
     if found.hazard.edits:
-        tables.append(_edit_table(preset, found.hazard.edits))
+        labels = ["none", *(c.label for c in preset.levels)]
+        edits = ReportTable(
+            "Edited by hand",
+            heads(
+                "level; limit; author; date; reason; computed at the time; computed now; "
+                "share with another level since"
+            ),
+            tuple(
+                (labels[a.edit.level], phrase(LIMIT_TEXT[a.edit.limit]), a.edit.author,
+                 a.edit.date, a.edit.reason, shares_text(a.then) or None, shares_text(a.now),
+                 f"{100 * a.changed:.0f} %" if a.then else None)
+                for a in found.hazard.edits
+            ),
+            "Zones, map sheets and the federal model have these levels in place of the computed "
+            "ones. Maps of cells, intensities, frequencies and risk are as computed.",
+        )  # fmt: skip
+        tables.append(edits)
     if found.risk is not None:
         money = phrase("{}/year", currency)
         tables.append(_risk_table(found.risk, found.risk_without, money))
@@ -315,25 +331,6 @@ def _design_table(
         "height of the block and the freeboard. How many simulated blocks lie beyond each value is "
         "in tables/design.csv.",
     )
-
-
-def _edit_table(preset: HazardPreset, applied: Sequence[AppliedEdit]) -> ReportTable:
-    labels = ["none", *(c.label for c in preset.levels)]
-    return ReportTable(
-        "Edited by hand",
-        heads(
-            "level; limit; author; date; reason; computed at the time; computed now; "
-            "share with another level since"
-        ),
-        tuple(
-            (labels[a.edit.level], phrase(LIMIT_TEXT[a.edit.limit]), a.edit.author, a.edit.date,
-             a.edit.reason, shares_text(a.then) or None, shares_text(a.now),
-             f"{100 * a.changed:.0f} %" if a.then else None)
-            for a in applied
-        ),
-        "Zones, map sheets and the federal model have these levels in place of the computed ones. "
-        "Maps of cells, intensities, frequencies and risk are as computed.",
-    )  # fmt: skip
 
 
 def _risk_table(risk: RiskTable, without: RiskTable | None, money: str) -> ReportTable:
