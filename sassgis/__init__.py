@@ -26,93 +26,50 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from sassgis.io.read.config import configure, load_config
-    from sassgis.io.read.dem import read_dem
-    from sassgis.io.write.config_file import save_config
-    from sassgis.model.errors import (
-        ConfigError,
-        InputError,
-        Interrupted,
-        OutputError,
-        SassgisError,
-    )
-    from sassgis.model.exposure import ObjectSettings, RiskSettings
-    from sassgis.model.grid import Grid
-    from sassgis.model.ground import GroundClass
-    from sassgis.model.hazard import HazardSettings, ZoningSettings
-    from sassgis.model.results import Outcome, StopReason
-    from sassgis.model.run_config import Config
-    from sassgis.model.settings import (
-        BarrierSettings,
-        BlockSettings,
-        EngineSettings,
-        GroundSettings,
-        OutputSettings,
-        ProfileSettings,
-        ProjectSettings,
-        ReleaseSettings,
-        RunSettings,
-        StationSettings,
-        TerrainSettings,
-    )
-    from sassgis.runs.batch import batch
-    from sassgis.runs.calibrate import calibrate
-    from sassgis.runs.check_inputs import check_inputs
-    from sassgis.runs.compare import compare
-    from sassgis.runs.diagnose import diagnose
-    from sassgis.runs.profile_run import run_profile
-    from sassgis.runs.run import run
-    from sassgis.runs.samples import sample_folder
-    from sassgis.runs.without_files import hazard_maps, profile, simulate, zones
-    from sassgis.runs.zone import zone
+    from sassgis.io.read.config import configure as configure
+    from sassgis.io.read.config import load_config as load_config
+    from sassgis.io.read.dem import read_dem as read_dem
+    from sassgis.io.write.config_file import save_config as save_config
+    from sassgis.model.errors import ConfigError as ConfigError
+    from sassgis.model.errors import InputError as InputError
+    from sassgis.model.errors import Interrupted as Interrupted
+    from sassgis.model.errors import OutputError as OutputError
+    from sassgis.model.errors import SassgisError as SassgisError
+    from sassgis.model.exposure import ObjectSettings as ObjectSettings
+    from sassgis.model.exposure import RiskSettings as RiskSettings
+    from sassgis.model.grid import Grid as Grid
+    from sassgis.model.ground import GroundClass as GroundClass
+    from sassgis.model.hazard import HazardSettings as HazardSettings
+    from sassgis.model.hazard import ZoningSettings as ZoningSettings
+    from sassgis.model.results import Outcome as Outcome
+    from sassgis.model.results import StopReason as StopReason
+    from sassgis.model.run_config import Config as Config
+    from sassgis.model.settings import BarrierSettings as BarrierSettings
+    from sassgis.model.settings import BlockSettings as BlockSettings
+    from sassgis.model.settings import EngineSettings as EngineSettings
+    from sassgis.model.settings import GroundSettings as GroundSettings
+    from sassgis.model.settings import OutputSettings as OutputSettings
+    from sassgis.model.settings import ProfileSettings as ProfileSettings
+    from sassgis.model.settings import ProjectSettings as ProjectSettings
+    from sassgis.model.settings import ReleaseSettings as ReleaseSettings
+    from sassgis.model.settings import RunSettings as RunSettings
+    from sassgis.model.settings import StationSettings as StationSettings
+    from sassgis.model.settings import TerrainSettings as TerrainSettings
+    from sassgis.runs.batch import batch as batch
+    from sassgis.runs.calibrate import calibrate as calibrate
+    from sassgis.runs.check_inputs import check_inputs as check_inputs
+    from sassgis.runs.compare import compare as compare
+    from sassgis.runs.diagnose import diagnose as diagnose
+    from sassgis.runs.profile_run import run_profile as run_profile
+    from sassgis.runs.run import run as run
+    from sassgis.runs.samples import sample_folder as sample_folder
+    from sassgis.runs.without_files import hazard_maps as hazard_maps
+    from sassgis.runs.without_files import profile as profile
+    from sassgis.runs.without_files import simulate as simulate
+    from sassgis.runs.without_files import zones as zones
+    from sassgis.runs.zone import zone as zone
 
 __version__ = "0.1.0"
-
-__all__ = [
-    "BarrierSettings",
-    "BlockSettings",
-    "Config",
-    "ConfigError",
-    "EngineSettings",
-    "Grid",
-    "GroundClass",
-    "GroundSettings",
-    "HazardSettings",
-    "InputError",
-    "Interrupted",
-    "ObjectSettings",
-    "Outcome",
-    "OutputError",
-    "OutputSettings",
-    "ProfileSettings",
-    "ProjectSettings",
-    "ReleaseSettings",
-    "RiskSettings",
-    "RunSettings",
-    "SassgisError",
-    "StationSettings",
-    "StopReason",
-    "TerrainSettings",
-    "ZoningSettings",
-    "__version__",
-    "batch",
-    "calibrate",
-    "check_inputs",
-    "compare",
-    "configure",
-    "diagnose",
-    "hazard_maps",
-    "load_config",
-    "profile",
-    "read_dem",
-    "run",
-    "run_profile",
-    "sample_folder",
-    "save_config",
-    "simulate",
-    "zone",
-    "zones",
-]
 
 _NAMES = {
     "io.read.config": "configure load_config",
@@ -139,6 +96,9 @@ _NAMES = {
     "runs.zone": "zone",
 }
 _HOMES = {name: f"sassgis.{home}" for home, names in _NAMES.items() for name in names.split()}
+if not TYPE_CHECKING:
+    # What checks types reads the imports above.
+    __all__ = ["__version__", *_HOMES]
 
 
 def __getattr__(name: str) -> Any:
@@ -151,4 +111,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted(__all__)
+    return sorted(["__version__", *_HOMES])

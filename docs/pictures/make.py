@@ -17,7 +17,7 @@ from sassgis.io.read.config import load_config
 from sassgis.model.results import StopReason
 from sassgis.report.figures import profile_figure, save
 from sassgis.report.profile_report import profile_panel
-from sassgis.runs import gap_map_change
+from sassgis.runs import compare
 from sassgis.runs.diagnose import diagnose
 from sassgis.runs.profile_run import profile_from_csv, simulate_profile
 from sassgis.runs.samples import sample_folder
@@ -69,7 +69,7 @@ def map_change(folder: Path) -> None:
         samples, out = sample_folder(), Path(work) / "diagnosis"
         config = samples / "valley" / "config.toml"
         diagnose(config, samples / "observed", out, jobs=0)
-        gap_map_change.map_change(config, out / "model" / "config.toml", out / "map")
+        compare.map_change(config, out / "model" / "config.toml", out / "map")
         picture = out / "map" / "figures" / "reach_probability_change.png"
         keep(picture, folder / "gap_map_change.png")
 

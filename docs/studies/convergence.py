@@ -208,9 +208,9 @@ def compared(results: dict[str, dict[str, NDArray[np.float64]]]) -> list[dict[st
 def draw(rows: list[dict[str, object]], path: Path) -> None:
     """Kolmogorov-Smirnov distances of all variants, with the critical value of chance."""
     from sassgis.report.figures import save
-    from sassgis.report.figures.style import BLUE, GREY, ORANGE, WIDTH_IN, new_figure, styled
+    from sassgis.report.figures.style import BLUE, GREY, ORANGE, WIDTH_IN, house_style, new_figure
 
-    @styled
+    @house_style()
     def figure():  # type: ignore[no-untyped-def]
         fig = new_figure(WIDTH_IN, 4.2)
         axes = fig.subplots(1, 2, sharey=True)

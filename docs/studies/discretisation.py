@@ -31,8 +31,8 @@ from sassgis.report.figures.style import (
     SMALL,
     WIDTH_IN,
     head,
+    house_style,
     new_figure,
-    styled,
     thousands_formatter,
     wrap,
 )
@@ -194,7 +194,7 @@ def write(path: Path, rows: list[dict]) -> None:
             writer.writerow({k: f"{v:.6g}" if isinstance(v, float) else v for k, v in row.items()})
 
 
-@styled
+@house_style()
 def convergence_figure(
     tolerances: FloatArray,
     series: Mapping[str, tuple[FloatArray, FloatArray, FloatArray]],

@@ -20,7 +20,7 @@ from sassgis.engine.ellipse import contact_frame, inertia
 from sassgis.engine.impact import energy_kept
 from sassgis.model.grid import FloatArray
 from sassgis.report.figures import save
-from sassgis.report.figures.style import INK, SMALL, TEXT, TITLE, WIDTH_IN, new_figure, styled
+from sassgis.report.figures.style import INK, SMALL, TEXT, TITLE, WIDTH_IN, house_style, new_figure
 
 ALPHAS = (0, 30, 60, 90)
 
@@ -70,7 +70,7 @@ def eta_min(ratio: float, gamma_deg: float, alpha_deg: float) -> float:
     return float(energy_kept(x, y, inertia(1.0, ratio), math.sin(alpha), -math.cos(alpha), 0.0))
 
 
-@styled
+@house_style()
 def fig9_figure(
     gamma_deg: FloatArray,
     alpha_deg: FloatArray,

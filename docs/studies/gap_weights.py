@@ -36,6 +36,8 @@ from scipy import stats
 from scipy.optimize import minimize
 from scipy.special import logsumexp
 
+from sassgis.gap.calibration.problem import problem_of
+from sassgis.gap.calibration.site_summary import summary_of
 from sassgis.gap.causes.all_causes import CAUSES, GROUPS, STATISTICS
 from sassgis.gap.check.answers import Answer, Truth, is_right
 from sassgis.gap.check.check_scores import CheckScores, score, scores_as_json
@@ -73,7 +75,9 @@ from sassgis.io.read.gap_thresholds import THRESHOLDS, read_thresholds, threshol
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.runs.blinded_cases import make_case
-from sassgis.runs.evidence import evidence_at, prepared_case
+from sassgis.runs.evidence import Evidence, evidence_of_site, prepared_case
+from sassgis.runs.hypothesis_fits import DRAWS, HypothesisFits
+from sassgis.runs.workers import one_algebra_thread, task_map
 
 STUDY = Path(__file__).with_suffix("")
 ROWS, RESULTS, PAGE = STUDY / "rows.csv", STUDY / "results.json", STUDY.with_suffix(".md")
@@ -119,6 +123,15 @@ def sites() -> dict[str, tuple[int, WorldSpec]]:
     }
 
 
+def evidence_at(site: Path) -> Evidence:
+    """Evidence at a site, in this process."""
+    with one_algebra_thread():
+        case = prepared_case(site / "config.toml", site / "observations", 1, 1.0)
+        summary = summary_of(problem_of(case, 1))
+        with task_map(summary, 1) as run:
+            return evidence_of_site(HypothesisFits(summary, run, DRAWS))[0]
+
+
 def row_of(site: str, folder: Path) -> dict[str, Any]:
     """Evidence at one site; the site itself is made only where it is not there yet."""
     seed, spec = sites()[site]
@@ -127,7 +140,7 @@ def row_of(site: str, folder: Path) -> dict[str, Any]:
         made = make_case(spec, seed, site, str(own))
         label.write_text(json.dumps(made["label"]), encoding="utf-8")
     effects = json.loads(label.read_text(encoding="utf-8"))["effects"]
-    found = evidence_at(own / "config.toml", own / "observations")
+    found = evidence_at(own)
     z = {f.statistic: round(f.z, 2) for f in found.prints if f.observable}
     gains = {
         f"{name} {what}": round(float(getattr(gain, what)), 3)

@@ -16,8 +16,8 @@ from sassgis.report.figures.style import (
     ORANGE,
     SMALL,
     WIDTH_IN,
+    house_style,
     new_figure,
-    styled,
 )
 
 _NAMES = ("$R_n$", "$R_t$", "energy kept")
@@ -25,7 +25,7 @@ _BINS = np.array([0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0])
 _FEWEST = 10
 
 
-@styled
+@house_style()
 def contact_figure(
     films: pd.DataFrame,
     seen: FloatArray,

@@ -19,14 +19,14 @@ from sassgis.report.figures.style import (
     SMALL,
     VERMILION,
     WIDTH_IN,
+    house_style,
     new_figure,
-    styled,
 )
 
 _LABELS = ("run-out along the fall line (m)", "lateral offset (m), positive to the right")
 
 
-@styled
+@house_style()
 def stops_figure(seen: FloatArray, made: FloatArray, labels: Sequence[str], title: str) -> Figure:
     """Stops by group: observed, with the range of the predictions.
 
@@ -73,7 +73,7 @@ _FORM_COLOURS = {"base": INK, "velocity_scaled": BLUE, "scar": GREEN, "slip": VE
 _PANELS = ("v_t after (m/s)", "v_n after (m/s)", "spin after (rad/s)", "energy kept")
 
 
-@styled
+@house_style()
 def contacts_figure(
     seen: FloatArray, left_out: Mapping[str, Mapping[str, Any]], names: Sequence[str]
 ) -> Figure:
@@ -114,7 +114,7 @@ def contacts_figure(
     return figure
 
 
-@styled
+@house_style()
 def scars_figure(
     normal: FloatArray,
     depth: Mapping[str, FloatArray],
@@ -150,7 +150,7 @@ def scars_figure(
     return figure
 
 
-@styled
+@house_style()
 def field_figure(sites: Mapping[str, tuple[FloatArray, FloatArray, FloatArray]]) -> Figure:
     """Shares of rocks that stop within a distance: observed, before and now; and their offsets.
 

@@ -180,7 +180,7 @@ def diagnose(
         f"{'' if result.advice.short is None else ', and is not recommended'}."
     )
     if with_map:
-        from sassgis.runs.gap_map_change import map_change
+        from sassgis.runs.compare import map_change
 
         with ProgressBar() as progress:
             model = out / "model" / "config.toml"

@@ -278,22 +278,14 @@ def compare(before: Path, after: Path, out: Path, overwrite: bool) -> None:
     short_help="Write zones or paths as INTERLIS 2, GeoJSON or KML.",
     example="export zones -o zones.xtf --canton TI",
 )  # fmt: skip
-def export(
-    result: Path,
-    out: Path,
-    layer: str,
-    models: Path | None,
-    validate: bool,
-    canton: str | None,
-    overwrite: bool,
-) -> None:
+def export(result: Path, out: Path, layer: str, overwrite: bool, **of_xtf: Any) -> None:
     """Write zones or paths of the folder RESULT for other programs.
 
     The suffix of the file names the format. INTERLIS 2 is model 166.1 in EPSG:2056; GeoJSON and KML
     are in WGS 84.
     """
     if out.suffix.lower() != ".xtf":
-        if models or validate or canton:
+        if any(of_xtf.values()):
             raise click.UsageError("--models, --validate and --canton are for .xtf")
         from sassgis.io.write.view_files import export_view
 
@@ -304,7 +296,7 @@ def export(
     from sassgis.io.interlis.transfer import export_xtf
     from sassgis.model.errors import OutputError
 
-    exported = export_xtf(result, out, models, validate, canton=canton, overwrite=overwrite)
+    exported = export_xtf(result, out, overwrite=overwrite, **of_xtf)
     printed(exported)
     if not exported.accepted:
         raise OutputError(f"{out}: the validator does not accept it; its messages are above")

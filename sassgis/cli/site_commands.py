@@ -44,13 +44,21 @@ _ABOVE_0 = click.FloatRange(min=0.0, min_open=True)
     example="dem fetch area.gpkg -o terrain",
 )  # fmt: skip
 def fetch(
-    polygon: Path, out: Path | None, resolution: str, most: int, timeout_s: float, **given: Any
+    polygon: Path,
+    out: Path | None,
+    resolution: str,
+    layer: str | None,
+    most: int,
+    timeout_s: float,
+    **given: Any,
 ) -> None:
     """List the tiles of swissALTI3D over the polygons of a file, and fetch them into a folder."""
-    from sassgis.runs.dem_fetch import fetch_terrain, offered_tiles
+    from sassgis.io.read.stac import find_tiles, read_search_area
+    from sassgis.runs.dem_fetch import fetch_terrain
 
     stated = {key: value for key, value in given.items() if value is not None}
-    offers = offered_tiles(polygon, float(resolution), timeout_s=timeout_s, **stated)
+    area = read_search_area(polygon, layer)
+    offers = find_tiles(area, float(resolution), timeout_s=timeout_s, **stated)
     if out is None:
         for offer in offers:
             click.echo(f"{offer.date}  {offer.name}  {offer.href}")
@@ -72,17 +80,12 @@ def fetch(
     example="dem check terrain/terrain.vrt",
 )
 def check_terrain(
-    dem: Path,
-    crs: str | None,
-    override_crs: bool,
-    as_json: bool,
-    html: Path | None,
-    overwrite: bool,
+    dem: Path, as_json: bool, html: Path | None, overwrite: bool, **given: Any
 ) -> None:
     """Judge the terrain model DEM, a raster or a folder of tiles: a verdict for each item."""
     from sassgis.runs.dem_check import check_dem, write_dem_page
 
-    report = check_dem(dem, crs, override_crs)
+    report = check_dem(dem, **given)
     printed(report, as_json)
     if html is not None:
         write_dem_page(html, report, overwrite)
@@ -257,38 +260,22 @@ def schema(file: Path, overwrite: bool) -> None:
     short_help="Onset frequencies of scenarios from block volumes.",
     example="frequency blocks.csv --complete-from 0.1 --years 40 --scenarios 0.1,1,10",
 )  # fmt: skip
-def frequency(
-    blocks: Path,
-    complete_from: float,
-    up_to: float | None,
-    scenarios: str,
-    years: float | None,
-    rate: float | None,
-    area_ha: float | None,
-    length_m: float | None,
-    as_json: bool,
-) -> None:
+def frequency(blocks: Path, scenarios: str, as_json: bool, **given: Any) -> None:
     """Fit a power law to the volumes in BLOCKS (CSV), and print onset frequencies.
 
     BLOCKS has a column volume_m3, or from_m3, to_m3 and count.
     """
-    from sassgis.runs.scenario_frequencies import Onsets, scenario_frequencies
+    from sassgis.runs.scenario_frequencies import scenario_frequencies
 
-    if years is not None and rate is not None:
+    if None not in (given["years"], given["rate"]):
         raise click.UsageError("give one of --years and --rate")
-    if area_ha is not None and length_m is not None:
+    if None not in (given["area_ha"], given["length_m"]):
         raise click.UsageError("give one of --area-ha and --length-m")
     try:
         limits = [float(part) for part in scenarios.split(",") if part.strip()]
     except ValueError:
         raise click.UsageError("--scenarios are volumes with commas between, as 0.1,1,10") from None
-    if area_ha is not None:
-        onsets = Onsets(years, rate, area_ha, "per_year_ha")
-    elif length_m is not None:
-        onsets = Onsets(years, rate, length_m, "per_year_m")
-    else:
-        onsets = Onsets(years, rate)
-    printed(scenario_frequencies(blocks, complete_from, up_to, limits, onsets), as_json)
+    printed(scenario_frequencies(blocks, limits, **given), as_json)
 
 
 @command(

@@ -29,7 +29,6 @@ class GapFinding:
         With its unit in the name, as in the tables of observations.
     gap : float
         Observed less predicted, mean over rocks.
-    unit : str
     ci95 : (low, high)
         Bootstrap over rocks.
     p_adjusted : float
@@ -189,7 +188,6 @@ class CauseGain:
 
     Attributes
     ----------
-    effect : str
     share : float
         Of the squared distance of what was observed from the base, in all numbers that sum up the
         rocks and in their errors.
@@ -223,7 +221,6 @@ class Shrinkage:
 
     Attributes
     ----------
-    effect : str
     value : float or None
         None where it is withheld: D_base is not significantly above the floor.
     ci95 : (low, high) or None
@@ -288,8 +285,6 @@ class ModelGap:
     statistic : str
         "median", "90 %" (quantile) or "width" (from the 10 % to the 90 % quantile); of "arrived"
         the "mean" over the rocks.
-    unit : str
-    observed, predicted : float
     gap : float
         Observed less predicted: above zero the model comes less far, is slower or scatters less
         than the rocks, which is the unsafe side.
@@ -336,8 +331,6 @@ class GroundSetting:
 
     Attributes
     ----------
-    ground, parameter : str
-    before, value : float
     ci95 : (low, high)
         Of the sets of parameters that the observations do not tell from the best.
     identified : bool
@@ -365,7 +358,6 @@ class Advice:
         Classes whose calibration ran into the limits of its range, so that it was widened.
     ground_range : float
         Factor on the ranges of the calibration in the end.
-    settings : tuple of GroundSetting
     trade_offs : tuple of (one, other, correlation)
         Parameters that move together in sets that fit alike.
     compared, left : tuple of ModelGap
@@ -412,7 +404,6 @@ class Comparison:
 
     Attributes
     ----------
-    place, quantity, unit : str
     observed, base, effect : tuple of float
         Values; of the models, of replicates of the same rocks. ``effect`` is empty if none is
         named.
@@ -432,31 +423,21 @@ class Diagnosis:
 
     Attributes
     ----------
-    verdict : Verdict
     where : tuple of GapFinding
         Most certain first.
     which : tuple of Hypothesis
         Most probable first.
-    shrinkage : Shrinkage
-    rocks : int
     tables : mapping of table to number of rows used
-    not_identifiable : tuple of str
     measure_next : tuple of str
         What further measurement would separate the confused effects.
-    comparisons : tuple of Comparison
     base, effect : HypothesisModel
         The calibrated base, and the model that is handed over.
-    settings_hash : str
-    seed : int
     warnings : tuple of str
         What in the configuration or the observations deserves a look.
     fingerprints : tuple of Fingerprint
         The surest first; those that cannot be seen last.
     gains : tuple of CauseGain
         The surest first.
-    ladder : tuple of Rung
-    advice : Advice
-    first_sentence : str
     """
 
     verdict: Verdict

@@ -91,7 +91,6 @@ class Hazard:
         What another sample of blocks would make of the level of cells.
     uncertain : bool, shape (n,)
         Whether it might change the level of a cell of ``chances``.
-    edits : tuple of AppliedEdit
     """
 
     sampled: tuple[Sampled, ...]

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from sassgis.hazard.map_sums import quantiles
+from sassgis.hazard.map_sums import MapSums, quantiles
 from sassgis.hazard.progress import Progress
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.results import StopReason
@@ -79,14 +80,16 @@ def outcome_of(progress: Progress, bins: Bins) -> RunOutcome:
     reach = progress.sums.column("reach")
     order = np.argsort(cells)
     order = order[reach[order] > 0]
-    (energy,) = quantiles(
-        progress.sums.column("energy")[order],
-        bins.edges["energy"],
-        (0.95,),
-        progress.sums.column("energy_max")[order],
-    )
+    energy = energy_q95_kj(progress.sums, order, bins)
     energy = np.where(reach[order] >= _FEWEST_BLOCKS, energy, np.nan)
     return RunOutcome(int(runout.sum()), runout, cells[order].copy(), energy)
+
+
+def energy_q95_kj(sums: MapSums, which: NDArray[Any], bins: Bins) -> FloatArray:
+    """95 % quantile of the kinetic energy (kJ) in some rows of the sums."""
+    counts, largest = (sums.column(name)[which] for name in ("energy", "energy_max"))
+    energy: FloatArray = quantiles(counts, bins.edges["energy"], (0.95,), largest)[0]
+    return energy
 
 
 def response(base: RunOutcome, other: RunOutcome) -> dict[str, RelativeChange]:

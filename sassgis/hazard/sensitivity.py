@@ -20,9 +20,8 @@ from sassgis.hazard.assess import Rules, curves_of
 from sassgis.hazard.bins import bins_of
 from sassgis.hazard.curves import at_energies
 from sassgis.hazard.levels import hazard_level
-from sassgis.hazard.map_sums import quantiles
 from sassgis.hazard.progress import Progress
-from sassgis.hazard.response import RunOutcome, outcome_of, response
+from sassgis.hazard.response import RunOutcome, energy_q95_kj, outcome_of, response
 from sassgis.hazard.sources import sampled_sources
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.ground_ranges import ParameterRange
@@ -96,15 +95,11 @@ def farthest(ranges: Sequence[ParameterRange]) -> Variant:
 
 
 @dataclass(frozen=True, slots=True)
-class VariantFinding:
-    """What one simulation found.
+class VariantFinding(RunOutcome):
+    """What one simulation found: what its blocks did, and what it says of levels and places.
 
     Attributes
     ----------
-    blocks : int
-        Those that started.
-    runout, cells, energy_kj
-        As in RunOutcome.
     reach : int64, shape (n_cells,)
         Blocks that reach each of ``cells``.
     places, level : int64, shape (n_places,)
@@ -119,22 +114,13 @@ class VariantFinding:
         arrives.
     """
 
-    blocks: int
-    runout: IntArray
-    cells: IntArray
     reach: IntArray
-    energy_kj: FloatArray
     places: IntArray
     level: IntArray
     line_energy_kj: FloatArray
     line_share: FloatArray
     object_share: FloatArray
     object_energy_kj: FloatArray
-
-    @property
-    def outcome(self) -> RunOutcome:
-        """The part that is compared."""
-        return RunOutcome(self.blocks, self.runout, self.cells, self.energy_kj)
 
     def arrays(self) -> dict[str, NDArray[np.generic]]:
         """As plain arrays, to be saved."""
@@ -175,17 +161,14 @@ def finding_of(
         places = curves.places[order]
         level = hazard_level(curves, rules.preset)[order].astype(np.int64)
     return VariantFinding(
-        outcome.blocks,
-        outcome.runout,
-        outcome.cells,
-        reach[reach > 0],
-        outcome.energy_kj,
-        places,
-        level,
-        np.array(energy, np.float64),
-        np.array([lines.arrivals(i) for i in range(n_lines)], np.float64) / blocks,
-        hits / blocks,
-        _object_energy_kj(progress, bins, exposed or run.objects),
+        **{f.name: getattr(outcome, f.name) for f in fields(outcome)},
+        reach=reach[reach > 0],
+        places=places,
+        level=level,
+        line_energy_kj=np.array(energy, np.float64),
+        line_share=np.array([lines.arrivals(i) for i in range(n_lines)], np.float64) / blocks,
+        object_share=hits / blocks,
+        object_energy_kj=_object_energy_kj(progress, bins, exposed or run.objects),
     )
 
 
@@ -195,10 +178,7 @@ def _object_energy_kj(progress: Progress, bins: Bins, exposed: ObjectCells) -> F
     under, own = np.isin(sums.cells, exposed.cell), np.full(exposed.n_objects, np.nan)
     if not under.any():
         return own
-    (energy,) = quantiles(
-        sums.column("energy")[under], bins.edges["energy"], (0.95,),
-        sums.column("energy_max")[under],
-    )  # fmt: skip
+    energy = energy_q95_kj(sums, under, bins)
     cells = sums.cells[under]
     order = np.argsort(cells)
     reached = np.isin(exposed.cell, cells)
@@ -258,8 +238,8 @@ def measures(
 
     The energy on the map is the median ratio to the base over the cells that enough blocks reach.
     """
-    middle, far, farther = finding.outcome.runout_m(0.5, 0.9, 0.95)
-    ratio = response(base.outcome, finding.outcome)["energy_q95"].value + 1.0
+    middle, far, farther = finding.runout_m(0.5, 0.9, 0.95)
+    ratio = response(base, finding)["energy_q95"].value + 1.0
     out = {
         MEDIAN: ("m", float(middle)),
         FAR: ("m", float(far)),

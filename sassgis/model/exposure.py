@@ -282,6 +282,14 @@ class PlacedObjects:
     def __len__(self) -> int:
         return len(self.objects)
 
+    @property
+    def wholes(self) -> dict[str, list[int]]:
+        """Positions of the objects by the name of what they are: a road as a whole."""
+        found: dict[str, list[int]] = {}
+        for number, thing in enumerate(self.objects):
+            found.setdefault(thing.whole, []).append(number)
+        return found
+
 
 @dataclass(frozen=True, slots=True)
 class RiskSettings(Section):

@@ -161,11 +161,6 @@ class MapRun:
         return sum(own.repetitions for own in self.rounds)
 
     @property
-    def weighted(self) -> bool:
-        """Whether some blocks count several times."""
-        return any(own.halvings is not None for own in self.rounds)
-
-    @property
     def heights(self) -> Grid:
         """Heights that blocks meet: those of profiles."""
         return self.grid if self.ground_heights is None else self.ground_heights

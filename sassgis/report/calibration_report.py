@@ -52,16 +52,11 @@ def verdict(calibration: SiteCalibration) -> str:
     sentences = [calibration.recommendation, phrase(text, *numbers)]
     for site in calibration.sites:
         if site.errors:
-            e = site.errors[_headline(site)]
+            e = next((own for own in site.errors if own.name == "run-out"), site.errors[0])
             crps = (sensible(e.crps[m], 2) for m in ("before", "after", "left out"))
             text = "{}: CRPS of the {} {} {unit} before, {} after, {} on rocks left out."
             sentences.append(phrase(text, site.name, phrase(e.name), *crps, unit=e.unit))
     return joined(" ", sentences)
-
-
-def _headline(site: SiteResult) -> int:
-    names = [e.name for e in site.errors]
-    return names.index("run-out") if "run-out" in names else 0
 
 
 def calibration_warnings(calibration: SiteCalibration) -> list[str]:
@@ -104,6 +99,16 @@ def calibration_report(
 ) -> ReportContext:
     """Draw the figures into ``folder`` and put the report together."""
     sites = joined(", ", (phrase("{} ({} rocks)", s.name, s.rocks) for s in calibration.sites))
+    labels = [f.parameter.label for f in calibration.fitted]
+    common = ReportTable(
+        "Common parameters and those that fit each site best",
+        (*heads("site; score, common; score, own"), *((label, "") for label in labels)),
+        tuple(
+            (s.name, s.fit.score, s.fit.own_score, *(float(f"{s.own[k]:.3g}") for k in labels))
+            for s in calibration.sites
+        ),
+        "Score: energy score, mean over the rocks; less is better.",
+    )
     return ReportContext(
         title=translated("Calibrated ground classes"),
         subtitle=sites,
@@ -127,9 +132,19 @@ def calibration_report(
         tables=(
             _score_table(calibration),
             *(_error_table(site) for site in calibration.sites),
-            _trade_off_table(calibration),
-            _as_good_table(calibration),
-            *((_site_table(calibration),) if len(calibration.sites) > 1 else ()),
+            ReportTable(
+                "Parameters that make up for each other",
+                heads("one; other; correlation"),
+                tuple((t.one, t.other, f"{t.correlation:+.2f}") for t in calibration.trade_offs),
+                "Above 0: more of both fits as well; below 0: more of one and less of the other.",
+            ),
+            ReportTable(
+                "Other combinations that fit as well",
+                tuple((label, "") for label in labels),
+                tuple(tuple(float(f"{one[k]:.3g}") for k in labels) for one in calibration.as_good),
+                "As far apart as possible among those that chance does not separate from the best.",
+            ),
+            *([common] if len(calibration.sites) > 1 else []),
         ),
         provenance=(("Program", f"sassgis {sassgis.__version__}"), ("Seed", calibration.seed)),
     )
@@ -217,36 +232,3 @@ def _error_table(site: SiteResult) -> ReportTable:
 def _percent(error: Interval) -> str:
     value, low, high = (100.0 * v for v in (error.value, error.low, error.high))
     return phrase("{} ({} to {})", f"{value:+.0f} %", f"{low:+.0f}", f"{high:+.0f}")
-
-
-def _trade_off_table(calibration: SiteCalibration) -> ReportTable:
-    return ReportTable(
-        "Parameters that make up for each other",
-        heads("one; other; correlation"),
-        tuple((t.one, t.other, f"{t.correlation:+.2f}") for t in calibration.trade_offs),
-        "Above 0: more of both fits as well; below 0: more of one and less of the other.",
-    )
-
-
-def _as_good_table(calibration: SiteCalibration) -> ReportTable:
-    labels = [f.parameter.label for f in calibration.fitted]
-    return ReportTable(
-        "Other combinations that fit as well",
-        tuple((label, "") for label in labels),
-        tuple(tuple(float(f"{one[label]:.3g}") for label in labels) for one in calibration.as_good),
-        "As far apart as possible among those that chance does not separate from the best.",
-    )
-
-
-def _site_table(calibration: SiteCalibration) -> ReportTable:
-    labels = [f.parameter.label for f in calibration.fitted]
-    return ReportTable(
-        "Common parameters and those that fit each site best",
-        (*heads("site; score, common; score, own"), *((label, "") for label in labels)),
-        tuple(
-            (s.name, s.fit.score, s.fit.own_score,
-             *(float(f"{s.own[label]:.3g}") for label in labels))
-            for s in calibration.sites
-        ),
-        "Score: energy score, mean over the rocks; less is better.",
-    )  # fmt: skip

@@ -129,13 +129,16 @@ def change_report(
         "real as well. Errors of the model, its parameters and the onset frequencies are not "
         "included.",
     )
+    found = (r.manifest["settings"].get("project", {}).get("name", "") for r in (before, after))
+    names = list(dict.fromkeys(str(n) for n in found if n))
+    both = phrase("{} and {}", *names) if len(names) == 2 else "".join(names)
     tables = [
         _at_places("At stations and barriers", change.of("control line")),
         _object_table(change, after),
         differ if change.differences else None,
     ]
     return ReportContext(
-        title=_title(before, after),
+        title=translated(phrase("{}: before and after", both)),
         subtitle="What changes from one result to the other",
         what_was_run=tuple(
             (phrase("{}: {}", phrase(name), phrase(fact)), text)
@@ -150,13 +153,6 @@ def change_report(
         tables=tuple(t for t in tables if t is not None),
         provenance=tuple(facts.items()),
     )
-
-
-def _title(before: StoredResult, after: StoredResult) -> str:
-    found = (r.manifest["settings"].get("project", {}).get("name", "") for r in (before, after))
-    names = list(dict.fromkeys(str(n) for n in found if n))
-    both = phrase("{} and {}", *names) if len(names) == 2 else "".join(names)
-    return translated(phrase("{}: before and after", both))
 
 
 def _facts(result: StoredResult) -> list[tuple[str, Cell]]:

@@ -24,15 +24,8 @@ def map_objects(placed: PlacedObjects) -> list[MapObject]:
     """Exposed objects for drawing: the stretches of a road or line as one."""
     return [
         (name, shapely.union_all([placed.geometries[i] for i in own]))
-        for name, own in _wholes(placed).items()
+        for name, own in placed.wholes.items()
     ]
-
-
-def _wholes(placed: PlacedObjects) -> dict[str, list[int]]:
-    wholes: dict[str, list[int]] = {}
-    for number, thing in enumerate(placed.objects):
-        wholes.setdefault(thing.whole, []).append(number)
-    return wholes
 
 
 def levels_of(
@@ -45,7 +38,7 @@ def levels_of(
         owner, zone = tree.query(list(placed.geometries), predicate="intersects")
         np.maximum.at(highest, owner, zones.classes[zone].astype(int) - 1)
     labels = ["none", *(level.label for level in levels)]
-    return {name: labels[highest[own].max() + 1] for name, own in _wholes(placed).items()}
+    return {name: labels[highest[own].max() + 1] for name, own in placed.wholes.items()}
 
 
 def exposed_table(
@@ -60,7 +53,7 @@ def exposed_table(
     if rare is not None:
         shown.insert(2, values.energy_kj[rare])
     rows: list[tuple[float, tuple[Cell, ...]]] = []
-    for name, own in _wholes(placed).items():
+    for name, own in placed.wholes.items():
         # Of a road the stretch that the most energy comes to.
         energy = np.nan_to_num(shown[-2].value[own], nan=-1.0)
         number = own[int(np.argmax(energy))]

@@ -235,7 +235,16 @@ def gap_tables(case: Case, diagnosis: Diagnosis) -> list[ReportTable]:
     return [
         _where_table(diagnosis.where),
         _which_table(diagnosis),
-        _calibrated_table(diagnosis),
+        ReportTable(
+            "Calibrated models",
+            heads("effect; form; score; gain; 95 % interval"),
+            tuple(
+                (effect_name(c.effect), c.form or "–", c.score, c.gain, interval_text(c.ci95))
+                for c in diagnosis.which
+            ),
+            "Score: energy score of rocks held out of the calibration; less is better. Gain: score "
+            "of the calibrated base less this one.",
+        ),
         ReportTable(
             phrase(
                 "Calibrated parameters of the answer: {}", effect_name(diagnosis.verdict.effect)
@@ -329,10 +338,6 @@ def _closed(share: float | None) -> float | None:
     return None if share is None else closed_percent(share)
 
 
-def _percent(share: float | None) -> float | None:
-    return None if share is None else 100.0 * share
-
-
 def _interval_cell(span: tuple[float, float] | None, digits: int = 3) -> str:
     return "–" if span is None else interval_text(span, digits)
 
@@ -379,7 +384,8 @@ def _which_table(diagnosis: Diagnosis) -> ReportTable:
         tuple(
             (
                 effect_name(g.effect), 100.0 * g.share, g.sureness, 100.0 * g.power,
-                _percent(verdict.probabilities.get(g.effect)), separated.get(g.effect, "yes"),
+                None if (p := verdict.probabilities.get(g.effect)) is None else 100.0 * p,
+                separated.get(g.effect, "yes"),
             )
             for g in diagnosis.gains
         ),
@@ -388,19 +394,6 @@ def _which_table(diagnosis: Diagnosis) -> ReportTable:
         "chance makes of the base. Would be seen: share of strong draws of the cause that these "
         "data would show.",
     )  # fmt: skip
-
-
-def _calibrated_table(diagnosis: Diagnosis) -> ReportTable:
-    return ReportTable(
-        "Calibrated models",
-        heads("effect; form; score; gain; 95 % interval"),
-        tuple(
-            (effect_name(c.effect), c.form or "–", c.score, c.gain, interval_text(c.ci95))
-            for c in diagnosis.which
-        ),
-        "Score: energy score of rocks held out of the calibration; less is better. Gain: score of "
-        "the calibrated base less this one.",
-    )
 
 
 def _shrinkage_table(diagnosis: Diagnosis) -> ReportTable:

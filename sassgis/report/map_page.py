@@ -24,7 +24,7 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from sassgis.hazard.along_profile import LinePaths
-from sassgis.model.grid import FloatArray, Grid, IntArray
+from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.hazard import HazardCurves, HazardPreset
 from sassgis.model.languages import current_language, phrase, translated
 from sassgis.model.map_run import MapRun
@@ -134,9 +134,12 @@ def write_map_page(file: Path, page: MapPage) -> None:
     view = view_of(
         page.run.grid, footprint(page.run.grid, shown_values(first.bands[0]), everything)
     )
+    # A dot for each cell or some of them.
+    factor = -(-max(view.grid.shape) // _DOTS)
+    grey = np.nan_to_num((hillshade(view.grid) + 0.35) / 1.3, nan=1.0)[::factor, ::factor]
     data = {
         "extent": view.grid.bounds,
-        "relief": data_uri(_relief(view.grid)),
+        "relief": data_uri(_png(np.repeat(grey[..., None], 3, axis=2))),
         "maps": [_map(by_stem[stem], view) for stem in _SHOWN if stem in by_stem],
         "cells": _cells(page, by_stem),
         "curve": _curve_facts(page.hazard),
@@ -222,13 +225,6 @@ def _png(image: NDArray[Any]) -> bytes:
         buffer, np.clip(image, 0.0, 1.0), format="png", metadata={"Software": ""}
     )
     return buffer.getvalue()
-
-
-def _relief(part: Grid) -> bytes:
-    """The relief, a dot for each cell or some of them."""
-    factor = -(-max(part.shape) // _DOTS)
-    grey = np.nan_to_num((hillshade(part) + 0.35) / 1.3, nan=1.0)[::factor, ::factor]
-    return _png(np.repeat(grey[..., None], 3, axis=2))
 
 
 def _map(layer: RasterLayer, view: MapView) -> dict[str, Any]:

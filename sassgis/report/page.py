@@ -189,6 +189,12 @@ def render_report(context: ReportContext) -> str:
     return template("report.html.j2").render(report=context, language=current_language())
 
 
+def in_short(report: ReportContext, folder: Path) -> str:
+    """Give what a notebook shows of a result: the answer, the warnings, the first figure."""
+    page = (folder / "report.html").as_posix()
+    return template("notebook.html.j2").render(report=report, page=page)
+
+
 def translated_report(context: ReportContext) -> ReportContext:
     """The report in the language in which the program writes; its title is the user's."""
     if current_language() == "en":

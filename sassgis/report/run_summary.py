@@ -17,17 +17,13 @@ from sassgis.report.page import ReportTable, sensible
 Lines = tuple[tuple[str, str], ...]
 
 
-def runout_quantile_m(counts: IntArray, share: float) -> int:
-    """Run-out that a share of the blocks does not exceed (m): upper limit of its bin of 1 m."""
-    below = np.cumsum(counts)
-    return int(np.searchsorted(below, share * below[-1])) + 1
-
-
 def runout_words(counts: IntArray, text: str) -> str:
     """Run-out of blocks that were counted in bins of 1 m, put into a text; empty for none."""
     if not counts.sum():
         return ""
-    median, most = (runout_quantile_m(counts, share) for share in (0.5, 0.95))
+    # Upper limits of the bins.
+    below = np.cumsum(counts)
+    median, most = (int(np.searchsorted(below, share * below[-1])) + 1 for share in (0.5, 0.95))
     longest = int(np.flatnonzero(counts)[-1]) + 1
     return phrase(text, sensible(median), sensible(most), sensible(longest))
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -17,7 +16,7 @@ from sassgis.hazard.curves import source_rate
 from sassgis.hazard.levels import hazard_level
 from sassgis.hazard.preset_labels import energy_labels, period_labels
 from sassgis.hazard.risk import RiskTable, risk_totals
-from sassgis.hazard.zoning.applied_edits import AppliedEdit, shares_text
+from sassgis.hazard.zoning.applied_edits import shares_text
 from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.model.edits import LIMIT_TEXT
 from sassgis.model.grid import FloatArray
@@ -28,7 +27,6 @@ from sassgis.model.map_run import MapRun
 from sassgis.model.results import RasterLayer
 from sassgis.report import figures
 from sassgis.report.exposed_report import limited, map_objects
-from sassgis.report.figures import MapMarks
 from sassgis.report.map_report import map_marks
 from sassgis.report.number_text import thousands
 from sassgis.report.page import Cell, ReportFigure, ReportTable, heads, sensible
@@ -91,6 +89,13 @@ def zone_figures(
     zones = hazard.levels
     level, unsure = by_stem["hazard_level"], by_stem["confidence"]
     marks = map_marks(run, map_objects(rules.placed))
+    entry = {c.value: c for c in level.classes}
+    edited = shapely.get_parts([a.edit.geometry for a in hazard.edits])
+    zone_marks = replace(
+        marks,
+        zones=[(p, entry[k]) for p, k in zip(zones.polygons, zones.classes, strict=True)],
+        edits=[shapely.get_coordinates(ring) for ring in shapely.get_rings(edited)],
+    )
     width = phrase("Reference width {} m.", f"{rules.ref_width_m:.4g}")
     text = (
         "Preset {}: {}. Zones as drawn: never lower than the cells in them, except where edited by "
@@ -105,7 +110,7 @@ def zone_figures(
         "Hazard zones",
         phrase(text, rules.preset.name, phrase(rules.preset.title), width),
         classes_alt(level.title, areas),
-        figures.map_figure(grid, level, replace(marks, **_zone_marks(hazard, level)), note=width),
+        figures.map_figure(grid, level, zone_marks, note=width),
     )
     intensities = [m for m in maps if m.stem.startswith("intensity")]
     add(
@@ -140,7 +145,19 @@ def zone_figures(
             figures.blocks_figure(history, changed_share_max),
         )  # fmt: skip
     if found.without is not None:
-        out.append(_barrier_figure(run, rules, found, level, marks, width, folder))
+        both = []
+        for one in (found.without, hazard):
+            levels = raster(grid, one.curves.places, hazard_level(one.curves, rules.preset))
+            drawn = np.where(levels == 0, np.nan, levels).astype(np.float32)
+            both.append(replace(level, bands=(replace(level.bands[0], values=drawn),)))
+        names = ("Without walls and nets", "With them")
+        add(
+            "barriers",
+            BARRIERS_TITLE,
+            "Hazard level of the cells without and with walls and nets, from the same blocks.",
+            phrase("Without: {} With: {}", *(map_alt(grid, layer) for layer in both)),
+            figures.change_figure(grid, both[0], both[1], marks, names=names, note=width),
+        )
     curves, preset = hazard.curves, rules.preset
     x, y = grid.cell_centres(curves.places[place : place + 1])
     rates = [
@@ -163,34 +180,6 @@ def zone_figures(
     if found.risk is not None:
         out += _risk_figures(found.risk, currency, folder)
     return tuple(out)
-
-
-def _barrier_figure(
-    run: MapRun,
-    rules: Rules,
-    found: Assessment,
-    level: RasterLayer,
-    marks: MapMarks,
-    width: str,
-    folder: Path,
-) -> ReportFigure:
-    """Levels of the cells without and with walls and nets, drawn as ``level`` is."""
-    grid = run.grid
-    both = []
-    for one in (found.without, found.hazard):
-        assert one is not None
-        levels = raster(grid, one.curves.places, hazard_level(one.curves, rules.preset))
-        drawn = np.where(levels == 0, np.nan, levels).astype(np.float32)
-        both.append(replace(level, bands=(replace(level.bands[0], values=drawn),)))
-    names = ("Without walls and nets", "With them")
-    return picture(
-        folder,
-        "barriers",
-        BARRIERS_TITLE,
-        "Hazard level of the cells without and with walls and nets, from the same blocks.",
-        figures.change_figure(grid, both[0], both[1], marks, names=names, note=width),
-        phrase("Without: {} With: {}", *(map_alt(grid, layer) for layer in both)),
-    )
 
 
 def _risk_figures(risk: RiskTable, currency: str, folder: Path) -> list[ReportFigure]:
@@ -216,17 +205,6 @@ def _risk_figures(risk: RiskTable, currency: str, folder: Path) -> list[ReportFi
         alt = phrase("Bars, the largest first: {}.", joined(", ", largest))
         out.append(picture(folder, f"risk_{quantity}", title, caption, figure, alt))
     return out
-
-
-def _zone_marks(hazard: Hazard, level: RasterLayer) -> dict[str, Any]:
-    """Zones in the classes of the map of levels, and the outlines of edits."""
-    zones = hazard.levels
-    entry = {c.value: c for c in level.classes}
-    edited = [a.edit.geometry for a in hazard.edits]
-    return {
-        "zones": [(p, entry[k]) for p, k in zip(zones.polygons, zones.classes, strict=True)],
-        "edits": [shapely.get_coordinates(r) for r in shapely.get_rings(shapely.get_parts(edited))],
-    }
 
 
 def zone_tables(
@@ -275,7 +253,23 @@ def zone_tables(
             )
         ]
     if found.hazard.edits:
-        tables.append(_edit_table(preset, found.hazard.edits))
+        labels = ["none", *(c.label for c in preset.levels)]
+        edits = ReportTable(
+            "Edited by hand",
+            heads(
+                "level; limit; author; date; reason; computed at the time; computed now; "
+                "share with another level since"
+            ),
+            tuple(
+                (labels[a.edit.level], phrase(LIMIT_TEXT[a.edit.limit]), a.edit.author,
+                 a.edit.date, a.edit.reason, shares_text(a.then) or None, shares_text(a.now),
+                 f"{100 * a.changed:.0f} %" if a.then else None)
+                for a in found.hazard.edits
+            ),
+            "Zones, map sheets and the federal model have these levels in place of the computed "
+            "ones. Maps of cells, intensities, frequencies and risk are as computed.",
+        )  # fmt: skip
+        tables.append(edits)
     if found.risk is not None:
         money = phrase("{}/year", currency)
         tables.append(_risk_table(found.risk, found.risk_without, money))
@@ -337,25 +331,6 @@ def _design_table(
         "height of the block and the freeboard. How many simulated blocks lie beyond each value is "
         "in tables/design.csv.",
     )
-
-
-def _edit_table(preset: HazardPreset, applied: Sequence[AppliedEdit]) -> ReportTable:
-    labels = ["none", *(c.label for c in preset.levels)]
-    return ReportTable(
-        "Edited by hand",
-        heads(
-            "level; limit; author; date; reason; computed at the time; computed now; "
-            "share with another level since"
-        ),
-        tuple(
-            (labels[a.edit.level], phrase(LIMIT_TEXT[a.edit.limit]), a.edit.author, a.edit.date,
-             a.edit.reason, shares_text(a.then) or None, shares_text(a.now),
-             f"{100 * a.changed:.0f} %" if a.then else None)
-            for a in applied
-        ),
-        "Zones, map sheets and the federal model have these levels in place of the computed ones. "
-        "Maps of cells, intensities, frequencies and risk are as computed.",
-    )  # fmt: skip
 
 
 def _risk_table(risk: RiskTable, without: RiskTable | None, money: str) -> ReportTable:

@@ -22,18 +22,37 @@ from sassgis.gap.calibration.class_calibration import (
 from sassgis.gap.calibration.class_spread import spread_of_sites
 from sassgis.gap.calibration.parameters import classes_met, fitted_names
 from sassgis.gap.calibration.problem import CalibrationProblem, problem_of
+from sassgis.gap.observations.case import Case
+from sassgis.io.read.config import resolved
 from sassgis.io.read.ground_map import read_ranges
 from sassgis.io.read.observation_files import AnyObservations
 from sassgis.io.staging import CHECKPOINT_STEM, output_if_asked
+from sassgis.io.write.calibration_files import (
+    FITTED_NAME,
+    write_calibrated_config,
+    write_calibration_json,
+    write_classes,
+)
 from sassgis.io.write.frames import write_table
+from sassgis.io.write.manifest import write_manifest
 from sassgis.io.write.sensitivity_tables import rule_table
 from sassgis.model.errors import InputError, Interrupted
-from sassgis.model.ground import PARAMETERS
+from sassgis.model.ground import PARAMETERS, GroundTable
+from sassgis.model.in_memory import Input
+from sassgis.model.languages import in_language
 from sassgis.model.run_config import Config
-from sassgis.runs.calibration_outputs import write_calibration
+from sassgis.report.calibration_report import calibration_report, calibration_warnings
+from sassgis.report.page import translated_report, write_report
 from sassgis.runs.draw_store import DrawProgress, DrawStore, OnProgress
-from sassgis.runs.gap_case import comparable, fingerprint_of, observations_name, read_case
+from sassgis.runs.gap_case import (
+    comparable,
+    fingerprint_of,
+    observations_name,
+    observed_files,
+    read_case,
+)
 from sassgis.runs.gap_warnings import scenario_warnings
+from sassgis.runs.inputs import input_files
 from sassgis.runs.job import AnyConfig, configured, workers_asked
 from sassgis.runs.workers import Jobs, one_algebra_thread, task_map
 
@@ -132,7 +151,7 @@ def calibrate(
             tell("Writing the results")
             spread = rule_table(spread_of_sites(task, found, rules))
             write_table(work / "class_spread.csv", [spread])
-            write_calibration(work, configs, [s.case for s in ready], calibration)
+            _write(work, configs, [s.case for s in ready], calibration)
     return calibration
 
 
@@ -192,3 +211,62 @@ def _fingerprint(
         options = f"{task.seed} {[p.label for p in task.parameters]}"
         digest.update(fingerprint_of(config, own, options).encode())
     return digest.hexdigest()
+
+
+def _write(
+    work: Path, configs: Sequence[Config], cases: Sequence[Case], calibration: SiteCalibration
+) -> None:
+    """Write a calibration into a folder.
+
+    ``fitted_classes.csv``, ``config.toml`` with the recommended ground (``config_2.toml`` and so on
+    for further sites), ``calibration.json``, ``figures/*.png``, ``report.html`` and last
+    ``manifest.json``.
+
+    Raises
+    ------
+    ConfigError, InputError
+        If a configuration could not be run again.
+    OutputError
+        If the disk is full or not writable.
+    """
+    classes = {c.name: c for case in reversed(cases) for c in case.table.classes}
+    write_classes(work / FITTED_NAME, calibration, GroundTable(tuple(classes.values())))
+    inputs: dict[str, Input] = {}
+    settings = {}
+    for k, (config, case) in enumerate(zip(configs, cases, strict=True)):
+        name, mark = (f"config_{k + 1}.toml", f" ({k + 1})") if k else ("config.toml", "")
+        write_calibrated_config(work / name, config, calibration)
+        files = input_files(config) | observed_files(case)
+        inputs |= {f"{role}{mark}": file for role, file in files.items()}
+        settings[f"{config.label}{mark}"] = resolved(config)
+    write_calibration_json(work / "calibration.json", calibration)
+    warnings = [
+        *dict.fromkeys(note for config in configs for note in config.notes),
+        *calibration_warnings(calibration),
+    ]
+    with in_language(configs[0].project.language):
+        context = calibration_report(
+            calibration,
+            work / "figures",
+            configurations=[config.label for config in configs],
+            warnings=warnings,
+        )
+        write_report(work / "report.html", translated_report(context))
+    write_manifest(
+        work / "manifest.json",
+        inputs=inputs,
+        base=configs[0].base,
+        crs=cases[0].grid.crs,
+        vertical_datum=cases[0].grid.vertical_datum,
+        seed=calibration.seed,
+        ref_widths_m={},
+        preset="",
+        settings=settings,
+        counts={
+            "sites": len(cases),
+            "rocks": calibration.rocks,
+            "draws": calibration.draws,
+            "parameters": len(calibration.fitted),
+        },
+        warnings=warnings,
+    )

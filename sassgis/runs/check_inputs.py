@@ -211,6 +211,7 @@ def check_inputs(config: Config) -> InputReport:
     """
     ready = {own.task: own for own in readiness(config)}
     profile: ProfileInput | None = None
+    along: ProfileSummary | None = None
     run: MapRun | None = None
     areas: tuple[AreaSummary, ...] = ()
     zoning: tuple[str, ...] = ()
@@ -221,7 +222,10 @@ def check_inputs(config: Config) -> InputReport:
         if config.profile is not None and config.profile.file is not None:
             try:
                 profile = profile_from_csv(config)
-                require_profile(config, profile.s, profile.z, config.profile.rocks)
+                s, z = profile.s, profile.z
+                require_profile(config, s, z, config.profile.rocks)
+                ends = (float(v) for v in (s[0], s[-1], z.min(), z.max()))
+                along = ProfileSummary(config.profile.file, s.size, *ends)
             except InputError as error:
                 # Stations have a place on the map or on a profile: some files are for one of both.
                 if config.terrain.dem is None:
@@ -247,7 +251,7 @@ def check_inputs(config: Config) -> InputReport:
     return InputReport(
         config=config.file,
         dem=None if run is None else _dem_summary(config.dem_source, run.grid),
-        profile=None if profile is None else _profile_summary(config, profile),
+        profile=along,
         areas=areas,
         classes=classes,
         control_lines=control_lines,
@@ -334,14 +338,6 @@ def _dem_summary(file: Input, grid: Grid) -> DemSummary:
         nodata_share=1.0 - float(known.mean()),
         lowest=float(grid.values[known].min()),
         highest=float(grid.values[known].max()),
-    )
-
-
-def _profile_summary(config: Config, profile: ProfileInput) -> ProfileSummary:
-    assert config.profile is not None and config.profile.file is not None
-    s, z = profile.s, profile.z
-    return ProfileSummary(
-        config.profile.file, s.size, float(s[0]), float(s[-1]), float(z.min()), float(z.max())
     )
 
 

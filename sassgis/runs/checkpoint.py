@@ -25,7 +25,11 @@ from sassgis.io.staging import CHECKPOINT_STEM, writing
 from sassgis.model.map_run import BlockRows, FallLines, MapRun, Round, Worth
 from sassgis.model.results import ControlLine
 
-_LINE_FIELDS = ("offset", "x", "y", "point", "length_m", "drop_m", "end")
+#: Plain numbers of a progress and of the tally of a source.
+_NUMBERS: dict[str, Any] = {
+    "chunks": int, "lost": int, "pieces": int, "simulated": int, "stop_share": float
+}  # fmt: skip
+_OF_SOURCE = ("rocks", "never_started", "simulated")
 _ROW_FIELDS = tuple(f.name for f in fields(BlockRows))
 
 
@@ -124,40 +128,35 @@ class Checkpoint:
 def state_of(progress: Progress) -> dict[str, NDArray[np.generic]]:
     """Everything that has been added up, as plain arrays by name."""
     state: dict[str, NDArray[np.generic]] = {
-        "chunks": np.array(progress.chunks),
         "reasons": progress.reasons,
         "runout": progress.runout,
-        "lost": np.array(progress.lost),
-        "pieces": np.array(progress.pieces),
-        "simulated": np.array(progress.simulated),
-        "stop_share": np.array(progress.stop_share),
-        "rounds": np.array([(r.first, r.repetitions) for r in progress.rounds], np.int64),
         "scores": progress.scores,
+        "rounds": np.array([(r.first, r.repetitions) for r in progress.rounds], np.int64),
         "history": np.array(progress.history, np.float64).reshape(-1, 2),
         "furthest_m": np.array((progress.furthest or ())[:1], np.float64),
         "furthest_rock": np.array((progress.furthest or ())[1:], np.int64),
     }
+    state |= {name: np.array(getattr(progress, name)) for name in _NUMBERS}
     state |= {
         f"halvings.{i}": own.halvings
         for i, own in enumerate(progress.rounds)
         if own.halvings is not None
     }
-    if progress.worth is not None:
-        state |= {f"worth.{f.name}": getattr(progress.worth, f.name) for f in fields(Worth)}
-    state |= {f"sums.{k}": v for k, v in progress.sums.state().items()}
-    state |= {f"control_lines.{k}": v for k, v in progress.control_lines.state().items()}
+    sums: dict[str, MapSums | ControlLineSums | SourceSums] = {
+        "sums": progress.sums, "control_lines": progress.control_lines
+    }  # fmt: skip
     for (area, scenario), tally in progress.sources.items():
         name = f"source.{area}.{scenario}"
-        state[f"{name}.rocks"] = np.array(tally.rocks)
-        state[f"{name}.never_started"] = np.array(tally.never_started)
-        state[f"{name}.simulated"] = np.array(tally.simulated)
-        state |= {f"{name}.cells.{k}": v for k, v in tally.cells.state().items()}
-        state |= {f"{name}.objects.{k}": v for k, v in tally.objects.state().items()}
-        state |= {f"{name}.control_lines.{k}": v for k, v in tally.control_lines.state().items()}
-    lines = joined_lines(progress.lines)
-    state |= {f"lines.{f}": getattr(lines, f) for f in _LINE_FIELDS}
-    stops = joined_rows(progress.stops)
-    state |= {f"stops.{f}": getattr(stops, f) for f in _ROW_FIELDS}
+        state |= {f"{name}.{n}": np.array(getattr(tally, n)) for n in _OF_SOURCE}
+        sums |= {f"{name}.{n}": getattr(tally, n) for n in ("cells", "objects", "control_lines")}
+    for name, added in sums.items():
+        state |= {f"{name}.{k}": v for k, v in added.state().items()}
+    records: list[tuple[str, FallLines | BlockRows | Worth]] = [
+        ("lines", joined_lines(progress.lines)), ("stops", joined_rows(progress.stops)),
+        *([] if progress.worth is None else [("worth", progress.worth)]),
+    ]  # fmt: skip
+    for name, record in records:
+        state |= {f"{name}.{f.name}": getattr(record, f.name) for f in fields(record)}
     return state
 
 
@@ -168,36 +167,28 @@ def progress_from(
     cells = [own for name, own in state.items() if name.endswith(("sums.cells", "cells.places"))]
     if any(((own < 0) | (own >= n_cells)).any() for own in cells):
         raise ValueError("cells outside of the grid")
-    progress = Progress(
-        int(state["chunks"]),
-        MapSums.from_state(n_cells, _group(state, "sums")),
-        ControlLineSums.from_state(control_lines, _group(state, "control_lines")),
-    )
-    progress.reasons = np.array(state["reasons"])
-    progress.runout = np.array(state["runout"])
-    progress.lost = int(state["lost"])
-    progress.pieces = int(state["pieces"])
-    progress.simulated = int(state["simulated"])
-    progress.stop_share = float(state["stop_share"])
-    # Of what is kept as a result it says nothing.
-    progress.seconds = float(state.get("seconds", 0.0))
-    progress.rounds = tuple(
-        Round(int(first), int(repetitions), state.get(f"halvings.{i}"))
-        for i, (first, repetitions) in enumerate(state["rounds"])
-    )
-    progress.scores = np.array(state["scores"])
-    progress.history = [(int(blocks), float(share)) for blocks, share in state["history"]]
     worth = _group(state, "worth")
-    progress.worth = Worth(**worth) if worth else None
-    if state["furthest_m"].size:
-        line, scenario, rock = state["furthest_rock"].tolist()
-        progress.furthest = (float(state["furthest_m"][0]), line, scenario, rock)
-    progress.sources = _sources(state, control_lines)
-    lines = _group(state, "lines")
-    progress.lines = [FallLines(*(lines[f] for f in _LINE_FIELDS))]
-    rows = _group(state, "stops")
-    progress.stops = [BlockRows(*(rows[f] for f in _ROW_FIELDS))]
-    return progress
+    furthest: Any = (*state["furthest_m"].tolist(), *state["furthest_rock"].tolist())
+    return Progress(
+        sums=MapSums.from_state(n_cells, _group(state, "sums")),
+        control_lines=ControlLineSums.from_state(control_lines, _group(state, "control_lines")),
+        reasons=np.array(state["reasons"]),
+        runout=np.array(state["runout"]),
+        scores=np.array(state["scores"]),
+        rounds=tuple(
+            Round(int(first), int(repetitions), state.get(f"halvings.{i}"))
+            for i, (first, repetitions) in enumerate(state["rounds"])
+        ),
+        history=[(int(blocks), float(share)) for blocks, share in state["history"]],
+        furthest=furthest or None,
+        # Of what is kept as a result it says nothing.
+        seconds=float(state.get("seconds", 0.0)),
+        worth=Worth(**worth) if worth else None,
+        sources=_sources(state, control_lines),
+        lines=[FallLines(**_group(state, "lines"))],
+        stops=[BlockRows(**_group(state, "stops"))],
+        **{name: kind(state[name]) for name, kind in _NUMBERS.items()},
+    )
 
 
 def read_rows(part: Path) -> BlockRows:
@@ -224,9 +215,7 @@ def _sources(
             SourceSums.from_state(_group(state, f"{name}.cells")),
             SourceSums.from_state(_group(state, f"{name}.objects")),
             ControlLineSums.from_state(control_lines, _group(state, f"{name}.control_lines")),
-            int(state[f"{name}.rocks"]),
-            int(state[f"{name}.never_started"]),
-            int(state[f"{name}.simulated"]),
+            *(int(state[f"{name}.{n}"]) for n in _OF_SOURCE),
         )
     return sources
 

@@ -9,7 +9,6 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import sassgis
@@ -88,26 +87,20 @@ class Cluster:
     def _result(self, future: ClusterFuture) -> Any:
         with _cluster_errors():
             done = future.result()
-        if isinstance(done, _Failure):
-            raise done.error
+        # An error of a task is returned, and so told from those of the cluster.
+        if isinstance(done, Exception):
+            raise done
         return done
-
-
-@dataclass(frozen=True, slots=True)
-class _Failure:
-    """An error of a task, told from those of the cluster."""
-
-    error: Exception
 
 
 def _checked(version: str, work: Callable[[Any, Any], Any], common: Any, task: Any) -> Any:
     """On a worker: one task, if this is the same program; another one computes other numbers."""
     if version != (own := _version()):
-        return _Failure(_other_version("a worker", own, version))
+        return _other_version("a worker", own, version)
     try:
         return work(common, task)
     except Exception as error:
-        return _Failure(error)
+        return error
 
 
 def _version() -> str:

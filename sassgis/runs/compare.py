@@ -1,4 +1,4 @@
-"""Compare two results: maps of the change, table, zones, project and report."""
+"""Compare two results, or run two configurations and compare: maps, tables, project, report."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from sassgis.hazard.result_change import ResultChange, levels_differ, result_cha
 from sassgis.hazard.stored_result import StoredResult, objects_within, on_common_cells
 from sassgis.io.own_files import MANIFEST_NAME
 from sassgis.io.qgis.entries import LayerEntry
-from sassgis.io.read.objects import object_cells
+from sassgis.io.read.config import load_config
 from sassgis.io.read.result_folder import read_result
 from sassgis.io.staging import staged_output
 from sassgis.io.write.frames import write_table
@@ -23,12 +23,16 @@ from sassgis.io.write.layers.change_maps import (
     zone_changes,
 )
 from sassgis.io.write.manifest import write_manifest
+from sassgis.model.errors import ConfigError
 from sassgis.model.exposure import PlacedObjects
 from sassgis.model.in_memory import Input
 from sassgis.model.languages import in_language
 from sassgis.report.change_report import change_figures, change_report
 from sassgis.report.page import translated_report, write_report
+from sassgis.runs.inputs import cells_of_wholes, input_files, placed_objects
 from sassgis.runs.relief_project import write_over_relief
+from sassgis.runs.run import run
+from sassgis.runs.workers import Jobs
 
 
 def compare(
@@ -45,12 +49,8 @@ def compare(
     ----------
     before, after : path
         Folders that ``run``, ``zone`` or ``batch`` (an area, or the mosaic) wrote.
-    out : path
-        Folder of the comparison; appears whole or not at all.
-    overwrite : bool
-        Whether a result that is there already may be replaced.
-    say : callable, optional
-        Called with a line of text now and then.
+    out, overwrite, say
+        As for sassgis.runs.run.run.
 
     Raises
     ------
@@ -68,6 +68,68 @@ def compare(
             _objects(results),
             inputs={role: folder / MANIFEST_NAME for role, folder in folders.items()},
             base=Path(out).absolute().parent,
+            say=say,
+        )
+
+
+def map_change(
+    config_before: str | Path,
+    config_after: str | Path,
+    out: str | Path,
+    jobs: Jobs = None,
+    *,
+    overwrite: bool = False,
+    say: Callable[[str], None] | None = None,
+) -> ResultChange:
+    """Run two configurations and map what changes.
+
+    Writes the results ``before`` and ``after`` (as ``sassgis run`` does), and beside them what
+    ``sassgis compare`` writes, with the configured objects.
+
+    Parameters
+    ----------
+    config_before, config_after : path
+        With the same terrain. ``terrain.path`` of the second holds for both.
+    out, jobs, overwrite, say
+        As for sassgis.runs.run.run.
+
+    Raises
+    ------
+    ConfigError
+        A configuration has no release areas.
+    InputError
+        The cells of the two terrain models do not coincide, or a file cannot be used.
+    OutputError
+    """
+    after = load_config(config_after)
+    # Paths of another kind would be a change by themselves.
+    before = load_config(config_before, {"terrain.path": after.terrain.path})
+    configs = {"before": before, "after": after}
+    for config in configs.values():
+        if config.release.file is None:
+            raise ConfigError(
+                "has no release areas, so that there is no map to compare",
+                file=config.file,
+                field="release.file",
+                found="nothing",
+                expected="polygons, lines or points of release",
+            )
+    tell = say or (lambda _text: None)
+    with staged_output(Path(out), overwrite) as work:
+        for name, config in configs.items():
+            tell(f"Running the map {name}")
+            done = run(config, work / name, jobs=jobs)
+        return write_comparison(
+            work,
+            read_result(work / "before"),
+            read_result(work / "after"),
+            placed_objects(after, done.run.grid),
+            inputs={
+                f"{role} ({name})": file
+                for name, config in configs.items()
+                for role, file in input_files(config).items()
+            },
+            base=before.base,
             say=say,
         )
 
@@ -119,12 +181,8 @@ def write_comparison(
         )
         placed = objects_within(placed, after.grid)
     grid = after.grid
-    cells, owner = object_cells(placed, grid)
-    names = list(dict.fromkeys(o.whole for o in placed.objects))
-    number = {name: i for i, name in enumerate(names)}
-    of_whole = [number[o.whole] for o in placed.objects]
-    owner[:] = [of_whole[i] for i in owner.tolist()]
-    change = result_change(before, after, (names, cells, owner), notes)
+    names, touched = cells_of_wholes(placed, grid)
+    change = result_change(before, after, (names, touched.cell, touched.number), notes)
     levels = not levels_differ(before, after)
     tell("Writing the maps of the change")
     maps = change_layers(before, after)

@@ -1,4 +1,4 @@
-"""Terrain for an area from a STAC interface: listed, fetched, put together."""
+"""Terrain from a STAC interface: fetched, put together."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from sassgis.io.read.stac import COLLECTION, SERVER, TileOffer, find_tiles, read_search_area
+from sassgis.io.read.stac import TileOffer
 from sassgis.io.read.tiles import open_tiles
 from sassgis.io.staging import write_new, writing
 from sassgis.io.write.tile_download import fetch_tile
@@ -16,33 +16,13 @@ from sassgis.model.errors import InputError
 VRT, SOURCES = "terrain.vrt", "sources.json"
 
 
-def offered_tiles(
-    polygon: Path,
-    resolution_m: float = 2.0,
-    *,
-    layer: str | None = None,
-    server: str = SERVER,
-    collection: str = COLLECTION,
-    timeout_s: float = 30.0,
-) -> tuple[TileOffer, ...]:
-    """The tiles over the polygons of a file; nothing is fetched but the list.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be used, or the server does not answer or offers nothing.
-    """
-    area = read_search_area(polygon, layer)
-    return find_tiles(area, resolution_m, server=server, collection=collection, timeout_s=timeout_s)
-
-
 def fetch_terrain(
     offers: Sequence[TileOffer],
     folder: Path,
     *,
-    timeout_s: float = 30.0,
-    most: int = 100,
-    say: Callable[[str], None] = lambda text: None,
+    timeout_s: float,
+    most: int,
+    say: Callable[[str], None],
 ) -> Path:
     """Fetch tiles into a folder and put them together.
 

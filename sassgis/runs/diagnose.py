@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from sassgis.gap.calibration.problem import CalibrationProblem, model_rows, problem_of
+from sassgis.gap.calibration.problem import CalibrationProblem, Scale, model_rows, problem_of
 from sassgis.gap.calibration.site_summary import summary_of
 from sassgis.gap.diagnosis import (
     Advice,
@@ -34,9 +34,10 @@ from sassgis.gap.ladder.handover import (
 )
 from sassgis.gap.ladder.hypothesis_fit import CHOSEN, FRESH, draw_of, gain_of
 from sassgis.gap.ladder.rungs import CONFIGURED, GROUND, Step, ground_is_enough
+from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.campaigns import share_left
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel, configured_model
-from sassgis.gap.replicas.model_json import model_as_json
+from sassgis.gap.replicas.model_json import model_as_json, model_from_json
 from sassgis.gap.which.hypotheses import NONE, families_to_try
 from sassgis.gap.which.identifiable import what_is_identifiable
 from sassgis.gap.which.measure_next import DRAWS as DRAWS_COMPARED
@@ -45,19 +46,23 @@ from sassgis.gap.which.verdict import CONTACT_LAW, UNKNOWN, adequate, causes_in
 from sassgis.io.read.gap_thresholds import cause_weights_of, read_thresholds, thresholds_of
 from sassgis.io.read.observation_files import AnyObservations
 from sassgis.io.staging import output_if_asked, writing
-from sassgis.io.write.gap_files import write_diagnosis_json
+from sassgis.io.write.gap_files import write_config_back, write_diagnosis_json, write_gap_gpkg
+from sassgis.model.crs import crs_name
 from sassgis.model.errors import InputError, Interrupted
 from sassgis.model.grid import FloatArray
-from sassgis.runs.base_rungs import BaseRungs
+from sassgis.model.languages import in_language
+from sassgis.model.run_config import Config
+from sassgis.report.gap_report import gap_report, report_warnings
+from sassgis.report.page import translated_report, write_report
 from sassgis.runs.draw_store import OnProgress
-from sassgis.runs.evidence import Evidence, evidence_of_site, prepared_case
-from sassgis.runs.fresh_shrinkage import ENSEMBLE
+from sassgis.runs.evidence import BaseRungs, Evidence, evidence_of_site, prepared_case
 from sassgis.runs.gap_case import (
     comparable,
     fingerprint_of,
     observations_name,
+    observed_files,
+    read_case,
 )
-from sassgis.runs.gap_outputs import write_outputs
 from sassgis.runs.gap_warnings import (
     edge_warnings,
     group_warnings,
@@ -67,11 +72,14 @@ from sassgis.runs.gap_warnings import (
 )
 from sassgis.runs.hypothesis_fits import DRAWS, HypothesisFits
 from sassgis.runs.job import AnyConfig, configured, workers_asked
+from sassgis.runs.origin import Origin, write_origin
 from sassgis.runs.weighed_causes import AddedCauses, shares_of, verdict_of
 from sassgis.runs.workers import Jobs, one_algebra_thread, task_map
 
 #: Folder of the result in which the maps before and after are put, where they are wanted.
 MAP_NAME = "map"
+#: Models that are handed over, whole, for measuring on other rocks.
+ENSEMBLE = "model/ensemble.json"
 #: With fewer rocks nothing can be left out.
 _FEWEST_ROCKS = 5
 _NOT_THE_LAW = (
@@ -110,8 +118,6 @@ def diagnose(
         Folder to write; without it nothing is written.
     jobs : int, optional
         Processes; 0 or None: all cores. The answer does not depend on it.
-    seed : int
-    overwrite : bool
     draws : int
         Draws in each round of a calibration. More take longer.
     ground_range : float
@@ -121,11 +127,6 @@ def diagnose(
         Whether map, figures, report and configuration are written besides the numbers.
     on_progress : callable, optional
         Called with draws done, draws in all, and rocks simulated; counts anew for each step.
-    say : callable, optional
-
-    Returns
-    -------
-    Diagnosis
 
     Raises
     ------
@@ -176,10 +177,9 @@ def diagnose(
             return diagnosis
         tell("Writing the results")
         _write_models(work / ENSEMBLE, made, diagnosis)
+        write_diagnosis_json(work / "diagnosis.json", diagnosis)
         if report:
             write_outputs(work, case, diagnosis, settings)
-        else:
-            write_diagnosis_json(work / "diagnosis.json", diagnosis)
     return diagnosis
 
 
@@ -369,16 +369,65 @@ def _comparisons(
         place, _, what = name.partition(":")
         quantity, unit = _SHOWN[what]
         shown = "stop" if place == "stop" else problem.case.station_names[int(place[1:])]
-        seen, before, after = (
-            () if rows is None else _finite(values_of(problem.scale, rows, i))
+        given = (
+            np.empty(0) if rows is None else values_of(problem.scale, rows, i)
             for rows in (problem.rows, base, effect)
         )
-        out.append(Comparison(shown, quantity, unit, seen, before, after))
+        values = (tuple(np.round(v[np.isfinite(v)], 4).tolist()) for v in given)
+        out.append(Comparison(shown, quantity, unit, *values))
     return tuple(out)
 
 
-def _finite(values: FloatArray) -> tuple[float, ...]:
-    return tuple(np.round(values[np.isfinite(values)], 4).tolist())
+def write_outputs(work: Path, case: Case, diagnosis: Diagnosis, config: Config) -> None:
+    """Write a diagnosis into a folder; equal diagnoses give equal files.
+
+    ``gap.gpkg``, ``figures/*.png``, ``report.html``, ``model/config.toml`` with
+    its files, and last ``manifest.json``.
+
+    Parameters
+    ----------
+    work : Path
+        Folder of the result, or the staged one beside it: paths in ``model/config.toml`` hold for
+        both.
+    config : Config
+        The configuration that was diagnosed.
+
+    Raises
+    ------
+    ConfigError, InputError
+        If a file that the configuration names cannot be read.
+    OutputError
+        If the disk is full or not writable.
+    """
+    write_gap_gpkg(work / "gap.gpkg", case, diagnosis)
+    write_config_back(work / "model" / "config.toml", config, diagnosis, case)
+    # What the console says, and what only the report has.
+    warnings = list(dict.fromkeys((*diagnosis.warnings, *report_warnings(case, diagnosis))))
+    with in_language(config.project.language):
+        context = gap_report(
+            case,
+            diagnosis,
+            work / "figures",
+            project=config.project.name,
+            terrain=config.dem_source.name,
+            crs=crs_name(case.grid.crs or ""),
+            configuration=config.label,
+            warnings=warnings,
+        )
+        write_report(work / "report.html", translated_report(context))
+    verdict = diagnosis.verdict
+    found = {"effect": verdict.effect, "confidence": verdict.confidence,
+             "settings_hash": diagnosis.settings_hash}  # fmt: skip
+    counts = {
+        "rocks": diagnosis.rocks,
+        **{f"rows_{name}": int(n) for name, n in diagnosis.tables.items()},
+        "comparisons": len(diagnosis.where),
+        "explanations": len(diagnosis.which),
+    }
+    write_origin(
+        work, config, counts, warnings, seed=diagnosis.seed, grid=case.grid, maps=False,
+        origin=Origin(observed_files(case)), settings={"diagnosis": found},
+    )  # fmt: skip
 
 
 def _write_models(file: Path, made: HypothesisFits, diagnosis: Diagnosis) -> None:
@@ -420,6 +469,64 @@ def _campaigns_of(made: HypothesisFits, model: HypothesisModel) -> tuple[int, Fl
         if fit.handed_over.draw.model == model:
             return CHOSEN, fit.handed_over.rows
     return CONFIGURED_NUMBER, model_rows(made.problem, model, CONFIGURED_NUMBER, FRESH)
+
+
+def measured_shrinkage(
+    config: str | Path, observations: str | Path, answer: str | Path
+) -> dict[str, float | None]:
+    """Measure how far the gap shrinks on other rocks of the same slope.
+
+    The model as configured and those that the diagnosis calibrated, without and with the effect
+    that it names, release the new rocks; nothing is calibrated again. The rocks of the diagnosis
+    itself give the campaigns again by which its models were chosen.
+
+    Parameters
+    ----------
+    observations : path
+        Of the new rocks.
+    answer : path
+        Folder that ``diagnose`` wrote.
+
+    Returns
+    -------
+    dict
+        "S", from the configured model to the one handed over (None where the gap of the configured
+        one may be chance); "D_configured", "D_base", "D_effect", "D_floor".
+
+    Raises
+    ------
+    ConfigError, InputError
+    """
+    file = Path(answer) / ENSEMBLE
+    try:
+        kept: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+        scale = Scale(
+            tuple(kept["scale"]["names"]),
+            np.array(kept["scale"]["centre"]),
+            np.array(kept["scale"]["scale"]),
+        )
+        models = {name: model_from_json(kept[name]["model"]) for name in ("base", "effect")}
+        numbers = {name: int(kept[name]["number"]) for name in models}
+        count, seed = int(kept["count"]), int(kept["seed"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(
+            "the calibrated models of a diagnosis cannot be read", file=file, found=str(error)
+        ) from error
+    problem = problem_of(read_case(config, observations), seed, scale)
+    models["configured"] = configured_model(problem.case)
+    numbers["configured"] = CONFIGURED_NUMBER
+    base, effect, configured = (
+        RockDistances.of(problem.rows, model_rows(problem, model, numbers[name], count))
+        for name, model in models.items()
+    )
+    gap = configured.value() - effect.floor
+    return {
+        "S": (configured.value() - effect.value()) / gap if configured.above_chance else None,
+        "D_configured": configured.value(),
+        "D_base": base.value(),
+        "D_effect": effect.value(),
+        "D_floor": effect.floor,
+    }
 
 
 def answer(config: str | Path, observations: str | Path, out: str | Path, **options: Any) -> None:

@@ -1,4 +1,4 @@
-"""What speaks for causes at a site: what is left of a base, fingerprints, and gains."""
+"""The models without an effect at a site, and what speaks for causes beyond them."""
 
 from __future__ import annotations
 
@@ -6,25 +6,68 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from sassgis.gap.calibration.contact_map import learned_contacts
-from sassgis.gap.calibration.problem import problem_of
-from sassgis.gap.calibration.site_summary import summary_of
+from sassgis.gap.calibration.problem import model_rows
 from sassgis.gap.causes.trees_cause import losses_at_one_place
-from sassgis.gap.diagnosis import CauseGain, Fingerprint, GapFinding
+from sassgis.gap.diagnosis import CauseGain, Fingerprint, GapFinding, Rung
 from sassgis.gap.ladder.cause_gains import cause_gains
-from sassgis.gap.ladder.hypothesis_fit import FittedHypothesis
+from sassgis.gap.ladder.handover import CONFIGURED_NUMBER
+from sassgis.gap.ladder.hypothesis_fit import FRESH, FittedHypothesis
+from sassgis.gap.ladder.rungs import CONFIGURED, GROUND, Ladder, Step, needs_contact_law
 from sassgis.gap.observations.case import Case
+from sassgis.gap.replicas.hypothesis_model import configured_model
 from sassgis.gap.residuals.table import ResidualTable, residuals_with
 from sassgis.gap.where.findings import where
 from sassgis.gap.which.fingerprints import fingerprints
 from sassgis.gap.which.hypotheses import NONE, families_to_try
 from sassgis.gap.which.verdict import CONTACT_LAW, adequate, speaking
 from sassgis.io.read.observation_files import AnyObservations
+from sassgis.model.grid import FloatArray
 from sassgis.model.languages import phrase
-from sassgis.runs.base_rungs import BaseRungs, base_rungs
-from sassgis.runs.gap_case import comparable, read_case
-from sassgis.runs.hypothesis_fits import DRAWS, HypothesisFits
+from sassgis.runs.gap_case import read_case
+from sassgis.runs.hypothesis_fits import HypothesisFits
 from sassgis.runs.job import AnyConfig
-from sassgis.runs.workers import one_algebra_thread, task_map
+
+
+@dataclass(frozen=True, slots=True)
+class BaseRungs:
+    """The models without an effect, and which of them the observed rocks ask for.
+
+    Attributes
+    ----------
+    rows : mapping of rung to float64, shape (FRESH, n_rocks, p)
+        Of rocks left out.
+    law : bool
+        Whether another law of the contact is needed.
+    """
+
+    ladder: Ladder
+    rows: Mapping[str, FloatArray]
+    rungs: tuple[Rung, ...]
+    law: bool
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Rungs that may be recommended."""
+        return (CONFIGURED, GROUND, *([CONTACT_LAW] if self.law else []))
+
+    @property
+    def simplest(self) -> str:
+        """The last of them whose gain is certain."""
+        return self.ladder.recommended(*self.names)[0]
+
+
+def base_rungs(made: HypothesisFits) -> BaseRungs:
+    """The ladder as far as it has no effect."""
+    problem = made.problem
+    rows = {
+        CONFIGURED: model_rows(problem, configured_model(problem.case), CONFIGURED_NUMBER, FRESH),
+        GROUND: made.rows(NONE),
+        CONTACT_LAW: made.rows(CONTACT_LAW),
+    }
+    over = {CONFIGURED: "", GROUND: CONFIGURED, CONTACT_LAW: GROUND}
+    ladder = Ladder(problem, [Step(name, over[name], own) for name, own in rows.items()])
+    rungs = ladder.rungs(*rows)
+    return BaseRungs(ladder, rows, rungs, needs_contact_law(rungs))
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,19 +152,3 @@ def _notes(residuals: ResidualTable) -> tuple[str, ...]:
             f"{found[1]:.0f}",
         ),
     )
-
-
-def evidence_at(config: AnyConfig, observations: AnyObservations, seed: int = 1) -> Evidence:
-    """Evidence at a site, in this process.
-
-    Parameters
-    ----------
-    config, observations
-        As for ``diagnose``.
-    seed : int
-    """
-    with one_algebra_thread():
-        case = prepared_case(config, observations, seed, 1.0)
-        summary = summary_of(comparable(problem_of(case, seed), observations))
-        with task_map(summary, 1) as run:
-            return evidence_of_site(HypothesisFits(summary, run, DRAWS))[0]

@@ -28,6 +28,7 @@ from sassgis.io.read.observation_files import AnyObservations, observation_sourc
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.in_memory import Input
 from sassgis.model.map_run import MapRun
 from sassgis.model.profiles import ReleasePoints, TraceSet
 from sassgis.model.run_config import Config
@@ -81,6 +82,12 @@ def read_case(config: AnyConfig, observations: AnyObservations) -> Case:
 def observations_name(observations: AnyObservations) -> Path:
     """What messages call them."""
     return Path("observations" if isinstance(observations, Mapping) else observations)
+
+
+def observed_files(case: Case) -> dict[str, Input]:
+    """The files of the observations, each once, by their role."""
+    files = sorted({*case.observations.files.values()}, key=str)
+    return {f"observations {file.name}": file for file in files}
 
 
 def drop_of(blocks: Sequence[BlockPopulation]) -> float:
@@ -222,18 +229,13 @@ def _fixed(
         changes.update({f"axis_{j + 1}_m": (a, a) for j, a in enumerate(axes)})
         changes["volume_m3"] = changes["volume_exponent"] = None
     elif math.isfinite(mass):
-        own = float(rocks.volume_m3[i])
-        volume = own if math.isfinite(own) else mass / _density(density, block)
+        volume = float(rocks.volume_m3[i])
+        if not math.isfinite(volume):
+            middle = 0.5 * sum(block.density_kgm3) or DENSITY_KGM3
+            volume = mass / (density if math.isfinite(density) else middle)
         changes["volume_m3"] = (volume, volume)
         changes["volume_exponent"] = None
     return replace(block, **changes)  # type: ignore[arg-type]
-
-
-def _density(observed: float, block: BlockPopulation) -> float:
-    if math.isfinite(observed):
-        return observed
-    middle = 0.5 * sum(block.density_kgm3)
-    return middle if middle > 0.0 else DENSITY_KGM3
 
 
 def _radius(block: BlockPopulation) -> float:

@@ -6,7 +6,7 @@ import hashlib
 import json
 import math
 import secrets
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -17,7 +17,13 @@ from sassgis.gap.check.answers import Answer, Truth, answer_from, names_in
 from sassgis.gap.check.blinded_labels import blinding_hash, labels_text, truth_of
 from sassgis.gap.check.check_scores import CheckScores, score
 from sassgis.gap.check.sandbox import Task, TaskOutcome, perform
-from sassgis.gap.check.worlds import battery, quick_battery, require_library, world_seeds
+from sassgis.gap.check.worlds import (
+    WorldSpec,
+    battery,
+    quick_battery,
+    require_library,
+    world_seeds,
+)
 from sassgis.io.digests import program_digest
 from sassgis.io.read.gap_thresholds import THRESHOLDS, frozen_digest, read_thresholds
 from sassgis.io.saved_arrays import read_saved_json, unfit, with_digest
@@ -25,13 +31,6 @@ from sassgis.io.staging import alone, partial_folder, staged_output, writing
 from sassgis.io.write.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME, folder_digest
 from sassgis.model.errors import InputError, Interrupted, OutputError
 from sassgis.report.gap_check_report import CheckRecord, WorldRow, write_check
-from sassgis.runs.gap_check_folder import (
-    CheckFolder,
-    PlannedSite,
-    read_json,
-    write_json,
-    write_text,
-)
 from sassgis.runs.workers import Jobs, Processes, Workers, available_cores
 
 WORLDS = 150
@@ -40,7 +39,7 @@ SEED = 2026
 #: Rocks on which a stated shrinkage is checked.
 FRESH_ROCKS = 300
 DIAGNOSER = "sassgis.runs.diagnose:answer"
-MEASURER = "sassgis.runs.fresh_shrinkage:measured_shrinkage"
+MEASURER = "sassgis.runs.diagnose:measured_shrinkage"
 
 _FORMAT = 2
 _MAKER = "sassgis.runs.blinded_cases"
@@ -48,6 +47,75 @@ _MAKER = "sassgis.runs.blinded_cases"
 _BATCH = 8
 
 OnProgress = Callable[[int, int, int], None]
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedSite:
+    """A site of the battery: its name, what it is, and its seed."""
+
+    case: str
+    spec: WorldSpec
+    seed: int
+
+
+class CheckFolder:
+    """The files of a check."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        self.plan = root / "check.json"  # what was asked for
+        self.blinding = root / "labels.sha256"  # hash of the labels
+        self.case_list = root / "cases.sha256"  # digests of the cases
+        self.answer_list = root / "answers.sha256"  # digests of the answers
+        self.salt = root / "blinded" / "salt.txt"  # what blinds the labels
+        self.labels = root / "blinded" / "labels.json"  # the truth, opened at the end
+        self.cases = root / "cases"  # all cases
+
+    def case(self, case: str) -> Path:
+        """The files of a case."""
+        return self.cases / case
+
+    def answer(self, case: str) -> Path:
+        """What the diagnosis wrote."""
+        return self.root / "answers" / case
+
+    def record(self, case: str) -> Path:
+        """That it answered, or why not."""
+        return self.root / "answers" / f"{case}.json"
+
+    def fresh(self, case: str) -> Path:
+        """Rocks that no diagnosis has seen."""
+        return partial_folder(self.root / "fresh") / case
+
+    def measured(self, case: str) -> Path:
+        """The shrinkage on them."""
+        return self.root / "shrinkage" / f"{case}.json"
+
+
+def read_json(file: Path) -> dict[str, Any]:
+    """Read an object; InputError if it is none."""
+    try:
+        content = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError("cannot be read", file=file, found=reason) from None
+    if not isinstance(content, dict):
+        raise InputError("cannot be read", file=file, expected="a JSON object")
+    return content
+
+
+def write_json(file: Path, content: Mapping[str, object]) -> None:
+    """Write an object whole or not at all."""
+    write_text(file, json.dumps(content, indent=1) + "\n")
+
+
+def write_text(file: Path, text: str) -> None:
+    """Write a file whole or not at all."""
+    with writing(file):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        work = file.with_name(f"{file.name}.partial")
+        work.write_text(text, encoding="utf-8", newline="\n")
+        work.replace(file)
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +155,6 @@ def check(
     ----------
     out : path
         Folder of the check.
-    worlds : int
     seed : int
         Of the battery.
     law : str, optional

@@ -20,12 +20,12 @@ from sassgis.hazard.ground_spread import (
 )
 from sassgis.hazard.sensitivity import BASE, FAR, MEDIAN, Names, Variant, VariantFinding, finding_of
 from sassgis.io.read.ground_map import read_ranges
-from sassgis.io.read.objects import object_cells
 from sassgis.io.staging import staged_output
 from sassgis.model.exposure import PlacedObjects
 from sassgis.model.ground_ranges import ParameterRange, RangeRule, acting, ranges_of
-from sassgis.model.map_run import MapRun, ObjectCells
+from sassgis.model.map_run import MapRun
 from sassgis.model.run_config import Config
+from sassgis.runs.inputs import cells_of_wholes
 from sassgis.runs.job import Job, OnProgress, Simulation, configured, read_job
 from sassgis.runs.map import check_starts
 from sassgis.runs.variant_lab import VariantLab, classes_on
@@ -90,10 +90,7 @@ def drawn_ground(
         return None
     tell(f"Simulating {draws} draws of the ground classes")
     # Of a road the whole, as in the report: a band of each stretch says less.
-    wholes = list(dict.fromkeys(o.whole for o in placed.objects))
-    cells, number = object_cells(placed, done.run.grid)
-    owner = np.array([wholes.index(o.whole) for o in placed.objects], np.int64)
-    exposed = ObjectCells(len(wholes), cells, owner[number])
+    wholes, exposed = cells_of_wholes(placed, done.run.grid)
     job = Job(done.run, done.planned, ())
     lab = VariantLab(config, job, rules, work, jobs, on_progress, tell, _PART, exposed)
     base = finding_of(done.run, done.progress, rules, exposed)

@@ -307,6 +307,14 @@ def with_objects(run: MapRun, placed: PlacedObjects) -> MapRun:
     return replace(run, objects=ObjectCells(len(placed), *object_cells(placed, run.grid)))
 
 
+def cells_of_wholes(placed: PlacedObjects, grid: Grid) -> tuple[list[str], ObjectCells]:
+    """Names of the exposed objects, a road as a whole, and the cells that each touches."""
+    names = list(placed.wholes)
+    cells, part = object_cells(placed, grid)
+    owner = np.array([names.index(o.whole) for o in placed.objects], np.int64)
+    return names, ObjectCells(len(names), cells, owner[part])
+
+
 def with_counts(run: MapRun, thresholds_kj: tuple[float, ...], ref_width_m: float) -> MapRun:
     """The run with the energies and windows at which hazard curves need counts."""
     return replace(run, thresholds_kj=thresholds_kj, ref_width_m=ref_width_m)

@@ -26,10 +26,9 @@ from sassgis.model.statistics_table import SUM_NAMES
 from sassgis.runs.checkpoint import Checkpoint
 from sassgis.runs.estimate import estimate_of
 from sassgis.runs.inputs import collected_notices, read_map_run
-from sassgis.runs.interrupts import held_back
 from sassgis.runs.map import check_starts, simulate_map
 from sassgis.runs.sample_check import check_tolerance
-from sassgis.runs.workers import Jobs, Workers, available_cores
+from sassgis.runs.workers import Jobs, Workers, available_cores, held_back
 from sassgis.terrain.plan import Plan, plan
 
 #: Seconds between two savings of the state of a run.
@@ -188,29 +187,17 @@ def simulate_config(
     # The same blocks without barriers have the same tolerance.
     tolerance = None
     if not (part or sums_only):
-        tolerance = _checked(config, run, planned, checkpoint, jobs, tell)
+        tell("Repeating a sample at half and double the tolerance")
+        try:
+            tolerance = check_tolerance(run, planned, workers_asked(config, jobs))
+        except KeyboardInterrupt:
+            raise Interrupted(f"stopped by the user{checkpoint.kept}") from None
     warnings = (
         *job.notices,
         *(() if tolerance is None else tolerance.warnings()),
         *simulation_warnings(run, progress),
     )
     return Simulation(config, run, planned, progress, checkpoint, warnings, seconds, tolerance)
-
-
-def _checked(
-    config: Config,
-    run: MapRun,
-    planned: Plan,
-    checkpoint: Checkpoint,
-    jobs: Jobs,
-    tell: Callable[[str], None],
-) -> ToleranceCheck | None:
-    """How a sample depends on the tolerance; the simulation itself has been saved."""
-    tell("Repeating a sample at half and double the tolerance")
-    try:
-        return check_tolerance(run, planned, workers_asked(config, jobs))
-    except KeyboardInterrupt:
-        raise Interrupted(f"stopped by the user{checkpoint.kept}") from None
 
 
 def state_fingerprint(config: Config, job: MapRun, schedule: str = "") -> str:

@@ -25,8 +25,7 @@ from sassgis.model.in_memory import Input
 from sassgis.model.map_run import BlockRows, MapRun, Round, Worth
 from sassgis.model.profiles import ReleasePoints, TraceSet
 from sassgis.model.statistics_table import Bins
-from sassgis.runs.interrupts import held_back
-from sassgis.runs.workers import Threads, Workers
+from sassgis.runs.workers import Threads, Workers, held_back
 from sassgis.terrain.fall_lines import trace
 from sassgis.terrain.flatten import chainage_to_xy
 from sassgis.terrain.plan import Plan

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -36,8 +35,7 @@ from sassgis.model.profiles import (
 from sassgis.model.results import StopReason
 from sassgis.model.run_config import Config
 from sassgis.model.statistics_table import PROBABILITIES
-from sassgis.report.notebook import in_short
-from sassgis.report.page import ReportContext, translated_report, write_report
+from sassgis.report.page import ReportContext, in_short, translated_report, write_report
 from sassgis.report.profile_report import profile_report
 from sassgis.runs.estimate import require_profile
 from sassgis.runs.inputs import collected_notices, profile_from_csv, read_map_run
@@ -96,6 +94,8 @@ def profile_input(
     Raises
     ------
     ConfigError, InputError
+        Among others if the point lies outside the terrain model or on nodata, if the file does not
+        hold one line, or the line leaves the terrain model, crosses nodata or is too short.
     """
     if point is not None:
         try:
@@ -105,21 +105,14 @@ def profile_input(
             raise InputError(
                 "is no point", field="point", found=repr(point), expected=expected
             ) from None
-        return profile_from_terrain(config, x, y)
+        return _fall_line(config, x, y)
     if line is not None:
-        return profile_along_line(config, line)
+        return _along_line(config, line)
     return profile_from_csv(config, csv)
 
 
-def profile_along_line(config: Config, file: Input) -> ProfileInput:
-    """The profile of the terrain under a line of the map, from its first vertex to its last.
-
-    Raises
-    ------
-    InputError
-        If the file does not hold one line, or the line leaves the terrain model, crosses nodata
-        or is too short.
-    """
+def _along_line(config: Config, file: Input) -> ProfileInput:
+    """The profile of the terrain under a line of the map, from its first vertex to its last."""
     run = read_map_run(config, areas=())
     x, y = read_line(file, run.grid, "--line").T
     s = np.append(0.0, np.cumsum(np.hypot(np.diff(x), np.diff(y))))
@@ -138,14 +131,8 @@ def profile_along_line(config: Config, file: Input) -> ProfileInput:
     return _profile_of(f"{config.project.name}: {file.stem}", run, prepared)
 
 
-def profile_from_terrain(config: Config, x: float, y: float) -> ProfileInput:
-    """The profile of the fall line that starts at a point of the map.
-
-    Raises
-    ------
-    InputError
-        If the point lies outside the terrain model or on nodata.
-    """
+def _fall_line(config: Config, x: float, y: float) -> ProfileInput:
+    """The profile of the fall line that starts at a point of the map."""
     run = read_map_run(config, areas=())
     surface = fall_line_surface(run.grid, run.terrain)
     point = ReleasePoints(
@@ -193,15 +180,9 @@ def _with_stretches(profile: ProfileInput) -> ProfileSet:
 
 
 def simulate_profile(
-    config: Config, profile: ProfileInput, *, seed: int | None = None, rocks: int | None = None
+    config: Config, profile: ProfileInput, *, rocks: int | None = None
 ) -> ProfileResult:
-    """Simulate blocks of every scenario down one profile.
-
-    Parameters
-    ----------
-    seed, rocks : int, optional
-        In place of those of the configuration; blocks count per block scenario.
-    """
+    """Simulate blocks down one profile: of every scenario so many, or as many as configured."""
     count = rocks or (config.profile.rocks if config.profile else 100)
     bins = require_profile(config, profile.s, profile.z, count)
     flat = _with_stretches(profile)
@@ -215,7 +196,7 @@ def simulate_profile(
         keys = rng.combined(np.zeros(1, np.uint64), scenario_word(blocks.name))
         simulated = partial(
             simulate, flat, profile.table, blocks, config.engine,
-            seed=config.run.seed if seed is None else seed, line_keys=keys,
+            seed=config.run.seed, line_keys=keys,
             starts=np.array([profile.start]), control_lines=control_lines, bins=bins,
             effects=config.effects, forest=profile.forest,
         )  # fmt: skip
@@ -282,54 +263,28 @@ def run_profile(
         with collected_notices() as notices:
             profile = profile_input(config, csv=csv, point=point, line=line)
         result = simulate_profile(config, profile, rocks=rocks)
+        warnings = [*config.notes, *notices, *profile_warnings(result, config.effects)]
+        scenarios = [b.name for b in config.blocks]
+        write_table(work / "tables" / "rocks.csv", [profile_rock_frame(result, scenarios)])
+        write_table(work / "tables" / "passages.csv", [profile_passage_frame(result)])
+        provenance = (
+            ("Program", f"sassgis {sassgis.__version__}"),
+            ("Seed", str(config.run.seed)),
+            ("Settings and inputs (SHA-256)", settings_hash(config)),
+        )
         with in_language(config.project.language):
-            report = _publish(
-                work,
-                config,
-                result,
-                [*config.notes, *notices, *profile_warnings(result, config.effects)],
-                own_file=csv or line,
+            context = profile_report(
+                result, warnings, config.effects.names, byline(config), provenance, work / "figures"
             )
+            report = translated_report(context)
+            write_report(work / "report.html", report)
+        reasons = result.rocks["reason"]
+        counts = {
+            "rocks": int(result.rocks.size),
+            "fragments": int(result.pieces.size),
+            **{f"rocks_{r.name.lower()}": int((reasons == r).sum()) for r in StopReason},
+        }
+        # The profile, or the line under which it lies, if it is not that of the configuration.
+        own = Origin({"profile": file} if (file := csv or line) else {})
+        write_origin(work, config, counts, warnings, seed=config.run.seed, origin=own)
     return ProfileRunResult(Path(out), result, report)
-
-
-def _publish(
-    work: Path,
-    config: Config,
-    result: ProfileResult,
-    warnings: Sequence[str],
-    *,
-    own_file: Input | None,
-) -> ReportContext:
-    """Write the result of a run along one profile, in the language of the settings.
-
-    Parameters
-    ----------
-    work : Path
-        Working folder of the result.
-    own_file : Input or None
-        The profile, or the line under which it lies, if it is not that of the configuration.
-    """
-    scenarios = [b.name for b in config.blocks]
-    tables = work / "tables"
-    write_table(tables / "rocks.csv", [profile_rock_frame(result, scenarios)])
-    write_table(tables / "passages.csv", [profile_passage_frame(result)])
-    provenance = (
-        ("Program", f"sassgis {sassgis.__version__}"),
-        ("Seed", str(config.run.seed)),
-        ("Settings and inputs (SHA-256)", settings_hash(config)),
-    )
-    effects = config.effects.names
-    report = translated_report(
-        profile_report(result, warnings, effects, byline(config), provenance, work / "figures")
-    )
-    write_report(work / "report.html", report)
-    own = {} if own_file is None else {"profile": own_file}
-    reasons = result.rocks["reason"]
-    counts = {
-        "rocks": int(result.rocks.size),
-        "fragments": int(result.pieces.size),
-        **{f"rocks_{r.name.lower()}": int((reasons == r).sum()) for r in StopReason},
-    }
-    write_origin(work, config, counts, warnings, seed=config.run.seed, origin=Origin(own))
-    return report

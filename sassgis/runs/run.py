@@ -13,12 +13,10 @@ from sassgis.io.staging import staged_output
 from sassgis.model.languages import in_language, phrase
 from sassgis.model.map_run import MapRun
 from sassgis.model.results import RasterLayer, StopReason
-from sassgis.model.run_config import Config
 from sassgis.runs.ground_draws import DrawnGround, drawn_ground, spread_rules
 from sassgis.runs.inputs import collected_notices, placed_objects, with_objects
 from sassgis.runs.job import (
     AnyConfig,
-    Job,
     OnProgress,
     Simulation,
     configured,
@@ -34,6 +32,12 @@ if TYPE_CHECKING:
 
     from sassgis.report.page import ReportContext
     from sassgis.runs.publish import Published
+
+
+_AUTO = (
+    'hazard.blocks = "auto" is for zone and batch: run simulates {} blocks of each scenario at '
+    "each release point (release.rocks_per_point)."
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +84,7 @@ class RunResult:
         return maps_dataset(self.layers, self.run.grid, about)
 
     def _repr_html_(self) -> str:
-        from sassgis.report.notebook import in_short
+        from sassgis.report.page import in_short
 
         return in_short(self.report, self.folder)
 
@@ -128,7 +132,10 @@ def run(
     config = configured(config, seed)
     tell = say or (lambda _text: None)
     with staged_output(Path(out), overwrite) as work:
-        job = _with_note(config, read_job(config, areas, tell))
+        job = read_job(config, areas, tell)
+        if config.hazard.blocks == "auto":
+            note = phrase(_AUTO, job.run.release.rocks_per_point)
+            job = replace(job, notices=(*job.notices, note))
         jobs = jobs_within(config, job.run, jobs, memory_gb)
         # Read before the blocks are simulated: an error should not come at the end.
         with collected_notices():
@@ -147,17 +154,6 @@ def run(
             extras = with_spread(Extras(placed=placed), drawn, work, simulation)
             published = publish_map(work, simulation, areas, tell, extras)
     return result_of(Path(out), simulation, published, drawn)
-
-
-def _with_note(config: Config, job: Job) -> Job:
-    """A job that says how many blocks there are, where a zoning would simulate more."""
-    if config.hazard.blocks != "auto":
-        return job
-    text = (
-        'hazard.blocks = "auto" is for zone and batch: run simulates {} blocks of each scenario at '
-        "each release point (release.rocks_per_point)."
-    )
-    return replace(job, notices=(*job.notices, phrase(text, job.run.release.rocks_per_point)))
 
 
 def result_of(

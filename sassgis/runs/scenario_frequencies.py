@@ -29,26 +29,6 @@ _PER = {"per_year": "a year", "per_year_ha": "a year and hectare", "per_year_m":
 
 
 @dataclass(frozen=True, slots=True)
-class Onsets:
-    """What was observed: over which years, on what; or a rate that is stated.
-
-    Attributes
-    ----------
-    years : float or None
-        Time in which the blocks of the list were released.
-    rate : float or None
-        Blocks of the law a year, in place of years.
-    extent : float
-        Hectares or metres on which they were released; 1 for a release area as a whole.
-    """
-
-    years: float | None = None
-    rate: float | None = None
-    extent: float = 1.0
-    unit: OnsetUnit = "per_year"
-
-
-@dataclass(frozen=True, slots=True)
 class Scenario:
     """A class of volumes (m3), its share of the blocks and, if it is known, its frequency."""
 
@@ -164,7 +144,15 @@ class ScenarioFrequencies:
 
 
 def scenario_frequencies(
-    file: Path, complete_from: float, up_to: float | None, limits: Sequence[float], onsets: Onsets
+    file: Path,
+    limits: Sequence[float],
+    *,
+    complete_from: float,
+    up_to: float | None,
+    years: float | None,
+    rate: float | None,
+    area_ha: float | None,
+    length_m: float | None,
 ) -> ScenarioFrequencies:
     """Fit a power law to a table of block volumes, and give the frequencies of scenarios.
 
@@ -172,10 +160,14 @@ def scenario_frequencies(
     ----------
     file : Path
         The table.
-    complete_from, up_to : float
-        Volumes between which the law holds (m3); None: no largest volume.
     limits : sequence of float
         Limits of the volumes of the scenarios (m3), rising.
+    complete_from, up_to : float
+        Volumes between which the law holds (m3); None: no largest volume.
+    years, rate : float or None
+        In which the blocks of the list were released; or blocks of the law a year.
+    area_ha, length_m : float or None
+        Hectares or metres on which they were released; None for a release area as a whole.
 
     Raises
     ------
@@ -189,15 +181,19 @@ def scenario_frequencies(
     _check_limits(limits, complete_from, min(largest, 1000.0))
     law = fit_power_law(survey, complete_from, largest)
     distance, p = fit_test(law)
-    rate = onsets.rate
-    if onsets.years is not None:
-        rate = law.survey.blocks / onsets.years
+    if years is not None:
+        rate = law.survey.blocks / years
+    extent = 1.0
+    unit: OnsetUnit = "per_year"
+    if area_ha is not None:
+        extent, unit = area_ha, "per_year_ha"
+    elif length_m is not None:
+        extent, unit = length_m, "per_year_m"
 
     def scenario(low: float, high: float) -> Scenario:
         frequency = None
         if rate is not None:
-            counted = onsets.years is not None
-            frequency = law.frequency(low, high, rate / onsets.extent, counted)
+            frequency = law.frequency(low, high, rate / extent, years is not None)
         return Scenario(low, high, law.frequency(low, high, 1.0, False), frequency)
 
     scenarios = tuple(scenario(low, high) for low, high in pairwise(limits))
@@ -216,7 +212,7 @@ def scenario_frequencies(
         )
     return ScenarioFrequencies(
         file, survey.blocks, law, tuple(higher_thresholds(law)), distance, p,
-        scenario(complete_from, largest), scenarios, onsets.unit, tuple(warnings),
+        scenario(complete_from, largest), scenarios, unit, tuple(warnings),
     )  # fmt: skip
 
 

@@ -32,7 +32,6 @@ from sassgis.io.write.sensitivity_tables import effect_table, range_table, simul
 from sassgis.model.errors import InputError
 from sassgis.model.ground_ranges import ParameterRange, RangeRule, acting, ranges_of
 from sassgis.model.languages import in_language, phrase
-from sassgis.model.run_config import Config
 from sassgis.report.page import translated_report, write_report
 from sassgis.report.sensitivity_report import sensitivity_report
 from sassgis.runs.inputs import read_rules, states_frequencies
@@ -114,8 +113,62 @@ def sensitivity(
         varied, done = _simulated(lab, known, samples, tell)
         tell("Writing maps, tables and report")
         warnings = (*job.notices, *_warnings(rules, varied))
-        found, maps = _publish(work, config, lab, varied, done, warnings, ranges, areas)
-    return SensitivityResult(Path(out), varied, found, maps, len(done), warnings)
+        grid = run.grid
+        # As _simulated puts them: three, two ends of each range, the filling.
+        last_end = 3 + 2 * len(varied)
+        base, chance, _, *ends = (found for _, found in done[:last_end])
+        filled = done[last_end:]
+        names = lab.names(() if rules is None else [o.name for o in rules.placed.objects])
+        cell_m2 = grid.cell_size**2
+        found = effects(varied, base, chance, ends, filled, names, cell_m2)
+        maps = sensitivity_maps(base, chance, ends, [finding for _, finding in filled])
+        preset = None if rules is None else rules.preset
+        layers = sensitivity_layers(maps, varied, len(filled), grid.shape, preset)
+        write_over_relief(
+            work,
+            grid,
+            layers,
+            group="Sensitivity to the ground",
+            title=f"{config.project.name}: sensitivity",
+            abstract="How results change within the ranges of the ground classes.",
+        )
+        write_table(work / "tables" / "ranges.csv", [range_table(varied)])
+        write_table(work / "tables" / "effects.csv", [effect_table(found)])
+        simulations = simulation_table(base, done, varied, names, cell_m2)
+        write_table(work / "tables" / "simulations.csv", [simulations])
+        facts = {
+            "Program": f"sassgis {sassgis.__version__}",
+            "Seed": str(run.seed),
+            "Settings and inputs (SHA-256)": settings_hash(config),
+            "Configuration": config.label,
+        }
+        with in_language(config.project.language):
+            context = sensitivity_report(
+                config.project.name, run, found, maps, layers, len(filled), base.blocks, names,
+                work / "figures",
+            )  # fmt: skip
+            context = replace(context, warnings=tuple(warnings), provenance=tuple(facts.items()))
+            write_report(work / "report.html", translated_report(context))
+        write_origin(
+            work,
+            config,
+            {
+                "simulations": len(done),
+                "ranges": len(varied),
+                "rocks_per_point": run.release.rocks_per_point,
+                "rocks_per_simulation": base.blocks,
+            },
+            warnings,
+            seed=run.seed,
+            grid=grid,
+            origin=Origin(
+                {} if ranges is None else {"ranges": ranges},
+                "" if preset is None else preset.name,
+                {} if rules is None else {"hazard": run.ref_width_m},
+            ),
+            settings={} if areas is None else {"areas": sorted(areas)},
+        )
+    return SensitivityResult(Path(out), varied, tuple(found), maps, len(done), warnings)
 
 
 def _simulated(
@@ -164,72 +217,3 @@ def _warnings(rules: Rules | None, ranges: Sequence[ParameterRange]) -> tuple[st
         )
         out.append(phrase(text, assumed, len(ranges)))
     return tuple(out)
-
-
-def _publish(
-    work: Path,
-    config: Config,
-    lab: VariantLab,
-    ranges: tuple[ParameterRange, ...],
-    done: Sequence[tuple[Variant, VariantFinding]],
-    warnings: Sequence[str],
-    own_ranges: Path | None,
-    areas: Sequence[str] | None,
-) -> tuple[tuple[RangeEffect, ...], SensitivityMaps]:
-    """Write everything into the working folder."""
-    run, rules, grid = lab.job.run, lab.rules, lab.job.run.grid
-    # As _simulated puts them: three, two ends of each range, the filling.
-    last_end = 3 + 2 * len(ranges)
-    base, chance, _, *ends = (found for _, found in done[:last_end])
-    filled = done[last_end:]
-    names = lab.names(() if rules is None else [o.name for o in rules.placed.objects])
-    cell_m2 = grid.cell_size**2
-    found = effects(ranges, base, chance, ends, filled, names, cell_m2)
-    maps = sensitivity_maps(base, chance, ends, [finding for _, finding in filled])
-    preset = None if rules is None else rules.preset
-    layers = sensitivity_layers(maps, ranges, len(filled), grid.shape, preset)
-    write_over_relief(
-        work,
-        grid,
-        layers,
-        group="Sensitivity to the ground",
-        title=f"{config.project.name}: sensitivity",
-        abstract="How results change within the ranges of the ground classes.",
-    )
-    write_table(work / "tables" / "ranges.csv", [range_table(ranges)])
-    write_table(work / "tables" / "effects.csv", [effect_table(found)])
-    simulations = simulation_table(base, done, ranges, names, cell_m2)
-    write_table(work / "tables" / "simulations.csv", [simulations])
-    facts = {
-        "Program": f"sassgis {sassgis.__version__}",
-        "Seed": str(run.seed),
-        "Settings and inputs (SHA-256)": settings_hash(config),
-        "Configuration": config.label,
-    }
-    with in_language(config.project.language):
-        context = sensitivity_report(
-            config.project.name, run, found, maps, layers, len(filled), base.blocks, names,
-            work / "figures",
-        )  # fmt: skip
-        context = replace(context, warnings=tuple(warnings), provenance=tuple(facts.items()))
-        write_report(work / "report.html", translated_report(context))
-    write_origin(
-        work,
-        config,
-        {
-            "simulations": len(done),
-            "ranges": len(ranges),
-            "rocks_per_point": run.release.rocks_per_point,
-            "rocks_per_simulation": base.blocks,
-        },
-        warnings,
-        seed=run.seed,
-        grid=grid,
-        origin=Origin(
-            {} if own_ranges is None else {"ranges": own_ranges},
-            "" if preset is None else preset.name,
-            {} if rules is None else {"hazard": run.ref_width_m},
-        ),
-        settings={} if areas is None else {"areas": sorted(areas)},
-    )
-    return tuple(found), maps

@@ -89,16 +89,6 @@ class VariantLab:
             return VariantFinding.from_arrays(arrays)
         # What is left of a simulation that was stopped is of use to the same one alone.
         under_way = Checkpoint(self._work, digest, str(Path(self._part, "under_way")))
-        found = self._simulate(variant, seed, under_way)
-        with writing(file):
-            file.parent.mkdir(parents=True, exist_ok=True)
-            write_saved(file, found.arrays(), digest)
-        under_way.forget()
-        return found
-
-    def _simulate(
-        self, variant: Variant, seed: int | None, under_way: Checkpoint
-    ) -> VariantFinding:
         run = self.job.run
         table = with_values(run.table, variant.values)
         run = replace(run, table=table, seed=run.seed if seed is None else seed)
@@ -110,7 +100,12 @@ class VariantLab:
                 f"stopped by the user after {self._asked} simulations; they are kept in "
                 f"{self._folder}: the same command goes on from there"
             ) from None
-        return finding_of(run, progress, self.rules, self._exposed)
+        found = finding_of(run, progress, self.rules, self._exposed)
+        with writing(file):
+            file.parent.mkdir(parents=True, exist_ok=True)
+            write_saved(file, found.arrays(), digest)
+        under_way.forget()
+        return found
 
 
 def classes_on(run: MapRun, cells: np.ndarray) -> list[str]:

@@ -98,7 +98,8 @@ def _second(added: AddedCauses, first: str, weights: CauseWeights, frozen: Thres
     case = added.made.problem.case
     families = tuple(name for name in families_to_try(case) if name != first)
     # Only what there is evidence of beyond the base is looked for again.
-    if not any(_is_sure(added.evidence, name, frozen) for name in families):
+    sure = {f.effect for f in added.evidence.prints if f.observable and f.z >= frozen.second}
+    if sure.isdisjoint(families):
         return ""
     left = evidence_beyond(added.made, added.fit(first), families)
     shares = shares_of(left, families, weights)
@@ -108,13 +109,6 @@ def _second(added: AddedCauses, first: str, weights: CauseWeights, frozen: Thres
         if closes is not None and closes <= 0.0:
             return ""
     return second
-
-
-def _is_sure(evidence: Evidence, name: str, frozen: Thresholds) -> bool:
-    """Whether a fingerprint of a cause is sure enough to be that of a second one."""
-    return any(
-        one.effect == name and one.observable and one.z >= frozen.second for one in evidence.prints
-    )
 
 
 def verdict_of(

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,7 +28,7 @@ from sassgis.model.hazard import ZoningSettings
 from sassgis.model.results import StopReason
 from sassgis.model.run_config import Config
 from sassgis.runs.inputs import named_preset, ref_width, with_counts, yearly_frequencies
-from sassgis.runs.job import Job, OnProgress, Simulation, read_job, simulate_config
+from sassgis.runs.job import OnProgress, Simulation, read_job, simulate_config
 from sassgis.runs.profile_run import profile_input, simulate_profile
 from sassgis.runs.workers import Jobs
 
@@ -151,22 +152,41 @@ def simulate(
 def _simulated(
     config: Config, jobs: Jobs, on_progress: OnProgress | None, say: Callable[[str], None] | None
 ) -> xr.Dataset:
-    from sassgis.io.write.map_dataset import with_sources
+    from sassgis.hazard.progress import sample_of
+    from sassgis.io.write.layers.maps import map_layers, terrain_layer
+    from sassgis.io.write.map_dataset import maps_dataset, with_sources
 
     tell = say or (lambda _text: None)
     job = read_job(config, None, tell)
     if config.hazard.ref_width_m is not None:
         width = ref_width(config, job.run.grid.cell_size)
-        run = with_counts(job.run, named_preset(config).thresholds_kj, width)
-        job = Job(run, job.planned, job.notices)
+        job = replace(job, run=with_counts(job.run, named_preset(config).thresholds_kj, width))
     done = simulate_config(
         config, None, job, jobs=jobs, on_progress=on_progress, tell=tell,
     )  # fmt: skip
-    maps = _dataset_of(done)
+    run, progress = done.run, done.progress
+    layers = map_layers(
+        progress.sums, run.grid.shape, sample_of(run, progress), bins_of(run).edges,
+        run.grid.cell_size, config.output.energy_classes_kj,
+    )  # fmt: skip
+    facts = {
+        "title": config.project.name,
+        "source": f"sassgis {sassgis.__version__}, SASS (Bozzolo and Pamini, 1986)",
+        "seed": run.seed,
+        "blocks": int(progress.reasons.sum()),
+        **{f"blocks_{r.name.lower()}": int(progress.reasons[r]) for r in StopReason},
+        "blocks_per_point": run.release.rocks_per_point,
+        "random_points": int(run.release.placement == "random"),
+        "release_spacing_m": run.release.spacing_m,
+        "ref_width_m": run.ref_width_m or None,
+        "settings": json.dumps(resolved(config)),
+        "warnings": "\n".join(done.warnings),
+    }
+    maps = maps_dataset((*layers, terrain_layer(run.grid)), run.grid, facts)
     if config.hazard.ref_width_m is None:
         return maps
-    sampled = sampled_sources(done.run, done.progress, _frequencies(config, done))
-    return with_sources(maps, sampled, bins_of(done.run).threshold, done.run.ref_width_m)
+    sampled = sampled_sources(run, progress, _frequencies(config, done))
+    return with_sources(maps, sampled, bins_of(run).threshold, run.ref_width_m)
 
 
 def _frequencies(config: Config, done: Simulation) -> dict[tuple[str, str], float]:
@@ -175,35 +195,6 @@ def _frequencies(config: Config, done: Simulation) -> dict[tuple[str, str], floa
     if stated or config.hazard.frequencies is not None:
         return yearly_frequencies(config, done.run.areas)
     return {(a.name, s): np.nan for a in done.run.areas for s in a.scenarios}
-
-
-def _dataset_of(done: Simulation) -> xr.Dataset:
-    from sassgis.hazard.progress import sample_of
-    from sassgis.io.write.layers.maps import map_layers, terrain_layer
-    from sassgis.io.write.map_dataset import maps_dataset
-
-    config, run, progress = done.config, done.run, done.progress
-    layers = map_layers(
-        progress.sums, run.grid.shape, sample_of(run, progress), bins_of(run).edges,
-        run.grid.cell_size, config.output.energy_classes_kj,
-    )  # fmt: skip
-    return maps_dataset(
-        (*layers, terrain_layer(run.grid)),
-        run.grid,
-        {
-            "title": config.project.name,
-            "source": f"sassgis {sassgis.__version__}, SASS (Bozzolo and Pamini, 1986)",
-            "seed": run.seed,
-            "blocks": int(progress.reasons.sum()),
-            **{f"blocks_{r.name.lower()}": int(progress.reasons[r]) for r in StopReason},
-            "blocks_per_point": run.release.rocks_per_point,
-            "random_points": int(run.release.placement == "random"),
-            "release_spacing_m": run.release.spacing_m,
-            "ref_width_m": run.ref_width_m or None,
-            "settings": json.dumps(resolved(config)),
-            "warnings": "\n".join(done.warnings),
-        },
-    )
 
 
 def _ground_section(ground: Any) -> Section:

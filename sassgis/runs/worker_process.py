@@ -26,8 +26,8 @@ _THREADS = (
 )
 #: Objects made since the last collection of those that nobody needs, at which there is another.
 COLLECTED_EVERY = 100_000
-#: Bytes of the length of a message.
-_LENGTH = 8
+#: What a pipe raises that is closed, or ends within a message.
+_BROKEN = (OSError, EOFError, pickle.UnpicklingError)
 #: Seconds that a process may take to end after it has closed its pipes.
 _ENDING_S = 10.0
 
@@ -74,8 +74,8 @@ class WorkerProcess:
             _send(self._popen.stdin, b"" if common is self._holds else common)
             _send(self._popen.stdin, call)
             self._holds = common
-            answer = _received(self._popen.stdout)
-        except (OSError, EOFError):
+            answer = pickle.load(self._popen.stdout)
+        except _BROKEN:
             # A process closes its pipes a little before it has ended, and its exit code is known.
             with suppress(TimeoutExpired):
                 self._popen.wait(_ENDING_S)
@@ -105,18 +105,8 @@ class WorkerProcess:
 
 
 def _send(pipe: IO[bytes], message: bytes) -> None:
-    pipe.write(len(message).to_bytes(_LENGTH))
-    pipe.write(message)
+    pickle.dump(message, pipe, pickle.HIGHEST_PROTOCOL)
     pipe.flush()
-
-
-def _received(pipe: IO[bytes]) -> bytes:
-    head = pipe.read(_LENGTH)
-    size = int.from_bytes(head)
-    message = pipe.read(size)
-    if len(head) < _LENGTH or len(message) < size:
-        raise EOFError
-    return message
 
 
 def serve() -> None:
@@ -141,9 +131,9 @@ def serve() -> None:
 
 def _listen(calls: IO[bytes], came: SimpleQueue[bytes]) -> None:
     """Hand on what comes; a parent that is killed says no more than that nothing comes."""
-    with suppress(OSError, EOFError):
+    with suppress(*_BROKEN):
         while True:
-            came.put(_received(calls))
+            came.put(pickle.load(calls))
     os._exit(1)
 
 

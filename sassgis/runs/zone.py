@@ -63,14 +63,6 @@ def without_barriers(job: Job) -> Job:
     return Job(replace(job.run, control_lines=control_lines), job.planned, ())
 
 
-def with_places(job: Job) -> Job:
-    """The job with stations where its lines could stand up and down the slope, after the others."""
-    run = job.run
-    copies = moved_lines(run.grid, run.control_lines)
-    stations = (copy.as_station(run.control_lines[copy.of][0].name) for copy in copies)
-    return replace(job, run=replace(run, control_lines=(*run.control_lines, *stations)))
-
-
 def zone(
     config: AnyConfig,
     out: str | Path,
@@ -208,7 +200,10 @@ def simulations(
     tell("Once more without walls and nets")
     same = without_barriers(replace(job, run=replace(job.run, rounds=done.run.rounds)))
     if along_slope:
-        same = with_places(same)
+        # Stations where the lines could stand up and down the slope, after the others.
+        lines = same.run.control_lines
+        places = [m.as_station(lines[m.of][0].name) for m in moved_lines(same.run.grid, lines)]
+        same = replace(same, run=replace(same.run, control_lines=(*lines, *places)))
     without = simulate_config(
         config, work, same, jobs=jobs, on_progress=on_progress, tell=tell,
         schedule=schedule, part="without_barriers", sums_only=sums_only,

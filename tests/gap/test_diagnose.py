@@ -30,9 +30,8 @@ from sassgis.model.errors import InputError, Interrupted, SassgisError
 from sassgis.runs import diagnose as gap_diagnose
 from sassgis.runs import hypothesis_fits
 from sassgis.runs.blinded_cases import write_seen
-from sassgis.runs.diagnose import diagnose
+from sassgis.runs.diagnose import ENSEMBLE, diagnose, measured_shrinkage
 from sassgis.runs.draw_store import DrawStore
-from sassgis.runs.fresh_shrinkage import ENSEMBLE, measured_shrinkage
 from sassgis.runs.gap_case import read_case
 from sassgis.runs.gap_check import SEED
 

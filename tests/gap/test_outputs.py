@@ -68,9 +68,9 @@ from sassgis.report.figures.gap_figures import GapStretch, _band
 from sassgis.report.gap_answer import finding_sentence, verdict_sentence
 from sassgis.report.gap_report import answer, headline, map_parts, report_warnings
 from sassgis.report.page import translated_report, write_report
+from sassgis.runs.compare import map_change
+from sassgis.runs.diagnose import write_outputs
 from sassgis.runs.gap_case import read_case
-from sassgis.runs.gap_map_change import map_change
-from sassgis.runs.gap_outputs import write_outputs
 from sassgis.runs.inputs import read_map_run
 from sassgis.runs.run import run
 
@@ -114,6 +114,7 @@ def stops_only(tmp_path_factory: pytest.TempPathFactory, slope: Grid) -> Made:
 def outputs(made: Made, diagnosis: Diagnosis, folder: Path) -> Path:
     """All that is written of a diagnosis."""
     config, case = made
+    write_diagnosis_json(folder / "diagnosis.json", diagnosis)
     write_outputs(folder, case, diagnosis, load_config(config))
     return folder
 

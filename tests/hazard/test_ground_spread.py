@@ -58,8 +58,8 @@ def finding(rng: np.random.Generator, cells: int = 40) -> VariantFinding:
     zoned = np.flatnonzero(rng.random(cells) < 0.7)
     none = np.empty(0)
     return VariantFinding(
-        100, rng.integers(1, 9, 60), reached, rng.integers(1, 90, reached.size),
-        np.full(reached.size, 10.0), zoned, rng.integers(1, 5, zoned.size),
+        100, rng.integers(1, 9, 60), reached, np.full(reached.size, 10.0),
+        rng.integers(1, 90, reached.size), zoned, rng.integers(1, 5, zoned.size),
         np.array([rng.choice([np.nan, 50.0])]), np.array([0.5]), none, none,
     )  # fmt: skip
 

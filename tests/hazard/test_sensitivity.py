@@ -32,7 +32,7 @@ def finding(
     runout[runout_m] = 100
     every = np.arange(cells, dtype=np.int64)
     return VariantFinding(
-        100, runout, every, np.full(cells, 10), np.full(cells, energy), every,
+        100, runout, every, np.full(cells, energy), np.full(cells, 10), every,
         np.full(cells, level, np.int64), np.array([energy]), np.array([0.5]), np.array([0.1]),
         np.array([3.0 * energy]),
     )  # fmt: skip

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pickle
 import signal
 import time
 from dataclasses import dataclass
@@ -55,10 +56,11 @@ def work(common: str, task: Task) -> str:
     if task.moment == "answering":
 
         def half(pipe: IO[bytes], message: bytes) -> None:
-            pipe.write(len(message).to_bytes(8) + message[: len(message) // 2])
+            whole = pickle.dumps(message)
+            pipe.write(whole[: len(whole) // 2])
             pipe.flush()
             task.strike("answering")
-            pipe.write(message[len(message) // 2 :])
+            pipe.write(whole[len(whole) // 2 :])
             pipe.flush()
 
         worker_process._send = half

@@ -22,9 +22,9 @@ from sassgis.report.figures.style import (
     WIDTH_IN,
     Page,
     count,
+    house_style,
     nothing_to_show,
     percent_formatter,
-    styled,
     thousands_formatter,
     wrap,
 )
@@ -120,7 +120,7 @@ def _draw_table(ax: Axes, rows: Sequence[tuple[str, str, str, str]]) -> None:
             ax.text(x, 1.0 - (2.35 + i) * step, text, size=TEXT, ha="right", va="center")
 
 
-@styled
+@house_style()
 def runout_gap_figure(
     observed_m: FloatArray,
     predicted_m: FloatArray,

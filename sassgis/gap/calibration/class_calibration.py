@@ -158,8 +158,6 @@ class Calibrated:
     ----------
     told : tuple of Told
         By site.
-    posterior : Posterior
-    fitted : tuple of Fitted
     draws : int
         Parameter sets that were tried.
     """
@@ -235,14 +233,9 @@ class SiteResult:
 
     Attributes
     ----------
-    name : str
-    rocks : int
     tables : mapping of table to rows
-    errors : tuple of QuantityErrors
-    scores : tuple of TableScore
     gain : Interval
         Of the score, on rocks left out, as a share of the score before.
-    fit : SiteFit
     own : mapping
         Parameters that fit this site best, by label.
     replicas : mapping of model to mapping of quantity to float64, shape (count, n_rocks)
@@ -268,23 +261,18 @@ class SiteCalibration:
 
     Attributes
     ----------
-    fitted : tuple of Fitted
     combinations : int
         Combinations of parameters that are identified.
-    trade_offs : tuple of TradeOff
     as_good : tuple of mapping
         Other combinations that fit as well, by label.
     alike : tuple of (str, str)
         Pairs of classes that cannot be told apart.
-    sites : tuple of SiteResult
     contradict : bool
         Whether no common parameters fit the sites.
     gain : Interval
         Of the score over all sites, on rocks left out, as a share of the score before.
-    findings : tuple of CalibrationFinding
     draws : int
         Parameter sets that were tried.
-    seed : int
     """
 
     fitted: tuple[Fitted, ...]

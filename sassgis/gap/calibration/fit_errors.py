@@ -32,8 +32,6 @@ class QuantityErrors:
     ----------
     name : str
         "run-out", "lateral offset", or a quantity at a station.
-    unit : str
-    rocks : int
     observed : tuple of float
         Quantiles at SHARES.
     quantiles : mapping
@@ -63,7 +61,6 @@ class TableScore:
 
     Attributes
     ----------
-    table : str
     rocks : int
         With anything in it that is scored.
     score : mapping
@@ -85,7 +82,6 @@ def table_scores(
 
     Parameters
     ----------
-    site : CalibrationProblem
     models : mapping of str to mapping of table to float64, shape (n_rocks,)
         Scores "before", "after", "left out".
     """
@@ -130,10 +126,8 @@ def quantity_errors(
 
     Parameters
     ----------
-    site : CalibrationProblem
     models : mapping of str to mapping of quantity to float64, shape (count, n_rocks)
         Replicas "before", "after", "left out".
-    seed : int
     """
     found = []
     for name in site.quantities:

@@ -177,10 +177,8 @@ class Fitted:
 
     Attributes
     ----------
-    parameter : ClassParameter
     share : float
         Place of the value in the range, from 0 to 1.
-    value : float
     low, high : float
         95 % interval.
     identified : bool
@@ -245,7 +243,6 @@ class TradeOff:
 
     Attributes
     ----------
-    one, other : str
     correlation : float
         Of the posterior; above 0: more of both does as well.
     """

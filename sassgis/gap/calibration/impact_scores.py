@@ -91,9 +91,7 @@ def impact_quantities(
 
     Parameters
     ----------
-    impacts : ImpactsInFlight
     outcomes : float64, shape (n, draws, 3)
-    n_rocks : int
     """
     own = (impacts.inertia / impacts.radius**2)[:, None]
     before = np.hypot(impacts.impacts.vt_in_mps, impacts.impacts.vn_in_mps)

@@ -149,8 +149,6 @@ def fit_linearly(
         Of a site, or of several sites joined.
     start : float64, shape (d,)
         Where to begin; before any rock is seen all are zero.
-    run : callable
-    budget : FitBudget
     """
     rng, limit = np.random.default_rng([summary.seed, 13]), budget.limit
     normal = qmc.MultivariateNormalQMC(np.zeros(start.size), np.eye(start.size), rng=rng)

@@ -38,8 +38,6 @@ class ClassParameter:
 
     Attributes
     ----------
-    class_name, name : str
-    limits : Range
     configured : float
         Value before the calibration.
     """

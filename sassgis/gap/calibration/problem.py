@@ -78,19 +78,12 @@ class CalibrationProblem:
 
     Attributes
     ----------
-    name : str
-    case : Case
-    rock_lines : RockLines
-    scale : Scale
-    observed : Campaign
     quantities : mapping of str to float64, shape (n_rocks,)
         Of the observed rocks: those of the scale, and of impacts.
     rows : float64, shape (n_rocks, 2 k)
         The former, standardised.
-    impacts : ImpactsInFlight or None
     outcomes : float64, shape (n_impacts, 3)
         What was observed after them.
-    seed : int
     part : int64, shape (n_rocks,)
         Part of the cross-validation that each rock belongs to.
     unit : int64, shape (n_rocks,)
@@ -167,11 +160,8 @@ def problem_of(
 
     Parameters
     ----------
-    case : Case
-    seed : int
     scale : Scale, optional
         That of other rocks of the same slope.
-    name : str
     simulated : (HypothesisModel, int), optional
         What this model makes of the rocks, in its campaign of this number, stands for what was
         observed: a synthetic site with all that goes with the real one.

@@ -45,7 +45,6 @@ class ObservedNumbers:
         Numbers that the observations have.
     units : int
         Rocks, or groups of them.
-    seed : int
     """
 
     observed: FloatArray
@@ -75,7 +74,6 @@ class SiteSummary(ObservedNumbers):
 
     Attributes
     ----------
-    problem : CalibrationProblem
     size : float64, shape (n_rocks,)
         Logarithm of the radius, standardised.
     """

@@ -35,8 +35,6 @@ class Truth:
         Reaches that a single effect touches.
     reaches : tuple of str
         All reaches of the slope.
-    slope : str
-    rocks : int
     kind : str
         What was observed: stations, stops, both, everything.
     law : str
@@ -89,15 +87,11 @@ class Answer:
 
     Attributes
     ----------
-    case : str
     effect : str
         "none", "unknown", a family, or several joined by "+" in any order; "no answer" if it
         failed.
     confidence : float
         NaN if none is stated.
-    confusion_set : tuple of str
-    phase : str
-    segments : tuple of str
     shrinkage : float or None
         None if withheld.
     group : str
@@ -133,7 +127,6 @@ def answer_from(case: str, diagnosis: Mapping[str, Any]) -> Answer:
 
     Parameters
     ----------
-    case : str
     diagnosis : mapping
         Layout of ``sassgis.gap.diagnosis.as_json``.
 

@@ -45,8 +45,6 @@ class Share:
 
     Attributes
     ----------
-    measure : str
-    hits, trials : int
     value, low, high : float
         NaN, 0, 1 without trials.
     """
@@ -67,8 +65,6 @@ class Aim:
     ----------
     key : str
         Of the measure or number among the scores.
-    title : str
-    limit : float
     at_least : bool
         Whether the share must reach the limit, or not exceed it.
     """
@@ -120,7 +116,6 @@ class ReliabilityRow:
         Of the bin; the last one includes its upper limit.
     confidence : float
         Mean.
-    right : Share
     """
 
     low: float
@@ -160,7 +155,6 @@ class Figures:
 
     Attributes
     ----------
-    worlds : int
     measures : mapping of key to Share
     numbers : mapping of key to float
         What is no share: sizes of confusion sets, calibration error, overlap of reaches; NaN
@@ -185,10 +179,8 @@ class CheckScores:
     by_law : mapping of law to Figures
     groups : mapping of title to tuple of Share
         Accuracy on single effects by sample size, kind, strength, family, law and design.
-    reliability : tuple of ReliabilityRow
     confusion : int64, shape (14, 15)
         Sites by truth (``ANSWERS`` without the last) and answer (``ANSWERS``).
-    shrinkage : ShrinkageCheck
     """
 
     failed: int
@@ -222,7 +214,6 @@ def score(
 
     Parameters
     ----------
-    truths : iterable of Truth
     answers : iterable of Answer
         One for each site, in any order.
     measured : mapping of case to float or None, optional

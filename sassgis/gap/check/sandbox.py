@@ -52,7 +52,6 @@ class TaskOutcome:
         What the function gave back, if it can be sent; None if it failed.
     failure : str
         Empty if it did not fail.
-    seconds : float
     """
 
     name: str
@@ -114,7 +113,6 @@ def perform(sandboxed: Path | None, task: Task) -> TaskOutcome:
     sandboxed : Path or None
         Folder of which the process sees only what the task names, the same for all of its tasks;
         it then cannot load the synthetic sites either.
-    task : Task
 
     Raises
     ------

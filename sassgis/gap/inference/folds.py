@@ -17,7 +17,6 @@ def folds_of(group: IntArray, seed: int) -> IntArray:
     ----------
     group : int64, shape (n_rocks,)
         Rocks of a group (block, day, source) come into the same part. A single group is split.
-    seed : int
     """
     rng = np.random.default_rng([seed, 21])
     groups, unit = np.unique(group, return_inverse=True)

@@ -28,7 +28,6 @@ def bootstrap_rows(rock: IntArray, draws: int, rng: np.random.Generator) -> Iter
         Rock of each row.
     draws : int
         Number of samples.
-    rng : numpy.random.Generator
 
     Yields
     ------
@@ -52,12 +51,7 @@ def times_drawn(unit: IntArray, rng: np.random.Generator, samples: int) -> Float
 
 @dataclass(frozen=True, slots=True)
 class Interval:
-    """An estimate with its interval.
-
-    Attributes
-    ----------
-    value, low, high : float
-    """
+    """An estimate with its interval."""
 
     value: float
     low: float
@@ -90,8 +84,6 @@ def bootstrap_interval(
         Takes rows (int64; repeated ones count as often) and returns a number.
     rock : int64, shape (n,)
         Rock of each row.
-    draws : int
-    rng : numpy.random.Generator
     method : {"percentile", "BCa"}
         ``BCa`` corrects the percentiles for bias and skewness by a jackknife over rocks (B. Efron,
         1987, Better bootstrap confidence intervals, J. Am. Stat. Assoc. 82, 171-185).

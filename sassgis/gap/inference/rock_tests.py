@@ -133,8 +133,6 @@ def mean_gap_tests(
     ----------
     values : float64, shape (n, k)
         Observed minus predicted, one row per rock; NaN where not measured.
-    draws : int
-    rng : numpy.random.Generator
 
     Returns
     -------

@@ -51,7 +51,6 @@ def model_gaps(
 
     Parameters
     ----------
-    problem : CalibrationProblem
     rows : float64, shape (m, n_rocks, p)
         Of rocks in the model.
     left : float

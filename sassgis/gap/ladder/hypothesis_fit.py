@@ -121,7 +121,6 @@ class Chosen:
 
     Attributes
     ----------
-    draw : Draw
     rows : float64, shape (FRESH, n_rocks, 2 k)
     scores : float64, shape (n_rocks,)
     """
@@ -145,7 +144,6 @@ class FittedHypothesis:
 
     Attributes
     ----------
-    space : Space
     found : LinearFit or None
         None where nothing is compared.
     models : tuple of Chosen, length n_parts + 1
@@ -230,10 +228,6 @@ def fit_hypothesis(
 
     Parameters
     ----------
-    summary : SiteSummary
-    effect : str
-    run : callable
-    budget : FitBudget
     start : mapping
         Shares by name; parameters that are not named begin at their middle.
     """

@@ -39,7 +39,6 @@ def share_of(
     ----------
     above, below : RockDistances
         Of the model before and after.
-    floor : float
     weights : float64, shape (samples, n_rocks)
         Of ``group_weights``; a sample without a gap is left out.
     """
@@ -184,10 +183,8 @@ def shrinkage_of(
 
     Parameters
     ----------
-    problem : CalibrationProblem
     base, rows : float64, shape (m, n_rocks, p)
         Held-out replicas of each rock, without and with the effect.
-    effect : str
     """
     observed = problem.rows
     if not observed.shape[1]:

@@ -32,7 +32,6 @@ class Observer:
 
     Attributes
     ----------
-    errors : Errors
     contact_min_normal_speed_mps : float
         Contacts with a lower speed into the ground are not recorded.
     contact_min_interval_s : float
@@ -108,7 +107,6 @@ def recorded_contacts(
 
     Parameters
     ----------
-    observer : Observer
     rock : int64, shape (n,)
         Contacts of a rock follow each other in time.
     time_s : float64, shape (n,)

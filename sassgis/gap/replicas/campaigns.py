@@ -38,11 +38,6 @@ def campaigns(
 
     Parameters
     ----------
-    case : Case
-    rock_lines : RockLines
-    model : HypothesisModel
-    count : int
-    seed : int
     number : int
         Campaigns of other numbers are other draws.
     tables : frozenset of str

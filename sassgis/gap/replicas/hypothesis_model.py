@@ -80,7 +80,6 @@ class ForestStand:
     ----------
     s0, s1 : float
         (m)
-    stems_per_ha, dbh_cm : float
     """
 
     s0: float
@@ -95,12 +94,8 @@ class HypothesisModel:
 
     Attributes
     ----------
-    table : GroundTable
     effects : EffectSettings
         On fall lines without ``lateral_deflection``: blocks cannot leave them.
-    stand : ForestStand or None
-    release : ReleaseError
-    measurement : MeasurementError
     side_tilt_deg, drift_deg, rolling_friction_sd : float or None
         Of followed paths, and of all; in place of the configured ones.
     """

@@ -48,16 +48,12 @@ def observe(
 
     Parameters
     ----------
-    case : Case
     lines : RockLines
         With the observer.
     model : HypothesisModel
         Whose errors of release and measurement, and offsets from the fall line, come on top.
     moved : Moved
         Every rock ``count`` times.
-    count : int
-    rng : numpy.random.Generator
-    tables : frozenset of str
     """
     record = _Record(case, lines, model, moved, count, rng)
     passages = record.passages() if "passages" in tables and case.station_names else None

@@ -103,14 +103,10 @@ def move(
 
     Parameters
     ----------
-    case : Case
-    lines : RockLines
-    releases : Releases
     model : HypothesisModel
         Its ground, its effects, and its stand in place of the configured forest.
     seed, first_rock, log_events
         As for sassgis.engine.simulate.simulate.
-    count : int
     """
     if case.terrain is None:
         return _on_profiles(case, lines, releases, model, seed, count, first_rock, log_events)

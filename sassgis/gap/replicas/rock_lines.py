@@ -34,9 +34,7 @@ class RockLines:
         The configured forest on the stretches.
     first_m : float
         Chainage at which the first stretch begins (m).
-    n_stretches : int
     keys : uint64, shape (n_rocks,)
-    control_lines : ControlLineCrossings
     end : float64, shape (n_rocks,)
         Where what a rock can reach ends (m): its profile; followed paths go on.
     cell_s : float64, shape (n_cells,)
@@ -173,7 +171,6 @@ def dips_at(profiles: ProfileSet, profile: IntArray, s: FloatArray) -> FloatArra
 
     Parameters
     ----------
-    profiles : ProfileSet
     profile : int64, shape (n,)
     s : float64, shape (n,)
         Chainage (m).

@@ -110,7 +110,6 @@ def steps_of(
 
     Parameters
     ----------
-    model : HypothesisModel
     run : FreeRun
         Its replicates of the rocks.
     """

@@ -21,10 +21,10 @@ from sassgis.report.figures.style import (
     TEXT,
     VERMILION,
     WIDTH_IN,
+    house_style,
     new_figure,
     nothing_to_show,
     percent_formatter,
-    styled,
     wrap,
 )
 
@@ -32,7 +32,7 @@ from sassgis.report.figures.style import (
 _MODELS = {"before": (ORANGE, (0, (1.5, 1.2))), "left out": (VERMILION, "--"), "after": (BLUE, "-")}
 
 
-@styled
+@house_style()
 def parameters_figure(fitted: Sequence[Fitted]) -> Figure:
     """Each parameter on its range: configured, calibrated, 95 % interval."""
     figure = new_figure(WIDTH_IN, 0.55 + 0.24 * len(fitted))
@@ -60,7 +60,7 @@ def parameters_figure(fitted: Sequence[Fitted]) -> Figure:
     return figure
 
 
-@styled
+@house_style()
 def quantity_curves_figure(
     panels: Sequence[tuple[str, FloatArray, Mapping[str, FloatArray]]],
 ) -> Figure:

@@ -26,12 +26,12 @@ from sassgis.report.figures.style import (
     beside,
     halo,
     head,
+    house_style,
     new_figure,
     nothing_to_show,
     percent_formatter,
     round_step,
     spread,
-    styled,
     text_width_pt,
     thousands_formatter,
 )
@@ -50,7 +50,7 @@ _TITLES = {
 }
 
 
-@styled
+@house_style()
 def energy_profile_figure(
     s_bins: FloatArray,
     quantiles: Mapping[float, FloatArray],
@@ -221,7 +221,7 @@ def _panel(ax: Axes, name: str, histogram: Histogram, log: bool = False) -> None
         beside(ax, f"≥ {edges[-2]:.3g}", at, (0, 2), **look)
 
 
-@styled
+@house_style()
 def station_figure(
     name: str,
     speed: Histogram,
@@ -319,20 +319,13 @@ def _draw_runout(
     return figure
 
 
-@styled
-def runout_figure(runout_m: FloatArray, reasons: IntArray, *, bin_m: float | None = None) -> Figure:
-    """Draw where blocks end, and the share that gets at least so far.
+@house_style()
+def runout_figure(runout_m: FloatArray, reasons: IntArray) -> Figure:
+    """Draw where blocks end (chainage, m) by StopReason, and the share that gets at least so far.
 
-    Parameters
-    ----------
-    runout_m : float, shape (n,)
-        Chainage where each block ended (m).
-    reasons : int, shape (n,)
-        Its StopReason.
-    bin_m : float, optional
-        Width of a bar (m); default: a round width for about 30 bars.
+    Bars are of a round width, about 30 of them.
     """
-    width = bin_m or round_step(float(np.ptp(runout_m)), 30)
+    width = round_step(float(np.ptp(runout_m)), 30)
     first = np.floor(runout_m.min() / width) * width
     n_bins = int(np.floor((runout_m.max() - first) / width)) + 1
     edges = first + width * np.arange(n_bins + 1)
@@ -341,7 +334,7 @@ def runout_figure(runout_m: FloatArray, reasons: IntArray, *, bin_m: float | Non
     return _draw_runout(edges, counts, curve, "", "steps-pre")
 
 
-@styled
+@house_style()
 def runout_counts_figure(
     edges: FloatArray, counts: Mapping[StopReason, IntArray], *, title: str = ""
 ) -> Figure:

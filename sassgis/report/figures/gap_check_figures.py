@@ -22,17 +22,17 @@ from sassgis.report.figures.style import (
     WIDTH_IN,
     beside,
     count,
+    house_style,
     new_figure,
     nothing_to_show,
     percent_formatter,
-    styled,
 )
 
 _SHADES = LinearSegmentedColormap.from_list("shares", ["#ffffff", "#d6e7f3", "#7fb6da", BLUE])
 _DIAGONAL: dict[str, Any] = {"color": GREY, "linewidth": 0.8, "linestyle": (0, (4, 3))}
 
 
-@styled
+@house_style()
 def confusion_figure(worlds: NDArray[np.int64]) -> Figure:
     """Draw how many sites of each truth were given which answer.
 
@@ -85,7 +85,7 @@ def confusion_figure(worlds: NDArray[np.int64]) -> Figure:
     return figure
 
 
-@styled
+@house_style()
 def reliability_figure(rows: Sequence[ReliabilityRow], limit: float, least: float) -> Figure:
     """Draw the share of right answers against the confidence that was stated.
 
@@ -132,7 +132,7 @@ def reliability_figure(rows: Sequence[ReliabilityRow], limit: float, least: floa
     return figure
 
 
-@styled
+@house_style()
 def shrinkage_figure(stated: Sequence[float], measured: Sequence[float], near: float) -> Figure:
     """Draw stated shrinkages against those on fresh rocks, one point for each site.
 

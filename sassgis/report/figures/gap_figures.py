@@ -57,11 +57,11 @@ from sassgis.report.figures.style import (
     Page,
     beside,
     halo,
+    house_style,
     lines_in,
     note_height,
     nothing_to_show,
     percent_formatter,
-    styled,
     wrap,
 )
 
@@ -90,7 +90,7 @@ class GapStretch:
     sure: bool = True
 
 
-@styled
+@house_style()
 def gap_map_figure(
     grid: Grid,
     *,
@@ -198,7 +198,7 @@ def _chosen_rows(findings: Sequence[GapFinding]) -> dict[tuple[str, str], list[G
     }
 
 
-@styled
+@house_style()
 def gap_where_figure(findings: Sequence[GapFinding]) -> Figure:
     """Draw every gap as a dot with its interval, a panel for each quantity in its own unit.
 
@@ -308,7 +308,7 @@ def _distance(observed: FloatArray, model: FloatArray) -> float:
     return float(energy_distance(observed, model) ** 2) / (unit or 1.0)
 
 
-@styled
+@house_style()
 def gap_distributions_figure(comparisons: Sequence[Comparison], *, effect: str = "") -> Figure:
     """Draw the distributions of observed rocks and of the models, each as it is: in steps.
 
@@ -392,7 +392,7 @@ def _draw_comparison(ax: Axes, comparison: Comparison, width_in: float, after: b
 # --- which -----------------------------------------------------------------------------------
 
 
-@styled
+@house_style()
 def gap_ladder_figure(ladder: Sequence[Rung]) -> Figure:
     """Draw the distance of each model to the observed rocks, and the share of the gap it closes.
 
@@ -427,7 +427,7 @@ def gap_ladder_figure(ladder: Sequence[Rung]) -> Figure:
     return page.figure
 
 
-@styled
+@house_style()
 def gap_hypotheses_figure(
     hypotheses: Sequence[Hypothesis], *, verdict: str, confusion: Sequence[str] = ()
 ) -> Figure:

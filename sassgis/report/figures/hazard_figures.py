@@ -32,9 +32,9 @@ from sassgis.report.figures.style import (
     Page,
     beside,
     halo,
+    house_style,
     lines_in,
     new_figure,
-    styled,
     text_width_pt,
     wrap,
 )
@@ -108,7 +108,7 @@ def _rate_limits(rates: FloatArray, preset: HazardPreset) -> tuple[float, float]
     return 10.0 ** np.floor(np.log10(low)), 10.0 ** np.ceil(np.log10(1.2 * high))
 
 
-@styled
+@house_style()
 def hazard_curve_figure(
     curves: HazardCurves,
     row: int,
@@ -242,7 +242,7 @@ _ROW_IN = 0.23
 _NAME_IN = 1.9
 
 
-@styled
+@house_style()
 def blocks_figure(history: Sequence[tuple[int, float]], limit: float) -> Figure:
     """Draw the share of the zoned area that another sample changes against the blocks.
 
@@ -279,7 +279,7 @@ def amount(value: float) -> str:
     return f"{number}\u2009×\u2009{power_of_ten(int(exponent))}"
 
 
-@styled
+@house_style()
 def risk_figure(
     names: Sequence[str],
     values: FloatArray,

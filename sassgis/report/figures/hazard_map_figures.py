@@ -32,9 +32,9 @@ from sassgis.report.figures.style import (
     SMALL,
     TITLE,
     WIDTH_IN,
+    house_style,
     lines_in,
     note_height,
-    styled,
     wrap,
 )
 from sassgis.report.number_text import thousands
@@ -110,7 +110,7 @@ def _class_maps(
     return maps.page.figure
 
 
-@styled
+@house_style()
 def intensity_figure(
     grid: Grid, layers: Sequence[RasterLayer], marks: MapMarks, note: str = ""
 ) -> Figure:
@@ -123,7 +123,7 @@ def intensity_figure(
     return _class_maps(grid, panels, [legend], marks, "Intensity by return period", note)
 
 
-@styled
+@house_style()
 def confidence_figure(
     grid: Grid, level: RasterLayer, uncertain: NDArray[np.bool_], marks: MapMarks, note: str = ""
 ) -> Figure:
@@ -151,7 +151,7 @@ def level_changes(before: FloatArray, after: FloatArray) -> FloatArray:
     return np.where((old < 0.0) & (new < 0.0), np.nan, np.sign(new - old))
 
 
-@styled
+@house_style()
 def change_figure(
     grid: Grid,
     before: RasterLayer,
@@ -186,7 +186,7 @@ def change_figure(
     return _class_maps(grid, panels, legends, marks, title, note)
 
 
-@styled
+@house_style()
 def map_change_figure(
     grid: Grid,
     before: FloatArray,

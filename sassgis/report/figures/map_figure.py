@@ -47,8 +47,8 @@ from sassgis.report.figures.style import (
     WIDTH_IN,
     Page,
     halo,
+    house_style,
     lines_in,
-    styled,
     text_width_pt,
     wrap,
 )
@@ -425,7 +425,7 @@ def coarse_note(view: MapView, what: str) -> str:
     )
 
 
-@styled
+@house_style()
 def map_figure(
     grid: Grid, layer: RasterLayer, marks: MapMarks | None = None, *, note: str | None = None
 ) -> Figure:

@@ -30,10 +30,10 @@ from sassgis.report.figures.style import (
     Page,
     beside,
     halo,
+    house_style,
     lines_in,
     round_step,
     spread,
-    styled,
     text_width_pt,
     thousands_formatter,
     wrap,
@@ -150,14 +150,8 @@ def _frame(panels: Sequence[ProfilePanel], max_height_in: float) -> _Frame:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _GroundName:
-    """The name of a ground class written beside the strip: anchor (m), offset (pt), alignment."""
-
-    name: str
-    at: tuple[float, float]
-    offset: tuple[float, float]
-    align: str
+#: The name of a ground class beside the strip: its anchor (m), offset from it (pt), alignment.
+_GroundName = tuple[str, tuple[float, float], tuple[float, float], str]
 
 
 def _place_name(
@@ -181,7 +175,7 @@ def _place_name(
         inside = edge - text > s[0] if angle < 0.0 else edge + text < s[-1]
         room = bool(inside and length >= 2.0 * SMALL * frame.pt * np.cos(angle))
     at = (middle, float(np.interp(middle, s, z)))
-    return _GroundName(name, at, offset, align) if room else None
+    return (name, at, offset, align) if room else None
 
 
 def _ground_names(panel: ProfilePanel, frame: _Frame) -> tuple[list[_GroundName], dict[str, str]]:
@@ -224,9 +218,9 @@ def _draw_ground(ax: Axes, panel: ProfilePanel, frame: _Frame) -> None:
                 gid=f"ground-{number}" if ends == "butt" else None,
             )
             strip.set_clip_path(under)
-    for name in _ground_names(panel, frame)[0]:
-        look = {"ha": name.align, "va": "top", "color": INK, "style": "italic", "zorder": 6}
-        beside(ax, name.name, name.at, name.offset, **look)
+    for name, at, offset, align in _ground_names(panel, frame)[0]:
+        look = {"ha": align, "va": "top", "color": INK, "style": "italic", "zorder": 6}
+        beside(ax, name, at, offset, **look)
     ax.plot(s, z, color=INK, lw=1.1, zorder=4, gid="slope", solid_joinstyle="round")
 
 
@@ -282,7 +276,7 @@ def _draw_panel(ax: Axes, panel: ProfilePanel, frame: _Frame) -> None:
     ax.set_ylabel("height (m)")
 
 
-@styled
+@house_style()
 def profile_figure(panels: Sequence[ProfilePanel], *, letters: bool = True) -> Figure:
     """Stack profiles at one scale on one page, such as a slope before and after measures.
 

@@ -22,15 +22,15 @@ from sassgis.report.figures.style import (
     WIDTH_IN,
     beside,
     halo,
+    house_style,
     new_figure,
-    styled,
 )
 
 #: Frequencies this much rarer than the longest return period are not drawn.
 _RARER = 5.0
 
 
-@styled
+@house_style()
 def protection_figure(
     places: pd.DataFrame,
     before: Arrivals,
@@ -56,26 +56,8 @@ def protection_figure(
     along = len(places) > 1
     figure = new_figure(WIDTH_IN, 2.7)
     grid = figure.add_gridspec(2, 2 if along else 1, height_ratios=(2.2, 1.0))
-    _draw_frequencies(
-        figure.add_subplot(grid[:, 0]), before, behind, return_periods_years, capacity_kj,
-        confidence,
-    )  # fmt: skip
-    if along:
-        upper = figure.add_subplot(grid[0, 1])
-        _draw_along(upper, figure.add_subplot(grid[1, 1], sharex=upper), places)
-    return figure
-
-
-def _draw_frequencies(
-    ax: Axes,
-    before: Arrivals,
-    behind: Arrivals | None,
-    periods: Sequence[float],
-    capacity_kj: float,
-    confidence: float,
-) -> None:
-    """How often blocks have at least so much energy."""
-    least = 1.0 / max(periods) / _RARER
+    ax = figure.add_subplot(grid[:, 0])
+    least = 1.0 / max(return_periods_years) / _RARER
     for curve, colour, name in (
         (before, BLUE, "arriving, without walls and nets"),
         (behind, VERMILION, "going on behind it"),
@@ -96,7 +78,7 @@ def _draw_frequencies(
     ends = (before.largest, capacity_kj)
     right = max([10.0, *(e for e in ends if np.isfinite(e))])
     ax.set_xlim(max(1.0, shown.min(initial=1.0)), 1.6 * right)
-    for years in periods:
+    for years in return_periods_years:
         ax.axhline(1.0 / years, color=LIGHT, lw=0.8, zorder=0.5)
         beside(
             ax, phrase("{} years", f"{years:g}"), (ax.get_xlim()[1], 1.0 / years), (-3, 2),
@@ -110,6 +92,10 @@ def _draw_frequencies(
     ax.yaxis.set_minor_locator(NullLocator())
     if ax.get_legend_handles_labels()[0]:
         ax.legend(fontsize=SMALL, loc="lower left")
+    if along:
+        upper = figure.add_subplot(grid[0, 1])
+        _draw_along(upper, figure.add_subplot(grid[1, 1], sharex=upper), places)
+    return figure
 
 
 def _draw_along(upper: Axes, lower: Axes, places: pd.DataFrame) -> None:

@@ -6,12 +6,12 @@ import functools
 import io
 import textwrap
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib.resources import as_file, files
 from os import PathLike
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -22,6 +22,7 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import AbstractPathEffect, withStroke
 from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, PercentFormatter
+from scipy.optimize import isotonic_regression
 
 from sassgis.model.errors import OutputError
 from sassgis.model.grid import FloatArray
@@ -56,9 +57,6 @@ GROUND_COLOURS = (
     "#8c8c8c", "#E6C27A", "#7FBF9B", "#A6D3EE", "#E0A3C2", "#C98A5B", "#5B8FB9", "#EDE79B",
 )  # fmt: skip
 
-P = ParamSpec("P")
-R = TypeVar("R")
-
 # matplotlib reads its defaults from one table per process; the lock keeps threads apart.
 _LOCK = threading.RLock()
 
@@ -75,21 +73,10 @@ def _settings() -> dict[Any, Any]:
 
 @contextmanager
 def house_style() -> Iterator[None]:
-    """Draw in the style of the figures, whatever the user's matplotlibrc says."""
+    """Draw in the style of the figures, whatever the user's matplotlibrc says; also a decorator."""
     with _LOCK, mpl.rc_context():
         mpl.rcParams.update(_settings())
         yield
-
-
-def styled(function: Callable[P, R]) -> Callable[P, R]:
-    """Run a figure function in the house style."""
-
-    @functools.wraps(function)
-    def wrapper(*args: P.args, **kwargs: P.kwargs) -> R:
-        with house_style():
-            return function(*args, **kwargs)
-
-    return wrapper
 
 
 def new_figure(width_in: float, height_in: float, *, constrained: bool = True) -> Figure:
@@ -226,23 +213,14 @@ def spread(positions: Sequence[float] | FloatArray, widths: float | FloatArray) 
         Room that each label takes, same unit.
     """
     wanted = np.asarray(positions, float)
-    room = np.broadcast_to(np.asarray(widths, float), wanted.shape)
+    if not wanted.size:
+        return wanted
     order = np.argsort(wanted, kind="stable")
-    sorted_room = room[order]
-    packed = np.zeros(wanted.size)
-    packed[1:] = np.cumsum((sorted_room[:-1] + sorted_room[1:]) / 2.0)
-    # Less the tightest packing, the middles need only not to fall: an isotonic regression, solved
-    # by merging neighbours that are out of order into their mean.
-    blocks: list[tuple[float, int]] = []
-    for value in wanted[order] - packed:
-        mean, number = float(value), 1
-        while blocks and blocks[-1][0] > mean:
-            before, n_before = blocks.pop()
-            mean = (before * n_before + mean * number) / (n_before + number)
-            number += n_before
-        blocks.append((mean, number))
+    room = np.broadcast_to(np.asarray(widths, float), wanted.shape)[order]
+    packed = np.append(0.0, np.cumsum((room[:-1] + room[1:]) / 2.0))
     out = np.empty_like(wanted)
-    out[order] = packed + np.repeat([m for m, _ in blocks], [n for _, n in blocks])
+    # Less the tightest packing, the middles need only not to fall.
+    out[order] = packed + isotonic_regression(wanted[order] - packed).x
     return out
 
 

@@ -49,7 +49,7 @@ def test_station_that_no_rock_passes() -> None:
 def test_runout_bars_by_reason_and_exceedance() -> None:
     values = np.array([10.0, 20.0, 20.0, 50.0, 100.0])
     reasons = np.array([4, 0, 1, 0, 2])
-    figure = runout_figure(values, reasons, bin_m=10.0)
+    figure = runout_figure(values, reasons)
     curve = find(figure, "exceedance")[0]
     x, share = curve.get_data()
     # Share of rocks that get at least to 20 m: 4 of 5; to just beyond it: 2 of 5.
@@ -61,6 +61,7 @@ def test_runout_bars_by_reason_and_exceedance() -> None:
     assert heights.sum() == 2.0
     barrier = find(figure, "reason-BARRIER")[0].get_data()
     place = np.nonzero(barrier.values - barrier.baseline)[0]
+    # Bars of 2 m: a thirtieth of 90 m, rounded to 1, 2 or 5.
     assert rest.edges[place].tolist() == [20.0]
     assert not find(figure, "reason-STEP_LIMIT")
     words = texts(figure)

@@ -53,7 +53,10 @@ def test_a_profile_from_a_table_leaves_all_its_files(bedrina: Path, tmp_path: Pa
 def test_equal_seeds_give_equal_profiles_and_others_do_not(bedrina: Path) -> None:
     config = load_config(bedrina)
     profile = profile_from_csv(config)
-    first, again, other = (simulate_profile(config, profile, rocks=10, seed=s) for s in (1, 1, 2))
+    first, again, other = (
+        simulate_profile(replace(config, run=replace(config.run, seed=s)), profile, rocks=10)
+        for s in (1, 1, 2)
+    )
     assert first.rocks.tobytes() == again.rocks.tobytes()
     assert (first.rocks["mass_kg"] != other.rocks["mass_kg"]).all()
 

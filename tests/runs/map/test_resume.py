@@ -24,9 +24,9 @@ from sassgis.runs import job as job_module
 from sassgis.runs import map as map_run
 from sassgis.runs import publish
 from sassgis.runs.checkpoint import Checkpoint
-from sassgis.runs.interrupts import held_back
 from sassgis.runs.map import simulate_map
 from sassgis.runs.run import run
+from sassgis.runs.workers import held_back
 from sassgis.terrain.plan import plan
 
 TABLES = {"output.rock_table": "csv", "output.passage_table": "csv"}

@@ -63,7 +63,6 @@ def battery(seed: int, n: int, laws: Sequence[str] = LAWS) -> list[WorldSpec]:
 
     Parameters
     ----------
-    seed : int
     n : int
         Number of sites, at least 1.
     laws : sequence of str

@@ -78,7 +78,6 @@ def make_world(spec: WorldSpec, seed: int) -> World:
 
     Parameters
     ----------
-    spec : WorldSpec
     seed : int
         Same specification and seed, same site.
 

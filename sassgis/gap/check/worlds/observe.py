@@ -54,7 +54,6 @@ def observe(world: World, kind: Kind, n_rocks: int, seed: int) -> ObservedTables
     Parameters
     ----------
     kind : {"stations", "stops", "both", "everything"}
-    n_rocks : int
     seed : int
         Distinguishes campaigns.
 
@@ -353,7 +352,6 @@ class SiteSetup:
     ----------
     dem : Grid
         The survey.
-    class_names : tuple of str
     class_codes : int64, shape of the grid
         Position in class_names of each cell.
     releases : float64, shape (n, 3)

@@ -65,8 +65,6 @@ def run_rocks(
 
     Parameters
     ----------
-    world : World
-    rocks : WorldRocks
     obstacles : float64, shape (n, 6)
         Stems and lying blocks.
     wind : float

@@ -133,7 +133,6 @@ class Relief:
         Heights at 2 m (m).
     ground : int64, shape of the grid
         Position in CLASSES of each cell.
-    frame : Frame
     breaks_m : float64, shape (n_stretches + 1,)
         Distances down the slope at which one stretch ends and the next begins.
     stretches : tuple of str

@@ -166,7 +166,6 @@ class PlacedEffect:
 
     Attributes
     ----------
-    name : str
     strength : str
         By its size; less than was asked for where no magnitude gives that.
     magnitude : float
@@ -217,7 +216,6 @@ class Faults:
     ----------
     contact_min_normal_speed_mps, contact_min_interval_s : float
         Lighter contacts are not recorded, and those that follow sooner are taken for one.
-    passages_missed_share : float
     clipped_share : float
         Share of the rocks whose film begins late or ends early.
     stops_m : float
@@ -246,8 +244,6 @@ class World:
 
     Attributes
     ----------
-    spec : WorldSpec
-    seed : int
     relief : Relief
         The slope, without a terrace.
     survey : Grid
@@ -269,8 +265,6 @@ class World:
         Stations (m down the slope).
     releases : float64, shape (n_releases, 3)
         Release points x, y, z (m).
-    blocks : Blocks
-    faults : Faults
     effects : tuple of PlacedEffect
         The truth.
     """
