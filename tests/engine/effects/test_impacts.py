@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.effects_lab import (
+from helpers.engine_lab import (
     FLIGHT,
     IMPACT,
     MIXED,
