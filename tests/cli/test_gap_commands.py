@@ -21,12 +21,6 @@ def test_what_a_filled_template_identifies_is_printed(tmp_path: Path, printed) -
     assert "not identifiable" in out and "deposits" in out
 
 
-def test_an_empty_template_is_one_clear_line(tmp_path: Path, printed, refusal) -> None:
-    folder = tmp_path / "observed"
-    printed("gap", "template", folder)
-    assert "holds no observed rock" in refusal("gap", "validate", folder)
-
-
 def test_errors_are_printed_once_and_the_command_ends_with_code_one(tmp_path: Path, call) -> None:
     folder = tmp_path / "observed"
     folder.mkdir()

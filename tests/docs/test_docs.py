@@ -75,11 +75,6 @@ def test_import_is_light():
         assert f"'{heavy}'" not in out.stdout
 
 
-def test_star_import_brings_the_public_names():
-    code = "from sassgis import *; print(load_config, EngineSettings(), StopReason.REST)"
-    subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-
-
 # --- pages ---------------------------------------------------------------------------------------
 
 

@@ -27,11 +27,6 @@ def test_help_takes_less_than_a_second() -> None:
     assert min(cpu_s([*PROGRAM, "--help"]) for _ in range(5)) < 1.0
 
 
-def test_the_program_runs_as_a_module() -> None:
-    done = subprocess.run([*PROGRAM, "--version"], capture_output=True, text=True, check=True)
-    assert done.stdout.startswith("sassgis, version ")
-
-
 def test_the_environment_of_the_host_process_is_left_alone(tmp_path: Path) -> None:
     """Also where kernels are compiled, and whether or not the user names a cache folder."""
     code = (

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from helpers.effects_lab import ellipsoid, ground
+from helpers.engine_lab import ellipsoid, ground
 from helpers.paths_lab import ends, paths
 from helpers.terrains import grid_of
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.effects_lab import ROLLING, run
+from helpers.engine_lab import ROLLING, run
 from helpers.paths_lab import DEBRIS, HAZARD, MIXED, ROCK, STRAIGHT, ends, paths
 from helpers.terrains import folded, grid_of, middle, points_at
 from scipy.integrate import solve_ivp

@@ -14,10 +14,11 @@ def state(progress: Progress) -> dict[str, np.ndarray]:
     out = {f"map {k}": v[order] for k, v in sums.items()}
     out |= {f"gates {k}": v for k, v in progress.control_lines.state().items()}
     stops = joined_rows(progress.stops)
-    order = np.lexsort((stops.rocks["rock"], stops.rock_scenario, stops.rocks["line"]))
+    rocks = stops.rocks
+    order = np.lexsort((rocks["piece"], rocks["rock"], stops.rock_scenario, rocks["line"]))
     out |= {"reasons": progress.reasons, "runout": progress.runout}
-    out |= {"rocks": stops.rocks[order], "x": stops.x[order], "y": stops.y[order]}
-    out["furthest"] = np.array(progress.furthest)
+    out |= {"rocks": rocks[order], "x": stops.x[order], "y": stops.y[order]}
+    out |= {"furthest": np.array(progress.furthest), "pieces": np.array(progress.pieces)}
     for source, tally in sorted(progress.sources.items()):
         out[f"source {source} rocks"] = np.array(tally.rocks)
         for part in ("cells", "objects", "control_lines"):

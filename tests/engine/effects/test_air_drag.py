@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from helpers.effects_lab import IMPACT, G, ellipsoid, first, plain, run, slope, sphere, sphere_mass
+from helpers.engine_lab import IMPACT, G, ellipsoid, first, plain, run, slope, sphere, sphere_mass
 from scipy.integrate import solve_ivp
 
 from sassgis.engine.effects import air_drag

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from helpers.effects_lab import (
+from helpers.engine_lab import (
     BROKEN,
     END,
     MIXED,

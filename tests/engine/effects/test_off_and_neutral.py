@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from helpers.effects_lab import MIXED, forest, ground, profile_set, rough_slope, run, same, sphere
+from helpers.engine_lab import MIXED, forest, ground, profile_set, rough_slope, run, same, sphere
 from numpy.lib.recfunctions import structured_to_unstructured as matrix
 
 from sassgis.engine.effects.air_drag import AirDrag

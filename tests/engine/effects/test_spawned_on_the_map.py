@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.map_sums_state import assert_same
 
 from sassgis.engine.effects.entrainment import Entrainment
 from sassgis.engine.effects.fragmentation import Fragmentation
@@ -39,24 +40,9 @@ def whole(job, planned):
     return simulate_map(job, planned)
 
 
-def bits(progress):
-    sums = progress.sums.state()
-    order = np.argsort(sums["cells"])
-    rows = joined_rows(progress.stops)
-    place = np.lexsort(
-        (rows.rocks["piece"], rows.rocks["rock"], rows.rock_scenario, rows.rocks["line"])
-    )
-    return (
-        {k: v[order].tobytes() for k, v in sums.items()},
-        {k: v.tobytes() for k, v in progress.control_lines.state().items()},
-        rows.rocks[place].tobytes(), rows.x[place].tobytes(), progress.pieces,
-        progress.reasons.tolist(), progress.furthest,
-    )  # fmt: skip
-
-
 @pytest.mark.parametrize(("jobs", "points"), [(2, 4), (1, 1)])
 def test_pieces_do_not_hang_on_jobs_and_chunks(job, planned, whole, jobs, points):
-    assert bits(simulate_map(job, planned, jobs=jobs, chunk_points=points)) == bits(whole)
+    assert_same(simulate_map(job, planned, jobs=jobs, chunk_points=points), whole)
 
 
 def test_a_run_that_goes_on_is_the_run_that_was_not_stopped(job, planned, whole):
@@ -70,7 +56,7 @@ def test_a_run_that_goes_on_is_the_run_that_was_not_stopped(job, planned, whole)
     with pytest.raises(KeyboardInterrupt):
         simulate_map(job, planned, on_chunk=stop, chunk_points=3)
     assert 0 < held[0].pieces < whole.pieces
-    assert bits(simulate_map(job, planned, resume=held[0], chunk_points=3)) == bits(whole)
+    assert_same(simulate_map(job, planned, resume=held[0], chunk_points=3), whole)
 
 
 def test_pieces_are_rows_and_stops_but_no_rocks(job, planned, whole):

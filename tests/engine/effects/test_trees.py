@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from helpers.effects_lab import (
+from helpers.engine_lab import (
     IMPACT,
     REST,
     G,
@@ -183,7 +183,7 @@ def test_stems_are_met_below_their_height_only(cell):
 @pytest.mark.parametrize("cell", [0.5, 2.0, 100.0])
 def test_the_loss_in_a_forest_does_not_depend_on_the_cells(cell):
     # A rough run through a real forest: the mean run-out agrees with that on cells of 2 m.
-    from helpers.effects_lab import MIXED, ground, rough_slope
+    from helpers.engine_lab import MIXED, ground, rough_slope
 
     effects = EffectSettings(Trees())
     runs = []

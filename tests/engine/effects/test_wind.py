@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from helpers.effects_lab import (
+from helpers.engine_lab import (
     FLIGHT,
     IMPACT,
     MIXED,

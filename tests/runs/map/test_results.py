@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import json
 import sqlite3
 import zipfile
@@ -68,26 +67,6 @@ def test_no_more_rocks_stop_in_a_cell_than_come_to_it(small) -> None:
     rocks = pd.read_csv(small.folder / "tables" / "rocks.csv")
     assert (stops <= passages).all()
     assert stops.sum() == rocks["reason"].isin(("rest", "barrier")).sum() > 0
-
-
-UPWARDS = ("q50", "q90", "q95", "q99", "max")
-
-
-@pytest.mark.parametrize(
-    ("stem", "names"),
-    [
-        ("energy", UPWARDS), ("passing_height", UPWARDS), ("speed", UPWARDS),
-        ("arrival_time", ("min", "q5", "q50")),
-    ],
-)  # fmt: skip
-def test_quantiles_rise_between_the_extremes(small, stem: str, names: tuple[str, ...]) -> None:
-    bands = [small.band(stem, n) for n in names]
-    known = np.isfinite(small.band("passages", "passages"))
-    for low, high in itertools.pairwise(bands):
-        assert np.array_equal(np.isfinite(low), known)
-        assert (low[known] <= high[known] * (1 + 1e-6)).all()
-    assert (bands[-1] > bands[0])[known].any() and bands[0][known].max() > 0.0
-    assert stem != "arrival_time" or bands[0][known].min() == 0.0
 
 
 def test_the_largest_values_on_the_map_are_those_of_the_rocks(small) -> None:

@@ -155,25 +155,6 @@ def saved(small, tmp_path: Path) -> tuple[Checkpoint, list[str]]:
     return own, []
 
 
-CHANGES: dict[str, Change] = {
-    "scaled energy": scaled_energy,
-    "a cell that there is not": lambda s: s["sums.cells"].__setitem__(0, 10**9),
-    "a short array": lambda s: s.update({"sums.reach": s["sums.reach"][:-1]}),
-    "a missing array": lambda s: s.pop("sums.reach"),
-    "fewer files of rows": lambda s: s.update(parts=s["parts"][:1]),
-}
-
-
-@pytest.mark.parametrize("change", CHANGES)
-def test_any_change_of_a_state_is_noticed(small, saved, tmp_path: Path, change: str) -> None:
-    _, said = saved
-    state = tmp_path / "checkpoint" / "state.npz"
-    assert Checkpoint(tmp_path, "own").restore(small.result.run, said.append) and not said
-    change_arrays(state, CHANGES[change])
-    assert Checkpoint(tmp_path, "own").restore(small.result.run, said.append) is None
-    assert len(said) == 1 and str(state) in said[0]
-
-
 def test_rows_and_state_of_different_moments_are_noticed(small, saved, tmp_path: Path) -> None:
     """Each file is as it was saved; they are not of the same attempt."""
     (older, said), run = saved, small.result.run

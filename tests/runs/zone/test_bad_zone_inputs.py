@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
-from helpers.zone_slope import VULNERABILITY, Case, box, gully, place, two_areas
+from helpers.zone_slope import Case, box, gully, two_areas
 
 FREQUENCIES = "area,scenario,frequency,unit"
 
@@ -74,15 +74,6 @@ def houses(*shapes: shapely.Geometry, crs: str = "EPSG:2056", **change: object):
     return spoil
 
 
-def vulnerability(old: str, new: str) -> Callable[[Case], None]:
-    def spoil(case: Case) -> None:
-        houses()(case)
-        assert old in VULNERABILITY
-        case.write_text("vulnerability.csv", VULNERABILITY.replace(old, new).rstrip())
-
-    return spoil
-
-
 def without_vulnerability(file: bool) -> Callable[[Case], None]:
     def spoil(case: Case) -> None:
         houses()(case)
@@ -93,24 +84,10 @@ def without_vulnerability(file: bool) -> Callable[[Case], None]:
     return spoil
 
 
-def lines_per_hectare(case: Case) -> None:
-    case.blocks[0]["onset_unit"] = "per_year_ha"
-    line = shapely.LineString([place(6, 20), place(6, 28)])
-    case.write_layer("release.gpkg", [line], {"name": ["north"]})
-
-
-ROW = 'levels = ["substantial", "mean", "mean", "residual_hazard"]'
-GERMAN = shapely.transform(box(60.0, 33.0, 3.0, 3.0), lambda xy: xy - [1_950_000.0, -4_200_000.0])
-
-#: Name: what spoils the configuration, the file the line must name, patterns that it must hold.
 BAD: dict[str, tuple[Callable[[Case], None], str, list[str]]] = {
     "no frequency": (
         block(onset_frequency=None), "config.toml",
         [r"blocks\[frequent\].onset_frequency", "missing"],
-    ),
-    "unit does not fit": (
-        lines_per_hectare, "config.toml",
-        [r"blocks\[frequent\].onset_unit", "per_year_ha", "LineString", "polygons"],
     ),
     "table: scenario twice": (
         table("north,rare,0.1,per_year", "south,rare,0.1,per_year", "north,rare,0.2,per_year"),
@@ -140,21 +117,11 @@ BAD: dict[str, tuple[Callable[[Case], None], str, list[str]]] = {
     "unknown preset": (
         hazard(preset="ch-fedral"), "config.toml", ["hazard.preset", "ch-fedral", "ch-so"]
     ),
-    "matrix with a hole": (
-        preset(ROW, 'levels = ["substantial", "mean", "mean"]'), "own.toml",
-        ["matrix.mean", "hole", "3 levels", "4"],
-    ),
     "too narrow": (
         hazard(ref_width_m=1.5), "config.toml", ["hazard.ref_width_m", "1.5 m", "2 m", "finer"]
     ),
     "no reference width": (
         without_ref_width, "config.toml", ["hazard.ref_width_m", "missing", "width"]
-    ),
-    "objects in another system": (
-        houses(GERMAN, crs="EPSG:25832"), "houses.gpkg", ["house 1", "outside", "2966045"]
-    ),
-    "value missing": (
-        houses(value=None, value_field="worth"), "houses.gpkg", ["house 1", "value|worth"]
     ),
     "no objects file": (
         houses(file="none.gpkg"), "none.gpkg", [r"objects\[houses\]", "not found"]
@@ -164,10 +131,6 @@ BAD: dict[str, tuple[Callable[[Case], None], str, list[str]]] = {
     ),
     "vulnerability file missing": (
         without_vulnerability(True), "vulnerability.csv", ["risk.vulnerability", "not found"]
-    ),
-    "vulnerability row missing": (
-        vulnerability("building,mean,0.1,0.1,invented\n", ""), "vulnerability.csv",
-        ["building", "mean"],
     ),
 }  # fmt: skip
 
