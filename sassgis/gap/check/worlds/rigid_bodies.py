@@ -44,6 +44,8 @@ _ROCK, _FRAGMENT, _LOOSENED = range(3)
 RESTITUTION, FRICTION, ROLLING, SPINNING, SOFTNESS_S, BUMPS_M = range(6)
 _ICE_FRICTION, _LENS_M = 0.1, 5.0
 _MARGIN_M = 0.05
+#: Side of squares (m): a block touches nothing that stands beyond the squares next to its own.
+_SQUARE_M = 2.5
 #: Stiffness of hard ground per mass (1/s²), and the share of a penetration that a step takes back;
 #: damping of soft ground.
 _HARD, _TAKEN_BACK, _DAMPED = 1e9, 0.05, 0.4
@@ -130,6 +132,11 @@ def hull_of(axes: Vector, rng: np.random.Generator) -> tuple[FloatArray, FloatAr
     volume, _, moments = mass_properties(points)
     second = np.diag(moments) / volume
     return points[ConvexHull(points).vertices], second.sum() - second
+
+
+def _square(x: float, y: float) -> tuple[int, int]:
+    """The square in which a place lies."""
+    return int(x // _SQUARE_M), int(y // _SQUARE_M)
 
 
 def turned(rng: np.random.Generator) -> list[float]:
@@ -241,25 +248,50 @@ class RigidSite:
         bullet.changeDynamics(
             body, -1, lateralFriction=1.0, restitution=1.0, collisionMargin=_MARGIN_M
         )
-        self._stems = job["obstacles"]
-        self._stem_bodies = [self._stand(row) for row in self._stems.tolist()]
+        self._stems: list[list[float]] = job["obstacles"].tolist()
+        self._shapes: dict[int, int] = {}
         self._near: dict[tuple[int, int], list[int]] = {}
-        for k, row in enumerate(self._stems.tolist()):
-            i, j = self.ground.cell_of(row[0] - self.ground.x0, row[1] - self.ground.y0)
-            for cell in ((i + di, j + dj) for di in (-1, 0, 1) for dj in (-1, 0, 1)):
-                self._near.setdefault(cell, []).append(k)
+        for k, row in enumerate(self._stems):
+            i, j = _square(row[0] - self.ground.x0, row[1] - self.ground.y0)
+            for square in ((i + di, j + dj) for di in (-1, 0, 1) for dj in (-1, 0, 1)):
+                self._near.setdefault(square, []).append(k)
+        #: Bodies of what stands near the block, and what it has broken, by their numbers.
+        self._standing: dict[int, int] = {}
+        self._broken: set[int] = set()
         self.tables: dict[str, list[Any]] = {
             "deposits": [], "passages": [], "impacts": [], "tracks": []
         }  # fmt: skip
 
-    def _stand(self, row: list[float]) -> int:
+    def clear(self) -> None:
+        """Take away what stood near the block before, and forget what that has broken."""
+        for body in self._standing.values():
+            bullet.removeBody(body)
+        self._standing.clear()
+        self._broken.clear()
+
+    def stand_near(self, x: float, y: float) -> None:
+        """Put up the stems and lying blocks near a place, and take away all others.
+
+        In each step the library looks at every body that there is, however far away.
+        """
+        near = self._near.get(_square(x, y), [])
+        for k in [k for k in self._standing if k not in near]:
+            bullet.removeBody(self._standing.pop(k))
+        for k in near:
+            if k not in self._standing and k not in self._broken:
+                self._standing[k] = self._stand(k)
+
+    def _stand(self, k: int) -> int:
         """Put up a stem or a lying block as a cylinder."""
-        x, y, radius, _, height, _ = row
+        x, y, radius, _, height, _ = self._stems[k]
         x, y, height = x - self.ground.x0, y - self.ground.y0, min(height, 12.0)
         z = float(self.ground.surface(x, y)[0])
-        shape = bullet.createCollisionShape(bullet.GEOM_CYLINDER, radius=radius, height=height)
+        if k not in self._shapes:
+            self._shapes[k] = bullet.createCollisionShape(
+                bullet.GEOM_CYLINDER, radius=radius, height=height
+            )
         body: int = bullet.createMultiBody(
-            0.0, shape, basePosition=[x, y, z + 0.5 * height], useMaximalCoordinates=True
+            0.0, self._shapes[k], basePosition=[x, y, z + 0.5 * height], useMaximalCoordinates=True
         )
         bullet.changeDynamics(body, -1, lateralFriction=1.0, restitution=0.8)
         return body
@@ -298,20 +330,24 @@ class RigidSite:
         lens = [int(x // _LENS_M) + 4096, int(y // _LENS_M) + 4096, ice.seed]
         return bool(np.random.default_rng(lens).random() < ice.at(s))
 
-    def meet_stems(self, body: int, block: RigidBlock, x: float, y: float, z: float, v: Any) -> Any:
+    def meet_stems(self, block: RigidBlock, x: float, y: float, z: float, v: Any) -> Any:
         """Velocity beyond a stem that gives way, or as it is; others the library lets it hit."""
-        for k in self._near.get(self.ground.cell_of(x, y), ()):
-            sx, sy, radius, capacity, height, _ = self._stems[k].tolist()
+        for k in self._near.get(_square(x, y), ()):
+            sx, sy, radius, capacity, height, _ = self._stems[k]
             ex, ey = x + self.ground.x0 - sx, y + self.ground.y0 - sy
             distance, longest = math.hypot(ex, ey), max(block.axes)
             approach = -(v[0] * ex + v[1] * ey) / max(distance, 1e-9)
-            near = 0.0 < approach >= (distance - radius - longest) / (2.0 * SAMPLE_S)
-            above = z - longest > float(self.ground.surface(x, y)[0]) + height
             energy = 0.5 * block.mass * approach * approach
-            if not near or above or energy <= capacity:
+            if energy <= capacity or not (
+                0.0 < approach >= (distance - radius - longest) / (2.0 * SAMPLE_S)
+            ):
+                continue
+            if z - longest > float(self.ground.surface(x, y)[0]) + height:
                 continue
             # It breaks, and is no longer in the way of this block.
-            bullet.setCollisionFilterPair(body, self._stem_bodies[k], -1, -1, 0)
+            self._broken.add(k)
+            if k in self._standing:
+                bullet.removeBody(self._standing.pop(k))
             if distance < radius + block.radius:
                 taken = approach * (1.0 - math.sqrt(1.0 - capacity / energy)) / distance
                 v = (v[0] + taken * ex, v[1] + taken * ey, v[2])
@@ -356,6 +392,9 @@ class _Motion:
         children: list[RigidBlock] = []
         t, still, touched = block.time, 0.0, False
         before = block.velocity
+        site.clear()
+        square = _square(block.place[0], block.place[1])
+        site.stand_near(block.place[0], block.place[1])
         airs = [site.effects[name].q > 0.0 for name in ("air_drag", "wind", "magnus")]
         standing, snow, ice = bool(len(site._stems)), site.effects["snow"], site.effects["ice"]
         while t < _LONGEST_S:
@@ -377,7 +416,10 @@ class _Motion:
             if any(airs):
                 v = self._in_air(quaternion, v, w)
             if standing:
-                v = site.meet_stems(self._body, block, x, y, z, v)
+                v = site.meet_stems(block, x, y, z, v)
+                if _square(x, y) != square:
+                    square = _square(x, y)
+                    site.stand_near(x, y)
             if v is not found or w is not turning:
                 bullet.resetBaseVelocity(self._body, v, w)
             self._rows.append((t, x, y, z, *v, *w, float(pushed)))

@@ -178,15 +178,34 @@ def test_the_library_has_the_ground_that_is_given(site: World) -> None:
     assert np.abs(near - smooth).max() < 1.5 * np.hypot(gx, gy).max()
 
 
-def test_rocks_do_not_depend_on_their_company(site: World) -> None:
-    rocks = draw_rocks(site, 5, 3)
-    together = simulate(site, rocks, 0.004)
-    alone = simulate(site, some(rocks, [3, 0]), 0.004)
+@pytest.mark.parametrize("lying", [0.0, 0.3])
+def test_rocks_do_not_depend_on_their_company(site: World, lying: float) -> None:
+    world = with_magnitude(site, "collisions", lying)
+    rocks = draw_rocks(world, 5, 3)
+    together = simulate(world, rocks, 0.004)
+    alone = simulate(world, some(rocks, [3, 0]), 0.004)
     for name in ("deposits", "passages", "impacts", "tracks"):
         one, other = getattr(together, name), getattr(alone, name)
         np.testing.assert_array_equal(one[one[:, 0] == 3, 1:], other[other[:, 0] == 0, 1:])
         np.testing.assert_array_equal(one[one[:, 0] == 0, 1:], other[other[:, 0] == 1, 1:])
     assert len(together.deposits) and len(together.passages) and len(together.impacts)
+
+
+def test_a_block_is_stopped_by_what_stands_in_its_way_and_by_nothing_else(
+    as_box: Callable[[float], None],
+) -> None:
+    beta = math.radians(20.0)
+    as_box(beta)
+    job = plane_job(beta, (0.0, 0.1, 0.0, 0.0, 0.0, 0.0), on_plane(beta, 4.0, 0.21))
+
+    def last_x(*stems: tuple[float, float]) -> float:
+        rows = [(x, y, 0.3, 1e12, 5.0, 0.0) for x, y in stems]
+        found = bodies.run(job | {"obstacles": np.array(rows).reshape(-1, 6)})
+        return float(found["tracks"][-1, 4])
+
+    aside = [(60.0, y) for y in (20.0, 30.0, 50.0, 60.0)]
+    assert last_x(*aside) == last_x() > 200.0
+    assert last_x((60.0, 40.0), *aside) == pytest.approx(59.2, abs=0.2)
 
 
 def test_contacts_are_those_of_the_path(site: World) -> None:
