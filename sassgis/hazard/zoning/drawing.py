@@ -107,11 +107,17 @@ def _narrow(area: Any, width_m: float, corner: float = _ACROSS) -> Any:
 
 def _widened(area: Any, width_m: float) -> Any:
     """An area whose narrow parts have grown until a disk fits."""
+    near = grown = area
     for _ in range(_STEP // 2):
-        narrow = _narrow(area, width_m, _CORNER)
+        narrow = _narrow(near, width_m, _CORNER)
+        shapely.prepare(grown)
+        narrow = narrow[shapely.intersects(grown, narrow)]
         if not narrow.size:
             break
-        area = shapely.union(area, shapely.union_all(_grown(narrow, width_m / _STEP)))
+        grown = shapely.union_all(_grown(narrow, width_m / _STEP))
+        area = shapely.union(area, grown)
+        # Only beside what has grown may another part be narrow still.
+        near = shapely.intersection(area, _grown(grown, 2.0 * width_m, 2))
     return area
 
 
