@@ -107,11 +107,17 @@ def _narrow(area: Any, width_m: float, corner: float = _ACROSS) -> Any:
 
 def _widened(area: Any, width_m: float) -> Any:
     """An area whose narrow parts have grown until a disk fits."""
+    near = grown = area
     for _ in range(_STEP // 2):
-        narrow = _narrow(area, width_m, _CORNER)
+        narrow = _narrow(near, width_m, _CORNER)
+        shapely.prepare(grown)
+        narrow = narrow[shapely.intersects(grown, narrow)]
         if not narrow.size:
             break
-        area = shapely.union(area, shapely.union_all(_grown(narrow, width_m / _STEP)))
+        grown = shapely.union_all(_grown(narrow, width_m / _STEP))
+        area = shapely.union(area, grown)
+        # Only beside what has grown may another part be narrow still.
+        near = shapely.intersection(area, _grown(grown, 2.0 * width_m, 2))
     return area
 
 
@@ -144,7 +150,7 @@ def _filled(area: Any, smallest_m2: float) -> Any:
 def _superlevel(cells: Any, inside: Sequence[Any], rules: Drawing, gap_m: float, known: Any) -> Any:
     """Area of a class and those above it: its cells, smoothed, and what must lie within."""
     must = [cells, *inside]
-    area = shapely.union_all([_smooth(cells, rules.tolerance_m), *inside])
+    area = _with(_smooth(cells, rules.tolerance_m), inside)
     if area.is_empty:
         return area
     if rules.width_m > 0.0:
@@ -153,9 +159,19 @@ def _superlevel(cells: Any, inside: Sequence[Any], rules: Drawing, gap_m: float,
     if rules.area_m2 > 0.0:
         area = _enlarged(_on_terrain(area, known, must), rules.area_m2, known)
         area = _filled(_closed(area, gap_m, rules.tolerance_m), rules.area_m2)
-    return _on_terrain(
-        shapely.union_all([_smooth(area, _DONE_WITHIN * rules.tolerance_m), *must]), known, must
-    )
+    return _on_terrain(_with(_smooth(area, _DONE_WITHIN * rules.tolerance_m), must), known, must)
+
+
+def _with(area: Any, others: Sequence[Any]) -> Any:
+    """An area with others, many parts of which it holds already."""
+    for other in others:
+        # One by one: in a union of all, GEOS cuts a large part again for each group of others.
+        shapely.prepare(area)
+        parts = polygons_of(other)
+        parts = parts[~shapely.covers(area, parts)]
+        if parts.size:
+            area = shapely.union(area, shapely.multipolygons(parts))
+    return area
 
 
 def _on_terrain(area: Any, known: Any, must: Sequence[Any]) -> Any:
@@ -174,20 +190,22 @@ def _with_rims(higher: Any, lower: Any, rules: Drawing) -> Any:
     Narrow parts and small pieces beside the higher area belong to it. Narrow ends that do not touch
     it stay what they are.
     """
+    parts = polygons_of(shapely.difference(lower, higher))
+    is_small = shapely.area(parts) < rules.area_m2
+    rims, rest = parts[is_small], shapely.multipolygons(parts[~is_small])
     if rules.width_m > 0.0:
-        narrow = _narrow(shapely.difference(lower, higher), rules.width_m)
-        higher = _joined(higher, narrow)
-    parts = polygons_of(shapely.difference(lower, higher, grid_size=PRECISION_M))
-    return _joined(higher, parts[shapely.area(parts) < rules.area_m2])
+        rims = np.concatenate([rims, _narrow(rest, rules.width_m)])
+    rims = _beside(higher, rims)
+    if not rims.size:
+        return higher
+    left = polygons_of(shapely.difference(rest, shapely.multipolygons(rims)))
+    return _joined(higher, np.concatenate([rims, left[shapely.area(left) < rules.area_m2]]))
 
 
 def _joined(area: Any, parts: NDArray[Any]) -> Any:
-    """An area with those parts beside it, of its complement, that share a border with it."""
-    parts = _beside(area, parts)
-    if not parts.size:
-        return area
-    # In one piece: many small ones are joined one by one, and the area rounded each time.
-    found = polygons_of(shapely.union(area, shapely.multipolygons(parts), grid_size=PRECISION_M))
+    """An area with those parts of its complement that hang together with it over a border."""
+    # Rounded once, and all in one piece: many small ones are joined one by one.
+    found = polygons_of(shapely.union(area, shapely.union_all(parts), grid_size=PRECISION_M))
     # What hangs together by less than the precision does not, and holds nothing of the area then.
     within = shapely.point_on_surface(polygons_of(area))
     _, holds = shapely.STRtree(found).query(within, predicate="intersects")
