@@ -192,28 +192,24 @@ def _with_rims(higher: Any, lower: Any, rules: Drawing) -> Any:
     """
     parts = polygons_of(shapely.difference(lower, higher))
     is_small = shapely.area(parts) < rules.area_m2
-    rims, rest = parts[is_small], shapely.multipolygons(parts[~is_small])
+    small, wide = parts[is_small], shapely.multipolygons(parts[~is_small])
     if rules.width_m > 0.0:
-        rims = np.concatenate([rims, _narrow(rest, rules.width_m)])
-    rims = _beside(higher, rims)
-    if not rims.size:
-        return higher
-    left = polygons_of(shapely.difference(rest, shapely.multipolygons(rims)))
-    return _joined(higher, np.concatenate([rims, left[shapely.area(left) < rules.area_m2]]))
-
-
-def _joined(area: Any, parts: NDArray[Any]) -> Any:
-    """An area with those parts of its complement that hang together with it over a border."""
-    # Rounded once, and all in one piece: many small ones are joined one by one.
-    found = polygons_of(shapely.union(area, shapely.union_all(parts), grid_size=PRECISION_M))
+        narrow = _narrow(wide, rules.width_m)
+        narrow = narrow[_is_beside(higher, narrow)]
+        wide = shapely.difference(wide, shapely.multipolygons(narrow))
+    left = polygons_of(wide)
+    stay = [left[shapely.area(left) >= rules.area_m2], small[~_is_beside(higher, small)]]
+    rest = shapely.multipolygons(np.concatenate(stay))
+    # Without what stays: to join the many others one by one takes longer.
+    found = polygons_of(shapely.difference(lower, rest, grid_size=PRECISION_M))
     # What hangs together by less than the precision does not, and holds nothing of the area then.
-    within = shapely.point_on_surface(polygons_of(area))
+    within = shapely.point_on_surface(polygons_of(higher))
     _, holds = shapely.STRtree(found).query(within, predicate="intersects")
     return shapely.multipolygons(found[np.unique(holds)])
 
 
-def _beside(area: Any, parts: NDArray[Any]) -> NDArray[Any]:
-    """Those parts that share a border with an area, and not a point only."""
+def _is_beside(area: Any, parts: NDArray[Any]) -> BoolArray:
+    """Whether parts share a border with an area, and not a point only."""
     place, ring = shapely.get_coordinates(shapely.get_rings(parts), return_index=True)
     begin, end = place[:-1], place[1:]
     border = shapely.boundary(area)
@@ -222,7 +218,7 @@ def _beside(area: Any, parts: NDArray[Any]) -> NDArray[Any]:
     shared = shapely.dwithin(border, shapely.points((begin + end) / 2.0), _TOUCHING_M)
     length = np.where(shared & (ring[:-1] == ring[1:]), np.hypot(*(end - begin).T), 0.0)
     part = np.repeat(np.arange(parts.size), shapely.get_num_interior_rings(parts) + 1)[ring[:-1]]
-    return parts[np.bincount(part, length, parts.size) > _SHARED_M]
+    return np.asarray(np.bincount(part, length, parts.size) > _SHARED_M)
 
 
 def reach_cells(rules: Drawing, cell_size: float) -> int:
