@@ -29,7 +29,7 @@ from sassgis.hazard.zoning.coverage import (
     without_threads,
 )
 from sassgis.hazard.zoning.seams import joined_at_seams, overlapping
-from sassgis.model.grid import BoolArray, Grid, IntArray
+from sassgis.model.grid import BoolArray, ClassMap, Grid
 from sassgis.model.hazard import Drawing
 
 #: A disk does not reach into the corners of a wide part, which are not narrow for that: a right
@@ -228,7 +228,7 @@ def reach_cells(rules: Drawing, cell_size: float) -> int:
 
 
 def drawn_zones(
-    maps: Sequence[IntArray],
+    maps: Sequence[ClassMap],
     grid: Grid,
     rules: Drawing,
     known: BoolArray | None = None,
@@ -267,7 +267,7 @@ def drawn_zones(
     parts are widened, gaps closed, small parts enlarged and small holes filled. Then, from the
     lowest class, narrow and small parts beside a higher class join that.
     """
-    maps = [np.asarray(m, np.int64) for m in maps]
+    maps = [np.asarray(m, np.int16) for m in maps]
     for m in maps:
         if m.shape != grid.shape:
             raise ValueError(f"classes of shape {m.shape} on a grid of {grid.shape}")
@@ -291,7 +291,7 @@ def drawn_zones(
 class _Place:
     """Maps, and the terrain on which they lie."""
 
-    maps: Sequence[IntArray]
+    maps: Sequence[ClassMap]
     grid: Grid
     known: BoolArray
 
@@ -331,7 +331,7 @@ def _stacks(
 def _stacks_at_once(
     place: _Place, rules: Drawing, enveloped: Sequence[bool], n_classes: int
 ) -> list[list[Any]]:
-    faces, is_known = cell_faces(place.known.astype(np.int64), place.grid)
+    faces, is_known = cell_faces(place.known.astype(np.int16), place.grid)
     terrain = shapely.coverage_union_all(faces[is_known > 0])
     stacks: list[list[Any]] = []
     below: Sequence[Any] = [_NOWHERE] * n_classes
@@ -341,7 +341,7 @@ def _stacks_at_once(
     return stacks
 
 
-def _raised(place: _Place, gaps: Sequence[float], smallest_m2: float) -> IntArray:
+def _raised(place: _Place, gaps: Sequence[float], smallest_m2: float) -> ClassMap:
     """Classes of the cells of a map, raised where what is drawn is of that class anyway.
 
     Between cells that lie near each other on all sides, and in small holes, lines would be drawn
