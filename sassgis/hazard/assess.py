@@ -21,7 +21,7 @@ from sassgis.hazard.zoning.drawing import drawn_zones, reach_cells
 from sassgis.hazard.zoning.outer_limit import cells_within_limit
 from sassgis.model.edits import Edit
 from sassgis.model.exposure import PlacedObjects, Vulnerability
-from sassgis.model.grid import BoolArray, FloatArray, Grid, IntArray
+from sassgis.model.grid import BoolArray, ClassMap, FloatArray, Grid, IntArray
 from sassgis.model.hazard import Drawing, HazardCurves, HazardPreset
 from sassgis.terrain.edge import edge_sides
 
@@ -115,9 +115,9 @@ class Hazard:
         return float(self.uncertain.sum()) / zoned if zoned else 0.0
 
 
-def raster(grid: Grid, cells: IntArray, classes: np.ndarray) -> IntArray:
+def raster(grid: Grid, cells: IntArray, classes: np.ndarray) -> ClassMap:
     """Classes of some cells on the grid, 0 elsewhere."""
-    out = np.zeros(grid.shape[0] * grid.shape[1], np.int64)
+    out = np.zeros(grid.shape[0] * grid.shape[1], np.int16)
     out[cells] = classes
     return out.reshape(grid.shape)
 

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+#: Classes of the cells of a grid: there may be many cells.
+ClassMap = NDArray[np.int16]
 BoolArray = NDArray[np.bool_]
 
 

@@ -71,10 +71,11 @@ _FINGERPRINT_NAME = "batch.json"
 #: block is, and all that are at work (bytes).
 _MOST_CELLS, _COMMON_BYTES = 100_000_000, 4 << 30
 #: Bytes of the program itself, and of each cell of a block: its heights, and its maps.
-BASE, _PER_CELL = 800 << 20, 600
-#: Bytes of each cell of a group of which zones are drawn, and of a cell with counts of one area at
-#: each energy: rows of counts, squares, rates and variances, and copies of them.
-_ZONES_PER_CELL, _ZONES_PER_COUNT = 100, 56
+BASE, _PER_CELL = 500 << 20, 600
+#: Bytes of each cell of a group of which zones are drawn, with the lines that run through it, and
+#: of a cell with counts of one area at each energy: rows of counts, squares, rates and variances,
+#: and copies of them.
+_ZONES_PER_CELL, _ZONES_PER_COUNT = 240, 56
 #: Smaller blocks are not made so that more can be at work (bytes, besides the program itself).
 _LEAST_SHARE = 256 << 20
 _SEVERAL_BLOCKS = (
@@ -474,7 +475,8 @@ def _zones_by_group(
 ) -> tuple[list[list[VectorLayer]], tuple[str, ...]]:
     """Zones of each group of areas with counts, and what to say of groups that are too large."""
     found = groups(areas, mosaic.beside)
-    need = [bytes_for_zones(_box(mosaic, own), own, mosaic.bins) for own in found]
+    energies = len(mosaic.setting.rules.preset.thresholds_kj)
+    need = [bytes_for_zones(_box(mosaic, own), own, energies) for own in found]
     said = tuple(
         f"The zones around area {own[0].name} ({len(own)} areas that meet) need about "
         f"{n / 1e9:.1f} GB of memory and were left out; the maps are complete."
@@ -489,11 +491,11 @@ def _zones_by_group(
         return list(each(_zones, fits)), said
 
 
-def bytes_for_zones(box: Part, areas: Sequence[Reached], bins: Bins) -> int:
-    """Memory that drawing the zones of a group takes (bytes)."""
+def bytes_for_zones(box: Part, areas: Sequence[Reached], n_energies: int) -> int:
+    """Memory that drawing the zones of a group takes (bytes), with counts at so many energies."""
     reached = sum(a.record.reached for a in areas)
     cells = box.n_rows * box.n_cols * _ZONES_PER_CELL
-    return BASE + cells + reached * _ZONES_PER_COUNT * bins.threshold.size
+    return BASE + cells + reached * _ZONES_PER_COUNT * n_energies
 
 
 def _box(mosaic: Mosaic, areas: Sequence[Reached]) -> Part:
@@ -510,19 +512,21 @@ def _zones(mosaic: Mosaic, areas: Sequence[Reached]) -> list[VectorLayer]:
     config, rules, box = mosaic.setting.config, mosaic.setting.rules, _box(mosaic, areas)
     grid = mosaic.setting.terrain.read(box)
     run = replace(mosaic.run, grid=grid)
+    # Zones ask for nothing between the classes of intensity.
+    energies = np.array(rules.preset.thresholds_kj)
     # Zones with walls and nets are drawn within those without.
     both = [False, True] if compares_barriers(config, run) else [False]
     sampled, *alone = (
         _sources(
             run,
             areas,
-            added_up(run, box, areas, mosaic.bins, without=without, of_sources_only=True),
+            added_up(run, box, areas, mosaic.bins, without=without, only_energies_kj=energies),
         )
         for without in both
     )
     found = assess(
         replace(rules, vulnerability=None, placed=PlacedObjects((), ())),
-        grid, mosaic.bins.threshold, sampled, alone[0] if alone else None,
+        grid, energies, sampled, alone[0] if alone else None,
         confidence=config.hazard.confidence, by_source=False,
     )  # fmt: skip
     return group_zones(config, rules, grid, found)

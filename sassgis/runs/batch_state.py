@@ -189,7 +189,7 @@ def added_up(
     *,
     without: bool = False,
     planned: Plan | None = None,
-    of_sources_only: bool = False,
+    only_energies_kj: FloatArray | None = None,
 ) -> Progress:
     """What areas have counted in the cells of a place, at stations, barriers and objects.
 
@@ -210,24 +210,26 @@ def added_up(
         Whether without walls and nets.
     planned : Plan, optional
         Of all areas: then fall lines, stops, reasons and run-out are added up as well.
-    of_sources_only : bool
-        Whether sums of all blocks in a cell are left out, which take most of the memory.
+    only_energies_kj : float64, shape (n,), optional
+        Counts of single sources at these energies alone, of those of ``bins``, without the sums of
+        all blocks in a cell: a fraction of the memory.
     """
     control_lines = tuple(g for g, _ in run.control_lines)
     total = Progress(0, MapSums(place.n_rows * place.n_cols), ControlLineSums(control_lines))
+    energies = bins.threshold if only_energies_kj is None else only_energies_kj
     share = run.stop_points_max / max(sum(a.record.rocks for a in areas), 1)
     for i, area in enumerate(areas):
         state = read_state(area.folder, without)
         lines = tuple(control_lines[k] for k in area.record.control_lines)
         sums = {k: state.pop(f"sums.{k}") for k in ("cells", *SUM_NAMES) if f"sums.{k}" in state}
         own = progress_from(state, area.part.n_rows * area.part.n_cols, lines)
-        if not of_sources_only and len(sums) > 1:
+        if only_energies_kj is None and len(sums) > 1:
             inside, cells = area.part.cells_in(place, sums["cells"])
             here = {k: wider(k, sums[k][inside], bins) for k in SUM_NAMES}
             total.sums.add(cells, here)
         # Those of single sources take much memory; only the table of design values needs them.
         of_sources = control_lines if planned is not None else ()
-        _add_counts(total, place, i, area, own, bins, state["thresholds_kj"], of_sources)
+        _add_counts(total, place, i, area, own, energies, state["thresholds_kj"], of_sources)
         if planned is not None:
             first_point = int(np.flatnonzero(planned.points.area == i)[0])
             _add_blocks(total, own, run.seed, share, first_point)
@@ -240,19 +242,19 @@ def _add_counts(
     number: int,
     area: Reached,
     own: Progress,
-    bins: Bins,
-    thresholds_kj: FloatArray,
+    energies_kj: FloatArray,
+    of_area_kj: FloatArray,
     of_sources: tuple[ControlLine, ...],
 ) -> None:
     """Add what a release area has counted: in cells, at stations and barriers, at objects."""
-    n, columns = bins.threshold.size, _columns(thresholds_kj, bins.threshold)
+    n, (columns, counted) = energies_kj.size, _columns(of_area_kj, energies_kj)
     lines = np.array(area.record.control_lines, np.int64)
     objects = np.array(area.record.objects, np.int64)
 
     def widened(counts: IntArray) -> IntArray:
-        """Counts by some of the energies as counts by all of them."""
+        """Counts by the energies of the area as counts by those that are wanted."""
         out = np.zeros((counts.shape[0], n), np.int64)
-        out[:, columns] = counts
+        out[:, columns] = counts[:, counted]
         return out
 
     total.control_lines.add_sums(own.control_lines, lines)
@@ -292,13 +294,14 @@ def _add_blocks(total: Progress, own: Progress, seed: int, share: float, first_p
         total.furthest = (reach, line + first_point, scenario, rock)
 
 
-def _columns(own: NDArray[Any], wanted: NDArray[Any]) -> IntArray:
-    """Columns of the wanted energies that hold those of an area.
+def _columns(own: NDArray[Any], wanted: NDArray[Any]) -> tuple[IntArray, IntArray]:
+    """Columns of the wanted energies of which an area has counts, and of those of the area.
 
     The energies of a larger relief begin with those of a smaller one and go on beyond what any
     block can have there: what is missing counts nothing.
     """
-    at: IntArray = np.searchsorted(wanted, own).astype(np.int64)
-    if at.size and (at[-1] >= wanted.size or not np.array_equal(wanted[at], own)):
+    columns = np.flatnonzero(wanted <= own.max(initial=-1.0))
+    counted = np.searchsorted(own, wanted[columns])
+    if not np.array_equal(own[counted], wanted[columns]):
         raise ValueError("hazard curves of areas have different energies")
-    return at
+    return columns, counted

@@ -11,7 +11,7 @@ import shapely
 from numpy.typing import NDArray
 
 from sassgis.model.errors import InputError
-from sassgis.model.grid import BoolArray, Grid, IntArray
+from sassgis.model.grid import BoolArray, ClassMap, Grid, IntArray
 
 #: Coordinates of zones are multiples of it (m).
 _DECIMALS = 3
@@ -53,7 +53,7 @@ def polygons_of(area: Any) -> NDArray[Any]:
     return np.asarray(parts[shapely.get_type_id(parts) == shapely.GeometryType.POLYGON], object)
 
 
-def cell_faces(classes: IntArray, grid: Grid) -> tuple[NDArray[Any], IntArray]:
+def cell_faces(classes: ClassMap, grid: Grid) -> tuple[NDArray[Any], IntArray]:
     """Regions of cells of one class that hang together over sides, as they are; and their class.
 
     Returns
@@ -205,7 +205,7 @@ def dissolved(faces: NDArray[Any], classes: IntArray) -> Coverage:
     return joined_coverages(zones)
 
 
-def cells_as_zones(classes: IntArray, grid: Grid) -> Coverage:
+def cells_as_zones(classes: ClassMap, grid: Grid) -> Coverage:
     """Cells of the same class (above 0) as zones, with the borders of the cells."""
     check_cells(grid.cell_size)
     return dissolved(*cell_faces(classes, grid))

@@ -29,7 +29,7 @@ from sassgis.hazard.zoning.coverage import (
     without_threads,
 )
 from sassgis.hazard.zoning.seams import joined_at_seams, overlapping
-from sassgis.model.grid import BoolArray, Grid, IntArray
+from sassgis.model.grid import BoolArray, ClassMap, Grid
 from sassgis.model.hazard import Drawing
 
 #: A disk does not reach into the corners of a wide part, which are not narrow for that: a right
@@ -107,11 +107,17 @@ def _narrow(area: Any, width_m: float, corner: float = _ACROSS) -> Any:
 
 def _widened(area: Any, width_m: float) -> Any:
     """An area whose narrow parts have grown until a disk fits."""
+    near = grown = area
     for _ in range(_STEP // 2):
-        narrow = _narrow(area, width_m, _CORNER)
+        narrow = _narrow(near, width_m, _CORNER)
+        shapely.prepare(grown)
+        narrow = narrow[shapely.intersects(grown, narrow)]
         if not narrow.size:
             break
-        area = shapely.union(area, shapely.union_all(_grown(narrow, width_m / _STEP)))
+        grown = shapely.union_all(_grown(narrow, width_m / _STEP))
+        area = shapely.union(area, grown)
+        # Only beside what has grown may another part be narrow still.
+        near = shapely.intersection(area, _grown(grown, 2.0 * width_m, 2))
     return area
 
 
@@ -144,7 +150,7 @@ def _filled(area: Any, smallest_m2: float) -> Any:
 def _superlevel(cells: Any, inside: Sequence[Any], rules: Drawing, gap_m: float, known: Any) -> Any:
     """Area of a class and those above it: its cells, smoothed, and what must lie within."""
     must = [cells, *inside]
-    area = shapely.union_all([_smooth(cells, rules.tolerance_m), *inside])
+    area = _with(_smooth(cells, rules.tolerance_m), inside)
     if area.is_empty:
         return area
     if rules.width_m > 0.0:
@@ -153,9 +159,19 @@ def _superlevel(cells: Any, inside: Sequence[Any], rules: Drawing, gap_m: float,
     if rules.area_m2 > 0.0:
         area = _enlarged(_on_terrain(area, known, must), rules.area_m2, known)
         area = _filled(_closed(area, gap_m, rules.tolerance_m), rules.area_m2)
-    return _on_terrain(
-        shapely.union_all([_smooth(area, _DONE_WITHIN * rules.tolerance_m), *must]), known, must
-    )
+    return _on_terrain(_with(_smooth(area, _DONE_WITHIN * rules.tolerance_m), must), known, must)
+
+
+def _with(area: Any, others: Sequence[Any]) -> Any:
+    """An area with others, many parts of which it holds already."""
+    for other in others:
+        # One by one: in a union of all, GEOS cuts a large part again for each group of others.
+        shapely.prepare(area)
+        parts = polygons_of(other)
+        parts = parts[~shapely.covers(area, parts)]
+        if parts.size:
+            area = shapely.union(area, shapely.multipolygons(parts))
+    return area
 
 
 def _on_terrain(area: Any, known: Any, must: Sequence[Any]) -> Any:
@@ -174,28 +190,26 @@ def _with_rims(higher: Any, lower: Any, rules: Drawing) -> Any:
     Narrow parts and small pieces beside the higher area belong to it. Narrow ends that do not touch
     it stay what they are.
     """
+    parts = polygons_of(shapely.difference(lower, higher))
+    is_small = shapely.area(parts) < rules.area_m2
+    small, wide = parts[is_small], shapely.multipolygons(parts[~is_small])
     if rules.width_m > 0.0:
-        narrow = _narrow(shapely.difference(lower, higher), rules.width_m)
-        higher = _joined(higher, narrow)
-    parts = polygons_of(shapely.difference(lower, higher, grid_size=PRECISION_M))
-    return _joined(higher, parts[shapely.area(parts) < rules.area_m2])
-
-
-def _joined(area: Any, parts: NDArray[Any]) -> Any:
-    """An area with those parts beside it, of its complement, that share a border with it."""
-    parts = _beside(area, parts)
-    if not parts.size:
-        return area
-    # In one piece: many small ones are joined one by one, and the area rounded each time.
-    found = polygons_of(shapely.union(area, shapely.multipolygons(parts), grid_size=PRECISION_M))
+        narrow = _narrow(wide, rules.width_m)
+        narrow = narrow[_is_beside(higher, narrow)]
+        wide = shapely.difference(wide, shapely.multipolygons(narrow))
+    left = polygons_of(wide)
+    stay = [left[shapely.area(left) >= rules.area_m2], small[~_is_beside(higher, small)]]
+    rest = shapely.multipolygons(np.concatenate(stay))
+    # Without what stays: to join the many others one by one takes longer.
+    found = polygons_of(shapely.difference(lower, rest, grid_size=PRECISION_M))
     # What hangs together by less than the precision does not, and holds nothing of the area then.
-    within = shapely.point_on_surface(polygons_of(area))
+    within = shapely.point_on_surface(polygons_of(higher))
     _, holds = shapely.STRtree(found).query(within, predicate="intersects")
     return shapely.multipolygons(found[np.unique(holds)])
 
 
-def _beside(area: Any, parts: NDArray[Any]) -> NDArray[Any]:
-    """Those parts that share a border with an area, and not a point only."""
+def _is_beside(area: Any, parts: NDArray[Any]) -> BoolArray:
+    """Whether parts share a border with an area, and not a point only."""
     place, ring = shapely.get_coordinates(shapely.get_rings(parts), return_index=True)
     begin, end = place[:-1], place[1:]
     border = shapely.boundary(area)
@@ -204,7 +218,7 @@ def _beside(area: Any, parts: NDArray[Any]) -> NDArray[Any]:
     shared = shapely.dwithin(border, shapely.points((begin + end) / 2.0), _TOUCHING_M)
     length = np.where(shared & (ring[:-1] == ring[1:]), np.hypot(*(end - begin).T), 0.0)
     part = np.repeat(np.arange(parts.size), shapely.get_num_interior_rings(parts) + 1)[ring[:-1]]
-    return parts[np.bincount(part, length, parts.size) > _SHARED_M]
+    return np.asarray(np.bincount(part, length, parts.size) > _SHARED_M)
 
 
 def reach_cells(rules: Drawing, cell_size: float) -> int:
@@ -214,7 +228,7 @@ def reach_cells(rules: Drawing, cell_size: float) -> int:
 
 
 def drawn_zones(
-    maps: Sequence[IntArray],
+    maps: Sequence[ClassMap],
     grid: Grid,
     rules: Drawing,
     known: BoolArray | None = None,
@@ -253,7 +267,7 @@ def drawn_zones(
     parts are widened, gaps closed, small parts enlarged and small holes filled. Then, from the
     lowest class, narrow and small parts beside a higher class join that.
     """
-    maps = [np.asarray(m, np.int64) for m in maps]
+    maps = [np.asarray(m, np.int16) for m in maps]
     for m in maps:
         if m.shape != grid.shape:
             raise ValueError(f"classes of shape {m.shape} on a grid of {grid.shape}")
@@ -277,7 +291,7 @@ def drawn_zones(
 class _Place:
     """Maps, and the terrain on which they lie."""
 
-    maps: Sequence[IntArray]
+    maps: Sequence[ClassMap]
     grid: Grid
     known: BoolArray
 
@@ -317,7 +331,7 @@ def _stacks(
 def _stacks_at_once(
     place: _Place, rules: Drawing, enveloped: Sequence[bool], n_classes: int
 ) -> list[list[Any]]:
-    faces, is_known = cell_faces(place.known.astype(np.int64), place.grid)
+    faces, is_known = cell_faces(place.known.astype(np.int16), place.grid)
     terrain = shapely.coverage_union_all(faces[is_known > 0])
     stacks: list[list[Any]] = []
     below: Sequence[Any] = [_NOWHERE] * n_classes
@@ -327,7 +341,7 @@ def _stacks_at_once(
     return stacks
 
 
-def _raised(place: _Place, gaps: Sequence[float], smallest_m2: float) -> IntArray:
+def _raised(place: _Place, gaps: Sequence[float], smallest_m2: float) -> ClassMap:
     """Classes of the cells of a map, raised where what is drawn is of that class anyway.
 
     Between cells that lie near each other on all sides, and in small holes, lines would be drawn

@@ -81,7 +81,7 @@ def _seam(before: Stacks, after: Stacks, middle: float, half: float, axis: int) 
     at = np.round(np.linspace(low, high, _CHOICES), 3)
     ends = np.full((at.size, 2, 2), [[-_FAR], [_FAR]])
     ends[:, :, axis] = at[:, None]
-    lines = shapely.linestrings(ends)
+    lines = shapely.multilinestrings(np.asarray(shapely.linestrings(ends)))
     differ = np.zeros(at.size)
     for pair in zip(chain(*before), chain(*after), strict=True):
         one, other = (
@@ -89,7 +89,10 @@ def _seam(before: Stacks, after: Stacks, middle: float, half: float, axis: int) 
             for area in pair
         )
         apart = shapely.symmetric_difference(one, other, grid_size=PRECISION_M)
-        differ += shapely.length(shapely.intersection(lines, apart))
+        pieces = shapely.get_parts(shapely.intersection(lines, apart))
+        place = shapely.bounds(pieces).reshape(-1, 4)[:, axis]
+        nearest = np.abs(place[:, None] - at).argmin(axis=1)
+        differ += np.bincount(nearest, shapely.length(pieces), at.size)
     # Less than a centimetre is no difference.
     return float(at[np.lexsort((np.abs(at - middle), np.round(differ, 2)))[0]])
 

@@ -252,7 +252,7 @@ def test_zones_along_a_valley_fit_into_the_memory() -> None:
     bins = default_bins(5000.0)
     areas = [area(Part(14 * i, 0, 60, 120), 6000) for i in range(370)]
     box = hull([a.part for a in areas]).grown(54, 54, 54, 54)
-    assert bytes_for_zones(box, areas, bins) < 4e9 < bytes_needed(box, areas, bins)
+    assert bytes_for_zones(box, areas, 3) < 4e9 < bytes_needed(box, areas, bins)
 
 
 def test_counts_elsewhere_take_no_memory_of_a_block() -> None:

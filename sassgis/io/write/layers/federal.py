@@ -78,7 +78,7 @@ def federal_layers(
     crs = grid.crs or None
     claims = in_federal_extent(crs, grid.bounds) and has_federal_codes(preset)
     level_codes = [level.code for level in preset.levels]
-    assessed = cells_as_zones(np.isfinite(grid.values).astype(np.int64), grid)
+    assessed = cells_as_zones(np.isfinite(grid.values).astype(np.int16), grid)
     along = "paths that are followed" if config.terrain.path == "followed" else "fall lines"
     method = (
         f"SASS (Bozzolo and Pamini, 1986): blocks simulated along {along}; "
