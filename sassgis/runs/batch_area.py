@@ -60,6 +60,9 @@ from sassgis.runs.zone import prepared, simulations, write_zones
 from sassgis.terrain.release import meeting, wkb_hex
 
 AREAS_NAME = "areas"
+#: Cells around a release area whose heights are read at once, which takes 5 MB: the search for its
+#: part of the terrain tries several within them.
+_HELD_CELLS = 400
 
 
 @dataclass(frozen=True, slots=True)
@@ -315,18 +318,19 @@ def _cut(setting: Setting, candidate: Candidate, margins: Sides) -> Windowed:
     config = _own_config(setting, candidate)
     with collected_notices() as notices:
         feature = area_feature(setting, candidate)
+        around = setting.terrain.part_of(feature.geometry.bounds).grown(*[_HELD_CELLS] * 4)
+        terrain = setting.terrain.holding(around.common(setting.terrain.whole) or around)
+        assert terrain.held is not None
+        _, area = _area_on(replace(setting, terrain=terrain), candidate, feature, terrain.held[0])
 
         def make(part: Part) -> MapRun:
-            grid, area = _area_on(setting, candidate, feature, part)
+            grid = terrain.read(part)
             lines = [setting.control_lines[i] for i in _control_lines_in(setting, grid)]
             # Ground and forest are of no account for fall lines.
-            ground = no_ground(grid)
-            return on_block_scale(
-                map_run_of(config, grid, ground, setting.table, (area,), lines, None)
-            )
+            return map_run_of(config, grid, no_ground(grid), setting.table, (area,), lines, None)
 
         cut = windowed(
-            setting.terrain,
+            terrain,
             feature.geometry.bounds,
             setting.rules.ref_width_m,
             make,
@@ -334,7 +338,7 @@ def _cut(setting: Setting, candidate: Candidate, margins: Sides) -> Windowed:
             margins,
         )
         run = replace(
-            cut.run,
+            on_block_scale(cut.run),
             ground=ground_raster(config.ground, cut.run.grid, setting.table, setting.outline()),
             forest=forest_of(config, cut.run.grid, setting.outline()),
         )

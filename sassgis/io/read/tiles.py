@@ -102,6 +102,8 @@ class Terrain:
         As in Grid.
     resampled : Grid or None
         The heights, where the raster had to be resampled to square cells and so read as a whole.
+    held : (Part, float64 array of its shape) or None
+        Heights that are in memory.
     """
 
     tiles: tuple[Tile, ...]
@@ -112,6 +114,11 @@ class Terrain:
     crs: str
     vertical_datum: str
     resampled: Grid | None = None
+    held: tuple[Part, FloatArray] | None = None
+
+    def holding(self, part: Part) -> Terrain:
+        """The terrain model with the heights of a part in memory: within it no file is read."""
+        return replace(self, held=(part, self.read(part).values))
 
     def read(self, part: Part) -> Grid:
         """Heights of a part of the lattice; NaN where no tile holds one.
@@ -121,6 +128,10 @@ class Terrain:
         InputLost
             If a file is gone.
         """
+        if self.held is not None and self.held[0].common(part) == part:
+            return replace(
+                self.frame(part), values=self.held[1][_within(part, self.held[0])].copy()
+            )
         values = np.full((part.n_rows, part.n_cols), np.nan)
         if self.resampled is not None:
             own = self.whole.common(part)
