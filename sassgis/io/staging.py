@@ -170,10 +170,12 @@ def writing(path: Path) -> Iterator[None]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file; OutputError where the disk refuses."""
+    """Write a text file whole or not at all; OutputError where the disk refuses."""
     with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8", newline="\n")
+        work = path.with_name(path.name + PARTIAL)
+        work.write_text(text, encoding="utf-8", newline="\n")
+        work.replace(path)
 
 
 def write_json(path: Path, content: object) -> None:

@@ -319,9 +319,9 @@ def _cut(setting: Setting, candidate: Candidate, margins: Sides) -> Windowed:
     with collected_notices() as notices:
         feature = area_feature(setting, candidate)
         around = setting.terrain.part_of(feature.geometry.bounds).grown(*[_HELD_CELLS] * 4)
-        terrain = setting.terrain.holding(around.common(setting.terrain.whole) or around)
-        assert terrain.held is not None
-        _, area = _area_on(replace(setting, terrain=terrain), candidate, feature, terrain.held[0])
+        around = around.common(setting.terrain.whole) or around
+        terrain = setting.terrain.holding(around)
+        _, area = _area_on(replace(setting, terrain=terrain), candidate, feature, around)
 
         def make(part: Part) -> MapRun:
             grid = terrain.read(part)

@@ -32,7 +32,7 @@ from sassgis.hazard.zoning.drawing import reach_cells
 from sassgis.io.read.ground_map import ground_raster
 from sassgis.io.read.tiles import Part, hull
 from sassgis.io.read.vectors import release_area, warn_of_overlaps
-from sassgis.io.staging import staged_output, writing
+from sassgis.io.staging import staged_output, write_json, writing
 from sassgis.io.vector_layer import VectorLayer
 from sassgis.io.write.layers import run_vectors
 from sassgis.io.write.layers.maps import terrain_layer
@@ -160,9 +160,7 @@ def write_mosaic(
     with staged_output(target, overwrite=True) as work:
 
         def keep() -> None:
-            path = work / _FINGERPRINT_NAME
-            with writing(path):
-                path.write_text(json.dumps({"fingerprint": fingerprint}) + "\n", encoding="utf-8")
+            write_json(work / _FINGERPRINT_NAME, {"fingerprint": fingerprint})
 
         if fits and cells <= _MOST_CELLS:
             return _write_one_block(

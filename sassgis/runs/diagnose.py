@@ -45,7 +45,7 @@ from sassgis.gap.which.measure_next import separations, tables_to_add
 from sassgis.gap.which.verdict import CONTACT_LAW, UNKNOWN, adequate, causes_in
 from sassgis.io.read.gap_thresholds import cause_weights_of, read_thresholds, thresholds_of
 from sassgis.io.read.observation_files import AnyObservations
-from sassgis.io.staging import output_if_asked, writing
+from sassgis.io.staging import output_if_asked, write_text
 from sassgis.io.write.gap_files import write_config_back, write_diagnosis_json, write_gap_gpkg
 from sassgis.model.crs import crs_name
 from sassgis.model.errors import InputError, Interrupted
@@ -458,9 +458,7 @@ def _write_models(file: Path, made: HypothesisFits, diagnosis: Diagnosis) -> Non
             for number, rows in (_campaigns_of(made, model),)
         },
     }
-    with writing(file):
-        file.parent.mkdir()
-        file.write_text(json.dumps(kept, indent=1), encoding="utf-8")
+    write_text(file, json.dumps(kept, indent=1))
 
 
 def _campaigns_of(made: HypothesisFits, model: HypothesisModel) -> tuple[int, FloatArray]:

@@ -27,7 +27,7 @@ from sassgis.gap.check.worlds import (
 from sassgis.io.digests import program_digest
 from sassgis.io.read.gap_thresholds import THRESHOLDS, frozen_digest, read_thresholds
 from sassgis.io.saved_arrays import read_saved_json, unfit, with_digest
-from sassgis.io.staging import alone, partial_folder, staged_output, writing
+from sassgis.io.staging import alone, partial_folder, staged_output, write_text, writing
 from sassgis.io.write.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME, folder_digest
 from sassgis.model.errors import InputError, Interrupted, OutputError
 from sassgis.report.gap_check_report import CheckRecord, WorldRow, write_check
@@ -107,15 +107,6 @@ def read_json(file: Path) -> dict[str, Any]:
 def write_json(file: Path, content: Mapping[str, object]) -> None:
     """Write an object whole or not at all."""
     write_text(file, json.dumps(content, indent=1) + "\n")
-
-
-def write_text(file: Path, text: str) -> None:
-    """Write a file whole or not at all."""
-    with writing(file):
-        file.parent.mkdir(parents=True, exist_ok=True)
-        work = file.with_name(f"{file.name}.partial")
-        work.write_text(text, encoding="utf-8", newline="\n")
-        work.replace(file)
 
 
 @dataclass(frozen=True, slots=True)

@@ -100,10 +100,9 @@ class Terrain:
         Everything, from row and column 0.
     crs, vertical_datum : str
         As in Grid.
-    resampled : Grid or None
-        The heights, where the raster had to be resampled to square cells and so read as a whole.
     held : (Part, float64 array of its shape) or None
-        Heights that are in memory.
+        Heights that are in memory: all of them where the raster had to be resampled to square cells
+        and so read as a whole.
     """
 
     tiles: tuple[Tile, ...]
@@ -113,12 +112,16 @@ class Terrain:
     whole: Part
     crs: str
     vertical_datum: str
-    resampled: Grid | None = None
     held: tuple[Part, FloatArray] | None = None
 
     def holding(self, part: Part) -> Terrain:
         """The terrain model with the heights of a part in memory: within it no file is read."""
-        return replace(self, held=(part, self.read(part).values))
+        return self if self._holds(part) else replace(self, held=(part, self.read(part).values))
+
+    def _holds(self, part: Part) -> bool:
+        """Whether all heights of a part are in memory."""
+        inside = self.whole.common(part)
+        return inside is None or (self.held is not None and self.held[0].common(inside) == inside)
 
     def read(self, part: Part) -> Grid:
         """Heights of a part of the lattice; NaN where no tile holds one.
@@ -128,16 +131,13 @@ class Terrain:
         InputLost
             If a file is gone.
         """
-        if self.held is not None and self.held[0].common(part) == part:
-            return replace(
-                self.frame(part), values=self.held[1][_within(part, self.held[0])].copy()
-            )
         values = np.full((part.n_rows, part.n_cols), np.nan)
-        if self.resampled is not None:
-            own = self.whole.common(part)
+        if self.held is not None:
+            place, heights = self.held
+            own = place.common(part)
             if own is not None:
-                values[_within(own, part)] = self.resampled.values[_within(own, self.whole)]
-        for tile in self.tiles if self.resampled is None else ():
+                values[_within(own, part)] = heights[_within(own, place)]
+        for tile in () if self._holds(part) else self.tiles:
             own = tile.place.common(part)
             if own is not None:
                 here = values[_within(own, part)]
@@ -200,7 +200,7 @@ def open_terrain(
             grid = read_dem(given, crs, vertical_datum, override_crs)
             whole = Part(0, 0, *grid.shape)
             place = grid.west, grid.north, grid.cell_size, whole, grid.crs, grid.vertical_datum
-            return Terrain((Tile(dem, whole),), *place, grid)
+            return Terrain((Tile(dem, whole),), *place, (whole, grid.values))
         return _laid_out([dem], given)
     files = sorted(f for f in given.iterdir() if f.suffix.lower() in TILE_SUFFIXES)
     if not files:

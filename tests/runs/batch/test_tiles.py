@@ -69,6 +69,18 @@ def test_a_part_is_a_part_of_the_whole(folder: Path) -> None:
     assert terrain.outline().bounds == whole.bounds
 
 
+@pytest.mark.parametrize("held", [Part(2, 3, 5, 6), Part(-3, -3, 20, 20)])
+def test_heights_in_memory_are_those_of_the_files(folder: Path, held: Part) -> None:
+    terrain = open_terrain(folder)
+    holding = terrain.holding(held)
+    for part in (Part(3, 4, 2, 3), Part(0, 0, 10, 12), Part(5, 5, 9, 9), Part(-9, 0, 4, 4)):
+        assert np.array_equal(holding.read(part).values, terrain.read(part).values, equal_nan=True)
+    for file in folder.iterdir():
+        file.unlink()
+    assert np.isfinite(holding.read(Part(3, 4, 2, 3)).values).all()
+    assert holding.holding(Part(3, 4, 1, 1)) is holding
+
+
 def test_a_rotated_or_stretched_raster_is_cut_after_resampling(tmp_path: Path) -> None:
     file = tmp_path / "wide.tif"
     with rasterio.open(

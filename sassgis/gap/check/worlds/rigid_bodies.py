@@ -258,6 +258,7 @@ class RigidSite:
         #: Bodies of what stands near the block, and what it has broken, by their numbers.
         self._standing: dict[int, int] = {}
         self._broken: set[int] = set()
+        self._square: tuple[int, int] | None = None
         self.tables: dict[str, list[Any]] = {
             "deposits": [], "passages": [], "impacts": [], "tracks": []
         }  # fmt: skip
@@ -268,13 +269,18 @@ class RigidSite:
             bullet.removeBody(body)
         self._standing.clear()
         self._broken.clear()
+        self._square = None
 
     def stand_near(self, x: float, y: float) -> None:
         """Put up the stems and lying blocks near a place, and take away all others.
 
         In each step the library looks at every body that there is, however far away.
         """
-        near = self._near.get(_square(x, y), [])
+        square = _square(x, y)
+        if square == self._square:
+            return
+        self._square = square
+        near = self._near.get(square, [])
         for k in [k for k in self._standing if k not in near]:
             bullet.removeBody(self._standing.pop(k))
         for k in near:
@@ -393,8 +399,7 @@ class _Motion:
         t, still, touched = block.time, 0.0, False
         before = block.velocity
         site.clear()
-        square = _square(block.place[0], block.place[1])
-        site.stand_near(block.place[0], block.place[1])
+        site.stand_near(*block.place[:2])
         airs = [site.effects[name].q > 0.0 for name in ("air_drag", "wind", "magnus")]
         standing, snow, ice = bool(len(site._stems)), site.effects["snow"], site.effects["ice"]
         while t < _LONGEST_S:
@@ -417,9 +422,7 @@ class _Motion:
                 v = self._in_air(quaternion, v, w)
             if standing:
                 v = site.meet_stems(block, x, y, z, v)
-                if _square(x, y) != square:
-                    square = _square(x, y)
-                    site.stand_near(x, y)
+                site.stand_near(x, y)
             if v is not found or w is not turning:
                 bullet.resetBaseVelocity(self._body, v, w)
             self._rows.append((t, x, y, z, *v, *w, float(pushed)))
