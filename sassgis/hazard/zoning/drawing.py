@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from sassgis.hazard.zoning.coverage import (
-    PRECISION_M,
     Coverage,
     cell_faces,
     check_cells,
@@ -200,8 +199,10 @@ def _with_rims(higher: Any, lower: Any, rules: Drawing) -> Any:
     left = polygons_of(wide)
     stay = [left[shapely.area(left) >= rules.area_m2], small[~_is_beside(higher, small)]]
     rest = shapely.multipolygons(np.concatenate(stay))
-    # Without what stays: to join the many others one by one takes longer.
-    found = polygons_of(shapely.difference(lower, rest, grid_size=PRECISION_M))
+    # Without what stays: to join the many others one by one takes longer. Of faces, as a difference
+    # on rounded coordinates fails where rounding closes a ring.
+    faces = faces_of([lower, rest])
+    found = polygons_of(shapely.coverage_union_all(faces[classes_of(faces, [lower, rest]) == 1]))
     # What hangs together by less than the precision does not, and holds nothing of the area then.
     within = shapely.point_on_surface(polygons_of(higher))
     _, holds = shapely.STRtree(found).query(within, predicate="intersects")

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from sassgis.hazard.zoning.coverage import PRECISION_M, polygons_of
+from sassgis.hazard.zoning.coverage import classes_of, faces_of, polygons_of
 from sassgis.model.grid import FloatArray
 
 #: Length of a part at least, and of the stretch in which a seam is looked for (cells).
@@ -84,12 +84,10 @@ def _seam(before: Stacks, after: Stacks, middle: float, half: float, axis: int) 
     lines = shapely.multilinestrings(np.asarray(shapely.linestrings(ends)))
     differ = np.zeros(at.size)
     for pair in zip(chain(*before), chain(*after), strict=True):
-        one, other = (
-            shapely.union_all(_within(area, low, high, axis), grid_size=PRECISION_M)
-            for area in pair
-        )
-        apart = shapely.symmetric_difference(one, other, grid_size=PRECISION_M)
-        pieces = shapely.get_parts(shapely.intersection(lines, apart))
+        one, other = (shapely.multipolygons(_within(area, low, high, axis)) for area in pair)
+        faces = faces_of([one, other])
+        apart = faces[classes_of(faces, [one]) != classes_of(faces, [other])]
+        pieces = shapely.get_parts(shapely.intersection(lines, shapely.coverage_union_all(apart)))
         place = shapely.bounds(pieces).reshape(-1, 4)[:, axis]
         nearest = np.abs(place[:, None] - at).argmin(axis=1)
         differ += np.bincount(nearest, shapely.length(pieces), at.size)
