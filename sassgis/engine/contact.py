@@ -18,6 +18,9 @@ from sassgis.engine.rows import Record, Records, last_of
 from sassgis.engine.touching import Flying, contact_with_segment, contact_with_vertex
 from sassgis.model.jit import fused, inlined, lean
 
+#: Share of a number below which a difference to it is taken for one of rounding.
+_CANCELS = 1e-6
+
 
 class Contact(NamedTuple):
     """A contact of a flying block with a profile."""
@@ -137,8 +140,11 @@ def _within_reach(
     if at_last > 0.0:
         return np.inf
     root = math.sqrt(max(rate * rate + 4.0 * fall * (above - reach), 0.0))
-    if root - rate > 0.0:
+    if root - rate > _CANCELS * rate:
         first = max(first, 2.0 * (above - reach) / (root - rate))
+    elif fall > 0.0:
+        # A sphere that has just rebounded: of the difference only rounding is left.
+        first = max(first, (rate + root) / (2.0 * fall))
     return first
 
 

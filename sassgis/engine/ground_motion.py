@@ -74,7 +74,8 @@ def _tip(state: Record, block: Block, site: Site, gravity: float, down: float) -
 
     Friction brings it to rolling with its angular momentum about the ground kept: v' = v/(1 + I/r²)
     and the energy v²/2/(1 + I/r²), of which the rise of the centre is taken. Where rolling friction
-    is more than the slope, it has to turn over its longer axis too. -1 once it rolls.
+    is more than the slope, it has to turn over its longer axis too; it slides on where the slope is
+    more than the friction of sliding, which then is less than that of rolling. -1 once it rolls.
     """
     profile = site.profile
     here = profile[state.segment]
@@ -86,6 +87,9 @@ def _tip(state: Record, block: Block, site: Site, gravity: float, down: float) -
     needed = gravity * (foot_z + radius * here.tx - state.z)
     mu_r = rolling_friction(block, ground)
     if down < mu_r * here.tx:
+        if down > ground.mu_f * here.tx:
+            # It would gain speed sliding and lose it rolling, in turn and without end.
+            return math.inf
         needed += gravity * here.tx * (block.a - radius)
     if 0.5 * state.speed * state.speed < needed * block.roll_share:
         return math.sqrt(2.0 * needed * block.roll_share) * (1.0 + 1e-9)

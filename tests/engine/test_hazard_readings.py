@@ -104,21 +104,38 @@ def test_a_slow_rock_does_not_tip():
     assert out.rocks["runout_m"][0] - 5.0 == pytest.approx(1.0 / (2 * G * 0.8), rel=1e-9)
 
 
-def test_a_sliding_rock_tips_once_it_is_fast_enough():
-    # Where μ_r > tan β > μ_f it slides faster and faster until it can turn over its longer axis.
-    own = lab.plain(mu_f=0.5, mu_0=0.9)
-    blocks = lab.ellipsoid(0.5, 0.38, 0.3, orientation_rad=(0.0, 0.0))
+def on_a_steep_slope(mu_0):
+    """The log of a rock that begins to slide where tan β > μ_f."""
+    own = lab.plain(mu_f=0.5, mu_0=mu_0)
+    blocks = lab.ellipsoid(0.5, 0.38, 0.3, orientation_rad=(0.0, 0.0), speed_mps=(0.1, 0.1))
     line = lab.slope((60, 35), (5, 0))
-    out = lab.run(line, own, blocks, settings=lab.HAZARD, log_events=40, start=5.0)
-    log = out.event_logs[0]
+    return lab.run(line, own, blocks, settings=lab.HAZARD, log_events=40, start=5.0).event_logs[0]
+
+
+def test_a_sliding_rock_tips_once_it_is_fast_enough():
+    log = on_a_steep_slope(0.3)
     first = int(np.flatnonzero(log["phase"] == lab.ROLLING)[0])
     assert first > 0
     r = mean_radius(0.5, 0.38)
     share = 1.0 + inertia(0.5, 0.38) / r**2
-    needed = G * math.cos(math.radians(35)) * ((r - 0.38) + (0.5 - r))
-    along = (log["x_m"][first] - log["x_m"][0]) / math.cos(math.radians(35))
-    pull = G * (math.sin(math.radians(35)) - 0.5 * math.cos(math.radians(35)))
-    assert along == pytest.approx(needed * share / pull, abs=0.1)
+    steep = math.radians(35)
+    needed = G * math.cos(steep) * (r - 0.38) * share - 0.5 * 0.1**2
+    along = (log["x_m"][first] - log["x_m"][0]) / math.cos(steep)
+    pull = G * (math.sin(steep) - 0.5 * math.cos(steep))
+    # The centre of a rock that tips is lifted along the normal.
+    assert along == pytest.approx(needed / pull + (r - 0.38) * math.tan(steep), abs=0.01)
+
+
+def test_a_rock_that_rolling_would_stop_slides_on():
+    # tan β lies between μ_f and μ_r.
+    log = on_a_steep_slope(0.9)
+    on_slope = log[log["x_m"] < 60.0]
+    assert set(on_slope["phase"]) == {lab.SLIDING}
+    speed2 = on_slope["vx_mps"][-1] ** 2 + on_slope["vz_mps"][-1] ** 2
+    steep = math.radians(35)
+    along = (on_slope["x_m"][-1] - log["x_m"][0]) / math.cos(steep)
+    pull = G * (math.sin(steep) - 0.5 * math.cos(steep))
+    assert speed2 == pytest.approx(0.1**2 + 2.0 * pull * along, rel=1e-9)
 
 
 @pytest.mark.parametrize("turn", [2.0, 4.0, 8.0])

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 from helpers import engine_lab as lab
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from numpy.lib.recfunctions import structured_to_unstructured
 from scipy import stats
@@ -143,7 +143,27 @@ def test_the_point_of_contact_rests_after_an_impact(w):
             assert vn == pytest.approx(-x * w1, abs=1e-9 * size)
 
 
+#: Spheres but for rounding; ground on which a rock gains speed sliding and loses it rolling.
+SPHERES = {
+    "shape": (0, 0.2, 5.0, 0.0),
+    "ground": {
+        "eta_max": 0.5, "dp_min": 0.0, "dp_max": 0.0, "mu_f": 1.0, "mu_0": 0.5, "k": 0.2,
+        "d_star_m": 0.0, "restitution": 0.3,
+    },
+    "axes": (0.5, 0.5, 0.15), "drop": 0.5, "speed": 0.0, "spin": 0.0, "rule": "restitution",
+    "rolling": "round", "seed": 1,
+}  # fmt: skip
+SLIPPERY = {
+    **SPHERES,
+    "shape": (0, 0.2, 17.0, 0.1),
+    "ground": {**SPHERES["ground"], "eta_max": 1.0, "mu_f": 0.3125, "restitution": 0.0},
+    "axes": (1.0, 0.99999, 0.3), "drop": 0.0, "seed": 0,
+}  # fmt: skip
+
+
 @given(w=worlds())
+@example(w=SPHERES)
+@example(w=SLIPPERY)
 @QUICK
 def test_the_centre_keeps_the_shorter_semi_axis_from_the_ground(w):
     # Only the flank of a turning block reaches into the ground, by a − b at most.

@@ -82,6 +82,7 @@ _SHORTEST_CUT_S = 1e-6
 # at the pace of a crawl, and that pace (m/s).
 _SHARE_ON_GROUND = 0.25
 _MOST_CLOSED = 0.95
+_HARDLY_CLOSED = 1e-7
 _CREEP = 0.1
 _SLOWEST = 1e-6
 # Steps of Newton's method for the time in which a path is gone.
@@ -223,7 +224,11 @@ def on_ground(stand: Stand, stems: float, mass: float, speed: float, pull: float
 def _after(rate: float, steady: float, speed: float, time: float) -> tuple[float, float]:
     """Path (m) and speed (m/s) after a time in which the steady speed is approached."""
     closed = -math.expm1(-rate * time)
-    return steady * time + (speed - steady) * closed / rate, speed + (steady - speed) * closed
+    after = speed + (steady - speed) * closed
+    if closed < _HARDLY_CLOSED:
+        # The steady speed may be as large as you like: of its difference only rounding is left.
+        return 0.5 * (speed + after) * time, after
+    return steady * time + (speed - steady) * closed / rate, after
 
 
 @lean

@@ -7,6 +7,7 @@ import math
 import platform
 from collections.abc import Iterable, Mapping, Sequence
 from enum import Enum
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path, PurePath
 from typing import Any
@@ -127,11 +128,17 @@ def software_versions() -> dict[str, str]:
         "python": platform.python_version(),
         "platform": f"{platform.system()} {platform.machine()}",
     }
-    versions |= {package: version(package) for package in _PACKAGES}
+    versions |= _package_versions()
     # Each brings its own GDAL.
     versions["gdal (rasterio)"] = str(rasterio.__gdal_version__)
     versions["gdal (pyogrio)"] = str(pyogrio.__gdal_version_string__)
     return versions
+
+
+@cache
+def _package_versions() -> dict[str, str]:
+    # Read once: each is looked up in a file of its own, and a batch asks for every area.
+    return {package: version(package) for package in _PACKAGES}
 
 
 def plain(value: object, digits: int | None = None) -> Any:

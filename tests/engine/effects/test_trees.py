@@ -259,6 +259,21 @@ def test_a_viscous_forest_lets_a_rolling_rock_come_to_its_steady_speed(k):
     assert out.passages["speed_mps"] == pytest.approx(pull * MASS / k, rel=1e-3)
 
 
+@pytest.mark.parametrize("k", [1e-3, 1e-9, 1e-20, 1e-53, 1e-300])
+def test_hardly_any_viscous_drag_is_none(k):
+    stand = trees.prepare(Trees("viscous", drag_kgps=k), has_stems=True)
+    for pull in (-2.0, 0.0, 2.0):
+        found = trees.pull_over(stand, 0.01, MASS, 3.0, pull, 1.5)
+        assert found == pytest.approx(pull, abs=1e-9 + 10.0 * k / MASS)
+    flat = profile_set(LINE, cell=2.0)
+    rocks = [
+        run(flat, EVEN, ROLLING, EffectSettings(Trees("viscous", drag_kgps=drag)), n=1,
+            forest=forest(flat, 0.01)).rocks
+        for drag in (0.0, k)
+    ]  # fmt: skip
+    assert rocks[1]["runout_m"] == pytest.approx(rocks[0]["runout_m"], rel=1e-3)
+
+
 def test_a_strong_stem_stops_a_rock_where_it_is_met():
     # Ways to the first stem are exponential. Friction is just above the slope, so that a rock that
     # has been stopped stays.
