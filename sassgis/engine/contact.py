@@ -18,8 +18,8 @@ from sassgis.engine.rows import Record, Records, last_of
 from sassgis.engine.touching import Flying, contact_with_segment, contact_with_vertex
 from sassgis.model.jit import fused, inlined, lean
 
-#: Share of a number below which a difference to it is taken for one of rounding.
-_CANCELS = 1e-6
+#: Share of a number below which what it differs by is no better than rounding.
+_CANCELS = 1e-10
 
 
 class Contact(NamedTuple):
@@ -140,11 +140,9 @@ def _within_reach(
     if at_last > 0.0:
         return np.inf
     root = math.sqrt(max(rate * rate + 4.0 * fall * (above - reach), 0.0))
-    if root - rate > _CANCELS * rate:
+    # Of a sphere that has just rebounded only rounding is left of the difference.
+    if root - rate > _CANCELS * abs(rate):
         first = max(first, 2.0 * (above - reach) / (root - rate))
-    elif fall > 0.0:
-        # A sphere that has just rebounded: of the difference only rounding is left.
-        first = max(first, (rate + root) / (2.0 * fall))
     return first
 
 

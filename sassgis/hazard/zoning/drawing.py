@@ -15,6 +15,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 from scipy import ndimage
+from scipy.optimize import brentq
 
 from sassgis.hazard.zoning.coverage import (
     Coverage,
@@ -127,13 +128,14 @@ def _enlarged(area: Any, smallest_m2: float, known: Any) -> Any:
     """
     parts = polygons_of(area)
     out = []
+    farthest = _FARTHEST * math.sqrt(smallest_m2)
     for part in parts[shapely.area(parts) < smallest_m2]:
-        low, high = 0.0, _FARTHEST * math.sqrt(smallest_m2)
-        for _ in range(24):
-            middle = (low + high) / 2.0
-            found = _on_terrain(_grown(part, middle), known, [part]).area
-            low, high = (middle, high) if found < smallest_m2 else (low, middle)
-        out.append(_grown(part, high * (1.0 + 1e-6)))
+
+        def excess(distance: float, part: Any = part) -> float:
+            return float(_on_terrain(_grown(part, distance), known, [part]).area) - smallest_m2
+
+        reach = brentq(excess, 0.0, farthest, xtol=1e-6) if excess(farthest) > 0.0 else farthest
+        out.append(_grown(part, reach + 2e-6))
     return shapely.union_all([area, *out]) if out else area
 
 
@@ -306,10 +308,14 @@ def _places(whole: _Place, reach: int) -> Iterator[_Place]:
     # Those between which there is more than the reach.
     near = ndimage.distance_transform_edt(np.max(whole.maps, axis=0) == 0) <= reach / 2 + 1
     place_of, _ = ndimage.label(near, np.ones((3, 3)))
-    for number, box in enumerate(ndimage.find_objects(place_of), start=1):
+    boxes = enumerate(ndimage.find_objects(place_of), start=1)
+    parts = [(box, place_of[box] == number) for number, box in boxes]
+    # Drawing takes much memory by itself.
+    del near, place_of
+    for box, mine in parts:
         place = whole.part(*box)
-        mine = place_of[box] == number
-        yield replace(place, maps=[np.where(mine, m, 0) for m in place.maps])
+        alone = all(not m[~mine].any() for m in place.maps)
+        yield place if alone else replace(place, maps=[np.where(mine, m, 0) for m in place.maps])
 
 
 def _stacks(
