@@ -72,10 +72,10 @@ _FINGERPRINT_NAME = "batch.json"
 _MOST_CELLS, _COMMON_BYTES = 100_000_000, 4 << 30
 #: Bytes of the program itself, and of each cell of a block: its heights, and its maps.
 BASE, _PER_CELL = 500 << 20, 600
-#: Bytes of each cell of a group of which zones are drawn, with the lines that run through it, and
-#: of a cell with counts of one area at each energy: rows of counts, squares, rates and variances,
-#: and copies of them.
-_ZONES_PER_CELL, _ZONES_PER_COUNT = 240, 56
+#: Bytes of a process that draws zones, of each cell of its group with the lines that run through
+#: it, and of a cell with counts of one area at each energy: rows of counts, squares, rates and
+#: variances, and copies of them.
+_ZONES_BASE, _ZONES_PER_CELL, _ZONES_PER_COUNT = 400 << 20, 215, 56
 #: Smaller blocks are not made so that more can be at work (bytes, besides the program itself).
 _LEAST_SHARE = 256 << 20
 _SEVERAL_BLOCKS = (
@@ -493,7 +493,7 @@ def bytes_for_zones(box: Part, areas: Sequence[Reached], n_energies: int) -> int
     """Memory that drawing the zones of a group takes (bytes), with counts at so many energies."""
     reached = sum(a.record.reached for a in areas)
     cells = box.n_rows * box.n_cols * _ZONES_PER_CELL
-    return BASE + cells + reached * _ZONES_PER_COUNT * n_energies
+    return _ZONES_BASE + cells + reached * _ZONES_PER_COUNT * n_energies
 
 
 def _box(mosaic: Mosaic, areas: Sequence[Reached]) -> Part:
