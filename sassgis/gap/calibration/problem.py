@@ -37,8 +37,6 @@ from sassgis.model.grid import FloatArray, IntArray
 _FEWEST = 5
 #: Tables whose quantities stand in the row of a rock, by the first letter of these.
 _TABLES = {"deposits": "s", "passages": "S"}
-#: Groups from which on a group counts as one: fewer say nothing of their scatter.
-_FEWEST_GROUPS = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +88,8 @@ class CalibrationProblem:
         Rocks of a unit (block, day, source) are not independent: their scores count as one.
     unseen : bool, shape (n_rocks, 2 k)
         Stops of rocks of which no block is known to lie anywhere: not found, or not told from
-        others. They count as not measured, in replicas too.
+        others; and what was not measured of a block that lies, or has passed a station. They count
+        as not measured, in replicas too.
     sideways : bool
         Whether offsets from fall lines and turns count.
     """
@@ -179,10 +178,9 @@ def problem_of(
         )[0]
     quantities = rock_quantities(case, observed)
     scale = scale_of(case, quantities) if scale is None else scale
-    unseen = np.zeros((case.n_rocks, 2 * len(scale.names)), np.bool_)
-    if "stop:blocks" in quantities:
-        of_stops = np.array([name.startswith("stop:") for name in (*scale.names, *scale.names)])
-        unseen = (quantities["stop:blocks"] == 0.0)[:, None] & of_stops
+    unseen = np.zeros((case.n_rocks, 0), np.bool_)
+    if scale.names:
+        unseen = np.column_stack([_unseen(name, quantities) for name in scale.names])
     compared = {name: quantities[name] for name in scale.names}
     impacts, outcomes = observed_impacts(case), np.empty((0, 3))
     if impacts is not None:
@@ -194,12 +192,20 @@ def problem_of(
             outcomes = np.where(np.isfinite(outcomes), made[:, 0], np.nan)
         seen_after = impact_quantities(impacts, outcomes[:, None], case.n_rocks)
         compared |= {k: v[:, 0] for k, v in seen_after.items() if np.isfinite(v).any()}
-    groups, unit = np.unique(case.group, return_inverse=True)
     return CalibrationProblem(
         name, case, rock_lines, scale, observed, compared, scale.rows(quantities),
         impacts, outcomes, seed, folds_of(case.group, seed),
-        unit if groups.size >= _FEWEST_GROUPS else np.arange(case.n_rocks), unseen, sideways,
+        case.unit, np.hstack([unseen, unseen]), sideways,
     )  # fmt: skip
+
+
+def _unseen(name: str, quantities: Mapping[str, FloatArray]) -> NDArray[np.bool_]:
+    """Rocks of which a quantity was not measured, though it may have been there."""
+    place = name.partition(":")[0]
+    missing = ~np.isfinite(quantities[name])
+    if place == "stop":
+        return np.asarray(missing | (quantities["stop:blocks"] == 0.0), np.bool_)
+    return np.asarray(missing & (quantities[f"{place}:passed"] > 0.0), np.bool_)
 
 
 def scale_of(case: Case, quantities: Mapping[str, FloatArray]) -> Scale:

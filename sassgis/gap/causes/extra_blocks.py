@@ -68,11 +68,15 @@ def _mass_scores(which: int) -> Scoring:
         error = max(errors_of(case).mass_rel * (1.0 + MISSTATED), _LEAST_MASS_ERROR)
         rng = np.random.default_rng(1986)
         drawn = rocks * np.exp(error * rng.standard_normal((_MASS_DRAWS, rocks.size)))
-        null = np.array([mass_budget(rocks, one) for one in drawn])
-        middle, spread = null.mean(axis=0), null.std(axis=0) + _LEAST_MASS
-        value = mass_budget(rocks, blocks)
-        z = np.clip((np.array(value) - middle) / spread, -12.0, 12.0)
-        return Scores(z[which : which + 1], float(value[which]))
+        if which == 0:
+            # The smallest blocks may be what others have left there.
+            others = np.sort(blocks)[: max(blocks.size - rocks.size, 0)]
+            null = np.array([mass_budget(rocks, np.append(one, others))[0] for one in drawn])
+        else:
+            null = drawn.sum(axis=1) / rocks.sum() - 1.0
+        value = mass_budget(rocks, blocks)[which]
+        z = np.clip((value - null.mean()) / (null.std() + _LEAST_MASS), -12.0, 12.0)
+        return Scores(np.array([z]), value)
 
     return scores
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -24,7 +25,7 @@ from sassgis.gap.causes.lateral_scatter import (
     usual_offset,
 )
 from sassgis.gap.causes.parameter_draws import ParameterDraws
-from sassgis.gap.causes.reach_gaps import speed_gaps
+from sassgis.gap.causes.reach_gaps import speed_by_reach
 from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel, MeasurementError
@@ -142,13 +143,18 @@ def _each_its_own(case: Case, residuals: ResidualTable) -> Scores:
 
 def _made_up(case: Case, residuals: ResidualTable) -> Scores:
     """An error of the measurement at a station is one of the start of the next reach as well."""
-    gap = speed_gaps(residuals)
-    if gap.shape[1] < 2:
+    gaps = speed_by_reach(residuals)
+    pairs = [pair for pair in pairwise(case.reaches) if gaps.keys() >= {*pair}]
+    if not pairs:
         raise Unseen
-    own = gap - np.nanmean(gap, axis=0)
-    own = own / np.maximum(np.nanstd(own, axis=0), 0.02)
-    product = mean_of_draws(-own[:, :-1] * own[:, 1:], least=1)
+    own = {place: _over_scatter(gap) for place, gap in gaps.items()}
+    product = mean_of_draws(np.column_stack([-own[a] * own[b] for a, b in pairs]), least=1)
     return Scores(product - _MADE_UP, float(np.nanmean(product)))
+
+
+def _over_scatter(gap: FloatArray) -> FloatArray:
+    own = gap - np.nanmean(gap)
+    return own / max(float(np.nanstd(own)), 0.02)
 
 
 def _aside(case: Case, residuals: ResidualTable) -> Scores:

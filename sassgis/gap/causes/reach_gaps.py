@@ -10,27 +10,42 @@ from sassgis.gap.residuals.table import ResidualTable
 from sassgis.model.grid import FloatArray
 
 
-def reach_gaps(residuals: ResidualTable, quantity: str, *, relative: bool = False) -> FloatArray:
+def reach_gaps(residuals: ResidualTable, quantity: str) -> FloatArray:
     """Gaps of a quantity, shape (n_rocks, n_reaches), where enough rocks have one; Unseen without.
 
-    Relative ones to what is predicted, so that fast reaches do not outweigh the others.
+    Reaches without are left out.
     """
+    return np.column_stack([*_by_reach(residuals, quantity, relative=False).values()])
+
+
+def _by_reach(residuals: ResidualTable, quantity: str, *, relative: bool) -> dict[str, FloatArray]:
+    """Gaps of a quantity by the name of the reach, of those where enough rocks have one."""
     own = [
         r
         for r in residuals.rows
         if r.test == "reach" and r.phase != "release" and r.quantity == quantity
     ]
     with np.errstate(invalid="ignore", divide="ignore"):
-        columns = [np.clip(r.gap / r.predicted, -2.0, 2.0) if relative else r.gap for r in own]
-    columns = [c for c in columns if np.isfinite(c).sum() >= LEAST]
-    if not columns:
+        found = {
+            r.place: np.clip(r.gap / r.predicted, -2.0, 2.0) if relative else r.gap for r in own
+        }
+    found = {place: gap for place, gap in found.items() if np.isfinite(gap).sum() >= LEAST}
+    if not found:
         raise Unseen
-    return np.column_stack(columns)
+    return found
+
+
+def speed_by_reach(residuals: ResidualTable) -> dict[str, FloatArray]:
+    """Gaps of the speed by the name of the reach, shape (n_rocks,) each; Unseen without any.
+
+    Relative to what is predicted, so that fast reaches do not outweigh the others.
+    """
+    return _by_reach(residuals, "speed_mps", relative=True)
 
 
 def speed_gaps(residuals: ResidualTable) -> FloatArray:
-    """Relative gaps of the speed, shape (n_rocks, n_reaches)."""
-    return reach_gaps(residuals, "speed_mps", relative=True)
+    """The same, shape (n_rocks, n_reaches)."""
+    return np.column_stack([*speed_by_reach(residuals).values()])
 
 
 def over_scatter(gaps: FloatArray, least: float) -> FloatArray:
@@ -39,22 +54,22 @@ def over_scatter(gaps: FloatArray, least: float) -> FloatArray:
     return scaled
 
 
-def wrong_on_one(residuals: ResidualTable, sign: float = 0.0) -> list[FloatArray]:
+def wrong_on_one(residuals: ResidualTable, sign: float = 0.0) -> dict[str, FloatArray]:
     """How much the speed is wrong on each reach alone, in scatters, shape (n_rocks,) each.
 
     Its gap less that on the others, as far as this exceeds what the others are off themselves:
     where all reaches are wrong none is wrong alone. ``sign`` is that of the gap that is looked for;
     0: that which the reach has.
     """
-    speed = speed_gaps(residuals)
-    if speed.shape[1] < 2:
+    speed = speed_by_reach(residuals)
+    if len(speed) < 2:
         raise Unseen
-    own = over_scatter(speed, 0.05)
-    found = []
-    for k in range(own.shape[1]):
+    own = over_scatter(np.column_stack([*speed.values()]), 0.05)
+    found = {}
+    for k, place in enumerate(speed):
         others = mean_of_draws(np.delete(own, k, axis=1), least=1)
         towards = sign or float(np.sign(np.nanmean(own[:, k])))
-        found.append(towards * (own[:, k] - others) - abs(float(np.nanmean(others))))
+        found[place] = towards * (own[:, k] - others) - abs(float(np.nanmean(others)))
     return found
 
 

@@ -21,7 +21,7 @@ from sassgis.gap.causes.cause import (
 from sassgis.gap.causes.lateral_scatter import base_size, known_mean, station_offsets, usual_offset
 from sassgis.gap.causes.parameter_draws import ParameterDraws
 from sassgis.gap.causes.reach_gaps import wrong_on_one
-from sassgis.gap.observations.allowances import above_release_m
+from sassgis.gap.observations.allowances import GRAVITY, SIGMAS, above_release_m
 from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.hypothesis_model import ReleaseError
@@ -33,6 +33,9 @@ from sassgis.model.grid import IntArray
 _MORE = 1.25
 #: Starts of a campaign are known to this, whatever is stated of its instruments (m).
 _STATED_M = 1.5
+#: How long a path is looked at from its first point (s), share of the energy of a fall that shows
+#: a rock on its way, and plan length over which the slope below the start is taken (m).
+_FIRST_S, _CAME_DOWN, _NEAR_M = 0.5, 0.1, 40.0
 
 
 def _draw(case: Case, draws: ParameterDraws) -> CausePart:
@@ -73,10 +76,38 @@ def _first_point(case: Case, residuals: ResidualTable) -> Scores:
             off[rock] = math.hypot(
                 float(track.x[rows[0]] - rocks.x[i]), float(track.y[rows[0]] - rocks.y[i])
             )
+    error = _position_error(case, paths)
+    usual = _MORE * error * math.sqrt(0.5 * math.pi) + _STATED_M
+    # One whose film begins below the start, with a clock of its own, says nothing.
+    slope = _first_slope(case)
+    for rock in np.flatnonzero(off > usual).tolist():
+        if _came_down(case, paths[rock], slope * off[rock], error):
+            off[rock] = np.nan
     if np.isfinite(off).sum() < LEAST:
         raise Unseen
-    usual = _MORE * _position_error(case, paths) * math.sqrt(0.5 * math.pi) + _STATED_M
     return Scores(off - usual, float(np.nanmean(off)))
+
+
+def _came_down(case: Case, rows: IntArray, fell_m: float, error_m: float) -> bool:
+    """Whether a rock has more than a tenth of the energy of a fall where its path begins."""
+    track = case.observations.trajectories
+    at_first = rows[track.t_s[rows] <= track.t_s[rows[0]] + _FIRST_S]
+    time = float(track.t_s[at_first[-1]] - track.t_s[at_first[0]])
+    if time <= 0.0:
+        return False
+    way = math.hypot(*(float(np.ptp(getattr(track, c)[at_first[[0, -1]]])) for c in "xy"))
+    drawn = SIGMAS * math.sqrt(2.0) * error_m / time
+    return bool((way / time) ** 2 > drawn**2 + 2.0 * GRAVITY * _CAME_DOWN * fell_m)
+
+
+def _first_slope(case: Case) -> float:
+    """Fall over plan length below the starts, mean of the fall lines."""
+    found = []
+    for line in np.unique(case.line[case.line >= 0]).tolist():
+        s, z = case.profiles.vertices(line)
+        near = s <= s[0] + _NEAR_M
+        found.append((z[near][0] - z[near][-1]) / max(float(s[near][-1] - s[near][0]), 1e-9))
+    return max(float(np.mean(found)), 0.0) if found else 0.0
 
 
 def _first_contact(case: Case, residuals: ResidualTable) -> Scores:
@@ -116,7 +147,9 @@ def _offset_that_stays(case: Case, residuals: ResidualTable) -> Scores:
 
 
 def _first_reach(case: Case, residuals: ResidualTable) -> Scores:
-    wrong = wrong_on_one(residuals)[0]
+    wrong = wrong_on_one(residuals).get(case.reaches[0])
+    if wrong is None:
+        raise Unseen
     return Scores(wrong - SHIFT, float(np.nanmean(wrong)))
 
 

@@ -164,7 +164,8 @@ def losses_at_one_place(residuals: ResidualTable) -> tuple[int, float] | None:
 
 def _on_one_reach(case: Case, residuals: ResidualTable) -> Scores:
     """The reach with the surest loss; on the first one it would be an error of the release."""
-    lost = wrong_on_one(residuals, sign=-1.0)[1:]
+    wrong = wrong_on_one(residuals, sign=-1.0)
+    lost = [own for place, own in wrong.items() if place != case.reaches[0]]
     surest = max(lost, key=lambda one: float(np.nan_to_num(t_statistics(one)[0])))
     return Scores(surest - SHIFT, float(np.nanmean(surest - SHIFT)))
 

@@ -121,11 +121,15 @@ def holm_adjusted(p: FloatArray) -> FloatArray:
 
 
 def mean_gap_tests(
-    values: FloatArray, *, draws: int, rng: np.random.Generator
+    values: FloatArray,
+    *,
+    draws: int,
+    rng: np.random.Generator,
+    unit: IntArray | None = None,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Which mean gaps differ from zero, adjusted for the number of them.
 
-    Under the null the signs of all entries of a rock may be flipped together: exact if gaps are
+    Under the null the signs of all entries of a unit may be flipped together: exact if gaps are
     symmetric about zero. Of our own making: ``scipy.stats.permutation_test`` flips signs as well,
     but knows no missing entries and no maximum over columns, which draws the same flips for all.
 
@@ -133,6 +137,8 @@ def mean_gap_tests(
     ----------
     values : float64, shape (n, k)
         Observed minus predicted, one row per rock; NaN where not measured.
+    unit : int64, shape (n,), optional
+        Unit of each rock, from 0; default: each is one of its own.
 
     Returns
     -------
@@ -141,6 +147,7 @@ def mean_gap_tests(
     """
     data = _as_matrix(values)
     n = len(data)
+    unit = np.arange(n) if unit is None else unit
     known = np.isfinite(data)
     filled = np.where(known, data, 0.0)
     t = t_statistics(data)
@@ -150,7 +157,7 @@ def mean_gap_tests(
     squares = (filled**2).sum(axis=0)
     for first in range(0, draws, step):
         rows = min(step, draws - first)
-        signs = rng.choice((-1.0, 1.0), size=(rows, n))
+        signs = rng.choice((-1.0, 1.0), size=(rows, int(unit.max(initial=-1)) + 1))[:, unit]
         null[first : first + rows] = _t(signs @ filled, squares, count)
     # A draw that repeats the data must not miss it by rounding.
     size = np.abs(null) * (1.0 + 1e-12)

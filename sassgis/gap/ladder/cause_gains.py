@@ -60,6 +60,8 @@ def cause_gains(
     made = list(run(see_each, tasks))
     campaigns = np.concatenate(made[:_PARTS])
     view = _view_of(summary, base.found, campaigns)
+    if not view.onto.shape[1]:
+        return {}
     observed, chance = view.seen(summary.observed[None])[0], view.seen(campaigns)
     # A base that leaves more than chance does everywhere leaves it to any cause.
     excess = max(float(observed @ observed) / float(np.mean((chance**2).sum(axis=1))), 1.0)

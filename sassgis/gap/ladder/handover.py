@@ -77,7 +77,7 @@ def model_gaps(
         if known.size < _FEWEST:
             continue
         rng = np.random.default_rng([problem.seed, 57, column])
-        compared = _compared(seen[known], made[:, known], problem.case.group[known], rng)
+        compared = _compared(seen[known], made[:, known], problem.unit[known], rng)
         least = RELEVANT[quantity]
         for statistic in compared if what == "runout" else ("median", "90 %"):
             observed, predicted, (low, high) = compared[statistic]
@@ -111,7 +111,7 @@ def _arrivals(
     """
     more = 100.0 * (seen - made.mean(axis=0))
     rng = np.random.default_rng([problem.seed, 58, column])
-    low, high = _interval(lambda rows: more[rows].mean(), problem.case.group, rng).tolist()
+    low, high = _interval(lambda rows: more[rows].mean(), problem.unit, rng).tolist()
     return ModelGap(
         place, "arrived", "mean", "%", 100.0 * float(seen.mean()), 100.0 * float(made.mean()),
         float(more.mean()), (low, high), 100.0 * RELEVANT["arrived"], seen.size,

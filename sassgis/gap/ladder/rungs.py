@@ -75,7 +75,7 @@ class Ladder:
     """
 
     def __init__(self, problem: CalibrationProblem, steps: Sequence[Step]) -> None:
-        self._group, self._seed = problem.case.group, problem.seed
+        self._unit, self._seed = problem.unit, problem.seed
         self._observed = problem.rows
         self._found: dict[str, tuple[Step, RockDistances, FloatArray]] = {}
         self.add(*steps)
@@ -85,7 +85,7 @@ class Ladder:
         if not self._observed.shape[1]:
             return
         rng = np.random.default_rng([self._seed, 53])
-        weights = group_weights(self._group, rng, _SAMPLES)
+        weights = group_weights(self._unit, rng, _SAMPLES)
         for step in steps:
             own = RockDistances.of(self._observed, step.rows)
             drawn = np.array([own.value(w) for w in weights])
@@ -204,7 +204,7 @@ def shrinkage_of(
         )
     else:
         rng = np.random.default_rng([problem.seed, 51])
-        weights = group_weights(problem.case.group, rng, _SAMPLES)
+        weights = group_weights(problem.unit, rng, _SAMPLES)
         value, interval = share_of(before, after, after.floor, weights)
     return Shrinkage(
         effect,

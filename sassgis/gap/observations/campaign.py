@@ -148,6 +148,10 @@ def _passages(case: Case) -> PassageRows:
     place = {name: k for k, name in enumerate(case.station_names)}
     station = np.array([place.get(name, -1) for name in table.station.tolist()], np.int64)
     known = station >= 0
+    # A station that the fall line of a rock does not cross has no place on it, here as in replicas.
+    known[known] &= (rock[known] < 0) | np.isfinite(
+        case.station_s[np.maximum(rock[known], 0), station[known]]
+    )
     return PassageRows(
         rock[known],
         station[known],

@@ -19,6 +19,9 @@ from sassgis.model.map_run import Forest
 from sassgis.model.profiles import ProfileSet, TraceSet
 from sassgis.model.settings import EngineSettings
 
+#: Groups from which on a group counts as one: fewer say nothing of their scatter.
+_FEWEST_GROUPS = 3
+
 
 @dataclass(frozen=True, slots=True)
 class LearnedContacts:
@@ -119,6 +122,14 @@ class Case:
         return np.array([numbers.setdefault(key, len(numbers)) for key in keys], np.int64)
 
     @property
+    def unit(self) -> IntArray:
+        """Units of resampling from 0: groups, or rocks where these are too few, (n_rocks,)."""
+        groups, unit = np.unique(self.group, return_inverse=True)
+        return np.asarray(
+            unit if groups.size >= _FEWEST_GROUPS else np.arange(self.n_rocks), np.int64
+        )
+
+    @property
     def station_names(self) -> tuple[str, ...]:
         """Names of the stations that fall lines cross, from the top down."""
         names = self.observations.stations.station
@@ -148,13 +159,18 @@ class Case:
     def reach_of(self, rock: IntArray, s: FloatArray) -> IntArray:
         """Number of the reach in which points at chainage ``s`` of the lines of rocks lie."""
         edges = self.station_s[rock]
-        return np.asarray((edges <= np.asarray(s)[:, None]).sum(axis=1), np.int64)
+        # A line may begin below a station, or pass one by.
+        behind = np.where(edges <= np.asarray(s)[:, None], np.arange(1, edges.shape[1] + 1), 0)
+        return np.asarray(behind.max(axis=1, initial=0), np.int64)
 
     @property
     def semi_axes_m(self) -> FloatArray:
         """Half axes in the middle of their limits, longest first, shape (n_rocks, 3)."""
         limits = [(b.axis_1_m, b.axis_2_m, b.axis_3_m) for b in self.blocks]
         axes: FloatArray = 0.5 * np.array(limits, np.float64).sum(axis=2)
+        # Of blocks of a given volume they are relative.
+        relative = np.array([b.volume_m3 is not None for b in self.blocks])
+        axes[relative] *= (self.radius_m[relative] / np.cbrt(axes[relative].prod(axis=1)))[:, None]
         return -np.sort(-axes, axis=1)
 
     def ground_at(self, rock: IntArray, s: FloatArray) -> tuple[IntArray, FloatArray]:

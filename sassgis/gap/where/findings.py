@@ -3,7 +3,8 @@
 Observations are compared with predictions in three ways: runs from the release, reaches (runs that
 start again at every station), and single steps (impacts and flights). What is right in one step and
 wrong in a reach lies between the steps; what is right in all reaches and wrong from the release
-lies in the release. Rocks are the unit: every value that is tested is one of a rock.
+lies in the release. Every value that is tested is one of a rock; rocks of a group (block, day,
+source) are not independent, and are tested together.
 """
 
 from __future__ import annotations
@@ -46,16 +47,17 @@ def where(
         Most certain first; quantities that fewer than five rocks have are left out.
     """
     rng = np.random.default_rng([seed, 33])
+    unit = case.unit
     tested = [(r, r.tested()) for r in residuals.rows]
     tested = [(r, v) for r, v in tested if int(np.isfinite(v).sum()) >= LEAST_ROCKS]
     if not tested:
         return ()
     values = np.column_stack([v for _, v in tested])
-    t, p, adjusted = mean_gap_tests(values, draws=draws, rng=rng)
+    t, p, adjusted = mean_gap_tests(values, draws=draws, rng=rng, unit=unit)
     q = false_discovery_adjusted(p)
     # A scatter known from above only is tested by scores that may all be zero.
     size = np.abs(np.nan_to_num(t, posinf=np.inf, neginf=-np.inf))
-    times = times_drawn(np.arange(case.n_rocks), rng, draws)
+    times = times_drawn(unit, rng, draws)
     findings = [
         _finding(case, r, values[:, i], float(adjusted[i]), float(q[i]), times)
         for i, (r, _) in enumerate(tested)

@@ -131,11 +131,17 @@ def _places(case: Case, rock_lines: RockLines) -> FloatArray:
     """Chainages of stations at which nothing was measured yet (m)."""
     stops = case.projected["deposits"].s if "deposits" in case.projected else np.empty(0)
     known = stops[np.isfinite(stops)]
-    way = float(np.median(known)) if known.size else 0.7 * float(np.median(rock_lines.end))
+    way = float(np.median(known)) if known.size else 0.7 * _middle_length_m(case, rock_lines)
     used = case.station_names and len(case.observations.passages)
     there = np.nanmedian(case.station_s, axis=0) if used else np.empty(0)
     places = [p * way for p in _PLACES]
     return np.array([s for s in places if not (np.abs(there - s) < _NEAR * way).any()])
+
+
+def _middle_length_m(case: Case, rock_lines: RockLines) -> float:
+    """Length of the lines of the rocks; where paths are followed they have no end but that."""
+    ends = case.traces.s[case.traces.offset[case.line + 1] - 1]
+    return float(np.median(np.minimum(rock_lines.end, ends)))
 
 
 def _shown(

@@ -78,7 +78,7 @@ def large_gaps(findings: Sequence[GapFinding]) -> list[GapFinding]:
 def _large(finding: GapFinding) -> bool:
     low, high = finding.ci95
     scatter = (high - low) / 3.92 * math.sqrt(max(finding.values, finding.rocks, 1))
-    return scatter > 0.0 and abs(finding.gap) > _LARGE * scatter
+    return abs(finding.gap) > _LARGE * scatter
 
 
 #: A cause is named only if a fingerprint of its own is seen: one-sided 5 % of a normal deviate. Of

@@ -31,6 +31,7 @@ from sassgis.gap.calibration.problem import (
     scores_of,
 )
 from sassgis.gap.inference.distances import energy_scores
+from sassgis.gap.observations.campaign import observed_campaign
 from sassgis.gap.replicas.campaigns import campaigns
 from sassgis.gap.replicas.hypothesis_model import MeasurementError, configured_model
 from sassgis.io.read.ground_map import read_ranges
@@ -263,6 +264,56 @@ def test_rotations_that_scatter_scatter_at_stations_alone() -> None:
     )
     assert np.std(speeds[1]) < 1.05 * np.std(speeds[0])
     assert np.std(turns[1]) > 1.2 * np.std(turns[0])
+
+
+def test_what_was_not_measured_of_a_rock_that_passed_is_not_a_rock_that_stopped() -> None:
+    """Half of the rows of passages and stops have no numbers."""
+    case = observed(30, 11)
+    passed, lies = case.observations.passages, case.observations.deposits
+    none = np.full(len(passed), np.nan)
+    none[::2] = 1.0
+    lost = np.full(len(lies), np.nan)
+    lost[::2] = 1.0
+    blank = replace(
+        passed, speed_mps=passed.speed_mps * none, rotation_hz=passed.rotation_hz * none,
+        height_m=passed.height_m * none,
+    )  # fmt: skip
+    put = case.projected["deposits"]
+    case = replace(
+        with_observed(case, passages=blank, deposits=lies),
+        projected=case.projected | {"deposits": replace(put, s=put.s * lost)},
+    )
+    problem = problem_of(case, 1)
+    rows = model_rows(problem, configured_model(case), 3, 8)
+    k = len(problem.scale.names)
+    absent = problem.rows[:, k:].mean(axis=0) - rows[..., k:].mean(axis=(0, 1))
+    assert np.abs(absent).max() < 0.1
+
+
+def test_a_station_beside_the_line_of_a_rock_has_no_place_on_it() -> None:
+    case = observed(12, 11)
+    s = case.stations.s.copy()
+    s[0, :2] = np.nan
+    case = replace(case, stations=replace(case.stations, s=s))
+    rows = observed_campaign(case).passages
+    assert rows is not None
+    beside = np.isin(rows.rock, np.flatnonzero(case.line == 0))
+    assert (rows.station[beside] >= 2).all() and beside.any()
+    # What lies below such stations lies on the reaches below them.
+    below = case.stations.s[0, 2] + np.array([-1.0, 1.0])
+    assert case.reach_of(np.zeros(2, np.int64), below).tolist() == [0, 3]
+
+
+def test_rocks_of_a_given_mass_meet_the_ground_with_their_own_size() -> None:
+    case = observed(12, 11)
+    blocks = [
+        replace(b, axis_1_m=(1.2, 1.2), axis_2_m=(1.0, 1.0), axis_3_m=(0.8, 0.8),
+                volume_m3=(v, v), volume_exponent=0.0)
+        for b, v in zip(case.blocks, 4.0 / 3.0 * np.pi * case.radius_m**3, strict=True)
+    ]  # fmt: skip
+    own = replace(case, blocks=tuple(blocks)).semi_axes_m
+    assert np.cbrt(own.prod(axis=1)) == pytest.approx(case.radius_m)
+    assert own[:, 0] / own[:, 2] == pytest.approx(1.5)
 
 
 def test_without_stops_passages_and_impacts_there_is_nothing_to_score() -> None:

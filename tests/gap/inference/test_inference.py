@@ -245,6 +245,18 @@ def test_headline_keeps_its_level_and_finds_the_one_gap():
     assert found / 200 > 0.9
 
 
+def test_rocks_of_a_group_are_tested_together():
+    """Rocks of a day share its weather: as single ones they would be found too sure."""
+    rng = np.random.default_rng(8)
+    day = np.repeat(np.arange(6), 5)
+    alone = together = 0
+    for _ in range(200):
+        values = rng.standard_normal(6)[day] + 0.3 * rng.standard_normal(30)
+        alone += mean_gap_tests(values, draws=99, rng=rng)[1][0] <= 0.05
+        together += mean_gap_tests(values, draws=99, rng=rng, unit=day)[1][0] <= 0.05
+    assert alone / 200 > 0.3 and together / 200 < 0.1
+
+
 def test_missing_values_keep_the_level_of_the_tests():
     """Rocks that lack a quantity neither help nor hurt it: p-values stay uniform."""
     rng = np.random.default_rng(8)

@@ -176,6 +176,9 @@ def test_none_is_answered_only_where_the_base_is_adequate() -> None:
     assert answer(law, nothing, [gap(0.8)]) == (CONTACT_LAW, "contact")
     assert answer(law, nothing, [gap(0.2)]) == (NONE, "")
     assert adequate([gap(0.2)]) and not adequate([gap(-0.8)])
+    # The same at all rocks: a station that each of them passed, and none in the model.
+    assert not adequate([replace(gap(1.0), ci95=(1.0, 1.0))])
+    assert adequate([replace(gap(0.0), ci95=(0.0, 0.0))])
 
 
 def test_a_family_is_named_where_it_is_probable_and_could_be_seen() -> None:

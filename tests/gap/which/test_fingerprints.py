@@ -24,6 +24,8 @@ from sassgis.gap.which.verdict import strongest
 from sassgis.model.effects import EffectSettings
 from sassgis.terrain.heights import heights_at
 
+EXTRA = ("fragmentation", "entrainment")
+
 
 @pytest.fixture(scope="module")
 def case() -> Case:
@@ -145,6 +147,57 @@ def test_the_mass_budget_counts_what_is_missing_and_what_is_more() -> None:
     assert broken == pytest.approx(1.0 / 1400.0)
     broken, more = mass_budget(rocks, np.array([100.0, 400.0, 900.0, 280.0]))
     assert broken == pytest.approx(0.0) and more == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize("error", [0.02, 0.1])
+def test_errors_of_masses_are_no_extra_blocks(
+    case: Case, residuals: ResidualTable, error: float
+) -> None:
+    rng = np.random.default_rng(3)
+    stated = with_metadata(case, mass_error_rel=error)
+    largest = []
+    for _ in range(40):
+        mass = case.mass_kg * np.exp(error * rng.standard_normal(case.n_rocks))
+        lies = with_blocks(
+            with_deposits(stated, mass_kg=mass), [0.03 * float(np.median(case.mass_kg))]
+        )
+        found = [CAUSES[c].statistics[0].scores(lies, residuals) for c in EXTRA]
+        largest.append([float(own.values[0]) for own in found])
+    assert (np.array(largest) > 3.0).mean() < 0.05
+
+
+def test_a_film_that_begins_below_the_start_says_nothing_of_it(
+    case: Case, residuals: ResidualTable
+) -> None:
+    name = "first point of the path against the stated start"
+    track = case.observations.trajectories
+    late = np.zeros(len(track), bool)
+    begun = track.t_s.copy()
+    at_rest = track.x.copy(), track.y.copy()
+    for rows in case.observations.paths_of_rocks().values():
+        below = rows[track.t_s[rows] > 3.0]
+        late[below] = True
+        begun[below] -= track.t_s[below[0]]
+        # The same way from the true start, which is 12 m below the stated one.
+        at_rest[1][rows] -= 12.0
+    filmed = replace(track, t_s=begun).take(np.flatnonzero(late))
+    assert not by_name(with_observed(case, trajectories=filmed), residuals)[name].observable
+    wrong = with_observed(case, trajectories=replace(track, y=at_rest[1]))
+    assert by_name(wrong, residuals)[name].z > 6.0
+
+
+def test_what_is_wrong_below_a_station_without_speeds_is_no_error_of_the_release(
+    case: Case, residuals: ResidualTable
+) -> None:
+    first, second = case.reaches[0], case.reaches[1]
+    slow = [
+        replace(r, observed=r.observed - (9.0 if r.place == second else 0.0))
+        for r in residuals.rows
+        if not (r.test == "reach" and r.quantity == "speed_mps" and r.place == first)
+    ]
+    found = by_name(case, replace(residuals, rows=tuple(slow)))
+    assert not found["speed on the first reach, right on the others"].observable
+    assert found["speed lost on one reach, right on the others"].z > 3.0
 
 
 def changed(residuals: ResidualTable, step: str, quantity: str, add: np.ndarray) -> ResidualTable:

@@ -47,6 +47,15 @@ def test_what_differs_most_is_measured(case: Case, lines: RockLines) -> None:
     assert "rotation" in found.what and found.rocks >= 5
 
 
+def test_stations_lie_on_the_lines_of_the_rocks_where_no_stop_is_known(
+    case: Case, lines: RockLines
+) -> None:
+    # Followed paths have no end.
+    there = replace(case, projected={})
+    places = _places(there, replace(lines, end=np.full(case.n_rocks, np.inf)))
+    assert places.size and places.max() < case.traces.s.max()
+
+
 def test_rocks_are_fewer_the_larger_the_difference(case: Case, lines: RockLines) -> None:
     counts = []
     for scale in (1.05, 1.4):
