@@ -112,8 +112,9 @@ def object_values(
         return placed(value, *(np.where(np.isnan(value), np.nan, v) for v in (low, high)))
 
     rate = curves.rate[:, 0]
-    with np.errstate(divide="ignore"):
-        of_few = 1.0 / ((1.0 - _Q95) * rate)
+    # Of blocks that are released 0 times a year no energy is known, however long one waits.
+    few = (1.0 - _Q95) * rate
+    of_few = np.divide(1.0, few, out=np.full(rate.shape, np.nan), where=few > 0.0)
     return ObjectValues(
         placed(rate, lower[:, 0], upper[:, 0]),
         energy(of_few),
