@@ -83,9 +83,9 @@ class RiskTable:
     def one_rock(self) -> FloatArray:
         """Hits per year of one simulated block, shape (n_objects,).
 
-        The largest of the sources that reach the object; 0 where none does.
+        Of the one that counts most of the sources that reach the object; 0 where none does.
         """
-        rates = np.array([s.rate_per_rock for s in self.sources])[:, None]
+        rates = np.array([s.rate_of_a_rock for s in self.sources])[:, None]
         reached = np.where(self.values["hits"] > 0.0, rates, 0.0)
         return np.asarray(reached.max(axis=0, initial=0.0), np.float64)
 
@@ -210,7 +210,8 @@ def weighted_variance(
 
     *Release points on a lattice* (strata of n blocks). The variance of a stratum is n times the
     variance of what one block costs, n/(n−1) (Σ y² − (Σ y)²/n), and for costs y >= 0 no more than
-    Σ y²: in all f/N Σ_i h_i c_i², as for independent rare hits. Also Cov(λ_i, λ_j) = Σ k_j (n −
+    Σ y²: in all f/N Σ_i h_i c_i², as for independent rare hits, times the weight of the block that
+    counts most. Also Cov(λ_i, λ_j) = Σ k_j (n −
     k_i)/(n−1) lies between 0 and Var λ_j for the stronger class j (k_j <= k_i), which bounds
     Σ_i Σ_j w_i w_j Cov(λ_i, λ_j). The smaller of the two is given.
 
@@ -242,7 +243,7 @@ def weighted_variance(
         nested = np.einsum("...i,...i->...", np.abs(step), error)
         apart = np.einsum("...i,...i->...", cost, np.sqrt(own))
         return np.asarray(np.minimum(nested, apart) ** 2, np.float64)
-    rare = source.rate_per_rock * np.einsum("...i,...i->...", hits, cost**2)
+    rare = source.rate_of_a_rock * np.einsum("...i,...i->...", hits, cost**2)
     nested = np.einsum("...i,...i->...", step**2, variance)
     for i in range(n):
         for j in range(i + 1, n):

@@ -10,7 +10,14 @@ import pandas as pd
 import pytest
 
 from sassgis.hazard.control_lines import ControlLineSums, energy_behind
-from sassgis.hazard.design import Arrivals, net_class, rocks_beyond, value_at_rate, value_limits
+from sassgis.hazard.design import (
+    Arrivals,
+    arrivals,
+    net_class,
+    rocks_beyond,
+    value_at_rate,
+    value_limits,
+)
 from sassgis.hazard.sources import Sampled
 from sassgis.io.write.zone_tables import design_table, places_table, protection_table
 from sassgis.model.hazard import Source, SourceCounts
@@ -110,6 +117,15 @@ def sampled(sums: ControlLineSums, per_year: float = 1.0) -> list[Sampled]:
     """A source of a hundred blocks of which only what comes to the lines is known."""
     none = SourceCounts.none(1)
     return [Sampled(Source("cliff", "block", per_year, 100, 10), none, none, sums)]
+
+
+def test_a_block_that_counts_several_times_is_one_block() -> None:
+    sums = ControlLineSums((NET,))
+    sums.add(passages([Outcome.PASSED])[:10], weight=8)
+    own = sampled(sums)
+    own = [replace(one, source=replace(one.source, heaviest=8)) for one in own]
+    curve = arrivals(own, 0, "energy_kj")
+    assert curve.of_a_rock == 0.08 and curve.rate[0] == pytest.approx(0.8)
 
 
 def test_blocks_released_never_are_no_share_of_the_released() -> None:
