@@ -76,7 +76,14 @@ class RiskTable:
 
     def standard_error(self, quantity: str) -> FloatArray:
         """Upper bound of the standard error of :meth:`of_object`; samples are independent."""
-        error: FloatArray = np.sqrt(_sums(by_sample(self.variances[quantity], self.sources).T))
+        return self._error(self.variances[quantity])
+
+    def hits_error(self, intensity: int) -> FloatArray:
+        """The same of the hits of a class of intensity."""
+        return self._error(self.hits_variance[:, :, intensity])
+
+    def _error(self, variance: FloatArray) -> FloatArray:
+        error: FloatArray = np.sqrt(_sums(by_sample(variance, self.sources).T))
         return error
 
     @property
@@ -442,6 +449,7 @@ def object_rows(table: RiskTable) -> list[dict[str, object]]:
     """A row per object: what it is, hits by intensity, every quantity with its standard error."""
     sums = {q: table.of_object(q) for q in QUANTITIES}
     errors = {q: table.standard_error(q) for q in QUANTITIES}
+    of_class = [table.hits_error(i) for i in range(len(table.intensities))]
     one_rock = table.one_rock
     rows: list[dict[str, object]] = []
     for k, thing in enumerate(table.objects):
@@ -459,9 +467,7 @@ def object_rows(table: RiskTable) -> list[dict[str, object]]:
         }
         for i, code in enumerate(table.intensities):
             row[f"hits_{code}_per_year"] = math.fsum(table.hits[:, k, i].tolist())
-            row[f"hits_{code}_per_year_se"] = math.sqrt(
-                math.fsum(table.hits_variance[:, k, i].tolist())
-            )
+            row[f"hits_{code}_per_year_se"] = float(of_class[i][k])
         for q in QUANTITIES:
             row[f"{q}_per_year"] = float(sums[q][k])
             row[f"{q}_per_year_se"] = float(errors[q][k])
