@@ -128,6 +128,21 @@ def test_a_block_that_counts_several_times_is_one_block() -> None:
     assert curve.of_a_rock == 0.08 and curve.rate[0] == pytest.approx(0.8)
 
 
+def test_the_mean_of_many_large_blocks_is_that_of_one() -> None:
+    """More millionths of a kJ than there are whole numbers of 64 bits."""
+    rows = passages([Outcome.PASSED])
+    rows["energy_trans_kj"] = np.linspace(0.9e7, 1.1e7, 100)
+    rows["mass_kg"] = 1e7 + 0.25
+    one, many = (ControlLineSums((NET,)) for _ in range(2))
+    one.add(rows)
+    many.add(rows, weight=100_000)
+    many.add_sums(ControlLineSums.from_state((NET,), one.state()), np.array([0]))
+    for name, mean in (("energy_kj", 1e7), ("mass_kg", 1e7 + 0.25)):
+        for sums, count in ((one, 100), (many, 10_000_100)):
+            found = sums.distribution(0, name)
+            assert found.count == count and found.mean == pytest.approx(mean, rel=1e-12)
+
+
 def test_blocks_released_never_are_no_share_of_the_released() -> None:
     sums = ControlLineSums((NET,))
     sums.add(passages([Outcome.PASSED]))
