@@ -13,6 +13,8 @@ from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.results import ControlLine, Histogram, Outcome
 
 _ENERGY = ("kJ", np.concatenate([[0.0], 30.0 * 10.0 ** (np.arange(-160, 241) / 40.0)]))
+#: Parts of a unit to which sums are exact.
+_PARTS = 1_000_000
 #: Energy with which a block goes on behind the line; 0 where a barrier takes it.
 BEHIND = "energy_behind_kj"
 #: Quantities of a passage: unit, and edges of their bins. Beyond the last edge counts in the last.
@@ -71,8 +73,9 @@ class ControlLineSums:
         }
         # The same of the squares of their weights.
         self._squares = {q: np.zeros_like(counts) for q, counts in self._counts.items()}
-        # Sums in millionths, whole, so that the order of adding does not matter.
-        self._sum = {q: np.zeros(n, np.int64) for q in QUANTITIES}
+        # Sums of whole units and of millionths beyond them: whole numbers, so that the order of
+        # adding does not matter, and apart, as millionths of many large blocks are too many.
+        self._sum = {q: np.zeros((2, n), np.int64) for q in QUANTITIES}
         self._least = {q: np.full(n, np.inf) for q in QUANTITIES}
         self._most = {q: np.full(n, -np.inf) for q in QUANTITIES}
 
@@ -91,7 +94,9 @@ class ControlLineSums:
             bins = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, edges.size - 2)
             np.add.at(self._counts[q], (control_line, bins), weight)
             np.add.at(self._squares[q], (control_line, bins), weight * weight)
-            np.add.at(self._sum[q], control_line, weight * np.rint(values * 1e6).astype(np.int64))
+            parts = np.divmod(np.rint(values * _PARTS).astype(np.int64), _PARTS)
+            for own, part in zip(self._sum[q], parts, strict=True):
+                np.add.at(own, control_line, weight * part)
             np.minimum.at(self._least[q], control_line, values)
             np.maximum.at(self._most[q], control_line, values)
 
@@ -107,7 +112,7 @@ class ControlLineSums:
         for q in QUANTITIES:
             self._counts[q][numbers] += other._counts[q]
             self._squares[q][numbers] += other._squares[q]
-            self._sum[q][numbers] += other._sum[q]
+            self._sum[q][:, numbers] += other._sum[q]
             self._least[q][numbers] = np.minimum(self._least[q][numbers], other._least[q])
             self._most[q][numbers] = np.maximum(self._most[q][numbers], other._most[q])
 
@@ -123,9 +128,10 @@ class ControlLineSums:
         """One of QUANTITIES at a control line (its position)."""
         unit, edges = QUANTITIES[quantity]
         count = self.arrivals(control_line)
+        units, parts = self._sum[quantity][:, control_line].tolist()
         return Distribution(
             count,
-            1e-6 * int(self._sum[quantity][control_line]) / count if count else float("nan"),
+            1e-6 * (units * _PARTS + parts) / count if count else float("nan"),
             float(self._least[quantity][control_line]) if count else float("nan"),
             float(self._most[quantity][control_line]) if count else float("nan"),
             Histogram(edges, self._counts[quantity][control_line].copy(), unit),

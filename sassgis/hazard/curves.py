@@ -83,7 +83,7 @@ def hazard_curves(
         raise ValueError("the first energy of the curves is 0 kJ")
     if np.any(np.diff(energies) <= 0.0):
         raise ValueError("energies of the curves do not rise")
-    largest = {s.area: max(t.rate_per_rock for t in sources if t.area == s.area) for s in sources}
+    largest = {s.area: max(t.rate_of_a_rock for t in sources if t.area == s.area) for s in sources}
     same_points = {s.area for s in sources if s.random_points}
     areas: dict[str, list[HazardCurves]] = {}
     for source, own in zip(sources, counts, strict=True):

@@ -76,7 +76,7 @@ def arrivals(sampled: Sequence[Sampled], control_line: int, quantity: str) -> Ar
         alike += np.divide(above**2, squares, out=np.zeros_like(above), where=squares > 0.0)
         if own.count:
             largest = max(largest, own.largest)
-            of_a_rock = max(of_a_rock, source.rate_per_rock)
+            of_a_rock = max(of_a_rock, source.rate_of_a_rock)
     return Arrivals(
         edges, rate, variance, np.rint(alike).astype(np.int64),
         largest if np.isfinite(largest) else float("nan"), of_a_rock,

@@ -112,8 +112,9 @@ def object_values(
         return placed(value, *(np.where(np.isnan(value), np.nan, v) for v in (low, high)))
 
     rate = curves.rate[:, 0]
-    with np.errstate(divide="ignore"):
-        of_few = 1.0 / ((1.0 - _Q95) * rate)
+    # Of blocks that are released 0 times a year no energy is known, however long one waits.
+    few = (1.0 - _Q95) * rate
+    of_few = np.divide(1.0, few, out=np.full(rate.shape, np.nan), where=few > 0.0)
     return ObjectValues(
         placed(rate, lower[:, 0], upper[:, 0]),
         energy(of_few),
@@ -132,7 +133,8 @@ def _heights(
     """95 % quantile of the passing height in the cells of each object, with an interval.
 
     Limits by the order of as many independent blocks as the rate of the object and its variance
-    are those of (binomial, taken as normal).
+    are those of (binomial, taken as normal), but no more than arrive: where nearly all blocks
+    arrive, the variance is that of the few that do not, and says nothing of the heights.
     """
     n = objects.n_objects
     pooled = np.zeros((n, edges.size - 1), np.int64)
@@ -145,9 +147,10 @@ def _heights(
         np.add.at(pooled, of, sums.column("height")[at[there]].astype(np.int64))
         np.maximum.at(largest, of, sums.column("height_max")[at[there]])
     blocks = np.zeros(n)
-    variance = curves.variance[:, 0]
+    rate = curves.rate[:, 0]
+    spread = np.maximum(curves.variance[:, 0], rate * curves.rate_of_a_rock)
     blocks[curves.places] = np.divide(
-        curves.rate[:, 0] ** 2, variance, out=np.zeros_like(variance), where=variance > 0.0
+        rate**2, spread, out=np.zeros_like(spread), where=spread > 0.0
     )
     out = np.full((3, n), np.nan)
     z = special.ndtri(0.5 + 0.5 * confidence)

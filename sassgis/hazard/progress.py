@@ -63,6 +63,8 @@ class SourceTally:
         Blocks with their weights, and those of them that never started.
     simulated : int
         Blocks, each once.
+    heaviest : int
+        Largest weight of any of them.
     """
 
     cells: SourceSums
@@ -71,6 +73,7 @@ class SourceTally:
     rocks: int = 0
     never_started: int = 0
     simulated: int = 0
+    heaviest: int = 1
 
     @classmethod
     def fresh(cls, run: MapRun) -> SourceTally:
@@ -98,6 +101,7 @@ class SourceTally:
         self.simulated += result.rocks.size
         self.rocks += weight * result.rocks.size
         self.never_started += weight * idle
+        self.heaviest = max(self.heaviest, weight)
 
 
 @dataclass

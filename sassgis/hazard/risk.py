@@ -76,16 +76,23 @@ class RiskTable:
 
     def standard_error(self, quantity: str) -> FloatArray:
         """Upper bound of the standard error of :meth:`of_object`; samples are independent."""
-        error: FloatArray = np.sqrt(_sums(by_sample(self.variances[quantity], self.sources).T))
+        return self._error(self.variances[quantity])
+
+    def hits_error(self, intensity: int) -> FloatArray:
+        """The same of the hits of a class of intensity."""
+        return self._error(self.hits_variance[:, :, intensity])
+
+    def _error(self, variance: FloatArray) -> FloatArray:
+        error: FloatArray = np.sqrt(_sums(by_sample(variance, self.sources).T))
         return error
 
     @property
     def one_rock(self) -> FloatArray:
         """Hits per year of one simulated block, shape (n_objects,).
 
-        The largest of the sources that reach the object; 0 where none does.
+        Of the one that counts most of the sources that reach the object; 0 where none does.
         """
-        rates = np.array([s.rate_per_rock for s in self.sources])[:, None]
+        rates = np.array([s.rate_of_a_rock for s in self.sources])[:, None]
         reached = np.where(self.values["hits"] > 0.0, rates, 0.0)
         return np.asarray(reached.max(axis=0, initial=0.0), np.float64)
 
@@ -210,7 +217,8 @@ def weighted_variance(
 
     *Release points on a lattice* (strata of n blocks). The variance of a stratum is n times the
     variance of what one block costs, n/(n−1) (Σ y² − (Σ y)²/n), and for costs y >= 0 no more than
-    Σ y²: in all f/N Σ_i h_i c_i², as for independent rare hits. Also Cov(λ_i, λ_j) = Σ k_j (n −
+    Σ y²: in all f/N Σ_i h_i c_i², as for independent rare hits, times the weight of the block that
+    counts most. Also Cov(λ_i, λ_j) = Σ k_j (n −
     k_i)/(n−1) lies between 0 and Var λ_j for the stronger class j (k_j <= k_i), which bounds
     Σ_i Σ_j w_i w_j Cov(λ_i, λ_j). The smaller of the two is given.
 
@@ -242,7 +250,7 @@ def weighted_variance(
         nested = np.einsum("...i,...i->...", np.abs(step), error)
         apart = np.einsum("...i,...i->...", cost, np.sqrt(own))
         return np.asarray(np.minimum(nested, apart) ** 2, np.float64)
-    rare = source.rate_per_rock * np.einsum("...i,...i->...", hits, cost**2)
+    rare = source.rate_of_a_rock * np.einsum("...i,...i->...", hits, cost**2)
     nested = np.einsum("...i,...i->...", step**2, variance)
     for i in range(n):
         for j in range(i + 1, n):
@@ -441,6 +449,7 @@ def object_rows(table: RiskTable) -> list[dict[str, object]]:
     """A row per object: what it is, hits by intensity, every quantity with its standard error."""
     sums = {q: table.of_object(q) for q in QUANTITIES}
     errors = {q: table.standard_error(q) for q in QUANTITIES}
+    of_class = [table.hits_error(i) for i in range(len(table.intensities))]
     one_rock = table.one_rock
     rows: list[dict[str, object]] = []
     for k, thing in enumerate(table.objects):
@@ -458,9 +467,7 @@ def object_rows(table: RiskTable) -> list[dict[str, object]]:
         }
         for i, code in enumerate(table.intensities):
             row[f"hits_{code}_per_year"] = math.fsum(table.hits[:, k, i].tolist())
-            row[f"hits_{code}_per_year_se"] = math.sqrt(
-                math.fsum(table.hits_variance[:, k, i].tolist())
-            )
+            row[f"hits_{code}_per_year_se"] = float(of_class[i][k])
         for q in QUANTITIES:
             row[f"{q}_per_year"] = float(sums[q][k])
             row[f"{q}_per_year_se"] = float(errors[q][k])

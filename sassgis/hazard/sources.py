@@ -130,6 +130,7 @@ def sampled_sources(
             run.release.placement == "random",
             blocks.mean_width_m,
             tally.never_started,
+            tally.heaviest,
         )
         cells = on_known_terrain(tally.cells.counts(), run.grid)
         out.append(Sampled(source, cells, tally.objects.counts(), tally.control_lines))

@@ -30,6 +30,7 @@ class Source:
     # Of the simulated blocks, those whose slope is below the friction at their release point: the
     # onset frequency is that of blocks that start, and these are no part of it.
     never_started: int = 0
+    heaviest: int = 1  # how often that of the simulated blocks counts which counts most
 
     @property
     def label(self) -> str:
@@ -41,6 +42,11 @@ class Source:
         """Annual frequency of each simulated block that started."""
         started = self.rocks - self.never_started
         return self.frequency / started if started else 0.0
+
+    @property
+    def rate_of_a_rock(self) -> float:
+        """The largest annual frequency of one simulated block, which may count several times."""
+        return self.heaviest * self.rate_per_rock
 
 
 @dataclass(frozen=True, slots=True)

@@ -292,13 +292,16 @@ def default_bins(
     """Edges of the histograms that the map's quantiles come from, and energies of hazard curves.
 
     Hazard curves: 0, four energies a decade from 0.95 kJ with 30 and 300 kJ among them, and the
-    thresholds given.
+    thresholds given. The energies of a larger terrain begin with those of a smaller one.
     """
     # In the order of QUANTITIES; of times none is needed.
     values = (largest_energy_kj, largest_height_m, largest_speed_mps, math.inf)
     largest = dict(zip(QUANTITIES, values, strict=True))
     edges = {s.quantity: s.edges(largest[s.quantity]) for s in STATISTICS if s.edges is not None}
-    regular = 30.0 * 10.0 ** (np.arange(-6, _energy_steps(largest_energy_kj) // 5 + 1) / 4.0)
+    # Beyond the last threshold as well, or a larger terrain had steps between the last and it.
+    most = max([30.0, *thresholds_kj])
+    steps = max(_energy_steps(largest_energy_kj) // 5, math.ceil(4.0 * math.log10(most / 30.0)))
+    regular = 30.0 * 10.0 ** (np.arange(-6, steps + 1) / 4.0)
     regular[[6, 10]] = 30.0, 300.0
     given = np.array([t for t in thresholds_kj if not np.isclose(t, regular, rtol=1e-9).any()])
     return Bins(edges, np.unique(np.concatenate([[0.0], regular, given])))

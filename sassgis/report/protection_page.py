@@ -173,10 +173,10 @@ def _table(arriving: pd.Series, protection: pd.DataFrame, built: bool) -> Report
         keys = ("energy_kj", "net_height_m", BEHIND)
         energy, height, behind = (limited(row, key) for key in keys)
         passing = limited(arriving, f"height_{years}y_m")
-        size = float(row["block_m"])
+        size = row["block_m"]
         cells: list[Cell] = [
             years, energy, _classes(row["net_class"], row["net_class_high"]), passing,
-            None if np.isnan(size) else size, height,
+            None if pd.isna(size) else float(size), height,
         ]  # fmt: skip
         rows.append(tuple([*cells, behind] if built else cells))
     return ReportTable(

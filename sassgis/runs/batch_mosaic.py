@@ -15,6 +15,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -29,6 +30,7 @@ from sassgis.hazard.risk import RiskTable
 from sassgis.hazard.sources import Sampled, sampled_sources
 from sassgis.hazard.warnings import simulation_warnings
 from sassgis.hazard.zoning.drawing import reach_cells
+from sassgis.io.own_files import MANIFEST_NAME
 from sassgis.io.read.ground_map import ground_raster
 from sassgis.io.read.tiles import Part, hull
 from sassgis.io.read.vectors import release_area, warn_of_overlaps
@@ -66,7 +68,8 @@ from sassgis.runs.zone import without_barriers, write_zones
 from sassgis.terrain.plan import plan
 
 MOSAIC_NAME = "mosaic"
-_FINGERPRINT_NAME = "batch.json"
+#: What a mosaic was made from, and what was left out of it for want of memory.
+_KEPT_NAME = "batch.json"
 #: Of one block are mosaics of no more cells than this, if that is within the memory; else each
 #: block is, and all that are at work (bytes).
 _MOST_CELLS, _COMMON_BYTES = 100_000_000, 4 << 30
@@ -136,13 +139,16 @@ def write_mosaic(
     -------
     found : Assessment or None
         None if the mosaic is there already, or has several blocks.
+    warnings : tuple of str
+        Those of the mosaic, also of one that is there already.
     """
     parts = [[records[c.stem].fingerprint for c in candidates], notices]
     fingerprint = hashlib.sha256(json.dumps(parts).encode()).hexdigest()
     target = folder / MOSAIC_NAME
-    if _same_mosaic(target, fingerprint):
+    known = kept_mosaic(target, fingerprint, memory_bytes)
+    if known is not None:
         tell("The mosaic is there already")
-        return None, notices
+        return None, known
     tell("Adding up the areas")
     areas = [
         Reached(c.name, own, folder / AREAS_NAME / c.stem, own.part(setting.terrain))
@@ -155,31 +161,46 @@ def write_mosaic(
     most = memory_bytes or _COMMON_BYTES
     cells = mosaic.place.n_rows * mosaic.place.n_cols
     # Zones, tables, figures and the report take about as much again as the maps.
-    fits = memory_bytes is None or 2 * bytes_needed(mosaic.place, areas, mosaic.bins) <= most
+    whole = 2 * bytes_needed(mosaic.place, areas, mosaic.bins)
+    fits = memory_bytes is None or whole <= most
     warnings = (*notices, *_said(areas))
     with staged_output(target, overwrite=True) as work:
 
-        def keep() -> None:
-            write_json(work / _FINGERPRINT_NAME, {"fingerprint": fingerprint})
+        def keep(zones: Sequence[int] = (), report: int | None = None) -> None:
+            left_out = {"zones_bytes": list(zones), "report_bytes": report}
+            write_json(work / _KEPT_NAME, {"fingerprint": fingerprint, **left_out})
 
         if fits and cells <= _MOST_CELLS:
             return _write_one_block(
                 work, mosaic, candidates, areas, warnings, tell, fingerprint, keep
             )
-        keep()
         with in_language(setting.config.project.language):
             warnings = (*warnings, _SEVERAL_BLOCKS)
             rules = replace(setting.rules, in_part=True)
             mosaic = replace(mosaic, setting=replace(setting, rules=rules))
-            return None, _write_blocks(work, mosaic, candidates, areas, warnings, most, cores, tell)
+            return None, _write_blocks(
+                work, mosaic, candidates, areas, warnings, most, cores, tell,
+                partial(keep, report=whole if cells <= _MOST_CELLS else None),
+            )  # fmt: skip
 
 
-def _same_mosaic(folder: Path, fingerprint: str) -> bool:
+def kept_mosaic(folder: Path, fingerprint: str, memory_bytes: int | None) -> tuple[str, ...] | None:
+    """Warnings of the mosaic that is there; None if it is another, or can be completed.
+
+    What was left out for want of memory is made as soon as ``memory_bytes`` are enough for it.
+    """
     try:
-        stored = json.loads((folder / _FINGERPRINT_NAME).read_text(encoding="utf-8"))
-        return bool(stored["fingerprint"] == fingerprint)
+        stored, manifest = (
+            json.loads((folder / name).read_text(encoding="utf-8"))
+            for name in (_KEPT_NAME, MANIFEST_NAME)
+        )
+        report = stored["report_bytes"]
+        fits = report is not None and (memory_bytes is None or report <= memory_bytes)
+        most = memory_bytes or _COMMON_BYTES
+        more = fits or any(need <= most for need in stored["zones_bytes"])
+        return None if more or stored["fingerprint"] != fingerprint else tuple(manifest["warnings"])
     except (OSError, ValueError, KeyError, TypeError):
-        return False
+        return None
 
 
 def _mosaic(setting: Setting, areas: Sequence[Reached]) -> Mosaic:
@@ -330,8 +351,12 @@ def _write_blocks(
     memory_bytes: int,
     cores: int,
     tell: Callable[[str], None],
+    keep: Callable[[Sequence[int]], None],
 ) -> tuple[str, ...]:
-    """Write all that a mosaic of several blocks has; its warnings."""
+    """Write all that a mosaic of several blocks has; its warnings.
+
+    ``keep`` is called with the memory that zones which are left out need (bytes).
+    """
     setting, rules, place = mosaic.setting, mosaic.setting.rules, mosaic.place
     config = setting.config
     frame = setting.terrain.frame(place)
@@ -339,7 +364,8 @@ def _write_blocks(
     blocks = divided(place, areas, mosaic.bins, share)
     maps = _write_maps(work / "maps", mosaic, blocks, frame, at_once, tell)
     counted = [a for a in areas if a.record.reached]
-    drawn, said = _zones_by_group(mosaic, counted, cores, memory_bytes, tell)
+    drawn, left_out = _zones_by_group(mosaic, counted, cores, memory_bytes, tell)
+    keep(list(left_out.values()))
     here = Part(place.row, place.col, 0, 0)
     met = [a for a in areas if a.record.control_lines or a.record.objects]
 
@@ -368,7 +394,7 @@ def _write_blocks(
     write_layers(
         work, config, frame, maps.blocks, maps.terrain, vectors, extras, facts, (frame.bounds, ())
     )
-    warnings = (*warnings, *said)
+    warnings = (*warnings, *left_out)
     write_origin(
         work, config, counts, warnings, seed=config.run.seed, grid=frame, origin=extras.origin
     )
@@ -470,23 +496,26 @@ def _zones_by_group(
     jobs: int,
     memory_bytes: int,
     tell: Callable[[str], None],
-) -> tuple[list[list[VectorLayer]], tuple[str, ...]]:
-    """Zones of each group of areas with counts, and what to say of groups that are too large."""
+) -> tuple[list[list[VectorLayer]], dict[str, int]]:
+    """Zones of each group of areas with counts, and those that are left out as too large.
+
+    Of these, what to say, and the memory that they need (bytes).
+    """
     found = groups(areas, mosaic.beside)
     energies = len(mosaic.setting.rules.preset.thresholds_kj)
     need = [bytes_for_zones(_box(mosaic, own), own, energies) for own in found]
-    said = tuple(
+    left_out = {
         f"The zones around area {own[0].name} ({len(own)} areas that meet) need about "
-        f"{n / 1e9:.1f} GB of memory and were left out; the maps are complete."
+        f"{n / 1e9:.1f} GB of memory and were left out; the maps are complete.": n
         for own, n in zip(found, need, strict=True)
         if n > memory_bytes
-    )
+    }
     fits = [own for own, n in zip(found, need, strict=True) if n <= memory_bytes]
     largest = max((n for n in need if n <= memory_bytes), default=1)
     at_once = max(1, min(jobs, (memory_bytes - BASE) // largest))
     tell(f"Drawing the zones of {len(fits)} groups of areas")
     with task_map(mosaic, at_once if len(fits) >= 2 * at_once else 1) as each:
-        return list(each(_zones, fits)), said
+        return list(each(_zones, fits)), left_out
 
 
 def bytes_for_zones(box: Part, areas: Sequence[Reached], n_energies: int) -> int:

@@ -261,7 +261,7 @@ def _add_counts(
     for (_, scenario), tally in sorted(own.sources.items()):
         joined = SourceTally(
             SourceSums(n), SourceSums(n), ControlLineSums(of_sources), tally.rocks,
-            tally.never_started, tally.simulated,
+            tally.never_started, tally.simulated, tally.heaviest,
         )  # fmt: skip
         counts = tally.cells.counts()
         inside, cells = area.part.cells_in(place, counts.places)

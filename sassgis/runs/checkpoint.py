@@ -29,7 +29,9 @@ from sassgis.model.results import ControlLine
 _NUMBERS: dict[str, Any] = {
     "chunks": int, "lost": int, "pieces": int, "simulated": int, "stop_share": float
 }  # fmt: skip
-_OF_SOURCE = ("rocks", "never_started", "simulated")
+_OF_SOURCE = ("rocks", "never_started", "simulated", "heaviest")
+#: As it is where a state does not say it.
+_UNSAID = {"heaviest": 1}
 _ROW_FIELDS = tuple(f.name for f in fields(BlockRows))
 
 
@@ -215,7 +217,10 @@ def _sources(
             SourceSums.from_state(_group(state, f"{name}.cells")),
             SourceSums.from_state(_group(state, f"{name}.objects")),
             ControlLineSums.from_state(control_lines, _group(state, f"{name}.control_lines")),
-            *(int(state[f"{name}.{n}"]) for n in _OF_SOURCE),
+            *(
+                int(state.get(f"{name}.{n}", _UNSAID[n]) if n in _UNSAID else state[f"{name}.{n}"])
+                for n in _OF_SOURCE
+            ),
         )
     return sources
 

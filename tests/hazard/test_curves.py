@@ -18,7 +18,7 @@ from sassgis.hazard.curves import (
     rate_interval,
     source_rate,
 )
-from sassgis.hazard.map_sums import Sample, reach_probability
+from sassgis.hazard.map_sums import Sample, reach_probability, weighted_counts
 from sassgis.model.hazard import Source, SourceCounts
 
 ENERGIES = np.array([0.0, 30.0, 300.0])
@@ -114,6 +114,20 @@ def test_one_rock_stands_for_the_areas_that_come_to_the_place() -> None:
     assert curves.places.tolist() == [1, 2, 3, 4]
     # At place 1 the frequent scenario of A might come as well; B is not known to come there.
     np.testing.assert_allclose(curves.rate_of_a_rock, [0.04, 0.04, 0.0, 0.005])
+
+
+def test_a_rock_that_counts_several_times_is_one_rock() -> None:
+    """Half of the points have an eighth of the blocks, which count 8 times: limits hold."""
+    source = Source("A", "m", 1.0, 2 * 1024, 8, heaviest=8)
+    rng, chance, samples, missed = np.random.default_rng(3), 0.003, 500, 0
+    for _ in range(samples):
+        light, heavy = rng.binomial(8, chance, 128), rng.binomial(8, chance, 16)
+        count, square = weighted_counts(heavy.sum(), (heavy**2).sum(), 8, 8)
+        own = counts_of([0], [[light.sum() + count]], [[(light**2).sum() + square]])
+        curves = hazard_curves([source], [own], [0.0])
+        # Where no block came there is no place with limits.
+        missed += curves.rate[0, 0] > 0.0 and rate_interval(curves)[1][0, 0] < chance
+    assert missed / samples < 0.025 + 0.02
 
 
 def test_no_source_no_curve() -> None:

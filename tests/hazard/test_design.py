@@ -6,14 +6,23 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from sassgis.hazard.control_lines import ControlLineSums, energy_behind
-from sassgis.hazard.design import Arrivals, net_class, rocks_beyond, value_at_rate, value_limits
+from sassgis.hazard.design import (
+    Arrivals,
+    arrivals,
+    net_class,
+    rocks_beyond,
+    value_at_rate,
+    value_limits,
+)
 from sassgis.hazard.sources import Sampled
-from sassgis.io.write.zone_tables import protection_table
+from sassgis.io.write.zone_tables import design_table, places_table, protection_table
 from sassgis.model.hazard import Source, SourceCounts
 from sassgis.model.results import PASSAGE_DTYPE, ControlLine, Outcome
+from sassgis.report.protection_page import _table
 
 #: Ten, four and one rocks a year at 0, 10 and 20 m or more; none above 23 m. Each simulated one is
 #: a tenth of a rock a year.
@@ -101,15 +110,59 @@ def passages(outcome: list[Outcome]) -> np.ndarray:
     return rows
 
 
+NET = ControlLine("net", "net", 4.0, 1000.0)
+
+
+def sampled(sums: ControlLineSums, per_year: float = 1.0) -> list[Sampled]:
+    """A source of a hundred blocks of which only what comes to the lines is known."""
+    none = SourceCounts.none(1)
+    return [Sampled(Source("cliff", "block", per_year, 100, 10), none, none, sums)]
+
+
+def test_a_block_that_counts_several_times_is_one_block() -> None:
+    sums = ControlLineSums((NET,))
+    sums.add(passages([Outcome.PASSED])[:10], weight=8)
+    own = sampled(sums)
+    own = [replace(one, source=replace(one.source, heaviest=8)) for one in own]
+    curve = arrivals(own, 0, "energy_kj")
+    assert curve.of_a_rock == 0.08 and curve.rate[0] == pytest.approx(0.8)
+
+
+def test_the_mean_of_many_large_blocks_is_that_of_one() -> None:
+    """More millionths of a kJ than there are whole numbers of 64 bits."""
+    rows = passages([Outcome.PASSED])
+    rows["energy_trans_kj"] = np.linspace(0.9e7, 1.1e7, 100)
+    rows["mass_kg"] = 1e7 + 0.25
+    one, many = (ControlLineSums((NET,)) for _ in range(2))
+    one.add(rows)
+    many.add(rows, weight=100_000)
+    many.add_sums(ControlLineSums.from_state((NET,), one.state()), np.array([0]))
+    for name, mean in (("energy_kj", 1e7), ("mass_kg", 1e7 + 0.25)):
+        for sums, count in ((one, 100), (many, 10_000_100)):
+            found = sums.distribution(0, name)
+            assert found.count == count and found.mean == pytest.approx(mean, rel=1e-12)
+
+
+def test_blocks_released_never_are_no_share_of_the_released() -> None:
+    sums = ControlLineSums((NET,))
+    sums.add(passages([Outcome.PASSED]))
+    design = design_table([NET], sampled(sums, 0.0), (30.0,))
+    places = places_table(design, [("net", 0.0, 500.0)], 0.0)
+    assert places["arrivals_per_year"][0] == 0.0 and pd.isna(places["share"][0])
+
+
+def test_a_sheet_of_a_net_that_no_block_reaches_has_dashes() -> None:
+    idle = sampled(ControlLineSums((NET,)))
+    needs = protection_table([NET], idle, idle, (30.0,), 2700.0)
+    table = _table(design_table([NET], idle, (30.0,)).iloc[0], needs, built=True)
+    assert table.rows == (("30", *(None,) * 6),)
+
+
 def test_table_of_protection_by_hand() -> None:
-    net = ControlLine("net", "net", 4.0, 1000.0)
-    source = Source("cliff", "block", 1.0, 100, 10)
-    none = SourceCounts(np.empty(0, np.int64), np.empty((0, 1)), np.empty((0, 1)))
-    before, after = (ControlLineSums((net,)) for _ in range(2))
+    before, after = (ControlLineSums((NET,)) for _ in range(2))
     before.add(passages([Outcome.PASSED]))
     after.add(passages([Outcome.OVERTOPPED, Outcome.STOPPED, Outcome.STOPPED, Outcome.STOPPED]))
-    own = [[Sampled(source, none, none, sums)] for sums in (before, after)]
-    table = protection_table([net], own[0], own[1], (2.0, 10.0), 2700.0)
+    table = protection_table([NET], sampled(before), sampled(after), (2.0, 10.0), 2700.0)
     often, rare = (table.iloc[k] for k in range(2))
     # A hundredth of a block a year each: half of them below 50 kJ, a tenth above 90 kJ.
     assert often["energy_kj"] == pytest.approx(50.0, rel=0.06)

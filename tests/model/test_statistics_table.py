@@ -33,14 +33,18 @@ def test_quantiles_have_a_histogram_and_the_first_band_is_in_the_title(row) -> N
         assert f"{100 * shares[0]:.0f} % quantile" in row.description(row.bands[0])
 
 
-def test_edges_rise_from_0_and_those_of_a_larger_terrain_go_on() -> None:
-    small, large = default_bins(100.0, 10.0, 30.0), default_bins(1e5, 200.0, 120.0)
+@pytest.mark.parametrize("strongest_kj", [300.0, 540.0, 1000.0, 5000.0])
+def test_edges_rise_from_0_and_those_of_a_larger_terrain_go_on(strongest_kj: float) -> None:
+    limits = (0.0, 30.0, strongest_kj)
+    small = default_bins(100.0, 10.0, 30.0, limits)
+    large = default_bins(1e5, 200.0, 120.0, limits)
     assert set(small.edges) == set(large.edges) == set(QUANTITIES)
     for name, edges in small.edges.items():
         assert edges[0] == 0.0 and (np.diff(edges) > 0.0).all()
         # The last edge of speeds is open: beyond it is what the larger terrain has bins for.
         assert np.array_equal(large.edges[name][: edges.size], edges), name
     assert np.array_equal(large.threshold[: small.threshold.size], small.threshold)
+    assert set(limits) <= set(small.threshold)
 
 
 def test_edges_of_times_are_half_a_second_or_five_per_cent_apart() -> None:

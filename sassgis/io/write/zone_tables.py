@@ -107,11 +107,12 @@ def places_table(
     moved : sequence of (line, moved_m, ground_m)
         For each row: the line, how far downslope it was moved, mean height of the ground there (m).
     released_per_year : float
-        Onset frequency of all sources together.
+        Onset frequency of all sources together; with 0 there is no share.
     """
     names, metres, ground = zip(*moved, strict=True)
     table = design.drop(columns=["line", "kind"])
-    share = [rounded(rate / released_per_year, 4) for rate in design["arrivals_per_year"]]
+    released = released_per_year or float("nan")
+    share = [rounded(rate / released, 4) for rate in design["arrivals_per_year"]]
     for k, (name, values) in enumerate(
         {"line": names, "moved_m": metres, "ground_m": ground, "share": share}.items()
     ):

@@ -339,3 +339,27 @@ def test_errors_of_special_samples(rocks, per_line, random_points, k, square, er
     own = SourceCounts(np.zeros(1, np.int64), np.array([k]), np.array([square]))
     table = assessed((HOUSE,), (source,), [own])
     assert table.standard_error("hits")[0] == pytest.approx(error, rel=1e-12, nan_ok=True)
+
+
+def test_scenarios_that_start_from_the_same_random_points_share_their_chance(example):
+    """Standard errors of hits add up over the scenarios of an area, by class as in all."""
+    sources = tuple(replace(s, random_points=True) for s in SOURCES)
+    table = assessed((HOUSE, ROAD), sources, COUNTS)
+    (row, *_) = object_rows(table)
+    for i, code in enumerate(table.intensities):
+        added = np.sqrt(table.hits_variance[:, 0, i]).sum()
+        assert row[f"hits_{code}_per_year_se"] == pytest.approx(added, rel=1e-12) and added > 0.0
+    (row, *_) = object_rows(example)
+    for i, code in enumerate(example.intensities):
+        apart = math.sqrt(math.fsum(example.hits_variance[:, 0, i].tolist()))
+        assert row[f"hits_{code}_per_year_se"] == apart
+
+
+def test_the_bound_of_rare_hits_holds_for_a_block_that_counts_several_times():
+    """One of ten blocks that count 8 times each hits: its variance is that of one of weight 8."""
+    source = Source("a", "b", 1.0, 80, 10, heaviest=8)
+    rate = np.array([[0.1, 0.0, 0.0]])
+    unknown = np.full(rate.shape, np.nan)
+    assert weighted_variance(np.ones(rate.shape), rate, unknown, source) == close([0.01])
+    own = SourceCounts(np.zeros(1, np.int64), np.array([[8, 0, 0]]), np.array([[-496, 0, 0]]))
+    assert assessed((HOUSE,), (source,), [own]).one_rock == close([0.1])

@@ -6,7 +6,10 @@ import io
 import json
 import shutil
 import zipfile
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import geopandas as gpd
 import numpy as np
@@ -25,10 +28,12 @@ from sassgis.runs import batch_mosaic
 from sassgis.runs.batch import batch
 from sassgis.runs.batch_mosaic import (
     BASE,
+    _zones_by_group,
     bytes_for_zones,
     bytes_needed,
     divided,
     groups,
+    kept_mosaic,
     shared,
 )
 from sassgis.runs.batch_state import Reached, Record, read_state
@@ -205,6 +210,11 @@ def test_blocks_give_the_maps_of_the_whole_to_the_last_bit(
         valley.releases, out, dem=valley.tiles, jobs=jobs, memory_gb=memory, say=said.append
     )
     assert said[-1] == "The mosaic is there already" and again.found is None
+    assert again.warnings == result.warnings
+    # With the memory for the whole it is made anew.
+    kept = json.loads((out / "mosaic" / "batch.json").read_text())
+    for more in (kept["report_bytes"], None):
+        assert kept_mosaic(out / "mosaic", kept["fingerprint"], more) is None
 
 
 @pytest.mark.battery
@@ -253,6 +263,46 @@ def test_zones_along_a_valley_fit_into_the_memory() -> None:
     areas = [area(Part(14 * i, 0, 60, 120), 6000) for i in range(370)]
     box = hull([a.part for a in areas]).grown(54, 54, 54, 54)
     assert bytes_for_zones(box, areas, 3) < 4e9 < bytes_needed(box, areas, bins)
+
+
+@pytest.mark.parametrize(
+    ("zones", "report", "memory", "there"),
+    [
+        ([], None, None, True),
+        ([], 8_000, 7_999, True),
+        ([], 8_000, 8_000, False),
+        ([], 8_000, None, False),
+        ([6_000, 9_000], None, 5_999, True),
+        ([9_000, 6_000], None, 6_000, False),
+        # As many bytes as there are without --memory.
+        ([(4 << 30) + 1], None, None, True),
+        ([4 << 30], None, None, False),
+    ],
+)
+def test_a_mosaic_is_completed_as_soon_as_there_is_the_memory(
+    zones: list[int], report: int | None, memory: int | None, there: bool, tmp_path: Path
+) -> None:
+    kept = {"fingerprint": "a", "zones_bytes": zones, "report_bytes": report}
+    (tmp_path / "batch.json").write_text(json.dumps(kept))
+    assert kept_mosaic(tmp_path, "a", memory) is None
+    (tmp_path / "manifest.json").write_text(json.dumps({"warnings": ["left out"]}))
+    assert kept_mosaic(tmp_path, "a", memory) == (("left out",) if there else None)
+    assert kept_mosaic(tmp_path, "b", memory) is None
+
+
+def test_zones_that_are_left_out_say_how_much_memory_they_need() -> None:
+    far = [
+        replace(area(Part(500 * i, 0, 60, 120), 6000 * (i + 1)), name=name)
+        for i, name in enumerate("ab")
+    ]
+    rules = SimpleNamespace(preset=SimpleNamespace(thresholds_kj=(0.0, 30.0, 300.0)))
+    mosaic: Any = SimpleNamespace(
+        beside=54, place=Part(0, 0, 1000, 200), setting=SimpleNamespace(rules=rules)
+    )
+    drawn, left_out = _zones_by_group(mosaic, far, 1, 1000, lambda _text: None)
+    assert not drawn and len(left_out) == 2
+    for text, need in left_out.items():
+        assert f"need about {need / 1e9:.1f} GB of memory and were left out" in text
 
 
 def test_counts_elsewhere_take_no_memory_of_a_block() -> None:

@@ -16,6 +16,10 @@ import numpy as np
 import pytest
 from helpers.changed_arrays import Change, change_arrays
 
+from sassgis.hazard.control_lines import ControlLineSums
+from sassgis.hazard.map_sums import MapSums
+from sassgis.hazard.progress import Progress, SourceTally
+from sassgis.hazard.source_sums import SourceSums
 from sassgis.io.read.config import load_config
 from sassgis.io.saved_arrays import saved_or_refused, write_saved
 from sassgis.io.staging import partial_folder
@@ -23,7 +27,7 @@ from sassgis.model.errors import Interrupted, OutputError
 from sassgis.runs import job as job_module
 from sassgis.runs import map as map_run
 from sassgis.runs import publish
-from sassgis.runs.checkpoint import Checkpoint
+from sassgis.runs.checkpoint import Checkpoint, progress_from, state_of
 from sassgis.runs.map import simulate_map
 from sassgis.runs.run import run
 from sassgis.runs.workers import held_back
@@ -142,6 +146,18 @@ def test_a_changed_state_is_not_used_and_the_run_says_so(
     assert not any("Going on" in text for text in said)
     mine, theirs = ((f / "manifest.json").read_bytes() for f in (interrupted, small.folder))
     assert mine == theirs
+
+
+def test_a_state_keeps_how_often_the_heaviest_block_counts() -> None:
+    tally = SourceTally(
+        SourceSums(1), SourceSums(1), ControlLineSums(()), rocks=20, simulated=6, heaviest=8
+    )
+    progress = Progress(1, MapSums(4), ControlLineSums(()), sources={(0, 1): tally})
+    state = state_of(progress)
+    found = progress_from(state, 4, ()).sources[0, 1]
+    assert (found.rocks, found.simulated, found.heaviest) == (20, 6, 8)
+    del state["source.0.1.heaviest"]
+    assert progress_from(state, 4, ()).sources[0, 1].heaviest == 1
 
 
 @pytest.fixture

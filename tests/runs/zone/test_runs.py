@@ -185,6 +185,7 @@ def test_weights_make_up_for_blocks_that_are_left_out(tmp_path: Path) -> None:
         for key, value in counts(own).items():
             factor = weight**2 if key == "variance" else weight
             expected[key] = expected.get(key, 0.0) + factor * value
+    assert all(tally.heaviest == 4 for tally in together.sources.values())
     for key, value in counts(together).items():
         np.testing.assert_allclose(value, expected[key], rtol=1e-12, err_msg=key)
 
