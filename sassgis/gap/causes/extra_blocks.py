@@ -18,7 +18,6 @@ from sassgis.engine.effects.entrainment import Entrainment
 from sassgis.engine.effects.fragmentation import Fragmentation
 from sassgis.gap.causes.cause import (
     LEAST,
-    MISSTATED,
     Cause,
     CausePart,
     Scores,
@@ -65,7 +64,7 @@ def _mass_scores(which: int) -> Scoring:
             rocks = rocks[~(left | _unexplained(case, left) if which == 1 else left)]
         if rocks.size < LEAST:
             raise Unseen
-        error = max(errors_of(case).mass_rel * (1.0 + MISSTATED), _LEAST_MASS_ERROR)
+        error = max(errors_of(case).mass_rel, _LEAST_MASS_ERROR)
         rng = np.random.default_rng(1986)
         drawn = rocks * np.exp(error * rng.standard_normal((_MASS_DRAWS, rocks.size)))
         if which == 0:
@@ -75,7 +74,7 @@ def _mass_scores(which: int) -> Scoring:
         else:
             null = drawn.sum(axis=1) / rocks.sum() - 1.0
         value = mass_budget(rocks, blocks)[which]
-        z = np.clip((value - null.mean()) / (null.std() + _LEAST_MASS), -12.0, 12.0)
+        z = np.clip((value - null.mean()) / max(null.std(), _LEAST_MASS), -12.0, 12.0)
         return Scores(np.array([z]), value)
 
     return scores
