@@ -198,12 +198,31 @@ def compared_maps(before: StoredResult, after: StoredResult) -> tuple[ComparedMa
     return tuple(m for m in COMPARED if m.stem in before.maps and m.stem in after.maps)
 
 
+def _same_levels(before: StoredResult, after: StoredResult) -> bool:
+    """Whether the classes of two maps are the same levels, in whatever language they are named."""
+    levels = [_levels(r) for r in (before, after)]
+    if len(levels[0]) != len(levels[1]):
+        return False
+    same_preset = before.manifest["preset"] == after.manifest["preset"]
+    for (one, code), (other, other_code) in zip(*levels, strict=True):
+        # A level without a zone has its label for a code.
+        unknown = code == one or other_code == other
+        if one != other and code != other_code and not (unknown and same_preset):
+            return False
+    return True
+
+
+def _levels(result: StoredResult) -> list[tuple[str, str]]:
+    """Label and code of the levels from low to high; the label again where no code is known."""
+    labels = [c.label for c in sorted(result.maps[LEVEL].classes, key=lambda c: c.value)]
+    return list(zip(labels, result.level_codes or labels, strict=True))
+
+
 def levels_differ(before: StoredResult, after: StoredResult) -> str:
     """Why hazard levels cannot be compared; empty if they can."""
     if LEVEL not in before.maps or LEVEL not in after.maps:
         return "Hazard levels are not compared: not both results have them."
-    classes = [[c.label for c in r.maps[LEVEL].classes] for r in (before, after)]
-    if classes[0] != classes[1]:
+    if not _same_levels(before, after):
         return "Hazard levels are not compared: the two presets have different levels."
     widths = [r.manifest["ref_widths_m"]["hazard"] for r in (before, after)]
     if widths[0] != widths[1]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -16,7 +17,7 @@ from sassgis.model.languages import joined, phrase
 from sassgis.report.figures.map_marks import MapObject
 from sassgis.report.page import Cell, ReportTable, heads, sensible
 
-#: Objects beyond this number are in the tables of the run only.
+#: Objects beyond this number are left out of the report.
 MOST_ROWS = 40
 
 
@@ -44,7 +45,7 @@ def levels_of(
 def exposed_table(
     placed: PlacedObjects, values: ObjectValues, levels: Mapping[str, str]
 ) -> ReportTable:
-    """What reaches the exposed objects; the largest energy first.
+    """What reaches all exposed objects; the largest energy first.
 
     ``levels`` are those of :func:`levels_of`, empty without zones.
     """
@@ -66,9 +67,6 @@ def exposed_table(
         "block with its largest value. Height: each block in each cell. Roads and lines: the "
         "stretch that receives the most energy. A dash: no block arrives, or not as often."
     )
-    if len(rows) > MOST_ROWS:
-        more = phrase("{} more are in the tables.", len(rows) - MOST_ROWS)
-        note = joined(" ", (note, more))
     columns = heads(
         f"object; kind; {'hazard level; ' if levels else ''}"
         f"{'blocks | ' if rare is None else 'blocks a year | 1/year'}; energy, 95 % | kJ"
@@ -78,9 +76,19 @@ def exposed_table(
     return ReportTable(
         "Exposed objects",
         (*columns, *heads("height, 95 % | m")),
-        tuple(row for _, row in rows[:MOST_ROWS]),
+        tuple(row for _, row in rows),
         note,
     )
+
+
+def most_exposed(exposed: ReportTable) -> ReportTable:
+    """The first rows of the table of exposed objects, as many as a page can show."""
+    count = len(exposed.rows)
+    if count <= MOST_ROWS:
+        return exposed
+    cut = phrase("{} of {} are listed, those with the largest energies.", MOST_ROWS, count)
+    rows, note = exposed.rows[:MOST_ROWS], joined(" ", (exposed.note, cut))
+    return replace(exposed, rows=rows, note=note)
 
 
 def with_limits(value: float, low: float, high: float) -> Cell:

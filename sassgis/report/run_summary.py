@@ -72,7 +72,10 @@ def profile_lines(result: ProfileResult) -> Lines:
 
 
 def object_lines(exposed: ReportTable) -> Lines:
-    """How many exposed objects blocks reach, and the one with the largest energy."""
+    """How many exposed objects blocks reach, and the one with the largest energy.
+
+    ``exposed`` has all of them.
+    """
     if not exposed.rows:
         return ()
     reached = [row for row in exposed.rows if row[-2] is not None or row[-1] is not None]

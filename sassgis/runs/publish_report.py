@@ -16,7 +16,7 @@ from sassgis.model.exposure import PlacedObjects
 from sassgis.model.languages import translated
 from sassgis.model.results import RasterLayer
 from sassgis.model.run_config import Config
-from sassgis.report.exposed_report import exposed_table, map_objects
+from sassgis.report.exposed_report import exposed_table, map_objects, most_exposed
 from sassgis.report.map_page import Contribution, MapHazard, MapPage, PlaceFacts, write_map_page
 from sassgis.report.map_report import map_report
 from sassgis.report.page import (
@@ -128,7 +128,7 @@ def publish_report(
             ),
             key_results=part.key_results or context.key_results,
             figures=(*drawn, *context.figures),
-            tables=(exposed, *part.tables, *first, *context.tables),
+            tables=(most_exposed(exposed), *part.tables, *first, *context.tables),
             what_was_run=(*part.described, *context.what_was_run),
         )
     )

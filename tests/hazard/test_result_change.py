@@ -183,6 +183,36 @@ def test_levels_of_other_presets_and_widths_are_not_compared() -> None:
     assert result_change(without, without, NO_OBJECTS).notes == ()
 
 
+def named(labels: tuple[str, str], codes: tuple[str, ...] = (), preset: str = "a") -> StoredResult:
+    one = stored(block(2), level_codes=codes, manifest=manifest(preset=preset))
+    classes = tuple(replace(c, label=text) for c, text in zip(LEVELS, labels, strict=True))
+    level = layer("hazard_level", classes, level=one.band("hazard_level", "level"))
+    return replace(one, maps={**one.maps, "hazard_level": level})
+
+
+ENGLISH, GERMAN = ("low", "high"), ("gering", "hoch")
+
+
+@pytest.mark.parametrize(
+    ("other", "same"),
+    [
+        (named(GERMAN, ("slight", "substantial")), True),
+        (named(GERMAN, ("slight", "substantial"), "b"), True),
+        (named(GERMAN, ("slight", "mean")), False),
+        # Of a level without a zone the code is not known.
+        (named(GERMAN, ("slight", "hoch")), True),
+        (named(GERMAN, ("slight", "hoch"), "b"), False),
+        (named(ENGLISH, ("slight", "high"), "b"), True),
+        (named(GERMAN), True),
+        (named(GERMAN, preset="b"), False),
+    ],
+)
+def test_levels_are_compared_in_whatever_language(other: StoredResult, same: bool) -> None:
+    one = named(ENGLISH, ("slight", "substantial"))
+    assert (not levels_differ(one, other), not levels_differ(other, one)) == (same, same)
+    assert np.isfinite(result_change(one, other, NO_OBJECTS).higher_m2) == same
+
+
 # --- manifests ------------------------------------------------------------------------------
 
 

@@ -8,9 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.worked_example import HOUSE
+from shapely import box
 
+from sassgis.hazard.object_values import ObjectEstimate, ObjectValues
 from sassgis.model.errors import OutputError
+from sassgis.model.exposure import PlacedObjects
 from sassgis.model.languages import in_language
+from sassgis.report.exposed_report import MOST_ROWS, exposed_table, most_exposed
 from sassgis.report.figures import runout_figure, to_png
 from sassgis.report.page import (
     ReportContext,
@@ -21,6 +26,7 @@ from sassgis.report.page import (
     sensible,
     write_report,
 )
+from sassgis.report.run_summary import object_lines
 
 VOID = {"meta", "img", "br"}
 
@@ -207,3 +213,18 @@ def test_the_page_has_the_language_of_the_program_and_leaves_names_and_sources()
     assert ("lang", "fr") in page.attributes
     assert "En bref" in page.text and "In short" not in page.text
     assert "Oberwald high (red)" in page.text and "Bedrina 1" in page.text
+
+
+def test_all_exposed_objects_are_counted_and_as_many_listed_as_a_page_can_show() -> None:
+    n, reached = 100, 60
+    houses = tuple(replace(HOUSE, name=f"house {k}") for k in range(n))
+    values = np.where(np.arange(n) < reached, 100.0 + np.arange(n), np.nan)
+    estimate = ObjectEstimate(values, values, values)
+    placed = PlacedObjects(houses, (box(0.0, 0.0, 1.0, 1.0),) * n)
+    exposed = exposed_table(placed, ObjectValues(estimate, estimate, estimate), {})
+    ((_, words),) = object_lines(exposed)
+    assert f"blocks reach {reached} of {n}; most at house {reached - 1}" in words
+    listed = most_exposed(exposed)
+    assert listed.rows == exposed.rows[:MOST_ROWS] and listed.note.startswith(exposed.note)
+    assert f"{MOST_ROWS} of {n} are listed" in listed.note
+    assert most_exposed(listed) is listed

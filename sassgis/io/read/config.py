@@ -446,17 +446,23 @@ _SIDECARS = (
 
 
 def file_digest(path: AnyInput) -> str:
-    """SHA-256 of a file with the side files that give it meaning (.prj, .dbf, .aux.xml, ...)."""
+    """SHA-256 of a file with the side files that give it meaning (.prj, .dbf, .aux.xml, ...), and
+    of a virtual raster with the files that hold its values.
+    """
+    # Here, as GDAL takes long to load, and most of what reads a configuration needs none.
+    from sassgis.io.read.offline import mosaic_sources
+
     if isinstance(path, InMemory):
         return path.digest
     main = Path(path)
-    if main.is_dir():  # an Esri file geodatabase
-        parts = sorted(p for p in main.rglob("*") if p.is_file() and p.suffix != ".lock")
-    else:
-        beside = {main.with_suffix(s) for s in _SIDECARS} | {Path(f"{main}.aux.xml")}
-        parts = [main, *sorted(p for p in beside if p != main and p.is_file())]
     digest = hashlib.sha256()
     try:
+        if main.is_dir():  # an Esri file geodatabase
+            parts = sorted(p for p in main.rglob("*") if p.is_file() and p.suffix != ".lock")
+        else:
+            beside = {main.with_suffix(s) for s in _SIDECARS} | {Path(f"{main}.aux.xml")}
+            parts = [main, *sorted(p for p in beside if p != main and p.is_file())]
+            parts += mosaic_sources(main)
         for part in parts:
             digest.update(part.suffix.lower().encode())
             digest.update(bytes.fromhex(content_digest(part)))

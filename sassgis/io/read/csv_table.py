@@ -164,15 +164,18 @@ def csv_cells(text: str, file: Input) -> tuple[list[str], str, Iterator[tuple[in
     lines = text.splitlines()
     header = lines[0] if lines else ""
     delimiter = ";" if header.count(";") > header.count(",") else ","
-    reader = csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
+    # Strict, as a quote without its counterpart would take in all rows below without a word.
+    reader = csv.reader(lines, delimiter=delimiter, skipinitialspace=True, strict=True)
 
     def rows() -> Iterator[tuple[int, list[str]]]:
+        begun = 1
         try:
             for cells in reader:
                 yield reader.line_num, cells
+                begun = reader.line_num + 1
         except csv.Error as error:
             raise InputError(
-                f"row {reader.line_num}: cannot be read", file=file, found=str(error),
+                f"row {begun}: cannot be read", file=file, found=str(error),
                 expected="values separated by commas; quotes in pairs",
             ) from None  # fmt: skip
 

@@ -227,7 +227,7 @@ def _reason(error: Exception, file: Input) -> str:
 def height_band(dataset: Any, file: Input) -> int:
     """Number of the one band with heights; a transparency band beside it does no harm."""
     wrong = partial(InputError, file=file)
-    bands = [i for i, kind in enumerate(dataset.colorinterp, start=1) if kind != ColorInterp.alpha]
+    bands = _opaque_bands(dataset)
     if dataset.count == 0:
         names = ", ".join(dataset.subdatasets[:5]) or "none"
         raise wrong(
@@ -244,6 +244,26 @@ def height_band(dataset: Any, file: Input) -> int:
     kind = np.dtype(dataset.dtypes[bands[0] - 1])
     if kind.kind not in "iuf":
         raise wrong("holds no real numbers", found=str(kind), expected="heights in metres")
+    return bands[0]
+
+
+def _opaque_bands(dataset: Any) -> list[int]:
+    """Numbers of the bands that state no transparency."""
+    return [i for i, kind in enumerate(dataset.colorinterp, start=1) if kind != ColorInterp.alpha]
+
+
+def only_band(dataset: Any, file: Input, field: str, wanted: str) -> int:
+    """Number of the one band of a raster on the map; a transparency band beside it does no harm.
+
+    ``wanted`` says what the band should hold, for messages.
+    """
+    wrong = partial(InputError, file=file, field=field)
+    bands = _opaque_bands(dataset)
+    if len(bands) != 1:
+        found, expected = f"{dataset.count} bands", f"one band of {wanted}"
+        raise wrong("has several bands", found=found, expected=expected)
+    if dataset.transform.is_identity:
+        raise wrong("has no georeference", expected="a raster that lies on the map")
     return bands[0]
 
 

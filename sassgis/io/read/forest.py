@@ -10,7 +10,7 @@ import numpy as np
 from scipy import ndimage
 
 from sassgis.io.read.csv_table import CsvColumn, read_table
-from sassgis.io.read.dem import burnt, on_cells, read_band
+from sassgis.io.read.dem import burnt, on_cells, only_band, read_band
 from sassgis.io.read.vector_features import Feature, read_features
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid
@@ -48,9 +48,11 @@ def read_forest(
     if trees.single_trees is not None:
         stems, diameter = _from_trees(trees.single_trees, grid, whole or grid)
     if trees.stems_raster is not None:
-        stems = _from_raster(trees.stems_raster, grid, "effects.trees.stems_raster")
+        field = "effects.trees.stems_raster"
+        stems = _from_raster(trees.stems_raster, grid, field, whole is not None)
     if trees.dbh_raster is not None:
-        diameter = _from_raster(trees.dbh_raster, grid, "effects.trees.dbh_raster")
+        field = "effects.trees.dbh_raster"
+        diameter = _from_raster(trees.dbh_raster, grid, field, whole is not None)
     nothing = (stems <= 0.0) | (diameter <= 0.0)
     stems = np.where(nothing, 0.0, stems) / _HECTARE_M2
     return stems.ravel(), np.where(nothing, 0.0, diameter).ravel() / 100.0
@@ -85,15 +87,22 @@ def _from_polygons(
     return maps[0], maps[1]
 
 
-def _from_raster(file: Input, grid: Grid, field: str) -> FloatArray:
+def _from_raster(file: Input, grid: Grid, field: str, may_miss: bool) -> FloatArray:
     """Values at the nearest cell; 0 where the raster has none."""
 
     def read(raster: Any) -> FloatArray:
+        band = only_band(raster, file, field, "numbers")
         # Not 0: the warper shifts valid zeros by a hair where that means no value.
-        values: FloatArray = np.ma.filled(read_band(raster, 1, file).astype(np.float64), np.nan)
+        stored = np.ma.filled(read_band(raster, band, file).astype(np.float64), np.nan)
+        values: FloatArray = stored * raster.scales[band - 1] + raster.offsets[band - 1]
         return values
 
     aligned = on_cells(file, grid, field, read, np.nan)
+    if np.isnan(aligned).all() and not may_miss:
+        raise InputError(
+            "holds no value on the DEM", file=file, field=field,
+            expected="a raster that overlaps the DEM",
+        )  # fmt: skip
     out: FloatArray = np.nan_to_num(aligned, nan=0.0, posinf=np.inf)
     if not np.isfinite(out).all() or (out < 0.0).any():
         raise InputError(

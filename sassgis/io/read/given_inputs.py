@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -133,7 +134,24 @@ def _from_data_array(array: Any, name: str) -> InMemory:
         if np.allclose(tuple(own), tuple(place), rtol=0.0, atol=_UNEVEN * abs(sides[0])):
             place = own
     nodata = array.encoding.get("_FillValue", array.attrs.get("_FillValue"))
-    return _raster(squeezed.values, place, crs, nodata, name)
+    return _raster(squeezed.values, place, crs, nodata, name, _stated_scale(array.attrs, name))
+
+
+def _stated_scale(attributes: Mapping[str, Any], name: str) -> tuple[float, float]:
+    """Factor and offset from stored values to true ones, which rioxarray hands on unless told to
+    apply them.
+    """
+    wrong = partial(InputError, field=name, expected="values opened with mask_and_scale=True")
+    if of_bands := [key for key in ("scales", "offsets") if key in attributes]:
+        raise wrong(f"has {of_bands[0]} that differ by band", found=attributes[of_bands[0]])
+    stated = [attributes.get(key, usual) for key, usual in (("scale_factor", 1), ("add_offset", 0))]
+    try:
+        scale, offset = (float(value) for value in stated)
+    except (TypeError, ValueError):
+        scale = offset = math.nan
+    if not (math.isfinite(scale) and math.isfinite(offset)):
+        raise wrong("has a scale_factor or add_offset that is no number", found=stated)
+    return scale, offset
 
 
 def _even_step(centres: np.ndarray, axis: object, name: str) -> float:
@@ -147,8 +165,18 @@ def _even_step(centres: np.ndarray, axis: object, name: str) -> float:
     return float((centres[-1] - centres[0]) / (centres.size - 1))
 
 
-def _raster(array: np.ndarray, place: Affine, crs: Any, nodata: Any, name: str) -> InMemory:
-    """A raster as the bytes of a GeoTIFF, so that it is read and checked as a file is."""
+def _raster(
+    array: np.ndarray,
+    place: Affine,
+    crs: Any,
+    nodata: Any,
+    name: str,
+    scale: tuple[float, float] = (1.0, 0.0),
+) -> InMemory:
+    """A raster as the bytes of a GeoTIFF, so that it is read and checked as a file is.
+
+    ``nodata`` is a value as it stands in ``array``, before factor and offset of ``scale``.
+    """
     wrong = partial(InputError, field=name)
     if array.ndim != 2 or array.dtype.kind not in "iuf":
         raise wrong(
@@ -166,7 +194,10 @@ def _raster(array: np.ndarray, place: Affine, crs: Any, nodata: Any, name: str) 
             dtype=kind.name, transform=place, crs=wkt, nodata=nodata, BIGTIFF="IF_SAFER",
         ) as raster:  # fmt: skip
             raster.write(array.astype(kind), 1)
+            if scale != (1.0, 0.0):
+                raster.scales, raster.offsets = scale[:1], scale[1:]
         data = bytes(file.getbuffer())
     digest = hashlib.sha256(array.astype(kind).tobytes())
-    digest.update(repr((tuple(place), wkt, nodata, array.shape)).encode())
+    stated = (tuple(place), wkt, nodata, array.shape)
+    digest.update(repr(stated if scale == (1.0, 0.0) else (*stated, scale)).encode())
     return InMemory(f"{name} (in memory)", "raster", digest.hexdigest(), data)

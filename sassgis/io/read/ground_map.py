@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rasterio.errors import RasterioError
 
 from sassgis.io.read.csv_table import (
     CsvColumn,
@@ -20,7 +19,7 @@ from sassgis.io.read.csv_table import (
     required_and_optional,
     row_of,
 )
-from sassgis.io.read.dem import burnt, on_cells, open_raster
+from sassgis.io.read.dem import burnt, on_cells, only_band, open_raster, read_band
 from sassgis.io.read.plain_file import read_text, toml_table
 from sassgis.io.read.vector_features import read_features, refuse_unknown
 from sassgis.model.errors import InputError
@@ -289,24 +288,16 @@ def _from_codes(
 
 def _codes(dataset: Any, file: Input) -> NDArray[np.int32]:
     """Codes as whole numbers; nodata as a number that no code can have."""
-    wrong = partial(InputError, file=file, field="ground.file")
-    if dataset.count != 1:
-        raise wrong(
-            "has several bands", found=f"{dataset.count} bands", expected="one band of codes"
-        )
-    if dataset.transform.is_identity:
-        raise wrong("has no georeference", expected="a raster that lies on the map")
-    try:
-        raw = dataset.read(1, masked=True)
-    except (RasterioError, OSError) as error:
-        raise wrong("cannot be read to the end", found=str(error)) from None
+    raw = read_band(dataset, only_band(dataset, file, "ground.file", "codes"), file)
     values = np.asarray(raw.data, dtype=np.float64)
     known = ~np.ma.getmaskarray(raw) & ~np.isnan(values)
     odd = known & ((values != np.rint(values)) | (np.abs(values) > 2**31 - 2))
     if odd.any():
         row, col = np.unravel_index(int(np.argmax(odd)), values.shape)
-        raise wrong(
+        raise InputError(
             "holds a code that is no whole number",
+            file=file,
+            field="ground.file",
             found=f"{values[row, col]:g} at row {row + 1}, column {col + 1}",
             expected="whole numbers",
         )

@@ -30,7 +30,7 @@ from sassgis.gap.observations.tables import (
     Table,
 )
 from sassgis.io.read.plain_file import check_text
-from sassgis.io.read.vector_features import nearest, onto_grid
+from sassgis.io.read.vector_features import is_missing, nearest, onto_grid
 from sassgis.model.errors import InputError, shown
 from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.in_memory import Input
@@ -150,7 +150,7 @@ def _names(values: NDArray[Any]) -> list[str]:
     """Identifiers as text; 7.0 from a column of numbers is 7, but 7.2 is a piece of it."""
     names = []
     for value in values.tolist():
-        if value is None or value != value or str(value) == "<NA>":
+        if is_missing(value):
             names.append("")
         elif isinstance(value, float) and value.is_integer():
             names.append(str(int(value)))

@@ -97,22 +97,33 @@ def open_dataset(file: Path) -> DatasetReader:
         If GDAL cannot open it.
     """
     _check_beside(file)
-    state = file.stat()
-    mosaic = _mosaic(file, state.st_ino, state.st_size, state.st_mtime_ns)
-    if mosaic is not None:
-        return DatasetReader(mosaic, driver="VRT")
+    if _is_mosaic(file):
+        return DatasetReader(_mosaic_now(file)[0], driver="VRT")
     drivers = [name for name in _RASTERS if name != "EHdr" or not file.is_symlink()]
     # Not as a relative path: rasterio would take "zip:a" for an archive.
     return DatasetReader(str(file.absolute()), driver=drivers)
 
 
-@lru_cache(maxsize=4)
-def _mosaic(file: Path, _inode: int, _size: int, _time_ns: int) -> str | None:
-    """A virtual raster as GDAL is to see it, with absolute paths; None if the file is none."""
+def mosaic_sources(file: Path) -> tuple[Path, ...]:
+    """The files that hold the values of a virtual raster; none of any other file."""
+    return _mosaic_now(file)[1] if file.is_file() and _is_mosaic(file) else ()
+
+
+def _is_mosaic(file: Path) -> bool:
+    """Whether GDAL would take a file for a virtual raster."""
     with file.open("rb") as stream:
         head = stream.read(4096).lstrip()
-    if not head.startswith(b"<") or b"<VRTDataset" not in head:
-        return None
+    return head.startswith(b"<") and b"<VRTDataset" in head
+
+
+def _mosaic_now(file: Path) -> tuple[str, tuple[Path, ...]]:
+    state = file.stat()
+    return _mosaic(file, state.st_ino, state.st_size, state.st_mtime_ns)
+
+
+@lru_cache(maxsize=4)
+def _mosaic(file: Path, _inode: int, _size: int, _time_ns: int) -> tuple[str, tuple[Path, ...]]:
+    """A virtual raster as GDAL is to see it, with absolute paths, and its sources."""
     text = read_text(file, None, "a virtual raster", _LARGEST_XML)
 
     def refused(what: str, found: object) -> InputError:
@@ -132,6 +143,7 @@ def _mosaic(file: Path, _inode: int, _size: int, _time_ns: int) -> str | None:
             raise refused("element", element.tag)
         if kinds := [v for k, v in element.attrib.items() if k.lower() == "subclass"]:
             raise refused(element.tag, kinds[0])
+    places = []
     for source in root.iter("SourceFilename"):
         beside = any(
             k.lower() == "relativetovrt" and v.strip() == "1" for k, v in source.attrib.items()
@@ -142,7 +154,8 @@ def _mosaic(file: Path, _inode: int, _size: int, _time_ns: int) -> str | None:
             raise refused("SourceFilename", place)
         _check_beside(place)
         source.text, source.attrib = str(place.absolute()), {"relativeToVRT": "0"}
-    return ET.tostring(root, "unicode")
+        places.append(place.absolute())
+    return ET.tostring(root, "unicode"), tuple(dict.fromkeys(places))
 
 
 def _is_tiff(file: Path) -> bool:

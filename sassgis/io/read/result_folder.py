@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -164,7 +165,8 @@ def _classes(dataset: Any) -> tuple[RasterClass, ...]:
     palette = dataset.colormap(1) if dataset.dtypes[0] == "uint8" else {}
     classes = []
     named = dataset.tags(1).get("CLASSES", "")
-    for text in named.split("; ") if named else ():
+    # A label may hold "; ", too.
+    for text in re.split(r"; (?=-?\d+ = )", named) if named else ():
         value, label = text.split(" = ", 1)
         colour = "#{:02x}{:02x}{:02x}".format(*palette.get(int(value), (128, 128, 128))[:3])
         classes.append(RasterClass(int(value), label, colour))

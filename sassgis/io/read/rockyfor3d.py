@@ -141,21 +141,28 @@ def read_rockyfor3d(path: Path, config_folder: Path, crs: str | None) -> Convert
     return out
 
 
-def _opened(path: Path) -> _Folder:
-    wrong = "is no folder of Rockyfor3D"
+_WRONG = "is no folder of Rockyfor3D"
+
+
+def rasters_of(path: Path) -> dict[str, Path]:
+    """The rasters of a folder by name; of several of one name the first in the alphabet."""
     if not path.is_dir():
-        raise InputError(wrong, file=path, field=_OPTION, expected="the folder with dem.asc")
-    files = {
+        raise InputError(_WRONG, file=path, field=_OPTION, expected="the folder with dem.asc")
+    return {
         file.stem.lower(): file
         for file in sorted(path.iterdir(), reverse=True)
         if file.suffix.lower() in _SUFFIXES
     }
+
+
+def _opened(path: Path) -> _Folder:
+    files = rasters_of(path)
     missing = [name for name in _NEEDED if name not in files]
     if not any(name in files for name in _DENSITY):
         missing.append(_DENSITY[0])
     if missing:
         raise InputError(
-            wrong, file=path, field=_OPTION, found=f"no {', '.join(f'{n}.asc' for n in missing)}",
+            _WRONG, file=path, field=_OPTION, found=f"no {', '.join(f'{n}.asc' for n in missing)}",
             expected=", ".join(f"{n}.asc" for n in (*_NEEDED, _DENSITY[0])),
         )  # fmt: skip
     with open_raster(files["dem"], _OPTION) as raster:
@@ -271,6 +278,11 @@ def _ground(
     """Soil types as ground classes, and what the roughness heights are there."""
     known = soil_types()
     present = np.unique(soil[np.isfinite(soil)]).tolist()
+    if not present:
+        raise InputError(
+            "holds no soil type", file=folder.files["soiltype"], field=_OPTION,
+            found=f"{soil.size} cells, all nodata", expected=", ".join(map(str, known)),
+        )  # fmt: skip
     for number in present:
         if number not in known:
             raise InputError(

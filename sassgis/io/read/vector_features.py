@@ -93,8 +93,14 @@ def refuse_unknown(name: str, known: Sequence[str], problem: str, **place: Any) 
         raise InputError(problem, found=repr(name), expected=nearest(name, known), **place)
 
 
+def is_missing(value: object) -> bool:
+    """Whether a cell of a frame is empty: None, no number, or pandas.NA, also as text."""
+    # NA first: what it is compared with is neither true nor false.
+    return value is None or str(value) == "<NA>" or bool(value != value)
+
+
 def _text(value: object) -> str | None:
-    if value is None or value != value or str(value) == "<NA>":
+    if is_missing(value):
         return None
     if isinstance(value, float) and value.is_integer():
         value = int(value)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from operator import attrgetter
 from pathlib import Path
 from typing import NamedTuple
@@ -163,6 +163,22 @@ def without_formulas(frame: pd.DataFrame) -> pd.DataFrame:
     return safe.rename(columns=text)
 
 
+def _not_empty(frames: Iterable[pd.DataFrame]) -> Iterator[pd.DataFrame]:
+    """Frames that have rows; an empty one if all are.
+
+    Arrow knows no type of a column of texts that has none.
+    """
+    empty, some = None, False
+    for frame in frames:
+        if len(frame):
+            some = True
+            yield frame
+        elif empty is None:
+            empty = frame
+    if empty is not None and not some:
+        yield empty
+
+
 def write_table(path: Path, frames: Iterable[pd.DataFrame]) -> None:
     """Write frames one under the other, as CSV or Parquet by the suffix of the path."""
     with writing(path):
@@ -179,7 +195,7 @@ def write_table(path: Path, frames: Iterable[pd.DataFrame]) -> None:
 
         writer = None
         try:
-            for frame in frames:
+            for frame in _not_empty(frames):
                 table = pa.Table.from_pandas(frame, preserve_index=False)
                 if writer is None:
                     writer = pq.ParquetWriter(path, table.schema)

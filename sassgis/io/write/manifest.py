@@ -19,6 +19,7 @@ import rasterio
 import sassgis
 from sassgis.io.digests import content_digest, json_digest
 from sassgis.io.own_files import MANIFEST_DIGEST
+from sassgis.io.read.offline import mosaic_sources
 from sassgis.io.read.plain_file import seen_from
 from sassgis.io.staging import result_files, write_json
 from sassgis.model.errors import InputError
@@ -181,11 +182,13 @@ def _input_entries(given: Input, base: Path) -> list[dict[str, object]]:
 
 
 def input_files(given: Path) -> list[Path]:
-    """The files behind a path: itself and its sidecars, or all files of a folder, sorted."""
+    """The files behind a path: itself, its sidecars and what a virtual raster shows, or all files
+    of a folder, sorted.
+    """
     if given.is_dir():
         return sorted(file for file in given.rglob("*") if file.is_file())
     sidecars = [given.with_suffix(suffix) for suffix in _SIDECARS.get(given.suffix.lower(), ())]
-    return [given, *(file for file in sidecars if file.is_file())]
+    return [given, *(file for file in sidecars if file.is_file()), *mosaic_sources(given)]
 
 
 def _described(file: Path, shown: str) -> dict[str, object]:

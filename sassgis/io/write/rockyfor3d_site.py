@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
-from sassgis.io.read.rockyfor3d import read_rockyfor3d
+from sassgis.io.read.rockyfor3d import rasters_of, read_rockyfor3d
 from sassgis.io.read.start_keys import outline_of, with_values
 from sassgis.io.staging import staged_file
 from sassgis.io.write.config_template import short_template
@@ -35,7 +35,7 @@ def write_rockyfor3d_site(
     InputError, OutputError
     """
     terrain = dict(with_values([("terrain", {})], assignments))["terrain"]
-    dem = next((f for f in folder.glob("*") if f.stem.lower() == "dem"), folder / "dem.asc")
+    dem = rasters_of(folder).get("dem", folder / "dem.asc")
     made = read_rockyfor3d(folder, file.parent, outline_of(dem, terrain).crs or None)
     comments = "".join(
         textwrap.fill(note, 100, initial_indent="# - ", subsequent_indent="#   ") + "\n"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import sqlite3
+from pathlib import Path
 
 import geopandas as gpd
 import numpy as np
@@ -31,6 +32,7 @@ from sassgis.gap.observations.tables import (
 )
 from sassgis.gap.which.identifiable import what_is_identifiable
 from sassgis.io.read.observation_files import read_observations, validate_observations
+from sassgis.io.read.observation_values import RawTable, table_of
 from sassgis.io.write.observation_template import observations_template
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.errors import InputError, OutputError
@@ -170,6 +172,13 @@ def test_names_that_are_numbers_and_decimal_commas(tmp_path):
     )
     frame.to_file(tmp_path / "n.gpkg", layer="deposits", engine="pyogrio")
     assert read_observations(tmp_path / "n.gpkg").deposits.rock_id.tolist() == ["7", "7.2", ""]
+
+
+def test_what_pandas_has_for_nothing_is_no_name():
+    ids = np.array(["7", pd.NA, None], dtype=object)
+    columns = {"rock_id": ids, "x": np.arange(3.0), "y": np.arange(3.0)}
+    raw = RawTable("deposits", Path("d.gpkg"), np.arange(3), columns, [])
+    assert table_of(raw, None).rock_id.tolist() == ["7", "", ""]
 
 
 NO_LOOSE_BLOCK = {"deposits": lambda rows: rows[:-1]}

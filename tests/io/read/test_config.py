@@ -24,7 +24,7 @@ from sassgis.io.read.config import (
 )
 from sassgis.io.write.config_template import config_template
 from sassgis.model.blocks import BlockPopulation
-from sassgis.model.errors import ConfigError
+from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.run_config import Config
 from sassgis.model.settings import EngineSettings
 
@@ -306,6 +306,20 @@ def test_side_files_count_in_the_digest(tmp_path):
     assert file_digest(shape) == alone
     (tmp_path / "areas.dbf").write_bytes(b"2")
     assert file_digest(shape) != alone
+
+
+def test_the_tiles_of_a_virtual_raster_count_as_it_does(tmp_path):
+    file = _run_folder(tmp_path / "a")
+    (file.parent / "tile.tif").write_bytes(b"II*\0 heights")
+    source = '<SourceFilename relativeToVRT="1">tile.tif</SourceFilename>'
+    # Under any name: GDAL looks at what a file holds.
+    (file.parent / "dem.tif").write_text(f"<VRTDataset>{source}{source}</VRTDataset>")
+    before = settings_hash(load_config(file))
+    (file.parent / "tile.tif").write_bytes(b"II*\0 other heights")
+    assert settings_hash(load_config(file)) != before
+    (file.parent / "tile.tif").unlink()
+    with pytest.raises(InputError, match=r"cannot be read|not found"):
+        settings_hash(load_config(file))
 
 
 # --- profile runs ---------------------------------------------------------------------------

@@ -58,7 +58,11 @@ def test_limits_of_texts() -> None:
         (f"name,area\nb,{'n' * 1001}\n", r"a\.csv: area: row 2: text is too long"),
         ("name,area\nb,c\x1b[2J\n", r"a\.csv: area: row 2: holds a character"),
         (f"name,area\nb,{'n' * 200_000}\n", r"a\.csv: row 2: cannot be read \(found field larger"),
-        ('name,area\nb,"c\n' + "d\n" * 100_000, r"a\.csv: area: row \d+: text is too long"),
+        ('name,area\nb,"c\n' + "d\n" * 100_000 + '"\n', r"a\.csv: area: row \d+: text is too long"),
+        ('name,area\na,b\nb,"c\nd,e\nf,g\n', r"a\.csv: row 3: cannot be read .*quotes in pairs"),
+        ('name,area\nb,"c\n', r"a\.csv: row 2: cannot be read .*quotes in pairs"),
+        ('name,"area\nb,c\n', r"a\.csv: row 1: cannot be read .*quotes in pairs"),
+        ('name,area\n"b"c,d\n', r"a\.csv: row 2: cannot be read .*quotes in pairs"),
     ],
 )
 def test_limits_of_cells(tmp_path, text: str, word: str) -> None:

@@ -151,6 +151,16 @@ def test_what_was_written_is_whole_and_not_overwritten(tmp_path: Path) -> None:
     assert site_of(folder, overwrite=True)[0] == files
 
 
+def test_what_lies_beside_the_terrain_is_not_taken_for_it(tmp_path: Path) -> None:
+    folder = made(tmp_path / "in")
+    for suffix in ("prj", "aux.xml", "png", "xml", "txt", "lyr", "qml", "doc", "xyz", "aux"):
+        (folder / f"dem.{suffix}").write_text("no terrain")
+    # Of several rasters the one that its layers lie on.
+    (folder / "dem.tif").write_text("no terrain")
+    site_of(folder)
+    assert 'dem = "in/dem.asc"' in (tmp_path / "site.toml").read_text()
+
+
 def changed(folder: Path, name: str, values: np.ndarray | None, cell: float = CELL) -> Path:
     file = made(folder) / f"{name}.asc"
     if values is None:
@@ -168,6 +178,11 @@ def changed(folder: Path, name: str, values: np.ndarray | None, cell: float = CE
         ("rockdensity", NONE, "has no source cell"),
         ("d2", NONE, "source cells without a block"),
         ("soiltype", NONE + 9.0, "a soil type that is not known .*found 9"),
+        (
+            "soiltype",
+            NONE - 9999.0,
+            "soiltype.asc: .*holds no soil type .*found 3500 cells, all nodata",
+        ),
         ("blshape", NONE + 5.0, "a form that is not known .*found 5; expected 1 .rectangular"),
         ("rg70", np.zeros((9, 9)), "does not lie on the cells of dem .*found 9 x 9"),
         ("net_number", NONE + 1.0, "nets without all of their rasters"),

@@ -1,4 +1,4 @@
-"""Single trees on the cells of the terrain."""
+"""Single trees and rasters of a forest on the cells of the terrain."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 import geopandas as gpd
 import numpy as np
 import pytest
+from affine import Affine
 from helpers.input_files import NORTH, WEST
 
 from sassgis.engine.effects.trees import FULL_STEMS, Stand, stem_loss
@@ -108,3 +109,37 @@ def test_what_is_no_tree_is_one_line(tmp_path: Path, text: str, words: str) -> N
 def test_a_forest_is_given_once() -> None:
     with pytest.raises(ConfigError, match="forest is given twice"):
         ForestPlace(single_trees=Path("a.csv"), file=Path("b.gpkg"), stems_per_ha=1, dbh_cm=1)
+
+
+def stems_of(file: Path, grid: Grid = GRID, whole: Grid | None = None) -> np.ndarray:
+    """Stems per hectare of a raster."""
+    return 1e4 * read_forest(ForestPlace(stems_raster=file, dbh_cm=30.0), grid, whole)[0]
+
+
+def test_stems_stored_with_a_factor_and_beside_a_transparency_band(make_dem) -> None:
+    stored = np.full((8, 10), 30)
+    stored[0, 0] = 255
+    file = make_dem(
+        stored, crs=None, dtype="uint8", nodata=255, scale=10.0, offset=5.0,
+    )  # fmt: skip
+    stems = stems_of(file).reshape(GRID.shape)
+    assert (stems[:5, :5] == 0.0).all() and (stems[5:, 5:] == 305.0).all()
+    clear = np.where(np.arange(10) < 5, 0, 255) * np.ones((8, 1))
+    file = make_dem(np.stack([np.full((8, 10), 30), clear]), crs=None, dtype="uint8", alpha="yes")
+    stems = stems_of(file).reshape(GRID.shape)
+    assert (stems[:, :25] == 0.0).all() and (stems[:, 25:] == 30.0).all()
+
+
+@pytest.mark.filterwarnings("ignore:The given matrix")
+def test_rasters_that_are_no_forest_are_one_line(make_dem) -> None:
+    far = Affine(10.0, 0.0, WEST + 9e3, 0.0, -10.0, NORTH)
+    for values, place, words in (
+        (np.ones((2, 8, 10)), None, "several bands .*2 bands; expected one band of numbers"),
+        (np.ones((8, 10)), Affine.identity(), "no georeference"),
+        (np.ones((8, 10)), far, "no value on the DEM .*overlaps"),
+    ):
+        file = make_dem(values, crs=None, transform=place)
+        with pytest.raises(InputError, match=rf"dem\.tif: effects\.trees\.stems_raster: .*{words}"):
+            stems_of(file)
+    # An area of a batch may lie beside the forest.
+    assert not stems_of(make_dem(np.ones((8, 10)), crs=None, transform=far), whole=GRID).any()

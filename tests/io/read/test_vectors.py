@@ -8,6 +8,7 @@ from pathlib import Path
 
 import geopandas as gpd
 import numpy as np
+import pandas as pd
 import pytest
 from helpers.input_files import MAP_RUN, NORTH, WEST, at
 from helpers.one_line import one_line
@@ -24,7 +25,7 @@ from shapely import (
 )
 
 from sassgis.io.read.config import load_config
-from sassgis.io.read.vector_features import cells_under, steepest_slope_deg
+from sassgis.io.read.vector_features import Feature, cells_under, steepest_slope_deg
 from sassgis.io.read.vectors import START_SLOPE_DEG, read_control_lines, read_release
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.grid import Grid
@@ -108,6 +109,15 @@ def test_numbers_serve_as_names(make_layer, slope_grid):
     path = make_layer([AREA, at(152, 31, 197, 58)], number=[3.0, 4.0])
     areas = read_release(settings(path, name_field="number"), slope_grid, BLOCKS)
     assert [a.name for a in areas] == ["3", "4"]
+
+
+def test_what_pandas_has_for_nothing_is_empty():
+    row = {"a": pd.NA, "b": None, "c": math.nan, "d": 7.0, "e": pd.NaT}
+    feature = Feature(2, row, None, "", Path("a.gpkg"), "a")
+    assert [feature.text(name) for name in row] == [None, None, None, "7", None]
+    assert feature.label == "feature 2"
+    with one_line(InputError, "a.gpkg: a: feature 2: is not a number", "<NA>"):
+        feature.value("a")
 
 
 # --- coordinate systems ---------------------------------------------------------------------

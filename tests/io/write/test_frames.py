@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pandas as pd
 import pytest
 
-from sassgis.io.write.frames import without_formulas, write_table
+from sassgis.io.write.frames import passage_frame, without_formulas, write_table
+from sassgis.model.map_run import BlockRows
+from sassgis.model.results import PASSAGE_DTYPE
 
 
 @pytest.mark.parametrize("text", ["=1+1", "+SUM(A1)", "-2", "@cmd", "\t=1", "\r=1"])
@@ -31,3 +35,26 @@ def test_tables_without_texts_and_categories_stay() -> None:
     assert without_formulas(numbers).equals(numbers)
     kinds = pd.DataFrame({"kind": pd.Categorical(["=x", "rock", "=x"])})
     assert without_formulas(kinds)["kind"].tolist() == ["'=x", "rock", "'=x"]
+
+
+def test_parts_without_passages_stand_beside_others_in_parquet(tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow")
+    run = SimpleNamespace(
+        blocks=[SimpleNamespace(name="small")], followed=True,
+        control_lines=[(SimpleNamespace(name="road"), None)],
+    )  # fmt: skip
+    planned = SimpleNamespace(points=SimpleNamespace(area_names=["north"], area=np.zeros(1, int)))
+    passages, none = np.zeros(2, PASSAGE_DTYPE), np.zeros(0)
+    some, empty = (
+        passage_frame(BlockRows.of_chunk(none, none, none, rows, 0, 1), run, planned)
+        for rows in (passages, passages[:0])
+    )
+    for name, frames, expected in (
+        ("first", [empty, some], [some]),
+        ("between", [some, empty, some], [some, some]),
+        ("all", [empty, empty], [empty]),
+    ):
+        write_table(tmp_path / f"{name}.parquet", frames)
+        found = pd.read_parquet(tmp_path / f"{name}.parquet")
+        assert found.columns.tolist() == some.columns.tolist(), name
+        assert found.values.tolist() == pd.concat(expected).values.tolist(), name

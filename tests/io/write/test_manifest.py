@@ -92,6 +92,22 @@ def test_sidecars_count_as_input(place: Path) -> None:
     ]
 
 
+def test_the_tiles_of_a_virtual_raster_are_inputs(place: Path) -> None:
+    (place / "data" / "tiles").mkdir()
+    names = ("b.tif", "a.tif", "b.tif")
+    sources = "".join(
+        f'<SourceFilename relativeToVRT="1">tiles/{name}</SourceFilename>' for name in names
+    )
+    (place / "data" / "dem.vrt").write_text(f"<VRTDataset>{sources}</VRTDataset>")
+    for name in names:
+        (place / "data" / "tiles" / name).write_bytes(b"II*\0" + name.encode())
+    content = write(place, {"dem": place / "data" / "dem.vrt"})
+    found = {entry["path"]: entry["sha256"] for entry in content["inputs"]}
+    assert list(found) == ["../data/dem.vrt", "../data/tiles/b.tif", "../data/tiles/a.tif"]
+    assert found["../data/tiles/a.tif"] == hashlib.sha256(b"II*\0a.tif").hexdigest()
+    assert len(content["inputs"]) == 3
+
+
 def test_no_path_of_the_machine_and_equal_runs_are_equal(place: Path) -> None:
     first = write(place, {"dem": place / "data" / "dem.tif"})
     text = (place / "out" / "manifest.json").read_text()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -10,6 +11,7 @@ import pytest
 import rasterio
 from helpers import made_up_result as made_up
 
+from sassgis.io.read.result_folder import level_classes
 from sassgis.io.write.raster import NODATA, write_raster
 from sassgis.model.errors import OutputError
 from sassgis.model.grid import Grid
@@ -147,6 +149,15 @@ def test_classes_are_bytes_that_keep_zero_and_nothing_apart(tmp_path: Path) -> N
         (255, 221, 0),
         (230, 0, 0),
     ]
+
+
+def test_classes_come_back_from_the_folder_whatever_their_labels(tmp_path: Path) -> None:
+    labels = ("low; seldom", "mean = 2; often", "high")
+    classes = tuple(replace(c, label=text) for c, text in zip(LEVELS, labels, strict=True))
+    layer = replace(classes_of(np.array([[1.0, 3.0]]), classes=classes), stem="hazard_level")
+    write_raster(layer, flat((1, 2)), tmp_path / "maps")
+    found = [(c.value, c.label) for c in level_classes(tmp_path)]
+    assert found == list(enumerate(labels, start=1))
 
 
 @pytest.mark.parametrize(

@@ -20,6 +20,8 @@ from helpers.zone_slope import CELL, NORTH, RARE, WEST, Case, box, plane, two_ar
 
 import sassgis
 from sassgis.io.read.config import PHYSICS_SECTIONS, settings_hash
+from sassgis.io.read.dem import read_dem
+from sassgis.io.read.given_inputs import as_input
 from sassgis.runs.inputs import input_files
 
 BLOCK = {"volume_m3": (0.5, 2.0), "onset_frequency": 0.3}
@@ -218,6 +220,16 @@ BAD = {
                              coords={"y": np.arange(21.0) ** 2, "x": np.arange(90.0)})},
         "uneven steps of y",
     ),
+    "scales by band": (
+        {"dem": xr.DataArray(np.zeros((9, 9)), dims=("y", "x"), attrs={"scales": (1.0, 2.0)},
+                             coords={"y": -np.arange(9.0), "x": np.arange(9.0)})},
+        "terrain.dem: has scales that differ by band .*mask_and_scale=True",
+    ),
+    "scale in words": (
+        {"dem": xr.DataArray(np.zeros((9, 9)), dims=("y", "x"), attrs={"scale_factor": "half"},
+                             coords={"y": -np.arange(9.0), "x": np.arange(9.0)})},
+        "terrain.dem: has a scale_factor or add_offset that is no number .*half",
+    ),
     "no transform": (
         {"dem": (plane(), (2.0, 0.0, WEST), "EPSG:2056")},
         r"terrain.dem: has no affine transform \(found \(2.0, 0.0, .*expected Affine\(cell, ",
@@ -240,6 +252,26 @@ BAD = {
     "reversed": ({"blocks": {"volume_m3": (2.0, 1.0)}}, "limits are reversed"),
     "width": ({"ref_width_m": 1.0}, "is narrower than a cell"),
 }  # fmt: skip
+
+
+def test_heights_stored_with_a_factor_are_those_of_the_file(tmp_path: Path) -> None:
+    file = tmp_path / "dem.tif"
+    stored = np.arange(12, dtype=np.int16).reshape(3, 4)
+    with rasterio.open(
+        file, "w", driver="GTiff", width=4, height=3, count=1, dtype="int16", nodata=0,
+        transform=PLACE, crs="EPSG:2056",
+    ) as raster:  # fmt: skip
+        raster.write(stored, 1)
+        raster.scales, raster.offsets = (0.5,), (1000.0,)
+    expected = read_dem(file).values
+    assert np.isnan(expected[0, 0]) and expected[0, 1] == 1000.5
+    opened = [rioxarray.open_rasterio(file, masked=m, mask_and_scale=s) for m, s in
+              ((False, False), (True, False), (True, True))]  # fmt: skip
+    given = [as_input(array, "terrain.dem") for array in opened]
+    for own in given:
+        assert np.array_equal(read_dem(own).values, expected, equal_nan=True)
+    other = as_input(opened[0].assign_attrs(add_offset=999.0), "terrain.dem")
+    assert other.digest != given[0].digest
 
 
 @pytest.mark.parametrize("changed,expected", BAD.values(), ids=BAD)
