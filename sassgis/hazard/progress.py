@@ -215,12 +215,22 @@ def add_chunk(progress: Progress, outcome: ChunkResult, run: MapRun) -> None:
 
 
 def _keep_stops(progress: Progress, rows: BlockRows, run: MapRun) -> None:
-    """Keep a share of the blocks; a smaller one of all where they become too many."""
+    """Keep a share of the blocks; a smaller one of all where they become too many.
+
+    Of blocks that count g times, the share is 1/g at most: else all others would be kept as well,
+    which are to be as much less likely.
+    """
+    _keep_fewer(progress, run.seed, 1.0 / float(rows.rock_weight.max(initial=1)))
     progress.stops.append(evenly_kept(rows, run.seed, progress.stop_share))
     while sum(own.rocks.size for own in progress.stops) > 2 * run.stop_points_max:
-        progress.stop_share /= 2.0
-        kept = evenly_kept(joined_rows(progress.stops), run.seed, progress.stop_share)
-        progress.stops = [kept]
+        _keep_fewer(progress, run.seed, progress.stop_share / 2.0)
+
+
+def _keep_fewer(progress: Progress, seed: int, share: float) -> None:
+    """Keep no more than a share of the blocks."""
+    if share < progress.stop_share:
+        progress.stop_share = share
+        progress.stops = [evenly_kept(joined_rows(progress.stops), seed, share)]
 
 
 def _furthest(rows: BlockRows) -> tuple[float, int, int, int]:
@@ -279,7 +289,8 @@ def joined_lines(parts: list[FallLines]) -> FallLines:
 def evenly_kept(rows: BlockRows, seed: int, share: float) -> BlockRows:
     """A share of the blocks, chosen by the identity of each; smaller shares are parts of larger.
 
-    A block that counts several times is as much more likely to be among them.
+    A block that counts several times is as much more likely to be among them, up to a share of one
+    over its weight.
     """
     if share >= 1.0:
         return _rocks_alone(rows, np.ones(rows.rocks.size, bool))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from sassgis.hazard.bins import bins_of
 from sassgis.hazard.control_lines import ControlLineSums
 from sassgis.hazard.map_sums import MapSums
-from sassgis.hazard.progress import Progress, SourceTally, evenly_kept
+from sassgis.hazard.progress import Progress, SourceTally, evenly_kept, joined_rows
 from sassgis.hazard.source_sums import SourceSums
 from sassgis.io.digests import content_digest
 from sassgis.io.own_files import MANIFEST_NAME
@@ -27,7 +27,7 @@ from sassgis.io.saved_arrays import (
 )
 from sassgis.io.staging import write_json, writing
 from sassgis.model.grid import FloatArray, IntArray
-from sassgis.model.map_run import MapRun
+from sassgis.model.map_run import BlockRows, MapRun
 from sassgis.model.results import ControlLine
 from sassgis.model.statistics_table import SUM_NAMES, Bins, wider
 from sassgis.runs.checkpoint import progress_from, state_of
@@ -218,6 +218,7 @@ def added_up(
     total = Progress(0, MapSums(place.n_rows * place.n_cols), ControlLineSums(control_lines))
     energies = bins.threshold if only_energies_kj is None else only_energies_kj
     share = run.stop_points_max / max(sum(a.record.rocks for a in areas), 1)
+    stops: list[tuple[BlockRows, int]] = []
     for i, area in enumerate(areas):
         state = read_state(area.folder, without)
         lines = tuple(control_lines[k] for k in area.record.control_lines)
@@ -232,7 +233,14 @@ def added_up(
         _add_counts(total, place, i, area, own, energies, state["thresholds_kj"], of_sources)
         if planned is not None:
             first_point = int(np.flatnonzero(planned.points.area == i)[0])
-            _add_blocks(total, own, run.seed, share, first_point)
+            _add_blocks(total, own, first_point)
+            share = min(share, own.stop_share)
+            stops.append((evenly_kept(joined_rows(own.stops), run.seed, share), first_point))
+    # One share of all areas: no more than any of them has kept.
+    for rows, first_point in stops:
+        kept = evenly_kept(rows, run.seed, share)
+        kept.rocks["line"] += first_point
+        total.stops.append(kept)
     return total
 
 
@@ -273,7 +281,7 @@ def _add_counts(
         total.sources[number, scenario] = joined
 
 
-def _add_blocks(total: Progress, own: Progress, seed: int, share: float, first_point: int) -> None:
+def _add_blocks(total: Progress, own: Progress, first_point: int) -> None:
     """Add what became of the blocks of an area, whose release points begin at ``first_point``."""
     total.reasons += own.reasons
     total.simulated += own.simulated
@@ -285,10 +293,6 @@ def _add_blocks(total: Progress, own: Progress, seed: int, share: float, first_p
     )
     total.runout += more
     total.lines += [replace(lines, point=lines.point + first_point) for lines in own.lines]
-    for rows in own.stops:
-        kept = evenly_kept(rows, seed, share)
-        kept.rocks["line"] += first_point
-        total.stops.append(kept)
     if own.furthest is not None and (total.furthest is None or own.furthest[0] > total.furthest[0]):
         reach, line, scenario, rock = own.furthest
         total.furthest = (reach, line + first_point, scenario, rock)

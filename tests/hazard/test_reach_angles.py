@@ -1,10 +1,18 @@
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
+from sassgis.hazard.control_lines import ControlLineSums
+from sassgis.hazard.map_sums import MapSums
+from sassgis.hazard.progress import ChunkResult, Progress, add_chunk, joined_lines, kept_stops
 from sassgis.hazard.reach_angles import _angle_deg, foot_of_cliff
 from sassgis.model.grid import Grid
+from sassgis.model.map_run import BlockRows
+from sassgis.model.results import PASSAGE_DTYPE, ROCK_DTYPE
 
 
 def slope(*, cliff: bool) -> Grid:
@@ -33,3 +41,33 @@ def test_angles_are_those_of_the_straight_line() -> None:
     angles = _angle_deg(upper, lower)
     assert angles[0] == pytest.approx(45.0)
     assert np.isnan(angles[1:]).all()
+
+
+def ended(point: int, blocks: int, weight: int) -> ChunkResult:
+    """Blocks of one release point that end as far away as its number, in metres."""
+    rocks = np.zeros(blocks, ROCK_DTYPE)
+    rocks["line"], rocks["rock"], rocks["runout_m"] = point, np.arange(blocks), point
+    none = np.zeros(0, np.int64)
+    rows = BlockRows(
+        rocks, np.zeros(blocks, np.int64), np.zeros(blocks), np.zeros(blocks),
+        np.zeros(0, PASSAGE_DTYPE), none, np.full(blocks, weight), none,
+    )  # fmt: skip
+    return ChunkResult(0, np.array([point]), weight, {}, rows, joined_lines([]), 0)
+
+
+@pytest.mark.parametrize("most", [100_000, 800])
+@pytest.mark.parametrize("heavy_first", [False, True])
+def test_stops_that_are_kept_are_those_of_all_blocks(most: int, heavy_first: bool) -> None:
+    """Two points with as many blocks each, of which those of one are an eighth that count 8."""
+    run: Any = SimpleNamespace(
+        seed=5, stop_points_max=most, release=SimpleNamespace(rocks_per_point=8)
+    )
+    progress = Progress(0, MapSums(4), ControlLineSums(()))
+    chunks = [ended(1, 8000, 1), ended(2, 1000, 8)]
+    for chunk in chunks[::-1] if heavy_first else chunks:
+        add_chunk(progress, chunk, run)
+    kept = kept_stops(run, progress).rocks["runout_m"]
+    assert kept.size > 0.4 * min(most, 2000)
+    # Half of them, within four standard errors.
+    assert abs((kept == 1.0).mean() - 0.5) < 2.0 / np.sqrt(kept.size)
+    assert kept.size <= most

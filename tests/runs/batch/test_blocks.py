@@ -19,12 +19,17 @@ import rasterio
 from helpers.cut_valley import Stopped, Valley, write_vrt
 from helpers.listed_results import digests
 
+from sassgis.hazard.control_lines import ControlLineSums
+from sassgis.hazard.map_sums import MapSums
+from sassgis.hazard.progress import Progress, evenly_kept, joined_rows
 from sassgis.io.read.tiles import Part, hull
 from sassgis.io.staging import check_output
 from sassgis.model.errors import OutputError
+from sassgis.model.map_run import BlockRows
+from sassgis.model.results import PASSAGE_DTYPE, ROCK_DTYPE
 from sassgis.model.statistics_table import default_bins
 from sassgis.runs import batch as runs_batch
-from sassgis.runs import batch_mosaic
+from sassgis.runs import batch_mosaic, batch_state
 from sassgis.runs.batch import batch
 from sassgis.runs.batch_mosaic import (
     BASE,
@@ -36,7 +41,8 @@ from sassgis.runs.batch_mosaic import (
     kept_mosaic,
     shared,
 )
-from sassgis.runs.batch_state import Reached, Record, read_state
+from sassgis.runs.batch_state import Reached, Record, added_up, read_state
+from sassgis.runs.checkpoint import state_of
 
 GIGABYTE = 1e9
 
@@ -288,6 +294,33 @@ def test_a_mosaic_is_completed_as_soon_as_there_is_the_memory(
     (tmp_path / "manifest.json").write_text(json.dumps({"warnings": ["left out"]}))
     assert kept_mosaic(tmp_path, "a", memory) == (("left out",) if there else None)
     assert kept_mosaic(tmp_path, "b", memory) is None
+
+
+def test_stops_of_areas_are_kept_at_one_share(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of an area whose blocks count 8 times an eighth is kept, and so of the other."""
+    shares = {"a": 1.0, "b": 0.125}
+    none, rocks = np.zeros(0, np.int64), np.zeros(4000, ROCK_DTYPE)
+    rocks["rock"] = np.arange(rocks.size)
+    rows = BlockRows(
+        rocks, np.zeros(rocks.size, np.int64), *np.zeros((2, rocks.size)),
+        np.zeros(0, PASSAGE_DTYPE), none, np.ones(rocks.size, np.int64), none,
+    )  # fmt: skip
+
+    def state(folder: Path, _without: bool) -> dict[str, Any]:
+        share = shares[folder.name]
+        own = Progress(
+            0, MapSums(4), ControlLineSums(()), stops=[evenly_kept(rows, 3, share)],
+            stop_share=share,
+        )  # fmt: skip
+        return state_of(own) | {"thresholds_kj": np.zeros(1)}
+
+    monkeypatch.setattr(batch_state, "read_state", state)
+    areas = [replace(area(Part(0, 0, 2, 2), 0), name=n, folder=Path(n)) for n in shares]
+    run: Any = SimpleNamespace(control_lines=(), stop_points_max=10**5, seed=3)
+    planned: Any = SimpleNamespace(points=SimpleNamespace(area=np.array([0, 1])))
+    total = added_up(run, Part(0, 0, 2, 2), areas, default_bins(), planned=planned)
+    lines = joined_rows(total.stops).rocks["line"]
+    assert np.bincount(lines) == pytest.approx([500, 500], abs=80)
 
 
 def test_zones_that_are_left_out_say_how_much_memory_they_need() -> None:
