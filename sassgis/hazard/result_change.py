@@ -414,6 +414,15 @@ def _object_rows(
 # Manifests
 
 
+def _inputs(manifest: Mapping[str, Any]) -> dict[str, dict[str, str]]:
+    """Path by digest of the inputs of each role, by the kind of file: there may be many tiles."""
+    found: dict[str, dict[str, str]] = {}
+    for entry in manifest["inputs"]:
+        name = f"{entry['role']}: {PurePath(entry['path']).suffix}"
+        found.setdefault(name, {})[entry["sha256"]] = entry["path"]
+    return found
+
+
 def _differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> Iterator[SettingChange]:
     """In what two manifests differ: version, seed, settings, contents of the inputs, libraries."""
     for kind, key in (("program", "sassgis"), ("seed", "seed"), ("preset", "preset")):
@@ -428,16 +437,17 @@ def _differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> Iterato
         one, two = old.get(name), new.get(name)
         if one != two and not _same_file(one, two):
             yield SettingChange("setting", name, _text(one), _text(two))
-    inputs = [
-        {f"{entry['role']}: {PurePath(entry['path']).suffix}": entry for entry in m["inputs"]}
-        for m in (before, after)
-    ]
+    inputs = [_inputs(m) for m in (before, after)]
     for name in sorted({*inputs[0], *inputs[1]}):
-        entries = [found.get(name) for found in inputs]
-        digests = [None if e is None else e["sha256"] for e in entries]
+        one, two = (found.get(name, {}) for found in inputs)
         # The settings of a configuration are compared one by one.
-        if digests[0] != digests[1] and not name.startswith("config"):
-            texts = ["" if e is None else f"{e['path']} ({e['sha256'][:8]})" for e in entries]
+        if one.keys() != two.keys() and not name.startswith("config"):
+            texts = (
+                ", ".join(
+                    f"{path} ({digest[:8]})" for digest, path in own.items() if digest not in other
+                )
+                for own, other in ((one, two), (two, one))
+            )
             yield SettingChange("input", name.partition(":")[0], *texts)
     for name in sorted({*before["versions"], *after["versions"]}):
         versions = [m["versions"].get(name, "") for m in (before, after)]
