@@ -81,7 +81,8 @@ def place(state: Record, x: float) -> tuple[float, float]:
 def gradient(path: Path, u: float, v: float, radius: float) -> tuple[float, float, bool]:
     """Slope of the terrain along u and v at the scale of a block (m per m), and whether known.
 
-    Central differences over its diameter, or over a cell if that is longer.
+    Central differences over its diameter, or over a cell if that is longer; where the terrain ends
+    on one side, one-sided.
     """
     step = exact(max(radius / path.cell_size, 0.5))
     east = terrain_height(path, u + step, v)
@@ -92,8 +93,22 @@ def gradient(path: Path, u: float, v: float, radius: float) -> tuple[float, floa
     gu = (east - west) * per
     gv = (south - north) * per
     if math.isnan(gu) or math.isnan(gv):
-        return 0.0, 0.0, False
+        own = terrain_height(path, u, v)
+        gu = _rise_across(west, own, east) * per
+        gv = _rise_across(north, own, south) * per
+        if math.isnan(gu) or math.isnan(gv):
+            return 0.0, 0.0, False
     return gu, gv, True
+
+
+@lean
+def _rise_across(before: float, own: float, after: float) -> float:
+    """Rise from one side to the other (m), twice that of one half where the other is not known."""
+    if math.isnan(after):
+        return 2.0 * (own - before)
+    if math.isnan(before):
+        return 2.0 * (after - own)
+    return after - before
 
 
 @inlined

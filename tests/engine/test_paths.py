@@ -451,6 +451,31 @@ def test_release_at_the_edge_in_a_hole_and_on_level_ground() -> None:
     assert share == pytest.approx(np.full(8, 0.125), abs=0.05)
 
 
+def test_blocks_at_rest_start_beside_the_edge_and_beside_a_hole() -> None:
+    """Where the terrain ends on one side they start down the slope that the other side has."""
+    grid = bench(50.0, 60.0, run_out=50.0)
+    values = grid.values.copy()
+    values[35, 20] = np.nan
+    holed = dataclasses.replace(grid, values=values)
+    hole_x, hole_y = holed.cell_centres(np.array([35 * grid.shape[1] + 20]))
+    west, south, _, north = grid.bounds
+    x0, y0 = middle(grid)
+    resting = dataclasses.replace(MIXED, drop_m=(0.0, 0.0))
+    # Beside the west edge, in two corners, and all around the hole.
+    x = [west + 0.4, west + 0.3, west + 0.3, *(hole_x[0] + np.array([1.3, -1.3, 0.0, 0.0]))]
+    y = [y0, south + 0.5, north - 0.5, *(hole_y[0] + np.array([0.0, 0.0, 1.3, -1.3]))]
+    out = paths(
+        holed, x=np.array(x) - x0, y=np.array(y) - y0, n=8, blocks=resting, settings=STRAIGHT
+    )  # fmt: skip
+    assert (out.rocks["reason"] != StopReason.NEVER_STARTED).all()
+    end_x, end_y = (end.reshape(7, 8) for end in ends(holed, out))
+    down_the_slope = np.delete(np.arange(7), 4)
+    assert (end_x[down_the_slope] > x0 - west - 6.0).all()
+    assert np.abs(end_y - (np.array(y) - y0)[:, None]).max() < 0.1
+    # One that the hole lies ahead of comes to its edge.
+    assert (out.rocks["reason"].reshape(7, 8)[4] == StopReason.LEFT_PROFILE).all()
+
+
 @pytest.mark.parametrize("angle", [36.0, 55.0])
 def test_blocks_that_leave_the_terrain_end_at_its_edge_on_known_ground(angle: float) -> None:
     """Around holes of any shape, on steep ground, where the centre is ahead of the foot."""
