@@ -481,7 +481,11 @@ def _bending(gravity: float, steep2: float, level2: float) -> float:
 
 @lean
 def _bent(angle: float, kappa_s: float) -> float:
-    """By how much an angle to the descent falls over a length, times κ (rad)."""
+    """By how much an angle to the descent falls over a length, times κ (rad).
+
+    The angle may be more than half a turn: the block turns the shorter way.
+    """
+    angle -= 2.0 * math.pi * np.rint(angle / (2.0 * math.pi))
     left = math.exp(-kappa_s)
     if abs(angle) < _SMALL:
         return angle - left * angle * (1.0 + (1.0 - left * left) * angle * angle / 12.0)
