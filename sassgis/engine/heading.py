@@ -561,3 +561,4 @@ def place_spawned(state: Record, spawned: Spawned, before: int) -> None:
         row.u, row.v = place(state, row.x)
         row.du = state.du
         row.dv = state.dv
+        row.about = state.about

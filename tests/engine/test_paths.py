@@ -403,6 +403,18 @@ def test_a_wind_against_them_turns_blocks_back() -> None:
     assert np.median(out.rocks["runout_m"]) < np.median(calm.rocks["runout_m"])
 
 
+def test_a_wind_carries_fragments_of_a_block_that_it_has_turned_back_as_the_block() -> None:
+    grid = bench(2.0, 100.0, run_out=2.0)
+    high = dataclasses.replace(MIXED, drop_m=(60.0, 60.0))
+    both = EffectSettings(Wind(-5.0), Fragmentation("threshold", energy_jkg=100.0, cone_deg=0.0))
+    out = paths(grid, n=4, blocks=high, settings=STRAIGHT, on=ROCK, effects=both)
+    assert (out.rocks["reason"] == StopReason.BROKEN).all() and out.pieces.size
+    x, _ = ends(grid, out)
+    # Blown to the west, where the block falls, and not back again.
+    assert (x[:4] < -25.0).all()
+    assert (x[4:] < x[:4].max()).all()
+
+
 # --- where segments meet under a rolling block ---------------------------------------------------
 
 
