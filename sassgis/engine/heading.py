@@ -102,13 +102,16 @@ def _downhill(state: Record, gu: float, gv: float) -> tuple[float, float]:
 
 
 @inlined
-def _clear_path(effects: hooks.Effects | None, state: Record, block: Block, path: Path) -> None:
+def _clear_path(
+    effects: hooks.Effects | None, state: Record, block: Block, site: Site, path: Path
+) -> None:
     """Set what a block remembers of its path."""
     state.drift = path.drift * rng.normal(block.key, rng.DRIFT, 0)
     hooks.on_path(effects, state, block)
     state.drift_cos, state.drift_sin = cos_sin(state.drift)
     state.turn = 0.0
     state.phase = IMPACT
+    site.crossings[0].last = 0
     for i in range(path.line_seen.size):
         path.line_seen[i] = False
 
@@ -128,7 +131,7 @@ def start_path(
     On level ground any direction is as likely.
     """
     state.x = 0.0
-    _clear_path(effects, state, block, path)
+    _clear_path(effects, state, block, site, path)
     gu, gv, known = gradient(path, u, v, block.radius)
     z, ground = _ground_at(path, u, v)
     if ground < 0:
@@ -155,7 +158,7 @@ def continue_path(
 ) -> bool:
     """Set out where another block has spawned this one; whether the terrain is known there."""
     state.x = spawned.x
-    _clear_path(effects, state, block, path)
+    _clear_path(effects, state, block, site, path)
     c = math.cos(spawned.aside)
     s = math.sin(spawned.aside)
     hu = (spawned.du * c - spawned.dv * s) * path.cell_size

@@ -28,7 +28,7 @@ from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.ground import GroundClass, GroundTable
 from sassgis.model.map_run import Forest
 from sassgis.model.profiles import ControlLineCrossings
-from sassgis.model.results import ControlLine, StopReason
+from sassgis.model.results import ControlLine, Outcome, StopReason
 from sassgis.model.settings import EngineSettings
 
 G = 9.81
@@ -371,6 +371,35 @@ def test_a_block_passes_a_station_once() -> None:
     beyond = x > -50.0 - np.abs(y) / 9.0 + 0.1
     assert count[0] == pytest.approx(beyond.sum(), abs=3)
     assert 0 < count[1] <= count[0] and count[2] == 0
+
+
+def test_a_net_holds_a_block_once() -> None:
+    """Where the heading turned at the net it was met again, until the block counted as wedged."""
+    grid = bench(50.0, 60.0, run_out=50.0)
+    net = ControlLine("net", "net", height_m=50.0, restarts_from_rest=True)
+    trace = np.array([[-30.0, -60.0], [-28.7, 60.0]])
+    out = paths(grid, x=-45.0, n=60, lines=((net, trace),))
+    assert (out.passages["outcome"] == Outcome.HELD_BY_NET).sum() > 50
+    # The slope is steeper than friction: all move on.
+    assert (out.rocks["reason"] != StopReason.BARRIER).all()
+
+
+def test_a_block_passes_all_stations_on_its_way() -> None:
+    """Also those between where it lands and where it goes on along the ground."""
+    grid = bench(36.0, 60.0, run_out=36.0)
+    at = np.arange(-39.0, -33.0, 0.05)
+    lines = tuple(
+        (ControlLine(f"s{i}", "station"), np.array([[x, -60.0], [x, 60.0]]))
+        for i, x in enumerate(at)
+    )
+    flat = BlockPopulation(
+        "flat", (0.6, 0.9), (0.4, 0.5), (0.2, 0.3), (2600.0, 2750.0), drop_m=(0.5, 1.0)
+    )
+    out = paths(grid, x=-40.0, n=100, lines=lines, blocks=flat)
+    passed = np.bincount(out.passages["rock"], minlength=100)
+    x, _ = ends(grid, out)
+    # More where it has come back.
+    assert (passed >= np.searchsorted(at, x - 0.01)).all()
 
 
 def test_trees_drag_and_fragments_on_paths() -> None:
