@@ -21,9 +21,9 @@ STATION, STOPS, RESTARTS = 0, 1, 2
 
 
 class Meeting(NamedTuple):
-    """The barrier that ends a flight or a stretch on the ground."""
+    """The barrier that ends a flight or a stretch on the ground, or several at one place."""
 
-    line: int  # position in the crossings; -1 for none
+    line: int  # position in the crossings, of the last of them; -1 for none
     when: float  # time of the flight (s), or share of the stretch
     outcome: int
     speed_left: float  # share of the speed
@@ -119,6 +119,27 @@ def _at_barrier(crossing: Record, energy: float) -> tuple[int, float]:
 
 
 @lean
+def _is_behind(crossings: Records, met: Meeting, crossing: Record) -> bool:
+    """Whether a barrier that has been met lies before a control line, so that it is not come to.
+
+    What is left of the speed goes on to all lines at the same place, in their order. One that is
+    stopped comes to the stations there, but to no other barrier.
+    """
+    if met.line < 0:
+        return False
+    here = crossings[met.line].x == crossing.x
+    return not here or (met.outcome == STOPPED and crossing.kind != STATION)
+
+
+@lean
+def _met_too(met: Meeting, line: int, when: float, outcome: int, left: float) -> Meeting:
+    """The meeting, with one more control line at the same place and what it leaves of the speed."""
+    if outcome in (PASSED, OVERTOPPED):
+        return met
+    return Meeting(line, when, outcome, met.speed_left * left)
+
+
+@lean
 def control_lines_in_flight(
     state: Record, block: Block, site: Site, output: Output, gravity: float, until: float
 ) -> Meeting:
@@ -134,6 +155,7 @@ def control_lines_in_flight(
     n = last_of(crossings)
     x_end = state.x + vx * until
     forward = vx > 0.0
+    met = no_meeting()
     for k in range(n):
         i = k if forward else n - 1 - k
         crossing = crossings[i]
@@ -142,6 +164,9 @@ def control_lines_in_flight(
             state.lines_from < line_x <= x_end if forward else x_end <= line_x < state.lines_from
         ):
             continue
+        if _is_behind(crossings, met, crossing):
+            continue
+        kept = met.speed_left
         t = max((line_x - state.x) / vx, 0.0)
         wz = state.vz - gravity * t
         z = state.z + (state.vz - 0.5 * gravity * t) * t
@@ -153,16 +178,19 @@ def control_lines_in_flight(
             outcome = OVERTOPPED
             if crossing.height > 0.0 and z - down < crossing.z + crossing.height:
                 spin = block.inertia * state.omega * state.omega
-                outcome, left = _at_barrier(crossing, 0.5 * block.mass * (vx * vx + wz * wz + spin))
+                energy = 0.5 * block.mass * (vx * vx + wz * wz + spin)
+                outcome, left = _at_barrier(crossing, kept * kept * energy)
         if forward and not crossing.seen:
             j = state.segment
             while j < last_of(profile) - 1 and profile[j + 1].x < line_x:
                 j += 1
             height = max(z - crossing.z - block.b / profile[j].tx, 0.0)
-            _write_passage(state, output, block, crossing, outcome, vx, wz, state.omega, height)
-        if outcome not in (PASSED, OVERTOPPED):
-            return Meeting(i, t, outcome, left)
-    return no_meeting()
+            _write_passage(
+                state, output, block, crossing, outcome, kept * vx, kept * wz, kept * state.omega,
+                height
+            )  # fmt: skip
+        met = _met_too(met, i, t, outcome, left)
+    return met
 
 
 class Stretch(NamedTuple):
@@ -190,6 +218,7 @@ def control_lines_on_ground(
     x = stretch.x
     x_end = stretch.x_end
     chord = abs(x_end - x)
+    met = no_meeting()
     for k in range(n):
         i = k if forward else n - 1 - k
         crossing = crossings[i]
@@ -198,6 +227,9 @@ def control_lines_on_ground(
             state.lines_from < line_x <= x_end if forward else x_end <= line_x < state.lines_from
         ):
             continue
+        if _is_behind(crossings, met, crossing):
+            continue
+        kept = met.speed_left
         share = 0.0
         if chord > 0.0:
             share = min(max((line_x - x) / (x_end - x), 0.0), 1.0)
@@ -208,18 +240,16 @@ def control_lines_on_ground(
         if crossing.kind != STATION:
             outcome = OVERTOPPED
             if crossing.height > 0.0:
-                outcome, left = _at_barrier(
-                    crossing, 0.5 * block.mass * (speed2 + block.inertia * spin2)
-                )
+                energy = 0.5 * block.mass * (speed2 + block.inertia * spin2)
+                outcome, left = _at_barrier(crossing, kept * kept * energy)
         if forward and not crossing.seen:
-            speed = math.sqrt(speed2)
+            speed = kept * math.sqrt(speed2)
             _write_passage(
                 state, output, block, crossing, outcome, speed * ux, speed * uz,
-                math.sqrt(spin2), 0.0
+                kept * math.sqrt(spin2), 0.0
             )  # fmt: skip
-        if outcome not in (PASSED, OVERTOPPED):
-            return Meeting(i, share, outcome, left)
-    return no_meeting()
+        met = _met_too(met, i, share, outcome, left)
+    return met
 
 
 @lean

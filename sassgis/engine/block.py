@@ -225,6 +225,7 @@ def start_spawned(
     profile = site.profile
     first = stretch_from(site.stretches, 0, released_x)
     _clear(state, site, spawned.x, first)
+    state.about = spawned.about
     state.spawned = True
     state.began = spawned.t
     state.moved = True

@@ -102,13 +102,16 @@ def _downhill(state: Record, gu: float, gv: float) -> tuple[float, float]:
 
 
 @inlined
-def _clear_path(effects: hooks.Effects | None, state: Record, block: Block, path: Path) -> None:
+def _clear_path(
+    effects: hooks.Effects | None, state: Record, block: Block, site: Site, path: Path
+) -> None:
     """Set what a block remembers of its path."""
     state.drift = path.drift * rng.normal(block.key, rng.DRIFT, 0)
     hooks.on_path(effects, state, block)
     state.drift_cos, state.drift_sin = cos_sin(state.drift)
     state.turn = 0.0
     state.phase = IMPACT
+    site.crossings[0].last = 0
     for i in range(path.line_seen.size):
         path.line_seen[i] = False
 
@@ -128,7 +131,7 @@ def start_path(
     On level ground any direction is as likely.
     """
     state.x = 0.0
-    _clear_path(effects, state, block, path)
+    _clear_path(effects, state, block, site, path)
     gu, gv, known = gradient(path, u, v, block.radius)
     z, ground = _ground_at(path, u, v)
     if ground < 0:
@@ -155,7 +158,7 @@ def continue_path(
 ) -> bool:
     """Set out where another block has spawned this one; whether the terrain is known there."""
     state.x = spawned.x
-    _clear_path(effects, state, block, path)
+    _clear_path(effects, state, block, site, path)
     c = math.cos(spawned.aside)
     s = math.sin(spawned.aside)
     hu = (spawned.du * c - spawned.dv * s) * path.cell_size
@@ -192,6 +195,7 @@ def turn_heading(
     angle: float,
     gu: float,
     gv: float,
+    known: bool,
 ) -> None:
     """Turn the heading to the right by an angle (rad), with all that is relative to the ground.
 
@@ -203,6 +207,8 @@ def turn_heading(
     ----------
     gu, gv : float
         Slope of the terrain at the scale of the block along u and v (m per m).
+    known : bool
+        Whether it is; else both are 0, and the plane stays as steep.
     """
     at = segment_at(site.profile, state.x, state.segment)
     here = site.profile[at]
@@ -222,7 +228,7 @@ def turn_heading(
     to_u = hu * c - hv * s
     to_v = hv * c + hu * s
     # Nothing that rests moves relative to the ground: that is as the terrain is.
-    rests_on = state.phase != FLIGHT and state.speed <= 0.0
+    rests_on = known and state.phase != FLIGHT and state.speed <= 0.0
     ahead = slope if rests_on else gu * hu + gv * hv
     after, tilt, c, s = _tilted(slope, ahead, gu * to_u + gv * to_v)
     u, v = place(state, state.x)
@@ -374,7 +380,7 @@ def after_impact(
             angle += math.atan2(push, abs(ahead))
     backwards = ahead < 0.0
     if backwards or (state.phase == FLIGHT and abs(angle) > _NO_TURN):
-        turn_heading(state, block, site, path, physics.gravity, angle, gu, gv)
+        turn_heading(state, block, site, path, physics.gravity, angle, gu, gv, known)
     else:
         # Of what goes on along the ground before_ground turns the heading: where the profile began
         # anew at a corner that the block has just come over, it would meet it again without end.
@@ -386,7 +392,7 @@ def before_flight(state: Record, block: Block, site: Site, path: Path, physics: 
     """Look ahead to where a flight lands, where the ground below it is not known yet."""
     if state.vx < 0.0:
         # A wind has turned it back.
-        turn_heading(state, block, site, path, physics.gravity, 0.0, 0.0, 0.0)
+        turn_heading(state, block, site, path, physics.gravity, 0.0, 0.0, 0.0, False)
     needed = known_to(state, block)
     if state.open and state.sampled < needed:
         look_ahead(state, block, site, path, needed, physics.gravity)
@@ -403,7 +409,7 @@ def before_ground(
     below it: then it is in flight.
     """
     u, v = place(state, state.x)
-    gu, gv, _ = gradient(path, u, v, block.radius)
+    gu, gv, known = gradient(path, u, v, block.radius)
     steep2 = gu * gu + gv * gv
     step = max(path.cell_size, 2.0 * block.radius)
     descent = _angle_to(state, gu, gv, path.cell_size)
@@ -423,14 +429,14 @@ def before_ground(
         angle += 0.5 * _bent(descent - angle, kappa * step)
     if abs(angle) > _TURN or state.direction < 0 or state.speed <= 0.0:
         state.turn -= angle
-        turn_heading(state, block, site, path, physics.gravity, angle, gu, gv)
+        turn_heading(state, block, site, path, physics.gravity, angle, gu, gv, known)
         descent = _angle_to(state, gu, gv, path.cell_size)
         if state.phase == FLIGHT:
             return steep2, descent
     if state.speed <= 0.0 and site.profile[state.segment].tz > 0.0:
         # In a dip the ground under it rises that way: it would start backwards.
         state.direction = -1
-        turn_heading(state, block, site, path, physics.gravity, 0.0, gu, gv)
+        turn_heading(state, block, site, path, physics.gravity, 0.0, gu, gv, known)
         descent = _angle_to(state, gu, gv, path.cell_size)
     state.reach = state.x + step
     needed = state.reach + 2.0 * block.a
@@ -478,7 +484,11 @@ def _bending(gravity: float, steep2: float, level2: float) -> float:
 
 @lean
 def _bent(angle: float, kappa_s: float) -> float:
-    """By how much an angle to the descent falls over a length, times κ (rad)."""
+    """By how much an angle to the descent falls over a length, times κ (rad).
+
+    The angle may be more than half a turn: the block turns the shorter way.
+    """
+    angle -= 2.0 * math.pi * np.rint(angle / (2.0 * math.pi))
     left = math.exp(-kappa_s)
     if abs(angle) < _SMALL:
         return angle - left * angle * (1.0 + (1.0 - left * left) * angle * angle / 12.0)
@@ -554,3 +564,4 @@ def place_spawned(state: Record, spawned: Spawned, before: int) -> None:
         row.u, row.v = place(state, row.x)
         row.du = state.du
         row.dv = state.dv
+        row.about = state.about

@@ -35,6 +35,9 @@ BEHIND = 4.0
 _LEAST_PLANE = 0.05
 # A parabola may lie off its chord by this share of the tolerance.
 _BENT = 0.25
+# A line nearer than this (m) to where the block has met it is the same crossing: places in plan are
+# rounded.
+_SAME_CROSSING_M = 1e-6
 # Heights of a plane differ from a straight line by rounding: that makes no vertex (m).
 _ROUNDING = 1e-9
 
@@ -81,7 +84,8 @@ def place(state: Record, x: float) -> tuple[float, float]:
 def gradient(path: Path, u: float, v: float, radius: float) -> tuple[float, float, bool]:
     """Slope of the terrain along u and v at the scale of a block (m per m), and whether known.
 
-    Central differences over its diameter, or over a cell if that is longer.
+    Central differences over its diameter, or over a cell if that is longer; where the terrain ends
+    on one side, one-sided.
     """
     step = exact(max(radius / path.cell_size, 0.5))
     east = terrain_height(path, u + step, v)
@@ -92,8 +96,22 @@ def gradient(path: Path, u: float, v: float, radius: float) -> tuple[float, floa
     gu = (east - west) * per
     gv = (south - north) * per
     if math.isnan(gu) or math.isnan(gv):
-        return 0.0, 0.0, False
+        own = terrain_height(path, u, v)
+        gu = _rise_across(west, own, east) * per
+        gv = _rise_across(north, own, south) * per
+        if math.isnan(gu) or math.isnan(gv):
+            return 0.0, 0.0, False
     return gu, gv, True
+
+
+@lean
+def _rise_across(before: float, own: float, after: float) -> float:
+    """Rise from one side to the other (m), twice that of one half where the other is not known."""
+    if math.isnan(after):
+        return 2.0 * (own - before)
+    if math.isnan(before):
+        return 2.0 * (after - own)
+    return after - before
 
 
 @inlined
@@ -141,7 +159,7 @@ def begin_profile(
         cell = cell_index(u, v, path.heights.shape[0], path.heights.shape[1])
         for i in range(behind):
             _add_stretch(state, site, path, cell, i, site.profile[i + 1].x)
-    site.crossings[0].last = 0
+    _keep_crossings(state, site)
     look_ahead(state, block, site, path, known_to(state, block), gravity)
 
 
@@ -570,12 +588,31 @@ def _cross_lines(state: Record, site: Site, path: Path, begin: float, end: float
 
 
 @lean
+def _keep_crossings(state: Record, site: Site) -> None:
+    """Of the stations and barriers keep those that a new profile would not find, or find again.
+
+    A block that goes on along the ground may have been moved over some, which it has still to pass.
+    Where it has just met one it may stand before it by what is rounded, and must not meet it again.
+    """
+    crossings = site.crossings
+    kept = 0
+    for i in range(last_of(crossings)):
+        if state.lines_from - _SAME_CROSSING_M <= crossings[i].x <= state.x:
+            crossings[kept] = crossings[i]
+            kept += 1
+    crossings[0].last = kept
+
+
+@lean
 def _add_crossing(site: Site, path: Path, number: int, x: float) -> None:
-    """Add a crossing at a chainage (m), in their order."""
+    """Add a crossing at a chainage (m), in their order, unless it is there already."""
     crossings = site.crossings
     n = last_of(crossings)
     if n + 1 >= crossings.size:
         return
+    for i in range(n):
+        if crossings[i].number == number and abs(crossings[i].x - x) < _SAME_CROSSING_M:
+            return
     profile = site.profile
     j = last_of(profile) - 1
     while j > 0 and profile[j].x > x:

@@ -153,6 +153,7 @@ SPAWNED_DTYPE = record_type(
     ("v", _F),
     ("du", _F),  # heading (cells per metre)
     ("dv", _F),
+    ("about", _F),  # -1 where its parent has turned about an odd number of times, else 1
 )
 
 

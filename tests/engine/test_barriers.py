@@ -177,6 +177,44 @@ def test_what_is_left_after_a_breakthrough(barrier):
         assert set(behind) == set(p["rock"][through])
 
 
+def test_what_is_left_comes_to_all_lines_at_one_place_in_their_order():
+    net = ControlLine("net", "net", 100.0, 60.0)
+    lines = [net, ControlLine("s", "station"), net, ControlLine("high", "wall", 50.0), net]
+    run = {"n": 100, "start": (10.0, 45.0)}
+    out = past(lab.valley(), lines, [85.0] * 5, **run)
+    p = out.passages
+    energy = p["energy_trans_kj"] + p["energy_rot_kj"]
+    rocks = np.unique(p["rock"])
+    kinds = set()
+    for rock in rocks:
+        own = p["rock"] == rock
+        had = dict(zip(p["control_line"][own].tolist(), energy[own], strict=True))
+        left = np.maximum(had[0] - 60.0, 0.0), np.maximum(had[0] - 120.0, 0.0)
+        want = {0: had[0], 1: left[0]}
+        if left[0] > 0.0:
+            want[2] = left[0]
+        if left[1] > 0.0:
+            want[3] = left[1]
+        assert had == pytest.approx(want, rel=1e-9, abs=1e-9)
+        kinds.add(len(had))
+    assert kinds == {2, 3, 4}
+    # None comes through the wall.
+    assert (out.rocks["reason"][rocks] == StopReason.BARRIER).all()
+    assert (out.rocks["furthest_m"] <= 85.0).all()
+
+
+def test_a_wall_at_a_net_holds_what_the_net_lets_go():
+    lines = [
+        ControlLine("net", "net", 100.0, restarts_from_rest=True),
+        ControlLine("high", "wall", 50.0),
+    ]
+    for at in ([85.0, 85.0], [85.0, 85.0 + 1e-7]):
+        out = past(lab.valley(), lines, at, n=60, start=(10.0, 45.0))
+        arrived = np.unique(out.passages["rock"])
+        assert arrived.size > 20 and (out.rocks["furthest_m"] <= at[1]).all()
+        assert (out.rocks["reason"][arrived] == StopReason.BARRIER).all()
+
+
 @pytest.mark.parametrize("height", [0.3, 1.0, 3.0])
 def test_a_rock_goes_over_only_if_its_lowest_point_is_above_the_top(height):
     line = lab.valley()

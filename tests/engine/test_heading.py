@@ -49,6 +49,14 @@ def test_the_turn_on_the_ground_is_the_integral_of_its_rate(angle: float) -> Non
     assert angle - _bent(angle, kappa * length) == pytest.approx(chi, abs=1e-8)
 
 
+@pytest.mark.parametrize("angle", [-3.0, -0.01, 0.4, 3.1])
+def test_an_angle_of_more_than_half_a_turn_is_turned_the_shorter_way(angle: float) -> None:
+    """Less what is due already, the angle to a descent behind the block may be more than that."""
+    for turns in (-1, 1):
+        found = _bent(angle + 2.0 * math.pi * turns, 0.3)
+        assert found == pytest.approx(_bent(angle, 0.3), abs=1e-12)
+
+
 @pytest.mark.parametrize(("east", "south"), [(0.6, 0.0), (0.5, 0.3), (-0.2, 0.6)])
 def test_without_chance_blocks_keep_to_the_fall_line_of_a_plane(east: float, south: float) -> None:
     across, out = plane(east, south, side_tilt_deg=0.0, drift_deg=0.0)

@@ -28,7 +28,7 @@ from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.ground import GroundClass, GroundTable
 from sassgis.model.map_run import Forest
 from sassgis.model.profiles import ControlLineCrossings
-from sassgis.model.results import ControlLine, StopReason
+from sassgis.model.results import ControlLine, Outcome, StopReason
 from sassgis.model.settings import EngineSettings
 
 G = 9.81
@@ -373,6 +373,35 @@ def test_a_block_passes_a_station_once() -> None:
     assert 0 < count[1] <= count[0] and count[2] == 0
 
 
+def test_a_net_holds_a_block_once() -> None:
+    """Where the heading turned at the net it was met again, until the block counted as wedged."""
+    grid = bench(50.0, 60.0, run_out=50.0)
+    net = ControlLine("net", "net", height_m=50.0, restarts_from_rest=True)
+    trace = np.array([[-30.0, -60.0], [-28.7, 60.0]])
+    out = paths(grid, x=-45.0, n=60, lines=((net, trace),))
+    assert (out.passages["outcome"] == Outcome.HELD_BY_NET).sum() > 50
+    # The slope is steeper than friction: all move on.
+    assert (out.rocks["reason"] != StopReason.BARRIER).all()
+
+
+def test_a_block_passes_all_stations_on_its_way() -> None:
+    """Also those between where it lands and where it goes on along the ground."""
+    grid = bench(36.0, 60.0, run_out=36.0)
+    at = np.arange(-39.0, -33.0, 0.05)
+    lines = tuple(
+        (ControlLine(f"s{i}", "station"), np.array([[x, -60.0], [x, 60.0]]))
+        for i, x in enumerate(at)
+    )
+    flat = BlockPopulation(
+        "flat", (0.6, 0.9), (0.4, 0.5), (0.2, 0.3), (2600.0, 2750.0), drop_m=(0.5, 1.0)
+    )
+    out = paths(grid, x=-40.0, n=100, lines=lines, blocks=flat)
+    passed = np.bincount(out.passages["rock"], minlength=100)
+    x, _ = ends(grid, out)
+    # More where it has come back.
+    assert (passed >= np.searchsorted(at, x - 0.01)).all()
+
+
 def test_trees_drag_and_fragments_on_paths() -> None:
     grid = bench(36.0, 120.0)
     reach = paths(grid, x=-110.0).rocks["runout_m"].mean()
@@ -401,6 +430,18 @@ def test_a_wind_against_them_turns_blocks_back() -> None:
     assert (out.rocks["reason"] != StopReason.STEP_LIMIT).all()
     assert np.isfinite(out.x).all()
     assert np.median(out.rocks["runout_m"]) < np.median(calm.rocks["runout_m"])
+
+
+def test_a_wind_carries_fragments_of_a_block_that_it_has_turned_back_as_the_block() -> None:
+    grid = bench(2.0, 100.0, run_out=2.0)
+    high = dataclasses.replace(MIXED, drop_m=(60.0, 60.0))
+    both = EffectSettings(Wind(-5.0), Fragmentation("threshold", energy_jkg=100.0, cone_deg=0.0))
+    out = paths(grid, n=4, blocks=high, settings=STRAIGHT, on=ROCK, effects=both)
+    assert (out.rocks["reason"] == StopReason.BROKEN).all() and out.pieces.size
+    x, _ = ends(grid, out)
+    # Blown to the west, where the block falls, and not back again.
+    assert (x[:4] < -25.0).all()
+    assert (x[4:] < x[:4].max()).all()
 
 
 # --- where segments meet under a rolling block ---------------------------------------------------
@@ -449,6 +490,31 @@ def test_release_at_the_edge_in_a_hole_and_on_level_ground() -> None:
     assert np.hypot(x.mean(), y.mean()) < 4.0 * np.hypot(x, y).std() / math.sqrt(400.0) + 0.1
     share = np.histogram(np.arctan2(y, x), bins=8, range=(-math.pi, math.pi))[0] / 800
     assert share == pytest.approx(np.full(8, 0.125), abs=0.05)
+
+
+def test_blocks_at_rest_start_beside_the_edge_and_beside_a_hole() -> None:
+    """Where the terrain ends on one side they start down the slope that the other side has."""
+    grid = bench(50.0, 60.0, run_out=50.0)
+    values = grid.values.copy()
+    values[35, 20] = np.nan
+    holed = dataclasses.replace(grid, values=values)
+    hole_x, hole_y = holed.cell_centres(np.array([35 * grid.shape[1] + 20]))
+    west, south, _, north = grid.bounds
+    x0, y0 = middle(grid)
+    resting = dataclasses.replace(MIXED, drop_m=(0.0, 0.0))
+    # Beside the west edge, in two corners, and all around the hole.
+    x = [west + 0.4, west + 0.3, west + 0.3, *(hole_x[0] + np.array([1.3, -1.3, 0.0, 0.0]))]
+    y = [y0, south + 0.5, north - 0.5, *(hole_y[0] + np.array([0.0, 0.0, 1.3, -1.3]))]
+    out = paths(
+        holed, x=np.array(x) - x0, y=np.array(y) - y0, n=8, blocks=resting, settings=STRAIGHT
+    )  # fmt: skip
+    assert (out.rocks["reason"] != StopReason.NEVER_STARTED).all()
+    end_x, end_y = (end.reshape(7, 8) for end in ends(holed, out))
+    down_the_slope = np.delete(np.arange(7), 4)
+    assert (end_x[down_the_slope] > x0 - west - 6.0).all()
+    assert np.abs(end_y - (np.array(y) - y0)[:, None]).max() < 0.1
+    # One that the hole lies ahead of comes to its edge.
+    assert (out.rocks["reason"].reshape(7, 8)[4] == StopReason.LEFT_PROFILE).all()
 
 
 @pytest.mark.parametrize("angle", [36.0, 55.0])

@@ -52,3 +52,4 @@ def spawn(
         row.mass = mass
         row.t = t
         row.aside = aside
+        row.about = 1.0
