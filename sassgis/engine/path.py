@@ -592,12 +592,14 @@ def _keep_crossings(state: Record, site: Site) -> None:
     """Of the stations and barriers keep those that a new profile would not find, or find again.
 
     A block that goes on along the ground may have been moved over some, which it has still to pass.
-    Where it has just met one it may stand before it by what is rounded, and must not meet it again.
+    Where it stands at one, by what is rounded it may be found behind the block or ahead of it: one
+    that it has met must not be met again, and no other be lost.
     """
     crossings = site.crossings
+    near = _SAME_CROSSING_M
     kept = 0
     for i in range(last_of(crossings)):
-        if state.lines_from - _SAME_CROSSING_M <= crossings[i].x <= state.x:
+        if state.lines_from - near <= crossings[i].x <= state.x + near:
             crossings[kept] = crossings[i]
             kept += 1
     crossings[0].last = kept
