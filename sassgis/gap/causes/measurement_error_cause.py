@@ -25,7 +25,7 @@ from sassgis.gap.causes.lateral_scatter import (
     usual_offset,
 )
 from sassgis.gap.causes.parameter_draws import ParameterDraws
-from sassgis.gap.causes.reach_gaps import speed_by_reach
+from sassgis.gap.causes.reach_gaps import over_scatter, speed_by_reach
 from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel, MeasurementError
@@ -147,14 +147,9 @@ def _made_up(case: Case, residuals: ResidualTable) -> Scores:
     pairs = [pair for pair in pairwise(case.reaches) if gaps.keys() >= {*pair}]
     if not pairs:
         raise Unseen
-    own = {place: _over_scatter(gap) for place, gap in gaps.items()}
+    own = {place: over_scatter(gap - np.nanmean(gap), 0.02) for place, gap in gaps.items()}
     product = mean_of_draws(np.column_stack([-own[a] * own[b] for a, b in pairs]), least=1)
     return Scores(product - _MADE_UP, float(np.nanmean(product)))
-
-
-def _over_scatter(gap: FloatArray) -> FloatArray:
-    own = gap - np.nanmean(gap)
-    return own / max(float(np.nanstd(own)), 0.02)
 
 
 def _aside(case: Case, residuals: ResidualTable) -> Scores:

@@ -49,7 +49,10 @@ def speed_gaps(residuals: ResidualTable) -> FloatArray:
 
 
 def over_scatter(gaps: FloatArray, least: float) -> FloatArray:
-    """Gaps in units of the scatter of the rocks on each reach, or of ``least`` if that is less."""
+    """Gaps in units of the scatter of the rocks on each reach, or of ``least`` if that is less.
+
+    Of one reach, shape (n_rocks,), or of several.
+    """
     scaled: FloatArray = gaps / np.maximum(np.nanstd(gaps, axis=0), least)
     return scaled
 

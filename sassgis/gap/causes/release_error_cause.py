@@ -91,11 +91,12 @@ def _first_point(case: Case, residuals: ResidualTable) -> Scores:
 def _came_down(case: Case, rows: IntArray, fell_m: float, error_m: float) -> bool:
     """Whether a rock has more than a tenth of the energy of a fall where its path begins."""
     track = case.observations.trajectories
-    at_first = rows[track.t_s[rows] <= track.t_s[rows[0]] + _FIRST_S]
-    time = float(track.t_s[at_first[-1]] - track.t_s[at_first[0]])
+    first = rows[0]
+    last = rows[track.t_s[rows] <= track.t_s[first] + _FIRST_S][-1]
+    time = float(track.t_s[last] - track.t_s[first])
     if time <= 0.0:
         return False
-    way = math.hypot(*(float(np.ptp(getattr(track, c)[at_first[[0, -1]]])) for c in "xy"))
+    way = math.hypot(*(float(getattr(track, c)[last] - getattr(track, c)[first]) for c in "xy"))
     drawn = SIGMAS * math.sqrt(2.0) * error_m / time
     return bool((way / time) ** 2 > drawn**2 + 2.0 * GRAVITY * _CAME_DOWN * fell_m)
 

@@ -123,23 +123,19 @@ def write_manifest(
     return path
 
 
-def software_versions() -> dict[str, str]:
+@cache
+def software_versions() -> Mapping[str, str]:
     """Versions of Python, the platform and the libraries that make the numbers and the files."""
     versions = {
         "python": platform.python_version(),
         "platform": f"{platform.system()} {platform.machine()}",
     }
-    versions |= _package_versions()
+    # Each from a file of its own: read once, as a batch asks for every area.
+    versions |= {package: version(package) for package in _PACKAGES}
     # Each brings its own GDAL.
     versions["gdal (rasterio)"] = str(rasterio.__gdal_version__)
     versions["gdal (pyogrio)"] = str(pyogrio.__gdal_version_string__)
     return versions
-
-
-@cache
-def _package_versions() -> dict[str, str]:
-    # Read once: each is looked up in a file of its own, and a batch asks for every area.
-    return {package: version(package) for package in _PACKAGES}
 
 
 def plain(value: object, digits: int | None = None) -> Any:
