@@ -81,6 +81,7 @@ def _write_passage(
     state: Record,
     output: Output,
     block: Block,
+    crossings: Records,
     crossing: Record,
     outcome: int,
     vx: float,
@@ -89,7 +90,10 @@ def _write_passage(
     height: float,
 ) -> None:
     """Write what a block does where it first comes to a control line."""
-    crossing.seen = True
+    for i in range(last_of(crossings)):
+        # A line that is crossed twice acts twice, but is passed once.
+        if crossings[i].number == crossing.number:
+            crossings[i].seen = True
     row = output.passages[state.n_passages]
     row.control_line = crossing.number
     row.outcome = outcome
@@ -186,8 +190,8 @@ def control_lines_in_flight(
                 j += 1
             height = max(z - crossing.z - block.b / profile[j].tx, 0.0)
             _write_passage(
-                state, output, block, crossing, outcome, kept * vx, kept * wz, kept * state.omega,
-                height
+                state, output, block, crossings, crossing, outcome, kept * vx, kept * wz,
+                kept * state.omega, height
             )  # fmt: skip
         met = _met_too(met, i, t, outcome, left)
     return met
@@ -245,7 +249,7 @@ def control_lines_on_ground(
         if forward and not crossing.seen:
             speed = kept * math.sqrt(speed2)
             _write_passage(
-                state, output, block, crossing, outcome, speed * ux, speed * uz,
+                state, output, block, crossings, crossing, outcome, speed * ux, speed * uz,
                 kept * math.sqrt(spin2), 0.0
             )  # fmt: skip
         met = _met_too(met, i, share, outcome, left)

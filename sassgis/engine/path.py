@@ -631,10 +631,6 @@ def _add_crossing(site: Site, path: Path, number: int, x: float) -> None:
     row.capacity = path.line_capacity[number]
     row.number = number
     row.seen = path.line_seen[number]
-    for i in range(n + 1):
-        # A line that is crossed twice acts twice, but is passed once.
-        if i != at and crossings[i].number == number:
-            crossings[max(i, at)].seen = True
     crossings[0].last = n + 1
 
 

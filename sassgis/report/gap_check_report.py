@@ -117,7 +117,7 @@ def _warnings(record: CheckRecord) -> tuple[str, ...]:
     broken = sum(bool(row.measured.get("failure")) for row in record.rows)
     if broken:
         lines.append(
-            f"The shrinkage on fresh rocks of {broken} sites could not be measured; they are "
+            f"Sites whose shrinkage on fresh rocks could not be measured: {broken}. They are "
             "left out of that score (see worlds.csv)."
         )
     return tuple(lines)

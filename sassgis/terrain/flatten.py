@@ -165,7 +165,7 @@ def crossings(traces: TraceSet, control_line_line: FloatArray) -> tuple[IntArray
 
     Parameters
     ----------
-    gate_line : float64, shape (k, 2)
+    control_line_line : float64, shape (k, 2)
         Vertices of the polyline (m).
 
     Returns

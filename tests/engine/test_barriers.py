@@ -97,6 +97,18 @@ def test_every_rock_that_passes_is_registered_once(line, at):
     assert len(beyond) > 40
 
 
+@lab.on_both_lines
+def test_a_station_that_a_line_crosses_twice_is_passed_once(line):
+    station = (ControlLine("hairpin", "station"),)
+    twice = ControlLineCrossings(
+        station, np.array([0, 2]), np.array([60.0, 81.37]), np.zeros(2, np.int64)
+    )
+    out = lab.run(line, lab.ROCK, lab.MIXED, n=300, start=(10.0, 30.0), control_lines=twice)
+    assert set(out.passages["rock"]) == set(out.rocks["rock"][out.rocks["furthest_m"] > 60.0])
+    assert np.unique(out.passages["rock"]).size == out.passages.size > 40
+    assert (out.passages["chainage_m"] == 60.0).all()
+
+
 def test_a_wall_of_no_height_stops_none():
     line = lab.valley()
     lines = [ControlLine("none", "wall", 0.0), ControlLine("s", "station")]

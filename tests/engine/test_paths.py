@@ -373,6 +373,20 @@ def test_a_block_passes_a_station_once() -> None:
     assert 0 < count[1] <= count[0] and count[2] == 0
 
 
+@pytest.mark.parametrize("arms", [(-60.0, -45.0), (-88.0, -86.5)], ids=["far", "at the start"])
+def test_a_station_that_is_crossed_twice_is_passed_once(arms: tuple[float, float]) -> None:
+    """Where both crossings lie ahead as the path turns, and where the block starts before both."""
+    grid = bench(36.0, 100.0)
+    first, second = arms
+    trace = np.array([[first, -90.0], [first, 90.0], [second, 90.0], [second, -90.0]])
+    out = paths(grid, x=-90.0, n=500, lines=((ControlLine("hairpin", "station"), trace),))
+    rows = out.passages
+    assert np.unique(rows["rock"]).size == rows.size
+    x, _ = ends(grid, out)
+    assert rows.size == pytest.approx((x > first).sum(), abs=3) and rows.size > 400
+    assert np.abs(rows["x_m"] - middle(grid)[0] - first).max() < 0.01
+
+
 def test_a_net_holds_a_block_once() -> None:
     """Where the heading turned at the net it was met again, until the block counted as wedged."""
     grid = bench(50.0, 60.0, run_out=50.0)
