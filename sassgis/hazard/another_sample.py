@@ -192,7 +192,9 @@ def _chance_of_rate(
     out[np.isnan(weight)] = 0.5
     some = np.flatnonzero((weight > 1e-12 * limit) & (rate > 0.0))
     shape = np.maximum(blocks[some] - beta, 1.0 - _MOST_BETA)
-    out[some] = special.betainc(_fewest(limit, weight[some]), shape, 0.5)
+    # Many places have the same counts: both numbers of each as one, to tell them apart.
+    distinct, of = np.unique(_fewest(limit, weight[some]) + 1j * shape, return_inverse=True)
+    out[some] = special.betainc(distinct.real, distinct.imag, 0.5)[of]
     return out
 
 

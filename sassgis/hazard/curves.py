@@ -269,5 +269,7 @@ def _gamma_quantile(
     spread = np.broadcast_to(variance, out.shape)
     some = (out > 0.0) & (spread > 1e-16 * out**2)
     scale = spread[some] / out[some]
-    out[some] = inverse(out[some] / scale, tail) * scale
+    # Many places have the same counts.
+    shapes, of = np.unique(out[some] / scale, return_inverse=True)
+    out[some] = inverse(shapes, tail)[of] * scale
     return out

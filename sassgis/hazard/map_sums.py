@@ -195,9 +195,14 @@ def quantiles(
         below = np.cumsum(counts[first : first + _ROWS], axis=1, dtype=np.int64)
         some = np.flatnonzero(below[:, -1] > 0)
         below, rows = below[some], first + some
+        total = below[:, -1].copy()
+        # All rows as one that rises: each begins where nothing of the one before it reaches.
+        start = np.arange(rows.size) * (total.max(initial=0) + 1)
+        rising = (below + start[:, None]).ravel()
         for i, p in enumerate(probabilities):
-            wanted = p * below[:, -1]
-            bin_ = np.minimum((below < wanted[:, None]).sum(axis=1), counts.shape[1] - 1)
+            wanted = p * total
+            bin_ = np.searchsorted(rising, np.ceil(wanted).astype(np.int64) + start)
+            bin_ = np.minimum(bin_ - np.arange(rows.size) * counts.shape[1], counts.shape[1] - 1)
             inside = counts[rows, bin_].astype(np.float64)
             before = below[np.arange(rows.size), bin_] - inside
             share = np.where(inside > 0, (wanted - before) / np.maximum(inside, 1.0), 0.0)

@@ -18,13 +18,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sassgis.io.digests import program_digest
+from sassgis.io.digests import content_digest, program_digest
 from sassgis.model.errors import InputError
 from sassgis.model.noted_files import noted
 
 #: How a line begins that tells of a file that is not used.
 UNFIT = "Saved state"
-_FINGERPRINT, _DIGEST, _TYPES = "fingerprint", "digest", "types"
+_FINGERPRINT, _DIGEST, _TYPES, _EMPTY = "fingerprint", "digest", "types", "empty"
+_ADDED = (_FINGERPRINT, _DIGEST, _TYPES, _EMPTY)
 #: What a damaged file may raise, from its end that is missing to flags that no archive has.
 _DAMAGE = (
     OSError, ValueError, KeyError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error,
@@ -45,9 +46,12 @@ def write_saved(
         Of the settings and inputs that they belong to; the program is added here.
     """
     given = {name: np.asarray(own) for name, own in arrays.items()}
-    narrow = {name: _narrow(own) for name, own in given.items()}
+    # An entry of the archive takes longer than what is in it, if that is nothing.
+    empty = {n: (a.dtype.str, a.shape) for n, a in given.items() if not (a.size or a.dtype.names)}
+    narrow = {name: _narrow(own) for name, own in given.items() if name not in empty}
     types = {n: given[n].dtype.str for n, own in narrow.items() if own.dtype != given[n].dtype}
-    whole: dict[str, ArrayLike] = {**narrow, _TYPES: json.dumps(types)}
+    said = {_TYPES: json.dumps(types), _EMPTY: json.dumps(empty)}
+    whole: dict[str, ArrayLike] = {**narrow, **said}
     whole[_FINGERPRINT] = _of_program(fingerprint)
     digest = _digest(path.name, whole)
     fresh = noted(path.with_suffix(".new"))
@@ -89,20 +93,29 @@ def read_saved(
     return None
 
 
-def saved_or_refused(path: Path, expected: str) -> dict[str, NDArray[Any]]:
+def saved_or_refused(
+    path: Path,
+    expected: str,
+    content: str | None = None,
+    wanted: Callable[[str], bool] = lambda _name: True,
+) -> dict[str, NDArray[Any]]:
     """Arrays of ``write_saved`` that must be there.
 
     Parameters
     ----------
     expected : str
         What they are, and what to do without them.
+    content : str, optional
+        Digest of the file, where that is known: then those that are not ``wanted`` are not read.
+    wanted : callable
+        Whether an array is to be read.
 
     Raises
     ------
     InputError
         If there are none, or they are damaged or changed.
     """
-    found = _unchanged(path)
+    found = _unchanged(path) if content is None else _part_of(path, content, wanted)
     if found is None:
         raise InputError("cannot be read, or was changed", file=path, expected=expected)
     return _as_given(found)
@@ -155,24 +168,41 @@ def _narrow(array: NDArray[Any]) -> NDArray[Any]:
 
 def _as_given(found: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
     """Arrays of a file in the types that they had, without what was added to them."""
-    types = json.loads(str(found[_TYPES]))
-    return {
+    types, empty = (json.loads(str(found[name])) for name in (_TYPES, _EMPTY))
+    whole = {
         name: own.astype(types.get(name, own.dtype), copy=False)
         for name, own in found.items()
-        if name not in (_FINGERPRINT, _DIGEST, _TYPES)
+        if name not in _ADDED
     }
+    return whole | {name: np.empty(shape, kind) for name, (kind, shape) in empty.items()}
 
 
 def _unchanged(path: Path) -> dict[str, NDArray[Any]] | None:
     """All arrays of a file, if they fit the digest among them."""
     try:
-        # Of a damaged file numpy leaves open what it has opened itself. Nothing is unpickled.
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
-            found = {name: stored[name] for name in stored.files}
+        found = _stored(path, lambda _name: True)
         digest = _digest(path.name, {k: own for k, own in found.items() if k != _DIGEST})
         return found if str(found[_DIGEST]) == digest else None
     except _DAMAGE:
         return None
+
+
+def _part_of(
+    path: Path, content: str, wanted: Callable[[str], bool]
+) -> dict[str, NDArray[Any]] | None:
+    """The wanted arrays of a file, if it has this digest."""
+    try:
+        whole = content_digest(path) == content
+        return _stored(path, lambda n: n in _ADDED or wanted(n)) if whole else None
+    except _DAMAGE:
+        return None
+
+
+def _stored(path: Path, wanted: Callable[[str], bool]) -> dict[str, NDArray[Any]]:
+    """The wanted arrays of a file, as they are there."""
+    # Of a damaged file numpy leaves open what it has opened itself. Nothing is unpickled.
+    with path.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
+        return {name: stored[name] for name in stored.files if wanted(name)}
 
 
 def _digest(name: str, arrays: Mapping[str, ArrayLike]) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -30,10 +30,11 @@ from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.map_run import BlockRows, MapRun
 from sassgis.model.results import ControlLine
 from sassgis.model.statistics_table import SUM_NAMES, Bins, wider
-from sassgis.runs.checkpoint import progress_from, state_of
+from sassgis.runs.checkpoint import counts_from, progress_from, state_of
 from sassgis.terrain.plan import Plan
 
 RECORD_NAME = "area.json"
+_ENERGIES = "thresholds_kj"
 #: Sums of the simulation, and of the same blocks without walls and nets.
 SIMULATION_NAME, WITHOUT_BARRIERS_NAME = "simulation.npz", "without_barriers.npz"
 
@@ -157,13 +158,17 @@ def digests_of_sums(folder: Path) -> dict[str, str]:
 
 def write_state(path: Path, progress: Progress, run: MapRun) -> None:
     """Write the sums of a simulation, with the energies of its hazard curves."""
-    arrays = state_of(progress) | {"thresholds_kj": bins_of(run).threshold}
+    arrays = state_of(progress) | {_ENERGIES: bins_of(run).threshold}
     with writing(path):
         write_saved(path, arrays, "", compressed=True)
 
 
-def read_state(folder: Path, without: bool = False) -> dict[str, NDArray[Any]]:
-    """What write_state wrote into the folder of an area.
+def read_state(
+    area: Reached,
+    without: bool = False,
+    wanted: Callable[[str], bool] = lambda _name: True,
+) -> dict[str, NDArray[Any]]:
+    """What write_state wrote into the folder of an area, or what is wanted of it.
 
     Parameters
     ----------
@@ -173,12 +178,12 @@ def read_state(folder: Path, without: bool = False) -> dict[str, NDArray[Any]]:
     Raises
     ------
     InputError
-        If the file is damaged.
+        If the file is damaged, or not that of the record.
     """
-    path = folder / WITHOUT_BARRIERS_NAME
-    if not (without and path.is_file()):
-        path = folder / SIMULATION_NAME
-    return saved_or_refused(path, "the sums of a release area; delete its folder to run it again")
+    sums = area.record.sums
+    name = WITHOUT_BARRIERS_NAME if without and WITHOUT_BARRIERS_NAME in sums else SIMULATION_NAME
+    expected = "the sums of a release area; delete its folder to run it again"
+    return saved_or_refused(area.folder / name, expected, sums[name], wanted)
 
 
 def added_up(
@@ -219,19 +224,26 @@ def added_up(
     energies = bins.threshold if only_energies_kj is None else only_energies_kj
     share = run.stop_points_max / max(sum(a.record.rocks for a in areas), 1)
     stops: list[tuple[BlockRows, int]] = []
+    begin = ("source.", "control_lines.", *(("sums.",) if only_energies_kj is None else ()))
+
+    def wanted(name: str) -> bool:
+        return planned is not None or name == _ENERGIES or name.startswith(begin)
+
     for i, area in enumerate(areas):
-        state = read_state(area.folder, without)
+        state = read_state(area, without, wanted)
         lines = tuple(control_lines[k] for k in area.record.control_lines)
         sums = {k: state.pop(f"sums.{k}") for k in ("cells", *SUM_NAMES) if f"sums.{k}" in state}
-        own = progress_from(state, area.part.n_rows * area.part.n_cols, lines)
+        n_cells = area.part.n_rows * area.part.n_cols
+        counts = counts_from(state, n_cells, lines)
         if only_energies_kj is None and len(sums) > 1:
             inside, cells = area.part.cells_in(place, sums["cells"])
             here = {k: wider(k, sums[k][inside], bins) for k in SUM_NAMES}
             total.sums.add(cells, here)
         # Those of single sources take much memory; only the table of design values needs them.
         of_sources = control_lines if planned is not None else ()
-        _add_counts(total, place, i, area, own, energies, state["thresholds_kj"], of_sources)
+        _add_counts(total, place, i, area, *counts, energies, state[_ENERGIES], of_sources)
         if planned is not None:
+            own = progress_from(state, n_cells, lines)
             first_point = int(np.flatnonzero(planned.points.area == i)[0])
             _add_blocks(total, own, first_point)
             share = min(share, own.stop_share)
@@ -249,7 +261,8 @@ def _add_counts(
     place: Part,
     number: int,
     area: Reached,
-    own: Progress,
+    at_lines: ControlLineSums,
+    sources: Mapping[tuple[int, int], SourceTally],
     energies_kj: FloatArray,
     of_area_kj: FloatArray,
     of_sources: tuple[ControlLine, ...],
@@ -265,8 +278,8 @@ def _add_counts(
         out[:, columns] = counts[:, counted]
         return out
 
-    total.control_lines.add_sums(own.control_lines, lines)
-    for (_, scenario), tally in sorted(own.sources.items()):
+    total.control_lines.add_sums(at_lines, lines)
+    for (_, scenario), tally in sorted(sources.items()):
         joined = SourceTally(
             SourceSums(n), SourceSums(n), ControlLineSums(of_sources), tally.rocks,
             tally.never_started, tally.simulated, tally.heaviest,

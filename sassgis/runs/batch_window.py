@@ -17,17 +17,21 @@ from sassgis.terrain.block_scale import SD_PER_DIAMETER
 from sassgis.terrain.fall_lines import trace
 from sassgis.terrain.plan import Plan, plan
 from sassgis.terrain.release import take
+from sassgis.terrain.surface import GAUSSIAN_ENDS
 
 #: Margin with which the search begins (m).
 _FIRST_MARGIN_M = 200.0
 #: What the edge of a part does to the spline through its heights fades by 0.268 per cell: it is
 #: below the rounding of a double after 28 cells, and some more make the last bits the same.
 _SPLINE_CELLS = 48
-#: Standard deviations at which the Gaussian of the smoothing ends.
-_GAUSSIAN_ENDS = 4.0
 _POINTS = 256
 #: So many lines are traced first: where one of them leaves a part, the others need not be.
 _SCOUTS = 8
+#: On one of so many cells in each direction, and as far around the release area (cells), lines are
+#: traced first of all, to begin with a part that is about as large as it has to be.
+_THINNED, _FORESEEN_CELLS = 4, 400
+#: Margins of the first part to those that these lines ask for.
+_MORE = 1.25
 #: Share of the length of the fall lines by which a part is wider than they, for followed paths.
 _ASIDE = 0.15
 #: Cells beside one that a path looks at whose heights count there, next to half a block.
@@ -64,14 +68,14 @@ class Windowed:
 
 def edge_cells(smoothing_m: float, ref_width_m: float, cell_size: float) -> int:
     """Cells from a cut edge within which fall lines would feel it, or counts be lost."""
-    felt = math.ceil(_GAUSSIAN_ENDS * smoothing_m / cell_size) + _SPLINE_CELLS
+    felt = math.ceil(GAUSSIAN_ENDS * smoothing_m / cell_size) + _SPLINE_CELLS
     return max(felt, _counted(ref_width_m, cell_size))
 
 
 def rim_cells(run: MapRun, ref_width_m: float) -> int:
     """Cells from a cut edge within which followed paths would feel it, or counts be lost."""
     cell = run.grid.cell_size
-    smoothed = math.ceil(_GAUSSIAN_ENDS * SD_PER_DIAMETER * run.block_scale_m / cell)
+    smoothed = math.ceil(GAUSSIAN_ENDS * SD_PER_DIAMETER * run.block_scale_m / cell)
     radius = max(_largest_radius(b) for b in run.blocks) / cell
     # Whether a step along the ground may be twice as long depends on the slope at its end, up to
     # half of the longest step beyond the cells that the path looks at.
@@ -131,7 +135,8 @@ def windowed(
     """
     inner = terrain.part_of(bounds)
     first = math.ceil(min(first_margin_m, 1e9) / terrain.cell_size)
-    north, east, south, west = (max(first, m) for m in margins)
+    foreseen = _foreseen(terrain, inner, make, ref_width_m)
+    north, east, south, west = (max(first, *m) for m in zip(margins, foreseen, strict=True))
     while True:
         part = inner.grown(north, east, south, west).common(terrain.whole)
         if part is None:
@@ -154,19 +159,48 @@ def windowed(
         )
 
 
+def _foreseen(
+    terrain: Terrain, inner: Part, make: Callable[[Part], MapRun], ref_width_m: float
+) -> Sides:
+    """Margins that the fall lines ask for on a part of the cells: quick, and about right."""
+    around = inner.grown(*[_FORESEEN_CELLS] * 4).common(terrain.whole)
+    if around is None:
+        return 0, 0, 0, 0
+    run = make(around)
+    grid, cell = run.grid, terrain.cell_size
+    values = np.ascontiguousarray(grid.values[::_THINNED, ::_THINNED])
+    if not np.isfinite(values).any():
+        return 0, 0, 0, 0
+    # Cells that are so much larger have their middles where those that are left have theirs.
+    off = 0.5 * (_THINNED - 1) * cell
+    thinned = replace(
+        grid, values=values, west=grid.west - off, north=grid.north + off, cell_size=_THINNED * cell
+    )
+    run = replace(run, grid=thinned)
+    planned = plan(run)
+    reached = _reached(terrain, run, planned, ref_width_m, len(planned.starts))
+    n, e, s, w = (math.ceil(_MORE * m) for m in _beyond(reached, inner))
+    return n, e, s, w
+
+
 def _missing(
     terrain: Terrain, part: Part, run: MapRun, planned: Plan, ref_width_m: float, lines: int
 ) -> list[int]:
     """Cells by which a part is too small for so many of the fall lines, on each side as Sides."""
+    reached = _reached(terrain, run, planned, ref_width_m, lines)
+    cut = cut_sides(part, terrain)
+    return [c * beyond for c, beyond in zip(cut, _beyond(reached, part), strict=True)]
+
+
+def _reached(terrain: Terrain, run: MapRun, planned: Plan, ref_width_m: float, lines: int) -> Part:
+    """The part that so many of the fall lines need, also beyond the terrain model."""
     widest = max(run.terrain.smoothing_m, SD_PER_DIAMETER * run.block_scale_m)
     keep = edge_cells(widest, ref_width_m, terrain.cell_size)
     extent = _extent(run, planned, lines)
     if run.followed:
         aside = _ASIDE * math.hypot(extent[2] - extent[0], extent[3] - extent[1])
         keep += math.ceil((aside + run.release.spacing_m) / terrain.cell_size)
-    reached = terrain.part_of(extent).grown(keep, keep, keep, keep)
-    cut = cut_sides(part, terrain)
-    return [c * beyond for c, beyond in zip(cut, _beyond(reached, part), strict=True)]
+    return terrain.part_of(extent).grown(keep, keep, keep, keep)
 
 
 def cut_sides(part: Part, terrain: Terrain) -> tuple[bool, bool, bool, bool]:

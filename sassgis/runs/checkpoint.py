@@ -166,14 +166,12 @@ def progress_from(
     state: dict[str, Any], n_cells: int, control_lines: tuple[ControlLine, ...]
 ) -> Progress:
     """The progress of a run from its state, the cells of its grid and its stations and barriers."""
-    cells = [own for name, own in state.items() if name.endswith(("sums.cells", "cells.places"))]
-    if any(((own < 0) | (own >= n_cells)).any() for own in cells):
-        raise ValueError("cells outside of the grid")
+    at_lines, sources = counts_from(state, n_cells, control_lines)
     worth = _group(state, "worth")
     furthest: Any = (*state["furthest_m"].tolist(), *state["furthest_rock"].tolist())
     return Progress(
         sums=MapSums.from_state(n_cells, _group(state, "sums")),
-        control_lines=ControlLineSums.from_state(control_lines, _group(state, "control_lines")),
+        control_lines=at_lines,
         reasons=np.array(state["reasons"]),
         runout=np.array(state["runout"]),
         scores=np.array(state["scores"]),
@@ -186,11 +184,28 @@ def progress_from(
         # Of what is kept as a result it says nothing.
         seconds=float(state.get("seconds", 0.0)),
         worth=Worth(**worth) if worth else None,
-        sources=_sources(state, control_lines),
+        sources=sources,
         lines=[FallLines(**_group(state, "lines"))],
         stops=[BlockRows(**_group(state, "stops"))],
         **{name: kind(state[name]) for name, kind in _NUMBERS.items()},
     )
+
+
+def counts_from(
+    state: dict[str, Any], n_cells: int, control_lines: tuple[ControlLine, ...]
+) -> tuple[ControlLineSums, dict[tuple[int, int], SourceTally]]:
+    """Passages at stations and barriers, and counts of each source, of a state or that part of it.
+
+    Raises
+    ------
+    ValueError
+        If there are counts outside of the grid.
+    """
+    cells = [own for name, own in state.items() if name.endswith(("sums.cells", "cells.places"))]
+    if any(((own < 0) | (own >= n_cells)).any() for own in cells):
+        raise ValueError("cells outside of the grid")
+    at_lines = ControlLineSums.from_state(control_lines, _group(state, "control_lines"))
+    return at_lines, _sources(state, control_lines)
 
 
 def read_rows(part: Path) -> BlockRows:

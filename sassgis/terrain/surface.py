@@ -25,6 +25,8 @@ from sassgis.model.profiles import LineEnd
 PAD = 24
 # Nodata is filled along the slope of the nearest valid cell, but not farther than this.
 _FILL_REACH = 3.0
+#: Standard deviations at which the Gaussian of the smoothing ends.
+GAUSSIAN_ENDS = 4.0
 _VALID = -1
 _LEFT_DEM = int(LineEnd.LEFT_DEM)
 _NODATA = int(LineEnd.NODATA)
@@ -202,18 +204,44 @@ def _local_linear(
     no slope of their own. NaN where invalid. What a cell gets depends on its surroundings alone, to
     the last bit, except where ``general`` is used.
     """
-    radius = max(1, int(np.ceil(4.0 * scale)))
+    radius = max(1, int(np.ceil(GAUSSIAN_ENDS * scale)))
     offset = np.arange(-radius, radius + 1, dtype=np.float64)
     weight = np.exp(-0.5 * (offset / scale) ** 2)
     weight /= weight.sum()
-    moments = [weight * (offset / scale) ** power for power in (0, 1, 2)]
+    moments = tuple(weight * (offset / scale) ** power for power in (0, 1, 2))
+    if not valid.all() or min(valid.shape) <= 4 * radius:
+        return _regressed(heights, valid, moments, scale, general)
+    # Without nodata surroundings are incomplete near the edges alone.
+    result = _correlated(heights, moments[0], moments[0])
+    ends = (slice(radius), slice(2 * radius)), (slice(-radius, None), slice(-2 * radius, None))
+    for both in ends:
+        for order in (1, -1):
+            edge, around = ((own, slice(None))[::order] for own in both)
+            strip = _regressed(heights[around], valid[around], moments, scale, general)
+            result[edge] = strip[edge]
+    return result
+
+
+def _correlated(values: FloatArray, by_row: FloatArray, by_col: FloatArray) -> FloatArray:
+    """Weighted sums over the surroundings of each cell; beyond the edges there is nothing."""
+    once = ndimage.correlate1d(values, by_row, axis=0, mode="constant")
+    twice: FloatArray = ndimage.correlate1d(once, by_col, axis=1, mode="constant")
+    return twice
+
+
+def _regressed(
+    heights: FloatArray,
+    valid: BoolArray,
+    moments: tuple[FloatArray, ...],
+    scale: float,
+    general: tuple[float, float],
+) -> FloatArray:
+    """Local linear regression with these weights, and their first and second moments."""
     mask = valid.astype(np.float64)
     known = np.where(valid, heights, 0.0)
 
     def correlate(values: FloatArray, row_power: int, col_power: int) -> FloatArray:
-        once = ndimage.correlate1d(values, moments[row_power], axis=0, mode="constant")
-        twice: FloatArray = ndimage.correlate1d(once, moments[col_power], axis=1, mode="constant")
-        return twice
+        return _correlated(values, moments[row_power], moments[col_power])
 
     share = correlate(mask, 0, 0)
     mean = correlate(known, 0, 0)

@@ -62,7 +62,8 @@ CHANGES: dict[str, Change] = {
     "type": lambda a: a.update(sums=a["sums"].view("<i8")),
     "missing": lambda a: a.pop("names"),
     "more": lambda a: a.update(other=np.zeros(2)),
-    "names changed round": lambda a: a.update(sums=a["none"], none=a["sums"]),
+    "names changed round": lambda a: a.update(sums=a["blocks"], blocks=a["sums"]),
+    "empty": lambda a: a.update(empty=np.array("{}")),
     "of others": lambda a: a.update(fingerprint=np.array("another")),
     "no digest": lambda a: a.pop("digest"),
 }
@@ -80,6 +81,20 @@ def test_what_was_changed_is_taken_for_none_and_said(tmp_path: Path, change: str
     assert said == [f"Saved state {file} is not used: damaged, or changed since it was saved"]
     with pytest.raises(InputError, match=r"state.npz: .*expected what was there"):
         saved_or_refused(file, "what was there")
+
+
+def test_of_a_file_with_this_content_some_arrays_are_read(tmp_path: Path) -> None:
+    file, said = tmp_path / "state.npz", "what was there"
+    write_saved(file, ARRAYS, "own", compressed=True)
+    content = digests.content_digest(file)
+    whole = saved_or_refused(file, said, content)
+    assert whole.keys() == ARRAYS.keys()
+    some = saved_or_refused(file, said, content, lambda name: name == "blocks")
+    assert some.keys() == {"blocks", "none"}
+    assert np.array_equal(some["blocks"], ARRAYS["blocks"]) and some["none"].shape == (0, 2)
+    write_saved(file, ARRAYS | {"count": np.array(4)}, "own", compressed=True)
+    with pytest.raises(InputError, match=r"state.npz: cannot be read, or was changed"):
+        saved_or_refused(file, said, content, lambda name: name == "blocks")
 
 
 def test_another_file_is_not_taken_for_this_one(tmp_path: Path) -> None:

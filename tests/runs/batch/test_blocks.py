@@ -6,6 +6,7 @@ import io
 import json
 import shutil
 import zipfile
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -41,7 +42,7 @@ from sassgis.runs.batch_mosaic import (
     kept_mosaic,
     shared,
 )
-from sassgis.runs.batch_state import Reached, Record, added_up, read_state
+from sassgis.runs.batch_state import Reached, Record, added_up, digests_of_sums, read_state
 from sassgis.runs.checkpoint import state_of
 
 GIGABYTE = 1e9
@@ -230,7 +231,9 @@ def test_an_area_without_barriers_left_the_same_with_and_without(
     own = done.folder / "areas" / "nord"
     assert (own / "without_barriers.npz").is_file()
     shutil.copy(own / "simulation.npz", tmp_path)
-    with_them, without = (read_state(tmp_path, without) for without in (False, True))
+    record = replace(area(Part(0, 0, 2, 2), 0).record, sums=digests_of_sums(tmp_path))
+    alone = Reached("nord", record, tmp_path, Part(0, 0, 2, 2))
+    with_them, without = (read_state(alone, without) for without in (False, True))
     assert with_them.keys() == without.keys()
     assert all(np.array_equal(with_them[k], without[k]) for k in with_them)
 
@@ -306,8 +309,8 @@ def test_stops_of_areas_are_kept_at_one_share(monkeypatch: pytest.MonkeyPatch) -
         np.zeros(0, PASSAGE_DTYPE), none, np.ones(rocks.size, np.int64), none,
     )  # fmt: skip
 
-    def state(folder: Path, _without: bool) -> dict[str, Any]:
-        share = shares[folder.name]
+    def state(of: Reached, _without: bool, _wanted: Callable[[str], bool]) -> dict[str, Any]:
+        share = shares[of.name]
         own = Progress(
             0, MapSums(4), ControlLineSums(()), stops=[evenly_kept(rows, 3, share)],
             stop_share=share,
