@@ -30,8 +30,6 @@ _NUMBERS: dict[str, Any] = {
     "chunks": int, "lost": int, "pieces": int, "simulated": int, "stop_share": float
 }  # fmt: skip
 _OF_SOURCE = ("rocks", "never_started", "simulated", "heaviest")
-#: As it is where a state does not say it.
-_UNSAID = {"heaviest": 1}
 _ROW_FIELDS = tuple(f.name for f in fields(BlockRows))
 
 
@@ -232,10 +230,7 @@ def _sources(
             SourceSums.from_state(_group(state, f"{name}.cells")),
             SourceSums.from_state(_group(state, f"{name}.objects")),
             ControlLineSums.from_state(control_lines, _group(state, f"{name}.control_lines")),
-            *(
-                int(state.get(f"{name}.{n}", _UNSAID[n]) if n in _UNSAID else state[f"{name}.{n}"])
-                for n in _OF_SOURCE
-            ),
+            *(int(state[f"{name}.{n}"]) for n in _OF_SOURCE),
         )
     return sources
 

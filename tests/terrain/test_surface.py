@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from helpers.terrains import grid_of, rough
@@ -89,6 +91,23 @@ def test_nodata_does_not_leak_into_the_smoothed_heights() -> None:
     low = smoothed(Grid(other, grid.west, grid.north, 2.0), 6.0).values
     assert np.nanmin(low) > np.nanmin(grid.values) - 5.0
     assert np.nanmax(low) < np.nanmax(grid.values) + 5.0
+
+
+@pytest.mark.parametrize("scale_m", [3.0, 12.0])
+def test_heights_far_from_nodata_do_not_hang_on_it(rough_grid: Grid, scale_m: float) -> None:
+    """To the last bit, also along the edges: with nodata other cells are looked at."""
+    values = rough_grid.values.copy()
+    row, col = (n // 2 for n in values.shape)
+    values[row, col] = np.nan
+    whole, with_hole = (
+        smoothed(g, scale_m).values for g in (rough_grid, replace(rough_grid, values=values))
+    )
+    reach = int(np.ceil(4.0 * scale_m / rough_grid.cell_size))
+    assert min(values.shape) > 4 * reach
+    far = np.ones(values.shape, bool)
+    far[row - reach : row + reach + 1, col - reach : col + reach + 1] = False
+    assert np.array_equal(whole[far], with_hole[far])
+    assert not np.array_equal(whole[~far], with_hole[~far])
 
 
 def test_bad_inputs_are_named() -> None:
