@@ -37,6 +37,12 @@ KM2, AREAS = 3000.0, 10_000
 PERIOD = 2000.0
 #: From the ridge down: plan length (m) and slope (degrees).
 UNITS = ((150.0, 12.0), (60.0, 65.0), (300.0, 35.0), (190.0, 15.0), (300.0, 1.0))
+#: Steps of a batch after its areas, by how the line that tells of them begins.
+STEPS = {
+    "Adding up the areas": "mosaic",
+    "Writing the overviews of the maps": "overviews",
+    "Drawing the zones": "zones",
+}
 #: Side of a release area with 100 points (m), and where it lies below the ridge.
 AREA_DEPTH, AREA_BELOW = 50.0, 155.0
 
@@ -158,19 +164,22 @@ def run(folder: Path, jobs: int, memory_gb: float) -> dict[str, float]:
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     began = time.perf_counter()
     with subprocess.Popen(command) as child:
-        peak = 0.0
+        used = [(0.0, 0.0)]
         while child.poll() is None:
-            peak = max(peak, _resident_mb(child.pid))
+            used.append((time.time(), _resident_mb(child.pid)))
             time.sleep(0.5)
     if child.returncode:
         sys.exit("the batch failed")
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     parts = json.loads((folder / "times.json").read_text())
+    parts |= {f"{name}_mb": 0.0 for name in ("areas", *STEPS.values())}
+    for (name, begin), (_, end) in pairwise(parts.pop("marks")):
+        parts[f"{name}_mb"] = max((mb for t, mb in used if begin <= t < end), default=0.0)
     return {
         "wall_s": time.perf_counter() - began,
         "cpu_s": after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime,
         **parts,
-        "peak_mb": peak,
+        "peak_mb": max(mb for _, mb in used),
         "results_mb": sum(f.stat().st_size for f in out.rglob("*") if f.is_file()) / 1e6,
     }
 
@@ -184,7 +193,7 @@ def _resident_mb(pid: int) -> float:
         except OSError:
             continue
         total += sum(float(r.split()[1]) for r in text.splitlines() if r.startswith("Pss:"))
-    return total / 1024.0
+    return total * 1024.0 / 1e6
 
 
 def _started_by(pid: int) -> list[int]:
@@ -200,27 +209,23 @@ def child(folder: Path, jobs: int, memory_gb: float) -> None:
     """In a process of its own: the batch, and how long its steps took."""
     from sassgis.runs.batch import batch
 
-    steps = {
-        "Adding up the areas": "mosaic",
-        "Writing the overviews of the maps": "overviews",
-        "Drawing the zones": "zones",
-    }
-    marks = [("areas", time.perf_counter(), _cpu_s())]
+    marks = [("areas", time.time(), _cpu_s())]
 
     def say(text: str) -> None:
-        step = next((name for begin, name in steps.items() if text.startswith(begin)), None)
+        step = next((name for begin, name in STEPS.items() if text.startswith(begin)), None)
         if step:
-            marks.append((step, time.perf_counter(), _cpu_s()))
+            marks.append((step, time.time(), _cpu_s()))
 
     batch(
         folder / "release.gpkg", folder / "out", config=folder / "config.toml", jobs=jobs,
         memory_gb=memory_gb, mosaic_only=True, say=say,
     )  # fmt: skip
-    marks.append(("", time.perf_counter(), _cpu_s()))
-    parts = {f"{name}_wall_s": 0.0 for name in ("areas", *steps.values())}
+    marks.append(("", time.time(), _cpu_s()))
+    parts: dict[str, object] = {f"{n}_wall_s": 0.0 for n in ("areas", *STEPS.values())}
     parts |= {f"{name}_wall_s": b[0] - a[0] for (name, *a), (_, *b) in pairwise(marks)}
     cpu = {name: used for name, _, used in marks}
     parts |= {"areas_cpu_s": cpu["mosaic"] - cpu["areas"], "mosaic_cpu_s": cpu[""] - cpu["mosaic"]}
+    parts["marks"] = [(name, at) for name, at, _ in marks]
     (folder / "times.json").write_text(json.dumps(parts))
 
 
