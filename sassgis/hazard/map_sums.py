@@ -195,7 +195,7 @@ def quantiles(
         below = np.cumsum(counts[first : first + _ROWS], axis=1, dtype=np.int64)
         some = np.flatnonzero(below[:, -1] > 0)
         below, rows = below[some], first + some
-        total = below[:, -1].copy()
+        total = below[:, -1]
         # All rows as one that rises: each begins where nothing of the one before it reaches.
         start = np.arange(rows.size) * (total.max(initial=0) + 1)
         rising = (below + start[:, None]).ravel()

@@ -44,7 +44,7 @@ from sassgis.runs.batch_state import (
     write_record,
     write_state,
 )
-from sassgis.runs.batch_window import Sides, Windowed, cut_sides, windowed
+from sassgis.runs.batch_window import SEARCHED_CELLS, Sides, Windowed, cut_sides, windowed
 from sassgis.runs.inputs import (
     collected_notices,
     forest_of,
@@ -60,9 +60,6 @@ from sassgis.runs.zone import prepared, simulations, write_zones
 from sassgis.terrain.release import meeting, wkb_hex
 
 AREAS_NAME = "areas"
-#: Cells around a release area whose heights are read at once, which takes 5 MB: the search for its
-#: part of the terrain tries several within them.
-_HELD_CELLS = 400
 
 
 @dataclass(frozen=True, slots=True)
@@ -318,7 +315,7 @@ def _cut(setting: Setting, candidate: Candidate, margins: Sides) -> Windowed:
     config = _own_config(setting, candidate)
     with collected_notices() as notices:
         feature = area_feature(setting, candidate)
-        around = setting.terrain.part_of(feature.geometry.bounds).grown(*[_HELD_CELLS] * 4)
+        around = setting.terrain.part_of(feature.geometry.bounds).grown(*[SEARCHED_CELLS] * 4)
         around = around.common(setting.terrain.whole) or around
         terrain = setting.terrain.holding(around)
         _, area = _area_on(replace(setting, terrain=terrain), candidate, feature, around)

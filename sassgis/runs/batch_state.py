@@ -234,20 +234,24 @@ def added_up(
         lines = tuple(control_lines[k] for k in area.record.control_lines)
         sums = {k: state.pop(f"sums.{k}") for k in ("cells", *SUM_NAMES) if f"sums.{k}" in state}
         n_cells = area.part.n_rows * area.part.n_cols
-        counts = counts_from(state, n_cells, lines)
+        if planned is None:
+            at_lines, by_source = counts_from(state, n_cells, lines)
+        else:
+            own = progress_from(state, n_cells, lines)
+            at_lines, by_source = own.control_lines, own.sources
+            first_point = int(np.flatnonzero(planned.points.area == i)[0])
+            _add_blocks(total, own, first_point)
+            share = min(share, own.stop_share)
+            stops.append((evenly_kept(joined_rows(own.stops), run.seed, share), first_point))
         if only_energies_kj is None and len(sums) > 1:
             inside, cells = area.part.cells_in(place, sums["cells"])
             here = {k: wider(k, sums[k][inside], bins) for k in SUM_NAMES}
             total.sums.add(cells, here)
         # Those of single sources take much memory; only the table of design values needs them.
         of_sources = control_lines if planned is not None else ()
-        _add_counts(total, place, i, area, *counts, energies, state[_ENERGIES], of_sources)
-        if planned is not None:
-            own = progress_from(state, n_cells, lines)
-            first_point = int(np.flatnonzero(planned.points.area == i)[0])
-            _add_blocks(total, own, first_point)
-            share = min(share, own.stop_share)
-            stops.append((evenly_kept(joined_rows(own.stops), run.seed, share), first_point))
+        _add_counts(
+            total, place, i, area, at_lines, by_source, energies, state[_ENERGIES], of_sources
+        )
     # One share of all areas: no more than any of them has kept.
     for rows, first_point in stops:
         kept = evenly_kept(rows, run.seed, share)

@@ -27,9 +27,12 @@ _SPLINE_CELLS = 48
 _POINTS = 256
 #: So many lines are traced first: where one of them leaves a part, the others need not be.
 _SCOUTS = 8
-#: On one of so many cells in each direction, and as far around the release area (cells), lines are
-#: traced first of all, to begin with a part that is about as large as it has to be.
-_THINNED, _FORESEEN_CELLS = 4, 400
+#: Cells around a release area whose heights are read at once, which takes 5 MB: its part of the
+#: terrain is searched within them.
+SEARCHED_CELLS = 400
+#: On cells that are so many times as large lines are traced first of all, to begin with a part that
+#: is about as large as it has to be.
+_COARSER = 4
 #: Margins of the first part to those that these lines ask for.
 _MORE = 1.25
 #: Share of the length of the fall lines by which a part is wider than they, for followed paths.
@@ -124,7 +127,7 @@ def windowed(
     make : callable
         Makes the run on a part.
     first_margin_m : float
-        Margin with which to begin.
+        Margin with which to begin at least.
     margins : (int, int, int, int)
         Cells around the area (north, east, south, west) that there must be at least.
 
@@ -162,21 +165,19 @@ def windowed(
 def _foreseen(
     terrain: Terrain, inner: Part, make: Callable[[Part], MapRun], ref_width_m: float
 ) -> Sides:
-    """Margins that the fall lines ask for on a part of the cells: quick, and about right."""
-    around = inner.grown(*[_FORESEEN_CELLS] * 4).common(terrain.whole)
+    """Margins that the fall lines ask for on larger cells: quick, and about right."""
+    around = inner.grown(*[SEARCHED_CELLS] * 4).common(terrain.whole)
     if around is None:
         return 0, 0, 0, 0
     run = make(around)
-    grid, cell = run.grid, terrain.cell_size
-    values = np.ascontiguousarray(grid.values[::_THINNED, ::_THINNED])
-    if not np.isfinite(values).any():
+    n_rows, n_cols = (n // _COARSER for n in run.grid.shape)
+    fine = run.grid.values[: n_rows * _COARSER, : n_cols * _COARSER]
+    coarse = fine.reshape(n_rows, _COARSER, n_cols, _COARSER).mean(axis=(1, 3))
+    if not np.isfinite(coarse).any():
         return 0, 0, 0, 0
-    # Cells that are so much larger have their middles where those that are left have theirs.
-    off = 0.5 * (_THINNED - 1) * cell
-    thinned = replace(
-        grid, values=values, west=grid.west - off, north=grid.north + off, cell_size=_THINNED * cell
+    run = replace(
+        run, grid=replace(run.grid, values=coarse, cell_size=_COARSER * terrain.cell_size)
     )
-    run = replace(run, grid=thinned)
     planned = plan(run)
     reached = _reached(terrain, run, planned, ref_width_m, len(planned.starts))
     n, e, s, w = (math.ceil(_MORE * m) for m in _beyond(reached, inner))
