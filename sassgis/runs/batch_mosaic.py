@@ -12,6 +12,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import pickle
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -364,7 +365,7 @@ def _write_blocks(
     blocks = divided(place, areas, mosaic.bins, share)
     maps = _write_maps(work / "maps", mosaic, blocks, frame, at_once, tell)
     counted = [a for a in areas if a.record.reached]
-    drawn, left_out = _zones_by_group(mosaic, counted, cores, memory_bytes, tell)
+    drawn, left_out = _zones_by_group(work, mosaic, counted, cores, memory_bytes, tell)
     keep(list(left_out.values()))
     here = Part(place.row, place.col, 0, 0)
     met = [a for a in areas if a.record.control_lines or a.record.objects]
@@ -491,6 +492,7 @@ def groups(areas: Sequence[Reached], beside: int) -> list[list[Reached]]:
 
 
 def _zones_by_group(
+    work: Path,
     mosaic: Mosaic,
     areas: Sequence[Reached],
     jobs: int,
@@ -499,7 +501,8 @@ def _zones_by_group(
 ) -> tuple[list[list[VectorLayer]], dict[str, int]]:
     """Zones of each group of areas with counts, and those that are left out as too large.
 
-    Of these, what to say, and the memory that they need (bytes).
+    Of these, what to say, and the memory that they need (bytes). What is drawn waits in files of
+    the folder ``work``: zones of 10,000 areas take 1.4 GB, which the processes that draw need.
     """
     found = groups(areas, mosaic.beside)
     energies = len(mosaic.setting.rules.preset.thresholds_kj)
@@ -514,8 +517,15 @@ def _zones_by_group(
     largest = max((n for n in need if n <= memory_bytes), default=1)
     at_once = max(1, min(jobs, (memory_bytes - BASE) // largest))
     tell(f"Drawing the zones of {len(fits)} groups of areas")
+    files = [work / f"{i}.zones" for i in range(len(fits))]
     with task_map(mosaic, at_once if len(fits) >= 2 * at_once else 1) as each:
-        return list(each(_zones, fits)), left_out
+        for _ in each(_draw_zones, list(zip(fits, files, strict=True))):
+            pass
+    drawn = []
+    for file in files:
+        drawn.append(pickle.loads(file.read_bytes()))
+        file.unlink()
+    return drawn, left_out
 
 
 def bytes_for_zones(box: Part, areas: Sequence[Reached], n_energies: int) -> int:
@@ -532,6 +542,13 @@ def _box(mosaic: Mosaic, areas: Sequence[Reached]) -> Part:
     box = inside.common(mosaic.place)
     assert box is not None
     return box
+
+
+def _draw_zones(mosaic: Mosaic, group: tuple[Sequence[Reached], Path]) -> None:
+    """Draw the zones of one group into a file."""
+    areas, file = group
+    with writing(file):
+        file.write_bytes(pickle.dumps(_zones(mosaic, areas), pickle.HIGHEST_PROTOCOL))
 
 
 def _zones(mosaic: Mosaic, areas: Sequence[Reached]) -> list[VectorLayer]:

@@ -97,8 +97,8 @@ def small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(batch_mosaic, "TILE", 128)
     by_group = batch_mosaic._zones_by_group
 
-    def with_enough(mosaic, areas, jobs, _memory, tell):
-        return by_group(mosaic, areas, jobs, 1 << 40, tell)
+    def with_enough(work, mosaic, areas, jobs, _memory, tell):
+        return by_group(work, mosaic, areas, jobs, 1 << 40, tell)
 
     monkeypatch.setattr(batch_mosaic, "_zones_by_group", with_enough)
 
@@ -326,7 +326,7 @@ def test_stops_of_areas_are_kept_at_one_share(monkeypatch: pytest.MonkeyPatch) -
     assert np.bincount(lines) == pytest.approx([500, 500], abs=80)
 
 
-def test_zones_that_are_left_out_say_how_much_memory_they_need() -> None:
+def test_zones_that_are_left_out_say_how_much_memory_they_need(tmp_path: Path) -> None:
     far = [
         replace(area(Part(500 * i, 0, 60, 120), 6000 * (i + 1)), name=name)
         for i, name in enumerate("ab")
@@ -335,7 +335,7 @@ def test_zones_that_are_left_out_say_how_much_memory_they_need() -> None:
     mosaic: Any = SimpleNamespace(
         beside=54, place=Part(0, 0, 1000, 200), setting=SimpleNamespace(rules=rules)
     )
-    drawn, left_out = _zones_by_group(mosaic, far, 1, 1000, lambda _text: None)
+    drawn, left_out = _zones_by_group(tmp_path, mosaic, far, 1, 1000, lambda _text: None)
     assert not drawn and len(left_out) == 2
     for text, need in left_out.items():
         assert f"need about {need / 1e9:.1f} GB of memory and were left out" in text
