@@ -150,6 +150,11 @@ def write_run_project(
         LayerEntry(layer, f"maps/{layer.stem}.tif", visible=layer.stem == "energy" and not zoned)
         for layer in layers
     )
+    base = []
+    if base_map is not None and imprint.base_map is not None:
+        # As seen from the working folder, which lies beside that of the result.
+        place = seen_from(folder.resolve(), imprint.base_map)
+        base = [LayerGroup("Base map", (LayerEntry(base_map, place),))]
     shown = [
         LayerGroup("Stations and measures", entries("barriers", "stations")),
         LayerGroup(
@@ -161,7 +166,7 @@ def write_run_project(
         *groups,
         LayerGroup("Footprint", entries("footprint", visible=False)),
         LayerGroup("Maps", maps, exclusive=True),
-        *_base_group(base_map, imprint.base_map, folder),
+        *base,
         LayerGroup("Terrain", (LayerEntry(terrain, "maps/terrain.tif"),)),
     ]
     full = [group for group in map(without_empty, shown) if group.layers]
@@ -181,17 +186,6 @@ def write_run_project(
         # Where no block arrives there are no zones, and no sheet of them.
         layouts=[layout for layout in layouts if keys.issuperset(layout.layers)],
     )
-
-
-def _base_group(
-    base_map: RasterLayer | None, file: Path | None, folder: Path
-) -> tuple[LayerGroup, ...]:
-    """The group of the base map; none without one."""
-    if base_map is None or file is None:
-        return ()
-    # As seen from the working folder, which lies beside that of the result.
-    place = seen_from(folder.resolve(), file)
-    return (LayerGroup("Base map", (LayerEntry(base_map, place),)),)
 
 
 def run_layouts(words: SheetWords, layers: Sequence[RasterLayer]) -> tuple[PrintLayout, ...]:

@@ -41,10 +41,10 @@ def write_raster(layer: RasterLayer, grid: Grid, folder: Path) -> Path:
     The file is a Cloud-Optimised GeoTIFF: float32, nodata -9999, deflate, tiled. A map of classes
     is written as whole numbers, in the smallest type that holds its classes: uint8 with nodata 255
     as a rule (else :data:`CLASS_NODATA`), in the colours of its classes, which are named in its tag
-    CLASSES. If another band of it holds fractions, all its bands are float32. The overviews are
-    made of values that occur (the most frequent one), so that a class seen from afar is a class of
-    the map; only heights for shaded relief are averaged. The descriptions and units of the bands
-    and the title and note of the layer are in its tags.
+    CLASSES. If another band of it holds fractions, all its bands are float32. The overviews
+    of classes are made of values that occur (the most frequent one), so that a class seen from afar
+    is one of the map; those of numbers are means. The descriptions and units of the bands and the
+    title and note of the layer are in its tags.
 
     Raises
     ------
@@ -72,9 +72,7 @@ def write_raster(layer: RasterLayer, grid: Grid, folder: Path) -> Path:
 
 
 def _write_style(layer: RasterLayer, target: Path) -> None:
-    """Write the QGIS style of a map beside it."""
-    layer = translated_raster(layer)
-    write_text(target.with_suffix(".qml"), qml(layer))
+    write_text(target.with_suffix(".qml"), qml(translated_raster(layer)))
 
 
 def _check_classes(layer: RasterLayer) -> None:
@@ -206,7 +204,8 @@ class BlockMaps:
         self._folder = folder
         self._open: dict[str, tuple[Any, RasterLayer]] = {}
         self._limits: dict[str, tuple[float, float]] = {}
-        self._unfinished: list[Unfinished] = []
+        #: The maps, once they are closed; of their values only the smallest and the largest.
+        self.unfinished: list[Unfinished] = []
         self._env = rasterio.Env(GDAL_CACHEMAX=_CACHE)
 
     def __enter__(self) -> BlockMaps:
@@ -257,11 +256,6 @@ class BlockMaps:
             low, high = self._limits.get(layer.stem, (np.inf, -np.inf))
             self._limits[layer.stem] = min(low, float(shown.min())), max(high, float(shown.max()))
 
-    @property
-    def unfinished(self) -> tuple[Unfinished, ...]:
-        """The maps, once they are closed; of their values only the smallest and the largest."""
-        return tuple(self._unfinished)
-
     def _between(self, stem: str) -> Path:
         return self._folder / f"{stem}.blocks.tif"
 
@@ -278,4 +272,4 @@ class BlockMaps:
         limits = np.array([self._limits.get(stem, (np.nan, np.nan))])
         layer = replace(layer, bands=(replace(layer.bands[0], values=limits), *layer.bands[1:]))
         _write_style(layer, target)
-        self._unfinished.append(Unfinished(layer, between, target))
+        self.unfinished.append(Unfinished(layer, between, target))
