@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 from scipy.ndimage import gaussian_filter, gaussian_filter1d
-from shapely import LineString, Polygon, box, union_all
+from shapely import LineString, Polygon, box, get_parts, union_all
 from shapely.affinity import rotate, translate
 from shapely.geometry.base import BaseGeometry
 
@@ -361,7 +361,7 @@ def valley_ground() -> list[dict[str, Any]]:
     ]
     rows: list[dict[str, Any]] = []
     for name, shape in classes:
-        for part in getattr(shape.intersection(frame), "geoms", [shape.intersection(frame)]):
+        for part in get_parts(shape.intersection(frame)):
             if part.geom_type == "Polygon" and part.area > 1.0:
                 rows.append({"class": name, "geometry": part})
     return rows

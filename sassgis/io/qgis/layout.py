@@ -150,15 +150,18 @@ class _Sheet:
         for key in ("symbolWidth", "symbolHeight"):
             self.items["Legend"].set(key, f"{float(self.items['Legend'].get(key, '')) * factor:g}")
 
+    def font(self, name: str) -> tuple[float, bool]:
+        return _font(self.items[name].find("LabelFont"))
+
     def text_height(self, name: str, text: str, width: float | None = None) -> float:
         """Room that a text needs in a label (mm)."""
-        points, bold = _font(self.items[name].find("LabelFont"))
+        points, bold = self.font(name)
         width = self.box(name).width if width is None else width
         return text_height(len(wrapped(text, width, points, bold=bold)), points)
 
     def write(self, name: str, text: str) -> None:
         """Set the text of a label, whose width is final."""
-        points, bold = _font(self.items[name].find("LabelFont"))
+        points, bold = self.font(name)
         words = breakable(text, self.box(name).width, points, bold=bold)
         self.items[name].set("labelText", without_expressions(words))
 
@@ -287,7 +290,7 @@ def _fill_facts(sheet: _Sheet, bottom: float, facts: Sequence[tuple[str, str]]) 
     """What the map rests on, name and text in two columns; returns where the block begins."""
     left, right = sheet.box("Source name"), sheet.box("Source")
     width = right.x + right.width - left.x
-    points, bold = _font(sheet.items["Source name"].find("LabelFont"))
+    points, bold = sheet.font("Source name")
     longest = max(text_width(name, points, bold=bold) for name, _ in facts)
     first = min(longest + 2.5, 0.4 * width)
     left, right = left._replace(width=first), Box(left.x + first, 0.0, width - first, 0.0)

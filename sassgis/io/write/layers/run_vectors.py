@@ -205,8 +205,9 @@ _OUTCOMES = [
 def control_line_layers(run: MapRun, progress: Progress) -> list[VectorLayer]:
     """Stations, and walls and nets, with the statistics of the blocks that reach them."""
     rows = control_line_rows(progress.control_lines)
-    stations = [i for i, (line, _) in enumerate(run.control_lines) if line.kind == "station"]
-    barriers = [i for i in range(len(run.control_lines)) if i not in stations]
+    kinds = [line.kind for line, _ in run.control_lines]
+    stations = [i for i, kind in enumerate(kinds) if kind == "station"]
+    barriers = [i for i, kind in enumerate(kinds) if kind != "station"]
     statistics = [f"{q}_{n}" for q in _QUANTITIES for n in ("q50", "q95", "q99", "mean", "max")]
     protection = ["height_m", "capacity_kj", "hits", *_OUTCOMES]
     layers = []
