@@ -101,23 +101,26 @@ def with_sources(
         scenario=("source", [s.scenario for s in sources]),
         energy=("energy", energies_kj, {"long_name": "kinetic energy", "units": "kJ"}),
     ).assign(
-        **{
-            name: ("source", np.asarray(values), {"long_name": text, "units": unit})
-            for name, (values, text, unit) in per_source.items()
-        },
-        arrival_source=(
-            "arrival", np.repeat(np.arange(len(cells)), [c.places.size for c in cells]),
-            {"long_name": "source of the row of arrivals"},
-        ),
-        arrival_cell=(
-            "arrival", np.concatenate([np.empty(0, np.int64), *(c.places for c in cells)]),
-            {"long_name": "cell of the row of arrivals, row by row from the north-west"},
-        ),
-        **{
-            name: (
-                ("arrival", "energy"), np.concatenate([none, *(getattr(c, part) for c in cells)]),
-                {"long_name": text, "units": "1"},
-            )
-            for name, (part, text) in counts.items()
-        },
+        {
+            **{
+                name: ("source", np.asarray(values), {"long_name": text, "units": unit})
+                for name, (values, text, unit) in per_source.items()
+            },
+            "arrival_source": (
+                "arrival", np.repeat(np.arange(len(cells)), [c.places.size for c in cells]),
+                {"long_name": "source of the row of arrivals"},
+            ),
+            "arrival_cell": (
+                "arrival", np.concatenate([np.empty(0, np.int64), *(c.places for c in cells)]),
+                {"long_name": "cell of the row of arrivals, row by row from the north-west"},
+            ),
+            **{
+                name: (
+                    ("arrival", "energy"),
+                    np.concatenate([none, *(getattr(c, part) for c in cells)]),
+                    {"long_name": text, "units": "1"},
+                )
+                for name, (part, text) in counts.items()
+            },
+        }
     )  # fmt: skip
