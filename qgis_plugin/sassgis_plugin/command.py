@@ -136,8 +136,9 @@ class Inputs:
             if option and isinstance(own, QgsProcessingParameterBoolean):
                 found += self.ticked(name, option)
             elif option and self.given(name):
-                number = isinstance(own, QgsProcessingParameterNumber)
-                found += [option, number_text(self.number(name)) if number else self.text(name)]
+                is_number = isinstance(own, QgsProcessingParameterNumber)
+                value = number_text(self.number(name)) if is_number else self.text(name)
+                found += [option, value]
         return found
 
     def ticked(self, name: str, option: str) -> list[object]:
