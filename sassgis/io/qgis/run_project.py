@@ -13,7 +13,6 @@ from sassgis.hazard.assess import Assessment, Rules
 from sassgis.hazard.preset_labels import unverified_in_short
 from sassgis.hazard.warnings import edit_lines, ground_warnings, sample_words
 from sassgis.hazard.zone_styles import zone_style
-from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.io.qgis.entries import LayerEntry, LayerGroup, without_empty
 from sassgis.io.qgis.layout import Extent, PrintLayout
 from sassgis.io.qgis.project import write_project
@@ -322,7 +321,11 @@ def zone_layouts(
         *words.notes,
         *edit_lines(found.hazard.edits),
     )
-    extent = _zone_extent(found.hazard.intensities[-1].zones, grid)
+    extent, zoned = grid.bounds, found.hazard.intensities[-1].zones.polygons
+    if zoned.size:
+        west, south, east, north = shapely.total_bounds(zoned)
+        margin = 0.04 * max(east - west, north - south)
+        extent = west - margin, south - margin, east + margin, north + margin
     words = replace(words, facts=(*words.facts, *facts), notes=notes, extent=extent)
     lines = ["vector_edits"] if found.hazard.edits else []
     lines += [f"vector_{layer.name}" for layer in own if layer.name == "open_limits"]
@@ -362,11 +365,3 @@ def onset_words(rules: Rules) -> str:
         for name, f in by_scenario.items()
     )
     return phrase("{} blocks a year in each release area", joined("; ", spans))
-
-
-def _zone_extent(zones: Coverage, grid: Grid) -> Extent:
-    if not zones.polygons.size:
-        return grid.bounds
-    west, south, east, north = shapely.total_bounds(zones.polygons)
-    margin = 0.04 * max(east - west, north - south)
-    return west - margin, south - margin, east + margin, north + margin

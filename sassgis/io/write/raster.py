@@ -62,11 +62,17 @@ def write_raster(layer: RasterLayer, grid: Grid, folder: Path) -> Path:
             )
     _check_classes(layer)
     target = folder / f"{layer.stem}.tif"
-    with writing(target):
+    number_type, nodata = _number_type(layer)
+    profile = _frame_of(layer, grid, number_type, nodata) | _cog_options(layer)
+    with writing(target), MemoryFile(ext=".tif") as memory:
+        with memory.open(**profile) as dataset:
+            _describe(dataset, layer, grid, number_type)
+            for number, band in enumerate(layer.bands, start=1):
+                dataset.write(_stored(band, number_type, nodata), number)
         folder.mkdir(parents=True, exist_ok=True)
         # GDAL writes when it closes a file and may then only log that the disk is full; plain
         # Python, writing what GDAL made in memory, fails with the reason.
-        target.write_bytes(_encode(layer, grid))
+        target.write_bytes(memory.getbuffer())
     _write_style(layer, target)
     return target
 
@@ -102,18 +108,6 @@ def _number_type(layer: RasterLayer) -> tuple[str, float]:
         if limits.min <= values.min() and values.max() <= limits.max and nodata not in values:
             return name, nodata
     return "float32", NODATA
-
-
-def _encode(layer: RasterLayer, grid: Grid) -> bytes:
-    number_type, nodata = _number_type(layer)
-    with MemoryFile(ext=".tif") as memory:
-        with memory.open(
-            **_frame_of(layer, grid, number_type, nodata), **_cog_options(layer)
-        ) as dataset:
-            _describe(dataset, layer, grid, number_type)
-            for number, band in enumerate(layer.bands, start=1):
-                dataset.write(_stored(band, number_type, nodata), number)
-        return bytes(memory.getbuffer())
 
 
 def _frame_of(layer: RasterLayer, grid: Grid, number_type: str, nodata: float) -> dict[str, Any]:
