@@ -28,14 +28,7 @@ _LARGEST = 25_000_000
 
 
 def make_zip(target: Path, repository: str = "", email: str = "") -> None:
-    """Write the zip that QGIS installs.
-
-    Parameters
-    ----------
-    target : Path
-    repository, email : str, optional
-        Addresses for the metadata of a publication.
-    """
+    """Write the zip that QGIS installs; a publication has addresses in its metadata."""
     files = [file for file in PLUGIN.iterdir() if file.suffix in _SUFFIXES]
     with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as archive:
         for file in sorted([*files, LICENSE], key=lambda file: file.name):

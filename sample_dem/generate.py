@@ -1,5 +1,7 @@
 """Make the sample terrain: ``python sample_dem/generate.py [FOLDER]`` rewrites every file.
 
+Configurations and the table of vulnerability are written by hand, and copied into another FOLDER.
+
 Nothing here was surveyed. The shapes are drawn from the slopes that rockfall ground has (cliff,
 talus, foot, valley floor) and from noise; the two profiles are drawn after the words of Bozzolo and
 Pamini (1986), not after their figures' curves.
@@ -7,6 +9,7 @@ Pamini (1986), not after their figures' curves.
 
 from __future__ import annotations
 
+import shutil
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,7 +18,7 @@ from typing import Any
 
 import numpy as np
 from scipy.ndimage import gaussian_filter, gaussian_filter1d
-from shapely import LineString, Polygon, box, union_all
+from shapely import LineString, Polygon, box, get_parts, union_all
 from shapely.affinity import rotate, translate
 from shapely.geometry.base import BaseGeometry
 
@@ -31,6 +34,8 @@ from terrain_kit import (
     write_dem,
     write_vectors,
 )
+
+HERE = Path(__file__).resolve().parent
 
 # --- the valley -------------------------------------------------------------------------------
 
@@ -356,7 +361,7 @@ def valley_ground() -> list[dict[str, Any]]:
     ]
     rows: list[dict[str, Any]] = []
     for name, shape in classes:
-        for part in getattr(shape.intersection(frame), "geoms", [shape.intersection(frame)]):
+        for part in get_parts(shape.intersection(frame)):
             if part.geom_type == "Polygon" and part.area > 1.0:
                 rows.append({"class": name, "geometry": part})
     return rows
@@ -427,6 +432,14 @@ def valley_buildings() -> list[dict[str, Any]]:
     return rows
 
 
+ROAD_COLUMNS = (
+    "name", "width_m", "chf_per_m", "traffic_per_day", "speed_kmh", "vehicle_m",
+    "persons_per_vehicle", "vehicle_chf",
+)  # fmt: skip
+VALLEY_ROAD = ("valley road", 7.0, 2500.0, 1800.0, 60.0, 5.0, 1.5, 25_000.0)
+TRACK = ("forest track", 3.0, 300.0, 25.0, 15.0, 5.0, 1.3, 40_000.0)
+
+
 def valley_lines() -> dict[str, list[dict[str, Any]]]:
     """Road, track, stations and barriers."""
     u = np.arange(-330.0, 1240.0, 15.0)
@@ -436,38 +449,14 @@ def valley_lines() -> dict[str, list[dict[str, Any]]]:
         lambda line: 0.7 * edges(line).toe + 0.3 * edges(line).talus_end, across, 40.0
     )
     net_u, wall_u = np.arange(310.0, 481.0, 10.0), np.arange(565.0, 691.0, 10.0)
+    roads = {}
+    for layer, row, v in (("road", VALLEY_ROAD, road_axis(u)), ("track", TRACK, track_axis(u))):
+        axis = line_on_map(u, v).intersection(frame)
+        roads[layer] = [{**dict(zip(ROAD_COLUMNS, row, strict=True)), "geometry": axis}]
     return {
-        "road": [
-            {
-                "name": "valley road",
-                "width_m": 7.0,
-                "chf_per_m": 2500.0,
-                "traffic_per_day": 1800.0,
-                "speed_kmh": 60.0,
-                "vehicle_m": 5.0,
-                "persons_per_vehicle": 1.5,
-                "vehicle_chf": 25_000.0,
-                "geometry": line_on_map(u, road_axis(u)).intersection(frame),
-            }
-        ],
-        "track": [
-            {
-                "name": "forest track",
-                "width_m": 3.0,
-                "chf_per_m": 300.0,
-                "traffic_per_day": 25.0,
-                "speed_kmh": 15.0,
-                "vehicle_m": 5.0,
-                "persons_per_vehicle": 1.3,
-                "vehicle_chf": 40_000.0,
-                "geometry": line_on_map(u, track_axis(u)).intersection(frame),
-            }
-        ],
+        **roads,
         "stations": [
-            {
-                "name": "upper talus",
-                "geometry": line_on_map(across, upper),
-            },
+            {"name": "upper talus", "geometry": line_on_map(across, upper)},
             {"name": "above the road", "geometry": line_on_map(across, road_axis(across) - 14.0)},
         ],
         "net": [
@@ -490,141 +479,8 @@ def valley_lines() -> dict[str, list[dict[str, Any]]]:
     }
 
 
-VALLEY_CONFIG = """\
-# A made valley side; see ../README.md. Lengths in m, angles in degrees, paths from this file.
-
-[project]
-name = "Sample valley"
-
-[terrain]
-dem = "dem.tif"
-vertical_datum = "LN02"
-smoothing_m = 5.0
-
-[release]
-file = "release.gpkg"
-name_field = "name"
-scenario_field = "scenario"
-spacing_m = 3.0
-placement = "grid"
-rocks_per_point = 20
-
-[ground]
-default = "soft_meadow"
-file = "ground.gpkg"
-class_field = "class"
-
-# Semi-axes: half the length, width and height of a block.
-[[blocks]]
-name = "frequent"
-axis_1_m = [0.30, 0.60]
-axis_2_m = [0.25, 0.50]
-axis_3_m = [0.20, 0.40]
-density_kgm3 = [2600.0, 2750.0]
-onset_frequency = 0.2                 # an example: blocks a year in each release area
-
-[[blocks]]
-name = "rare"
-axis_1_m = [0.70, 1.20]
-axis_2_m = [0.60, 1.00]
-axis_3_m = [0.50, 0.80]
-density_kgm3 = [2600.0, 2750.0]
-onset_frequency = 0.05                # an example: blocks a year in each release area
-
-[[stations]]
-name = "stations"
-file = "stations.gpkg"
-name_field = "name"
-
-[[barriers]]
-name = "net Mitte"
-kind = "net"
-height_m = 4.0
-capacity_kj = 2000.0
-file = "net.gpkg"
-name_field = "name"
-
-[[barriers]]
-name = "wall Nord"
-kind = "wall"
-height_m = 3.0
-file = "wall.gpkg"
-name_field = "name"
-
-[hazard]
-preset = "ch-so"
-ref_width_m = 10.0                    # about a house and a block
-blocks = "auto"
-changed_share_max = 0.05              # so that the sample is quick; without this line 0.02
-
-# Values, people and traffic are attributes of the layers; they are invented, as the table is.
-[risk]
-vulnerability = "vulnerability.csv"
-currency = "CHF"
-
-[[objects]]
-name = "houses"
-kind = "building"
-file = "buildings.gpkg"
-name_field = "name"
-value_field = "value_chf"
-persons_field = "persons"
-presence_field = "presence"
-
-[[objects]]
-name = "road"
-kind = "road"
-file = "road.gpkg"
-name_field = "name"
-segment_m = 50.0
-value_per_m_field = "chf_per_m"
-damage_length_m = 5.0
-traffic_per_day_field = "traffic_per_day"
-speed_kmh_field = "speed_kmh"
-vehicle_length_m_field = "vehicle_m"
-persons_per_vehicle_field = "persons_per_vehicle"
-vehicle_value_field = "vehicle_chf"
-
-[[objects]]
-name = "track"
-kind = "road"
-file = "track.gpkg"
-name_field = "name"
-segment_m = 50.0
-value_per_m_field = "chf_per_m"
-damage_length_m = 5.0
-traffic_per_day_field = "traffic_per_day"
-speed_kmh_field = "speed_kmh"
-vehicle_length_m_field = "vehicle_m"
-persons_per_vehicle_field = "persons_per_vehicle"
-vehicle_value_field = "vehicle_chf"
-
-[run]
-seed = 1986
-"""
-
-
-# kind, then vulnerability and lethality at low, mean and high intensity
-VULNERABILITY = (
-    ("building", (0.01, 0.0), (0.1, 0.01), (0.5, 0.2)),
-    ("road", (0.05, 0.0), (0.3, 0.0), (0.8, 0.0)),
-    ("vehicle", (0.2, 0.05), (0.6, 0.3), (1.0, 0.8)),
-    ("line", (0.02, 0.0), (0.2, 0.0), (0.6, 0.0)),
-    ("people", (0.0, 0.3), (0.0, 0.7), (0.0, 1.0)),
-)
-
-
-def vulnerability_table() -> str:
-    """What a hit does, by kind of object and intensity: a table to replace with one's own."""
-    lines = ["kind,intensity,vulnerability,lethality,source"]
-    for kind, *pairs in VULNERABILITY:
-        for intensity, (lost, dead) in zip(("low", "mean", "high"), pairs, strict=True):
-            lines.append(f"{kind},{intensity},{lost:g},{dead:g},INVENTED EXAMPLE: not for use")
-    return "\n".join(lines) + "\n"
-
-
 def make_valley(folder: Path) -> None:
-    """Write the valley: heights, polygons, lines, configuration."""
+    """Write the valley: heights, polygons, lines."""
     x, y = cell_centres(WEST, SOUTH, WIDTH, HEIGHT, CELL)
     z = valley_heights(x, y)
     write_dem(folder / "dem.tif", z, WEST, SOUTH + HEIGHT, CELL, "LN02")
@@ -633,8 +489,6 @@ def make_valley(folder: Path) -> None:
     write_vectors(folder / "buildings.gpkg", "buildings", valley_buildings())
     for name, rows in valley_lines().items():
         write_vectors(folder / f"{name}.gpkg", name, rows)
-    (folder / "vulnerability.csv").write_text(vulnerability_table(), encoding="utf-8")
-    (folder / "config.toml").write_text(VALLEY_CONFIG, encoding="utf-8")
 
 
 # --- the profiles -----------------------------------------------------------------------------
@@ -708,82 +562,22 @@ def write_profile(path: Path, rows: list[tuple[float, float, str]]) -> None:
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-PROFILE_CONFIG = """\
-# {title}; the shape is made, see ../README.md. Paths from this file.
-
-[project]
-name = "{title}"
-
-[profile]
-file = "profile.csv"
-start_m = [{start[0]:.1f}, {start[1]:.1f}]
-rocks = 100
-
-[ground]
-default = "debris"
-
-# Semi-axes: half the length, width and height of a block.
-[[blocks]]
-name = "blocks of various shapes"
-axis_1_m = [0.35, 0.70]
-axis_2_m = [0.30, 0.55]
-axis_3_m = [0.25, 0.45]
-density_kgm3 = [2600.0, 2700.0]
-{places}
-[engine]
-readings = "1986"
-
-[run]
-seed = 1986
-"""
-
-
-def place(table: str, **fields: str | float) -> str:
-    """One [[table]] entry of a configuration."""
-    lines = [
-        f"{k} = {v!r}" if not isinstance(v, str) else f'{k} = "{v}"' for k, v in fields.items()
-    ]
-    return "\n".join(["", f"[[{table}]]", *lines]) + "\n"
-
-
-def make_bedrina(folder: Path) -> None:
-    """Write the Bedrina-like profile, before and after the wall and the nets."""
-    write_profile(folder / "profile.csv", vertices(BEDRINA, 1800.0, 1650.0))
-    stations = (
-        place("stations", name="camera 2", chainage_m=62.0)
-        + place("stations", name="camera 3", chainage_m=118.0)
-        + place("stations", name="road", chainage_m=155.0)
-    )
-    barriers = (
-        place("barriers", name="1", kind="wall", height_m=5.0, chainage_m=151.0)
-        + place("barriers", name="2", kind="net", height_m=5.0, chainage_m=100.0)
-        + place("barriers", name="3", kind="net", height_m=5.0, chainage_m=134.0)
-    )
-    for name, title, places in (
-        ("before", "Bedrina-like slope, before", stations),
-        ("after", "Bedrina-like slope, with a wall and two nets", stations + barriers),
-    ):
-        text = PROFILE_CONFIG.format(title=title, start=(1.0, 14.0), places=places)
-        (folder / f"config_{name}.toml").write_text(text, encoding="utf-8")
-
-
-def make_piota_negra(folder: Path) -> None:
-    """Write the Piota-Negra-like profile with its bridge."""
-    write_profile(folder / "profile.csv", vertices(PIOTA_NEGRA, 135.0, 0.0))
-    text = PROFILE_CONFIG.format(
-        title="Piota-Negra-like slope",
-        start=(1.0, 15.0),
-        places=place("stations", name="bridge", chainage_m=140.0),
-    )
-    (folder / "config.toml").write_text(text, encoding="utf-8")
+#: Written by hand, in this folder only.
+TEXTS = (
+    "valley/config.toml", "valley/vulnerability.csv", "bedrina/config_before.toml",
+    "bedrina/config_after.toml", "piota_negra/config.toml",
+)  # fmt: skip
 
 
 def main(folder: Path) -> None:
     """Write every sample into ``folder``."""
     make_valley(folder / "valley")
-    make_bedrina(folder / "bedrina")
-    make_piota_negra(folder / "piota_negra")
+    write_profile(folder / "bedrina" / "profile.csv", vertices(BEDRINA, 1800.0, 1650.0))
+    write_profile(folder / "piota_negra" / "profile.csv", vertices(PIOTA_NEGRA, 135.0, 0.0))
+    if folder.resolve() != HERE:
+        for name in TEXTS:
+            shutil.copyfile(HERE / name, folder / name)
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).resolve().parent)
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else HERE)

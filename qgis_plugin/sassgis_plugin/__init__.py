@@ -4,13 +4,7 @@ from __future__ import annotations
 
 
 def classFactory(iface):
-    """Make the plugin.
-
-    Parameters
-    ----------
-    iface : QgisInterface
-        None where QGIS runs without a window.
-    """
+    """Make the plugin; the interface is None where QGIS runs without a window."""
     from .plugin import SassgisPlugin
 
     return SassgisPlugin(iface)

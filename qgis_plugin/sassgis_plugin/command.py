@@ -46,6 +46,12 @@ def advanced(parameter):
     return parameter
 
 
+def passed(option, parameter):
+    """A parameter whose value, if there is one, follows an option of the command."""
+    parameter.setMetadata({"option": option})
+    return parameter
+
+
 def number(name, text, kind=FLOAT, default=None, low=0.0):
     """A number; optional without a default."""
     optional = default is None
@@ -122,19 +128,27 @@ class Inputs:
         """Whether a box is ticked."""
         return self.algorithm.parameterAsBool(self.parameters, name, self.context)
 
+    def options(self) -> list[object]:
+        """Options of the command in the order of their parameters, those that are given."""
+        found = []
+        for own in self.algorithm.parameterDefinitions():
+            name, option = own.name(), own.metadata().get("option")
+            if option and isinstance(own, QgsProcessingParameterBoolean):
+                found += self.ticked(name, option)
+            elif option and self.given(name):
+                is_number = isinstance(own, QgsProcessingParameterNumber)
+                value = number_text(self.number(name)) if is_number else self.text(name)
+                found += [option, value]
+        return found
+
     def ticked(self, name: str, option: str) -> list[object]:
         """An option, if its box is ticked."""
         return [option] if self.flag(name) else []
 
-    def option(self, name: str, option: str) -> list[object]:
-        """An option with its number, if one is given."""
-        if self.algorithm.parameterDefinition(name) is None or not self.given(name):
-            return []
-        return [option, number_text(self.number(name))]
-
-    def words(self, name: str, option: str) -> list[object]:
-        """An option with its text or file, if one is given."""
-        return [option, self.text(name)] if self.given(name) else []
+    def system(self) -> str:
+        """The coordinate system that was chosen; empty for none."""
+        system = self.algorithm.parameterAsCrs(self.parameters, "CRS", self.context)
+        return system.authid() if system.isValid() else ""
 
     def number(self, name: str) -> float:
         """A number."""
@@ -208,6 +222,7 @@ class Algorithm(QgsProcessingAlgorithm):
 class Tool(Algorithm):
     """A command of sassgis: base of those that call the program."""
 
+    #: Of the command, where it is not called by the name.
     WORDS: tuple[str, ...] = ()
     #: Whether the program says its answer in lines, which become an output.
     ANSWERS = False
@@ -217,21 +232,25 @@ class Tool(Algorithm):
         missing = what_is_missing()
         return not missing, missing
 
-    def own_parameters(self) -> list[QgsProcessingParameterDefinition]:
+    def _parameters(self) -> list[QgsProcessingParameterDefinition]:
         """What this command asks for."""
         return []
 
-    def arguments(self, inputs: Inputs) -> list[object]:
-        """What follows the words of the command."""
+    def _arguments(self, inputs: Inputs) -> list[object]:
+        """What follows the words of the command, before the options of the parameters."""
         raise NotImplementedError
 
-    def outputs_of(self, inputs: Inputs) -> dict[str, object]:
-        """What the algorithm gives."""
+    def _destination(self, inputs: Inputs) -> list[object]:
+        """What follows the options."""
+        return []
+
+    def _outputs(self, inputs: Inputs) -> dict[str, object]:
+        """What the algorithm gives, once the command has ended."""
         return {}
 
     def initAlgorithm(self, configuration=None):
         """Declare parameters and outputs."""
-        for parameter in self.own_parameters():
+        for parameter in self._parameters():
             self.addParameter(parameter)
         if self.ANSWERS:
             self.addOutput(QgsProcessingOutputString("ANSWER", "Answer"))
@@ -240,9 +259,13 @@ class Tool(Algorithm):
         """Run the command."""
         check_program(feedback)
         inputs = Inputs(self, parameters, context, feedback)
-        said = run([program_path(), *self.WORDS, *self.arguments(inputs)], feedback)
+        words = [
+            *(self.WORDS or (self.NAME,)), *self._arguments(inputs), *inputs.options(),
+            *self._destination(inputs),
+        ]  # fmt: skip
+        said = run([program_path(), *words], feedback)
         answer = {"ANSWER": "\n".join(said)} if self.ANSWERS else {}
-        return {**answer, **self.outputs_of(inputs)}
+        return {**answer, **self._outputs(inputs)}
 
 
 class Command(Tool):
@@ -255,9 +278,11 @@ class Command(Tool):
         """Declare parameters and outputs."""
         super().initAlgorithm(configuration)
         if self.PARALLEL:
-            self.addParameter(advanced(number("JOBS", "Processor cores (0: all)", INTEGER)))
+            jobs = number("JOBS", "Processor cores (0: all)", INTEGER)
+            self.addParameter(advanced(passed("--jobs", jobs)))
         if self.SEEDED:
-            self.addParameter(advanced(number("SEED", "Seed of the random draws", INTEGER)))
+            seed = number("SEED", "Seed of the random draws", INTEGER)
+            self.addParameter(advanced(passed("--seed", seed)))
         self.addParameter(box("OVERWRITE", "Replace a result that is in the folder"))
         self.addParameter(box("LOAD", "Load the layers", True))
         self.addParameter(QgsProcessingParameterFolderDestination("OUTPUT", "Folder of the result"))
@@ -269,15 +294,10 @@ class Command(Tool):
             )
         )
 
-    def processAlgorithm(self, parameters, context, feedback):
-        """Run the command."""
-        check_program(feedback)
-        inputs = Inputs(self, parameters, context, feedback)
-        arguments = self.arguments(inputs)
-        for key, option in (("JOBS", "--jobs"), ("SEED", "--seed")):
-            arguments += inputs.option(key, option)
-        arguments += ["-o", inputs.out, *inputs.ticked("OVERWRITE", "--overwrite")]
-        run([program_path(), *self.WORDS, *arguments], feedback)
+    def _destination(self, inputs):
+        return ["-o", inputs.out, *inputs.ticked("OVERWRITE", "--overwrite")]
+
+    def _outputs(self, inputs):
         self._folder = inputs.out if inputs.flag("LOAD") else None
         self._share = changed_share(inputs.out)
         calibrated = [inputs.out / "config.toml", inputs.out / "model" / "config.toml"]

@@ -89,11 +89,7 @@ class _Feedback(QgsProcessingFeedback):
 class SiteDock(QDockWidget):
     """The steps from the terrain to the map sheet.
 
-    Parameters
-    ----------
-    parent : QWidget
-    open_tool : callable
-        Opens the dialog of an algorithm, with parameters.
+    ``open_tool`` opens the dialog of an algorithm, with parameters.
     """
 
     finished = pyqtSignal(bool)

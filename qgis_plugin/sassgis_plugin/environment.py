@@ -33,10 +33,7 @@ def source_of_program() -> str:
 def find_python(chosen: str = "") -> list[str]:
     """The command of a Python that can make the environment.
 
-    Parameters
-    ----------
-    chosen : str
-        The only one to try; empty: those of this machine, QGIS's own last.
+    ``chosen`` is the only one to try; where it is empty those of this machine are, QGIS's own last.
 
     Raises
     ------

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from qgis.core import QgsProcessingParameterFile
 
-from .command import GO_ON, INTEGER, Command, Inputs, advanced, box, config, file, number
+from .command import GO_ON, INTEGER, Command, Inputs, advanced, box, config, file, number, passed
 
 GROUP = "4 Observations"
 _OBSERVATIONS = (
@@ -28,21 +28,18 @@ class Calibrate(Command):
     NAME = "calibrate"
     TITLE = "Calibrate on observations"
     GROUP = GROUP
-    WORDS = ("calibrate",)
     HELP = (
         "Fits the ground classes to observed stops, passages or impacts, and states what the "
         "observations do not determine. Writes a report and a configuration that has the fitted "
         "classes where they predict rocks left out better." + _OBSERVATIONS + GO_ON
     )
 
-    def own_parameters(self):
-        """A configuration and observations."""
+    def _parameters(self):
         draws = number("DRAWS", "Parameter sets of each round", INTEGER, low=16)
-        return [config(), _observations(), advanced(draws)]
+        return [config(), _observations(), advanced(passed("--draws", draws))]
 
-    def arguments(self, inputs):
-        """The configuration and the observations."""
-        return [inputs.config, *_observed(inputs), *inputs.option("DRAWS", "--draws")]
+    def _arguments(self, inputs):
+        return [inputs.config, *_observed(inputs)]
 
 
 class Diagnose(Command):
@@ -59,19 +56,15 @@ class Diagnose(Command):
         + GO_ON
     )
 
-    def own_parameters(self):
-        """A configuration and observations."""
+    def _parameters(self):
         draws = number("DRAWS", "Parameter sets of each hypothesis", INTEGER, low=8)
+        calibrated = box("MAP", "Run the map with the calibrated model, too")
         return [
             config(),
             _observations(),
-            box("MAP", "Run the map with the calibrated model, too"),
-            advanced(draws),
+            advanced(passed("--draws", draws)),
+            passed("--map", calibrated),
         ]
 
-    def arguments(self, inputs):
-        """The configuration, the observations, and whether the map is run."""
-        return [
-            inputs.config, *_observed(inputs), *inputs.option("DRAWS", "--draws"),
-            *inputs.ticked("MAP", "--map"),
-        ]  # fmt: skip
+    def _arguments(self, inputs):
+        return [inputs.config, *_observed(inputs)]

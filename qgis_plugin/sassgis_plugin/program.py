@@ -112,18 +112,8 @@ def answer(command: Sequence[object]) -> str:
 def run(command: Sequence[object], feedback: QgsProcessingFeedback) -> list[str]:
     """Run a command to its end; its lines go to the log, its progress to the bar.
 
-    Returns
-    -------
-    list of str
-        The lines, without those of the progress.
-
-    Parameters
-    ----------
-    command : sequence
-        Program and arguments.
-    feedback : QgsProcessingFeedback
-        Where the user cancels, the command is asked to stop, as by Ctrl-C, so that it saves its
-        state.
+    Returns the lines, without those of the progress. Where the user cancels, the command is asked
+    to stop, as by Ctrl-C, so that it saves its state.
 
     Raises
     ------

@@ -16,7 +16,17 @@ from qgis.core import (
     QgsRenderContext,
 )
 
-from .command import INTEGER, Algorithm, Command, Tool, box, choice, number, result_folder
+from .command import (
+    INTEGER,
+    Algorithm,
+    Command,
+    Tool,
+    box,
+    choice,
+    number,
+    passed,
+    result_folder,
+)
 
 GROUP = "3 Results"
 
@@ -27,22 +37,19 @@ class Compare(Command):
     NAME = "compare"
     TITLE = "Compare two results"
     GROUP = GROUP
-    WORDS = ("compare",)
     PARALLEL = SEEDED = False
     HELP = (
         "Maps and states what changes from one result to another, as without and with nets: zones, "
         "energies, passing heights, objects."
     )
 
-    def own_parameters(self):
-        """Two results."""
+    def _parameters(self):
         return [
             result_folder("BEFORE", "Folder of the first result"),
             result_folder("AFTER", "Folder of the second result"),
         ]
 
-    def arguments(self, inputs):
-        """The folders."""
+    def _arguments(self, inputs):
         return [inputs.file("BEFORE"), inputs.file("AFTER")]
 
 
@@ -52,36 +59,29 @@ class Export(Tool):
     NAME = "export"
     TITLE = "Export zones or paths"
     GROUP = GROUP
-    WORDS = ("export",)
     ANSWERS = True
     HELP = (
         "Writes zones of a result as INTERLIS 2 (federal model 166.1), or zones or paths of blocks "
         "as GeoJSON or KML. The suffix of the file names the format."
     )
 
-    def own_parameters(self):
-        """A result and a file."""
+    def _parameters(self):
         return [
             result_folder("RESULT", "Folder of the result"),
             choice("LAYER", "What to write", ("zones", "paths"), "zones"),
-            QgsProcessingParameterString(
+            passed("--canton", QgsProcessingParameterString(
                 "CANTON", "INTERLIS: canton responsible for the data, as TI", optional=True
-            ),
-            box("OVERWRITE", "Replace a file that nobody has changed"),
+            )),
+            passed("--overwrite", box("OVERWRITE", "Replace a file that nobody has changed")),
             QgsProcessingParameterFileDestination(
                 "OUTPUT", "New file", "INTERLIS (*.xtf);;GeoJSON (*.geojson);;KML (*.kml)"
             ),
-        ]
-
-    def arguments(self, inputs):
-        """The result, the file and what it holds."""
-        return [
-            inputs.file("RESULT"), "-o", inputs.out, "--layer", inputs.text("LAYER"),
-            *inputs.words("CANTON", "--canton"), *inputs.ticked("OVERWRITE", "--overwrite"),
         ]  # fmt: skip
 
-    def outputs_of(self, inputs):
-        """The file."""
+    def _arguments(self, inputs):
+        return [inputs.file("RESULT"), "-o", inputs.out, "--layer", inputs.text("LAYER")]
+
+    def _outputs(self, inputs):
         return {"OUTPUT": str(inputs.out)}
 
 

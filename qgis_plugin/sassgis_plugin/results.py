@@ -25,15 +25,7 @@ from .steps import verdict
 def load_results(
     folder: Path, context: QgsProcessingContext, feedback: QgsProcessingFeedback
 ) -> None:
-    """Load the layers of a result into a group on top of the project.
-
-    Parameters
-    ----------
-    folder : Path
-    context : QgsProcessingContext
-        Its project takes them.
-    feedback : QgsProcessingFeedback
-    """
+    """Load the layers of a result into a group on top of the project of the context."""
     group = _new_group(folder.name, folder, context, feedback)
     if group is None:
         return

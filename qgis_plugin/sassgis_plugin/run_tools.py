@@ -33,6 +33,7 @@ from .command import (
     file,
     number,
     number_text,
+    passed,
     raster,
 )
 from .program import check_program
@@ -197,8 +198,7 @@ class Configuration(Tool):
         "file (sassgis.toml) with the lines that every site decides, and a GeoPackage."
     )
 
-    def own_parameters(self):
-        """Layers and choices."""
+    def _parameters(self):
         return [
             *_site_parameters(width=True)[1:],
             box("OVERWRITE", "Replace one with other choices"),
@@ -227,18 +227,15 @@ class Run(Command):
     NAME = "run"
     TITLE = "Run: simulate blocks"
     GROUP = GROUP
-    WORDS = ("run",)
     HELP = (
         "Simulates blocks from release areas over a terrain model: reach probability, energy, "
         "passing height, speed, stops."
     ) + _FROM_LAYERS + GO_ON  # fmt: skip
 
-    def own_parameters(self):
-        """A configuration or layers."""
+    def _parameters(self):
         return _site_parameters(width=False)
 
-    def arguments(self, inputs):
-        """The configuration."""
+    def _arguments(self, inputs):
         return _site(inputs)
 
 
@@ -248,7 +245,6 @@ class Zone(Command):
     NAME = "zone"
     TITLE = "Zone: hazard levels, zones and risk"
     GROUP = GROUP
-    WORDS = ("zone",)
     HELP = (
         "All that Run does, and hazard levels, intensities, zones and, with exposed objects, risk. "
         "How far another sample of blocks would change the levels is said on top of the map "
@@ -259,12 +255,10 @@ class Zone(Command):
         "to be compared." + GO_ON
     )
 
-    def own_parameters(self):
-        """A configuration or layers; onset frequency and width."""
+    def _parameters(self):
         return _site_parameters(width=True)
 
-    def arguments(self, inputs):
-        """The configuration."""
+    def _arguments(self, inputs):
         return _site(inputs) if inputs.given("CONFIG") else _site(inputs, _width(inputs))
 
 
@@ -274,7 +268,6 @@ class Profile(Command):
     NAME = "profile"
     TITLE = "Profile along a drawn line"
     GROUP = GROUP
-    WORDS = ("profile",)
     PARALLEL = False
     HELP = (
         "Simulates blocks along one line over the terrain model, from its first vertex: "
@@ -284,19 +277,17 @@ class Profile(Command):
         "the configuration."
     )
 
-    def own_parameters(self):
-        """A configuration and a line."""
+    def _parameters(self):
         return [
             config(),
             features("LINE", "Line, drawn downwards", LINES, optional=False),
-            number("BLOCKS", "Blocks of each scenario", INTEGER, low=1),
+            passed("--rocks", number("BLOCKS", "Blocks of each scenario", INTEGER, low=1)),
         ]
 
-    def arguments(self, inputs):
-        """The configuration and a file with the line."""
+    def _arguments(self, inputs):
         source, _ = inputs.layer("LINE", "lines")
         line = site_package(inputs.out, {"lines": (source, {})}, inputs.context)
-        return [inputs.config, "--line", line, *inputs.option("BLOCKS", "--rocks")]
+        return [inputs.config, "--line", line]
 
 
 class Batch(Command):
@@ -305,30 +296,27 @@ class Batch(Command):
     NAME = "batch"
     TITLE = "Batch: zone many release areas"
     GROUP = GROUP
-    WORDS = ("batch",)
     HELP = (
         "Zones each release area by itself, and all of them on one map, which is loaded. Areas "
         "that are done are not run again." + GO_ON
     )
 
-    def own_parameters(self):
-        """A configuration, and what differs from it."""
+    def _parameters(self):
         memory = number("MEMORY", "Memory for all processes together (GB)", low=1.0)
         return [
             config(),
             file("RELEASES", "Release areas, in place of those of the configuration", True),
-            box("MOSAIC_ONLY", "No maps, zones and report of each area by itself"),
-            advanced(memory),
+            passed(
+                "--mosaic-only",
+                box("MOSAIC_ONLY", "No maps, zones and report of each area by itself"),
+            ),
+            advanced(passed("--memory", memory)),
         ]
 
-    def arguments(self, inputs):
-        """The release areas, or the configuration that names them."""
-        releases = inputs.given("RELEASES")
-        named = [inputs.file("RELEASES"), "--config", inputs.config] if releases else []
-        return [
-            *(named or [inputs.config]), *inputs.ticked("MOSAIC_ONLY", "--mosaic-only"),
-            *inputs.option("MEMORY", "--memory"),
-        ]  # fmt: skip
+    def _arguments(self, inputs):
+        if inputs.given("RELEASES"):
+            return [inputs.file("RELEASES"), "--config", inputs.config]
+        return [inputs.config]
 
 
 class Sensitivity(Command):
@@ -337,24 +325,20 @@ class Sensitivity(Command):
     NAME = "sensitivity"
     TITLE = "Sensitivity to the ground classes"
     GROUP = GROUP
-    WORDS = ("sensitivity",)
     HELP = (
         "Varies the values of the ground classes within their ranges, and shows how levels, reach "
         "and energy answer: which of them is worth measuring." + GO_ON
     )
 
-    def own_parameters(self):
-        """A configuration and the size of the design."""
+    def _parameters(self):
+        samples = number("SAMPLES", "Simulations that fill all ranges at once", INTEGER, 32, low=4)
+        rocks = number("ROCKS", "Blocks of each release point", INTEGER, low=2)
         return [
             config(),
-            number("SAMPLES", "Simulations that fill all ranges at once", INTEGER, 32, low=4),
-            advanced(number("ROCKS", "Blocks of each release point", INTEGER, low=2)),
-            advanced(file("RANGES", "Own ranges (CSV)", True)),
+            passed("--samples", samples),
+            advanced(passed("--rocks", rocks)),
+            advanced(passed("--ranges", file("RANGES", "Own ranges (CSV)", True))),
         ]
 
-    def arguments(self, inputs):
-        """The configuration and the size."""
-        return [
-            inputs.config, *inputs.option("SAMPLES", "--samples"),
-            *inputs.option("ROCKS", "--rocks"), *inputs.words("RANGES", "--ranges"),
-        ]  # fmt: skip
+    def _arguments(self, inputs):
+        return [inputs.config]

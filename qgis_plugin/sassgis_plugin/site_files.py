@@ -64,12 +64,7 @@ def columns_of(
 ) -> dict[str, int]:
     """Positions of the fields of a source that are columns of a layer of the site, by column.
 
-    Parameters
-    ----------
-    layer : str
-        Of the site.
-    renamed : mapping of str to str
-        Fields that the user chose, by column.
+    ``renamed`` are fields that the user chose, by column.
 
     Raises
     ------
@@ -149,19 +144,11 @@ def written_configuration(
     replace: bool,
     feedback: QgsProcessingFeedback,
 ) -> Path:
-    """Let the program write a configuration for the inputs of a site.
+    """Let the program write a configuration for the inputs of the result in a folder.
 
-    Parameters
-    ----------
-    out : Path
-        Folder of the result.
-    arguments : sequence
-        Of ``sassgis init``: terrain model and release areas.
-    settings : sequence of str
-        As ``sassgis init --set`` takes them.
-    replace : bool
-        Whether one with other settings may be replaced, unless it was edited by hand.
-    feedback : QgsProcessingFeedback
+    Arguments of ``sassgis init`` are terrain model and release areas; settings are as its option
+    ``--set`` takes them. With ``replace`` one with other settings is replaced, unless it was edited
+    by hand.
 
     Raises
     ------
@@ -191,21 +178,7 @@ def site_package(
     layers: Mapping[str, tuple[QgsProcessingFeatureSource, Mapping[str, int]]],
     context: QgsProcessingContext,
 ) -> Path:
-    """Write the layers of a site into the GeoPackage of a result's inputs.
-
-    Parameters
-    ----------
-    out : Path
-        Folder of the result.
-    layers : mapping of str to (source, columns)
-        By the name of the layer of the site.
-    context : QgsProcessingContext
-
-    Raises
-    ------
-    QgsProcessingException
-        As copied.
-    """
+    """Write layers (sources and their columns) into the GeoPackage of the inputs of a result."""
     file = inputs_folder(out) / "site.gpkg"
     new = file.with_name("site.new.gpkg")
     new.unlink(missing_ok=True)

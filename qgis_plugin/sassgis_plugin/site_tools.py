@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from qgis.core import (
     QgsProcessingParameterCrs,
     QgsProcessingParameterFileDestination,
     QgsProcessingParameterString,
 )
 
-from .command import FLOAT, Tool, advanced, box, config, file, number, raster, result_folder
+from .command import (
+    FLOAT,
+    Tool,
+    advanced,
+    box,
+    config,
+    file,
+    number,
+    passed,
+    raster,
+    result_folder,
+)
 from .results import project_layers
 
 GROUP = "1 Prepare a site"
@@ -26,32 +35,29 @@ def _override():
     return advanced(box("OVERRIDE_CRS", "The file states a wrong system: use this one"))
 
 
-def _with_system(tool, inputs) -> list[object]:
+def _with_system(inputs) -> list[object]:
     """The options of the coordinate system."""
-    system = tool.parameterAsCrs(inputs.parameters, "CRS", inputs.context)
-    if not system.isValid():
+    if not inputs.system():
         return []
-    return ["--crs", system.authid(), *inputs.ticked("OVERRIDE_CRS", "--override-crs")]
+    return ["--crs", inputs.system(), *inputs.ticked("OVERRIDE_CRS", "--override-crs")]
 
 
 class _Writes(Tool):
     """A tool that writes a file, which is loaded."""
 
-    KINDS, SUFFIX, TEXT = "GeoPackage (*.gpkg)", ".gpkg", "New GeoPackage"
+    KINDS, TEXT = "GeoPackage (*.gpkg)", "New GeoPackage"
 
     def initAlgorithm(self, configuration=None):
         """Declare parameters and outputs."""
         super().initAlgorithm(configuration)
-        self.addParameter(box("OVERWRITE", "Replace one that nobody has changed"))
+        overwrite = box("OVERWRITE", "Replace one that nobody has changed")
+        self.addParameter(passed("--overwrite", overwrite))
         self.addParameter(box("LOAD", "Load the layers", True))
         self.addParameter(QgsProcessingParameterFileDestination("OUTPUT", self.TEXT, self.KINDS))
 
-    def processAlgorithm(self, parameters, context, feedback):
-        """Run the command, and note what is to be loaded."""
-        found = super().processAlgorithm(parameters, context, feedback)
-        out = Path(self.parameterAsFileOutput(parameters, "OUTPUT", context))
-        self._file = out if self.parameterAsBool(parameters, "LOAD", context) else None
-        return {"OUTPUT": str(out), **found}
+    def _outputs(self, inputs):
+        self._file = inputs.out if inputs.flag("LOAD") else None
+        return {"OUTPUT": str(inputs.out)}
 
     def postProcessAlgorithm(self, context, feedback):
         """Load the layers."""
@@ -73,18 +79,16 @@ class DemCheck(Tool):
         "resolution, steepness, terraces, spikes, pits and depressions."
     )
 
-    def own_parameters(self):
-        """A terrain model."""
+    def _parameters(self):
         page = QgsProcessingParameterFileDestination(
             "HTML", "Page with the findings", "HTML (*.html)", optional=True, createByDefault=False
         )
         return [raster("DEM", "Terrain model"), _system(), _override(), page]
 
-    def arguments(self, inputs):
-        """The terrain model and its system."""
+    def _arguments(self, inputs):
         page = self.parameterAsFileOutput(inputs.parameters, "HTML", inputs.context)
         html = ["--html", page, "--overwrite"] if page else []
-        return [inputs.terrain(), *_with_system(self, inputs), *html]
+        return [inputs.terrain(), *_with_system(inputs), *html]
 
 
 class Cliffs(_Writes):
@@ -93,31 +97,27 @@ class Cliffs(_Writes):
     NAME = "cliffs"
     TITLE = "Propose release areas"
     GROUP = GROUP
-    WORDS = ("cliffs",)
     ANSWERS = True
     HELP = (
         "Proposes release areas from the slopes of a terrain model, and from mapped rock where "
         "there is any. Check them in the field."
     )
 
-    def own_parameters(self):
-        """A terrain model, and where rock is mapped."""
+    def _parameters(self):
+        threshold = number(
+            "THRESHOLD", "Slope of cliffs (degrees), if not from slopes", FLOAT, low=1.0
+        )
         return [
             raster("DEM", "Terrain model"),
-            file("GROUND", "File with polygons of ground classes", True),
-            number("THRESHOLD", "Slope of cliffs (degrees), if not from slopes", FLOAT, low=1.0),
-            number("MIN_AREA", "Smallest area in plan (m²)", FLOAT, 50.0),
+            passed("--ground", file("GROUND", "File with polygons of ground classes", True)),
+            passed("--threshold", threshold),
+            passed("--min-area", number("MIN_AREA", "Smallest area in plan (m²)", FLOAT, 50.0)),
             _system(),
             _override(),
         ]
 
-    def arguments(self, inputs):
-        """The terrain model and the limits."""
-        return [
-            inputs.terrain(), "-o", inputs.out, *inputs.words("GROUND", "--ground"),
-            *inputs.option("THRESHOLD", "--threshold"), *inputs.option("MIN_AREA", "--min-area"),
-            *_with_system(self, inputs), *inputs.ticked("OVERWRITE", "--overwrite"),
-        ]  # fmt: skip
+    def _arguments(self, inputs):
+        return [inputs.terrain(), "-o", inputs.out, *_with_system(inputs)]
 
 
 class NewSite(_Writes):
@@ -133,16 +133,11 @@ class NewSite(_Writes):
         "and Zone take these layers as they are."
     )
 
-    def own_parameters(self):
-        """A terrain model."""
+    def _parameters(self):
         return [raster("DEM", "Terrain model"), _system(), _override()]
 
-    def arguments(self, inputs):
-        """The file and the terrain model."""
-        return [
-            inputs.out, "--dem", inputs.terrain(), *_with_system(self, inputs),
-            *inputs.ticked("OVERWRITE", "--overwrite"),
-        ]  # fmt: skip
+    def _arguments(self, inputs):
+        return [inputs.out, "--dem", inputs.terrain(), *_with_system(inputs)]
 
 
 class FromRockyfor3D(_Writes):
@@ -152,24 +147,18 @@ class FromRockyfor3D(_Writes):
     TITLE = "Configuration from inputs of Rockyfor3D"
     GROUP = GROUP
     WORDS = ("init",)
-    KINDS, SUFFIX, TEXT = "TOML (*.toml)", ".toml", "New configuration"
+    KINDS, TEXT = "TOML (*.toml)", "New configuration"
     HELP = (
         "Reads a folder of inputs of Rockyfor3D and writes a configuration with its layers; what "
         "has no counterpart is said in the log and stands in the configuration."
     )
 
-    def own_parameters(self):
-        """The folder."""
+    def _parameters(self):
         return [result_folder("FOLDER", "Folder with dem.asc"), _system()]
 
-    def arguments(self, inputs):
-        """The file, the folder and its system."""
-        system = self.parameterAsCrs(inputs.parameters, "CRS", inputs.context)
-        told = ["--set", f"terrain.crs={system.authid()}"] if system.isValid() else []
-        return [
-            inputs.out, "--rockyfor3d", inputs.file("FOLDER"), *told,
-            *inputs.ticked("OVERWRITE", "--overwrite"),
-        ]  # fmt: skip
+    def _arguments(self, inputs):
+        told = ["--set", f"terrain.crs={inputs.system()}"] if inputs.system() else []
+        return [inputs.out, "--rockyfor3d", inputs.file("FOLDER"), *told]
 
 
 class Validate(Tool):
@@ -178,19 +167,16 @@ class Validate(Tool):
     NAME = "validate"
     TITLE = "Check a configuration and its files"
     GROUP = GROUP
-    WORDS = ("validate",)
     ANSWERS = True
     HELP = (
         "Reads a configuration and every file that it names as a run would; says what they are "
         "ready for, what is missing, and what a run takes."
     )
 
-    def own_parameters(self):
-        """A configuration."""
+    def _parameters(self):
         return [config()]
 
-    def arguments(self, inputs):
-        """The configuration."""
+    def _arguments(self, inputs):
         return [inputs.config]
 
 
@@ -200,7 +186,6 @@ class Frequency(Tool):
     NAME = "frequency"
     TITLE = "Onset frequencies from block volumes"
     GROUP = GROUP
-    WORDS = ("frequency",)
     ANSWERS = True
     HELP = (
         "Fits a power law to volumes of blocks that were observed, and gives the onset frequency "
@@ -208,22 +193,22 @@ class Frequency(Tool):
         "The table (CSV) has a column volume_m3, or from_m3, to_m3 and count."
     )
 
-    def own_parameters(self):
-        """Volumes, and the time in which they fell."""
+    def _parameters(self):
+        complete = number(
+            "COMPLETE", "Volume from which no block was missed (m³)", FLOAT, 0.1, low=1e-6
+        )
+        limits = QgsProcessingParameterString(
+            "LIMITS", "Limits of the scenarios (m³), with commas between", "0.1,1,10"
+        )
         return [
             file("VOLUMES", "Table of volumes (CSV)", kinds="CSV (*.csv);;"),
-            number("COMPLETE", "Volume from which no block was missed (m³)", FLOAT, 0.1, low=1e-6),
-            number("YEARS", "Years in which the blocks were released", FLOAT, low=1e-3),
-            QgsProcessingParameterString(
-                "LIMITS", "Limits of the scenarios (m³), with commas between", "0.1,1,10"
+            passed("--complete-from", complete),
+            passed("--years", number("YEARS", "Years in which the blocks were released", low=1e-3)),
+            passed("--scenarios", limits),
+            advanced(
+                passed("--up-to", number("LARGEST", "Largest possible volume (m³)", low=1e-6))
             ),
-            advanced(number("LARGEST", "Largest possible volume (m³)", FLOAT, low=1e-6)),
         ]
 
-    def arguments(self, inputs):
-        """Table, limits and years."""
-        return [
-            inputs.file("VOLUMES"), *inputs.option("COMPLETE", "--complete-from"),
-            *inputs.option("YEARS", "--years"), *inputs.words("LIMITS", "--scenarios"),
-            *inputs.option("LARGEST", "--up-to"),
-        ]  # fmt: skip
+    def _arguments(self, inputs):
+        return [inputs.file("VOLUMES")]

@@ -72,4 +72,4 @@ def fetch_terrain(
         {"file": o.name, "href": o.href, "date": o.date, "checksum": o.checksum} for o in offers
     ]
     write_new(folder / SOURCES, json.dumps(facts, indent=1) + "\n", overwrite=True)
-    return write_vrt(folder / VRT, terrain, overwrite=True)
+    return write_vrt(folder / VRT, terrain)

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import shapely
 from helpers.made_up_result import preset
 from shapely.geometry import MultiPolygon, Polygon, box
 
+from sassgis.hazard.assess import IntensityMap
+from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.io.vector_layer import VectorLayer
-from sassgis.io.write.layers.federal import IntensityZones, federal_layer, intensity_rows
+from sassgis.io.write.layers.federal import federal_layer, intensity_rows
 
 E, N = 2_705_000.0, 1_150_000.0
 
@@ -29,16 +32,22 @@ STEPS = at((40, 40), (60, 40), (60, 50.0004), (50, 50.0004), (50, 60), (40, 60))
 PARTS = MultiPolygon([STEPS, at((80, 0), (90, 0), (90, 10))])
 
 
-def source_rows(
-    name: str, zones: list[IntensityZones], probability: Any = 1.0, description: str = ""
-) -> list[Any]:
-    """Rows of the intensities of one source."""
+def intensity_row(zone: Any, years: Any, extreme: Any = False, code: Any = "low") -> Any:
+    """A zone with an intensity, which the model may not have."""
+    when = {"return_period_in_years": years, "extreme_scenario": extreme}
+    return zone, {"intensity_class": code, **when}
+
+
+def source_row(
+    name: str, zone: Any, probability: Any = 1.0, description: str = ""
+) -> tuple[Any, dict[str, Any]]:
+    """A zone of low intensity once in 30 years, of one source."""
     own = {
         "process_source": name,
         "subscenario_probability": probability,
         "scenario_description": description,
     }
-    return [(polygon, {**values, **own}) for polygon, values in intensity_rows(zones)]
+    return zone, {**intensity_row(zone, 30)[1], **own}
 
 
 def level_rows(polygons: list[Any], codes: list[Any], **values: Any) -> list[Any]:
@@ -56,27 +65,25 @@ def some_layers(**changes: Any) -> list[VectorLayer]:
     where: dict[str, Any] = {
         "crs": "EPSG:2056", "federal": True, "canton": changes.get("canton", "TI")
     }  # fmt: skip
-    zones = [
-        IntensityZones(30, False, [CORE], ["low"]),
-        IntensityZones(300, False, [CORE, HOLLOW], ["high", "mean"]),
-        IntensityZones(None, True, [shapely.union_all([CORE, HOLLOW]), STEPS], ["high", "low"]),
+    codes = [c.code for c in preset().intensities]
+    maps = [
+        IntensityMap(years, Coverage(polygons, np.array([1 + codes.index(c) for c in own])))
+        for years, polygons, own in (
+            (30, [CORE], ["low"]),
+            (300, [CORE, HOLLOW], ["high", "mean"]),
+            (None, [shapely.union_all([CORE, HOLLOW]), STEPS], ["high", "low"]),
+        )
     ]
-    sources = source_rows(
-        ("Parete nord <A> & C., " + "lunga " * 8)[:50].strip(),
-        zones[:1],
-        0.3333,
-        "blocks of 1–5 m³",
-    )
+    zones = intensity_rows(maps, preset())
+    name = ("Parete nord <A> & C., " + "lunga " * 8)[:50].strip()
     term = {"process_cantonal_term": "caduta sassi"}
     indicated = {"hazard_area_existing": False, "method": "Cells that rocks reach at all."}
     levels = level_rows([CORE, HOLLOW, PARTS], ["substantial", "mean", "residual_hazard"])
     assessed = box(E - 100, N - 100, E + 200, N + 200)
     return [
         layer("assessment_area", [(assessed, {"comments": 'Only "rockfall" <here>'})], **where),
-        layer(
-            "synoptic_intensity", [(p, {**v, **term}) for p, v in intensity_rows(zones)], **where
-        ),
-        layer("intensity_by_source", sources, **where),
+        layer("synoptic_intensity", [(p, {**v, **term}) for p, v in zones], **where),
+        layer("intensity_by_source", [source_row(name, CORE, 0.3333, "blocks of 1–5 m³")], **where),
         layer("hazard_area", levels, **where),
         layer(
             "indicative_hazard_area",

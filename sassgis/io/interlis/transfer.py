@@ -137,10 +137,9 @@ def _objects(file: Path, kind: FederalClass, canton: str | None) -> list[XtfObje
     objects: list[XtfObject] = []
     if frame is None:
         return objects
-    for number, (record, geometry) in enumerate(
-        zip(frame.drop(columns="geometry").to_dict("records"), frame.geometry, strict=True)
-    ):
-        where = f"feature {frame.index[number]}"
+    records = frame.drop(columns="geometry").to_dict("records")
+    for fid, record, geometry in zip(frame.index, records, frame.geometry, strict=True):
+        where = f"feature {fid}"
         given: dict[str, Any] = {str(key): value for key, value in record.items()}
         given[RESPONSIBILITY] = plain(given[RESPONSIBILITY]) or canton
         values = checked_values(kind, given, where, file=file)

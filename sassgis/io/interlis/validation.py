@@ -48,9 +48,7 @@ class Finding:
     def __str__(self) -> str:
         place = f"line {self.line}" if self.line else ""
         where = ", ".join(part for part in (place, self.tag, self.tid) if part)
-        return (
-            f"{self.severity}: {where}: {self.text}" if where else f"{self.severity}: {self.text}"
-        )
+        return ": ".join([self.severity, *([where] if where else []), self.text])
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,26 +101,24 @@ def validate_xtf(xtf: Path, model_folder: Path) -> ValidationResult:
     with tempfile.TemporaryDirectory(prefix="sassgis-") as name:
         work = Path(name)
         # Semicolons part its lists of files, and it knows no names beyond ASCII everywhere.
-        models = work / "models"
+        models, data, verdict, findings_log = (
+            work / name for name in ("models", "data.xtf", "verdict.json", "findings.xtf")
+        )
         models.mkdir()
         copies = {str(models / f"{n}.ili"): file for n, file in enumerate(_ili_files(model_folder))}
         for copy, file in copies.items():
             shutil.copyfile(file, copy)
-        data = work / "data.xtf"
         try:
             os.symlink(xtf.resolve(), data)
         except OSError:
             shutil.copyfile(xtf, data)
         task = {
-            "data": str(data),
-            "models": str(models),
-            "log": str(work / "log.txt"),
-            "findings": str(work / "findings.xtf"),
-            "verdict": str(work / "verdict.json"),
-        }
+            "data": data, "models": models, "log": work / "log.txt", "findings": findings_log,
+            "verdict": verdict,
+        }  # fmt: skip
         try:
             done = subprocess.run(
-                [sys.executable, "-c", _RUNNER, json.dumps(task)],
+                [sys.executable, "-c", _RUNNER, json.dumps(task, default=str)],
                 cwd=work,
                 stdin=subprocess.DEVNULL,
                 capture_output=True,
@@ -133,11 +129,10 @@ def validate_xtf(xtf: Path, model_folder: Path) -> ValidationResult:
             raise OutputError(
                 f"{xtf}: the INTERLIS validator did not end within {_TIMEOUT_S:g} s"
             ) from None
-        verdict = work / "verdict.json"
         if done.returncode != 0 or not verdict.is_file():
             raise OutputError(f"{xtf}: the INTERLIS validator broke down: {_cause(done)}")
         valid = bool(json.loads(verdict.read_text()))
-        validator, findings = _findings(work / "findings.xtf", copies)
+        validator, findings = _findings(findings_log, copies)
     if not valid and not any(f.severity == "error" for f in findings):
         last = done.stderr.decode(errors="replace").strip().splitlines()[-1:]
         findings.append(Finding("error", last[0] if last else "no reason is given"))

@@ -42,12 +42,11 @@ def export(project_file: str, folder: Path, wanted: str, suffix: str, dpi: float
         target = folder / f"{safe}.{suffix}"
         exporter = QgsLayoutExporter(layout)
         if suffix == "pdf":
-            settings = QgsLayoutExporter.PdfExportSettings()
+            settings, printed = QgsLayoutExporter.PdfExportSettings(), exporter.exportToPdf
             settings.textRenderFormat = QgsRenderContext.TextFormatAlwaysText
         else:
-            settings = QgsLayoutExporter.ImageExportSettings()
+            settings, printed = QgsLayoutExporter.ImageExportSettings(), exporter.exportToImage
         settings.dpi = dpi
-        printed = exporter.exportToPdf if suffix == "pdf" else exporter.exportToImage
         if printed(str(target), settings) != QgsLayoutExporter.Success:
             raise SystemExit(f"{target}: cannot be written ({exporter.errorMessage()})")
         files.append(target)

@@ -28,8 +28,6 @@ from sassgis.model.languages import phrase, translated
 
 Extent = tuple[float, float, float, float]
 
-#: Width and height of the page (mm).
-PAGES: Mapping[str, tuple[float, float]] = {"A3": (420.0, 297.0), "A4": (297.0, 210.0)}
 #: Scales are these numbers times a power of ten.
 SCALE_NUMBERS = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 7.5)
 
@@ -117,25 +115,21 @@ class _Sheet:
         self.items = {item.get("id", ""): item for item in self.root.findall("LayoutItem")}
 
     def box(self, name: str) -> Box:
-        """Where an item stands."""
         x, y = self.items[name].get("position", "").split(",")[:2]
         width, height = self.items[name].get("size", "").split(",")[:2]
         return Box(float(x), float(y), float(width), float(height))
 
     def put(self, name: str, box: Box) -> None:
-        """Move an item."""
         item = self.items[name]
         for key in ("position", "positionOnPage"):
             item.set(key, f"{box.x:.3f},{box.y:.3f},mm")
         item.set("size", f"{box.width:.3f},{box.height:.3f},mm")
 
     def move(self, name: str, y: float, height: float | None = None) -> None:
-        """Move an item up or down."""
         box = self.box(name)
         self.put(name, box._replace(y=y, height=box.height if height is None else height))
 
     def remove(self, name: str) -> None:
-        """Take an item away."""
         self.root.remove(self.items.pop(name))
 
     def clone(self, name: str, new: str) -> None:
@@ -157,7 +151,6 @@ class _Sheet:
             self.items["Legend"].set(key, f"{float(self.items['Legend'].get(key, '')) * factor:g}")
 
     def font(self, name: str) -> tuple[float, bool]:
-        """Type size (points) of a label, and whether it is bold."""
         return _font(self.items[name].find("LabelFont"))
 
     def text_height(self, name: str, text: str, width: float | None = None) -> float:
@@ -174,6 +167,7 @@ class _Sheet:
 
 
 def _font(element: ET.Element | None) -> tuple[float, bool]:
+    """Type size (points), and whether it is bold."""
     assert element is not None
     parts = element.get("description", "").split(",")
     return float(parts[1]), int(parts[4]) > 50

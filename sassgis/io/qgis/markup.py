@@ -94,9 +94,7 @@ def rgba(colour: str, opacity: float = 1.0) -> str:
 
 
 def number(value: float) -> str:
-    """A number with all its digits."""
-    if math.isinf(value):
-        return "inf" if value > 0 else "-inf"
+    """A number with all its digits; "inf" for infinity."""
     return repr(float(value))
 
 

@@ -65,10 +65,11 @@ def write_project(
         raise ValueError(f"layers of a project need one name each: {keys}")
     if len({layout.name for layout in layouts}) != len(layouts):
         raise ValueError("layouts of a project need one name each")
+    system = _spatial_reference(crs)
     root = filled(
         "qgis_project.xml.j2",
         title=title,
-        crs=_spatial_reference(crs),
+        crs=system,
         groups=groups,
         entries=entries,
         extent=extent,
@@ -79,7 +80,10 @@ def write_project(
     shown = {entry.key: entry for entry in entries}
     sheets = root.find("Layouts")
     assert sheets is not None
-    sheets.extend(layout_element(layout, shown, _crs_name(crs)) for layout in layouts)
+    # The system as a reader knows it; empty for local coordinates.
+    code = f" ({system['authid']})" if system["authid"] else ""
+    name = f"{system['description']}{code}"
+    sheets.extend(layout_element(layout, shown, name) for layout in layouts)
     text = document(root)
     packed = BytesIO()
     with zipfile.ZipFile(packed, "w") as archive:
@@ -93,26 +97,12 @@ def write_project(
     return path
 
 
-def _in_plan(crs: str) -> CRS:
-    """The part of east and north of a system; QGIS 3.22 knows no other."""
-    plane, _ = crs_parts(CRS.from_user_input(crs))
-    return plane
-
-
-def _crs_name(crs: str) -> str:
-    """Name and code of the system in plan, as a reader knows it; empty for local coordinates."""
-    if not crs:
-        return ""
-    system = _in_plan(crs)
-    authority = system.to_authority(min_confidence=100)
-    return f"{system.name} ({':'.join(authority)})" if authority else str(system.name)
-
-
 def _spatial_reference(crs: str) -> dict[str, str]:
     """What QGIS notes of a system, by tag."""
     if not crs:
         return dict.fromkeys(("wkt", "proj4", "authid", "description"), "")
-    system = _in_plan(crs)
+    # The part of east and north; QGIS 3.22 knows no other.
+    system, _ = crs_parts(CRS.from_user_input(crs))
     authority = system.to_authority(min_confidence=100)
     operation = system.coordinate_operation
     return {

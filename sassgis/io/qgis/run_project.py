@@ -13,7 +13,6 @@ from sassgis.hazard.assess import Assessment, Rules
 from sassgis.hazard.preset_labels import unverified_in_short
 from sassgis.hazard.warnings import edit_lines, ground_warnings, sample_words
 from sassgis.hazard.zone_styles import zone_style
-from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.io.qgis.entries import LayerEntry, LayerGroup, without_empty
 from sassgis.io.qgis.layout import Extent, PrintLayout
 from sassgis.io.qgis.project import write_project
@@ -150,6 +149,11 @@ def write_run_project(
         LayerEntry(layer, f"maps/{layer.stem}.tif", visible=layer.stem == "energy" and not zoned)
         for layer in layers
     )
+    base = []
+    if base_map is not None and imprint.base_map is not None:
+        # As seen from the working folder, which lies beside that of the result.
+        place = seen_from(folder.resolve(), imprint.base_map)
+        base = [LayerGroup("Base map", (LayerEntry(base_map, place),))]
     shown = [
         LayerGroup("Stations and measures", entries("barriers", "stations")),
         LayerGroup(
@@ -161,7 +165,7 @@ def write_run_project(
         *groups,
         LayerGroup("Footprint", entries("footprint", visible=False)),
         LayerGroup("Maps", maps, exclusive=True),
-        *_base_group(base_map, imprint.base_map, folder),
+        *base,
         LayerGroup("Terrain", (LayerEntry(terrain, "maps/terrain.tif"),)),
     ]
     full = [group for group in map(without_empty, shown) if group.layers]
@@ -181,17 +185,6 @@ def write_run_project(
         # Where no block arrives there are no zones, and no sheet of them.
         layouts=[layout for layout in layouts if keys.issuperset(layout.layers)],
     )
-
-
-def _base_group(
-    base_map: RasterLayer | None, file: Path | None, folder: Path
-) -> tuple[LayerGroup, ...]:
-    """The group of the base map; none without one."""
-    if base_map is None or file is None:
-        return ()
-    # As seen from the working folder, which lies beside that of the result.
-    place = seen_from(folder.resolve(), file)
-    return (LayerGroup("Base map", (LayerEntry(base_map, place),)),)
 
 
 def run_layouts(words: SheetWords, layers: Sequence[RasterLayer]) -> tuple[PrintLayout, ...]:
@@ -328,7 +321,11 @@ def zone_layouts(
         *words.notes,
         *edit_lines(found.hazard.edits),
     )
-    extent = _zone_extent(found.hazard.intensities[-1].zones, grid)
+    extent, zoned = grid.bounds, found.hazard.intensities[-1].zones.polygons
+    if zoned.size:
+        west, south, east, north = shapely.total_bounds(zoned)
+        margin = 0.04 * max(east - west, north - south)
+        extent = west - margin, south - margin, east + margin, north + margin
     words = replace(words, facts=(*words.facts, *facts), notes=notes, extent=extent)
     lines = ["vector_edits"] if found.hazard.edits else []
     lines += [f"vector_{layer.name}" for layer in own if layer.name == "open_limits"]
@@ -368,11 +365,3 @@ def onset_words(rules: Rules) -> str:
         for name, f in by_scenario.items()
     )
     return phrase("{} blocks a year in each release area", joined("; ", spans))
-
-
-def _zone_extent(zones: Coverage, grid: Grid) -> Extent:
-    if not zones.polygons.size:
-        return grid.bounds
-    west, south, east, north = shapely.total_bounds(zones.polygons)
-    margin = 0.04 * max(east - west, north - south)
-    return west - margin, south - margin, east + margin, north + margin

@@ -26,6 +26,7 @@ class _LegendEntry(NamedTuple):
     layer: LayerEntry
     title: list[str]
     classes: list[list[str]]
+    one_sign: bool  # without classes, its name beside the sign
 
     @property
     def texts(self) -> dict[str, str]:
@@ -64,10 +65,6 @@ def _rank(layer: LayerEntry) -> int:
     return 0 if content.style.symbol.kind == "fill" else 1
 
 
-def _has_one_sign(layer: LayerEntry) -> bool:
-    return _rank(layer) == 2
-
-
 def _legend_entries(
     layers: Sequence[LayerEntry], width: float, symbol_width: float, points: float
 ) -> list[_LegendEntry]:
@@ -77,10 +74,10 @@ def _legend_entries(
         if isinstance(layer.content, RasterLayer) and layer.content.ramp in (HILLSHADE, PICTURE):
             continue
         classes = [wrapped(text, beside, points) for text in _class_texts(layer.content)]
-        # A layer of one sign has its name beside it.
-        room = beside if _has_one_sign(layer) else width
-        title = wrapped(layer.content.title, room, points, bold=not _has_one_sign(layer))
-        out.append(_LegendEntry(layer, title, classes))
+        one_sign = _rank(layer) == 2
+        room = beside if one_sign else width
+        title = wrapped(layer.content.title, room, points, bold=not one_sign)
+        out.append(_LegendEntry(layer, title, classes, one_sign))
     return out
 
 
@@ -93,7 +90,7 @@ def _legend_height(
     total = _SPACE_BEFORE + text_height(1, points) + _SPACE_BETWEEN if heading else 0.0
     for entry in entries:
         total += _SPACE_BEFORE
-        if _has_one_sign(entry.layer):
+        if entry.one_sign:
             total += row(entry.title)
             continue
         total += _SPACE_BETWEEN + text_height(len(entry.title), points)
@@ -112,8 +109,8 @@ def fill_legend(
         float(item.get(key, "")) for key in ("symbolWidth", "symbolHeight")
     )
     entries = _legend_entries(shown, width, symbol_width, points)
-    single = [entry for entry in entries if _has_one_sign(entry.layer)]
-    classed = [entry for entry in entries if not _has_one_sign(entry.layer)]
+    single = [entry for entry in entries if entry.one_sign]
+    classed = [entry for entry in entries if not entry.one_sign]
     tree = item.find("layer-tree-group")
     assert tree is not None
     tree.clear()

@@ -29,21 +29,16 @@ class BatchSummary:
         self._path = path
         self._levels = list(levels)
         self._next = 0.0
-        self._before = self._seconds_before()
+        # Times of areas that an earlier call has run.
+        try:
+            frame = pd.read_csv(path, dtype={"folder": str}).dropna(subset=["folder", "seconds"])
+            self._before = dict(zip(frame["folder"], frame["seconds"].astype(float), strict=True))
+        except (OSError, ValueError, KeyError):
+            self._before = {}
         self._rows: dict[str, dict[str, object]] = {
             folder: {"area": name, "file": file, "status": _NOT_RUN}
             for folder, (name, file) in areas.items()
         }
-
-    def _seconds_before(self) -> dict[str, float]:
-        """Times of areas that an earlier call has run."""
-        try:
-            frame = pd.read_csv(self._path, dtype={"folder": str}).dropna(
-                subset=["folder", "seconds"]
-            )
-            return dict(zip(frame["folder"], frame["seconds"].astype(float), strict=True))
-        except (OSError, ValueError, KeyError):
-            return {}
 
     def done(
         self,

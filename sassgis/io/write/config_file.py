@@ -24,16 +24,8 @@ _SUFFIXES = {"raster": ".tif", "layer": ".gpkg", "table": ".csv"}
 def save_config(config: Config, path: str | PathLike[str], *, overwrite: bool = False) -> Path:
     """Write a configuration as a TOML file, from which the same run can be made again.
 
-    Inputs that are in memory are written beside it; files are named as seen from there.
-
-    Parameters
-    ----------
-    config : Config
-        From ``load_config`` or ``configure``.
-    path : path
-        The new TOML file.
-    overwrite : bool
-        Whether files that are there already may be replaced.
+    Inputs that are in memory are written beside it; files are named as seen from there. Those that
+    are there already are replaced with ``overwrite`` only.
 
     Raises
     ------
@@ -55,9 +47,17 @@ def written_document(config: Config, path: Path, overwrite: bool = False) -> dic
     base, place = Path(os.path.realpath(config.base)), Path(os.path.realpath(path)).parent
 
     def named(value: Any, own: str) -> str:
-        if isinstance(value, InMemory):
-            return _written_beside(value, path.parent / f"{own}{_SUFFIXES[value.kind]}", overwrite)
-        return seen_from(place, Path(base, Path(value).expanduser()))
+        if not isinstance(value, InMemory):
+            return seen_from(place, Path(base, Path(value).expanduser()))
+        file = path.parent / f"{own}{_SUFFIXES[value.kind]}"
+        with staged_file(file, overwrite) as work, writing(work):
+            if value.kind == "raster":
+                work.write_bytes(value.data)
+            elif value.kind == "table":
+                work.write_text(value.data, encoding="utf-8", newline="\n")
+            else:
+                value.data.to_file(work, driver="GPKG", layer=file.stem)
+        return file.name
 
     def section(name: str, values: Any, own: str) -> Any:
         if not isinstance(values, Mapping):
@@ -81,14 +81,3 @@ def written_document(config: Config, path: Path, overwrite: bool = False) -> dic
     if isinstance(preset, str) and is_preset_file(preset):
         document["hazard"]["preset"] = named(preset, "preset")
     return document
-
-
-def _written_beside(given: InMemory, file: Path, overwrite: bool) -> str:
-    with staged_file(file, overwrite) as work, writing(work):
-        if given.kind == "raster":
-            work.write_bytes(given.data)
-        elif given.kind == "table":
-            work.write_text(given.data, encoding="utf-8", newline="\n")
-        else:
-            given.data.to_file(work, driver="GPKG", layer=file.stem)
-    return file.name

@@ -73,15 +73,12 @@ def short_template(given: Given = ()) -> str:
     lengths = [len(f"{key} = {text}") for _, lines in sections for key, text in lines.items()]
     width = min(max(lengths), _WIDTH)
     for name, lines in sections:
-        parts.append("\n".join([_bracketed(name), *_short_lines(name, lines, width)]) + "\n")
+        rows = [_bracketed(name)]
+        for key, text in lines.items():
+            meaning = re.split(r"[;:] ", keys[name][key.removeprefix("# ")].description)[0]
+            rows.append(f"{f'{key} = {text}':<{width}}  # {meaning}")
+        parts.append("\n".join(rows) + "\n")
     return "\n".join(parts)
-
-
-def _short_lines(section: str, lines: Mapping[str, str], width: int) -> Iterable[str]:
-    keys = declared_sections()[section]
-    for key, text in lines.items():
-        meaning = re.split(r"[;:] ", keys[key.removeprefix("# ")].description)[0]
-        yield f"{f'{key} = {text}':<{width}}  # {meaning}"
 
 
 def _bracketed(section: str) -> str:

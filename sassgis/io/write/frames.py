@@ -133,14 +133,11 @@ def _columns(rows: NDArray[np.void], scenario: NDArray[np.str_] | None = None) -
 
 def _areas(line: IntArray, planned: Plan) -> NDArray[np.object_]:
     """Name of the release area of each line."""
-    names = np.array(planned.points.area_names, dtype=object)
-    area = planned.points.area[line]
-    return names[area] if names.size else np.empty(0, dtype=object)
+    return np.array(planned.points.area_names, dtype=object)[planned.points.area[line]]
 
 
 def _name_control_lines(frame: pd.DataFrame, names: Sequence[str]) -> None:
-    known = np.array(names, dtype=object)
-    frame["control_line"] = known[frame["control_line"]] if known.size else []
+    frame["control_line"] = np.array(names, dtype=object)[frame["control_line"]]
 
 
 #: What a spreadsheet takes for the beginning of a formula.

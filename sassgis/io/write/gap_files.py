@@ -79,15 +79,8 @@ def write_gap_gpkg(path: Path, case: Case, diagnosis: Diagnosis) -> None:
 def write_config_back(path: Path, config: Config, diagnosis: Diagnosis, case: Case) -> Path:
     """Write the user's configuration with the calibrated ground and the named effect.
 
-    A ground-class table and, for fitted trees, a forest are written beside it. Files that the
-    configuration names are named relative to the new place.
-
-    Parameters
-    ----------
-    path : Path
-        The new TOML file; its folder is made.
-    config : Config
-        The configuration that was diagnosed.
+    A ground-class table and, for fitted trees, a forest are written beside it, in a folder that is
+    made. Files that the configuration names are named relative to the new place.
 
     Raises
     ------
@@ -151,7 +144,7 @@ def _comments(
     diagnosis: Diagnosis, sections: Collection[str], config_name: str, stand: bool, left_out: bool
 ) -> list[str]:
     verdict, recommended = diagnosis.verdict, diagnosis.advice.recommended
-    named = verdict.effect not in ("none", "unknown")
+    named = f"Named: {effect_name(verdict.effect)}, with a confidence of {verdict.confidence:.2f}"
     added = {*recommended.split("+")} >= {*verdict.effect.split("+")}
     lines = [
         f"Made by sassgis {sassgis.__version__} (gap diagnose) from {config_name} and "
@@ -164,33 +157,22 @@ def _comments(
         lines.append("Not recommended: it falls short of the rocks, on the unsafe side.")
     if diagnosis.advice.why:
         lines.append(f"{diagnosis.advice.why[:1].upper()}{diagnosis.advice.why[1:]}.")
-    if not named:
-        lines.append(
-            "No effect was named."
-            if verdict.effect == "none"
-            else "No known effect explains the gap."
-        )
+    if verdict.effect == "none":
+        lines.append("No effect was named.")
+    elif verdict.effect == "unknown":
+        lines.append("No known effect explains the gap.")
     elif not added:
-        lines.append(
-            f"Named: {effect_name(verdict.effect)}, with a confidence of {verdict.confidence:.2f}, "
-            f"but not added: the model has {rung_name(recommended)}."
-        )
+        lines.append(f"{named}, but not added: the model has {rung_name(recommended)}.")
     elif not set(verdict.effect.split("+")) & set(sections):
         lines.append(
-            f"Named: {effect_name(verdict.effect)}, with a confidence of {verdict.confidence:.2f}. "
-            "That is not a part of the motion, so nothing was added to the model."
+            f"{named}. That is not a part of the motion, so nothing was added to the model."
         )
     else:
-        lines.append(
-            f"Named: {effect_name(verdict.effect)}, with a confidence of {verdict.confidence:.2f}; "
-            "fitted: [effects." + "], [effects.".join(sections) + "]."
-        )
+        fitted = ", ".join(f"[effects.{name}]" for name in sections)
+        lines.append(f"{named}; fitted: {fitted}.")
         if len(verdict.confusion_set) > 1:
-            lines.append(
-                "The observations do not separate: "
-                + ", ".join(effect_name(e) for e in verdict.confusion_set)
-                + "."
-            )
+            alike = ", ".join(effect_name(e) for e in verdict.confusion_set)
+            lines.append(f"The observations do not separate: {alike}.")
     if left_out:
         lines.append(
             "[effects.lateral_deflection] is left out: it turns followed paths, not fall lines."
@@ -217,16 +199,11 @@ def classes_csv(
     before = {c.name: c for c in configured.classes}
     classes = []
     for own in table.classes:
-        if changed := _changes(before.get(own.name), own):
+        old = before.get(own.name, own)
+        pairs = [(c, getattr(old, c), getattr(own, c)) for c in PARAMETERS]
+        if changed := ", ".join(f"{c} {a:g}" for c, a, b in pairs if a != b):
             source = f"{provenance(own)}; before: {changed}."
             own = replace(own, source=source, trust="fitted")
         classes.append(own)
     frame = classes_frame(classes)
     return frame.to_csv(index=False, float_format="%.6g", lineterminator="\n")
-
-
-def _changes(old: GroundClass | None, new: GroundClass) -> str:
-    if old is None:
-        return ""
-    pairs = [(c, getattr(old, c), getattr(new, c)) for c in PARAMETERS]
-    return ", ".join(f"{c} {a:g}" for c, a, b in pairs if a != b)

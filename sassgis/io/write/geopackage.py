@@ -69,7 +69,13 @@ def write_geopackage(
             with database:
                 _write_styles(database, layers)
                 _write_columns(database, layers)
-                _write_metadata(database, metadata or {})
+                _create(database, METADATA_TABLE)
+                about = "How this result was computed"
+                register_table(database, METADATA_TABLE, "Run metadata", about)
+                database.executemany(
+                    f"INSERT INTO {METADATA_TABLE} (key, value) VALUES (?, ?)",
+                    [(k, None if v is None else str(v)) for k, v in (metadata or {}).items()],
+                )
             database.execute("VACUUM")
             _check(database, layers, path)
     return path
@@ -197,15 +203,6 @@ def register_columns(
         "INSERT INTO gpkg_data_columns (table_name, column_name, name, title, description) "
         "VALUES (?1, ?2, ?2, ?3, ?4)",
         columns,
-    )
-
-
-def _write_metadata(database: sqlite3.Connection, metadata: Mapping[str, object]) -> None:
-    _create(database, METADATA_TABLE)
-    register_table(database, METADATA_TABLE, "Run metadata", "How this result was computed")
-    database.executemany(
-        f"INSERT INTO {METADATA_TABLE} (key, value) VALUES (?, ?)",
-        [(key, None if value is None else str(value)) for key, value in metadata.items()],
     )
 
 

@@ -12,17 +12,11 @@ import xarray as xr
 
 from sassgis.hazard.sources import Sampled
 from sassgis.model.grid import Grid
-from sassgis.model.results import Band, RasterLayer
+from sassgis.model.results import RasterLayer
 
 #: The coordinate that holds the system, as CF and rioxarray know it.
 GRID_MAPPING = "spatial_ref"
 _PLACE = ("y", "x")
-
-
-def variable_name(layer: RasterLayer, band: Band) -> str:
-    """Name of a band in a dataset: that of its map, and of the band where there are several."""
-    single = len(layer.bands) == 1 or layer.stem.startswith(band.name)
-    return layer.stem if single else f"{layer.stem}_{band.name}"
 
 
 def maps_dataset(
@@ -30,8 +24,9 @@ def maps_dataset(
 ) -> xr.Dataset:
     """Maps on a grid; NaN where they say nothing.
 
-    Each variable has ``long_name``, ``units`` and ``comment`` (what its numbers mean: denominator,
-    reference width), maps of classes also ``flag_values`` and ``flag_meanings``.
+    A band has the name of its map, with its own where the map has several. Each variable has
+    ``long_name``, ``units`` and ``comment`` (what its numbers mean: denominator, reference width),
+    maps of classes also ``flag_values`` and ``flag_meanings``.
     """
     found = {}
     for layer in layers:
@@ -39,21 +34,17 @@ def maps_dataset(
             values = xr.DataArray(band.values, dims=_PLACE)
             values.attrs = {
                 "long_name": band.description, "units": band.unit or "1", "comment": layer.note,
-                **(_flags(layer) if band is layer.bands[0] else {}),
             }  # fmt: skip
+            if layer.classes and band is layer.bands[0]:
+                values.attrs |= {
+                    "flag_values": np.array([c.value for c in layer.classes], np.int32),
+                    "flag_meanings": " ".join(c.label.replace(" ", "_") for c in layer.classes),
+                }
             values.encoding["grid_mapping"] = GRID_MAPPING
-            found[variable_name(layer, band)] = values
+            single = len(layer.bands) == 1 or layer.stem.startswith(band.name)
+            found[layer.stem if single else f"{layer.stem}_{band.name}"] = values
     about = {key: value for key, value in attributes.items() if value is not None}
     return xr.Dataset(found, _coordinates(grid), {"Conventions": "CF-1.10", **about})
-
-
-def _flags(layer: RasterLayer) -> dict[str, object]:
-    if not layer.classes:
-        return {}
-    return {
-        "flag_values": np.array([c.value for c in layer.classes], np.int32),
-        "flag_meanings": " ".join(c.label.replace(" ", "_") for c in layer.classes),
-    }
 
 
 def _coordinates(grid: Grid) -> dict[str, Any]:

@@ -82,6 +82,7 @@ def _gpkg_template(path: Path, crs: str | None) -> Path:
     if path.exists():
         raise OutputError(f"{path}: exists already")
     system = None if crs is None else parse_crs(crs)
+    described: list[tuple[str, str, str, str]] = []
     with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         for table, columns in TABLES.items():
@@ -90,23 +91,17 @@ def _gpkg_template(path: Path, crs: str | None) -> Path:
             data = {c.name: pd.Series(dtype="str" if c.text else "float64") for c in own}
             frame = gpd.GeoDataFrame(data, geometry=gpd.GeoSeries([], crs=system), crs=system)
             add_layer(path, table, frame, "Point Z" if table in POINT_TABLES else "LineString")
-        _describe(path)
+            described += [
+                (table, c.name, f"{c.name} [{c.unit}]" if c.unit else c.name, c.meaning)
+                for c in own
+            ]
+        with closing(sqlite3.connect(path)) as database, database:
+            database.execute(
+                f'CREATE TABLE "{_METADATA}" (fid INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, '
+                '"key" TEXT, "value" TEXT)'
+            )
+            keys = [(key,) for key in _KEYS]
+            database.executemany(f'INSERT INTO "{_METADATA}" ("key") VALUES (?)', keys)
+            register_table(database, _METADATA, "metadata", "How well was measured")
+            register_columns(database, described)
     return path
-
-
-def _describe(path: Path) -> None:
-    """Metadata table, and what the columns mean, by the schema extension of GeoPackage."""
-    with closing(sqlite3.connect(path)) as database, database:
-        database.execute(
-            f'CREATE TABLE "{_METADATA}" (fid INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, '
-            '"key" TEXT, "value" TEXT)'
-        )
-        database.executemany(f'INSERT INTO "{_METADATA}" ("key") VALUES (?)', [(k,) for k in _KEYS])
-        register_table(database, _METADATA, "metadata", "How well was measured")
-        described = [
-            (table, c.name, f"{c.name} [{c.unit}]" if c.unit else c.name, c.meaning)
-            for table, columns in TABLES.items()
-            for c in columns
-            if c.name not in _PLACES
-        ]
-        register_columns(database, described)

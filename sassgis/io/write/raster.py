@@ -41,10 +41,10 @@ def write_raster(layer: RasterLayer, grid: Grid, folder: Path) -> Path:
     The file is a Cloud-Optimised GeoTIFF: float32, nodata -9999, deflate, tiled. A map of classes
     is written as whole numbers, in the smallest type that holds its classes: uint8 with nodata 255
     as a rule (else :data:`CLASS_NODATA`), in the colours of its classes, which are named in its tag
-    CLASSES. If another band of it holds fractions, all its bands are float32. The overviews are
-    made of values that occur (the most frequent one), so that a class seen from afar is a class of
-    the map; only heights for shaded relief are averaged. The descriptions and units of the bands
-    and the title and note of the layer are in its tags.
+    CLASSES. If another band of it holds fractions, all its bands are float32. The overviews
+    of classes are made of values that occur (the most frequent one), so that a class seen from afar
+    is one of the map; those of numbers are means. The descriptions and units of the bands and the
+    title and note of the layer are in its tags.
 
     Raises
     ------
@@ -62,19 +62,23 @@ def write_raster(layer: RasterLayer, grid: Grid, folder: Path) -> Path:
             )
     _check_classes(layer)
     target = folder / f"{layer.stem}.tif"
-    with writing(target):
+    number_type, nodata = _number_type(layer)
+    profile = _frame_of(layer, grid, number_type, nodata) | _cog_options(layer)
+    with writing(target), MemoryFile(ext=".tif") as memory:
+        with memory.open(**profile) as dataset:
+            _describe(dataset, layer, grid, number_type)
+            for number, band in enumerate(layer.bands, start=1):
+                dataset.write(_stored(band, number_type, nodata), number)
         folder.mkdir(parents=True, exist_ok=True)
         # GDAL writes when it closes a file and may then only log that the disk is full; plain
         # Python, writing what GDAL made in memory, fails with the reason.
-        target.write_bytes(_encode(layer, grid))
+        target.write_bytes(memory.getbuffer())
     _write_style(layer, target)
     return target
 
 
 def _write_style(layer: RasterLayer, target: Path) -> None:
-    """Write the QGIS style of a map beside it."""
-    layer = translated_raster(layer)
-    write_text(target.with_suffix(".qml"), qml(layer))
+    write_text(target.with_suffix(".qml"), qml(translated_raster(layer)))
 
 
 def _check_classes(layer: RasterLayer) -> None:
@@ -104,18 +108,6 @@ def _number_type(layer: RasterLayer) -> tuple[str, float]:
         if limits.min <= values.min() and values.max() <= limits.max and nodata not in values:
             return name, nodata
     return "float32", NODATA
-
-
-def _encode(layer: RasterLayer, grid: Grid) -> bytes:
-    number_type, nodata = _number_type(layer)
-    with MemoryFile(ext=".tif") as memory:
-        with memory.open(
-            **_frame_of(layer, grid, number_type, nodata), **_cog_options(layer)
-        ) as dataset:
-            _describe(dataset, layer, grid, number_type)
-            for number, band in enumerate(layer.bands, start=1):
-                dataset.write(_stored(band, number_type, nodata), number)
-        return bytes(memory.getbuffer())
 
 
 def _frame_of(layer: RasterLayer, grid: Grid, number_type: str, nodata: float) -> dict[str, Any]:
@@ -206,7 +198,8 @@ class BlockMaps:
         self._folder = folder
         self._open: dict[str, tuple[Any, RasterLayer]] = {}
         self._limits: dict[str, tuple[float, float]] = {}
-        self._unfinished: list[Unfinished] = []
+        #: The maps, once they are closed; of their values only the smallest and the largest.
+        self.unfinished: list[Unfinished] = []
         self._env = rasterio.Env(GDAL_CACHEMAX=_CACHE)
 
     def __enter__(self) -> BlockMaps:
@@ -257,11 +250,6 @@ class BlockMaps:
             low, high = self._limits.get(layer.stem, (np.inf, -np.inf))
             self._limits[layer.stem] = min(low, float(shown.min())), max(high, float(shown.max()))
 
-    @property
-    def unfinished(self) -> tuple[Unfinished, ...]:
-        """The maps, once they are closed; of their values only the smallest and the largest."""
-        return tuple(self._unfinished)
-
     def _between(self, stem: str) -> Path:
         return self._folder / f"{stem}.blocks.tif"
 
@@ -278,4 +266,4 @@ class BlockMaps:
         limits = np.array([self._limits.get(stem, (np.nan, np.nan))])
         layer = replace(layer, bands=(replace(layer.bands[0], values=limits), *layer.bands[1:]))
         _write_style(layer, target)
-        self._unfinished.append(Unfinished(layer, between, target))
+        self.unfinished.append(Unfinished(layer, between, target))

@@ -19,16 +19,9 @@ def write_rockyfor3d_site(
 ) -> tuple[list[Path], list[str]]:
     """Write a configuration from a folder of Rockyfor3D, and beside it what it is made into.
 
-    Returns the files, and what their user must know of them.
-
-    Parameters
-    ----------
-    file : Path
-        The new TOML file.
-    assignments : sequence of str
-        Keys that the user sets, as ``terrain.crs=EPSG:2056``.
-    overwrite : bool
-        Whether files that are there already may be replaced.
+    Assignments are keys that the user sets, as ``terrain.crs=EPSG:2056``. Files that are there
+    already are replaced with ``overwrite`` only. Returns the files, and what their user must know
+    of them.
 
     Raises
     ------

@@ -11,10 +11,10 @@ import pyproj
 from sassgis.io.qgis.entries import LayerEntry, LayerGroup
 from sassgis.io.qgis.project import write_project
 from sassgis.io.read.plain_file import seen_from
-from sassgis.io.read.site_layers import SiteLayer, site_layers
+from sassgis.io.read.site_layers import site_layers
 from sassgis.io.read.tiles import open_terrain
 from sassgis.io.staging import staged_file
-from sassgis.io.vector_layer import VectorLayer, described_layer
+from sassgis.io.vector_layer import described_layer
 from sassgis.io.write.geopackage import write_geopackage
 from sassgis.io.write.layers.maps import terrain_layer
 from sassgis.model.crs import crs_parts, parse_crs
@@ -69,7 +69,15 @@ def site_template(
             place = seen_from(path.resolve().parent, dem.resolve())
             relief = replace(terrain_layer(frame), note=f"Terrain model {dem.name}.")
             ground = (LayerEntry(relief, place),)
-    layers = {own.name: _empty(own, wkt) for own in site_layers()}
+    layers = {}
+    for own in site_layers():
+        columns = {
+            name: pd.Series(dtype="str" if info.low is None else "float64")
+            for name, info in own.fields.items()
+        }
+        layers[own.name] = described_layer(
+            f"{own.name}.site", columns, [], wkt, own.style, fields=own.fields
+        )
     groups = [
         *(
             LayerGroup(title, tuple(LayerEntry(layers[n], path.name) for n in names))
@@ -88,15 +96,6 @@ def site_template(
             abstract="Site to be drawn for a rockfall simulation with sassgis.",
         )
     return project
-
-
-def _empty(own: SiteLayer, wkt: str) -> VectorLayer:
-    """A layer without features."""
-    columns = {
-        name: pd.Series(dtype="str" if info.low is None else "float64")
-        for name, info in own.fields.items()
-    }
-    return described_layer(f"{own.name}.site", columns, [], wkt, own.style, fields=own.fields)
 
 
 def _plane(text: str) -> pyproj.CRS:

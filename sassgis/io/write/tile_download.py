@@ -35,7 +35,8 @@ def fetch_tile(offer: TileOffer, folder: Path, timeout_s: float) -> bool:
                 "away, and the same command fetches it"
             )
         return False
-    for left in range(_TRIES - 1, -1, -1):
+    wrong = ""
+    for left in reversed(range(_TRIES)):
         try:
             _download(offer, part, timeout_s)
         except NoAnswer:
@@ -48,12 +49,10 @@ def fetch_tile(offer: TileOffer, folder: Path, timeout_s: float) -> bool:
                 part.replace(target)
             return True
         part.unlink()
-        if not left:
-            raise InputError(
-                "what the server sends is damaged", file=offer.href, found=wrong,
-                expected="a whole GeoTIFF; try again later",
-            )  # fmt: skip
-    raise AssertionError("a tile is fetched, or why not is raised")
+    raise InputError(
+        "what the server sends is damaged", file=offer.href, found=wrong,
+        expected="a whole GeoTIFF; try again later",
+    )  # fmt: skip
 
 
 def _download(offer: TileOffer, part: Path, timeout_s: float) -> None:

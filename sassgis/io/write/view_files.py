@@ -61,7 +61,11 @@ def export_view(result_folder: Path, target: Path, layer: str, *, overwrite: boo
             expected="a coordinate system",
         )
     frame = frame.to_crs(4326)
-    fill = _fills(result_folder, frame, layer)
+    if layer == "paths":
+        fill = [_PATH] * len(frame)
+    else:
+        colour = {c.label: c.colour for c in level_classes(result_folder)}
+        fill = [colour.get(label, "#808080") for label in frame["label"]]
     if driver == "LIBKML":
         shown, options = _as_kml(frame, layer, fill), {}
     else:
@@ -78,14 +82,6 @@ def export_view(result_folder: Path, target: Path, layer: str, *, overwrite: boo
             kept = (line for line in lines if not line.lstrip().startswith(_REPEATED))
             work.write_text("".join(kept), encoding="utf-8")
     return f"Wrote {target}: {len(shown)} {words}, WGS 84."
-
-
-def _fills(folder: Path, frame: gpd.GeoDataFrame, layer: str) -> list[str]:
-    """Colour of each feature."""
-    if layer == "paths":
-        return [_PATH] * len(frame)
-    colour = {c.label: c.colour for c in level_classes(folder)}
-    return [colour.get(label, "#808080") for label in frame["label"]]
 
 
 def _as_kml(frame: gpd.GeoDataFrame, layer: str, fill: list[str]) -> gpd.GeoDataFrame:

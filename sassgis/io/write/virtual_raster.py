@@ -16,11 +16,11 @@ _TYPES = {"float32": "Float32", "float64": "Float64", "int16": "Int16", "int32":
 _NODATA = -9999.0
 
 
-def write_vrt(file: Path, terrain: Terrain, overwrite: bool = False) -> Path:
+def write_vrt(file: Path, terrain: Terrain) -> Path:
     """Write a virtual raster, which ends in ``.vrt``, over the tiles of a terrain model.
 
-    Paths in it are relative to it. The tiles have square cells, as ``open_tiles`` gives them.
-    OutputError if the file is there already.
+    Paths in it are relative to it. The tiles have square cells, as ``open_tiles`` gives them. One
+    that is there already is replaced; OutputError if it has changed since it was written.
     """
     sources = []
     # GDAL lets a later source cover an earlier one; here the first tile counts.
@@ -35,5 +35,5 @@ def write_vrt(file: Path, terrain: Terrain, overwrite: bool = False) -> Path:
     kind = sources[0]["kind"] if alike else "Float64"
     root = filled("terrain.vrt.j2", terrain=terrain, sources=sources, kind=kind, nodata=_NODATA)
     ET.indent(root, " ")
-    write_new(file, ET.tostring(root, "unicode") + "\n", overwrite)
+    write_new(file, ET.tostring(root, "unicode") + "\n", overwrite=True)
     return file

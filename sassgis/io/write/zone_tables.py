@@ -109,14 +109,10 @@ def places_table(
     released_per_year : float
         Onset frequency of all sources together; with 0 there is no share.
     """
-    names, metres, ground = zip(*moved, strict=True)
-    table = design.drop(columns=["line", "kind"])
+    places = pd.DataFrame(list(moved), columns=["line", "moved_m", "ground_m"])
     released = released_per_year or float("nan")
-    share = [rounded(rate / released, 4) for rate in design["arrivals_per_year"]]
-    for k, (name, values) in enumerate(
-        {"line": names, "moved_m": metres, "ground_m": ground, "share": share}.items()
-    ):
-        table.insert(k, name, list(values))
+    places["share"] = [rounded(rate / released, 4) for rate in design["arrivals_per_year"]]
+    table = pd.concat([places, design.drop(columns=["line", "kind"])], axis=1)
     return table.sort_values(["line", "moved_m"], kind="stable", ignore_index=True)
 
 

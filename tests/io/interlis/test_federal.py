@@ -18,7 +18,6 @@ from hypothesis import strategies as st
 from shapely.geometry import LineString, MultiPolygon, Polygon, box
 
 from sassgis.io.write.geopackage import write_geopackage
-from sassgis.io.write.layers.federal import IntensityZones, intensity_rows
 from sassgis.io.write.layers.federal_model import (
     CODES,
     FEDERAL_CLASSES,
@@ -168,8 +167,8 @@ def test_unusable_geometry_is_refused(geometry: Any, words: str) -> None:
 
 
 def intensity(years: float | None, extreme: Any = False, code: str = "low", **more: Any) -> Any:
-    rows = intensity_rows([IntensityZones(years, extreme, [ZONE], [code])])
-    return made.layer("synoptic_intensity", [(p, {**v, **more}) for p, v in rows], **LV95)
+    _, values = made.intensity_row(ZONE, years, extreme, code)
+    return made.layer("synoptic_intensity", [(ZONE, {**values, **more})], **LV95)
 
 
 def levels(polygons: list[Any], codes: list[Any], **values: Any) -> Any:
@@ -177,8 +176,7 @@ def levels(polygons: list[Any], codes: list[Any], **values: Any) -> Any:
 
 
 def of_source(*given: Any) -> Any:
-    zones = [IntensityZones(30, False, [ZONE], ["low"])]
-    return made.layer("intensity_by_source", made.source_rows("a", zones, *given), **LV95)
+    return made.layer("intensity_by_source", [made.source_row("a", ZONE, *given)], **LV95)
 
 
 @pytest.mark.parametrize("years", [1, 30, 30.0, 10_000])
@@ -251,8 +249,7 @@ def test_abroad_the_layers_are_the_same_but_claim_nothing() -> None:
     assert "166.1" not in federal_note(False) and "166.1" in federal_note(True)
     # What holds everywhere still holds.
     with pytest.raises(InputError, match="unless the scenario is extreme"):
-        rows = intensity_rows([IntensityZones(None, False, [zone], ["low"])])
-        made.layer("synoptic_intensity", list(rows), **abroad)
+        made.layer("synoptic_intensity", [made.intensity_row(zone, None)], **abroad)
 
 
 def test_where_the_model_holds() -> None:

@@ -342,30 +342,22 @@ def test_the_canton_may_be_given_later(make_result: Callable[..., Path], tmp_pat
 
 
 def test_results_from_abroad(tmp_path: Path) -> None:
-    zone = box(680_000, 5_150_000, 680_100, 5_150_100)
-    for crs in ("EPSG:32632", None):
-        folder = tmp_path / str(crs)[-5:]
+    def empty_result(name: str) -> Path:
+        folder = tmp_path / name
         folder.mkdir()
         (folder / "manifest.json").write_text("{}")
-        write_geopackage(
-            folder / "hazard.gpkg",
-            [
-                made.layer(
-                    "hazard_area",
-                    made.level_rows([zone], ["mean"]),
-                    crs=crs,
-                    federal=False,
-                    canton=None,
-                )
-            ],
-        )
+        return folder
+
+    rows = made.level_rows([box(680_000, 5_150_000, 680_100, 5_150_100)], ["mean"])
+    for crs in ("EPSG:32632", None):
+        folder = empty_result(str(crs)[-5:])
+        layer = made.layer("hazard_area", rows, crs=crs, federal=False, canton=None)
+        write_geopackage(folder / "hazard.gpkg", [layer])
         with pytest.raises(InputError, match=r"layer is missing|Switzerland only"):
             export_xtf(folder, tmp_path / "a.xtf")
     # All five layers, but in other coordinates, and then in these but outside.
     for crs, words in (("EPSG:32632", "Switzerland only"), ("EPSG:2056", "outside the extent")):
-        folder = tmp_path / f"all {crs[5:]}"
-        folder.mkdir()
-        (folder / "manifest.json").write_text("{}")
+        folder = empty_result(f"all {crs[5:]}")
         for layer in made.some_layers():
             frame = layer.frame.set_crs(crs, allow_override=True)
             frame.geometry = frame.geometry.translate(-400_000.0)

@@ -23,7 +23,6 @@ import sassgis.io.qgis
 from sassgis.hazard.zone_styles import ZONE_OPACITY
 from sassgis.io.qgis.entries import LayerEntry, LayerGroup
 from sassgis.io.qgis.layout import (
-    PAGES,
     SCALE_NUMBERS,
     layout_element,
     round_length,
@@ -33,6 +32,9 @@ from sassgis.io.qgis.text_size import text_width, wrapped
 
 PROBE = Path(__file__).with_name("layout_probe.py")
 PRINTER = Path(sassgis.io.qgis.__file__).with_name("export_layout.py")
+
+#: Width and height of the page (mm).
+PAGES = {"A3": (420.0, 297.0), "A4": (297.0, 210.0)}
 
 sides = st.floats(1.0, 1e5)
 

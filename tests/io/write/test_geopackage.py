@@ -24,6 +24,7 @@ from sassgis.model.styles import (
     RELEASE_AREA_STYLE,
     RELEASE_POINT_STYLE,
     FieldInfo,
+    VectorStyle,
 )
 
 
@@ -45,6 +46,11 @@ def database(package: Path) -> Iterator[sqlite3.Connection]:
 
 def frame_of(geometry: list, **columns: list) -> gpd.GeoDataFrame:
     return gpd.GeoDataFrame(columns, geometry=geometry, crs="EPSG:2056")
+
+
+def written(folder: Path, frame: gpd.GeoDataFrame, style: VectorStyle) -> Path:
+    """A GeoPackage with the frame as its only layer."""
+    return write_geopackage(folder / "a.gpkg", [VectorLayer("own", "A", "", frame, style=style)])
 
 
 def test_gdal_reads_every_layer(package: Path) -> None:
@@ -140,8 +146,7 @@ def test_equal_input_gives_equal_bytes(tmp_path: Path) -> None:
 def test_the_time_of_gdal_is_left_as_it_was(tmp_path: Path) -> None:
     pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": "2020-02-02T00:00:00Z"})
     try:
-        layer = VectorLayer("p", "P", "", frame_of([Point(0, 0)]), style=RELEASE_POINT_STYLE)
-        write_geopackage(tmp_path / "a.gpkg", [layer])
+        written(tmp_path, frame_of([Point(0, 0)]), RELEASE_POINT_STYLE)
         assert pyogrio.get_gdal_config_option("OGR_CURRENT_DATE") == "2020-02-02T00:00:00Z"
     finally:
         pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": None})
@@ -149,25 +154,20 @@ def test_the_time_of_gdal_is_left_as_it_was(tmp_path: Path) -> None:
 
 def test_areas_in_one_and_in_more_parts(tmp_path: Path) -> None:
     frame = frame_of([box(0, 0, 1, 1), MultiPolygon([box(2, 0, 3, 1), box(4, 0, 5, 1)])])
-    layer = VectorLayer("f", "F", "", frame, style=FOOTPRINT_STYLE)
-    path = write_geopackage(tmp_path / "a.gpkg", [layer])
-    read = pyogrio.read_dataframe(path, layer="f")
+    read = pyogrio.read_dataframe(written(tmp_path, frame, FOOTPRINT_STYLE), layer="own")
     assert set(read.geom_type) == {"MultiPolygon"}
     assert read.area.tolist() == [1.0, 2.0]
 
 
 def test_heights_of_lines_are_kept(tmp_path: Path) -> None:
     frame = frame_of([LineString([(0, 0, 5), (1, 1, 4)]), LineString([(0, 0), (2, 2)])])
-    layer = VectorLayer("l", "L", "", frame, style=FALL_LINE_STYLE)
-    read = pyogrio.read_dataframe(write_geopackage(tmp_path / "a.gpkg", [layer]), layer="l")
+    read = pyogrio.read_dataframe(written(tmp_path, frame, FALL_LINE_STYLE), layer="own")
     assert read.geometry.has_z.all()
     assert [point[2] for point in read.geometry[0].coords] == [5.0, 4.0]
 
 
 def test_local_coordinates_are_undefined_cartesian(tmp_path: Path) -> None:
-    frame = gpd.GeoDataFrame(geometry=[Point(1, 2)])
-    layer = VectorLayer("p", "P", "", frame, style=RELEASE_POINT_STYLE)
-    path = write_geopackage(tmp_path / "a.gpkg", [layer])
+    path = written(tmp_path, gpd.GeoDataFrame(geometry=[Point(1, 2)]), RELEASE_POINT_STYLE)
     with closing(sqlite3.connect(path)) as connection:
         assert connection.execute("SELECT srs_id FROM gpkg_geometry_columns").fetchone() == (-1,)
 
@@ -177,8 +177,7 @@ def test_an_empty_frame_without_geometry_type(tmp_path: Path) -> None:
         {"name": np.array([], dtype=object), "n": np.array([], dtype=np.int64)},
         geometry=gpd.GeoSeries([], crs="EPSG:2056"),
     )
-    layer = VectorLayer("areas", "Areas", "", frame, style=RELEASE_AREA_STYLE)
-    info = pyogrio.read_info(write_geopackage(tmp_path / "a.gpkg", [layer]), layer="areas")
+    info = pyogrio.read_info(written(tmp_path, frame, RELEASE_AREA_STYLE), layer="own")
     assert (info["features"], info["geometry_type"]) == (0, "MultiPolygon")
     assert list(info["fields"]) == ["name", "n"]
     assert list(info["dtypes"]) == ["object", "int64"]

@@ -67,12 +67,17 @@ def test_the_file_is_cloud_optimised(energy: tuple[Path, RasterLayer]) -> None:
     assert float(statistics["STATISTICS_MINIMUM"]) == pytest.approx(known.min())
 
 
+def two_lines(first: float, second: float) -> np.ndarray:
+    """A wide and a narrow line of cells from north to south."""
+    values = np.full((700, 700), np.nan)
+    values[:, 100:104] = first
+    values[:, 200] = second
+    return values
+
+
 @pytest.mark.parametrize("ramp", ["viridis", "hillshade"])
 def test_overviews_invent_nothing(tmp_path: Path, ramp: str) -> None:
-    values = np.full((700, 700), np.nan)
-    values[:, 100:104] = 3.0
-    values[:, 200] = 8.0
-    path = write_raster(layer_of(values, ramp=ramp), flat((700, 700)), tmp_path)
+    path = write_raster(layer_of(two_lines(3.0, 8.0), ramp=ramp), flat((700, 700)), tmp_path)
     with rasterio.open(path, overview_level=1) as data:
         read = data.read(1, masked=True)
     assert set(np.unique(read.compressed())) == {3.0, 8.0}
@@ -178,27 +183,21 @@ def test_the_type_holds_every_class(tmp_path: Path, number: int, kind: str, noda
         assert data.read(1).tolist() == [[number, nodata]]
 
 
-def test_fractions_beside_classes_are_not_rounded(tmp_path: Path) -> None:
-    share = Band("share", "Share", "1", np.array([[0.25, np.nan]], np.float32))
-    layer = classes_of(np.array([[1.0, np.nan]]), share)
+@pytest.mark.parametrize(
+    ("beside", "kind", "nodata"), [(0.25, "float32", NODATA), (300.0, "int16", -32768)]
+)
+def test_numbers_beside_classes_are_not_rounded(
+    tmp_path: Path, beside: float, kind: str, nodata: float
+) -> None:
+    more = Band("more", "More", "1", np.array([[beside, np.nan]], np.float32))
+    layer = classes_of(np.array([[1.0, np.nan]]), more)
     with rasterio.open(write_raster(layer, flat((1, 2)), tmp_path)) as data:
-        assert (data.dtypes, data.nodata) == (("float32", "float32"), NODATA)
-        assert data.read()[:, 0, 0].tolist() == [1.0, 0.25]
-
-
-def test_whole_numbers_beside_classes(tmp_path: Path) -> None:
-    rocks = Band("rocks", "Rocks", "", np.array([[300.0, np.nan]], np.float32))
-    layer = classes_of(np.array([[1.0, np.nan]]), rocks)
-    with rasterio.open(write_raster(layer, flat((1, 2)), tmp_path)) as data:
-        assert data.dtypes == ("int16", "int16")
-        assert data.read(2).tolist() == [[300, -32768]]
+        assert (data.dtypes, data.nodata) == ((kind, kind), nodata)
+        assert data.read()[:, 0].tolist() == [[1.0, nodata], [beside, nodata]]
 
 
 def test_overviews_of_classes_are_classes(tmp_path: Path) -> None:
-    values = np.full((700, 700), np.nan)
-    values[:, 100:104] = 1.0
-    values[:, 200] = 3.0
-    path = write_raster(classes_of(values), flat((700, 700)), tmp_path)
+    path = write_raster(classes_of(two_lines(1.0, 3.0)), flat((700, 700)), tmp_path)
     with rasterio.open(path, overview_level=1) as data:
         assert set(np.unique(data.read(1))) == {1, 3, 255}
 

@@ -72,9 +72,14 @@ def zone_changes(
     """Pieces of the zones by what becomes of their level, and their areas; None without zones."""
     if before.zones is None or after.zones is None:
         return None
-    both = changes(*(_one_class_each(r.zones) for r in (before, after) if r.zones is not None))
+    both = changes(_one_class_each(before.zones), _one_class_each(after.zones))
     labels = [c.label for c in sorted(after.maps[LEVEL].classes, key=lambda c: c.value)]
-    layer = level_changes(both, _codes(before, after), after.grid.crs, "level_changes.compared")
+    # Of the level that neither result has a zone of, the label.
+    codes = [
+        two if two != label else one
+        for label, one, two in zip(labels, before.level_codes, after.level_codes, strict=True)
+    ]
+    layer = level_changes(both, codes, after.grid.crs, "level_changes.compared")
     return layer, change_table(both, labels, "level_before")
 
 
@@ -82,15 +87,6 @@ def _one_class_each(zones: Coverage) -> Coverage:
     """Zones of a class as one: only borders between levels are to cut the other zones."""
     frame = gpd.GeoDataFrame({"k": zones.classes}, geometry=list(zones.polygons)).dissolve("k")
     return Coverage(frame.geometry.to_numpy(), frame.index.to_numpy(np.int64))
-
-
-def _codes(before: StoredResult, after: StoredResult) -> list[str]:
-    """Codes of the levels; the label of one that neither result has a zone of."""
-    labels = [c.label for c in sorted(after.maps[LEVEL].classes, key=lambda c: c.value)]
-    return [
-        two if two != label else one
-        for label, one, two in zip(labels, before.level_codes, after.level_codes, strict=True)
-    ]
 
 
 def change_rows_table(rows: Sequence[ChangeRow]) -> pd.DataFrame:

@@ -7,8 +7,8 @@ other; only those in Switzerland say that they follow the model (``federal_model
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import geopandas as gpd
 import numpy as np
@@ -30,7 +30,6 @@ from sassgis.io.write.layers.federal_model import (
     has_federal_codes,
     in_federal_extent,
     is_lv95,
-    plain,
     shortened,
     surface_parts,
     unique_short_names,
@@ -52,18 +51,6 @@ _SYMBOLS = {
         "fill", "#8c510a", outline="#8c510a", outline_mm=0.3, hatch="horizontal"
     ),
 }
-
-
-class IntensityZones(NamedTuple):
-    """Zones of intensity of one return period (years), or of the extreme scenario.
-
-    The return period is None only for the extreme scenario. Codes are "low", "mean", "high".
-    """
-
-    return_period: float | None
-    extreme: bool
-    polygons: Sequence[Any]
-    codes: Sequence[str]
 
 
 def federal_layers(
@@ -94,7 +81,7 @@ def federal_layers(
                 hazard.levels.polygons, hazard.levels.classes, _comments(hazard), strict=True
             )
         ],
-        "synoptic_intensity": list(intensity_rows(_zones(hazard.intensities, preset))),
+        "synoptic_intensity": intensity_rows(hazard.intensities, preset),
         "intensity_by_source": [
             (
                 polygon,
@@ -105,7 +92,7 @@ def federal_layers(
                 },
             )
             for area, maps in by_area.items()
-            for polygon, values in intensity_rows(_zones(maps, preset))
+            for polygon, values in intensity_rows(maps, preset)
         ],
         "indicative_hazard_area": [
             (polygon, {"hazard_area_existing": True, "method": method}) for polygon in reached
@@ -117,12 +104,6 @@ def federal_layers(
     where: dict[str, Any] = {"crs": crs, "federal": claims, "canton": config.hazard.canton}
     legends = dict.fromkeys(rows, preset.intensities) | {"hazard_area": preset.levels}
     return [federal_layer(name, own, legend=legends[name], **where) for name, own in rows.items()]
-
-
-def _zones(maps: Sequence[IntensityMap], preset: HazardPreset) -> Iterator[IntensityZones]:
-    for m in maps:
-        codes = [preset.intensities[k - 1].code for k in m.zones.classes]
-        yield IntensityZones(m.years, m.years is None, list(m.zones.polygons), codes)
 
 
 def _comments(hazard: Hazard) -> list[str | None]:
@@ -144,18 +125,14 @@ def _scenarios(hazard: Hazard, area: str) -> str:
     return shortened("; ".join(parts))
 
 
-def intensity_rows(zones: Iterator[IntensityZones] | Sequence[IntensityZones]) -> Iterator[Row]:
+def intensity_rows(maps: Sequence[IntensityMap], preset: HazardPreset) -> list[Row]:
     """Rows of a layer of intensity, the rarest first, so that the others are drawn over them."""
-
-    def years(zone: IntensityZones) -> float:
-        period = plain(zone.return_period)
-        return period if isinstance(period, int | float) else math.inf
-
-    # The extreme scenario, then from rare to frequent.
-    for zone in sorted(zones, key=lambda zone: (not zone.extreme, -years(zone))):
-        when = {"return_period_in_years": zone.return_period, "extreme_scenario": zone.extreme}
-        for polygon, code in zip(zone.polygons, zone.codes, strict=True):
-            yield polygon, {"intensity_class": code, **when}
+    rows: list[Row] = []
+    for own in sorted(maps, key=lambda m: -(math.inf if m.years is None else m.years)):
+        when = {"return_period_in_years": own.years, "extreme_scenario": own.years is None}
+        for polygon, k in zip(own.zones.polygons, own.zones.classes, strict=True):
+            rows.append((polygon, {"intensity_class": preset.intensities[k - 1].code, **when}))
+    return rows
 
 
 def federal_layer(

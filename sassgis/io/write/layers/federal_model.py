@@ -191,17 +191,14 @@ def checked_values(
 
     checked: dict[str, Any] = {}
     for attribute in kind.attributes:
-        value = plain(values.get(attribute.name))
-        if value is None:
-            if attribute.required and attribute.name not in optional:
-                raise refused(attribute.name, "value is missing", None, attribute.expected)
-        else:
-            value = _of_kind(attribute, value, federal)
-            if value is None:
-                found = plain(values.get(attribute.name))
-                if isinstance(found, str) and attribute.longest:
-                    found = f"{len(found)} characters"
-                raise refused(attribute.name, "value cannot be used", found, attribute.expected)
+        found = plain(values.get(attribute.name))
+        value = None if found is None else _of_kind(attribute, found, federal)
+        if found is None and attribute.required and attribute.name not in optional:
+            raise refused(attribute.name, "value is missing", None, attribute.expected)
+        if found is not None and value is None:
+            if isinstance(found, str) and attribute.longest:
+                found = f"{len(found)} characters"
+            raise refused(attribute.name, "value cannot be used", found, attribute.expected)
         checked[attribute.name] = value
     if broken := _broken_rule(checked):
         raise refused(*broken)

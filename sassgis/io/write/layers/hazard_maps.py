@@ -66,12 +66,11 @@ class _Maker:
         self._curves = curves
         self._few = at_energies(curves, preset.thresholds_kj)
         self._reached = self._few.rate[:, 0] > 0.0
-        self._interval = rate_interval(self._few, confidence)
         self._preset = preset
-        self._place, self._grid = Place(curves.places, grid.shape), grid
+        self._place = Place(curves.places, grid.shape)
         self._confidence = confidence
         percent = f"{100.0 * confidence:g} %"
-        rules = preset_unverified(preset)
+        named = phrase("Preset {} ({}).", preset.name, phrase(preset.title))
         self._words: dict[str, Any] = {
             "percent": percent,
             "frequencies": phrase(
@@ -80,9 +79,7 @@ class _Maker:
                 "{} m.",
                 f"{ref_width_m:.4g}",
             ),
-            "rules": joined(
-                " ", [phrase("Preset {} ({}).", preset.name, phrase(preset.title)), *rules]
-            ),
+            "rules": joined(" ", [named, *preset_unverified(preset)]),
             "sampled": phrase(
                 "{} intervals cover the sampling of blocks, not errors of the model, its "
                 "parameters or the onset frequency.",
@@ -91,9 +88,9 @@ class _Maker:
         }
 
     def level(self) -> RasterLayer:
-        key = "hazard_level"
+        key, classes = "hazard_level", level_classes(self._preset)
         bands = [self._classes(key, "level", hazard_level(self._few, self._preset))]
-        return described_raster(key, bands, (), "", level_classes(self._preset), **self._words)
+        return described_raster(key, bands, classes=classes, **self._words)
 
     def intensity(self, years: float | None) -> RasterLayer:
         if years is None:
@@ -153,12 +150,9 @@ class _Maker:
         return described_raster(key, bands, breaks, "plasma", **self._words)
 
     def frequency(self) -> RasterLayer:
-        values = {
-            "rate": self._few.rate,
-            "standard_error": np.sqrt(self._few.variance),
-            "lower": self._interval[0],
-            "upper": self._interval[1],
-        }
+        lower, upper = rate_interval(self._few, self._confidence)
+        error = np.sqrt(self._few.variance)
+        values = {"rate": self._few.rate, "standard_error": error, "lower": lower, "upper": upper}
         bands = [
             self._band(
                 "frequency",
@@ -175,29 +169,23 @@ class _Maker:
         return described_raster("frequency", bands, breaks, "plasma_r", **self._words)
 
     def confidence(self, chances: LevelChances) -> RasterLayer:
-        few, preset = self._few, self._preset
-        factor = rocks_factor(few, preset, chances, self._confidence)
+        factor = rocks_factor(self._few, self._preset, chances, self._confidence)
         factor = np.where(self._reached & np.isfinite(factor), factor, np.nan)
         # Another sample may come where this one did not.
-        place = Place(chances.places, self._grid.shape)
+        place = Place(chances.places, self._place.shape)
         seen = (chances.level > 0) | (chances.changed > 0.0)
         lowest, highest = (np.where(k > 0, k, np.nan) for k in chances.interval(self._confidence))
-        uncertain = np.where(seen, chances.uncertain(self._confidence), np.nan)
+        values = {
+            "uncertain": np.where(seen, chances.uncertain(self._confidence), np.nan),
+            "change_chance": np.where(seen, chances.changed, np.nan),
+            "lowest_level": lowest,
+            "highest_level": highest,
+        }
         key = "confidence"
+        bands = [described_band(key, name, place.map_of(own)) for name, own in values.items()]
         return described_raster(
             key,
-            [
-                *(
-                    described_band(key, column, place.map_of(values))
-                    for column, values in (
-                        ("uncertain", uncertain),
-                        ("change_chance", np.where(seen, chances.changed, np.nan)),
-                        ("lowest_level", lowest),
-                        ("highest_level", highest),
-                    )
-                ),
-                self._band(key, "rocks_factor", factor),
-            ],
+            [*bands, self._band(key, "rocks_factor", factor)],
             classes=(
                 RasterClass(0, "statistically certain", _CERTAIN),
                 RasterClass(1, "statistically uncertain", _UNCERTAIN),

@@ -202,31 +202,31 @@ _OUTCOMES = [
 ]
 
 
-def _control_line_layer(run: MapRun, progress: Progress, barriers: bool) -> VectorLayer:
-    rows = control_line_rows(progress.control_lines)
-    chosen = [i for i, (g, _) in enumerate(run.control_lines) if (g.kind != "station") == barriers]
-    names = ["name", "kind", "rocks"]
-    if barriers:
-        names += ["height_m", "capacity_kj", "hits", *_OUTCOMES]
-    names += [f"{q}_{n}" for q in _QUANTITIES for n in ("q50", "q95", "q99", "mean", "max")]
-    columns: dict[str, object] = {}
-    for column in names:
-        values = [rows[i].get(column) for i in chosen]
-        if column in ("name", "kind"):
-            columns[column] = values
-        elif column in ("rocks", "hits", *_OUTCOMES):
-            columns[column] = np.array(values, np.int64)
-        else:
-            columns[column] = np.array([np.nan if v is None else v for v in values], float)
-    shapes = [shapely.LineString(run.control_lines[i][1]) for i in chosen]
-    style = BARRIER_STYLE if barriers else STATION_STYLE
-    key = "barriers" if barriers else "stations"
-    return described_layer(key, columns, shapes, run.grid.crs, style)
-
-
 def control_line_layers(run: MapRun, progress: Progress) -> list[VectorLayer]:
     """Stations, and walls and nets, with the statistics of the blocks that reach them."""
-    return [_control_line_layer(run, progress, barriers) for barriers in (False, True)]
+    rows = control_line_rows(progress.control_lines)
+    kinds = [line.kind for line, _ in run.control_lines]
+    stations = [i for i, kind in enumerate(kinds) if kind == "station"]
+    barriers = [i for i, kind in enumerate(kinds) if kind != "station"]
+    statistics = [f"{q}_{n}" for q in _QUANTITIES for n in ("q50", "q95", "q99", "mean", "max")]
+    protection = ["height_m", "capacity_kj", "hits", *_OUTCOMES]
+    layers = []
+    for key, style, chosen, more in (
+        ("stations", STATION_STYLE, stations, []),
+        ("barriers", BARRIER_STYLE, barriers, protection),
+    ):
+        columns: dict[str, object] = {}
+        for column in ("name", "kind", "rocks", *more, *statistics):
+            values = [rows[i].get(column) for i in chosen]
+            if column in ("name", "kind"):
+                columns[column] = values
+            elif column in ("rocks", "hits", *_OUTCOMES):
+                columns[column] = np.array(values, np.int64)
+            else:
+                columns[column] = np.array([np.nan if v is None else v for v in values], float)
+        shapes = [shapely.LineString(run.control_lines[i][1]) for i in chosen]
+        layers.append(described_layer(key, columns, shapes, run.grid.crs, style))
+    return layers
 
 
 def cell_outlines(numbers: NDArray[Any], grid: Grid) -> Iterator[tuple[Any, int]]:
