@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import hypothesis
 import pytest
 from helpers.command_line import exit_code
 from helpers.samples import copy_sample
@@ -22,6 +23,10 @@ SYSTEM_PYTHON = Path("/usr/bin/python3")
 # What a test writes need not outlive a power cut; waiting for the disk is half of some tests' time.
 os.environ.setdefault("OGR_SQLITE_SYNCHRONOUS", "OFF")
 os.fsync = lambda _descriptor: None
+
+# How long a case takes says how busy the machine is, and nothing of the case.
+hypothesis.settings.register_profile("unhurried", deadline=None)
+hypothesis.settings.load_profile("unhurried")
 
 #: A file runs on one worker, so that its fixtures are made once. The long ones come first: no
 #: worker is left alone with one of them at the end.

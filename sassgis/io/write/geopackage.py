@@ -54,17 +54,16 @@ def write_geopackage(
     prepared = [_prepare(layer) for layer in layers]
     with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-        with pyogrio_settings({"OGR_CURRENT_DATE": FIXED_TIME}):
-            for layer, (frame, geometry_type) in zip(layers, prepared, strict=True):
-                add_layer(
-                    path,
-                    layer.name,
-                    frame,
-                    geometry_type,
-                    promote_to_multi=geometry_type.startswith("Multi"),
-                    dataset_options={"VERSION": "1.3"},
-                    options={"IDENTIFIER": layer.title, "DESCRIPTION": layer.description},
-                )
+        for layer, (frame, geometry_type) in zip(layers, prepared, strict=True):
+            add_layer(
+                path,
+                layer.name,
+                frame,
+                geometry_type,
+                promote_to_multi=geometry_type.startswith("Multi"),
+                dataset_options={"VERSION": "1.3"},
+                options={"IDENTIFIER": layer.title, "DESCRIPTION": layer.description},
+            )
         with closing(sqlite3.connect(path)) as database:
             with database:
                 _write_styles(database, layers)
@@ -113,7 +112,7 @@ def add_layer(
     options = {"GEOMETRY_NAME": GEOMETRY_COLUMN, "FID": KEY_COLUMN, **more.pop("options", {})}
     if frame.crs is None:
         options["SRID"] = "-1"  # Undefined Cartesian; GDAL would take undefined geographic.
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), pyogrio_settings({"OGR_CURRENT_DATE": FIXED_TIME}):
         # Local coordinates are a choice of the user, to whom its meaning was explained.
         warnings.filterwarnings("ignore", message="'crs' was not provided")
         pyogrio.write_dataframe(

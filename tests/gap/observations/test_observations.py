@@ -33,6 +33,7 @@ from sassgis.gap.observations.tables import (
 from sassgis.gap.which.identifiable import what_is_identifiable
 from sassgis.io.read.observation_files import read_observations, validate_observations
 from sassgis.io.read.observation_values import RawTable, table_of
+from sassgis.io.write.geopackage import FIXED_TIME
 from sassgis.io.write.observation_template import observations_template
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.errors import InputError, OutputError
@@ -612,6 +613,9 @@ def test_template_of_a_geopackage_can_be_filled_in(tmp_path, slope):
         fields = set(pyogrio.read_info(path, layer=name)["fields"])
         places = {"x", "y", "x0", "y0", "x1", "y1"}
         assert fields == {c.name for c in columns} - places
+    with sqlite3.connect(path) as database:
+        times = database.execute("SELECT DISTINCT last_change FROM gpkg_contents").fetchall()
+    assert times == [(FIXED_TIME,)]
     frame = gpd.GeoDataFrame(
         {"rock_id": ["R1"], "mass_kg": [100.0]}, geometry=[shapely.Point(*at(0, 250))], crs=LV95
     )
