@@ -34,18 +34,12 @@ RANGES: Mapping[str, Range] = {
 
 @dataclass(frozen=True, slots=True)
 class ClassParameter:
-    """One parameter of one ground class, mapped to a share from 0 to 1 of its range.
-
-    Attributes
-    ----------
-    configured : float
-        Value before the calibration.
-    """
+    """One parameter of one ground class, mapped to a share from 0 to 1 of its range."""
 
     class_name: str
     name: str
     limits: Range
-    configured: float
+    configured: float  # value before the calibration
     #: Standard deviation of the prior about the configured value, as a share of the range. Half the
     #: range where nothing is known of how such values vary between sites.
     sd: float = 0.5
@@ -182,14 +176,9 @@ class Prior:
 
     It keeps what the observations say nothing about where it was configured, as near as such values
     lie together from site to site.
-
-    Attributes
-    ----------
-    centre, sd : float64, shape (d,)
-        As shares of the ranges.
     """
 
-    centre: FloatArray
+    centre: FloatArray  # shape (d,), as the standard deviation; shares of the ranges
     sd: FloatArray
 
     @staticmethod

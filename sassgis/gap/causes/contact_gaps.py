@@ -21,13 +21,11 @@ def contact_gaps(residuals: ResidualTable, quantity: str) -> tuple[StepTable, Fl
 
 def beyond_any_law(rows: StepTable, z: FloatArray) -> FloatArray:
     """Z less a smooth function of speed and ground: what no law of the contact could do."""
-    columns = [np.ones(len(rows)), np.log(np.maximum(rows.vn_mps, 0.2)), rows.predicted / 10.0]
-    for k in np.unique(rows.ground).tolist()[1:]:
-        columns.append((rows.ground == k).astype(np.float64))
-    design = np.column_stack(columns)
-    ridge = 1.0 * np.eye(design.shape[1])
-    left: FloatArray = z - design @ np.linalg.solve(design.T @ design + ridge, design.T @ z)
-    return left
+    grounds = [(rows.ground == k).astype(np.float64) for k in np.unique(rows.ground).tolist()[1:]]
+    speed = np.log(np.maximum(rows.vn_mps, 0.2))
+    design = np.column_stack([np.ones(len(rows)), speed, rows.predicted / 10.0, *grounds])
+    ridge = np.eye(design.shape[1])
+    return np.asarray(z - design @ np.linalg.solve(design.T @ design + ridge, design.T @ z))
 
 
 def loss_of_flights(rows: StepTable) -> tuple[StepTable, FloatArray, FloatArray]:

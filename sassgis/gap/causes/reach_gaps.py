@@ -10,42 +10,34 @@ from sassgis.gap.residuals.table import ResidualTable
 from sassgis.model.grid import FloatArray
 
 
-def reach_gaps(residuals: ResidualTable, quantity: str) -> FloatArray:
-    """Gaps of a quantity, shape (n_rocks, n_reaches), where enough rocks have one; Unseen without.
+def gaps_by_reach(residuals: ResidualTable, quantity: str) -> dict[str, FloatArray]:
+    """Gaps of a quantity by the name of the reach, shape (n_rocks,) each; Unseen without any.
 
-    Reaches without are left out.
+    Reaches where too few rocks have one are left out. Gaps of the speed are relative to what is
+    predicted, so that fast reaches do not outweigh the others.
     """
-    return np.column_stack([*_by_reach(residuals, quantity, relative=False).values()])
-
-
-def _by_reach(residuals: ResidualTable, quantity: str, *, relative: bool) -> dict[str, FloatArray]:
-    """Gaps of a quantity by the name of the reach, of those where enough rocks have one."""
-    own = [
-        r
-        for r in residuals.rows
-        if r.test == "reach" and r.phase != "release" and r.quantity == quantity
-    ]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        found = {
-            r.place: np.clip(r.gap / r.predicted, -2.0, 2.0) if relative else r.gap for r in own
-        }
-    found = {place: gap for place, gap in found.items() if np.isfinite(gap).sum() >= LEAST}
+    found = {}
+    for row in residuals.rows:
+        if row.test == "reach" and row.phase != "release" and row.quantity == quantity:
+            gap = row.gap
+            if quantity == "speed_mps":
+                with np.errstate(invalid="ignore", divide="ignore"):
+                    gap = np.clip(gap / row.predicted, -2.0, 2.0)
+            if np.isfinite(gap).sum() >= LEAST:
+                found[row.place] = gap
     if not found:
         raise Unseen
     return found
 
 
-def speed_by_reach(residuals: ResidualTable) -> dict[str, FloatArray]:
-    """Gaps of the speed by the name of the reach, shape (n_rocks,) each; Unseen without any.
-
-    Relative to what is predicted, so that fast reaches do not outweigh the others.
-    """
-    return _by_reach(residuals, "speed_mps", relative=True)
+def reach_gaps(residuals: ResidualTable, quantity: str) -> FloatArray:
+    """The same, shape (n_rocks, n_reaches)."""
+    return np.column_stack([*gaps_by_reach(residuals, quantity).values()])
 
 
 def speed_gaps(residuals: ResidualTable) -> FloatArray:
-    """The same, shape (n_rocks, n_reaches)."""
-    return np.column_stack([*speed_by_reach(residuals).values()])
+    """The same of the speed."""
+    return reach_gaps(residuals, "speed_mps")
 
 
 def over_scatter(gaps: FloatArray, least: float) -> FloatArray:
@@ -53,8 +45,7 @@ def over_scatter(gaps: FloatArray, least: float) -> FloatArray:
 
     Of one reach, shape (n_rocks,), or of several.
     """
-    scaled: FloatArray = gaps / np.maximum(np.nanstd(gaps, axis=0), least)
-    return scaled
+    return np.asarray(gaps / np.maximum(np.nanstd(gaps, axis=0), least))
 
 
 def wrong_on_one(residuals: ResidualTable, sign: float = 0.0) -> dict[str, FloatArray]:
@@ -64,7 +55,7 @@ def wrong_on_one(residuals: ResidualTable, sign: float = 0.0) -> dict[str, Float
     where all reaches are wrong none is wrong alone. ``sign`` is that of the gap that is looked for;
     0: that which the reach has.
     """
-    speed = speed_by_reach(residuals)
+    speed = gaps_by_reach(residuals, "speed_mps")
     if len(speed) < 2:
         raise Unseen
     own = over_scatter(np.column_stack([*speed.values()]), 0.05)

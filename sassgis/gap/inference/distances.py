@@ -105,13 +105,23 @@ class RockDistances:
                 between[i, j] = between[j, i] = own.sum() / (n * (n - 1))
         pairs = across + across.T - cdist(observed, observed) - among / m**2
         np.fill_diagonal(pairs, 0.0)
-        return cls(pairs, np.array([_of_one(between, k) for k in range(m)]))
+        floors = []
+        for k in range(m):
+            # One replica from all the others.
+            rest = np.delete(np.arange(m), k)
+            within = between[np.ix_(rest, rest)].mean()
+            floors.append(float(2.0 * between[k, rest].mean() - between[k, k] - within))
+        return cls(pairs, np.array(floors))
 
     def value(self, weights: FloatArray | None = None) -> float:
         """The distance, unbiased; with weights of the rocks."""
         n = len(self.pairs)
         own = np.full(n, 1.0 / n) if weights is None else weights / weights.sum()
         return float(own @ self.pairs @ own / (1.0 - own @ own))
+
+    def drawn(self, weights: FloatArray) -> FloatArray:
+        """Distances in samples of the rocks, from weights of shape (samples, n_rocks)."""
+        return np.array([self.value(own) for own in weights])
 
     @property
     def floor(self) -> float:
@@ -122,10 +132,3 @@ class RockDistances:
     def above_chance(self) -> bool:
         """Whether the gap exceeds the 95 % quantile of that of replicas."""
         return bool(self.value() > self.floor + 1.645 * self.floors.std(ddof=1))
-
-
-def _of_one(between: FloatArray, k: int) -> float:
-    """Energy distance of one replica from all the others, from mean distances of replicas."""
-    rest = np.delete(np.arange(len(between)), k)
-    within = between[np.ix_(rest, rest)].mean()
-    return float(2.0 * between[k, rest].mean() - between[k, k] - within)

@@ -18,35 +18,22 @@ _DETECTABLE = 1.96 + 0.84
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """A quantity that the observations hold.
-
-    Attributes
-    ----------
-    rocks, values : int
-        On how many rocks (unattributed blocks not counted), and how many values.
-    """
+    """A quantity that the observations hold."""
 
     name: str
     table: str
-    rocks: int
+    rocks: int  # on how many of them; unattributed blocks are not counted
     values: int
 
 
 @dataclass(frozen=True, slots=True)
 class Identifiable:
-    """What observations support, and what not.
-
-    Attributes
-    ----------
-    rocks, unattributed : int
-        Rocks, and blocks and passages that belong to none of them.
-    not_identifiable : tuple of str
-        Sentences: what is missing, and what is therefore not identifiable.
-    """
+    """What observations support, and what not."""
 
     rocks: int
-    unattributed: int
+    unattributed: int  # blocks and passages that belong to none of the rocks
     quantities: tuple[Quantity, ...]
+    #: Sentences: what is missing, and what is therefore not identifiable.
     not_identifiable: tuple[str, ...]
 
     def has(self, name: str, table: str | None = None) -> bool:

@@ -54,7 +54,7 @@ def test_a_model_that_is_handed_over_gives_its_campaigns_again(
     problem: CalibrationProblem, base: FittedHypothesis
 ) -> None:
     again = base.samples(problem.case, 3)
-    assert len(again) == 3 and {d.effect for d in again} == {NONE}
+    assert len(again) == 3 and {d.form for d in again} == {"calibrated ground"}
     assert base.handed_over.draw.model.table != again[1].model.table
 
 
