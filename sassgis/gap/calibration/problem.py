@@ -23,7 +23,7 @@ from sassgis.gap.calibration.impact_scores import (
     simulated_outcomes,
 )
 from sassgis.gap.inference.distances import energy_scores
-from sassgis.gap.inference.folds import folds_of
+from sassgis.gap.inference.intervals import folds_of
 from sassgis.gap.observations.campaign import Campaign, errors_of, observed_campaign
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.campaigns import campaigns

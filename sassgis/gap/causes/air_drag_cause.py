@@ -18,7 +18,7 @@ from sassgis.gap.causes.cause import (
     Unseen,
     part_of,
 )
-from sassgis.gap.causes.contact_gaps import loss_of_flights
+from sassgis.gap.causes.cause_residuals import loss_of_flights
 from sassgis.gap.causes.parameter_draws import Fit, ParameterDraws, Range
 from sassgis.gap.observations.case import Case
 from sassgis.gap.residuals.residuals import per_rock

@@ -8,24 +8,17 @@ from itertools import pairwise
 
 import numpy as np
 
-from sassgis.gap.causes.cause import (
-    LEAST,
-    MISSTATED,
-    Cause,
-    CausePart,
-    Scores,
-    Trace,
-    Unseen,
-)
-from sassgis.gap.causes.lateral_scatter import (
+from sassgis.gap.causes.cause import LEAST, MISSTATED, Cause, CausePart, Scores, Trace, Unseen
+from sassgis.gap.causes.cause_residuals import (
     STRAIGHT,
     base_size,
+    gaps_by_reach,
     known_mean,
+    over_scatter,
     station_offsets,
     usual_offset,
 )
 from sassgis.gap.causes.parameter_draws import ParameterDraws
-from sassgis.gap.causes.reach_gaps import gaps_by_reach, over_scatter
 from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel, MeasurementError

@@ -78,16 +78,12 @@ class RockDistances:
     J. Stat. Plan. Inference 143, 1249-1272). Only pairs of different rocks count, so that the
     distance is zero in the mean if each observed rock is one more draw of its replicas, whatever
     the rocks differ in.
-
-    Attributes
-    ----------
-    pairs : float64, shape (n_rocks, n_rocks)
-        2 |x_i − y_j| − |x_i − x_j| − |y_i − y_j|, means over replicas; zero on the diagonal.
-    floors : float64, shape (m,)
-        The same distance where each of the replicas stands in for what was observed.
     """
 
+    #: 2 |x_i − y_j| − |x_i − x_j| − |y_i − y_j|, means over replicas, zero on the diagonal; shape
+    #: (n_rocks, n_rocks).
     pairs: FloatArray
+    #: The same distance where each of the replicas stands in for what was observed, shape (m,).
     floors: FloatArray
 
     @classmethod

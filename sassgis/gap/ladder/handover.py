@@ -71,7 +71,6 @@ def model_gaps(
             if np.isfinite(mass[np.isfinite(seen)]).all():
                 seen, made = 0.5e-3 * mass * seen**2, 0.5e-3 * mass * made**2
                 quantity, unit = "energy_kj", "kJ"
-        if what == "speed":
             found.append(_arrivals(problem, place, column, np.isfinite(seen), np.isfinite(made)))
         known = np.flatnonzero(np.isfinite(seen) & np.isfinite(made).any(axis=0))
         if known.size < _FEWEST:
@@ -139,10 +138,8 @@ def _compared(
 
     observed, predicted = statistics(seen), statistics(made)
     drawn = _interval(lambda rows: statistics(seen[rows]) - statistics(made[:, rows]), group, rng)
-    return {
-        name: (float(observed[k]), float(predicted[k]), (float(drawn[0, k]), float(drawn[1, k])))
-        for k, name in enumerate(("median", "90 %", "width"))
-    }
+    each = zip(observed.tolist(), predicted.tolist(), map(tuple, drawn.T.tolist()), strict=True)
+    return dict(zip(("median", "90 %", "width"), each, strict=True))
 
 
 def _interval(
@@ -155,8 +152,7 @@ def _interval(
     if np.unique(group).size == 1:
         return np.full((2, *np.shape(statistic(np.arange(group.size)))), np.nan)
     samples = [statistic(rows) for rows in bootstrap_rows(group, _SAMPLES, rng)]
-    out: FloatArray = np.quantile(samples, (0.025, 0.975), axis=0)
-    return out
+    return np.asarray(np.quantile(samples, (0.025, 0.975), axis=0))
 
 
 def worst_of(gaps: Sequence[ModelGap]) -> ModelGap | None:
@@ -181,20 +177,13 @@ def settings_of(
     case: Case, fit: FittedHypothesis, intervals: Mapping[str, Range]
 ) -> tuple[GroundSetting, ...]:
     """Ground of a model that is handed over, with intervals."""
-    before = {c.name: c for c in case.table.classes}
-    return tuple(
-        GroundSetting(
-            ground,
-            name,
-            float(getattr(before[ground], name)),
-            value,
-            intervals[label],
-            label in fit.identified,
-        )
-        for label, value in fit.handed_over.draw.parameters.items()
-        for ground, _, name in (label.rpartition("."),)
-        if ground in before
-    )
+    before, found = {c.name: c for c in case.table.classes}, []
+    for label, value in fit.handed_over.draw.parameters.items():
+        ground, _, name = label.rpartition(".")
+        if ground in before:
+            configured, told = float(getattr(before[ground], name)), label in fit.identified
+            found.append(GroundSetting(ground, name, configured, value, intervals[label], told))
+    return tuple(found)
 
 
 def wrong_ground(case: Case, intervals: Mapping[str, Range]) -> tuple[str, ...]:

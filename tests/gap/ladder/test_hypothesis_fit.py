@@ -10,7 +10,7 @@ from helpers.simulated_slope import TABLE, observed, table_with
 
 from sassgis.gap.calibration.problem import CalibrationProblem, problem_of
 from sassgis.gap.calibration.site_summary import summary_of
-from sassgis.gap.inference.folds import folds_of
+from sassgis.gap.inference.intervals import folds_of
 from sassgis.gap.ladder.handover import wrong_ground
 from sassgis.gap.ladder.hypothesis_fit import FittedHypothesis
 from sassgis.gap.which.hypotheses import NONE
