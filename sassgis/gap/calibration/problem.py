@@ -161,7 +161,6 @@ def problem_of(
     if impacts is not None:
         outcomes = observed_outcomes(impacts)
         if simulated is not None:
-            model, number = simulated
             made = simulated_outcomes(case, model, impacts, seed=seed, number=number)
             # What was not measured of an impact is not known of the simulated one either.
             outcomes = np.where(np.isfinite(outcomes), made[:, 0], np.nan)
