@@ -334,10 +334,16 @@ def _hypotheses(
         name = "+".join(causes) or CONTACT_LAW
         found.append(
             Hypothesis(
-                name, top.form, float(np.nanmean(own)), gain.value, (gain.low, gain.high),
-                shares.get(name.split("+")[0], 0.0), top.parameters, intervals[tried],
+                name,
+                top.form,
+                float(np.nanmean(own)),
+                gain.value,
+                (gain.low, gain.high),
+                shares.get(name.split("+")[0], 0.0),
+                top.parameters,
+                intervals[tried],
             )
-        )  # fmt: skip
+        )
     return tuple(sorted(found, key=lambda c: -c.probability))
 
 

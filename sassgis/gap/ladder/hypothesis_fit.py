@@ -244,5 +244,8 @@ def gain_of(
         return Interval(float("nan"), float("nan"), float("nan"))
     return bootstrap_interval(
         lambda rows: float(gain[known][rows].mean()),
-        group[known], draws=999, rng=rng, method="percentile",
-    )  # fmt: skip
+        group[known],
+        draws=999,
+        rng=rng,
+        method="percentile",
+    )

@@ -23,8 +23,11 @@ _SAMPLES = 999
 
 
 def group_weights(group: IntArray, rng: np.random.Generator, samples: int) -> FloatArray:
-    """How often each rock is in bootstrap samples of the groups, shape (samples, n_rocks)."""
-    weights = times_drawn(np.unique(group, return_inverse=True)[1], rng, samples)
+    """How often each rock is in bootstrap samples of the groups, shape (samples, n_rocks).
+
+    ``group``: of each rock, numbered from 0.
+    """
+    weights = times_drawn(group, rng, samples)
     # A sample of one rock has no pairs.
     paired: FloatArray = weights[(weights > 0.0).sum(axis=1) > 1]
     return paired
@@ -67,8 +70,9 @@ class Ladder:
     """
 
     def __init__(self, problem: CalibrationProblem, steps: Sequence[Step]) -> None:
-        self._unit, self._seed = problem.unit, problem.seed
         self._observed = problem.rows
+        rng = np.random.default_rng([problem.seed, 53])
+        self._weights = group_weights(problem.unit, rng, _SAMPLES)
         self._found: dict[str, tuple[Step, RockDistances, FloatArray]] = {}
         self.add(*steps)
 
@@ -76,11 +80,9 @@ class Ladder:
         """Compare more models."""
         if not self._observed.shape[1]:
             return
-        rng = np.random.default_rng([self._seed, 53])
-        weights = group_weights(self._unit, rng, _SAMPLES)
         for step in steps:
             own = RockDistances.of(self._observed, step.rows)
-            self._found[step.rung] = step, own, own.drawn(weights)
+            self._found[step.rung] = step, own, own.drawn(self._weights)
 
     def gain(self, simpler: str, rung: str) -> Interval | None:
         """Distance of a simpler model less that of another; None where nothing was compared."""
@@ -191,9 +193,15 @@ def shrinkage_of(
         drawn = [own.drawn(weights) for own in (before, after)]
         value, interval = share_of(before, after, after.floor, drawn)
     return Shrinkage(
-        effect, value, interval, before.value(), after.value(), after.floor,
-        _by_quantity(problem, base, rows), note,
-    )  # fmt: skip
+        effect,
+        value,
+        interval,
+        before.value(),
+        after.value(),
+        after.floor,
+        _by_quantity(problem, base, rows),
+        note,
+    )
 
 
 def _by_quantity(

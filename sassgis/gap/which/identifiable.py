@@ -55,16 +55,14 @@ def what_is_identifiable(observations: Observations) -> Identifiable:
         if data.may_be_loose:
             unattributed += int((observations.rock_of(table) < 0).sum())
     found = Identifiable(len(observations.rock_names), unattributed, tuple(quantities), ())
-    return replace(found, not_identifiable=tuple(_not_identifiable(observations, found)))
-
-
-def _not_identifiable(observations: Observations, found: Identifiable) -> Iterable[str]:
-    """What the data cannot show, for lack of a table or a column, in sentences."""
-    yield from _missing_of_releases(observations, found)
-    yield from _missing_at_stations(observations, found)
-    yield from _missing_on_the_path(found)
-    yield from _missing_of_rocks(observations)
-    yield from _causes_without_fingerprint(observations)
+    lacks = (
+        *_missing_of_releases(observations, found),
+        *_missing_at_stations(observations, found),
+        *_missing_on_the_path(found),
+        *_missing_of_rocks(observations),
+        *_causes_without_fingerprint(observations),
+    )
+    return replace(found, not_identifiable=lacks)
 
 
 def _missing_of_releases(observations: Observations, found: Identifiable) -> Iterable[str]:
