@@ -81,7 +81,7 @@ def learned_contacts(case: Case, seed: int) -> LearnedContacts | None:
         error = MeasurementError(spin_scale=scale, spin_noise=noise)
         return _misfit(case, impacts, table, error, seed)
 
-    # What the law with its errors of measurement lacks of the scatter after a contact.
+    # Scatter of the spins after a contact that the law with its errors of measurement lacks.
     return LearnedContacts(table, scale, min(_SPIN_NOISES, key=loss))
 
 
