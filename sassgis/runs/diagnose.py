@@ -219,13 +219,13 @@ def _diagnosis(
     )  # fmt: skip
     named = verdict.effect if verdict.effect not in (NONE, UNKNOWN, CONTACT_LAW) else ""
     # With two causes the surer one comes first.
-    parts = sorted(named.split("+"), key=lambda n: -shares.get(n, 0.0)) if named else []
-    steps = tuple(dict.fromkeys([*parts[:1], *([named] if named else [])]))
+    surer = max(named.split("+"), key=lambda n: shares.get(n, 0.0))
+    steps = tuple(dict.fromkeys([surer, named])) if named else ()
     for step in steps:
-        ladder.add(Step(step, added.rung if step == parts[0] else parts[0], added.rows(step)))
+        ladder.add(Step(step, added.rung if step == surer else surer, added.rows(step)))
     recommended, why = ladder.recommended(*base.names, *steps)
     beyond = ladder.gain(GROUND, CONTACT_LAW)
-    if not law and recommended == GROUND and beyond is not None and beyond[0].low > 0.0:
+    if not law and recommended == GROUND and beyond is not None and beyond.low > 0.0:
         why = why or _NOT_THE_LAW
     # Of the configured ground nothing was calibrated.
     fit = None if recommended == CONFIGURED else added.fit(recommended)
@@ -294,15 +294,12 @@ def _measure_next(added: AddedCauses, verdict: Verdict) -> tuple[str, ...]:
             *([NONE] if unknown else []),
         ]
     )
-    models = {}
-    case, lines = added.made.problem.case, added.made.problem.rock_lines
-    for cause in (c for c in possible if c not in parts):
-        name = added.base if cause == NONE else cause
-        models[name] = _models_of(added, cause)
-    found = separations(
-        case, lines, {n: own for n, own in models.items() if own}, added.made.problem.seed
-    )
-    more = tables_to_add(case, tuple(possible)) if unknown else ()
+    problem, models = added.made.problem, {}
+    for cause in possible:
+        if cause not in parts and (own := _models_of(added, cause)):
+            models[added.base if cause == NONE else cause] = own
+    found = separations(problem.case, problem.rock_lines, models, problem.seed)
+    more = tables_to_add(problem.case, tuple(possible)) if unknown else ()
     return (*(one.sentence for one in found), *more)
 
 
@@ -328,7 +325,7 @@ def _hypotheses(
     rng = np.random.default_rng([made.problem.seed, 81])
     found = []
     for tried, fit in made.fits.items():
-        own = fit.held_out_scores(made.problem.part)
+        own = made.scores(tried)
         # A law of the contact is none of the cause's merits.
         simpler = NONE if tried in (NONE, CONTACT_LAW) else added.base
         gain = gain_of(made.scores(simpler), own, made.problem.case.group, rng)
@@ -343,8 +340,8 @@ def _hypotheses(
                 gain.value,
                 (gain.low, gain.high),
                 shares.get(name.split("+")[0], 0.0),
-                dict(top.parameters),
-                intervals.get(tried, {}),
+                top.parameters,
+                intervals[tried],
             )
         )
     return tuple(sorted(found, key=lambda c: -c.probability))
@@ -436,9 +433,9 @@ def _write_models(file: Path, made: HypothesisFits, diagnosis: Diagnosis) -> Non
     ``number`` and ``count`` are those of the campaigns by which each was chosen and scored,
     ``distance`` what these leave to the observed rocks.
     """
-    scale = made.problem.scale
-    kept = {
-        "seed": made.problem.seed,
+    problem, scale = made.problem, made.problem.scale
+    kept: dict[str, Any] = {
+        "seed": problem.seed,
         "named": diagnosis.shrinkage.effect,
         "count": FRESH,
         "scale": {
@@ -446,18 +443,11 @@ def _write_models(file: Path, made: HypothesisFits, diagnosis: Diagnosis) -> Non
             "centre": scale.centre.tolist(),
             "scale": scale.scale.tolist(),
         },
-        **{
-            name: {
-                "number": number,
-                "distance": RockDistances.of(made.problem.rows, rows).value()
-                if made.problem.rows.shape[1]
-                else None,
-                "model": model_as_json(model),
-            }
-            for name, model in (("base", diagnosis.base), ("effect", diagnosis.effect))
-            for number, rows in (_campaigns_of(made, model),)
-        },
     }
+    for name, model in (("base", diagnosis.base), ("effect", diagnosis.effect)):
+        number, rows = _campaigns_of(made, model)
+        distance = RockDistances.of(problem.rows, rows).value() if scale.names else None
+        kept[name] = {"number": number, "distance": distance, "model": model_as_json(model)}
     write_text(file, json.dumps(kept, indent=1))
 
 

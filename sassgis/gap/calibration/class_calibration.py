@@ -44,7 +44,7 @@ from sassgis.gap.calibration.problem import (
 from sassgis.gap.calibration.site_summary import SiteSummary, joined, rocks_drawn_anew, summary_of
 from sassgis.gap.inference.intervals import Interval
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel, configured_model
-from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.grid import FloatArray
 from sassgis.model.ground import GroundTable
 from sassgis.model.ground_ranges import RangeRule
 from sassgis.model.languages import phrase
@@ -152,20 +152,12 @@ def run_site(task: CalibrationTask, at: SiteAt) -> Misfits:
 
 @dataclass(frozen=True, slots=True)
 class Calibrated:
-    """What was found, and what follows from it.
+    """What was found, and what follows from it."""
 
-    Attributes
-    ----------
-    told : tuple of Told
-        By site.
-    draws : int
-        Parameter sets that were tried.
-    """
-
-    told: tuple[Told, ...]
+    told: tuple[Told, ...]  # by site
     posterior: Posterior
     fitted: tuple[Fitted, ...]
-    draws: int
+    draws: int  # parameter sets that were tried
 
 
 def search(
@@ -213,78 +205,47 @@ def held_out(task: CalibrationTask, found: Calibrated, run: RunFinals) -> list[P
     made = list(run(tasks))
     merged = []
     for k, site in enumerate(task.sites):
-        own = made[k :: len(task.sites)]
-
-        def of_part(
-            values: Sequence[Mapping[str, FloatArray]], part: IntArray = site.part
-        ) -> dict[str, FloatArray]:
-            rocks = np.arange(part.size)
-            return {n: np.stack([v[n] for v in values])[part, ..., rocks].T for n in values[0]}
-
-        merged.append(
-            Prediction(of_part([p.replicas for p in own]), of_part([p.scores for p in own]))
+        own, rocks = made[k :: len(task.sites)], np.arange(site.n_rocks)
+        replicas, scores = (
+            {n: np.stack([v[n] for v in values])[site.part, ..., rocks].T for n in values[0]}
+            for values in ([p.replicas for p in own], [p.scores for p in own])
         )
+        merged.append(Prediction(replicas, scores))
     return merged
 
 
 @dataclass(frozen=True, slots=True)
 class SiteResult:
-    """One site of a calibration.
-
-    Attributes
-    ----------
-    tables : mapping of table to rows
-    gain : Interval
-        Of the score, on rocks left out, as a share of the score before.
-    own : mapping
-        Parameters that fit this site best, by label.
-    replicas : mapping of model to mapping of quantity to float64, shape (count, n_rocks)
-        "before", "after", "left out".
-    observed : mapping of quantity to float64, shape (n_rocks,)
-    """
+    """One site of a calibration."""
 
     name: str
     rocks: int
-    tables: Mapping[str, int]
+    tables: Mapping[str, int]  # rows
     errors: tuple[QuantityErrors, ...]
     scores: tuple[TableScore, ...]
-    gain: Interval
+    gain: Interval  # of the score, on rocks left out, as a share of the score before
     fit: SiteFit
-    own: Mapping[str, float]
+    own: Mapping[str, float]  # parameters that fit this site best, by label
+    #: Of the models "before", "after", "left out" each quantity, shape (count, n_rocks).
     replicas: Mapping[str, Mapping[str, FloatArray]]
-    observed: Mapping[str, FloatArray]
+    observed: Mapping[str, FloatArray]  # each quantity, shape (n_rocks,)
 
 
 @dataclass(frozen=True, slots=True)
 class SiteCalibration:
-    """What a calibration found.
-
-    Attributes
-    ----------
-    combinations : int
-        Combinations of parameters that are identified.
-    as_good : tuple of mapping
-        Other combinations that fit as well, by label.
-    alike : tuple of (str, str)
-        Pairs of classes that cannot be told apart.
-    contradict : bool
-        Whether no common parameters fit the sites.
-    gain : Interval
-        Of the score over all sites, on rocks left out, as a share of the score before.
-    draws : int
-        Parameter sets that were tried.
-    """
+    """What a calibration found."""
 
     fitted: tuple[Fitted, ...]
-    combinations: int
+    combinations: int  # of parameters that are identified
     trade_offs: tuple[TradeOff, ...]
-    as_good: tuple[Mapping[str, float], ...]
-    alike: tuple[tuple[str, str], ...]
+    as_good: tuple[Mapping[str, float], ...]  # other combinations that fit as well, by label
+    alike: tuple[tuple[str, str], ...]  # pairs of classes that cannot be told apart
     sites: tuple[SiteResult, ...]
-    contradict: bool
+    contradict: bool  # whether no common parameters fit the sites
+    #: Of the score over all sites, on rocks left out, as a share of the score before.
     gain: Interval
     findings: tuple[CalibrationFinding, ...]
-    draws: int
+    draws: int  # parameter sets that were tried
     seed: int
 
     @property

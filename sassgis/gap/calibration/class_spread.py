@@ -46,22 +46,12 @@ class SiteValue:
 
 @dataclass(frozen=True, slots=True)
 class BetweenSites:
-    """Mean and spread of a parameter between sites.
+    """Mean and spread of a parameter between sites."""
 
-    Attributes
-    ----------
-    mean, mean_error : float
-        Of the sites there might be, and its standard error.
-    sd : float
-        Standard deviation between sites, posterior mean.
-    predictive_sd : float
-        Standard deviation of the value at a site that is not known yet.
-    """
-
-    mean: float
-    mean_error: float
-    sd: float
-    predictive_sd: float
+    mean: float  # of the sites there might be
+    mean_error: float  # its standard error
+    sd: float  # standard deviation between sites, posterior mean
+    predictive_sd: float  # standard deviation of the value at a site that is not known yet
 
 
 def between_sites(values: FloatArray, errors: FloatArray, scale: float) -> BetweenSites:

@@ -72,42 +72,27 @@ def learned_contacts(case: Case, seed: int) -> LearnedContacts | None:
     if not known:
         return None
     others = 0.5 * np.mean(list(known.values()), axis=0)
-    table = GroundTable(
-        tuple(
-            _with_shift(ground, known.get(k, others)) for k, ground in enumerate(case.table.classes)
-        )
-    )
+    classes = enumerate(case.table.classes)
+    table = GroundTable(tuple(_with_shift(own, known.get(k, others)) for k, own in classes))
     spin = np.average([shift[-1] for shift in known.values()], weights=counts)
     scale = _spin_scale(float(spin))
-    return LearnedContacts(table, scale, _spin_noise(case, impacts, table, scale, seed))
-
-
-def _spin_noise(
-    case: Case, impacts: ImpactsInFlight, table: GroundTable, scale: float, seed: int
-) -> float:
-    """Scatter of the spins after a contact that the law with its errors of measurement lacks."""
-    observed = observed_outcomes(impacts)
 
     def loss(noise: float) -> float:
         error = MeasurementError(spin_scale=scale, spin_noise=noise)
-        return _misfit(case, impacts, observed, table, error, seed)
+        return _misfit(case, impacts, table, error, seed)
 
-    return min(_SPIN_NOISES, key=loss)
+    # Scatter of the spins after a contact that the law with its errors of measurement lacks.
+    return LearnedContacts(table, scale, min(_SPIN_NOISES, key=loss))
 
 
 def _misfit(
-    case: Case,
-    impacts: ImpactsInFlight,
-    observed: FloatArray,
-    table: GroundTable,
-    error: MeasurementError,
-    seed: int,
+    case: Case, impacts: ImpactsInFlight, table: GroundTable, error: MeasurementError, seed: int
 ) -> float:
     """Mean score of the rocks that have impacts."""
     # The same draws for all values: what differs is no luck.
     model = HypothesisModel(table, EffectSettings(), measurement=error)
     made = simulated_outcomes(case, model, impacts, seed=seed, number=3700)
-    scores = impact_scores(impacts, observed, made, case.n_rocks)
+    scores = impact_scores(impacts, observed_outcomes(impacts), made, case.n_rocks)
     return float(scores[np.unique(impacts.rock)].mean())
 
 
@@ -116,20 +101,17 @@ def _learned(case: Case, impacts: ImpactsInFlight, kind: int, seed: int) -> Floa
 
     In usual spreads, shape (n + 1,).
     """
-    observed = observed_outcomes(impacts)
-    n = impacts.rock.size
 
     def loss(shift: FloatArray) -> float:
         classes = list(case.table.classes)
         classes[kind] = _with_shift(classes[kind], shift)
         error = MeasurementError(spin_scale=_spin_scale(float(shift[-1])))
-        misfit = _misfit(case, impacts, observed, GroundTable(tuple(classes)), error, seed)
-        return misfit + 0.5 * float(shift @ shift) / n
+        misfit = _misfit(case, impacts, GroundTable(tuple(classes)), error, seed)
+        return misfit + 0.5 * float(shift @ shift) / impacts.rock.size
 
     d = len(_RANGES) + 1
-    normal = qmc.MultivariateNormalQMC(
-        np.zeros(d), 4.0 * np.eye(d), rng=np.random.default_rng([seed, 37])
-    )
+    rng = np.random.default_rng([seed, 37])
+    normal = qmc.MultivariateNormalQMC(np.zeros(d), 4.0 * np.eye(d), rng=rng)
     tried = [np.zeros(d), *normal.random(_TRIED)]
     best = min(tried, key=loss)
     simplex = np.vstack([best, best + 0.7 * np.eye(best.size)])
@@ -137,8 +119,7 @@ def _learned(case: Case, impacts: ImpactsInFlight, kind: int, seed: int) -> Floa
         loss, best, method="Nelder-Mead",
         options={"maxfev": _SEARCHED, "initial_simplex": simplex, "xatol": 0.02, "fatol": 1e-4},
     )  # fmt: skip
-    shift: FloatArray = found.x
-    return shift
+    return np.asarray(found.x)
 
 
 def _spin_scale(shift: float) -> float:

@@ -26,53 +26,28 @@ _DRAWS = 999
 
 @dataclass(frozen=True, slots=True)
 class QuantityErrors:
-    """Observed and simulated rocks in one quantity.
+    """Observed and simulated rocks in one quantity."""
 
-    Attributes
-    ----------
-    name : str
-        "run-out", "lateral offset", or a quantity at a station.
-    observed : tuple of float
-        Quantiles at SHARES.
-    quantiles : mapping
-        Simulated "before", "after" and "left out": quantiles at SHARES.
-    crps : mapping
-        Continuous ranked probability score, mean over the rocks (unit).
-    median_error : mapping of str to Interval
-        Simulated over observed median, less 1 (of the lateral offset: of its 10 to 90 % width);
-        intervals by drawing the observed rocks anew.
-    gain : Interval
-        CRPS before less that of rocks left out.
-    """
-
-    name: str
+    name: str  # "run-out", "lateral offset", or a quantity at a station
     unit: str
     rocks: int
-    observed: tuple[float, ...]
-    quantiles: Mapping[str, tuple[float, ...]]
-    crps: Mapping[str, float]
+    observed: tuple[float, ...]  # quantiles at SHARES
+    quantiles: Mapping[str, tuple[float, ...]]  # simulated "before", "after" and "left out"
+    crps: Mapping[str, float]  # continuous ranked probability score, mean over the rocks (unit)
+    #: Simulated over observed median, less 1 (of the lateral offset: of its 10 to 90 % width);
+    #: intervals by drawing the observed rocks anew.
     median_error: Mapping[str, Interval]
-    gain: Interval
+    gain: Interval  # CRPS before less that of rocks left out
 
 
 @dataclass(frozen=True, slots=True)
 class TableScore:
-    """What one table of observations has to do with the calibration.
-
-    Attributes
-    ----------
-    rocks : int
-        With anything in it that is scored.
-    score : mapping
-        Energy score, mean over these rocks: "before", "after", "left out".
-    gain : Interval
-        Score before less that of rocks left out, as a share of the score before.
-    """
+    """What one table of observations has to do with the calibration."""
 
     table: str
-    rocks: int
-    score: Mapping[str, float]
-    gain: Interval
+    rocks: int  # with anything in it that is scored
+    score: Mapping[str, float]  # energy score, mean over these: "before", "after", "left out"
+    gain: Interval  # score before less that of rocks left out, as a share of the score before
 
 
 def table_scores(
@@ -154,9 +129,10 @@ def _errors(
     rng: np.random.Generator,
 ) -> QuantityErrors:
     rocks = np.flatnonzero(np.isfinite(seen))
-    own = seen[rocks]
-    scores = {k: _crps(own, v[:, rocks]) for k, v in made.items()}
-    finite = {k: v[:, rocks][np.isfinite(v[:, rocks])] for k, v in made.items()}
+    own, drawn = seen[rocks], {k: v[:, rocks] for k, v in made.items()}
+    # NaN where fewer than two of the replicas of a rock have the quantity.
+    scores = {k: energy_scores(own[:, None], v[:, :, None]) for k, v in drawn.items()}
+    finite = {k: v[np.isfinite(v)] for k, v in drawn.items()}
 
     def centre(values: FloatArray) -> float:
         low, middle, high = quantiles_of(values, SHARES)
@@ -171,20 +147,14 @@ def _errors(
         limits = (inverse.value, inverse.low, inverse.high)
         return Interval(*(simulated * one - 1.0 for one in limits))
 
+    def quantiles(values: FloatArray) -> tuple[float, ...]:
+        return tuple(quantiles_of(values, SHARES).tolist())
+
     gain = scores["before"] - scores["left out"]
     return QuantityErrors(
-        title, unit, rocks.size, _quantiles(own),
-        {k: _quantiles(v) for k, v in finite.items()},
+        title, unit, rocks.size, quantiles(own),
+        {k: quantiles(v) for k, v in finite.items()},
         {k: float(mean_of_draws(v, least=1)) for k, v in scores.items()},
         {k: error(centre(v)) for k, v in finite.items()},
         mean_interval(gain[np.isfinite(gain)]),
     )  # fmt: skip
-
-
-def _quantiles(values: FloatArray) -> tuple[float, ...]:
-    return tuple(quantiles_of(values, SHARES).tolist())
-
-
-def _crps(seen: FloatArray, made: FloatArray) -> FloatArray:
-    """Score of each rock; NaN where fewer than two of its replicas have the quantity."""
-    return energy_scores(seen[:, None], made[:, :, None])

@@ -35,48 +35,24 @@ _CHANCE, _WORSE = 0.99, 0.02
 
 @dataclass(frozen=True, slots=True)
 class Misfits:
-    """Observed less simulated numbers of a site at the best parameters, in standard errors.
+    """Observed less simulated numbers of a site at the best parameters, in standard errors."""
 
-    Attributes
-    ----------
-    whole : float64, shape (p,)
-    without : float64, shape (n_parts, p)
-        Without the rocks of each part of the cross-validation.
-    drawn : float64, shape (n, p)
-        Of rocks that were drawn anew.
-    units : int
-        Rocks, or groups of them.
-    """
-
-    whole: FloatArray
-    without: FloatArray
-    drawn: FloatArray
-    units: int
+    whole: FloatArray  # shape (p,)
+    without: FloatArray  # shape (n_parts, p); without the rocks of each part
+    drawn: FloatArray  # shape (n, p); of rocks that were drawn anew
+    units: int  # rocks, or groups of them
 
 
 @dataclass(frozen=True, slots=True)
 class Told:
-    """What some rocks say of the parameters, by the linear model about the best ones.
+    """What some rocks say of the parameters, by the linear model about the best ones."""
 
-    Attributes
-    ----------
-    best : float64, shape (d,)
-        Standard normal before any rock is seen.
-    precision : float64, shape (d, d)
-        Of the numbers, as if each were independent of the others.
-    pull : float64, shape (d,)
-        Slope of their logarithmic likelihood at the best.
-    without : float64, shape (n_parts, d)
-        The same without the rocks of each part.
-    scatter : float64, shape (d, d)
-        Covariance of the pull: with the rocks drawn anew, so that numbers of the same rocks count
-        for no more than they are.
-    """
-
-    best: FloatArray
-    precision: FloatArray
-    pull: FloatArray
-    without: FloatArray
+    best: FloatArray  # shape (d,); standard normal before any rock is seen
+    precision: FloatArray  # shape (d, d); of the numbers, as if each were independent of the others
+    pull: FloatArray  # shape (d,); slope of their logarithmic likelihood at the best
+    without: FloatArray  # shape (n_parts, d); the same without the rocks of each part
+    #: Covariance of the pull, shape (d, d): with the rocks drawn anew, so that numbers of the same
+    #: rocks count for no more than they are.
     scatter: FloatArray
 
     def estimate(self, prior: float = 1.0) -> tuple[FloatArray, FloatArray]:
@@ -137,25 +113,13 @@ def small_sample_factor(n: int) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Posterior:
-    """Parameters that the observations leave.
+    """Parameters that the observations leave."""
 
-    Attributes
-    ----------
-    best : float64, shape (d,)
-        As shares of the ranges.
-    samples, of_numbers : float64, shape (n, d)
-        The same with the prior, and by the observations with next to none.
-    covariance : float64, shape (d, d)
-        Of parameters of which the prior is standard normal.
-    excess : float64, shape (n,)
-        Twice the logarithmic likelihood that samples lack to the best.
-    """
-
-    best: FloatArray
-    samples: FloatArray
-    of_numbers: FloatArray
-    covariance: FloatArray
-    excess: FloatArray
+    best: FloatArray  # shape (d,); as shares of the ranges
+    samples: FloatArray  # shape (n, d); the same with the prior
+    of_numbers: FloatArray  # shape (n, d); by the observations with next to no prior
+    covariance: FloatArray  # shape (d, d); of parameters of which the prior is standard normal
+    excess: FloatArray  # shape (n,); twice the logarithmic likelihood that samples lack to the best
 
 
 def posterior_of(prior: Prior, told: Told, seed: int) -> Posterior:
@@ -173,30 +137,16 @@ def posterior_of(prior: Prior, told: Told, seed: int) -> Posterior:
 
 @dataclass(frozen=True, slots=True)
 class Fitted:
-    """A calibrated parameter.
-
-    Attributes
-    ----------
-    share : float
-        Place of the value in the range, from 0 to 1.
-    low, high : float
-        95 % interval.
-    identified : bool
-        Whether the interval is clearly narrower than that of the prior.
-    narrowed : float
-        Width of the interval over that of the prior, on the scale of the search.
-    limit : str
-        "low" or "high" where values at the limit of the range fit best, else "".
-    """
+    """A calibrated parameter."""
 
     parameter: ClassParameter
-    share: float
+    share: float  # place of the value in the range, from 0 to 1
     value: float
-    low: float
+    low: float  # ends of the 95 % interval
     high: float
-    identified: bool
-    narrowed: float
-    limit: str
+    identified: bool  # whether the interval is clearly narrower than that of the prior
+    narrowed: float  # width of the interval over that of the prior, on the scale of the search
+    limit: str  # "low" or "high" where values at the limit of the range fit best, else ""
 
 
 def fitted_parameters(
@@ -239,17 +189,11 @@ def identified_combinations(covariance: FloatArray) -> int:
 
 @dataclass(frozen=True, slots=True)
 class TradeOff:
-    """Two parameters that can make up for each other.
-
-    Attributes
-    ----------
-    correlation : float
-        Of the posterior; above 0: more of both does as well.
-    """
+    """Two parameters that can make up for each other."""
 
     one: str
     other: str
-    correlation: float
+    correlation: float  # of the posterior; above 0: more of both does as well
 
 
 def trade_offs(labels: Sequence[str], covariance: FloatArray) -> tuple[TradeOff, ...]:
@@ -294,31 +238,19 @@ def classes_alike(
             for (i, p), (j, q) in itertools.product(enumerate(parameters), repeat=2)
             if (p.class_name, q.class_name) == (one, other) and p.name == q.name
         ]
-        tail = 0.025 / len(pairs)
-        differ = False
-        for i, j in pairs:
-            apart = posterior.of_numbers[:, i] - posterior.of_numbers[:, j]
-            low, high = np.quantile(apart, [tail, 1.0 - tail])
-            differ = differ or bool(low > 0.0 or high < 0.0)
-        if not differ:
+        tail, numbers = 0.025 / len(pairs), posterior.of_numbers
+        limits = [np.quantile(numbers[:, i] - numbers[:, j], [tail, 1.0 - tail]) for i, j in pairs]
+        if not any(low > 0.0 or high < 0.0 for low, high in limits):
             alike.append((one, other))
     return tuple(alike)
 
 
 @dataclass(frozen=True, slots=True)
 class SiteFit:
-    """How well the common parameters fit one site.
+    """How well the common parameters fit one site."""
 
-    Attributes
-    ----------
-    score : float
-        Mean score of its rocks at the common parameters.
-    own_score : float
-        The same at the best parameters for this site.
-    """
-
-    score: float
-    own_score: float
+    score: float  # mean score of its rocks at the common parameters
+    own_score: float  # the same at the best parameters for this site
 
 
 def contradicting(sites: Sequence[Told], fits: Sequence[SiteFit], seed: int) -> bool:

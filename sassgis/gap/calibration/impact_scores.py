@@ -65,8 +65,7 @@ def simulated_outcomes(
 def _relative(impacts: ImpactsInFlight, after: FloatArray) -> FloatArray:
     before = np.hypot(impacts.impacts.vt_in_mps, impacts.impacts.vn_in_mps)
     unit = np.column_stack([before, before, before / impacts.radius])
-    relative: FloatArray = after / unit[:, None]
-    return relative
+    return np.asarray(after / unit[:, None])
 
 
 def impact_scores(

@@ -85,30 +85,14 @@ class FitBudget:
 
 @dataclass(frozen=True, slots=True)
 class LinearFit:
-    """Best parameters, and the linear model about them.
+    """Best parameters, and the linear model about them, of numbers in standard errors."""
 
-    Attributes
-    ----------
-    best : float64, shape (d,)
-        Standard normal.
-    covariance : float64, shape (d, d)
-        Of the posterior.
-    level : float64, shape (p,)
-        Numbers at the best parameters, in standard errors.
-    slopes : float64, shape (p, d)
-        Of the numbers, in standard errors.
-    variance : float64, shape (p,)
-        Of the numbers about the model, in squared standard errors.
-    left : float64, shape (n, p)
-        What the model leaves of the numbers of the draws, in standard errors.
-    """
-
-    best: FloatArray
-    covariance: FloatArray
-    level: FloatArray
-    slopes: FloatArray
-    variance: FloatArray
-    left: FloatArray
+    best: FloatArray  # shape (d,); standard normal
+    covariance: FloatArray  # shape (d, d); of the posterior
+    level: FloatArray  # shape (p,); numbers at the best parameters
+    slopes: FloatArray  # shape (p, d); of the numbers
+    variance: FloatArray  # shape (p,); of the numbers about the model
+    left: FloatArray  # shape (n, p); what the model leaves of the numbers of the draws
 
     @property
     def identified(self) -> BoolArray:

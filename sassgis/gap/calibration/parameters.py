@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,7 +11,7 @@ from sassgis.gap.causes.parameter_draws import Range
 from sassgis.gap.observations.case import Case
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray
-from sassgis.model.ground import PARAMETERS, GroundTable
+from sassgis.model.ground import GroundTable
 from sassgis.model.ground_ranges import RangeRule, ranges_of, with_values
 from sassgis.model.settings import EngineSettings
 
@@ -34,18 +34,12 @@ RANGES: Mapping[str, Range] = {
 
 @dataclass(frozen=True, slots=True)
 class ClassParameter:
-    """One parameter of one ground class, mapped to a share from 0 to 1 of its range.
-
-    Attributes
-    ----------
-    configured : float
-        Value before the calibration.
-    """
+    """One parameter of one ground class, mapped to a share from 0 to 1 of its range."""
 
     class_name: str
     name: str
     limits: Range
-    configured: float
+    configured: float  # value before the calibration
     #: Standard deviation of the prior about the configured value, as a share of the range. Half the
     #: range where nothing is known of how such values vary between sites.
     sd: float = 0.5
@@ -89,8 +83,8 @@ def fitted_names(names: Iterable[str] | None, engines: Iterable[EngineSettings])
     InputError
         If one of them cannot be calibrated.
     """
-    read = {name for engine in engines for name in _read_by(engine)}
-    known = tuple(name for name in RANGES if name in read)
+    settings = [engine.resolved() for engine in engines]
+    known = tuple(name for name in RANGES if any(_reads(own, name) for own in settings))
     if names is None:
         return known
     asked = tuple(dict.fromkeys(names))
@@ -129,15 +123,11 @@ def classes_met(case: Case) -> tuple[str, ...]:
     )
 
 
-def _read_by(engine: EngineSettings) -> Iterator[str]:
-    """Parameters of ground classes that the engine reads in these settings."""
-    settings = engine.resolved()
-    for name in PARAMETERS:
-        if name == "restitution" and settings.eta_max_rule != "restitution":
-            continue
-        if name == "rolling_threshold" and settings.rolling_threshold is not None:
-            continue
-        yield name
+def _reads(engine: EngineSettings, name: str) -> bool:
+    """Whether the engine reads a parameter of ground classes in these settings."""
+    if name == "restitution":
+        return engine.eta_max_rule == "restitution"
+    return name != "rolling_threshold" or engine.rolling_threshold is None
 
 
 def parameters_of(
@@ -182,14 +172,9 @@ class Prior:
 
     It keeps what the observations say nothing about where it was configured, as near as such values
     lie together from site to site.
-
-    Attributes
-    ----------
-    centre, sd : float64, shape (d,)
-        As shares of the ranges.
     """
 
-    centre: FloatArray
+    centre: FloatArray  # shape (d,), as the standard deviation; shares of the ranges
     sd: FloatArray
 
     @staticmethod

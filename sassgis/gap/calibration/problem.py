@@ -23,7 +23,7 @@ from sassgis.gap.calibration.impact_scores import (
     simulated_outcomes,
 )
 from sassgis.gap.inference.distances import energy_scores
-from sassgis.gap.inference.folds import folds_of
+from sassgis.gap.inference.intervals import folds_of
 from sassgis.gap.observations.campaign import Campaign, errors_of, observed_campaign
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.campaigns import campaigns
@@ -41,21 +41,12 @@ _TABLES = {"deposits": "s", "passages": "S"}
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """How quantities of a rock become a row whose distances count.
+    """How quantities of a rock become a row whose distances count."""
 
-    Attributes
-    ----------
-    names : tuple of str
-        Quantities, as ``features.rock_quantities`` names them.
-    centre, scale : float64, shape (k,)
-    n_rocks : int
-        Rows where nothing is scored at all.
-    """
-
-    names: tuple[str, ...]
-    centre: FloatArray
+    names: tuple[str, ...]  # of the quantities, as in ``features.rock_quantities``
+    centre: FloatArray  # shape (k,), as the scale
     scale: FloatArray
-    n_rocks: int = 0
+    n_rocks: int = 0  # rows where nothing is scored at all
 
     def rows(self, quantities: Mapping[str, FloatArray]) -> FloatArray:
         """Rows per rock, shape (n_rocks, 2 k): standardised values, and flags of absence.
@@ -72,42 +63,26 @@ class Scale:
 
 @dataclass(frozen=True, slots=True)
 class CalibrationProblem:
-    """A site made ready for many campaigns.
-
-    Attributes
-    ----------
-    quantities : mapping of str to float64, shape (n_rocks,)
-        Of the observed rocks: those of the scale, and of impacts.
-    rows : float64, shape (n_rocks, 2 k)
-        The former, standardised.
-    outcomes : float64, shape (n_impacts, 3)
-        What was observed after them.
-    part : int64, shape (n_rocks,)
-        Part of the cross-validation that each rock belongs to.
-    unit : int64, shape (n_rocks,)
-        Rocks of a unit (block, day, source) are not independent: their scores count as one.
-    unseen : bool, shape (n_rocks, 2 k)
-        Stops of rocks of which no block is known to lie anywhere: not found, or not told from
-        others; and what was not measured of a block that lies, or has passed a station. They count
-        as not measured, in replicas too.
-    sideways : bool
-        Whether offsets from fall lines and turns count.
-    """
+    """A site made ready for many campaigns."""
 
     name: str
     case: Case
     rock_lines: RockLines
     scale: Scale
     observed: Campaign
+    #: Of the observed rocks, shape (n_rocks,): those of the scale, and of impacts.
     quantities: Mapping[str, FloatArray]
-    rows: FloatArray
+    rows: FloatArray  # shape (n_rocks, 2 k); the former, standardised
     impacts: ImpactsInFlight | None
-    outcomes: FloatArray
+    outcomes: FloatArray  # shape (n_impacts, 3); what was observed after them
     seed: int
-    part: IntArray
-    unit: IntArray
+    part: IntArray  # shape (n_rocks,); part of the cross-validation that each rock belongs to
+    unit: IntArray  # shape (n_rocks,); those of a block, day or source, whose scores count as one
+    #: Shape (n_rocks, 2 k). Stops of rocks of which no block is known to lie anywhere: not found,
+    #: or not told from others; and what was not measured of a block that lies, or has passed a
+    #: station. They count as not measured, in replicas too.
     unseen: NDArray[np.bool_]
-    sideways: bool = True
+    sideways: bool = True  # whether offsets from fall lines and turns count
 
     @property
     def n_rocks(self) -> int:
@@ -186,7 +161,6 @@ def problem_of(
     if impacts is not None:
         outcomes = observed_outcomes(impacts)
         if simulated is not None:
-            model, number = simulated
             made = simulated_outcomes(case, model, impacts, seed=seed, number=number)
             # What was not measured of an impact is not known of the simulated one either.
             outcomes = np.where(np.isfinite(outcomes), made[:, 0], np.nan)
@@ -275,17 +249,11 @@ def rows_of(problem: CalibrationProblem, samples: Sequence[Mapping[str, FloatArr
 
 @dataclass(frozen=True, slots=True)
 class Prediction:
-    """What a model makes of the observed rocks.
+    """What a model makes of the observed rocks."""
 
-    Attributes
-    ----------
-    replicas : mapping of quantity to float64, shape (count or draws, n_rocks)
-        Everything that is compared.
-    scores : mapping of table to float64, shape (n_rocks,)
-    """
-
+    #: Everything that is compared, by quantity, shape (count or draws, n_rocks).
     replicas: Mapping[str, FloatArray]
-    scores: Mapping[str, FloatArray]
+    scores: Mapping[str, FloatArray]  # by table, shape (n_rocks,)
 
 
 def prediction(
@@ -293,36 +261,30 @@ def prediction(
 ) -> Prediction:
     """Predict the rocks in ``count`` campaigns of a model; ``number`` distinguishes them."""
     made: dict[str, FloatArray] = {}
-    rows = outcomes = None
+    rows, outcomes = None, outcomes_of(problem, model, number)
     if problem.scale.names:
         each = replicas(problem, model, number, count)
         rows = rows_of(problem, each)
         made = {name: np.stack([one[name] for one in each]) for name in problem.scale.names}
-    if problem.impacts is not None:
-        outcomes = _outcomes(problem, model, number)
+    if problem.impacts is not None and outcomes is not None:
         found = impact_quantities(problem.impacts, outcomes, problem.n_rocks)
         made |= {name: v.T for name, v in found.items() if name in problem.quantities}
     return Prediction(made, _table_scores(problem, rows, outcomes))
 
 
 def scores_of(
-    problem: CalibrationProblem,
-    model: HypothesisModel,
-    number: int,
-    rows: FloatArray,
+    problem: CalibrationProblem, model: HypothesisModel, number: int, rows: FloatArray
 ) -> FloatArray:
     """Energy score of each observed rock in a model, shape (n_rocks,), added over the tables.
 
     ``rows``: of its campaigns of this number (``model_rows``).
     """
-    outcomes = None if problem.impacts is None else _outcomes(problem, model, number)
-    return added(_table_scores(problem, rows, outcomes))
+    return added(_table_scores(problem, rows, outcomes_of(problem, model, number)))
 
 
 def added(scores: Mapping[str, FloatArray]) -> FloatArray:
     """Scores of all tables together; a table that says nothing of a rock adds nothing."""
-    total: FloatArray = np.sum([np.nan_to_num(s) for s in scores.values()], axis=0)
-    return total
+    return np.asarray(np.sum([np.nan_to_num(s) for s in scores.values()], axis=0))
 
 
 def _table_scores(
@@ -349,8 +311,12 @@ def _table_scores(
     return scores
 
 
-def _outcomes(problem: CalibrationProblem, model: HypothesisModel, number: int) -> FloatArray:
-    assert problem.impacts is not None
+def outcomes_of(
+    problem: CalibrationProblem, model: HypothesisModel, number: int
+) -> FloatArray | None:
+    """What a model makes of the observed impacts, shape (n_impacts, DRAWS, 3); None without any."""
+    if problem.impacts is None:
+        return None
     return simulated_outcomes(
         problem.case, model, problem.impacts, seed=problem.seed, number=number
     )

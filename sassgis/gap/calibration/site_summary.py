@@ -12,8 +12,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sassgis.gap.calibration.impact_scores import simulated_outcomes
-from sassgis.gap.calibration.problem import CalibrationProblem, model_rows, rows_of
+from sassgis.gap.calibration.problem import (
+    CalibrationProblem,
+    model_rows,
+    outcomes_of,
+    rows_of,
+)
 from sassgis.gap.inference.intervals import times_drawn
 from sassgis.gap.observations.campaign import ImpactRows
 from sassgis.gap.replicas.campaigns import campaigns
@@ -35,22 +39,12 @@ _MOST_TURN_DEG = 45.0
 
 @dataclass(frozen=True, slots=True)
 class ObservedNumbers:
-    """What was observed, in numbers that campaigns are compared with.
+    """What was observed, in numbers that campaigns are compared with."""
 
-    Attributes
-    ----------
-    observed, error : float64, shape (p,)
-        And the standard error of each, by drawing the rocks (or groups of them) anew.
-    used : bool, shape (p,)
-        Numbers that the observations have.
-    units : int
-        Rocks, or groups of them.
-    """
-
-    observed: FloatArray
-    error: FloatArray
-    used: BoolArray
-    units: int
+    observed: FloatArray  # shape (p,)
+    error: FloatArray  # standard error of each, by drawing the rocks (or groups of them) anew
+    used: BoolArray  # shape (p,); numbers that the observations have
+    units: int  # rocks, or groups of them
     seed: int
 
     def in_errors(self, numbers: FloatArray) -> FloatArray:
@@ -70,44 +64,30 @@ def joined(sites: Sequence[ObservedNumbers]) -> ObservedNumbers:
 
 @dataclass(frozen=True, slots=True)
 class SiteSummary(ObservedNumbers):
-    """The numbers of a site.
-
-    Attributes
-    ----------
-    size : float64, shape (n_rocks,)
-        Logarithm of the radius, standardised.
-    """
+    """The numbers of a site."""
 
     problem: CalibrationProblem
-    size: FloatArray
+    size: FloatArray  # shape (n_rocks,); logarithm of the radius, standardised
 
     def of_rocks(self, weights: FloatArray) -> FloatArray:
         """Numbers of the observed rocks with weights, shape (p,)."""
-        problem = self.problem
-        return _numbers(
-            problem, self.size, problem.rows[None], problem.outcomes[:, None],
-            [problem.observed.impacts], weights,
-        )  # fmt: skip
+        seen = self.problem
+        return self._numbers(
+            seen.rows[None], seen.outcomes[:, None], [seen.observed.impacts], weights
+        )
 
     def of_model(
         self, model: HypothesisModel, number: int, count: int
     ) -> tuple[FloatArray, FloatArray]:
         """Numbers of campaigns of a model together, shape (p,), and their rows."""
-        rows, outcomes, impacts = self._campaigns(model, number, count)
-        return _numbers(self.problem, self.size, rows, outcomes, impacts), rows
+        made = self._campaigns(model, number, count)
+        return self._numbers(*made), made[0]
 
     def of_each(self, model: HypothesisModel, number: int, count: int) -> FloatArray:
         """Numbers of single campaigns of a model, shape (count, p), count up to DRAWS."""
         rows, outcomes, impacts = self._campaigns(model, number, count)
-        return np.array(
-            [
-                _numbers(
-                    self.problem, self.size, rows[k : k + 1], outcomes[:, k : k + 1],
-                    impacts[k : k + 1],
-                )
-                for k in range(count)
-            ]
-        )  # fmt: skip
+        each = (slice(k, k + 1) for k in range(count))
+        return np.array([self._numbers(rows[k], outcomes[:, k], impacts[k]) for k in each])
 
     def misfits(
         self, model: HypothesisModel, number: int, count: int, weights: FloatArray
@@ -125,7 +105,7 @@ class SiteSummary(ObservedNumbers):
         float64, shape (n, number of used ones)
         """
         made = self._campaigns(model, number, count)
-        simulated = [_numbers(self.problem, self.size, *made, weights=own) for own in weights]
+        simulated = [self._numbers(*made, own) for own in weights]
         seen = [self.of_rocks(own) for own in weights]
         return self.in_errors(np.array(seen) - np.array(simulated))
 
@@ -133,11 +113,9 @@ class SiteSummary(ObservedNumbers):
         self, model: HypothesisModel, number: int, count: int
     ) -> tuple[FloatArray, FloatArray, list[ImpactRows | None]]:
         problem = self.problem
-        outcomes = np.empty((0, count, 3))
-        if problem.impacts is not None:
-            outcomes = simulated_outcomes(
-                problem.case, model, problem.impacts, seed=problem.seed, number=number
-            )
+        outcomes = outcomes_of(problem, model, number)
+        if outcomes is None:
+            outcomes = np.empty((0, count, 3))
         if not problem.turned:
             return model_rows(problem, model, number, count), outcomes, [None] * count
         made = campaigns(
@@ -146,6 +124,48 @@ class SiteSummary(ObservedNumbers):
         )  # fmt: skip
         rows = rows_of(problem, [rock_quantities(problem.case, one) for one in made])
         return rows, outcomes, [one.impacts for one in made]
+
+    def _numbers(
+        self,
+        rows: FloatArray,
+        outcomes: FloatArray,
+        recorded: Sequence[ImpactRows | None],
+        weights: FloatArray | None = None,
+    ) -> FloatArray:
+        """Of rows of rocks, shape (m, n_rocks, 2 k), outcomes of observed impacts, shape (n, m, 3).
+
+        And of the turns at the impacts of each campaign, as they were recorded.
+        """
+        size, impacts = self.size, self.problem.impacts
+        weight = np.ones(self.problem.n_rocks) if weights is None else weights
+        parts = [self._of_rows(rows, weight)]
+        if impacts is not None:
+            for kind in np.unique(impacts.kind).tolist():
+                own = np.flatnonzero(impacts.kind == kind)
+                if own.size >= _FEWEST_IMPACTS:
+                    chosen = impacts.take(own)
+                    by_rock = weight[chosen.rock][:, None]
+                    parts.append(_of_impacts(chosen, size[chosen.rock], outcomes[own], by_rock))
+        if self.problem.turned:
+            known = [one for one in recorded if one is not None]
+            rock = np.concatenate([np.empty(0, np.int64), *(one.rock for one in known)])
+            turn = np.concatenate([np.empty(0), *(one.turn_deg for one in known)])
+            seen = np.isfinite(turn)
+            turn = np.clip(np.where(seen, turn, 0.0), -_MOST_TURN_DEG, _MOST_TURN_DEG)
+            columns = turn / _MOST_TURN_DEG, seen * weight[rock], size[rock]
+            parts.append(_moments(*(one[:, None, None] for one in columns)))
+        return np.concatenate(parts)
+
+    def _of_rows(self, rows: FloatArray, weight: FloatArray) -> FloatArray:
+        """Mean, scatter and trend with the size of each quantity, and who passed each station."""
+        names = self.problem.scale.names
+        k = len(names)
+        values, absent = rows[..., :k], rows[..., k:]
+        has = (1.0 - absent) * ~self.problem.unseen[:, :k] * weight[:, None]
+        moments = _moments(values, has, self.size[:, None])
+        stations = [i for i, name in enumerate(names) if name.endswith(":speed")]
+        came = (absent * weight[:, None]).sum(axis=(0, 1)) / (len(rows) * weight.sum())
+        return np.concatenate([moments, came[stations]])
 
 
 def summary_of(problem: CalibrationProblem) -> SiteSummary:
@@ -182,56 +202,6 @@ def _of_ground(problem: CalibrationProblem, p: int) -> BoolArray:
 def rocks_drawn_anew(problem: CalibrationProblem) -> FloatArray:
     """How often each rock is drawn in samples of the rocks, or of groups, shape (n, n_rocks)."""
     return times_drawn(problem.unit, np.random.default_rng([problem.seed, 11]), _SAMPLES)
-
-
-def _numbers(
-    problem: CalibrationProblem,
-    size: FloatArray,
-    rows: FloatArray,
-    outcomes: FloatArray,
-    recorded: Sequence[ImpactRows | None],
-    weights: FloatArray | None = None,
-) -> FloatArray:
-    """Of rows of rocks, shape (m, n_rocks, 2 k), outcomes of observed impacts, shape (n, m, 3).
-
-    And of the turns at the impacts of each campaign, as they were recorded.
-    """
-    weight = np.ones(problem.n_rocks) if weights is None else weights
-    parts = [_of_rows(problem, size, rows, weight)]
-    impacts = problem.impacts
-    if impacts is not None:
-        for kind in np.unique(impacts.kind).tolist():
-            own = np.flatnonzero(impacts.kind == kind)
-            if own.size >= _FEWEST_IMPACTS:
-                chosen = impacts.take(own)
-                by_rock = weight[chosen.rock][:, None]
-                parts.append(_of_impacts(chosen, size[chosen.rock], outcomes[own], by_rock))
-    if problem.turned:
-        known = [rows for rows in recorded if rows is not None]
-        rock = np.concatenate([np.empty(0, np.int64), *(rows.rock for rows in known)])
-        turn = np.concatenate([np.empty(0), *(rows.turn_deg for rows in known)])
-        seen = np.isfinite(turn)
-        turn = np.clip(np.where(seen, turn, 0.0), -_MOST_TURN_DEG, _MOST_TURN_DEG) / _MOST_TURN_DEG
-        parts.append(
-            _moments(
-                turn[:, None, None], (seen * weight[rock])[:, None, None],
-                size[rock][:, None, None],
-            )
-        )  # fmt: skip
-    return np.concatenate(parts)
-
-
-def _of_rows(
-    problem: CalibrationProblem, size: FloatArray, rows: FloatArray, weight: FloatArray
-) -> FloatArray:
-    """Mean, scatter and trend with the size of each quantity, and who passed each station."""
-    k = len(problem.scale.names)
-    values, absent = rows[..., :k], rows[..., k:]
-    has = (1.0 - absent) * ~problem.unseen[:, :k] * weight[:, None]
-    moments = _moments(values, has, size[:, None])
-    stations = [i for i, name in enumerate(problem.scale.names) if name.endswith(":speed")]
-    came = (absent * weight[:, None]).sum(axis=(0, 1)) / (len(rows) * weight.sum())
-    return np.concatenate([moments, came[stations]])
 
 
 def _of_impacts(

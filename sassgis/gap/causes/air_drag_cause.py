@@ -18,7 +18,7 @@ from sassgis.gap.causes.cause import (
     Unseen,
     part_of,
 )
-from sassgis.gap.causes.contact_gaps import loss_of_flights
+from sassgis.gap.causes.cause_residuals import loss_of_flights
 from sassgis.gap.causes.parameter_draws import Fit, ParameterDraws, Range
 from sassgis.gap.observations.case import Case
 from sassgis.gap.residuals.residuals import per_rock
@@ -48,8 +48,8 @@ def _pull(case: Case, rows: StepTable) -> FloatArray:
     """ρ A/(2 m) of the rock of each row: what air takes for C_d = 1 (1/m)."""
     mass = case.mass_kg[rows.rock]
     usual = 4.0 / 3.0 * np.pi * rows.radius_m**3 * _USUAL_KGM3
-    pull: FloatArray = 0.5 * _AIR_KGM3 * np.pi * rows.radius_m**2
-    return pull / np.where(np.isfinite(mass), mass, usual)
+    pull = 0.5 * _AIR_KGM3 * np.pi * rows.radius_m**2
+    return np.asarray(pull / np.where(np.isfinite(mass), mass, usual))
 
 
 def _against_the_motion(case: Case, residuals: ResidualTable) -> Scores:

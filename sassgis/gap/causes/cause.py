@@ -40,24 +40,16 @@ class CausePart:
 
 @dataclass(frozen=True, slots=True)
 class Scores:
-    """Numbers whose mean is zero where the cause is absent.
+    """Numbers whose mean is zero where the cause is absent."""
 
-    Attributes
-    ----------
-    values : float64, shape (n_rocks,)
-        Or (1,): a z that has its own null.
-    size : float
-        What was seen, in the unit of the statistic.
-    chance : float64, shape (n_rocks,), optional
-        Of each rock to score above zero where the cause is absent; values then are 0 or 1.
-    """
-
-    values: FloatArray
-    size: float
+    values: FloatArray  # shape (n_rocks,), or (1,): a z that has its own null
+    size: float  # what was seen, in the unit of the statistic
+    #: Of each rock to score above zero where the cause is absent; values then are 0 or 1.
     chance: FloatArray | None = None
 
 
 Scoring = Callable[[Case, ResidualTable], Scores]
+Placing = Callable[[Case, Sequence[HypothesisModel]], tuple[str, ...]]
 
 
 class Unseen(Exception):
@@ -66,76 +58,39 @@ class Unseen(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Trace:
-    """One fingerprint of a cause.
+    """One fingerprint of a cause."""
 
-    Attributes
-    ----------
-    name
-        In words; results and frozen weights know it by these.
-    scores
-        Raises Unseen where the observations cannot show it.
-    tables
-        Tables of observations that it takes, all of them.
-    clear
-        Whether no contact can leave it: it is of masses, places or paths in time. Another law,
-        edges of a rock or a patch of other ground leave the others as well.
-    """
-
-    name: str
-    scores: Scoring
-    tables: tuple[str, ...]
+    name: str  # in words; results and frozen weights know it by these
+    scores: Scoring  # raises Unseen where the observations cannot show it
+    tables: tuple[str, ...]  # tables of observations that it takes, all of them
+    #: Whether no contact can leave it: it is of masses, places or paths in time. Another law, edges
+    #: of a rock or a patch of other ground leave the others as well.
     clear: bool = False
-
-
-def no_place(case: Case, models: Sequence[HypothesisModel]) -> tuple[str, ...]:
-    """A cause that acts on the whole slope."""
-    return case.reaches
 
 
 @dataclass(frozen=True, slots=True)
 class Cause:
-    """One row of the registry.
+    """One row of the registry."""
 
-    Attributes
-    ----------
-    name
-        That of the effect of the engine, if it is one.
-    number
-        Its random draws hang on it: a new cause takes the next one that is free.
-    group
-        Of causes that leave similar traces.
-    phase
-        Of the observed motion in which it shows.
-    draw
-        Form and parameters that are tried.
-    shown_by
-        Its fingerprints in a sentence, for docs/gap.md.
-    statistics
-        Its fingerprints.
-    label, summary
-        Its name in a sentence, and what it does, to follow "the gap is best explained by"; empty:
-        those of the effect of the engine.
-    weighed
-        Whether it is weighed against the other causes; the law of the contact is that of the base.
-    closes
-        Whether it closes some of the distance between observed and simulated rocks where it acts.
-        Masses of pieces and instruments that contradict each other show it without.
-    place
-        Reaches in which fitted models have it act.
-    """
-
-    name: str
-    number: int
-    group: str
+    name: str  # that of the effect of the engine, if it is one
+    number: int  # its random draws hang on it: a new cause takes the next one that is free
+    group: str  # of causes that leave similar traces
+    #: Of the observed motion in which it shows.
     phase: Literal["release", "flight", "impact", "observation"]
-    draw: Callable[[Case, ParameterDraws], CausePart]
-    shown_by: str
-    statistics: tuple[Trace, ...]
+    draw: Callable[[Case, ParameterDraws], CausePart]  # form and parameters that are tried
+    shown_by: str  # its fingerprints in a sentence, for docs/gap.md
+    statistics: tuple[Trace, ...]  # its fingerprints
+    #: Its name in a sentence, and what it does, to follow "the gap is best explained by"; empty:
+    #: those of the effect of the engine.
     label: str = ""
     summary: str = ""
+    #: Whether it is weighed against the other causes; the law of the contact is that of the base.
     weighed: bool = True
+    #: Whether it closes some of the distance between observed and simulated rocks where it acts.
+    #: Masses of pieces and instruments that contradict each other show it without.
     closes: bool = True
-    place: Callable[[Case, Sequence[HypothesisModel]], tuple[str, ...]] = no_place
+    #: Reaches in which fitted models have it act: the whole slope, if it says nothing else.
+    place: Placing = lambda case, _: case.reaches
 
     @property
     def of_data(self) -> bool:

@@ -46,16 +46,18 @@ def _draw(case: Case, draws: ParameterDraws) -> CausePart:
             shifts["speed_loss"] = draws.uniform("law.speed_loss", -0.4, 0.4)
             halved = draws.log("law.restitution_speed", 1.0 / 12.0, 12.0)
             values["restitution_speed_mps"] = rounded(halved * _HALVED_AT_MPS)
-    used = set(np.unique(case.profiles.ground).tolist())
+    used = np.unique(case.profiles.ground).tolist()
 
     def change(model: HypothesisModel) -> HypothesisModel:
         classes = list(model.table.classes)
-        for k in sorted(used):
-            by = shifts | _beyond(case, k)
-            own = dict(values)
+        for k in used:
+            by, own = dict(shifts), dict(values)
             if case.learned is not None:
-                speed = case.learned.table.classes[k].restitution_speed_mps
-                own["restitution_speed_mps"] = speed
+                # How far the contacts recorded on a class are from what is configured.
+                learned, configured = case.learned.table.classes[k], case.table.classes[k]
+                own["restitution_speed_mps"] = learned.restitution_speed_mps
+                for name in ("eta_max", "mu_f", "restitution", "speed_loss"):
+                    by[name] = float(getattr(learned, name) - getattr(configured, name))
             for name, shift in by.items():
                 low, high = BOUNDS[name]
                 value = float(getattr(classes[k], name)) + shift
@@ -65,15 +67,6 @@ def _draw(case: Case, draws: ParameterDraws) -> CausePart:
 
     stated = {f"shift_of_{name}": shift for name, shift in shifts.items()}
     return CausePart("shifted contact", change, stated | values)
-
-
-def _beyond(case: Case, kind: int) -> dict[str, float]:
-    """How far the contacts recorded on a class are from what is configured."""
-    if case.learned is None:
-        return {}
-    learned, configured = (table.classes[kind] for table in (case.learned.table, case.table))
-    names = ("eta_max", "mu_f", "restitution", "speed_loss")
-    return {name: float(getattr(learned, name) - getattr(configured, name)) for name in names}
 
 
 CAUSE = Cause(

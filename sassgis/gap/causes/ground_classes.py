@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import itertools
+from collections import Counter
+from collections.abc import Sequence
 
 import numpy as np
 
+from sassgis.gap.causes.cause import Placing
 from sassgis.gap.causes.parameter_draws import ParameterDraws
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel
-from sassgis.model.grid import FloatArray
 
 #: Ground on which nothing yields and no block lies loose.
 HARD = ("rock", "asphalt")
@@ -37,14 +39,12 @@ def loose_classes(case: Case, draws: ParameterDraws) -> tuple[str, ...]:
     return tuple(loose)
 
 
-def on_its_classes(effect: str) -> Callable[[Case, Sequence[HypothesisModel]], tuple[str, ...]]:
+def on_its_classes(effect: str) -> Placing:
     """Reaches with the classes that most fitted models have an effect on; all without any."""
 
     def place(case: Case, models: Sequence[HypothesisModel]) -> tuple[str, ...]:
-        counts: dict[str, int] = {}
-        for model in models:
-            for name in getattr(model.effects.named(effect), "classes", ()):
-                counts[name] = counts.get(name, 0) + 1
+        effects = [model.effects.named(effect) for model in models]
+        counts = Counter(name for own in effects for name in getattr(own, "classes", ()))
         classes = [name for name, n in counts.items() if 2 * n > len(models)]
         return reaches_on(case, classes) if classes else case.reaches
 
@@ -53,7 +53,9 @@ def on_its_classes(effect: str) -> Callable[[Case, Sequence[HypothesisModel]], t
 
 def reaches_between(case: Case, low: float, high: float) -> tuple[str, ...]:
     """Reaches that a stretch of chainage touches (m)."""
-    edges = _reach_bounds(case)
+    # Medians over the rocks.
+    inner = np.nanmedian(case.station_s, axis=0).tolist() if case.station_names else []
+    edges = [-np.inf, *inner, np.inf]
     return tuple(
         name
         for name, start, end in zip(case.reaches, edges[:-1], edges[1:], strict=True)
@@ -61,21 +63,15 @@ def reaches_between(case: Case, low: float, high: float) -> tuple[str, ...]:
     )
 
 
-def _reach_bounds(case: Case) -> FloatArray:
-    """Chainages of the ends of the reaches, median over the rocks (m), shape (n_reaches + 1,)."""
-    inner = np.nanmedian(case.station_s, axis=0) if case.station_names else np.empty(0)
-    return np.concatenate([[-np.inf], inner, [np.inf]])
-
-
 def reaches_on(case: Case, classes: Sequence[str]) -> tuple[str, ...]:
     """Reaches in which the profiles cross any of some ground classes."""
     wanted = [k for k, name in enumerate(case.table.names) if name in classes]
-    found: list[str] = []
+    found: set[str] = set()
     source = case.profiles
     for line in np.unique(case.line).tolist():
         own = slice(int(source.offset[line]), int(source.offset[line + 1]) - 1)
-        ends = source.s[own.start + 1 : own.stop + 1]
-        for low, high, ground in zip(source.s[own], ends, source.ground[own], strict=True):
-            if int(ground) in wanted and high > 0.0:
-                found.extend(reaches_between(case, float(low), float(high)))
-    return tuple(name for name in case.reaches if name in set(found))
+        ends = itertools.pairwise(source.s[own.start : own.stop + 1].tolist())
+        for (low, high), ground in zip(ends, source.ground[own].tolist(), strict=True):
+            if ground in wanted and high > 0.0:
+                found.update(reaches_between(case, low, high))
+    return tuple(name for name in case.reaches if name in found)

@@ -9,16 +9,8 @@ import numpy as np
 
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.engine.effects.roughness import Roughness
-from sassgis.gap.causes.cause import (
-    LEAST,
-    MISSTATED,
-    Cause,
-    CausePart,
-    Scores,
-    Trace,
-    Unseen,
-)
-from sassgis.gap.causes.lateral_scatter import (
+from sassgis.gap.causes.cause import LEAST, MISSTATED, Cause, CausePart, Scores, Trace, Unseen
+from sassgis.gap.causes.cause_residuals import (
     EDGES_GROWTH,
     EDGES_TURN_DEG,
     STRAIGHT,

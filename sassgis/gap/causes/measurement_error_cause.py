@@ -8,24 +8,17 @@ from itertools import pairwise
 
 import numpy as np
 
-from sassgis.gap.causes.cause import (
-    LEAST,
-    MISSTATED,
-    Cause,
-    CausePart,
-    Scores,
-    Trace,
-    Unseen,
-)
-from sassgis.gap.causes.lateral_scatter import (
+from sassgis.gap.causes.cause import LEAST, MISSTATED, Cause, CausePart, Scores, Trace, Unseen
+from sassgis.gap.causes.cause_residuals import (
     STRAIGHT,
     base_size,
+    gaps_by_reach,
     known_mean,
+    over_scatter,
     station_offsets,
     usual_offset,
 )
 from sassgis.gap.causes.parameter_draws import ParameterDraws
-from sassgis.gap.causes.reach_gaps import over_scatter, speed_by_reach
 from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel, MeasurementError
@@ -143,7 +136,7 @@ def _each_its_own(case: Case, residuals: ResidualTable) -> Scores:
 
 def _made_up(case: Case, residuals: ResidualTable) -> Scores:
     """An error of the measurement at a station is one of the start of the next reach as well."""
-    gaps = speed_by_reach(residuals)
+    gaps = gaps_by_reach(residuals, "speed_mps")
     pairs = [pair for pair in pairwise(case.reaches) if gaps.keys() >= {*pair}]
     if not pairs:
         raise Unseen

@@ -40,7 +40,7 @@ class ParameterDraws:
         self, rng: np.random.Generator | None, values: Mapping[str, float] | None = None
     ) -> None:
         self._rng = rng
-        self._given = dict(values or {})
+        self._given = values or {}
         self.used: dict[str, float] = {}
         #: Names under which something changes gradually; the others choose between forms.
         self.smooth: set[str] = set()
@@ -83,20 +83,12 @@ class ParameterDraws:
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """What the diagnosis fits of an effect.
+    """What the diagnosis fits of an effect."""
 
-    Attributes
-    ----------
-    ranges
-        By parameter, those of all forms; what is not named keeps its default.
-    forms
-        How often each form is tried, relative to the others; empty if the effect has one law.
-    parameters
-        Parameters that a form draws, where it does not draw all of ``ranges``.
-    """
-
-    ranges: Mapping[str, Range]
+    ranges: Mapping[str, Range]  # of all forms; a parameter that is not named keeps its default
+    #: How often each form is tried, relative to the others; empty if the effect has one law.
     forms: Mapping[str, float] = field(default_factory=dict)
+    #: Parameters that a form draws, where it does not draw all of ``ranges``.
     parameters: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     def drawn(self, name: str, draws: ParameterDraws) -> tuple[str, dict[str, float]]:

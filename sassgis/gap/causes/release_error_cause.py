@@ -18,9 +18,14 @@ from sassgis.gap.causes.cause import (
     Trace,
     Unseen,
 )
-from sassgis.gap.causes.lateral_scatter import base_size, known_mean, station_offsets, usual_offset
+from sassgis.gap.causes.cause_residuals import (
+    base_size,
+    known_mean,
+    station_offsets,
+    usual_offset,
+    wrong_on_one,
+)
 from sassgis.gap.causes.parameter_draws import ParameterDraws
-from sassgis.gap.causes.reach_gaps import wrong_on_one
 from sassgis.gap.observations.allowances import GRAVITY, SIGMAS, above_release_m
 from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case

@@ -8,15 +8,16 @@ import numpy as np
 
 from sassgis.engine.effects.rock_shape import RockShape
 from sassgis.gap.causes.cause import Cause, Scores, Trace, Unseen, fitted_alone
-from sassgis.gap.causes.contact_gaps import beyond_any_law, contact_gaps
-from sassgis.gap.causes.parameter_draws import Fit, Range
-from sassgis.gap.causes.reach_gaps import (
+from sassgis.gap.causes.cause_residuals import (
+    beyond_any_law,
+    contact_gaps,
     late_by_rock,
     over_scatter,
     reach_gaps,
     speed_gaps,
     standardised,
 )
+from sassgis.gap.causes.parameter_draws import Fit, Range
 from sassgis.gap.observations.case import Case
 from sassgis.gap.residuals.residuals import per_rock
 from sassgis.gap.residuals.table import ResidualTable

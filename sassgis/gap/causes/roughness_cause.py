@@ -6,16 +6,17 @@ import numpy as np
 
 from sassgis.engine.effects.roughness import Roughness
 from sassgis.gap.causes.cause import Cause, CausePart, Scores, Trace, part_of
-from sassgis.gap.causes.contact_gaps import beyond_any_law, contact_gaps
-from sassgis.gap.causes.ground_classes import loose_classes, on_its_classes
-from sassgis.gap.causes.parameter_draws import Fit, ParameterDraws, Range
-from sassgis.gap.causes.reach_gaps import (
+from sassgis.gap.causes.cause_residuals import (
+    beyond_any_law,
+    contact_gaps,
     late_by_rock,
     over_scatter,
     sizes,
     speed_gaps,
     standardised,
 )
+from sassgis.gap.causes.ground_classes import loose_classes, on_its_classes
+from sassgis.gap.causes.parameter_draws import Fit, ParameterDraws, Range
 from sassgis.gap.observations.case import Case
 from sassgis.gap.residuals.residuals import per_rock
 from sassgis.gap.residuals.table import ResidualTable

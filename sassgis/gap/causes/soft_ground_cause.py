@@ -6,10 +6,9 @@ import numpy as np
 
 from sassgis.engine.effects.soft_ground import SoftGround
 from sassgis.gap.causes.cause import LEAST, Cause, CausePart, Scores, Trace, Unseen, part_of
-from sassgis.gap.causes.contact_gaps import contact_gaps
+from sassgis.gap.causes.cause_residuals import contact_gaps, over_scatter, reach_gaps, sizes
 from sassgis.gap.causes.ground_classes import HARD, on_its_classes, soft_first
 from sassgis.gap.causes.parameter_draws import Fit, ParameterDraws, Range
-from sassgis.gap.causes.reach_gaps import over_scatter, reach_gaps, sizes
 from sassgis.gap.inference.rock_tests import t_statistics
 from sassgis.gap.observations.case import Case
 from sassgis.gap.residuals.residuals import mean_of_draws, per_rock

@@ -21,10 +21,9 @@ from sassgis.gap.causes.cause import (
     Unseen,
     part_of,
 )
-from sassgis.gap.causes.contact_gaps import loss_of_flights
+from sassgis.gap.causes.cause_residuals import loss_of_flights, wrong_on_one
 from sassgis.gap.causes.ground_classes import reaches_between
 from sassgis.gap.causes.parameter_draws import Fit, ParameterDraws, Range, rounded
-from sassgis.gap.causes.reach_gaps import wrong_on_one
 from sassgis.gap.inference.rock_tests import t_statistics
 from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case

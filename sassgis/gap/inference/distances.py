@@ -78,16 +78,12 @@ class RockDistances:
     J. Stat. Plan. Inference 143, 1249-1272). Only pairs of different rocks count, so that the
     distance is zero in the mean if each observed rock is one more draw of its replicas, whatever
     the rocks differ in.
-
-    Attributes
-    ----------
-    pairs : float64, shape (n_rocks, n_rocks)
-        2 |x_i − y_j| − |x_i − x_j| − |y_i − y_j|, means over replicas; zero on the diagonal.
-    floors : float64, shape (m,)
-        The same distance where each of the replicas stands in for what was observed.
     """
 
+    #: 2 |x_i − y_j| − |x_i − x_j| − |y_i − y_j|, means over replicas, zero on the diagonal; shape
+    #: (n_rocks, n_rocks).
     pairs: FloatArray
+    #: The same distance where each of the replicas stands in for what was observed, shape (m,).
     floors: FloatArray
 
     @classmethod
@@ -105,13 +101,23 @@ class RockDistances:
                 between[i, j] = between[j, i] = own.sum() / (n * (n - 1))
         pairs = across + across.T - cdist(observed, observed) - among / m**2
         np.fill_diagonal(pairs, 0.0)
-        return cls(pairs, np.array([_of_one(between, k) for k in range(m)]))
+        floors = []
+        for k in range(m):
+            # One replica from all the others.
+            rest = np.delete(np.arange(m), k)
+            within = between[np.ix_(rest, rest)].mean()
+            floors.append(float(2.0 * between[k, rest].mean() - between[k, k] - within))
+        return cls(pairs, np.array(floors))
 
     def value(self, weights: FloatArray | None = None) -> float:
         """The distance, unbiased; with weights of the rocks."""
         n = len(self.pairs)
         own = np.full(n, 1.0 / n) if weights is None else weights / weights.sum()
         return float(own @ self.pairs @ own / (1.0 - own @ own))
+
+    def drawn(self, weights: FloatArray) -> FloatArray:
+        """Distances in samples of the rocks, from weights of shape (samples, n_rocks)."""
+        return np.array([self.value(own) for own in weights])
 
     @property
     def floor(self) -> float:
@@ -122,10 +128,3 @@ class RockDistances:
     def above_chance(self) -> bool:
         """Whether the gap exceeds the 95 % quantile of that of replicas."""
         return bool(self.value() > self.floor + 1.645 * self.floors.std(ddof=1))
-
-
-def _of_one(between: FloatArray, k: int) -> float:
-    """Energy distance of one replica from all the others, from mean distances of replicas."""
-    rest = np.delete(np.arange(len(between)), k)
-    within = between[np.ix_(rest, rest)].mean()
-    return float(2.0 * between[k, rest].mean() - between[k, k] - within)

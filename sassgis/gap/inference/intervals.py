@@ -1,4 +1,4 @@
-"""Intervals of estimates; rocks are the unit of resampling."""
+"""Intervals of estimates, and parts for cross-validation; rocks are the unit of resampling."""
 
 from __future__ import annotations
 
@@ -12,6 +12,9 @@ import numpy as np
 from scipy import stats
 
 from sassgis.model.grid import FloatArray, IntArray
+
+#: Parts into which the rocks are split.
+FOLDS = 5
 
 
 def _rows_by_rock(rock: IntArray) -> list[IntArray]:
@@ -47,6 +50,29 @@ def times_drawn(unit: IntArray, rng: np.random.Generator, samples: int) -> Float
     n = int(unit.max()) + 1
     times = rng.multinomial(n, np.full(n, 1.0 / n), size=samples)
     return np.asarray(times[:, unit], np.float64)
+
+
+def folds_of(group: IntArray, seed: int) -> IntArray:
+    """Part of each rock for cross-validation, shape (n_rocks,).
+
+    Parameters
+    ----------
+    group : int64, shape (n_rocks,)
+        Rocks of a group (block, day, source) come into the same part. A single group is split.
+    """
+    rng = np.random.default_rng([seed, 21])
+    groups, unit = np.unique(group, return_inverse=True)
+    if groups.size == 1:
+        unit = np.arange(group.size)
+    size = np.bincount(unit)
+    order = rng.permutation(size.size)
+    # The largest first, each into the part that has the fewest rocks so far.
+    order = order[np.argsort(-size[order], kind="stable")]
+    part_of, filled = np.empty(size.size, np.int64), np.zeros(min(FOLDS, size.size), np.int64)
+    for k in order.tolist():
+        part_of[k] = int(np.argmin(filled))
+        filled[part_of[k]] += size[k]
+    return part_of[unit]
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,6 @@ cause from campaigns with it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -59,17 +58,24 @@ def cause_gains(
         tasks += _draws(summary, base, family)
     made = list(run(see_each, tasks))
     campaigns = np.concatenate(made[:_PARTS])
-    view = _view_of(summary, base.found, campaigns)
-    if not view.onto.shape[1]:
+    mean, onto = _directions(summary, base.found, campaigns)
+    if not onto.shape[1]:
         return {}
-    observed, chance = view.seen(summary.observed[None])[0], view.seen(campaigns)
+
+    def seen(numbers: FloatArray) -> FloatArray:
+        """Numbers less those of the base, shape (n, p) to (n, q)."""
+        scaled = summary.in_errors(numbers) - mean
+        # What is not there is as in the base, and nothing counts more than it can by chance.
+        return np.clip(np.nan_to_num(scaled), -12.0, 12.0) @ onto
+
+    observed, chance = seen(summary.observed[None])[0], seen(campaigns)
     # A base that leaves more than chance does everywhere leaves it to any cause.
     excess = max(float(observed @ observed) / float(np.mean((chance**2).sum(axis=1))), 1.0)
     found = {}
     for k, family in enumerate(families):
         rows = slice(_PARTS + k * DRAWS, _PARTS + (k + 1) * DRAWS)
-        seen = np.array([view.seen(one) for one in made[rows]])
-        found[family] = _gain_of(family, observed, chance, seen, excess, tasks[rows])
+        drawn = np.array([seen(one) for one in made[rows]])
+        found[family] = _gain_of(family, observed, chance, drawn, excess, tasks[rows])
     return found
 
 
@@ -85,22 +91,13 @@ def _draws(summary: SiteSummary, base: FittedHypothesis, family: str) -> list[Hy
     return tasks
 
 
-@dataclass(frozen=True, slots=True)
-class _View:
-    """Numbers in units of chance, in the directions that the ground cannot follow."""
+def _directions(
+    summary: SiteSummary, found: LinearFit, base: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Mean numbers of the base, shape (p,), and to units of chance where no ground follows, (p, q).
 
-    summary: SiteSummary
-    mean: FloatArray
-    onto: FloatArray
-
-    def seen(self, numbers: FloatArray) -> FloatArray:
-        """Numbers less those of the base, shape (n, p) to (n, q)."""
-        scaled = self.summary.in_errors(numbers) - self.mean
-        # What is not there is as in the base, and nothing counts more than it can by chance.
-        return np.clip(np.nan_to_num(scaled), -12.0, 12.0) @ self.onto
-
-
-def _view_of(summary: SiteSummary, found: LinearFit, base: FloatArray) -> _View:
+    ``base``: numbers of its campaigns, shape (n, p).
+    """
     scaled = summary.in_errors(base)
     known = np.isfinite(scaled)
     mean = np.where(known, scaled, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
@@ -114,7 +111,7 @@ def _view_of(summary: SiteSummary, found: LinearFit, base: FloatArray) -> _View:
     slopes = white @ found.slopes
     d = slopes.shape[1]
     basis, _ = np.linalg.qr(np.vstack([slopes, np.eye(d)]), mode="complete")
-    return _View(summary, mean, white.T @ basis[: len(slopes), d:])
+    return mean, white.T @ basis[: len(slopes), d:]
 
 
 def _gain_of(
@@ -133,18 +130,12 @@ def _gain_of(
     middle, most = np.quantile(usual, (0.5, 0.95))
     spread = max(float(most - middle), 1.0)
     sureness = (float(gains[best]) / excess - float(middle)) / spread
-    found = []
-    for k in range(len(change)):
-        others = np.delete(change, k, axis=0)
-        found.append(_closed(draws[k], others).max(axis=1) / excess > middle + SHOWS * spread)
-    return CauseGain(
-        family,
-        float(gains[best] / max(float(observed @ observed), 1e-9)),
-        sureness,
-        float(np.mean(found)),
-        excess,
-        tasks[best].shares,
-    )
+    found = [
+        _closed(own, np.delete(change, k, axis=0)).max(axis=1) / excess > middle + SHOWS * spread
+        for k, own in enumerate(draws)
+    ]
+    share = float(gains[best] / max(float(observed @ observed), 1e-9))
+    return CauseGain(family, share, sureness, float(np.mean(found)), excess, tasks[best].shares)
 
 
 def _cleaned(change: FloatArray) -> FloatArray:
@@ -154,8 +145,7 @@ def _cleaned(change: FloatArray) -> FloatArray:
     # Largest singular value of n vectors of chance alone (Marchenko and Pastur 1967).
     edge = (np.sqrt(n) + np.sqrt(q)) / np.sqrt(EACH)
     kept = directions[:_DIRECTIONS][size[:_DIRECTIONS] > edge]
-    cleaned: FloatArray = change @ kept.T @ kept
-    return cleaned
+    return np.asarray(change @ kept.T @ kept)
 
 
 def _closed(seen: FloatArray, change: FloatArray) -> FloatArray:
@@ -163,5 +153,4 @@ def _closed(seen: FloatArray, change: FloatArray) -> FloatArray:
     size = np.maximum((change**2).sum(axis=1), 1e-9)
     along = seen @ change.T
     times = np.clip(along / size, 0.0, _MOST)
-    closed: FloatArray = times * (2.0 * along - times * size)
-    return closed
+    return np.asarray(times * (2.0 * along - times * size))

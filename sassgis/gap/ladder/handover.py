@@ -71,7 +71,6 @@ def model_gaps(
             if np.isfinite(mass[np.isfinite(seen)]).all():
                 seen, made = 0.5e-3 * mass * seen**2, 0.5e-3 * mass * made**2
                 quantity, unit = "energy_kj", "kJ"
-        if what == "speed":
             found.append(_arrivals(problem, place, column, np.isfinite(seen), np.isfinite(made)))
         known = np.flatnonzero(np.isfinite(seen) & np.isfinite(made).any(axis=0))
         if known.size < _FEWEST:
@@ -139,10 +138,8 @@ def _compared(
 
     observed, predicted = statistics(seen), statistics(made)
     drawn = _interval(lambda rows: statistics(seen[rows]) - statistics(made[:, rows]), group, rng)
-    return {
-        name: (float(observed[k]), float(predicted[k]), (float(drawn[0, k]), float(drawn[1, k])))
-        for k, name in enumerate(("median", "90 %", "width"))
-    }
+    each = zip(observed.tolist(), predicted.tolist(), map(tuple, drawn.T.tolist()), strict=True)
+    return dict(zip(("median", "90 %", "width"), each, strict=True))
 
 
 def _interval(
@@ -155,8 +152,7 @@ def _interval(
     if np.unique(group).size == 1:
         return np.full((2, *np.shape(statistic(np.arange(group.size)))), np.nan)
     samples = [statistic(rows) for rows in bootstrap_rows(group, _SAMPLES, rng)]
-    out: FloatArray = np.quantile(samples, (0.025, 0.975), axis=0)
-    return out
+    return np.asarray(np.quantile(samples, (0.025, 0.975), axis=0))
 
 
 def worst_of(gaps: Sequence[ModelGap]) -> ModelGap | None:
@@ -181,20 +177,13 @@ def settings_of(
     case: Case, fit: FittedHypothesis, intervals: Mapping[str, Range]
 ) -> tuple[GroundSetting, ...]:
     """Ground of a model that is handed over, with intervals."""
-    before = {c.name: c for c in case.table.classes}
-    return tuple(
-        GroundSetting(
-            ground,
-            name,
-            float(getattr(before[ground], name)),
-            value,
-            intervals[label],
-            label in fit.identified,
-        )
-        for label, value in fit.handed_over.draw.parameters.items()
-        for ground, _, name in (label.rpartition("."),)
-        if ground in before
-    )
+    before, found = {c.name: c for c in case.table.classes}, []
+    for label, value in fit.handed_over.draw.parameters.items():
+        ground, _, name = label.rpartition(".")
+        if ground in before:
+            configured, told = float(getattr(before[ground], name)), label in fit.identified
+            found.append(GroundSetting(ground, name, configured, value, intervals[label], told))
+    return tuple(found)
 
 
 def wrong_ground(case: Case, intervals: Mapping[str, Range]) -> tuple[str, ...]:
@@ -230,36 +219,11 @@ def first_sentence(advice: Advice, ladder: Sequence[Rung]) -> str:
             "The ground classes {} are wrong: no values in their usual ranges fit.", names
         )
         said.append(one if len(advice.wrong_ground) == 1 else more)
-    if advice.short is not None:
-        return joined(" ", [*said, *_none_recommended(advice, advice.short, ladder)])
     said += _to_run(advice, ladder)
-    left = worst_of(advice.left)
+    left = worst_of(advice.left) if advice.short is None else None
     if left is not None and left.counts and left.side == "unsafe" and left != gap:
         said.append(phrase("Even so, {}", _off_by(left, advice)))
     return joined(" ", said)
-
-
-def _why(advice: Advice) -> list[Phrase]:
-    """Why nothing more is handed over."""
-    return [phrase("{}.", capital(advice.why))] if advice.why else []
-
-
-def _none_recommended(advice: Advice, short: ModelGap, ladder: Sequence[Rung]) -> list[Phrase]:
-    """That the nearest model falls short, and by what."""
-    if advice.recommended == "configured":
-        return [phrase("None of the models that were tried is recommended."), *_why(advice)]
-    said = [
-        phrase(
-            "None of the models that were tried is recommended: with the nearest, {} "
-            "(model/config.toml), {}",
-            rung_name(advice.recommended),
-            _off_by(short, advice),
-        )
-    ]
-    if share := _shares(ladder).get(advice.recommended):
-        on_rocks = phrase("On rocks left out of the calibration, it closes {} of the gap.", share)
-        said.append(on_rocks)
-    return [*said, *_why(advice)]
 
 
 def _shares(ladder: Sequence[Rung]) -> dict[str, Phrase]:
@@ -273,15 +237,25 @@ def _shares(ladder: Sequence[Rung]) -> dict[str, Phrase]:
 
 def _to_run(advice: Advice, ladder: Sequence[Rung]) -> list[Phrase]:
     """What is recommended, what it closes, and why nothing more is."""
-    why = _why(advice)
+    why = [phrase("{}.", capital(advice.why))] if advice.why else []
     if advice.recommended == "configured":
+        if advice.short is not None:
+            return [phrase("None of the models that were tried is recommended."), *why]
         return [phrase("Keep the configured ground."), *why]
-    closed = _shares(ladder)
+    name, closed = rung_name(advice.recommended), _shares(ladder)
     share = closed.get(advice.recommended)
+    if advice.short is not None:
+        said = phrase(
+            "None of the models that were tried is recommended: with the nearest, {} "
+            "(model/config.toml), {}",
+            name,
+            _off_by(advice.short, advice),
+        )
+        on_rocks = phrase("On rocks left out of the calibration, it closes {} of the gap.", share)
+        return [said, *([on_rocks] if share else []), *why]
     if advice.recommended == "ground":
         on_rocks = phrase("On rocks left out of the calibration, this closes {} of the gap.", share)
         return [*_what_to_set(advice), *([on_rocks] if share else []), *why]
-    name = rung_name(advice.recommended)
     apart = [n for n in advice.recommended.split("+") if n in CAUSES and CAUSES[n].of_data]
     if apart:
         text = "{} is no part of the motion: the file has only the ground that goes with it."

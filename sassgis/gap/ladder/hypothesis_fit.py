@@ -42,24 +42,12 @@ def families_of(effect: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Space:
-    """Parameters of a hypothesis.
+    """Parameters of a hypothesis."""
 
-    Attributes
-    ----------
-    effect : str
-        "none", or families joined by "+".
-    labels : tuple of str
-        Those that change something gradually.
-    choices : mapping
-        Shares that choose between forms: they stay as they are.
-    of_ground : bool, shape (d,)
-        Parameters that belong to a ground class.
-    """
-
-    effect: str
-    labels: tuple[str, ...]
-    choices: Mapping[str, float]
-    of_ground: BoolArray
+    effect: str  # "none", or families joined by "+"
+    labels: tuple[str, ...]  # those that change something gradually
+    choices: Mapping[str, float]  # shares that choose between forms: they stay as they are
+    of_ground: BoolArray  # shape (d,); parameters that belong to a ground class
 
     def start(self, shares: Mapping[str, float]) -> FloatArray:
         """Standard normal parameters from shares; those without one in the middle."""
@@ -117,17 +105,11 @@ def see(summary: SiteSummary, task: HypothesisDraw) -> Seen:
 
 @dataclass(frozen=True, slots=True)
 class Chosen:
-    """A chosen model with its campaigns.
-
-    Attributes
-    ----------
-    rows : float64, shape (FRESH, n_rocks, 2 k)
-    scores : float64, shape (n_rocks,)
-    """
+    """A chosen model with its campaigns."""
 
     draw: Draw
-    rows: FloatArray
-    scores: FloatArray
+    rows: FloatArray  # shape (FRESH, n_rocks, 2 k)
+    scores: FloatArray  # shape (n_rocks,)
 
 
 def run_chosen(summary: SiteSummary, task: HypothesisDraw) -> Chosen:
@@ -140,18 +122,11 @@ def run_chosen(summary: SiteSummary, task: HypothesisDraw) -> Chosen:
 
 @dataclass(frozen=True, slots=True)
 class FittedHypothesis:
-    """A hypothesis, calibrated without each part of the rocks, and last on all.
-
-    Attributes
-    ----------
-    found : LinearFit or None
-        None where nothing is compared.
-    models : tuple of Chosen, length n_parts + 1
-    """
+    """A hypothesis, calibrated without each part of the rocks, and last on all."""
 
     space: Space
-    found: LinearFit | None
-    models: tuple[Chosen, ...]
+    found: LinearFit | None  # None where nothing is compared
+    models: tuple[Chosen, ...]  # n_parts + 1 of them
 
     @property
     def effect(self) -> str:
@@ -170,17 +145,12 @@ class FittedHypothesis:
 
     def held_out_rows(self, part: IntArray) -> FloatArray:
         """Replicas of each rock by the model that it has no weight in, as rows."""
-        rows = self.handed_over.rows.copy()
-        for k, own in enumerate(self.models[:-1]):
-            rows[:, part == k] = own.rows[:, part == k]
-        return rows
+        own = [self.models[k].rows[:, rock] for rock, k in enumerate(part.tolist())]
+        return np.stack(own, axis=1)
 
     def held_out_scores(self, part: IntArray) -> FloatArray:
         """Score of each rock by the model that it has no weight in."""
-        scores = self.handed_over.scores.copy()
-        for k, own in enumerate(self.models[:-1]):
-            scores[part == k] = own.scores[part == k]
-        return scores
+        return np.array([self.models[k].scores[rock] for rock, k in enumerate(part.tolist())])
 
     def samples(self, case: Case, most: int) -> list[Draw]:
         """Draws of the posterior; the one that is handed over where there is none."""
@@ -243,11 +213,10 @@ def fit_hypothesis(
     if problem.scored:
         found = fit_linearly(summary, at[0], trials, budget)
         whole = found.step(summary.in_errors(summary.observed))
+        without = [(problem.part != k).astype(float) for k in range(problem.n_parts)]
         at = [
-            found.best
-            + found.step(summary.in_errors(summary.of_rocks((problem.part != k).astype(float))))
-            - whole
-            for k in range(problem.n_parts)
+            found.best + found.step(summary.in_errors(summary.of_rocks(own))) - whole
+            for own in without
         ]
         at.append(_keeping_configured(space, found, trials))
     tasks = [HypothesisDraw(effect, space.shares(one), CHOSEN, FRESH) for one in at]

@@ -23,15 +23,18 @@ _SAMPLES = 999
 
 
 def group_weights(group: IntArray, rng: np.random.Generator, samples: int) -> FloatArray:
-    """How often each rock is in bootstrap samples of the groups, shape (samples, n_rocks)."""
-    weights = times_drawn(np.unique(group, return_inverse=True)[1], rng, samples)
+    """How often each rock is in bootstrap samples of the groups, shape (samples, n_rocks).
+
+    ``group``: of each rock, numbered from 0.
+    """
+    weights = times_drawn(group, rng, samples)
     # A sample of one rock has no pairs.
     paired: FloatArray = weights[(weights > 0.0).sum(axis=1) > 1]
     return paired
 
 
 def share_of(
-    above: RockDistances, below: RockDistances, floor: float, weights: FloatArray
+    above: RockDistances, below: RockDistances, floor: float, drawn: Sequence[FloatArray]
 ) -> tuple[float, Range | None]:
     """Share of the gap ``above`` that is closed ``below``, with its 95 % interval.
 
@@ -39,20 +42,12 @@ def share_of(
     ----------
     above, below : RockDistances
         Of the model before and after.
-    weights : float64, shape (samples, n_rocks)
-        Of ``group_weights``; a sample without a gap is left out.
+    drawn : two of float64, shape (samples,)
+        The same in bootstrap samples; one without a gap is left out.
     """
-    drawn = (np.array([own.value(w) for w in weights]) for own in (above, below))
-    return _share(above.value(), below.value(), floor, *drawn)
-
-
-def _share(
-    above: float, below: float, floor: float, drawn_above: FloatArray, drawn_below: FloatArray
-) -> tuple[float, Range | None]:
-    """The same of distances, and of those in bootstrap samples."""
-    value = (above - below) / (above - floor)
-    gap = drawn_above - floor
-    found = (drawn_above - drawn_below)[gap > 0.0] / gap[gap > 0.0]
+    value = (above.value() - below.value()) / (above.value() - floor)
+    gap = drawn[0] - floor
+    found = (drawn[0] - drawn[1])[gap > 0.0] / gap[gap > 0.0]
     if found.size < 20:
         return value, None
     low, high = np.quantile(found, [0.025, 0.975])
@@ -75,8 +70,9 @@ class Ladder:
     """
 
     def __init__(self, problem: CalibrationProblem, steps: Sequence[Step]) -> None:
-        self._unit, self._seed = problem.unit, problem.seed
         self._observed = problem.rows
+        rng = np.random.default_rng([problem.seed, 53])
+        self._weights = group_weights(problem.unit, rng, _SAMPLES)
         self._found: dict[str, tuple[Step, RockDistances, FloatArray]] = {}
         self.add(*steps)
 
@@ -84,27 +80,19 @@ class Ladder:
         """Compare more models."""
         if not self._observed.shape[1]:
             return
-        rng = np.random.default_rng([self._seed, 53])
-        weights = group_weights(self._unit, rng, _SAMPLES)
         for step in steps:
             own = RockDistances.of(self._observed, step.rows)
-            drawn = np.array([own.value(w) for w in weights])
-            self._found[step.rung] = step, own, drawn
+            self._found[step.rung] = step, own, own.drawn(self._weights)
 
-    def gain(self, simpler: str, rung: str) -> tuple[Interval, float] | None:
-        """Distance of a simpler model less that of another, and its standard error.
-
-        None where nothing could be compared.
-        """
+    def gain(self, simpler: str, rung: str) -> Interval | None:
+        """Distance of a simpler model less that of another; None where nothing was compared."""
         if not {simpler, rung} <= self._found.keys():
             return None
-        before, after = self._found[simpler], self._found[rung]
-        value = before[1].value() - after[1].value()
-        drawn = before[2] - after[2]
-        if drawn.size < 2:
-            return Interval(value, float("nan"), float("nan")), float("nan")
-        low, high = np.quantile(drawn, [0.025, 0.975])
-        return Interval(value, float(low), float(high)), float(drawn.std(ddof=1))
+        (_, before, drawn), (_, after, drawn_after) = self._found[simpler], self._found[rung]
+        low = high = float("nan")
+        if drawn.size > 1:
+            low, high = np.quantile(drawn - drawn_after, [0.025, 0.975]).tolist()
+        return Interval(before.value() - after.value(), low, high)
 
     def rungs(self, *names: str) -> tuple[Rung, ...]:
         """Distance, share of the gap of the first model and gain of each, and the floor.
@@ -119,12 +107,10 @@ class Ladder:
         out = [Rung(names[0], first.value())]
         for step, own, its in found[1:]:
             share, span = (
-                _share(first.value(), own.value(), floor, drawn, its)
-                if first.above_chance
-                else (None, None)
+                share_of(first, own, floor, (drawn, its)) if first.above_chance else (None, None)
             )
             gain = self.gain(step.over, step.rung)
-            beyond = (None, None) if gain is None else (gain[0].value, (gain[0].low, gain[0].high))
+            beyond = (None, None) if gain is None else (gain.value, (gain.low, gain.high))
             out.append(Rung(step.rung, own.value(), share, span, step.over, *beyond))
         return (*out, Rung(FLOOR, floor))
 
@@ -139,7 +125,7 @@ class Ladder:
             return best, "nothing was observed of which a gain on rocks left out could be shown"
         for name in names[1:]:
             gains = {
-                simpler: found[0]
+                simpler: found
                 for simpler in (self._found[name][0].over, best)
                 if (found := self.gain(simpler, name)) is not None
             }
@@ -186,14 +172,13 @@ def shrinkage_of(
     base, rows : float64, shape (m, n_rocks, p)
         Held-out replicas of each rock, without and with the effect.
     """
-    observed = problem.rows
-    if not observed.shape[1]:
+    if not problem.rows.shape[1]:
         nan = float("nan")
         note = (
             "Neither stops nor stations were seen of enough rocks: there is no distance to shrink."
         )
         return Shrinkage(effect, None, None, nan, nan, nan, {}, note)
-    before, after = RockDistances.of(observed, base), RockDistances.of(observed, rows)
+    before, after = (RockDistances.of(problem.rows, own) for own in (base, rows))
     value, interval, note = None, None, ""
     if effect == NONE:
         note = "No effect is named: nothing to shrink by."
@@ -205,7 +190,8 @@ def shrinkage_of(
     else:
         rng = np.random.default_rng([problem.seed, 51])
         weights = group_weights(problem.unit, rng, _SAMPLES)
-        value, interval = share_of(before, after, after.floor, weights)
+        drawn = [own.drawn(weights) for own in (before, after)]
+        value, interval = share_of(before, after, after.floor, drawn)
     return Shrinkage(
         effect,
         value,
@@ -233,13 +219,7 @@ def _by_quantity(
             RockDistances.of(problem.rows[:, columns], rows[:, :, columns])
             for rows in (base, effect)
         )
-        share = None
-        if before.above_chance:
-            share = share_of(before, after, after.floor, np.empty((0, 0)))[0]
-        out[what] = {
-            "base": before.value(),
-            "effect": after.value(),
-            "floor": after.floor,
-            "shrinkage": share,
-        }
+        one, other, floor = before.value(), after.value(), after.floor
+        share = (one - other) / (one - floor) if before.above_chance else None
+        out[what] = {"base": one, "effect": other, "floor": floor, "shrinkage": share}
     return out

@@ -30,28 +30,16 @@ FEATURES = ("clear", "usual", "gain", "share")
 
 @dataclass(frozen=True, slots=True)
 class CauseWeights:
-    """What evidence counts.
+    """What evidence counts."""
 
-    Attributes
-    ----------
-    weights : float64, shape (4,)
-        Of FEATURES.
-    offset : float
-        By which no cause is more likely than "none" before any evidence.
-    unseen : float
-        Logarithm of the odds of an effect that these data cannot show, or that is not known, for
-        each of the families that they cannot show and one more.
-    unsound : float
-        What a gap that the base leaves counts for such an effect, if it is significant and large.
-    farthest : float
-        Excess of the base that one site of a hundred exceeds (``diagnosis.CauseGain``).
-    """
-
-    weights: FloatArray
-    offset: float
+    weights: FloatArray  # shape (4,); of FEATURES
+    offset: float  # by which no cause is more likely than "none" before any evidence
+    #: Logarithm of the odds of an effect that these data cannot show, or that is not known, for
+    #: each of the families that they cannot show and one more.
     unseen: float
+    #: What a gap that the base leaves counts for such an effect, if it is significant and large.
     unsound: float
-    farthest: float
+    farthest: float  # excess of the base that one site of a hundred exceeds (``CauseGain``)
 
     def logits(self, evidence: FloatArray, hidden: int, sound: bool) -> FloatArray:
         """Log odds against "none" of an effect that is not seen, and of each cause, shape (n + 1,).

@@ -10,11 +10,12 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 from scipy import stats
 
-from sassgis.gap.causes.all_causes import CAUSES, STATISTICS
+from sassgis.gap.causes.all_causes import CAUSES
 from sassgis.gap.causes.cause import LEAST, Scores, Unseen
 from sassgis.gap.diagnosis import Fingerprint
 from sassgis.gap.inference.rock_tests import holm_adjusted, t_statistics
@@ -38,24 +39,20 @@ def fingerprints(case: Case, residuals: ResidualTable) -> tuple[Fingerprint, ...
         The most certain first; those that cannot be seen last.
     """
     group = case.group
-    #: Size, z, p and groups by the name of the statistic.
-    found: dict[str, tuple[float, float, float, int]] = {}
-    statistics = [own for cause in CAUSES.values() for own in cause.statistics]
-    for one in statistics:
-        with suppress(Unseen):
-            scores = one.scores(case, residuals)
-            z, p, n = _tested(scores, group)
-            if math.isfinite(z):
-                found[one.name] = scores.size, z, p, n
-    adjusted = holm_adjusted(np.array([p for _, _, p, _ in found.values()]))
-    out = [
-        Fingerprint(STATISTICS[name], name, size, z, float(p), True, n)
-        for (name, (size, z, _, n)), p in zip(found.items(), adjusted, strict=True)
-    ]
-    for name, cause in STATISTICS.items():
-        if name not in found:
-            out.append(Fingerprint(cause, name, math.nan, math.nan, math.nan, False, 0))
-    return tuple(sorted(out, key=lambda f: (not f.observable, f.p_adjusted, -f.z)))
+    seen, unseen = list[Fingerprint](), list[Fingerprint]()  # p values are adjusted below
+    for cause in CAUSES.values():
+        for own in cause.statistics:
+            with suppress(Unseen):
+                scores = own.scores(case, residuals)
+                z, p, n = _tested(scores, group)
+                if math.isfinite(z):
+                    seen.append(Fingerprint(cause.name, own.name, scores.size, z, p, True, n))
+                    continue
+            none = math.nan
+            unseen.append(Fingerprint(cause.name, own.name, none, none, none, False, 0))
+    adjusted = holm_adjusted(np.array([one.p_adjusted for one in seen])).tolist()
+    seen = [replace(one, p_adjusted=p) for one, p in zip(seen, adjusted, strict=True)]
+    return (*sorted(seen, key=lambda one: (one.p_adjusted, -one.z)), *unseen)
 
 
 def _tested(one: Scores, group: IntArray) -> tuple[float, float, int]:

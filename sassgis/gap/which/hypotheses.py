@@ -8,7 +8,7 @@ drift of followed paths, so that an effect has to explain what calibration canno
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel, MeasurementError, moving_effects
 from sassgis.model.declared import highest
 from sassgis.model.ground import GroundTable
+from sassgis.model.ground_ranges import with_values
 from sassgis.model.settings import EngineSettings
 
 #: Half widths of the ranges in which the ground is calibrated: as far as the published values of
@@ -47,25 +48,12 @@ NONE = "none"
 
 @dataclass(frozen=True, slots=True)
 class Draw:
-    """One set of parameters of a hypothesis.
+    """One set of parameters of a hypothesis."""
 
-    Attributes
-    ----------
-    effect : str
-        "none", a family, or two joined by "+".
-    form : str
-        Functional form.
-    parameters : mapping
-        Calibrated parameters by name, as they are reported.
-    parameter_draws : mapping
-        To make the same draw again, or one near it.
-    """
-
-    effect: str
-    form: str
+    form: str  # functional form
     model: HypothesisModel
-    parameters: Mapping[str, float]
-    parameter_draws: Mapping[str, float] = field(default_factory=dict)
+    parameters: Mapping[str, float]  # calibrated ones by name, as they are reported
+    parameter_draws: Mapping[str, float]  # to make the same draw again, or one near it
 
 
 def draw(case: Case, families: tuple[str, ...], parameter_draws: ParameterDraws) -> Draw:
@@ -76,50 +64,36 @@ def draw(case: Case, families: tuple[str, ...], parameter_draws: ParameterDraws)
     families : tuple of str
         None, one or more; "contact_law" is one of them here.
     """
-    table, parameters = _calibrated(case, parameter_draws)
+    table, ground = _calibrated(case, parameter_draws)
     engine = _engine_keys(case, parameter_draws)
-    spins = {}
-    if case.learned is not None:
-        spins = {"spin_scale": case.learned.spin_scale, "spin_noise": case.learned.spin_noise}
+    error: dict[str, float] = {}
     turning = {}
+    if case.learned is not None:
+        error |= {"spin_scale": case.learned.spin_scale, "spin_noise": case.learned.spin_noise}
     if np.isfinite(case.observations.passages.rotation_hz).any():
-        turning["rotation_factor"] = parameter_draws.log("rotation_factor", *_SPIN)
-        turning["rotation_noise"] = parameter_draws.log("rotation_noise", *_SPIN_NOISE)
-    made = Draw(
-        NONE,
-        "calibrated ground",
-        HypothesisModel(
-            table,
-            moving_effects(case),
-            measurement=MeasurementError(
-                rotation_scale=turning.get("rotation_factor", 1.0),
-                rotation_noise=turning.get("rotation_noise", 0.0),
-                **spins,
-            ),
-            **engine,  # type: ignore[arg-type]
-        ),
-        parameters | engine | turning,
+        scale = parameter_draws.log("rotation_factor", *_SPIN)
+        noise = parameter_draws.log("rotation_noise", *_SPIN_NOISE)
+        turning = {"rotation_factor": scale, "rotation_noise": noise}
+        error |= {"rotation_scale": scale, "rotation_noise": noise}
+    model = HypothesisModel(
+        table,
+        moving_effects(case),
+        measurement=MeasurementError(**error),
+        **engine,  # type: ignore[arg-type]
     )
+    parameters = {**ground, **engine, **turning}
+    forms = []
     for family in sorted(families):
         part = CAUSES[family].draw(case, parameter_draws)
-        first = made.effect == NONE
-        made = replace(
-            made,
-            effect=family if first else f"{made.effect}+{family}",
-            form=part.form if first else f"{made.form} + {part.form}",
-            model=part.change(made.model),
-            parameters={**made.parameters, **part.parameters},
-        )
+        forms.append(part.form)
+        model = part.change(model)
+        parameters.update(part.parameters)
     # A law of the contact shifts what was calibrated.
-    ground = {c.name: c for c in made.model.table.classes}
-    values = {
-        label: getattr(ground[name], key)
-        for label in parameters
-        for name, _, key in (label.rpartition("."),)
-    }
-    return replace(
-        made, parameters={**made.parameters, **values}, parameter_draws=dict(parameter_draws.used)
-    )
+    for label in ground:
+        name, _, key = label.rpartition(".")
+        parameters[label] = getattr(model.table.classes[table.index(name)], key)
+    form = " + ".join(forms) or "calibrated ground"
+    return Draw(form, model, parameters, dict(parameter_draws.used))
 
 
 def _engine_keys(case: Case, parameter_draws: ParameterDraws) -> dict[str, float]:
@@ -141,22 +115,15 @@ def _calibrated(
     """Ground classes with shifted parameters; classes that no rock meets stay."""
     met = case.met or classes_met(case)
     names = [name for name in fitted_names(None, [case.engine]) if name in GROUND_WIDTHS]
-    classes, parameters = [], {}
+    values = {}
     for ground in case.table.classes:
-        if ground.name not in met:
-            classes.append(ground)
-            continue
-        values = {}
-        for name in names:
+        for name in names if ground.name in met else ():
             width = GROUND_WIDTHS[name] * case.ground_range
             low, high = _BOUNDS[name]
-            value = float(getattr(ground, name)) + parameter_draws.uniform(
-                f"{ground.name}.{name}", -width, width
-            )
-            values[name] = rounded(min(max(value, low), high))
-        classes.append(replace(ground, **values))  # type: ignore[arg-type]
-        parameters.update({f"{ground.name}.{name}": v for name, v in values.items()})
-    return GroundTable(tuple(classes)), parameters
+            shift = parameter_draws.uniform(f"{ground.name}.{name}", -width, width)
+            shifted = float(getattr(ground, name)) + shift
+            values[ground.name, name] = rounded(min(max(shifted, low), high))
+    return with_values(case.table, values), {".".join(key): v for key, v in values.items()}
 
 
 def families_to_try(case: Case) -> tuple[str, ...]:

@@ -18,35 +18,22 @@ _DETECTABLE = 1.96 + 0.84
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """A quantity that the observations hold.
-
-    Attributes
-    ----------
-    rocks, values : int
-        On how many rocks (unattributed blocks not counted), and how many values.
-    """
+    """A quantity that the observations hold."""
 
     name: str
     table: str
-    rocks: int
+    rocks: int  # on how many of them; unattributed blocks are not counted
     values: int
 
 
 @dataclass(frozen=True, slots=True)
 class Identifiable:
-    """What observations support, and what not.
-
-    Attributes
-    ----------
-    rocks, unattributed : int
-        Rocks, and blocks and passages that belong to none of them.
-    not_identifiable : tuple of str
-        Sentences: what is missing, and what is therefore not identifiable.
-    """
+    """What observations support, and what not."""
 
     rocks: int
-    unattributed: int
+    unattributed: int  # blocks and passages that belong to none of the rocks
     quantities: tuple[Quantity, ...]
+    #: Sentences: what is missing, and what is therefore not identifiable.
     not_identifiable: tuple[str, ...]
 
     def has(self, name: str, table: str | None = None) -> bool:
@@ -68,16 +55,14 @@ def what_is_identifiable(observations: Observations) -> Identifiable:
         if data.may_be_loose:
             unattributed += int((observations.rock_of(table) < 0).sum())
     found = Identifiable(len(observations.rock_names), unattributed, tuple(quantities), ())
-    return replace(found, not_identifiable=tuple(_not_identifiable(observations, found)))
-
-
-def _not_identifiable(observations: Observations, found: Identifiable) -> Iterable[str]:
-    """What the data cannot show, for lack of a table or a column, in sentences."""
-    yield from _missing_of_releases(observations, found)
-    yield from _missing_at_stations(observations, found)
-    yield from _missing_on_the_path(found)
-    yield from _missing_of_rocks(observations)
-    yield from _causes_without_fingerprint(observations)
+    lacks = (
+        *_missing_of_releases(observations, found),
+        *_missing_at_stations(observations, found),
+        *_missing_on_the_path(found),
+        *_missing_of_rocks(observations),
+        *_causes_without_fingerprint(observations),
+    )
+    return replace(found, not_identifiable=lacks)
 
 
 def _missing_of_releases(observations: Observations, found: Identifiable) -> Iterable[str]:

@@ -15,12 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sassgis.gap.causes.all_causes import CAUSES
-from sassgis.gap.observations.campaign import (
-    WHOLE,
-    Campaign,
-    ImpactRows,
-    observed_campaign,
-)
+from sassgis.gap.observations.campaign import WHOLE, Campaign, ImpactRows, observed_campaign
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.campaigns import campaigns
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel
@@ -49,22 +44,12 @@ _LEAST_ROCKS = 5
 
 @dataclass(frozen=True, slots=True)
 class Separation:
-    """A measurement that tells two causes apart.
-
-    Attributes
-    ----------
-    one, other : str
-        Causes.
-    what : str
-        What is measured, in words; empty if nothing that was tried tells them apart.
-    rocks : int
-        Rocks that it takes.
-    """
+    """A measurement that tells two causes apart."""
 
     one: str
     other: str
-    what: str
-    rocks: int
+    what: str  # what is measured, in words; empty if nothing that was tried tells them apart
+    rocks: int  # that it takes
 
     @property
     def sentence(self) -> str:
@@ -131,17 +116,14 @@ def _places(case: Case, rock_lines: RockLines) -> FloatArray:
     """Chainages of stations at which nothing was measured yet (m)."""
     stops = case.projected["deposits"].s if "deposits" in case.projected else np.empty(0)
     known = stops[np.isfinite(stops)]
-    way = float(np.median(known)) if known.size else 0.7 * _middle_length_m(case, rock_lines)
+    # Lines of followed paths have no end but that of the trace.
+    ends = case.traces.s[case.traces.offset[case.line + 1] - 1]
+    length = float(np.median(np.minimum(rock_lines.end, ends)))
+    way = float(np.median(known)) if known.size else 0.7 * length
     used = case.station_names and len(case.observations.passages)
     there = np.nanmedian(case.station_s, axis=0) if used else np.empty(0)
     places = [p * way for p in _PLACES]
     return np.array([s for s in places if not (np.abs(there - s) < _NEAR * way).any()])
-
-
-def _middle_length_m(case: Case, rock_lines: RockLines) -> float:
-    """Length of the lines of the rocks; where paths are followed they have no end but that."""
-    ends = case.traces.s[case.traces.offset[case.line + 1] - 1]
-    return float(np.median(np.minimum(rock_lines.end, ends)))
 
 
 def _shown(
@@ -175,8 +157,7 @@ def _quantities(sample: Campaign, places: Sequence[str]) -> Iterator[tuple[str, 
     passed, lying, hit = sample.passages, sample.deposits, sample.impacts
     if passed is not None:
         for k, place in enumerate(places):
-            here = (passed.station == k) & (passed.kind == WHOLE)
-            rock = np.where(here, passed.rock, -1)
+            rock = np.where((passed.station == k) & (passed.kind == WHOLE), passed.rock, -1)
             yield phrase("the speed at {}", place), per_rock(passed.speed_mps, rock, n)
             yield phrase("the rotation at {}", place), per_rock(passed.rotation_hz, rock, n)
             yield phrase("the passing height at {}", place), per_rock(passed.height_m, rock, n)
@@ -215,14 +196,13 @@ def _best(
 
     What was recorded of so many rocks already has not told them apart.
     """
-    half = _CAMPAIGNS // 2
+    half, sure = _CAMPAIGNS // 2, 0.0
     size = {w: _difference(first[w][:, :half], second[w][:, :half]) for w in first}
     new = [w for w in size if _rocks(size[w]) > recorded.get(w, 0)]
-    best = max(new, key=lambda w: abs(size[w]), default="")
-    if not best:
-        return Separation(one, other, "", 0)
-    sure = _difference(first[best][:, half:], second[best][:, half:])
-    sure *= math.copysign(1.0, size[best])
+    if new:
+        best = max(new, key=lambda w: abs(size[w]))
+        sure = _difference(first[best][:, half:], second[best][:, half:])
+        sure *= math.copysign(1.0, size[best])
     if sure < _LEAST_DIFFERENCE:
         return Separation(one, other, "", 0)
     return Separation(one, other, best, max(math.ceil(_rocks(sure)), _LEAST_ROCKS))

@@ -24,38 +24,24 @@ _LARGE = 0.8
 
 @dataclass(frozen=True, slots=True)
 class Thresholds:
-    """What was set on sites of development, and is frozen for all that is reported.
+    """What was set on sites of development, and is frozen for all that is reported."""
 
-    Attributes
-    ----------
-    level : float
-        Adjusted p value up to which a fingerprint is significant.
-    named : float
-        Probability from which a family is named.
-    grouped : float
-        Probability of all families of a group together from which the group is certain.
-    second : float
-        z of a second fingerprint, beside the first cause, from which two causes are named; of one
-        that takes no contacts, from which a cause is named that closes nothing.
-    calibrated : float
-        Probability from which the most probable family is calibrated, though it is not named.
-    possible : mapping
-        Probability from which a family, "none" and "unknown" are in the confusion set, where
-        impacts were recorded ("impacts") and "otherwise": so that nine sets of ten hold the truth,
-        at sites with a known effect, without one, and with an unknown one.
-    right : mapping
-        Share of the sites at which an answer that names no family was right; its confidence is
-        never higher.
-    """
-
-    level: float = 0.01
-    named: float = 0.6
-    grouped: float = 0.7
+    level: float = 0.01  # adjusted p value up to which a fingerprint is significant
+    named: float = 0.6  # probability from which a family is named
+    grouped: float = 0.7  # that of all families of a group together from which it is certain
+    #: z of a second fingerprint, beside the first cause, from which two causes are named; of one
+    #: that takes no contacts, from which a cause is named that closes nothing.
     second: float = 6.0
+    #: Probability from which the most probable family is calibrated, though it is not named.
     calibrated: float = 0.2
+    #: Probability from which a family, "none" and "unknown" are in the confusion set, where impacts
+    #: were recorded ("impacts") and "otherwise": so that nine sets of ten hold the truth, at sites
+    #: with a known effect, without one, and with an unknown one.
     possible: Mapping[str, Sequence[float]] = field(
         default_factory=lambda: dict.fromkeys(("impacts", "otherwise"), (0.05,) * 3)
     )
+    #: Share of the sites at which an answer that names no family was right; its confidence is never
+    #: higher.
     right: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -283,9 +269,8 @@ def confusion_set(
     named = effect.split("+")
     enough = [p for n, p in shares.items() if n in named or p >= of.get(n, least[0])]
     possible = [n for n, p in shares.items() if p >= min(enough, default=1.0)]
-    held = [n for n in possible if n not in named]
     found = list(named)
-    for name in held:
+    for name in (n for n in possible if n not in named):
         group = group_of(name)
         mates = [n for n in possible if group and group_of(n) == group]
         apart = [n for n in GROUPS.get(group, ()) if n in shares and n not in named]
@@ -328,7 +313,6 @@ def confidence_of(effect: str, shares: Mapping[str, float], right: Mapping[str, 
     """
     if effect == UNKNOWN:
         return math.nan
-    own = (
-        NONE if effect == CONTACT_LAW else max(effect.split("+"), key=lambda n: shares.get(n, 0.0))
-    )
-    return float(min(shares.get(own, 0.0), right.get(effect, 1.0), 0.99))
+    named = [NONE] if effect == CONTACT_LAW else effect.split("+")
+    own = max(shares.get(name, 0.0) for name in named)
+    return float(min(own, right.get(effect, 1.0), 0.99))

@@ -10,7 +10,7 @@ from helpers.simulated_slope import TABLE, observed, table_with
 
 from sassgis.gap.calibration.problem import CalibrationProblem, problem_of
 from sassgis.gap.calibration.site_summary import summary_of
-from sassgis.gap.inference.folds import folds_of
+from sassgis.gap.inference.intervals import folds_of
 from sassgis.gap.ladder.handover import wrong_ground
 from sassgis.gap.ladder.hypothesis_fit import FittedHypothesis
 from sassgis.gap.which.hypotheses import NONE
@@ -54,7 +54,7 @@ def test_a_model_that_is_handed_over_gives_its_campaigns_again(
     problem: CalibrationProblem, base: FittedHypothesis
 ) -> None:
     again = base.samples(problem.case, 3)
-    assert len(again) == 3 and {d.effect for d in again} == {NONE}
+    assert len(again) == 3 and {d.form for d in again} == {"calibrated ground"}
     assert base.handed_over.draw.model.table != again[1].model.table
 
 

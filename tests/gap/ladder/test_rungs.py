@@ -64,7 +64,7 @@ def test_shares_are_those_of_known_distributions() -> None:
     )
     weights = group_weights(np.arange(400), rng, 200)
     for model, expected in ((half, 0.75), (near, 1.0)):
-        value, interval = share_of(far, model, 0.0, weights)
+        value, interval = share_of(far, model, 0.0, [d.drawn(weights) for d in (far, model)])
         assert value == pytest.approx(expected, abs=0.15)
         assert interval is not None and interval[0] < expected < interval[1]
     assert far.above_chance and not near.above_chance
@@ -81,7 +81,8 @@ def test_groups_are_drawn_whole_and_widen_the_interval() -> None:
     near = RockDistances.of(seen, rng.normal(0.0, 2.2, size=(6, 80, 2)))
     spans = []
     for own in (np.arange(80), group):
-        _, span = share_of(far, near, 0.0, group_weights(own, np.random.default_rng(1), 400))
+        weights = group_weights(own, np.random.default_rng(1), 400)
+        _, span = share_of(far, near, 0.0, [d.drawn(weights) for d in (far, near)])
         assert span is not None
         spans.append(span[1] - span[0])
     assert spans[1] > 1.3 * spans[0]
@@ -144,7 +145,7 @@ def test_nothing_is_recommended_whose_gain_does_not_clear_zero(
         best == "configured" and "by calibrated ground beyond" in why and "by trees beyond" in why
     )
     gain = made.gain("ground", "trees")
-    assert gain is not None and gain[0].low > 0.0
+    assert gain is not None and gain.low > 0.0
 
 
 def test_without_a_gap_no_shrinkage_is_stated(problem: CalibrationProblem) -> None:

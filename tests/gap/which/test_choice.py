@@ -137,8 +137,12 @@ def test_reaches_between_chainages(problem: CalibrationProblem) -> None:
     assert reaches_between(case, 0.0, 1.0) == case.reaches[:1]
 
 
-def printed(effect: str, z: float, p: float = 0.001) -> Fingerprint:
-    return Fingerprint(effect, f"what shows {effect}", 1.0, z, p, True, 30)
+def printed(effect: str, z: float, p: float = 0.001, statistic: str = "") -> Fingerprint:
+    return Fingerprint(effect, statistic or f"what shows {effect}", 1.0, z, p, True, 30)
+
+
+def statistic_of(cause: str, clear: bool) -> str:
+    return next(s.name for s in CAUSES[cause].statistics if s.clear is clear)
 
 
 def gap(size: float, p: float = 0.001) -> GapFinding:
@@ -190,9 +194,9 @@ def test_a_family_is_named_where_it_is_probable_and_could_be_seen() -> None:
     assert answer([printed("trees", 5.0)], trees, [gap(1.0)], -0.1) == ("unknown", "along the way")
     # What hangs on no contact names it all the same, if it is certain.
     for z, named in ((5.0, "unknown"), (7.0, "trees")):
-        stems = replace(printed("trees", z), statistic=STEMS)
+        stems = printed("trees", z, statistic=STEMS)
         assert answer([stems], trees, [gap(1.0)], -0.1) == (named, "along the way")
-    flights = replace(printed("trees", 9.0), statistic="energy lost at once, on few flights")
+    flights = printed("trees", 9.0, statistic="energy lost at once, on few flights")
     assert answer([flights], trees, [gap(1.0)], -0.1)[0] == "unknown"
     two = shares(trees=0.45, air_drag=0.4)
     assert answer([printed("trees", 5.0)], two, [gap(1.0)]) == ("unknown", "along the way")
@@ -209,8 +213,7 @@ def test_a_sure_gain_names_a_family_without_a_fingerprint_and_a_nil_one_speaks_a
     assert next(name for name in p if name != NONE) == "trees"
     found = decide([], sure, shares(trees=0.8), True, 0.5, FROZEN, False)
     assert found[0] == "trees"
-    own = next(s.name for s in CAUSES["trees"].statistics if not s.clear)
-    prints = [Fingerprint("trees", own, 1.0, 5.0, 0.001, True, 30)]
+    prints = [printed("trees", 5.0, statistic=statistic_of("trees", False))]
     with_print = [weights.shares(prints, gains, FAMILIES)["trees"] for gains in (sure, nil)]
     assert with_print[1] < 0.5 < with_print[0]
 
@@ -233,11 +236,9 @@ def test_every_second_cause_is_nameable_if_it_is_left_beside_the_first(
 
 def test_what_causes_at_the_contact_close_counts_only_beside_a_significant_fingerprint() -> None:
     weights = cause_weights_of(read_thresholds())
-    name = CAUSES["roughness"].statistics[0].name
     gains = {"roughness": gained("roughness", 14.0, 0.9)}
-    rough = [
-        [Fingerprint("roughness", name, 1.0, z, p, True, 40)] for z, p in ((2.6, 0.1), (4.0, 0.001))
-    ]
+    name = statistic_of("roughness", False)
+    rough = [[printed("roughness", z, p, name)] for z, p in ((2.6, 0.1), (4.0, 0.001))]
     low, high = (
         weights.shares(prints, speaking(prints, gains), ("roughness",))["roughness"]
         for prints in rough
@@ -250,16 +251,17 @@ def test_what_causes_at_the_contact_close_counts_only_beside_a_significant_finge
 
 def test_what_could_not_be_seen_is_neither_named_nor_counted() -> None:
     weights = cause_weights_of(read_thresholds())
-    clear = next(s.name for s in CAUSES["trees"].statistics if s.clear)
-    prints = [Fingerprint("trees", clear, 1.0, 9.0, 0.001, True, 30)]
     # Of a place, and too weak to be told from the scatter of the rocks.
     growth = "growth of the lateral offset below the first station"
-    prints.append(Fingerprint("lateral_deflection", growth, 1.0, 2.9, 0.01, True, 30))
+    prints = [
+        printed("trees", 9.0, statistic=statistic_of("trees", True)),
+        printed("lateral_deflection", 2.9, 0.01, growth),
+    ]
     gains = {"air_drag": gained("air_drag", 4.9, 0.7), "roughness": gained("roughness", 0.0, 0.9)}
     # What a cause at the contact could close, another law of the contact closes as well.
     assert seen_of(prints, speaking(prints, gains), FAMILIES) == ("trees",)
-    rough = next(s.name for s in CAUSES["roughness"].statistics)
-    printed_too = [*prints, Fingerprint("roughness", rough, 1.0, 4.0, 0.002, True, 30)]
+    rough = statistic_of("roughness", False)
+    printed_too = [*prints, printed("roughness", 4.0, 0.002, rough)]
     seen = seen_of(printed_too, speaking(printed_too, gains), FAMILIES)
     assert seen == ("trees", "roughness")
     p = weights.shares(printed_too, speaking(printed_too, gains), seen)
@@ -273,12 +275,9 @@ def test_what_could_not_be_seen_is_neither_named_nor_counted() -> None:
     assert "lateral_deflection" in seen_of([replace(prints[1], z=3.0)], {}, FAMILIES)
     # What a contact leaves as well shows nothing by itself.
     lost = "rebound lost with the normal speed, on one ground alone"
-    soft = Fingerprint("soft_ground", lost, 1.0, 9.0, 0.001, True, 30)
-    assert seen_of([soft], {}, FAMILIES) == ()
+    assert seen_of([printed("soft_ground", 9.0, statistic=lost)], {}, FAMILIES) == ()
     # Where much mass is missing nothing is known of what came in addition.
-    more = Fingerprint(
-        "entrainment", "mass that lies beyond what was released", 0.0, 0.0, 1.0, True, 30
-    )
+    more = printed("entrainment", 0.0, 1.0, "mass that lies beyond what was released")
     assert seen_of([more], {}, FAMILIES) == ("entrainment",)
     assert seen_of([replace(more, z=-4.0)], {}, FAMILIES) == ()
     # The more causes these data cannot show, the less certain is "none".
@@ -290,33 +289,26 @@ def test_what_could_not_be_seen_is_neither_named_nor_counted() -> None:
 
 def test_the_confusion_set_has_groups_where_families_are_not_told_apart() -> None:
     p = {"trees": 0.4, "air_drag": 0.3, "none": 0.2, "roughness": 0.07, "rock_shape": 0.03}
-    assert confusion_set("unknown", (0.05, 0.05, 0.05), p) == (
-        "unknown",
-        "along the way",
-        "none",
-        "roughness",
-    )
+    own = ("unknown", "along the way", "none", "roughness")
+    assert confusion_set("unknown", (0.05, 0.05, 0.05), p) == own
     assert confusion_set("trees", (0.25, 0.25, 0.05), p) == ("trees", "air_drag")
     assert confusion_set("trees", (0.03, 0.03, 0.05), p) == ("trees", "air_drag", "none", "contact")
     # What is more probable than something in the set is in it, too.
     assert confusion_set("trees", (0.03, 0.5, 0.05), p) == ("trees", "air_drag", "none", "contact")
     assert confusion_set("trees", (0.25, 0.5, 0.05), p) == ("trees", "air_drag")
     # An effect that has no name is possible as well.
-    assert confusion_set("none", (0.5, 0.1, 0.1), {"none": 0.6, "unknown": 0.1}) == (
-        "none",
-        "unknown",
-    )
-    assert confusion_set("none", (0.5, 0.1, 0.2), {"none": 0.6, "unknown": 0.1}) == ("none",)
+    two = {"none": 0.6, "unknown": 0.1}
+    assert confusion_set("none", (0.5, 0.1, 0.1), two) == ("none", "unknown")
+    assert confusion_set("none", (0.5, 0.1, 0.2), two) == ("none",)
     found = causes_in(("unknown", "along the way", "none"))
-    assert found == ("unknown", "air_drag", "trees", "none") and group_of("trees+x") == group_of(
-        "air_drag"
-    )
+    assert found == ("unknown", "air_drag", "trees", "none")
+    assert group_of("trees+x") == group_of("air_drag")
 
 
 def test_the_frozen_weights_follow_the_evidence() -> None:
     weights = cause_weights_of(read_thresholds())
     assert (weights.weights >= 0.0).all() and weights.offset > 0.0
-    nothing = [Fingerprint(e, s, 0.0, 0.0, 1.0, True, 30) for s, e in STATISTICS.items()]
+    nothing = [printed(effect, 0.0, 1.0, name) for name, effect in STATISTICS.items()]
     base = weights.shares(nothing, {}, FAMILIES)
     assert sum(base.values()) == pytest.approx(1.0) and next(iter(base)) == NONE
     for effect in FAMILIES:
