@@ -184,7 +184,6 @@ def _trees_of(file: Input, grid: Grid) -> tuple[FloatArray, ...]:
 
 
 def _tree(feature: Feature) -> tuple[float, ...]:
-    share = "conifer_share"
-    stated = share in feature.attributes and feature.text(share) is not None
-    place = feature.geometry
-    return place.x, place.y, feature.value("dbh_cm"), feature.value(share) if stated else math.nan
+    share, place = "conifer_share", feature.geometry
+    conifers = math.nan if feature.text(share) is None else feature.value(share)
+    return place.x, place.y, feature.value("dbh_cm"), conifers

@@ -16,7 +16,6 @@ from sassgis.io.read.csv_table import (
     check_columns,
     errors_of_row,
     read_table,
-    required_and_optional,
     row_of,
 )
 from sassgis.io.read.dem import burnt, on_cells, only_band, open_raster, read_band
@@ -128,7 +127,7 @@ def _toml_rows(text: str, file: Input) -> Iterator[tuple[str, dict[str, Any]]]:
         where = f"class number {place}"
         if not isinstance(row, dict):
             raise wrong(f"{where} is not a section", expected="[[classes]]")
-        check_columns(list(row), file, where, *required_and_optional(columns))
+        check_columns(list(row), columns, file, where)
         yield where, row_of(row, columns, where, file)
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -13,7 +13,7 @@ import shapely
 from shapely.ops import substring
 
 from sassgis.io.read.csv_table import CsvColumn, errors_of_row, read_table
-from sassgis.io.read.vector_features import Feature, nearest
+from sassgis.io.read.vector_features import Feature, nearest, refuse_twice
 from sassgis.io.read.vectors import check_on_map, named_features
 from sassgis.model.errors import InputError
 from sassgis.model.exposure import (
@@ -95,20 +95,12 @@ def joined_objects(parts: Sequence[PlacedObjects], file: Input | None = None) ->
 
 def _check_names(parts: Sequence[PlacedObjects], file: Input | None) -> None:
     """Stretches share the name of their road; nothing else shares a name."""
-    counts: Counter[str] = Counter()
+    names: list[str] = []
     for part in parts:
-        counts.update(o.name for o in part.objects)
-        counts.update({o.parent for o in part.objects if o.parent})
-    for name, count in counts.items():
-        if count > 1:
-            expected = "names that differ, over all entries of [[objects]]"
-            raise InputError(
-                "name is used twice",
-                file=file,
-                field="objects",
-                found=repr(name),
-                expected=expected,
-            )
+        names += [o.name for o in part.objects]
+        names += dict.fromkeys(o.parent for o in part.objects if o.parent)
+    expected = "names that differ, over all entries of [[objects]]"
+    refuse_twice(names, expected, file=file, field="objects")
 
 
 def _key(settings: ObjectSettings) -> str:
@@ -253,7 +245,7 @@ def _stretches(
     names = _chainage_names(whole.name, [(a, b) for a, b, _ in spans])
     box = shapely.box(*grid.bounds)
     rows = [
-        (_stretch_of(whole, name, a, b), shape)
+        (replace(whole, name=name, parent=whole.name, length_m=b - a, from_m=a), shape)
         for name, (a, b, shape) in zip(names, spans, strict=True)
         if shape.intersection(box).length > 0.0
     ]
@@ -261,19 +253,6 @@ def _stretches(
         text = "%s: %s: %d of %d stretches lie outside the DEM and are left out"
         log.warning(text, file, whole.name, len(spans) - len(rows), len(spans))
     return rows
-
-
-def _stretch_of(whole: ExposedObject, name: str, start: float, end: float) -> ExposedObject:
-    return ExposedObject(
-        name,
-        whole.kind,
-        parent=whole.name,
-        value_per_m=whole.value_per_m,
-        damage_length_m=whole.damage_length_m,
-        length_m=float(end - start),
-        from_m=float(start),
-        traffic=whole.traffic,
-    )
 
 
 def _chainage_names(name: str, spans: Sequence[tuple[float, float]]) -> list[str]:

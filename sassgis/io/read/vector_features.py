@@ -6,6 +6,7 @@ import difflib
 import logging
 import math
 import warnings
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
@@ -59,8 +60,8 @@ class Feature:
     name_field: str | None = None
 
     def text(self, field: str) -> str | None:
-        """Attribute as text; None where it is empty."""
-        return _text(self.attributes[field])
+        """Attribute as text; None where it is empty, or where the layer has none."""
+        return text_of(self.attributes.get(field))
 
     def value(self, field: str) -> float:
         """Attribute as a finite number; InputError otherwise."""
@@ -93,14 +94,19 @@ def refuse_unknown(name: str, known: Sequence[str], problem: str, **place: Any) 
         raise InputError(problem, found=repr(name), expected=nearest(name, known), **place)
 
 
-def is_missing(value: object) -> bool:
-    """Whether a cell of a frame is empty: None, no number, or pandas.NA, also as text."""
+def refuse_twice(
+    names: Iterable[str], expected: str, error: type[InputError] = InputError, **place: Any
+) -> None:
+    """Raise an error for a name that is there twice; ``place`` is its file and field."""
+    for name, count in Counter(names).items():
+        if count > 1:
+            raise error("name is used twice", found=repr(name), expected=expected, **place)
+
+
+def text_of(value: object) -> str | None:
+    """A cell of a frame as text, 7.0 as 7; None where it is empty: NaN, pandas.NA also as text."""
     # NA first: what it is compared with is neither true nor false.
-    return value is None or str(value) == "<NA>" or bool(value != value)
-
-
-def _text(value: object) -> str | None:
-    if is_missing(value):
+    if value is None or str(value) == "<NA>" or bool(value != value):
         return None
     if isinstance(value, float) and value.is_integer():
         value = int(value)

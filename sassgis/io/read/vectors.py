@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import math
 import re
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -22,6 +21,7 @@ from sassgis.io.read.vector_features import (
     open_layer,
     outside,
     read_features,
+    refuse_twice,
     refuse_unknown,
     share_inside,
     steepest_slope_deg,
@@ -48,11 +48,13 @@ START_SLOPE_DEG = math.degrees(math.atan(0.37))
 # ---------------------------------------------------------------------------------------------
 # Release areas
 
+#: Keys that name attributes of the layer.
+_ATTRIBUTES = ("name_field", "scenario_field")
+
 
 def release_features(release: ReleaseSettings) -> list[Feature]:
     """The release areas of a file by number and attributes; their shapes are not looked at."""
-    file = _release_file(release)
-    frame = open_layer(file, release.layer, "release", {"name_field": release.name_field})
+    file, frame = _release_layer(release, "name_field")
     return without_shapes(frame, file, release.name_field)
 
 
@@ -61,7 +63,8 @@ def release_names(release: ReleaseSettings) -> tuple[str, ...]:
     return tuple(feature_names(release_features(release), "area", "release"))
 
 
-def _release_file(release: ReleaseSettings) -> Input:
+def _release_layer(release: ReleaseSettings, *keys: str) -> tuple[Input, Any]:
+    """The file and the layer, which has the attributes that some keys name."""
     if release.file is None:
         raise InputError(
             "no release areas are given",
@@ -69,14 +72,8 @@ def _release_file(release: ReleaseSettings) -> Input:
             field="release.file",
             expected="a file",
         )
-    return release.file
-
-
-def _release_layer(release: ReleaseSettings) -> tuple[Input, Any]:
-    """The file and the layer, with all attributes that are asked for."""
-    file = _release_file(release)
-    fields = {"name_field": release.name_field, "scenario_field": release.scenario_field}
-    return file, open_layer(file, release.layer, "release", fields)
+    fields = {key: getattr(release, key) for key in keys}
+    return release.file, open_layer(release.file, release.layer, "release", fields)
 
 
 def read_release(
@@ -98,7 +95,7 @@ def read_release(
         In the order of the file. What can be used but deserves a look (an area partly outside the
         DEM, over nodata, too flat for a start, or over another area) is logged as a warning.
     """
-    file, frame = _release_layer(release)
+    file, frame = _release_layer(release, *_ATTRIBUTES)
     features = without_shapes(frame, file, release.name_field)
     names = feature_names(features, "area", "release")
     for name in only or ():
@@ -123,7 +120,7 @@ def read_release_feature(release: ReleaseSettings, number: int, grid: Grid) -> F
     grid
         The terrain model; its heights are not looked at.
     """
-    file, frame = _release_layer(release)
+    file, frame = _release_layer(release, *_ATTRIBUTES)
     own = without_shapes(frame.iloc[[number - 1]], file, release.name_field)[0]
     return with_shapes([replace(own, number=number)], frame, file, grid, "release")[0]
 
@@ -253,16 +250,8 @@ def read_control_lines(config: Config, grid: Grid) -> list[tuple[ControlLine, Fl
         for item in items:
             control_lines += _control_lines_of(item, f"{section}[{item.name}]", config.file, grid)
     names = [control_line.name for control_line, _ in control_lines]
-    for name, count in Counter(names).items():
-        if count > 1:
-            expected = "names that differ, features of station and barrier files included"
-            raise ConfigError(
-                "name is used twice",
-                file=config.file,
-                field="stations/barriers.name",
-                found=repr(name),
-                expected=expected,
-            )
+    expected = "names that differ, features of station and barrier files included"
+    refuse_twice(names, expected, ConfigError, file=config.file, field="stations/barriers.name")
     return control_lines
 
 
