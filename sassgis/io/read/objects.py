@@ -13,7 +13,7 @@ import shapely
 from shapely.ops import substring
 
 from sassgis.io.read.csv_table import CsvColumn, errors_of_row, read_table
-from sassgis.io.read.vector_features import Feature, nearest, refuse_twice
+from sassgis.io.read.vector_features import Feature, nearest, refuse_twice, vertices
 from sassgis.io.read.vectors import check_on_map, named_features
 from sassgis.model.errors import InputError
 from sassgis.model.exposure import (
@@ -321,10 +321,8 @@ def _touched(shape: Any, grid: Grid) -> IntArray:
 
 
 def _trace(line: Any) -> TraceSet:
-    points = shapely.get_coordinates(line)
-    steps = np.hypot(*np.diff(points, axis=0).T)
-    x, y = np.ascontiguousarray(points[np.append(True, steps > 0.0)].T)
-    s = np.concatenate([[0.0], np.cumsum(steps[steps > 0.0])])
+    x, y = np.ascontiguousarray(vertices(line).T)
+    s = np.append(0.0, np.cumsum(np.hypot(np.diff(x), np.diff(y))))
     offset, point = np.array([0, s.size], np.int64), np.zeros(1, np.int64)
     return TraceSet(offset=offset, x=x, y=y, s=s, point=point, end=np.zeros(1, np.uint8))
 

@@ -20,6 +20,7 @@ import shapely
 from numpy.typing import NDArray
 from pyproj.exceptions import ProjError
 
+from sassgis.io.digests import Stamp, stamp_of
 from sassgis.io.read.dem import burnt, system_of
 from sassgis.io.read.offline import VECTOR, read_frame, vector_file
 from sassgis.io.read.plain_file import check_file, check_text, in_memory, number
@@ -156,16 +157,11 @@ def with_shapes(
     kinds: Sequence[str] = ("polygon", "line", "point"),
 ) -> list[Feature]:
     """Features of a layer with their geometries; the arguments are those of read_features."""
-    labels = [f.label for f in plain]
-    geometries = [frame.geometry.array[f.number - 1] for f in plain]
-    shapes = [shapely.force_2d(g) if g is not None else None for g in geometries]
-    found_kinds = [
-        _check_shape(g, who, file, key, kinds) for g, who in zip(shapes, labels, strict=True)
-    ]
-    moved = onto_grid(shapes, frame.crs, grid, file, key, labels)
+    shapes = [shapely.force_2d(frame.geometry.array[f.number - 1]) for f in plain]
+    found = [_checked_kind(f, g, key, kinds) for f, g in zip(plain, shapes, strict=True)]
+    moved = onto_grid(shapes, frame.crs, grid, file, key, [f.label for f in plain])
     return [
-        replace(f, geometry=g, kind=kind)
-        for f, g, kind in zip(plain, moved, found_kinds, strict=True)
+        replace(f, geometry=g, kind=kind) for f, g, kind in zip(plain, moved, found, strict=True)
     ]
 
 
@@ -193,8 +189,7 @@ def open_layer(
     if isinstance(file, InMemory):
         frame, name = in_memory(file, "layer", place, "a GeoDataFrame"), file.name
     else:
-        stat = (file.stat().st_ino, file.stat().st_size, file.stat().st_mtime_ns)
-        frame, name, warned = _read_layer(file, layer, key, *stat)
+        frame, name, warned = _read_layer(file, layer, key, stamp_of(file.stat()))
     for text in warned:
         log.warning("%s: %s", file, text)
     known = [c for c in frame.columns if c != "geometry"]
@@ -216,7 +211,7 @@ def open_layer(
 
 @lru_cache(maxsize=4)
 def _read_layer(
-    file: Path, layer: str | None, key: str, _inode: int, _size: int, _time_ns: int
+    file: Path, layer: str | None, key: str, _stamp: Stamp
 ) -> tuple[Any, str, tuple[str, ...]]:
     """A layer as a frame, its name, and what GDAL has to say of it.
 
@@ -265,24 +260,24 @@ def _choose_layer(
 _FARTHEST = 1e8
 
 
-def _check_shape(shape: Any, who: str, file: Input, key: str, kinds: Sequence[str]) -> str:
+def _checked_kind(feature: Feature, shape: Any, key: str, kinds: Sequence[str]) -> str:
     """Kind of a geometry, in the coordinates of its file so that users find the place."""
-    wrong = partial(InputError, file=file, field=f"{key}.file")
+    wrong = partial(feature.wrong, field=f"{key}.file")
     wanted = "a " + " or ".join(kinds)
     if shape is None or shape.is_empty:
-        raise wrong(f"{who} has no usable geometry", expected=wanted)
+        raise wrong("has no usable geometry", expected=wanted)
     kind: str = shape.geom_type.removeprefix("Multi").lower()
     kind = _LINES.get(kind, kind)
     if kind not in kinds:
-        raise wrong(f"{who} is of the wrong kind", found=shape.geom_type, expected=wanted)
+        raise wrong("is of the wrong kind", found=shape.geom_type, expected=wanted)
     if not np.isfinite(shapely.get_coordinates(shape)).all():
-        raise wrong(f"{who} has a coordinate that is no number", expected="numbers")
+        raise wrong("has a coordinate that is no number", expected="numbers")
     if not (np.abs(shapely.get_coordinates(shape)) <= _FARTHEST).all():
         expected = f"at most {_FARTHEST:g} m or degrees"
-        raise wrong(f"{who} has a coordinate that is no place on Earth", expected=expected)
+        raise wrong("has a coordinate that is no place on Earth", expected=expected)
     if not shape.is_valid:
         raise wrong(
-            f"{who} is not valid",
+            "is not valid",
             found=shapely.is_valid_reason(shape),
             expected="a geometry that does not cross itself; mend it with QGIS 'Fix geometries'",
         )
@@ -408,6 +403,13 @@ def outside(
         found=_extent(bounds),
         expected=f"within {_extent(grid.bounds)}",
     )
+
+
+def vertices(line: Any) -> FloatArray:
+    """X and y of the vertices of a line, without those that repeat the one before."""
+    points = shapely.get_coordinates(line)
+    again = np.append(False, (points[1:] == points[:-1]).all(axis=1))
+    return np.ascontiguousarray(points[~again])
 
 
 # ---------------------------------------------------------------------------------------------

@@ -25,6 +25,7 @@ from sassgis.io.read.vector_features import (
     refuse_unknown,
     share_inside,
     steepest_slope_deg,
+    vertices,
     with_shapes,
     without_shapes,
 )
@@ -266,17 +267,17 @@ def _control_lines_of(
             raise wrong("has no length", field=f"{key}.line", found=found, expected=expected)
         feature = Feature(1, {}, line, "line")
         check_on_map(feature, grid, config_file, f"{key}.line", item.name)
-        return [(control_line_of(item, item.name), _vertices(line))]
+        return [(control_line_of(item, item.name), vertices(line))]
     if item.file is None:
         found = "chainage_m, which belongs to profile runs"
         raise wrong("has no place on the map", field=key, found=found, expected="line or file")
     columns = item.fields if isinstance(item, BarrierSettings) else {}
     control_lines = []
     for feature, name in named_features(item, grid, key, columns, ("line",)):
-        vertices = _one_line(feature, key)
+        points = _one_line(feature, key)
         check_on_map(feature, grid, item.file, key, feature.label)
         own = _with_attributes(item, feature)
-        control_lines.append((control_line_of(own, name), vertices))
+        control_lines.append((control_line_of(own, name), points))
     return control_lines
 
 
@@ -295,13 +296,13 @@ def read_line(file: Input, grid: Grid, key: str) -> FloatArray:
             expected="one line",
         )  # fmt: skip
     (feature,) = features
-    vertices = _one_line(feature, key)
+    points = _one_line(feature, key)
     # Half a cell: heights are known between the centres of cells.
     inside = shapely.box(*grid.bounds).buffer(-0.5 * grid.cell_size, join_style="mitre")
     if not inside.contains(feature.geometry):
         what = f"{feature.label} or a part of it"
         raise outside(file, key, what, feature.geometry.bounds, grid)
-    return vertices
+    return points
 
 
 def _one_line(feature: Feature, key: str) -> FloatArray:
@@ -313,7 +314,7 @@ def _one_line(feature: Feature, key: str) -> FloatArray:
         expected = "one line without gaps; make each part a feature of its own"
         found = f"{len(line.geoms)} parts"
         raise feature.wrong("is made of separate parts", key, found=found, expected=expected)
-    return _vertices(line)
+    return vertices(line)
 
 
 def _with_attributes(item: StationSettings, feature: Feature) -> StationSettings:
@@ -339,12 +340,6 @@ def _with_attributes(item: StationSettings, feature: Feature) -> StationSettings
             )
         stated[key] = value
     return replace(item, **stated)
-
-
-def _vertices(line: Any) -> FloatArray:
-    points = shapely.get_coordinates(line)
-    keep = np.append(True, np.any(points[1:] != points[:-1], axis=1))
-    return np.ascontiguousarray(points[keep], dtype=np.float64)
 
 
 def check_on_map(feature: Feature, grid: Grid, file: Input | None, key: str, label: str) -> None:
