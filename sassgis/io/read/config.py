@@ -280,15 +280,11 @@ def _config(
 ) -> Config:
     """The configuration from its sections; those that the file has not keep their defaults."""
     effects: dict[str, EffectTable] = sections.get("effects", {})
-    special = ("blocks", "effects", "profile")
     plain = {
-        name: sections.get(name, () if name in LISTS else None) for name in SECTIONS
-        if name not in special
-    }  # fmt: skip
-    for name, value in plain.items():
-        if value is None:
-            given = {"config_file": file} if name in ("release", "ground") else {}
-            plain[name] = SECTIONS[name](**given)
+        name: sections.get(name, () if name in LISTS else made_of(cls, {"config_file": file}))
+        for name, cls in SECTIONS.items()
+        if name not in ("blocks", "effects", "profile")
+    }
     trees: Any = effects["trees"][1] if "trees" in effects else None
     return Config(
         file=file,

@@ -73,13 +73,12 @@ def read_block_survey(file: Path) -> tuple[BlockSurvey, tuple[str, ...]]:
     columns, _, _ = csv_cells(text, file)
     needed = _CLASSES if "from_m3" in columns else _LIST
     read = {*needed, "count"}
+    wrong = partial(InputError, file=file)
     for name in needed:
         if name not in columns:
-            raise InputError(
-                "row 1: missing column", file=file, field=name,
-                found=", ".join(columns) or "nothing",
-                expected=f"{_LIST[0]}, or {', '.join(_CLASSES[:-1])} and {_CLASSES[-1]}",
-            )  # fmt: skip
+            found = ", ".join(columns) or "nothing"
+            expected = f"{_LIST[0]}, or {', '.join(_CLASSES[:-1])} and {_CLASSES[-1]}"
+            raise wrong("row 1: missing column", field=name, found=found, expected=expected)
     others = tuple(c for c in columns if c not in read)
     numbers = {**dict.fromkeys(needed, CsvColumn(float)), "count": CsvColumn(float, default=1.0)}
     rows = []
@@ -90,18 +89,13 @@ def read_block_survey(file: Path) -> tuple[BlockSurvey, tuple[str, ...]]:
             high = value("to_m3", low) if row["to_m3"] else math.inf
         rows.append((low, high, value("count", 0.0) if "count" in columns else 1.0))
     if not rows:
-        raise InputError("has no blocks", file=file, expected="one row for each block or class")
+        raise wrong("has no blocks", expected="one row for each block or class")
     low, high, count = np.array(sorted(rows)).T
     if needed is _CLASSES and (high[:-1] > low[1:]).any():
         at = int(np.argmax(high[:-1] > low[1:]))
         found = f"{high[at]:g}, and the next from {low[at + 1]:g}"
-        raise InputError(
-            "classes overlap",
-            file=file,
-            field="to_m3",
-            found=found,
-            expected="classes one above the other",
-        )
+        expected = "classes one above the other"
+        raise wrong("classes overlap", field="to_m3", found=found, expected=expected)
     return BlockSurvey(low, high, count), others
 
 

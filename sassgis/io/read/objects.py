@@ -13,7 +13,7 @@ import shapely
 from shapely.ops import substring
 
 from sassgis.io.read.csv_table import CsvColumn, errors_of_row, read_table
-from sassgis.io.read.vector_features import Feature, nearest, refuse_twice, vertices
+from sassgis.io.read.vector_features import Feature, nearest, refuse_twice, without_repeats
 from sassgis.io.read.vectors import check_on_map, named_features
 from sassgis.model.errors import InputError
 from sassgis.model.exposure import (
@@ -165,20 +165,18 @@ _ROAD_USE = (*_TRAFFIC, "vehicle_value", "trips_per_day")
 
 def _traffic(values: Mapping[str, float], label: str, settings: ObjectSettings) -> Traffic | None:
     """The traffic of a road; None where no vehicles are stated."""
-    wrong = partial(InputError, file=settings.file, found=", ".join(values))
-    if not values.get("traffic_per_day"):
-        if values.get("traffic_per_day") is None and values:
-            raise wrong(
-                f"{label} has vehicles, but nothing says how many",
-                field=f"{_key(settings)}.traffic_per_day",
-                expected="traffic_per_day or traffic_per_day_field as well",
-            )
+    if not values or values.get("traffic_per_day") == 0.0:
         return None
+    problem = "has traffic, but not all of its numbers"
+    if "traffic_per_day" not in values:
+        problem = "has vehicles, but nothing says how many"
     for name in _TRAFFIC:
         if name not in values:
-            raise wrong(
-                f"{label} has traffic, but not all of its numbers",
+            raise InputError(
+                f"{label} {problem}",
+                file=settings.file,
                 field=f"{_key(settings)}.{name}",
+                found=", ".join(values),
                 expected=f"{name} or {name}_field as well",
             )
     return Traffic(**values)
@@ -321,7 +319,7 @@ def _touched(shape: Any, grid: Grid) -> IntArray:
 
 
 def _trace(line: Any) -> TraceSet:
-    x, y = np.ascontiguousarray(vertices(line).T)
+    x, y = np.ascontiguousarray(without_repeats(shapely.get_coordinates(line)).T)
     s = np.append(0.0, np.cumsum(np.hypot(np.diff(x), np.diff(y))))
     offset, point = np.array([0, s.size], np.int64), np.zeros(1, np.int64)
     return TraceSet(offset=offset, x=x, y=y, s=s, point=point, end=np.zeros(1, np.uint8))

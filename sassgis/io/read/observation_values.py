@@ -30,7 +30,7 @@ from sassgis.gap.observations.tables import (
     Table,
 )
 from sassgis.io.read.plain_file import check_text
-from sassgis.io.read.vector_features import nearest, onto_grid, text_of
+from sassgis.io.read.vector_features import nearest, onto_grid, text_of, without_repeats
 from sassgis.model.errors import InputError, shown
 from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.in_memory import Input
@@ -291,14 +291,11 @@ def _placed(raw: RawTable, data: Mapping[str, Any], grid: Grid | None) -> dict[s
 def _stations(raw: RawTable, data: Mapping[str, Any], keep: NDArray[np.bool_]) -> Stations:
     n = raw.rows.size
     vertices: list[FloatArray] = list(data.get("vertices", [np.empty((0, 2))] * n))
-    ends = [data.get(c, np.full(n, np.nan)) for c in ("x0", "y0", "x1", "y1")]
-    for i in range(n):
-        if len(vertices[i]) == 0 and all(np.isfinite(e[i]) for e in ends):
-            x0, y0, x1, y1 = (float(e[i]) for e in ends)
+    ends = np.array([data.get(c, np.full(n, np.nan)) for c in ("x0", "y0", "x1", "y1")])
+    for i, (x0, y0, x1, y1) in enumerate(ends.T):
+        if len(vertices[i]) == 0 and np.isfinite(ends[:, i]).all():
             vertices[i] = np.array([[x0, y0], [x1, y1]])
-        if len(vertices[i]):
-            again = np.append(False, (np.diff(vertices[i], axis=0) == 0.0).all(axis=1))
-            vertices[i] = vertices[i][~again]
+        vertices[i] = without_repeats(vertices[i])
     lineless = keep & np.array([len(v) < 2 for v in vertices], np.bool_)
     if lineless.any():
         raw.note(

@@ -96,12 +96,16 @@ def refuse_unknown(name: str, known: Sequence[str], problem: str, **place: Any) 
 
 
 def refuse_twice(
-    names: Iterable[str], expected: str, error: type[InputError] = InputError, **place: Any
+    names: Iterable[str],
+    expected: str,
+    problem: str = "name is used twice",
+    error: type[InputError] = InputError,
+    **place: Any,
 ) -> None:
     """Raise an error for a name that is there twice; ``place`` is its file and field."""
     for name, count in Counter(names).items():
         if count > 1:
-            raise error("name is used twice", found=repr(name), expected=expected, **place)
+            raise error(problem, found=repr(name), expected=expected, **place)
 
 
 def text_of(value: object) -> str | None:
@@ -340,7 +344,9 @@ def _reprojected(
     place: str,
     labels: Sequence[str],
 ) -> list[Any]:
-    wrong = partial(InputError, file=file, field=place)
+    expected = f"coordinates that {target.name} can express"
+    wrong = partial(InputError, file=file, field=place, expected=expected)
+    problem = "cannot be brought into the coordinates of the DEM"
     transformer = pyproj.Transformer.from_crs(source, target, always_xy=True)
 
     def move(points: FloatArray) -> FloatArray:
@@ -350,18 +356,10 @@ def _reprojected(
     try:
         moved = [shapely.transform(g, move) for g in shapes]
     except ProjError as error:
-        raise wrong(
-            "cannot be brought into the coordinates of the DEM",
-            found=str(error),
-            expected=f"coordinates that {target.name} can express",
-        ) from None
+        raise wrong(problem, found=str(error)) from None
     for shape, who in zip(moved, labels, strict=True):
         if not np.isfinite(shapely.get_coordinates(shape)).all() or not shape.is_valid:
-            raise wrong(
-                f"{who} cannot be brought into the coordinates of the DEM",
-                found=f"{source.name}",
-                expected=f"coordinates that {target.name} can express",
-            )
+            raise wrong(f"{who} {problem}", found=str(source.name))
     return moved
 
 
@@ -405,10 +403,9 @@ def outside(
     )
 
 
-def vertices(line: Any) -> FloatArray:
-    """X and y of the vertices of a line, without those that repeat the one before."""
-    points = shapely.get_coordinates(line)
-    again = np.append(False, (points[1:] == points[:-1]).all(axis=1))
+def without_repeats(points: FloatArray) -> FloatArray:
+    """Vertices, shape (n, 2), without those that repeat the one before."""
+    again = np.append(False, (points[1:] == points[:-1]).all(axis=1))[: len(points)]
     return np.ascontiguousarray(points[~again])
 
 

@@ -25,8 +25,8 @@ from sassgis.io.read.vector_features import (
     refuse_unknown,
     share_inside,
     steepest_slope_deg,
-    vertices,
     with_shapes,
+    without_repeats,
     without_shapes,
 )
 from sassgis.model.declared import declared, fault
@@ -252,7 +252,8 @@ def read_control_lines(config: Config, grid: Grid) -> list[tuple[ControlLine, Fl
             control_lines += _control_lines_of(item, f"{section}[{item.name}]", config.file, grid)
     names = [control_line.name for control_line, _ in control_lines]
     expected = "names that differ, features of station and barrier files included"
-    refuse_twice(names, expected, ConfigError, file=config.file, field="stations/barriers.name")
+    field = "stations/barriers.name"
+    refuse_twice(names, expected, error=ConfigError, file=config.file, field=field)
     return control_lines
 
 
@@ -267,7 +268,8 @@ def _control_lines_of(
             raise wrong("has no length", field=f"{key}.line", found=found, expected=expected)
         feature = Feature(1, {}, line, "line")
         check_on_map(feature, grid, config_file, f"{key}.line", item.name)
-        return [(control_line_of(item, item.name), vertices(line))]
+        points = without_repeats(shapely.get_coordinates(line))
+        return [(control_line_of(item, item.name), points)]
     if item.file is None:
         found = "chainage_m, which belongs to profile runs"
         raise wrong("has no place on the map", field=key, found=found, expected="line or file")
@@ -314,7 +316,7 @@ def _one_line(feature: Feature, key: str) -> FloatArray:
         expected = "one line without gaps; make each part a feature of its own"
         found = f"{len(line.geoms)} parts"
         raise feature.wrong("is made of separate parts", key, found=found, expected=expected)
-    return vertices(line)
+    return without_repeats(shapely.get_coordinates(line))
 
 
 def _with_attributes(item: StationSettings, feature: Feature) -> StationSettings:

@@ -177,6 +177,10 @@ WRONG = [
     ("[terrain]",
      '[[barriers]]\nname = "a"\nchainage_m = 1\nheight_m = 3\nkind = "fence"\n[terrain]',
      ["barriers[a].kind", "'fence'", "'wall' or 'net'"]),
+    ("[terrain]", '[[barriers]]\nname = "n"\nchainage_m = 1\nkind = "net"\n[terrain]',
+     ["barriers[n].height_m: missing key"]),
+    ("[terrain]", '[[barriers]]\nname = "n"\nchainage_m = 1\nheight_m = 3\n[terrain]',
+     ["barriers[n].kind: missing key"]),
 ]  # fmt: skip
 
 
