@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from functools import cache, lru_cache
 from importlib.metadata import version
 from pathlib import Path
@@ -15,17 +16,25 @@ _KINDS = (".py", ".csv", ".json", ".toml", ".npz")
 _LIBRARIES = ("numpy", "numba", "llvmlite", "scipy", "shapely", "pyproj", "rasterio", "pyogrio")
 
 
+#: Inode, size and times of a file: who has the same is not read again.
+Stamp = tuple[int, int, int, int]
+
+
+def stamp_of(state: os.stat_result) -> Stamp:
+    """Of a file; no program can set the last of the times (on Windows it is that of its making)."""
+    return state.st_ino, state.st_size, state.st_mtime_ns, state.st_ctime_ns
+
+
 def content_digest(file: Path) -> str:
     """SHA-256 of the content of a file, taken again only if its size or time has changed.
 
     A batch asks for that of each tile of its terrain with every release area.
     """
-    stat = file.stat()
-    return _taken(file, stat.st_ino, stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns)
+    return _taken(file, stamp_of(file.stat()))
 
 
 @lru_cache(maxsize=16_384)
-def _taken(file: Path, _inode: int, _size: int, _time_ns: int, _changed_ns: int) -> str:
+def _taken(file: Path, _stamp: Stamp) -> str:
     with file.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from sassgis.io.digests import content_digest, json_digest
+from sassgis.io.digests import Stamp, content_digest, json_digest, stamp_of
 from sassgis.model.errors import OutputError
 from sassgis.model.noted_files import PARTIAL, notes_of
 
@@ -22,9 +22,6 @@ WRITTEN_NAME = ".sassgis-written"
 #: What GDAL puts beside a raster that is only looked at, and file managers into a folder.
 SIDECAR, LITTER = ".aux.xml", (".DS_Store", "Thumbs.db")
 
-#: Inode, size and times of a file: who has the same is not read again.
-Stamp = tuple[int, int, int, int]
-
 
 def entries(folder: Path) -> Iterator[tuple[str, os.stat_result]]:
     """All that lies in a folder and is no folder, by its path from there; links are entries."""
@@ -34,11 +31,6 @@ def entries(folder: Path) -> Iterator[tuple[str, os.stat_result]]:
             yield from ((f"{name}/{deeper}", own) for deeper, own in entries(folder / name))
         else:
             yield name, state
-
-
-def stamp_of(state: os.stat_result) -> Stamp:
-    """Of a file; no program can set the last of the times (on Windows it is that of its making)."""
-    return state.st_ino, state.st_size, state.st_mtime_ns, state.st_ctime_ns
 
 
 def own_files(

@@ -18,18 +18,17 @@ from typing import IO
 import pyogrio.errors
 import rasterio.errors
 
+from sassgis.io.digests import Stamp, stamp_of
 from sassgis.io.own_files import (
     LITTER,
     MANIFEST_NAME,
     SIDECAR,
-    Stamp,
     delete_files,
     entries,
     is_own,
     own_files,
     remember,
     remove_empty,
-    stamp_of,
 )
 from sassgis.model.errors import OutputError, SassgisError
 from sassgis.model.noted_files import MARKER_NAME, PARTIAL, noted, notes_of

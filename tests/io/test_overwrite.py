@@ -29,6 +29,13 @@ def make(target: Path, overwrite: bool = False, text: str = "") -> None:
         list_files(work)
 
 
+@pytest.fixture
+def out(tmp_path: Path) -> Path:
+    """A result, in a folder with nothing else."""
+    make(tmp_path / "out")
+    return tmp_path / "out"
+
+
 def everything(folder: Path) -> dict[str, str | bytes]:
     """All that lies in a folder: links by where they point to, files by their content."""
     found: dict[str, str | bytes] = {}
@@ -86,19 +93,19 @@ def test_a_folder_with_any_manifest_is_no_result(tmp_path: Path, kind: str, by_l
 
 @pytest.mark.parametrize("name", ["next.toml", "terrain/dem.tif", "maps/mine.tif", "a.tif.aux.xml"])
 @pytest.mark.parametrize("by_link", [False, True])
-def test_a_result_in_which_the_user_keeps_a_file(tmp_path: Path, name: str, by_link: bool) -> None:
-    make(tmp_path / "out")
-    (tmp_path / "out" / name).parent.mkdir(exist_ok=True)
-    (tmp_path / "out" / name).write_text("mine")
-    target = tmp_path / "link" if by_link else tmp_path / "out"
+def test_a_result_in_which_the_user_keeps_a_file(
+    tmp_path: Path, out: Path, name: str, by_link: bool
+) -> None:
+    (out / name).parent.mkdir(exist_ok=True)
+    (out / name).write_text("mine")
+    target = tmp_path / "link" if by_link else out
     if by_link:
-        target.symlink_to(tmp_path / "out")
-    assert f"{target / name}: is not a file that manifest.json lists" in refused(
-        tmp_path, target, "move it away"
-    )
-    (tmp_path / "out" / name).rename(tmp_path / "away")
+        target.symlink_to(out)
+    line = refused(tmp_path, target, "move it away")
+    assert f"{target / name}: is not a file that manifest.json lists" in line
+    (out / name).rename(tmp_path / "away")
     make(target, overwrite=True, text="new")
-    assert (tmp_path / "out" / "maps" / "energy.tif").read_text() == "mapnew"
+    assert (out / "maps" / "energy.tif").read_text() == "mapnew"
     assert target.is_symlink() == by_link
 
 
@@ -115,24 +122,21 @@ def as_long(file: Path) -> None:
 
 @pytest.mark.parametrize("name", ["project.qgz", "tables/zones.csv"])
 @pytest.mark.parametrize("change", [longer, as_long])
-def test_a_file_that_has_changed(tmp_path: Path, name: str, change: Callable[[Path], None]) -> None:
-    make(tmp_path / "out")
+def test_a_file_that_has_changed(out: Path, name: str, change: Callable[[Path], None]) -> None:
     # The digest of a file that was looked at is known.
-    check_output(tmp_path / "out", True)
-    change(tmp_path / "out" / name)
-    line = refused(tmp_path, tmp_path / "out", "has changed since sassgis wrote it")
-    assert f"{tmp_path / 'out' / name}: " in line
+    check_output(out, True)
+    change(out / name)
+    assert f"{out / name}: " in refused(out.parent, out, "has changed since sassgis wrote it")
 
 
-def test_a_manifest_that_has_changed(tmp_path: Path) -> None:
-    make(tmp_path / "out")
-    file = tmp_path / "out" / "manifest.json"
+def test_a_manifest_that_has_changed(out: Path) -> None:
+    file = out / "manifest.json"
     content = json.loads(file.read_text())
     file.write_text(json.dumps(content))  # Another form of the same.
-    check_output(tmp_path / "out", True)
+    check_output(out, True)
     content["notes"] = "what I found out about this run"
     file.write_text(json.dumps(content, indent=2))
-    refused(tmp_path, tmp_path / "out", r"manifest\.json: has changed")
+    refused(out.parent, out, r"manifest\.json: has changed")
 
 
 @pytest.mark.parametrize(
@@ -144,88 +148,78 @@ def test_a_manifest_that_has_changed(tmp_path: Path) -> None:
         ("maps/energy.tif", "energy.tif"),
     ],
 )
-def test_links_in_a_result(tmp_path: Path, name: str, points_to: str) -> None:
+def test_links_in_a_result(tmp_path: Path, out: Path, name: str, points_to: str) -> None:
     """A link is not followed: what it points to is neither judged nor deleted."""
-    outside, target = tmp_path / "outside", tmp_path / "out"
+    outside = tmp_path / "outside"
     outside.mkdir()
     # The same content as that of the file which the result has, or had.
     (outside / "energy.tif").write_text(LINES["maps/energy.tif"])
-    make(target)
-    if (target / name).exists():
-        (target / name).rename(tmp_path / "moved away")
-    (target / name).symlink_to(outside / points_to)
-    refused(tmp_path, target, f"{name}: is not a file that")
-    (target / name).unlink()
-    make(target, overwrite=True)
+    if (out / name).exists():
+        (out / name).rename(tmp_path / "moved away")
+    (out / name).symlink_to(outside / points_to)
+    refused(tmp_path, out, f"{name}: is not a file that")
+    (out / name).unlink()
+    make(out, overwrite=True)
     assert everything(outside) == {"energy.tif": b"map"}
 
 
-def test_a_pipe_in_a_result_is_not_read(tmp_path: Path) -> None:
-    make(tmp_path / "out")
-    (tmp_path / "out" / "maps" / "energy.tif").unlink()
-    os.mkfifo(tmp_path / "out" / "maps" / "energy.tif")
+def test_a_pipe_in_a_result_is_not_read(out: Path) -> None:
+    (out / "maps" / "energy.tif").unlink()
+    os.mkfifo(out / "maps" / "energy.tif")
     with pytest.raises(OutputError, match="is not a file that"):
-        make(tmp_path / "out", overwrite=True)
+        make(out, overwrite=True)
 
 
-def test_a_result_that_was_only_looked_at_is_replaced(tmp_path: Path) -> None:
-    target = tmp_path / "out"
-    make(target)
+def test_a_result_that_was_only_looked_at_is_replaced(tmp_path: Path, out: Path) -> None:
     for name in ("maps/energy.tif.aux.xml", ".DS_Store", "maps/Thumbs.db"):
-        (target / name).write_text("x")
-    (target / "tables" / "zones.csv").unlink()
-    make(target, overwrite=True, text="new")
+        (out / name).write_text("x")
+    (out / "tables" / "zones.csv").unlink()
+    make(out, overwrite=True, text="new")
     assert set(everything(tmp_path)) == {
         "out", "out/maps", "out/tables", "out/manifest.json", *(f"out/{n}" for n in LINES)
     }  # fmt: skip
 
 
-def test_a_list_without_a_digest_of_itself_counts(tmp_path: Path) -> None:
+def test_a_list_without_a_digest_of_itself_counts(out: Path) -> None:
     """As the manifests of the versions before had it."""
-    make(tmp_path / "out")
-    file = tmp_path / "out" / "manifest.json"
+    file = out / "manifest.json"
     content = json.loads(file.read_text())
     del content["manifest_sha256"]
     file.write_text(json.dumps(content))
-    make(tmp_path / "out", overwrite=True)
+    make(out, overwrite=True)
 
 
-def test_another_result_within_one(tmp_path: Path) -> None:
+def test_another_result_within_one(out: Path) -> None:
     """Only where a command puts one: any other was put there by the user."""
-    make(tmp_path / "out")
-    make(tmp_path / "out" / "map")
-    refused(tmp_path, tmp_path / "out", r"out/map/manifest\.json: is not a file that")
-    with alone(tmp_path / "out" / "other"):
+    make(out / "map")
+    refused(out.parent, out, r"out/map/manifest\.json: is not a file that")
+    with alone(out / "other"):
         pass
-    with pytest.raises(InterruptedError), staged_output(tmp_path / "out" / "more", False) as work:
+    with pytest.raises(InterruptedError), staged_output(out / "more", False) as work:
         noted(work / "checkpoint.npz").write_text("state")
         raise InterruptedError
-    with staged_output(tmp_path / "out", True, ("map", "more")) as work:
+    with staged_output(out, True, ("map", "more")) as work:
         list_files(work)
-    assert set(everything(tmp_path / "out")) == {"manifest.json"}
+    assert set(everything(out)) == {"manifest.json"}
 
 
 # --- what comes during a run -----------------------------------------------------------------
 
 
-def test_a_file_that_comes_during_the_run(tmp_path: Path) -> None:
-    target = tmp_path / "out"
-    make(target)
+def test_a_file_that_comes_during_the_run(out: Path) -> None:
     line = r"out/mine\.txt: is not .*; the finished result is in .*out\.partial"
-    with pytest.raises(OutputError, match=line), staged_output(target, True) as work:
+    with pytest.raises(OutputError, match=line), staged_output(out, True) as work:
         list_files(work)
-        (target / "mine.txt").write_text("x")
-    assert {"mine.txt", *LINES} < set(everything(target))
-    assert (partial_folder(target) / "manifest.json").is_file()
+        (out / "mine.txt").write_text("x")
+    assert {"mine.txt", *LINES} < set(everything(out))
+    assert (partial_folder(out) / "manifest.json").is_file()
 
 
 def test_a_file_that_comes_at_the_last_moment(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, out: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """After the older result was looked through, while it is moved aside: it is put back."""
-    target = tmp_path / "out"
-    make(target)
-    before = everything(target)
+    before = everything(out)
     rename = os.rename
 
     def late(source: Path, destination: Path) -> None:
@@ -235,16 +229,14 @@ def test_a_file_that_comes_at_the_last_moment(
 
     monkeypatch.setattr("sassgis.io.staging.os.rename", late)
     with pytest.raises(OutputError, match=r"out/maps/energy\.tif: has changed"):
-        make(target, overwrite=True)
-    assert everything(target) == before | {"maps/energy.tif": b"MAP"}
+        make(out, overwrite=True)
+    assert everything(out) == before | {"maps/energy.tif": b"MAP"}
     assert not (tmp_path / "out.replaced").exists()
 
 
 def test_a_file_that_comes_while_the_older_result_is_deleted(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, out: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    target = tmp_path / "out"
-    make(target)
     rename = os.rename
 
     def later(source: Path, destination: Path) -> None:
@@ -254,8 +246,8 @@ def test_a_file_that_comes_while_the_older_result_is_deleted(
             (tmp_path / "out.replaced" / "project.qgz").write_text("saved")
 
     monkeypatch.setattr("sassgis.io.staging.os.rename", later)
-    make(target, overwrite=True, text="new")
-    assert (target / "project.qgz").read_text() == "projectnew"
+    make(out, overwrite=True, text="new")
+    assert (out / "project.qgz").read_text() == "projectnew"
     assert everything(tmp_path / "out.replaced") == {
         "maps": b"", "maps/mine.tif": b"mine", "project.qgz": b"saved"
     }  # fmt: skip

@@ -57,10 +57,10 @@ new_table: Any = TypedDict
 # Tables
 
 
-def table_type(
-    name: str, keys: Mapping[str, Declared], made: Callable[[dict[str, Any]], Any], meaning: str
+def table_of(
+    name: str, fields: Mapping[str, Any], made: Callable[[dict[str, Any]], Any], meaning: str
 ) -> Any:
-    """A type for pydantic: a table with declared keys and no others, made into something.
+    """A type for pydantic: a table with these keys and no others, made into something.
 
     Parameters
     ----------
@@ -72,17 +72,6 @@ def table_type(
     meaning : str
         For editors.
     """
-    fields = {
-        key: Required[_field(own)] if own.is_required else NotRequired[_field(own)]
-        for key, own in keys.items()
-    }
-    return table_of(name, fields, made, meaning)
-
-
-def table_of(
-    name: str, fields: Mapping[str, Any], made: Callable[[dict[str, Any]], Any], meaning: str
-) -> Any:
-    """A table with fields of any type; the rest as for ``table_type``."""
     table: Any = new_table(name, dict(fields))
     table.__pydantic_config__ = ConfigDict(extra="forbid")
     table.__doc__ = meaning
@@ -98,13 +87,22 @@ def table_of(
 
 def section_type(cls: Any) -> Any:
     """The type of a section that is one dataclass of declared settings."""
+    fields = declared_fields(declared(cls))
+    return table_of(cls.__name__, fields, partial(made_of, cls), first_line(cls))
+
+
+def declared_fields(keys: Mapping[str, Declared]) -> dict[str, Any]:
+    """The fields of a table with declared keys."""
+    return {
+        key: Required[_field(own)] if own.is_required else NotRequired[_field(own)]
+        for key, own in keys.items()
+    }
+
+
+def made_of(cls: Any, values: Mapping[str, Any]) -> Any:
+    """A dataclass of those values that it has a field for."""
     names = {field.name for field in dataclasses.fields(cls)}
-    return table_type(
-        cls.__name__,
-        declared(cls),
-        lambda values: cls(**{key: value for key, value in values.items() if key in names}),
-        first_line(cls),
-    )
+    return cls(**{key: value for key, value in values.items() if key in names})
 
 
 def first_line(cls: Any) -> str:

@@ -30,11 +30,12 @@ from sassgis.io.read.checked import (
     ForToml,
     Messages,
     Place,
+    declared_fields,
     first_line,
     first_of,
+    made_of,
     section_type,
     table_of,
-    table_type,
 )
 from sassgis.io.read.plain_file import read_toml
 from sassgis.model.blocks import BlockPopulation
@@ -117,12 +118,11 @@ def _effect_type(row: Effect) -> Any:
     """``[effects.<name>]``: the settings of the effect and, for some, where it acts."""
 
     def made(values: dict[str, Any]) -> EffectTable:
-        def part(cls: type[Section]) -> Any:
-            return cls(**{key: value for key, value in values.items() if key in declared(cls)})
+        place = None if row.place is None else made_of(row.place, values)
+        return made_of(row.settings, values), place
 
-        return part(row.settings), None if row.place is None else part(row.place)
-
-    return table_type(f"effects.{row.name}", row.keys, made, first_line(row.settings))
+    fields = declared_fields(row.keys)
+    return table_of(f"effects.{row.name}", fields, made, first_line(row.settings))
 
 
 @cache
@@ -260,12 +260,16 @@ def _config_of(document: dict[str, Any], file: Path | None, base: Path) -> Confi
         messages = Messages(file, document, LISTS, _meaning, _nearest)
         raise first_of(messages.of(error)) from None
     problems = _cross_checks(sections, file)
-    made = [_population(block, file) for block in sections.get("blocks", ())]
-    problems += [m for m in made if isinstance(m, ConfigError)]
+    blocks = []
+    for block in sections.get("blocks", ()):
+        try:
+            blocks.append(_population(block))
+        except InputError as error:
+            field = f"blocks[{block.name}].{error.field}"
+            problems.append(ConfigError(**error.parts(file=file, field=field)))
     if problems:
         raise first_of(problems)
-    blocks = tuple(m for m in made if isinstance(m, BlockPopulation))
-    return replace(_config(sections, blocks, file, notes), given=document, base=base)
+    return replace(_config(sections, tuple(blocks), file, notes), given=document, base=base)
 
 
 def _config(
@@ -276,15 +280,11 @@ def _config(
 ) -> Config:
     """The configuration from its sections; those that the file has not keep their defaults."""
     effects: dict[str, EffectTable] = sections.get("effects", {})
-    special = ("blocks", "effects", "profile")
     plain = {
-        name: sections.get(name, () if name in LISTS else None) for name in SECTIONS
-        if name not in special
-    }  # fmt: skip
-    for name, value in plain.items():
-        if value is None:
-            given = {"config_file": file} if name in ("release", "ground") else {}
-            plain[name] = SECTIONS[name](**given)
+        name: sections.get(name, () if name in LISTS else made_of(cls, {"config_file": file}))
+        for name, cls in SECTIONS.items()
+        if name not in ("blocks", "effects", "profile")
+    }
     trees: Any = effects["trees"][1] if "trees" in effects else None
     return Config(
         file=file,
@@ -373,8 +373,8 @@ def _plain_effect(row: Effect, config: Config) -> dict[str, Any] | None:
 
 def _plain(item: Any) -> dict[str, Any]:
     """Values as JSON has them."""
-    keys = declared(type(item)) if isinstance(item, Section) else dataclasses.fields(item)
-    names = [own.name for own in (keys.values() if isinstance(keys, Mapping) else keys)]
+    fields = [field.name for field in dataclasses.fields(item)]
+    names = declared(type(item)) if isinstance(item, Section) else fields
     plain: dict[str, Any] = json.loads(
         json.dumps({name: getattr(item, name) for name in names}, default=_as_text)
     )
@@ -511,14 +511,10 @@ def _cross_checks(sections: Mapping[str, Any], file: Path | None) -> list[Config
     return problems
 
 
-def _population(block: BlockSettings, file: Path | None) -> BlockPopulation | ConfigError:
+def _population(block: BlockSettings) -> BlockPopulation:
     names = {field.name for field in dataclasses.fields(BlockPopulation)} - set(AXES)
     plain: dict[str, Any] = {name: getattr(block, name) for name in names} | block.axes
-    try:
-        return BlockPopulation(**plain)
-    except InputError as error:
-        field = f"blocks[{block.name}].{error.field}"
-        return ConfigError(**error.parts(file=file, field=field))
+    return BlockPopulation(**plain)
 
 
 def _onset(block: BlockSettings) -> Onset:

@@ -87,16 +87,8 @@ def read_table(
     row : dict
         Value by column.
     """
-    required, optional = required_and_optional(columns)
-    numbers = [name for name, column in columns.items() if column.kind in (float, int)]
-    for where, row in csv_rows(read_text(file, field, what), file, required, optional, numbers):
+    for where, row in csv_rows(read_text(file, field, what), file, columns):
         yield where, row_of(row, columns, where, file)
-
-
-def required_and_optional(columns: Columns) -> tuple[list[str], list[str]]:
-    """Names of the columns that must be there, and of the others."""
-    required = [name for name, column in columns.items() if column.default is None]
-    return required, [name for name in columns if name not in required]
 
 
 def row_of(
@@ -108,44 +100,25 @@ def row_of(
     }
 
 
-def csv_rows(
-    text: str, file: Input, required: Sequence[str], optional: Sequence[str], numbers: Sequence[str]
-) -> Iterator[tuple[str, dict[str, str]]]:
-    """Rows of a CSV text by column, with the number of their line.
-
-    Parameters
-    ----------
-    text, file
-        The text, and where it is from.
-    required, optional
-        Columns that must and that may be there; others are refused.
-    numbers
-        Columns in which a spreadsheet that separates by ; may have written decimal commas.
-
-    Yields
-    ------
-    where : str
-        As in "row 3", counted with the header.
-    row : dict
-        Text by column.
-    """
-    columns, delimiter, lines = csv_cells(text, file)
-    check_columns(columns, file, "row 1", required, optional)
+def csv_rows(text: str, file: Input, columns: Columns) -> Iterator[tuple[str, dict[str, str]]]:
+    """The rows of read_table, whose cells are still text; ``file`` is where the text is from."""
+    header, delimiter, lines = csv_cells(text, file)
+    check_columns(header, columns, file, "row 1")
     for line, cells in lines:
         where = f"row {line}"
-        if len(cells) != len(columns):
-            expected = f"{len(columns)} (texts with a {delimiter} in quotes)"
+        if len(cells) != len(header):
+            expected = f"{len(header)} (texts with a {delimiter} in quotes)"
             raise InputError(
                 f"{where} does not fit the header",
                 file=file,
                 found=f"{len(cells)} values",
                 expected=expected,
             )
-        row = {c: v.strip() for c, v in zip(columns, cells, strict=True)}
+        row = {c: v.strip() for c, v in zip(header, cells, strict=True)}
         for column, cell in row.items():
             check_text(cell, file, column, where)
-        if delimiter == ";":
-            row |= {c: row[c].replace(",", ".") for c in numbers if c in row}
+            if delimiter == ";" and columns[column].kind in (float, int):
+                row[column] = cell.replace(",", ".")
         yield where, row
 
 
@@ -184,23 +157,18 @@ def csv_cells(text: str, file: Input) -> tuple[list[str], str, Iterator[tuple[in
     return columns, delimiter, ((n, cells) for n, cells in found if any(c.strip() for c in cells))
 
 
-def check_columns(
-    columns: Sequence[str],
-    file: Input,
-    where: str,
-    required: Sequence[str],
-    optional: Sequence[str],
-) -> None:
+def check_columns(header: Sequence[str], columns: Columns, file: Input, where: str) -> None:
     """Raise InputError where a column is missing, unknown or repeated."""
     wrong = partial(InputError, file=file)
-    known = (*required, *optional)
-    for column in columns:
-        if column not in known or columns.count(column) > 1:
+    required = [name for name, column in columns.items() if column.default is None]
+    known = (*required, *(name for name in columns if name not in required))
+    for column in header:
+        if column not in known or header.count(column) > 1:
             problem, meant = f"{where}: unknown or repeated column", nearest(column, known)
             raise wrong(problem, field=column or "(empty)", expected=meant)
     for column in required:
-        if column not in columns:
-            found, expected = ", ".join(columns) or "nothing", ", ".join(known)
+        if column not in header:
+            found, expected = ", ".join(header) or "nothing", ", ".join(known)
             raise wrong(f"{where}: missing column", field=column, found=found, expected=expected)
 
 

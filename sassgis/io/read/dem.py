@@ -48,6 +48,8 @@ LOWEST_M, HIGHEST_M = -500.0, 9000.0
 ZERO_GAP_M = 50.0
 #: Shift (in cells) over the whole raster below which cells count as square.
 _SQUARE_TOLERANCE = 0.01
+#: GDAL wants a system even where source and target share one; any plane one will do then.
+_ONE_SYSTEM = ("EPSG:3857", "EPSG:3857")
 #: So many whole numbers or fewer, in so many rows, are no heights.
 _MOST_CLASSES, _LOOKED_AT = 20, 500
 #: Of a cell while its height is read: as stored, as a number, and what is known of it (bytes).
@@ -468,8 +470,7 @@ def resample(
     shape: tuple[int, int],
     how: Resampling,
     nodata: float,
-    crs: str = "",
-    target_crs: str = "",
+    systems: tuple[str, str] = _ONE_SYSTEM,
 ) -> NDArray[Any]:
     """Bring an array onto another grid.
 
@@ -481,19 +482,17 @@ def resample(
         Of the result.
     nodata
         Value that means nodata, here and in the result.
-    crs, target_crs : str
-        Well-known texts; where either is empty both are taken to be the same.
+    systems
+        Well-known texts of both coordinate systems; default: they are the same.
     """
-    # GDAL wants a system even where source and target share one; any plane one will do then.
-    same = not (crs and target_crs) or crs == target_crs
     result = np.full(shape, nodata, dtype=values.dtype)
     reproject(
         np.ascontiguousarray(values),
         result,
         src_transform=transform,
         dst_transform=target,
-        src_crs="EPSG:3857" if same else crs,
-        dst_crs="EPSG:3857" if same else target_crs,
+        src_crs=systems[0],
+        dst_crs=systems[1],
         src_nodata=nodata,
         dst_nodata=nodata,
         resampling=how,
@@ -528,22 +527,22 @@ def on_cells(
     """
     with open_raster(file, field) as dataset:
         values, transform = read(dataset), dataset.transform
-        own, target = _pair_of_systems(dataset, grid, file, field)
+        systems = _pair_of_systems(dataset, grid, file, field)
     return resample(
-        values, transform, affine_of(grid), grid.shape, Resampling.nearest, nodata, own, target
+        values, transform, affine_of(grid), grid.shape, Resampling.nearest, nodata, systems
     )
 
 
 def _pair_of_systems(dataset: Any, grid: Grid, file: Input, field: str) -> tuple[str, str]:
-    """Coordinate systems of a raster and of the DEM; two empty texts where they are the same."""
+    """Coordinate systems of a raster and of the DEM, as ``resample`` takes them."""
     if not dataset.crs:
         log.info("%s: states no coordinate system: taken to be that of the DEM", file)
-        return "", ""
+        return _ONE_SYSTEM
     own, _ = crs_parts(pyproj.CRS.from_user_input(dataset.crs))
     if own.is_engineering:
-        return "", ""
+        return _ONE_SYSTEM
     target = system_of(grid, own, file, field)
     if same_crs(own, target):
-        return "", ""
+        return _ONE_SYSTEM
     log.info("%s: reprojected from %s to %s (nearest cell)", file, own.name, target.name)
     return own.to_wkt(), grid.crs

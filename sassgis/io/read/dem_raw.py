@@ -42,15 +42,15 @@ class RawDem:
         Outer corner in the north-west, in the coordinates of the file.
     cell : (float, float)
         Size of the cells in the coordinates of the file.
+    crs, vertical_datum : str
+        Well-known text, and name of the height system; empty where they are not stated.
+    unit : str
+        Unit of the heights as the file states it.
     in_metres : bool
         Whether their size in metres is known: it is not where the file says degrees and holds
         coordinates that cannot be. They are taken as metres then.
     square : bool
         Whether cells are square with north up.
-    crs, vertical_datum : str
-        Well-known text, and name of the height system; empty where they are not stated.
-    unit : str
-        Unit of the heights as the file states it.
     system_fault : InputError or None
         Why its coordinate system would be refused.
     unit_fault : str
@@ -62,21 +62,20 @@ class RawDem:
         where all others are far above. They are NaN in ``values``.
     """
 
-    file: Path
     values: FloatArray
     dx_m: float
     dy_m: float
     corner: tuple[float, float]
     cell: tuple[float, float]
-    in_metres: bool
-    square: bool
     crs: str
     vertical_datum: str
     unit: str
-    system_fault: InputError | None
-    unit_fault: str
-    nodata: float | None
-    not_heights: int
+    in_metres: bool = True
+    square: bool = True
+    system_fault: InputError | None = None
+    unit_fault: str = ""
+    nodata: float | None = None
+    not_heights: int = 0
 
     def place(self, row: int, col: int) -> tuple[float, float]:
         """X and y of the centre of a cell."""
@@ -96,12 +95,9 @@ def read_raw_dem(path: Path, crs: str | None = None, override_crs: bool = False)
     """
     if path.is_dir():
         grid = read_terrain(path, crs, None, override_crs)
-        size = grid.cell_size
-        return RawDem(
-            path, grid.values, size, size, (grid.west, grid.north), (size, size), True, True,
-            grid.crs,
-            grid.vertical_datum, "m", None, "", None, 0,
-        )  # fmt: skip
+        size, corner = grid.cell_size, (grid.west, grid.north)
+        cell = (size, size)
+        return RawDem(grid.values, *cell, corner, cell, grid.crs, grid.vertical_datum, "m")
     system_fault, wkt, datum = None, "", ""
     with open_raster(path, "DEM") as dataset:
         band = height_band(dataset, path)
@@ -124,7 +120,7 @@ def read_raw_dem(path: Path, crs: str | None = None, override_crs: bool = False)
     if not np.isfinite(values).any():
         raise InputError("holds no height at all", file=path, field=f"band {band}")
     return RawDem(
-        path, values, dx, dy, (west, north), (width, height), in_metres, square, wkt, datum, unit,
+        values, dx, dy, (west, north), (width, height), wkt, datum, unit, in_metres, square,
         system_fault, unit_fault, nodata, not_heights,
     )  # fmt: skip
 

@@ -116,7 +116,7 @@ def _edit(feature: Feature, codes: Sequence[str], grid: Grid) -> Edit:
 
     level = one_of("level", text("level", nearest("", codes)), codes)
     limits: tuple[EditLimit, ...] = get_args(EditLimit)
-    limit = limits[one_of("limit", _optional(feature, "limit"), limits)]
+    limit = limits[one_of("limit", feature.text("limit") or "", limits)]
     day = text("date", "a date such as 2026-01-31")[:10]
     try:
         date.fromisoformat(day)
@@ -130,12 +130,8 @@ def _edit(feature: Feature, codes: Sequence[str], grid: Grid) -> Edit:
         expected = "a polygon on the terrain model"
         raise feature.wrong("lies where the terrain is unknown", "edits.file", expected=expected)
     author, reason = text("author", "who made the edit"), text("reason", "why it was made")
-    computed = _optional(feature, "computed")
+    computed = feature.text("computed") or ""
     return Edit(feature.geometry, level, limit, author, day, reason, computed)
-
-
-def _optional(feature: Feature, column: str) -> str:
-    return (feature.text(column) or "") if column in feature.attributes else ""
 
 
 def with_earlier(edits: Sequence[Edit], folder: Path) -> tuple[Edit, ...]:

@@ -48,11 +48,9 @@ def read_forest(
     if trees.single_trees is not None:
         stems, diameter = _from_trees(trees.single_trees, grid, whole or grid)
     if trees.stems_raster is not None:
-        field = "effects.trees.stems_raster"
-        stems = _from_raster(trees.stems_raster, grid, field, whole is not None)
+        stems = _from_raster(trees.stems_raster, grid, "stems_raster", whole is not None)
     if trees.dbh_raster is not None:
-        field = "effects.trees.dbh_raster"
-        diameter = _from_raster(trees.dbh_raster, grid, field, whole is not None)
+        diameter = _from_raster(trees.dbh_raster, grid, "dbh_raster", whole is not None)
     nothing = (stems <= 0.0) | (diameter <= 0.0)
     stems = np.where(nothing, 0.0, stems) / _HECTARE_M2
     return stems.ravel(), np.where(nothing, 0.0, diameter).ravel() / 100.0
@@ -87,8 +85,9 @@ def _from_polygons(
     return maps[0], maps[1]
 
 
-def _from_raster(file: Input, grid: Grid, field: str, may_miss: bool) -> FloatArray:
+def _from_raster(file: Input, grid: Grid, key: str, may_miss: bool) -> FloatArray:
     """Values at the nearest cell; 0 where the raster has none."""
+    field = f"effects.trees.{key}"
 
     def read(raster: Any) -> FloatArray:
         band = only_band(raster, file, field, "numbers")
@@ -184,7 +183,6 @@ def _trees_of(file: Input, grid: Grid) -> tuple[FloatArray, ...]:
 
 
 def _tree(feature: Feature) -> tuple[float, ...]:
-    share = "conifer_share"
-    stated = share in feature.attributes and feature.text(share) is not None
-    place = feature.geometry
-    return place.x, place.y, feature.value("dbh_cm"), feature.value(share) if stated else math.nan
+    share, place = "conifer_share", feature.geometry
+    conifers = math.nan if feature.text(share) is None else feature.value(share)
+    return place.x, place.y, feature.value("dbh_cm"), conifers

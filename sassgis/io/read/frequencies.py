@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import get_args
 
@@ -72,49 +73,42 @@ def read_block_survey(file: Path) -> tuple[BlockSurvey, tuple[str, ...]]:
     columns, _, _ = csv_cells(text, file)
     needed = _CLASSES if "from_m3" in columns else _LIST
     read = {*needed, "count"}
+    wrong = partial(InputError, file=file)
     for name in needed:
         if name not in columns:
-            raise InputError(
-                "row 1: missing column", file=file, field=name,
-                found=", ".join(columns) or "nothing",
-                expected=f"{_LIST[0]}, or {', '.join(_CLASSES[:-1])} and {_CLASSES[-1]}",
-            )  # fmt: skip
+            found = ", ".join(columns) or "nothing"
+            expected = f"{_LIST[0]}, or {', '.join(_CLASSES[:-1])} and {_CLASSES[-1]}"
+            raise wrong("row 1: missing column", field=name, found=found, expected=expected)
     others = tuple(c for c in columns if c not in read)
+    numbers = {**dict.fromkeys(needed, CsvColumn(float)), "count": CsvColumn(float, default=1.0)}
     rows = []
-    for where, row in csv_rows(text, file, needed, ("count", *others), tuple(read)):
-
-        def value(
-            column: str, least: float, where: str = where, row: dict[str, str] = row
-        ) -> float:
-            found = number(row[column], where, column, file)
-            if found < least or (column != "count" and found <= 0.0):
-                expected = "0 or more" if column == "count" else f"a volume above {least:g} m3"
-                raise InputError(
-                    f"{where}: cannot be used",
-                    file=file,
-                    field=column,
-                    found=row[column],
-                    expected=expected,
-                )
-            return found
-
-        low = value(needed[0], 0.0)
-        if needed is _LIST:
-            high = low
-        else:
+    for where, row in csv_rows(text, file, numbers | dict.fromkeys(others, CsvColumn(default=""))):
+        value = partial(_at_least, row=row, where=where, file=file)
+        low = high = value(needed[0], 0.0)
+        if needed is _CLASSES:
             high = value("to_m3", low) if row["to_m3"] else math.inf
         rows.append((low, high, value("count", 0.0) if "count" in columns else 1.0))
     if not rows:
-        raise InputError("has no blocks", file=file, expected="one row for each block or class")
+        raise wrong("has no blocks", expected="one row for each block or class")
     low, high, count = np.array(sorted(rows)).T
     if needed is _CLASSES and (high[:-1] > low[1:]).any():
         at = int(np.argmax(high[:-1] > low[1:]))
         found = f"{high[at]:g}, and the next from {low[at + 1]:g}"
-        raise InputError(
-            "classes overlap",
-            file=file,
-            field="to_m3",
-            found=found,
-            expected="classes one above the other",
-        )
+        expected = "classes one above the other"
+        raise wrong("classes overlap", field="to_m3", found=found, expected=expected)
     return BlockSurvey(low, high, count), others
+
+
+def _at_least(column: str, least: float, row: Mapping[str, str], where: str, file: Path) -> float:
+    """A volume above a least one, which is none itself, or a count."""
+    found = number(row[column], where, column, file)
+    if found < least or (column != "count" and found <= 0.0):
+        expected = "0 or more" if column == "count" else f"a volume above {least:g} m3"
+        raise InputError(
+            f"{where}: cannot be used",
+            file=file,
+            field=column,
+            found=row[column],
+            expected=expected,
+        )
+    return found

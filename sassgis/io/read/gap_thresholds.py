@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from dataclasses import fields
 from importlib.resources import files
@@ -11,6 +10,7 @@ from typing import Any
 
 from sassgis.gap.which.cause_weights import CauseWeights, weights_of
 from sassgis.gap.which.verdict import Thresholds
+from sassgis.io.digests import content_digest
 from sassgis.model.errors import InputError
 
 #: Chosen on batteries of development, and frozen for all that is reported.
@@ -73,4 +73,4 @@ def cause_weights_of(content: dict[str, Any]) -> CauseWeights:
 
 def frozen_digest(file: Path | None = None) -> str:
     """SHA-256 of the thresholds."""
-    return hashlib.sha256((file or THRESHOLDS).read_bytes()).hexdigest()
+    return content_digest(file or THRESHOLDS)

@@ -16,12 +16,11 @@ from sassgis.io.read.csv_table import (
     check_columns,
     errors_of_row,
     read_table,
-    required_and_optional,
     row_of,
 )
 from sassgis.io.read.dem import burnt, on_cells, only_band, open_raster, read_band
 from sassgis.io.read.plain_file import read_text, toml_table
-from sassgis.io.read.vector_features import read_features, refuse_unknown
+from sassgis.io.read.vector_features import read_features, refuse_twice, refuse_unknown
 from sassgis.model.errors import InputError
 from sassgis.model.grid import Grid
 from sassgis.model.ground import PARAMETERS, TRUST_TEXT, GroundClass, GroundTable
@@ -71,16 +70,8 @@ def read_ground_table(path: AnyInput | None = None, readings: str = "hazard") ->
         return table
     classes = {c.name: c for c in table.classes}
     own = _read_classes(named(path))
-    names = [c.name for c in own]
-    for name in names:
-        if names.count(name) > 1:
-            raise InputError(
-                "ground class is defined twice",
-                file=path,
-                field="name",
-                found=repr(name),
-                expected="names that differ",
-            )
+    problem = "ground class is defined twice"
+    refuse_twice((c.name for c in own), "names that differ", problem, file=path, field="name")
     for ground_class in own:
         if ground_class.name in classes:
             log.info("%s: class %s replaces the built-in one", path, ground_class.name)
@@ -128,7 +119,7 @@ def _toml_rows(text: str, file: Input) -> Iterator[tuple[str, dict[str, Any]]]:
         where = f"class number {place}"
         if not isinstance(row, dict):
             raise wrong(f"{where} is not a section", expected="[[classes]]")
-        check_columns(list(row), file, where, *required_and_optional(columns))
+        check_columns(list(row), columns, file, where)
         yield where, row_of(row, columns, where, file)
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -13,7 +13,7 @@ import shapely
 from shapely.ops import substring
 
 from sassgis.io.read.csv_table import CsvColumn, errors_of_row, read_table
-from sassgis.io.read.vector_features import Feature, nearest
+from sassgis.io.read.vector_features import Feature, nearest, refuse_twice, without_repeats
 from sassgis.io.read.vectors import check_on_map, named_features
 from sassgis.model.errors import InputError
 from sassgis.model.exposure import (
@@ -95,20 +95,12 @@ def joined_objects(parts: Sequence[PlacedObjects], file: Input | None = None) ->
 
 def _check_names(parts: Sequence[PlacedObjects], file: Input | None) -> None:
     """Stretches share the name of their road; nothing else shares a name."""
-    counts: Counter[str] = Counter()
+    names: list[str] = []
     for part in parts:
-        counts.update(o.name for o in part.objects)
-        counts.update({o.parent for o in part.objects if o.parent})
-    for name, count in counts.items():
-        if count > 1:
-            expected = "names that differ, over all entries of [[objects]]"
-            raise InputError(
-                "name is used twice",
-                file=file,
-                field="objects",
-                found=repr(name),
-                expected=expected,
-            )
+        names += [o.name for o in part.objects]
+        names += dict.fromkeys(o.parent for o in part.objects if o.parent)
+    expected = "names that differ, over all entries of [[objects]]"
+    refuse_twice(names, expected, file=file, field="objects")
 
 
 def _key(settings: ObjectSettings) -> str:
@@ -173,20 +165,18 @@ _ROAD_USE = (*_TRAFFIC, "vehicle_value", "trips_per_day")
 
 def _traffic(values: Mapping[str, float], label: str, settings: ObjectSettings) -> Traffic | None:
     """The traffic of a road; None where no vehicles are stated."""
-    wrong = partial(InputError, file=settings.file, found=", ".join(values))
-    if not values.get("traffic_per_day"):
-        if values.get("traffic_per_day") is None and values:
-            raise wrong(
-                f"{label} has vehicles, but nothing says how many",
-                field=f"{_key(settings)}.traffic_per_day",
-                expected="traffic_per_day or traffic_per_day_field as well",
-            )
+    if not values or values.get("traffic_per_day") == 0.0:
         return None
+    problem = "has traffic, but not all of its numbers"
+    if "traffic_per_day" not in values:
+        problem = "has vehicles, but nothing says how many"
     for name in _TRAFFIC:
         if name not in values:
-            raise wrong(
-                f"{label} has traffic, but not all of its numbers",
+            raise InputError(
+                f"{label} {problem}",
+                file=settings.file,
                 field=f"{_key(settings)}.{name}",
+                found=", ".join(values),
                 expected=f"{name} or {name}_field as well",
             )
     return Traffic(**values)
@@ -253,7 +243,7 @@ def _stretches(
     names = _chainage_names(whole.name, [(a, b) for a, b, _ in spans])
     box = shapely.box(*grid.bounds)
     rows = [
-        (_stretch_of(whole, name, a, b), shape)
+        (replace(whole, name=name, parent=whole.name, length_m=b - a, from_m=a), shape)
         for name, (a, b, shape) in zip(names, spans, strict=True)
         if shape.intersection(box).length > 0.0
     ]
@@ -261,19 +251,6 @@ def _stretches(
         text = "%s: %s: %d of %d stretches lie outside the DEM and are left out"
         log.warning(text, file, whole.name, len(spans) - len(rows), len(spans))
     return rows
-
-
-def _stretch_of(whole: ExposedObject, name: str, start: float, end: float) -> ExposedObject:
-    return ExposedObject(
-        name,
-        whole.kind,
-        parent=whole.name,
-        value_per_m=whole.value_per_m,
-        damage_length_m=whole.damage_length_m,
-        length_m=float(end - start),
-        from_m=float(start),
-        traffic=whole.traffic,
-    )
 
 
 def _chainage_names(name: str, spans: Sequence[tuple[float, float]]) -> list[str]:
@@ -342,10 +319,8 @@ def _touched(shape: Any, grid: Grid) -> IntArray:
 
 
 def _trace(line: Any) -> TraceSet:
-    points = shapely.get_coordinates(line)
-    steps = np.hypot(*np.diff(points, axis=0).T)
-    x, y = np.ascontiguousarray(points[np.append(True, steps > 0.0)].T)
-    s = np.concatenate([[0.0], np.cumsum(steps[steps > 0.0])])
+    x, y = np.ascontiguousarray(without_repeats(shapely.get_coordinates(line)).T)
+    s = np.append(0.0, np.cumsum(np.hypot(np.diff(x), np.diff(y))))
     offset, point = np.array([0, s.size], np.int64), np.zeros(1, np.int64)
     return TraceSet(offset=offset, x=x, y=y, s=s, point=point, end=np.zeros(1, np.uint8))
 

@@ -30,7 +30,7 @@ from sassgis.gap.observations.tables import (
     Table,
 )
 from sassgis.io.read.plain_file import check_text
-from sassgis.io.read.vector_features import is_missing, nearest, onto_grid
+from sassgis.io.read.vector_features import nearest, onto_grid, text_of, without_repeats
 from sassgis.model.errors import InputError, shown
 from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.in_memory import Input
@@ -113,9 +113,7 @@ def table_of(raw: RawTable, grid: Grid | None) -> Table:
 
 def _by_time(table: Table) -> Table:
     """Rows by rock, in the order of their first appearance, then by time."""
-    ids = table.rock_id.tolist()  # type: ignore[attr-defined]
-    place = {name: i for i, name in enumerate(dict.fromkeys(ids))}
-    rank = np.array([place[i] for i in ids], np.int64)
+    rank, _ = pd.factorize(table.rock_id)  # type: ignore[attr-defined]
     return table.take(np.lexsort((table.t_s, rank)))  # type: ignore[attr-defined]
 
 
@@ -148,14 +146,7 @@ def _meant(name: str, known: Sequence[str]) -> str:
 
 def _names(values: NDArray[Any]) -> list[str]:
     """Identifiers as text; 7.0 from a column of numbers is 7, but 7.2 is a piece of it."""
-    names = []
-    for value in values.tolist():
-        if is_missing(value):
-            names.append("")
-        elif isinstance(value, float) and value.is_integer():
-            names.append(str(int(value)))
-        else:
-            names.append(str(value).strip())
+    names = [text_of(value) or "" for value in values.tolist()]
     filled = [n for n in names if n]
     # Spreadsheets write whole numbers so; a piece 0 of every rock is not meant.
     if filled and all(re.fullmatch(r"\d+\.0", n) for n in filled):
@@ -300,14 +291,11 @@ def _placed(raw: RawTable, data: Mapping[str, Any], grid: Grid | None) -> dict[s
 def _stations(raw: RawTable, data: Mapping[str, Any], keep: NDArray[np.bool_]) -> Stations:
     n = raw.rows.size
     vertices: list[FloatArray] = list(data.get("vertices", [np.empty((0, 2))] * n))
-    ends = [data.get(c, np.full(n, np.nan)) for c in ("x0", "y0", "x1", "y1")]
-    for i in range(n):
-        if len(vertices[i]) == 0 and all(np.isfinite(e[i]) for e in ends):
-            x0, y0, x1, y1 = (float(e[i]) for e in ends)
+    ends = np.array([data.get(c, np.full(n, np.nan)) for c in ("x0", "y0", "x1", "y1")])
+    for i, (x0, y0, x1, y1) in enumerate(ends.T):
+        if len(vertices[i]) == 0 and np.isfinite(ends[:, i]).all():
             vertices[i] = np.array([[x0, y0], [x1, y1]])
-        if len(vertices[i]):
-            again = np.append(False, (np.diff(vertices[i], axis=0) == 0.0).all(axis=1))
-            vertices[i] = vertices[i][~again]
+        vertices[i] = without_repeats(vertices[i])
     lineless = keep & np.array([len(v) < 2 for v in vertices], np.bool_)
     if lineless.any():
         raw.note(

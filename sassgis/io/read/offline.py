@@ -23,6 +23,7 @@ import shapely
 from pyogrio.errors import DataLayerError, DataSourceError
 from rasterio.io import DatasetReader
 
+from sassgis.io.digests import Stamp, stamp_of
 from sassgis.io.read.plain_file import check_file, read_text
 from sassgis.model.errors import InputError
 
@@ -98,7 +99,7 @@ def open_dataset(file: Path) -> DatasetReader:
     """
     _check_beside(file)
     if _is_mosaic(file):
-        return DatasetReader(_mosaic_now(file)[0], driver="VRT")
+        return DatasetReader(_mosaic(file, stamp_of(file.stat()))[0], driver="VRT")
     drivers = [name for name in _RASTERS if name != "EHdr" or not file.is_symlink()]
     # Not as a relative path: rasterio would take "zip:a" for an archive.
     return DatasetReader(str(file.absolute()), driver=drivers)
@@ -106,7 +107,8 @@ def open_dataset(file: Path) -> DatasetReader:
 
 def mosaic_sources(file: Path) -> tuple[Path, ...]:
     """The files that hold the values of a virtual raster; none of any other file."""
-    return _mosaic_now(file)[1] if file.is_file() and _is_mosaic(file) else ()
+    is_one = file.is_file() and _is_mosaic(file)
+    return _mosaic(file, stamp_of(file.stat()))[1] if is_one else ()
 
 
 def _is_mosaic(file: Path) -> bool:
@@ -116,13 +118,8 @@ def _is_mosaic(file: Path) -> bool:
     return head.startswith(b"<") and b"<VRTDataset" in head
 
 
-def _mosaic_now(file: Path) -> tuple[str, tuple[Path, ...]]:
-    state = file.stat()
-    return _mosaic(file, state.st_ino, state.st_size, state.st_mtime_ns)
-
-
 @lru_cache(maxsize=4)
-def _mosaic(file: Path, _inode: int, _size: int, _time_ns: int) -> tuple[str, tuple[Path, ...]]:
+def _mosaic(file: Path, _stamp: Stamp) -> tuple[str, tuple[Path, ...]]:
     """A virtual raster as GDAL is to see it, with absolute paths, and its sources."""
     text = read_text(file, None, "a virtual raster", _LARGEST_XML)
 

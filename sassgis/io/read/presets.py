@@ -11,14 +11,11 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from sassgis.hazard.preset_labels import preset_unverified
 from sassgis.io.read.checked import Messages, Place, first_of
 from sassgis.io.read.plain_file import read_text, toml_table
 from sassgis.io.read.vector_features import nearest, refuse_unknown
 from sassgis.model.errors import InputError
 from sassgis.model.hazard import HazardLevel, HazardPreset, IntensityClass, Provenance, SheetRules
-
-__all__ = ["preset_names", "preset_unverified", "read_preset"]
 
 _WHAT = "a hazard preset, TOML"
 _FOLDER = resources.files("sassgis") / "data" / "presets"
@@ -92,9 +89,8 @@ class _File(_Section):
 
 def preset_names() -> tuple[str, ...]:
     """Names of the presets that come with sassgis."""
-    return tuple(
-        sorted(p.name.removesuffix(".toml") for p in _FOLDER.iterdir() if p.name.endswith(".toml"))
-    )
+    files = (p.name for p in _FOLDER.iterdir() if p.name.endswith(".toml"))
+    return tuple(sorted(name.removesuffix(".toml") for name in files))
 
 
 def read_preset(name: str | PathLike[str]) -> HazardPreset:
@@ -142,42 +138,41 @@ class _Reading:
         }
 
     def preset(self, name: str) -> HazardPreset:
-        content = self._content
+        content, source = self._content, self._source
         intensities = []
         for c in content.intensity:
-            own = self._source(c.source, f"intensity[{c.code}]")
+            own = source(c.source, f"intensity[{c.code}]")
             intensities.append(IntensityClass(c.code, c.label, c.from_kj, c.colour, own))
         levels = []
         for k in content.levels:
-            own = self._source(k.source, f"levels[{k.code}]")
+            own = source(k.source, f"levels[{k.code}]")
             levels.append(HazardLevel(k.code, k.label, k.colour, k.hatched, own))
         known = [c.code for c in intensities]
         for code in content.matrix:
             self._refer(code, known, "row of no intensity class", f"matrix.{code}")
         for code in known:
             if code not in content.matrix:
-                found = ", ".join(content.matrix) or "no row"
-                problem = "the matrix has a hole: no row for an intensity class"
                 raise InputError(
-                    problem,
+                    "the matrix has a hole: no row for an intensity class",
                     file=self._file,
                     field="matrix",
-                    found=found,
+                    found=", ".join(content.matrix) or "no row",
                     expected=f"a section [matrix.{code}]",
                 )
-        rows = [content.matrix[code] for code in known]
+        rows = [(content.matrix[code], f"matrix.{code}") for code in known]
+        periods, rarest = content.return_periods, content.rarest
         return HazardPreset(
             name,
             content.title.strip(),
             tuple(intensities),
-            tuple(content.return_periods.limits_years),
-            self._source(content.return_periods.source, "return_periods"),
+            tuple(periods.limits_years),
+            source(periods.source, "return_periods"),
             tuple(levels),
-            tuple(self._levels(row, f"matrix.{c}") for row, c in zip(rows, known, strict=True)),
-            tuple(self._fields(row, f"matrix.{c}") for row, c in zip(rows, known, strict=True)),
+            tuple(self._levels(*row) for row in rows),
+            tuple(self._fields(*row) for row in rows),
             self._file,
-            None if content.rarest is None else content.rarest.years,
-            None if content.rarest is None else self._source(content.rarest.source, "rarest"),
+            None if rarest is None else rarest.years,
+            None if rarest is None else source(rarest.source, "rarest"),
             self._sheet(content.sheet),
         )
 
@@ -203,16 +198,12 @@ class _Reading:
         if isinstance(row.source, str):
             return (self._source(row.source, where),) * len(row.levels)
         if len(row.source) != len(row.levels):
-            found, expected = (
-                f"{len(row.source)} sources",
-                f"one source for all, or {len(row.levels)}",
-            )
             raise InputError(
                 "does not have a source for each level",
                 file=self._file,
                 field=f"{where}.source",
-                found=found,
-                expected=expected,
+                found=f"{len(row.source)} sources",
+                expected=f"one source for all, or {len(row.levels)}",
             )
         return tuple(self._source(key, where) for key in row.source)
 

@@ -40,25 +40,21 @@ def read_profile(path: Input, table: GroundTable, default: str) -> ProfileSet:
         "ground": CsvColumn(known=table.names, default=default, what="ground class"),
     }
     wrong = partial(InputError, file=path)
-    s: list[float] = []
-    z: list[float] = []
-    ground: list[int] = []
+    rows: list[tuple[float, float, int]] = []
     what = "a CSV file with columns s_m, z_m and, if wanted, ground"
     for where, row in read_table(path, "profile.file", what, columns):
-        chainage = row["s_m"]
-        if s and chainage <= s[-1]:
+        if rows and row["s_m"] <= rows[-1][0]:
             raise wrong(
                 f"{where}: chainage does not rise",
                 field="s_m",
-                found=f"{chainage:g} after {s[-1]:g}",
+                found=f"{row['s_m']:g} after {rows[-1][0]:g}",
                 expected="a larger one than in the row before",
             )
-        s.append(chainage)
-        z.append(row["z_m"])
-        ground.append(table.index(row["ground"]))
-    if len(s) < 2:
-        found = f"{len(s)} row(s)"
+        rows.append((row["s_m"], row["z_m"], table.index(row["ground"])))
+    if len(rows) < 2:
+        found = f"{len(rows)} row(s)"
         raise wrong("is too short for a profile", found=found, expected="two rows or more")
+    s, z, ground = zip(*rows, strict=True)
     return ProfileSet(
         offset=np.array([0, len(s)], np.int64),
         s=np.array(s),

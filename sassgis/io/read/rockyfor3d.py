@@ -357,10 +357,8 @@ def _nets(folder: _Folder, crs: str | None, out: Converted) -> None:
             rows.append((name, *numbers, line))
     if not rows:
         return
-    columns = ("name", "height_m", "capacity_kj", "geometry")
-    out.layers["nets"] = gpd.GeoDataFrame(
-        dict(zip(columns, map(list, zip(*rows, strict=True)), strict=True)), crs=crs
-    )
+    columns = ["name", "height_m", "capacity_kj", "geometry"]
+    out.layers["nets"] = gpd.GeoDataFrame(rows, columns=columns, geometry="geometry", crs=crs)
     nets: dict[str, object] = {
         "name": "nets", "kind": "net", "file": "nets.gpkg", "name_field": "name",
         "height_m_field": "height_m", "capacity_kj_field": "capacity_kj",

@@ -210,21 +210,12 @@ def open_terrain(
         )
     if len(files) == 1:
         return open_terrain(files[0], crs, vertical_datum, override_crs)
-    return open_tiles(files, given, crs, vertical_datum, override_crs)
-
-
-def open_tiles(
-    files: Sequence[Path],
-    given: Path,
-    crs: str | None = None,
-    vertical_datum: str | None = None,
-    override_crs: bool = False,
-) -> Terrain:
-    """Open tiles as one terrain model; ``given`` names them in the log.
-
-    Parameters and errors are those of open_terrain.
-    """
     return _laid_out([describe_dem(f, crs, vertical_datum, override_crs) for f in files], given)
+
+
+def open_tiles(files: Sequence[Path], given: Path) -> Terrain:
+    """Open tiles as one terrain model; ``given`` names them in the log."""
+    return _laid_out([describe_dem(f) for f in files], given)
 
 
 def read_terrain(

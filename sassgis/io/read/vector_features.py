@@ -6,6 +6,7 @@ import difflib
 import logging
 import math
 import warnings
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
@@ -19,6 +20,7 @@ import shapely
 from numpy.typing import NDArray
 from pyproj.exceptions import ProjError
 
+from sassgis.io.digests import Stamp, stamp_of
 from sassgis.io.read.dem import burnt, system_of
 from sassgis.io.read.offline import VECTOR, read_frame, vector_file
 from sassgis.io.read.plain_file import check_file, check_text, in_memory, number
@@ -59,8 +61,8 @@ class Feature:
     name_field: str | None = None
 
     def text(self, field: str) -> str | None:
-        """Attribute as text; None where it is empty."""
-        return _text(self.attributes[field])
+        """Attribute as text; None where it is empty, or where the layer has none."""
+        return text_of(self.attributes.get(field))
 
     def value(self, field: str) -> float:
         """Attribute as a finite number; InputError otherwise."""
@@ -93,14 +95,23 @@ def refuse_unknown(name: str, known: Sequence[str], problem: str, **place: Any) 
         raise InputError(problem, found=repr(name), expected=nearest(name, known), **place)
 
 
-def is_missing(value: object) -> bool:
-    """Whether a cell of a frame is empty: None, no number, or pandas.NA, also as text."""
+def refuse_twice(
+    names: Iterable[str],
+    expected: str,
+    problem: str = "name is used twice",
+    error: type[InputError] = InputError,
+    **place: Any,
+) -> None:
+    """Raise an error for a name that is there twice; ``place`` is its file and field."""
+    for name, count in Counter(names).items():
+        if count > 1:
+            raise error(problem, found=repr(name), expected=expected, **place)
+
+
+def text_of(value: object) -> str | None:
+    """A cell of a frame as text, 7.0 as 7; None where it is empty: NaN, pandas.NA also as text."""
     # NA first: what it is compared with is neither true nor false.
-    return value is None or str(value) == "<NA>" or bool(value != value)
-
-
-def _text(value: object) -> str | None:
-    if is_missing(value):
+    if value is None or str(value) == "<NA>" or bool(value != value):
         return None
     if isinstance(value, float) and value.is_integer():
         value = int(value)
@@ -150,16 +161,11 @@ def with_shapes(
     kinds: Sequence[str] = ("polygon", "line", "point"),
 ) -> list[Feature]:
     """Features of a layer with their geometries; the arguments are those of read_features."""
-    labels = [f.label for f in plain]
-    geometries = [frame.geometry.array[f.number - 1] for f in plain]
-    shapes = [shapely.force_2d(g) if g is not None else None for g in geometries]
-    found_kinds = [
-        _check_shape(g, who, file, key, kinds) for g, who in zip(shapes, labels, strict=True)
-    ]
-    moved = onto_grid(shapes, frame.crs, grid, file, key, labels)
+    shapes = [shapely.force_2d(frame.geometry.array[f.number - 1]) for f in plain]
+    found = [_checked_kind(f, g, key, kinds) for f, g in zip(plain, shapes, strict=True)]
+    moved = onto_grid(shapes, frame.crs, grid, file, key, [f.label for f in plain])
     return [
-        replace(f, geometry=g, kind=kind)
-        for f, g, kind in zip(plain, moved, found_kinds, strict=True)
+        replace(f, geometry=g, kind=kind) for f, g, kind in zip(plain, moved, found, strict=True)
     ]
 
 
@@ -187,8 +193,7 @@ def open_layer(
     if isinstance(file, InMemory):
         frame, name = in_memory(file, "layer", place, "a GeoDataFrame"), file.name
     else:
-        stat = (file.stat().st_ino, file.stat().st_size, file.stat().st_mtime_ns)
-        frame, name, warned = _read_layer(file, layer, key, *stat)
+        frame, name, warned = _read_layer(file, layer, key, stamp_of(file.stat()))
     for text in warned:
         log.warning("%s: %s", file, text)
     known = [c for c in frame.columns if c != "geometry"]
@@ -210,7 +215,7 @@ def open_layer(
 
 @lru_cache(maxsize=4)
 def _read_layer(
-    file: Path, layer: str | None, key: str, _inode: int, _size: int, _time_ns: int
+    file: Path, layer: str | None, key: str, _stamp: Stamp
 ) -> tuple[Any, str, tuple[str, ...]]:
     """A layer as a frame, its name, and what GDAL has to say of it.
 
@@ -259,24 +264,24 @@ def _choose_layer(
 _FARTHEST = 1e8
 
 
-def _check_shape(shape: Any, who: str, file: Input, key: str, kinds: Sequence[str]) -> str:
+def _checked_kind(feature: Feature, shape: Any, key: str, kinds: Sequence[str]) -> str:
     """Kind of a geometry, in the coordinates of its file so that users find the place."""
-    wrong = partial(InputError, file=file, field=f"{key}.file")
+    wrong = partial(feature.wrong, field=f"{key}.file")
     wanted = "a " + " or ".join(kinds)
     if shape is None or shape.is_empty:
-        raise wrong(f"{who} has no usable geometry", expected=wanted)
+        raise wrong("has no usable geometry", expected=wanted)
     kind: str = shape.geom_type.removeprefix("Multi").lower()
     kind = _LINES.get(kind, kind)
     if kind not in kinds:
-        raise wrong(f"{who} is of the wrong kind", found=shape.geom_type, expected=wanted)
+        raise wrong("is of the wrong kind", found=shape.geom_type, expected=wanted)
     if not np.isfinite(shapely.get_coordinates(shape)).all():
-        raise wrong(f"{who} has a coordinate that is no number", expected="numbers")
+        raise wrong("has a coordinate that is no number", expected="numbers")
     if not (np.abs(shapely.get_coordinates(shape)) <= _FARTHEST).all():
         expected = f"at most {_FARTHEST:g} m or degrees"
-        raise wrong(f"{who} has a coordinate that is no place on Earth", expected=expected)
+        raise wrong("has a coordinate that is no place on Earth", expected=expected)
     if not shape.is_valid:
         raise wrong(
-            f"{who} is not valid",
+            "is not valid",
             found=shapely.is_valid_reason(shape),
             expected="a geometry that does not cross itself; mend it with QGIS 'Fix geometries'",
         )
@@ -339,7 +344,9 @@ def _reprojected(
     place: str,
     labels: Sequence[str],
 ) -> list[Any]:
-    wrong = partial(InputError, file=file, field=place)
+    expected = f"coordinates that {target.name} can express"
+    wrong = partial(InputError, file=file, field=place, expected=expected)
+    problem = "cannot be brought into the coordinates of the DEM"
     transformer = pyproj.Transformer.from_crs(source, target, always_xy=True)
 
     def move(points: FloatArray) -> FloatArray:
@@ -349,18 +356,10 @@ def _reprojected(
     try:
         moved = [shapely.transform(g, move) for g in shapes]
     except ProjError as error:
-        raise wrong(
-            "cannot be brought into the coordinates of the DEM",
-            found=str(error),
-            expected=f"coordinates that {target.name} can express",
-        ) from None
+        raise wrong(problem, found=str(error)) from None
     for shape, who in zip(moved, labels, strict=True):
         if not np.isfinite(shapely.get_coordinates(shape)).all() or not shape.is_valid:
-            raise wrong(
-                f"{who} cannot be brought into the coordinates of the DEM",
-                found=f"{source.name}",
-                expected=f"coordinates that {target.name} can express",
-            )
+            raise wrong(f"{who} {problem}", found=str(source.name))
     return moved
 
 
@@ -402,6 +401,12 @@ def outside(
         found=_extent(bounds),
         expected=f"within {_extent(grid.bounds)}",
     )
+
+
+def without_repeats(points: FloatArray) -> FloatArray:
+    """Vertices, shape (n, 2), without those that repeat the one before."""
+    again = np.append(False, (points[1:] == points[:-1]).all(axis=1))[: len(points)]
+    return np.ascontiguousarray(points[~again])
 
 
 # ---------------------------------------------------------------------------------------------

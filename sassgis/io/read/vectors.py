@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import math
 import re
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -22,10 +21,12 @@ from sassgis.io.read.vector_features import (
     open_layer,
     outside,
     read_features,
+    refuse_twice,
     refuse_unknown,
     share_inside,
     steepest_slope_deg,
     with_shapes,
+    without_repeats,
     without_shapes,
 )
 from sassgis.model.declared import declared, fault
@@ -48,11 +49,13 @@ START_SLOPE_DEG = math.degrees(math.atan(0.37))
 # ---------------------------------------------------------------------------------------------
 # Release areas
 
+#: Keys that name attributes of the layer.
+_ATTRIBUTES = ("name_field", "scenario_field")
+
 
 def release_features(release: ReleaseSettings) -> list[Feature]:
     """The release areas of a file by number and attributes; their shapes are not looked at."""
-    file = _release_file(release)
-    frame = open_layer(file, release.layer, "release", {"name_field": release.name_field})
+    file, frame = _release_layer(release, "name_field")
     return without_shapes(frame, file, release.name_field)
 
 
@@ -61,7 +64,8 @@ def release_names(release: ReleaseSettings) -> tuple[str, ...]:
     return tuple(feature_names(release_features(release), "area", "release"))
 
 
-def _release_file(release: ReleaseSettings) -> Input:
+def _release_layer(release: ReleaseSettings, *keys: str) -> tuple[Input, Any]:
+    """The file and the layer, which has the attributes that some keys name."""
     if release.file is None:
         raise InputError(
             "no release areas are given",
@@ -69,14 +73,8 @@ def _release_file(release: ReleaseSettings) -> Input:
             field="release.file",
             expected="a file",
         )
-    return release.file
-
-
-def _release_layer(release: ReleaseSettings) -> tuple[Input, Any]:
-    """The file and the layer, with all attributes that are asked for."""
-    file = _release_file(release)
-    fields = {"name_field": release.name_field, "scenario_field": release.scenario_field}
-    return file, open_layer(file, release.layer, "release", fields)
+    fields = {key: getattr(release, key) for key in keys}
+    return release.file, open_layer(release.file, release.layer, "release", fields)
 
 
 def read_release(
@@ -98,7 +96,7 @@ def read_release(
         In the order of the file. What can be used but deserves a look (an area partly outside the
         DEM, over nodata, too flat for a start, or over another area) is logged as a warning.
     """
-    file, frame = _release_layer(release)
+    file, frame = _release_layer(release, *_ATTRIBUTES)
     features = without_shapes(frame, file, release.name_field)
     names = feature_names(features, "area", "release")
     for name in only or ():
@@ -123,7 +121,7 @@ def read_release_feature(release: ReleaseSettings, number: int, grid: Grid) -> F
     grid
         The terrain model; its heights are not looked at.
     """
-    file, frame = _release_layer(release)
+    file, frame = _release_layer(release, *_ATTRIBUTES)
     own = without_shapes(frame.iloc[[number - 1]], file, release.name_field)[0]
     return with_shapes([replace(own, number=number)], frame, file, grid, "release")[0]
 
@@ -253,16 +251,9 @@ def read_control_lines(config: Config, grid: Grid) -> list[tuple[ControlLine, Fl
         for item in items:
             control_lines += _control_lines_of(item, f"{section}[{item.name}]", config.file, grid)
     names = [control_line.name for control_line, _ in control_lines]
-    for name, count in Counter(names).items():
-        if count > 1:
-            expected = "names that differ, features of station and barrier files included"
-            raise ConfigError(
-                "name is used twice",
-                file=config.file,
-                field="stations/barriers.name",
-                found=repr(name),
-                expected=expected,
-            )
+    expected = "names that differ, features of station and barrier files included"
+    field = "stations/barriers.name"
+    refuse_twice(names, expected, error=ConfigError, file=config.file, field=field)
     return control_lines
 
 
@@ -277,17 +268,18 @@ def _control_lines_of(
             raise wrong("has no length", field=f"{key}.line", found=found, expected=expected)
         feature = Feature(1, {}, line, "line")
         check_on_map(feature, grid, config_file, f"{key}.line", item.name)
-        return [(control_line_of(item, item.name), _vertices(line))]
+        points = without_repeats(shapely.get_coordinates(line))
+        return [(control_line_of(item, item.name), points)]
     if item.file is None:
         found = "chainage_m, which belongs to profile runs"
         raise wrong("has no place on the map", field=key, found=found, expected="line or file")
     columns = item.fields if isinstance(item, BarrierSettings) else {}
     control_lines = []
     for feature, name in named_features(item, grid, key, columns, ("line",)):
-        vertices = _one_line(feature, key)
+        points = _one_line(feature, key)
         check_on_map(feature, grid, item.file, key, feature.label)
         own = _with_attributes(item, feature)
-        control_lines.append((control_line_of(own, name), vertices))
+        control_lines.append((control_line_of(own, name), points))
     return control_lines
 
 
@@ -306,13 +298,13 @@ def read_line(file: Input, grid: Grid, key: str) -> FloatArray:
             expected="one line",
         )  # fmt: skip
     (feature,) = features
-    vertices = _one_line(feature, key)
+    points = _one_line(feature, key)
     # Half a cell: heights are known between the centres of cells.
     inside = shapely.box(*grid.bounds).buffer(-0.5 * grid.cell_size, join_style="mitre")
     if not inside.contains(feature.geometry):
         what = f"{feature.label} or a part of it"
         raise outside(file, key, what, feature.geometry.bounds, grid)
-    return vertices
+    return points
 
 
 def _one_line(feature: Feature, key: str) -> FloatArray:
@@ -324,7 +316,7 @@ def _one_line(feature: Feature, key: str) -> FloatArray:
         expected = "one line without gaps; make each part a feature of its own"
         found = f"{len(line.geoms)} parts"
         raise feature.wrong("is made of separate parts", key, found=found, expected=expected)
-    return _vertices(line)
+    return without_repeats(shapely.get_coordinates(line))
 
 
 def _with_attributes(item: StationSettings, feature: Feature) -> StationSettings:
@@ -350,12 +342,6 @@ def _with_attributes(item: StationSettings, feature: Feature) -> StationSettings
             )
         stated[key] = value
     return replace(item, **stated)
-
-
-def _vertices(line: Any) -> FloatArray:
-    points = shapely.get_coordinates(line)
-    keep = np.append(True, np.any(points[1:] != points[:-1], axis=1))
-    return np.ascontiguousarray(points[keep], dtype=np.float64)
 
 
 def check_on_map(feature: Feature, grid: Grid, file: Input | None, key: str, label: str) -> None:

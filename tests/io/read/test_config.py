@@ -5,10 +5,11 @@ import json
 import math
 import re
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from helpers.input_files import ONE_BLOCK
 from helpers.one_line import one_line
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -92,9 +93,8 @@ def test_template_loads_with_the_defaults_it_shows(tmp_path):
         assert plain[section] == json.loads(json.dumps(defaults))
 
 
-def _template_keys() -> dict[str, set[str]]:
-    """Keys of the template by section, those in comments included."""
-    keys: dict[str, set[str]] = {}
+def _template_lines() -> Iterator[tuple[str, str, str]]:
+    """Section, key and line of the template, those in comments included."""
     section = ""
     for line in config_template().splitlines():
         head = re.match(r"(?:# )?\[+([\w.]+)\]+\s*$", line)
@@ -102,8 +102,7 @@ def _template_keys() -> dict[str, set[str]]:
         if head:
             section = head.group(1)
         elif key and section:
-            keys.setdefault(section, set()).add(key.group(1))
-    return keys
+            yield section, key.group(1), line
 
 
 #: Every section that has keys of its own.
@@ -112,7 +111,7 @@ ALL_SECTIONS = declared_sections()
 
 @pytest.mark.parametrize("section", sorted(ALL_SECTIONS))
 def test_template_shows_every_key_and_no_other(section):
-    shown = _template_keys()[section]
+    shown = {key for own, key, _ in _template_lines() if own == section}
     fields = set(ALL_SECTIONS[section])
     if section == "barriers":  # placed as stations are: those keys are explained there
         shown |= {"file", "layer", "name_field", "chainage_m"}
@@ -120,19 +119,14 @@ def test_template_shows_every_key_and_no_other(section):
 
 
 def test_defaults_in_comments_of_the_template_are_the_true_ones():
-    section, checked = "", 0
-    for line in config_template().splitlines():
-        head = re.match(r"(?:# )?\[+([\w.]+)\]+\s*$", line)
-        if head:
-            section = head.group(1)
-        key = re.match(r"# (\w+) = ([^#]+)", line)
-        if key is None or section in ("stations", "barriers", "objects"):
+    checked = 0
+    for section, key, line in _template_lines():
+        if not line.startswith("# ") or section in ("stations", "barriers", "objects"):
             continue
-        field = ALL_SECTIONS[section][key.group(1)]
-        if field.default is None:
+        default = ALL_SECTIONS[section][key].default
+        if default is None:
             continue
-        shown = tomllib.loads(f"v = {key.group(2)}")["v"]
-        default = field.default
+        shown = tomllib.loads(line.removeprefix("# "))[key]
         if isinstance(default, tuple) and not isinstance(shown, list):
             shown = [shown, shown]
         assert shown == (list(default) if isinstance(default, tuple) else default), line
@@ -183,6 +177,10 @@ WRONG = [
     ("[terrain]",
      '[[barriers]]\nname = "a"\nchainage_m = 1\nheight_m = 3\nkind = "fence"\n[terrain]',
      ["barriers[a].kind", "'fence'", "'wall' or 'net'"]),
+    ("[terrain]", '[[barriers]]\nname = "n"\nchainage_m = 1\nkind = "net"\n[terrain]',
+     ["barriers[n].height_m: missing key"]),
+    ("[terrain]", '[[barriers]]\nname = "n"\nchainage_m = 1\nheight_m = 3\n[terrain]',
+     ["barriers[n].kind: missing key"]),
 ]  # fmt: skip
 
 
@@ -201,23 +199,23 @@ def test_several_mistakes_are_counted_and_unknown_keys_come_first(load):
         load(text)
 
 
-@pytest.mark.parametrize("section", ["blocks", "stations", "barriers"])
-def test_double_names_are_refused(load, section):
-    item = {
-        "blocks": '[[blocks]]\nname = "large"\naxis_1_m = 1\naxis_2_m = 1\naxis_3_m = 1\n',
-        "stations": '[[stations]]\nname = "road"\nchainage_m = 3\n' * 2,
-        "barriers": '[[stations]]\nname = "road"\nchainage_m = 3\n'
-        '[[barriers]]\nname = "road"\nchainage_m = 3\nkind = "net"\nheight_m = 2\n',
-    }[section]
-    with one_line(
-        ConfigError, "run.toml", "name", "used twice", "large" if section == "blocks" else "road"
-    ):
-        load(MINIMAL + item)
+STATION = '[[stations]]\nname = "road"\nchainage_m = 3\n'
+NET = '[[barriers]]\nname = "road"\nchainage_m = 3\nkind = "net"\nheight_m = 2\n'
 
 
-def test_missing_blocks(load):
-    with one_line(ConfigError, "run.toml", "blocks", "at least one [[blocks]]"):
-        load(MINIMAL[: MINIMAL.index("[[blocks]]")])
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (MINIMAL + ONE_BLOCK, ["blocks.name", "used twice", "large"]),
+        (MINIMAL + STATION * 2, ["name", "used twice", "road"]),
+        (MINIMAL + STATION + NET, ["name", "used twice", "road"]),
+        (MINIMAL[: MINIMAL.index("[[blocks]]")], ["blocks", "at least one [[blocks]]"]),
+    ],
+    ids=["blocks", "stations", "a station and a barrier", "no blocks"],
+)
+def test_sections_that_do_not_go_together(load, text, words):
+    with one_line(ConfigError, "run.toml", *words):
+        load(text)
 
 
 @pytest.mark.parametrize(
@@ -376,15 +374,11 @@ def test_former_keys_are_read_and_noted_once(load):
     assert [b.restarts_from_rest for b in old.barriers] == [True, False]
     assert old.hazard.changed_share_max == 0.1
     assert len(old.notes) == 2
-    for note, words in zip(
-        old.notes,
-        (
-            ("barriers.lets_go", "restarts_from_rest"),
-            ("hazard.uncertain_share_max", "changed_share_max"),
-        ),
-        strict=True,
-    ):
-        assert "run.toml" in note and all(word in note for word in words)
+    words = (
+        ("run.toml", "barriers.lets_go", "restarts_from_rest"),
+        ("run.toml", "hazard.uncertain_share_max", "changed_share_max"),
+    )
+    assert all(w in note for note, own in zip(old.notes, words, strict=True) for w in own)
     new = load(
         MINIMAL
         + (BARRIER + "restarts_from_rest = true\n")

@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 from affine import Affine
+from helpers.input_files import LV95, NORTH, WEST
 from helpers.one_line import one_line
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -15,8 +16,6 @@ from sassgis.io.read.dem import read_dem
 from sassgis.model.crs import crs_name, same_crs
 from sassgis.model.errors import InputError
 
-LV95 = "EPSG:2056"
-WEST, NORTH = 2_700_000.0, 1_150_000.0
 HEIGHTS = 1000.0 + np.arange(20, dtype=float).reshape(4, 5)
 
 
@@ -43,21 +42,21 @@ def test_nodata_and_nan_become_nan(make_dem):
 
 
 @pytest.mark.parametrize(
-    ("corner", "north"),
+    "corner",
     [
-        (f"xllcorner {WEST}\nyllcorner {NORTH - 15}", NORTH),
-        (f"xllcenter {WEST + 2.5}\nyllcenter {NORTH - 12.5}", NORTH),
+        f"xllcorner {WEST}\nyllcorner {NORTH - 15}",
+        f"xllcenter {WEST + 2.5}\nyllcenter {NORTH - 12.5}",
     ],
     ids=["corner", "centre"],
 )
-def test_esri_ascii_without_prj(tmp_path, corner, north):
+def test_esri_ascii_without_prj(tmp_path, corner):
     path = tmp_path / "dem.asc"
     path.write_text(
         f"ncols 3\nnrows 3\n{corner}\ncellsize 5\nNODATA_value -9999\n"
         "901 902 903\n904 905 -9999\n907 908 909.5\n"
     )
     grid = read_dem(path, crs=LV95, vertical_datum="LN02")
-    assert (grid.west, grid.north, grid.cell_size) == (WEST, north, 5.0)
+    assert (grid.west, grid.north, grid.cell_size) == (WEST, NORTH, 5.0)
     np.testing.assert_array_equal(
         grid.values, [[901, 902, 903], [904, 905, np.nan], [907, 908, 909.5]]
     )

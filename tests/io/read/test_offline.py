@@ -28,18 +28,17 @@ from sassgis.model.errors import InputError
 from sassgis.model.grid import Grid
 from sassgis.model.settings import ForestPlace
 
-_VRT = """<VRTDataset rasterXSize="9" rasterYSize="9"><GeoTransform>0,1,0,0,0,-1</GeoTransform>
-<VRTRasterBand dataType="Float32" band="1"><SimpleSource><SourceFilename>{}</SourceFilename>
-<SourceBand>1</SourceBand></SimpleSource></VRTRasterBand></VRTDataset>"""
 _WMS = """<GDAL_WMS><Service name="TMS"><ServerUrl>{}/${{z}}/${{x}}/${{y}}.png</ServerUrl></Service>
 <DataWindow><UpperLeftX>0</UpperLeftX><UpperLeftY>100</UpperLeftY><LowerRightX>100</LowerRightX>
 <LowerRightY>0</LowerRightY><TileLevel>1</TileLevel></DataWindow><Projection>EPSG:2056</Projection>
 <BandsCount>1</BandsCount></GDAL_WMS>"""
-_OGR = """<OGRVRTDataSource><OGRVRTLayer name="a"><SrcDataSource>{}</SrcDataSource></OGRVRTLayer>
-</OGRVRTDataSource>"""
+_OGR = (
+    "<OGRVRTDataSource><OGRVRTLayer name='secret'><SrcDataSource>{}</SrcDataSource></OGRVRTLayer>"
+    "</OGRVRTDataSource>"
+)
 RASTERS = {
-    "list of sources": lambda url: _VRT.format(f"/vsicurl/{url}/a.tif"),
-    "list of addresses": lambda url: _VRT.format(f"{url}/a.tif"),
+    "list of sources": lambda url: mosaic(f"/vsicurl/{url}/a.tif", relative=0),
+    "list of addresses": lambda url: mosaic(f"{url}/a.tif", relative=0),
     "tile server": _WMS.format,
 }
 VECTORS = {
@@ -296,15 +295,11 @@ _POINT = (
     '{"type": "Feature", "properties": {"a": "%s"},'
     '"geometry": {"type": "Point", "coordinates": [1, 2]}}'
 )
-_LIST = (
-    "<OGRVRTDataSource><OGRVRTLayer name='secret'><SrcDataSource>{}</SrcDataSource></OGRVRTLayer>"
-    "</OGRVRTDataSource>"
-)
 _KML = "<kml xmlns='http://www.opengis.net/kml/2.2'>{}</kml>"
 VECTORS_ASTRAY: dict[str, Callable[[Path], str]] = {
-    "list of sources": _LIST.format,
-    "list of sources in GeoJSON": lambda f: _POINT % _LIST.format(f),
-    "list of sources in KML": lambda f: _KML.format("") + _LIST.format(f),
+    "list of sources": _OGR.format,
+    "list of sources in GeoJSON": lambda f: _POINT % _OGR.format(f),
+    "list of sources in KML": lambda f: _KML.format("") + _OGR.format(f),
     "commands": lambda f: (
         f'{{"type": "gdal_streamed_alg", "command_line": "gdal vector pipeline ! read {f}"}}'
     ),

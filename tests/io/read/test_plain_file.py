@@ -8,7 +8,7 @@ from io import BytesIO
 import pytest
 
 from sassgis.io.read import stac
-from sassgis.io.read.csv_table import csv_rows
+from sassgis.io.read.csv_table import CsvColumn, csv_rows
 from sassgis.io.read.gap_thresholds import read_thresholds
 from sassgis.io.read.plain_file import LONGEST_TEXT, check_text, read_text, toml_table
 from sassgis.io.read.result_folder import read_manifest
@@ -67,7 +67,7 @@ def test_limits_of_texts() -> None:
 )
 def test_limits_of_cells(tmp_path, text: str, word: str) -> None:
     with pytest.raises(InputError, match=word):
-        list(csv_rows(text, tmp_path / "a.csv", ("name", "area"), (), ()))
+        list(csv_rows(text, tmp_path / "a.csv", {"name": CsvColumn(), "area": CsvColumn()}))
 
 
 def test_limits_of_files(tmp_path) -> None:

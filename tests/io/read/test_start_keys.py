@@ -14,7 +14,7 @@ from sassgis.io.read.start_keys import start_keys, with_values
 from sassgis.io.read.tiles import read_terrain
 from sassgis.io.read.vectors import read_control_lines
 from sassgis.io.write.config_template import short_template
-from sassgis.model.errors import ConfigError, InputError
+from sassgis.model.errors import InputError
 
 
 def boxes(folder: Path, layer: str, **columns: list[object]) -> Path:
@@ -131,13 +131,3 @@ def test_attributes_keep_the_limits_of_the_keys(tmp_path: Path, columns, words) 
     with pytest.raises(InputError) as error:
         barriers(tmp_path, **columns, capacity=[500.0, 500.0])
     assert all(word in str(error.value) for word in ("nets.gpkg", *words)), str(error.value)
-
-
-def test_a_barrier_without_kind_or_height_is_refused(tmp_path: Path) -> None:
-    slope = Slope(tmp_path)
-    slope.write_config()
-    text = slope.config.read_text()
-    for own, key in (('kind = "net"', "height_m"), ("height_m = 3", "kind")):
-        slope.config.write_text(f'{text}\n[[barriers]]\nname = "n"\nchainage_m = 1\n{own}\n')
-        with pytest.raises(ConfigError, match=rf"barriers\[n\]\.{key}: missing key"):
-            load_config(slope.config)
