@@ -68,10 +68,10 @@ def model_gaps(
         if what == "speed":
             place = problem.case.station_names[int(place[1:])]
             quantity, unit = "speed_mps", "m/s"
+            found.append(_arrivals(problem, place, column, np.isfinite(seen), np.isfinite(made)))
             if np.isfinite(mass[np.isfinite(seen)]).all():
                 seen, made = 0.5e-3 * mass * seen**2, 0.5e-3 * mass * made**2
                 quantity, unit = "energy_kj", "kJ"
-            found.append(_arrivals(problem, place, column, np.isfinite(seen), np.isfinite(made)))
         known = np.flatnonzero(np.isfinite(seen) & np.isfinite(made).any(axis=0))
         if known.size < _FEWEST:
             continue
