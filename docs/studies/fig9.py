@@ -156,16 +156,8 @@ def main() -> None:
                 rows.append((ratio, gamma, alpha, expected, computed, computed - expected))
     with (out / "fig9.csv").open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(
-            [
-                "b_over_a",
-                "gamma_deg",
-                "alpha_deg",
-                "closed_form_percent",
-                "engine_percent",
-                "difference",
-            ]
-        )
+        names = "b_over_a gamma_deg alpha_deg closed_form_percent engine_percent difference"
+        writer.writerow(names.split())
         writer.writerows((*r[:4], f"{r[4]:.4f}", f"{r[5]:.4f}") for r in rows)
     largest = max(abs(r[5]) for r in rows)
     gamma, alpha = np.linspace(0.0, 180.0, 61), np.linspace(0.0, 90.0, 31)

@@ -12,8 +12,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import marked_tables
-from marked_tables import table
+import study_tables
+from study_tables import table
 
 HERE = Path(__file__).parent
 NONE = "*Not diagnosed.*"
@@ -208,8 +208,8 @@ TABLES = {
 
 def filled(text: str) -> str:
     """A page with its tables written again."""
-    return marked_tables.filled(text, TABLES, "gap", "end gap")
+    return study_tables.filled(text, TABLES, "gap", "end gap")
 
 
 if __name__ == "__main__":
-    marked_tables.rewrite(sorted(HERE.glob("gap_*.md")), filled)
+    study_tables.rewrite(sorted(HERE.glob("gap_*.md")), filled)

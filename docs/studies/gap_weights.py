@@ -32,10 +32,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from marked_tables import table
 from scipy import stats
 from scipy.optimize import minimize
 from scipy.special import logsumexp
+from study_tables import table
 
 from sassgis.gap.calibration.problem import problem_of
 from sassgis.gap.calibration.site_summary import summary_of

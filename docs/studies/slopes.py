@@ -183,6 +183,3 @@ def split(flat: ProfileSet, parts: int) -> ProfileSet:
     return ProfileSet(
         np.array([0, s.size], np.int64), s, z, ground, flat.cell_offset, flat.cell_s, flat.cell
     )
-
-
-__all__ = ["Slope", "follow", "split", "table_slope", "valley_slopes"]

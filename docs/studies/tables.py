@@ -13,9 +13,9 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-import marked_tables
 import pandas as pd
-from marked_tables import table
+import study_tables
+from study_tables import table
 
 HERE = Path(__file__).parent
 PAGES = (*sorted(HERE.glob("*.md")), HERE.parent / "calibration.md")
@@ -583,8 +583,8 @@ TABLES = {
 
 def filled(text: str) -> str:
     """A page with its tables written again."""
-    return marked_tables.filled(text, TABLES, "table", "end")
+    return study_tables.filled(text, TABLES, "table", "end")
 
 
 if __name__ == "__main__":
-    marked_tables.rewrite(PAGES, filled)
+    study_tables.rewrite(PAGES, filled)

@@ -29,8 +29,8 @@ from sassgis.report.page import (
     ReportContext,
     ReportFigure,
     ReportTable,
-    heads,
     sensible,
+    table_of,
 )
 from sassgis.report.pictures import picture
 
@@ -104,10 +104,10 @@ def change_report(
     facts: Mapping[str, Cell],
 ) -> ReportContext:
     """Put the report together; ``facts`` say where the numbers come from."""
-    differ = ReportTable(
+    differ = table_of(
         "What differs between the two",
-        heads("kind; what; before; after"),
-        tuple(
+        "kind; what; before; after",
+        (
             (_KINDS.get(d.kind, d.kind), *map(named, (d.name, d.before or "–", d.after or "–")))
             for d in change.differences
         ),
@@ -214,10 +214,10 @@ def _differ(change: ResultChange) -> ReportAnswer:
 
 def _key_table(change: ResultChange) -> ReportTable:
     rows = [r for part in ("map", "zones", "run-out") for r in change.of(part)]
-    return ReportTable(
+    return table_of(
         "Before and after",
-        heads("quantity; unit; before; after; change"),
-        tuple(
+        "quantity; unit; before; after; change",
+        (
             (
                 phrase("{}: {}", phrase(r.quantity), r.name) if r.name else r.quantity,
                 _UNITS.get(r.unit, r.unit), r.before, r.after,
@@ -247,8 +247,8 @@ def _at_places(title: str, rows: Sequence[ChangeRow], note: str = "") -> ReportT
         for quantity in quantities:
             row = found.get((name, quantity))
             cells += [None, None] if row is None else [_with_limits(row, 0), _with_limits(row, 1)]
-        body.append(tuple(cells))
-    return ReportTable(title, tuple(heads), tuple(body), note)
+        body.append(cells)
+    return table_of(title, heads, body, note)
 
 
 def _with_limits(row: ChangeRow, when: int) -> Cell:

@@ -24,7 +24,7 @@ from sassgis.model.results import RasterLayer, StopReason
 from sassgis.report import figures
 from sassgis.report.figures.map_marks import MapObject
 from sassgis.report.number_text import thousands
-from sassgis.report.page import Cell, ReportContext, ReportFigure, ReportTable, heads
+from sassgis.report.page import Cell, ReportContext, ReportFigure, ReportTable, table_of
 from sassgis.report.pictures import map_alt, path_alt, picture, station_alt
 from sassgis.report.run_summary import runout_words
 from sassgis.terrain.plan import Plan
@@ -104,10 +104,10 @@ def runout_counts(progress: Progress) -> Figure:
 def stopping_reasons(counts: IntArray) -> ReportTable:
     """How many blocks stop for which reason; ``counts`` by StopReason."""
     total = max(int(counts.sum()), 1)
-    return ReportTable(
+    return table_of(
         "Stopping reasons",
-        heads("reason; blocks; share | %"),
-        tuple((STOP_TEXT[r], int(counts[r]), 100.0 * int(counts[r]) / total) for r in StopReason),
+        "reason; blocks; share | %",
+        ((STOP_TEXT[r], int(counts[r]), 100.0 * int(counts[r]) / total) for r in StopReason),
     )
 
 
@@ -141,13 +141,13 @@ def control_line_tables(control_lines: ControlLineSums) -> list[ReportTable]:
 
     tables = []
     for title, columns, keys, note in _CONTROL_LINE_TABLES:
-        rows = tuple(
-            tuple(number(row[key]) for key in keys.split())
+        rows = [
+            [number(row[key]) for key in keys.split()]
             for row in control_line_rows(control_lines)
             if (row["kind"] == "station") == (title == "Stations")
-        )
+        ]
         if rows:
-            tables.append(ReportTable(title, heads(columns), rows, note))
+            tables.append(table_of(title, columns, rows, note))
     return tables
 
 
@@ -156,17 +156,13 @@ def _span(low: float, high: float) -> str:
 
 
 def _block_table(run: MapRun) -> ReportTable:
-    return ReportTable(
+    return table_of(
         "Block scenarios",
-        heads(
-            "scenario; semi-axis 1 | m; semi-axis 2 | m; semi-axis 3 | m; density | kg/m³; "
-            "initial speed | m/s"
-        ),
-        tuple(
-            (
-                b.name, _span(*b.axis_1_m), _span(*b.axis_2_m), _span(*b.axis_3_m),
-                _span(*b.density_kgm3), _span(*b.speed_mps),
-            )
+        "scenario; semi-axis 1 | m; semi-axis 2 | m; semi-axis 3 | m; density | kg/m³; "
+        "initial speed | m/s",
+        (
+            (b.name, _span(*b.axis_1_m), _span(*b.axis_2_m), _span(*b.axis_3_m),
+             _span(*b.density_kgm3), _span(*b.speed_mps))
             for b in run.blocks
         ),
     )  # fmt: skip
@@ -174,13 +170,11 @@ def _block_table(run: MapRun) -> ReportTable:
 
 def _ground_table(run: MapRun, reached: IntArray) -> ReportTable:
     """The ground classes of the cells that blocks reach."""
-    return ReportTable(
+    return table_of(
         "Ground classes",
-        heads(
-            "class; η max; Δp/p; μ_f; μ_0; k; d* | m; e; v of e/2 | m/s; rolling threshold; "
-            "speed loss; trust; share of the ground | %; source"
-        ),
-        tuple(
+        "class; η max; Δp/p; μ_f; μ_0; k; d* | m; e; v of e/2 | m/s; rolling threshold; "
+        "speed loss; trust; share of the ground | %; source",
+        (
             (c.name, c.eta_max, _span(c.dp_min, c.dp_max), c.mu_f, c.mu_0, c.k, c.d_star_m,
              c.restitution, c.restitution_speed_mps, c.rolling_threshold, c.speed_loss,
              TRUST_TEXT[c.trust], f"{100 * share:.0f}", c.source)
@@ -272,10 +266,10 @@ def map_report(
         {str(row["name"]): station_alt(row) for row in rows},
     )  # fmt: skip
     ends = joined_lines(progress.lines).end
-    line_ends = ReportTable(
+    line_ends = table_of(
         "How fall lines end",
-        heads("reason; lines"),
-        tuple((text, int((ends == e).sum())) for e, text in LINE_END_TEXT.items()),
+        "reason; lines",
+        ((text, int((ends == e).sum())) for e, text in LINE_END_TEXT.items()),
     )
     # In words: what of the terrain blocks do not meet.
     roughness = "none: cells are not finer than the blocks"

@@ -13,7 +13,7 @@ from sassgis.model.map_run import MapRun
 from sassgis.model.results import RasterLayer
 from sassgis.report.figures import MapMarks, map_figure
 from sassgis.report.map_report import release_outlines
-from sassgis.report.page import ReportContext, ReportTable, heads
+from sassgis.report.page import ReportContext, ReportTable, table_of
 from sassgis.report.pictures import picture
 
 #: What the first table ranks by.
@@ -86,14 +86,12 @@ def _key_table(effects: Sequence[RangeEffect]) -> ReportTable:
         "blocks reach in both. Each range alone, all other values as in the class. Beyond chance: "
         "more than twice the change by another seed."
     )
-    return ReportTable(
+    return table_of(
         "Which ranges change run-out and energy",
-        heads(
-            "class; parameter; value; range; run-out 95 %, low end | m; run-out 95 %, "
-            "high end | m; energy ratio, low end | 1; energy ratio, high end | 1; run-out beyond "
-            "chance; range read in its source"
-        ),
-        tuple(
+        "class; parameter; value; range; run-out 95 %, low end | m; run-out 95 %, "
+        "high end | m; energy ratio, low end | 1; energy ratio, high end | 1; run-out beyond "
+        "chance; range read in its source",
+        (
             (
                 e.range.class_name, e.range.parameter, e.range.value,
                 phrase("{} to {}", f"{e.range.low:.3g}", f"{e.range.high:.3g}"), e.low, e.high,
@@ -110,12 +108,11 @@ def _measure_table(measure: str, effects: Sequence[RangeEffect]) -> ReportTable:
     chosen = _ranked(effects, measure)
     unit = "" if chosen[0].unit == "1" else chosen[0].unit
     title = translated(measure)
-    columns = "class; parameter; low end; high end; base; another seed; rank correlation"
-    units = ("", "", *4 * (unit,), "")
-    return ReportTable(
+    return table_of(
         named(title[0].upper() + title[1:]),
-        tuple((name, own) for (name, _), own in zip(heads(columns), units, strict=True)),
-        tuple(
+        f"class; parameter; low end | {unit}; high end | {unit}; base | {unit}; "
+        f"another seed | {unit}; rank correlation",
+        (
             (e.range.class_name, e.range.parameter, e.low, e.high, e.base, e.chance, e.correlation)
             for e in chosen
         ),

@@ -15,7 +15,7 @@ from sassgis.model.results import RasterLayer
 from sassgis.report.figures import map_figure
 from sassgis.report.figures.map_marks import MapObject
 from sassgis.report.map_report import map_marks
-from sassgis.report.page import ReportFigure, ReportTable, heads, sensible
+from sassgis.report.page import ReportFigure, ReportTable, sensible, table_of
 from sassgis.report.pictures import map_alt, picture
 from sassgis.report.run_summary import Lines
 
@@ -60,10 +60,10 @@ def spread_lines(spread: GroundSpread) -> Lines:
 
 def spread_table(spread: GroundSpread) -> ReportTable:
     """All measures with their bands."""
-    return ReportTable(
+    return table_of(
         "Spread of the ground classes",
-        heads("measure; unit; values of the classes; 10 % of the draws below; median; 90 % below"),
-        tuple((b.measure, b.unit, b.base, b.low, b.middle, b.high) for b in spread.bands),
+        "measure; unit; values of the classes; 10 % of the draws below; median; 90 % below",
+        ((b.measure, b.unit, b.base, b.low, b.middle, b.high) for b in spread.bands),
         phrase(
             "{} simulations of the same blocks with values of the classes drawn from their spread "
             "between sites (tables/ground_spread.csv). An energy where no block arrives is 0.",

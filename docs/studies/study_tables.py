@@ -1,10 +1,23 @@
-"""Tables in Markdown, and the marks of a page between which they stand."""
+"""Tables of the studies: as CSV, and in Markdown between the marks of a page."""
 
 from __future__ import annotations
 
+import csv
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
+
+
+def write_csv(path: Path, rows: Sequence[Mapping[str, Any]], digits: int = 6) -> None:
+    """Write rows as CSV, numbers with so many significant digits."""
+    with path.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.DictWriter(stream, list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        for row in rows:
+            writer.writerow(
+                {k: f"{v:.{digits}g}" if isinstance(v, float) else v for k, v in row.items()}
+            )
 
 
 def table(head: str, rows: Iterable[str]) -> str:
