@@ -191,7 +191,6 @@ def convergence_figure(
         Largest distance between terrain and segment (m).
     series : by name with unit, (values, lower, upper) of float, shape (n,)
         One panel each; lower and upper are the limits of the confidence interval.
-    title : str
     """
     order = np.argsort(tolerances)
     x, finest = tolerances[order], order[0]

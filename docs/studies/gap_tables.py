@@ -192,18 +192,20 @@ def program() -> str:
 
 
 TABLES = {
-    **{f"{c} uncalibrated": partial(untuned, c) for c in ("tschamut", "authume")},
-    **{f"{c} verdict": partial(verdict, c) for c in ("tschamut", "authume", "chant_sura")},
-    **{f"{c} ladder": partial(ladder, c) for c in ("tschamut", "authume")},
-    **{f"{c} parameters": partial(parameters, c) for c in ("tschamut", "authume")},
-    **{f"{c} held out": partial(left_out, c) for c in ("tschamut", "authume")},
-    "tschamut which": partial(which, "tschamut"),
-    "authume which": partial(which, "authume"),
+    **{
+        f"{case} {name}": partial(made, case)
+        for case in ("tschamut", "authume")
+        for name, made in (
+            ("uncalibrated", untuned), ("verdict", verdict), ("ladder", ladder), ("which", which),
+            ("parameters", parameters), ("held out", left_out),
+        )
+    },
+    "chant_sura verdict": partial(verdict, "chant_sura"),
     "chant_sura contacts": partial(contacts, "used"),
     "chant_sura all contacts": partial(contacts, "all with a spin"),
     "chant_sura scars": scars,
     "authume program": program,
-}
+}  # fmt: skip
 
 
 def filled(text: str) -> str:

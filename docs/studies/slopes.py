@@ -37,13 +37,9 @@ class Slope:
 
     Attributes
     ----------
-    name : str
-    grid : Grid
     ground : int32, shape of the grid
     trace : TraceSet
         A single line.
-    table : GroundTable
-    blocks : BlockPopulation
     key : uint64, shape (1,)
         Identity for the random draws.
     start : (low, high)

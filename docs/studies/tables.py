@@ -54,7 +54,7 @@ def discretisation(slope: str) -> str:
     return table(f"tolerance (m) | {tolerances} | sampling, at most", rows)
 
 
-def lines() -> str:
+def discretisation_lines() -> str:
     """Change of single lines of the valley against the finest tolerance."""
     found = rows_of("discretisation/lines_valley")
     finest, *others = found["tolerance_m"].unique()
@@ -68,7 +68,7 @@ def lines() -> str:
     return table(" | ".join([f"against {finest:g} m", *(f"{t:g} m" for t in others)]), rows)
 
 
-def splitting() -> str:
+def discretisation_splitting() -> str:
     """Polylines with divided segments against the original ones."""
     row = (
         "{slope} | {parts} | {same_rocks_percent:.0f} % | {mean_change_m:+.2f} ± "
@@ -544,41 +544,28 @@ def sampling_decided() -> str:
     )
 
 
+#: By the name of the mark.
 TABLES = {
-    "calibration coverage": calibration_coverage,
-    "sampling": sampling,
-    "sampling decided": sampling_decided,
-    "discretisation valley": partial(discretisation, "valley"),
-    "discretisation bedrina": partial(discretisation, "bedrina"),
-    "discretisation piota_negra": partial(discretisation, "piota_negra"),
-    "discretisation lines": lines,
-    "discretisation splitting": splitting,
-    "convergence tolerance": partial(convergence, "tolerance"),
-    "convergence assumption": partial(convergence, "assumption"),
-    "field untuned": field_untuned,
-    "field site bands": field_site_bands,
-    "field left out": field_left_out,
-    "field groups": field_groups,
-    "field published": field_published,
-    "field gain": field_gain,
-    "field bands": field_bands,
-    "field repeated": field_repeated,
-    "field mass": field_mass,
-    "field parameters": field_parameters,
-    "field widths": field_widths,
-    "contacts filmed": contacts_filmed,
-    "contacts program": contacts_program,
-    "safety kills": safety_kills,
-    "safety fuzz": safety_fuzz,
-    "safety extremes": safety_extremes,
-    "speed slope": speed_slope,
-    "speed together": speed_together,
-    "speed effects": speed_effects,
-    "speed limits": speed_limits,
-    "speed peers": speed_peers,
-    "speed canton": speed_canton,
-    "speed routed": speed_routed,
-}
+    **{
+        made.__name__.replace("_", " "): made
+        for made in (
+            calibration_coverage, sampling, sampling_decided, discretisation_lines,
+            discretisation_splitting, field_untuned, field_site_bands, field_left_out, field_groups,
+            field_published, field_gain, field_bands, field_repeated, field_mass, field_parameters,
+            field_widths, contacts_filmed, contacts_program, safety_kills, safety_fuzz,
+            safety_extremes, speed_slope, speed_together, speed_effects, speed_limits, speed_peers,
+            speed_canton, speed_routed,
+        )
+    },
+    **{
+        f"{made.__name__} {part}": partial(made, part)
+        for made, parts in (
+            (discretisation, ("valley", "bedrina", "piota_negra")),
+            (convergence, ("tolerance", "assumption")),
+        )
+        for part in parts
+    },
+}  # fmt: skip
 
 
 def filled(text: str) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import CancelledError
 from contextvars import ContextVar
 from pathlib import Path
@@ -17,7 +17,8 @@ from sassgis.model.languages import joined, phrase
 from sassgis.model.noted_files import noted
 from sassgis.model.results import RasterLayer
 from sassgis.model.styles import class_labels
-from sassgis.report.figures.map_figure import class_numbers, shown_values
+from sassgis.report.figures.map_figure import class_numbers, map_figure, shown_values
+from sassgis.report.figures.map_marks import MapMarks
 from sassgis.report.figures.style import to_png
 from sassgis.report.page import Cell, ReportFigure, sensible
 
@@ -41,6 +42,24 @@ def picture(
     folder.mkdir(parents=True, exist_ok=True)
     noted(folder / f"{name}.png").write_bytes(png)
     return ReportFigure(title, caption, png, alt)
+
+
+def map_pictures(
+    folder: Path,
+    grid: Grid,
+    layers: Sequence[RasterLayer],
+    marks: MapMarks,
+    alt: Callable[[Grid, RasterLayer], str],
+) -> tuple[ReportFigure, ...]:
+    """Draw layers as maps, those that hold anything; ``alt`` says what is seen."""
+    return tuple(
+        picture(
+            folder, f"map_{layer.stem}", layer.title, layer.note, map_figure(grid, layer, marks),
+            alt(grid, layer),
+        )
+        for layer in layers
+        if np.isfinite(layer.bands[0].values).any()
+    )  # fmt: skip
 
 
 def map_alt(grid: Grid, layer: RasterLayer) -> str:

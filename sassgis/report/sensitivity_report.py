@@ -11,10 +11,10 @@ from sassgis.hazard.sensitivity import Names, RangeEffect, SensitivityMaps
 from sassgis.model.languages import joined, named, phrase, translated
 from sassgis.model.map_run import MapRun
 from sassgis.model.results import RasterLayer
-from sassgis.report.figures import MapMarks, map_figure
+from sassgis.report.figures import MapMarks
 from sassgis.report.map_report import release_outlines
 from sassgis.report.page import ReportContext, ReportTable, table_of
-from sassgis.report.pictures import picture
+from sassgis.report.pictures import map_pictures
 
 #: What the first table ranks by.
 _RANKED = "run-out (95 %)"
@@ -34,13 +34,6 @@ def sensitivity_report(
 ) -> ReportContext:
     """Draw the figures into ``folder`` and put the report together."""
     marks = MapMarks(release_outlines(run))
-    pictures = tuple(
-        picture(
-            folder, f"map_{layer.stem}", layer.title, layer.note, map_figure(run.grid, layer, marks)
-        )
-        for layer in layers
-        if np.isfinite(layer.bands[0].values).any()
-    )
     measures = tuple(dict.fromkeys(e.measure for e in effects))
     return ReportContext(
         title=title,
@@ -53,7 +46,7 @@ def sensitivity_report(
         ),
         verdict=_verdict(effects, maps, names),
         key_results=_key_table(effects),
-        figures=pictures,
+        figures=map_pictures(folder, run.grid, layers, marks, lambda grid, layer: ""),
         tables=tuple(_measure_table(m, effects) for m in measures if m not in (_RANKED, _ENERGY)),
     )
 
