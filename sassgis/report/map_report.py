@@ -24,7 +24,7 @@ from sassgis.model.results import RasterLayer, StopReason
 from sassgis.report import figures
 from sassgis.report.figures.map_marks import MapObject
 from sassgis.report.number_text import thousands
-from sassgis.report.page import Cell, ReportContext, ReportFigure, ReportTable, table_of
+from sassgis.report.page import ReportContext, ReportFigure, ReportTable, table_of
 from sassgis.report.pictures import map_alt, path_alt, picture, station_alt
 from sassgis.report.run_summary import runout_words
 from sassgis.terrain.plan import Plan
@@ -135,14 +135,10 @@ _CONTROL_LINE_TABLES = (
 
 def control_line_tables(control_lines: ControlLineSums) -> list[ReportTable]:
     """Statistics at stations and barriers, for the report."""
-
-    def number(value: object) -> Cell:
-        return value if isinstance(value, (int, float, str)) else None
-
     tables = []
     for title, columns, keys, note in _CONTROL_LINE_TABLES:
         rows = [
-            [number(row[key]) for key in keys.split()]
+            [row[key] for key in keys.split()]
             for row in control_line_rows(control_lines)
             if (row["kind"] == "station") == (title == "Stations")
         ]
@@ -263,7 +259,7 @@ def map_report(
     rows = control_line_rows(progress.control_lines)
     pictures += station_figures(
         progress.control_lines, total, folder, "First downhill passage of each block.",
-        {str(row["name"]): station_alt(row) for row in rows},
+        {row["name"]: station_alt(row) for row in rows},
     )  # fmt: skip
     ends = joined_lines(progress.lines).end
     line_ends = table_of(

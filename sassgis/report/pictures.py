@@ -7,6 +7,7 @@ from concurrent.futures import CancelledError
 from contextvars import ContextVar
 from pathlib import Path
 from threading import Event
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -20,7 +21,7 @@ from sassgis.model.styles import class_labels
 from sassgis.report.figures.map_figure import class_numbers, map_figure, shown_values
 from sassgis.report.figures.map_marks import MapMarks
 from sassgis.report.figures.style import to_png
-from sassgis.report.page import Cell, ReportFigure, sensible
+from sassgis.report.page import ReportFigure, sensible
 
 #: Set where the figures are drawn beside other work, which may fail or be stopped.
 GIVEN_UP: ContextVar[Event | None] = ContextVar("given_up", default=None)
@@ -100,15 +101,11 @@ def path_alt(shown: LinePaths) -> str:
     return joined(" ", (section, phrase("It crosses {}.", names))) if names else section
 
 
-def station_alt(row: Mapping[str, object]) -> str:
+def station_alt(row: Mapping[str, Any]) -> str:
     """Histograms at a station or barrier; ``row`` of control_line_rows."""
-
-    def shown(key: str) -> str:
-        value: Cell = row[key]  # type: ignore[assignment]
-        return sensible(value)
-
+    keys = ("rocks", "speed_mps_q95", "rotation_hz_q95", "height_m_q95")
     return phrase(
         "Histograms of speed, rotation and passing height of {} blocks: 95 % of them below {} m/s, "
         "{} Hz and {} m.",
-        *map(shown, ("rocks", "speed_mps_q95", "rotation_hz_q95", "height_m_q95")),
+        *(sensible(row[key]) for key in keys),
     )
