@@ -90,12 +90,10 @@ def station_figures(
 
 def runout_counts(progress: Progress) -> Figure:
     """Run-out by reason, in 40 bins of whole metres at most."""
-    width = max(-(-progress.runout.shape[1] // 40), 1)
-    groups = -(-progress.runout.shape[1] // width)
-    padded = np.zeros((progress.runout.shape[0], groups * width), np.int64)
-    padded[:, : progress.runout.shape[1]] = progress.runout
-    counts = padded.reshape(padded.shape[0], groups, width).sum(axis=2)
-    edges = width * np.arange(groups + 1, dtype=float)
+    metres = progress.runout.shape[1]
+    width = max(-(-metres // 40), 1)
+    counts = np.add.reduceat(progress.runout, np.arange(0, metres, width), axis=1)
+    edges = width * np.arange(counts.shape[1] + 1, dtype=float)
     return figures.runout_counts_figure(
         edges, {r: counts[r] for r in StopReason}, title="Run-out along the paths"
     )
