@@ -12,19 +12,20 @@ that are meant to matter (the modelling assumptions of docs/model.md) are compar
 from __future__ import annotations
 
 import argparse
-import csv
 import json
 import os
 import shutil
 import subprocess
 import sys
 import tempfile
+from collections import defaultdict
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from study_tables import write_csv
 
 SEED, OTHER_SEED = 1986, 1987
 LINES = 8
@@ -116,12 +117,11 @@ def work(
         "bedrina": ([table_slope("bedrina", "config_before.toml")], rocks),
     }
     for target, settings in jobs:
-        out: dict[str, NDArray[np.float64]] = {}
+        out: dict[str, list[NDArray[np.float64]]] = defaultdict(list)
         for seed in (SEED, OTHER_SEED):
             for name, (slopes, each) in sets.items():
-                runout, energy, most = [], [], []
                 for slope in slopes:
-                    table, passing, _ = follow(
+                    table, (energy,), _ = follow(
                         slope,
                         slope.profile(0.25),
                         each,
@@ -129,20 +129,17 @@ def work(
                         [STATION_M[name]],
                         EngineSettings(readings="1986", **settings),  # type: ignore[arg-type]
                     )
-                    runout.append(table["runout_m"])
-                    energy.append(passing[0])
-                    most.append(table["max_energy_kj"])
-                out[f"{name}-{seed}-runout"] = np.concatenate(runout)
-                out[f"{name}-{seed}-energy"] = np.concatenate(energy)
-                out[f"{name}-{seed}-most"] = np.concatenate(most)
-        np.savez(target, **out)
+                    out[f"{name}-{seed}-runout"].append(table["runout_m"])
+                    out[f"{name}-{seed}-energy"].append(energy)
+                    out[f"{name}-{seed}-most"].append(table["max_energy_kj"])
+        np.savez(target, **{key: np.concatenate(parts) for key, parts in out.items()})
 
 
 def simulated(rocks: int) -> dict[str, dict[str, NDArray[np.float64]]]:
     """The rocks of every variant; variants with the same constants share a process."""
-    groups: dict[str, list[Variant]] = {}
+    groups: dict[str, list[Variant]] = defaultdict(list)
     for v in variants():
-        groups.setdefault(json.dumps(v.constants, sort_keys=True), []).append(v)
+        groups[json.dumps(v.constants, sort_keys=True)].append(v)
     results = {}
     with tempfile.TemporaryDirectory() as folder:
         for number, (constants, members) in enumerate(groups.items()):
@@ -210,8 +207,7 @@ def draw(rows: list[dict[str, object]], path: Path) -> None:
     from sassgis.report.figures import save
     from sassgis.report.figures.style import BLUE, GREY, ORANGE, WIDTH_IN, house_style, new_figure
 
-    @house_style()
-    def figure():  # type: ignore[no-untyped-def]
+    with house_style():
         fig = new_figure(WIDTH_IN, 4.2)
         axes = fig.subplots(1, 2, sharey=True)
         names = list(dict.fromkeys(str(r["variant"]) for r in rows))
@@ -244,9 +240,7 @@ def draw(rows: list[dict[str, object]], path: Path) -> None:
             "blue: numerical, halved; orange: assumptions; dotted: exceeded by 5 % of pairs of "
             "equal samples", size=7, color=GREY, x=0.01, ha="left",
         )  # fmt: skip
-        return fig
-
-    save(figure(), path)
+        save(fig, path)
 
 
 def main() -> None:
@@ -264,11 +258,7 @@ def main() -> None:
     out: Path = options.output
     out.mkdir(parents=True, exist_ok=True)
     rows = compared(simulated(options.rocks))
-    with (out / "convergence.csv").open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.DictWriter(stream, list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        for row in rows:
-            writer.writerow({k: f"{v:.5g}" if isinstance(v, float) else v for k, v in row.items()})
+    write_csv(out / "convergence.csv", rows, 5)
     numerical = [r for r in rows if r["kind"] == "tolerance"]
     import sassgis
 

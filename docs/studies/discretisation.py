@@ -9,7 +9,6 @@ summary.csv (pooled over the lines), lines.csv (line by line), splitting.csv and
 from __future__ import annotations
 
 import argparse
-import csv
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -17,9 +16,10 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, NullFormatter, NullLocator
+from matplotlib.ticker import NullFormatter, NullLocator
 from scipy.stats import ks_2samp
 from slopes import Slope, follow, split, table_slope, valley_slopes
+from study_tables import write_csv
 
 import sassgis
 from sassgis.model.grid import FloatArray
@@ -53,14 +53,11 @@ def quantities(
     """Quantities compared over the tolerances; arrays of shape (..., n_rocks)."""
     out = {f"run-out {100 * q:g} % (m)": float(np.quantile(runout, q)) for q in RUNOUT_SHARES}
     for k, chainage in enumerate(stations):
-        e, h = energy[k], height[k]
-        there = np.isfinite(e)
-        some = bool(there.any())
+        there = np.isfinite(energy[k])
         out[f"arrivals at {chainage:g} m (%)"] = 100.0 * float(there.mean())
-        out[f"E95 at {chainage:g} m (kJ)"] = float(np.quantile(e[there], 0.95)) if some else np.nan
-        out[f"height 95 % at {chainage:g} m (m)"] = (
-            float(np.quantile(h[there], 0.95)) if some else np.nan
-        )
+        for name, unit, values in (("E95", "kJ", energy[k]), ("height 95 %", "m", height[k])):
+            most = float(np.quantile(values[there], 0.95)) if there.any() else np.nan
+            out[f"{name} at {chainage:g} m ({unit})"] = most
     return out
 
 
@@ -107,13 +104,7 @@ def study(name: str, slopes: list[Slope], rocks: int) -> tuple[list[dict], list[
     for b in range(BOOTSTRAP):
         pick = rng.integers(0, rocks, (n, rocks))
         for t in TOLERANCES:
-            r, e, h = pooled[t]
-            again = quantities(
-                r[rows_of_lines, pick],
-                e[:, rows_of_lines, pick],
-                h[:, rows_of_lines, pick],
-                stations,
-            )
+            again = quantities(*(part[..., rows_of_lines, pick] for part in pooled[t]), stations)
             for q in names:
                 drawn[t][q][b] = again[q]
     summary = []
@@ -185,15 +176,6 @@ def splitting(slopes: list[Slope], rocks: int) -> list[dict]:
     return rows
 
 
-def write(path: Path, rows: list[dict]) -> None:
-    """Write rows as CSV, numbers to six digits."""
-    with path.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.DictWriter(stream, list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        for row in rows:
-            writer.writerow({k: f"{v:.6g}" if isinstance(v, float) else v for k, v in row.items()})
-
-
 @house_style()
 def convergence_figure(
     tolerances: FloatArray,
@@ -209,46 +191,35 @@ def convergence_figure(
         Largest distance between terrain and segment (m).
     series : by name with unit, (values, lower, upper) of float, shape (n,)
         One panel each; lower and upper are the limits of the confidence interval.
-    title : str
     """
-    x = np.asarray(tolerances, float)
-    order = np.argsort(x)
-    n = max(len(series), 1)
-    columns = min(n, 3)
-    rows = -(-n // columns)
+    order = np.argsort(tolerances)
+    x, finest = tolerances[order], order[0]
+    columns = min(len(series), 3)
+    rows = -(-len(series) // columns)
     figure = new_figure(WIDTH_IN, 0.55 + 2.35 * rows)
-    axes: Sequence[Axes] = list(figure.subplots(rows, columns, squeeze=False).ravel())
+    axes: Sequence[Axes] = figure.subplots(rows, columns, squeeze=False).ravel()
     head(figure, title)
     for ax in axes[len(series) :]:
         ax.set_visible(False)
-    for ax, (name, arrays) in zip(axes, series.items(), strict=False):
-        values, lower, upper = (np.asarray(a, float) for a in arrays)
+    for ax, (name, (values, lower, upper)) in zip(axes, series.items(), strict=False):
         ax.set_title(wrap(name, WIDTH_IN / columns - 0.4, SMALL + 1.0), size=SMALL + 1.0)
-        finest = order[0]
-        ax.axhspan(
-            float(lower[finest]), float(upper[finest]), color=BLUE, alpha=0.1, lw=0, gid="finest"
-        )
+        ax.axhspan(lower[finest], upper[finest], color=BLUE, alpha=0.1, lw=0, gid="finest")
         gaps = np.vstack([values - lower, upper - values])[:, order]
         ax.errorbar(
-            x[order],
-            values[order],
-            yerr=np.maximum(gaps, 0.0),
-            fmt="o-",
-            color=BLUE,
-            ms=3.5,
-            lw=1.2,
-            elinewidth=0.9,
-            capsize=2.0,
-        )
-        ax.set_xscale("log")
-        ax.set_xticks(x[order])
+            x, values[order], yerr=np.maximum(gaps, 0.0), fmt="o-", color=BLUE, ms=3.5, lw=1.2,
+            elinewidth=0.9, capsize=2.0,
+        )  # fmt: skip
+        low, high = np.nanmin(lower), np.nanmax(upper)
+        span = high - low
+        ax.set(xscale="log", xticks=x, xlabel="segment tolerance (m)")
+        ax.set_ylim(low - 0.15 * (span or 1.0), high + 0.15 * (span or 1.0))
         ax.xaxis.set_minor_locator(NullLocator())
         ax.xaxis.set_minor_formatter(NullFormatter())
-        ax.xaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
-        ax.yaxis.set_major_formatter(_plain(lower, upper))
-        ax.set_xlabel("segment tolerance (m)")
-        span = float(np.nanmax(upper) - np.nanmin(lower)) or 1.0
-        ax.set_ylim(float(np.nanmin(lower)) - 0.15 * span, float(np.nanmax(upper)) + 0.15 * span)
+        ax.xaxis.set_major_formatter("{x:g}")
+        # As many decimals as the range needs.
+        ax.yaxis.set_major_formatter(
+            thousands_formatter(0 if span >= 5.0 else 1 if span >= 0.5 else 2)
+        )
     figure.supxlabel(
         "band: confidence interval at the finest tolerance",
         size=SMALL,
@@ -257,12 +228,6 @@ def convergence_figure(
         ha="left",
     )
     return figure
-
-
-def _plain(lower: FloatArray, upper: FloatArray) -> FuncFormatter:
-    """Tick labels with as many decimals as the range needs."""
-    span = float(np.nanmax(upper) - np.nanmin(lower))
-    return thousands_formatter(0 if span >= 5.0 else 1 if span >= 0.5 else 2)
 
 
 def main() -> None:
@@ -283,15 +248,15 @@ def main() -> None:
         rows, per_line = study(name, slopes, options.rocks)
         summary += rows
         lines[name] = per_line
-    write(out / "summary.csv", summary)
+    write_csv(out / "summary.csv", summary)
     draw(summary, {n: len(slopes) * options.rocks for n, slopes in sets.items()}, out)
     for name, rows in lines.items():
-        write(out / f"lines_{name}.csv", rows)
+        write_csv(out / f"lines_{name}.csv", rows)
     cut = splitting(
         [sets["bedrina"][0], sets["piota_negra"][0], sets["valley"][0], sets["valley"][LINES // 2]],
         options.rocks,
     )
-    write(out / "splitting.csv", cut)
+    write_csv(out / "splitting.csv", cut)
     facts = {
         "program": f"sassgis {sassgis.__version__}",
         "rocks_per_line": options.rocks,

@@ -87,26 +87,21 @@ def fig9_figure(
     surfaces : (b/a, η_min)
         Ratio of the semi-axes and the coefficient in %, shape (m, n): rows follow alpha.
     """
-    gamma = np.asarray(gamma_deg, float)
-    alpha = np.asarray(alpha_deg, float)
     figure = new_figure(WIDTH_IN, 3.5, constrained=False)
     title = "Least share of kinetic energy kept in an impact without spin"
     figure.text(0.02, 0.975, title, size=TITLE, weight="bold", va="top", gid="title")
     width = 1.0 / len(surfaces)
-    for i, (ratio, values) in enumerate(surfaces):
-        eta = np.asarray(values, float)
+    for i, (ratio, eta) in enumerate(surfaces):
         ax: Axes3D = figure.add_axes(
             (i * width + 0.1 * width, -0.01, width * 0.9, 0.9),
             projection="3d",
             label=f"b/a = {ratio:g}",
         )
-        g, a = np.meshgrid(gamma, alpha)
         ax.plot_surface(
-            g,
-            a,
+            *np.meshgrid(gamma_deg, alpha_deg),
             eta,
-            rcount=alpha.size,
-            ccount=gamma.size,
+            rcount=alpha_deg.size,
+            ccount=gamma_deg.size,
             cmap="Blues",
             vmin=-30.0,
             vmax=110.0,
@@ -118,12 +113,8 @@ def fig9_figure(
         ax.view_init(elev=28.0, azim=-122.0)
         ax.set_proj_type("ortho")
         ax.set_box_aspect((1.5, 1.0, 0.85), zoom=0.92)
-        ax.set_xlim(0.0, 180.0)
-        ax.set_ylim(0.0, 90.0)
-        ax.set_zlim(0.0, 100.0)
-        ax.set_xticks([0, 45, 90, 135, 180])
-        ax.set_yticks([0, 30, 60, 90])
-        ax.set_zticks([0, 25, 50, 75, 100])
+        ax.set(xlim=(0.0, 180.0), ylim=(0.0, 90.0), zlim=(0.0, 100.0))
+        ax.set(xticks=range(0, 181, 45), yticks=range(0, 91, 30), zticks=range(0, 101, 25))
         ax.tick_params(labelsize=SMALL, pad=-1)
         ax.set_xlabel("γ (°)", labelpad=-1, size=TEXT)
         ax.set_ylabel("α (°)", labelpad=-1, size=TEXT)
@@ -156,16 +147,8 @@ def main() -> None:
                 rows.append((ratio, gamma, alpha, expected, computed, computed - expected))
     with (out / "fig9.csv").open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(
-            [
-                "b_over_a",
-                "gamma_deg",
-                "alpha_deg",
-                "closed_form_percent",
-                "engine_percent",
-                "difference",
-            ]
-        )
+        names = "b_over_a gamma_deg alpha_deg closed_form_percent engine_percent difference"
+        writer.writerow(names.split())
         writer.writerows((*r[:4], f"{r[4]:.4f}", f"{r[5]:.4f}") for r in rows)
     largest = max(abs(r[5]) for r in rows)
     gamma, alpha = np.linspace(0.0, 180.0, 61), np.linspace(0.0, 90.0, 31)

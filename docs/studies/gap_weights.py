@@ -35,6 +35,7 @@ import numpy as np
 from scipy import stats
 from scipy.optimize import minimize
 from scipy.special import logsumexp
+from study_tables import table
 
 from sassgis.gap.calibration.problem import problem_of
 from sassgis.gap.calibration.site_summary import summary_of
@@ -183,9 +184,9 @@ def make_rows(folder: Path, jobs: int) -> None:
         table.writerows(filter(None, rows))
 
 
-def read_rows() -> list[Row]:
-    """The committed table."""
-    with ROWS.open(encoding="utf-8", newline="") as stream:
+def read_rows(file: Path = ROWS) -> list[Row]:
+    """A committed table."""
+    with file.open(encoding="utf-8", newline="") as stream:
         return list(csv.DictReader(stream))
 
 
@@ -308,12 +309,12 @@ def fitted(rows: Sequence[Row]) -> CauseWeights:
 
     At sites with two effects either counts; what these data could not show counts as such.
     """
-    tables, truths = [], []
+    seen, truths = [], []
     for row in rows:
-        prints, gains, seen, hidden, sound = seen_at(row)
-        own = [2 + seen.index(name) for name in known_of(row) if name in seen]
-        evident = np.array([evidence_of(name, prints, gains) for name in seen])
-        tables.append((evident, hidden, sound))
+        prints, gains, names, hidden, sound = seen_at(row)
+        own = [2 + names.index(name) for name in known_of(row) if name in names]
+        evident = np.array([evidence_of(name, prints, gains) for name in names])
+        seen.append((evident, hidden, sound))
         truths.append(own or [1 if row["effects"] else 0])
     n = len(FEATURES)
     start = np.array([*START.weights, START.offset, START.unseen, START.unsound])
@@ -321,8 +322,8 @@ def fitted(rows: Sequence[Row]) -> CauseWeights:
     def loss(x: FloatArray) -> float:
         found = 0.5 * RIDGE * float(((x - start) ** 2).sum())
         weights = CauseWeights(x[:n], *x[n:].tolist(), math.inf)
-        for table, truth in zip(tables, truths, strict=True):
-            logits = np.append(0.0, weights.logits(*table))
+        for own, truth in zip(seen, truths, strict=True):
+            logits = np.append(0.0, weights.logits(*own))
             found += float(logsumexp(logits) - logsumexp(logits[truth]))
         return found
 
@@ -345,11 +346,6 @@ def without_law(rows: Sequence[Row]) -> list[CauseWeights]:
 def design(row: Row) -> str:
     """Whether impacts were recorded at a site: there sets are smaller."""
     return "impacts" if row["kind"] == "everything" else "otherwise"
-
-
-def shares_of(row: Row, weights: CauseWeights) -> dict[str, float]:
-    """Probabilities of what could be seen."""
-    return weights.shares(*seen_at(row))
 
 
 def answer_of(row: Row, weights: CauseWeights, thresholds: Thresholds) -> Answer:
@@ -380,7 +376,7 @@ def possible_from(row: Row, weights: CauseWeights) -> float:
 
     A group is in the set once two of its causes are. Of two causes, NaN.
     """
-    shares = shares_of(row, weights)
+    shares = weights.shares(*seen_at(row))
     cause = row["effects"] if kind_of(row) == "known" else kind_of(row)
     if cause not in shares:
         return math.nan
@@ -497,12 +493,7 @@ def fit() -> None:
 # Page
 
 
-def markdown(lines: Sequence[Sequence[str]]) -> str:
-    """A table in Markdown, its head and rule included."""
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
-
-
-def table() -> str:
+def by_generator() -> str:
     """Figures in all and by generator."""
     found = json.loads(RESULTS.read_text(encoding="utf-8"))
     names = {
@@ -522,113 +513,98 @@ def table() -> str:
         "covered_everything": "truth in the confusion set, everything",
         "covered_otherwise": "truth in the confusion set, otherwise",
     }
-    laws = list(found["by_law"])
 
     def cell(figures: dict[str, Any], key: str) -> str:
         one = figures["measures"].get(key)
         return "–" if not one or not one["trials"] else f"{one['hits']}/{one['trials']}"
 
-    all_of = [found, *(found["by_law"][law] for law in laws)]
-    lines = [["", "all", *laws], ["---"] * (2 + len(laws))]
-    for key, words in names.items():
-        if key in found["measures"]:
-            lines.append([words, *(cell(own, key) for own in all_of)])
+    all_of = [found, *found["by_law"].values()]
+    rows = [
+        " | ".join([words, *(cell(own, key) for own in all_of)])
+        for key, words in names.items()
+        if key in found["measures"]
+    ]
     for key, words in (
         ("set_size_everything", "size of the confusion set, everything"),
         ("set_size_otherwise", "size of the confusion set, otherwise"),
         ("calibration_error", "calibration error of the confidence"),
     ):
         shown = [own["numbers"].get(key) for own in all_of]
-        lines.append([words, *("–" if v is None else f"{v:.2f}" for v in shown)])
-    return markdown(lines)
+        rows.append(" | ".join([words, *("–" if v is None else f"{v:.2f}" for v in shown)]))
+    return table(" | ".join(["", "all", *found["by_law"]]), rows)
 
 
 def confusion() -> str:
     """Answers to medium and strong single effects, by design and true cause."""
     answers = json.loads(RESULTS.read_text(encoding="utf-8"))["answers"]
-    rows = [r for r in read_rows() if r["strengths"] in ("medium", "strong")]
-    head = ["true cause", "100 rocks, everything", "40 rocks, stations and stops"]
-    lines = [head, ["---"] * len(head)]
+    sites = [r for r in read_rows() if r["strengths"] in ("medium", "strong")]
+    rows = []
     for cause in sorted(FAMILIES):
         cells = []
         for kind in ("everything", "both"):
-            own = [r for r in rows if r["kind"] == kind and r["effects"] == cause]
+            own = [r for r in sites if r["kind"] == kind and r["effects"] == cause]
             counts = Counter(answers[r["site"]] for r in own)
             right = counts.pop(cause, 0)
             others = [f"{name} {n}" for name, n in sorted(counts.items())]
             cells.append("; ".join([f"{right}/{len(own)}", ", ".join(others)]).rstrip("; "))
-        lines.append([cause, *cells])
-    return markdown(lines).replace("_", " ")
+        rows.append(" | ".join([cause, *cells]).replace("_", " "))
+    return table("true cause | 100 rocks, everything | 40 rocks, stations and stops", rows)
 
 
 def against() -> str:
     """What speaks against the base at sites without an effect, by how many of them."""
-    rows = [r for r in read_rows() if not r["effects"]]
-    head = ["comparison", "quantity", *LAWS]
+    own = [r for r in read_rows() if not r["effects"]]
+    sites = Counter(row["law"] for row in own)
     counts = Counter(
-        (one, row["law"]) for row in rows for one in filter(None, row["against"].split("; "))
+        (one, row["law"]) for row in own for one in filter(None, row["against"].split("; "))
     )
-    lines = [head, ["---"] * len(head)]
-    sites = Counter(row["law"] for row in rows)
+    rows = []
     for one in sorted(
-        {name for name, _ in counts}, key=lambda n: (-sum(counts[n, w] for w in head), n)
+        {name for name, _ in counts}, key=lambda n: (-sum(counts[n, w] for w in LAWS), n)
     ):
         test, _, quantity = one.partition(": ")
-        lines.append(
-            [
-                test,
-                quantity_name(quantity),
-                *(f"{counts[one, law]}/{sites[law]}" for law in head[2:]),
-            ]
-        )
-    return markdown(lines)
+        cells = [f"{counts[one, law]}/{sites[law]}" for law in LAWS]
+        rows.append(" | ".join([test, quantity_name(quantity), *cells]))
+    return table(" | ".join(["comparison", "quantity", *LAWS]), rows)
 
 
 def adequacy() -> str:
     """Sites without an effect at which the base is adequate, by what else is there."""
-    rows = [r for r in read_rows() if not r["effects"]]
-    lines = [["", "all", *LAWS], ["---"] * (2 + len(LAWS))]
+    sites = [r for r in read_rows() if not r["effects"]]
+    rows = []
     for kind, words in (
         ("", "nothing"),
         ("patch", "a patch of another ground that no map shows"),
         ("speed_loss", "a loss at contacts that grows with the speed"),
     ):
-        own = [r for r in rows if r["disturbance"] == kind]
+        own = [r for r in sites if r["disturbance"] == kind]
         parts = [own, *([r for r in own if r["law"] == law] for law in LAWS)]
         shown = [f"{sum(int(r['adequate']) for r in part)}/{len(part)}" for part in parts]
-        lines.append([words, *shown])
-    return markdown(lines)
-
-
-def read_level() -> list[Row]:
-    """The committed table of campaigns of the configured model."""
-    with LEVEL.open(encoding="utf-8", newline="") as stream:
-        return list(csv.DictReader(stream))
+        rows.append(" | ".join([words, *shown]))
+    return table(" | ".join(["", "all", *LAWS]), rows)
 
 
 def spins() -> str:
     """Factors on the spins that contacts teach, and scatters, by generator."""
-    rows = [row for row in read_level() if row["spins"]]
-    lines = [["", *LAWS], ["---"] * (1 + len(LAWS))]
+    sites = [row for row in read_rows(LEVEL) if row["spins"]]
+    rows = []
     for column, name in (("spins", "factor"), ("scatter", "scatter")):
         shown = [name]
         for law in LAWS:
-            own = sorted(float(row[column]) for row in rows if row["law"] == law)
+            own = sorted(float(row[column]) for row in sites if row["law"] == law)
             shown.append(f"{own[0]:.2f} to {own[-1]:.2f} ({len(own)} sites)" if own else "–")
-        lines.append(shown)
-    return markdown(lines)
+        rows.append(" | ".join(shown))
+    return table(" | ".join(["", *LAWS]), rows)
 
 
 def level() -> str:
     """Campaigns of a model that the check calls inadequate for that model, by generator."""
-    rows = read_level()
-    laws = {name: [r for r in rows if r["law"] == name] for name in LAWS}
+    sites = read_rows(LEVEL)
     shown = [
         f"{sum(int(r['inadequate']) for r in own)}/{sum(int(r['campaigns']) for r in own)}"
-        for own in (rows, *laws.values())
+        for own in (sites, *([r for r in sites if r["law"] == law] for law in LAWS))
     ]
-    lines = [["all", *laws], ["---"] * (1 + len(laws)), shown]
-    return markdown(lines)
+    return table(" | ".join(["all", *LAWS]), [" | ".join(shown)])
 
 
 def reached() -> str:
@@ -640,21 +616,21 @@ def reached() -> str:
         own = [sure for name, sure in gains.items() if name not in known_of(row)]
         absent += own
         most.append(max(own, default=-math.inf))
-    lines = [["", *(f"{limit} and more" for limit in REACHED)], ["---"] * (1 + len(REACHED))]
+    rows = []
     for words, sure in (
         ("causes that act", acts),
         ("causes that do not", absent),
         ("sites with one that does not", most),
     ):
         counts = [f"{sum(one >= limit for one in sure)}/{len(sure)}" for limit in REACHED]
-        lines.append([words, *counts])
-    return markdown(lines)
+        rows.append(" | ".join([words, *counts]))
+    return table(" | ".join(["", *(f"{limit} and more" for limit in REACHED)]), rows)
 
 
 def filled(text: str) -> str:
     """The page with its tables."""
     tables = {
-        "laws": table, "confusion": confusion, "level": level, "against": against,
+        "laws": by_generator, "confusion": confusion, "level": level, "against": against,
         "reached": reached, "adequacy": adequacy, "spins": spins,
     }  # fmt: skip
     for name, made in tables.items():

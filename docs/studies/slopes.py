@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,13 +37,9 @@ class Slope:
 
     Attributes
     ----------
-    name : str
-    grid : Grid
     ground : int32, shape of the grid
     trace : TraceSet
         A single line.
-    table : GroundTable
-    blocks : BlockPopulation
     key : uint64, shape (1,)
         Identity for the random draws.
     start : (low, high)
@@ -78,14 +74,11 @@ def valley_slopes(n: int) -> list[Slope]:
     chosen = good[np.linspace(0, good.size - 1, n).round().astype(int)]
     out = []
     for i in chosen:
-        only = np.zeros(len(traces), bool)
-        only[i] = True
-        line = take_lines(traces, only)
+        line = take_lines(traces, np.arange(len(traces)) == i)
         point = int(line.point[0])
-        scenario = planned.scenarios[planned.starts.area[point]][0]
-        blocks = run.blocks[scenario]
+        blocks = run.blocks[planned.scenarios[planned.starts.area[point]][0]]
         own = take(planned.starts, np.array([point]))
-        line = TraceSet(line.offset, line.x, line.y, line.s, np.zeros(1, np.int64), line.end)
+        line = replace(line, point=np.zeros(1, np.int64))
         out.append(
             Slope(
                 f"valley, release point {point}",
@@ -165,8 +158,7 @@ def follow(
         starts=np.array([slope.start]),
         control_lines=ControlLineCrossings.same_for_all(control_lines, list(stations_m), 1),
     )
-    energy = np.full((len(control_lines), rocks), np.nan)
-    height = np.full((len(control_lines), rocks), np.nan)
+    energy, height = np.full((2, len(control_lines), rocks), np.nan)
     rows = result.passages
     where: tuple[IntArray, IntArray] = (rows["control_line"].astype(int), rows["rock"].astype(int))
     energy[where] = rows["energy_trans_kj"] + rows["energy_rot_kj"]
@@ -183,6 +175,3 @@ def split(flat: ProfileSet, parts: int) -> ProfileSet:
     return ProfileSet(
         np.array([0, s.size], np.int64), s, z, ground, flat.cell_offset, flat.cell_s, flat.cell
     )
-
-
-__all__ = ["Slope", "follow", "split", "table_slope", "valley_slopes"]

@@ -106,18 +106,14 @@ def draw(dem: Path, folders: dict[str, Path], png: Path) -> None:
     relief = hillshade(Grid(heights, 0.0, 0.0, cell))
     figure, axes = plt.subplots(2, 2, figsize=(11, 10), layout="constrained")
     levels = ListedColormap(["#ffe97f", "#fde047", "#60a5fa", "#dc2626"])
-    for row, (label, folder) in enumerate(folders.items()):
+    for row, (label, folder) in zip(axes, folders.items(), strict=True):
         level = read(folder / "maps" / "hazard_level.tif")
-        for column, (values, words) in enumerate(
-            ((reach[label], "reach probability"), (level, "hazard level"))
-        ):
-            ax = axes[row, column]
+        for ax, values, words, style in (
+            (row[0], reach[label], "reach probability",
+             {"norm": LogNorm(1e-5, 0.3), "cmap": "plasma_r"}),
+            (row[1], level, "hazard level", {"cmap": levels, "vmin": 1, "vmax": 4}),
+        ):  # fmt: skip
             ax.imshow(relief[box], cmap="gray", vmin=0, vmax=1)
-            style = (
-                {"norm": LogNorm(1e-5, 0.3), "cmap": "plasma_r"}
-                if column == 0
-                else {"cmap": levels, "vmin": 1, "vmax": 4}
-            )
             drawn = ax.imshow(values[box], alpha=0.8, interpolation="nearest", **style)
             ax.set_axis_off()
             ax.set_title(f"{label}: {words}")

@@ -179,6 +179,13 @@ def row_of(samples: Sequence[HazardCurves], grid: Grid, preset: HazardPreset) ->
     }  # fmt: skip
 
 
+def shown(own: dict[str, float]) -> str:
+    """What both tables say of a row."""
+    shares = (f"{100 * own[key]:.1f} %" for key in ("stated", "cells", "zones"))
+    marked = (f"{100 * own[key]:.0f} %" for key in ("flagged", "caught"))
+    return " | ".join([*shares, *marked, f"{own['area_m2']:,.0f}"])
+
+
 def table(folder: Path) -> str:
     """Rows of all sites and numbers of blocks."""
     preset = read_preset("ch-so")
@@ -198,11 +205,8 @@ def table(folder: Path) -> str:
             ]
             own = row_of(parts, grid, preset)
             rows.append(
-                f"| {site} | {times} × | {own['one_block_years']:,.0f} | "
-                f"{100 * own['stated']:.1f} % | {100 * own['cells']:.1f} % | "
-                f"{100 * own['zones']:.1f} % | "
-                f"{100 * own['flagged']:.0f} % | {100 * own['caught']:.0f} % | "
-                f"{own['area_m2']:,.0f} | {own['found']} of {own['pairs']} |"
+                f"| {site} | {times} × | {own['one_block_years']:,.0f} | {shown(own)} | "
+                f"{own['found']} of {own['pairs']} |"
             )
             print(rows[-1], flush=True)
     return "\n".join(rows)
@@ -223,11 +227,7 @@ def auto_table(folder: Path) -> str:
         blocks, seconds = (
             np.mean([float(np.load(file)[key]) for file in files]) for key in ("blocks", "seconds")
         )
-        rows.append(
-            f"| {site} | {blocks:,.0f} | {seconds / 60:.1f} min | {100 * own['stated']:.1f} % | "
-            f"{100 * own['cells']:.1f} % | {100 * own['zones']:.1f} % | {100 * own['flagged']:.0f} "
-            f"% | {100 * own['caught']:.0f} % | {own['area_m2']:,.0f} |"
-        )
+        rows.append(f"| {site} | {blocks:,.0f} | {seconds / 60:.1f} min | {shown(own)} |")
         print(rows[-1], flush=True)
     return "\n".join(rows)
 

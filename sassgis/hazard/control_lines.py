@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -217,11 +218,11 @@ BARRIER_OUTCOMES = (
 )
 
 
-def control_line_rows(control_lines: ControlLineSums) -> list[dict[str, object]]:
+def control_line_rows(control_lines: ControlLineSums) -> list[dict[str, Any]]:
     """A row of statistics for each station and barrier."""
     rows = []
     for i, control_line in enumerate(control_lines.control_lines):
-        row: dict[str, object] = {"name": control_line.name, "kind": control_line.kind}
+        row: dict[str, Any] = {"name": control_line.name, "kind": control_line.kind}
         outcomes = control_lines.outcomes(i)
         row["rocks"] = control_lines.arrivals(i)
         if control_line.kind != "station":

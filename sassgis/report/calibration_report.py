@@ -24,6 +24,7 @@ from sassgis.report.page import (
     ReportTable,
     heads,
     sensible,
+    table_of,
 )
 from sassgis.report.pictures import picture
 
@@ -100,10 +101,10 @@ def calibration_report(
     """Draw the figures into ``folder`` and put the report together."""
     sites = joined(", ", (phrase("{} ({} rocks)", s.name, s.rocks) for s in calibration.sites))
     labels = [f.parameter.label for f in calibration.fitted]
-    common = ReportTable(
+    common = table_of(
         "Common parameters and those that fit each site best",
         (*heads("site; score, common; score, own"), *((label, "") for label in labels)),
-        tuple(
+        (
             (s.name, s.fit.score, s.fit.own_score, *(float(f"{s.own[k]:.3g}") for k in labels))
             for s in calibration.sites
         ),
@@ -132,16 +133,16 @@ def calibration_report(
         tables=(
             _score_table(calibration),
             *(_error_table(site) for site in calibration.sites),
-            ReportTable(
+            table_of(
                 "Parameters that make up for each other",
-                heads("one; other; correlation"),
-                tuple((t.one, t.other, f"{t.correlation:+.2f}") for t in calibration.trade_offs),
+                "one; other; correlation",
+                ((t.one, t.other, f"{t.correlation:+.2f}") for t in calibration.trade_offs),
                 "Above 0: more of both fits as well; below 0: more of one and less of the other.",
             ),
-            ReportTable(
+            table_of(
                 "Other combinations that fit as well",
-                tuple((label, "") for label in labels),
-                tuple(tuple(float(f"{one[k]:.3g}") for k in labels) for one in calibration.as_good),
+                ((label, "") for label in labels),
+                ((float(f"{one[k]:.3g}") for k in labels) for one in calibration.as_good),
                 "As far apart as possible among those that chance does not separate from the best.",
             ),
             *([common] if len(calibration.sites) > 1 else []),
@@ -174,13 +175,11 @@ def _figures(calibration: SiteCalibration, folder: Path) -> list[ReportFigure]:
 
 
 def _parameter_table(fitted: Sequence[Fitted]) -> ReportTable:
-    return ReportTable(
+    return table_of(
         "Calibrated parameters",
-        heads(
-            "class; parameter; configured; spread between sites; calibrated; 95 % interval; "
-            "limits of the search; identified; at a limit"
-        ),
-        tuple(
+        "class; parameter; configured; spread between sites; calibrated; 95 % interval; "
+        "limits of the search; identified; at a limit",
+        (
             (
                 f.parameter.class_name, f.parameter.name, f.parameter.configured,
                 float(f"{f.parameter.spread:.2g}"), f.value,
@@ -202,10 +201,10 @@ def _score_table(calibration: SiteCalibration) -> ReportTable:
             means = (sensible(t.score[m], 2) for m in ("before", "after", "left out"))
             rows.append((s.name, t.table, t.rocks, *means, _percent(t.gain)))
         rows.append((s.name, "all", s.rocks, None, None, None, _percent(s.gain)))
-    return ReportTable(
+    return table_of(
         "What each table of observations contributes",
-        heads("site; table; rocks; before; after; left out; gain on rocks left out | 95 %"),
-        tuple(rows),
+        "site; table; rocks; before; after; left out; gain on rocks left out | 95 %",
+        rows,
         "Energy score, mean over the rocks; less is better. Gain: of the score before, paired by "
         "rock. The tables count alike, however many stations or impacts a rock has.",
     )
@@ -220,10 +219,10 @@ def _error_table(site: SiteResult) -> ReportTable:
             rows.append(
                 (e.name, e.unit, model, *e.quantiles[model], e.crps[model], _percent(error))
             )
-    return ReportTable(
+    return table_of(
         phrase("Errors at {}", site.name),
-        heads("quantity; unit; rocks; 10 %; 50 %; 90 %; CRPS; error of the median | 95 % interval"),
-        tuple(rows),
+        "quantity; unit; rocks; 10 %; 50 %; 90 %; CRPS; error of the median | 95 % interval",
+        rows,
         "Error of the median: simulated over observed, less 1; of the lateral offset: of the "
         "distance between the 10 % and the 90 % quantile. Intervals: observed rocks drawn anew.",
     )

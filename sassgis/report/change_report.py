@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -29,8 +28,8 @@ from sassgis.report.page import (
     ReportContext,
     ReportFigure,
     ReportTable,
-    heads,
     sensible,
+    table_of,
 )
 from sassgis.report.pictures import picture
 
@@ -104,10 +103,10 @@ def change_report(
     facts: Mapping[str, Cell],
 ) -> ReportContext:
     """Put the report together; ``facts`` say where the numbers come from."""
-    differ = ReportTable(
+    differ = table_of(
         "What differs between the two",
-        heads("kind; what; before; after"),
-        tuple(
+        "kind; what; before; after",
+        (
             (_KINDS.get(d.kind, d.kind), *map(named, (d.name, d.before or "–", d.after or "–")))
             for d in change.differences
         ),
@@ -132,11 +131,18 @@ def change_report(
     found = (r.manifest["settings"].get("project", {}).get("name", "") for r in (before, after))
     names = list(dict.fromkeys(str(n) for n in found if n))
     both = phrase("{} and {}", *names) if len(names) == 2 else "".join(names)
-    tables = [
-        _at_places("At stations and barriers", change.of("control line")),
-        _object_table(change, after),
-        differ if change.differences else None,
-    ]
+    levels: dict[float, str] = {0.0: "none"}
+    if LEVEL in after.maps:
+        levels |= {c.value: c.label for c in after.maps[LEVEL].classes}
+    objects = _at_places(
+        "At exposed objects",
+        change.of("object"),
+        levels,
+        "0 where no block arrives. Energy and passing height with limits by the sampling: of all "
+        "blocks that reach the object, of a road at the stretch with the largest; the others, and "
+        "those without limits, are the largest over the cells of an object, a road as a whole. "
+        "Deaths and loss are sums over the object.",
+    )
     return ReportContext(
         title=translated(phrase("{}: before and after", both)),
         subtitle="What changes from one result to the other",
@@ -150,7 +156,11 @@ def change_report(
         answer=(ReportAnswer("How sure this is", sure), _differ(change)),
         key_results=_key_table(change),
         figures=tuple(pictures),
-        tables=tuple(t for t in tables if t is not None),
+        tables=(
+            _at_places("At stations and barriers", change.of("control line"), levels),
+            objects,
+            differ,
+        ),
         provenance=tuple(facts.items()),
     )
 
@@ -214,10 +224,10 @@ def _differ(change: ResultChange) -> ReportAnswer:
 
 def _key_table(change: ResultChange) -> ReportTable:
     rows = [r for part in ("map", "zones", "run-out") for r in change.of(part)]
-    return ReportTable(
+    return table_of(
         "Before and after",
-        heads("quantity; unit; before; after; change"),
-        tuple(
+        "quantity; unit; before; after; change",
+        (
             (
                 phrase("{}: {}", phrase(r.quantity), r.name) if r.name else r.quantity,
                 _UNITS.get(r.unit, r.unit), r.before, r.after,
@@ -230,54 +240,32 @@ def _key_table(change: ResultChange) -> ReportTable:
     )  # fmt: skip
 
 
-def _at_places(title: str, rows: Sequence[ChangeRow], note: str = "") -> ReportTable | None:
-    """A row for each place, two columns for each quantity."""
-    if not rows:
-        return None
+def _at_places(
+    title: str, rows: Sequence[ChangeRow], levels: Mapping[float, str], note: str = ""
+) -> ReportTable:
+    """A row for each place, two columns for each quantity; levels by their names."""
     quantities = {r.quantity: _UNITS.get(r.unit, r.unit) for r in rows}
-    names = list(dict.fromkeys(r.name for r in rows))
     found = {(r.name, r.quantity): r for r in rows}
-    heads: list[tuple[str, str]] = [("name", "")]
+    columns: list[tuple[str, str]] = [("name", "")]
     for quantity, unit in quantities.items():
         shown = "" if unit in ("1", "class") else unit
-        heads += [(phrase("{}, before", phrase(quantity)), shown), ("after", shown)]
-    body = []
-    for name in names:
-        cells: list[Cell] = [named(name)]
-        for quantity in quantities:
-            row = found.get((name, quantity))
-            cells += [None, None] if row is None else [_with_limits(row, 0), _with_limits(row, 1)]
-        body.append(tuple(cells))
-    return ReportTable(title, tuple(heads), tuple(body), note)
+        columns += [(phrase("{}, before", phrase(quantity)), shown), ("after", shown)]
 
+    def both(row: ChangeRow | None) -> tuple[Cell, Cell]:
+        if row is None:
+            return None, None
+        if row.quantity == "hazard level":
+            return levels[row.before], levels[row.after]
+        return _with_limits(row.before, row.limits[0]), _with_limits(row.after, row.limits[1])
 
-def _with_limits(row: ChangeRow, when: int) -> Cell:
-    """Value before (0) or after (1), with its limits if they are known."""
-    value, limits = (row.before, row.after)[when], limits_text(row.limits[when], sensible)
-    return phrase("{}{}", sensible(value), limits) if limits else value
-
-
-def _object_table(change: ResultChange, after: StoredResult) -> ReportTable | None:
-    table = _at_places(
-        "At exposed objects",
-        change.of("object"),
-        "0 where no block arrives. Energy and passing height with limits by the sampling: of all "
-        "blocks that reach the object, of a road at the stretch with the largest; the others, and "
-        "those without limits, are the largest over the cells of an object, a road as a whole. "
-        "Deaths and loss are sums over the object.",
+    body = (
+        (named(name), *(cell for q in quantities for cell in both(found.get((name, q)))))
+        for name in dict.fromkeys(r.name for r in rows)
     )
-    if table is None or LEVEL not in after.maps:
-        return table
-    labels = {c.value: c.label for c in after.maps[LEVEL].classes} | {0: "none"}
-    at = [i for i, (name, _) in enumerate(table.columns) if name == "hazard level, before"]
-    shown = {i for k in at for i in (k, k + 1)}
-    return replace(
-        table,
-        rows=tuple(
-            tuple(
-                labels[int(v)] if i in shown and isinstance(v, float) else v
-                for i, v in enumerate(row)
-            )
-            for row in table.rows
-        ),
-    )
+    return table_of(title, columns, body, note)
+
+
+def _with_limits(value: float, limits: tuple[float, ...]) -> Cell:
+    """A value with its limits if they are known."""
+    text = limits_text(limits, sensible)
+    return phrase("{}{}", sensible(value), text) if text else value

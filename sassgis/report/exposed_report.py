@@ -15,7 +15,7 @@ from sassgis.model.exposure import PlacedObjects
 from sassgis.model.hazard import HazardLevel
 from sassgis.model.languages import joined, phrase
 from sassgis.report.figures.map_marks import MapObject
-from sassgis.report.page import Cell, ReportTable, heads, sensible
+from sassgis.report.page import Cell, ReportTable, heads, sensible, table_of
 
 #: Objects beyond this number are left out of the report.
 MOST_ROWS = 40
@@ -73,12 +73,8 @@ def exposed_table(
     )
     if rare is not None:
         columns = (*columns, (phrase("energy once in {} years", f"{rare:g}"), "kJ"))
-    return ReportTable(
-        "Exposed objects",
-        (*columns, *heads("height, 95 % | m")),
-        tuple(row for _, row in rows),
-        note,
-    )
+    columns = (*columns, ("height, 95 %", "m"))
+    return table_of("Exposed objects", columns, (row for _, row in rows), note)
 
 
 def most_exposed(exposed: ReportTable) -> ReportTable:

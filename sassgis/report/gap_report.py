@@ -44,7 +44,7 @@ from sassgis.report.gap_answer import (
     p_text,
     verdict_sentence,
 )
-from sassgis.report.page import Cell, ReportContext, ReportFigure, ReportTable, heads, sensible
+from sassgis.report.page import Cell, ReportContext, ReportFigure, ReportTable, sensible, table_of
 from sassgis.report.pictures import picture
 
 #: Below this number of rocks the report warns of it.
@@ -235,34 +235,32 @@ def gap_tables(case: Case, diagnosis: Diagnosis) -> list[ReportTable]:
     return [
         _where_table(diagnosis.where),
         _which_table(diagnosis),
-        ReportTable(
+        table_of(
             "Calibrated models",
-            heads("effect; form; score; gain; 95 % interval"),
-            tuple(
+            "effect; form; score; gain; 95 % interval",
+            (
                 (effect_name(c.effect), c.form or "–", c.score, c.gain, interval_text(c.ci95))
                 for c in diagnosis.which
             ),
             "Score: energy score of rocks held out of the calibration; less is better. Gain: score "
             "of the calibrated base less this one.",
         ),
-        ReportTable(
+        table_of(
             phrase(
                 "Calibrated parameters of the answer: {}", effect_name(diagnosis.verdict.effect)
             ),
-            heads("parameter; value; 95 % interval"),
-            tuple(
+            "parameter; value; 95 % interval",
+            (
                 (name, value, _interval_cell(named.intervals.get(name) if named else None))
                 for name, value in parameters.items()
             ),
             "Units are part of the names.",
         ),
-        ReportTable(
+        table_of(
             "From the configured model to chance",
-            heads(
-                "model; energy distance; closes of the gap | %; 95 % interval | %; added to; "
-                "gain over it; 95 % interval of it"
-            ),
-            tuple(
+            "model; energy distance; closes of the gap | %; 95 % interval | %; added to; "
+            "gain over it; 95 % interval of it",
+            (
                 (
                     rung_name(r.rung),
                     r.distance,
@@ -284,10 +282,10 @@ def gap_tables(case: Case, diagnosis: Diagnosis) -> list[ReportTable]:
         _gaps_table(diagnosis.advice),
         _shrinkage_table(diagnosis),
         _ground_table(case.table, diagnosis.effect.table),
-        ReportTable(
+        table_of(
             "Observations used",
-            heads("table; rows"),
-            tuple((name, int(n)) for name, n in diagnosis.tables.items()),
+            "table; rows",
+            ((name, int(n)) for name, n in diagnosis.tables.items()),
         ),
     ]
 
@@ -303,13 +301,11 @@ def _gaps_table(advice: Advice) -> ReportTable:
             side = phrase("({})", side)
         return gap.predicted, _with_interval(gap.gap, gap.ci95), side
 
-    return ReportTable(
+    return table_of(
         "Observed rocks, the configured model and the one handed over",
-        heads(
-            "place; quantity; observed; counts from; configured; gap | 95 % interval; side; "
-            "handed over; gap | 95 % interval; side"
-        ),
-        tuple(
+        "place; quantity; observed; counts from; configured; gap | 95 % interval; side; "
+        "handed over; gap | 95 % interval; side",
+        (
             (
                 place_name(g.place),
                 joined(
@@ -352,12 +348,10 @@ def _where_table(findings: tuple[GapFinding, ...]) -> ReportTable:
     if len(findings) > _ROWS:
         more = phrase("The {} most certain of {}; all are in diagnosis.json.", _ROWS, len(findings))
         note = joined(" ", (note, more))
-    return ReportTable(
+    return table_of(
         "Where the gap lies",
-        heads(
-            "place; phase; quantity; observed; predicted; gap | 95 % interval; p; q; rocks; test"
-        ),
-        tuple(
+        "place; phase; quantity; observed; predicted; gap | 95 % interval; p; q; rocks; test",
+        (
             (
                 place_name(f.place), f.phase,
                 with_unit_in_brackets(quantity_name(f.quantity), f.unit), f.observed,
@@ -375,13 +369,11 @@ def _which_table(diagnosis: Diagnosis) -> ReportTable:
     separated = dict.fromkeys(verdict.cannot_exclude, "cannot be seen")
     separated |= dict.fromkeys(causes_in(verdict.confusion_set), "no")
     separated[verdict.effect] = "the answer"
-    return ReportTable(
+    return table_of(
         "Causes",
-        heads(
-            "cause; closes of what the base leaves | %; sureness; would be seen | %; "
-            "probability | %; separated from the answer"
-        ),
-        tuple(
+        "cause; closes of what the base leaves | %; sureness; would be seen | %; "
+        "probability | %; separated from the answer",
+        (
             (
                 effect_name(g.effect), 100.0 * g.share, g.sureness, 100.0 * g.power,
                 None if (p := verdict.probabilities.get(g.effect)) is None else 100.0 * p,
@@ -404,11 +396,9 @@ def _shrinkage_table(diagnosis: Diagnosis) -> ReportTable:
         for quantity, v in s.by_quantity.items()
     ]  # fmt: skip
     together = (s.distance_base, s.distance_effect, s.distance_floor, _closed(s.value))
-    return ReportTable(
+    return table_of(
         "How far the gap shrinks",
-        heads(
-            "quantity; base model | energy distance; with the effect; chance alone; shrinks by | %"
-        ),
+        "quantity; base model | energy distance; with the effect; chance alone; shrinks by | %",
         (*rows, ("all together", *together)),
         "On held-out rocks. Shrinks by: (base − effect) / (base − chance); a dash "
         "where the base model is not certainly worse than chance.",
@@ -424,13 +414,11 @@ def _ground_table(before: GroundTable, after: GroundTable) -> ReportTable:
         if any(a != b for a, b in pairs):
             cells = (f"{a:.3g} → {b:.3g}" if a != b else f"{a:.3g}" for a, b in pairs)
             rows.append((own.name, *cells))
-    return ReportTable(
+    return table_of(
         "Calibrated ground classes",
-        heads(
-            "class; η max; Δp/p least; Δp/p most; μ_f; μ_0; k; d* | m; e; v of e/2 | m/s; "
-            "rolling threshold; speed loss"
-        ),
-        tuple(rows),
+        "class; η max; Δp/p least; Δp/p most; μ_f; μ_0; k; d* | m; e; v of e/2 | m/s; "
+        "rolling threshold; speed loss",
+        rows,
         "Configured → calibrated, with the named effect if there is one. Classes that did not "
         "change are not listed.",
     )

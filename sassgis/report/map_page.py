@@ -273,8 +273,6 @@ def _cells(page: MapPage, by_stem: Mapping[str, RasterLayer]) -> dict[str, Any]:
     while np.count_nonzero((rate > 0.0) | (of_blocks > 0.0)) > _CELLS * factor**2:
         factor += 1
     cells = _strongest(rate + 1e-12 * of_blocks, shape, factor)
-    row, col = np.divmod(cells, shape[1])
-    own = (row // factor) * -(-shape[1] // factor) + col // factor
 
     def column(stem: str, name: str, factor: float = 1.0) -> str:
         return _packed(_logarithm(factor * _band(by_stem[stem], name, cells)))
@@ -282,7 +280,7 @@ def _cells(page: MapPage, by_stem: Mapping[str, RasterLayer]) -> dict[str, Any]:
     sources, shares = _shares(page.contributions, cells)
     grid = page.run.grid
     return {
-        "places": _packed(np.diff(own, prepend=0).astype(np.uint32)),
+        "places": _packed(np.diff(_squares(cells, shape, factor), prepend=0).astype(np.uint32)),
         "count": int(cells.size),
         "factor": factor,
         "grid": (grid.west, grid.north, grid.cell_size, -(-shape[1] // factor)),
@@ -315,13 +313,19 @@ def _band(layer: RasterLayer, name: str, cells: IntArray) -> FloatArray:
     return np.nan_to_num(band.values.ravel()[cells].astype(np.float64))
 
 
+def _squares(cells: IntArray, shape: tuple[int, int], factor: int) -> IntArray:
+    """In which square of so many cells each cell lies, counted row by row."""
+    row, col = np.divmod(cells, shape[1])
+    numbers: IntArray = (row // factor) * -(-shape[1] // factor) + col // factor
+    return numbers
+
+
 def _strongest(strength: FloatArray, shape: tuple[int, int], factor: int) -> IntArray:
     """The cell of the largest strength of each square of so many cells that has any."""
     cells = np.flatnonzero(strength > 0.0)
     if factor == 1:
         return cells
-    row, col = np.divmod(cells, shape[1])
-    square = (row // factor) * -(-shape[1] // factor) + col // factor
+    square = _squares(cells, shape, factor)
     order = np.lexsort((cells, -strength[cells], square))
     first = np.diff(square[order], prepend=-1) > 0
     chosen: IntArray = cells[order[first]]

@@ -24,7 +24,7 @@ from sassgis.model.results import RasterLayer, StopReason
 from sassgis.report import figures
 from sassgis.report.figures.map_marks import MapObject
 from sassgis.report.number_text import thousands
-from sassgis.report.page import Cell, ReportContext, ReportFigure, ReportTable, heads
+from sassgis.report.page import ReportContext, ReportFigure, ReportTable, table_of
 from sassgis.report.pictures import map_alt, path_alt, picture, station_alt
 from sassgis.report.run_summary import runout_words
 from sassgis.terrain.plan import Plan
@@ -90,12 +90,10 @@ def station_figures(
 
 def runout_counts(progress: Progress) -> Figure:
     """Run-out by reason, in 40 bins of whole metres at most."""
-    width = max(-(-progress.runout.shape[1] // 40), 1)
-    groups = -(-progress.runout.shape[1] // width)
-    padded = np.zeros((progress.runout.shape[0], groups * width), np.int64)
-    padded[:, : progress.runout.shape[1]] = progress.runout
-    counts = padded.reshape(padded.shape[0], groups, width).sum(axis=2)
-    edges = width * np.arange(groups + 1, dtype=float)
+    metres = progress.runout.shape[1]
+    width = max(-(-metres // 40), 1)
+    counts = np.add.reduceat(progress.runout, np.arange(0, metres, width), axis=1)
+    edges = width * np.arange(counts.shape[1] + 1, dtype=float)
     return figures.runout_counts_figure(
         edges, {r: counts[r] for r in StopReason}, title="Run-out along the paths"
     )
@@ -104,10 +102,10 @@ def runout_counts(progress: Progress) -> Figure:
 def stopping_reasons(counts: IntArray) -> ReportTable:
     """How many blocks stop for which reason; ``counts`` by StopReason."""
     total = max(int(counts.sum()), 1)
-    return ReportTable(
+    return table_of(
         "Stopping reasons",
-        heads("reason; blocks; share | %"),
-        tuple((STOP_TEXT[r], int(counts[r]), 100.0 * int(counts[r]) / total) for r in StopReason),
+        "reason; blocks; share | %",
+        ((STOP_TEXT[r], int(counts[r]), 100.0 * int(counts[r]) / total) for r in StopReason),
     )
 
 
@@ -135,19 +133,15 @@ _CONTROL_LINE_TABLES = (
 
 def control_line_tables(control_lines: ControlLineSums) -> list[ReportTable]:
     """Statistics at stations and barriers, for the report."""
-
-    def number(value: object) -> Cell:
-        return value if isinstance(value, (int, float, str)) else None
-
     tables = []
     for title, columns, keys, note in _CONTROL_LINE_TABLES:
-        rows = tuple(
-            tuple(number(row[key]) for key in keys.split())
+        rows = [
+            [row[key] for key in keys.split()]
             for row in control_line_rows(control_lines)
             if (row["kind"] == "station") == (title == "Stations")
-        )
+        ]
         if rows:
-            tables.append(ReportTable(title, heads(columns), rows, note))
+            tables.append(table_of(title, columns, rows, note))
     return tables
 
 
@@ -156,17 +150,13 @@ def _span(low: float, high: float) -> str:
 
 
 def _block_table(run: MapRun) -> ReportTable:
-    return ReportTable(
+    return table_of(
         "Block scenarios",
-        heads(
-            "scenario; semi-axis 1 | m; semi-axis 2 | m; semi-axis 3 | m; density | kg/m³; "
-            "initial speed | m/s"
-        ),
-        tuple(
-            (
-                b.name, _span(*b.axis_1_m), _span(*b.axis_2_m), _span(*b.axis_3_m),
-                _span(*b.density_kgm3), _span(*b.speed_mps),
-            )
+        "scenario; semi-axis 1 | m; semi-axis 2 | m; semi-axis 3 | m; density | kg/m³; "
+        "initial speed | m/s",
+        (
+            (b.name, _span(*b.axis_1_m), _span(*b.axis_2_m), _span(*b.axis_3_m),
+             _span(*b.density_kgm3), _span(*b.speed_mps))
             for b in run.blocks
         ),
     )  # fmt: skip
@@ -174,13 +164,11 @@ def _block_table(run: MapRun) -> ReportTable:
 
 def _ground_table(run: MapRun, reached: IntArray) -> ReportTable:
     """The ground classes of the cells that blocks reach."""
-    return ReportTable(
+    return table_of(
         "Ground classes",
-        heads(
-            "class; η max; Δp/p; μ_f; μ_0; k; d* | m; e; v of e/2 | m/s; rolling threshold; "
-            "speed loss; trust; share of the ground | %; source"
-        ),
-        tuple(
+        "class; η max; Δp/p; μ_f; μ_0; k; d* | m; e; v of e/2 | m/s; rolling threshold; "
+        "speed loss; trust; share of the ground | %; source",
+        (
             (c.name, c.eta_max, _span(c.dp_min, c.dp_max), c.mu_f, c.mu_0, c.k, c.d_star_m,
              c.restitution, c.restitution_speed_mps, c.rolling_threshold, c.speed_loss,
              TRUST_TEXT[c.trust], f"{100 * share:.0f}", c.source)
@@ -269,13 +257,13 @@ def map_report(
     rows = control_line_rows(progress.control_lines)
     pictures += station_figures(
         progress.control_lines, total, folder, "First downhill passage of each block.",
-        {str(row["name"]): station_alt(row) for row in rows},
+        {row["name"]: station_alt(row) for row in rows},
     )  # fmt: skip
     ends = joined_lines(progress.lines).end
-    line_ends = ReportTable(
+    line_ends = table_of(
         "How fall lines end",
-        heads("reason; lines"),
-        tuple((text, int((ends == e).sum())) for e, text in LINE_END_TEXT.items()),
+        "reason; lines",
+        ((text, int((ends == e).sum())) for e, text in LINE_END_TEXT.items()),
     )
     # In words: what of the terrain blocks do not meet.
     roughness = "none: cells are not finer than the blocks"

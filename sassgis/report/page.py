@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import cache
 from os import PathLike
@@ -70,6 +71,17 @@ class ReportTable:
                     f"report table {self.title!r}: a row has {len(row)} cells, "
                     f"the head {len(self.columns)} columns"
                 )
+
+
+def table_of(
+    title: str,
+    columns: str | Iterable[tuple[str, str]],
+    rows: Iterable[Iterable[Cell]],
+    note: str = "",
+) -> ReportTable:
+    """A table; its columns as for :func:`heads`, or name and unit of each."""
+    named = heads(columns) if isinstance(columns, str) else tuple(columns)
+    return ReportTable(title, named, tuple(map(tuple, rows)), note)
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,11 +168,10 @@ def sensible(value: Cell, digits: int = 3) -> str:
 
 def number_columns(table: ReportTable) -> tuple[bool, ...]:
     """Whether each column of a table holds numbers only, which are set flush right."""
-    columns = [[row[i] for row in table.rows] for i in range(len(table.columns))]
     return tuple(
         any(cell is not None for cell in column)
         and not any(isinstance(cell, str | bool) for cell in column)
-        for column in columns
+        for column in zip(*table.rows, strict=True)
     )
 
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import CancelledError
 from contextvars import ContextVar
 from pathlib import Path
 from threading import Event
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -17,9 +18,10 @@ from sassgis.model.languages import joined, phrase
 from sassgis.model.noted_files import noted
 from sassgis.model.results import RasterLayer
 from sassgis.model.styles import class_labels
-from sassgis.report.figures.map_figure import class_numbers, shown_values
+from sassgis.report.figures.map_figure import class_numbers, map_figure, shown_values
+from sassgis.report.figures.map_marks import MapMarks
 from sassgis.report.figures.style import to_png
-from sassgis.report.page import Cell, ReportFigure, sensible
+from sassgis.report.page import ReportFigure, sensible
 
 #: Set where the figures are drawn beside other work, which may fail or be stopped.
 GIVEN_UP: ContextVar[Event | None] = ContextVar("given_up", default=None)
@@ -41,6 +43,24 @@ def picture(
     folder.mkdir(parents=True, exist_ok=True)
     noted(folder / f"{name}.png").write_bytes(png)
     return ReportFigure(title, caption, png, alt)
+
+
+def map_pictures(
+    folder: Path,
+    grid: Grid,
+    layers: Sequence[RasterLayer],
+    marks: MapMarks,
+    alt: Callable[[Grid, RasterLayer], str],
+) -> tuple[ReportFigure, ...]:
+    """Draw layers as maps, those that hold anything; ``alt`` says what is seen."""
+    return tuple(
+        picture(
+            folder, f"map_{layer.stem}", layer.title, layer.note, map_figure(grid, layer, marks),
+            alt(grid, layer),
+        )
+        for layer in layers
+        if np.isfinite(layer.bands[0].values).any()
+    )  # fmt: skip
 
 
 def map_alt(grid: Grid, layer: RasterLayer) -> str:
@@ -81,15 +101,11 @@ def path_alt(shown: LinePaths) -> str:
     return joined(" ", (section, phrase("It crosses {}.", names))) if names else section
 
 
-def station_alt(row: Mapping[str, object]) -> str:
+def station_alt(row: Mapping[str, Any]) -> str:
     """Histograms at a station or barrier; ``row`` of control_line_rows."""
-
-    def shown(key: str) -> str:
-        value: Cell = row[key]  # type: ignore[assignment]
-        return sensible(value)
-
+    keys = ("rocks", "speed_mps_q95", "rotation_hz_q95", "height_m_q95")
     return phrase(
         "Histograms of speed, rotation and passing height of {} blocks: 95 % of them below {} m/s, "
         "{} Hz and {} m.",
-        *map(shown, ("rocks", "speed_mps_q95", "rotation_hz_q95", "height_m_q95")),
+        *(sensible(row[key]) for key in keys),
     )

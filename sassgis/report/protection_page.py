@@ -23,8 +23,8 @@ from sassgis.report.page import (
     Cell,
     ReportFigure,
     ReportTable,
-    heads,
     sensible,
+    table_of,
     template,
     translated_table,
 )
@@ -178,11 +178,11 @@ def _table(arriving: pd.Series, protection: pd.DataFrame, built: bool) -> Report
             years, energy, _classes(row["net_class"], row["net_class_high"]), passing,
             None if pd.isna(size) else float(size), height,
         ]  # fmt: skip
-        rows.append(tuple([*cells, behind] if built else cells))
-    return ReportTable(
+        rows.append([*cells, behind] if built else cells)
+    return table_of(
         "What is reached or exceeded once in the return period",
-        heads(columns + ("; energy behind it | kJ" if built else "")),
-        tuple(rows),
+        columns + ("; energy behind it | kJ" if built else ""),
+        rows,
     )
 
 

@@ -11,10 +11,10 @@ from sassgis.hazard.sensitivity import Names, RangeEffect, SensitivityMaps
 from sassgis.model.languages import joined, named, phrase, translated
 from sassgis.model.map_run import MapRun
 from sassgis.model.results import RasterLayer
-from sassgis.report.figures import MapMarks, map_figure
+from sassgis.report.figures import MapMarks
 from sassgis.report.map_report import release_outlines
-from sassgis.report.page import ReportContext, ReportTable, heads
-from sassgis.report.pictures import picture
+from sassgis.report.page import ReportContext, ReportTable, table_of
+from sassgis.report.pictures import map_pictures
 
 #: What the first table ranks by.
 _RANKED = "run-out (95 %)"
@@ -34,13 +34,6 @@ def sensitivity_report(
 ) -> ReportContext:
     """Draw the figures into ``folder`` and put the report together."""
     marks = MapMarks(release_outlines(run))
-    pictures = tuple(
-        picture(
-            folder, f"map_{layer.stem}", layer.title, layer.note, map_figure(run.grid, layer, marks)
-        )
-        for layer in layers
-        if np.isfinite(layer.bands[0].values).any()
-    )
     measures = tuple(dict.fromkeys(e.measure for e in effects))
     return ReportContext(
         title=title,
@@ -53,7 +46,7 @@ def sensitivity_report(
         ),
         verdict=_verdict(effects, maps, names),
         key_results=_key_table(effects),
-        figures=pictures,
+        figures=map_pictures(folder, run.grid, layers, marks, lambda grid, layer: ""),
         tables=tuple(_measure_table(m, effects) for m in measures if m not in (_RANKED, _ENERGY)),
     )
 
@@ -86,14 +79,12 @@ def _key_table(effects: Sequence[RangeEffect]) -> ReportTable:
         "blocks reach in both. Each range alone, all other values as in the class. Beyond chance: "
         "more than twice the change by another seed."
     )
-    return ReportTable(
+    return table_of(
         "Which ranges change run-out and energy",
-        heads(
-            "class; parameter; value; range; run-out 95 %, low end | m; run-out 95 %, "
-            "high end | m; energy ratio, low end | 1; energy ratio, high end | 1; run-out beyond "
-            "chance; range read in its source"
-        ),
-        tuple(
+        "class; parameter; value; range; run-out 95 %, low end | m; run-out 95 %, "
+        "high end | m; energy ratio, low end | 1; energy ratio, high end | 1; run-out beyond "
+        "chance; range read in its source",
+        (
             (
                 e.range.class_name, e.range.parameter, e.range.value,
                 phrase("{} to {}", f"{e.range.low:.3g}", f"{e.range.high:.3g}"), e.low, e.high,
@@ -110,12 +101,11 @@ def _measure_table(measure: str, effects: Sequence[RangeEffect]) -> ReportTable:
     chosen = _ranked(effects, measure)
     unit = "" if chosen[0].unit == "1" else chosen[0].unit
     title = translated(measure)
-    columns = "class; parameter; low end; high end; base; another seed; rank correlation"
-    units = ("", "", *4 * (unit,), "")
-    return ReportTable(
+    return table_of(
         named(title[0].upper() + title[1:]),
-        tuple((name, own) for (name, _), own in zip(heads(columns), units, strict=True)),
-        tuple(
+        f"class; parameter; low end | {unit}; high end | {unit}; base | {unit}; "
+        f"another seed | {unit}; rank correlation",
+        (
             (e.range.class_name, e.range.parameter, e.low, e.high, e.base, e.chance, e.correlation)
             for e in chosen
         ),

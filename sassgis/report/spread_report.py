@@ -5,18 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
 from sassgis.hazard.ground_spread import GroundSpread
 from sassgis.hazard.sensitivity import FAR, MEDIAN
 from sassgis.model.languages import joined, phrase
 from sassgis.model.map_run import MapRun
 from sassgis.model.results import RasterLayer
-from sassgis.report.figures import map_figure
 from sassgis.report.figures.map_marks import MapObject
 from sassgis.report.map_report import map_marks
-from sassgis.report.page import ReportFigure, ReportTable, heads, sensible
-from sassgis.report.pictures import map_alt, picture
+from sassgis.report.page import ReportFigure, ReportTable, sensible, table_of
+from sassgis.report.pictures import map_alt, map_pictures
 from sassgis.report.run_summary import Lines
 
 
@@ -60,10 +57,10 @@ def spread_lines(spread: GroundSpread) -> Lines:
 
 def spread_table(spread: GroundSpread) -> ReportTable:
     """All measures with their bands."""
-    return ReportTable(
+    return table_of(
         "Spread of the ground classes",
-        heads("measure; unit; values of the classes; 10 % of the draws below; median; 90 % below"),
-        tuple((b.measure, b.unit, b.base, b.low, b.middle, b.high) for b in spread.bands),
+        "measure; unit; values of the classes; 10 % of the draws below; median; 90 % below",
+        ((b.measure, b.unit, b.base, b.low, b.middle, b.high) for b in spread.bands),
         phrase(
             "{} simulations of the same blocks with values of the classes drawn from their spread "
             "between sites (tables/ground_spread.csv). An energy where no block arrives is 0.",
@@ -76,12 +73,4 @@ def spread_figures(
     run: MapRun, layers: Sequence[RasterLayer], objects: Sequence[MapObject], folder: Path
 ) -> tuple[ReportFigure, ...]:
     """The maps, where they hold anything."""
-    marks = map_marks(run, objects)
-    return tuple(
-        picture(
-            folder, f"map_{layer.stem}", layer.title, layer.note,
-            map_figure(run.grid, layer, marks), map_alt(run.grid, layer),
-        )
-        for layer in layers
-        if np.isfinite(layer.bands[0].values).any()
-    )  # fmt: skip
+    return map_pictures(folder, run.grid, layers, map_marks(run, objects), map_alt)

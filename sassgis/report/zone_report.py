@@ -29,7 +29,7 @@ from sassgis.report import figures
 from sassgis.report.exposed_report import limited, map_objects
 from sassgis.report.map_report import map_marks
 from sassgis.report.number_text import thousands
-from sassgis.report.page import Cell, ReportFigure, ReportTable, heads, sensible
+from sassgis.report.page import Cell, ReportFigure, ReportTable, heads, sensible, table_of
 from sassgis.report.pictures import classes_alt, map_alt, picture
 
 BARRIERS_TITLE = "What walls and nets change"
@@ -223,11 +223,11 @@ def zone_tables(
     """
     text = "{}. The level of a cell is the highest that its hazard curve crosses."
     tables = [
-        ReportTable(
+        table_of(
             phrase("Rules: preset {}", preset.name),
             (*heads("intensity; energy"),
              *((label, "years") for label in period_labels(preset.return_periods))),
-            tuple(
+            (
                 (c.label, span, *(preset.levels[k].label for k in row))
                 for c, span, row in reversed(
                     list(zip(preset.intensities, energy_labels(preset), preset.matrix, strict=True))
@@ -235,11 +235,14 @@ def zone_tables(
             ),
             phrase(text, phrase(preset.title)),
         ),
-        ReportTable(
+        table_of(
             "Sources",
-            heads("release area; block scenario; onset frequency | 1/year; blocks; "
-                  "annual frequency per simulated block | 1/year"),
-            _cells(sources),
+            "release area; block scenario; onset frequency | 1/year; blocks; "
+            "annual frequency per simulated block | 1/year",
+            (
+                (None if isinstance(v, float) and np.isnan(v) else v for v in row)
+                for row in sources.itertuples(index=False, name=None)
+            ),
             "Onset frequencies are the user's; the hazard is proportional to them.",
         ),
     ]  # fmt: skip
@@ -254,13 +257,11 @@ def zone_tables(
         ]
     if found.hazard.edits:
         labels = ["none", *(c.label for c in preset.levels)]
-        edits = ReportTable(
+        edits = table_of(
             "Edited by hand",
-            heads(
-                "level; limit; author; date; reason; computed at the time; computed now; "
-                "share with another level since"
-            ),
-            tuple(
+            "level; limit; author; date; reason; computed at the time; computed now; "
+            "share with another level since",
+            (
                 (labels[a.edit.level], phrase(LIMIT_TEXT[a.edit.limit]), a.edit.author,
                  a.edit.date, a.edit.reason, shares_text(a.then) or None, shares_text(a.now),
                  f"{100 * a.changed:.0f} %" if a.then else None)
@@ -295,10 +296,10 @@ def level_table(preset: HazardPreset, found: Assessment) -> ReportTable:
     if found.without is not None:
         columns += "; area without walls and nets | m²"
         cells.append(areas(found.without.levels))
-    return ReportTable(
+    return table_of(
         "Hazard zones",
-        heads(columns),
-        tuple(zip(*cells, strict=True))[::-1],
+        columns,
+        list(zip(*cells, strict=True))[::-1],
         "Zones are never lower than the cells in them: gaps are closed and small zones enlarged or "
         "raised, so that areas are a little larger than those of the cells.",
     )
@@ -319,12 +320,13 @@ def _design_table(
     keys = [f"{name}_{what}_{key}" for what in ("q95", "q99", *(f"{t}y" for t in years))]
     rows = []
     for _, line in design.iterrows():
-        cells = (limited(line, k) for k in keys)
-        rows.append((line["line"], line["arrivals_per_year"], *cells))
-    return ReportTable(
+        rows.append(
+            (line["line"], line["arrivals_per_year"], *(limited(line, key) for key in keys))
+        )
+    return table_of(
         title,
         (*columns, *((phrase("exceeded once in {} years", t), unit) for t in years)),
-        tuple(rows),
+        rows,
         "Without walls and nets; release areas and block scenarios are weighted by their onset "
         "frequencies. Limits are those of the sampling error. A dash: blocks arrive less often "
         "than that. Heights are of the centre of the block above its resting height: add half the "
@@ -351,20 +353,12 @@ def _risk_table(risk: RiskTable, without: RiskTable | None, money: str) -> Repor
         if without is not None:
             same = next((b for b in before if (b.scope, b.name) == (total.scope, total.name)), None)
             row += [None if same is None else rounded(same.values[v]) for v in ("loss", "deaths")]
-        rows.append(tuple(row))
-    return ReportTable(
+        rows.append(row)
+    return table_of(
         "Risk of exposed objects",
-        tuple((name, money if unit == "money" else unit) for name, unit in columns),
-        tuple(rows),
+        ((name, money if unit == "money" else unit) for name, unit in columns),
+        rows,
         "Values, presence, vulnerability and lethality are the user's. Each object is in "
         "tables/risk_objects.csv, each source in tables/risk_sources.csv. Standard errors are "
         "of the sampling of blocks only.",
-    )
-
-
-def _cells(frame: pd.DataFrame) -> tuple[tuple[Cell, ...], ...]:
-    """Rows of a frame as a report takes them."""
-    return tuple(
-        tuple(None if isinstance(v, float) and np.isnan(v) else v for v in row)
-        for row in frame.itertuples(index=False, name=None)
     )

@@ -14,10 +14,8 @@ from sassgis.model.grid import Grid
 
 
 @pytest.fixture
-def studies(repository: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    folder = repository / "docs" / "studies"
-    monkeypatch.syspath_prepend(folder)
-    return folder
+def studies(repository: Path) -> Path:
+    return repository / "docs" / "studies"
 
 
 def test_fig9_has_a_surface_for_each_shape(studies: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from helpers.scripts import run_script
+from helpers.scripts import load, run_script
 
 from sassgis.gap.which.identifiable import what_is_identifiable
 from sassgis.io.read.ground_map import built_in_table
@@ -290,10 +289,7 @@ def test_rocks_left_out_are_scored_with_the_configuration_that_is_handed_over(
 
 def test_pages_hold_the_tables_of_the_results(repository: Path) -> None:
     folder = repository / "docs" / "studies"
-    spec = importlib.util.spec_from_file_location("gap_tables", folder / "gap_tables.py")
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    module = load(folder / "gap_tables.py")
     seen = set()
     for page in folder.glob("gap_*.md"):
         text = page.read_text(encoding="utf-8")

@@ -13,6 +13,11 @@ def find(figure: Figure, gid: str) -> list[Any]:
     return list(figure.findobj(lambda artist: artist.get_gid() == gid))
 
 
+def axes_of(figure: Figure, label: str) -> list[Any]:
+    """Axes of a figure with a label."""
+    return [ax for ax in figure.axes if ax.get_label() == label]
+
+
 def texts(figure: Figure) -> str:
     """All words that a figure shows, line breaks as spaces."""
     figure.canvas.draw()

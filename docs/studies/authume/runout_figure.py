@@ -54,23 +54,14 @@ def quantile_rows(observed: FloatArray, predicted: FloatArray) -> list[tuple[str
             float(np.quantile(v, share)) if v.size else float("nan") for v in (observed, predicted)
         )
         label = "median" if share == 0.5 else f"{100.0 * share:g} %"
-        rows.append(
-            (
-                label,
-                _number(seen, decimals),
-                _number(made, decimals),
-                _number(made - seen, decimals, signed=True),
-            )
-        )
+        gap = _number(made - seen, decimals, signed=True)
+        rows.append((label, _number(seen, decimals), _number(made, decimals), gap))
     return rows
 
 
-def _known(values: FloatArray, columns: int) -> FloatArray:
-    """Rows without missing numbers."""
-    array = np.asarray(values, float).reshape((-1,) if columns == 1 else (-1, columns))
-    known: FloatArray = array[
-        np.isfinite(array) if columns == 1 else np.isfinite(array).all(axis=1)
-    ]
+def _known(values: FloatArray) -> FloatArray:
+    """Numbers, or rows of numbers, of which none is missing."""
+    known: FloatArray = values[np.isfinite(np.atleast_2d(values.T)).all(axis=0)]
     return known
 
 
@@ -81,23 +72,17 @@ def _draw_curves(ax: Axes, observed: FloatArray, predicted: FloatArray) -> None:
     if not (observed.size or predicted.size):
         nothing_to_show(ax)
         return
-    for name, values, colour in (
-        ("predicted", predicted, BLUE),
-        ("observed", observed, INK),
+    for name, values, colour, dashes in (
+        ("predicted", predicted, BLUE, (0, (4, 1.6))),
+        ("observed", observed, INK, "-"),
     ):
-        if not values.size:
-            continue
-        x = np.sort(values)
-        ax.step(
-            np.concatenate([[x[0]], x]),
-            100.0 * np.concatenate([[0.0], np.arange(1, x.size + 1) / x.size]),
-            where="post",
-            color=colour,
-            lw=1.5,
-            ls="-" if name == "observed" else (0, (4, 1.6)),
-            gid=name,
-            label=name,
-        )
+        if values.size:
+            x = np.sort(values)
+            share = np.arange(x.size + 1) / x.size
+            ax.step(
+                [x[0], *x], 100.0 * share, where="post", color=colour, lw=1.5, ls=dashes, gid=name,
+                label=name,
+            )  # fmt: skip
     ax.legend(loc="best", handlelength=2.2)
     ax.set_ylim(0.0, 103.0)
     ax.yaxis.set_major_formatter(percent_formatter())
@@ -143,12 +128,9 @@ def runout_gap_figure(
         Coordinates of the stops (m).
     release : float, each of shape (n, 2)
         Outlines of the release areas (m).
-    title : str
     """
-    seen, made = _known(observed_m, 1), _known(predicted_m, 1)
-    stops = [
-        np.empty((0, 2)) if xy is None else _known(xy, 2) for xy in (observed_xy, predicted_xy)
-    ]
+    seen, made = _known(observed_m), _known(predicted_m)
+    stops = [np.empty((0, 2)) if xy is None else _known(xy) for xy in (observed_xy, predicted_xy)]
     left, gap, side = 0.62, 0.62, 2.25 if grid is not None else WIDTH_IN - 0.62 - 2.75
     top, map_w, map_h = 0.45, 0.0, 0.0
     if grid is not None:

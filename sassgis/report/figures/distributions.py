@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.languages import phrase
@@ -37,16 +37,11 @@ from sassgis.report.figures.style import (
 )
 from sassgis.report.number_text import thousands
 
-#: Name and unit of what can be drawn.
+#: Name and unit of what can be drawn, and title of the figure.
 QUANTITIES = {
-    "energy": ("kinetic energy", "kJ"),
-    "speed": ("speed", "m/s"),
-    "height": ("passing height", "m"),
-}
-_TITLES = {
-    "energy": "Kinetic energy along the profile",
-    "speed": "Speed along the profile",
-    "height": "Passing height along the profile",
+    "energy": ("kinetic energy", "kJ", "Kinetic energy along the profile"),
+    "speed": ("speed", "m/s", "Speed along the profile"),
+    "height": ("passing height", "m", "Passing height along the profile"),
 }
 
 
@@ -75,17 +70,17 @@ def energy_profile_figure(
     control_lines : (ControlLine, chainage)
         Marked in both panels.
     """
-    name, unit = QUANTITIES[quantity]
+    name, unit, title = QUANTITIES[quantity]
     figure = new_figure(WIDTH_IN, 4.3)
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(1.7, 1.0))
-    head(figure, _TITLES[quantity])
+    head(figure, title)
     upper.set_ylabel(phrase("{} ({})", phrase(name), unit))
-    lower.set_ylabel("height (m)")
-    lower.set_xlabel("chainage (m)")
     lower.plot(s, z, color=INK, lw=1.2, gid="slope")
-    lower.fill_between(s, z, float(np.min(z)), color="#ece9e4", lw=0)
-    lower.set_ylim(float(np.min(z)), float(np.max(z)) + 0.06 * float(np.ptp(z)) + 1e-9)
-    lower.set_xlim(float(np.min(s)), float(np.max(s)))
+    lower.fill_between(s, z, np.min(z), color="#ece9e4", lw=0)
+    lower.set(
+        xlabel="chainage (m)", xlim=(np.min(s), np.max(s)),
+        ylabel="height (m)", ylim=(np.min(z), np.max(z) + 0.06 * np.ptp(z) + 1e-9),
+    )  # fmt: skip
     for axis in (lower.xaxis, lower.yaxis):
         axis.set_major_formatter(thousands_formatter())
     _draw_control_lines(upper, lower, control_lines)
@@ -138,7 +133,7 @@ def _log_ticks(axis: Axis, decades: float) -> None:
     # Where few are in sight, the steps between them are named too.
     steps = (1.0, 2.0, 5.0) if decades < 2.0 else (1.0,)
     axis.set_major_locator(LogLocator(10.0, subs=steps))
-    axis.set_major_formatter(FuncFormatter(lambda v, _: thousands(v) if v >= 1.0 else f"{v:g}"))
+    axis.set_major_formatter(lambda v, _: thousands(v) if v >= 1.0 else f"{v:g}")
     axis.set_minor_formatter(NullFormatter())
 
 
@@ -264,14 +259,12 @@ def _draw_runout(
     present = [reason for reason, number in total.items() if number > 0.0]
     if title:
         head(figure, title)
-    upper.set_ylabel("blocks that get\nat least so far")
-    lower.set_ylabel("blocks that stop here")
-    lower.set_xlabel("run-out chainage (m)")
+    lower.set(xlabel="run-out chainage (m)", ylabel="blocks that stop here")
     upper.plot(
         [curve[0][0], *curve[0]], [100.0, *(100.0 * curve[1])], drawstyle=drawstyle, color=INK,
         lw=1.4, gid="exceedance",
     )  # fmt: skip
-    upper.set_ylim(0.0, 104.0)
+    upper.set(ylabel="blocks that get\nat least so far", ylim=(0.0, 104.0))
     upper.yaxis.set_major_formatter(percent_formatter())
     base = np.zeros(edges.size - 1)
     for reason in present:
@@ -312,10 +305,8 @@ def _draw_runout(
             else "{} blocks of {} went on where the computation ended: the true shares lie on or "
             "above the line"
         )
-        upper.set_title(
-            phrase(text, thousands(int(open_end)), thousands(sum(total.values()))),
-            size=SMALL, weight="normal", color=GREY,
-        )  # fmt: skip
+        words = phrase(text, thousands(open_end), thousands(sum(total.values())))
+        upper.set_title(words, size=SMALL, weight="normal", color=GREY)
     return figure
 
 

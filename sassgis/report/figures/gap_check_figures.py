@@ -79,8 +79,7 @@ def confusion_figure(worlds: NDArray[np.int64]) -> Figure:
     ax.set_yticks(np.arange(len(rows) + 1) - 0.5, minor=True)
     ax.grid(True, which="minor", color="white", linewidth=1.0)
     ax.tick_params(which="minor", length=0)
-    ax.set_xlabel("answer")
-    ax.set_ylabel("truth (sites)")
+    ax.set(xlabel="answer", ylabel="truth (sites)")
     ax.spines[:].set_visible(False)
     return figure
 
@@ -116,18 +115,14 @@ def reliability_figure(rows: Sequence[ReliabilityRow], limit: float, least: floa
             (-7.0 if left else 7.0, 0), ha="right" if left else "left", va="center",
             bbox={"boxstyle": "square,pad=0.15", "facecolor": "white", "edgecolor": "none"},
         )  # fmt: skip
-    ax.set_ylim(0.0, 1.0)
-    ax.set_xlim(0.0, 1.0)
+    ax.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0), ylabel="answers that were right")
     ax.yaxis.set_major_formatter(percent_formatter(1.0))
-    ax.set_ylabel("answers that were right")
     counts.bar(
         [row.low for row in rows], [row.right.trials for row in rows],
         width=[row.high - row.low for row in rows], align="edge", color=LIGHT, edgecolor="white",
     )  # fmt: skip
-    counts.set_ylabel("sites")
-    counts.set_xlabel(
-        f"stated confidence, mean of each bin ({count(sum(r.right.trials for r in rows), 'site')})"
-    )
+    sites = count(sum(row.right.trials for row in rows), "site")
+    counts.set(xlabel=f"stated confidence, mean of each bin ({sites})", ylabel="sites")
     counts.grid(False, axis="x")
     return figure
 
@@ -140,9 +135,7 @@ def shrinkage_figure(stated: Sequence[float], measured: Sequence[float], near: f
     """
     figure = new_figure(0.62 * WIDTH_IN, 0.6 * WIDTH_IN)
     ax = figure.add_subplot()
-    ax.set_title("Shrinkage of the gap")
-    ax.set_xlabel("on fresh rocks")
-    ax.set_ylabel("stated")
+    ax.set(title="Shrinkage of the gap", xlabel="on fresh rocks", ylabel="stated")
     values = [*stated, *measured, 0.0, 1.0]
     low, high = min(values) - 0.05, max(values) + 0.05
     ends = np.array([low, high])
@@ -150,8 +143,6 @@ def shrinkage_figure(stated: Sequence[float], measured: Sequence[float], near: f
     ax.fill_between(ends, ends - near, ends + near, color=LIGHT, linewidth=0.0, label=label)
     ax.plot(ends, ends, **_DIAGONAL)
     ax.plot(measured, stated, "o", color=BLUE, markersize=4, alpha=0.8)
-    ax.set_xlim(low, high)
-    ax.set_ylim(low, high)
-    ax.set_aspect("equal")
+    ax.set(xlim=(low, high), ylim=(low, high), aspect="equal")
     ax.legend(loc="upper left")
     return figure

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
-from matplotlib.ticker import FuncFormatter, NullLocator
+from matplotlib.ticker import NullLocator
 
 from sassgis.hazard.curves import rate_interval, return_period
 from sassgis.hazard.levels import deciding_energy, hazard_level
@@ -154,10 +154,8 @@ def hazard_curve_figure(
     second = preset.thresholds_kj[1] if len(preset.thresholds_kj) > 1 else first
     left = min(first, second / 10.0) / 2.0
     right = 2.0 * max(float(energies[-1]), 2.0 * preset.thresholds_kj[-1])
-    ax.set_xscale("log")
-    ax.set_yscale("log")
-    ax.set_xlim(left, right)
-    ax.set_ylim(*_rate_limits(np.concatenate([total, upper]), preset))
+    limits = _rate_limits(np.concatenate([total, upper]), preset)
+    ax.set(xscale="log", yscale="log", xlim=(left, right), ylim=limits)
     ax.grid(False)
     _draw_matrix(ax, preset, (left, right))
 
@@ -219,20 +217,22 @@ def _label_axes(ax: Axes, preset: HazardPreset) -> None:
             return thousands(value)
         return f"{value:.3g}" if value >= 0.01 else power_of_ten(round(np.log10(value)))
 
-    ax.set_xlabel("kinetic energy, translation and rotation (kJ)")
-    ax.set_ylabel("frequency of reaching it or more (1/year)")
+    ax.set(
+        xlabel="kinetic energy, translation and rotation (kJ)",
+        ylabel="frequency of reaching it or more (1/year)",
+    )
     for axis in (ax.xaxis, ax.yaxis):
-        axis.set_major_formatter(FuncFormatter(plain))
+        axis.set_major_formatter(plain)
         axis.set_minor_locator(NullLocator())
+    periods = preset.return_periods
     right = ax.twinx()
-    right.set_label("return period")
-    right.set_yscale("log")
-    right.set_ylim(*ax.get_ylim())
+    right.set(
+        label="return period", ylabel="limits of return period (years)",
+        yscale="log", ylim=ax.get_ylim(),
+    )  # fmt: skip
     right.grid(False)
-    right.set_yticks([1.0 / t for t in preset.return_periods])
-    right.set_yticklabels([f"{t:g}" for t in preset.return_periods])
+    right.set_yticks([1.0 / t for t in periods], [f"{t:g}" for t in periods])
     right.yaxis.set_minor_locator(NullLocator())
-    right.set_ylabel("limits of return period (years)")
     right.spines["right"].set_visible(True)
 
 
@@ -253,16 +253,16 @@ def blocks_figure(history: Sequence[tuple[int, float]], limit: float) -> Figure:
     blocks, shares = (np.array(values, np.float64) for values in zip(*history, strict=True))
     ax.axhline(100.0 * limit, color=VERMILION, linewidth=0.8)
     ax.plot(blocks, 100.0 * shares, "o-", color=BLUE, markersize=4, linewidth=1.1)
-    ax.set_xscale("log")
-    ax.set_yscale("log")
+    ax.set(
+        xscale="log", xlabel="simulated blocks",
+        yscale="log", ylabel="changed by another sample (%)",
+    )  # fmt: skip
     ax.xaxis.set_minor_locator(NullLocator())
     ax.yaxis.set_minor_locator(NullLocator())
-    ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    shown = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
+    ax.yaxis.set_major_formatter("{x:g}")
     low, high = ax.get_ylim()
+    shown = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
     ax.set_yticks([tick for tick in shown if low <= tick <= high])
-    ax.set_xlabel("simulated blocks")
-    ax.set_ylabel("changed by another sample (%)")
     return figure
 
 
@@ -336,7 +336,7 @@ def risk_figure(
     power = f"{power_of_ten(exponent)} " if exponent else ""
     ax.set_xlabel(phrase("{} ({}{})", phrase(quantity), power, unit))
     ax.xaxis.set_major_formatter(
-        FuncFormatter(lambda x, _: thousands(x) if x >= 1e4 else f"{x / 10.0**exponent:g}")
+        lambda x, _: thousands(x) if x >= 1e4 else f"{x / 10.0**exponent:g}"
     )
     edges = np.cumsum([0.0, *heights])
     middle = plot_h - (edges[:-1] + edges[1:]) / 2.0
@@ -349,8 +349,7 @@ def risk_figure(
     for y, value, end in zip(middle, risk, ends, strict=True):
         text = amount(float(value))
         beside(ax, text, (float(end), y), (4, 0), va="center", ha="left", color=INK, gid="value")
-    ax.set_xlim(0.0, 1.2 * float(ends.max()))
-    ax.set_ylim(0.0, plot_h)
+    ax.set(xlim=(0.0, 1.2 * ends.max()), ylim=(0.0, plot_h))
     ax.set_yticks(middle, labels)
     ax.tick_params(axis="y", length=0)
     ax.grid(axis="y", visible=False)

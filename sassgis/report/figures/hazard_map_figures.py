@@ -241,7 +241,8 @@ def map_change_figure(
         (0, "max", 2.0 * width + gap, unit or "%"),
         (2, "both", width, phrase("change ({})", phrase(unit or "percentage points"))),
     ):
-        bar = maps.page.axes(maps.left[k] + 0.15, frame.bottom - 0.62, long - 0.3, 0.09, "legend")
+        x = left + k * (width + gap) + 0.15
+        bar = maps.page.axes(x, frame.bottom - 0.62, long - 0.3, 0.09, "legend")
         colour_bar(bar, panels[k], orientation="horizontal", extend=extend)
         bar.set_xlabel(words, size=SMALL)
     # Below the maps, where it hides nothing.

@@ -178,11 +178,10 @@ def one_map(aspect: float, right: float, most: float) -> tuple[float, float, flo
 
 @dataclass(frozen=True, slots=True)
 class DrawnMaps:
-    """Maps on their page: of each the axes and the left edge (in)."""
+    """Maps on their page."""
 
     page: Page
-    axes: tuple[Axes, ...]
-    left: tuple[float, ...]
+    axes: Sequence[Axes]
     metres_per_inch: float
 
 
@@ -198,7 +197,7 @@ def draw_maps(
     rows = -(-len(panels) // columns)
     page = Page(frame.top + rows * tall + frame.bottom)
     metres_per_inch = view.width_m / frame.width
-    drawn = []
+    axes = []
     for number, panel in enumerate(panels):
         row, column = divmod(number, columns)
         x = frame.left + column * (frame.width + frame.gap)
@@ -218,9 +217,8 @@ def draw_maps(
             ax.set_xlabel("")
             ax.tick_params(labelbottom=False)
         ax.set_title(panel.title, size=TEXT, pad=3.0)
-        drawn.append((ax, x))
-    axes, lefts = zip(*drawn, strict=True)
-    return DrawnMaps(page, axes, lefts, metres_per_inch)
+        axes.append(ax)
+    return DrawnMaps(page, axes, metres_per_inch)
 
 
 def _draw_values(ax: Axes, panel: MapPanel, view: MapView, metres_per_inch: float) -> None:
@@ -312,8 +310,7 @@ def _sign(page: Page, x: float, y: float, entry: RasterClass, *, over: bool = Fa
         ax.set_aspect("auto")
     else:
         ax.add_patch(Rectangle((0.0, 0.0), *SIGN_IN, fc=entry.colour, ec="none", alpha=LAYER_ALPHA))
-    ax.set_xlim(0.0, SIGN_IN[0])
-    ax.set_ylim(0.0, SIGN_IN[1])
+    ax.set(xlim=(0.0, SIGN_IN[0]), ylim=(0.0, SIGN_IN[1]))
     ax.add_patch(Rectangle((0.0, 0.0), *SIGN_IN, fc="none", ec=GREY, lw=0.8, zorder=5))
 
 

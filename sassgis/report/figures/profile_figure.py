@@ -265,15 +265,13 @@ def _draw_panel(ax: Axes, panel: ProfilePanel, frame: _Frame) -> None:
             zorder=7, gid="stops",
         )  # fmt: skip
     _draw_control_lines(ax, panel, frame)
-    ax.set_xlim(frame.s0, frame.s1)
-    ax.set_ylim(frame.z0, frame.z1)
-    ax.set_aspect("equal")
+    ax.set(xlim=(frame.s0, frame.s1), ylim=(frame.z0, frame.z1), aspect="equal")
+    ax.set_ylabel("height (m)")
     across = round_step(frame.s1 - frame.s0, max(3, round(1.4 * frame.inches[0])))
     upward = round_step(frame.z1 - frame.z0, max(3, round(1.6 * frame.inches[1])))
     for axis, step in ((ax.xaxis, across), (ax.yaxis, upward)):
         axis.set_major_locator(MultipleLocator(step))
         axis.set_major_formatter(thousands_formatter())
-    ax.set_ylabel("height (m)")
 
 
 @house_style()

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, NullLocator
+from matplotlib.ticker import NullLocator
 
 from sassgis.hazard.design import Arrivals
 from sassgis.model.languages import phrase
@@ -70,14 +70,15 @@ def protection_figure(
         energy, rate = curve.edges[known], curve.rate[known]
         ax.fill_between(energy, low, high, where=high > 0, color=colour, alpha=0.18, lw=0.0)
         ax.plot(energy[rate > 0.0], rate[rate > 0.0], color=colour, lw=1.3, label=name)
-    ax.set_xscale("log")
-    ax.set_yscale("log")
     most = float(before.rate[1])
-    ax.set_ylim(least, max(2.0 * most, 10.0 * least))
     shown = before.edges[1:][before.rate[1:] >= min(0.9 * most, least)]
     ends = (before.largest, capacity_kj)
     right = max([10.0, *(e for e in ends if np.isfinite(e))])
-    ax.set_xlim(max(1.0, shown.min(initial=1.0)), 1.6 * right)
+    ax.set(
+        xscale="log", xlim=(max(1.0, shown.min(initial=1.0)), 1.6 * right),
+        xlabel="energy at least (kJ)",
+        yscale="log", ylim=(least, max(2.0 * most, 10.0 * least)), ylabel="blocks a year",
+    )  # fmt: skip
     for years in return_periods_years:
         ax.axhline(1.0 / years, color=LIGHT, lw=0.8, zorder=0.5)
         beside(
@@ -86,9 +87,7 @@ def protection_figure(
         )  # fmt: skip
     if np.isfinite(capacity_kj):
         ax.axvline(capacity_kj, color=INK, lw=0.9, ls="--", label=phrase("capacity of the net"))
-    ax.set_xlabel("energy at least (kJ)")
-    ax.set_ylabel("blocks a year")
-    ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    ax.xaxis.set_major_formatter("{x:g}")
     ax.yaxis.set_minor_locator(NullLocator())
     if ax.get_legend_handles_labels()[0]:
         ax.legend(fontsize=SMALL, loc="lower left")

@@ -190,9 +190,7 @@ def map_axes(ax: Axes, extent: Extent, parts: int = 5) -> None:
     ``parts`` is about the number of ticks along the longer side.
     """
     west, south, east, north = extent
-    ax.set_xlim(west, east)
-    ax.set_ylim(south, north)
-    ax.set_aspect("equal")
+    ax.set(xlim=(west, east), ylim=(south, north), aspect="equal")
     ax.grid(False)
     ax.spines[["top", "right"]].set_visible(True)
     step = round_step(max(east - west, north - south), parts)
@@ -277,6 +275,5 @@ def furniture_beside(page: Page, x: float, y: float, metres_per_inch: float) -> 
     ax = page.axes(x, y, width, height, "scale")
     ax.set_axis_off()
     box = (0.0, 0.0, width * metres_per_inch, height * metres_per_inch)
-    ax.set_xlim(box[0], box[2])
-    ax.set_ylim(box[1], box[3])
+    ax.set(xlim=box[::2], ylim=box[1::2])
     draw_furniture(ax, box, width, (True, True))

@@ -108,10 +108,8 @@ class Page:
 
     def title(self, x: float, words: str, below_top: float = 0.1) -> None:
         """Write the title, its upper left corner so far below the top."""
-        self.figure.text(
-            x / WIDTH_IN, 1.0 - below_top / self.height, words, size=TITLE, weight="bold",
-            va="top", gid="title",
-        )  # fmt: skip
+        y = self.height - below_top
+        self.text(x, y, words, size=TITLE, weight="bold", va="top", gid="title")
 
     def note(self, x: float, y: float, words: str, va: str = "top") -> None:
         """Write the note below the figure."""

@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
-from helpers.figure_parts import find, texts
+from helpers.figure_parts import axes_of, find, texts
 from matplotlib.colors import to_hex, to_rgb
-from matplotlib.figure import Figure
 
 from sassgis.hazard.curves import rate_interval
 from sassgis.hazard.zone_styles import LEVEL_CHANGES
@@ -46,10 +45,6 @@ def level_of(grid: Grid) -> RasterLayer:
         "hazard_level", "Hazard level", "By the matrix.", (Band("level", "", "class", values),),
         (), "", LEVELS,
     )  # fmt: skip
-
-
-def maps(figure: Figure) -> list:
-    return [ax for ax in figure.axes if ax.get_label() == "map"]
 
 
 def classes_on(ax) -> np.ndarray:
@@ -148,7 +143,7 @@ def test_intensities_side_by_side(valley: Grid) -> None:
     ring = np.array([[80.0, -10.0], [110.0, -10.0], [110.0, -30.0]])
     ring += [valley.west, valley.north]
     figure = intensity_figure(valley, [first, second], MapMarks([ring]), "Width 5 m.")
-    one, two = maps(figure)
+    one, two = axes_of(figure, "map")
     assert (one.get_xlim(), one.get_ylim()) == (two.get_xlim(), two.get_ylim())
     assert np.nanmax(classes_on(one)) == 2.0 and np.nanmin(classes_on(one)) == 0.0
     assert set(np.unique(classes_on(two)[np.isfinite(classes_on(two))])) == {2.0}
@@ -167,7 +162,7 @@ def test_the_scale_bar_has_the_scale_of_the_maps(valley: Grid) -> None:
     bars = [p for p in label.axes.patches if p.get_zorder() == 21 and hasattr(p, "get_width")]
     figure.canvas.draw()
     bar = sum(p.get_window_extent().width for p in bars)
-    ax = maps(figure)[0]
+    ax = axes_of(figure, "map")[0]
     pixels = ax.transData.transform([[valley.west, 0.0], [valley.west + metres, 0.0]])
     assert bar == pytest.approx(np.ptp(pixels[:, 0]), rel=0.02)
 
@@ -199,15 +194,19 @@ def test_before_after_and_what_changed(valley: Grid) -> None:
     values[30, 30] = 1.0
     after = replace(before, bands=(replace(before.bands[0], values=values),))
     figure = change_figure(valley, before, after, MapMarks(), names=("before", "after"))
-    assert [ax.get_title(loc="left") for ax in maps(figure)] == ["before", "after", "Change"]
-    change = classes_on(maps(figure)[2])
+    assert [ax.get_title(loc="left") for ax in axes_of(figure, "map")] == [
+        "before",
+        "after",
+        "Change",
+    ]
+    change = classes_on(axes_of(figure, "map")[2])
     # 25 m² a cell: 36 + 20 cells lower, one higher, the other 104 as before.
     assert [np.count_nonzero(change == k) for k in (0, 1, 2)] == [56, 104, 1]
     words = texts(figure)
     assert "Lower level: 1 400 m²" in words and "higher level: 25 m²" in words
     names = [t.get_text() for t in find(figure, "class")]
     assert names[-3:] == ["Higher level", "Same level", "Lower level"]
-    green = maps(figure)[2].get_images()[1].cmap(0)
+    green = axes_of(figure, "map")[2].get_images()[1].cmap(0)
     assert to_hex(green) == LEVEL_CHANGES["lower"][1]
 
 
@@ -236,7 +235,7 @@ def test_the_curve_is_drawn_with_band_sources_and_fields() -> None:
     assert np.isnan(y[5])
     np.testing.assert_allclose(x[1:], ENERGIES[1:])
     # No energy at all stands at the left edge, below every energy drawn.
-    ax = next(a for a in figure.axes if a.get_label() == "curve")
+    (ax,) = axes_of(figure, "curve")
     assert x[0] == ax.get_xlim()[0] < 10.0
     (band,) = find(figure, "band")
     low, high = (limit[1] for limit in rate_interval(CURVE))
@@ -257,7 +256,7 @@ def test_the_curve_is_drawn_with_band_sources_and_fields() -> None:
 
 def test_the_fields_are_those_of_the_matrix() -> None:
     figure = hazard_curve_figure(CURVE, 1, PRESET)
-    ax = next(a for a in figure.axes if a.get_label() == "curve")
+    (ax,) = axes_of(figure, "curve")
 
     def level_at(energy: float, years: float) -> str:
         for level in PRESET.levels:
@@ -312,7 +311,7 @@ def test_the_largest_risks_stand_on_top() -> None:
     risk = np.array([2e-5, 5e-5, 1e-5, 0.0, 3e-5])
     errors = np.array([1e-6, 4e-5, 1e-6, 0.0, np.nan])
     figure = risk_figure(names, risk, errors, quantity="deaths", unit="1/year", top=3)
-    ax = next(a for a in figure.axes if a.get_label() == "risk")
+    (ax,) = axes_of(figure, "risk")
     assert [t.get_text() for t in ax.get_yticklabels()] == ["b", "d", "a"]
     assert np.all(np.diff(ax.get_yticks()) < 0.0)
     widths = sorted(bar.get_width() for bar in ax.patches)

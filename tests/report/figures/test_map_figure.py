@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import shapely
-from helpers.figure_parts import find, texts
+from helpers.figure_parts import axes_of, find, texts
 from matplotlib.colors import to_hex
 
 from sassgis.model.grid import FloatArray, Grid
@@ -82,7 +82,7 @@ def test_empty_layer_says_so_and_shows_all_terrain(valley: Grid) -> None:
     )
     figure = map_figure(valley, empty)
     assert "no values here" in texts(figure)
-    ax = next(a for a in figure.axes if a.get_label() == "map")
+    (ax,) = axes_of(figure, "map")
     assert ax.get_xlim() == (valley.bounds[0], valley.bounds[2])
 
 
@@ -104,7 +104,7 @@ def test_release_lines_and_control_lines(valley: Grid) -> None:
     assert f"{MAX_LINES} fall lines of {MAX_LINES + 30} are drawn" in words
     assert "road" in words and "W1" in words
     # A gate that leaves the map is named inside the map.
-    ax = next(a for a in figure.axes if a.get_label() == "map")
+    (ax,) = axes_of(figure, "map")
     (name,) = [t for t in ax.texts if t.get_text() == "road"]
     frame, box = ax.get_window_extent(), name.get_window_extent()
     assert frame.x0 <= box.x0 and box.x1 <= frame.x1
@@ -117,7 +117,7 @@ def test_names_do_not_overlap(valley: Grid) -> None:
     across = np.array([[x - 40.0, y - 4.0], [x, y - 4.0]])
     marks = MapMarks(control_lines=[("road", "station", across)], objects=near)
     figure = map_figure(valley, layer_of(valley), marks)
-    ax = next(a for a in figure.axes if a.get_label() == "map")
+    (ax,) = axes_of(figure, "map")
     boxes = [t.get_window_extent() for t in ax.texts]
     assert "road" in [t.get_text() for t in ax.texts]
     # Some have room beside the place, above or below; the others are left out.
