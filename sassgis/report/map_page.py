@@ -392,15 +392,20 @@ def _shares(
     best = np.zeros((cells.size, _SOURCES))
     which = np.zeros((cells.size, _SOURCES), np.uint16)
     total = np.zeros(cells.size)
-    for number, own in enumerate(contributions):
-        at = np.minimum(np.searchsorted(cells, own.cells), max(cells.size - 1, 0))
-        here = cells[at] == own.cells if cells.size else np.zeros(own.cells.size, bool)
+    # Those of squares are in the order of the squares.
+    order = np.argsort(cells)
+    for number, own in enumerate(contributions if cells.size else ()):
+        found = np.searchsorted(cells, own.cells, sorter=order)
+        at = order[np.minimum(found, cells.size - 1)]
+        here = cells[at] == own.cells
         weight = np.zeros(cells.size)
         weight[at[here]] = own.weight[here]
         total += weight
         new = np.full(cells.size, number, np.uint16)
         for place in range(_SOURCES):
-            more = weight > best[:, place]
+            # Of equal ones the first comes first.
+            earlier = (weight == best[:, place]) & (new < which[:, place])
+            more = (weight > best[:, place]) | earlier
             weight, best[:, place] = (
                 np.where(more, best[:, place], weight),
                 np.where(more, weight, best[:, place]),
