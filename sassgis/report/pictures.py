@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import CancelledError
 from contextvars import ContextVar
 from pathlib import Path
@@ -50,13 +50,12 @@ def map_pictures(
     grid: Grid,
     layers: Sequence[RasterLayer],
     marks: MapMarks,
-    alt: Callable[[Grid, RasterLayer], str],
 ) -> tuple[ReportFigure, ...]:
-    """Draw layers as maps, those that hold anything; ``alt`` says what is seen."""
+    """Draw layers as maps, those that hold anything."""
     return tuple(
         picture(
             folder, f"map_{layer.stem}", layer.title, layer.note, map_figure(grid, layer, marks),
-            alt(grid, layer),
+            map_alt(grid, layer),
         )
         for layer in layers
         if np.isfinite(layer.bands[0].values).any()

@@ -46,7 +46,7 @@ def sensitivity_report(
         ),
         verdict=_verdict(effects, maps, names),
         key_results=_key_table(effects),
-        figures=map_pictures(folder, run.grid, layers, marks, lambda grid, layer: ""),
+        figures=map_pictures(folder, run.grid, layers, marks),
         tables=tuple(_measure_table(m, effects) for m in measures if m not in (_RANKED, _ENERGY)),
     )
 

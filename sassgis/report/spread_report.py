@@ -13,7 +13,7 @@ from sassgis.model.results import RasterLayer
 from sassgis.report.figures.map_marks import MapObject
 from sassgis.report.map_report import map_marks
 from sassgis.report.page import ReportFigure, ReportTable, sensible, table_of
-from sassgis.report.pictures import map_alt, map_pictures
+from sassgis.report.pictures import map_pictures
 from sassgis.report.run_summary import Lines
 
 
@@ -73,4 +73,4 @@ def spread_figures(
     run: MapRun, layers: Sequence[RasterLayer], objects: Sequence[MapObject], folder: Path
 ) -> tuple[ReportFigure, ...]:
     """The maps, where they hold anything."""
-    return map_pictures(folder, run.grid, layers, map_marks(run, objects), map_alt)
+    return map_pictures(folder, run.grid, layers, map_marks(run, objects))
