@@ -61,9 +61,7 @@ def foot_of_cliff(grid: Grid, x: FloatArray, y: FloatArray) -> FloatArray:
 
 def _places(grid: Grid, x: FloatArray, y: FloatArray) -> FloatArray:
     """X, y and the height of the cell, shape (n, 3); NaN outside."""
-    cell = grid.cell_of(x, y)
-    z = np.where(cell >= 0, grid.values.ravel()[cell], np.nan)
-    return np.column_stack([x, y, z])
+    return np.column_stack([x, y, grid.value_at(x, y)])
 
 
 def _angle_deg(upper: FloatArray, lower: FloatArray) -> FloatArray:

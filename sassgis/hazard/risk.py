@@ -121,9 +121,9 @@ def by_sample(variance: FloatArray, sources: Sequence[Source]) -> FloatArray:
     ----------
     variance : float64, shape (n_sources, n)
     """
-    rows = {(s.area, "" if s.random_points else s.scenario) for s in sources}
-    number = {key: i for i, key in enumerate(sorted(rows))}
-    of_source = [number[s.area, "" if s.random_points else s.scenario] for s in sources]
+    keys = [(s.area, "" if s.random_points else s.scenario) for s in sources]
+    number = {key: i for i, key in enumerate(sorted(set(keys)))}
+    of_source = [number[key] for key in keys]
     error = np.zeros((len(number), variance.shape[1]))
     np.add.at(error, of_source, np.sqrt(variance))
     # Alone, a source keeps its variance to the last bit.

@@ -16,7 +16,7 @@ from sassgis.model.crs import crs_name, same_crs
 from sassgis.model.errors import InputError
 from sassgis.model.exposure import PlacedObjects
 from sassgis.model.grid import FloatArray, Grid
-from sassgis.model.results import Band, RasterLayer
+from sassgis.model.results import RasterLayer
 
 #: Part of a cell by which cells of two maps may lie apart.
 _APART = 0.01
@@ -129,15 +129,10 @@ def _cut(result: StoredResult, rows: slice, cols: slice) -> StoredResult:
     if (rows.stop - rows.start, cols.stop - cols.start) == grid.shape:
         return result
     part = grid.part(rows, cols)
-    maps = {
-        stem: replace(
-            layer,
-            bands=tuple(
-                Band(b.name, b.description, b.unit, b.values[rows, cols]) for b in layer.bands
-            ),
-        )
-        for stem, layer in result.maps.items()
-    }
+    maps = {}
+    for stem, layer in result.maps.items():
+        bands = tuple(replace(b, values=b.values[rows, cols]) for b in layer.bands)
+        maps[stem] = replace(layer, bands=bands)
     zones = result.zones
     if zones is not None:
         inside = shapely.intersection(zones.polygons, shapely.box(*part.bounds))
