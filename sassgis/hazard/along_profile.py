@@ -1,4 +1,4 @@
-"""What is simulated along one profile: paths, passages, and quantiles stretch by stretch."""
+"""What is simulated along one profile; paths of single blocks, on profiles and in space."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from sassgis.hazard.control_lines import ControlLineSums
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.ground import GroundTable
 from sassgis.model.map_run import Forest
-from sassgis.model.results import ControlLine, Histogram
+from sassgis.model.results import ControlLine, Histogram, StopReason
 
 #: Width of the stretches for which energy, speed and height along the profile are given (m).
 STRETCH_M = 1.0
@@ -22,28 +22,17 @@ STRETCH_M = 1.0
 
 @dataclass(frozen=True, slots=True)
 class ProfileInput:
-    """A profile to be run.
-
-    Attributes
-    ----------
-    s, z : float64, shape (n,)
-        Chainage and height of the vertices (m).
-    ground : int32, shape (n,)
-        Ground class of the segment that starts at each vertex.
-    start : (low, high)
-        Chainages between which blocks start (m).
-    forest : Forest or None
-        Stems on the stretches of the profile.
-    """
+    """A profile to be run."""
 
     name: str
+    # Shape (n,); chainage and height of the vertices (m).
     s: FloatArray
     z: FloatArray
-    ground: NDArray[np.int32]
+    ground: NDArray[np.int32]  # shape (n,); ground class of the segment that starts at each vertex
     table: GroundTable
     control_lines: tuple[tuple[ControlLine, float], ...]
-    start: tuple[float, float]
-    forest: Forest | None = None
+    start: tuple[float, float]  # chainages between which blocks start (m)
+    forest: Forest | None = None  # stems on the stretches of the profile
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,33 +72,41 @@ class ProfileResult:
 
 @dataclass(frozen=True, slots=True)
 class LinePaths:
-    """Paths of blocks on one line of a run on the map, for a figure.
-
-    Attributes
-    ----------
-    s, z : float64, shape (n,)
-        Chainage and height of the profile (m).
-    x, y : float64, shape (n,)
-        Where the profile runs on the map (m).
-    ground : int64, shape (n,)
-        Ground class of the segment that starts at each vertex.
-    paths : tuple of (s, z)
-        Centres of the blocks (m).
-    stops : float64, shape (n_blocks,)
-        Run-out of each (m).
-    """
+    """Paths of blocks on one line of a run on the map, for a figure."""
 
     area: str
     scenario: str
+    # Shape (n,); chainage and height of the profile (m).
     s: FloatArray
     z: FloatArray
+    # Shape (n,); where the profile runs on the map (m).
     x: FloatArray
     y: FloatArray
-    ground: IntArray
+    ground: IntArray  # shape (n,); ground class of the segment that starts at each vertex
     ground_names: Sequence[str]
     control_lines: tuple[tuple[ControlLine, float], ...]
-    paths: tuple[tuple[FloatArray, FloatArray], ...]
-    stops: FloatArray
+    paths: tuple[tuple[FloatArray, FloatArray], ...]  # s and z of the centres of the blocks (m)
+    stops: FloatArray  # shape (n_blocks,); run-out of each (m)
+
+
+@dataclass(frozen=True, slots=True)
+class BlockPath:
+    """The path of the centre of a block, and how it ended."""
+
+    area: str
+    scenario: str
+    # Shape (n,); coordinates of the map and height (m); at least two points.
+    x: FloatArray
+    y: FloatArray
+    z: FloatArray
+    reason: StopReason
+    runout_m: float
+    time_s: float
+    mass_kg: float
+    # The largest on the path.
+    max_energy_kj: float
+    max_speed_mps: float
+    max_height_m: float
 
 
 def _number(result: ProfileResult, control_line: str) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,25 +28,15 @@ MAX_FACTOR = 2.0**20
 
 @dataclass(frozen=True)
 class LevelChances:
-    """Levels that another sample of as many blocks would give the places of a sample.
+    """Levels that another sample of as many blocks would give the places of a sample."""
 
-    Attributes
-    ----------
-    places : int64, shape (n,)
-        As in HazardCurves, ascending; also some that no block of this sample reached.
-    level : int16, shape (n,)
-        Hazard level of this sample.
-    at_least : float64, shape (n, n_levels + 2)
-        Column k: probability of level k or a higher one, 0 being none; the first is 1, the last 0.
-        One half where the sample does not give the variance.
-    in_part : bool
-        Whether these are places of a part of the map.
-    """
-
+    # Shape (n,); as in HazardCurves, ascending; also some that no block of this sample reached.
     places: IntArray
-    level: NDArray[np.int16]
+    level: NDArray[np.int16]  # shape (n,); hazard level of this sample
+    # Shape (n, n_levels + 2); column k: probability of level k or a higher one, 0 being none; the
+    # first is 1, the last 0. One half where the sample does not give the variance.
     at_least: FloatArray
-    in_part: bool = False
+    in_part: bool = False  # whether these are places of a part of the map
 
     @property
     def lowered(self) -> FloatArray:
@@ -156,8 +147,7 @@ def level_chances(
     weight = np.divide(few.variance, few.rate, out=np.zeros_like(few.rate), where=reached)
     with np.errstate(divide="ignore", invalid="ignore"):
         blocks = np.where(reached, few.rate / weight, 0.0)
-    beyond = None if known is None else _Beyond(few.places, blocks, weight[:, 0], limits, known)
-    places = few.places if beyond is None else beyond.places
+    places, first, weight_of_first = _first_reached(few.places, blocks, weight[:, 0], limits, known)
     own = np.searchsorted(places, few.places)
     chance = np.zeros((places.size, len(limits) + 2))
     chance[:, 0] = 1.0
@@ -167,9 +157,8 @@ def level_chances(
             one = np.zeros(places.size)
             limit = float(limits[k, i])
             one[own] = _chance_of_rate(few.rate[:, i], weight[:, i], blocks[:, i], beta, limit)
-            if beyond is not None:
-                np.maximum(one, beyond.chance(i, beta, limit), out=one)
-            np.maximum(chance[:, k + 1], one, out=chance[:, k + 1])
+            new = _chance_of_new(first[:, i], weight_of_first, beta, limit)
+            chance[:, k + 1] = np.maximum.reduce([chance[:, k + 1], one, new])
     # A level that is reached is reached by the lower ones too, whatever the rounding.
     chance[:, ::-1] = np.maximum.accumulate(chance[:, ::-1], axis=1)
     level = np.zeros(places.size, np.int16)
@@ -203,75 +192,75 @@ def _fewest(limit: float, weight: FloatArray) -> FloatArray:
     return np.maximum(np.ceil(limit / weight - 1e-6), 1.0)
 
 
-class _Beyond:
-    """Places that no block of a sample reached, with some energy, and the chance that one will.
+def _first_reached(
+    places: IntArray,
+    blocks: FloatArray,
+    weight: FloatArray,
+    limits: FloatArray,
+    known: BoolArray | None,
+) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Places and others beside them, and the chance that another sample is the first to come.
 
     Parameters
     ----------
-    places : int64, shape (n,)
-        Cells that blocks reached.
     blocks : float64, shape (n, n_intensities)
-        How many, by the class of their energy.
+        How many came to the places, by the class of their energy.
     weight : float64, shape (n,)
         Rate of one of them.
     limits : float64, shape (n_levels, n_intensities)
         Rates that give levels; where no few blocks make one, nothing is looked for.
-    known : bool, shape (n_rows, n_cols)
-        Cells of the terrain with a height.
+    known : bool, shape (n_rows, n_cols), optional
+        Cells of the terrain with a height; without them there are no others.
+
+    Returns
+    -------
+    places : int64, shape (n_all,)
+    chance : float64, shape (n_all, n_intensities)
+    weight : float64, shape (n_all,)
+        Of others that of the nearest place.
     """
+    alone = places, np.zeros(blocks.shape), weight
+    least = np.where(np.isfinite(limits), limits, np.inf).min(axis=0)
+    heaviest = float(weight[np.isfinite(weight)].max(initial=0.0))
+    asked = np.flatnonzero(least < _FEW_BLOCKS * heaviest)
+    if known is None or not (asked.size and places.size):
+        return alone
+    window = _Window(places, known)
+    several = window.map_of(blocks[:, 0] >= 1.5)
+    single = window.map_of((blocks[:, 0] > 0.0) & (blocks[:, 0] < 1.5))
+    if not (several.any() and single.any()):
+        return alone
+    # No new place is farther from the others than one of one block from those of several.
+    window = _Window(places, known, math.ceil(float(distance(~several)[0][single].max())) + 1)
+    chances, before = [], window.known
+    for i in range(blocks.shape[1]):
+        some = window.map_of(blocks[:, i] > 0.0)
+        found = np.zeros(some.shape)
+        if i in asked:
+            several = window.map_of(blocks[:, i] >= 1.5)
+            found = _chance_of_first(some, several, before & ~some, _beta(blocks[:, i]))
+        chances.append(found)
+        # What comes with much energy comes with less.
+        before = some
+    near = distance(~window.map_of(weight > 0.0))[1]
+    rows = np.flatnonzero(np.any([c > 0.0 for c in chances], axis=0).ravel())
+    cells = window.cells(rows)
+    every = np.union1d(places, cells)
+    at = np.searchsorted(every, cells)
+    chance, weights = np.zeros((every.size, blocks.shape[1])), np.zeros(every.size)
+    chance[at] = np.stack([c.ravel()[rows] for c in chances], axis=1)
+    weights[np.searchsorted(every, places)] = weight
+    weights[at] = window.map_of(weight)[tuple(near)].ravel()[rows]
+    return every, chance, weights
 
-    def __init__(
-        self,
-        places: IntArray,
-        blocks: FloatArray,
-        weight: FloatArray,
-        limits: FloatArray,
-        known: BoolArray,
-    ) -> None:
-        self.places, self._chance = places, np.zeros((places.size, blocks.shape[1]))
-        least = np.where(np.isfinite(limits), limits, np.inf).min(axis=0)
-        heaviest = float(weight[np.isfinite(weight)].max(initial=0.0))
-        asked = np.flatnonzero(least < _FEW_BLOCKS * heaviest)
-        self._weight = weight
-        if not (asked.size and places.size):
-            return
-        window = _Window(places, known)
-        several = window.map_of(blocks[:, 0] >= 1.5)
-        single = window.map_of((blocks[:, 0] > 0.0) & (blocks[:, 0] < 1.5))
-        if not (several.any() and single.any()):
-            return
-        # No new place is farther from the others than one of one block from those of several.
-        window = window.wider(math.ceil(float(distance(~several)[0][single].max())) + 1)
-        chances, before = [], window.known
-        for i in range(blocks.shape[1]):
-            some = window.map_of(blocks[:, i] > 0.0)
-            found = np.zeros(some.shape)
-            if i in asked:
-                several = window.map_of(blocks[:, i] >= 1.5)
-                found = _chance_of_first(some, several, before & ~some, _beta(blocks[:, i]))
-            chances.append(found)
-            # What comes with much energy comes with less.
-            before = some
-        near = distance(~window.map_of(weight > 0.0))[1]
-        rows = np.flatnonzero(np.any([c > 0.0 for c in chances], axis=0).ravel())
-        cells = window.cells(rows)
-        self.places = np.union1d(places, cells)
-        at = np.searchsorted(self.places, cells)
-        self._chance = np.zeros((self.places.size, blocks.shape[1]))
-        self._chance[at] = np.stack([c.ravel()[rows] for c in chances], axis=1)
-        own = np.zeros(window.known.shape)
-        own.ravel()[window.rows] = weight
-        self._weight = np.zeros(self.places.size)
-        self._weight[np.searchsorted(self.places, places)] = weight
-        self._weight[at] = own[tuple(near)].ravel()[rows]
 
-    def chance(self, intensity: int, beta: float, limit: float) -> FloatArray:
-        """Probability of at least a rate ``limit`` where no block came with such an energy."""
-        out = np.zeros(self.places.size)
-        some = np.flatnonzero((self._chance[:, intensity] > 0.0) & (self._weight > 0.0))
-        fewest = np.minimum(_fewest(limit, self._weight[some]), _FEW_BLOCKS).astype(np.int64)
-        out[some] = self._chance[some, intensity] * _of_first(beta)[fewest]
-        return out
+def _chance_of_new(first: FloatArray, weight: FloatArray, beta: float, limit: float) -> FloatArray:
+    """Probability of at least a rate ``limit`` where no block came with such an energy."""
+    out = np.zeros(first.size)
+    some = np.flatnonzero((first > 0.0) & (weight > 0.0))
+    fewest = np.minimum(_fewest(limit, weight[some]), _FEW_BLOCKS).astype(np.int64)
+    out[some] = first[some] * _of_first(beta)[fewest]
+    return out
 
 
 def _of_first(beta: float) -> FloatArray:
@@ -317,10 +306,10 @@ def distance(beyond: BoolArray) -> tuple[FloatArray, IntArray]:
 
 
 class _Window:
-    """The part of a terrain around some cells (flat indices)."""
+    """The part of a terrain around some cells (flat indices), with a margin."""
 
     def __init__(self, places: IntArray, known: BoolArray, margin: int = 0) -> None:
-        self._all, self._places = known, places
+        self._n_cols = known.shape[1]
         row, col = np.divmod(places, known.shape[1])
         self._top, self._left = max(int(row.min()) - margin, 0), max(int(col.min()) - margin, 0)
         self.known = known[
@@ -328,20 +317,16 @@ class _Window:
         ]
         self.rows = (row - self._top) * self.known.shape[1] + col - self._left
 
-    def wider(self, margin: int) -> _Window:
-        """The same cells with more around them."""
-        return _Window(self._places, self._all, margin)
-
-    def map_of(self, values: BoolArray) -> BoolArray:
-        """Values of the cells on the map."""
-        out = np.zeros(self.known.shape, bool)
+    def map_of(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Values of the cells on the map, 0 elsewhere."""
+        out = np.zeros(self.known.shape, values.dtype)
         out.ravel()[self.rows] = values
         return out
 
     def cells(self, rows: IntArray) -> IntArray:
         """Flat indices on the terrain of places in the window."""
         row, col = np.divmod(rows, self.known.shape[1])
-        cells: IntArray = (row + self._top) * self._all.shape[1] + col + self._left
+        cells: IntArray = (row + self._top) * self._n_cols + col + self._left
         return cells
 
 

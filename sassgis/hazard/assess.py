@@ -12,13 +12,17 @@ import shapely
 from sassgis.hazard.another_sample import LevelChances, level_chances
 from sassgis.hazard.attribution import attribution, governing, zone_of_cells
 from sassgis.hazard.curves import at_energies, hazard_curves
-from sassgis.hazard.levels import deciding_energy, hazard_level, intensity_class
+from sassgis.hazard.levels import (
+    cells_within_limit,
+    deciding_energy,
+    hazard_level,
+    intensity_class,
+)
 from sassgis.hazard.risk import RiskTable, assess_risk
 from sassgis.hazard.sources import Sampled
 from sassgis.hazard.zoning.applied_edits import AppliedEdit, with_edits
 from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.hazard.zoning.drawing import drawn_zones, reach_cells
-from sassgis.hazard.zoning.outer_limit import cells_within_limit
 from sassgis.model.edits import Edit
 from sassgis.model.exposure import PlacedObjects, Vulnerability
 from sassgis.model.grid import BoolArray, ClassMap, FloatArray, Grid, IntArray
@@ -28,35 +32,25 @@ from sassgis.terrain.edge import edge_sides
 
 @dataclass(frozen=True, slots=True)
 class ZoneFacts:
-    """What is known of each zone of hazard level.
+    """What is known of each zone of hazard level."""
 
-    Attributes
-    ----------
-    area_m2 : float64, shape (n_zones,)
-    cells : int64, shape (n_zones,)
-        Cells that blocks reach; the others were raised when the zone was drawn.
-    uncertain : float64, shape (n_zones,)
-        Share of those cells whose level another sample of blocks might change; NaN without any.
-    moves_m : float64, shape (n_zones,)
-        Mean distance between the outer limit and that of another sample of as many blocks (m).
-    open_limit : LineString or MultiLineString, shape (n_zones,)
-        Where it ends at the edge of the known terrain, beyond which it goes on; may be empty.
-    shares : float64, shape (n_zones, n_sources)
-        Of each source in the rate that makes the level; NaN in zones without a reached cell.
-    governing : int64, shape (n_zones,)
-        Source with the largest share; -1 for none.
-    edit : int64, shape (n_zones,)
-        The edit that set the level; -1 for none.
-    """
-
-    area_m2: np.ndarray
+    area_m2: np.ndarray  # shape (n_zones,)
+    # Shape (n_zones,); cells that blocks reach; the others were raised when the zone was drawn.
     cells: IntArray
+    # Shape (n_zones,); share of those cells whose level another sample of blocks might change; NaN
+    # without any.
     uncertain: np.ndarray
+    # Shape (n_zones,); mean distance between the outer limit and that of another sample of as many
+    # blocks (m).
     moves_m: np.ndarray
+    # LineString or MultiLineString, shape (n_zones,); where it ends at the edge of the known
+    # terrain, beyond which it goes on; may be empty.
     open_limit: np.ndarray
+    # Shape (n_zones, n_sources); of each source in the rate that makes the level; NaN in zones
+    # without a reached cell.
     shares: np.ndarray
-    governing: IntArray
-    edit: IntArray
+    governing: IntArray  # shape (n_zones,); source with the largest share; -1 for none
+    edit: IntArray  # shape (n_zones,); the edit that set the level; -1 for none
 
     @property
     def open_m(self) -> FloatArray:
@@ -75,32 +69,17 @@ class IntensityMap:
 
 @dataclass(frozen=True, slots=True)
 class Hazard:
-    """What a simulation says of the hazard.
-
-    Attributes
-    ----------
-    computed : Coverage
-        Zones of hazard level; class k is the preset's level k - 1.
-    levels : Coverage
-        The same with the edits of experts.
-    facts : ZoneFacts
-        Of the zones of ``levels``.
-    intensities : tuple of IntensityMap
-        From frequent to rare; class k is the preset's intensity k - 1.
-    chances : LevelChances
-        What another sample of blocks would make of the level of cells.
-    uncertain : bool, shape (n,)
-        Whether it might change the level of a cell of ``chances``.
-    """
+    """What a simulation says of the hazard."""
 
     sampled: tuple[Sampled, ...]
     curves: HazardCurves
-    computed: Coverage
-    levels: Coverage
-    facts: ZoneFacts
+    computed: Coverage  # zones of hazard level; class k is the preset's level k - 1
+    levels: Coverage  # the same with the edits of experts
+    facts: ZoneFacts  # of the zones of ``levels``
+    # From frequent to rare; class k is the preset's intensity k - 1.
     intensities: tuple[IntensityMap, ...]
-    chances: LevelChances
-    uncertain: BoolArray
+    chances: LevelChances  # what another sample of blocks would make of the level of cells
+    uncertain: BoolArray  # shape (n,); whether it might change the level of a cell of ``chances``
     edits: tuple[AppliedEdit, ...]
 
     @property
@@ -245,109 +224,19 @@ def zone_facts(
     )
 
 
-def hazard_of(
-    sampled: Sequence[Sampled],
-    curves: HazardCurves,
-    zones: Coverage,
-    preset: HazardPreset,
-    grid: Grid,
-    drawing: Drawing,
-    confidence: float,
-    in_part: bool,
-    edits: Sequence[Edit] = (),
-) -> Hazard:
-    """Everything that the counts of a simulation say of the hazard.
-
-    Parameters
-    ----------
-    curves : HazardCurves
-        Of the cells, from all of them.
-    zones : Coverage
-        Of hazard level.
-    confidence : float
-        Of the sampling interval.
-    in_part : bool
-        As in Rules.
-    edits : sequence of Edit
-        Of these zones.
-    """
-    chances = level_chances(curves, preset, np.isfinite(grid.values), in_part)
-    unsure = chances.uncertain(confidence)
-    levels, edit, applied = with_edits(zones, edits, [c.code for c in preset.levels])
-    x, y = grid.cell_centres(chances.places)
-    applied = tuple(
-        replace(
-            own,
-            by_chance=grid.cell_size**2
-            * float(chances.changed[shapely.contains_xy(own.edit.geometry, x, y)].sum())
-            / own.edit.geometry.area,
-        )
-        for own in applied
-    )
-    reached = np.searchsorted(chances.places, curves.places)
-    of_cells = unsure[reached], chances.lowered[reached]
-    return Hazard(
-        tuple(sampled),
-        curves,
-        zones,
-        levels,
-        zone_facts(sampled, curves, preset, levels, grid, *of_cells, edit),
-        intensity_maps(curves, preset, grid, drawing),
-        chances,
-        unsure,
-        applied,
-    )
-
-
-def by_area(
-    sampled: Sequence[Sampled],
-    energies_kj: np.ndarray,
-    preset: HazardPreset,
-    grid: Grid,
-    drawing: Drawing,
-) -> dict[str, tuple[IntensityMap, ...]]:
-    """Zones of intensity of each release area alone."""
-    areas = dict.fromkeys(s.source.area for s in sampled)
-    return {
-        area: intensity_maps(
-            curves_of([s for s in sampled if s.source.area == area], energies_kj),
-            preset,
-            grid,
-            drawing,
-        )
-        for area in areas
-    }
-
-
 @dataclass(frozen=True, slots=True)
 class Rules:
-    """What zoning needs besides the simulated blocks.
-
-    Attributes
-    ----------
-    frequencies : dict of (area, scenario) to float
-        Blocks per year.
-    placed : PlacedObjects
-        Exposed objects; may be none.
-    ref_width_m : float
-        Reference width of all frequencies (m): one cell or more.
-    notices : tuple of str
-        What the readers had to say.
-    edits : tuple of Edit
-        Of the zones with the walls and nets there are.
-    in_part : bool
-        Whether maps are made part by part: another_sample.level_chances.
-    """
+    """What zoning needs besides the simulated blocks."""
 
     preset: HazardPreset
-    frequencies: dict[tuple[str, str], float]
-    placed: PlacedObjects
+    frequencies: dict[tuple[str, str], float]  # blocks per year, by area and scenario
+    placed: PlacedObjects  # exposed objects; may be none
     vulnerability: Vulnerability | None
     zones: Drawing
-    ref_width_m: float
-    notices: tuple[str, ...]
-    edits: tuple[Edit, ...] = ()
-    in_part: bool = False
+    ref_width_m: float  # reference width of all frequencies (m): one cell or more
+    notices: tuple[str, ...]  # what the readers had to say
+    edits: tuple[Edit, ...] = ()  # of the zones with the walls and nets there are
+    in_part: bool = False  # whether maps are made part by part: another_sample.level_chances
 
 
 @dataclass(frozen=True, slots=True)
@@ -376,6 +265,57 @@ class Assessment:
         return (self.without or self.hazard).sampled
 
 
+def hazard_of(
+    rules: Rules,
+    grid: Grid,
+    sampled: Sequence[Sampled],
+    curves: HazardCurves,
+    zones: Coverage,
+    confidence: float,
+    edits: Sequence[Edit],
+) -> Hazard:
+    """Everything that the counts of a simulation say of the hazard.
+
+    Parameters
+    ----------
+    curves : HazardCurves
+        Of the cells, from all of them.
+    zones : Coverage
+        Of hazard level.
+    confidence : float
+        Of the sampling interval.
+    edits : sequence of Edit
+        Of these zones.
+    """
+    preset = rules.preset
+    chances = level_chances(curves, preset, np.isfinite(grid.values), rules.in_part)
+    unsure = chances.uncertain(confidence)
+    levels, edit, applied = with_edits(zones, edits, [c.code for c in preset.levels])
+    x, y = grid.cell_centres(chances.places)
+    applied = tuple(
+        replace(
+            own,
+            by_chance=grid.cell_size**2
+            * float(chances.changed[shapely.contains_xy(own.edit.geometry, x, y)].sum())
+            / own.edit.geometry.area,
+        )
+        for own in applied
+    )
+    reached = np.searchsorted(chances.places, curves.places)
+    of_cells = unsure[reached], chances.lowered[reached]
+    return Hazard(
+        tuple(sampled),
+        curves,
+        zones,
+        levels,
+        zone_facts(sampled, curves, preset, levels, grid, *of_cells, edit),
+        intensity_maps(curves, preset, grid, rules.zones),
+        chances,
+        unsure,
+        applied,
+    )
+
+
 def assess(
     rules: Rules,
     grid: Grid,
@@ -402,19 +342,16 @@ def assess(
     both = [sampled] if without is None else [sampled, without]
     curves = [curves_of(own, energies_kj) for own in both]
     zones = level_zones(curves, rules.preset, grid, rules.zones)
-    others = rules.preset, grid, rules.zones, confidence, rules.in_part
-    after = hazard_of(sampled, curves[0], zones[0], *others, rules.edits)
-    before = None if without is None else hazard_of(without, curves[1], zones[1], *others)
-    alone = (
-        by_area(after.sampled, energies_kj, rules.preset, grid, rules.zones) if by_source else {}
-    )
-    return Assessment(
-        after,
-        before,
-        alone,
-        risk_of(rules, after.sampled, energies_kj),
-        None if before is None else risk_of(rules, before.sampled, energies_kj),
-    )
+    after = hazard_of(rules, grid, sampled, curves[0], zones[0], confidence, rules.edits)
+    before = risk_before = None
+    if without is not None:
+        before = hazard_of(rules, grid, without, curves[1], zones[1], confidence, ())
+        risk_before = risk_of(rules, without, energies_kj)
+    by_area = {}
+    for area in dict.fromkeys(s.source.area for s in sampled) if by_source else ():
+        own = curves_of([s for s in sampled if s.source.area == area], energies_kj)
+        by_area[area] = intensity_maps(own, rules.preset, grid, rules.zones)
+    return Assessment(after, before, by_area, risk_of(rules, sampled, energies_kj), risk_before)
 
 
 def risk_of(rules: Rules, sampled: Sequence[Sampled], energies: np.ndarray) -> RiskTable | None:

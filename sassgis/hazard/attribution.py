@@ -112,22 +112,12 @@ def governing(shares: FloatArray) -> tuple[IntArray, FloatArray]:
     return source.astype(np.int64), share
 
 
-def _summed(shares: FloatArray, names: Sequence[str]) -> tuple[tuple[str, ...], FloatArray]:
+def shares_by(shares: FloatArray, names: Sequence[str]) -> tuple[tuple[str, ...], FloatArray]:
+    """Each name once, and the shares of the sources that have it, shape (n_zones, n_names).
+
+    ``names`` are those of the area, or of the block scenario, of each source.
+    """
     each = tuple(dict.fromkeys(names))
     columns = [np.array([n == name for n in names]) for name in each]
     parts = [shares[:, column].sum(axis=1) for column in columns]
     return each, np.column_stack(parts) if parts else np.empty((shares.shape[0], 0))
-
-
-def shares_by_area(
-    shares: FloatArray, sources: Sequence[Source]
-) -> tuple[tuple[str, ...], FloatArray]:
-    """Names of the release areas and their shares, float64, shape (n_zones, n_areas)."""
-    return _summed(shares, [s.area for s in sources])
-
-
-def shares_by_scenario(
-    shares: FloatArray, sources: Sequence[Source]
-) -> tuple[tuple[str, ...], FloatArray]:
-    """Names of the block scenarios and their shares, float64, shape (n_zones, n_scenarios)."""
-    return _summed(shares, [s.scenario for s in sources])

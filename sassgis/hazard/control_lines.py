@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from sassgis.hazard.map_sums import quantiles
 from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.labels import rounded
 from sassgis.model.results import ControlLine, Histogram, Outcome
 
 _ENERGY = ("kJ", np.concatenate([[0.0], 30.0 * 10.0 ** (np.arange(-160, 241) / 40.0)]))
@@ -31,23 +32,15 @@ QUANTITIES: dict[str, tuple[str, FloatArray]] = {
 
 @dataclass(frozen=True, slots=True)
 class Distribution:
-    """One quantity at one control line.
+    """One quantity at one control line."""
 
-    Attributes
-    ----------
-    count : int
-        Blocks that arrived, with their weights.
-    mean, smallest, largest : float
-        Exact, to 1e-6 of the unit; NaN if no block arrived.
-    squares : int64, shape (n_bins,)
-        Sum of the squares of the weights of the blocks in each bin of the histogram.
-    """
-
-    count: int
+    count: int  # blocks that arrived, with their weights
+    # Exact, to 1e-6 of the unit; NaN if no block arrived.
     mean: float
     smallest: float
     largest: float
     histogram: Histogram
+    # Shape (n_bins,); sum of the squares of the weights of the blocks in each bin of the histogram.
     squares: IntArray
 
     def quantile(self, *probabilities: float) -> tuple[float, ...]:
@@ -69,16 +62,20 @@ class ControlLineSums:
         n = len(control_lines)
         self._capacities = np.array([line.capacity_kj for line in control_lines], np.float64)
         self._outcomes = np.zeros((n, len(Outcome)), np.int64)
-        self._counts = {
-            q: np.zeros((n, edges.size - 1), np.int64) for q, (_, edges) in QUANTITIES.items()
+        self._of: dict[str, dict[str, NDArray[Any]]] = {
+            q: {
+                "counts": np.zeros((n, edges.size - 1), np.int64),
+                # The same of the squares of their weights.
+                "squares": np.zeros((n, edges.size - 1), np.int64),
+                # Sums of whole units and of millionths beyond them: whole numbers, so that the
+                # order of adding does not matter, and apart, as millionths of many large blocks
+                # are too many.
+                "sum": np.zeros((2, n), np.int64),
+                "least": np.full(n, np.inf),
+                "most": np.full(n, -np.inf),
+            }
+            for q, (_, edges) in QUANTITIES.items()
         }
-        # The same of the squares of their weights.
-        self._squares = {q: np.zeros_like(counts) for q, counts in self._counts.items()}
-        # Sums of whole units and of millionths beyond them: whole numbers, so that the order of
-        # adding does not matter, and apart, as millionths of many large blocks are too many.
-        self._sum = {q: np.zeros((2, n), np.int64) for q in QUANTITIES}
-        self._least = {q: np.full(n, np.inf) for q in QUANTITIES}
-        self._most = {q: np.full(n, -np.inf) for q in QUANTITIES}
 
     def add(self, passages: NDArray[np.void], weight: int = 1) -> None:
         """Count passages (PASSAGE_DTYPE) of blocks that count ``weight`` times each."""
@@ -93,13 +90,14 @@ class ControlLineSums:
             if values is None:
                 values = passages[q]
             bins = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, edges.size - 2)
-            np.add.at(self._counts[q], (control_line, bins), weight)
-            np.add.at(self._squares[q], (control_line, bins), weight * weight)
+            own = self._of[q]
+            np.add.at(own["counts"], (control_line, bins), weight)
+            np.add.at(own["squares"], (control_line, bins), weight * weight)
             parts = np.divmod(np.rint(values * _PARTS).astype(np.int64), _PARTS)
-            for own, part in zip(self._sum[q], parts, strict=True):
-                np.add.at(own, control_line, weight * part)
-            np.minimum.at(self._least[q], control_line, values)
-            np.maximum.at(self._most[q], control_line, values)
+            for total, part in zip(own["sum"], parts, strict=True):
+                np.add.at(total, control_line, weight * part)
+            np.minimum.at(own["least"], control_line, values)
+            np.maximum.at(own["most"], control_line, values)
 
     def add_sums(self, other: ControlLineSums, numbers: IntArray) -> None:
         """Join the counts of other blocks.
@@ -110,12 +108,13 @@ class ControlLineSums:
             Position in ``control_lines`` of each of those of ``other``; each once.
         """
         self._outcomes[numbers] += other._outcomes
-        for q in QUANTITIES:
-            self._counts[q][numbers] += other._counts[q]
-            self._squares[q][numbers] += other._squares[q]
-            self._sum[q][:, numbers] += other._sum[q]
-            self._least[q][numbers] = np.minimum(self._least[q][numbers], other._least[q])
-            self._most[q][numbers] = np.maximum(self._most[q][numbers], other._most[q])
+        for q, own in self._of.items():
+            more = other._of[q]
+            own["counts"][numbers] += more["counts"]
+            own["squares"][numbers] += more["squares"]
+            own["sum"][:, numbers] += more["sum"]
+            own["least"][numbers] = np.minimum(own["least"][numbers], more["least"])
+            own["most"][numbers] = np.maximum(own["most"][numbers], more["most"])
 
     def outcomes(self, control_line: int) -> dict[Outcome, int]:
         """How many blocks had which outcome at a control line (its position)."""
@@ -129,26 +128,21 @@ class ControlLineSums:
         """One of QUANTITIES at a control line (its position)."""
         unit, edges = QUANTITIES[quantity]
         count = self.arrivals(control_line)
-        units, parts = self._sum[quantity][:, control_line].tolist()
+        own = self._of[quantity]
+        units, parts = own["sum"][:, control_line].tolist()
         return Distribution(
             count,
             1e-6 * (units * _PARTS + parts) / count if count else float("nan"),
-            float(self._least[quantity][control_line]) if count else float("nan"),
-            float(self._most[quantity][control_line]) if count else float("nan"),
-            Histogram(edges, self._counts[quantity][control_line].copy(), unit),
-            self._squares[quantity][control_line].copy(),
+            float(own["least"][control_line]) if count else float("nan"),
+            float(own["most"][control_line]) if count else float("nan"),
+            Histogram(edges, own["counts"][control_line].copy(), unit),
+            own["squares"][control_line].copy(),
         )
 
     def state(self) -> dict[str, NDArray[np.generic]]:
         """Everything that is needed to go on later, as plain arrays."""
-        state: dict[str, NDArray[np.generic]] = {"outcomes": self._outcomes}
-        for q in QUANTITIES:
-            state[f"counts_{q}"] = self._counts[q]
-            state[f"squares_{q}"] = self._squares[q]
-            state[f"sum_{q}"] = self._sum[q]
-            state[f"least_{q}"] = self._least[q]
-            state[f"most_{q}"] = self._most[q]
-        return state
+        sums = {f"{n}_{q}": array for q, own in self._of.items() for n, array in own.items()}
+        return {"outcomes": self._outcomes, **sums}
 
     @classmethod
     def from_state(
@@ -156,13 +150,8 @@ class ControlLineSums:
     ) -> ControlLineSums:
         """The sums that ``state`` gave."""
         sums = cls(control_lines)
-        sums._outcomes = np.array(state["outcomes"], np.int64)
-        for q in QUANTITIES:
-            sums._counts[q] = np.array(state[f"counts_{q}"], np.int64)
-            sums._squares[q] = np.array(state[f"squares_{q}"], np.int64)
-            sums._sum[q] = np.array(state[f"sum_{q}"], np.int64)
-            sums._least[q] = np.array(state[f"least_{q}"], np.float64)
-            sums._most[q] = np.array(state[f"most_{q}"], np.float64)
+        for name, own in sums.state().items():
+            own[...] = state[name]
         return sums
 
 
@@ -241,6 +230,6 @@ def control_line_rows(control_lines: ControlLineSums) -> list[dict[str, Any]]:
                 max=d.largest,
             )
             for name, value in values.items():
-                row[f"{quantity}_{name}"] = float(f"{value:.5g}") if np.isfinite(value) else None
+                row[f"{quantity}_{name}"] = rounded(value, 5)
         rows.append(row)
     return rows

@@ -18,31 +18,18 @@ from sassgis.model.grid import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class Arrivals:
-    """How often blocks reach a line with at least some energy, height or the like.
+    """How often blocks reach a line with at least some energy, height or the like."""
 
-    Attributes
-    ----------
-    edges : float64, shape (n + 1,)
-        Of the bins in which the quantity was counted.
-    rate : float64, shape (n + 1,)
-        Frequency at or above each edge, per year; 0 at the last.
-    variance : float64, shape (n + 1,)
-        Of the rate by the sampling of blocks, as if they were drawn one by one (1/year²): at most.
-    rocks : int64, shape (n + 1,)
-        Simulated blocks behind it; of blocks that count differently, as many alike as have the same
-        variance.
-    largest : float
-        Largest value of any block; NaN if none arrived.
-    of_a_rock : float
-        Largest frequency of one simulated block, per year.
-    """
-
-    edges: FloatArray
-    rate: FloatArray
+    edges: FloatArray  # shape (n + 1,); of the bins in which the quantity was counted
+    rate: FloatArray  # shape (n + 1,); frequency at or above each edge, per year; 0 at the last
+    # Shape (n + 1,); of the rate by the sampling of blocks, as if they were drawn one by one
+    # (1/year²): at most.
     variance: FloatArray
+    # Shape (n + 1,); simulated blocks behind it; of blocks that count differently, as many alike as
+    # have the same variance.
     rocks: np.ndarray
-    largest: float
-    of_a_rock: float
+    largest: float  # largest value of any block; NaN if none arrived
+    of_a_rock: float  # largest frequency of one simulated block, per year
 
     def limits(self, confidence: float) -> tuple[Arrivals, Arrivals]:
         """Curves between which this one lies, given the sample: those of curves.rate_interval."""

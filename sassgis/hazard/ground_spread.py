@@ -90,20 +90,13 @@ class LevelAreas:
 
 @dataclass(frozen=True, slots=True)
 class GroundSpread:
-    """Bands of a result by the spread of its ground classes.
-
-    Attributes
-    ----------
-    ranges : tuple of ParameterRange
-        Drawn values of the classes that blocks meet in any simulation.
-    areas : LevelAreas or None
-        None without hazard levels.
-    """
+    """Bands of a result by the spread of its ground classes."""
 
     draws: int
+    # Drawn values of the classes that blocks meet in any simulation.
     ranges: tuple[ParameterRange, ...]
     bands: tuple[SpreadBand, ...]
-    areas: LevelAreas | None
+    areas: LevelAreas | None  # None without hazard levels
 
     def band(self, measure: str) -> SpreadBand:
         """The band of a measure by its name."""

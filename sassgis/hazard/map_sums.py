@@ -52,6 +52,10 @@ class MapSums:
         """One of the sums, rows as ``cells``."""
         return self._sums[name][: self._used]
 
+    def rows_at(self, cells: IntArray) -> IntArray:
+        """Rows of some cells; -1 of those without sums."""
+        return self._row[cells].astype(np.int64)
+
     def add(
         self,
         cells: IntArray,
@@ -106,8 +110,7 @@ class MapSums:
         self._cells[self._used : end] = fresh
         self._row[fresh] = np.arange(self._used, end, dtype=np.int32)
         self._used = end
-        rows: IntArray = self._row[cells].astype(np.int64)
-        return rows
+        return self.rows_at(cells)
 
     def state(self) -> dict[str, NDArray[Any]]:
         """Everything that is needed to go on later, as plain arrays."""
@@ -217,22 +220,12 @@ def quantiles(
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """How many blocks stand behind a map.
+    """How many blocks stand behind a map."""
 
-    Attributes
-    ----------
-    started : int
-        All blocks released that started: the denominator of the reach probability.
-    lines : int
-        Lines times block scenarios: the strata of the sample.
-    random_points : bool
-        Whether the release points were themselves drawn at random.
-    """
-
-    started: int
+    started: int  # all blocks released that started: the denominator of the reach probability
     rocks_per_line: int
-    lines: int
-    random_points: bool
+    lines: int  # lines times block scenarios: the strata of the sample
+    random_points: bool  # whether the release points were themselves drawn at random
 
 
 def count_variance(

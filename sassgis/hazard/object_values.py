@@ -40,23 +40,15 @@ class ObjectEstimate:
 
 @dataclass(frozen=True, slots=True)
 class ObjectValues:
-    """What reaches each object.
+    """What reaches each object."""
 
-    Attributes
-    ----------
-    arrivals : ObjectEstimate
-        Blocks per year; without frequencies, the blocks themselves.
-    energy_q95_kj, height_q95_m : ObjectEstimate
-        Not exceeded by 95 % of the blocks: of the energy each counts once with its largest on the
-        object, as often as it is released; of the height once in each cell, as often as it was
-        simulated.
-    energy_kj : mapping of float to ObjectEstimate
-        Exceeded once in a return period (years); empty without frequencies.
-    """
-
-    arrivals: ObjectEstimate
+    arrivals: ObjectEstimate  # blocks per year; without frequencies, the blocks themselves
+    # Not exceeded by 95 % of the blocks: of the energy each counts once with its largest on the
+    # object, as often as it is released; of the height once in each cell, as often as it was
+    # simulated.
     energy_q95_kj: ObjectEstimate
     height_q95_m: ObjectEstimate
+    # Exceeded once in a return period (years); empty without frequencies.
     energy_kj: Mapping[float, ObjectEstimate] = field(default_factory=dict)
 
 
@@ -140,12 +132,10 @@ def _heights(
     pooled = np.zeros((n, edges.size - 1), np.int64)
     largest = np.zeros(n)
     if sums is not None and sums.cells.size:
-        order = np.argsort(sums.cells)
-        at = order[np.minimum(np.searchsorted(sums.cells[order], objects.cell), order.size - 1)]
-        there = sums.cells[at] == objects.cell
-        of = objects.number[there]
-        np.add.at(pooled, of, sums.column("height")[at[there]].astype(np.int64))
-        np.maximum.at(largest, of, sums.column("height_max")[at[there]])
+        rows = sums.rows_at(objects.cell)
+        of, rows = objects.number[rows >= 0], rows[rows >= 0]
+        np.add.at(pooled, of, sums.column("height")[rows].astype(np.int64))
+        np.maximum.at(largest, of, sums.column("height_max")[rows])
     blocks = np.zeros(n)
     rate = curves.rate[:, 0]
     spread = np.maximum(curves.variance[:, 0], rate * curves.rate_of_a_rock)

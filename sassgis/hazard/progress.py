@@ -23,57 +23,32 @@ from sassgis.model.results import PASSAGE_DTYPE, ROCK_DTYPE, StopReason
 
 @dataclass(frozen=True, slots=True)
 class ChunkResult:
-    """What one chunk gave.
+    """What one chunk gave."""
 
-    Attributes
-    ----------
-    area : int
-        Position of its release area.
-    points : int64, shape (n,)
-        Release points of which it has a repetition each; some may be there several times.
-    weight : int
-        How many times each of its blocks counts.
-    sums : dict of int to Simulated
-        By the position of the block scenario in ``blocks``.
-    lines : FallLines
-        Of the first repetition; else none.
-    lost : int
-        Blocks of lines that are too short to be simulated on.
-    """
-
-    area: int
+    area: int  # position of its release area
+    # Shape (n,); release points of which it has a repetition each; some may be there several times.
     points: IntArray
-    weight: int
-    sums: dict[int, Simulated]
+    weight: int  # how many times each of its blocks counts
+    sums: dict[int, Simulated]  # by the position of the block scenario in ``blocks``
     rows: BlockRows
-    lines: FallLines
-    lost: int
+    lines: FallLines  # of the first repetition; else none
+    lost: int  # blocks of lines that are too short to be simulated on
 
 
 @dataclass
 class SourceTally:
-    """What has been added up of one source: a block scenario of a release area.
+    """What has been added up of one source: a block scenario of a release area."""
 
-    Attributes
-    ----------
-    cells, objects : SourceSums
-        Places are flat indices of cells and numbers of objects. A block counts for a cell if it
-        comes within half the reference width of its centre.
-    rocks, never_started : int
-        Blocks with their weights, and those of them that never started.
-    simulated : int
-        Blocks, each once.
-    heaviest : int
-        Largest weight of any of them.
-    """
-
+    # Places are flat indices of cells and numbers of objects. A block counts for a cell if it comes
+    # within half the reference width of its centre.
     cells: SourceSums
     objects: SourceSums
     control_lines: ControlLineSums
+    # Blocks with their weights, and those of them that never started.
     rocks: int = 0
     never_started: int = 0
-    simulated: int = 0
-    heaviest: int = 1
+    simulated: int = 0  # blocks, each once
+    heaviest: int = 1  # largest weight of any of them
 
     @classmethod
     def fresh(cls, run: MapRun) -> SourceTally:
@@ -106,60 +81,35 @@ class SourceTally:
 
 @dataclass
 class Progress:
-    """What has been added up so far; grows chunk by chunk, in their order.
+    """What has been added up so far; grows chunk by chunk, in their order."""
 
-    Attributes
-    ----------
-    chunks : int
-        Chunks added.
-    reasons : int64, shape (len(StopReason),)
-        Blocks by the reason of their end, with their weights.
-    simulated : int
-        Blocks, each once.
-    lost : int
-        Blocks of lines that are too short to be simulated on.
-    runout : int64, shape (len(StopReason), n_bins)
-        Blocks by the reason of their end and by run-out chainage, in metres, with their weights.
-    stops : list of BlockRows
-        The blocks whose stop is kept one by one; kept_stops joins them.
-    stop_share : float
-        Of all blocks that they are.
-    furthest : (run-out, line, scenario, block) or None
-        The block with the longest run-out of all (m).
-    sources : dict of (area, scenario) to SourceTally
-        By position in ``areas`` and ``blocks``.
-    pieces : int
-        Fragments and entrained blocks.
-    rounds : tuple of Round
-        What the chunks are of.
-    seconds : float
-        For which blocks have been simulated.
-    worth : Worth or None
-        By which the present round shows where more blocks would help.
-    scores : float64, shape (n_points, n_scenarios)
-        The worth of what the blocks of a repetition leave open, summed over those of the round.
-    history : list of (blocks, share)
-        After each round, blocks that were simulated, and the share of the zoned area whose level
-        another sample would change.
-    """
-
-    chunks: int
+    chunks: int  # added
     sums: MapSums
     control_lines: ControlLineSums
+    # Shape (len(StopReason),); blocks by the reason of their end, with their weights.
     reasons: IntArray = field(default_factory=lambda: np.zeros(len(StopReason), np.int64))
-    lost: int = 0
+    lost: int = 0  # blocks of lines that are too short to be simulated on
+    # Shape (len(StopReason), n_bins); blocks by the reason of their end and by run-out chainage, in
+    # metres, with their weights.
     runout: IntArray = field(default_factory=lambda: np.zeros((len(StopReason), 0), np.int64))
     lines: list[FallLines] = field(default_factory=list)
+    # The blocks whose stop is kept one by one; kept_stops joins them.
     stops: list[BlockRows] = field(default_factory=list)
+    # Run-out (m), line, scenario and block of the one with the longest run-out of all.
     furthest: tuple[float, int, int, int] | None = None
+    # By position of area and scenario in ``areas`` and ``blocks``.
     sources: dict[tuple[int, int], SourceTally] = field(default_factory=dict)
-    pieces: int = 0
-    simulated: int = 0
-    stop_share: float = 1.0
-    rounds: tuple[Round, ...] = (Round(),)
-    seconds: float = 0.0
-    worth: Worth | None = None
+    pieces: int = 0  # fragments and entrained blocks
+    simulated: int = 0  # blocks, each once
+    stop_share: float = 1.0  # of all blocks that they are
+    rounds: tuple[Round, ...] = (Round(),)  # what the chunks are of
+    seconds: float = 0.0  # for which blocks have been simulated
+    worth: Worth | None = None  # by which the present round shows where more blocks would help
+    # Shape (n_points, n_scenarios); the worth of what the blocks of a repetition leave open, summed
+    # over those of the round.
     scores: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    # After each round: blocks that were simulated, and the share of the zoned area whose level
+    # another sample would change.
     history: list[tuple[int, float]] = field(default_factory=list)
 
     @property
@@ -260,11 +210,8 @@ def line_ends(progress: Progress) -> dict[LineEnd, int]:
 
 def joined_rows(parts: list[BlockRows]) -> BlockRows:
     """Rows of several chunks as one."""
-    none = np.empty(0, np.int64)
-    empty = BlockRows(
-        np.empty(0, ROCK_DTYPE), none, np.empty(0), np.empty(0), np.empty(0, PASSAGE_DTYPE), none,
-        none, none,
-    )  # fmt: skip
+    rocks, passages = np.empty(0, ROCK_DTYPE), np.empty(0, PASSAGE_DTYPE)
+    empty = BlockRows.of_chunk(rocks, np.empty(0), np.empty(0), passages, 0, 1)
     names = [f.name for f in fields(BlockRows)]
     return BlockRows(*(np.concatenate([getattr(p, n) for p in (empty, *parts)]) for n in names))
 

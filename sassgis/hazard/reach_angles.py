@@ -21,19 +21,13 @@ STEP_M = 10.0
 
 @dataclass(frozen=True, slots=True)
 class ReachAngles:
-    """Angles of the stops of single blocks, below the horizontal (degrees).
+    """Angles of the stops of single blocks, below the horizontal (degrees)."""
 
-    Attributes
-    ----------
-    reach_deg : float64, shape (n,)
-        Seen from the release point: the reach angle (Heim 1932; Corominas 1996).
-    shadow_deg : float64, shape (n,)
-        Seen from the foot of the cliff on the fall line of the release point, where a talus would
-        begin: the shadow angle (Evans and Hungr 1993). NaN where there is no cliff below the
-        release point, or the block stops on it. Neither publication was checked.
-    """
-
+    # Shape (n,); seen from the release point: the reach angle (Heim 1932; Corominas 1996).
     reach_deg: FloatArray
+    # Shape (n,); seen from the foot of the cliff on the fall line of the release point, where a
+    # talus would begin: the shadow angle (Evans and Hungr 1993). NaN where there is no cliff below
+    # the release point, or the block stops on it. Neither publication was checked.
     shadow_deg: FloatArray
 
 
@@ -67,9 +61,7 @@ def foot_of_cliff(grid: Grid, x: FloatArray, y: FloatArray) -> FloatArray:
 
 def _places(grid: Grid, x: FloatArray, y: FloatArray) -> FloatArray:
     """X, y and the height of the cell, shape (n, 3); NaN outside."""
-    cell = grid.cell_of(x, y)
-    z = np.where(cell >= 0, grid.values.ravel()[cell], np.nan)
-    return np.column_stack([x, y, z])
+    return np.column_stack([x, y, grid.value_at(x, y)])
 
 
 def _angle_deg(upper: FloatArray, lower: FloatArray) -> FloatArray:

@@ -28,23 +28,13 @@ _FEWEST_BLOCKS, _FEWEST_CELLS = 20, 10
 
 @dataclass(frozen=True, slots=True)
 class RunOutcome:
-    """What blocks did, as far as it is compared.
+    """What blocks did, as far as it is compared."""
 
-    Attributes
-    ----------
-    blocks : int
-        Those that started.
-    runout : int64, shape (n,)
-        Of them by run-out, in whole metres.
-    cells : int64, shape (n_cells,)
-        Flat indices of the cells that blocks reach, ascending.
-    energy_kj : float64, shape (n_cells,)
-        95 % quantile of the kinetic energy there (kJ); NaN where too few blocks arrive.
-    """
-
-    blocks: int
-    runout: IntArray
-    cells: IntArray
+    blocks: int  # those that started
+    runout: IntArray  # shape (n,); of them by run-out, in whole metres
+    cells: IntArray  # shape (n_cells,); flat indices of the cells that blocks reach, ascending
+    # Shape (n_cells,); 95 % quantile of the kinetic energy there (kJ); NaN where too few blocks
+    # arrive.
     energy_kj: FloatArray
 
     def runout_m(self, *probabilities: float) -> FloatArray:

@@ -30,14 +30,9 @@ _RUNOUT = (
 
 @dataclass(frozen=True, slots=True)
 class ComparedMap:
-    """A map of which two results have the same band.
+    """A map of which two results have the same band."""
 
-    Attributes
-    ----------
-    stem, band : str
-        Of the map of both.
-    """
-
+    # Of the map of both.
     stem: str
     band: str
     title: str
@@ -249,7 +244,9 @@ def result_change(
         What is to be said besides.
     """
     why = levels_differ(before, after)
-    level_change = difference(_level(before), _level(after)) if not why else np.full(1, np.nan)
+    level_change = np.full(1, np.nan)
+    if not why:
+        level_change = difference(*(r.band(LEVEL, "level") for r in (before, after)))
     cell_m2 = before.grid.cell_size**2
     found = np.isfinite(level_change).any()
     return ResultChange(
@@ -266,10 +263,6 @@ def result_change(
         float(_beyond_sampling(before, after).sum() * cell_m2),
         (*notes, *([why] if why and LEVEL in {*before.maps, *after.maps} else [])),
     )
-
-
-def _level(result: StoredResult) -> FloatArray:
-    return result.band(LEVEL, "level")
 
 
 def _beyond_sampling(before: StoredResult, after: StoredResult) -> np.ndarray:
@@ -353,16 +346,12 @@ def _control_line_rows(before: StoredResult, after: StoredResult) -> Iterator[Ch
             yield ChangeRow("control line", name, quantity, unit, *values)
 
 
+#: Of a map, and what results have of all blocks that reach an object.
 _AT_OBJECTS = (
-    (REACH, "reach probability"),
-    (ENERGY, "energy (95 % quantile)"),
-    (HEIGHT, "passing height (95 % quantile)"),
+    (REACH, "reach probability", ""),
+    (ENERGY, "energy (95 % quantile)", "energy_q95_kj"),
+    (HEIGHT, "passing height (95 % quantile)", "height_q95_m"),
 )
-#: What results have of all blocks that reach an object.
-_POOLED = {
-    "energy (95 % quantile)": "energy_q95_kj",
-    "passing height (95 % quantile)": "height_q95_m",
-}
 _RISK = (("deaths_per_year", "deaths", "1/year"), ("loss_per_year", "loss", "{}/year"))
 
 
@@ -381,17 +370,17 @@ def _object_rows(
     all others, the largest values over its cells.
     """
     results = before, after
-    maps = [(m, q, m.unit) for m, q in _AT_OBJECTS if m in compared_maps(before, after)]
+    maps = [own for own in _AT_OBJECTS if own[0] in compared_maps(before, after)]
     if levels:
-        maps.append((ComparedMap(LEVEL, "level", "", ""), "hazard level", "class"))
+        maps.append((ComparedMap(LEVEL, "level", "", "class"), "hazard level", ""))
     shown = [
-        (quantity, unit, [r.band(m.stem, m.band).ravel() for r in results])
-        for m, quantity, unit in maps
+        (quantity, m.unit, key, [r.band(m.stem, m.band).ravel() for r in results])
+        for m, quantity, key in maps
     ]
     for number, name in enumerate(names):
         own = cells[owner == number]
-        for quantity, unit, values in shown:
-            pooled = [r.values.get(name, {}).get(_POOLED.get(quantity, "")) for r in results]
+        for quantity, unit, key, values in shown:
+            pooled = [r.values.get(name, {}).get(key) for r in results]
             if all(pooled):
                 (one, *first), (two, *second) = (p or () for p in pooled)
                 both = float(np.nan_to_num(one)), float(np.nan_to_num(two))

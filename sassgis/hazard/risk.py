@@ -22,9 +22,9 @@ from numpy.typing import ArrayLike
 from sassgis.hazard.curves import at_energies, hazard_curves
 from sassgis.model.exposure import VEHICLE, ExposedObject, Vulnerability
 from sassgis.model.grid import FloatArray
-from sassgis.model.hazard import HazardCurves, Source, SourceCounts
+from sassgis.model.hazard import Source, SourceCounts
 
-#: What is stated of each object, all per year; see RiskTable.
+#: What is stated of each object, all per year, besides the hits of each class; see RiskTable.
 QUANTITIES = (
     "hits",
     "property_loss",
@@ -51,13 +51,12 @@ class RiskTable:
         Codes of the intensity classes, from weak to strong.
     hits : float64, shape (n_sources, n_objects, n_intensities)
         Blocks per year whose largest energy on the object is of the class.
-    hits_variance : float64, same shape
-        Upper bound of their sampling variance (1/year²).
     values : mapping of str to float64, shape (n_sources, n_objects)
-        The QUANTITIES: ``hits`` (1/year), ``property_loss`` of the object itself,
-        ``vehicle_loss`` and their sum ``loss`` (currency/year), ``vehicles_hit`` (1/year),
-        ``deaths`` (1/year, the collective risk) and ``individual_risk`` (1/year, of one person of
-        those there, or of the one road user of the traffic).
+        ``hits_<code>`` of each class (1/year), and the QUANTITIES: ``hits`` (1/year),
+        ``property_loss`` of the object itself, ``vehicle_loss`` and their sum ``loss``
+        (currency/year), ``vehicles_hit`` (1/year), ``deaths`` (1/year, the collective risk) and
+        ``individual_risk`` (1/year, of one person of those there, or of the one road user of the
+        traffic).
     variances : mapping of str to float64, shape (n_sources, n_objects)
         Upper bound of the sampling variance of each.
     """
@@ -66,7 +65,6 @@ class RiskTable:
     sources: tuple[Source, ...]
     intensities: tuple[str, ...]
     hits: FloatArray
-    hits_variance: FloatArray
     values: Mapping[str, FloatArray]
     variances: Mapping[str, FloatArray]
 
@@ -76,14 +74,7 @@ class RiskTable:
 
     def standard_error(self, quantity: str) -> FloatArray:
         """Upper bound of the standard error of :meth:`of_object`; samples are independent."""
-        return self._error(self.variances[quantity])
-
-    def hits_error(self, intensity: int) -> FloatArray:
-        """The same of the hits of a class of intensity."""
-        return self._error(self.hits_variance[:, :, intensity])
-
-    def _error(self, variance: FloatArray) -> FloatArray:
-        error: FloatArray = np.sqrt(_sums(by_sample(variance, self.sources).T))
+        error: FloatArray = np.sqrt(_sums(by_sample(self.variances[quantity], self.sources).T))
         return error
 
     @property
@@ -99,31 +90,19 @@ class RiskTable:
 
 @dataclass(frozen=True, slots=True)
 class RiskTotal:
-    """Risk summed over several objects or over one source.
+    """Risk summed over several objects or over one source."""
 
-    Attributes
-    ----------
-    scope : {"whole", "kind", "source", "all"}
-        "whole": a road or line of which the objects are stretches.
-    objects : int
-        How many are summed.
-    values : mapping of str to float
-        The ADDITIVE quantities; each is the correctly rounded sum of the objects' values.
-    standard_error : mapping of str to float
-        Upper bound: as if each source's blocks hit all objects or none.
-    standard_error_apart : mapping of str to float
-        Upper bound if no block hits two of the objects.
-    individual_risk : float
-        The largest of one person (1/year). Who drives along a road passes all its stretches: there
-        it is the sum. NaN for a source.
-    """
-
+    # One of "whole" (a road or line of which the objects are stretches), "kind", "source", "all".
     scope: str
     name: str
-    objects: int
+    objects: int  # how many are summed
+    # The ADDITIVE quantities; each is the correctly rounded sum of the objects' values.
     values: Mapping[str, float]
+    # Upper bound: as if each source's blocks hit all objects or none.
     standard_error: Mapping[str, float]
-    standard_error_apart: Mapping[str, float]
+    standard_error_apart: Mapping[str, float]  # upper bound if no block hits two of the objects
+    # The largest of one person (1/year). Who drives along a road passes all its stretches: there it
+    # is the sum. NaN for a source.
     individual_risk: float
 
 
@@ -142,9 +121,9 @@ def by_sample(variance: FloatArray, sources: Sequence[Source]) -> FloatArray:
     ----------
     variance : float64, shape (n_sources, n)
     """
-    rows = {(s.area, "" if s.random_points else s.scenario) for s in sources}
-    number = {key: i for i, key in enumerate(sorted(rows))}
-    of_source = [number[s.area, "" if s.random_points else s.scenario] for s in sources]
+    keys = [(s.area, "" if s.random_points else s.scenario) for s in sources]
+    number = {key: i for i, key in enumerate(sorted(set(keys)))}
+    of_source = [number[key] for key in keys]
     error = np.zeros((len(number), variance.shape[1]))
     np.add.at(error, of_source, np.sqrt(variance))
     # Alone, a source keeps its variance to the last bit.
@@ -277,16 +256,18 @@ def hit_costs(
     Returns
     -------
     dict of str to float64, shape (n_objects, n_intensities)
-        By QUANTITIES. With vulnerability v, lethality l, stake S (value, or value per metre times
-        the length destroyed), n vehicles in the strip:
+        As the values of a RiskTable. With vulnerability v, lethality l, stake S (value, or value
+        per metre times the length destroyed), n vehicles in the strip:
         ``hits`` 1 · ``property_loss`` v S · ``vehicle_loss`` n v_vehicle value_vehicle ·
         ``vehicles_hit`` n · ``deaths`` persons · presence · l + n · persons_per_vehicle · l_vehicle
         · ``individual_risk`` presence · l, on roads n_one l_vehicle with the trips of one user in
-        place of the traffic.
+        place of the traffic; ``hits_<code>`` 1 for its class.
     """
     shape = (len(objects), len(vulnerability.intensities))
     costs = {q: np.zeros(shape) for q in QUANTITIES}
     costs["hits"][:] = 1.0
+    for code, one in zip(vulnerability.intensities, np.eye(shape[1]), strict=True):
+        costs[f"hits_{code}"] = np.broadcast_to(one, shape)
     numbers = {
         kind: np.array([[r.vulnerability, r.lethality] for r in vulnerability.of(kind)]).T
         for kind in vulnerability.kinds
@@ -355,35 +336,19 @@ def assess_risk(
     rate, variance = np.zeros(shape), np.zeros(shape)
     for s, (source, own) in enumerate(zip(sources, counts, strict=True)):
         curves = at_energies(hazard_curves([source], [own], energies_kj), limits_kj)
-        _place(curves, rate[s], variance[s])
+        if not np.isin(curves.places, np.arange(len(objects))).all():
+            raise ValueError("counts of a place that is no object")
+        rate[s, curves.places], variance[s, curves.places] = curves.rate, curves.variance
     hits = class_hits(rate)
-    hits_variance = np.zeros(shape)
-    values = {q: np.zeros(shape[:2]) for q in QUANTITIES}
-    variances = {q: np.zeros(shape[:2]) for q in QUANTITIES}
+    names = (*(f"hits_{code}" for code in vulnerability.intensities), *QUANTITIES)
+    values, variances = ({q: np.zeros(shape[:2]) for q in names} for _ in range(2))
     for s, source in enumerate(sources):
-        for i, one in enumerate(np.eye(shape[2])):
-            cost = np.broadcast_to(one, shape[1:])
-            hits_variance[s, :, i] = weighted_variance(cost, rate[s], variance[s], source)
         for q, cost in hit_costs(objects, vulnerability, source.block_width_m).items():
             values[q][s] = _sums(hits[s] * cost)
             variances[q][s] = weighted_variance(cost, rate[s], variance[s], source)
     return RiskTable(
-        tuple(objects),
-        tuple(sources),
-        vulnerability.intensities,
-        hits,
-        hits_variance,
-        values,
-        variances,
+        tuple(objects), tuple(sources), vulnerability.intensities, hits, values, variances
     )
-
-
-def _place(curves: HazardCurves, rate: FloatArray, variance: FloatArray) -> None:
-    """Put the curves of the objects that are reached into rows by object."""
-    if curves.places.size and not 0 <= curves.places.min() <= curves.places.max() < len(rate):
-        raise ValueError("counts of a place that is no object")
-    rate[curves.places] = curves.rate
-    variance[curves.places] = curves.variance
 
 
 # ---------------------------------------------------------------------------------------------
@@ -447,9 +412,8 @@ def _share(part: float, whole: float) -> float:
 
 def object_rows(table: RiskTable) -> list[dict[str, object]]:
     """A row per object: what it is, hits by intensity, every quantity with its standard error."""
-    sums = {q: table.of_object(q) for q in QUANTITIES}
-    errors = {q: table.standard_error(q) for q in QUANTITIES}
-    of_class = [table.hits_error(i) for i in range(len(table.intensities))]
+    sums = {q: table.of_object(q) for q in table.values}
+    errors = {q: table.standard_error(q) for q in table.values}
     one_rock = table.one_rock
     rows: list[dict[str, object]] = []
     for k, thing in enumerate(table.objects):
@@ -465,10 +429,7 @@ def object_rows(table: RiskTable) -> list[dict[str, object]]:
             "presence": thing.presence,
             "traffic_per_day": thing.traffic.traffic_per_day if thing.traffic else 0.0,
         }
-        for i, code in enumerate(table.intensities):
-            row[f"hits_{code}_per_year"] = math.fsum(table.hits[:, k, i].tolist())
-            row[f"hits_{code}_per_year_se"] = float(of_class[i][k])
-        for q in QUANTITIES:
+        for q in table.values:
             row[f"{q}_per_year"] = float(sums[q][k])
             row[f"{q}_per_year_se"] = float(errors[q][k])
         row["hits_of_one_rock_per_year"] = float(one_rock[k])

@@ -39,15 +39,10 @@ _FARTHER = ("eta_max", "restitution", "restitution_speed_mps")
 
 @dataclass(frozen=True, slots=True)
 class Variant:
-    """One simulation of the design.
-
-    Attributes
-    ----------
-    values : dict of (class, parameter) to float
-        What differs from the classes of the run.
-    """
+    """One simulation of the design."""
 
     name: str
+    # What differs from the classes of the run, by class and parameter.
     values: dict[tuple[str, str], float]
 
 
@@ -96,30 +91,22 @@ def farthest(ranges: Sequence[ParameterRange]) -> Variant:
 
 @dataclass(frozen=True, slots=True)
 class VariantFinding(RunOutcome):
-    """What one simulation found: what its blocks did, and what it says of levels and places.
+    """What one simulation found: what its blocks did, and what it says of levels and places."""
 
-    Attributes
-    ----------
-    reach : int64, shape (n_cells,)
-        Blocks that reach each of ``cells``.
-    places, level : int64, shape (n_places,)
-        Cells with a hazard level, ascending, and their level; none without onset frequencies.
-    line_energy_kj : float64, shape (n_lines,)
-        95 % quantile of the energy at stations and barriers (kJ); NaN where no block arrives.
-    line_share, object_share : float64
-        Share of the blocks that arrive at each station and barrier, and at each object; the latter
-        empty where blocks are not counted at objects.
-    object_energy_kj : float64, shape (n_objects,)
-        Largest 95 % quantile of the energy on the cells of each object (kJ); NaN where no block
-        arrives.
-    """
-
-    reach: IntArray
+    reach: IntArray  # shape (n_cells,); blocks that reach each of ``cells``
+    # Shape (n_places,); cells with a hazard level, ascending, and their level; none without onset
+    # frequencies.
     places: IntArray
     level: IntArray
+    # Shape (n_lines,); 95 % quantile of the energy at stations and barriers (kJ); NaN where no
+    # block arrives.
     line_energy_kj: FloatArray
+    # Share of the blocks that arrive at each station and barrier, and at each object; the latter
+    # empty where blocks are not counted at objects.
     line_share: FloatArray
     object_share: FloatArray
+    # Shape (n_objects,); largest 95 % quantile of the energy on the cells of each object (kJ); NaN
+    # where no block arrives.
     object_energy_kj: FloatArray
 
     def arrays(self) -> dict[str, NDArray[np.generic]]:
@@ -174,38 +161,27 @@ def finding_of(
 
 def _object_energy_kj(progress: Progress, bins: Bins, exposed: ObjectCells) -> FloatArray:
     """As in VariantFinding: what the map of the energy shows, however few blocks arrive."""
-    sums = progress.sums
-    under, own = np.isin(sums.cells, exposed.cell), np.full(exposed.n_objects, np.nan)
-    if not under.any():
-        return own
-    energy = energy_q95_kj(sums, under, bins)
-    cells = sums.cells[under]
-    order = np.argsort(cells)
-    reached = np.isin(exposed.cell, cells)
-    place = order[np.searchsorted(cells[order], exposed.cell[reached])]
-    np.fmax.at(own, exposed.number[reached], energy[place])
+    own = np.full(exposed.n_objects, np.nan)
+    rows = progress.sums.rows_at(exposed.cell)
+    if (reached := rows >= 0).any():
+        energy = energy_q95_kj(progress.sums, rows[reached], bins)
+        np.fmax.at(own, exposed.number[reached], energy)
     return own
 
 
 @dataclass(frozen=True, slots=True)
 class RangeEffect:
-    """What the range of one parameter does to one measure.
-
-    Attributes
-    ----------
-    base, low, high, chance : float
-        With the values of the classes, at the two ends of the range, and with another seed.
-    correlation : float
-        Rank correlation of parameter and measure over the sample that fills all ranges.
-    """
+    """What the range of one parameter does to one measure."""
 
     range: ParameterRange
     measure: str
     unit: str
+    # With the values of the classes, at the two ends of the range, and with another seed.
     base: float
     low: float
     high: float
     chance: float
+    # Rank correlation of parameter and measure over the sample that fills all ranges.
     correlation: float
 
     @property
@@ -306,35 +282,23 @@ def _rank_correlation(x: FloatArray, y: FloatArray) -> float:
 
 @dataclass(frozen=True, slots=True)
 class SensitivityMaps:
-    """What the cells say; all arrays in the order of ``cells``.
+    """What the cells say; all arrays in the order of ``cells``."""
 
-    Attributes
-    ----------
-    cells : int64
-        Flat indices of all cells that any simulation reaches, ascending.
-    reached : float64
-        Share of the sample in which blocks reach the cell.
-    level, level_lowest, level_highest : int64
-        In the base, and over the sample and the ends; 0: none.
-    higher, lower : float64
-        Share of the sample with a higher and with a lower level than the base.
-    energy_ratio : float64, shape (3, n)
-        Quantiles 10, 50 and 90 % of the energy (95 %) over that of the base, over the sample; NaN
-        where too few blocks reach the cell in half of it.
-    strongest : int64
-        Position of the range whose ends change the energy most, plus 1; 0 where none does more than
-        another seed, or where too few blocks arrive.
-    """
-
-    cells: IntArray
-    reached: FloatArray
+    cells: IntArray  # flat indices of all cells that any simulation reaches, ascending
+    reached: FloatArray  # share of the sample in which blocks reach the cell
     reached_base: NDArray[np.bool_]
+    # In the base, and over the sample and the ends; 0: none.
     level: IntArray
     level_lowest: IntArray
     level_highest: IntArray
+    # Share of the sample with a higher and with a lower level than the base.
     higher: FloatArray
     lower: FloatArray
+    # Shape (3, n); quantiles 10, 50 and 90 % of the energy (95 %) over that of the base, over the
+    # sample; NaN where too few blocks reach the cell in half of it.
     energy_ratio: FloatArray
+    # Position of the range whose ends change the energy most, plus 1; 0 where none does more than
+    # another seed, or where too few blocks arrive.
     strongest: IntArray
 
 

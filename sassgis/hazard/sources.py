@@ -23,20 +23,13 @@ _PLACE = {"per_year_ha": "release polygons", "per_year_m": "release lines"}
 
 @dataclass(frozen=True, slots=True)
 class Sampled:
-    """What was simulated of one source.
-
-    Attributes
-    ----------
-    cells, objects : SourceCounts
-        Places are flat indices of cells, and numbers of exposed objects.
-    control_lines : ControlLineSums
-        At stations and barriers.
-    """
+    """What was simulated of one source."""
 
     source: Source
+    # Places are flat indices of cells, and numbers of exposed objects.
     cells: SourceCounts
     objects: SourceCounts
-    control_lines: ControlLineSums
+    control_lines: ControlLineSums  # at stations and barriers
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,7 @@ from sassgis.model.crs import crs_name, same_crs
 from sassgis.model.errors import InputError
 from sassgis.model.exposure import PlacedObjects
 from sassgis.model.grid import FloatArray, Grid
-from sassgis.model.results import Band, RasterLayer
+from sassgis.model.results import RasterLayer
 
 #: Part of a cell by which cells of two maps may lie apart.
 _APART = 0.01
@@ -24,47 +24,29 @@ _APART = 0.01
 
 @dataclass(frozen=True, slots=True)
 class StoredResult:
-    """What a folder holds.
-
-    Attributes
-    ----------
-    grid : Grid
-        The terrain of the run; NaN where the folder has none.
-    maps : mapping of str to RasterLayer
-        Maps of the blocks and the hazard level, by their stem.
-    runout_m : float64, shape (n,)
-        Run-out of the blocks whose stops are in the folder (m).
-    control_lines : mapping of str to mapping
-        The row of each station and barrier, by its name.
-    traces : tuple of (name, kind, coordinates)
-        Of the control lines.
-    release : tuple of float64, each of shape (n, 2)
-        Outlines of the release areas.
-    zones : Coverage or None
-        Zones of hazard level; classes are those of the map of levels. None without zoning.
-    level_codes : tuple of str
-        Codes of the levels, from low to high, as the tables have them.
-    objects : PlacedObjects
-        Exposed objects, with their names and kinds alone.
-    risk : mapping of str to mapping
-        ``deaths_per_year`` and ``loss_per_year`` of each object, roads as a whole.
-    values : mapping of str to mapping of str to (value, low, high)
-        ``energy_q95_kj`` and ``height_q95_m`` of the blocks at each object, with limits by the
-        sampling; of roads those of the stretch with the largest value.
-    """
+    """What a folder holds."""
 
     folder: Path
     manifest: Mapping[str, Any]
-    grid: Grid
-    maps: Mapping[str, RasterLayer]
+    grid: Grid  # the terrain of the run; NaN where the folder has none
+    maps: Mapping[str, RasterLayer]  # maps of the blocks and the hazard level, by their stem
+    # Shape (n,); run-out of the blocks whose stops are in the folder (m).
     runout_m: FloatArray = field(default_factory=lambda: np.empty(0))
+    # The row of each station and barrier, by its name.
     control_lines: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    # Name, kind and coordinates of each control line.
     traces: tuple[tuple[str, str, FloatArray], ...] = ()
-    release: tuple[FloatArray, ...] = ()
+    release: tuple[FloatArray, ...] = ()  # outlines of the release areas, shape (n, 2)
+    # Zones of hazard level; classes are those of the map of levels. None without zoning.
     zones: Coverage | None = None
+    # Codes of the levels, from low to high, as the tables have them.
     level_codes: tuple[str, ...] = ()
+    # Exposed objects, with their names and kinds alone.
     objects: PlacedObjects = field(default_factory=lambda: PlacedObjects((), ()))
+    # ``deaths_per_year`` and ``loss_per_year`` of each object, roads as a whole.
     risk: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    # ``energy_q95_kj`` and ``height_q95_m`` of the blocks at each object: value, and low and high
+    # limit by the sampling; of roads those of the stretch with the largest value.
     values: Mapping[str, Mapping[str, tuple[float, ...]]] = field(default_factory=dict)
 
     @property
@@ -147,15 +129,10 @@ def _cut(result: StoredResult, rows: slice, cols: slice) -> StoredResult:
     if (rows.stop - rows.start, cols.stop - cols.start) == grid.shape:
         return result
     part = grid.part(rows, cols)
-    maps = {
-        stem: replace(
-            layer,
-            bands=tuple(
-                Band(b.name, b.description, b.unit, b.values[rows, cols]) for b in layer.bands
-            ),
-        )
-        for stem, layer in result.maps.items()
-    }
+    maps = {}
+    for stem, layer in result.maps.items():
+        bands = tuple(replace(b, values=b.values[rows, cols]) for b in layer.bands)
+        maps[stem] = replace(layer, bands=bands)
     zones = result.zones
     if zones is not None:
         inside = shapely.intersection(zones.polygons, shapely.box(*part.bounds))

@@ -16,21 +16,11 @@ _COMPARED = ("runout_q50", "runout_q95", "energy_q95")
 
 @dataclass(frozen=True, slots=True)
 class ToleranceCheck:
-    """How results depend on the tolerance of the segments.
+    """How results depend on the tolerance of the segments."""
 
-    Attributes
-    ----------
-    tolerance_m : float
-        That of the run (m).
-    blocks : int
-        Of the sample.
-    answers : mapping of float to mapping of str to RelativeChange
-        By the tolerance (m) and the measure.
-    """
-
-    tolerance_m: float
-    blocks: int
-    answers: Mapping[float, Mapping[str, RelativeChange]]
+    tolerance_m: float  # that of the run (m)
+    blocks: int  # of the sample
+    answers: Mapping[float, Mapping[str, RelativeChange]]  # by the tolerance (m) and the measure
 
     def sentence(self) -> str:
         """The changes in words."""

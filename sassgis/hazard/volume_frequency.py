@@ -41,19 +41,13 @@ Likelihood = Callable[[float], float]
 
 @dataclass(frozen=True, slots=True)
 class BlockSurvey:
-    """Volumes of blocks, as a list or counted by class.
+    """Volumes of blocks, as a list or counted by class."""
 
-    Attributes
-    ----------
-    low, high : (n,) float
-        Limits of the volume (m3); equal where it was measured, high infinite in an open class.
-    count : (n,) float
-        Blocks of each.
-    """
-
+    # Shape (n,); limits of the volume (m3): equal where it was measured, high infinite in an open
+    # class.
     low: FloatArray
     high: FloatArray
-    count: FloatArray
+    count: FloatArray  # shape (n,); blocks of each
 
     @property
     def is_list(self) -> bool:
@@ -96,22 +90,13 @@ class Estimate:
 
 @dataclass(frozen=True, slots=True)
 class PowerLaw:
-    """A power law of volumes as it was fitted.
+    """A power law of volumes as it was fitted."""
 
-    Attributes
-    ----------
-    survey : BlockSurvey
-        The blocks from ``complete_from`` on.
-    complete_from, up_to : float
-        Volumes between which it holds (m3); up_to may be infinite.
-    exponent : Estimate
-        b, with the interval of the likelihood ratio.
-    """
-
-    survey: BlockSurvey
+    survey: BlockSurvey  # the blocks from ``complete_from`` on
+    # Volumes between which it holds (m3); up_to may be infinite.
     complete_from: float
     up_to: float
-    exponent: Estimate
+    exponent: Estimate  # b, with the interval of the likelihood ratio
 
     @property
     def span(self) -> float:

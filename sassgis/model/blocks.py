@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from sassgis.model.errors import InputError
 
+#: A low and a high limit.
 Range = tuple[float, float]
 
 #: Attributes of BlockPopulation between whose limits each block is drawn.
@@ -28,81 +29,55 @@ LIMITS_DTYPE = np.dtype(
 
 @dataclass(frozen=True, slots=True)
 class BlockPopulation:
-    """Limits between which each block is drawn, all uniform and independent.
+    """Limits between which each block is drawn, all uniform and independent."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the block scenario.
-    axis_1_m, axis_2_m, axis_3_m : (low, high)
-        Limits of the three *semi*-axes (m). After the draw they are sorted a >= b >= c.
-    density_kgm3 : (low, high)
-    speed_mps : (low, high)
-        Initial speed along the slope, positive downhill.
-    spin_radps : (low, high)
-        Initial spin, positive as a block that rolls downhill.
-    drop_m : (low, high)
-        Height above the resting position from which the block is released.
-    orientation_rad : (low, high)
-        Angle of the major axis to the slope.
-    volume_m3 : (low, high), optional
-        Limits of the volume (m³). Where they are given, the axes are relative: they set the shape,
-        the volume the size.
-    volume_exponent : float, optional
-        b of the power law N(V > v) ~ v^-b from which volumes are drawn between their limits;
-        without it all volumes between them are equally likely.
-    """
-
-    name: str = "block"
+    name: str = "block"  # name of the block scenario
+    # Limits of the three *semi*-axes (m). After the draw they are sorted a >= b >= c.
     axis_1_m: Range = (0.5, 0.5)
     axis_2_m: Range = (0.4, 0.4)
     axis_3_m: Range = (0.3, 0.3)
     density_kgm3: Range = (2700.0, 2700.0)
-    speed_mps: Range = (0.0, 0.0)
+    speed_mps: Range = (0.0, 0.0)  # initial speed along the slope, positive downhill
+    # Initial spin, positive as a block that rolls downhill.
     spin_radps: Range = (0.0, 0.0)
+    # Height above the resting position from which the block is released.
     drop_m: Range = (0.0, 0.0)
+    # Angle of the major axis to the slope.
     orientation_rad: Range = (0.0, float(np.pi))
+    # Limits of the volume (m³). Where they are given, the axes are relative: they set the shape,
+    # the volume the size.
     volume_m3: Range | None = None
+    # The b of the power law N(V > v) ~ v^-b from which volumes are drawn between their limits;
+    # without it all volumes between them are equally likely.
     volume_exponent: float | None = None
 
     def __post_init__(self) -> None:
-        positive: tuple[str, ...] = ("axis_1_m", "axis_2_m", "axis_3_m", "density_kgm3")
-        others: tuple[str, ...] = ("speed_mps", "spin_radps", "drop_m", "orientation_rad")
+        positive = ["axis_1_m", "axis_2_m", "axis_3_m", "density_kgm3"]
         if self.volume_m3 is not None:
-            positive = (*positive, "volume_m3")
-        for field in (*positive, *others):
+            positive.append("volume_m3")
+        for field in (*positive, "speed_mps", "spin_radps", "drop_m", "orientation_rad"):
             low, high = getattr(self, field)
+            found = f"[{low:g}, {high:g}]"
             if not (np.isfinite(low) and np.isfinite(high)):
-                raise InputError(
-                    f"blocks {self.name!r}: limits must be numbers", field=field, found=(low, high)
-                )
+                raise self._refused("limits must be numbers", field, (low, high))
             if low > high:
-                raise InputError(
-                    f"blocks {self.name!r}: limits are reversed",
-                    field=field,
-                    found=f"[{low:g}, {high:g}]",
-                    expected="[low, high]",
-                )
+                raise self._refused("limits are reversed", field, found, "[low, high]")
             if field in positive and low <= 0.0:
-                raise InputError(
-                    f"blocks {self.name!r}: must be above zero",
-                    field=field,
-                    found=f"[{low:g}, {high:g}]",
-                    expected="two positive numbers, low first",
-                )
-        if self.drop_m[0] < 0.0 or self.speed_mps[0] < 0.0:
-            raise InputError(
-                f"blocks {self.name!r}: drop and speed cannot be negative",
-                field="drop_m" if self.drop_m[0] < 0.0 else "speed_mps",
-                expected="zero or more",
-            )
+                expected = "two positive numbers, low first"
+                raise self._refused("must be above zero", field, found, expected)
+        for field in ("drop_m", "speed_mps"):
+            if getattr(self, field)[0] < 0.0:
+                problem = "drop and speed cannot be negative"
+                raise self._refused(problem, field, None, "zero or more")
         if self.volume_exponent is not None and self.volume_m3 is None:
-            raise InputError(
-                f"blocks {self.name!r}: has no volumes to go with",
-                field="volume_exponent",
-                found=self.volume_exponent,
-                expected="volume_m3 as well",
-            )
+            problem, field = "has no volumes to go with", "volume_exponent"
+            raise self._refused(problem, field, self.volume_exponent, "volume_m3 as well")
+
+    def _refused(
+        self, problem: str, field: str, found: object, expected: str | None = None
+    ) -> InputError:
+        problem = f"blocks {self.name!r}: {problem}"
+        return InputError(problem, field=field, found=found, expected=expected)
 
     def limits(self) -> NDArray[np.void]:
         """Limits as the kernel reads them: LIMITS_DTYPE, shape (2,), the lower ones first.

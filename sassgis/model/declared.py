@@ -50,6 +50,11 @@ class PresetName:
 
 
 @dataclass(frozen=True, slots=True)
+class OfFeatures:
+    """Marks the attribute with a setting of single features, as ``value_field`` that with value."""
+
+
+@dataclass(frozen=True, slots=True)
 class Codes:
     """Marks a table whose keys are whole numbers, which TOML writes as text."""
 
@@ -72,6 +77,7 @@ class Example:
 Span = Annotated[tuple[float, float], Limits()]
 Name = Annotated[str, PlainName()]
 Text = Annotated[str, MinLen(1)]
+FieldName = Annotated[Text | None, OfFeatures()]
 
 
 class Declared(NamedTuple):
@@ -139,6 +145,9 @@ def _declared(cls: Any) -> Mapping[str, Declared]:
     for field in dataclasses.fields(cls):
         hint = hints[field.name]
         notes = get_args(hint)[1:] if get_origin(hint) is Annotated else ()
+        if OfFeatures() in notes:
+            key = field.name.removesuffix("_field")
+            notes = (f"attribute with {key}", Example(key))
         text = next((n for n in notes if isinstance(n, str)), None)
         if text is not None:
             found[field.name] = Declared(

@@ -31,29 +31,17 @@ class EditSettings(Section):
 
 @dataclass(frozen=True, slots=True)
 class Edit:
-    """A level of a place, or a limit of it, that an expert has set.
+    """A level of a place, or a limit of it, that an expert has set."""
 
-    Attributes
-    ----------
-    geometry : shapely geometry
-        Polygons, in the coordinates of the terrain model.
-    level : int
-        Position among the levels of the preset, plus 1; 0 for none.
-    limit : {"", "at_least", "at_most"}
-        Whether the level holds, or only where the computed one is lower, or higher.
-    date : str
-        As 2026-01-31.
-    computed : str
-        What was computed there when the edit was made, as ``level_shares`` has it; empty if nobody
-        noted it.
-    """
-
-    geometry: Any
-    level: int
+    geometry: Any  # shapely geometry; polygons, in the coordinates of the terrain model
+    level: int  # position among the levels of the preset, plus 1; 0 for none
+    # Whether the level holds, or only where the computed one is lower, or higher.
     limit: EditLimit
     author: str
-    date: str
+    date: str  # as 2026-01-31
     reason: str
+    # What was computed there when the edit was made, as ``level_shares`` has it; empty if nobody
+    # noted it.
     computed: str = ""
 
     @property

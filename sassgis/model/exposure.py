@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 from annotated_types import Interval, MaxLen
 
-from sassgis.model.declared import Example, Name, Section, Text
+from sassgis.model.declared import Example, FieldName, Name, Section, Text
 from sassgis.model.errors import InputError
 from sassgis.model.in_memory import Input
 
@@ -189,32 +189,22 @@ class Vulnerability:
         seen: set[tuple[str, str]] = set()
         for row in self.rows:
             if row.intensity not in self.intensities:
-                raise InputError(
-                    "unknown intensity class",
-                    file=self.file or None,
-                    field="intensity",
-                    found=repr(row.intensity),
-                    expected=f"one of {', '.join(self.intensities)}",
-                )
+                found, expected = repr(row.intensity), f"one of {', '.join(self.intensities)}"
+                raise self._refused("unknown intensity class", "intensity", found, expected)
             if (row.kind, row.intensity) in seen:
-                raise InputError(
-                    "row is there twice",
-                    file=self.file or None,
-                    field="kind, intensity",
-                    found=f"{row.kind}, {row.intensity}",
-                    expected="each kind and intensity once",
-                )
+                found, expected = f"{row.kind}, {row.intensity}", "each kind and intensity once"
+                raise self._refused("row is there twice", "kind, intensity", found, expected)
             seen.add((row.kind, row.intensity))
         for kind in self.kinds:
             missing = [i for i in self.intensities if (kind, i) not in seen]
             if missing:
-                raise InputError(
-                    f"kind {kind}: row is missing",
-                    file=self.file or None,
-                    field="intensity",
-                    found=", ".join(i for i in self.intensities if i not in missing) or "none",
-                    expected=f"a row for {', '.join(missing)} as well",
-                )
+                found = ", ".join(i for i in self.intensities if i not in missing) or "none"
+                expected = f"a row for {', '.join(missing)} as well"
+                raise self._refused(f"kind {kind}: row is missing", "intensity", found, expected)
+
+    def _refused(self, problem: str, field: str, found: str, expected: str) -> InputError:
+        file = self.file or None
+        return InputError(problem, file=file, field=field, found=found, expected=expected)
 
     @property
     def kinds(self) -> tuple[str, ...]:
@@ -230,20 +220,18 @@ class Vulnerability:
             If the table has no rows of this kind.
         """
         if kind not in self.kinds:
-            raise InputError(
-                "kind of object has no rows",
-                file=self.file or None,
-                field="kind",
-                found=", ".join(self.kinds) or "no rows",
-                expected=f"{kind} as well, with a row for {', '.join(self.intensities)}",
-            )
+            found = ", ".join(self.kinds) or "no rows"
+            expected = f"{kind} as well, with a row for {', '.join(self.intensities)}"
+            raise self._refused("kind of object has no rows", "kind", found, expected)
         own = {row.intensity: row for row in self.rows if row.kind == kind}
         return tuple(own[i] for i in self.intensities)
 
     def check_covers(self, objects: Iterable[ExposedObject]) -> None:
         """Raise InputError if a kind of object, or vehicles on a road, have no rows."""
-        for kind in kinds_needed(objects):
-            self.of(kind)
+        for thing in objects:
+            self.of(thing.kind)
+            if thing.traffic is not None:
+                self.of(VEHICLE)
 
     def falling(self) -> list[str]:
         """What the table says less of at a stronger intensity, each as a phrase for a warning."""
@@ -258,16 +246,6 @@ class Vulnerability:
                             f"to {high:g} at {strong.intensity}"
                         )
         return found
-
-
-def kinds_needed(objects: Iterable[ExposedObject]) -> tuple[str, ...]:
-    """Kinds of which the vulnerability table must have rows."""
-    kinds: dict[str, None] = {}
-    for thing in objects:
-        kinds[thing.kind] = None
-        if thing.traffic is not None:
-            kinds[VEHICLE] = None
-    return tuple(kinds)
 
 
 @dataclass(frozen=True, slots=True)
@@ -330,78 +308,62 @@ class ObjectSettings(Section):
     value: Annotated[
         Amount | None, "value that a hit of vulnerability 1 destroys; buildings", Example(500000.0)
     ] = None
-    value_field: Annotated[Text | None, "attribute with value", Example("value")] = None
+    value_field: FieldName = None
     value_per_m: Annotated[Amount | None, "value of a metre; roads and lines", Example(1000.0)] = (
         None
     )
-    value_per_m_field: Annotated[
-        Text | None, "attribute with value_per_m", Example("value_per_m")
-    ] = None
+    value_per_m_field: FieldName = None
     damage_length_m: Annotated[
         Amount | None,
         "length that a hit of vulnerability 1 destroys (m); without it the width of "
         "the block; roads and lines",
         Example(5.0),
     ] = None
-    damage_length_m_field: Annotated[
-        Text | None, "attribute with damage_length_m", Example("damage_length_m")
-    ] = None
+    damage_length_m_field: FieldName = None
     persons: Annotated[
         Amount | None, "people who live, work or stay there; buildings and people", Example(2.0)
     ] = None
-    persons_field: Annotated[Text | None, "attribute with persons", Example("persons")] = None
+    persons_field: FieldName = None
     presence: Annotated[
         Share | None, "share of the time that each of them is there", Example(0.5)
     ] = None
-    presence_field: Annotated[Text | None, "attribute with presence", Example("presence")] = None
+    presence_field: FieldName = None
     traffic_per_day: Annotated[
         PerDay | None, "vehicles a day, both directions; roads", Example(1000.0)
     ] = None
-    traffic_per_day_field: Annotated[
-        Text | None, "attribute with traffic_per_day", Example("traffic_per_day")
-    ] = None
+    traffic_per_day_field: FieldName = None
     speed_kmh: Annotated[
         SpeedKmh | None, "at which vehicles drive (km/h); roads", Example(50.0)
     ] = None
-    speed_kmh_field: Annotated[Text | None, "attribute with speed_kmh", Example("speed_kmh")] = None
+    speed_kmh_field: FieldName = None
     vehicle_length_m: Annotated[
         VehicleLength | None, "mean length of a vehicle (m); roads", Example(5.0)
     ] = None
-    vehicle_length_m_field: Annotated[
-        Text | None, "attribute with vehicle_length_m", Example("vehicle_length_m")
-    ] = None
+    vehicle_length_m_field: FieldName = None
     persons_per_vehicle: Annotated[
         Occupants | None, "mean number of people in a vehicle; roads", Example(1.6)
     ] = None
-    persons_per_vehicle_field: Annotated[
-        Text | None, "attribute with persons_per_vehicle", Example("persons_per_vehicle")
-    ] = None
+    persons_per_vehicle_field: FieldName = None
     vehicle_value: Annotated[Amount | None, "mean value of a vehicle; roads", Example(20000.0)] = (
         None
     )
-    vehicle_value_field: Annotated[
-        Text | None, "attribute with vehicle_value", Example("vehicle_value")
-    ] = None
+    vehicle_value_field: FieldName = None
     trips_per_day: Annotated[
         Trips | None,
         "how often the road user of the individual risk drives by in a day; roads",
         Example(2.0),
     ] = None
-    trips_per_day_field: Annotated[
-        Text | None, "attribute with trips_per_day", Example("trips_per_day")
-    ] = None
+    trips_per_day_field: FieldName = None
 
     @property
     def defaults(self) -> dict[str, float]:
         """Numbers for features without one of their own."""
-        stated = {n: getattr(self, n) for n in OBJECT_NUMBERS}
-        return {n: v for n, v in stated.items() if v is not None}
+        return {n: v for n in OBJECT_NUMBERS if (v := getattr(self, n)) is not None}
 
     @property
     def fields(self) -> dict[str, str]:
         """Attributes with the numbers of single features."""
-        stated = {n: getattr(self, f"{n}_field") for n in OBJECT_NUMBERS}
-        return {n: v for n, v in stated.items() if v is not None}
+        return {n: v for n in OBJECT_NUMBERS if (v := getattr(self, f"{n}_field")) is not None}
 
 
 #: What may be stated of an exposed object, as one number for all or as an attribute of each.

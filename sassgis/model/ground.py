@@ -11,11 +11,6 @@ from numpy.typing import NDArray
 
 from sassgis.model.errors import InputError
 
-#: Parameters of a ground class; the numbers among the attributes of GroundClass.
-PARAMETERS = (
-    "eta_max", "dp_min", "dp_max", "mu_f", "mu_0", "k", "d_star_m", "restitution",
-    "restitution_speed_mps", "rolling_threshold", "speed_loss",
-)  # fmt: skip
 #: How far values may be trusted, the most first, and how maps, report and warnings call that.
 Trust = Literal["paper", "fitted", "estimate"]
 TRUST_TEXT: Mapping[Trust, str] = {
@@ -23,7 +18,7 @@ TRUST_TEXT: Mapping[Trust, str] = {
     "fitted": "fitted to field sites",
     "estimate": "estimate",
 }
-#: Between which each of them must lie.
+#: Between which each number among the attributes of GroundClass must lie.
 LIMITS = {
     "eta_max": (0.0, 1.0),
     "dp_min": (0.0, 1.0),
@@ -37,6 +32,8 @@ LIMITS = {
     "rolling_threshold": (0.0, 10.0),
     "speed_loss": (0.0, 100.0),
 }
+#: Parameters of a ground class.
+PARAMETERS = tuple(LIMITS)
 _ROW_DTYPE = np.dtype([(name, np.float64) for name in PARAMETERS])
 
 

@@ -10,22 +10,12 @@ from typing import Any, Literal
 
 @dataclass(frozen=True, slots=True)
 class InMemory:
-    """A raster, a vector layer or a table in place of a file.
+    """A raster, a vector layer or a table in place of a file."""
 
-    Attributes
-    ----------
-    name : str
-        What messages and reports call it.
-    kind : {"raster", "layer", "table"}
-    digest : str
-        SHA-256 of its content: equal inputs are equal settings.
-    data : object
-        What its reader takes: the bytes of a GeoTIFF, a GeoDataFrame, or the text of a CSV table.
-    """
-
-    name: str
+    name: str  # what messages and reports call it
     kind: Literal["raster", "layer", "table"]
-    digest: str
+    digest: str  # SHA-256 of its content: equal inputs are equal settings
+    # What its reader takes: the bytes of a GeoTIFF, a GeoDataFrame, or the text of a CSV table.
     data: Any = field(compare=False, repr=False)
 
     #: As of a path, for what only asks for a name.

@@ -212,26 +212,16 @@ class MapRun:
 
 @dataclass(frozen=True, slots=True)
 class BlockRows:
-    """Blocks and passages one by one, with their place on the map.
+    """Blocks and passages one by one, with their place on the map."""
 
-    Attributes
-    ----------
-    rocks, passages : structured arrays
-        ROCK_DTYPE and PASSAGE_DTYPE. ``line`` is the release point.
-    rock_scenario, passage_scenario : int64
-        Position in ``blocks``.
-    x, y : float64
-        Where each block ends (m).
-    rock_weight, passage_weight : int64
-        How many times each counts.
-    """
-
-    rocks: NDArray[np.void]
-    rock_scenario: IntArray
+    rocks: NDArray[np.void]  # ROCK_DTYPE; ``line`` is the release point
+    rock_scenario: IntArray  # position in ``blocks``
+    # Where each block ends (m).
     x: FloatArray
     y: FloatArray
-    passages: NDArray[np.void]
-    passage_scenario: IntArray
+    passages: NDArray[np.void]  # PASSAGE_DTYPE; ``line`` is the release point
+    passage_scenario: IntArray  # position in ``blocks``
+    # How many times each counts.
     rock_weight: IntArray
     passage_weight: IntArray
 

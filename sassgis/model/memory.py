@@ -53,9 +53,8 @@ def memory_bytes(root: Path = Path("/")) -> int | None:
     allows less. ``root`` is where the files of the system lie.
     """
     free = [b for b in (_machine(root), *_groups(root)) if b is not None]
-    if not free:
-        return None
-    return max(0, min(free)) + _own(root)
+    own = _stated(root / "proc/self/status", "VmRSS:") or 0
+    return max(0, min(free)) + 1024 * own if free else None
 
 
 def _machine(root: Path) -> int | None:
@@ -66,11 +65,6 @@ def _machine(root: Path) -> int | None:
         return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     except (AttributeError, ValueError, OSError):
         return None
-
-
-def _own(root: Path) -> int:
-    resident = _stated(root / "proc/self/status", "VmRSS:")
-    return 1024 * (resident or 0)
 
 
 def _groups(root: Path) -> Iterator[int | None]:

@@ -83,24 +83,15 @@ PASSAGE_DTYPE = np.dtype(
 
 @dataclass(frozen=True, slots=True)
 class ControlLine:
-    """A station or a barrier.
-
-    Attributes
-    ----------
-    kind : {"station", "wall", "net"}
-    height_m : float
-        Height of the top above the ground, vertical (m); unused for a station.
-    capacity_kj : float
-        Energy that the barrier takes (kJ); infinite if it stops every block that meets it.
-    restarts_from_rest : bool
-        Whether a block that the barrier takes is only brought to zero speed there and then moves
-        on, as the paper saw nets do, instead of being stopped for good.
-    """
+    """A station or a barrier."""
 
     name: str
     kind: Literal["station", "wall", "net"]
-    height_m: float = 0.0
+    height_m: float = 0.0  # height of the top above the ground, vertical (m); unused for a station
+    # Energy that the barrier takes (kJ); infinite if it stops every block that meets it.
     capacity_kj: float = float("inf")
+    # Whether a block that the barrier takes is only brought to zero speed there and then moves on,
+    # as the paper saw nets do, instead of being stopped for good.
     restarts_from_rest: bool = False
 
     @property
@@ -114,16 +105,10 @@ class ControlLine:
 
 @dataclass(frozen=True, slots=True)
 class Histogram:
-    """Counts between edges; the first and the last bin also hold what lies beyond them.
+    """Counts between edges; the first and the last bin also hold what lies beyond them."""
 
-    Attributes
-    ----------
-    edges : float64, shape (n_bins + 1,)
-    counts : int64, shape (..., n_bins)
-    """
-
-    edges: NDArray[np.float64]
-    counts: NDArray[np.int64]
+    edges: NDArray[np.float64]  # shape (n_bins + 1,)
+    counts: NDArray[np.int64]  # shape (..., n_bins)
     unit: str
 
 

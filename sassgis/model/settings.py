@@ -12,7 +12,17 @@ from typing import Annotated, Any, Literal
 
 from annotated_types import Interval, MinLen
 
-from sassgis.model.declared import Codes, Example, Name, Renamed, Section, Span, Text, declared
+from sassgis.model.declared import (
+    Codes,
+    Example,
+    FieldName,
+    Name,
+    Renamed,
+    Section,
+    Span,
+    Text,
+    declared,
+)
 from sassgis.model.errors import ConfigError
 from sassgis.model.hazard import OnsetUnit
 from sassgis.model.in_memory import Input
@@ -345,23 +355,21 @@ class BarrierSettings(StationSettings):
     """
 
     kind: Annotated[Literal["wall", "net"] | None, "wall or net", Example("net")] = None
-    kind_field: Annotated[Text | None, "attribute with kind", Example("kind")] = None
+    kind_field: FieldName = None
     height_m: Annotated[
         float | None,
         Interval(gt=0, le=100),
         "height of the top above the ground, vertical (m)",
         Example(4.0),
     ] = None
-    height_m_field: Annotated[Text | None, "attribute with height_m", Example("height_m")] = None
+    height_m_field: FieldName = None
     capacity_kj: Annotated[
         float | None,
         Interval(gt=0),
         "energy that it absorbs (kJ); without a value it stops every block that hits it",
         Example(2000.0),
     ] = None
-    capacity_kj_field: Annotated[
-        Text | None, "attribute with capacity_kj", Example("capacity_kj")
-    ] = None
+    capacity_kj_field: FieldName = None
     restarts_from_rest: Annotated[
         bool,
         "whether blocks that it has stopped start again from rest, as below some nets",

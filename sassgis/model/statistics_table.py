@@ -26,13 +26,14 @@ PROBABILITIES = (0.50, 0.90, 0.95, 0.99)
 
 Reducer = Literal["count", "sum", "max", "min", "histogram"]
 
-_JOIN: dict[Reducer, np.ufunc] = {
-    "count": np.add, "sum": np.add, "max": np.maximum, "min": np.minimum, "histogram": np.add,
-}  # fmt: skip
-_DTYPE: dict[Reducer, type[np.generic]] = {
-    "count": np.int64, "sum": np.int64, "max": np.float64, "min": np.float64,
-    "histogram": np.uint32,
-}  # fmt: skip
+#: What makes one of the sums of two parts, and the type of their array.
+_REDUCERS: dict[Reducer, tuple[np.ufunc, type[np.generic]]] = {
+    "count": (np.add, np.int64),
+    "sum": (np.add, np.int64),
+    "max": (np.maximum, np.float64),
+    "min": (np.minimum, np.float64),
+    "histogram": (np.add, np.uint32),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,12 +50,12 @@ class CellSum:
     @property
     def join(self) -> np.ufunc:
         """What makes one of the sums of two parts."""
-        return _JOIN[self.reducer]
+        return _REDUCERS[self.reducer][0]
 
     @property
     def dtype(self) -> type[np.generic]:
         """Type of its array."""
-        return _DTYPE[self.reducer]
+        return _REDUCERS[self.reducer][1]
 
     @property
     def empty(self) -> float:

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from sassgis.engine.event_log import trajectory
 from sassgis.engine.simulate import Simulated, simulate
 from sassgis.engine.simulate_paths import follow
-from sassgis.hazard.along_profile import LinePaths
-from sassgis.hazard.block_paths import BlockPath
+from sassgis.hazard.along_profile import BlockPath, LinePaths
 from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.map_run import MapRun
 from sassgis.model.profiles import ReleasePoints, TraceSet

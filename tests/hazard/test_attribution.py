@@ -8,13 +8,7 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sassgis.hazard.attribution import (
-    attribution,
-    governing,
-    shares_by_area,
-    shares_by_scenario,
-    zone_of_cells,
-)
+from sassgis.hazard.attribution import attribution, governing, shares_by, zone_of_cells
 from sassgis.hazard.zoning.coverage import Coverage, cells_as_zones
 from sassgis.model.grid import Grid
 from sassgis.model.hazard import Source, SourceCounts
@@ -49,10 +43,10 @@ def test_shares_are_those_of_the_rates() -> None:
     index, share = governing(shares)
     assert index.tolist() == [0, -1, 1]
     np.testing.assert_allclose(share, [0.75, np.nan, 1.0])
-    areas, by_area = shares_by_area(shares, sources)
+    areas, by_area = shares_by(shares, ["A", "A", "B"])
     assert areas == ("A", "B")
     np.testing.assert_allclose(by_area, [[1.0, 0.0], [np.nan, np.nan], [1.0, 0.0]])
-    scenarios, by_scenario = shares_by_scenario(shares, sources)
+    scenarios, by_scenario = shares_by(shares, [s.scenario for s in sources])
     assert scenarios == ("small", "large")
     np.testing.assert_allclose(by_scenario[0], [0.75, 0.25])
 
@@ -75,7 +69,7 @@ def test_nothing_governs_without_sources() -> None:
     assert np.isnan(share).all()
     index, _ = governing(np.array([[0.5, 0.5]]))
     assert index.tolist() == [0]
-    assert shares_by_area(np.empty((2, 0)), [])[1].shape == (2, 0)
+    assert shares_by(np.empty((2, 0)), [])[1].shape == (2, 0)
 
 
 @settings(max_examples=50, deadline=None)

@@ -36,23 +36,27 @@ CURVE = Arrivals(
 )
 
 
-def test_values_lie_between_the_edges_as_if_rocks_were_spread_evenly() -> None:
-    # From 4 to 1 a year over 10 m: 2.5 a year are exceeded half way.
-    assert value_at_rate(CURVE, 2.5) == 15.0
-    assert value_at_rate(CURVE, 7.0) == 5.0
+@pytest.mark.parametrize(
+    ("rate", "value"),
+    [
+        # From 4 to 1 a year over 10 m: 2.5 a year are exceeded half way.
+        (2.5, 15.0),
+        (7.0, 5.0),
+        # None lies above the largest that was seen.
+        (0.1, 23.0),
+        # Rocks come less often.
+        (10.0, math.nan),
+        (12.0, math.nan),
+    ],
+)
+def test_values_lie_between_the_edges_as_if_rocks_were_spread_evenly(
+    rate: float, value: float
+) -> None:
+    assert value_at_rate(CURVE, rate) == pytest.approx(value, rel=0.0, abs=0.0, nan_ok=True)
     assert rocks_beyond(CURVE, 2.5) == 10
 
 
-def test_no_value_lies_above_the_largest_that_was_seen() -> None:
-    assert value_at_rate(CURVE, 0.1) == 23.0
-
-
-def test_where_rocks_come_less_often_there_is_no_design_value() -> None:
-    assert math.isnan(value_at_rate(CURVE, 10.0))
-    assert math.isnan(value_at_rate(CURVE, 12.0))
-
-
-def test_where_no_rock_comes_there_is_none_either() -> None:
+def test_where_no_rock_comes_there_is_no_design_value() -> None:
     none = np.zeros(4)
     nothing = Arrivals(CURVE.edges, none, none, none.astype(int), math.nan, 0.0)
     assert math.isnan(value_at_rate(nothing, 0.01))

@@ -47,11 +47,8 @@ def ended(point: int, blocks: int, weight: int) -> ChunkResult:
     """Blocks of one release point that end as far away as its number, in metres."""
     rocks = np.zeros(blocks, ROCK_DTYPE)
     rocks["line"], rocks["rock"], rocks["runout_m"] = point, np.arange(blocks), point
-    none = np.zeros(0, np.int64)
-    rows = BlockRows(
-        rocks, np.zeros(blocks, np.int64), np.zeros(blocks), np.zeros(blocks),
-        np.zeros(0, PASSAGE_DTYPE), none, np.full(blocks, weight), none,
-    )  # fmt: skip
+    place, passages = np.zeros(blocks), np.zeros(0, PASSAGE_DTYPE)
+    rows = BlockRows.of_chunk(rocks, place, place, passages, 0, weight)
     return ChunkResult(0, np.array([point]), weight, {}, rows, joined_lines([]), 0)
 
 

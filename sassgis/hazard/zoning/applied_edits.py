@@ -27,20 +27,14 @@ CHANGED_MIN, BEYOND_CHANCE = 0.05, 2.0
 
 @dataclass(frozen=True, slots=True)
 class AppliedEdit:
-    """An edit with what was computed below it.
-
-    Attributes
-    ----------
-    now, then : mapping of str to float
-        Share of the edit's area by code of the computed level: of this run, and when the edit was
-        made; the latter is empty if it is not known.
-    by_chance : float
-        Share of its area whose level another sample of as many blocks would change.
-    """
+    """An edit with what was computed below it."""
 
     edit: Edit
+    # Share of the edit's area by code of the computed level: of this run, and when the edit was
+    # made; the latter is empty if it is not known.
     now: Mapping[str, float]
     then: Mapping[str, float]
+    # Share of its area whose level another sample of as many blocks would change.
     by_chance: float = 0.0
 
     @property

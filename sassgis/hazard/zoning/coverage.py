@@ -22,18 +22,10 @@ _THREAD_M = 0.2
 
 @dataclass(frozen=True, slots=True)
 class Coverage:
-    """Zones: polygons that do not overlap, with their class.
+    """Zones: polygons that do not overlap, with their class."""
 
-    Attributes
-    ----------
-    polygons : object, shape (n,)
-        ``shapely.Polygon``; neighbours share their vertices.
-    classes : int64, shape (n,)
-        From 1, ascending.
-    """
-
-    polygons: NDArray[Any]
-    classes: IntArray
+    polygons: NDArray[Any]  # shape (n,); ``shapely.Polygon``; neighbours share their vertices
+    classes: IntArray  # shape (n,); from 1, ascending
 
 
 def check_cells(cell_size: float) -> None:

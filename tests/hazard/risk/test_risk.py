@@ -346,12 +346,12 @@ def test_scenarios_that_start_from_the_same_random_points_share_their_chance(exa
     sources = tuple(replace(s, random_points=True) for s in SOURCES)
     table = assessed((HOUSE, ROAD), sources, COUNTS)
     (row, *_) = object_rows(table)
-    for i, code in enumerate(table.intensities):
-        added = np.sqrt(table.hits_variance[:, 0, i]).sum()
+    for code in table.intensities:
+        added = np.sqrt(table.variances[f"hits_{code}"][:, 0]).sum()
         assert row[f"hits_{code}_per_year_se"] == pytest.approx(added, rel=1e-12) and added > 0.0
     (row, *_) = object_rows(example)
-    for i, code in enumerate(example.intensities):
-        apart = math.sqrt(math.fsum(example.hits_variance[:, 0, i].tolist()))
+    for code in example.intensities:
+        apart = math.sqrt(math.fsum(example.variances[f"hits_{code}"][:, 0].tolist()))
         assert row[f"hits_{code}_per_year_se"] == apart
 
 

@@ -14,7 +14,7 @@ from rasterio.errors import NotGeoreferencedWarning
 from rasterio.transform import Affine
 from scipy import ndimage
 
-from sassgis.hazard.block_paths import BlockPath
+from sassgis.hazard.along_profile import BlockPath
 from sassgis.hazard.control_lines import control_line_rows
 from sassgis.hazard.progress import Progress, joined_lines, kept_stops
 from sassgis.io.vector_layer import VectorLayer, described_layer

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from sassgis.hazard.assess import Hazard, raster
-from sassgis.hazard.attribution import shares_by_area, shares_by_scenario
+from sassgis.hazard.attribution import shares_by
 from sassgis.hazard.zone_styles import (
     hazard_level_style,
     level_change_style,
@@ -84,8 +84,8 @@ def hazard_zones(
         "area_m2": np.round(facts.area_m2, 1),
         "governing_area": [sources[k].area if k >= 0 else "" for k in facts.governing],
         "governing_scenario": [sources[k].scenario if k >= 0 else "" for k in facts.governing],
-        "share_by_area": _largest(*shares_by_area(facts.shares, sources)),
-        "share_by_scenario": _largest(*shares_by_scenario(facts.shares, sources)),
+        "share_by_area": _largest(*shares_by(facts.shares, [s.area for s in sources])),
+        "share_by_scenario": _largest(*shares_by(facts.shares, [s.scenario for s in sources])),
         "cells": facts.cells,
         "uncertain_share": np.round(facts.uncertain, 4),
         "edited": [hazard.edits[k].edit.words if k >= 0 else "" for k in facts.edit],
