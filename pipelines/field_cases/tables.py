@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ import shapely
 from sassgis.io.read.config import load_config
 from sassgis.io.read.observation_files import read_observations, validate_observations
 from sassgis.io.read.tiles import read_terrain
-from sassgis.model.errors import InputError, OutputError
+from sassgis.model.errors import InputError, OutputError, SassgisError
 from sassgis.model.grid import Grid
 from sassgis.runs.gap_case import drop_of
 
@@ -53,6 +53,24 @@ class FieldCase:
     observations: Mapping[str, Path]
     splits: Mapping[str, tuple[str, str]]
     notes: tuple[str, ...]
+
+    def pair(self, side: str) -> tuple[Path, Path]:
+        """The configuration, and a set of observations."""
+        return self.config, self.observations[side]
+
+
+def in_one_line(main: Callable[[], None]) -> None:
+    """Run a pipeline.
+
+    Raises
+    ------
+    SystemExit
+        With one line, if an input cannot be used or an output cannot be written.
+    """
+    try:
+        main()
+    except SassgisError as error:
+        raise SystemExit(f"Error: {error}") from None
 
 
 def parser(doc: str | None) -> argparse.ArgumentParser:
