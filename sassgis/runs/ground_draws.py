@@ -26,7 +26,7 @@ from sassgis.model.ground_ranges import ParameterRange, RangeRule, acting, range
 from sassgis.model.map_run import MapRun
 from sassgis.model.run_config import Config
 from sassgis.runs.inputs import cells_of_wholes
-from sassgis.runs.job import Job, OnProgress, Simulation, configured, read_job
+from sassgis.runs.job import Job, OnProgress, Simulation, Workplace, configured, read_job
 from sassgis.runs.map import check_starts
 from sassgis.runs.variant_lab import VariantLab, classes_on
 from sassgis.runs.workers import Jobs
@@ -66,15 +66,11 @@ def spread_rules(config: Config, run: MapRun) -> tuple[RangeRule, ...]:
 
 
 def drawn_ground(
-    config: Config,
-    work: Path,
     done: Simulation,
+    place: Workplace,
     known: tuple[RangeRule, ...],
     rules: Rules | None,
     placed: PlacedObjects,
-    jobs: Jobs,
-    on_progress: OnProgress | None,
-    tell: Callable[[str], None],
 ) -> DrawnGround | None:
     """Simulate the blocks of a run on the draws that the configuration asks for; None for none.
 
@@ -85,14 +81,14 @@ def drawn_ground(
     rules : Rules or None
         Of a zoning.
     """
-    draws = config.run.ground_uncertainty
+    draws = done.config.run.ground_uncertainty
     if not draws:
         return None
-    tell(f"Simulating {draws} draws of the ground classes")
+    place.tell(f"Simulating {draws} draws of the ground classes")
     # Of a road the whole, as in the report: a band of each stretch says less.
     wholes, exposed = cells_of_wholes(placed, done.run.grid)
-    job = Job(done.run, done.planned, ())
-    lab = VariantLab(config, job, rules, work, jobs, on_progress, tell, _PART, exposed)
+    job = Job(done.config, done.run, done.planned, ())
+    lab = VariantLab(job, rules, place, _PART, exposed)
     base = finding_of(done.run, done.progress, rules, exposed)
     return _drawn(lab, known, draws, base, wholes)
 
@@ -168,7 +164,7 @@ def runout_bands(
         job = read_job(config, None, tell)
         known = read_ranges(job.run.table, config.ground.ranges)
         check_starts(job.run, job.planned.points, lambda: job.planned, config.release.file)
-        lab = VariantLab(config, job, None, work, jobs, on_progress, tell, _PART)
+        lab = VariantLab(job, None, Workplace(work, jobs, on_progress, tell), _PART)
         base = lab.found(Variant(BASE, {}))
         found = _drawn(lab, known, draws, base).spread
     return found.band(MEDIAN), found.band(FAR)

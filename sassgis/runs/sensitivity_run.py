@@ -35,7 +35,7 @@ from sassgis.model.languages import in_language, phrase
 from sassgis.report.page import translated_report, write_report
 from sassgis.report.sensitivity_report import sensitivity_report
 from sassgis.runs.inputs import read_rules, states_frequencies
-from sassgis.runs.job import AnyConfig, OnProgress, configured, read_job
+from sassgis.runs.job import AnyConfig, OnProgress, Workplace, configured, read_job
 from sassgis.runs.map import check_starts
 from sassgis.runs.origin import Origin, write_origin
 from sassgis.runs.relief_project import write_over_relief
@@ -109,7 +109,8 @@ def sensitivity(
         few = max(_FEWEST_ROCKS, round(_ROCKS_SHARE * given)) if rocks is None else rocks
         run = replace(job.run, release=replace(job.run.release, rocks_per_point=few))
         check_starts(run, job.planned.points, lambda: job.planned, config.release.file)
-        lab = VariantLab(config, replace(job, run=run), rules, work, jobs, on_progress, tell)
+        place = Workplace(work, jobs, on_progress, tell)
+        lab = VariantLab(replace(job, run=run), rules, place)
         varied, done = _simulated(lab, known, samples, tell)
         tell("Writing maps, tables and report")
         warnings = (*job.notices, *_warnings(rules, varied))

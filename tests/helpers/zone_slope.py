@@ -19,7 +19,7 @@ from sassgis.io.read.config import load_config
 from sassgis.model.hazard import HazardCurves
 from sassgis.model.run_config import Config
 from sassgis.runs.inputs import read_rules
-from sassgis.runs.job import Job, OnProgress, Simulation, configured, read_job
+from sassgis.runs.job import Job, OnProgress, Simulation, Workplace, configured, read_job
 from sassgis.runs.zone import assessed, prepared, simulations
 
 WEST, NORTH, CELL = 2_700_000.0, 1_150_000.0, 2.0
@@ -216,5 +216,5 @@ def zoned(
     rules = read_rules(config, job.run)
     job = prepared(job, rules)
     work.mkdir(parents=True, exist_ok=True)
-    done, without = simulations(config, work, job, rules, jobs, on_progress, say)
+    done, without = simulations(job, rules, Workplace(work, jobs, on_progress, say))
     return Zoned(job, rules, done, without, assessed(rules, done, without))
