@@ -40,8 +40,7 @@ from sassgis.report.profile_report import profile_report
 from sassgis.runs.estimate import require_profile
 from sassgis.runs.inputs import collected_notices, profile_from_csv, read_map_run
 from sassgis.runs.job import AnyConfig, configured
-from sassgis.runs.origin import Origin, write_origin
-from sassgis.runs.publish_report import byline
+from sassgis.runs.origin import Origin, byline, write_origin
 from sassgis.terrain.fall_lines import fall_line_surface, trace
 from sassgis.terrain.flatten import chainage_to_xy
 from sassgis.terrain.prepare import LEAD_IN_M, PreparedLines, prepare_lines, scenario_word

@@ -27,7 +27,7 @@ from sassgis.model.ground import GroundClass
 from sassgis.model.hazard import ZoningSettings
 from sassgis.model.results import StopReason
 from sassgis.model.run_config import Config
-from sassgis.runs.inputs import named_preset, ref_width, with_counts, yearly_frequencies
+from sassgis.runs.inputs import named_preset, ref_width, yearly_frequencies
 from sassgis.runs.job import OnProgress, Simulation, Workplace, read_job, simulate_job
 from sassgis.runs.profile_run import profile_input, simulate_profile
 from sassgis.runs.workers import Jobs
@@ -160,7 +160,8 @@ def _simulated(
     job = read_job(config, None, tell)
     if config.hazard.ref_width_m is not None:
         width = ref_width(config, job.run.grid.cell_size)
-        job = replace(job, run=with_counts(job.run, named_preset(config).thresholds_kj, width))
+        thresholds = named_preset(config).thresholds_kj
+        job = replace(job, run=replace(job.run, thresholds_kj=thresholds, ref_width_m=width))
     done = simulate_job(job, Workplace(None, jobs, on_progress, tell))
     run, progress = done.run, done.progress
     layers = map_layers(

@@ -137,10 +137,22 @@ class Case:
             file, driver="GPKG"
         )
 
-    def expose(self, name: str, kind: str, objects: Mapping[str, Any], **keys: object) -> None:
-        """Exposed objects by their names in a layer of their own, and how vulnerable they are."""
+    def expose(
+        self,
+        name: str,
+        kind: str,
+        objects: Mapping[str, Any],
+        columns: Mapping[str, Sequence[object]] | None = None,
+        **keys: object,
+    ) -> None:
+        """Exposed objects by their names in a layer of their own, and how vulnerable they are.
+
+        ``columns`` are further ones of the layer, each read as a number of its objects.
+        """
         own = {"name": name, "kind": kind, "file": f"{name}.gpkg", "name_field": "name"}
-        self.write_layer(f"{name}.gpkg", list(objects.values()), {"name": list(objects)})
+        own |= {f"{column}_field": column for column in columns or {}}
+        attributes = {"name": list(objects), **(columns or {})}
+        self.write_layer(f"{name}.gpkg", list(objects.values()), attributes)
         self.lists.setdefault("objects", []).append({**own, **keys})
         rest = vulnerable("road", "vehicle", "line").rstrip()
         self.write_text("vulnerability.csv", VULNERABILITY + rest)
