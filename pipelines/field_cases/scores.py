@@ -245,7 +245,8 @@ def repeated(site: Site, made: Simulated) -> dict[str, Any]:
             "observed_m": _within(seen[own], place),
             "simulated_m": float(np.mean(each)),
             "simulated_95": np.quantile(each, [0.025, 0.975]),
-            "one_release_m": float(np.nanmean(_spread(rows[own]))),
+            # Of each run; NaN of blocks that never started.
+            "one_release_m": float(pd.DataFrame(rows[own]).std(axis=1).mean()),
         }
     return report
 
@@ -255,11 +256,6 @@ def _within(values: FloatArray, place: NDArray[np.int64]) -> float:
     frame = pd.DataFrame({"value": values, "place": place}).dropna()
     away = frame["value"] - frame.groupby("place")["value"].transform("mean")
     return float(np.sqrt((away**2).sum() / (len(frame) - frame["place"].nunique())))
-
-
-def _spread(rows: FloatArray) -> FloatArray:
-    """Standard deviation of each row; NaN of blocks that never started."""
-    return pd.DataFrame(rows).std(axis=1).to_numpy()
 
 
 def widths(

@@ -66,7 +66,7 @@ def study(
     given: argparse.Namespace,
     groups: Mapping[str, str],
     more: Mapping[str, Any] | None = None,
-) -> dict[str, Any]:
+) -> None:
     """Write ``results.json`` and figures.
 
     Parameters
@@ -78,11 +78,6 @@ def study(
         In which the untuned gap is told apart.
     more : mapping, optional
         Results of the pipeline's own.
-
-    Returns
-    -------
-    dict
-        What ``results.json`` holds.
     """
     out: Path = given.output
     everything = read_case(*case.pair("all"))
@@ -112,7 +107,6 @@ def study(
         }
     write_json(out / "results.json", results)
     print(f"Wrote {out / 'results.json'}")
-    return results
 
 
 def stops(case: Case, model: HypothesisModel, seed: int) -> tuple[FloatArray, FloatArray]:

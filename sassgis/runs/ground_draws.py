@@ -139,10 +139,8 @@ def runout_bands(
     draws: int,
     out: str | Path,
     *,
-    seed: int | None = None,
     jobs: Jobs = None,
     on_progress: OnProgress | None = None,
-    say: Callable[[str], None] | None = None,
 ) -> tuple[SpreadBand, SpreadBand]:
     """Bands of the median and of the 90 % quantile of the run-out, without any maps.
 
@@ -158,13 +156,13 @@ def runout_bands(
     Interrupted
         If the user stops it; what was simulated is kept.
     """
-    config = configured(config, seed)
-    tell = say or (lambda _text: None)
+    config = configured(config, None)
     with staged_output(Path(out), False) as work:
-        job = read_job(config, None, tell)
+        place = Workplace(work, jobs, on_progress, lambda _text: None)
+        job = read_job(config, None, place.tell)
         known = read_ranges(job.run.table, config.ground.ranges)
         check_starts(job.run, job.planned.points, lambda: job.planned, config.release.file)
-        lab = VariantLab(job, None, Workplace(work, jobs, on_progress, tell), _PART)
+        lab = VariantLab(job, None, place, _PART)
         base = lab.found(Variant(BASE, {}))
         found = _drawn(lab, known, draws, base).spread
     return found.band(MEDIAN), found.band(FAR)
