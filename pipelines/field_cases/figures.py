@@ -39,7 +39,6 @@ def stops_figure(seen: FloatArray, made: FloatArray, labels: Sequence[str], titl
     made : float64, shape (n, m, 2)
     labels : sequence of str, length n
         Group of each rock.
-    title : str
     """
     groups = sorted(set(labels))
     own = np.array([groups.index(label) for label in labels])

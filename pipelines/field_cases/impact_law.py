@@ -55,7 +55,6 @@ class State:
         (m/s, rad/s)
     axes : tuple of float
         Semi-axes, longest first (m).
-    mass_kg : float
     """
 
     dip: float
@@ -173,14 +172,12 @@ def left_out_scores(
 
     Parameters
     ----------
-    states : sequence of State
     seen : float64, shape (n, 5)
         What was observed, in the order of QUANTITIES.
     runs : sequence of str
         Run of each contact; its contacts are held out together.
     scored : sequence of int
         Columns that are scored; distances are in units of the observed spread.
-    seed : int
     draws : int
         Orientations and slopes drawn for each contact.
 

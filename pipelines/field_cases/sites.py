@@ -323,7 +323,6 @@ def simulated(
 
     Parameters
     ----------
-    site : Site
     out : Path
         For the result of the run.
     count : int
@@ -350,7 +349,6 @@ def run_out(site: Site, stops: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    site : Site
     stops : float64, shape (n, ..., 2)
 
     Returns

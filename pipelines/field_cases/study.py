@@ -71,7 +71,6 @@ def study(
 
     Parameters
     ----------
-    case : FieldCase
     given : Namespace
         Arguments of the pipeline.
     groups : mapping of rock to group

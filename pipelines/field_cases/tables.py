@@ -38,8 +38,6 @@ class FieldCase:
 
     Attributes
     ----------
-    name : str
-    config : Path
     observations : mapping
         Folder of each set: "all", and for each split the fitted and the held-out rocks.
     splits : mapping of name to (str, str)
@@ -123,7 +121,6 @@ def split_in_two(strata: Mapping[str, str], seed: int = SEED) -> tuple[list[str]
     Parameters
     ----------
     strata : mapping of rock to stratum
-    seed : int
 
     Returns
     -------
