@@ -154,7 +154,7 @@ def publish_map(
     done: Simulation,
     areas: Sequence[str] | None,
     tell: Callable[[str], None],
-    extras: Extras | None = None,
+    extras: Extras,
 ) -> Published:
     """Write the result of a run on the map, in the language of the settings.
 
@@ -167,7 +167,6 @@ def publish_map(
     tell : callable
         Called with a line of text now and then.
     """
-    extras = extras or Extras()
     tell("Writing the maps")
     config, run, planned, progress = done.config, done.run, done.planned, done.progress
     warnings = (*extras.warnings, *done.warnings)
@@ -305,18 +304,18 @@ def _write_report(
     lines = run_lines(progress, reach_angles(run, planned, progress))
     first = () if part.key_results is None else (context.key_results,)
     drawn, sheets = part.figures(), part.sheets()
-    beside = [("map.html", "The map in a browser")]
+    others = [("map.html", "The map in a browser")]
     if sheets:
         change = next((own for own in drawn if own.title == BARRIERS_TITLE), None)
         write_protection_page(
             work, config.project.name, byline(config), sheets, change, len(warnings)
         )
-        beside.append((PAGE_NAME, "Design of protection"))
+        others.append((PAGE_NAME, "Design of protection"))
     report = translated_report(
         replace(
             context,
             byline=byline(config),
-            files_beside=tuple(beside),
+            files_beside=tuple(others),
             summary=(
                 *part.summary[:1],
                 *lines[:1],
