@@ -79,6 +79,15 @@ def write_origin(
     )
 
 
+def provenance(config: Config) -> dict[str, str]:
+    """What reports say of their origin."""
+    return {
+        "Program": f"sassgis {sassgis.__version__}",
+        "Seed": str(config.run.seed),
+        "Settings and inputs (SHA-256)": settings_hash(config),
+    }
+
+
 def facts_of(config: Config, run: MapRun) -> dict[str, object]:
     """What the maps rest on, for the GeoPackage and the report."""
     return {

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-import sassgis
 from sassgis.hazard.assess import Rules
 from sassgis.hazard.sensitivity import (
     BASE,
@@ -23,7 +22,6 @@ from sassgis.hazard.sensitivity import (
     sensitivity_maps,
 )
 from sassgis.hazard.warnings import rule_warnings
-from sassgis.io.read.config import settings_hash
 from sassgis.io.read.ground_map import read_ranges
 from sassgis.io.staging import staged_output
 from sassgis.io.write.frames import write_table
@@ -37,7 +35,7 @@ from sassgis.report.sensitivity_report import sensitivity_report
 from sassgis.runs.inputs import read_rules, states_frequencies
 from sassgis.runs.job import AnyConfig, OnProgress, Workplace, configured, read_job
 from sassgis.runs.map import check_starts
-from sassgis.runs.origin import Origin, write_origin
+from sassgis.runs.origin import Origin, provenance, write_origin
 from sassgis.runs.relief_project import write_over_relief
 from sassgis.runs.variant_lab import VariantLab, classes_on
 from sassgis.runs.workers import Jobs
@@ -137,12 +135,7 @@ def sensitivity(
         write_table(work / "tables" / "effects.csv", [effect_table(found)])
         simulations = simulation_table(base, done, varied, names, cell_m2)
         write_table(work / "tables" / "simulations.csv", [simulations])
-        facts = {
-            "Program": f"sassgis {sassgis.__version__}",
-            "Seed": str(run.seed),
-            "Settings and inputs (SHA-256)": settings_hash(config),
-            "Configuration": config.label,
-        }
+        facts = provenance(config) | {"Configuration": config.label}
         with in_language(config.project.language):
             context = sensitivity_report(
                 config.project.name, run, found, maps, layers, len(filled), base.blocks, names,
