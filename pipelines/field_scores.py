@@ -68,12 +68,9 @@ def main(argv: list[str] | None = None) -> None:
     before = {name: run(site, "1986", paper) for name, site in sites.items()}
     all_rocks = {
         name: calibrate(
-            [site.case.pair("all")],
-            work / f"{name}_calibrated",
-            jobs=given.jobs,
-            draws=given.draws,
+            [s.case.pair("all")], work / f"{name}_calibrated", jobs=given.jobs, draws=given.draws
         )
-        for name, site in sites.items()
+        for name, s in sites.items()
     }
     settings = EngineSettings()
     results = {
