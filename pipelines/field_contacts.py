@@ -15,7 +15,6 @@ from pathlib import Path
 
 import numpy as np
 from field_cases import tables
-from field_cases.contact_figure import contact_figure
 from field_cases.contact_scores import (
     by_speed,
     compared,
@@ -25,12 +24,12 @@ from field_cases.contact_scores import (
     published_grazing,
     simulated,
 )
+from field_cases.figures import contact_figure
 from field_cases.program_contacts import program_contacts
 from field_cases.tables import write_json
 
 import sassgis
 from sassgis.io.read.ground_map import built_in_table
-from sassgis.model.errors import SassgisError
 from sassgis.report.figures import save
 
 
@@ -86,7 +85,4 @@ def main(argv: list[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    try:
-        main()
-    except SassgisError as error:
-        raise SystemExit(f"Error: {error}") from None
+    tables.in_one_line(main)

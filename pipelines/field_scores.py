@@ -19,16 +19,15 @@ from typing import Any
 import pandas as pd
 from field_cases import tables
 from field_cases.figures import field_figure
-from field_cases.held_out import calibrated, held_out, parameters
-from field_cases.scores import by_group, by_mass, repeated, score, widths
-from field_cases.site_bands import site_bands
+from field_cases.held_out import held_out, parameters
+from field_cases.scores import by_group, by_mass, repeated, score, site_bands, widths
 from field_cases.sites import Simulated, Site, authume, run_out, simulated, tschamut
 from field_cases.tables import write_json
 
 import sassgis
-from sassgis.model.errors import SassgisError
 from sassgis.model.settings import EngineSettings, TerrainSettings
 from sassgis.report.figures import save
+from sassgis.runs.calibrate import calibrate
 
 
 def published(data: Path) -> list[dict[str, str]]:
@@ -68,8 +67,10 @@ def main(argv: list[str] | None = None) -> None:
     paper = {"engine.readings": "1986"}
     before = {name: run(site, "1986", paper) for name, site in sites.items()}
     all_rocks = {
-        name: calibrated(site, "all", work / f"{name}_calibrated", given.jobs, given.draws)[0]
-        for name, site in sites.items()
+        name: calibrate(
+            [s.case.pair("all")], work / f"{name}_calibrated", jobs=given.jobs, draws=given.draws
+        )
+        for name, s in sites.items()
     }
     settings = EngineSettings()
     results = {
@@ -113,7 +114,4 @@ def main(argv: list[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    try:
-        main()
-    except SassgisError as error:
-        raise SystemExit(f"Error: {error}") from None
+    tables.in_one_line(main)

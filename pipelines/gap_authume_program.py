@@ -25,7 +25,6 @@ from field_cases.program_campaigns import ProgramRuns, campaign
 from field_cases.sites import AUTHUME_ZONES, SLOPE_ZONE, Site, quarry, written
 
 from sassgis.gap.causes.all_causes import CAUSES
-from sassgis.model.errors import SassgisError
 from sassgis.runs.diagnose import diagnose
 
 #: What is put on the runs, and the cause that it is.
@@ -112,7 +111,4 @@ def main(argv: list[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    try:
-        main()
-    except SassgisError as error:
-        raise SystemExit(f"Error: {error}") from None
+    tables.in_one_line(main)

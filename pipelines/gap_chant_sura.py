@@ -24,14 +24,13 @@ from field_cases.tables import (
     FieldCase,
     field_file,
     fresh,
+    in_one_line,
     parser,
     split_in_two,
     write_areas,
     write_case,
     write_dem,
 )
-
-from sassgis.model.errors import SassgisError
 
 FOLDER = "chant_sura_2020"
 DEM = "terrain_rf16_contact_extended.asc"
@@ -105,7 +104,4 @@ def main(argv: list[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    try:
-        main()
-    except SassgisError as error:
-        raise SystemExit(f"Error: {error}") from None
+    in_one_line(main)

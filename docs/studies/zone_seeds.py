@@ -35,7 +35,7 @@ from sassgis.model.grid import Grid
 from sassgis.model.hazard import HazardCurves, HazardPreset, ZoningSettings
 from sassgis.model.run_config import Config
 from sassgis.runs.inputs import read_rules
-from sassgis.runs.job import read_job
+from sassgis.runs.job import Workplace, read_job
 from sassgis.runs.zone import prepared, simulations
 
 #: As in the configurations.
@@ -65,10 +65,8 @@ def sample(config: Config, file: Path) -> None:
     job = read_job(config, None, lambda _text: None)
     rules = read_rules(config, job.run)
     with TemporaryDirectory() as work:
-        done, _ = simulations(
-            config, Path(work), prepared(job, rules), rules, 1, None, lambda _text: None,
-            check=False,
-        )  # fmt: skip
+        place = Workplace(Path(work), 1, None, lambda _text: None)
+        done, _ = simulations(prepared(job, rules), rules, place, sums_only=True)
     sampled = sampled_sources(done.run, done.progress, rules.frequencies)
     few = at_energies(curves_of(sampled, bins_of(done.run).threshold), rules.preset.thresholds_kj)
     np.savez(

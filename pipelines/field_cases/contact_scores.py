@@ -11,6 +11,7 @@ import pandas as pd
 from field_cases import tables
 from field_cases.contacts import plate_axes, read_contacts
 from field_cases.program_contacts import DENSITY_KGM3
+from field_cases.sites import AXES
 from sassgis.engine.effects import hooks
 from sassgis.engine.simulate import physics_of
 from sassgis.gap.residuals.impact_step import impact_draws
@@ -27,7 +28,6 @@ EDGES = (0.5, 1.0, 2.0, 3.0, 5.0, 20.0)
 FEWEST = 10
 STATES = ("vt_in_mps", "vn_in_mps", "omega_in_radps")
 AFTER = ("vt_out_mps", "vn_out_mps", "omega_out_radps")
-AXES = ("semi_axis_a_m", "semi_axis_b_m", "semi_axis_c_m")
 MEASURES = ("r_n", "r_t", "energy_kept", "spin_share")
 
 
@@ -82,7 +82,7 @@ def simulated(
     low, high = (grounds[kinds][k][:, None] for k in ("dp_min", "dp_max"))
     drawn[..., 1] = low + (high - low) * rng.uniform(size=(n, draws))
     out = np.empty((n, draws, 3))
-    axes = np.repeat(contacts[list(AXES)].to_numpy(float)[:, None, :], draws, axis=1)
+    axes = np.repeat(contacts[AXES].to_numpy(float)[:, None, :], draws, axis=1)
     states = np.column_stack(
         [np.radians(contacts["slope_deg"]), contacts[list(STATES)].to_numpy(float)]
     )
@@ -99,7 +99,7 @@ def measures(contacts: pd.DataFrame, after: FloatArray) -> FloatArray:
     vt, vn, spin = (contacts[name].to_numpy(float)[:, None] for name in STATES)
     a, b, _ = (contacts[name].to_numpy(float)[:, None] for name in AXES)
     inertia = (a**2 + b**2) / 5.0
-    size = np.cbrt(contacts[list(AXES)].to_numpy(float).prod(axis=1))[:, None]
+    size = np.cbrt(contacts[AXES].to_numpy(float).prod(axis=1))[:, None]
     before = vt**2 + vn**2 + inertia * spin**2
     t, n, w = np.moveaxis(after, -1, 0)
     kept = (t**2 + n**2 + inertia * w**2) / before

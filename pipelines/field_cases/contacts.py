@@ -26,7 +26,6 @@ def read_contacts(folder: Path, reach_m: float = REACH_M) -> tuple[pd.DataFrame,
 
     Parameters
     ----------
-    folder : Path
     reach_m : float
         Radius of the ground about a contact to which a plane is fitted (m).
 

@@ -25,16 +25,6 @@ from sassgis.runs.calibrate import calibrate
 from sassgis.runs.workers import Jobs
 
 
-def calibrated(
-    site: Site, side: str, out: Path, jobs: Jobs, draws: int | None
-) -> tuple[SiteCalibration, Path]:
-    """A calibration on a set of observations, and the configuration that it recommends."""
-    found = calibrate(
-        [(site.case.config, site.case.observations[side])], out, jobs=jobs, draws=draws
-    )
-    return found, out / "config.toml"
-
-
 def held_out(
     site: Site,
     configured: Simulated,
@@ -68,9 +58,11 @@ def held_out(
     rank: dict[str, list[FloatArray]] = {name: [] for name in names[:2]}
     divisions = [s for s in site.case.splits if s.startswith("halves")]
     for division in divisions:
-        fit, left = (site.numbers(side) for side in site.case.splits[division])
+        sides = site.case.splits[division]
+        fit, left = (site.numbers(side) for side in sides)
         folder = work / f"{site.name}_{division}"
-        found, config = calibrated(site, site.case.splits[division][0], folder, jobs, draws)
+        found = calibrate([site.case.pair(sides[0])], folder, jobs=jobs, draws=draws)
+        config = folder / "config.toml"
         made = simulated(site, folder / "run", count, config=config).take(left)
         rocks, before = site.take(left), configured.take(left)
         for name, own in (("left_out", made), ("left_out_configured", before)):

@@ -10,15 +10,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from field_cases.contacts import REACH_M, read_contacts
-from field_cases.distances import energy_scores, observed_scale
 from field_cases.figures import contacts_figure
+from field_cases.sites import AXES
 from sassgis.engine.effects import hooks
 from sassgis.engine.effects.soft_ground import SoftGround
 from sassgis.engine.ellipse import inertia
 from sassgis.engine.simulate import physics_of
+from sassgis.gap.inference.distances import energy_scores
 from sassgis.gap.residuals.impact_step import impact_draws
 from sassgis.io.read.ground_map import built_in_table
 from sassgis.model.effects import EffectSettings
@@ -55,7 +55,6 @@ class State:
         (m/s, rad/s)
     axes : tuple of float
         Semi-axes, longest first (m).
-    mass_kg : float
     """
 
     dip: float
@@ -72,11 +71,6 @@ class Law:
 
     ground: GroundClass
     soft: SoftGround | None = None
-
-    @property
-    def name(self) -> str:
-        """Form of soft ground, or "base"."""
-        return "base" if self.soft is None else self.soft.form
 
 
 def ground_class(name: str = GROUND) -> GroundClass:
@@ -118,7 +112,6 @@ def predict(
     Shape (draws, 5), in the order of QUANTITIES. Orientation and slope variation are drawn as the
     engine draws them, the errors of measurement on top. All rebound, as was observed.
     """
-    inert = inertia(*state.axes[:2])
     settings = EngineSettings().resolved()
     table = GroundTable((law.ground,)).with_rolling_threshold(0.0)
     effects = EffectSettings()
@@ -141,33 +134,30 @@ def predict(
     )  # fmt: skip
     made = after[:, 0]
     made[:, :2] *= factor[:, 2:]
-    moving = made[:, 0] ** 2 + made[:, 1] ** 2
+    return _with_energies(made, state)
+
+
+def _with_energies(after: FloatArray, state: State) -> FloatArray:
+    """Quantities from v_t, v_n and ω after an impact, shape (n, 3); in the order of QUANTITIES."""
+    inert = inertia(*state.axes[:2])
+    moving = after[:, 0] ** 2 + after[:, 1] ** 2
     speed2 = state.vt**2 + state.vn**2
-    kept = (moving + inert * made[:, 2] ** 2) / (speed2 + inert * state.omega**2)
-    return np.column_stack([made, kept, moving / speed2])
+    kept = (moving + inert * after[:, 2] ** 2) / (speed2 + inert * state.omega**2)
+    return np.column_stack([after, kept, moving / speed2])
 
 
-def _axes(rocks: pd.DataFrame) -> dict[str, tuple[float, float, float]]:
-    return {
-        r["rock_id"]: (r["semi_axis_a_m"], r["semi_axis_b_m"], r["semi_axis_c_m"])
-        for r in rocks.to_dict("records")
-    }
-
-
-def _state(row: Mapping[str, Any], axes: Mapping[str, tuple[float, float, float]]) -> State:
+def _state(row: Mapping[str, Any]) -> State:
+    a, b, c = (row[axis] for axis in AXES)
     return State(
         math.radians(row["slope_deg"]), row["vt_in_mps"], row["vn_in_mps"], row["omega_in_radps"],
-        axes[row["rock_id"]], row["mass_kg"],
+        (a, b, c), row["mass_kg"],
     )  # fmt: skip
 
 
-def _outcome(row: Mapping[str, Any], state: State) -> FloatArray:
-    """What was observed after a contact, in the order of QUANTITIES."""
-    out = np.array([row[name] for name in QUANTITIES[:3]])
-    inert = inertia(*state.axes[:2])
-    moving, speed2 = out[0] ** 2 + out[1] ** 2, state.vt**2 + state.vn**2
-    kept = (moving + inert * out[2] ** 2) / (speed2 + inert * state.omega**2)
-    return np.array([*out, kept, moving / speed2])
+def observed_scale(observed: FloatArray) -> FloatArray:
+    """Standard deviation of each quantity among the observed rows, shape (p,); 1 without any."""
+    spread = np.nanstd(observed, axis=0, ddof=1) if len(observed) > 1 else np.zeros(1)
+    return np.where(spread > 1e-12, spread, 1.0)
 
 
 def left_out_scores(
@@ -182,14 +172,12 @@ def left_out_scores(
 
     Parameters
     ----------
-    states : sequence of State
     seen : float64, shape (n, 5)
         What was observed, in the order of QUANTITIES.
     runs : sequence of str
         Run of each contact; its contacts are held out together.
     scored : sequence of int
         Columns that are scored; distances are in units of the observed spread.
-    seed : int
     draws : int
         Orientations and slopes drawn for each contact.
 
@@ -211,8 +199,8 @@ def left_out_scores(
         ]
 
         def score(law: int, i: int, unit: FloatArray, made: Any = made) -> float:
-            own_made = made[law][i][None][:, :, columns]
-            return float(energy_scores(own_made, seen[i : i + 1, columns], unit)[0])
+            replicas = made[law][i][:, None, columns] / unit
+            return float(energy_scores(seen[i : i + 1, columns] / unit, replicas)[0])
 
         best = np.empty(len(states), int)
         for run in set(runs):
@@ -255,7 +243,7 @@ def _means(states: Sequence[State], law: Law, seed: int) -> FloatArray:
 def contact_study(folder: Path, out: Path, seed: int) -> dict[str, Any]:
     """Contacts of the flights, predicted with each form; writes ``contacts.png``."""
     contacts, rocks = read_contacts(folder)
-    axes = _axes(rocks)
+    contacts = contacts.merge(rocks[["rock_id", *AXES]], on="rock_id", validate="m:1")
     spun = contacts["omega_in_radps"].notna() & contacts["omega_out_radps"].notna()
     ahead = contacts["vn_in_mps"] < 0.0
     near, _ = read_contacts(folder, 0.6 * REACH_M)
@@ -272,8 +260,9 @@ def contact_study(folder: Path, out: Path, seed: int) -> dict[str, Any]:
         ("all with a spin", contacts[spun & ahead]),
     ):
         records = rows.to_dict("records")
-        states = [_state(row, axes) for row in records]
-        seen = np.array([_outcome(r, s) for r, s in zip(records, states, strict=True)])
+        states = [_state(row) for row in records]
+        after = rows[list(QUANTITIES[:3])].to_numpy(float)[:, None]
+        seen = np.concatenate([_with_energies(a, s) for a, s in zip(after, states, strict=True)])
         runs = rows["rock_id"].tolist()
         scored = left_out_scores(states, seen, runs, (0, 1, 2), seed)
         untuned = {

@@ -42,7 +42,6 @@ class Campaign:
         Columns as of ``field_cases.sites.Site``.
     tables : mapping of name to DataFrame
         Besides rocks and deposits.
-    metadata : mapping
     drop_m : (float, float)
         Height of the centre above the ground at the release.
     """

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy.stats import spearmanr
 
 from field_cases.contacts import plate_axes
 from field_cases.figures import scars_figure
@@ -75,7 +76,7 @@ def scar_study(folder: Path, out: Path, seed: int) -> dict[str, Any]:
         "depth_predicted_m": predicted,
         "depth_left_out": {name: _depth_left_out(v, predicted, run) for name, v in depth.items()},
         "rank_correlation_with_normal_speed": {
-            name: _rank_correlation(normal, v) for name, v in depth.items()
+            name: float(spearmanr(normal, v).statistic) for name, v in depth.items()
         },
         "energy_kept_published": kept,
         "energy_lost_median": float(np.median(lost[loses])),
@@ -133,11 +134,6 @@ def _depth_left_out(seen: FloatArray, predicted: FloatArray, run: list[str]) -> 
         "factor_of_other_run_m": float(np.abs(scaled - seen).mean()),
         "median_of_other_run_m": float(np.abs(level - seen).mean()),
     }
-
-
-def _rank_correlation(x: FloatArray, y: FloatArray) -> float:
-    first, second = (pd.Series(v).rank().to_numpy(np.float64) for v in (x, y))
-    return float(np.corrcoef(first, second)[0, 1])
 
 
 def _dip(four: pd.DataFrame) -> float:

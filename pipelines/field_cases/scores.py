@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,10 @@ from scipy.stats import binomtest
 
 from field_cases.sites import Simulated, Site, run_out
 from sassgis.gap.inference.distances import energy_scores
+from sassgis.io.read.config import load_config
 from sassgis.model.grid import FloatArray
+from sassgis.runs.ground_draws import runout_bands
+from sassgis.runs.workers import Jobs
 
 SHARES = (0.1, 0.5, 0.9)
 BOOTSTRAPS = 1000
@@ -24,6 +28,9 @@ TILTS = (4.0, 7.0, 10.0, 15.0)
 DRIFTS = (2.0, 4.0, 6.0)
 #: Runs of one block from one place below which their spread is not looked at.
 FEWEST_RUNS = 3
+#: Draws of the classes, and simulations of each rock on each of them, about.
+BAND_DRAWS = 60
+BAND_COUNT = 16
 
 
 def quantiles(values: FloatArray) -> FloatArray:
@@ -131,6 +138,38 @@ def bands(ranks: list[FloatArray]) -> dict[str, Any]:
     return report
 
 
+def site_bands(site: Site, made: Simulated, out: Path, jobs: Jobs) -> dict[str, Any]:
+    """Middle 80 % of the draws of median and 90 % quantile, and whether it holds the observed one.
+
+    The program measures run-out along the path, the observed stops are known in plan: the limits
+    are those along the path over the value with the classes as they are, times its plan distance.
+
+    Parameters
+    ----------
+    made : Simulated
+        With the classes as they are.
+    out : Path
+        As of runout_bands.
+    jobs
+        Worker processes.
+    """
+    each = {"release.rocks_per_point": max(1, round(BAND_COUNT / site.points))}
+    config = load_config(site.case.config, each)
+    seen = quantiles(run_out(site, site.stops)[:, 0])[1:]
+    plain = quantiles(run_out(site, made.stops)[made.started, 0])[1:]
+    found = runout_bands(config, BAND_DRAWS, out, jobs=jobs)
+    rows = {}
+    for name, band, observed, simulated in zip(("median", "q90"), found, seen, plain, strict=True):
+        low, high = simulated * np.array([band.low, band.high]) / band.base
+        rows[name] = {
+            "observed_m": observed,
+            "simulated_m": simulated,
+            "band_m": [low, high],
+            "holds": bool(low <= observed <= high),
+        }
+    return rows
+
+
 def errors_of(site: Site, made: Simulated) -> FloatArray:
     """Relative errors of median, 90 % quantile and width."""
     rows = run_out(site, made.stops)[made.started]
@@ -206,7 +245,8 @@ def repeated(site: Site, made: Simulated) -> dict[str, Any]:
             "observed_m": _within(seen[own], place),
             "simulated_m": float(np.mean(each)),
             "simulated_95": np.quantile(each, [0.025, 0.975]),
-            "one_release_m": float(np.nanmean(_spread(rows[own]))),
+            # Of each run; NaN of blocks that never started.
+            "one_release_m": float(pd.DataFrame(rows[own]).std(axis=1).mean()),
         }
     return report
 
@@ -216,11 +256,6 @@ def _within(values: FloatArray, place: NDArray[np.int64]) -> float:
     frame = pd.DataFrame({"value": values, "place": place}).dropna()
     away = frame["value"] - frame.groupby("place")["value"].transform("mean")
     return float(np.sqrt((away**2).sum() / (len(frame) - frame["place"].nunique())))
-
-
-def _spread(rows: FloatArray) -> FloatArray:
-    """Standard deviation of each row; NaN of blocks that never started."""
-    return pd.DataFrame(rows).std(axis=1).to_numpy()
 
 
 def widths(

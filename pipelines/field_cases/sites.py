@@ -111,7 +111,6 @@ def tschamut(
     data: Path,
     out: Path,
     slope: str = "soft_meadow",
-    more: Sections | None = None,
     divisions: int = 1,
 ) -> Site:
     """Write the runs of Tschamut 2014, each from where it was released.
@@ -122,8 +121,6 @@ def tschamut(
         Folder of the field data; folder to write.
     slope : str
         Class of the slope.
-    more : mapping, optional
-        Further lines of the configuration.
     divisions : int
         Random divisions into halves whose observations are written.
     """
@@ -162,7 +159,7 @@ def tschamut(
     return written(
         "Tschamut",
         out,
-        _joined({"terrain": 'dem = "dem.tif"', "ground": f'default = "{slope}"'}, more),
+        {"terrain": 'dem = "dem.tif"', "ground": f'default = "{slope}"'},
         slope,
         rocks,
         [shapely.Point(*xy) for xy in points],
@@ -176,7 +173,6 @@ def authume(
     data: Path,
     out: Path,
     slope: str = AUTHUME_ZONES[SLOPE_ZONE],
-    more: Sections | None = None,
     divisions: int = 1,
 ) -> Site:
     """Write the blocks of position P1, released somewhere in a square above the quarry.
@@ -198,7 +194,6 @@ def authume(
     )  # fmt: skip
     rocks[AXES] = np.sort(ends[:, 4:7], axis=1)[:, ::-1] / 2.0
     rocks["density_kgm3"] = DENSITY_KGM3
-    sections = quarry(data, slope)
     grid = read_terrain(field_file(data, AUTHUME, QUARRY_DEM), "local")
     x, y = grid.cell_centres(np.arange(grid.values.size))
     (west, south), (east, north) = square.min(axis=0), square.max(axis=0)
@@ -214,7 +209,7 @@ def authume(
     return written(
         "Authume",
         out,
-        _joined({**sections, "blocks": f"drop_m = {drop}"}, more),
+        {**quarry(data, slope), "blocks": f"drop_m = {drop}"},
         slope,
         rocks,
         [shapely.MultiPoint(square).convex_hull] * len(rocks),
@@ -238,12 +233,6 @@ def quarry(data: Path, slope: str) -> Sections:
 def _classes(slope: str) -> dict[int, str]:
     """Ground classes at Authume by their code, with that of the slope."""
     return {**AUTHUME_ZONES, SLOPE_ZONE: slope}
-
-
-def _joined(sections: Sections, more: Sections | None) -> Sections:
-    """Lines of both."""
-    names = dict.fromkeys([*sections, *(more or {})])
-    return {n: "\n".join(s[n] for s in (sections, more or {}) if n in s) for n in names}
 
 
 def halves(rocks: pd.DataFrame, divisions: int) -> dict[str, tuple[list[str], list[str]]]:
@@ -275,9 +264,12 @@ def written(
         f"spacing_m = {SPACING_M}",
         "output": 'rock_table = "csv"\npaths_max = 0',
     }
-    joined = dict(_joined(lines, sections))
-    block = joined.pop("blocks", "")
-    text = [f"[{section}]\n{own_lines}\n" for section, own_lines in joined.items()]
+    text = []
+    for section in dict.fromkeys([*lines, *sections]):
+        if section != "blocks":
+            own = [of[section] for of in (lines, sections) if section in of]
+            text.append("\n".join([f"[{section}]", *own, ""]))
+    block = sections.get("blocks", "")
     for row in rocks[rocks["rock_id"] == scenario].to_dict("records"):
         axes = "\n".join(f"axis_{k + 1}_m = {row[axis]!r}" for k, axis in enumerate(AXES))
         text.append(
@@ -331,7 +323,6 @@ def simulated(
 
     Parameters
     ----------
-    site : Site
     out : Path
         For the result of the run.
     count : int
@@ -358,7 +349,6 @@ def run_out(site: Site, stops: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    site : Site
     stops : float64, shape (n, ..., 2)
 
     Returns

@@ -9,14 +9,15 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import energy_distance
 
 import sassgis
-from field_cases.distances import energy_distance, energy_scores
 from field_cases.figures import stops_figure
 from field_cases.sites import Site
-from field_cases.tables import FieldCase, fresh, parser, write_json
+from field_cases.tables import FieldCase, fresh, in_one_line, parser, write_json
 from sassgis.gap.diagnosis import GapFinding
-from sassgis.gap.inference.intervals import bootstrap_interval
+from sassgis.gap.inference.distances import energy_scores
+from sassgis.gap.inference.intervals import Interval, bootstrap_interval
 from sassgis.gap.inference.rock_tests import mean_gap_tests
 from sassgis.gap.observations.campaign import main_blocks, observed_campaign
 from sassgis.gap.observations.case import Case
@@ -25,7 +26,6 @@ from sassgis.gap.replicas.hypothesis_model import HypothesisModel, configured_mo
 from sassgis.gap.replicas.rock_lines import rock_lines_of
 from sassgis.gap.residuals.table import residuals_of
 from sassgis.gap.where.findings import where
-from sassgis.model.errors import SassgisError
 from sassgis.model.grid import FloatArray
 from sassgis.report.figures import save
 from sassgis.runs.calibrate import calibrate
@@ -53,11 +53,12 @@ def command(doc: str | None, write: Callable[[Path, Path], Site]) -> None:
         With one line, if a file cannot be used.
     """
     given = parser(doc).parse_args()
-    try:
+
+    def main() -> None:
         site = write(given.data, fresh(given.output))
         study(site.case, given, site.groups)
-    except SassgisError as error:
-        raise SystemExit(f"Error: {error}") from None
+
+    in_one_line(main)
 
 
 def study(
@@ -65,26 +66,20 @@ def study(
     given: argparse.Namespace,
     groups: Mapping[str, str],
     more: Mapping[str, Any] | None = None,
-) -> dict[str, Any]:
+) -> None:
     """Write ``results.json`` and figures.
 
     Parameters
     ----------
-    case : FieldCase
     given : Namespace
         Arguments of the pipeline.
     groups : mapping of rock to group
         In which the untuned gap is told apart.
     more : mapping, optional
         Results of the pipeline's own.
-
-    Returns
-    -------
-    dict
-        What ``results.json`` holds.
     """
     out: Path = given.output
-    everything = read_case(case.config, case.observations["all"])
+    everything = read_case(*case.pair("all"))
     results: dict[str, Any] = {
         "program": f"sassgis {sassgis.__version__}",
         "seed": given.seed,
@@ -107,11 +102,10 @@ def study(
         results["splits"] = {
             split: diagnosed(case, split, fit, left_out, given)
             for split, (fit, left_out) in case.splits.items()
-            if len(read_case(case.config, case.observations[fit]).observations.rocks) >= FEWEST
+            if len(read_case(*case.pair(fit)).observations.rocks) >= FEWEST
         }
     write_json(out / "results.json", results)
     print(f"Wrote {out / 'results.json'}")
-    return results
 
 
 def stops(case: Case, model: HypothesisModel, seed: int) -> tuple[FloatArray, FloatArray]:
@@ -156,12 +150,7 @@ def compare(
         rows = np.flatnonzero(member[:, g])
         one: dict[str, Any] = {"rocks": rows.size}
         for q, quantity in enumerate(QUANTITIES):
-            own = gap[rows, q]
-
-            def mean(k: NDArray[np.int64], own: FloatArray = own) -> float:
-                return float(own[k].mean())
-
-            interval = bootstrap_interval(mean, np.arange(rows.size), draws=DRAWS, rng=rng)
+            interval = _mean_interval(gap[rows, q], rng)
             values, drawn = seen[rows, q], made[rows, :, q].ravel()
             one[quantity] = {
                 "observed": np.quantile(values, [0.1, 0.5, 0.9]),
@@ -169,7 +158,7 @@ def compare(
                 "gap": interval.value,
                 "ci95": [interval.low, interval.high],
                 "p_adjusted": p_of[g - 1, q] if g else None,
-                "energy_distance_m": energy_distance(values, drawn),
+                "energy_distance_m": _distance(values, drawn),
                 "observed_abs_median": float(np.median(np.abs(values))),
                 "predicted_abs_median": float(np.median(np.abs(drawn))),
             }
@@ -177,14 +166,19 @@ def compare(
     return report
 
 
-def recalibrated(
-    case: FieldCase, split: str, fit: str, given: argparse.Namespace
-) -> tuple[Path, dict[str, float]]:
-    """``sassgis calibrate`` on the rocks to fit on: its configuration, and the values in it."""
-    folder = given.output / f"calibrated_{split}"
-    observed = case.observations[fit]
-    found = calibrate([(case.config, observed)], folder, jobs=given.jobs, seed=given.seed)
-    return folder / "config.toml", {f.parameter.label: f.value for f in found.fitted}
+def _mean_interval(values: FloatArray, rng: np.random.Generator) -> Interval:
+    """Of the mean of a value of each rock."""
+
+    def mean(rows: NDArray[np.int64]) -> float:
+        return float(values[rows].mean())
+
+    return bootstrap_interval(mean, np.arange(values.size), draws=DRAWS, rng=rng)
+
+
+def _distance(one: FloatArray, other: FloatArray) -> float:
+    """2 E|X − Y| − E|X − X'| − E|Y − Y'| (Székely and Rizzo 2013) of what is known."""
+    x, y = (own[np.isfinite(own)] for own in (one, other))
+    return float(energy_distance(x, y) ** 2)
 
 
 def left_out_scores(config: Path, observed: Path, seed: int) -> dict[str, Any]:
@@ -192,12 +186,8 @@ def left_out_scores(config: Path, observed: Path, seed: int) -> dict[str, Any]:
     other = read_case(config, observed)
     seen, made = stops(other, configured_model(other), seed)
     gap = (seen - made.mean(axis=1))[:, 0]
-
-    def mean(k: NDArray[np.int64]) -> float:
-        return float(gap[k].mean())
-
-    rng = np.random.default_rng([seed, 3])
-    interval = bootstrap_interval(mean, np.arange(gap.size), draws=DRAWS, rng=rng)
+    interval = _mean_interval(gap, np.random.default_rng([seed, 3]))
+    shift, sideways = (_distance(seen[:, q], made[:, :, q].ravel()) for q in (0, 1))
     ends = other.profiles.s[other.profiles.offset[1:] - 1][other.line]
     return {
         "rocks": gap.size,
@@ -205,9 +195,9 @@ def left_out_scores(config: Path, observed: Path, seed: int) -> dict[str, Any]:
         "predicted": np.quantile(made[:, :, 0], [0.1, 0.5, 0.9]),
         "gap_m": interval.value,
         "ci95": [interval.low, interval.high],
-        "crps_m": float(np.mean(energy_scores(made[:, :, :1], seen[:, :1]))),
-        "energy_distance_m": energy_distance(seen[:, 0], made[:, :, 0].ravel()),
-        "aside_energy_distance_m": energy_distance(seen[:, 1], made[:, :, 1].ravel()),
+        "crps_m": float(np.mean(energy_scores(seen[:, :1], np.swapaxes(made[:, :, :1], 0, 1)))),
+        "energy_distance_m": shift,
+        "aside_energy_distance_m": sideways,
         # A run-out at the end of the line is at least that.
         "to_the_end": float(np.mean(made[:, :, 0] > ends[:, None] - END_M)),
     }
@@ -257,7 +247,7 @@ def diagnosed(
 ) -> dict[str, Any]:
     """Calibrate and diagnose on the rocks to fit on; score both models on those left out."""
     folder = given.output / f"diagnosis_{split}"
-    answer = diagnose(case.config, case.observations[fit], folder, jobs=given.jobs, seed=given.seed)
+    answer = diagnose(*case.pair(fit), folder, jobs=given.jobs, seed=given.seed)
     verdict, shrinkage = answer.verdict, answer.shrinkage
     report: dict[str, Any] = {
         "fitted_on": answer.rocks,
@@ -281,14 +271,16 @@ def diagnosed(
         "measure_next": answer.measure_next,
     }  # fmt: skip
     if (case.observations[left_out] / "deposits.csv").is_file():
-        config, report["calibrated"] = recalibrated(case, split, fit, given)
+        own = given.output / f"calibrated_{split}"
+        found = calibrate([case.pair(fit)], own, jobs=given.jobs, seed=given.seed)
+        report["calibrated"] = {f.parameter.label: f.value for f in found.fitted}
         models = {
             "uncalibrated": case.config,
-            "sassgis calibrate": config,
+            "sassgis calibrate": own / "config.toml",
             "sassgis gap diagnose": folder / "model" / "config.toml",
         }
         report["left_out"] = {
-            name: left_out_scores(own, case.observations[left_out], given.seed)
-            for name, own in models.items()
+            name: left_out_scores(config, case.observations[left_out], given.seed)
+            for name, config in models.items()
         }
     return report

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ import shapely
 from sassgis.io.read.config import load_config
 from sassgis.io.read.observation_files import read_observations, validate_observations
 from sassgis.io.read.tiles import read_terrain
-from sassgis.model.errors import InputError, OutputError
+from sassgis.model.errors import InputError, OutputError, SassgisError
 from sassgis.model.grid import Grid
 from sassgis.runs.gap_case import drop_of
 
@@ -38,8 +38,6 @@ class FieldCase:
 
     Attributes
     ----------
-    name : str
-    config : Path
     observations : mapping
         Folder of each set: "all", and for each split the fitted and the held-out rocks.
     splits : mapping of name to (str, str)
@@ -53,6 +51,24 @@ class FieldCase:
     observations: Mapping[str, Path]
     splits: Mapping[str, tuple[str, str]]
     notes: tuple[str, ...]
+
+    def pair(self, side: str) -> tuple[Path, Path]:
+        """The configuration, and a set of observations."""
+        return self.config, self.observations[side]
+
+
+def in_one_line(main: Callable[[], None]) -> None:
+    """Run a pipeline.
+
+    Raises
+    ------
+    SystemExit
+        With one line, if an input cannot be used or an output cannot be written.
+    """
+    try:
+        main()
+    except SassgisError as error:
+        raise SystemExit(f"Error: {error}") from None
 
 
 def parser(doc: str | None) -> argparse.ArgumentParser:
@@ -105,7 +121,6 @@ def split_in_two(strata: Mapping[str, str], seed: int = SEED) -> tuple[list[str]
     Parameters
     ----------
     strata : mapping of rock to stratum
-    seed : int
 
     Returns
     -------
@@ -135,15 +150,6 @@ def write_tables(folder: Path, tables: Tables, metadata: Mapping[str, object]) -
     return folder
 
 
-def of_rocks(tables: Tables, rocks: Sequence[str]) -> dict[str, pd.DataFrame]:
-    """The tables with only the rows of some rocks."""
-    wanted = set(rocks)
-    return {
-        name: frame[frame["rock_id"].isin(wanted)] if "rock_id" in frame else frame
-        for name, frame in tables.items()
-    }
-
-
 def write_case(
     name: str,
     out: Path,
@@ -168,7 +174,11 @@ def write_case(
     for key, sides in splits.items():
         names[key] = (f"{key}_fit", f"{key}_left_out")
         for side, rocks in zip(names[key], sides, strict=True):
-            sets[side] = write_tables(out / f"observed_{side}", of_rocks(tables, rocks), metadata)
+            own = {
+                name: frame[frame["rock_id"].isin(set(rocks))] if "rock_id" in frame else frame
+                for name, frame in tables.items()
+            }
+            sets[side] = write_tables(out / f"observed_{side}", own, metadata)
     case = FieldCase(name, file, sets, names, tuple(notes))
     check(case)
     return case
@@ -181,26 +191,23 @@ def terrain_of(config: Path) -> Grid:
     return read_terrain(settings.dem_source, terrain.crs, terrain.vertical_datum)
 
 
-def check(case: FieldCase) -> list[str]:
-    """Warnings of the check of the observations.
+def check(case: FieldCase) -> None:
+    """Check the observations.
 
     Raises
     ------
     InputError
-        If it finds an error.
+        If there is an error in them.
     """
     grid, drop_m = terrain_of(case.config), drop_of(load_config(case.config).blocks)
-    warnings = []
-    for name, folder in case.observations.items():
+    for folder in case.observations.values():
         read = read_observations(folder, grid, drop_m)
         for finding in validate_observations(read, grid, drop_m):
             if finding.level == "error":
                 raise InputError(f"observations do not pass the check: {finding}", file=folder)
-            warnings.append(f"{name}: {finding}")
-    return warnings
 
 
-def write_dem(source: Path, target: Path, within: shapely.Geometry | None = None) -> Path:
+def write_dem(source: Path, target: Path, within: shapely.Geometry | None = None) -> None:
     """A terrain model as GeoTIFF; cells outside an area have no height."""
     with rasterio.open(source) as read:
         profile = {**read.profile, "driver": "GTiff", "compress": "deflate"}
@@ -210,12 +217,11 @@ def write_dem(source: Path, target: Path, within: shapely.Geometry | None = None
             heights[:, outside] = read.nodata
     with rasterio.open(target, "w", **profile) as written:
         written.write(heights)
-    return target
 
 
 def write_areas(
     target: Path, areas: Mapping[str, shapely.Geometry], crs: str | None, **columns: Sequence[str]
-) -> Path:
+) -> None:
     """Release areas as GeoPackage, with further columns."""
     import warnings
 
@@ -227,7 +233,6 @@ def write_areas(
         rows = {"name": list(areas), **columns}
         frame = gpd.GeoDataFrame(rows, geometry=list(areas.values()), crs=crs)
         frame.to_file(target)
-    return target
 
 
 def write_json(file: Path, results: Mapping[str, Any]) -> None:

@@ -53,7 +53,7 @@ from sassgis.runs.inputs import (
     read_rules,
     yearly_frequencies,
 )
-from sassgis.runs.job import Job, OnProgress, Simulation
+from sassgis.runs.job import Job, OnProgress, Simulation, Workplace
 from sassgis.runs.map import TerrainTooSmall
 from sassgis.runs.workers import Jobs, task_map
 from sassgis.runs.zone import prepared, simulations, write_zones
@@ -364,11 +364,10 @@ def _run_cut(
         ),
         vulnerability=setting.rules.vulnerability if objects else None,
     )
-    job = prepared(Job(run, cut.planned, cut.notices), rules)
+    job = prepared(Job(config, run, cut.planned, cut.notices), rules)
     with staged_output(folder, overwrite=True) as work:
-        done, without = simulations(
-            config, work, job, rules, jobs, on_progress, tell, sums_only=setting.sums_only
-        )
+        place = Workplace(work, jobs, on_progress, tell)
+        done, without = simulations(job, rules, place, sums_only=setting.sums_only)
         write_state(work / SIMULATION_NAME, done.progress, done.run)
         if without is not None:
             write_state(work / WITHOUT_BARRIERS_NAME, without.progress, without.run)

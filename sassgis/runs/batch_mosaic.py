@@ -290,7 +290,7 @@ def _write_one_block(
             Checkpoint(work, fingerprint), said, time.perf_counter() - began,
         )  # fmt: skip
 
-    job = Job(run, planned, ())
+    job = Job(config, run, planned, ())
     done = simulation(job, without=False)
     without = None
     if compares_barriers(config, run):

@@ -55,7 +55,15 @@ from sassgis.model.run_config import Config
 from sassgis.report.gap_report import gap_report, report_warnings
 from sassgis.report.page import translated_report, write_report
 from sassgis.runs.draw_store import OnProgress
-from sassgis.runs.evidence import BaseRungs, Evidence, evidence_of_site, prepared_case
+from sassgis.runs.evidence import (
+    AddedCauses,
+    BaseRungs,
+    Evidence,
+    evidence_of_site,
+    prepared_case,
+    shares_of,
+    verdict_of,
+)
 from sassgis.runs.gap_case import (
     comparable,
     fingerprint_of,
@@ -73,7 +81,6 @@ from sassgis.runs.gap_warnings import (
 from sassgis.runs.hypothesis_fits import DRAWS, HypothesisFits
 from sassgis.runs.job import AnyConfig, configured, workers_asked
 from sassgis.runs.origin import Origin, write_origin
-from sassgis.runs.weighed_causes import AddedCauses, shares_of, verdict_of
 from sassgis.runs.workers import Jobs, one_algebra_thread, task_map
 
 #: Folder of the result in which the maps before and after are put, where they are wanted.

@@ -1,4 +1,4 @@
-"""The models without an effect at a site, and what speaks for causes beyond them."""
+"""What speaks for causes at a site: models without an effect, causes added to them, the answer."""
 
 from __future__ import annotations
 
@@ -7,19 +7,43 @@ from dataclasses import dataclass, replace
 
 from sassgis.gap.calibration.contact_map import learned_contacts
 from sassgis.gap.calibration.problem import model_rows
+from sassgis.gap.causes.all_causes import CAUSES
 from sassgis.gap.causes.trees_cause import losses_at_one_place
-from sassgis.gap.diagnosis import CauseGain, Fingerprint, GapFinding, Rung
+from sassgis.gap.diagnosis import CauseGain, Fingerprint, GapFinding, Rung, Shrinkage, Verdict
 from sassgis.gap.ladder.cause_gains import cause_gains
 from sassgis.gap.ladder.handover import CONFIGURED_NUMBER
 from sassgis.gap.ladder.hypothesis_fit import FRESH, FittedHypothesis
-from sassgis.gap.ladder.rungs import CONFIGURED, GROUND, Ladder, Step, needs_contact_law
+from sassgis.gap.ladder.rungs import (
+    CONFIGURED,
+    GROUND,
+    Ladder,
+    Step,
+    needs_contact_law,
+    shrinkage_of,
+)
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.hypothesis_model import configured_model
 from sassgis.gap.residuals.table import ResidualTable, residuals_with
 from sassgis.gap.where.findings import where
+from sassgis.gap.which.cause_weights import CauseWeights
 from sassgis.gap.which.fingerprints import fingerprints
 from sassgis.gap.which.hypotheses import NONE, families_to_try
-from sassgis.gap.which.verdict import CONTACT_LAW, adequate, speaking
+from sassgis.gap.which.verdict import (
+    CONTACT_LAW,
+    UNKNOWN,
+    Thresholds,
+    adequate,
+    confidence_of,
+    confusion_set,
+    decide,
+    group_probability,
+    is_certain,
+    place_of,
+    second_of,
+    seen_of,
+    speaking,
+)
+from sassgis.gap.words import effect_key
 from sassgis.io.read.observation_files import AnyObservations
 from sassgis.model.grid import FloatArray
 from sassgis.model.languages import phrase
@@ -152,3 +176,144 @@ def _notes(residuals: ResidualTable) -> tuple[str, ...]:
             f"{found[1]:.0f}",
         ),
     )
+
+
+@dataclass(frozen=True, slots=True)
+class AddedCauses:
+    """Causes added to the base that the contact asks for: ground, or another law of the contact.
+
+    Attributes
+    ----------
+    evidence : Evidence
+        Beyond the base with a free contact.
+    """
+
+    made: HypothesisFits
+    evidence: Evidence
+    law: bool
+
+    @property
+    def base(self) -> str:
+        """Hypothesis of the base."""
+        return CONTACT_LAW if self.law else NONE
+
+    @property
+    def rung(self) -> str:
+        """The base as a rung of the ladder."""
+        return CONTACT_LAW if self.law else GROUND
+
+    def name(self, effect: str) -> str:
+        """Hypothesis of a rung of the ladder."""
+        if effect in (NONE, GROUND):
+            return NONE
+        return "+".join(sorted({*effect.split("+"), *([CONTACT_LAW] if self.law else [])}))
+
+    def fit(self, effect: str) -> FittedHypothesis:
+        """The base with an effect, calibrated if it is not yet.
+
+        It begins where the base has ended, with the draw of each cause that closes most.
+        """
+        gains = self.evidence.gains
+        start: dict[str, float] = {}
+        for cause in effect.split("+"):
+            start |= gains[cause].shares if cause in gains else {}
+        return self.made.add(self.name(effect), start | dict(self.made.add(self.base).shares))
+
+    def rows(self, effect: str) -> FloatArray:
+        """Rows of every rock by the model it had no weight in."""
+        return self.fit(effect).held_out_rows(self.made.problem.part)
+
+    def shrinkage(self, effect: str, without: str = "") -> Shrinkage:
+        """How far the gap shrinks by an effect, on rocks left out."""
+        before = self.rows(without) if without else self.made.rows(self.base)
+        return shrinkage_of(self.made.problem, before, effect, self.rows(effect))
+
+
+def shares_of(
+    evidence: Evidence, families: tuple[str, ...], weights: CauseWeights
+) -> dict[str, float]:
+    """Probability of each cause that these data could show, of "none" and of "unknown"."""
+    gains = evidence.speaking
+    seen = seen_of(evidence.prints, gains, families)
+    hidden, sound = len(families) - len(seen), adequate(evidence.findings)
+    return weights.shares(evidence.prints, gains, seen, hidden, sound)
+
+
+def _second(added: AddedCauses, first: str, weights: CauseWeights, frozen: Thresholds) -> str:
+    """A second cause beside the first: there is evidence left once the first is in the model."""
+    case = added.made.problem.case
+    families = tuple(name for name in families_to_try(case) if name != first)
+    # Only what there is evidence of beyond the base is looked for again.
+    sure = {f.effect for f in added.evidence.prints if f.observable and f.z >= frozen.second}
+    if sure.isdisjoint(families):
+        return ""
+    left = evidence_beyond(added.made, added.fit(first), families)
+    shares = shares_of(left, families, weights)
+    second = second_of(left.prints, shares, frozen)
+    if second and CAUSES[second].closes and not is_certain(left.prints, second, frozen):
+        closes = added.shrinkage("+".join(sorted([first, second])), without=first).value
+        if closes is not None and closes <= 0.0:
+            return ""
+    return second
+
+
+def verdict_of(
+    added: AddedCauses,
+    shares: Mapping[str, float],
+    weights: CauseWeights,
+    frozen: Thresholds,
+    law: bool,
+    sound: bool,
+    enough: bool,
+) -> tuple[Verdict, Shrinkage]:
+    """The answer, and how far the gap shrinks by what is named.
+
+    ``law``: whether the contact obeys another law; ``sound``: whether the base leaves nothing that
+    is significant and large; ``enough``: whether what calibrated ground leaves may be chance.
+    """
+    evidence = added.evidence
+    first = next((name for name in shares if name not in (NONE, UNKNOWN)), NONE)
+    if first != NONE and shares[first] < frozen.calibrated:
+        first = NONE
+    shrinkage = added.shrinkage(first) if first != NONE else _nothing_added(added)
+    closes = shrinkage.value if first != NONE and CAUSES[first].closes else None
+    effect, group, reason = decide(
+        evidence.prints, evidence.speaking, shares, sound, closes, frozen, law
+    )
+    if effect == first and effect != NONE:
+        second = _second(added, first, weights, frozen)
+        if second:
+            effect = "+".join(sorted([first, second]))
+            shrinkage = added.shrinkage(effect)
+            reason = phrase(
+                "{}; with it in the model, a fingerprint of {} is left", reason, effect_key(second)
+            )
+    elif effect == NONE:
+        shrinkage = _nothing_added(added)
+    elif first != NONE:
+        note = phrase("No effect is named; this is of {}, as a bound.", effect_key(first))
+        shrinkage = replace(shrinkage, note=note)
+    fitted = () if effect in (UNKNOWN, CONTACT_LAW) else added.fit(effect).models
+    case = added.made.problem.case
+    phase, segments = place_of(effect, case, [own.draw for own in fitted], evidence.findings)
+    least = frozen.possible["impacts" if len(case.observations.impacts) else "otherwise"]
+    verdict = Verdict(
+        effect,
+        confidence_of(effect, shares, frozen.right),
+        confusion_set(effect, least, shares),
+        phase,
+        segments,
+        reason,
+        dict(shares),
+        group,
+        CONTACT_LAW if law else "ground" if enough or adequate(evidence.findings) else "unresolved",
+        # The law of the contact is that of the base, whichever families there are.
+        group_probability(group, shares) + (shares[NONE] if effect == CONTACT_LAW else 0.0),
+        tuple(name for name in families_to_try(case) if name not in shares),
+    )
+    return verdict, shrinkage
+
+
+def _nothing_added(added: AddedCauses) -> Shrinkage:
+    base = added.made.rows(added.base)
+    return shrinkage_of(added.made.problem, base, NONE, base)

@@ -75,8 +75,50 @@ def read_case(config: AnyConfig, observations: AnyObservations) -> Case:
         Files that cannot be used, or no rock whose fall line can be traced.
     """
     run = read_map_run(configured(config, None))
-    read = read_observations(observations, run.grid, drop_of(run.blocks))
-    return case_of(run, read, observations_name(observations))
+    seen = read_observations(observations, run.grid, drop_of(run.blocks))
+    file = observations_name(observations)
+    if not seen.rock_names:
+        raise InputError(
+            "no rocks: neither a table of rocks nor any row with a rock_id",
+            file=file,
+            field="rocks",
+            expected="one row or more",
+        )
+    traces, line, moved = _fall_lines(run, seen, file)
+    prepared = prepare_lines(run, traces)
+    stations = station_chainages(traces, seen.stations, prolong_m=PROLONG_M)
+    masses = rock_masses_kg(seen)
+    row = {name: i for i, name in enumerate(seen.rocks.rock_id.tolist())}
+    blocks = tuple(
+        _observed(replace(run.blocks[0], name=name), seen, row.get(name), float(mass))
+        for name, mass in zip(seen.rock_names, masses, strict=True)
+    )
+    radius = np.array([_radius(b) for b in blocks], np.float64)
+    case = Case(
+        observations=seen,
+        grid=run.grid,
+        table=run.table,
+        engine=run.engine,
+        effects=run.effects,
+        forest=run.forest,
+        traces=traces,
+        profiles=prepared.profiles,
+        line=line,
+        blocks=blocks,
+        start=prepared.starts(moved)[line],
+        mass_kg=masses,
+        radius_m=radius,
+        stations=stations,
+        projected=project_observations(seen, traces, line, grid=run.grid, prolonged=run.followed),
+    )
+    case = replace(case, met=classes_met(case))
+    if not run.followed:
+        return case
+    traced = station_traces(case)
+    terrain = PathTerrain(
+        run.heights, run.ground, run.terrain.segment_tolerance_m, traced, run.forest
+    )
+    return replace(case, terrain=terrain)
 
 
 def observations_name(observations: AnyObservations) -> Path:
@@ -108,51 +150,6 @@ def fingerprint_of(config: Config, observations: AnyObservations, options: str) 
         digest.update("".join(f"{name} {own.digest}" for name, own in source.items()).encode())
     digest.update(options.encode())
     return digest.hexdigest()
-
-
-def case_of(run: MapRun, observations: Observations, file: Path) -> Case:
-    """The case of observations that have been read; ``file`` is for messages."""
-    names = observations.rock_names
-    if not names:
-        raise InputError(
-            "no rocks: neither a table of rocks nor any row with a rock_id",
-            file=file,
-            field="rocks",
-            expected="one row or more",
-        )
-    traces, line, moved = _fall_lines(run, observations, file)
-    prepared = prepare_lines(run, traces)
-    stations = station_chainages(traces, observations.stations, prolong_m=PROLONG_M)
-    masses = rock_masses_kg(observations)
-    blocks = rock_populations(observations, run.blocks[0], masses)
-    radius = np.array([_radius(b) for b in blocks], np.float64)
-    case = Case(
-        observations=observations,
-        grid=run.grid,
-        table=run.table,
-        engine=run.engine,
-        effects=run.effects,
-        forest=run.forest,
-        traces=traces,
-        profiles=prepared.profiles,
-        line=line,
-        blocks=blocks,
-        start=prepared.starts(moved)[line],
-        mass_kg=masses,
-        radius_m=radius,
-        stations=stations,
-        projected=project_observations(
-            observations, traces, line, grid=run.grid, prolonged=run.followed
-        ),
-    )
-    case = replace(case, met=classes_met(case))
-    if not run.followed:
-        return case
-    traced = station_traces(case)
-    terrain = PathTerrain(
-        run.heights, run.ground, run.terrain.segment_tolerance_m, traced, run.forest
-    )
-    return replace(case, terrain=terrain)
 
 
 def _fall_lines(
@@ -195,27 +192,15 @@ def _fall_lines(
     return traces, line.ravel().astype(np.int64), moved[used]
 
 
-def rock_populations(
-    observations: Observations, configured: BlockPopulation, mass_kg: FloatArray
-) -> tuple[BlockPopulation, ...]:
-    """One population per rock: what was observed is fixed, the rest is drawn as configured.
-
-    Parameters
-    ----------
-    mass_kg : float64, shape (n_rocks,)
-        NaN where unknown.
-    """
-    row = {name: i for i, name in enumerate(observations.rocks.rock_id.tolist())}
-    blocks = [replace(configured, name=name) for name in observations.rock_names]
-    return tuple(
-        _fixed(block, observations, row[block.name], float(mass)) if block.name in row else block
-        for block, mass in zip(blocks, mass_kg, strict=True)
-    )
-
-
-def _fixed(
-    block: BlockPopulation, observations: Observations, i: int, mass: float
+def _observed(
+    block: BlockPopulation, observations: Observations, i: int | None, mass: float
 ) -> BlockPopulation:
+    """The population of one rock: what was observed is fixed, the rest is drawn as configured.
+
+    ``i`` is its row in the table of rocks, ``mass`` (kg) is NaN where it is unknown.
+    """
+    if i is None:
+        return block
     rocks = observations.rocks
     axes = [float(getattr(rocks, f"semi_axis_{c}_m")[i]) for c in "abc"]
     density = float(rocks.density_kgm3[i])

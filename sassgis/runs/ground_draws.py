@@ -26,7 +26,7 @@ from sassgis.model.ground_ranges import ParameterRange, RangeRule, acting, range
 from sassgis.model.map_run import MapRun
 from sassgis.model.run_config import Config
 from sassgis.runs.inputs import cells_of_wholes
-from sassgis.runs.job import Job, OnProgress, Simulation, configured, read_job
+from sassgis.runs.job import Job, OnProgress, Simulation, Workplace, configured, read_job
 from sassgis.runs.map import check_starts
 from sassgis.runs.variant_lab import VariantLab, classes_on
 from sassgis.runs.workers import Jobs
@@ -66,15 +66,11 @@ def spread_rules(config: Config, run: MapRun) -> tuple[RangeRule, ...]:
 
 
 def drawn_ground(
-    config: Config,
-    work: Path,
     done: Simulation,
+    place: Workplace,
     known: tuple[RangeRule, ...],
     rules: Rules | None,
     placed: PlacedObjects,
-    jobs: Jobs,
-    on_progress: OnProgress | None,
-    tell: Callable[[str], None],
 ) -> DrawnGround | None:
     """Simulate the blocks of a run on the draws that the configuration asks for; None for none.
 
@@ -85,14 +81,14 @@ def drawn_ground(
     rules : Rules or None
         Of a zoning.
     """
-    draws = config.run.ground_uncertainty
+    draws = done.config.run.ground_uncertainty
     if not draws:
         return None
-    tell(f"Simulating {draws} draws of the ground classes")
+    place.tell(f"Simulating {draws} draws of the ground classes")
     # Of a road the whole, as in the report: a band of each stretch says less.
     wholes, exposed = cells_of_wholes(placed, done.run.grid)
-    job = Job(done.run, done.planned, ())
-    lab = VariantLab(config, job, rules, work, jobs, on_progress, tell, _PART, exposed)
+    job = Job(done.config, done.run, done.planned, ())
+    lab = VariantLab(job, rules, place, _PART, exposed)
     base = finding_of(done.run, done.progress, rules, exposed)
     return _drawn(lab, known, draws, base, wholes)
 
@@ -143,10 +139,8 @@ def runout_bands(
     draws: int,
     out: str | Path,
     *,
-    seed: int | None = None,
     jobs: Jobs = None,
     on_progress: OnProgress | None = None,
-    say: Callable[[str], None] | None = None,
 ) -> tuple[SpreadBand, SpreadBand]:
     """Bands of the median and of the 90 % quantile of the run-out, without any maps.
 
@@ -162,13 +156,13 @@ def runout_bands(
     Interrupted
         If the user stops it; what was simulated is kept.
     """
-    config = configured(config, seed)
-    tell = say or (lambda _text: None)
+    config = configured(config, None)
     with staged_output(Path(out), False) as work:
-        job = read_job(config, None, tell)
+        place = Workplace(work, jobs, on_progress, lambda _text: None)
+        job = read_job(config, None, place.tell)
         known = read_ranges(job.run.table, config.ground.ranges)
         check_starts(job.run, job.planned.points, lambda: job.planned, config.release.file)
-        lab = VariantLab(config, job, None, work, jobs, on_progress, tell, _PART)
+        lab = VariantLab(job, None, place, _PART)
         base = lab.found(Variant(BASE, {}))
         found = _drawn(lab, known, draws, base).spread
     return found.band(MEDIAN), found.band(FAR)

@@ -298,8 +298,8 @@ def named_preset(config: Config) -> HazardPreset:
 
 def with_rules(run: MapRun, rules: Rules) -> MapRun:
     """The run with the energies, objects and windows at which a zoning needs counts."""
-    counting = with_counts(run, rules.preset.thresholds_kj, rules.ref_width_m)
-    return with_objects(counting, rules.placed)
+    thresholds, width = rules.preset.thresholds_kj, rules.ref_width_m
+    return with_objects(replace(run, thresholds_kj=thresholds, ref_width_m=width), rules.placed)
 
 
 def with_objects(run: MapRun, placed: PlacedObjects) -> MapRun:
@@ -313,11 +313,6 @@ def cells_of_wholes(placed: PlacedObjects, grid: Grid) -> tuple[list[str], Objec
     cells, part = object_cells(placed, grid)
     owner = np.array([names.index(o.whole) for o in placed.objects], np.int64)
     return names, ObjectCells(len(names), cells, owner[part])
-
-
-def with_counts(run: MapRun, thresholds_kj: tuple[float, ...], ref_width_m: float) -> MapRun:
-    """The run with the energies and windows at which hazard curves need counts."""
-    return replace(run, thresholds_kj=thresholds_kj, ref_width_m=ref_width_m)
 
 
 def compares_barriers(config: Config, run: MapRun) -> bool:

@@ -46,9 +46,30 @@ NextRound = Callable[[MapRun, Plan, Progress], Round | None]
 class Job:
     """A run that is ready to be simulated: inputs, plan, and what the readers had to say."""
 
+    config: Config
     run: MapRun
     planned: Plan
     notices: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Workplace:
+    """Where a job is worked on, by whom, and who is told.
+
+    Attributes
+    ----------
+    folder : Path or None
+        Working folder of the result; None where nothing is to be written.
+    jobs, on_progress
+        As for sassgis.runs.run.run.
+    tell : callable
+        Called with a line of text now and then.
+    """
+
+    folder: Path | None
+    jobs: Jobs
+    on_progress: OnProgress | None
+    tell: Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +112,7 @@ def read_job(config: Config, areas: Sequence[str] | None, tell: Callable[[str], 
         run = read_map_run(config, areas)
     check_means(config, run)
     tell("Placing the release points")
-    return Job(run, plan(run), (*config.notes, *notices))
+    return Job(config, run, plan(run), (*config.notes, *notices))
 
 
 def check_means(config: Config, run: MapRun, jobs: Jobs = None) -> None:
@@ -125,27 +146,19 @@ def jobs_within(config: Config, run: MapRun, jobs: Jobs, memory_gb: float | None
     return threads if isinstance(asked, int) else asked
 
 
-def simulate_config(
-    config: Config,
-    work: Path | None,
+def simulate_job(
     job: Job,
+    place: Workplace,
     *,
-    jobs: Jobs,
-    on_progress: OnProgress | None,
-    tell: Callable[[str], None],
     next_round: NextRound | None = None,
     schedule: str = "",
     part: str = "",
     sums_only: bool = False,
 ) -> Simulation:
-    """Simulate a job; what is computed is kept in ``work`` whatever happens.
+    """Simulate a job; what is computed is kept in the working folder whatever happens.
 
     Parameters
     ----------
-    work : Path or None
-        Working folder of the result; None where nothing is to be written.
-    jobs, on_progress, tell
-        As for run.
     next_round : callable, optional
         Asked after the rounds of the run, and after each that it gives, for another one; None ends
         the simulation.
@@ -158,11 +171,12 @@ def simulate_config(
         Whether only the sums are wanted, and written at once: no sample is repeated at other
         tolerances of the segments, and the state is not saved once more at the end.
     """
-    run, planned = job.run, job.planned
-    check_means(config, run, jobs)
+    config, run, planned, tell = job.config, job.run, job.planned, place.tell
+    check_means(config, run, place.jobs)
+    jobs = workers_asked(config, place.jobs)
     check_starts(run, planned.points, lambda: planned, config.release.file)
     fingerprint = state_fingerprint(config, run, schedule)
-    checkpoint = Checkpoint(work, fingerprint, part)
+    checkpoint = Checkpoint(place.folder, fingerprint, part)
     began = time.perf_counter()
     resumed = checkpoint.restore(run, tell)
     progress = resumed if resumed is not None else Progress.fresh(run)
@@ -172,9 +186,8 @@ def simulate_config(
         run = replace(run, rounds=progress.rounds)
         tell("Simulating")
         simulate_saved(
-            run, planned, progress, checkpoint, workers_asked(config, jobs), on_progress,
-            _keeps_rows(config),
-        )  # fmt: skip
+            run, planned, progress, checkpoint, jobs, place.on_progress, _keeps_rows(config)
+        )
         more = None if next_round is None else next_round(run, planned, progress)
         if more is not None:
             progress.rounds = (*progress.rounds, more)
@@ -189,7 +202,7 @@ def simulate_config(
     if not (part or sums_only):
         tell("Repeating a sample at half and double the tolerance")
         try:
-            tolerance = check_tolerance(run, planned, workers_asked(config, jobs))
+            tolerance = check_tolerance(run, planned, jobs)
         except KeyboardInterrupt:
             raise Interrupted(f"stopped by the user{checkpoint.kept}") from None
     warnings = (

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +30,7 @@ from sassgis.runs.workers import Threads, Workers, held_back
 from sassgis.terrain.fall_lines import trace
 from sassgis.terrain.flatten import chainage_to_xy
 from sassgis.terrain.plan import Plan
-from sassgis.terrain.prepare import draw_keys, drawn_lines, prepare_lines
+from sassgis.terrain.prepare import PreparedLines, draw_keys, drawn_lines, prepare_lines
 from sassgis.terrain.release import take
 
 CHUNK_POINTS = 96
@@ -85,6 +86,37 @@ def path_terrain(run: MapRun) -> PathTerrain:
     return PathTerrain(
         run.heights, run.ground, run.terrain.segment_tolerance_m, run.control_lines, run.forest
     )
+
+
+def follow_blocks(
+    run: MapRun, points: ReleasePoints, k: int, again: int | IntArray, **more: Any
+) -> Simulated:
+    """Blocks of a scenario from points of one area, in some repetition; ``more`` as for follow."""
+    blocks = run.blocks[k]
+    return follow(
+        path_terrain(run), points, run.table, blocks, run.engine, seed=run.seed,
+        point_keys=draw_keys(points.key, blocks.name, again),
+        spread_m=run.start_spread_m(int(points.area[0])), effects=run.effects, **more,
+    )  # fmt: skip
+
+
+def blocks_on_lines(
+    run: MapRun,
+    planned: Plan,
+    which: IntArray,
+    prepared: PreparedLines,
+    k: int,
+    again: int | IntArray,
+    **more: Any,
+) -> Simulated:
+    """Blocks of a scenario on the lines of some points; ``more`` as for simulate."""
+    blocks = run.blocks[k]
+    return simulate(
+        prepared.profiles, run.table, blocks, run.engine, seed=run.seed,
+        line_keys=draw_keys(planned.starts.key[which], blocks.name, again)[prepared.good],
+        starts=prepared.starts(planned.moved[which][prepared.lines.point]),
+        control_lines=prepared.crossings, effects=run.effects, forest=run.forest, **more,
+    )  # fmt: skip
 
 
 def on_known_ground(run: MapRun, points: ReleasePoints) -> NDArray[np.bool_]:
@@ -161,22 +193,10 @@ def _followed(common: _Common, chunk: Chunk) -> tuple[NDArray[np.bool_], None, l
     points = take(points, np.flatnonzero(known))
     found: list[_OfScenario] = []
     for k in chunk.scenarios if len(points) else ():
-        result = follow(
-            path_terrain(run),
-            points,
-            run.table,
-            run.blocks[k],
-            run.engine,
-            seed=run.seed,
-            rocks_per_point=run.release.rocks_per_point,
-            point_keys=draw_keys(points.key, run.blocks[k].name, chunk.repetitions[known]),
-            spread_m=run.start_spread_m(int(points.area[0])),
-            objects=run.objects,
-            window=run.window,
-            bins=common.bins,
-            effects=run.effects,
-            worth=common.worth,
-        )
+        result = follow_blocks(
+            run, points, k, chunk.repetitions[known], rocks_per_point=run.release.rocks_per_point,
+            objects=run.objects, window=run.window, bins=common.bins, worth=common.worth,
+        )  # fmt: skip
         if result.looked_at is not None and any(sides := run.sides_met(result.looked_at)):
             raise TerrainTooSmall(sides)
         ended = np.concatenate([result.rocks, result.pieces])
@@ -191,33 +211,19 @@ def _on_lines(
     run, planned = common.run, common.planned
     traces = traced(run, planned, chunk.points)
     prepared = prepare_lines(run, traces)
-    good, lines = prepared.good, prepared.lines
-    start = prepared.starts(planned.moved[chunk.points][lines.point])
-    keys, length = planned.starts.key[chunk.points], prepared.length_m
+    lines, length = prepared.lines, prepared.length_m
     found: list[_OfScenario] = []
     for k in chunk.scenarios if len(lines) else ():
-        blocks = run.blocks[k]
-        result = simulate(
-            prepared.profiles,
-            run.table,
-            blocks,
-            run.engine,
-            seed=run.seed,
+        result = blocks_on_lines(
+            run, planned, chunk.points, prepared, k, chunk.repetitions,
             rocks_per_line=run.release.rocks_per_point,
-            line_keys=draw_keys(keys, blocks.name, chunk.repetitions)[good],
-            starts=start,
-            control_lines=prepared.crossings,
-            objects=run.objects,
-            window=run.window,
-            bins=common.bins,
-            effects=run.effects,
-            forest=run.forest,
-        )
+            objects=run.objects, window=run.window, bins=common.bins,
+        )  # fmt: skip
         ended = np.concatenate([result.rocks, result.pieces])
         line = ended["line"].astype(np.int64)
         x, y = chainage_to_xy(lines, line, np.clip(ended["runout_m"], 0.0, length[line]))
         found.append((k, result, ended, x, y))
-    return good, traces, found
+    return prepared.good, traces, found
 
 
 def chunks_of(

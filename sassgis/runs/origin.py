@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import date
 from pathlib import Path
 
 import sassgis
@@ -13,6 +14,7 @@ from sassgis.io.write.manifest import write_manifest
 from sassgis.model.crs import crs_name
 from sassgis.model.grid import Grid
 from sassgis.model.in_memory import Input
+from sassgis.model.languages import translated
 from sassgis.model.map_run import MapRun
 from sassgis.model.run_config import Config
 from sassgis.runs.inputs import input_files
@@ -77,6 +79,15 @@ def write_origin(
     )
 
 
+def provenance(config: Config) -> dict[str, str]:
+    """What reports say of their origin."""
+    return {
+        "Program": f"sassgis {sassgis.__version__}",
+        "Seed": str(config.run.seed),
+        "Settings and inputs (SHA-256)": settings_hash(config),
+    }
+
+
 def facts_of(config: Config, run: MapRun) -> dict[str, object]:
     """What the maps rest on, for the GeoPackage and the report."""
     return {
@@ -91,3 +102,17 @@ def facts_of(config: Config, run: MapRun) -> dict[str, object]:
         "effects": ", ".join(run.effects.names) or "none",
         "settings_hash": settings_hash(config),
     }
+
+
+def made_on(config: Config) -> str:
+    """The date on sheets and in the report: that of the configuration, or today."""
+    return config.project.date or date.today().isoformat()
+
+
+def byline(config: Config) -> tuple[str, ...]:
+    """Who made it, when, with which program; where to ask; whose data."""
+    project = config.project
+    status = translated(project.status)
+    parts = (status, project.author, made_on(config), f"sassgis {sassgis.__version__}",
+             project.contact, project.rights)  # fmt: skip
+    return tuple(part for part in parts if part)

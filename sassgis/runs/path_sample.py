@@ -8,17 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.engine.event_log import trajectory
-from sassgis.engine.simulate import Simulated, simulate
-from sassgis.engine.simulate_paths import follow
+from sassgis.engine.simulate import Simulated
 from sassgis.hazard.along_profile import BlockPath, LinePaths
 from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.map_run import MapRun
 from sassgis.model.profiles import ReleasePoints, TraceSet
 from sassgis.model.results import StopReason
-from sassgis.runs.map import on_known_ground, path_terrain, traced
+from sassgis.runs.map import blocks_on_lines, follow_blocks, on_known_ground, traced
 from sassgis.terrain.flatten import chainage_to_xy, profiles
 from sassgis.terrain.plan import Plan
-from sassgis.terrain.prepare import PreparedLines, control_line_crossings, draw_keys, prepare_lines
+from sassgis.terrain.prepare import PreparedLines, control_line_crossings, prepare_lines
 from sassgis.terrain.release import take
 
 LOG_EVENTS = 2000
@@ -92,13 +91,10 @@ def some_paths(run: MapRun, planned: Plan) -> list[LinePaths]:
 
 def _followed_again(run: MapRun, points: ReleasePoints, scenario: int, rock: int = 0) -> Simulated:
     """One block of each release point of an area, with its event log."""
-    blocks = run.blocks[scenario]
     repetition, number = divmod(rock, run.release.rocks_per_point)
-    return follow(
-        path_terrain(run), points, run.table, blocks, run.engine, seed=run.seed, rocks_per_point=1,
-        point_keys=draw_keys(points.key, blocks.name, repetition), first_rock=number,
-        spread_m=run.start_spread_m(int(points.area[0])), log_events=LOG_EVENTS,
-        effects=run.effects,
+    return follow_blocks(
+        run, points, scenario, repetition, rocks_per_point=1, first_rock=number,
+        log_events=LOG_EVENTS,
     )  # fmt: skip
 
 
@@ -108,16 +104,13 @@ def _on_lines_again(
     """Some blocks of release points on their lines, with event logs; None if all are too short."""
     traces = traced(run, planned, which)
     prepared = prepare_lines(run, traces)
-    if not len(prepared):
-        return traces, prepared, None
-    blocks = run.blocks[scenario]
-    return traces, prepared, simulate(
-        prepared.profiles, run.table, blocks, run.engine, seed=run.seed, rocks_per_line=rocks,
-        line_keys=draw_keys(planned.starts.key[which], blocks.name, again)[prepared.good],
-        starts=prepared.starts(planned.moved[which][prepared.lines.point]),
-        control_lines=prepared.crossings, log_events=LOG_EVENTS, effects=run.effects,
-        forest=run.forest,
-    )  # fmt: skip
+    result = None
+    if len(prepared):
+        result = blocks_on_lines(
+            run, planned, which, prepared, scenario, again, rocks_per_line=rocks,
+            log_events=LOG_EVENTS,
+        )  # fmt: skip
+    return traces, prepared, result
 
 
 def _in_plan(grid: Grid, log: NDArray[np.void]) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -148,52 +141,40 @@ def sample_paths(run: MapRun, planned: Plan, most: int) -> tuple[BlockPath, ...]
     if not points:
         return ()
     which = np.unique(np.linspace(0, n - 1, points).round().astype(np.int64))
+    if run.followed:
+        which = which[on_known_ground(run, take(planned.points, which))]
     area = planned.points.area[which]
     paths: list[BlockPath] = []
     for number in np.unique(area).tolist():
-        own = which[area == number]
         for k in planned.scenarios[number]:
-            found = (_followed if run.followed else _on_lines)(run, planned, own, k)
-            paths += found
+            paths += _paths(run, planned, which[area == number], k)
     return tuple(paths)
 
 
-def _followed(run: MapRun, planned: Plan, which: IntArray, scenario: int) -> Iterator[BlockPath]:
-    points = take(planned.points, which)
-    points = take(points, np.flatnonzero(on_known_ground(run, points)))
-    if not len(points):
-        return
-    name = points.area_names[int(points.area[0])]
-    result = _followed_again(run, points, scenario)
-    for i, log in enumerate(result.event_logs):
-        chainage, east, north = _in_plan(run.heights, log)
-        if chainage.size < 2:
-            continue
-        s, z = trajectory(log, run.engine.gravity_mps2, _STEP_S)
-        x, y = np.interp(s, chainage, east), np.interp(s, chainage, north)
-        yield _path(name, run.blocks[scenario].name, (x, y, z), result, i)
-
-
-def _on_lines(run: MapRun, planned: Plan, which: IntArray, scenario: int) -> Iterator[BlockPath]:
-    _, prepared, result = _on_lines_again(run, planned, which, scenario, 1)
+def _paths(run: MapRun, planned: Plan, which: IntArray, scenario: int) -> Iterator[BlockPath]:
+    """Paths of the first block of some release points of one area."""
+    prepared: PreparedLines | None = None
+    result: Simulated | None
+    if run.followed:
+        result = _followed_again(run, take(planned.points, which), scenario)
+    else:
+        _, prepared, result = _on_lines_again(run, planned, which, scenario, 1)
     if result is None:
         return
     name = planned.points.area_names[int(planned.points.area[which[0]])]
     for i, log in enumerate(result.event_logs):
         s, z = trajectory(log, run.engine.gravity_mps2, _STEP_S)
-        if s.size > 1:
+        if prepared is None:
+            chainage, east, north = _in_plan(run.heights, log)
+            if chainage.size < 2:
+                continue
+            x, y = np.interp(s, chainage, east), np.interp(s, chainage, north)
+        else:
+            if s.size < 2:
+                continue
             line = np.full(s.size, i, np.int64)
             x, y = chainage_to_xy(prepared.lines, line, np.clip(s, 0.0, prepared.length_m[i]))
-            yield _path(name, run.blocks[scenario].name, (x, y, z), result, i)
-
-
-def _path(
-    area: str,
-    scenario: str,
-    places: tuple[FloatArray, FloatArray, FloatArray],
-    result: Simulated,
-    number: int,
-) -> BlockPath:
-    row = result.rocks[number]
-    facts = [float(row[name]) for name in _FACTS]
-    return BlockPath(area, scenario, *places, StopReason(int(row["reason"])), *facts)
+        row = result.rocks[i]
+        facts = [float(row[fact]) for fact in _FACTS]
+        reason = StopReason(int(row["reason"]))
+        yield BlockPath(name, run.blocks[scenario].name, x, y, z, reason, *facts)

@@ -8,14 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-import sassgis
 from sassgis.engine.event_log import trajectory
 from sassgis.engine.simulate import Simulated, simulate
 from sassgis.hazard.along_profile import ProfileInput, ProfileResult, stretches_of
 from sassgis.hazard.control_lines import ControlLineSums
 from sassgis.hazard.map_sums import quantiles
 from sassgis.hazard.warnings import profile_warnings
-from sassgis.io.read.config import settings_hash
 from sassgis.io.read.vectors import read_line
 from sassgis.io.staging import staged_output
 from sassgis.io.write.frames import profile_passage_frame, profile_rock_frame, write_table
@@ -40,8 +38,7 @@ from sassgis.report.profile_report import profile_report
 from sassgis.runs.estimate import require_profile
 from sassgis.runs.inputs import collected_notices, profile_from_csv, read_map_run
 from sassgis.runs.job import AnyConfig, configured
-from sassgis.runs.origin import Origin, write_origin
-from sassgis.runs.publish_report import byline
+from sassgis.runs.origin import Origin, byline, provenance, write_origin
 from sassgis.terrain.fall_lines import fall_line_surface, trace
 from sassgis.terrain.flatten import chainage_to_xy
 from sassgis.terrain.prepare import LEAD_IN_M, PreparedLines, prepare_lines, scenario_word
@@ -267,14 +264,10 @@ def run_profile(
         scenarios = [b.name for b in config.blocks]
         write_table(work / "tables" / "rocks.csv", [profile_rock_frame(result, scenarios)])
         write_table(work / "tables" / "passages.csv", [profile_passage_frame(result)])
-        provenance = (
-            ("Program", f"sassgis {sassgis.__version__}"),
-            ("Seed", str(config.run.seed)),
-            ("Settings and inputs (SHA-256)", settings_hash(config)),
-        )
+        own = tuple(provenance(config).items())
         with in_language(config.project.language):
             context = profile_report(
-                result, warnings, config.effects.names, byline(config), provenance, work / "figures"
+                result, warnings, config.effects.names, byline(config), own, work / "figures"
             )
             report = translated_report(context)
             write_report(work / "report.html", report)
@@ -285,6 +278,6 @@ def run_profile(
             **{f"rocks_{r.name.lower()}": int((reasons == r).sum()) for r in StopReason},
         }
         # The profile, or the line under which it lies, if it is not that of the configuration.
-        own = Origin({"profile": file} if (file := csv or line) else {})
-        write_origin(work, config, counts, warnings, seed=config.run.seed, origin=own)
+        origin = Origin({"profile": file} if (file := csv or line) else {})
+        write_origin(work, config, counts, warnings, seed=config.run.seed, origin=origin)
     return ProfileRunResult(Path(out), result, report)

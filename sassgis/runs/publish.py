@@ -10,7 +10,10 @@ from typing import Any
 
 from sassgis.hazard.bins import bins_of
 from sassgis.hazard.map_sums import MapSums, Sample
+from sassgis.hazard.object_values import ObjectValues, object_values
 from sassgis.hazard.progress import line_ends, sample_of
+from sassgis.hazard.reach_angles import reach_angles
+from sassgis.hazard.sources import Sampled, sampled_sources
 from sassgis.hazard.warnings import ground_shares
 from sassgis.io.qgis import run_project
 from sassgis.io.qgis.entries import LayerGroup
@@ -29,14 +32,67 @@ from sassgis.model.grid import Grid
 from sassgis.model.results import RasterLayer, StopReason
 from sassgis.model.run_config import Config
 from sassgis.model.statistics_table import Bins
-from sassgis.report.page import ReportContext
+from sassgis.report.exposed_report import exposed_table, map_objects, most_exposed
+from sassgis.report.map_page import Contribution, MapHazard, MapPage, PlaceFacts, write_map_page
+from sassgis.report.map_report import map_report
+from sassgis.report.page import (
+    ReportContext,
+    ReportFigure,
+    ReportTable,
+    translated_report,
+    write_report,
+)
 from sassgis.report.pictures import GIVEN_UP
+from sassgis.report.protection_page import PAGE_NAME, ProtectionSheet, write_protection_page
+from sassgis.report.run_summary import object_lines, run_lines
+from sassgis.report.zone_report import BARRIERS_TITLE
 from sassgis.runs.checkpoint import read_rows
 from sassgis.runs.job import Simulation
-from sassgis.runs.origin import Origin, facts_of, write_origin
-from sassgis.runs.path_sample import sample_paths
-from sassgis.runs.publish_report import ReportPart, made_on, publish_report
+from sassgis.runs.map_answers import area_rows, blocks_by_source
+from sassgis.runs.origin import Origin, byline, facts_of, made_on, write_origin
+from sassgis.runs.path_sample import paths_on_line, sample_paths, some_paths
 from sassgis.runs.workers import beside
+
+
+@dataclass(frozen=True, slots=True)
+class ReportPart:
+    """What a report says besides what was simulated.
+
+    Attributes
+    ----------
+    figures : callable
+        Draws its figures and gives them.
+    key_results : ReportTable or None
+        Heads the report, in place of the stopping reasons.
+    described : tuple of (str, str)
+        Added to what the report says was computed.
+    levels : dict of str to str
+        The hazard level of each exposed object by its name; empty without zones.
+    objects : ObjectValues or None
+        What reaches the exposed objects, by frequency; None without zones.
+    summary : tuple of (str, str)
+        Added to the answer in short.
+    spread : tuple of (str, str)
+        Added to it after the run-out.
+    hazard, contributions, places, frequencies
+        What the map that can be asked says of zones, sources, objects and release areas.
+    sheets : callable
+        Draws the sheets of protection and gives them.
+    """
+
+    figures: Callable[[], tuple[ReportFigure, ...]] = tuple
+    key_results: ReportTable | None = None
+    tables: tuple[ReportTable, ...] = ()
+    described: tuple[tuple[str, str], ...] = ()
+    levels: dict[str, str] = field(default_factory=dict)
+    objects: ObjectValues | None = None
+    summary: tuple[tuple[str, str], ...] = ()
+    spread: tuple[tuple[str, str], ...] = ()
+    hazard: MapHazard | None = None
+    contributions: Sequence[Contribution] = ()
+    places: Mapping[str, PlaceFacts] = field(default_factory=dict)
+    frequencies: Mapping[tuple[str, str], float] = field(default_factory=dict)
+    sheets: Callable[[], tuple[ProtectionSheet, ...]] = tuple
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +154,7 @@ def publish_map(
     done: Simulation,
     areas: Sequence[str] | None,
     tell: Callable[[str], None],
-    extras: Extras | None = None,
+    extras: Extras,
 ) -> Published:
     """Write the result of a run on the map, in the language of the settings.
 
@@ -111,17 +167,13 @@ def publish_map(
     tell : callable
         Called with a line of text now and then.
     """
-    extras = extras or Extras()
     tell("Writing the maps")
     config, run, planned, progress = done.config, done.run, done.planned, done.progress
     warnings = (*extras.warnings, *done.warnings)
     layers = block_maps(config, run.grid, progress.sums, sample_of(run, progress), bins_of(run))
     counts = _counts(done)
     facts = facts_of(config, run) | extras.facts | counts
-    report = partial(
-        publish_report, work, done, layers, extras.layers, extras.placed, warnings, facts,
-        extras.report,
-    )  # fmt: skip
+    report = partial(_write_report, work, done, layers, extras, warnings, facts)
     with beside(report, GIVEN_UP) as reported:
         terrain = terrain_layer(run.grid)
         for layer in (*extras.layers, *layers, terrain):
@@ -220,3 +272,97 @@ def _write_rows(folder: Path, done: Simulation, tell: Callable[[str], None]) -> 
             tell(f"Writing the table of {name}")
             rows = (frame_of(read_rows(part), done.run, done.planned) for part in parts)
             write_table(folder / f"{name}.{suffix}", rows)
+
+
+def _write_report(
+    work: Path,
+    done: Simulation,
+    layers: tuple[RasterLayer, ...],
+    extras: Extras,
+    warnings: Sequence[str],
+    facts: Mapping[str, object],
+) -> ReportContext:
+    """Write ``report.html`` with its figures, ``map.html``, and sheets of protection if any.
+
+    ``layers`` are the maps of the blocks. Returns what the report says, in the language of the
+    settings.
+    """
+    config, run, planned, progress = done.config, done.run, done.planned, done.progress
+    part, placed = extras.report, extras.placed
+    furthest = progress.furthest
+    shown = None if furthest is None else paths_on_line(run, planned, *furthest[1:])
+    named = {"terrain_file": config.dem_source.name, "config_file": config.label}
+    if done.tolerance is not None:
+        named["tolerance_check"] = done.tolerance.sentence()
+    objects = map_objects(placed)
+    context = map_report(
+        run, planned, progress, layers, shown, warnings, {**facts, **named}, work / "figures",
+        objects,
+    )  # fmt: skip
+    values = part.objects or values_at_objects(done, None, ())
+    exposed = exposed_table(placed, values, part.levels)
+    lines = run_lines(progress, reach_angles(run, planned, progress))
+    first = () if part.key_results is None else (context.key_results,)
+    drawn, sheets = part.figures(), part.sheets()
+    others = [("map.html", "The map in a browser")]
+    if sheets:
+        change = next((own for own in drawn if own.title == BARRIERS_TITLE), None)
+        write_protection_page(
+            work, config.project.name, byline(config), sheets, change, len(warnings)
+        )
+        others.append((PAGE_NAME, "Design of protection"))
+    report = translated_report(
+        replace(
+            context,
+            byline=byline(config),
+            files_beside=tuple(others),
+            summary=(
+                *part.summary[:1],
+                *lines[:1],
+                *part.spread,
+                *lines[1:],
+                *object_lines(exposed),
+                *part.summary[1:],
+            ),
+            key_results=part.key_results or context.key_results,
+            figures=(*drawn, *context.figures),
+            tables=(most_exposed(exposed), *part.tables, *first, *context.tables),
+            what_was_run=(*part.described, *context.what_was_run),
+        )
+    )
+    write_report(work / "report.html", report)
+    rows = area_rows(run, part.frequencies)
+    page = MapPage(
+        config.project.name,
+        run,
+        (*extras.layers, *layers),
+        [(area.name, area.geometry, rows[area.name]) for area in run.areas],
+        objects,
+        part.contributions or blocks_by_source(run, progress),
+        some_paths(run, planned),
+        part.places,
+        part.hazard,
+    )
+    write_map_page(work / "map.html", page)
+    return report
+
+
+def values_at_objects(
+    done: Simulation,
+    sampled: Sequence[Sampled] | None,
+    return_periods: Sequence[float],
+    heights: bool = True,
+) -> ObjectValues:
+    """What reaches the exposed objects of a run; ``sampled`` with frequencies, if there are any."""
+    run, bins = done.run, bins_of(done.run)
+    own = sampled_sources(run, done.progress, None) if sampled is None else sampled
+    return object_values(
+        run.objects,
+        [s.source for s in own],
+        [s.objects for s in own],
+        bins.threshold,
+        done.progress.sums if heights else None,
+        bins.edges["height"],
+        return_periods=return_periods,
+        confidence=done.config.hazard.confidence,
+    )

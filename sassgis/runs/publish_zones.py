@@ -36,8 +36,7 @@ from sassgis.report.zone_report import level_table, zone_facts_of, zone_figures,
 from sassgis.runs.job import Simulation
 from sassgis.runs.map_answers import line_facts, map_hazard, object_facts, rates_by_source
 from sassgis.runs.origin import Origin
-from sassgis.runs.publish import Extras
-from sassgis.runs.publish_report import ReportPart, values_at_objects
+from sassgis.runs.publish import Extras, ReportPart, values_at_objects
 
 #: Layers of a group of areas that make sense for all groups together; the first is a table, too.
 _OF_GROUPS = ("hazard_zones", "hazard_area", "synoptic_intensity", "indicative_hazard_area")

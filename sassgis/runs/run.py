@@ -19,10 +19,11 @@ from sassgis.runs.job import (
     AnyConfig,
     OnProgress,
     Simulation,
+    Workplace,
     configured,
     jobs_within,
     read_job,
-    simulate_config,
+    simulate_job,
 )
 from sassgis.runs.workers import Jobs
 from sassgis.terrain.plan import Plan
@@ -142,10 +143,9 @@ def run(
             placed = placed_objects(config, job.run.grid)
         job = replace(job, run=with_objects(job.run, placed))
         known = spread_rules(config, job.run)
-        simulation = simulate_config(
-            config, work, job, jobs=jobs, on_progress=on_progress, tell=tell
-        )
-        drawn = drawn_ground(config, work, simulation, known, None, placed, jobs, on_progress, tell)
+        place = Workplace(work, jobs, on_progress, tell)
+        simulation = simulate_job(job, place)
+        drawn = drawn_ground(simulation, place, known, None, placed)
         # What writes takes longer to load than what computes: not before there is a result.
         from sassgis.runs.publish import Extras, publish_map
         from sassgis.runs.publish_ground import with_spread

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-import sassgis
 from sassgis.hazard.assess import Rules
 from sassgis.hazard.sensitivity import (
     BASE,
@@ -23,7 +22,6 @@ from sassgis.hazard.sensitivity import (
     sensitivity_maps,
 )
 from sassgis.hazard.warnings import rule_warnings
-from sassgis.io.read.config import settings_hash
 from sassgis.io.read.ground_map import read_ranges
 from sassgis.io.staging import staged_output
 from sassgis.io.write.frames import write_table
@@ -35,9 +33,9 @@ from sassgis.model.languages import in_language, phrase
 from sassgis.report.page import translated_report, write_report
 from sassgis.report.sensitivity_report import sensitivity_report
 from sassgis.runs.inputs import read_rules, states_frequencies
-from sassgis.runs.job import AnyConfig, OnProgress, configured, read_job
+from sassgis.runs.job import AnyConfig, OnProgress, Workplace, configured, read_job
 from sassgis.runs.map import check_starts
-from sassgis.runs.origin import Origin, write_origin
+from sassgis.runs.origin import Origin, provenance, write_origin
 from sassgis.runs.relief_project import write_over_relief
 from sassgis.runs.variant_lab import VariantLab, classes_on
 from sassgis.runs.workers import Jobs
@@ -109,7 +107,8 @@ def sensitivity(
         few = max(_FEWEST_ROCKS, round(_ROCKS_SHARE * given)) if rocks is None else rocks
         run = replace(job.run, release=replace(job.run.release, rocks_per_point=few))
         check_starts(run, job.planned.points, lambda: job.planned, config.release.file)
-        lab = VariantLab(config, replace(job, run=run), rules, work, jobs, on_progress, tell)
+        place = Workplace(work, jobs, on_progress, tell)
+        lab = VariantLab(replace(job, run=run), rules, place)
         varied, done = _simulated(lab, known, samples, tell)
         tell("Writing maps, tables and report")
         warnings = (*job.notices, *_warnings(rules, varied))
@@ -136,12 +135,7 @@ def sensitivity(
         write_table(work / "tables" / "effects.csv", [effect_table(found)])
         simulations = simulation_table(base, done, varied, names, cell_m2)
         write_table(work / "tables" / "simulations.csv", [simulations])
-        facts = {
-            "Program": f"sassgis {sassgis.__version__}",
-            "Seed": str(run.seed),
-            "Settings and inputs (SHA-256)": settings_hash(config),
-            "Configuration": config.label,
-        }
+        facts = provenance(config) | {"Configuration": config.label}
         with in_language(config.project.language):
             context = sensitivity_report(
                 config.project.name, run, found, maps, layers, len(filled), base.blocks, names,

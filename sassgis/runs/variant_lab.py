@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -18,10 +18,8 @@ from sassgis.io.staging import CHECKPOINT_STEM, writing
 from sassgis.model.errors import Interrupted
 from sassgis.model.ground_ranges import with_values
 from sassgis.model.map_run import MapRun, ObjectCells
-from sassgis.model.run_config import Config
 from sassgis.runs.checkpoint import Checkpoint
-from sassgis.runs.job import Job, OnProgress, simulate_saved, state_fingerprint, workers_asked
-from sassgis.runs.workers import Jobs
+from sassgis.runs.job import Job, Workplace, simulate_saved, state_fingerprint, workers_asked
 
 _KEPT = [f.name for f in fields(VariantFinding)]
 
@@ -33,8 +31,6 @@ class VariantLab:
     ----------
     job : Job
         Of its stops none is kept.
-    work : Path
-        Working folder of the result.
     part : str
         Distinguishes what is kept from the states of other simulations for the same result.
     exposed : ObjectCells, optional
@@ -43,25 +39,22 @@ class VariantLab:
 
     def __init__(
         self,
-        config: Config,
         job: Job,
         rules: Rules | None,
-        work: Path,
-        jobs: Jobs,
-        on_progress: OnProgress | None,
-        tell: Callable[[str], None],
+        place: Workplace,
         part: str = "",
         exposed: ObjectCells | None = None,
     ) -> None:
         run = replace(job.run, stop_points_max=0)
-        self.job, self.rules, self._tell = replace(job, run=run), rules, tell
+        self.job, self.rules, self._place = replace(job, run=run), rules, place
         self.total = 0
         judged = None if rules is None else (rules.preset, rules.frequencies)
         asked = repr((run.release.rocks_per_point, judged, _KEPT))
-        self._fingerprint = state_fingerprint(config, run, asked)
-        self._work, self._part, self._exposed = work, part, exposed
-        self._folder = work / CHECKPOINT_STEM / part
-        self._jobs, self._step = workers_asked(config, jobs), on_progress
+        self._fingerprint = state_fingerprint(job.config, run, asked)
+        self._part, self._exposed = part, exposed
+        assert place.folder is not None
+        self._folder = place.folder / CHECKPOINT_STEM / part
+        self._workers = workers_asked(job.config, place.jobs)
         self._asked, self._blocks = 0, 0
 
     def names(self, objects: Sequence[str]) -> Names:
@@ -75,8 +68,8 @@ class VariantLab:
         found = self.found(variant, seed)
         self._asked += 1
         self._blocks += found.blocks
-        if self._step is not None:
-            self._step(self._asked, max(self.total, self._asked), self._blocks)
+        if self._place.on_progress is not None:
+            self._place.on_progress(self._asked, max(self.total, self._asked), self._blocks)
         return found
 
     def found(self, variant: Variant, seed: int | None = None) -> VariantFinding:
@@ -84,17 +77,18 @@ class VariantLab:
         asked = [self._fingerprint, sorted([*k, v] for k, v in variant.values.items()), seed]
         digest = hashlib.sha256(json.dumps(asked).encode()).hexdigest()
         file = self._folder / f"{digest}.npz"
-        arrays = read_saved(file, digest, self._tell)
+        arrays = read_saved(file, digest, self._place.tell)
         if arrays is not None:
             return VariantFinding.from_arrays(arrays)
         # What is left of a simulation that was stopped is of use to the same one alone.
-        under_way = Checkpoint(self._work, digest, str(Path(self._part, "under_way")))
+        part = str(Path(self._part, "under_way"))
+        under_way = Checkpoint(self._place.folder, digest, part)
         run = self.job.run
         table = with_values(run.table, variant.values)
         run = replace(run, table=table, seed=run.seed if seed is None else seed)
-        progress = under_way.restore(run, self._tell) or Progress.fresh(run)
+        progress = under_way.restore(run, self._place.tell) or Progress.fresh(run)
         try:
-            simulate_saved(run, self.job.planned, progress, under_way, self._jobs)
+            simulate_saved(run, self.job.planned, progress, under_way, self._workers)
         except Interrupted:
             raise Interrupted(
                 f"stopped by the user after {self._asked} simulations; they are kept in "

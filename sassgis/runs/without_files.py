@@ -27,8 +27,8 @@ from sassgis.model.ground import GroundClass
 from sassgis.model.hazard import ZoningSettings
 from sassgis.model.results import StopReason
 from sassgis.model.run_config import Config
-from sassgis.runs.inputs import named_preset, ref_width, with_counts, yearly_frequencies
-from sassgis.runs.job import OnProgress, Simulation, read_job, simulate_config
+from sassgis.runs.inputs import named_preset, ref_width, yearly_frequencies
+from sassgis.runs.job import OnProgress, Simulation, Workplace, read_job, simulate_job
 from sassgis.runs.profile_run import profile_input, simulate_profile
 from sassgis.runs.workers import Jobs
 
@@ -160,10 +160,9 @@ def _simulated(
     job = read_job(config, None, tell)
     if config.hazard.ref_width_m is not None:
         width = ref_width(config, job.run.grid.cell_size)
-        job = replace(job, run=with_counts(job.run, named_preset(config).thresholds_kj, width))
-    done = simulate_config(
-        config, None, job, jobs=jobs, on_progress=on_progress, tell=tell,
-    )  # fmt: skip
+        thresholds = named_preset(config).thresholds_kj
+        job = replace(job, run=replace(job.run, thresholds_kj=thresholds, ref_width_m=width))
+    done = simulate_job(job, Workplace(None, jobs, on_progress, tell))
     run, progress = done.run, done.progress
     layers = map_layers(
         progress.sums, run.grid.shape, sample_of(run, progress), bins_of(run).edges,

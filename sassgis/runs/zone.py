@@ -14,7 +14,6 @@ from sassgis.hazard.sources import sampled_sources
 from sassgis.io.read.edit_polygons import read_edits, with_earlier
 from sassgis.io.staging import staged_output
 from sassgis.model.languages import in_language
-from sassgis.model.run_config import Config
 from sassgis.runs.ground_draws import DrawnGround, drawn_ground, spread_rules
 from sassgis.runs.inputs import compares_barriers, read_rules, with_rules
 from sassgis.runs.job import (
@@ -22,10 +21,11 @@ from sassgis.runs.job import (
     Job,
     OnProgress,
     Simulation,
+    Workplace,
     configured,
     jobs_within,
     read_job,
-    simulate_config,
+    simulate_job,
 )
 from sassgis.runs.more_blocks import MoreBlocks, check_budget
 from sassgis.runs.run import RunResult, result_of
@@ -51,8 +51,8 @@ class ZoneResult:
 
 def prepared(job: Job, rules: Rules) -> Job:
     """The job with the energies and objects at which the zoning needs counts."""
-    run = with_rules(job.run, rules)
-    return Job(run, job.planned, (*job.notices, *rules.notices))
+    notices = (*job.notices, *rules.notices)
+    return replace(job, run=with_rules(job.run, rules), notices=notices)
 
 
 def without_barriers(job: Job) -> Job:
@@ -60,7 +60,7 @@ def without_barriers(job: Job) -> Job:
     control_lines = tuple(
         (replace(line, kind="station"), trace) for line, trace in job.run.control_lines
     )
-    return Job(replace(job.run, control_lines=control_lines), job.planned, ())
+    return replace(job, run=replace(job.run, control_lines=control_lines), notices=())
 
 
 def zone(
@@ -101,13 +101,10 @@ def zone(
         job = prepared(job, rules)
         known = spread_rules(config, job.run)
         jobs = jobs_within(config, job.run, jobs, memory_gb)
+        place = Workplace(work, jobs, on_progress, tell)
         began = time.perf_counter()
-        done, without = simulations(
-            config, work, job, rules, jobs, on_progress, tell, along_slope=True
-        )
-        drawn = drawn_ground(
-            config, work, done, known, rules, rules.placed, jobs, on_progress, tell
-        )
+        done, without = simulations(job, rules, place, along_slope=True)
+        drawn = drawn_ground(done, place, known, rules, rules.placed)
         found, published = write_zones(work, rules, done, without, areas, tell, drawn=drawn)
         seconds = time.perf_counter() - began
     return ZoneResult(result_of(Path(out), done, published, drawn), rules, found, seconds)
@@ -170,42 +167,28 @@ def assessed(rules: Rules, done: Simulation, without: Simulation | None) -> Asse
 
 
 def simulations(
-    config: Config,
-    work: Path,
-    job: Job,
-    rules: Rules,
-    jobs: Jobs,
-    on_progress: OnProgress | None,
-    tell: Callable[[str], None],
-    sums_only: bool = False,
-    along_slope: bool = False,
+    job: Job, rules: Rules, place: Workplace, sums_only: bool = False, along_slope: bool = False
 ) -> tuple[Simulation, Simulation | None]:
     """Simulate with the barriers and, if that is wanted, without them: the same blocks.
 
-    Parameters are those of simulate_config; ``along_slope``: without barriers blocks are recorded
-    at copies of the lines along the slope, too.
+    ``sums_only`` as for simulate_job; ``along_slope``: without barriers blocks are recorded at
+    copies of the lines along the slope, too.
     """
-    budget, both = config.hazard.budget, compares_barriers(config, job.run)
+    budget, both = job.config.hazard.budget, compares_barriers(job.config, job.run)
     more, schedule = None, ""
     if budget is not None:
-        check_budget(config, job.run, int(job.planned.blocks_of_point(job.run).sum()))
-        more = MoreBlocks(rules, budget, budget.seconds / (1 + both), tell)
+        check_budget(job.config, job.run, int(job.planned.blocks_of_point(job.run).sum()))
+        more = MoreBlocks(rules, budget, budget.seconds / (1 + both), place.tell)
         schedule = repr((budget, rules.preset, rules.frequencies))
-    done = simulate_config(
-        config, work, job, jobs=jobs, on_progress=on_progress, tell=tell, next_round=more,
-        schedule=schedule, sums_only=sums_only,
-    )  # fmt: skip
+    done = simulate_job(job, place, next_round=more, schedule=schedule, sums_only=sums_only)
     if not both:
         return done, None
-    tell("Once more without walls and nets")
+    place.tell("Once more without walls and nets")
     same = without_barriers(replace(job, run=replace(job.run, rounds=done.run.rounds)))
     if along_slope:
         # Stations where the lines could stand up and down the slope, after the others.
         lines = same.run.control_lines
-        places = [m.as_station(lines[m.of][0].name) for m in moved_lines(same.run.grid, lines)]
-        same = replace(same, run=replace(same.run, control_lines=(*lines, *places)))
-    without = simulate_config(
-        config, work, same, jobs=jobs, on_progress=on_progress, tell=tell,
-        schedule=schedule, part="without_barriers", sums_only=sums_only,
-    )  # fmt: skip
-    return done, without
+        stations = [m.as_station(lines[m.of][0].name) for m in moved_lines(same.run.grid, lines)]
+        same = replace(same, run=replace(same.run, control_lines=(*lines, *stations)))
+    part = "without_barriers"
+    return done, simulate_job(same, place, schedule=schedule, part=part, sums_only=sums_only)

@@ -19,7 +19,7 @@ from sassgis.io.read.config import load_config
 from sassgis.model.hazard import HazardCurves
 from sassgis.model.run_config import Config
 from sassgis.runs.inputs import read_rules
-from sassgis.runs.job import Job, OnProgress, Simulation, configured, read_job
+from sassgis.runs.job import Job, OnProgress, Simulation, Workplace, configured, read_job
 from sassgis.runs.zone import assessed, prepared, simulations
 
 WEST, NORTH, CELL = 2_700_000.0, 1_150_000.0, 2.0
@@ -137,10 +137,22 @@ class Case:
             file, driver="GPKG"
         )
 
-    def expose(self, name: str, kind: str, objects: Mapping[str, Any], **keys: object) -> None:
-        """Exposed objects by their names in a layer of their own, and how vulnerable they are."""
+    def expose(
+        self,
+        name: str,
+        kind: str,
+        objects: Mapping[str, Any],
+        columns: Mapping[str, Sequence[object]] | None = None,
+        **keys: object,
+    ) -> None:
+        """Exposed objects by their names in a layer of their own, and how vulnerable they are.
+
+        ``columns`` are further ones of the layer, each read as a number of its objects.
+        """
         own = {"name": name, "kind": kind, "file": f"{name}.gpkg", "name_field": "name"}
-        self.write_layer(f"{name}.gpkg", list(objects.values()), {"name": list(objects)})
+        own |= {f"{column}_field": column for column in columns or {}}
+        attributes = {"name": list(objects), **(columns or {})}
+        self.write_layer(f"{name}.gpkg", list(objects.values()), attributes)
         self.lists.setdefault("objects", []).append({**own, **keys})
         rest = vulnerable("road", "vehicle", "line").rstrip()
         self.write_text("vulnerability.csv", VULNERABILITY + rest)
@@ -216,5 +228,5 @@ def zoned(
     rules = read_rules(config, job.run)
     job = prepared(job, rules)
     work.mkdir(parents=True, exist_ok=True)
-    done, without = simulations(config, work, job, rules, jobs, on_progress, say)
+    done, without = simulations(job, rules, Workplace(work, jobs, on_progress, say))
     return Zoned(job, rules, done, without, assessed(rules, done, without))

@@ -17,7 +17,7 @@ import rasterio
 import shapely
 from helpers.command_line import exit_code
 from helpers.in_qgis import in_qgis
-from helpers.zone_slope import VULNERABILITY, Case, box, place, two_areas
+from helpers.zone_slope import HOUSE, Case, box, place, two_areas
 
 PROBE = Path(__file__).parents[2] / "io" / "qgis" / "probe.py"
 
@@ -32,21 +32,12 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """Without a wall, and with one that stops every block of the northern area."""
     folder = tmp_path_factory.mktemp("results")
     case = two_areas(folder, hazard={"ref_width_m": 6.0, "compare_barriers": False})
-    case.write_layer("houses.gpkg", [box(62.0, 33.0, 3.0, 4.0)], {"name": ["left"]})
-    case.lists["objects"] = [
-        {"name": "houses", "kind": "building", "file": "houses.gpkg", "name_field": "name",
-         "value": 4e5, "persons": 2.0, "presence": 0.5},
-        {"name": "pipes", "kind": "line", "file": "pipe.gpkg", "name_field": "name",
-         "segment_m": 20.0, "value_per_m": 500.0},
-    ]  # fmt: skip
-    pipe = shapely.LineString([place(60.0, 10.0), place(60.0, 60.0)])
-    case.write_layer("pipe.gpkg", [pipe], {"name": ["pipe"]})
+    case.expose("houses", "building", {"left": box(62.0, 33.0, 3.0, 4.0)}, **HOUSE)
+    pipe = {"pipe": shapely.LineString([place(60.0, 10.0), place(60.0, 60.0)])}
+    case.expose("pipes", "line", pipe, segment_m=20.0, value_per_m=500.0)
     case.lists["stations"] = [
         {"name": "foot", "line": [list(place(58.0, 2.0)), list(place(58.0, 68.0))]}
     ]
-    more = [f"line,{k},{v},0,invented" for k, v in (("low", 0.1), ("mean", 0.4), ("high", 0.9))]
-    case.write_text("vulnerability.csv", *VULNERABILITY.split(), *more)
-    case.sections["risk"] = {"vulnerability": "vulnerability.csv"}
     case.sections["project"] = {"language": "de"}  # zones and maps name the levels alike
     case.write()
     before = zone(case, folder / "before")

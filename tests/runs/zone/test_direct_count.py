@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
-from helpers.zone_slope import VULNERABILITY, Case, Zoned, box, place, two_areas, zoned
+from helpers.zone_slope import Case, Zoned, box, place, two_areas, zoned
 from shapely import ops
 
 from sassgis.engine.simulate import simulate
@@ -149,19 +149,12 @@ def make(folder: Path, **settings: dict[str, object]) -> tuple[Case, Zoned]:
     case = two_areas(folder, terrain={"path": "fall_line"}, **settings)
     # Two houses, one of them on its corner, and people at a point in the gully.
     corner = shapely.affinity.rotate(box(60.3, 33.2, 4.7, 3.1), 30.0)
-    case.write_layer(
-        "houses.gpkg", [corner, box(50.0, 30.0, 3.0, 6.0)],
-        {"name": ["corner", "upper"], "value": [1e5, 2e5], "persons": [2.0, 3.0]},
+    case.expose(
+        "houses", "building", {"corner": corner, "upper": box(50.0, 30.0, 3.0, 6.0)},
+        {"value": [1e5, 2e5], "persons": [2.0, 3.0]}, presence=0.6,
     )  # fmt: skip
-    case.write_layer("people.gpkg", [shapely.Point(*place(45.2, 35.4))], {"name": ["bench"]})
-    case.lists["objects"] = [
-        {"name": "houses", "kind": "building", "file": "houses.gpkg", "name_field": "name",
-         "value_field": "value", "persons_field": "persons", "presence": 0.6},
-        {"name": "people", "kind": "people", "file": "people.gpkg", "persons": 1,
-         "presence": 0.1, "radius_m": 5.0},
-    ]  # fmt: skip
-    case.write_text("vulnerability.csv", VULNERABILITY.rstrip())
-    case.set("risk.vulnerability", "vulnerability.csv")
+    bench = {"bench": shapely.Point(*place(45.2, 35.4))}
+    case.expose("people", "people", bench, persons=1, presence=0.1, radius_m=5.0)
     case.sections["release"] |= {"spacing_m": 4.5, "rocks_per_point": 6}
     # With the turning ellipse the centre steps by centimetres where rolling ends; with others only
     # where a block lands softly: with this spacing none does so at the rim of a window.

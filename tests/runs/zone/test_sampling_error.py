@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.zone_slope import VULNERABILITY, box, two_areas
+from helpers.zone_slope import box, two_areas
 
 from sassgis.hazard.assess import curves_of, risk_of
 from sassgis.hazard.bins import bins_of
@@ -42,16 +42,10 @@ def repeated(folder: Path, **settings: dict[str, object]) -> Repeated:
     case.sections["release"] |= {"rocks_per_point": 60, "spacing_m": 8.0}
     case.blocks[0] |= {"axis_1_m": [0.2, 0.5], "onset_frequency": 0.1}
     case.blocks[1] |= {"axis_1_m": [0.7, 1.2], "axis_2_m": 0.7, "onset_frequency": 0.1}
-    case.write_layer(
-        "houses.gpkg", [box(62.0, 33.0, 2.0, 5.0), box(66.0, 35.0, 2.0, 1.0)],
-        {"name": ["first", "second"], "value": [1e6, 3e5], "persons": [4.0, 1.0]},
-    )  # fmt: skip
-    case.lists["objects"] = [
-        {"name": "houses", "kind": "building", "file": "houses.gpkg", "name_field": "name",
-         "value_field": "value", "persons_field": "persons", "presence": 0.6},
-    ]  # fmt: skip
-    case.write_text("vulnerability.csv", VULNERABILITY.rstrip())
-    case.set("risk.vulnerability", "vulnerability.csv")
+    houses = {"first": box(62.0, 33.0, 2.0, 5.0), "second": box(66.0, 35.0, 2.0, 1.0)}
+    numbers = {"value": [1e6, 3e5], "persons": [4.0, 1.0]}
+    case.expose("houses", "building", houses, numbers, presence=0.6)
+    case.write()
     job = read_job(load_config(case.config), None, lambda _: None)
     rules = read_rules(load_config(case.config), job.run)
     run = prepared(job, rules).run
