@@ -336,7 +336,7 @@ def check_map(run: MapRun, planned: Plan, progress: Progress, n: int) -> None:
     if progress.lost == n:  # a run refuses that
         return
     layers = map_layers(
-        progress.sums, run.grid.shape, sample_of(run, planned, progress), bins_of(run).edges,
+        progress.sums, run.grid.shape, sample_of(run, progress), bins_of(run).edges,
         run.grid.cell_size,
     )  # fmt: skip
     reach = {b.name: b.values for layer in layers for b in layer.bands}["reach"]

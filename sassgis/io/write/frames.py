@@ -39,7 +39,7 @@ def rock_frame(rows: BlockRows, run: MapRun, planned: Plan) -> pd.DataFrame:
     """A row per block, units in the names."""
     frame = _columns(rows.rocks, np.array([b.name for b in run.blocks])[rows.rock_scenario])
     frame.insert(0, "area", _areas(rows.rocks["line"], planned))
-    return frame.assign(x_m=rows.x, y_m=rows.y)
+    return frame.assign(x_m=rows.x, y_m=rows.y, weight=rows.rock_weight)
 
 
 def passage_frame(rows: BlockRows, run: MapRun, planned: Plan) -> pd.DataFrame:
@@ -47,6 +47,7 @@ def passage_frame(rows: BlockRows, run: MapRun, planned: Plan) -> pd.DataFrame:
     frame = _columns(rows.passages, np.array([b.name for b in run.blocks])[rows.passage_scenario])
     _name_control_lines(frame, [line.name for line, _ in run.control_lines])
     frame.insert(0, "area", _areas(rows.passages["line"], planned))
+    frame = frame.assign(weight=rows.passage_weight)
     return frame if run.followed else frame.drop(columns=list(_PLACE))
 
 
