@@ -113,7 +113,7 @@ def table_of(raw: RawTable, grid: Grid | None) -> Table:
 
 def _by_time(table: Table) -> Table:
     """Rows by rock, in the order of their first appearance, then by time."""
-    ids = table.rock_id.tolist()  # type: ignore[attr-defined]
+    ids = table.rock_id.tolist()
     place = {name: i for i, name in enumerate(dict.fromkeys(ids))}
     rank = np.array([place[i] for i in ids], np.int64)
     return table.take(np.lexsort((table.t_s, rank)))  # type: ignore[attr-defined]
