@@ -59,14 +59,19 @@ def heights_m(points: Table, grid: Grid | None) -> FloatArray:
     return np.where(np.isfinite(own["z"]), own["z"], heights_at(grid, own["x"], own["y"]))
 
 
+def station_lines(obs: Observations) -> dict[str, shapely.LineString]:
+    """Lines of the stations that have one, by name."""
+    table = zip(obs.stations.station.tolist(), obs.stations.vertices, strict=True)
+    return {name: shapely.LineString(vertices) for name, vertices in table if len(vertices) > 1}
+
+
 def station_heights_m(obs: Observations, grid: Grid | None, *, lowest: bool) -> FloatArray:
     """Ground at the station of each passage: its lowest or middle point."""
+    if grid is None:
+        return np.full(len(obs.passages), np.nan)
     heights = {}
-    for name, vertices in zip(obs.stations.station.tolist(), obs.stations.vertices, strict=True):
-        if grid is None or vertices.shape[0] < 2:
-            continue
-        line = shapely.LineString(vertices)
-        at = np.linspace(0.0, 1.0, 21) if lowest else np.array([0.5])
+    at = np.linspace(0.0, 1.0, 21) if lowest else np.array([0.5])
+    for name, line in station_lines(obs).items():
         points = shapely.get_coordinates(line.interpolate(at, normalized=True))
         z = heights_at(grid, points[:, 0], points[:, 1])
         if np.isfinite(z).any():

@@ -146,8 +146,7 @@ def _kinds(case: Case, table: str) -> tuple[IntArray, IntArray]:
 def _passages(case: Case) -> PassageRows:
     table = case.observations.passages
     rock, kind = _kinds(case, "passages")
-    place = {name: k for k, name in enumerate(case.station_names)}
-    station = np.array([place.get(name, -1) for name in table.station.tolist()], np.int64)
+    station = case.passed_station
     # A station that the fall line of a rock does not cross has no place on it, here as in replicas.
     known = (station >= 0) & ((rock < 0) | np.isfinite(case.station_s[rock, station]))
     columns: tuple[Any, ...] = (

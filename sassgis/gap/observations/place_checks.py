@@ -15,6 +15,7 @@ from sassgis.gap.observations.allowances import (
     above_release_m,
     stated_or,
     station_heights_m,
+    station_lines,
     tops_m,
 )
 from sassgis.gap.observations.observation_finding import ObservationFinding
@@ -32,12 +33,7 @@ _RELEASE_HEIGHT_M = 5.0
 
 def check_near_stations(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
     """Passages far from the station that they name."""
-    passages = obs.passages
-    lines = {
-        name: shapely.LineString(v)
-        for name, v in zip(obs.stations.station.tolist(), obs.stations.vertices, strict=True)
-        if v.shape[0] > 1
-    }
+    passages, lines = obs.passages, station_lines(obs)
     room = max(5.0, SIGMAS * stated_or(obs.metadata.position_error_m, POSITION_ERROR_M))
     far, worst = np.zeros(len(passages), np.bool_), 0.0
     for i, name in enumerate(passages.station.tolist()):

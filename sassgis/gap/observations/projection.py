@@ -56,9 +56,6 @@ class Projected:
     ground_m: FloatArray
     beyond: NDArray[np.int8]
 
-    def __len__(self) -> int:
-        return int(self.line.size)
-
 
 @dataclass(frozen=True, slots=True)
 class StationChainages:

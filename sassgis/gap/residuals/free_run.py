@@ -140,10 +140,8 @@ def observed_at_stations(case: Case) -> AtStations:
     """
     values = np.full((5, case.n_rocks, len(case.station_names)), np.nan)
     passages, put = case.observations.passages, case.projected["passages"]
-    rock = case.observations.rock_of("passages")
+    rock, station = case.observations.rock_of("passages"), case.passed_station
     piece = case.observations.is_piece("passages")
-    place = {name: k for k, name in enumerate(case.station_names)}
-    station = np.array([place.get(name, -1) for name in passages.station.tolist()], np.int64)
     own = np.flatnonzero((rock >= 0) & (station >= 0))
     whole = own[~piece[own]][::-1]
     centre = np.where(np.isfinite(passages.height_m), passages.height_m, put.height_m)
