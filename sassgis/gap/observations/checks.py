@@ -69,7 +69,7 @@ def check_observations(
     -------
     list of ObservationFinding
         Errors first. What a finding says is left out is still in ``observations``: see
-        ``sassgis.gap.observations.tables.without``.
+        ``sassgis.gap.observations.observed.without``.
     """
     found: list[ObservationFinding] = []
     left = observations

@@ -256,6 +256,8 @@ def _on_profiles(
     if model.effects.get(Trees) is not None:
         middle = lines.first_m + STRETCH_M * np.arange(0.5, lines.n_stretches)
         wood = lines.wood if model.stand is None else _stand(model.stand, middle)
+    crossings = lines.control_lines
+    offset, rows = gathered(crossings.offset, releases.rock)
     done = simulate(
         repeated(lines.unforested if wood is None else lines.forested, releases.rock),
         model.table,
@@ -265,7 +267,9 @@ def _on_profiles(
         rocks_per_line=count,
         line_keys=releases.key,
         starts=np.minimum(releases.start, lines.end[releases.rock, None]),
-        control_lines=_repeated_crossings(lines.control_lines, releases.rock),
+        control_lines=ControlLineCrossings(
+            crossings.control_lines, offset, crossings.chainage[rows], crossings.control_line[rows]
+        ),
         first_rock=first_rock,
         log_events=log_events,
         effects=model.effects,
@@ -274,11 +278,4 @@ def _on_profiles(
     none = np.zeros(done.rocks.size + done.pieces.size)
     return Moved(
         done.rocks, done.pieces, done.passages, none, np.zeros(done.passages.size), done.event_logs
-    )
-
-
-def _repeated_crossings(crossings: ControlLineCrossings, which: IntArray) -> ControlLineCrossings:
-    offset, rows = gathered(crossings.offset, which)
-    return ControlLineCrossings(
-        crossings.control_lines, offset, crossings.chainage[rows], crossings.control_line[rows]
     )

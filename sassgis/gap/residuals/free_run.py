@@ -407,16 +407,11 @@ def residuals_at_station(
     span: tuple[float, float],
 ) -> list[Residual]:
     """Speed, rotation, height and share that comes, at one station."""
-    phase = _phase(case, run, seen, k)
+    moving = dict.fromkeys(("speed_mps", "rotation_hz", "height_m"), _phase(case, run, seen, k))
     found = []
-    for name in ("speed_mps", "rotation_hz", "height_m"):
-        draws = getattr(predicted, name)[:, :, k]
-        found.append(
-            Residual(place, phase, name, test, getattr(seen, name)[:, k], mean_of_draws(draws),
-                     *span)
-        )  # fmt: skip
-    arrived = mean_of_draws(predicted.arrived[:, :, k])
-    found.append(Residual(place, "stopping", "arrived", test, seen.arrived[:, k], arrived, *span))
+    for name, phase in {**moving, "arrived": "stopping"}.items():
+        observed, draws = getattr(seen, name)[:, k], getattr(predicted, name)[:, :, k]
+        found.append(Residual(place, phase, name, test, observed, mean_of_draws(draws), *span))
     return found
 
 
