@@ -36,8 +36,12 @@ from sassgis.gap.ladder.hypothesis_fit import CHOSEN, FRESH, draw_of, gain_of
 from sassgis.gap.ladder.rungs import CONFIGURED, GROUND, Step, ground_is_enough
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.campaigns import share_left
-from sassgis.gap.replicas.hypothesis_model import HypothesisModel, configured_model
-from sassgis.gap.replicas.model_json import model_as_json, model_from_json
+from sassgis.gap.replicas.hypothesis_model import (
+    HypothesisModel,
+    configured_model,
+    model_as_json,
+    model_from_json,
+)
 from sassgis.gap.which.hypotheses import NONE, families_to_try
 from sassgis.gap.which.identifiable import what_is_identifiable
 from sassgis.gap.which.measure_next import DRAWS as DRAWS_COMPARED

@@ -19,8 +19,11 @@ from sassgis.gap.calibration.problem import model_rows, problem_of
 from sassgis.gap.check.worlds import EffectSpec, WorldSpec, make_world, observe
 from sassgis.gap.inference.distances import RockDistances
 from sassgis.gap.ladder import cause_gains
-from sassgis.gap.replicas.hypothesis_model import MeasurementError, configured_model
-from sassgis.gap.replicas.model_json import model_from_json
+from sassgis.gap.replicas.hypothesis_model import (
+    MeasurementError,
+    configured_model,
+    model_from_json,
+)
 from sassgis.io.read.config import load_config
 from sassgis.io.read.gap_thresholds import read_thresholds, thresholds_of
 from sassgis.io.saved_arrays import unfit

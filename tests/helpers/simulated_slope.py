@@ -22,8 +22,7 @@ from sassgis.gap.observations.tables import (
     Trajectories,
 )
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel
-from sassgis.gap.replicas.released_rocks import repeated
-from sassgis.gap.replicas.rock_lines import dips_at
+from sassgis.gap.replicas.rock_lines import dips_at, repeated
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import Grid

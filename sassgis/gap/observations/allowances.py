@@ -8,6 +8,7 @@ import numpy as np
 import shapely
 
 from sassgis.gap.observations.observed import Observations, rock_radii_m
+from sassgis.gap.observations.tables import Table
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.terrain.heights import heights_at
 
@@ -30,17 +31,10 @@ def tops_m(obs: Observations, grid: Grid | None, drop_m: float = 0.0) -> FloatAr
 
     Blocks are let go up to ``drop_m`` above the ground, or where their height is stated.
     """
-    n = len(obs.rock_names)
-    top = np.full(n + 1, np.nan)
-    rocks = obs.rocks
-    z = rocks.z
+    z = obs.rocks.z
     if grid is not None:
-        z = np.fmax(z, heights_at(grid, rocks.x, rocks.y) + drop_m)
-    place = {name: i for i, name in enumerate(obs.rock_names)}
-    radius = np.nan_to_num(rock_radii_m(obs))
-    for name, height in zip(rocks.rock_id.tolist(), z.tolist(), strict=True):
-        if name in place:
-            top[place[name]] = height + radius[place[name]]
+        z = np.fmax(z, heights_at(grid, obs.rocks.x, obs.rocks.y) + drop_m)
+    top = np.append(obs.of_rocks(z) + np.nan_to_num(rock_radii_m(obs)), np.nan)
     summit = float(np.nanmax(z)) if np.isfinite(z).any() else math.nan
     if grid is not None and not math.isfinite(summit) and np.isfinite(grid.values).any():
         summit = float(np.nanmax(grid.values))
@@ -52,26 +46,32 @@ def tops_m(obs: Observations, grid: Grid | None, drop_m: float = 0.0) -> FloatAr
 
 def above_release_m(obs: Observations, grid: Grid | None) -> FloatArray:
     """Height of each impact above the stated release of its rock (m); NaN where unknown."""
-    z = {}
-    for table in (obs.rocks, obs.impacts):
-        own = table.z
-        if grid is not None:
-            own = np.where(np.isfinite(own), own, heights_at(grid, table.x, table.y))
-        z[table.table] = own
-    stated = dict(zip(obs.rocks.rock_id.tolist(), z["rocks"].tolist(), strict=True))
-    release = np.array([*(stated.get(name, math.nan) for name in obs.rock_names), math.nan])
-    found: FloatArray = z["impacts"] - release[obs.rock_of("impacts")]
+    release = np.append(obs.of_rocks(heights_m(obs.rocks, grid)), np.nan)
+    found: FloatArray = heights_m(obs.impacts, grid) - release[obs.rock_of("impacts")]
     return found
+
+
+def heights_m(points: Table, grid: Grid | None) -> FloatArray:
+    """Height of each point of a table as stated, else of the ground below (m); NaN unknown."""
+    own = points.numbers
+    if grid is None:
+        return own["z"]
+    return np.where(np.isfinite(own["z"]), own["z"], heights_at(grid, own["x"], own["y"]))
+
+
+def station_lines(obs: Observations) -> dict[str, shapely.LineString]:
+    """Lines of the stations that have one, by name."""
+    table = zip(obs.stations.station.tolist(), obs.stations.vertices, strict=True)
+    return {name: shapely.LineString(vertices) for name, vertices in table if len(vertices) > 1}
 
 
 def station_heights_m(obs: Observations, grid: Grid | None, *, lowest: bool) -> FloatArray:
     """Ground at the station of each passage: its lowest or middle point."""
+    if grid is None:
+        return np.full(len(obs.passages), np.nan)
     heights = {}
-    for name, vertices in zip(obs.stations.station.tolist(), obs.stations.vertices, strict=True):
-        if grid is None or vertices.shape[0] < 2:
-            continue
-        line = shapely.LineString(vertices)
-        at = np.linspace(0.0, 1.0, 21) if lowest else np.array([0.5])
+    at = np.linspace(0.0, 1.0, 21) if lowest else np.array([0.5])
+    for name, line in station_lines(obs).items():
         points = shapely.get_coordinates(line.interpolate(at, normalized=True))
         z = heights_at(grid, points[:, 0], points[:, 1])
         if np.isfinite(z).any():

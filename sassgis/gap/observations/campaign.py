@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -145,23 +146,14 @@ def _kinds(case: Case, table: str) -> tuple[IntArray, IntArray]:
 def _passages(case: Case) -> PassageRows:
     table = case.observations.passages
     rock, kind = _kinds(case, "passages")
-    place = {name: k for k, name in enumerate(case.station_names)}
-    station = np.array([place.get(name, -1) for name in table.station.tolist()], np.int64)
-    known = station >= 0
+    station = case.passed_station
     # A station that the fall line of a rock does not cross has no place on it, here as in replicas.
-    known[known] &= (rock[known] < 0) | np.isfinite(
-        case.station_s[np.maximum(rock[known], 0), station[known]]
-    )
-    return PassageRows(
-        rock[known],
-        station[known],
-        kind[known],
-        case.projected["passages"].lateral_m[known],
-        table.speed_mps[known],
-        table.rotation_hz[known],
-        table.height_m[known],
-        table.mass_kg[known],
-    )
+    known = (station >= 0) & ((rock < 0) | np.isfinite(case.station_s[rock, station]))
+    columns: tuple[Any, ...] = (
+        rock, station, kind, case.projected["passages"].lateral_m,
+        table.speed_mps, table.rotation_hz, table.height_m, table.mass_kg,
+    )  # fmt: skip
+    return PassageRows(*(values[known] for values in columns))
 
 
 def _deposits(case: Case) -> DepositRows:
@@ -175,19 +167,15 @@ def _impacts(case: Case) -> ImpactRows:
     rock, kind = _kinds(case, "impacts")
     put = case.projected["impacts"]
     number = np.array([_number(name) for name in table.impact.tolist()], np.float64)
-    order = np.lexsort((np.arange(rock.size), number, rock))
-    order = order[(rock[order] >= 0) & (kind[order] == WHOLE)]
-    z = np.where(np.isfinite(table.z), table.z, put.ground_m)
-    columns = (
-        "vt_in_mps", "vn_in_mps", "omega_in_radps", "vt_out_mps", "vn_out_mps", "omega_out_radps",
-        "turn_deg", "slope_deg",
+    order = np.lexsort((number, rock))
+    order = order[kind[order] == WHOLE]
+    columns: tuple[Any, ...] = (
+        rock, put.s, np.where(np.isfinite(table.z), table.z, put.ground_m),
+        table.vt_in_mps, table.vn_in_mps, table.omega_in_radps,
+        table.vt_out_mps, table.vn_out_mps, table.omega_out_radps,
+        table.turn_deg, table.slope_deg,
     )  # fmt: skip
-    return ImpactRows(
-        rock[order],
-        put.s[order],
-        z[order],
-        *(np.asarray(getattr(table, c), np.float64)[order] for c in columns),
-    )
+    return ImpactRows(*(values[order] for values in columns))
 
 
 def _number(name: str) -> float:

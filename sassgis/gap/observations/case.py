@@ -136,6 +136,13 @@ class Case:
         return tuple(str(names[j]) for j in self.station_order.tolist())
 
     @property
+    def passed_station(self) -> IntArray:
+        """Place in ``station_names`` of the station of each passage; -1: no line crosses it."""
+        place = {name: k for k, name in enumerate(self.station_names)}
+        stations = self.observations.passages.station.tolist()
+        return np.array([place.get(name, -1) for name in stations], np.int64)
+
+    @property
     def station_order(self) -> IntArray:
         """Rows of the table of stations that fall lines cross, from the top down."""
         order = self.stations.order

@@ -9,7 +9,12 @@ from functools import partial
 
 import numpy as np
 
-from sassgis.gap.observations.allowances import POSITION_ERROR_M, stated_or
+from sassgis.gap.observations.allowances import (
+    MASS_ERROR_REL,
+    POSITION_ERROR_M,
+    SIGMAS,
+    stated_or,
+)
 from sassgis.gap.observations.motion_checks import (
     check_drops,
     check_impacts,
@@ -17,7 +22,13 @@ from sassgis.gap.observations.motion_checks import (
     check_trajectory_speeds,
 )
 from sassgis.gap.observations.observation_finding import ObservationFinding
-from sassgis.gap.observations.observed import Observations, parent_of, root_of, without
+from sassgis.gap.observations.observed import (
+    DENSITY_KGM3,
+    Observations,
+    parent_of,
+    root_of,
+    without,
+)
 from sassgis.gap.observations.place_checks import (
     check_downhill,
     check_near_stations,
@@ -25,11 +36,19 @@ from sassgis.gap.observations.place_checks import (
     check_on_the_dem,
 )
 from sassgis.gap.observations.rules import RULES, nearest_of, some_of
-from sassgis.gap.observations.size_checks import check_pieces, check_sizes
 from sassgis.gap.observations.tables import POINT_TABLES, TABLE_TYPES, TABLES
 from sassgis.model.grid import Grid
 
 Check = Callable[[Observations, Grid | None], Iterator[ObservationFinding]]
+#: Densities that rocks have (kg/m³).
+_LIGHTEST_KGM3, _HEAVIEST_KGM3 = 900.0, 5000.0
+#: An ellipsoid fills from half of the box of its axes; rocks lie between. Full axes give 8 times.
+_FULL_AXES = 4.0
+#: What axes, or the mass, look like in another unit: ellipsoids of so many times the volume.
+_UNITS = {"centimetres": 1e6, "millimetres": 1e9}
+_TONNES = 1e3
+#: Factor within which such a number is taken for that unit.
+_NEAR = 4.0
 
 
 def check_observations(
@@ -50,7 +69,7 @@ def check_observations(
     -------
     list of ObservationFinding
         Errors first. What a finding says is left out is still in ``observations``: see
-        ``sassgis.gap.observations.tables.without``.
+        ``sassgis.gap.observations.observed.without``.
     """
     found: list[ObservationFinding] = []
     left = observations
@@ -99,7 +118,7 @@ def _same_stop(obs: Observations, grid: Grid | None) -> Iterator[ObservationFind
             pieces[i] = name in first
             first.setdefault(name, []).append(i)
     yield from RULES["same stop"].at(obs, "deposits", again)
-    name = str(deposits.rock_id[pieces][0]) if pieces.any() else ""
+    name = next(iter(deposits.rock_id[pieces].tolist()), "")
     yield from RULES["several stops"].at(obs, "deposits", pieces, repr(name), name=name)
 
 
@@ -111,8 +130,8 @@ def _belonging(obs: Observations, grid: Grid | None) -> Iterator[ObservationFind
             lost = obs.rock_of(table) < 0
             if not lost.any():
                 continue
-            ids: list[str] = obs.tables[table].rock_id[lost].tolist()  # type: ignore[attr-defined]
-            missing = list(dict.fromkeys(i for i in ids if i))
+            ids = obs.tables[table].rock_id[lost].tolist()
+            missing = [name for name in dict.fromkeys(ids) if name]
             yield from RULES["unattributed"].at(
                 obs,
                 table,
@@ -123,14 +142,9 @@ def _belonging(obs: Observations, grid: Grid | None) -> Iterator[ObservationFind
                 else "mass, size and release are unknown",
                 nearest=nearest_of(missing[0], sorted(known)) if missing else "",
             )
-        orphans = np.array(
-            [
-                (parent := parent_of(n)) is not None and root_of(n, known) == n and bool(parent)
-                for n in obs.rocks.rock_id.tolist()
-            ],
-            np.bool_,
-        )
-        name = str(obs.rocks.rock_id[orphans][0]) if orphans.any() else ""
+        names = obs.rocks.rock_id.tolist()
+        orphans = np.array([parent_of(n) and root_of(n, known) == n for n in names], np.bool_)
+        name = next(iter(obs.rocks.rock_id[orphans].tolist()), "")
         yield from RULES["piece of none"].at(
             obs, "rocks", orphans, repr(name), parent=parent_of(name)
         )
@@ -145,6 +159,73 @@ def _belonging(obs: Observations, grid: Grid | None) -> Iterator[ObservationFind
                 nearest = nearest_of(missing[0], names)
                 found = some_of([name for name in missing if name]) or "no name"
                 yield from RULES[rule].at(obs, "passages", mask, found, nearest=nearest)
+
+
+def _sizes(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
+    """Axes, volumes, masses and densities against each other."""
+    rocks = obs.rocks
+    axes = 4.0 / 3.0 * math.pi * rocks.semi_axis_a_m * rocks.semi_axis_b_m * rocks.semi_axis_c_m
+    density = np.where(np.isfinite(rocks.density_kgm3), rocks.density_kgm3, DENSITY_KGM3)
+    volume = np.where(np.isfinite(rocks.volume_m3), rocks.volume_m3, rocks.mass_kg / density)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio = axes / volume
+    known = np.isfinite(ratio)
+    full = known & (ratio > _FULL_AXES)
+    middle = float(np.median(ratio[known])) if known.any() else 1.0
+    if middle > _FULL_AXES:
+        found = f"ellipsoids of {middle:,.0f} times the volume of the rocks"
+        # Also of full axes in that unit.
+        unit = next((u for u, f in _UNITS.items() if f / _NEAR < middle < 8.0 * _NEAR * f), "")
+        tonnes = _TONNES / _NEAR < middle < _NEAR * _TONNES
+        by_mass = ~np.isfinite(rocks.volume_m3[known]).any()
+        fault = "tonnes" if tonnes and by_mass else "unit of axes" if unit else "full axes"
+        yield from RULES[fault].at(obs, "rocks", known, found, unit=unit)
+    elif full.any():
+        found = f"an ellipsoid of {ratio[full].max():.1f} times the volume of the rock"
+        yield from RULES["large axes"].at(obs, "rocks", full, found)
+    if (small := known & (ratio < 1.0 / _FULL_AXES)).any():
+        found = f"an ellipsoid of {ratio[small].min():.2g} times the volume of the rock"
+        yield from RULES["small axes"].at(obs, "rocks", small, found)
+    for name, table in obs.tables.items():
+        numbers = table.numbers
+        if not {"mass_kg", "volume_m3"} <= numbers.keys():
+            continue
+        with np.errstate(invalid="ignore", divide="ignore"):
+            own = numbers["mass_kg"] / numbers["volume_m3"]
+        odd = np.isfinite(own) & ((own < _LIGHTEST_KGM3) | (own > _HEAVIEST_KGM3))
+        middle = float(np.median(own[odd])) if odd.any() else math.nan
+        # In kg/m³ of a rock: between, where tonnes were meant; above, grams or litres.
+        unit = "tonnes" if 0.9 <= middle <= 5.0 else "grams or litres" if middle > 1e5 else ""
+        rule = RULES["unit of mass" if unit else "mass and volume"]
+        yield from rule.at(obs, name, odd, f"{middle:.3g} kg/m³", unit=unit)
+    density = rocks.density_kgm3
+    odd = np.isfinite(density) & ((density < _LIGHTEST_KGM3) | (density > _HEAVIEST_KGM3))
+    middle = float(np.median(density[odd])) if odd.any() else math.nan
+    problem = "look like g/cm³" if middle < 6.0 else "not the density of a rock"
+    yield from RULES["density"].at(obs, "rocks", odd, f"{middle:.4g}", problem=problem)
+
+
+def _pieces(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
+    """Pieces cannot weigh more than their rock."""
+    owner, rocks = obs.rock_of("deposits"), np.array(obs.rock_names)
+    # Both were weighed.
+    error = stated_or(obs.metadata.mass_error_rel, MASS_ERROR_REL)
+    room = 1.0 + SIGMAS * math.sqrt(2.0) * error
+    for column, unit in (("mass_kg", "kg"), ("volume_m3", "m³")):
+        values, whole = obs.deposits.numbers[column], obs.of_rocks(obs.rocks.numbers[column])
+        known = np.isfinite(values)
+        lying = np.array([values[known & (owner == i)].sum() for i in range(whole.size)])
+        heavy = np.flatnonzero(lying > room * whole)
+        if heavy.size:
+            # Scales are wrong for many at once: that is one thing to say.
+            names = rocks[heavy].tolist()
+            worst = int(np.argmax(lying[heavy] / whole[heavy]))
+            of = f" of {names[worst]}" if len(names) > 1 else ""
+            found, most = lying[heavy[worst]], room * whole[heavy[worst]]
+            yield from RULES["heavy pieces"].at(
+                obs, "deposits", known & np.isin(owner, heavy), f"{found:.4g} {unit}{of}", column,
+                name=some_of(names, str), most=f"{most:.4g} {unit}",
+            )  # fmt: skip
 
 
 def empty_tables(observations: Observations, read: Iterable[str]) -> list[ObservationFinding]:
@@ -177,8 +258,8 @@ _CHECKS: tuple[Check, ...] = (
     _belonging,
     check_on_the_dem,
     check_offsets,
-    check_sizes,
-    check_pieces,
+    _sizes,
+    _pieces,
     check_near_stations,
     check_downhill,
     check_impacts,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +14,7 @@ from sassgis.gap.observations.allowances import (
     POSITION_ERROR_M,
     SIGMAS,
     SPEED_ERROR_REL,
+    heights_m,
     stated_or,
     station_heights_m,
     tops_m,
@@ -24,7 +24,6 @@ from sassgis.gap.observations.observed import Observations, rock_masses_kg, rock
 from sassgis.gap.observations.rules import RULES
 from sassgis.gap.observations.tables import TABLES
 from sassgis.model.grid import FloatArray, Grid, IntArray
-from sassgis.terrain.heights import heights_at
 
 _KMH = 3.6
 #: Falls between impacts that tell a scale (m), their least number, and the scale that is certainly
@@ -115,7 +114,7 @@ def check_spins(obs: Observations, grid: Grid | None) -> Iterator[ObservationFin
         factor = 2.0 * math.pi if turns else 1.0
         unit = f"{'turns' if turns else 'radians'} per second"
         numbers = obs.tables[table].numbers
-        radius = radii[obs.rock_of(table)] if len(obs.tables[table]) else np.empty(0)
+        radius = radii[obs.rock_of(table)]
         with np.errstate(invalid="ignore", divide="ignore"):
             ratio = factor * np.abs(numbers[column]) * radius / np.abs(numbers[speed])
         known = np.isfinite(ratio) & (np.abs(numbers[speed]) > 1.0)
@@ -204,19 +203,14 @@ def fall_scale(obs: Observations, grid: Grid | None) -> tuple[float, float, int]
     bound is that of 97.5 %, by order statistics of the flights.
     """
     hit = obs.impacts
-    z = hit.z.copy()
-    if grid is not None and len(hit):
-        z = np.where(np.isfinite(z), z, heights_at(grid, hit.x, hit.y))
-    into = hit.vt_in_mps**2 + hit.vn_in_mps**2
-    out = hit.vt_out_mps**2 + hit.vn_out_mps**2
-    ratios = []
-    for rock in np.unique(hit.rock_id).tolist():
-        rows = np.flatnonzero(hit.rock_id == rock)
-        for a, b in pairwise(rows[np.argsort(hit.impact[rows], kind="stable")].tolist()):
-            fell = 2.0 * GRAVITY * (z[a] - z[b])
-            if fell > 2.0 * GRAVITY * _LEAST_FALL_M:
-                ratios.append((into[b] - out[a]) / fell)
-    known = np.sort(np.array(ratios)[np.isfinite(ratios)])
+    order = np.lexsort((hit.impact, hit.rock_id))
+    z, rock = heights_m(hit, grid)[order], hit.rock_id[order]
+    into = (hit.vt_in_mps**2 + hit.vn_in_mps**2)[order]
+    out = (hit.vt_out_mps**2 + hit.vn_out_mps**2)[order]
+    fell = 2.0 * GRAVITY * (z[:-1] - z[1:])
+    own = (rock[:-1] == rock[1:]) & (fell > 2.0 * GRAVITY * _LEAST_FALL_M)
+    ratios = (into[1:] - out[:-1])[own] / fell[own]
+    known = np.sort(ratios[np.isfinite(ratios)])
     if known.size < _LEAST_FLIGHTS:
         return 1.0, 1.0, int(known.size)
     low = max(int(0.5 * known.size - 0.98 * math.sqrt(known.size)), 0)
@@ -246,20 +240,16 @@ def check_drops(
             f"{100.0 * (scale - 1.0):.0f} % more than the falls between impacts give, at least "
             f"{100.0 * (certain - 1.0):.0f} %, {flights} flights",
         )
-    start = start_speeds_mps(obs)
+    # Unattributed blocks, the last, start at rest, as do rocks of which it is not known.
+    start = np.append(obs.of_rocks(obs.rocks.release_speed_mps), 0.0)
+    start = np.where(np.isfinite(start), start, 0.0)
     error = stated_or(obs.metadata.speed_error_rel, SPEED_ERROR_REL)
     slack = SIGMAS * stated_or(obs.metadata.height_error_m, HEIGHT_ERROR_M)
     for table, own in fast:
         data, column = obs.tables[table], own.name
-        if not len(data):
-            continue
-        numbers = data.numbers
-        speed = np.sqrt(sum(numbers[name] ** 2 for name in own.from_drop))
+        speed = np.sqrt(sum(data.numbers[name] ** 2 for name in own.from_drop))
         owner = obs.rock_of(table)
-        z = numbers["z"].copy()
-        if grid is not None:
-            ground = heights_at(grid, numbers["x"], numbers["y"])
-            z = np.where(np.isfinite(z), z, ground)
+        z = heights_m(data, grid)
         if table == "passages" and len(obs.stations):
             z = np.where(np.isfinite(z), z, station_heights_m(obs, grid, lowest=True))
         drop = np.maximum(top[owner] - z, 0.0) + slack
@@ -273,12 +263,15 @@ def check_drops(
             continue
         worst = int(np.flatnonzero(too_fast)[np.argmax(ratio[too_fast])])
         says = (
-            f"{speed[worst]:.1f} m/s after a drop of {drop[worst]:.1f} m"
-            f" in row {data.row[worst]}"  # type: ignore[attr-defined]
+            f"{speed[worst]:.1f} m/s after a drop of {drop[worst]:.1f} m in row {data.row[worst]}"
         )
         many = too_fast.sum() > 0.4 * known.sum() and known.sum() >= 3
+        # By how much each rock would have to start higher for its speeds (m).
         lacking = ((speed / room) ** 2 - fastest**2) / (2.0 * GRAVITY)
-        missing = _missing_heights_m(owner[too_fast], lacking[too_fast])
+        attributed = too_fast & (owner >= 0)
+        low, at = np.unique(owner[attributed], return_inverse=True)
+        missing = np.zeros(low.size)
+        np.maximum.at(missing, at, lacking[attributed])
         rocks = np.unique(owner[known & (owner >= 0)]).size
         explained = np.mean(ratio[known] / _KMH <= 1.0 + SIGMAS * error) > 0.9
         if many and explained:
@@ -291,24 +284,3 @@ def check_drops(
         else:
             rule, rows = RULES["mostly too fast" if many else "too fast"], too_fast
         yield from rule.at(obs, table, rows, says, column, fastest=fastest[worst])
-
-
-def _missing_heights_m(owner: IntArray, lacking: FloatArray) -> FloatArray:
-    """Height by which each rock would have to start higher for its speeds (m)."""
-    own = owner >= 0
-    rocks, at = np.unique(owner[own], return_inverse=True)
-    most = np.zeros(rocks.size)
-    np.maximum.at(most, at, lacking[own])
-    return most
-
-
-def start_speeds_mps(obs: Observations) -> FloatArray:
-    """Speed at the release of each rock (m/s); the last one for unattributed blocks."""
-    start = np.zeros(len(obs.rock_names) + 1)
-    place = {name: i for i, name in enumerate(obs.rock_names)}
-    for name, speed in zip(
-        obs.rocks.rock_id.tolist(), obs.rocks.release_speed_mps.tolist(), strict=True
-    ):
-        if name in place and math.isfinite(speed):
-            start[place[name]] = speed
-    return start

@@ -38,21 +38,12 @@ class ObservationFinding:
 
     def __str__(self) -> str:
         """One line that names file, table, column and row."""
-        place = ".".join(part for part in (self.table, self.column) if part)
-        where = ": ".join(part for part in (self.file, place, _rows(self.rows)) if part)
-        detail = "; ".join(
-            part
-            for part in (
-                f"found {self.found}" if self.found else "",
-                f"expected {self.expected}" if self.expected else "",
-            )
-            if part
-        )
-        line = (
-            f"{self.level}: {where}: {self.problem}" if where else f"{self.level}: {self.problem}"
-        )
-        if detail:
-            line += f" ({detail})"
+        place = ".".join(filter(None, (self.table, self.column)))
+        parts = (self.level, self.file, place, _rows(self.rows), self.problem)
+        line = ": ".join(filter(None, parts))
+        detail = (("found", self.found), ("expected", self.expected))
+        if any(text for _, text in detail):
+            line += f" ({'; '.join(f'{word} {text}' for word, text in detail if text)})"
         if self.left_out:
             what = self.left_out + ("s" if len(self.rows) > 1 and self.left_out != "table" else "")
             line += f"; {what} left out"

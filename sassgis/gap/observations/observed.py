@@ -22,7 +22,7 @@ from sassgis.gap.observations.tables import (
     Table,
     Trajectories,
 )
-from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.grid import BoolArray, FloatArray, IntArray
 from sassgis.model.in_memory import Input
 
 #: Density where none is observed (kg/m³), to get a size from a mass.
@@ -74,7 +74,7 @@ class Observations:
             known = set(self.rocks.rock_id.tolist())
             return tuple(n for n in self.rocks.rock_id.tolist() if root_of(n, known) == n)
         tables = (self.tables[name] for name in POINT_TABLES)
-        ids = [name for table in tables for name in table.rock_id.tolist() if name]  # type: ignore[attr-defined]
+        ids = [name for table in tables for name in table.rock_id.tolist() if name]
         known = set(ids)
         return tuple(dict.fromkeys(root_of(name, known) for name in ids))
 
@@ -83,24 +83,26 @@ class Observations:
 
         Pieces belong to the rock they broke from. -1: an unattributed block.
         """
-        names = self.rock_names
-        place = {name: i for i, name in enumerate(names)}
-        ids = getattr(self.tables[table], "rock_id", None)
-        if ids is None:
-            raise ValueError(f"table {table} is not about rocks")
-        known = set(names)
-        found = {name: place.get(root_of(name, known), -1) for name in set(ids.tolist())}
-        return np.array([found[name] for name in ids.tolist()], np.int64)
+        place = {name: i for i, name in enumerate(self.rock_names)}
+        ids = self.tables[table].rock_id.tolist()
+        found = {name: place.get(root_of(name, place), -1) for name in set(ids)}
+        return np.array([found[name] for name in ids], np.int64)
 
     def is_piece(self, table: str) -> NDArray[np.bool_]:
         """Whether each row of a table is about a piece of a rock rather than a whole rock."""
-        names = self.rock_names
-        ids = self.tables[table].rock_id.tolist()  # type: ignore[attr-defined]
         owner = self.rock_of(table)
-        return np.array(
-            [i >= 0 and names[i] != name for i, name in zip(owner.tolist(), ids, strict=True)],
-            np.bool_,
-        )
+        # Of an unattributed block the last name is taken, which does not count.
+        names = np.array([*self.rock_names, ""])[owner]
+        return np.asarray((owner >= 0) & (names != self.tables[table].rock_id), np.bool_)
+
+    def whole_of(self, table: str) -> IntArray:
+        """Place in ``rock_names`` of the rock of each row; -1: a piece of one, or unattributed."""
+        return np.where(self.is_piece(table), -1, self.rock_of(table))
+
+    def of_rocks(self, values: FloatArray | BoolArray) -> FloatArray:
+        """A column of the table of rocks, in the order of ``rock_names``; NaN for other rocks."""
+        stated = dict(zip(self.rocks.rock_id.tolist(), values.tolist(), strict=True))
+        return np.array([stated.get(name, math.nan) for name in self.rock_names], np.float64)
 
     def paths_of_rocks(self, needed: FloatArray | float = 0.0) -> dict[int, IntArray]:
         """Rows of ``trajectories`` of each whole rock by time, those with a place and, if
@@ -109,9 +111,8 @@ class Observations:
         track = self.trajectories
         if not len(track):
             return {}
-        rock = self.rock_of("trajectories")
-        own = (rock >= 0) & ~self.is_piece("trajectories")
-        own &= np.isfinite(track.t_s + track.x + track.y + track.z + needed)
+        rock = self.whole_of("trajectories")
+        own = (rock >= 0) & np.isfinite(track.t_s + track.x + track.y + track.z + needed)
         order = np.lexsort((track.t_s, rock))
         order = order[own[order]]
         edges = np.flatnonzero(np.diff(rock[order])) + 1
@@ -150,16 +151,12 @@ def root_of(rock_id: str, known: Iterable[str]) -> str:
 
 def rock_masses_kg(observations: Observations) -> FloatArray:
     """Mass of each rock of ``rock_names`` (kg): as weighed, else from its volume; NaN unknown."""
-    names = observations.rock_names
     rocks = observations.rocks
-    if not len(rocks):
-        return np.full(len(names), np.nan)
     density = np.where(np.isfinite(rocks.density_kgm3), rocks.density_kgm3, DENSITY_KGM3)
     axes = rocks.semi_axis_a_m * rocks.semi_axis_b_m * rocks.semi_axis_c_m
     volume = np.where(np.isfinite(rocks.volume_m3), rocks.volume_m3, 4.0 / 3.0 * math.pi * axes)
     mass = np.where(np.isfinite(rocks.mass_kg), rocks.mass_kg, density * volume)
-    place = {name: i for i, name in enumerate(rocks.rock_id.tolist())}
-    return mass[[place[name] for name in names]]
+    return observations.of_rocks(mass)
 
 
 def deposit_masses_kg(observations: Observations) -> FloatArray:
@@ -170,12 +167,9 @@ def deposit_masses_kg(observations: Observations) -> FloatArray:
 
 def rock_radii_m(observations: Observations) -> FloatArray:
     """Radius of the sphere of equal mass of each rock of ``rock_names`` (m); NaN unknown."""
-    masses = rock_masses_kg(observations)
-    rocks = observations.rocks
-    density = dict(zip(rocks.rock_id.tolist(), rocks.density_kgm3.tolist(), strict=True))
-    own = np.array([density.get(name, math.nan) for name in observations.rock_names], np.float64)
-    own = np.where(np.isfinite(own), own, DENSITY_KGM3)
-    return np.cbrt(3.0 * masses / (4.0 * math.pi * own))
+    density = observations.of_rocks(observations.rocks.density_kgm3)
+    density = np.where(np.isfinite(density), density, DENSITY_KGM3)
+    return np.cbrt(3.0 * rock_masses_kg(observations) / (4.0 * math.pi * density))
 
 
 def without(observations: Observations, findings: Iterable[ObservationFinding]) -> Observations:
@@ -189,7 +183,7 @@ def without(observations: Observations, findings: Iterable[ObservationFinding]) 
         if finding.table not in tables or not finding.left_out:
             continue
         table = tables[finding.table]
-        hit = np.isin(table.row, finding.rows)  # type: ignore[attr-defined]
+        hit = np.isin(table.row, finding.rows)
         if finding.left_out == "table":
             tables[finding.table] = table.take(np.zeros(len(table), np.bool_))
         elif finding.left_out == "row":

@@ -15,6 +15,7 @@ from sassgis.gap.observations.allowances import (
     above_release_m,
     stated_or,
     station_heights_m,
+    station_lines,
     tops_m,
 )
 from sassgis.gap.observations.observation_finding import ObservationFinding
@@ -32,12 +33,7 @@ _RELEASE_HEIGHT_M = 5.0
 
 def check_near_stations(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
     """Passages far from the station that they name."""
-    passages = obs.passages
-    lines = {
-        name: shapely.LineString(v)
-        for name, v in zip(obs.stations.station.tolist(), obs.stations.vertices, strict=True)
-        if v.shape[0] > 1
-    }
+    passages, lines = obs.passages, station_lines(obs)
     room = max(5.0, SIGMAS * stated_or(obs.metadata.position_error_m, POSITION_ERROR_M))
     far, worst = np.zeros(len(passages), np.bool_), 0.0
     for i, name in enumerate(passages.station.tolist()):
@@ -63,13 +59,14 @@ def check_downhill(obs: Observations, grid: Grid | None) -> Iterator[Observation
             middle = station_heights_m(obs, grid, lowest=False)
             level = np.where(np.isfinite(level), level, middle)
     room = max(2.0, SIGMAS * stated_or(obs.metadata.height_error_m, HEIGHT_ERROR_M))
-    above = np.zeros(len(passages), np.bool_)
-    owner = obs.rock_of("passages")
+    owner, rocks = obs.rock_of("passages"), obs.rocks
     # For rocks of unknown release the summit says nothing: only their own release counts.
-    has_release = np.append(np.isin(obs.rock_names, _placed_rocks(obs)), False)
-    above = has_release[owner] & (level > tops_m(obs, grid)[owner] + room)
+    placed = np.isfinite(rocks.z) | np.isfinite(rocks.x + rocks.y)
+    has_release = np.append(obs.of_rocks(placed) == 1.0, False)
+    top = tops_m(obs, grid)[owner]
+    above = has_release[owner] & (level > top + room)
     if above.any():
-        most = np.nanmax((level - tops_m(obs, grid)[owner])[above])
+        most = np.nanmax((level - top)[above])
         yield from RULES["above release"].at(obs, "passages", above, f"up to {most:.1f} m above")
     # The order of the stations is what most rocks say.
     rank: dict[str, float] = {}
@@ -101,12 +98,6 @@ def _impacts_above_release(obs: Observations, grid: Grid | None) -> Iterator[Obs
     if above.any():
         most = f"up to {over[above].max():.1f} m above"
         yield from RULES["impacts above release"].at(obs, "impacts", above, most)
-
-
-def _placed_rocks(obs: Observations) -> list[str]:
-    known = np.isfinite(obs.rocks.z) | np.isfinite(obs.rocks.x + obs.rocks.y)
-    names: list[str] = obs.rocks.rock_id[known].tolist()
-    return names
 
 
 def check_on_the_dem(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:

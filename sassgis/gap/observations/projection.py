@@ -56,9 +56,6 @@ class Projected:
     ground_m: FloatArray
     beyond: NDArray[np.int8]
 
-    def __len__(self) -> int:
-        return int(self.line.size)
-
 
 @dataclass(frozen=True, slots=True)
 class StationChainages:
@@ -88,28 +85,12 @@ def observed_release_points(observations: Observations) -> tuple[ReleasePoints, 
     rock : int64, shape (len(points),)
         Place of each in ``observations.rock_names``.
     """
-    rocks = observations.rocks
-    names = observations.rock_names
-    row = {name: i for i, name in enumerate(rocks.rock_id.tolist())}
-    rock = np.array(
-        [
-            i
-            for i, name in enumerate(names)
-            if name in row and np.isfinite(rocks.x[row[name]] + rocks.y[row[name]])
-        ],
-        np.int64,
-    )
-    own = tuple(names[i] for i in rock.tolist())
-    rows = np.array([row[name] for name in own], np.int64)
-    keys = [point_keys(name, 1) for name in own]
-    points = ReleasePoints(
-        x=rocks.x[rows],
-        y=rocks.y[rows],
-        area=np.arange(rock.size, dtype=np.int64),
-        key=np.concatenate([np.empty(0, np.uint64), *keys]),
-        area_names=own,
-    )
-    return points, rock
+    x, y = (observations.of_rocks(v) for v in (observations.rocks.x, observations.rocks.y))
+    rock = np.flatnonzero(np.isfinite(x + y))
+    every = observations.rock_names
+    names = tuple(every[i] for i in rock.tolist())
+    key = np.concatenate([np.empty(0, np.uint64), *(point_keys(name, 1) for name in names)])
+    return ReleasePoints(x[rock], y[rock], np.arange(rock.size), key, names), rock
 
 
 def nearest_lines(traces: TraceSet, x: FloatArray, y: FloatArray) -> IntArray:
@@ -170,12 +151,10 @@ def project(
     """
     x, y, line = np.asarray(x), np.asarray(y), np.asarray(line)
     n = x.size
-    nothing = np.full(n, np.nan)
-    zs = nothing if z is None else np.asarray(z, np.float64)
+    s, lateral, ground = np.full((3, n), np.nan)
     known = np.flatnonzero((line >= 0) & np.isfinite(x) & np.isfinite(y))
     lines = np.full(n, -1, np.int64)
     lines[known] = line[known]
-    s, lateral, ground = nothing.copy(), nothing.copy(), nothing.copy()
     beyond = np.zeros(n, np.int8)
     if known.size:
         own, px, py = lines[known], x[known], y[known]
@@ -186,15 +165,14 @@ def project(
         if prolonged:
             past = np.flatnonzero(beyond == 1)
             s[past], lateral[past] = _past_the_end(traces, lines[past], x[past], y[past])
-    return Projected(lines, s, lateral, zs - ground, ground, beyond)
+    height = np.full(n, np.nan) if z is None else np.asarray(z, np.float64) - ground
+    return Projected(lines, s, lateral, height, ground, beyond)
 
 
 def _past_the_end(
     traces: TraceSet, line: IntArray, x: FloatArray, y: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Chainage and lateral offset of points beyond the ends of their lines (m)."""
-    if not line.size:
-        return np.empty(0), np.empty(0)
     last = traces.offset[line + 1] - 1
     first_s = traces.s[traces.offset[line]]
     lx, ly, ls = traces.x[last], traces.y[last], traces.s[last]
@@ -245,7 +223,7 @@ def project_observations(
         For rocks (their release points), passages, impacts, deposits and trajectories, row by row.
     """
     found = {}
-    lookup = np.append(np.asarray(line_of_rock, np.int64), -1)
+    lookup = np.append(line_of_rock, -1)
     for name in POINT_TABLES:
         points = observations.tables[name].numbers
         line = lookup[observations.rock_of(name)]

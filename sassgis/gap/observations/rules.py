@@ -46,7 +46,7 @@ class Rule:
         **words: object,
     ) -> Iterator[ObservationFinding]:
         """The finding of this rule for some rows of a table; none for none of them."""
-        rows = observations.tables[table].row[which]  # type: ignore[attr-defined]
+        rows = observations.tables[table].row[which]
         if rows.size:
             yield ObservationFinding(
                 self.level,

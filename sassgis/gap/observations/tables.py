@@ -111,6 +111,10 @@ class Table:
         Whether a row of no known rock is one of an unattributed block.
     quantities : mapping of str to tuple of str
         What it holds where all of some columns have numbers.
+    row : int64, shape (n,)
+        Places in the file.
+    rock_id : str, shape (n,)
+        Of all tables but that of the stations.
     """
 
     __slots__ = ()
@@ -120,6 +124,8 @@ class Table:
     required: ClassVar[tuple[str, ...]] = ()
     may_be_loose: ClassVar[bool] = False
     quantities: ClassVar[Mapping[str, tuple[str, ...]]] = {}
+    row: IntArray
+    rock_id: TextArray
 
     @classmethod
     def columns(cls) -> tuple[Column, ...]:
@@ -159,17 +165,13 @@ class Table:
         return cls(**made)
 
     def __len__(self) -> int:
-        return int(self.row.size)  # type: ignore[attr-defined]
+        return int(self.row.size)
 
     @property
     def numbers(self) -> Mapping[str, FloatArray]:
         """Columns of numbers by name."""
-        own = {f.name for f in fields(self)}  # type: ignore[arg-type]
-        return {
-            c.name: getattr(self, c.name)
-            for c in TABLES[self.table]
-            if not c.text and c.name in own
-        }
+        own = (c.name for c in TABLES[self.table] if not c.text and hasattr(self, c.name))
+        return {name: getattr(self, name) for name in own}
 
     @property
     def present(self) -> frozenset[str]:
@@ -218,9 +220,6 @@ class Rocks(Table):
     ]
 
 
-_END, _OTHER_END = "one end of the line across the slope", "its other end"
-
-
 @dataclass(frozen=True, slots=True)
 class Stations(Table):
     """Lines across the slope at which passing rocks were measured.
@@ -248,10 +247,10 @@ class Stations(Table):
     def columns(cls) -> tuple[Column, ...]:
         """The name, and the ends of the line."""
         return (
-            *Table.columns.__func__(cls),  # type: ignore[attr-defined]
+            *_columns_of(cls),
             *(
                 Column("m", f"{end}: {c}", aliases=(f"{c}{i}_m",), name=f"{c}{i}")
-                for i, end in enumerate((_END, _OTHER_END))
+                for i, end in enumerate(("one end of the line across the slope", "its other end"))
                 for c in "xy"
             ),
         )

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
+from sassgis.engine.effects.registry import EFFECTS
 from sassgis.gap.observations.case import Case
 from sassgis.model.effects import EffectSettings
-from sassgis.model.ground import GroundTable
+from sassgis.model.ground import GroundClass, GroundTable
 from sassgis.model.settings import EngineSettings
 
 #: Keys of ``[engine]`` that a hypothesis may set.
@@ -122,11 +124,19 @@ class HypothesisModel:
     def sections(self, configured: EffectSettings) -> dict[str, dict[str, Any]]:
         """``[effects.*]`` sections of a configuration that has only some of these effects.
 
-        Every effect of the model that is not configured as it is here: family to key to value.
-        Errors of release and measurement are no part of the motion.
+        Every effect of the model that is not configured as it is here: family to key to value, the
+        form and whatever is not as by default. Errors of release and measurement are no part of the
+        motion.
         """
-        own = [effect for effect in self.effects if configured.get(type(effect)) != effect]
-        return {effect.name: _set_keys(effect) for effect in own}
+        return {
+            effect.name: {
+                f.name: getattr(effect, f.name)
+                for f in fields(effect)
+                if f.name == "form" or getattr(effect, f.name) != f.default
+            }
+            for effect in self.effects
+            if configured.get(type(effect)) != effect
+        }
 
 
 def configured_model(case: Case, table: GroundTable | None = None) -> HypothesisModel:
@@ -139,10 +149,31 @@ def moving_effects(case: Case) -> EffectSettings:
     return case.effects if case.terrain is not None else case.effects.without(LateralDeflection)
 
 
-def _set_keys(effect: Any) -> dict[str, Any]:
-    """Form and whatever is not as by default."""
-    return {
-        f.name: getattr(effect, f.name)
-        for f in fields(effect)
-        if f.name == "form" or getattr(effect, f.name) != f.default
-    }
+def model_as_json(model: HypothesisModel) -> dict[str, Any]:
+    """A model as JSON takes it, so that a calibrated one can be kept in a file and used again."""
+    return {**asdict(model), "effects": {own.name: asdict(own) for own in model.effects}}
+
+
+def model_from_json(plain: Mapping[str, Any]) -> HypothesisModel:
+    """The model of ``model_as_json``.
+
+    Raises
+    ------
+    KeyError, TypeError
+        If the values are not those of a model.
+    """
+    effects = [
+        EFFECTS[name].settings(
+            **{k: tuple(v) if isinstance(v, list) else v for k, v in own.items()}
+        )
+        for name, own in plain["effects"].items()
+    ]
+    stand = plain["stand"]
+    return HypothesisModel(
+        GroundTable(tuple(GroundClass(**own) for own in plain["table"]["classes"])),
+        EffectSettings(*effects),
+        None if stand is None else ForestStand(**stand),
+        ReleaseError(**plain["release"]),
+        MeasurementError(**plain["measurement"]),
+        **{key: plain[key] for key in ENGINE_KEYS},
+    )

@@ -102,14 +102,17 @@ class _Record:
         self._case, self._lines, self._model, self._moved = case, rock_lines, model, moved
         self._observer, m = rock_lines.observer, model.measurement
         self._errors = self._observer.errors
-        self._rng = rng
-        self._n = case.n_rocks
-        self._count = count
+        self._rng, self._n, self._count = rng, case.n_rocks, count
         total = self._n * count
         first = model.release
         self._offset = first.shift_m + first.scatter_m * rng.standard_normal(total)
         self._clock = np.exp(m.clock_sd * np.clip(rng.standard_t(4, total), -4.0, 4.0))
-        self._mass: FloatArray = moved.rocks["mass_kg"].reshape(self._n, count).T.ravel()
+        self._mass = self._of_rocks("mass_kg")
+
+    def _of_rocks(self, name: str) -> FloatArray:
+        """A number of each released rock, by their numbers."""
+        values: FloatArray = self._moved.rocks[name]
+        return values.reshape(self._n, self._count).T.ravel()
 
     def _numbers(self, rows: NDArray[np.void]) -> IntArray:
         first = int(self._moved.rocks["rock"].min()) if self._moved.rocks.size else 0
@@ -136,28 +139,23 @@ class _Record:
         if effects.get(Fragmentation) is None:
             return np.full(owner.size, LOOSE, np.int64)
         ratio = rows["mass_kg"] / self._mass[owner] / entrainment.size_ratio**3
-        return np.where(np.abs(ratio - 1.0) < 1e-9, LOOSE, PIECE).astype(np.int64)
+        return np.where(np.abs(ratio - 1.0) < 1e-9, LOOSE, PIECE)
 
     def deposits(self) -> DepositRows:
         """Blocks that stopped on the profiles."""
-        rocks, pieces = self._moved.rocks, self._moved.pieces
-        whole = np.concatenate([rocks["reason"], pieces["reason"]]) != StopReason.BROKEN
-        moved = self._moved.lateral_m[whole]
-        rocks, pieces = rocks[whole[: rocks.size]], pieces[whole[rocks.size :]]
-        owner = np.concatenate([self._numbers(rocks), self._numbers(pieces)])
-        n_whole = rocks.size
-        kind = np.concatenate(
-            [np.full(n_whole, WHOLE), self._kind(pieces, owner[n_whole:])]
-        ).astype(np.int64)
-        s = np.concatenate([rocks["runout_m"], pieces["runout_m"]])
-        mass = np.concatenate([rocks["mass_kg"], pieces["mass_kg"]])
-        lateral = self._lateral_offset(owner, moved, self._errors.stop_m)
-        m = self._model.measurement
+        blocks = np.concatenate([self._moved.rocks, self._moved.pieces])
+        left = np.flatnonzero(blocks["reason"] != StopReason.BROKEN)
+        rows = blocks[left]
+        owner = self._numbers(rows)
+        kind = np.where(left < self._moved.rocks.size, WHOLE, self._kind(rows, owner))
+        errors, m = self._errors, self._model.measurement
+        lateral = self._lateral_offset(owner, self._moved.lateral_m[left], errors.stop_m)
         first = self._case.station_s[:, 0] if self._case.station_names else np.zeros(self._n)
         anchor = np.nan_to_num(first)[owner % self._n]
-        error = np.hypot(self._errors.stop_m, m.position_m)
-        s = anchor + m.stretch * (s - anchor) + error * self._rng.standard_normal(s.size)
-        mass = mass * np.exp(self._errors.mass_rel * self._rng.standard_normal(mass.size))
+        error = np.hypot(errors.stop_m, m.position_m)
+        s = anchor + m.stretch * (rows["runout_m"] - anchor)
+        s = s + error * self._rng.standard_normal(s.size)
+        mass = rows["mass_kg"] * np.exp(errors.mass_rel * self._rng.standard_normal(s.size))
         return DepositRows(np.where(kind == LOOSE, -1 - owner, owner), kind, s, lateral, mass)
 
     def passages(self) -> PassageRows:
@@ -168,7 +166,7 @@ class _Record:
         rows, aside = moved[seen], aside[seen]
         owner = self._numbers(rows)
         whole = rows["mass_kg"] >= self._mass[owner] * (1.0 - 1e-9)
-        kind = np.where(whole, WHOLE, self._kind(rows, owner)).astype(np.int64)
+        kind = np.where(whole, WHOLE, self._kind(rows, owner))
         errors, m = self._errors, self._model.measurement
         speed = rows["speed_mps"] * m.scale * self._speed_error(owner, errors.speed_rel)
         turns = np.abs(rows["rotation_hz"]) * m.rotation_scale
@@ -191,10 +189,7 @@ class _Record:
 
     def _rest(self, rows: NDArray[np.void], owner: IntArray) -> FloatArray:
         """Height of the centre of a lying block above the ground: heights are counted from it."""
-        a, b = (
-            self._moved.rocks[name].reshape(self._n, self._count).T.ravel()
-            for name in ("a_m", "b_m")
-        )
+        a, b = self._of_rocks("a_m"), self._of_rocks("b_m")
         # The engine counts heights of flight from the shorter axis; a rock that rolls has none.
         rolling = np.array([mean_radius(*axes) for axes in zip(a, b, strict=True)])
         lever = np.where(rows["height_m"] > 0.0, b[owner], rolling[owner])

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,11 +21,11 @@ from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.projection import PROLONG_M, project, prolonged, station_chainages
 from sassgis.gap.observations.tables import Stations
 from sassgis.gap.replicas.hypothesis_model import ForestStand, HypothesisModel
-from sassgis.gap.replicas.rock_lines import STRETCH_M, RockLines, gathered
+from sassgis.gap.replicas.rock_lines import STRETCH_M, RockLines, gathered, repeated
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.map_run import Forest
-from sassgis.model.profiles import ControlLineCrossings, ProfileSet, ReleasePoints
+from sassgis.model.profiles import ControlLineCrossings, ReleasePoints
 from sassgis.model.results import ControlLine
 from sassgis.terrain.flatten import chainage_to_xy
 from sassgis.terrain.heights import heights_at
@@ -86,6 +87,17 @@ def all_rocks(case: Case, lines: RockLines) -> Releases:
     """Every rock of a case where it was released."""
     n = case.n_rocks
     return Releases(np.arange(n), case.blocks, case.start, np.zeros(n), lines.keys)
+
+
+def fixed_blocks(
+    blocks: Sequence[BlockPopulation], rock: IntArray, **fixed: FloatArray
+) -> list[BlockPopulation]:
+    """Of each row the population of its rock, with the fixed values of the row."""
+    columns: dict[str, Any] = {name: values.tolist() for name, values in fixed.items()}
+    return [
+        replace(blocks[i], **{name: (values[n], values[n]) for name, values in columns.items()})
+        for n, i in enumerate(rock.tolist())
+    ]
 
 
 def move(
@@ -173,17 +185,14 @@ def with_stations_at(case: Case, places: FloatArray) -> Case:
     """The case with other stations: straight across its commonest fall line at chainages (m)."""
     line = int(np.bincount(case.line).argmax())
     s = np.clip(places, _ALONG_M, float(case.traces.s[case.traces.offset[line + 1] - 1]) - _ALONG_M)
-    x0, y0 = chainage_to_xy(case.traces, line, s - _ALONG_M)
-    x1, y1 = chainage_to_xy(case.traces, line, s + _ALONG_M)
-    east, north = 0.5 * (x1 - x0) / _ALONG_M, 0.5 * (y1 - y0) / _ALONG_M
-    across = [
-        np.array([[x - PROLONG_M * v, y + PROLONG_M * u], [x + PROLONG_M * v, y - PROLONG_M * u]])
-        for x, y, u, v in zip(
-            0.5 * (x0 + x1), 0.5 * (y0 + y1), east.tolist(), north.tolist(), strict=True
-        )
-    ]
+    behind, ahead = (
+        np.column_stack(chainage_to_xy(case.traces, line, s + by)) for by in (-_ALONG_M, _ALONG_M)
+    )
+    middle, along = 0.5 * (behind + ahead), 0.5 * (ahead - behind) / _ALONG_M
+    left = PROLONG_M * along[:, ::-1] * [-1.0, 1.0]
     names = np.array([f"{place:.0f} m" for place in places.tolist()])
-    stations = Stations(np.arange(names.size), names, tuple(across))
+    vertices = tuple(np.stack([middle + left, middle - left], axis=1))
+    stations = Stations(np.arange(names.size), names, vertices)
     made = replace(
         case,
         observations=replace(case.observations, stations=stations),
@@ -247,6 +256,8 @@ def _on_profiles(
     if model.effects.get(Trees) is not None:
         middle = lines.first_m + STRETCH_M * np.arange(0.5, lines.n_stretches)
         wood = lines.wood if model.stand is None else _stand(model.stand, middle)
+    crossings = lines.control_lines
+    offset, rows = gathered(crossings.offset, releases.rock)
     done = simulate(
         repeated(lines.unforested if wood is None else lines.forested, releases.rock),
         model.table,
@@ -256,7 +267,9 @@ def _on_profiles(
         rocks_per_line=count,
         line_keys=releases.key,
         starts=np.minimum(releases.start, lines.end[releases.rock, None]),
-        control_lines=_repeated_crossings(lines.control_lines, releases.rock),
+        control_lines=ControlLineCrossings(
+            crossings.control_lines, offset, crossings.chainage[rows], crossings.control_line[rows]
+        ),
         first_rock=first_rock,
         log_events=log_events,
         effects=model.effects,
@@ -265,28 +278,4 @@ def _on_profiles(
     none = np.zeros(done.rocks.size + done.pieces.size)
     return Moved(
         done.rocks, done.pieces, done.passages, none, np.zeros(done.passages.size), done.event_logs
-    )
-
-
-def repeated(profiles: ProfileSet, which: IntArray) -> ProfileSet:
-    """Profiles by number, each as often as it is named."""
-    offset, vertex = gathered(profiles.offset, which)
-    cell_offset, cell = gathered(profiles.cell_offset, which)
-    # Borders are one more than stretches on each profile.
-    _, border = gathered(profiles.cell_offset + np.arange(profiles.offset.size), which)
-    return ProfileSet(
-        offset,
-        profiles.s[vertex],
-        profiles.z[vertex],
-        profiles.ground[vertex],
-        cell_offset,
-        profiles.cell_s[border],
-        profiles.cell[cell],
-    )
-
-
-def _repeated_crossings(crossings: ControlLineCrossings, which: IntArray) -> ControlLineCrossings:
-    offset, rows = gathered(crossings.offset, which)
-    return ControlLineCrossings(
-        crossings.control_lines, offset, crossings.chainage[rows], crossings.control_line[rows]
     )

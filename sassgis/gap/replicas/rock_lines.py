@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -59,53 +59,46 @@ def rock_lines_of(case: Case) -> RockLines:
     """Prepare the lines of the rocks of a case."""
     first = float(np.floor(case.profiles.s.min() / STRETCH_M) * STRETCH_M)
     n_stretches = int(np.ceil((case.profiles.s.max() - first) / STRETCH_M)) + 1
+    own = repeated(case.profiles, case.line)
+    ends = own.s[np.column_stack([own.offset[:-1], own.offset[1:] - 1])]
+    n = case.n_rocks
+    # One stretch from end to end, on no cell.
+    unforested = replace(
+        own, cell_offset=np.arange(n + 1), cell_s=ends.ravel(), cell=np.full(n, -1, np.int64)
+    )
     names = case.observations.rock_names
     return RockLines(
-        unforested=_profiles_of(case, first, stretches=False),
-        forested=_profiles_of(case, first, stretches=True),
+        unforested=unforested,
+        forested=_cut_into_stretches(unforested, first),
         wood=_configured_wood(case, first, n_stretches),
         first_m=first,
         n_stretches=n_stretches,
         keys=np.concatenate([point_keys(name, 1) for name in names]),
         control_lines=control_lines_of(case),
-        end=case.profiles.s[case.profiles.offset[1:] - 1][case.line]
-        if case.terrain is None
-        else np.full(case.n_rocks, np.inf),
+        end=ends[:, 1] if case.terrain is None else np.full(n, np.inf),
         cell_s=_chainage_of_cells(case),
         observer=observer_of(case),
     )
 
 
-def _profiles_of(case: Case, first: float, *, stretches: bool) -> ProfileSet:
-    """The profile of each rock, cut into stretches for a forest or not at all."""
-    source = case.profiles
-    s, z, ground, borders, cells = [], [], [], [], []
-    for line in case.line.tolist():
-        own = slice(int(source.offset[line]), int(source.offset[line + 1]))
-        s.append(source.s[own])
-        z.append(source.z[own])
-        ground.append(source.ground[own])
-        low, high = float(s[-1][0]), float(s[-1][-1])
-        if stretches:
-            n0 = int(np.floor((low - first) / STRETCH_M)) + 1
-            n1 = int(np.ceil((high - first) / STRETCH_M)) - 1
-            inner = first + STRETCH_M * np.arange(n0, n1 + 1)
-            inner = inner[(inner > low + 1e-6) & (inner < high - 1e-6)]
-            border = np.concatenate([[low], inner, [high]])
-            middle = 0.5 * (border[1:] + border[:-1])
-            cells.append(np.floor((middle - first) / STRETCH_M).astype(np.int64))
-        else:
-            border = np.array([low, high])
-            cells.append(np.full(1, -1, np.int64))
-        borders.append(border)
-    return ProfileSet(
-        _offsets([v.size for v in s]),
-        np.concatenate(s),
-        np.concatenate(z),
-        np.concatenate(ground),
-        _offsets([v.size for v in cells]),
-        np.concatenate(borders),
-        np.concatenate(cells),
+def _cut_into_stretches(profiles: ProfileSet, first: float) -> ProfileSet:
+    """Profiles with stretches of STRETCH_M for a forest; ``first``: where these begin (m)."""
+    borders, cells = [], []
+    for i in range(len(profiles)):
+        s = profiles.vertices(i)[0]
+        low, high = float(s[0]), float(s[-1])
+        n0 = int(np.floor((low - first) / STRETCH_M)) + 1
+        n1 = int(np.ceil((high - first) / STRETCH_M)) - 1
+        inner = first + STRETCH_M * np.arange(n0, n1 + 1)
+        inner = inner[(inner > low + 1e-6) & (inner < high - 1e-6)]
+        borders.append(np.concatenate([[low], inner, [high]]))
+        middle = 0.5 * (borders[-1][1:] + borders[-1][:-1])
+        cells.append(np.floor((middle - first) / STRETCH_M).astype(np.int64))
+    return replace(
+        profiles,
+        cell_offset=_offsets([v.size for v in cells]),
+        cell_s=np.concatenate(borders),
+        cell=np.concatenate(cells),
     )
 
 
@@ -118,18 +111,15 @@ def _configured_wood(case: Case, first: float, n: int) -> Forest | None:
     if case.forest is None:
         return None
     source = case.profiles
-    stems, girth, seen = np.zeros(n), np.zeros(n), np.zeros(n)
-    for i in range(len(source)):
-        own = slice(int(source.cell_offset[i]), int(source.cell_offset[i + 1]))
-        border = source.cell_s[own.start + i : own.stop + i + 1]
-        k = np.floor((0.5 * (border[1:] + border[:-1]) - first) / STRETCH_M).astype(np.int64)
-        known = source.cell[own] >= 0
-        cell = source.cell[own][known]
-        np.add.at(stems, k[known], case.forest.stems_per_m2[cell])
-        np.add.at(girth, k[known], case.forest.diameter_m[cell])
-        np.add.at(seen, k[known], 1.0)
-    seen = np.maximum(seen, 1.0)
-    return Forest(stems / seen, girth / seen)
+    # Each profile has one more border than stretches.
+    border = np.arange(source.cell.size)
+    border += np.repeat(np.arange(len(source)), np.diff(source.cell_offset))
+    middle = 0.5 * (source.cell_s[border + 1] + source.cell_s[border])
+    known = source.cell >= 0
+    k = np.floor((middle[known] - first) / STRETCH_M).astype(np.int64)
+    seen = np.maximum(np.bincount(k, minlength=n), 1)
+    forest = (case.forest.stems_per_m2, case.forest.diameter_m)
+    return Forest(*(np.bincount(k, v[source.cell[known]], minlength=n) / seen for v in forest))
 
 
 def _chainage_of_cells(case: Case) -> FloatArray:
@@ -137,12 +127,9 @@ def _chainage_of_cells(case: Case) -> FloatArray:
     if case.terrain is None:
         return np.empty(0)
     grid, traces = case.terrain.grid, case.traces
-    rows, cols = np.indices(grid.shape).reshape(2, -1)
-    x = grid.west + (cols + 0.5) * grid.cell_size
-    y = grid.north - (rows + 0.5) * grid.cell_size
-    far, nearest = cKDTree(np.column_stack([traces.x, traces.y])).query(
-        np.column_stack([x, y]), distance_upper_bound=_BESIDE_M
-    )
+    centres = np.column_stack(grid.cell_centres(np.arange(grid.values.size)))
+    tree = cKDTree(np.column_stack([traces.x, traces.y]))
+    far, nearest = tree.query(centres, distance_upper_bound=_BESIDE_M)
     return np.append(traces.s, np.nan)[np.where(np.isfinite(far), nearest, -1)]
 
 
@@ -151,6 +138,23 @@ def gathered(offset: IntArray, which: IntArray) -> tuple[IntArray, IntArray]:
     sizes = np.diff(offset)[which]
     new = _offsets(sizes)
     return new, np.repeat(offset[which] - new[:-1], sizes) + np.arange(new[-1])
+
+
+def repeated(profiles: ProfileSet, which: IntArray) -> ProfileSet:
+    """Profiles by number, each as often as it is named."""
+    offset, vertex = gathered(profiles.offset, which)
+    cell_offset, cell = gathered(profiles.cell_offset, which)
+    # Borders are one more than stretches on each profile.
+    _, border = gathered(profiles.cell_offset + np.arange(profiles.offset.size), which)
+    return ProfileSet(
+        offset,
+        profiles.s[vertex],
+        profiles.z[vertex],
+        profiles.ground[vertex],
+        cell_offset,
+        profiles.cell_s[border],
+        profiles.cell[cell],
+    )
 
 
 def control_lines_of(case: Case) -> ControlLineCrossings:

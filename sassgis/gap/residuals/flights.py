@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -20,10 +20,11 @@ from sassgis.engine.effects.trees import Trees
 from sassgis.engine.simulate import simulate
 from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case
-from sassgis.gap.replicas.released_rocks import repeated
+from sassgis.gap.replicas.released_rocks import fixed_blocks
+from sassgis.gap.replicas.rock_lines import repeated
 from sassgis.gap.residuals.free_run import RunModel
 from sassgis.gap.residuals.residuals import Residual, beyond, mean_of_draws
-from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.grid import BoolArray, FloatArray, IntArray
 from sassgis.model.profiles import ControlLineCrossings
 from sassgis.model.results import ControlLine
 
@@ -88,8 +89,6 @@ def path_residuals(
     list of Residual
         Weighted by how closely each flight is measured.
     """
-    if not len(case.observations.trajectories):
-        return []
     flights: list[_Piece] = []
     round_m = _rolling_radius(axes_m)
     rolling: list[_Stretch] = []
@@ -285,23 +284,6 @@ class _Path:
     speed: FloatArray
     rotation: FloatArray
 
-    @classmethod
-    def of(cls, case: Case, rock: int, rows: IntArray, radius_m: float) -> _Path:
-        track = case.observations.trajectories
-        put = case.projected["trajectories"]
-        _, dip = case.ground_at(np.full(rows.size, rock), put.s[rows])
-        return cls(
-            rock,
-            track.t_s[rows],
-            track.x[rows],
-            track.y[rows],
-            track.z[rows],
-            put.s[rows],
-            _smooth(put.height_m[rows] - radius_m / np.cos(dip)),
-            track.speed_mps[rows],
-            track.rotation_hz[rows],
-        )
-
 
 def _rolling_radius(axes_m: FloatArray) -> FloatArray:
     """Radius of each rock on which it rolls: it stands on a circle between its longer axes (m)."""
@@ -311,13 +293,16 @@ def _rolling_radius(axes_m: FloatArray) -> FloatArray:
 
 def _bounded(case: Case, round_m: FloatArray) -> Iterator[tuple[_Path, _Bounds, bool]]:
     """Each path, the points between which its impacts happened, and whether these are known."""
-    if not len(case.observations.trajectories):
-        return
-    seen = case.observations
+    seen, put = case.observations, case.projected["trajectories"]
+    track = seen.trajectories
+    columns = (track.t_s, track.x, track.y, track.z, put.s, track.speed_mps, track.rotation_hz)
     hit, none, impacted = _impact_points(case), np.empty(0), set(seen.rock_of("impacts").tolist())
-    for rock, rows in seen.paths_of_rocks(case.projected["trajectories"].height_m).items():
+    for rock, rows in seen.paths_of_rocks(put.height_m).items():
         if rows.size >= _LEAST_POINTS and case.line[rock] >= 0:
-            path = _Path.of(case, rock, rows, float(round_m[rock]))
+            t, x, y, z, s, speed, rotation = (v[rows] for v in columns)
+            _, dip = case.ground_at(np.full(rows.size, rock), s)
+            above = _smooth(put.height_m[rows] - round_m[rock] / np.cos(dip))
+            path = _Path(rock, t, x, y, z, s, above, speed, rotation)
             bounds = _bounds(path, *hit.get(rock, (none, none)), errors_of(case).position_m)
             yield path, bounds, rock in impacted
 
@@ -335,11 +320,8 @@ def _smooth(values: FloatArray) -> FloatArray:
 def _impact_points(case: Case) -> dict[int, tuple[FloatArray, FloatArray]]:
     """X and y of the impacts of each whole rock (m)."""
     impacts = case.observations.impacts
-    if not len(impacts):
-        return {}
-    rock = case.observations.rock_of("impacts")
-    own = (rock >= 0) & ~case.observations.is_piece("impacts")
-    own &= np.isfinite(impacts.x + impacts.y)
+    rock = case.observations.whole_of("impacts")
+    own = (rock >= 0) & np.isfinite(impacts.x + impacts.y)
     return {
         i: (impacts.x[own & (rock == i)], impacts.y[own & (rock == i)])
         for i in np.unique(rock[own]).tolist()
@@ -372,12 +354,12 @@ def _flights(case: Case, path: _Path, bounds: _Bounds, impacted: bool) -> list[s
         spans = list(zip((last[:-1] + 1).tolist(), first[1:].tolist(), strict=True))
     else:
         spans = [(a + _TRIM, b - _TRIM) for a, b in _runs(path.above > CLEAR_M)]
-    found = []
-    for a, b in spans:
-        if b - a >= _LEAST_POINTS and np.median(path.above[a:b]) > CLEAR_M:
-            found.append(slice(int(a), int(b)))
     error, g = errors_of(case).position_m, case.engine.gravity_mps2
-    return [own for own in found if not _touched(path.t[own], path.z[own], error, g)]
+    return [
+        own
+        for own in (slice(a, b) for a, b in spans if b - a >= _LEAST_POINTS)
+        if np.median(path.above[own]) > CLEAR_M and not _touched(path.t[own], path.z[own], error, g)
+    ]
 
 
 def _touched(t: FloatArray, z: FloatArray, error_m: float, gravity: float) -> bool:
@@ -402,7 +384,7 @@ def _touched(t: FloatArray, z: FloatArray, error_m: float, gravity: float) -> bo
     return kink > max(_UPWARD_MPS, _SURE * math.sqrt(max(left, (_CERTAIN * error_m) ** 2) / own))
 
 
-def _runs(mask: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> list[tuple[int, int]]:
+def _runs(mask: BoolArray) -> list[tuple[int, int]]:
     """First and one past the last of each run of true values."""
     edge = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
     return list(zip(edge[::2].tolist(), edge[1::2].tolist(), strict=True))
@@ -471,23 +453,17 @@ def _rolled(
     if not stretches:
         return []
     n = len(stretches)
-    rock = np.array([p.rock for p in stretches], np.int64)
-    blocks = []
-    for orientation in (0.0, 0.5 * math.pi):
-        for p in stretches:
-            spin = 0.0 if p.sliding else p.v0 / float(round_m[p.rock])
-            blocks.append(
-                replace(
-                    case.blocks[p.rock],
-                    speed_mps=(p.v0, p.v0),
-                    spin_radps=(spin, spin),
-                    drop_m=(0.0, 0.0),
-                    orientation_rad=(orientation, orientation),
-                )
-            )
-    twice = np.concatenate([rock, rock])
-    start = np.tile([p.s0 for p in stretches], 2)
-    end = np.minimum(np.tile([p.s1 for p in stretches], 2), last[twice] - 0.1)
+    # Each in both orientations.
+    twice, start, end, fast, sliding = (
+        np.tile([getattr(p, name) for p in stretches], 2)
+        for name in ("rock", "s0", "s1", "v0", "sliding")
+    )
+    end = np.minimum(end, last[twice] - 0.1)
+    blocks = fixed_blocks(
+        case.blocks, twice, speed_mps=fast,
+        spin_radps=np.where(sliding, 0.0, fast / round_m[twice]),
+        drop_m=np.zeros(2 * n), orientation_rad=np.repeat([0.0, 0.5 * math.pi], n),
+    )  # fmt: skip
     done = simulate(
         repeated(model.rock_lines.unforested, twice),
         model.moving.table,
@@ -510,8 +486,7 @@ def _rolled(
     square[done.passages["line"], done.passages["rock"]] = done.passages["speed_mps"] ** 2
     stop = np.minimum(done.rocks["runout_m"].reshape(2 * n, _ROLLED), end[:, None])
     distance = np.maximum(stop - start[:, None], 0.05)
-    fast = np.tile([p.v0 for p in stretches], 2)[:, None]
-    pull = (square - fast**2) / (2.0 * distance)
+    pull = (square - fast[:, None] ** 2) / (2.0 * distance)
     # As the observed rocks, those of the model are to have gone without striking, if any can.
     struck = done.rocks["impacts"].reshape(2 * n, _ROLLED) > 0
     pull = np.concatenate([np.where(struck, np.nan, pull), pull], axis=1)

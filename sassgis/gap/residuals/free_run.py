@@ -56,7 +56,7 @@ class AtStations:
 
 @dataclass(frozen=True, slots=True)
 class Ends:
-    """What is left of released rocks; float64, shape (n, count).
+    """What is left of released rocks; float64, shape (n, count), of observed ones (n,).
 
     Attributes
     ----------
@@ -138,71 +138,62 @@ def observed_at_stations(case: Case) -> AtStations:
     A rock reached a station if it was seen there or further down; if it lies above, or was seen by
     the others' station but not there, it did not.
     """
-    shape = (case.n_rocks, len(case.station_names))
-    speed, rotation, height, lateral = (np.full(shape, np.nan) for _ in range(4))
-    arrived = np.full(shape, np.nan)
-    passages = case.observations.passages
-    seen_at = np.zeros(shape[1], bool)
-    if len(passages) and shape[1]:
-        rock = case.observations.rock_of("passages")
-        piece = case.observations.is_piece("passages")
-        place = {name: k for k, name in enumerate(case.station_names)}
-        station = np.array([place.get(name, -1) for name in passages.station.tolist()], np.int64)
-        centre = np.where(
-            np.isfinite(passages.height_m), passages.height_m, case.projected["passages"].height_m
-        )
-        own = np.flatnonzero((rock >= 0) & (station >= 0))
-        whole = own[~piece[own]][::-1]
-        # Written backwards: of two rows for one passage the first stays.
-        for column, values in (
-            (speed, passages.speed_mps),
-            (rotation, passages.rotation_hz),
-            (height, centre),
-            (lateral, case.projected["passages"].lateral_m),
-        ):
-            column[rock[whole], station[whole]] = values[whole]
-        arrived[rock[own], station[own]] = 1.0
-        seen_at = (arrived == 1.0).any(axis=0)
+    values = np.full((5, case.n_rocks, len(case.station_names)), np.nan)
+    passages, put = case.observations.passages, case.projected["passages"]
+    rock, station = case.observations.rock_of("passages"), case.passed_station
+    piece = case.observations.is_piece("passages")
+    own = np.flatnonzero((rock >= 0) & (station >= 0))
+    whole = own[~piece[own]][::-1]
+    centre = np.where(np.isfinite(passages.height_m), passages.height_m, put.height_m)
+    columns = (passages.speed_mps, passages.rotation_hz, centre, put.lateral_m)
+    # Written backwards: of two rows for one passage the first stays.
+    for filled, column in zip(values[:4], columns, strict=True):
+        filled[rock[whole], station[whole]] = column[whole]
+    arrived = values[4]
+    arrived[rock[own], station[own]] = 1.0
+    seen_at = (arrived == 1.0).any(axis=0)
     s = case.station_s
     below = np.maximum.accumulate((arrived == 1.0)[:, ::-1], axis=1)[:, ::-1]
     arrived[below] = 1.0
-    end = observed_end(case)[0]
-    known = np.isfinite(end)[:, None]
+    end = observed_end(case).runout_m[:, None]
+    unseen = np.isnan(arrived)
     with np.errstate(invalid="ignore"):
-        arrived = np.where(np.isnan(arrived) & known, (end[:, None] >= s).astype(float), arrived)
-    missed = np.isnan(arrived) & seen_at & ~known
-    arrived = np.where(missed, 0.0, arrived)
-    off = ~np.isfinite(s) | (s <= case.start[:, 1:2])
-    arrived[off] = np.nan
-    speed, rotation, height, lateral = (
-        np.where(off, np.nan, v) for v in (speed, rotation, height, lateral)
-    )
-    return AtStations(speed, rotation, height, lateral, arrived)
+        passed = np.where(np.isfinite(end), end >= s, np.where(seen_at, 0.0, np.nan))
+    arrived[unseen] = passed[unseen]
+    values[:, _not_passed(case)] = np.nan
+    return AtStations(*values)
 
 
-def observed_end(case: Case) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Run-out, lateral offset, number of blocks and share of the largest, by rock.
+def _not_passed(case: Case) -> BoolArray:
+    """Stations that the line of a rock does not cross below its start, (n_rocks, n_stations)."""
+    s = case.station_s
+    return ~np.isfinite(s) | (s <= case.start[:, 1:2])
+
+
+def observed_end(case: Case) -> Ends:
+    """What was found of each rock; arrays of shape (n_rocks,), NaN where nothing was.
 
     Blocks that belong to no rock are counted with the rocks of their fall line, in turn.
     """
     n = case.n_rocks
-    runout, lateral, stops, largest = (np.full(n, np.nan) for _ in range(4))
     rows = observed_campaign(case).deposits
     if rows is None:
-        return runout, lateral, stops, largest
+        return Ends(*np.full((4, n), np.nan))
     main = main_blocks(rows, n)
     has = main >= 0
-    runout[has], lateral[has] = rows.s[main[has]], rows.lateral_m[main[has]]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        largest[has] = rows.mass_kg[main[has]] / case.mass_kg[has]
-    stops[has] = np.bincount(rows.rock[rows.rock >= 0], minlength=n)[has]
+    # -1, of rocks without a block, takes the last.
+    runout, lateral, mass = (
+        np.append(v, np.nan)[main] for v in (rows.s, rows.lateral_m, rows.mass_kg)
+    )
+    stops = np.where(has, np.bincount(rows.rock[rows.rock >= 0], minlength=n), np.nan)
     put = case.projected["deposits"]
     for line in np.unique(put.line[(rows.rock < 0) & (put.line >= 0)]).tolist():
         loose = int(((rows.rock < 0) & (put.line == line)).sum())
         own = np.flatnonzero(has & (case.line == line))
         if own.size:
             stops[own] += np.bincount(np.arange(loose) % own.size, minlength=own.size)
-    return runout, lateral, stops, largest
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return Ends(runout, lateral, stops, mass / case.mass_kg)
 
 
 def free_run(case: Case, model: RunModel, replicates: int) -> FreeRun:
@@ -224,8 +215,7 @@ def free_run(case: Case, model: RunModel, replicates: int) -> FreeRun:
     at, ground, rise_rad = passages_of(
         model.rock_lines.unforested, done, rows["line"], rows["rock"], axes, m
     )
-    off = ~np.isfinite(case.station_s) | (case.station_s <= case.start[:, 1:2])
-    at.arrived[np.broadcast_to(off[:, None, :], at.arrived.shape)] = np.nan
+    at.arrived[np.broadcast_to(_not_passed(case)[:, None, :], at.arrived.shape)] = np.nan
     ends = ends_of(done, n, replicates, model.rock_lines.end)
     impacts = _impacts(case, model, done, replicates) if recorded else ()
     return FreeRun(at, ground, rise_rad, ends, impacts, axes)
@@ -255,10 +245,10 @@ def passages_of(
     ``rock`` and ``draw`` are those of each passage.
     """
     n, k, _ = axes.shape
-    speed, rotation, height, lateral = (np.full((n, k, n_stations), np.nan) for _ in range(4))
-    arrived = np.zeros((n, k, n_stations))
+    *values, rise_rad = np.full((6, n, k, n_stations), np.nan)
+    at = AtStations(*values)
+    at.arrived[:] = 0.0
     ground = np.zeros((n, k, n_stations), bool)
-    rise_rad = np.full((n, k, n_stations), np.nan)
     # The rock's own rows come before those of its pieces.
     rows, rock, draw = done.passages[::-1], rock[::-1], np.asarray(draw, np.int64)[::-1]
     control_line = rows["control_line"].astype(np.int64)
@@ -269,14 +259,14 @@ def passages_of(
     round_ = 0.5 * (a + b)
     rest = np.where(on_ground, round_, b) / np.cos(dip)
     place = (rock, draw, control_line)
-    speed[place] = rows["speed_mps"]
-    rotation[place] = rows["rotation_hz"]
-    height[place] = rows["height_m"] + rest
-    lateral[place] = done.passed_lateral_m[::-1]
-    arrived[place] = 1.0
+    at.speed_mps[place] = rows["speed_mps"]
+    at.rotation_hz[place] = rows["rotation_hz"]
+    at.height_m[place] = rows["height_m"] + rest
+    at.lateral_m[place] = done.passed_lateral_m[::-1]
+    at.arrived[place] = 1.0
     ground[place] = on_ground
     rise_rad[place] = np.arctan2(rows["vz_mps"], rows["vx_mps"]) - dip
-    return AtStations(speed, rotation, height, lateral, arrived), ground, rise_rad
+    return at, ground, rise_rad
 
 
 def ends_of(done: Moved, n: int, replicates: int, end: FloatArray) -> Ends:
@@ -312,7 +302,6 @@ def free_run_residuals(
         where = (mean_s[k], mean_s[k])
         found += residuals_at_station(case, seen, run, run.at, k, name, "free run", where)
     sides = case.terrain is not None or case.effects.get(LateralDeflection) is None
-    error = errors_of(case)
     if sides:
         for k, name in enumerate(case.station_names):
             phase = _phase(case, run, seen, k)
@@ -320,26 +309,23 @@ def free_run_residuals(
                 case, seen.lateral_m[:, k], run.at.lateral_m[:, :, k], name, phase,
                 (mean_s[k], mean_s[k]), rng,
             )  # fmt: skip
-    runout, aside_end, stops, largest = observed_end(case)
+    end, made = observed_end(case), run.ends
+    runout = end.runout_m
     if np.isfinite(runout).any():
         span = (float(np.nanmin(runout)), float(np.nanmax(runout)))
-        predicted = run.ends.runout_m + error.stop_m * rng.standard_normal(run.ends.runout_m.shape)
-        found.append(
-            Residual(
-                "all", "stopping", "runout_m", "free run", runout, mean_of_draws(predicted), *span
-            )
-        )
-        away, usual, score = spread(runout, predicted)
-        found.append(
-            Residual("all", "stopping", "runout_m_spread", "free run", away, usual, *span, score)
-        )
+        draws = made.runout_m + errors_of(case).stop_m * rng.standard_normal(made.runout_m.shape)
+        own = ("all", "stopping", "runout_m", "free run")
+        found.append(Residual(*own, runout, mean_of_draws(draws), *span))
+        away, usual, score = spread(runout, draws)
+        own = ("all", "stopping", "runout_m_spread", "free run")
+        found.append(Residual(*own, away, usual, *span, score))
         if sides:
-            found += _sides(case, aside_end, run.ends.lateral_m, "all", "stopping", span, rng)
+            found += _sides(case, end.lateral_m, made.lateral_m, "all", "stopping", span, rng)
         found += [
             Residual("all", "impact", name, "free run", values, mean_of_draws(draws), *span)
             for name, values, draws in (
-                ("stops_per_rock", stops, run.ends.stops),
-                ("largest_share", largest, run.ends.largest),
+                ("stops_per_rock", end.stops, made.stops),
+                ("largest_share", end.largest, made.largest),
             )
         ]
     return found
@@ -421,16 +407,11 @@ def residuals_at_station(
     span: tuple[float, float],
 ) -> list[Residual]:
     """Speed, rotation, height and share that comes, at one station."""
-    phase = _phase(case, run, seen, k)
+    moving = dict.fromkeys(("speed_mps", "rotation_hz", "height_m"), _phase(case, run, seen, k))
     found = []
-    for name in ("speed_mps", "rotation_hz", "height_m"):
-        draws = getattr(predicted, name)[:, :, k]
-        found.append(
-            Residual(place, phase, name, test, getattr(seen, name)[:, k], mean_of_draws(draws),
-                     *span)
-        )  # fmt: skip
-    arrived = mean_of_draws(predicted.arrived[:, :, k])
-    found.append(Residual(place, "stopping", "arrived", test, seen.arrived[:, k], arrived, *span))
+    for name, phase in {**moving, "arrived": "stopping"}.items():
+        observed, draws = getattr(seen, name)[:, k], getattr(predicted, name)[:, :, k]
+        found.append(Residual(place, phase, name, test, observed, mean_of_draws(draws), *span))
     return found
 
 

@@ -75,18 +75,15 @@ def impact_residuals(
     impacts = case.observations.impacts
     if not len(impacts):
         return []
-    rock = case.observations.rock_of("impacts")
-    s = case.projected["impacts"].s
-    whole = (rock >= 0) & ~case.observations.is_piece("impacts") & np.isfinite(s)
+    rock = case.observations.whole_of("impacts")
+    s, turn_deg = case.projected["impacts"].s, impacts.turn_deg
     use = usable_impacts(case, run.axes_m)
-    turned = whole & np.isfinite(impacts.turn_deg)
-    turned[turned] &= case.line[rock[turned]] >= 0
+    turned = (rock >= 0) & (case.line[rock] >= 0) & np.isfinite(s) & np.isfinite(turn_deg)
     found: list[Residual] = []
     if use.any():
         found += _rebounds(case, model, run.axes_m, edges, np.flatnonzero(use), rng)
     if turned.any() and (case.terrain is not None or model.effects.get(LateralDeflection) is None):
-        rows = np.flatnonzero(turned)
-        found += _turns(case, edges, rock[rows], s[rows], impacts.turn_deg[rows], run.impacts)
+        found += _turns(case, edges, rock[turned], s[turned], turn_deg[turned], run.impacts)
     return found
 
 
@@ -187,7 +184,8 @@ def rebound_draws(
     low, high = law["dp_min"][:, None], law["dp_max"][:, None]
     drawn[..., 1] = low + (high - low) * rng.uniform(size=(n, m))
     out = np.empty((n, m, 3))
-    factors = [_factors(rng, error, (n, m)) for error in errors]
+    # Of measurements with a relative error, kept above zero.
+    factors = [np.maximum(1.0 + error * rng.standard_normal((n, m)), 0.1) for error in errors]
     impact_draws(
         np.column_stack([observed.dip, impacts.vt_in_mps, impacts.vn_in_mps, observed.spin]),
         observed.kind, axes, drawn, rng.integers(2**64, size=(n, m), dtype=np.uint64),
@@ -203,14 +201,11 @@ def rebound_draws(
 def usable_impacts(case: Case, axes_m: FloatArray) -> NDArray[np.bool_]:
     """Impacts of whole rocks of known size with velocities before and after, row by row."""
     impacts = case.observations.impacts
-    rock = case.observations.rock_of("impacts")
+    rock = case.observations.whole_of("impacts")
     states = impacts.vt_in_mps + impacts.vn_in_mps + impacts.vt_out_mps + impacts.vn_out_mps
-    use = (rock >= 0) & ~case.observations.is_piece("impacts")
-    use &= np.isfinite(case.projected["impacts"].s)
-    use &= np.isfinite(states) & (impacts.vn_in_mps < 0.0)
-    has_axes = np.asarray(np.isfinite(axes_m).all(axis=(1, 2)), np.bool_)
-    use[use] &= has_axes[rock[use]] & (case.line[rock[use]] >= 0)
-    return use
+    placed = np.isfinite(case.projected["impacts"].s) & (case.line[rock] >= 0)
+    has_axes = np.asarray(np.isfinite(axes_m).all(axis=(1, 2)), np.bool_)[rock]
+    return (rock >= 0) & placed & has_axes & np.isfinite(states) & (impacts.vn_in_mps < 0.0)
 
 
 def _rebounds(
@@ -225,65 +220,59 @@ def _rebounds(
     if observed is None:
         return []
     out = rebound_draws(case, model, observed, rng)
-    impacts, rock, s, kind = observed.impacts, observed.rock, observed.s, observed.kind
+    impacts, rock, s = observed.impacts, observed.rock, observed.s
     radius, inertia, spin = observed.radius, observed.inertia, observed.spin
-    has_spin = observed.has_spin
-    rebound = out[..., 1] > _REBOUND_MPS
-    out = np.where(rebound[..., None], out, np.nan)
-    vt, vn, omega = (
-        np.where(impacts.vn_out_mps > _REBOUND_MPS, v, np.nan)
-        for v in (impacts.vt_out_mps, impacts.vn_out_mps, impacts.omega_out_radps)
-    )
     before = impacts.vt_in_mps**2 + impacts.vn_in_mps**2 + inertia * spin**2
-    own, per = inertia[:, None], before[:, None]
-    energy = (out[..., 0] ** 2 + out[..., 1] ** 2 + own * out[..., 2] ** 2) / per
-    energy_seen = np.where(has_spin, (vt**2 + vn**2 + inertia * omega**2) / before, np.nan)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        ratio = np.where(
-            out[..., 0] > _ALONG_MPS, radius[:, None] * out[..., 2] / out[..., 0], np.nan
-        )
-        ratio_seen = np.where(vt > _ALONG_MPS, radius * omega / vt, np.nan)
-    angle = np.degrees(np.arctan2(out[..., 1], out[..., 0]))
-    angle_seen = np.degrees(np.arctan2(vn, vt))
-    pairs: list[tuple[str, FloatArray, FloatArray]] = [
-        ("tangential_speed_mps", vt, out[..., 0]),
-        ("normal_speed_mps", vn, out[..., 1]),
-        ("spin_out_radps", omega, out[..., 2]),
-        ("energy_kept", energy_seen, energy),
-        ("spin_ratio", ratio_seen, ratio),
-        ("rebound_angle_deg", angle_seen, angle),
+    after = (impacts.vt_out_mps, impacts.vn_out_mps, impacts.omega_out_radps)
+    seen = _after_rebound(after, radius, inertia, before)
+    seen["energy_kept"] = np.where(observed.has_spin, seen["energy_kept"], np.nan)
+    after = (out[..., 0], out[..., 1], out[..., 2])
+    drawn = _after_rebound(after, radius[:, None], inertia[:, None], before[:, None])
+    columns: list[tuple[str, FloatArray, FloatArray, FloatArray | None]] = [
+        (name, seen[name], mean_of_draws(drawn[name], least=3), None) for name in seen
     ]
-    middle = {name: mean_of_draws(draws, least=3) for name, _, draws in pairs}
-    away, usual, pit = spread(angle_seen, angle)
+    angle = "rebound_angle_deg"
+    columns.append((f"{angle}_spread", *spread(seen[angle], drawn[angle])))
     found = []
     for place, inside, s0, s1 in (
         *_reach_places(case, edges, rock, s),
-        *_ground_places(s, kind, model.table.names),
+        *_ground_places(s, observed.kind, model.table.names),
     ):
-        of_rock = np.where(inside, rock, -1)
-
-        def residual(
-            name: str,
-            seen: FloatArray,
-            predicted: FloatArray,
-            score: FloatArray | None = None,
-            *,
-            of: IntArray = of_rock,
-            where: tuple[str, float, float] = (place, s0, s1),
-        ) -> Residual:
-            both = np.isfinite(seen) & np.isfinite(predicted)
-            own = np.where(both, of, -1)
-            seen_mean, predicted_mean = (per_rock(v, own, case.n_rocks) for v in (seen, predicted))
+        for name, value, predicted, score in columns:
+            own = np.where(inside & np.isfinite(value) & np.isfinite(predicted), rock, -1)
+            mean, by_model = (per_rock(v, own, case.n_rocks) for v in (value, predicted))
             scored = None if score is None else per_rock(score, own, case.n_rocks)
-            count = rows_per_rock(seen, own, case.n_rocks)
-            return Residual(
-                where[0], "impact", name, "one step", seen_mean, predicted_mean, where[1], where[2],
-                scored, count, int(count.sum()),
+            count = rows_per_rock(value, own, case.n_rocks)
+            found.append(
+                Residual(
+                    place, "impact", name, "one step", mean, by_model, s0, s1, scored, count,
+                    int(count.sum()),
+                )
             )  # fmt: skip
-
-        found += [residual(name, seen, middle[name]) for name, seen, _ in pairs]
-        found.append(residual("rebound_angle_deg_spread", away, usual, pit))
     return found
+
+
+def _after_rebound(
+    after: tuple[FloatArray, FloatArray, FloatArray],
+    radius: FloatArray,
+    inertia: FloatArray,
+    before: FloatArray,
+) -> dict[str, FloatArray]:
+    """What is compared of impacts by v_t, v_n, ω after them; NaN where rocks do not rebound.
+
+    ``before``: twice the energy per mass before (m²/s²).
+    """
+    vt, vn, omega = (np.where(after[1] > _REBOUND_MPS, v, np.nan) for v in after)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio = np.where(vt > _ALONG_MPS, radius * omega / vt, np.nan)
+    return {
+        "tangential_speed_mps": vt,
+        "normal_speed_mps": vn,
+        "spin_out_radps": omega,
+        "energy_kept": (vt**2 + vn**2 + inertia * omega**2) / before,
+        "spin_ratio": ratio,
+        "rebound_angle_deg": np.degrees(np.arctan2(vn, vt)),
+    }
 
 
 def _from_flight(
@@ -389,8 +378,3 @@ def _ground_places(
         if inside.any():
             low, high = np.quantile(s[inside], (0.05, 0.95)).tolist()
             yield f"ground:{name}", inside, low, high
-
-
-def _factors(rng: np.random.Generator, error: float, shape: tuple[int, ...]) -> FloatArray:
-    """Factors of measurements with a relative error, kept above zero."""
-    return np.maximum(1.0 + error * rng.standard_normal(shape), 0.1)

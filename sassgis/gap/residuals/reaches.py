@@ -9,16 +9,16 @@ rocks that the model itself brings there at a like speed and height.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from sassgis.gap.inference.rock_tests import t_statistics
 from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case
-from sassgis.gap.replicas.released_rocks import Releases, move
+from sassgis.gap.replicas.released_rocks import Releases, fixed_blocks, move
 from sassgis.gap.replicas.rock_lines import RockLines, dips_at
 from sassgis.gap.residuals.free_run import (
     AtStations,
@@ -30,7 +30,6 @@ from sassgis.gap.residuals.free_run import (
     residuals_at_station,
 )
 from sassgis.gap.residuals.residuals import Residual, mean_of_draws
-from sassgis.model.blocks import BlockPopulation
 from sassgis.model.grid import FloatArray, IntArray
 
 #: Rocks of the model among which one is drawn that reached a station like the observed one, and
@@ -56,48 +55,31 @@ def reach_residuals(
     The first reach is the run from the release. Where it is wrong, and more so than those below,
     what is wrong is the release: the finding of the phase "release", which both must support.
     """
-    names = case.reaches
-    n_stations = len(case.station_names)
     found: list[Residual] = []
     speeds: list[Residual] = []
-    runout = observed_end(case)[0]
-    for k in range(n_stations + 1):
-        span = (float(edges[k, 0]), float(edges[k, 1]))
-        if k == 0:
-            at, stop = run.at, run.ends.runout_m
-        else:
-            again = _restarted(case, model, seen, run, k - 1, rng)
-            if again is None:
-                continue
-            at, stop = again
-        if k < n_stations:
-            own = residuals_at_station(case, seen, run, at, k, names[k], "reach", span)
-            started = np.isfinite(seen.speed_mps[:, k - 1]) if k else np.ones(case.n_rocks, bool)
-            own = [replace(r, observed=np.where(started, r.observed, np.nan)) for r in own]
+    for k, (name, (s0, s1)) in enumerate(zip(case.reaches, edges.tolist(), strict=True)):
+        again = _restarted(case, model, seen, run, k - 1, rng) if k else (run.at, run.ends.runout_m)
+        if again is None:
+            continue
+        at, stop = again
+        if k < len(case.station_names):
+            own = residuals_at_station(case, seen, run, at, k, name, "reach", (s0, s1))
+            if k:
+                started = np.isfinite(seen.speed_mps[:, k - 1])
+                own = [replace(r, observed=np.where(started, r.observed, np.nan)) for r in own]
             found += own
             speeds.append(own[0])
         else:
-            found.append(
-                Residual(names[k], "stopping", "runout_m", "reach", runout, mean_of_draws(stop),
-                         *span)
-            )  # fmt: skip
+            runout = observed_end(case).runout_m
+            what = (name, "stopping", "runout_m", "reach")
+            found.append(Residual(*what, runout, mean_of_draws(stop), s0, s1))
     if len(speeds) > 1:
         first = speeds[0]
         others = mean_of_draws(np.column_stack([r.gap for r in speeds[1:]]), least=1)
-        span = (float(edges[0, 0]), float(edges[0, 1]))
-        found.append(
-            Residual(
-                names[0],
-                "release",
-                "speed_mps",
-                "reach",
-                first.observed,
-                # Were the motion as wrong there as below.
-                first.predicted + others,
-                *span,
-                score=_weaker(first.gap, first.gap - others),
-            )
-        )
+        # Were the motion as wrong there as below.
+        predicted = first.predicted + others
+        score = _weaker(first.gap, first.gap - others)
+        found.append(replace(first, phase="release", predicted=predicted, score=score))
     return found
 
 
@@ -124,49 +106,32 @@ def _restarted(
         None if fewer than two rocks can be restarted.
     """
     n, m = run.ends.runout_m.shape
-    rocks = np.flatnonzero(np.isfinite(seen.speed_mps[:, k]) & (seen.speed_mps[:, k] > 0.0))
+    started = np.isfinite(seen.speed_mps[:, k]) & (seen.speed_mps[:, k] > 0.0)
+    rocks = np.flatnonzero(started)
     if rocks.size < 2:
         return None
     rock = np.repeat(rocks, m)
     draw = np.tile(np.arange(m), rocks.size)
-    states = _states(case, model.rock_lines, seen, run, k, rock, draw, rng)
-    axes = run.axes_m[rock, draw]
-    done = move(
-        case,
-        model.rock_lines,
-        Releases(
-            rock,
-            _blocks(case, rock, axes, states),
-            np.column_stack([states.s, states.s]),
-            np.nan_to_num(seen.lateral_m[rock, k]),
-            np.arange(rock.size, dtype=np.uint64),
-        ),
-        model.moving,
-        seed=model.seed + 1 + k,
-        count=1,
+    s, states = _states(case, model.rock_lines, seen, run, k, rock, draw, rng)
+    axes = {f"axis_{j + 1}_m": run.axes_m[rock, draw, j] for j in range(3)}
+    blocks = [replace(own, volume_m3=None, volume_exponent=None) for own in case.blocks]
+    releases = Releases(
+        rock,
+        fixed_blocks(blocks, rock, **axes, **states),
+        np.column_stack([s, s]),
+        np.nan_to_num(seen.lateral_m[rock, k]),
+        np.arange(rock.size, dtype=np.uint64),
     )
+    done = move(case, model.rock_lines, releases, model.moving, seed=model.seed + 1 + k, count=1)
     at, _, _ = passages_of(
         model.rock_lines.unforested, done, rock[done.passages["line"]],
         draw[done.passages["line"]], run.axes_m, len(case.station_names),
     )  # fmt: skip
-    started = np.zeros(n, bool)
-    started[rocks] = True
     at.arrived[~started] = np.nan
     ends = ends_of(done, rock.size, 1, model.rock_lines.end[rock])
     runout = np.full((n, m), np.nan)
     runout[rock, draw] = ends.runout_m[:, 0]
     return at, runout
-
-
-@dataclass(frozen=True, slots=True)
-class _States:
-    """How rocks start again; float64, shape (n,): along the ground, and let fall."""
-
-    s: FloatArray
-    speed: FloatArray
-    spin: FloatArray
-    drop: FloatArray
-    orientation: FloatArray
 
 
 def _states(
@@ -178,8 +143,8 @@ def _states(
     rock: IntArray,
     draw: IntArray,
     rng: np.random.Generator,
-) -> _States:
-    """States in which rocks start again at station ``k``.
+) -> tuple[FloatArray, dict[str, FloatArray]]:
+    """Chainages and states of the blocks in which rocks start again at station ``k``.
 
     The engine lets a rock go along the ground, from a height. A flight across the station in any
     other direction is therefore begun where it runs along the ground, before or behind the
@@ -199,11 +164,11 @@ def _states(
     donors = _came(run, k, dip)
     if donors is not None:
         blur = (error.speed_rel, math.hypot(error.speed_rel, error.rotation_rel), error.height_m)
-        near = donors.like(speed, turning, above, blur, rng)
-        ground, rise_rad = donors.ground[near], donors.rise_rad[near]
-        speed = _towards(speed, donors.speed[near], error.speed_rel * speed)
-        turning = _towards(turning, donors.turning[near], blur[1] * donors.turning[near])
-        above = _towards(above, donors.above[near], np.full(size, error.height_m))
+        near = _like(donors[2:], (speed, turning, above), blur, rng)
+        ground, rise_rad, usual_speed, usual_turning, usual_above = (v[near] for v in donors)
+        speed = _towards(speed, usual_speed, error.speed_rel * speed)
+        turning = _towards(turning, usual_turning, blur[1] * usual_turning)
+        above = _towards(above, usual_above, np.full(size, error.height_m))
     above = np.where(ground, 0.0, np.nan_to_num(above))
     spin = np.where(np.isfinite(turning), turning, 1.0) * speed / radius
     orientation = rng.uniform(0.0, math.pi, size)
@@ -212,18 +177,16 @@ def _states(
     support = np.hypot(a * np.sin(orientation), b * np.cos(orientation))
     centre = np.maximum(above + b / np.cos(dip), b / np.cos(dip) + _LEAST_DROP_M)
     angle = np.clip(dip + rise_rad, -1.5, 1.5)
-    flight = _parallel(
+    start, fast, high, dip_there = _parallel(
         case, rock_lines, rock, s, centre, speed * np.cos(angle), speed * np.sin(angle), k
     )
-    start, fast, high, dip_there = flight
     drop = np.maximum(high - support / np.cos(dip_there), _LEAST_DROP_M)
-    return _States(
-        np.where(ground, s, start),
-        np.where(ground, speed, fast),
-        spin,
-        np.where(ground, 0.0, drop),
-        orientation,
-    )
+    return np.where(ground, s, start), {
+        "speed_mps": np.where(ground, speed, fast),
+        "spin_radps": spin,
+        "drop_m": np.where(ground, 0.0, drop),
+        "orientation_rad": orientation,
+    }
 
 
 def _towards(seen: FloatArray, usual: FloatArray, error: FloatArray) -> FloatArray:
@@ -232,62 +195,41 @@ def _towards(seen: FloatArray, usual: FloatArray, error: FloatArray) -> FloatArr
     return np.where(np.isfinite(seen), moved, usual)
 
 
-@dataclass(frozen=True, slots=True)
-class _Came:
-    """Rocks that the model brings to a station; arrays of shape (n,).
+def _like(
+    came: Sequence[FloatArray],
+    seen: Sequence[FloatArray],
+    blur: tuple[float, float, float],
+    rng: np.random.Generator,
+) -> IntArray:
+    """Number of one of the rocks that came which are most like each of some that were seen.
 
-    Attributes
-    ----------
-    ground : bool
-        Whether they roll or slide.
-    rise_rad : float64
-        Angle of the velocity above the ground (rad).
-    speed, turning, above : float64
-        Speed (m/s), ω r/v, height above the resting position (m).
+    By speed, turning and height above the resting position, as ``_came`` has them. ``blur``:
+    relative errors of the first two, and the error of the height (m), within which they are alike.
     """
-
-    ground: NDArray[np.bool_]
-    rise_rad: FloatArray
-    speed: FloatArray
-    turning: FloatArray
-    above: FloatArray
-
-    def like(
-        self,
-        speed: FloatArray,
-        turning: FloatArray,
-        above: FloatArray,
-        blur: tuple[float, float, float],
-        rng: np.random.Generator,
-    ) -> IntArray:
-        """Number of one of the rocks that are most like each of some that were seen.
-
-        ``blur``: relative errors of speed and turning, and the error of the height (m), within
-        which rocks are alike.
-        """
-        pairs = (
-            (np.log(np.maximum(self.speed, 0.1)), np.log(np.maximum(speed, 0.1)), blur[0]),
-            (self.turning, turning, blur[1]),
-            (self.above, above, blur[2]),
-        )
-        data, asked = [], []
-        for own, other, error in pairs:
-            # Where a value was not measured it does not count.
-            known = np.where(np.isfinite(other), other, float(np.median(own)))
-            scale = math.hypot(error, 0.1 * float(own.std())) + 1e-9
-            data.append(own / scale)
-            asked.append(known / scale)
-        count = min(_LIKE, self.speed.size)
-        far, near = cKDTree(np.column_stack(data)).query(np.column_stack(asked), k=count)
-        # Each with the likelihood of what was seen, up to a factor.
-        total = np.cumsum(np.exp(0.5 * (far[:, :1] ** 2 - far**2)), axis=1)
-        pick = (total < rng.random(speed.size)[:, None] * total[:, -1:]).sum(axis=1)
-        chosen: IntArray = near[np.arange(speed.size), pick]
-        return chosen
+    data, asked = [], []
+    for k, (own, other, error) in enumerate(zip(came, seen, blur, strict=True)):
+        if k == 0:
+            own, other = np.log(np.maximum(own, 0.1)), np.log(np.maximum(other, 0.1))
+        # Where a value was not measured it does not count.
+        known = np.where(np.isfinite(other), other, float(np.median(own)))
+        scale = math.hypot(error, 0.1 * float(own.std())) + 1e-9
+        data.append(own / scale)
+        asked.append(known / scale)
+    count = min(_LIKE, came[0].size)
+    far, near = cKDTree(np.column_stack(data)).query(np.column_stack(asked), k=count)
+    # Each with the likelihood of what was seen, up to a factor.
+    total = np.cumsum(np.exp(0.5 * (far[:, :1] ** 2 - far**2)), axis=1)
+    pick = (total < rng.random(len(asked[0]))[:, None] * total[:, -1:]).sum(axis=1)
+    chosen: IntArray = near[np.arange(pick.size), pick]
+    return chosen
 
 
-def _came(run: FreeRun, k: int, dip: FloatArray) -> _Came | None:
-    """What the model brings to a station; None if that is too little."""
+def _came(run: FreeRun, k: int, dip: FloatArray) -> tuple[FloatArray, ...] | None:
+    """What the model brings to a station; None if that is too little.
+
+    Whether it rolls or slides, angle of the velocity above the ground (rad), speed (m/s), ω r/v,
+    height above the resting position (m).
+    """
     i, j = np.nonzero(run.at.arrived[:, :, k] == 1.0)
     if i.size < _LEAST_LIKE:
         return None
@@ -295,13 +237,9 @@ def _came(run: FreeRun, k: int, dip: FloatArray) -> _Came | None:
     radius = np.cbrt(run.axes_m[i, j].prod(axis=1))
     ground = run.ground[i, j, k]
     rest = run.axes_m[i, j, 1] / math.cos(float(np.median(dip)))
-    return _Came(
-        ground,
-        run.rise_rad[i, j, k],
-        speed,
-        2.0 * math.pi * run.at.rotation_hz[i, j, k] * radius / np.maximum(speed, 0.1),
-        np.where(ground, 0.0, np.maximum(run.at.height_m[i, j, k] - rest, 0.0)),
-    )
+    turning = 2.0 * math.pi * run.at.rotation_hz[i, j, k] * radius / np.maximum(speed, 0.1)
+    above = np.where(ground, 0.0, np.maximum(run.at.height_m[i, j, k] - rest, 0.0))
+    return ground, run.rise_rad[i, j, k], speed, turning, above
 
 
 def _parallel(
@@ -341,26 +279,3 @@ def _parallel(
         start[rows], height[rows] = x[pick, best], clear[pick, best]
         speed[rows] = np.hypot(vx[rows], vz[rows] - g * t[best])
     return start, speed, height, dips_at(rock_lines.unforested, rock, start)
-
-
-def _blocks(case: Case, rock: IntArray, axes: FloatArray, states: _States) -> list[BlockPopulation]:
-    """One population of fixed values for each restart."""
-    a, b, c = axes.T.tolist()
-    columns = (states.speed, states.spin, states.drop, states.orientation)
-    return [
-        replace(
-            case.blocks[i],
-            axis_1_m=(a[n], a[n]),
-            axis_2_m=(b[n], b[n]),
-            axis_3_m=(c[n], c[n]),
-            volume_m3=None,
-            volume_exponent=None,
-            speed_mps=(v, v),
-            spin_radps=(w, w),
-            drop_m=(h, h),
-            orientation_rad=(o, o),
-        )
-        for n, (i, v, w, h, o) in enumerate(
-            zip(rock.tolist(), *(c.tolist() for c in columns), strict=True)
-        )
-    ]

@@ -124,20 +124,14 @@ def steps_of(
         *_stops(case, run),
     ]
     columns: dict[str, list[FloatArray]] = {f.name: [] for f in fields(StepTable)}
+    radius = run.radius_m
     for part in parts:
-        n = part["rock"].size
         rock = part["rock"]
-        part = {"radius_m": run.radius_m[rock], "flatness": flat[rock], **part}
+        part = {"radius_m": radius[rock], "flatness": flat[rock], **part}
         for name, filled in columns.items():
             missing = -1 if name in ("ground", "station") else np.nan
-            filled.append(np.broadcast_to(np.asarray(part.get(name, missing)), n))
-    empty = {"step": np.array([], np.str_), "quantity": np.array([], np.str_)}
-    made: dict[str, Any] = {
-        name: np.concatenate(filled) if filled else empty.get(name, np.empty(0))
-        for name, filled in columns.items()
-    }
-    for name in ("rock", "ground", "station"):
-        made[name] = made[name].astype(np.int64)
+            filled.append(np.broadcast_to(np.asarray(part.get(name, missing)), rock.size))
+    made: dict[str, Any] = {name: np.concatenate(filled) for name, filled in columns.items()}
     return StepTable(**made)
 
 
@@ -155,28 +149,21 @@ def _impacts(
         return []
     draws = rebound_draws(case, model, seen, rng)
     own = seen.impacts
-    common: _Part = {
-        "rock": seen.rock, "step": "impact", "ground": seen.kind, "vn_mps": -own.vn_in_mps,
-    }  # fmt: skip
-    known = np.isfinite(draws[..., 0])
-    enough = known.sum(axis=1) >= IMPACT_DRAWS // 4
-    out = []
-    quantities = {
-        "tangential_speed_mps": (own.vt_out_mps, draws[..., 0]),
-        "normal_speed_mps": (own.vn_out_mps, draws[..., 1]),
-        "spin_out_radps": (own.omega_out_radps, draws[..., 2]),
-    }
-    for name, (observed, drawn) in quantities.items():
-        mean, sd = _mean_and_sd(np.where(enough[:, None], drawn, np.nan), least=1)
-        out.append({
-            **common, "quantity": name, "observed": observed, "predicted": mean, "sd": sd,
-        })  # fmt: skip
+    enough = np.isfinite(draws[..., 0]).sum(axis=1) >= IMPACT_DRAWS // 4
+    vt, vn, spin = np.moveaxis(np.where(enough[:, None, None], draws, np.nan), -1, 0)
     line_turn = turn_of_lines(case, seen.rock, seen.s)
-    turn = {
-        "quantity": "turn_deg", "observed": own.turn_deg, "predicted": line_turn,
-        "sd": turn_error(case, line_turn),
-    }  # fmt: skip
-    return [*out, {**common, **turn}]
+    return [
+        {
+            "rock": seen.rock, "step": "impact", "ground": seen.kind, "vn_mps": -own.vn_in_mps,
+            "quantity": name, "observed": observed, "predicted": predicted, "sd": sd,
+        }
+        for name, observed, (predicted, sd) in (
+            ("tangential_speed_mps", own.vt_out_mps, _mean_and_sd(vt, least=1)),
+            ("normal_speed_mps", own.vn_out_mps, _mean_and_sd(vn, least=1)),
+            ("spin_out_radps", own.omega_out_radps, _mean_and_sd(spin, least=1)),
+            ("turn_deg", own.turn_deg, (line_turn, turn_error(case, line_turn))),
+        )
+    ]  # fmt: skip
 
 
 def _mean_and_sd(draws: FloatArray, least: int = 2) -> tuple[FloatArray, FloatArray]:
@@ -243,10 +230,8 @@ def _first_contacts(
     """Chainage of the first contact, against that in the model as the observer records it."""
     if rows is None:
         return []
-    observed = _first_chainage(rows, case.n_rocks)
-    made = np.empty((case.n_rocks, 0))
-    if recorded:
-        made = np.column_stack([_first_chainage(one, case.n_rocks) for one in recorded])
+    observed, *found = (_first_chainage(one, case.n_rocks) for one in (rows, *recorded))
+    made = np.column_stack([np.empty((case.n_rocks, 0)), *found])
     predicted = mean_of_draws(made)
     scatter = mean_of_draws((made - predicted[:, None]) ** 2)
     known = np.isfinite(observed) & np.isfinite(predicted)
@@ -295,14 +280,15 @@ def _offset(case: Case, draws: FloatArray, *, stop: bool = False) -> tuple[Float
 
 
 def _stops(case: Case, run: FreeRun) -> list[_Part]:
-    runout, lateral, _, _ = observed_end(case)
-    rock = np.flatnonzero(np.isfinite(runout))
+    end = observed_end(case)
+    rock = np.flatnonzero(np.isfinite(end.runout_m))
     if not rock.size:
         return []
     predicted, sd = _offset(case, run.ends.lateral_m[rock], stop=True)
     return [
         {
             "rock": rock, "step": "stop", "quantity": "lateral_m",
-            "observed": lateral[rock], "predicted": predicted, "sd": sd, "way_m": runout[rock],
+            "observed": end.lateral_m[rock], "predicted": predicted, "sd": sd,
+            "way_m": end.runout_m[rock],
         }
     ]  # fmt: skip

@@ -89,32 +89,21 @@ def residuals_with(
 
 def _scaled_back(case: Case, error: MeasurementError) -> Case:
     """The case with speeds, heights and spins as they are without an error of the instruments."""
-    seen, scale, spin = case.observations, error.scale, error.spin_scale
-    passed, hit, path = seen.passages, seen.impacts, seen.trajectories
-    observations = replace(
-        seen,
-        passages=replace(
-            passed,
-            speed_mps=passed.speed_mps / scale,
-            height_m=passed.height_m / scale,
-            rotation_hz=passed.rotation_hz / error.rotation_scale,
-        ),
-        impacts=replace(
-            hit,
-            vt_in_mps=hit.vt_in_mps / scale,
-            vn_in_mps=hit.vn_in_mps / scale,
-            vt_out_mps=hit.vt_out_mps / scale,
-            vn_out_mps=hit.vn_out_mps / scale,
-            omega_in_radps=hit.omega_in_radps / spin,
-            omega_out_radps=hit.omega_out_radps / spin,
-        ),
-        trajectories=replace(
-            path,
-            speed_mps=path.speed_mps / scale,
-            rotation_hz=path.rotation_hz / error.rotation_scale,
-        ),
-    )
-    return replace(case, observations=observations)
+    scale, spin, rotation = error.scale, error.spin_scale, error.rotation_scale
+    factors = {
+        "passages": {"speed_mps": scale, "height_m": scale, "rotation_hz": rotation},
+        "impacts": {
+            "vt_in_mps": scale, "vn_in_mps": scale, "omega_in_radps": spin,
+            "vt_out_mps": scale, "vn_out_mps": scale, "omega_out_radps": spin,
+        },
+        "trajectories": {"speed_mps": scale, "rotation_hz": rotation},
+    }  # fmt: skip
+    tables = {}
+    for name, columns in factors.items():
+        own = getattr(case.observations, name)
+        true = {column: getattr(own, column) / factor for column, factor in columns.items()}
+        tables[name] = replace(own, **true)
+    return replace(case, observations=replace(case.observations, **tables))
 
 
 def reach_edges(case: Case, run: FreeRun) -> FloatArray:
@@ -126,10 +115,8 @@ def reach_edges(case: Case, run: FreeRun) -> FloatArray:
     s = case.station_s
     known = np.isfinite(s)
     middle = np.where(known, s, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
-    ends = [np.quantile(run.ends.runout_m, 0.99)]
-    deposits = case.projected.get("deposits")
-    if deposits is not None and np.isfinite(deposits.s).any():
-        ends.append(np.nanmax(deposits.s))
-    last = max(float(max(ends)), float(middle[-1]) + 1.0 if middle.size else start + 1.0)
+    lie = case.projected["deposits"].s
+    ends = np.append(lie[np.isfinite(lie)], np.quantile(run.ends.runout_m, 0.99))
+    last = max(float(ends.max()), float(middle[-1] if middle.size else start) + 1.0)
     at = np.concatenate([[start], middle, [last]])
     return np.column_stack([at[:-1], at[1:]])

@@ -64,6 +64,5 @@ def used_lines(case: Case) -> list[int]:
 
 def observed_end(case: Case) -> float:
     """Chainage beyond which nothing was observed (m); infinite if no point has a chainage."""
-    found = [p.s[np.isfinite(p.s)] for p in case.projected.values()]
-    known = np.concatenate(found) if found else np.empty(0)
+    known = np.concatenate([p.s[np.isfinite(p.s)] for p in case.projected.values()])
     return float(known.max()) if known.size else math.inf

@@ -113,7 +113,7 @@ def table_of(raw: RawTable, grid: Grid | None) -> Table:
 
 def _by_time(table: Table) -> Table:
     """Rows by rock, in the order of their first appearance, then by time."""
-    rank, _ = pd.factorize(table.rock_id)  # type: ignore[attr-defined]
+    rank, _ = pd.factorize(table.rock_id)
     return table.take(np.lexsort((table.t_s, rank)))  # type: ignore[attr-defined]
 
 

@@ -711,27 +711,33 @@ def hops(scale, wrong=()):
     return change
 
 
-def test_a_wrong_scale_of_speeds_is_named_and_the_rows_are_kept(folder, slope):
-    path = folder(impacts=hops(1.2), deposits=None, trajectories=None)
-    found = only(read := read_observations(path, slope), slope)
+@pytest.fixture
+def hopped(folder, slope):
+    """Observations of ``hops``, without stops and paths."""
+
+    def read(scale, wrong=(), **changes):
+        path = folder(impacts=hops(scale, wrong), deposits=None, trajectories=None, **changes)
+        return read_observations(path, slope)
+
+    return read
+
+
+def test_a_wrong_scale_of_speeds_is_named_and_the_rows_are_kept(hopped, slope):
+    found = only(read := hopped(1.2), slope)
     assert "impacts.vt_in_mps" in found and "speeds are too high for all" in found
     # The air takes 5 % of the energy: 1.2 times √(1 − 0.05 × fall over gain).
     assert "found 17 % more" in found and "20 flights" in found
     assert np.isfinite(read.impacts.vt_in_mps).all()
-    assert (
-        lines(read_observations(folder(impacts=hops(1.0), deposits=None, trajectories=None), slope))
-        == []
-    )
+    assert lines(hopped(1.0)) == []
 
 
-def test_speeds_at_impacts_in_another_unit_are_left_out(folder, slope):
-    read = read_observations(folder(impacts=hops(3.6), deposits=None, trajectories=None), slope)
-    found = only(read, slope)
+def test_speeds_at_impacts_in_another_unit_are_left_out(hopped, slope):
+    found = only(read := hopped(3.6), slope)
     assert "look like km/h, or another unit (found 3.5 times what the falls" in found
     assert np.isnan(read.impacts.vt_in_mps).all() and np.isnan(read.impacts.vn_out_mps).all()
 
 
-def test_rocks_too_fast_for_the_stated_start_speak_against_it_and_stay(folder, slope):
+def test_rocks_too_fast_for_the_stated_start_speak_against_it_and_stay(hopped, slope):
     # Those of hops fell 14 m before their first impact: here they start 12 m too low.
     def low(records):
         out = [dict(r) for r in records]
@@ -739,8 +745,7 @@ def test_rocks_too_fast_for_the_stated_start_speak_against_it_and_stay(folder, s
             own["x"], own["y"], own["z"] = at(2.0 * i, 38.0)
         return out
 
-    path = folder(rocks=low, impacts=hops(1.0), passages=None, deposits=None, trajectories=None)
-    found = only(read := read_observations(path, slope), slope)
+    found = only(read := hopped(1.0, rocks=low, passages=None), slope)
     assert "the drop from the stated start allows, at 5 of 5 rocks; they are kept" in found
     assert "m higher" in found
     assert np.isfinite(read.impacts.vt_in_mps).all()
@@ -751,11 +756,9 @@ def test_a_speed_at_the_release_counts_as_the_height_that_gives_it():
     assert drop_of([fast, slow]) - drop_of([slow]) == pytest.approx(16.0 / 19.62)
 
 
-def test_one_impact_too_fast_is_left_out_whatever_the_scale(folder, slope):
+def test_one_impact_too_fast_is_left_out_whatever_the_scale(hopped):
     for scale in (1.0, 1.2):
-        read = read_observations(
-            folder(impacts=hops(scale, [(2, 4)]), deposits=None, trajectories=None), slope
-        )
+        read = hopped(scale, [(2, 4)])
         assert np.flatnonzero(np.isnan(read.impacts.vt_in_mps)).tolist() == [8]
 
 

@@ -45,7 +45,7 @@ def test_points_of_a_plane_slope(observed, slope):
     assert rock.tolist() == [0, 1, 2, 3, 4]
     traces = traced(slope, points)
     found = project_observations(observed, traces, rock, grid=slope)
-    assert {k: len(v) for k, v in found.items()} == {
+    assert {k: v.line.size for k, v in found.items()} == {
         "rocks": 5,
         "passages": 10,
         "impacts": 5,

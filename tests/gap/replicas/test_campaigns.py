@@ -32,6 +32,13 @@ def made(
     return campaigns(problem.case, problem.rock_lines, model, count=count, seed=2, number=number)
 
 
+def speed(rows: list[Campaign], *stations: int) -> float:
+    """Mean of the passages, at some stations or at all (m/s)."""
+    passed = [r.passages for r in rows if r.passages is not None]
+    own = [p.speed_mps[np.isin(p.station, stations)] if stations else p.speed_mps for p in passed]
+    return float(np.mean(np.concatenate(own)))
+
+
 def test_what_the_base_model_shows_is_what_it_made(problem: CalibrationProblem) -> None:
     """The field is the engine itself: its own campaigns look like it, station by station."""
     seen = rock_quantities(problem.case, observed_campaign(problem.case))
@@ -58,15 +65,9 @@ def test_rocks_that_run_off_the_terrain_are_counted(problem: CalibrationProblem)
 
 
 def test_measurement_scales_what_is_read(problem: CalibrationProblem) -> None:
-    def speed(measurement: MeasurementError) -> float:
-        rows = made(problem, 10, replace(BASE, measurement=measurement))
-        return float(
-            np.mean(np.concatenate([r.passages.speed_mps for r in rows if r.passages is not None]))
-        )
-
-    assert speed(MeasurementError(scale=1.2)) == pytest.approx(
-        1.2 * speed(MeasurementError()), rel=1e-9
-    )
+    scaled = replace(BASE, measurement=MeasurementError(scale=1.2))
+    measured, plain = (speed(made(problem, 10, model)) for model in (scaled, BASE))
+    assert measured == pytest.approx(1.2 * plain, rel=1e-9)
 
 
 def test_release_moves_the_start(problem: CalibrationProblem) -> None:
@@ -79,14 +80,6 @@ def test_a_stand_takes_energy_only_where_it_stands(problem: CalibrationProblem) 
     stand = ForestStand(46.0, 79.0, 4000.0, 50.0)
     model = replace(BASE, stand=stand, effects=EffectSettings(Forest()))
     with_trees, without = made(problem, 20, model), made(problem, 20)
-
-    def speed(rows: list, station: int) -> float:  # type: ignore[type-arg]
-        return float(
-            np.mean(
-                np.concatenate([r.passages.speed_mps[r.passages.station == station] for r in rows])
-            )
-        )
-
     assert speed(with_trees, 0) == pytest.approx(speed(without, 0), rel=0.02)
     assert speed(with_trees, 1) < 0.5 * speed(without, 1)
 
