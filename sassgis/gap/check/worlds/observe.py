@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -374,5 +374,5 @@ def setup(world: World) -> SiteSetup:
         class_names=CLASSES,
         class_codes=world.relief.ground,
         releases=_stated_release(world, world.releases),
-        blocks=asdict(world.blocks),
+        blocks=world.blocks,
     )

@@ -129,9 +129,7 @@ def calibrated(world: World, effect: PlacedEffect) -> PlacedEffect:
     and the effect is called by the strength that it has.
     """
     rocks = draw_rocks(world, n_measure(world), 21)
-    before = with_effects(world, world.effects)
-    base = features(before, simulate(before, rocks, MEASURE_STEP_S))
-
+    base = features(world, simulate(world, rocks, MEASURE_STEP_S))
     first_station = min(int((world.stations_s <= effect.s0_m).sum()), len(world.stations_s) - 1)
 
     def size(magnitude: float) -> float:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal, get_args
 
 import numpy as np
 
-from sassgis.gap.check.worlds.motion_state import Field, KeyArray
+from sassgis.gap.check.worlds.motion_state import KeyArray
 from sassgis.gap.check.worlds.slopes import Relief
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid, IntArray
@@ -197,18 +197,6 @@ class PlacedEffect:
 
 
 @dataclass(frozen=True, slots=True)
-class Blocks:
-    """Ranges from which rocks are drawn, all uniform: what the diagnosing side knows."""
-
-    axis_1_m: tuple[float, float]
-    axis_2_m: tuple[float, float]
-    axis_3_m: tuple[float, float]
-    density_kgm3: tuple[float, float]
-    speed_mps: tuple[float, float]
-    drop_m: tuple[float, float]
-
-
-@dataclass(frozen=True, slots=True)
 class Faults:
     """What the observers of a site do not see, or see wrongly; without values, nothing.
 
@@ -265,6 +253,9 @@ class World:
         Stations (m down the slope).
     releases : float64, shape (n_releases, 3)
         Release points x, y, z (m).
+    blocks : dict
+        Limits between which rocks are drawn, all uniform: semi-axes (m), density (kg/m³), speed
+        (m/s) and drop (m). The diagnosing side knows them.
     effects : tuple of PlacedEffect
         The truth.
     """
@@ -279,11 +270,10 @@ class World:
     ground: IntArray
     stations_s: FloatArray
     releases: FloatArray
-    blocks: Blocks
+    blocks: dict[str, tuple[float, float]]
     faults: Faults = Faults()
     edges_rad: float = 0.0
     effects: tuple[PlacedEffect, ...] = ()
-    _fields: dict[str, Field] = field(default_factory=dict, compare=False, repr=False)
 
     @property
     def station_names(self) -> tuple[str, ...]:
@@ -311,18 +301,16 @@ class WorldRocks:
     Attributes
     ----------
     state : float64, shape (n, N_STATE)
-        As the kernels take it; with the errors of the release, where the truth has them.
+        As the kernels take it; with the errors of the release, where the truth has them, and the
+        time in the campaign at which each is released, 0 to 1.
     stated : float64, shape (n, 4)
         Release x, y, z of the centre (m) and speed (m/s) as they are written down.
     keys : uint64, shape (n,)
-    campaign : float64, shape (n,)
-        When in the campaign each is released, 0 to 1.
     """
 
     state: FloatArray
     stated: FloatArray
     keys: KeyArray
-    campaign: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -347,14 +335,7 @@ def with_effects(world: World, effects: tuple[PlacedEffect, ...]) -> World:
     for effect in effects:
         if effect.name == "terrace":
             grid = replace(grid, values=grid.values + _terrace(world, effect))
-    same = _standing(effects) == _standing(world.effects)
-    fields = world._fields if same else {}
-    return replace(world, effects=effects, true_grid=grid, _fields=fields)
-
-
-def _standing(effects: tuple[PlacedEffect, ...]) -> tuple[PlacedEffect, ...]:
-    """The effects that are part of the ground rather than of the motion."""
-    return tuple(e for e in effects if e.name in ("trees", "collisions", "terrace"))
+    return replace(world, effects=effects, true_grid=grid)
 
 
 def _terrace(world: World, effect: PlacedEffect) -> FloatArray:

@@ -77,23 +77,9 @@ class Plane:
         return st
 
     def run(self, st, dt: float = 0.002, forces: Forces | None = None):  # type: ignore[no-untyped-def]
-        tables = Tables(
-            deposits=np.zeros((200, 8)),
-            passages=np.zeros((10, 11)),
-            impacts=np.zeros((2000, 17)),
-            tracks=np.zeros((20000, 9)),
-            used=np.zeros(4, np.int64),
-            gain=np.full(1, -1.0),
-        )
-        m.run_rocks(
-            self.field,
-            forces or Forces(),
-            st[None, :],
-            np.array([1], np.uint64),
-            np.zeros(1),
-            dt,
-            tables,
-        )
+        tables = Tables.of((200, 10, 2000, 20000), 1)
+        keys = np.array([1], np.uint64)
+        m.run_rocks(self.field, forces or Forces(), st[None, :], keys, dt, tables)
         return tables
 
 

@@ -10,9 +10,15 @@ import pytest
 from sassgis.engine.impact import rebound_at_contact
 from sassgis.gap.check.worlds import motion as m
 from sassgis.gap.check.worlds import motion_state as ms
-from sassgis.gap.check.worlds.contact_laws import ELASTIC, compressed, contact
+from sassgis.gap.check.worlds.contact_laws import (
+    ELASTIC,
+    compressed,
+    contact,
+    kinetic,
+    lever,
+    rebound,
+)
 from sassgis.gap.check.worlds.forces import Forces, Local
-from sassgis.gap.check.worlds.law import kinetic, lever, rebound
 
 pytestmark = pytest.mark.kernels
 
@@ -162,7 +168,7 @@ def test_flight_through_air_converges_in_the_step(plane) -> None:  # type: ignor
     for n in (8, 16, 32, 512):
         st = ground.rock(0.3, 0.3, 20.0, 10.0)
         for _ in range(n):
-            m.flight_step(Forces(air=Local(q=50.0)), st, 1.0 / n)
+            m.flight_step(Forces(air_drag=Local(q=50.0)), st, 1.0 / n)
         ends.append(st[ms.X])
     errors = [abs(end - ends[-1]) for end in ends[:3]]
     assert errors[1] < errors[0] / 10 and errors[2] < errors[1] / 10

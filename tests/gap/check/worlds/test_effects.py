@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from sassgis.gap.check.worlds import motion_state as ms
-from sassgis.gap.check.worlds import new_blocks
-from sassgis.gap.check.worlds.forces import Local, indent, strike
+from sassgis.gap.check.worlds.after_contact import loosen, shatter
+from sassgis.gap.check.worlds.forces import Forces, Local, indent, strike
 from sassgis.gap.check.worlds.observe import distort
 from sassgis.gap.check.worlds.simulation import draw_rocks, simulate
 from sassgis.gap.check.worlds.world import LIMITS, World, with_effects
@@ -19,6 +19,12 @@ from sassgis.gap.check.worlds.world import LIMITS, World, with_effects
 Make = Callable[[str, float], World]
 # These give energy from outside, or change what is written down rather than what happens.
 _OPEN = ("wind", "measurement_error")
+
+
+def nothing_waits() -> ms.Waiting:
+    """No block waits, and one has been made."""
+    states = np.zeros((ms.MAX_PIECES, ms.N_STATE))
+    return ms.Waiting(states, np.zeros(ms.MAX_PIECES, np.uint64), np.array([0, 1]))
 
 
 def _same(one: World, other: World) -> bool:
@@ -84,13 +90,9 @@ def test_a_breaking_rock_keeps_its_momentum(plane) -> None:  # type: ignore[no-u
     ground = plane(0.6, [0.5, 0, 0.3, 0.7, 0.5, 0, 0])
     st = ground.rock(0.6, 0.5, 12.0, 3.0, 9.0)
     for n in range(1, 40):
-        stack = np.zeros((new_blocks.MAX_PIECES, ms.N_STATE))
-        counts = np.array([0, 1])
-        state = st.copy()
-        keys = np.zeros(new_blocks.MAX_PIECES, np.uint64)
-        lost = 30.0
-        new_blocks.shatter(state, np.uint64(3), n, lost, stack, keys, counts)
-        pieces = stack[: counts[0]]
+        waiting, state, lost = nothing_waits(), st.copy(), 30.0
+        shatter(state, np.uint64(3), n, lost, waiting)
+        pieces = waiting.states[: waiting.counts[0]]
         assert 2 <= len(pieces) <= 5 and state[ms.MODE] == ms.BROKEN
         mass = pieces[:, [ms.A, ms.B, ms.C]].prod(axis=1)
         assert mass.sum() == pytest.approx(0.6 * 0.5 * 0.5, rel=1e-12)
@@ -124,23 +126,16 @@ def test_blows_and_dents_take_energy() -> None:
 
 
 def test_a_loosened_block_takes_its_momentum_from_the_rock(plane) -> None:  # type: ignore[no-untyped-def]
-    from sassgis.gap.check.worlds.forces import Forces
-
     ground = plane(0.6, [0.5, 0, 0.3, 0.7, 0.5, 0, 0])
-    forces = Forces(loose=Local(q=1e9))
+    forces = Forces(entrainment=Local(q=1e9))
     for n in range(1, 30):
         st = ground.rock(0.6, 0.5, 12.0, 0.0, 9.0)
         before = st[ms.VX : ms.VZ + 1].copy()
-        stack, keys = (
-            np.zeros((new_blocks.MAX_PIECES, ms.N_STATE)),
-            np.zeros(new_blocks.MAX_PIECES, np.uint64),
-        )
-        counts = np.array([0, 1])
-        new_blocks.loosen(
-            ground.field, forces, st, np.uint64(5), n, 5.0, 50.0, 40.0, stack, keys, counts
-        )
-        assert counts[0] == 1
-        ratio = (stack[0, ms.A] / st[ms.A]) ** 3
-        small, large = stack[0, ms.VX : ms.VZ + 1], st[ms.VX : ms.VZ + 1]
+        waiting = nothing_waits()
+        loosen(ground.field, forces, st, np.uint64(5), n, 5.0, 50.0, 40.0, waiting)
+        assert waiting.counts[0] == 1
+        loose = waiting.states[0]
+        ratio = (loose[ms.A] / st[ms.A]) ** 3
+        small, large = loose[ms.VX : ms.VZ + 1], st[ms.VX : ms.VZ + 1]
         assert large + ratio * small == pytest.approx(before, abs=1e-9)
         assert (large**2).sum() + ratio * (small**2).sum() <= (before**2).sum() + 1e-9

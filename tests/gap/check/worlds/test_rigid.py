@@ -135,7 +135,7 @@ def test_hulls_have_the_volume_and_the_inertia_that_they_should() -> None:
 def site(null_world: World) -> World:
     """Stations where they are at the site of the model's law, which is there at once."""
     law = rigid.drawn_contacts(np.random.default_rng(5))
-    return replace(null_world, spec=replace(null_world.spec, law="rigid"), law=law, _fields={})
+    return replace(null_world, spec=replace(null_world.spec, law="rigid"), law=law)
 
 
 def with_magnitude(site: World, name: str, magnitude: float) -> World:
@@ -144,7 +144,7 @@ def with_magnitude(site: World, name: str, magnitude: float) -> World:
 
 
 def some(rocks: WorldRocks, rows: list[int]) -> WorldRocks:
-    return WorldRocks(*(getattr(rocks, f)[rows] for f in ("state", "stated", "keys", "campaign")))
+    return WorldRocks(*(getattr(rocks, f)[rows] for f in ("state", "stated", "keys")))
 
 
 def test_the_library_has_the_ground_that_is_given(site: World) -> None:

@@ -17,14 +17,23 @@ from sassgis.gap.check.worlds import (
     observe,
     setup,
 )
+from sassgis.gap.check.worlds import motion_state as ms
 from sassgis.gap.check.worlds.battery import FULL, MODEST, quick_battery, world_seeds
-from sassgis.gap.check.worlds.forces import Forces, Local, air_acceleration, drained
+from sassgis.gap.check.worlds.forces import Forces, Local, acceleration, drained
 from sassgis.gap.check.worlds.make import base_world, nominal_law, place_effect
 from sassgis.gap.check.worlds.observe import merged_contacts
 from sassgis.gap.check.worlds.simulation import draw_rocks, simulate
 from sassgis.gap.check.worlds.slopes import SLOPE_TYPES, descent, guide
 from sassgis.gap.check.worlds.strength import BANDS, effect_size, inhomogeneity
-from sassgis.gap.check.worlds.world import FAMILIES, LAWS, LIMITS, Faults, World, with_effects
+from sassgis.gap.check.worlds.world import (
+    FAMILIES,
+    LAWS,
+    LIMITS,
+    Faults,
+    World,
+    WorldRocks,
+    with_effects,
+)
 from sassgis.model.errors import InputError
 
 
@@ -93,12 +102,10 @@ def test_the_same_seed_gives_the_same_world_and_rocks() -> None:
 
 
 def test_rocks_do_not_depend_on_their_company(null_world: World) -> None:
-    few, many = draw_rocks(null_world, 5, 3), draw_rocks(null_world, 5, 3)
-    whole = simulate(null_world, few).deposits
-    alone = simulate(
-        null_world,
-        type(many)(many.state[3:4], many.stated[3:4], many.keys[3:4], many.campaign[3:4]),
-    ).deposits
+    rocks = draw_rocks(null_world, 5, 3)
+    whole = simulate(null_world, rocks).deposits
+    one = WorldRocks(rocks.state[3:4], rocks.stated[3:4], rocks.keys[3:4])
+    alone = simulate(null_world, one).deposits
     assert np.array_equal(whole[whole[:, 0] == 3, 1:], alone[:, 1:])
 
 
@@ -298,14 +305,14 @@ def test_a_patch_is_on_no_map_and_takes_part_in_the_motion() -> None:
     assert 0.02 < changed.mean() < 0.4
     assert np.array_equal(setup(world).class_codes, world.relief.ground)
     rocks = draw_rocks(world, 40, 3)
-    plain = replace(world, ground=world.relief.ground, _fields={})
+    plain = replace(world, ground=world.relief.ground)
     assert not np.array_equal(simulate(world, rocks).deposits, simulate(plain, rocks).deposits)
 
 
 def test_a_loss_that_grows_with_speed_takes_its_share(null_world: World) -> None:
     """At 10 m/s after a contact, a loss of 0.25 leaves 1/(1 + 0.25) of speed and spin."""
     assert drained(Local(0.25), 8.0, 6.0, 10.0) == pytest.approx((6.4, 4.8, 8.0))
-    lossy = replace(null_world, speed_loss=0.25, _fields={})
+    lossy = replace(null_world, speed_loss=0.25)
     rocks = draw_rocks(null_world, 60, 3)
     s = [
         null_world.relief.frame.s(*simulate(w, rocks).deposits[:, 3:5].T).mean()
@@ -332,10 +339,12 @@ def test_slopes_without_a_cliff_are_passed_and_hold_every_effect(slope: str, cou
 
 def test_air_resists_by_no_more_than_air_does() -> None:
     """C_d of a block that shows its widest side, at the strongest magnitude, is at most 2."""
-    forces = Forces(air=Local(LIMITS["air_drag"][1]))
+    forces = Forces(air_drag=Local(LIMITS["air_drag"][1]))
+    st = np.zeros(ms.N_STATE)
+    st[ms.DENSITY] = 1500.0
     for size in (0.2, 1.25):
-        axes = 0.65 * size, 0.35 * size, 0.18 * size
-        pull, _, _ = air_acceleration(forces, *axes, 1500.0, 0.5 * np.pi, 0.0, 20.0, 0.0, 0.0)
+        st[ms.A : ms.C + 1] = axes = 0.65 * size, 0.35 * size, 0.18 * size
+        pull, _, _ = acceleration(forces, st, 0.5 * np.pi, 20.0, 0.0, 0.0)
         mass = 1500.0 * 4.0 / 3.0 * np.pi * np.prod(axes)
         area = np.pi * axes[0] * axes[2]
         assert 1.5 < -pull * mass / (0.5 * 1.2 * area * 20.0**2) <= 2.0
