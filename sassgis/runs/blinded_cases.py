@@ -32,7 +32,7 @@ def make_case(spec: WorldSpec, seed: int, case: str, folder: str) -> dict[str, A
     world = make_world(spec, seed)
     # It appears whole: a process that was lost may have written it.
     if not Path(folder).exists():
-        seen = observe(world, spec.kind, spec.n_rocks, _CAMPAIGN)  # type: ignore[arg-type]
+        seen = observe(world, spec.kind, spec.n_rocks, _CAMPAIGN)
         write_seen(world, Path(folder), f"World {case}", seen)
     return {"label": label_of(world, case), "digest": folder_digest(Path(folder))}
 
@@ -65,6 +65,6 @@ def make_fresh(spec: WorldSpec, seed: int, rocks: int, folder: str) -> None:
     """
     world = make_world(spec, seed)
     fresh = fresh_rocks(world, rocks)
-    names = observe(world, spec.kind, 1, _CAMPAIGN).tables  # type: ignore[arg-type]
+    names = observe(world, spec.kind, 1, _CAMPAIGN).tables
     tables = {name: table for name, table in fresh.tables.items() if name in names}
     write_observations(Path(folder), tables, fresh.metadata)

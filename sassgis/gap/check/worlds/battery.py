@@ -17,8 +17,6 @@ from sassgis.gap.check.worlds.world import (
     MOST_STATIONS,
     UNKNOWNS,
     EffectSpec,
-    Family,
-    Strength,
     WorldSpec,
 )
 from sassgis.model.errors import InputError
@@ -43,7 +41,7 @@ _ERROR_FACTORS = (1.0, 1.0, 0.5, 1.5)
 # Observers of every third site know no names of pieces.
 _NAMED = (True, True, False)
 # A fifth of the single effects is weak.
-_STRENGTHS: tuple[Strength, ...] = ("weak", "medium", "strong", "medium", "strong")
+_STRENGTHS = ("weak", "medium", "strong", "medium", "strong")
 
 
 def battery(seed: int, n: int, laws: Sequence[str] = LAWS) -> list[WorldSpec]:
@@ -148,10 +146,9 @@ def world_seeds(seed: int, n: int) -> list[int]:
 def _singles(rng: np.random.Generator, n: int) -> list[tuple[EffectSpec, ...]]:
     """Single effects: families in shuffled cycles, and each through the strengths in turn."""
     place = {name: k for k, name in enumerate(_cycle(rng, FAMILIES, len(FAMILIES)))}
-    names: list[Family] = _cycle(rng, FAMILIES, n)
     return [
         (EffectSpec(name, _STRENGTHS[(place[name] + k // len(FAMILIES)) % len(_STRENGTHS)]),)
-        for k, name in enumerate(names)
+        for k, name in enumerate(_cycle(rng, FAMILIES, n))
     ]
 
 

@@ -44,26 +44,6 @@ FOREIGN_LAW = (
 
 _N_RELEASES = 12
 
-_PHASES: dict[str, str] = {
-    "lateral_deflection": "impact",
-    "fragmentation": "impact",
-    "soft_ground": "impact",
-    "entrainment": "impact",
-    "trees": "flight",
-    "air_drag": "flight",
-    "roughness": "impact",
-    "rock_shape": "impact",
-    "release_error": "release",
-    "measurement_error": "observation",
-    "wind": "flight",
-    "snow": "rolling",
-    "ice": "rolling",
-    "wetting": "impact",
-    "terrace": "impact",
-    "magnus": "flight",
-    "collisions": "rolling",
-}
-
 
 def nominal_law() -> FloatArray:
     """Parameters of the classes as the package states them, in the order of CLASSES."""
@@ -218,7 +198,6 @@ def place_effect(world: World, wanted: EffectSpec, seed: int) -> PlacedEffect:
         name=wanted.name,
         strength=wanted.strength,
         magnitude=0.0,
-        phase=_PHASES[wanted.name],
         s0_m=low,
         s1_m=high,
         segments=_touched(world, wanted.name, low, high),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, Literal, get_args
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 from sassgis.gap.check.worlds import motion_state
 from sassgis.gap.check.worlds.simulation import draw_rocks, heights_of, simulate
 from sassgis.gap.check.worlds.slopes import CLASSES
-from sassgis.gap.check.worlds.world import Run, World, WorldRocks
+from sassgis.gap.check.worlds.world import Run, World, WorldRocks, require_known
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid
 
-Kind = Literal["stations", "stops", "both", "everything"]
-KINDS: tuple[Kind, ...] = get_args(Kind)
+KINDS = ("stations", "stops", "both", "everything")
 Table = dict[str, NDArray[Any]]
 
 # Errors that every observer makes, as the metadata state them (standard deviations).
@@ -48,7 +47,7 @@ class ObservedTables:
     metadata: dict[str, float]
 
 
-def observe(world: World, kind: Kind, n_rocks: int, seed: int) -> ObservedTables:
+def observe(world: World, kind: str, n_rocks: int, seed: int) -> ObservedTables:
     """Release rocks in a synthetic site and write down what is seen.
 
     Parameters
@@ -62,8 +61,7 @@ def observe(world: World, kind: Kind, n_rocks: int, seed: int) -> ObservedTables
     InputError
         If there is no such kind of observations, or no rock.
     """
-    if kind not in KINDS:
-        raise InputError("unknown kind", field="kind", found=kind, expected=", ".join(KINDS))
+    require_known("unknown kind", "kind", kind, KINDS)
     if n_rocks < 1:
         raise InputError("no rocks", field="n_rocks", found=n_rocks, expected="at least 1")
     run = distort(world, simulate(world, draw_rocks(world, n_rocks, 1000 + seed)))
@@ -152,7 +150,7 @@ def _names(world: World, table: FloatArray, own: str = "") -> NDArray[Any]:
     )
 
 
-def write_down(world: World, run: Run, kind: Kind, rng: np.random.Generator) -> ObservedTables:
+def write_down(world: World, run: Run, kind: str, rng: np.random.Generator) -> ObservedTables:
     """What observers note of a run, with their errors and faults."""
     run = _recorded(world, run)
     tables: dict[str, Table] = {

@@ -15,7 +15,7 @@ import numpy as np
 
 from sassgis.gap.check.worlds.observe import distort
 from sassgis.gap.check.worlds.simulation import draw_rocks, simulate
-from sassgis.gap.check.worlds.world import LIMITS, RIGID, PlacedEffect, Run, World, with_effects
+from sassgis.gap.check.worlds.world import EFFECTS, RIGID, PlacedEffect, Run, World, with_effects
 from sassgis.model.grid import FloatArray
 
 # Sizes that go by each name, as (lowest, aimed at, highest).
@@ -139,7 +139,7 @@ def calibrated(world: World, effect: PlacedEffect) -> PlacedEffect:
         return effect_size(base, features(changed, run), first_station)
 
     low_size, aim, high_size = BANDS[effect.strength]
-    low, high = (math.log(v) for v in LIMITS[effect.name])
+    low, high = (math.log(v) for v in EFFECTS[effect.name][:2])
     best = (math.inf, high, math.nan)
     for _ in range(_TRIES):
         middle = 0.5 * (low + high)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Literal, get_args
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,53 +15,55 @@ from sassgis.gap.check.worlds.slopes import Relief
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid, IntArray
 
-Family = Literal[
-    "lateral_deflection",
-    "fragmentation",
-    "soft_ground",
-    "entrainment",
-    "trees",
-    "air_drag",
-    "roughness",
-    "rock_shape",
-    "release_error",
-    "measurement_error",
-]
-Unknown = Literal["wind", "snow", "ice", "wetting", "terrace", "magnus", "collisions"]
-Strength = Literal["weak", "medium", "strong"]
-FAMILIES: tuple[Family, ...] = get_args(Family)
+
+class EffectKind(NamedTuple):
+    """Magnitudes between which a strength is searched for, and the phase in which it acts."""
+
+    weakest: float
+    strongest: float
+    phase: str
+
+
+FAMILIES = (
+    "lateral_deflection", "fragmentation", "soft_ground", "entrainment", "trees", "air_drag",
+    "roughness", "rock_shape", "release_error", "measurement_error",
+)  # fmt: skip
+UNKNOWNS = ("wind", "snow", "ice", "wetting", "terrace", "magnus", "collisions")
+EFFECTS = {
+    "lateral_deflection": EffectKind(0.01, 1.2, "impact"),
+    "fragmentation": EffectKind(0.01, 8.0, "impact"),
+    "soft_ground": EffectKind(0.05, 30.0, "impact"),
+    "entrainment": EffectKind(0.0005, 2.0, "impact"),
+    "trees": EffectKind(0.01, 1.0, "flight"),
+    # Coefficients of drag up to 2: more is not in air.
+    "air_drag": EffectKind(0.5, 2.5, "flight"),
+    "roughness": EffectKind(0.05, 5.0, "impact"),
+    "rock_shape": EffectKind(0.03, 6.0, "impact"),
+    "release_error": EffectKind(0.1, 15.0, "release"),
+    "measurement_error": EffectKind(0.01, 0.6, "observation"),
+    "wind": EffectKind(0.05, 12.0, "flight"),
+    "snow": EffectKind(0.01, 6.0, "rolling"),
+    "ice": EffectKind(0.02, 1.0, "rolling"),
+    "wetting": EffectKind(0.03, 0.9, "impact"),
+    "terrace": EffectKind(0.1, 6.0, "impact"),
+    "magnus": EffectKind(0.05, 3.0, "flight"),
+    "collisions": EffectKind(0.01, 1.0, "rolling"),
+}
+STRENGTHS = ("weak", "medium", "strong")
 #: Law of the motion in the rigid-body library.
 RIGID = "rigid"
 #: Laws of the motion; the first two are those of the contact, as ``contact_laws`` numbers them.
 LAWS: tuple[str, ...] = ("own", "elastic", RIGID)
-UNKNOWNS: tuple[Unknown, ...] = get_args(Unknown)
-STRENGTHS: tuple[Strength, ...] = get_args(Strength)
 #: What nature does besides at a site, and no effect: a patch of ground that no map shows, and a
 #: loss at contacts that grows with the speed.
 DISTURBANCES: tuple[str, ...] = ("", "patch", "speed_loss")
 MOST_STATIONS = 8
 
-# Weakest and strongest magnitude that the search for a strength may try.
-LIMITS: dict[str, tuple[float, float]] = {
-    "lateral_deflection": (0.01, 1.2),
-    "fragmentation": (0.01, 8.0),
-    "soft_ground": (0.05, 30.0),
-    "entrainment": (0.0005, 2.0),
-    "trees": (0.01, 1.0),
-    # Coefficients of drag up to 2: more is not in air.
-    "air_drag": (0.5, 2.5),
-    "roughness": (0.05, 5.0),
-    "rock_shape": (0.03, 6.0),
-    "release_error": (0.1, 15.0),
-    "measurement_error": (0.01, 0.6),
-    "wind": (0.05, 12.0),
-    "snow": (0.01, 6.0),
-    "ice": (0.02, 1.0),
-    "wetting": (0.03, 0.9),
-    "terrace": (0.1, 6.0),
-    "magnus": (0.05, 3.0),
-    "collisions": (0.01, 1.0),
-}
+
+def require_known(problem: str, field: str, found: str, known: Collection[str]) -> None:
+    """Raise InputError if there is no such thing."""
+    if found not in known:
+        raise InputError(problem, field=field, found=found, expected=", ".join(known))
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,25 +73,16 @@ class EffectSpec:
     Attributes
     ----------
     name : str
-        A family, or one of UNKNOWNS.
+        One of EFFECTS.
     strength : {"weak", "medium", "strong"}
     """
 
-    name: Family | Unknown
-    strength: Strength = "medium"
+    name: str
+    strength: str = "medium"
 
     def __post_init__(self) -> None:
-        if self.name not in LIMITS:
-            raise InputError(
-                "unknown effect", field="name", found=self.name, expected=", ".join(LIMITS)
-            )
-        if self.strength not in STRENGTHS:
-            raise InputError(
-                "unknown strength",
-                field="strength",
-                found=self.strength,
-                expected=", ".join(STRENGTHS),
-            )
+        require_known("unknown effect", "name", self.name, EFFECTS)
+        require_known("unknown strength", "strength", self.strength, STRENGTHS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,8 +164,6 @@ class PlacedEffect:
         By its size; less than was asked for where no magnitude gives that.
     magnitude : float
         Value of its principal parameter.
-    phase : str
-        release, flight, impact, rolling or observation.
     s0_m, s1_m : float
         Where it acts (m down the slope); infinite where everywhere.
     segments : tuple of str
@@ -187,13 +179,17 @@ class PlacedEffect:
     name: str
     strength: str
     magnitude: float
-    phase: str
     s0_m: float
     s1_m: float
     segments: tuple[str, ...]
     ground: str = ""
     size: float = math.nan
     seed: int = 0
+
+    @property
+    def phase(self) -> str:
+        """Of the motion: release, flight, impact, rolling; or observation."""
+        return EFFECTS[self.name].phase
 
 
 @dataclass(frozen=True, slots=True)

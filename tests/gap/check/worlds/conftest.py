@@ -27,7 +27,7 @@ def with_magnitude(null_world: World) -> Callable[[str, float], World]:
     """The null world with one effect of a given magnitude, not calibrated."""
 
     def make(name: str, magnitude: float) -> World:
-        effect = place_effect(null_world, EffectSpec(name), 5)  # type: ignore[arg-type]
+        effect = place_effect(null_world, EffectSpec(name), 5)
         return with_effects(null_world, (replace(effect, magnitude=magnitude),))
 
     return make

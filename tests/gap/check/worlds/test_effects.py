@@ -14,7 +14,7 @@ from sassgis.gap.check.worlds.after_contact import loosen, shatter
 from sassgis.gap.check.worlds.forces import Forces, Local, indent, strike
 from sassgis.gap.check.worlds.observe import distort
 from sassgis.gap.check.worlds.simulation import draw_rocks, simulate
-from sassgis.gap.check.worlds.world import LIMITS, World, with_effects
+from sassgis.gap.check.worlds.world import EFFECTS, World, with_effects
 
 Make = Callable[[str, float], World]
 # These give energy from outside, or change what is written down rather than what happens.
@@ -35,27 +35,27 @@ def _same(one: World, other: World) -> bool:
 
 
 @pytest.mark.battery
-@pytest.mark.parametrize("name", LIMITS)
+@pytest.mark.parametrize("name", EFFECTS)
 def test_an_effect_of_no_strength_changes_no_bit(
     name: str, null_world: World, with_magnitude: Make
 ) -> None:
     assert _same(null_world, with_magnitude(name, 0.0))
-    assert not _same(null_world, with_magnitude(name, 0.9 * LIMITS[name][1]))
+    assert not _same(null_world, with_magnitude(name, 0.9 * EFFECTS[name].strongest))
 
 
 @pytest.mark.parametrize("name", ["soft_ground", "roughness", "lateral_deflection", "ice"])
 def test_an_effect_acts_nowhere_but_in_its_place(
     name: str, null_world: World, with_magnitude: Make
 ) -> None:
-    world = with_magnitude(name, LIMITS[name][1])
+    world = with_magnitude(name, EFFECTS[name].strongest)
     elsewhere = replace(world.effects[0], s0_m=5000.0, s1_m=6000.0)
     assert _same(null_world, with_effects(world, (elsewhere,)))
 
 
 @pytest.mark.battery
-@pytest.mark.parametrize("name", [n for n in LIMITS if n not in _OPEN])
+@pytest.mark.parametrize("name", [n for n in EFFECTS if n not in _OPEN])
 def test_energy_is_never_made(name: str, with_magnitude: Make) -> None:
-    world = with_magnitude(name, 0.6 * LIMITS[name][1])
+    world = with_magnitude(name, 0.6 * EFFECTS[name].strongest)
     run = simulate(world, draw_rocks(world, 30, 3))
     assert run.energy_gain.max() <= 1e-9
     # Along the path of each rock, energy rises by no more than its centre does as it turns over.

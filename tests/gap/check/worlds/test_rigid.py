@@ -14,7 +14,7 @@ from sassgis.gap.check.worlds import EffectSpec, rigid
 from sassgis.gap.check.worlds import motion_state as ms
 from sassgis.gap.check.worlds.make import place_effect
 from sassgis.gap.check.worlds.simulation import draw_rocks, simulate
-from sassgis.gap.check.worlds.world import LIMITS, World, WorldRocks, with_effects
+from sassgis.gap.check.worlds.world import EFFECTS, World, WorldRocks, with_effects
 from sassgis.model.errors import InputError
 
 pytest.importorskip("pybullet", reason='pybullet is not installed: pip install "sassgis[rigid]"')
@@ -139,7 +139,7 @@ def site(null_world: World) -> World:
 
 
 def with_magnitude(site: World, name: str, magnitude: float) -> World:
-    effect = place_effect(site, EffectSpec(name), 5)  # type: ignore[arg-type]
+    effect = place_effect(site, EffectSpec(name), 5)
     return with_effects(site, (replace(effect, magnitude=magnitude),))
 
 
@@ -236,14 +236,16 @@ def test_stops_do_not_move_with_the_time_step(site: World) -> None:
 
 
 @pytest.mark.battery
-@pytest.mark.parametrize("name", [n for n in LIMITS if n != "measurement_error"])
+@pytest.mark.parametrize("name", [n for n in EFFECTS if n != "measurement_error"])
 def test_an_effect_of_no_strength_changes_nothing(site: World, name: str) -> None:
     def stops(world: World) -> Any:
         return simulate(world, draw_rocks(world, 6, 7), 0.004).deposits
 
     bare = stops(site)
     np.testing.assert_array_equal(bare, stops(with_magnitude(site, name, 0.0)))
-    assert not np.array_equal(bare, stops(with_magnitude(site, name, 0.9 * LIMITS[name][1])))
+    assert not np.array_equal(
+        bare, stops(with_magnitude(site, name, 0.9 * EFFECTS[name].strongest))
+    )
 
 
 def test_pieces_have_the_mass_of_their_rock(site: World) -> None:

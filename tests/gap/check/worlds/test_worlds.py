@@ -26,9 +26,9 @@ from sassgis.gap.check.worlds.simulation import draw_rocks, simulate
 from sassgis.gap.check.worlds.slopes import SLOPE_TYPES, descent, guide
 from sassgis.gap.check.worlds.strength import BANDS, effect_size, inhomogeneity
 from sassgis.gap.check.worlds.world import (
+    EFFECTS,
     FAMILIES,
     LAWS,
-    LIMITS,
     Faults,
     World,
     WorldRocks,
@@ -79,7 +79,7 @@ def test_stops_do_not_move_with_the_time_step(null_world: World) -> None:
 def test_strengths_are_in_order_and_in_their_bands() -> None:
     found = []
     for strength in ("weak", "medium", "strong"):
-        spec = WorldSpec("forested_slope", (EffectSpec("trees", strength),))  # type: ignore[arg-type]
+        spec = WorldSpec("forested_slope", (EffectSpec("trees", strength),))
         effect = make_world(spec, 3).effects[0]
         low, _, high = BANDS[strength]
         assert effect.strength == strength
@@ -124,7 +124,7 @@ def test_each_kind_shows_what_it_says(null_world: World) -> None:
         },
     }
     for kind, names in shown.items():
-        seen = observe(null_world, kind, 12, 2)  # type: ignore[arg-type]
+        seen = observe(null_world, kind, 12, 2)
         assert set(seen.tables) == names
         for table in seen.tables.values():
             assert len({len(v) for v in table.values()}) == 1
@@ -137,7 +137,7 @@ def test_each_kind_shows_what_it_says(null_world: World) -> None:
     assert (rocks["z"] - ground > rocks["semi_axis_a_m"]).all()
     assert seen.metadata["speed_error_rel"] == 0.05
     with pytest.raises(InputError, match="kind"):
-        observe(null_world, "all", 5, 1)  # type: ignore[arg-type]
+        observe(null_world, "all", 5, 1)
 
 
 def test_measured_speeds_have_the_stated_error(null_world: World) -> None:
@@ -331,15 +331,15 @@ def test_slopes_without_a_cliff_are_passed_and_hold_every_effect(slope: str, cou
     assert (run.passages[:, 3] == 0).sum() > 50
     # Rocks come to rest on the slope; few leave it.
     assert len(run.deposits) > 55
-    for name in LIMITS:
-        effect = place_effect(world, EffectSpec(name), 9)  # type: ignore[arg-type]
+    for name in EFFECTS:
+        effect = place_effect(world, EffectSpec(name), 9)
         assert effect.s0_m < effect.s1_m
         assert effect.segments
 
 
 def test_air_resists_by_no_more_than_air_does() -> None:
     """C_d of a block that shows its widest side, at the strongest magnitude, is at most 2."""
-    forces = Forces(air_drag=Local(LIMITS["air_drag"][1]))
+    forces = Forces(air_drag=Local(EFFECTS["air_drag"].strongest))
     st = np.zeros(ms.N_STATE)
     st[ms.DENSITY] = 1500.0
     for size in (0.2, 1.25):
@@ -399,7 +399,7 @@ def _part(spec: WorldSpec) -> str:
 @pytest.mark.battery
 @pytest.mark.parametrize("name", ["trees", "terrace", "collisions"])
 def test_what_stands_on_the_slope_is_there_after_a_world_is_made(name: str) -> None:
-    world = make_world(WorldSpec("cliff_talus_meadow", (EffectSpec(name, "strong"),)), 50)  # type: ignore[arg-type]
+    world = make_world(WorldSpec("cliff_talus_meadow", (EffectSpec(name, "strong"),)), 50)
     rocks = draw_rocks(world, 60, 5)
     made = simulate(world, rocks)
     bare = simulate(with_effects(world, ()), rocks)
