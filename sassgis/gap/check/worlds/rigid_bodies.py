@@ -259,9 +259,7 @@ class RigidSite:
         self._standing: dict[int, int] = {}
         self._broken: set[int] = set()
         self._square: tuple[int, int] | None = None
-        self.tables: dict[str, list[Any]] = {
-            "deposits": [], "passages": [], "impacts": [], "tracks": []
-        }  # fmt: skip
+        self.tables: dict[str, list[Any]] = defaultdict(list)
 
     def clear(self) -> None:
         """Take away what stood near the block before, and forget what that has broken."""
@@ -625,8 +623,8 @@ def run(job: Mapping[str, NDArray[Any]]) -> dict[str, FloatArray]:
         )  # fmt: skip
     width = {"deposits": 8, "passages": 11, "impacts": 17, "tracks": 9}
     return {
-        name: np.array(rows, np.float64).reshape(-1, width[name])
-        for name, rows in site.tables.items()
+        name: np.array(site.tables[name], np.float64).reshape(-1, columns)
+        for name, columns in width.items()
     }
 
 

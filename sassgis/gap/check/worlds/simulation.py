@@ -150,7 +150,7 @@ def _obstacles(world: World) -> FloatArray:
             continue
         rng = np.random.default_rng([effect.seed, 606])
         spacing = 1.6 if effect.name == "trees" else 1.8
-        s, c = _scatter(rng, (effect.s0_m, effect.s1_m), 70.0, spacing)
+        s, c = _scatter(rng, effect.s0_m, effect.s1_m, spacing)
         # Thinning by rank: a denser stand holds all the stems of a lighter one.
         keep = rng.random(len(s)) < effect.magnitude
         x, y = world.relief.frame.xy(s, c)
@@ -169,10 +169,10 @@ def _obstacles(world: World) -> FloatArray:
 
 
 def _scatter(
-    rng: np.random.Generator, belt: tuple[float, float], half_width: float, spacing: float
+    rng: np.random.Generator, low: float, high: float, spacing: float
 ) -> tuple[FloatArray, FloatArray]:
     """Points no nearer to each other than ``spacing``: a Poisson-disc process by darts."""
-    low, high = belt
+    half_width = 70.0
     cell = spacing / math.sqrt(2.0)
     n_s = int((high - low) / cell) + 1
     n_c = int(2.0 * half_width / cell) + 1
