@@ -233,7 +233,7 @@ def meet_obstacles(f: Field, st: FloatArray, last_hit: IntArray) -> None:
         distance = math.sqrt(ex * ex + ey * ey)
         speed = along_of(st)
         capacity, mass = f.obstacles[k, 3], f.obstacles[k, 5]
-        st[VX], st[VY], _ = strike(
+        st[VX], st[VY] = strike(
             ex / distance, ey / distance, st[VX], st[VY], mass_of(st), capacity, mass
         )
         # The spin goes with the speed that is left.

@@ -176,7 +176,7 @@ def strike(
     mass: float,
     capacity: float,
     other_mass: float,
-) -> tuple[float, float, bool]:
+) -> tuple[float, float]:
     """Velocity in plan after an oblique, elastic-plastic blow against a stem or a lying block.
 
     Parameters
@@ -187,17 +187,10 @@ def strike(
         Energy at which the obstacle gives way (J).
     other_mass : float
         Mass that the rock has to move (kg); 0 for one that is rooted.
-
-    Returns
-    -------
-    vx, vy : float
-    broken : bool
-        Whether the obstacle has given way.
     """
     approach = -(vx * nx + vy * ny)
     energy = 0.5 * mass * approach * approach
-    broken = energy > capacity
-    if broken:
+    if energy > capacity:
         leave = -math.sqrt(2.0 * (energy - capacity) / mass)
     else:
         leave = 0.35 * (1.0 - 0.8 * energy / capacity) * approach
@@ -209,7 +202,7 @@ def strike(
     slide = vx * tx + vy * ty
     rub = min(abs(slide), 0.25 * (leave + approach))
     slide -= math.copysign(rub, slide)
-    return leave * nx + slide * tx, leave * ny + slide * ty, broken
+    return leave * nx + slide * tx, leave * ny + slide * ty
 
 
 @kernel

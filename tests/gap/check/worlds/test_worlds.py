@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.synthetic_rocks import some
 
 from sassgis.gap.check.worlds import (
     EffectSpec,
@@ -31,7 +32,6 @@ from sassgis.gap.check.worlds.world import (
     LAWS,
     Faults,
     World,
-    WorldRocks,
     with_effects,
 )
 from sassgis.model.errors import InputError
@@ -104,8 +104,7 @@ def test_the_same_seed_gives_the_same_world_and_rocks() -> None:
 def test_rocks_do_not_depend_on_their_company(null_world: World) -> None:
     rocks = draw_rocks(null_world, 5, 3)
     whole = simulate(null_world, rocks).deposits
-    one = WorldRocks(rocks.state[3:4], rocks.stated[3:4], rocks.keys[3:4])
-    alone = simulate(null_world, one).deposits
+    alone = simulate(null_world, some(rocks, [3])).deposits
     assert np.array_equal(whole[whole[:, 0] == 3, 1:], alone[:, 1:])
 
 
@@ -114,14 +113,7 @@ def test_each_kind_shows_what_it_says(null_world: World) -> None:
         "stations": {"rocks", "stations", "passages"},
         "stops": {"rocks", "deposits"},
         "both": {"rocks", "stations", "passages", "deposits"},
-        "everything": {
-            "rocks",
-            "stations",
-            "passages",
-            "deposits",
-            "impacts",
-            "trajectories",
-        },
+        "everything": {"rocks", "stations", "passages", "deposits", "impacts", "trajectories"},
     }
     for kind, names in shown.items():
         seen = observe(null_world, kind, 12, 2)
@@ -209,9 +201,8 @@ def test_a_site_that_cannot_be_is_refused() -> None:
             WorldSpec("gully", **changes)  # type: ignore[arg-type]
 
 
-def test_observers_without_names_link_no_pieces(null_world: World) -> None:
-    effect = replace(place_effect(null_world, EffectSpec("fragmentation"), 5), magnitude=2.0)
-    world = with_effects(null_world, (effect,))
+def test_observers_without_names_link_no_pieces(with_magnitude) -> None:  # type: ignore[no-untyped-def]
+    world = with_magnitude("fragmentation", 2.0)
     nameless = replace(world, spec=replace(world.spec, named=False))
     known, seen = (observe(w, "everything", 8, 1).tables for w in (world, nameless))
     rocks = set(seen["rocks"]["rock_id"])
