@@ -314,7 +314,7 @@ class Run:
     """Everything that the rocks of a site did, without errors of measurement.
 
     Each table holds rock, number of the piece and kind of block before the columns named in
-    ``sassgis.gap.check.worlds.motion``.
+    ``sassgis.gap.check.worlds.motion_state``.
     """
 
     rocks: WorldRocks
