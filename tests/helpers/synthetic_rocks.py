@@ -11,7 +11,6 @@ from sassgis.gap.check.worlds import EffectSpec
 from sassgis.gap.check.worlds import motion_state as ms
 from sassgis.gap.check.worlds.make import place_effect
 from sassgis.gap.check.worlds.world import Run, World, WorldRocks, with_effects
-from sassgis.model.grid import FloatArray
 
 TABLES = ("deposits", "passages", "impacts", "tracks")
 
@@ -27,18 +26,13 @@ def some(rocks: WorldRocks, rows: list[int]) -> WorldRocks:
     return WorldRocks(rocks.state[rows], rocks.stated[rows], rocks.keys[rows])
 
 
-def masses(rocks: WorldRocks) -> FloatArray:
-    """Masses of rocks (kg)."""
-    axes = rocks.state[:, [ms.A, ms.B, ms.C]]
-    return rocks.state[:, ms.DENSITY] * 4 / 3 * math.pi * axes.prod(axis=1)
-
-
 def mass_is_kept(run: Run, least: int) -> bool:
     """Whether no rock stops with more mass than it had, and ``least`` of them with all of it.
 
     A few pieces leave the terrain.
     """
-    mass, stops = masses(run.rocks), run.deposits
+    state, stops = run.rocks.state, run.deposits
+    mass = state[:, ms.DENSITY] * 4 / 3 * math.pi * state[:, [ms.A, ms.B, ms.C]].prod(axis=1)
     stopped = np.bincount(stops[:, 0].astype(int), stops[:, 6], minlength=len(mass))
     whole = (stopped > mass * (1 - 1e-9)).sum() >= least
     return bool((stopped < mass * (1 + 1e-9)).all() and whole)

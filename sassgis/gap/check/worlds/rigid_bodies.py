@@ -228,6 +228,8 @@ class RigidSite:
         self._stations = job["stations"]
         steps = math.ceil(SAMPLE_S / float(job["dt"]) - 1e-9)
         self._step_s = SAMPLE_S / steps
+        if not bullet.isConnected():
+            bullet.connect(bullet.DIRECT)
         bullet.resetSimulation()
         bullet.setGravity(0.0, 0.0, -GRAVITY)
         bullet.setPhysicsEngineParameter(
@@ -608,8 +610,6 @@ class _Motion:
 
 def run(job: Mapping[str, NDArray[Any]]) -> dict[str, FloatArray]:
     """What all blocks of a job did: the tables by their names."""
-    if not bullet.isConnected():
-        bullet.connect(bullet.DIRECT)
     site = RigidSite(job)
     ground = site.ground
     for k, row in enumerate(job["blocks"].tolist()):

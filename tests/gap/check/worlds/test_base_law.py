@@ -148,9 +148,7 @@ def test_flight_keeps_energy_and_follows_the_parabola(plane) -> None:  # type: i
     ground = plane(math.radians(44), [0.5, 0, 0, 0.7, 0.5, 0, 0])
     angle = math.radians(10)
     st = ground.rock(0.5, 0.4, 10 * math.cos(angle), 10 * math.sin(angle), 7.0)
-    energy = [
-        0.5 * (st[ms.VX] ** 2 + st[ms.VZ] ** 2) + 9.81 * st[ms.Z],
-    ]
+    energy = [0.5 * (st[ms.VX] ** 2 + st[ms.VZ] ** 2) + 9.81 * st[ms.Z]]
     x0, z0 = st[ms.X], st[ms.Z]
     for _ in range(1000):
         m.flight_step(Forces(), st, 0.492150 / 1000)

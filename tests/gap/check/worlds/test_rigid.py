@@ -84,7 +84,7 @@ def test_a_box_dropped_flat_rebounds_to_e_squared_of_its_height(as_box) -> None:
     assert abs(hit[13]) < 0.3
 
 
-def test_flight_is_a_parabola_that_keeps_energy_and_spin(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_flight_is_a_parabola_that_keeps_energy_and_spin() -> None:
     """Free of torque, angular momentum and energy of rotation last while the spin itself nods."""
     job = plane_job(0.0, (0.0, 0.5, 0.0, 0.0, 0.01, 0.0), on_plane(0.0, 0.0, 60.0))
     site = bodies.RigidSite(job)
