@@ -53,7 +53,7 @@ _BINS = 5
 def synthetic(folder: Path, kind: str, rocks: int) -> Case:
     """A synthetic site; of its observations only what was measured of which rock is used."""
     world = make_world(WorldSpec("cliff_talus_meadow", (), rocks, kind), 31)
-    seen, known = observe(world, kind, rocks, 1), setup(world)  # type: ignore[arg-type]
+    seen, known = observe(world, kind, rocks, 1), setup(world)
     write_case(
         folder, title="synthetic", dem=known.dem, class_names=known.class_names,
         class_codes=known.class_codes, releases=known.releases, blocks=known.blocks,

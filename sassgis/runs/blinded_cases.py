@@ -7,7 +7,7 @@ from typing import Any
 
 from sassgis.gap.check.blinded_labels import label_of
 from sassgis.gap.check.worlds import World, WorldSpec, fresh_rocks, make_world, observe, setup
-from sassgis.gap.check.worlds.observe import ObservedTables
+from sassgis.gap.check.worlds.observe import KINDS, ObservedTables
 from sassgis.io.write.gap_case_files import folder_digest, write_case, write_observations
 
 #: The campaign that is observed; fresh rocks are another one.
@@ -32,7 +32,7 @@ def make_case(spec: WorldSpec, seed: int, case: str, folder: str) -> dict[str, A
     world = make_world(spec, seed)
     # It appears whole: a process that was lost may have written it.
     if not Path(folder).exists():
-        seen = observe(world, spec.kind, spec.n_rocks, _CAMPAIGN)  # type: ignore[arg-type]
+        seen = observe(world, spec.kind, spec.n_rocks, _CAMPAIGN)
         write_seen(world, Path(folder), f"World {case}", seen)
     return {"label": label_of(world, case), "digest": folder_digest(Path(folder))}
 
@@ -65,6 +65,5 @@ def make_fresh(spec: WorldSpec, seed: int, rocks: int, folder: str) -> None:
     """
     world = make_world(spec, seed)
     fresh = fresh_rocks(world, rocks)
-    names = observe(world, spec.kind, 1, _CAMPAIGN).tables  # type: ignore[arg-type]
-    tables = {name: table for name, table in fresh.tables.items() if name in names}
+    tables = {name: fresh.tables[name] for name in KINDS[spec.kind]}
     write_observations(Path(folder), tables, fresh.metadata)

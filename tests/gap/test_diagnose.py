@@ -50,9 +50,9 @@ def few_draws() -> Iterator[None]:
 
 
 def make_case(folder: Path, kind: str, n_rocks: int, effect: str | None = None) -> Path:
-    effects = () if effect is None else (EffectSpec(effect, "strong"),)  # type: ignore[arg-type]
+    effects = () if effect is None else (EffectSpec(effect, "strong"),)
     world = make_world(WorldSpec("quarry", effects, n_rocks, kind), 31)
-    write_seen(world, folder, "test", observe(world, kind, n_rocks, 1))  # type: ignore[arg-type]
+    write_seen(world, folder, "test", observe(world, kind, n_rocks, 1))
     return folder
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from sassgis.gap.check.answers import Truth
 from sassgis.gap.check.worlds import World
+from sassgis.gap.check.worlds.world import PlacedEffect
 from sassgis.model.labels import rounded
 
 
@@ -33,21 +34,14 @@ def label_of(world: World, case: str) -> dict[str, Any]:
         "asked": [[e.name, e.strength] for e in spec.effects],
         "verdict": spec.verdict,
         "reaches": list(world.segments),
-        "effects": [
-            {
-                "name": effect.name,
-                "strength": effect.strength,
-                "magnitude": rounded(effect.magnitude, 6),
-                "size": rounded(effect.size, 6),
-                "phase": effect.phase,
-                "s0_m": rounded(effect.s0_m, 6),
-                "s1_m": rounded(effect.s1_m, 6),
-                "segments": list(effect.segments),
-                "ground": effect.ground,
-            }
-            for effect in world.effects
-        ],
+        "effects": [{**_shown(effect), "phase": effect.phase} for effect in world.effects],
     }
+
+
+def _shown(effect: PlacedEffect) -> dict[str, Any]:
+    values = asdict(effect)
+    del values["seed"]
+    return {k: rounded(v, 6) if isinstance(v, float) else v for k, v in values.items()}
 
 
 def truth_of(label: dict[str, Any]) -> Truth:

@@ -246,23 +246,20 @@ def score(
 def _figures(pairs: Sequence[Pair], fresh: Mapping[str, float | None]) -> Figures:
     """All shares and numbers of some sites."""
     measures = _measures(pairs)
-    for title, some in {
-        "": pairs,
-        **{f"_{n}": [p for p in pairs if p[0].rocks == n] for n in SHRINKAGE_ROCKS},
-    }.items():
-        measures[f"shrinkage_near{title}"] = share(
-            "stated shrinkage near that on fresh rocks" + title.replace("_", ", rocks: "),
+    for n in (None, *SHRINKAGE_ROCKS):
+        some = [p for p in pairs if n in (None, p[0].rocks)]
+        title, key = (f", rocks: {n}", f"_{n}") if n else ("", "")
+        measures[f"shrinkage_near{key}"] = share(
+            f"stated shrinkage near that on fresh rocks{title}",
             [
                 abs(stated - found) <= SHRINKAGE_TOLERANCE + 1e-12
                 for stated, found in _both(_shrinkage_pairs(some, fresh))
             ],
         )
-    answered = [p for p in pairs if not p[1].failure]
+    answered = [(t.kind, len(a.confusion_set)) for t, a in pairs if not a.failure]
     sizes: dict[str, list[float]] = {
-        "set_size_everything": [
-            len(a.confusion_set) for t, a in answered if t.kind == "everything"
-        ],
-        "set_size_otherwise": [len(a.confusion_set) for t, a in answered if t.kind != "everything"],
+        "set_size_everything": [size for kind, size in answered if kind == "everything"],
+        "set_size_otherwise": [size for kind, size in answered if kind != "everything"],
         "location_overlap": [
             len({*a.segments} & {*t.segments}) / len({*a.segments} | {*t.segments})
             for t, a in pairs
@@ -328,30 +325,30 @@ def acceptance(scores: CheckScores, law: str = "") -> list[dict[str, Any]]:
     side of the limit. A number that is no share has no interval and no sites.
     """
     figures = scores.by_law[law] if law else scores.figures
-    return [_reached(aim, figures) for aim in AIMS]
-
-
-def _reached(aim: Aim, figures: Figures) -> dict[str, Any]:
-    found = figures.measures.get(aim.key)
-    value = figures.numbers[aim.key] if found is None else found.value
-    met = sure = None
-    if math.isfinite(value):
-        met = value >= aim.limit if aim.at_least else value <= aim.limit
-    if found is not None and found.trials:
-        sure = found.low >= aim.limit if aim.at_least else found.high <= aim.limit
-    return {
-        "key": aim.key,
-        "measure": aim.title,
-        "asked": aim.limit,
-        "asked_is": "at least" if aim.at_least else "at most",
-        "reached": value,
-        "ci95": None if found is None else [found.low, found.high],
-        "hits": None if found is None else found.hits,
-        "worlds": None if found is None else found.trials,
-        "met": met,
-        "sure": sure,
-        "is_share": found is not None,
-    }
+    rows = []
+    for aim in AIMS:
+        found = figures.measures.get(aim.key)
+        value = figures.numbers[aim.key] if found is None else found.value
+        met = sure = None
+        if math.isfinite(value):
+            met = value >= aim.limit if aim.at_least else value <= aim.limit
+        if found is not None and found.trials:
+            sure = found.low >= aim.limit if aim.at_least else found.high <= aim.limit
+        row = {
+            "key": aim.key,
+            "measure": aim.title,
+            "asked": aim.limit,
+            "asked_is": "at least" if aim.at_least else "at most",
+            "reached": value,
+            "ci95": None if found is None else [found.low, found.high],
+            "hits": None if found is None else found.hits,
+            "worlds": None if found is None else found.trials,
+            "met": met,
+            "sure": sure,
+            "is_share": found is not None,
+        }
+        rows.append(row)
+    return rows
 
 
 def scores_as_json(scores: CheckScores) -> dict[str, Any]:
@@ -389,103 +386,99 @@ def _plain(figures: Figures) -> dict[str, Any]:
 
 
 def _measures(pairs: Sequence[Pair]) -> dict[str, Share]:
-    singles = [p for p in pairs if p[0].part == "single"]
-    nulls = [p for p in pairs if p[0].part == "none"]
-    doubles = [p for p in pairs if p[0].part == "pair"]
-    unknown = [p for p in pairs if p[0].part == "unknown"]
+    parts = {
+        part: [p for p in pairs if p[0].part == part]
+        for part in ("single", "none", "pair", "unknown")
+    }
+    singles, nulls, unknown = parts["single"], parts["none"], parts["unknown"]
     clear = [p for p in singles if p[0].strengths[0] != "weak"]
-    named = [p for p in pairs if names_in(p[1].effect)]
+    every_full = [p for p in clear if (p[0].rocks, p[0].kind) == (100, "everything")]
+    every_modest = [p for p in clear if (p[0].rocks, p[0].kind) == (40, "both")]
 
     def seen(chosen: Sequence[Pair]) -> list[Pair]:
         # What could not be seen is listed in the answer, and never named.
         return [(t, a) for t, a in chosen if not {*t.effects} & {*a.cannot_exclude}]
 
-    every_full = [p for p in clear if (p[0].rocks, p[0].kind) == (100, "everything")]
-    every_modest = [p for p in clear if (p[0].rocks, p[0].kind) == (40, "both")]
-    full, modest = seen(every_full), seen(every_modest)
-
     def right(chosen: Sequence[Pair]) -> list[bool]:
-        return [is_right(t, a) for t, a in chosen]
+        return [is_right(*p) for p in chosen]
 
     def grouped(chosen: Sequence[Pair]) -> list[bool]:
         return [a.group in t.groups for t, a in chosen]
 
     def covered(chosen: Sequence[Pair]) -> list[bool]:
-        return [is_covered(t, a) for t, a in seen(chosen)]
+        return [is_covered(*p) for p in seen(chosen)]
 
+    def so(chosen: Sequence[Pair]) -> list[bool]:
+        return [holds(*p) for p in chosen]
+
+    def named(chosen: Sequence[Pair]) -> list[Pair]:
+        return [p for p in chosen if names_in(p[1].effect)]
+
+    def naming(chosen: Sequence[Pair]) -> list[bool]:
+        return [bool(names_in(a.effect)) for _, a in chosen]
+
+    full, modest = seen(every_full), seen(every_modest)
     everything = [p for p in pairs if p[0].kind == "everything"]
     otherwise = [p for p in pairs if p[0].kind != "everything"]
-    hits = [(names_in(t.verdict), names_in(a.effect)) for t, a in doubles]
-    located = [p for p in singles if _locatable(p[0])]
+    hits = [(names_in(t.verdict), names_in(a.effect)) for t, a in parts["pair"]]
+    local = [p for p in singles if _locatable(p[0])]
     confident = [p for p in pairs if p[1].confidence >= NAMED_CONFIDENCE]
-    return {
-        "family_full": share("single, medium or strong, seen, 100 rocks, everything", right(full)),
-        "group_full": share("the same, group right", grouped(full)),
-        "family_modest": share("single, medium or strong, seen, 40 rocks, both", right(modest)),
-        "group_modest": share("the same, group right", grouped(modest)),
-        "family_full_all": share(
-            "single, medium or strong, seen or not, 100 rocks, everything", right(every_full)
-        ),
-        "family_modest_all": share(
-            "single, medium or strong, seen or not, 40 rocks, both", right(every_modest)
-        ),
-        "family_clear": share("single, medium or strong, all designs", right(clear)),
-        "group_clear": share("the same, group right", grouped(clear)),
-        "family_single": share("single, all strengths and designs", right(singles)),
-        "group_single": share("the same, group right", grouped(singles)),
-        "all_right": share("all sites", right(pairs)),
-        "false_alarm": share(
-            "no effect, yet one is named", [bool(names_in(a.effect)) for _, a in nulls]
-        ),
-        "wrong_named": share(
+    title = "single, medium or strong, "
+    found: dict[str, tuple[str, list[bool]]] = {
+        "family_full": (title + "seen, 100 rocks, everything", right(full)),
+        "group_full": ("the same, group right", grouped(full)),
+        "family_modest": (title + "seen, 40 rocks, both", right(modest)),
+        "group_modest": ("the same, group right", grouped(modest)),
+        "family_full_all": (title + "seen or not, 100 rocks, everything", right(every_full)),
+        "family_modest_all": (title + "seen or not, 40 rocks, both", right(every_modest)),
+        "family_clear": (title + "all designs", right(clear)),
+        "group_clear": ("the same, group right", grouped(clear)),
+        "family_single": ("single, all strengths and designs", right(singles)),
+        "group_single": ("the same, group right", grouped(singles)),
+        "all_right": ("all sites", right(pairs)),
+        "false_alarm": ("no effect, yet one is named", naming(nulls)),
+        "wrong_named": (
             "an effect, yet one is named that is not there",
             [bool(names_in(a.effect) - {*t.effects}) for t, a in pairs if t.effects],
         ),
-        "null_unknown": share(
-            "no effect, answer unknown", [a.effect == "unknown" for _, a in nulls]
-        ),
-        "null_right": share("no effect, answer none, or contact law where it is one", right(nulls)),
-        "none_while_large": share(
+        "null_unknown": ("no effect, answer unknown", [a.effect == "unknown" for _, a in nulls]),
+        "null_right": ("no effect, answer none, or contact law where it is one", right(nulls)),
+        "none_while_large": (
             "gap significant and large, answer none",
             [a.effect == "none" for _, a in pairs if a.large_findings],
         ),
-        "recommended_short": share(
+        "recommended_short": (
             "model far short on the unsafe side, yet recommended",
             [a.recommended for _, a in pairs if a.short],
         ),
-        "covered_everything": share(
-            "truth in the confusion set, everything observed", covered(everything)
+        "covered_everything": (
+            "truth in the confusion set, everything observed",
+            covered(everything),
         ),
-        "covered_otherwise": share(
-            "truth in the confusion set, other observations", covered(otherwise)
-        ),
-        "covered_single": share("single effect in the confusion set", covered(singles)),
-        "confident_right": share("so where confident", [holds(t, a) for t, a in confident]),
-        "named_right": share("right where an effect is named", right(named)),
-        "confident_named_right": share(
+        "covered_otherwise": ("truth in the confusion set, other observations", covered(otherwise)),
+        "covered_single": ("single effect in the confusion set", covered(singles)),
+        "confident_right": ("so where confident", so(confident)),
+        "named_right": ("right where an effect is named", right(named(pairs))),
+        "confident_named_right": (
             "so where an effect is named with confidence",
-            [holds(t, a) for t, a in confident if names_in(a.effect)],
+            so(named(confident)),
         ),
-        "unknown_named": share(
-            "unknown effect, a known one named", [bool(names_in(a.effect)) for _, a in unknown]
+        "unknown_named": ("unknown effect, a known one named", naming(unknown)),
+        "unknown_right": ("unknown effect, answer unknown", right(unknown)),
+        "pair_one_none_wrong": (
+            "pair, at least one right and none wrong",
+            [bool(n) and n <= t for t, n in hits],
         ),
-        "unknown_right": share("unknown effect, answer unknown", right(unknown)),
-        "pair_one_none_wrong": share(
-            "pair, at least one right and none wrong", [bool(n) and n <= t for t, n in hits]
-        ),
-        "pair_one": share("pair, at least one of it named", [bool(n & t) for t, n in hits]),
-        "pair_both": share("pair, both named and no other", [n == t for t, n in hits]),
-        "pair_wrong": share(
-            "pair, an effect named that is not there", [bool(n - t) for t, n in hits]
-        ),
-        "location_hit": share(
-            "single local effect located", [is_located(t, a) for t, a in located]
-        ),
-        "location_hit_named": share(
+        "pair_one": ("pair, at least one of it named", [bool(n & t) for t, n in hits]),
+        "pair_both": ("pair, both named and no other", [n == t for t, n in hits]),
+        "pair_wrong": ("pair, an effect named that is not there", [bool(n - t) for t, n in hits]),
+        "location_hit": ("single local effect located", [is_located(*p) for p in local]),
+        "location_hit_named": (
             "single local effect located, where it is named",
-            [is_located(t, a) for t, a in located if is_right(t, a)],
+            [is_located(*p) for p in local if is_right(*p)],
         ),
     }
+    return {key: share(words, own) for key, (words, own) in found.items()}
 
 
 def _locatable(truth: Truth) -> bool:

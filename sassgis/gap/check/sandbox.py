@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import importlib
 import os
+import pkgutil
 import sys
 import time
 from collections.abc import Mapping, Sequence
@@ -95,12 +95,6 @@ class Sandbox:
             raise PermissionError(f"{path} must not be seen from here")
 
 
-def function_named(name: str) -> Any:
-    """The function of a name such as "package.module:function"."""
-    module, _, attribute = name.partition(":")
-    return getattr(importlib.import_module(module), attribute)
-
-
 #: The sandbox of this process, if it is a worker that has one.
 _SANDBOX: Sandbox | None = None
 
@@ -137,7 +131,7 @@ def _outcome(task: Task) -> TaskOutcome:
     value: Any = None
     failure = ""
     try:
-        value = function_named(task.function)(*task.args, **task.kwargs)
+        value = pkgutil.resolve_name(task.function)(*task.args, **task.kwargs)
     except SassgisError as error:
         failure = str(error)
     except Exception as error:

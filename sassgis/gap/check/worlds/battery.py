@@ -17,8 +17,6 @@ from sassgis.gap.check.worlds.world import (
     MOST_STATIONS,
     UNKNOWNS,
     EffectSpec,
-    Family,
-    Strength,
     WorldSpec,
 )
 from sassgis.model.errors import InputError
@@ -43,7 +41,7 @@ _ERROR_FACTORS = (1.0, 1.0, 0.5, 1.5)
 # Observers of every third site know no names of pieces.
 _NAMED = (True, True, False)
 # A fifth of the single effects is weak.
-_STRENGTHS: tuple[Strength, ...] = ("weak", "medium", "strong", "medium", "strong")
+_STRENGTHS = ("weak", "medium", "strong", "medium", "strong")
 
 
 def battery(seed: int, n: int, laws: Sequence[str] = LAWS) -> list[WorldSpec]:
@@ -118,15 +116,13 @@ def quick_battery(seed: int, laws: Sequence[str] = LAWS[:-1]) -> list[WorldSpec]
     asked for otherwise under the laws that need no library.
     """
     rng = np.random.default_rng([seed, 1986])
-    effects: list[tuple[EffectSpec, ...]] = [(), ()]
-    effects += [(EffectSpec(name, "strong"),) for name in _cycle(rng, FAMILIES, 3)]
-    effects += [(EffectSpec(name, "strong"),) for name in _cycle(rng, UNKNOWNS, 1)]
+    names = [*_cycle(rng, FAMILIES, 3), *_cycle(rng, UNKNOWNS, 1)]
+    effects = [(), (), *((EffectSpec(name, "strong"),) for name in names)]
     designs: list[Design] = [(20, "both"), (40, "everything")] * 3
-    slopes = _cycle(rng, SLOPE_TYPES, len(effects))
-    motions = _cycle(rng, laws, len(effects))
+    slopes, motions = _cycle(rng, SLOPE_TYPES, 6), _cycle(rng, laws, 6)
     return [
         WorldSpec(slopes[k], effects[k], designs[k][0], designs[k][1], motions[k], faults=True)
-        for k in rng.permutation(len(effects)).tolist()
+        for k in rng.permutation(6).tolist()
     ]
 
 
@@ -148,10 +144,9 @@ def world_seeds(seed: int, n: int) -> list[int]:
 def _singles(rng: np.random.Generator, n: int) -> list[tuple[EffectSpec, ...]]:
     """Single effects: families in shuffled cycles, and each through the strengths in turn."""
     place = {name: k for k, name in enumerate(_cycle(rng, FAMILIES, len(FAMILIES)))}
-    names: list[Family] = _cycle(rng, FAMILIES, n)
     return [
         (EffectSpec(name, _STRENGTHS[(place[name] + k // len(FAMILIES)) % len(_STRENGTHS)]),)
-        for k, name in enumerate(names)
+        for k, name in enumerate(_cycle(rng, FAMILIES, n))
     ]
 
 

@@ -13,7 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from sassgis.gap.check.worlds import random_draws as draws
-from sassgis.gap.check.worlds.law import GRAVITY
+from sassgis.gap.check.worlds.contact_laws import GRAVITY
+from sassgis.gap.check.worlds.motion_state import SPIN, A, B, C, mass_of
+from sassgis.model.grid import FloatArray
 from sassgis.model.jit import kernel
 
 FAR = 1e9
@@ -40,17 +42,17 @@ class SteadyWind(NamedTuple):
 class Forces(NamedTuple):
     """All effects of a site that act on moving rocks."""
 
-    facets: Local = Local()  # lateral_deflection: Laplace scale of the facets' cross tilt (rad)
-    breaking: Local = Local()  # fragmentation: Weibull hazard at the reference energy and size
-    soft: Local = Local()  # soft_ground: reference yield stress over that of the ground
-    loose: Local = Local()  # entrainment: hazard per unit of tangential impulse
-    plates: Local = Local()  # rock_shape: weight of the third axis
-    bumps: Local = Local()  # roughness: half chord of the caps on the ground (m)
-    air: Local = Local()  # air_drag: density over that of air
+    lateral_deflection: Local = Local()  # Laplace scale of the facets' cross tilt (rad)
+    fragmentation: Local = Local()  # Weibull hazard at the reference energy and size
+    soft_ground: Local = Local()  # reference yield stress over that of the ground
+    entrainment: Local = Local()  # hazard per unit of tangential impulse
+    rock_shape: Local = Local()  # weight of the third axis
+    roughness: Local = Local()  # half chord of the caps on the ground (m)
+    air_drag: Local = Local()  # density over that of air
     wind: SteadyWind = SteadyWind()
     snow: Local = Local()  # friction that grows by q per 10 m/s
     ice: Local = Local()  # share of the ground under lenses of ice
-    wet: Local = Local()  # share of η_max lost by the last rock of the campaign; less friction
+    wetting: Local = Local()  # share of η_max lost by the last rock of the campaign; less friction
     magnus: Local = Local()  # lift over spin times speed, in 1/50
     edges: Local = Local()  # scale of the cross tilt (rad) that edges of blocks make; no effect
     loss: Local = Local()  # speed that a contact leaves, less a share q at 10 m/s; no effect
@@ -63,27 +65,19 @@ def active(effect: Local, s: float) -> bool:
 
 
 @kernel
-def air_acceleration(
-    forces: Forces,
-    a: float,
-    b: float,
-    c: float,
-    density: float,
-    phi: float,
-    spin: float,
-    vx: float,
-    vy: float,
-    vz: float,
+def acceleration(
+    forces: Forces, st: FloatArray, phi: float, vx: float, vy: float, vz: float
 ) -> tuple[float, float, float]:
-    """Acceleration of a flying rock by air, wind and lift (m/s²), gravity not counted."""
+    """Acceleration of a flying rock by gravity, air, wind and lift (m/s²)."""
     ax = 0.0
     ay = 0.0
     az = 0.0
     along = math.sqrt(vx * vx + vy * vy)
     speed = math.sqrt(along * along + vz * vz)
     if speed < 1e-6:
-        return ax, ay, az
-    if forces.air.q > 0.0:
+        return ax, ay, -GRAVITY
+    a, b, c = st[A], st[B], st[C]
+    if forces.air_drag.q > 0.0:
         # The area that a turning ellipsoid shows to the wind, by its angle to the path.
         turn = phi - math.atan2(vz, along)
         wide = math.sqrt((a * math.sin(turn)) ** 2 + (b * math.cos(turn)) ** 2)
@@ -91,8 +85,7 @@ def air_acceleration(
         reynolds = _AIR * speed * 2.0 * wide / _VISCOSITY
         resistance = 0.4 + 24.0 / reynolds + 6.0 / (1.0 + math.sqrt(reynolds))
         resistance *= 1.0 + 1.2 * (wide - c) / wide
-        mass = density * 4.0 / 3.0 * math.pi * a * b * c
-        pull = -0.5 * _AIR * forces.air.q * resistance * area * speed / mass
+        pull = -0.5 * _AIR * forces.air_drag.q * resistance * area * speed / mass_of(st)
         ax += pull * vx
         ay += pull * vy
         az += pull * vz
@@ -101,11 +94,11 @@ def air_acceleration(
         ax += push * forces.wind.x
         ay += push * forces.wind.y
     if forces.magnus.q > 0.0 and along > 1e-6:
-        lift = 0.02 * forces.magnus.q * spin
+        lift = 0.02 * forces.magnus.q * st[SPIN]
         ax += lift * vz * vx / along
         ay += lift * vz * vy / along
         az -= lift * along
-    return ax, ay, az
+    return ax, ay, az - GRAVITY
 
 
 @kernel
@@ -183,7 +176,7 @@ def strike(
     mass: float,
     capacity: float,
     other_mass: float,
-) -> tuple[float, float, bool]:
+) -> tuple[float, float]:
     """Velocity in plan after an oblique, elastic-plastic blow against a stem or a lying block.
 
     Parameters
@@ -194,17 +187,10 @@ def strike(
         Energy at which the obstacle gives way (J).
     other_mass : float
         Mass that the rock has to move (kg); 0 for one that is rooted.
-
-    Returns
-    -------
-    vx, vy : float
-    broken : bool
-        Whether the obstacle has given way.
     """
     approach = -(vx * nx + vy * ny)
     energy = 0.5 * mass * approach * approach
-    broken = energy > capacity
-    if broken:
+    if energy > capacity:
         leave = -math.sqrt(2.0 * (energy - capacity) / mass)
     else:
         leave = 0.35 * (1.0 - 0.8 * energy / capacity) * approach
@@ -216,7 +202,7 @@ def strike(
     slide = vx * tx + vy * ty
     rub = min(abs(slide), 0.25 * (leave + approach))
     slide -= math.copysign(rub, slide)
-    return leave * nx + slide * tx, leave * ny + slide * ty, broken
+    return leave * nx + slide * tx, leave * ny + slide * ty
 
 
 @kernel

@@ -16,7 +16,6 @@ from sassgis.gap.check.worlds.slopes import CLASSES, Relief, make_relief, survey
 from sassgis.gap.check.worlds.strength import MEASURE_STEP_S, calibrated, n_measure
 from sassgis.gap.check.worlds.world import (
     RIGID,
-    Blocks,
     EffectSpec,
     Faults,
     PlacedEffect,
@@ -45,26 +44,6 @@ FOREIGN_LAW = (
 
 _N_RELEASES = 12
 
-_PHASES: dict[str, str] = {
-    "lateral_deflection": "impact",
-    "fragmentation": "impact",
-    "soft_ground": "impact",
-    "entrainment": "impact",
-    "trees": "flight",
-    "air_drag": "flight",
-    "roughness": "impact",
-    "rock_shape": "impact",
-    "release_error": "release",
-    "measurement_error": "observation",
-    "wind": "flight",
-    "snow": "rolling",
-    "ice": "rolling",
-    "wetting": "impact",
-    "terrace": "impact",
-    "magnus": "flight",
-    "collisions": "rolling",
-}
-
 
 def nominal_law() -> FloatArray:
     """Parameters of the classes as the package states them, in the order of CLASSES."""
@@ -90,7 +69,7 @@ def make_world(spec: WorldSpec, seed: int) -> World:
     for number, wanted in enumerate(spec.effects):
         effect = place_effect(world, wanted, seed + 7919 * (number + 1))
         world = with_effects(world, (*world.effects, calibrated(world, effect)))
-    return with_effects(world, world.effects)
+    return world
 
 
 def base_world(spec: WorldSpec, seed: int) -> World:
@@ -117,14 +96,14 @@ def base_world(spec: WorldSpec, seed: int) -> World:
     if any(e.name == "air_drag" for e in spec.effects):
         # Air holds only what is small and light.
         size, density = 0.25 * size, (1300.0, 1700.0)
-    blocks = Blocks(
-        axis_1_m=(0.45 * size, 0.65 * size),
-        axis_2_m=(0.35 * size, 0.48 * size),
-        axis_3_m=(0.18 * size, 0.40 * size),
-        density_kgm3=density,
-        speed_mps=(0.5, 2.0),
-        drop_m=(0.2, 1.0),
-    )
+    blocks = {
+        "axis_1_m": (0.45 * size, 0.65 * size),
+        "axis_2_m": (0.35 * size, 0.48 * size),
+        "axis_3_m": (0.18 * size, 0.40 * size),
+        "density_kgm3": density,
+        "speed_mps": (0.5, 2.0),
+        "drop_m": (0.2, 1.0),
+    }
     world = World(
         spec=spec,
         seed=seed,
@@ -152,7 +131,7 @@ def base_world(spec: WorldSpec, seed: int) -> World:
     ends = np.sort(relief.frame.s(run.deposits[:, 3], run.deposits[:, 4]))
     first = float(relief.breaks_m[2]) - rng.uniform(0.0, 6.0)
     last = max(float(np.quantile(ends, 0.65)), first + 30.0)
-    return replace(world, stations_s=np.linspace(first, last, spec.n_stations), _fields={})
+    return replace(world, stations_s=np.linspace(first, last, spec.n_stations))
 
 
 def drawn_faults(rng: np.random.Generator) -> Faults:
@@ -219,7 +198,6 @@ def place_effect(world: World, wanted: EffectSpec, seed: int) -> PlacedEffect:
         name=wanted.name,
         strength=wanted.strength,
         magnitude=0.0,
-        phase=_PHASES[wanted.name],
         s0_m=low,
         s1_m=high,
         segments=_touched(world, wanted.name, low, high),

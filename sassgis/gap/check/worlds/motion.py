@@ -14,11 +14,28 @@ import numpy as np
 
 from sassgis.gap.check.worlds import contact_laws as laws
 from sassgis.gap.check.worlds import random_draws as draws
-from sassgis.gap.check.worlds.after_contact import land, lean, settle, turn_back, turn_by
+from sassgis.gap.check.worlds.after_contact import (
+    land,
+    lean,
+    loosen,
+    meet_obstacles,
+    settle,
+    shatter,
+    turn_back,
+    turn_by,
+)
+from sassgis.gap.check.worlds.contact_laws import (
+    GRAVITY,
+    kinetic,
+    lever,
+    rolling_friction,
+    rolling_radius,
+    thrown_off,
+)
 from sassgis.gap.check.worlds.forces import (
     Forces,
+    acceleration,
     active,
-    air_acceleration,
     break_chance,
     cap_tilts,
     drained,
@@ -27,22 +44,9 @@ from sassgis.gap.check.worlds.forces import (
     snow_drag,
     weight_on,
 )
-from sassgis.gap.check.worlds.law import (
-    GRAVITY,
-    kinetic,
-    lever,
-    rolling_friction,
-    rolling_radius,
-    thrown_off,
-)
-from sassgis.gap.check.worlds.motion_records import (
-    write_deposit,
-    write_impact,
-    write_passage,
-    write_track,
-)
 from sassgis.gap.check.worlds.motion_state import (
     BROKEN,
+    CAMPAIGN,
     COUNT,
     DENSITY,
     FLY,
@@ -53,6 +57,7 @@ from sassgis.gap.check.worlds.motion_state import (
     MAX_PIECES,
     MODE,
     N_STATE,
+    NUMBER,
     PHI,
     ROCK,
     ROLL,
@@ -69,18 +74,27 @@ from sassgis.gap.check.worlds.motion_state import (
     Field,
     KeyArray,
     Tables,
+    Waiting,
     X,
     Y,
     Z,
+    along_of,
+    angle_between,
+    cell_of,
     chainage_of,
     face_velocity,
-    law_at,
+    ground_at,
     mass_of,
+    rotated,
+    set_velocity,
+    slope_at,
+    write_deposit,
+    write_impact,
+    write_passage,
+    write_track,
 )
-from sassgis.gap.check.worlds.new_blocks import loosen, shatter
-from sassgis.gap.check.worlds.obstacles import meet_obstacles
-from sassgis.gap.check.worlds.slopes import descent, height_at, surface_at
-from sassgis.model.grid import FloatArray, IntArray
+from sassgis.gap.check.worlds.slopes import descent, surface_at
+from sassgis.model.grid import FloatArray
 from sassgis.model.jit import kernel
 
 _LONGEST_S = 240.0
@@ -94,29 +108,19 @@ _LOOK_AHEAD = 0.06
 
 @kernel
 def run_rocks(
-    f: Field,
-    forces: Forces,
-    starts: FloatArray,
-    keys: KeyArray,
-    campaign: FloatArray,
-    dt: float,
-    tables: Tables,
+    f: Field, forces: Forces, starts: FloatArray, keys: KeyArray, dt: float, tables: Tables
 ) -> None:
     """Release all rocks, with the pieces and loosened blocks that they make."""
-    stack = np.empty((MAX_PIECES, N_STATE))
-    stack_keys = np.empty(MAX_PIECES, np.uint64)
     for rock in range(starts.shape[0]):
-        stack[0] = starts[rock]
-        stack_keys[0] = keys[rock]
-        # Waiting blocks, and all that were ever made of this rock.
-        counts = np.array([1, 1])
-        while counts[0] > 0:
-            counts[0] -= 1
-            st = stack[counts[0]].copy()
-            key = stack_keys[counts[0]]
-            _run_block(
-                f, forces, st, key, rock, campaign[rock], dt, stack, stack_keys, counts, tables
-            )
+        states = np.empty((MAX_PIECES, N_STATE))
+        waiting = Waiting(states, np.empty(MAX_PIECES, np.uint64), np.array([1, 1]))
+        states[0] = starts[rock]
+        states[0, NUMBER] = rock
+        waiting.keys[0] = keys[rock]
+        while waiting.counts[0] > 0:
+            waiting.counts[0] -= 1
+            k = waiting.counts[0]
+            _run_block(f, forces, states[k].copy(), waiting.keys[k], dt, waiting, tables)
 
 
 @kernel
@@ -125,27 +129,23 @@ def _run_block(
     forces: Forces,
     st: FloatArray,
     key: np.uint64,
-    rock: int,
-    campaign: float,
     dt: float,
-    stack: FloatArray,
-    stack_keys: KeyArray,
-    counts: IntArray,
+    waiting: Waiting,
     tables: Tables,
 ) -> None:
     """Simulate one block to its end."""
     n_rows, n_cols = f.z.shape
     last_hit = np.array([-1])
     next_track = st[TIME]
-    s = chainage_of(f, st)
+    s = chainage_of(f, st[X], st[Y])
     while True:
         if st[TIME] >= next_track:
-            write_track(st, rock, tables)
+            write_track(st, tables)
             next_track += _TRACK_EVERY_S
         if st[MODE] == FLY:
-            _fly(f, forces, st, key, rock, campaign, dt, stack, stack_keys, counts, tables)
+            _fly(f, forces, st, key, dt, waiting, tables)
         else:
-            _roll(f, forces, st, campaign, dt)
+            _roll(f, forces, st, dt)
         if st[MODE] == BROKEN:
             return
         if f.obstacles.shape[0] > 0 and st[MODE] != STOPPED:
@@ -153,33 +153,23 @@ def _run_block(
         u = (st[X] - f.west) / f.cell
         v = (f.north - st[Y]) / f.cell
         before = s
-        s = chainage_of(f, st)
+        s = chainage_of(f, st[X], st[Y])
         for k in range(f.stations.shape[0]):
             if before < f.stations[k] <= s:
-                write_passage(f, st, rock, k, tables)
+                write_passage(f, st, k, tables)
         if st[MODE] == STOPPED or st[TIME] > _LONGEST_S:
-            write_track(st, rock, tables)
-            write_deposit(f, st, rock, tables)
+            write_track(st, tables)
+            write_deposit(f, st, tables)
             return
         if u < 1.5 or v < 1.5 or u > n_cols - 1.5 or v > n_rows - 1.5:
             return
 
 
 @kernel
-def _accelerate(
-    forces: Forces, st: FloatArray, phi: float, vx: float, vy: float, vz: float
-) -> tuple[float, float, float]:
-    ax, ay, az = air_acceleration(
-        forces, st[A], st[B], st[C], st[DENSITY], phi, st[SPIN], vx, vy, vz
-    )
-    return ax, ay, az - GRAVITY
-
-
-@kernel
 def flight_step(forces: Forces, st: FloatArray, h: float) -> None:
     """Advance a flying block by h seconds (Runge-Kutta, fourth order)."""
     vx, vy, vz = st[VX], st[VY], st[VZ]
-    if forces.air.q <= 0.0 and forces.wind.q <= 0.0 and forces.magnus.q <= 0.0:
+    if forces.air_drag.q <= 0.0 and forces.wind.q <= 0.0 and forces.magnus.q <= 0.0:
         # The four stages agree under gravity alone: the step is the parabola itself.
         st[X] += h * vx
         st[Y] += h * vy
@@ -191,10 +181,10 @@ def flight_step(forces: Forces, st: FloatArray, h: float) -> None:
     half = 0.5 * h
     middle = st[PHI] - half * st[SPIN]
     last = st[PHI] - h * st[SPIN]
-    a1, b1, c1 = _accelerate(forces, st, st[PHI], vx, vy, vz)
-    a2, b2, c2 = _accelerate(forces, st, middle, vx + half * a1, vy + half * b1, vz + half * c1)
-    a3, b3, c3 = _accelerate(forces, st, middle, vx + half * a2, vy + half * b2, vz + half * c2)
-    a4, b4, c4 = _accelerate(forces, st, last, vx + h * a3, vy + h * b3, vz + h * c3)
+    a1, b1, c1 = acceleration(forces, st, st[PHI], vx, vy, vz)
+    a2, b2, c2 = acceleration(forces, st, middle, vx + half * a1, vy + half * b1, vz + half * c1)
+    a3, b3, c3 = acceleration(forces, st, middle, vx + half * a2, vy + half * b2, vz + half * c2)
+    a4, b4, c4 = acceleration(forces, st, last, vx + h * a3, vy + h * b3, vz + h * c3)
     st[X] += h * vx + h * h / 6.0 * (a1 + a2 + a3)
     st[Y] += h * vy + h * h / 6.0 * (b1 + b2 + b3)
     st[Z] += h * vz + h * h / 6.0 * (c1 + c2 + c3)
@@ -214,16 +204,16 @@ def _gap(f: Field, st: FloatArray) -> tuple[float, float, float, float]:
     gap = 0.0
     drop = 0.0
     for turn in range(3):
-        zg, gx, gy = surface_at(f.z, f.west, f.north, f.cell, px, py)
+        zg, next_slope = slope_at(f, st, px, py)
         if turn > 0:
             gap = (st[Z] + drop - zg) * math.cos(slope)
-        slope = math.atan(-(gx * st[HX] + gy * st[HY]))
+        slope = next_slope
         if turn < 2:
             x, y = lever(st[A], st[B], st[PHI] + slope)
-            back = -x * math.cos(slope) - y * math.sin(slope)
-            drop = x * math.sin(slope) - y * math.cos(slope)
-            px = st[X] + back * st[HX]
-            py = st[Y] + back * st[HY]
+            ahead, above = rotated(x, y, -slope)
+            drop = -above
+            px = st[X] - ahead * st[HX]
+            py = st[Y] - ahead * st[HY]
     return gap, slope, px, py
 
 
@@ -233,21 +223,14 @@ def _fly(
     forces: Forces,
     st: FloatArray,
     key: np.uint64,
-    rock: int,
-    campaign: float,
     dt: float,
-    stack: FloatArray,
-    stack_keys: KeyArray,
-    counts: IntArray,
+    waiting: Waiting,
     tables: Tables,
 ) -> None:
     """One step of flight, with the contact in it if there is one."""
     start = st.copy()
     flight_step(forces, st, dt)
-    over = st[Z] - height_at(f.z, f.west, f.north, f.cell, st[X], st[Y])
-    if over > 4.0 * st[A] + 1.0:
-        return
-    if not _hits(f, st):
+    if st[Z] - ground_at(f, st[X], st[Y]) > 4.0 * st[A] + 1.0 or not _hits(f, st):
         return
     low = 0.0
     high = dt
@@ -264,8 +247,7 @@ def _fly(
             low = half
     st[:] = start
     flight_step(forces, st, high)
-    _, slope, px, py = _gap(f, st)
-    _contact(f, forces, st, key, rock, campaign, slope, px, py, stack, stack_keys, counts, tables)
+    _contact(f, forces, st, key, waiting, tables)
 
 
 @kernel
@@ -278,19 +260,10 @@ def _hits(f: Field, st: FloatArray) -> bool:
     gap, slope, _, _ = _gap(f, st)
     if gap >= 0.0:
         return False
-    along = math.sqrt(st[VX] ** 2 + st[VY] ** 2)
-    if along * math.sin(slope) + st[VZ] * math.cos(slope) >= 0.0:
-        return False
-    return _approach(st, slope) <= 0.0 or gap < -1e-3 * st[B]
-
-
-@kernel
-def _approach(st: FloatArray, slope: float) -> float:
-    """Speed away from the ground of the rock's lowest material point (m/s)."""
-    along = math.sqrt(st[VX] ** 2 + st[VY] ** 2)
+    _, vn = rotated(along_of(st), st[VZ], slope)
     x, _ = lever(st[A], st[B], st[PHI] + slope)
-    vn = along * math.sin(slope) + st[VZ] * math.cos(slope)
-    return float(vn + st[SPIN] * x)
+    # Of the lowest material point too.
+    return vn < 0.0 and (vn + st[SPIN] * x <= 0.0 or gap < -1e-3 * st[B])
 
 
 @kernel
@@ -299,26 +272,18 @@ def _contact(
     forces: Forces,
     st: FloatArray,
     key: np.uint64,
-    rock: int,
-    campaign: float,
-    slope: float,
-    px: float,
-    py: float,
-    stack: FloatArray,
-    stack_keys: KeyArray,
-    counts: IntArray,
+    waiting: Waiting,
     tables: Tables,
 ) -> None:
     """Impact or soft landing; changes the state and may make new blocks."""
+    _, slope, px, py = _gap(f, st)
     a, b = st[A], st[B]
     radius = math.sqrt(a * b)
     inertia = (a * a + b * b) / 5.0
-    flat = 0.0
-    law = law_at(f, px, py)
-    s = (px - f.x0) * f.ux + (py - f.y0) * f.uy
-    along = math.sqrt(st[VX] ** 2 + st[VY] ** 2)
-    vt_in = along * math.cos(slope) - st[VZ] * math.sin(slope)
-    vn_in = along * math.sin(slope) + st[VZ] * math.cos(slope)
+    law = f.law[f.ground[cell_of(f, px, py)]]
+    s = chainage_of(f, px, py)
+    along = along_of(st)
+    vt_in, vn_in = rotated(along, st[VZ], slope)
     spin_in = st[SPIN]
     before = kinetic(inertia, vt_in, vn_in, spin_in)
     size = (a * b * st[C]) ** (1.0 / 3.0)
@@ -334,14 +299,11 @@ def _contact(
         u = low + (high - low) * draws.uniform(key, draws.SLOPE, n)
         met = math.atan(math.tan(slope) * (1.0 - u))
     cross = 0.0
-    if active(forces.bumps, s):
-        tilt, cross = cap_tilts(forces.bumps, key, n, radius)
+    if active(forces.roughness, s):
+        tilt, cross = cap_tilts(forces.roughness, key, n, radius)
         met -= tilt
-    vt = along * math.cos(met) - st[VZ] * math.sin(met)
-    vn = along * math.sin(met) + st[VZ] * math.cos(met)
-    shrunk = 1.0
-    if forces.wet.q > 0.0:
-        shrunk = 1.0 - forces.wet.q * (0.3 + 0.7 * campaign)
+    vt, vn = rotated(along, st[VZ], met)
+    shrunk = 1.0 - forces.wetting.q * (0.3 + 0.7 * st[CAMPAIGN])
     if active(forces.ice, s) and on_ice(forces.ice, px, py):
         # Ice holds nothing along the ground; it returns a little of the normal speed.
         vn = 0.2 * abs(vn)
@@ -350,17 +312,17 @@ def _contact(
         vt, vn, spin = laws.contact(
             f.contact, a, b, st[C], st[PHI] + met, vt, vn, spin_in, law, shrunk
         )
-        if active(forces.soft, s):
+        if active(forces.soft_ground, s):
             vt, vn, spin = indent(
-                forces.soft, mass_of(st), radius, inertia, vn_in, spin_in, vt, vn, spin
+                forces.soft_ground, mass_of(st), radius, inertia, vn_in, spin_in, vt, vn, spin
             )
     if forces.loss.q > 0.0:
         vt, vn, spin = drained(forces.loss, vt, vn, spin)
-    if active(forces.plates, s):
-        flat = 1.0 - st[C] / b
-        if draws.uniform(key, draws.PLATE, 2 * n) < min(0.95, forces.plates.q * flat):
+    if active(forces.rock_shape, s):
+        flat = forces.rock_shape.q * (1.0 - st[C] / b)
+        if draws.uniform(key, draws.PLATE, 2 * n) < min(0.95, flat):
             # The flat side comes down: the wobble of the plate is lost, and it veers.
-            strength = min(1.0, forces.plates.q * flat)
+            strength = min(1.0, flat)
             vt *= 1.0 - 0.5 * strength
             vn *= 1.0 - 0.5 * strength
             spin *= 1.0 - 0.5 * strength
@@ -371,22 +333,21 @@ def _contact(
         spin *= held
     if forces.edges.q > 0.0:
         cross += min(max(forces.edges.q * draws.laplace(key, draws.EDGE, n), -0.9), 0.9)
-    if active(forces.facets, s):
-        facet = forces.facets.q * draws.laplace(key, draws.LATERAL, n)
+    if active(forces.lateral_deflection, s):
+        facet = forces.lateral_deflection.q * draws.laplace(key, draws.LATERAL, n)
         cross += min(max(facet, -0.9), 0.9)
 
     # Back from the ground that was met to the mean slope.
-    v_along = vt * math.cos(met) + vn * math.sin(met)
-    vz = -vt * math.sin(met) + vn * math.cos(met)
-    vt_out = v_along * math.cos(slope) - vz * math.sin(slope)
-    vn_out = v_along * math.sin(slope) + vz * math.cos(slope)
+    v_along, vz = rotated(vt, vn, -met)
+    vt_out, vn_out = rotated(v_along, vz, slope)
     # The normal impulse on what leans across the path, terrain or facet, deflects the rock.
     across = min(max(lean(f, st) + cross, -1.2), 1.2)
     turn = math.atan2((vn_out - vn_in) * math.sin(across), abs(v_along) + 0.5)
     old_hx, old_hy = st[HX], st[HY]
     after = kinetic(inertia, vt_out, vn_out, spin)
+    rock = int(st[NUMBER])
     tables.gain[rock] = max(tables.gain[rock], (after - before) / before)
-    row = np.array([math.degrees(slope), vt_in, vn_in, spin_in, vt_out, vn_out, spin])
+    speeds = (math.degrees(slope), vt_in, vn_in, spin_in, vt_out, vn_out, spin)
     st[SPIN] = spin
     if v_along < 0.0:
         turn_back(st)
@@ -395,26 +356,24 @@ def _contact(
         turn = -turn
     turn_by(st, turn)
     # The path turns about the normal of the ground: the rock does not turn into it or off it.
-    _, gx, gy = surface_at(f.z, f.west, f.north, f.cell, px, py)
-    turned = math.atan(-(gx * st[HX] + gy * st[HY]))
+    _, turned = slope_at(f, st, px, py)
     st[PHI] += slope - turned
     slope = turned
-    v_along = vt_out * math.cos(slope) + vn_out * math.sin(slope)
-    st[VX] = v_along * st[HX]
-    st[VY] = v_along * st[HY]
-    st[VZ] = -vt_out * math.sin(slope) + vn_out * math.cos(slope)
+    set_velocity(st, vt_out, vn_out, slope)
     face_velocity(st)
-    write_impact(f, st, rock, px, py, row, old_hx, old_hy, tables)
-    if active(forces.breaking, s):
+    # Azimuths grow clockwise: to the right is positive.
+    to_right = angle_between(st[HX], st[HY], old_hx, old_hy)
+    write_impact(f, st, px, py, speeds, to_right, tables)
+    if active(forces.fragmentation, s):
         volume = mass_of(st) / st[DENSITY]
         if volume > 0.01 and draws.uniform(key, draws.BREAK, n) < break_chance(
-            forces.breaking, volume, vn_in
+            forces.fragmentation, volume, vn_in
         ):
-            shatter(st, key, n, before - after, stack, stack_keys, counts)
+            shatter(st, key, n, before - after, waiting)
             if st[MODE] == BROKEN:
                 return
-    if active(forces.loose, s) and st[KIND] == ROCK:
-        loosen(f, forces, st, key, n, abs(vt_out - vt_in), px, py, stack, stack_keys, counts)
+    if active(forces.entrainment, s) and st[KIND] == ROCK:
+        loosen(f, forces, st, key, n, abs(vt_out - vt_in), px, py, waiting)
     theta = st[PHI] + slope
     x, _ = lever(a, b, theta)
     lifted = vn_out + x * st[SPIN]
@@ -425,53 +384,50 @@ def _contact(
 
 
 @kernel
-def _roll(f: Field, forces: Forces, st: FloatArray, campaign: float, dt: float) -> None:
+def _roll(f: Field, forces: Forces, st: FloatArray, dt: float) -> None:
     """One step along the ground, rolling or sliding; may leave the ground or come to rest."""
     a, b = st[A], st[B]
     radius = rolling_radius(a, b)
     size = (a * b * st[C]) ** (1.0 / 3.0)
-    law = law_at(f, st[X], st[Y])
-    s = chainage_of(f, st)
+    law = f.law[f.ground[cell_of(f, st[X], st[Y])]]
+    s = chainage_of(f, st[X], st[Y])
     dx, dy = descent(f.gx, f.gy, f.west, f.north, f.cell, st[X], st[Y], st[HX], st[HY])
-    facing = dx * st[HX] + dy * st[HY]
-    if facing < 0.0:
+    if dx * st[HX] + dy * st[HY] < 0.0:
         dx, dy = -dx, -dy
-    along = math.sqrt(st[VX] ** 2 + st[VY] ** 2)
+    along = along_of(st)
     v = math.sqrt(along * along + st[VZ] ** 2)
-    away = math.atan2(st[HX] * dy - st[HY] * dx, st[HX] * dx + st[HY] * dy)
-    turn_by(st, away * min(1.0, dt / _TURNS_IN_S))
-    _, gx, gy = surface_at(f.z, f.west, f.north, f.cell, st[X], st[Y])
+    turn_by(st, angle_between(st[HX], st[HY], dx, dy) * min(1.0, dt / _TURNS_IN_S))
+    here, gx, gy = surface_at(f.z, f.west, f.north, f.cell, st[X], st[Y])
     slope = math.atan(-(gx * st[HX] + gy * st[HY]))
     inertia = (a * a + b * b) / 5.0
+    # Energy of a rock that rolls, over that of its motion along the ground.
+    whole = 1.0 + inertia / (radius * radius)
     turning_over = weight_on(slope) * (a - radius)
-    energy = 0.5 * v * v * (1.0 + inertia / (radius * radius))
-    held = math.tan(slope) < rolling_friction(law[laws.MU_0], law[laws.K], law[laws.D_STAR], size)
+    energy = 0.5 * v * v * whole
+    held = math.tan(slope) < rolling_friction(law, size)
     if st[MODE] == ROLL and energy < turning_over and held:
         # Too slow to turn over its longer axis.
         st[MODE] = SLIDE
     elif st[MODE] == SLIDE and law[laws.MU_F] * 2.0 * a * b > a * a - b * b:
         # Friction tips it over; it rolls with its angular momentum about the ground kept.
-        slow = v / (1.0 + inertia / (radius * radius))
         lies = lever(a, b, st[PHI] + slope)[1]
-        left = 0.5 * v * slow - weight_on(slope) * (radius - lies)
-        needed = weight_on(slope) * (a - radius) if held else 0.0
-        if left > needed:
-            v = math.sqrt(2.0 * left / (1.0 + inertia / (radius * radius)))
+        left = 0.5 * v * (v / whole) - weight_on(slope) * (radius - lies)
+        if left > (turning_over if held else 0.0):
+            v = math.sqrt(2.0 * left / whole)
             st[MODE] = ROLL
     friction = law[laws.MU_F]
     if st[MODE] == ROLL:
-        friction = rolling_friction(law[laws.MU_0], law[laws.K], law[laws.D_STAR], size)
-        if active(forces.plates, s):
+        friction = rolling_friction(law, size)
+        if active(forces.rock_shape, s):
             flat = 1.0 - st[C] / b
-            if v < 5.0 * forces.plates.q * flat:
-                friction *= 1.0 + min(1.0, forces.plates.q * flat)
+            if v < 5.0 * forces.rock_shape.q * flat:
+                friction *= 1.0 + min(1.0, forces.rock_shape.q * flat)
     if active(forces.snow, s):
         friction += snow_drag(forces.snow, v)
     if active(forces.ice, s) and on_ice(forces.ice, st[X], st[Y]):
         friction = 0.12
-    if forces.wet.q > 0.0:
-        # A wet block slips on wet ground.
-        friction *= 1.0 - 0.4 * forces.wet.q * (0.3 + 0.7 * campaign)
+    # A wet block slips on wet ground.
+    friction *= 1.0 - 0.4 * forces.wetting.q * (0.3 + 0.7 * st[CAMPAIGN])
     pull = GRAVITY * math.sin(slope) - friction * weight_on(slope)
     v += pull * dt
     st[TIME] += dt
@@ -479,37 +435,28 @@ def _roll(f: Field, forces: Forces, st: FloatArray, campaign: float, dt: float) 
         steepest = math.sqrt(gx * gx + gy * gy)
         if steepest > friction + 1e-3 and slope < 0.0:
             turn_back(st)
-            st[VX] = _SLOW * st[HX]
-            st[VY] = _SLOW * st[HY]
-            st[VZ] = 0.0
+            set_velocity(st, _SLOW, 0.0, 0.0)
             st[SPIN] = _SLOW / radius
             return
-        st[VX] = 0.0
-        st[VY] = 0.0
-        st[VZ] = 0.0
+        set_velocity(st, 0.0, 0.0, 0.0)
         st[SPIN] = 0.0
         st[MODE] = STOPPED
         return
     if st[MODE] == ROLL and a > b and _leaves_upright(f, st, v, slope):
         return
-    cos = math.cos(slope)
-    sin = math.sin(slope)
-    here = height_at(f.z, f.west, f.north, f.cell, st[X], st[Y])
-    far = v * cos * _LOOK_AHEAD
-    ahead = height_at(f.z, f.west, f.north, f.cell, st[X] + far * st[HX], st[Y] + far * st[HY])
-    free = here - v * sin * _LOOK_AHEAD - 0.5 * GRAVITY * _LOOK_AHEAD**2
-    st[X] += v * cos * dt * st[HX]
-    st[Y] += v * cos * dt * st[HY]
-    st[VX] = v * cos * st[HX]
-    st[VY] = v * cos * st[HY]
-    st[VZ] = -v * sin
+    onward = v * math.cos(slope)
+    far = onward * _LOOK_AHEAD
+    ahead = ground_at(f, st[X] + far * st[HX], st[Y] + far * st[HY])
+    free = here - v * math.sin(slope) * _LOOK_AHEAD - 0.5 * GRAVITY * _LOOK_AHEAD**2
+    st[X] += onward * dt * st[HX]
+    st[Y] += onward * dt * st[HY]
+    set_velocity(st, v, 0.0, slope)
     if st[MODE] == ROLL:
         st[SPIN] = v / radius
         st[PHI] -= st[SPIN] * dt
     else:
         st[SPIN] = 0.0
-    zg, gx, gy = surface_at(f.z, f.west, f.north, f.cell, st[X], st[Y])
-    next_slope = math.atan(-(gx * st[HX] + gy * st[HY]))
+    zg, next_slope = slope_at(f, st, st[X], st[Y])
     # A rock that slides lies as it is turned, one that rolls is the circle of its mean radius.
     rest = radius if st[MODE] == ROLL else lever(a, b, st[PHI] + next_slope)[1]
     st[Z] = zg + rest / math.cos(next_slope)
@@ -525,16 +472,12 @@ def _roll(f: Field, forces: Forces, st: FloatArray, campaign: float, dt: float) 
                 f.contact, a, b, st[C], 0.0, v * math.cos(bend), -hit, st[SPIN], law, 1.0, True
             )
             if vn * vn > 2.0 * weight_on(next_slope) * law[laws.SOFT] * size:
-                st[VX] = (vt * math.cos(next_slope) + vn * math.sin(next_slope)) * st[HX]
-                st[VY] = (vt * math.cos(next_slope) + vn * math.sin(next_slope)) * st[HY]
-                st[VZ] = vn * math.cos(next_slope) - vt * math.sin(next_slope)
+                set_velocity(st, vt, vn, next_slope)
                 st[SPIN] = spin
                 st[MODE] = FLY
                 return
         v = max(v * math.cos(bend) - friction * hit, 0.0)
-    st[VX] = v * math.cos(next_slope) * st[HX]
-    st[VY] = v * math.cos(next_slope) * st[HY]
-    st[VZ] = -v * math.sin(next_slope)
+    set_velocity(st, v, 0.0, next_slope)
 
 
 @kernel
@@ -555,12 +498,8 @@ def _leaves_upright(f: Field, st: FloatArray, v: float, slope: float) -> bool:
     spin = math.sqrt(2.0 * energy / (inertia + x * x + y * y))
     if not thrown_off(a, b, theta, spin, slope):
         return False
-    vt, vn = y * spin, -x * spin
-    zg = height_at(f.z, f.west, f.north, f.cell, st[X], st[Y])
-    st[Z] = zg + y / math.cos(slope)
-    st[VX] = (vt * math.cos(slope) + vn * math.sin(slope)) * st[HX]
-    st[VY] = (vt * math.cos(slope) + vn * math.sin(slope)) * st[HY]
-    st[VZ] = vn * math.cos(slope) - vt * math.sin(slope)
+    st[Z] = ground_at(f, st[X], st[Y]) + y / math.cos(slope)
+    set_velocity(st, y * spin, -x * spin, slope)
     st[SPIN] = spin
     st[MODE] = FLY
     return True

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, replace
-from typing import Any, Literal, get_args
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,12 +13,17 @@ from numpy.typing import NDArray
 from sassgis.gap.check.worlds import motion_state
 from sassgis.gap.check.worlds.simulation import draw_rocks, heights_of, simulate
 from sassgis.gap.check.worlds.slopes import CLASSES
-from sassgis.gap.check.worlds.world import Run, World, WorldRocks
+from sassgis.gap.check.worlds.world import Run, World, require_known
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid
 
-Kind = Literal["stations", "stops", "both", "everything"]
-KINDS: tuple[Kind, ...] = get_args(Kind)
+#: Tables that are observed, by the kind of observations.
+KINDS = {
+    "stations": ("rocks", "stations", "passages"),
+    "stops": ("rocks", "deposits"),
+    "both": ("rocks", "stations", "passages", "deposits"),
+    "everything": ("rocks", "stations", "passages", "deposits", "impacts", "trajectories"),
+}
 Table = dict[str, NDArray[Any]]
 
 # Errors that every observer makes, as the metadata state them (standard deviations).
@@ -48,7 +54,7 @@ class ObservedTables:
     metadata: dict[str, float]
 
 
-def observe(world: World, kind: Kind, n_rocks: int, seed: int) -> ObservedTables:
+def observe(world: World, kind: str, n_rocks: int, seed: int) -> ObservedTables:
     """Release rocks in a synthetic site and write down what is seen.
 
     Parameters
@@ -62,8 +68,7 @@ def observe(world: World, kind: Kind, n_rocks: int, seed: int) -> ObservedTables
     InputError
         If there is no such kind of observations, or no rock.
     """
-    if kind not in KINDS:
-        raise InputError("unknown kind", field="kind", found=kind, expected=", ".join(KINDS))
+    require_known("unknown kind", "kind", kind, KINDS)
     if n_rocks < 1:
         raise InputError("no rocks", field="n_rocks", found=n_rocks, expected="at least 1")
     run = distort(world, simulate(world, draw_rocks(world, n_rocks, 1000 + seed)))
@@ -152,22 +157,10 @@ def _names(world: World, table: FloatArray, own: str = "") -> NDArray[Any]:
     )
 
 
-def write_down(world: World, run: Run, kind: Kind, rng: np.random.Generator) -> ObservedTables:
+def write_down(world: World, run: Run, kind: str, rng: np.random.Generator) -> ObservedTables:
     """What observers note of a run, with their errors and faults."""
     run = _recorded(world, run)
-    tables: dict[str, Table] = {
-        "rocks": _rocks(world, run.rocks, rng),
-        "stations": _stations(world),
-    }
-    if kind in ("stations", "both", "everything"):
-        tables["passages"] = _passages(world, run, rng)
-    if kind in ("stops", "both", "everything"):
-        tables["deposits"] = _deposits(world, run, rng)
-    if kind == "everything":
-        tables["impacts"] = _impacts(world, run, rng)
-        tables["trajectories"] = _tracks(world, run, rng)
-    if kind == "stops":
-        del tables["stations"]
+    tables = {name: _TABLES[name](world, run, rng) for name in KINDS[kind]}
     # What the observers believe of their own errors.
     believed = {
         "speed_error_rel": SPEED_ERROR_REL,
@@ -238,8 +231,8 @@ def _place(rng: np.random.Generator, table: FloatArray, first: int) -> Table:
     }
 
 
-def _rocks(world: World, rocks: WorldRocks, rng: np.random.Generator) -> Table:
-    n = len(rocks.state)
+def _rocks(world: World, run: Run, rng: np.random.Generator) -> Table:
+    rocks, n = run.rocks, len(run.rocks.state)
     x, y, z = _stated_release(world, rocks.stated[:, :3], n).T
     by_eye = np.random.default_rng([world.seed, 819, n]).normal(0.0, world.faults.axes_sd, (n, 3))
     a, b, c = (rocks.state[:, k] for k in (motion_state.A, motion_state.B, motion_state.C))
@@ -277,7 +270,7 @@ def _stated_release(world: World, places: FloatArray, n: int = 0) -> FloatArray:
     return np.column_stack([to_x, to_y, heights_of(world.survey, to_x, to_y) + above])
 
 
-def _stations(world: World) -> Table:
+def _stations(world: World, _run: Run, _rng: np.random.Generator) -> Table:
     lines = world.station_lines()
     ends = zip(("x0", "y0", "x1", "y1"), lines.T, strict=True)
     return {"station": np.array(world.station_names), **dict(ends)}
@@ -344,6 +337,16 @@ def _tracks(world: World, run: Run, rng: np.random.Generator) -> Table:
     }
 
 
+_TABLES: dict[str, Callable[[World, Run, np.random.Generator], Table]] = {
+    "rocks": _rocks,
+    "stations": _stations,
+    "passages": _passages,
+    "deposits": _deposits,
+    "impacts": _impacts,
+    "trajectories": _tracks,
+}
+
+
 @dataclass(frozen=True, slots=True)
 class SiteSetup:
     """What the diagnosing side knows besides the observations: enough to write a configuration.
@@ -374,5 +377,5 @@ def setup(world: World) -> SiteSetup:
         class_names=CLASSES,
         class_codes=world.relief.ground,
         releases=_stated_release(world, world.releases),
-        blocks=asdict(world.blocks),
+        blocks=world.blocks,
     )

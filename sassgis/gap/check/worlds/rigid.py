@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sassgis.gap.check.worlds.motion_state import DENSITY, VX, VZ, A, X, Z
+from sassgis.gap.check.worlds.motion_state import CAMPAIGN, DENSITY, VX, VZ, A, X, Z
 from sassgis.gap.check.worlds.slopes import CLASSES
 from sassgis.gap.check.worlds.world import RIGID, Run, World, WorldRocks
 from sassgis.model.errors import InputError
@@ -93,7 +93,7 @@ def run_rocks(
         stations=world.stations_s,
         blocks=rocks.state[:, [*range(X, Z + 1), *range(VX, VZ + 1), *range(A, DENSITY + 1)]],
         keys=rocks.keys,
-        campaign=rocks.campaign,
+        campaign=rocks.state[:, CAMPAIGN],
         effects=np.array([e.name for e in effects], np.str_),
         effect_values=np.array(
             [

@@ -228,6 +228,8 @@ class RigidSite:
         self._stations = job["stations"]
         steps = math.ceil(SAMPLE_S / float(job["dt"]) - 1e-9)
         self._step_s = SAMPLE_S / steps
+        if not bullet.isConnected():
+            bullet.connect(bullet.DIRECT)
         bullet.resetSimulation()
         bullet.setGravity(0.0, 0.0, -GRAVITY)
         bullet.setPhysicsEngineParameter(
@@ -259,9 +261,7 @@ class RigidSite:
         self._standing: dict[int, int] = {}
         self._broken: set[int] = set()
         self._square: tuple[int, int] | None = None
-        self.tables: dict[str, list[Any]] = {
-            "deposits": [], "passages": [], "impacts": [], "tracks": []
-        }  # fmt: skip
+        self.tables: dict[str, list[Any]] = defaultdict(list)
 
     def clear(self) -> None:
         """Take away what stood near the block before, and forget what that has broken."""
@@ -610,8 +610,6 @@ class _Motion:
 
 def run(job: Mapping[str, NDArray[Any]]) -> dict[str, FloatArray]:
     """What all blocks of a job did: the tables by their names."""
-    if not bullet.isConnected():
-        bullet.connect(bullet.DIRECT)
     site = RigidSite(job)
     ground = site.ground
     for k, row in enumerate(job["blocks"].tolist()):
@@ -625,8 +623,8 @@ def run(job: Mapping[str, NDArray[Any]]) -> dict[str, FloatArray]:
         )  # fmt: skip
     width = {"deposits": 8, "passages": 11, "impacts": 17, "tracks": 9}
     return {
-        name: np.array(rows, np.float64).reshape(-1, width[name])
-        for name, rows in site.tables.items()
+        name: np.array(site.tables[name], np.float64).reshape(-1, columns)
+        for name, columns in width.items()
     }
 
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from scipy import ndimage
 
-from sassgis.gap.check.worlds import motion, motion_state, rigid
+from sassgis.gap.check.worlds import motion, rigid
+from sassgis.gap.check.worlds import motion_state as ms
 from sassgis.gap.check.worlds.forces import Forces, Local, SteadyWind
-from sassgis.gap.check.worlds.motion_state import Field, Tables
 from sassgis.gap.check.worlds.slopes import guide
 from sassgis.gap.check.worlds.world import LAWS, RIGID, Run, World, WorldRocks
 from sassgis.model.grid import FloatArray, Grid, IntArray
@@ -30,17 +31,11 @@ def draw_rocks(world: World, n: int, stream: int) -> WorldRocks:
     rng = np.random.default_rng([world.seed, 303, stream])
     u = rng.random((n, 9))
 
-    def between(limits: tuple[float, float], column: int) -> FloatArray:
-        return limits[0] + (limits[1] - limits[0]) * u[:, column]
+    def between(name: str, column: int) -> FloatArray:
+        low, high = world.blocks[name]
+        return low + (high - low) * u[:, column]
 
-    blocks = world.blocks
-    axes = np.column_stack(
-        [
-            between(blocks.axis_1_m, 0),
-            between(blocks.axis_2_m, 1),
-            between(blocks.axis_3_m, 2),
-        ]
-    )
+    axes = np.column_stack([between(f"axis_{k + 1}_m", k) for k in range(3)])
     flat = _magnitude(world, "rock_shape")
     if world.spec.law == RIGID and flat > 0.0:
         # Slabs: the flat ones flatter, of the same volume.
@@ -48,7 +43,7 @@ def draw_rocks(world: World, n: int, stream: int) -> WorldRocks:
         axes *= np.column_stack([thin**-0.5, thin**-0.5, thin])
     axes = -np.sort(-axes, axis=1)
     release = world.releases[np.arange(n) % len(world.releases)]
-    speed = between(blocks.speed_mps, 4)
+    speed = between("speed_mps", 4)
     stated = np.column_stack([release, speed])
     x, y, speed = release[:, 0].copy(), release[:, 1].copy(), speed.copy()
     wrong = _magnitude(world, "release_error")
@@ -69,23 +64,21 @@ def draw_rocks(world: World, n: int, stream: int) -> WorldRocks:
     phi = math.pi * u[:, 6]
     # Dropped from above where it would lie as it is turned.
     rest = np.hypot(axes[:, 0] * np.sin(phi + dip), axes[:, 1] * np.cos(phi + dip))
-    state = np.zeros((n, motion_state.N_STATE))
-    state[:, motion_state.X], state[:, motion_state.Y] = x, y
-    state[:, motion_state.Z] = (
-        heights_of(world.true_grid, x, y) + rest / np.cos(dip) + between(blocks.drop_m, 5)
-    )
+    ground = heights_of(world.true_grid, x, y)
+    z = ground + rest / np.cos(dip) + between("drop_m", 5)
     # Written down is where the centre was when it was released: as high above the stated place.
-    stated[:, 2] += state[:, motion_state.Z] - heights_of(world.true_grid, x, y)
-    state[:, motion_state.HX], state[:, motion_state.HY] = hx / length, hy / length
-    state[:, motion_state.VX] = speed * np.cos(dip) * state[:, motion_state.HX]
-    state[:, motion_state.VY] = speed * np.cos(dip) * state[:, motion_state.HY]
-    state[:, motion_state.VZ] = -speed * np.sin(dip)
-    state[:, motion_state.PHI] = phi
-    state[:, motion_state.A : motion_state.C + 1] = axes
-    state[:, motion_state.DENSITY] = between(blocks.density_kgm3, 3)
-    state[:, motion_state.HAND] = np.where(u[:, 7] < 0.5, -1.0, 1.0)
-    keys = rng.integers(0, 2**63, n, dtype=np.uint64)
-    return WorldRocks(state, stated, keys, (np.arange(n) + 0.5) / n)
+    stated[:, 2] += z - ground
+    hx, hy = hx / length, hy / length
+    onward = speed * np.cos(dip)
+    state = np.zeros((n, ms.N_STATE))
+    state[:, ms.X : ms.Z + 1] = np.column_stack([x, y, z])
+    state[:, ms.VX : ms.VZ + 1] = np.column_stack([onward * hx, onward * hy, -speed * np.sin(dip)])
+    state[:, [ms.HX, ms.HY, ms.PHI]] = np.column_stack([hx, hy, phi])
+    state[:, ms.A : ms.C + 1] = axes
+    state[:, ms.DENSITY] = between("density_kgm3", 3)
+    state[:, ms.HAND] = np.where(u[:, 7] < 0.5, -1.0, 1.0)
+    state[:, ms.CAMPAIGN] = (np.arange(n) + 0.5) / n
+    return WorldRocks(state, stated, rng.integers(0, 2**63, n, dtype=np.uint64))
 
 
 def _sample(grid: Grid, values: FloatArray, x: FloatArray, y: FloatArray) -> FloatArray:
@@ -102,33 +95,16 @@ def simulate(world: World, rocks: WorldRocks, dt: float = STEP_S) -> Run:
     """
     if world.spec.law == RIGID:
         return rigid.run_rocks(world, rocks, _obstacles(world), _wind_direction(world), dt)
-    if "field" not in world._fields:
-        world._fields["field"] = _field(world)
-    n = len(rocks.state)
-    room = np.array([4 * n + 64, 12 * n + 64, 80 * n + 64, 400 * n + 64])
+    field, forces, n = _field(world), forces_of(world), len(rocks.state)
+    room = np.array([4, 12, 80, 400]) * n + 64
     while True:
-        tables = Tables(
-            deposits=np.zeros((room[0], 3 + len(motion_state.DEPOSIT_COLUMNS))),
-            passages=np.zeros((room[1], 3 + len(motion_state.PASSAGE_COLUMNS))),
-            impacts=np.zeros((room[2], 3 + len(motion_state.IMPACT_COLUMNS))),
-            tracks=np.zeros((room[3], 3 + len(motion_state.TRACK_COLUMNS))),
-            used=np.zeros(4, np.int64),
-            gain=np.full(n, -1.0),
-        )
-        ground, forces = world._fields["field"], forces_of(world)
-        motion.run_rocks(ground, forces, rocks.state, rocks.keys, rocks.campaign, dt, tables)
+        tables = ms.Tables.of(room, n)
+        motion.run_rocks(field, forces, rocks.state, rocks.keys, dt, tables)
         if (tables.used <= room).all():
             break
         room = np.maximum(room, tables.used)
-    d, p, i, t = (int(k) for k in tables.used)
-    return Run(
-        rocks,
-        tables.deposits[:d],
-        tables.passages[:p],
-        tables.impacts[:i],
-        tables.tracks[:t],
-        tables.gain,
-    )
+    d, p, i, t = (table[:used] for table, used in zip(tables[:4], tables.used, strict=True))
+    return Run(rocks, d, p, i, t, tables.gain)
 
 
 def _magnitude(world: World, name: str) -> float:
@@ -137,30 +113,14 @@ def _magnitude(world: World, name: str) -> float:
 
 def forces_of(world: World) -> Forces:
     """The effects of a site as the kernels take them."""
-    slots = {
-        "lateral_deflection": "facets",
-        "fragmentation": "breaking",
-        "soft_ground": "soft",
-        "entrainment": "loose",
-        "air_drag": "air",
-        "roughness": "bumps",
-        "rock_shape": "plates",
-        "snow": "snow",
-        "ice": "ice",
-        "wetting": "wet",
-        "magnus": "magnus",
-    }
-    found: dict[str, Local] = {}
-    wind = SteadyWind()
+    found: dict[str, Any] = {"loss": Local(world.speed_loss), "edges": Local(world.edges_rad)}
     for effect in world.effects:
-        if effect.name in slots:
-            local = Local(float(effect.magnitude), float(effect.s0_m), float(effect.s1_m))
-            found[slots[effect.name]] = local
-        elif effect.name == "wind":
+        if effect.name == "wind":
             turn = _wind_direction(world)
-            wind = SteadyWind(float(effect.magnitude), math.cos(turn), math.sin(turn))
-    own = {"loss": Local(world.speed_loss), "edges": Local(world.edges_rad)}
-    return Forces(**found, **own, wind=wind)
+            found["wind"] = SteadyWind(effect.magnitude, math.cos(turn), math.sin(turn))
+        elif effect.name in Forces._fields:
+            found[effect.name] = Local(effect.magnitude, effect.s0_m, effect.s1_m)
+    return Forces(**found)
 
 
 def _wind_direction(world: World) -> float:
@@ -171,31 +131,15 @@ def _wind_direction(world: World) -> float:
     return math.atan2(frame.uy, frame.ux) + (turn if seed % 2 else -turn)
 
 
-def _field(world: World) -> Field:
-    grid = world.true_grid
-    gx, gy = guide(grid)
-    obstacles = _obstacles(world)
-    start, near = _by_cell(grid, obstacles)
-    frame = world.relief.frame
-    return Field(
-        np.ascontiguousarray(grid.values),
-        gx,
-        gy,
-        float(grid.west),
-        float(grid.north),
-        float(grid.cell_size),
-        world.ground,
-        world.law,
-        LAWS.index(world.spec.law),
-        frame.x0,
-        frame.y0,
-        frame.ux,
-        frame.uy,
-        np.ascontiguousarray(world.stations_s),
-        start,
-        near,
-        obstacles,
-    )
+def _field(world: World) -> ms.Field:
+    grid, frame, obstacles = world.true_grid, world.relief.frame, _obstacles(world)
+    return ms.Field(
+        np.ascontiguousarray(grid.values), *guide(grid),
+        float(grid.west), float(grid.north), float(grid.cell_size),
+        world.ground, world.law, LAWS.index(world.spec.law),
+        frame.x0, frame.y0, frame.ux, frame.uy,
+        np.ascontiguousarray(world.stations_s), *_by_cell(grid, obstacles), obstacles,
+    )  # fmt: skip
 
 
 def _obstacles(world: World) -> FloatArray:
@@ -205,13 +149,11 @@ def _obstacles(world: World) -> FloatArray:
         if effect.name not in ("trees", "collisions"):
             continue
         rng = np.random.default_rng([effect.seed, 606])
-        frame, belt = world.relief.frame, (effect.s0_m, effect.s1_m)
         spacing = 1.6 if effect.name == "trees" else 1.8
-        s, c = _scatter(rng, belt, 70.0, spacing)
+        s, c = _scatter(rng, effect.s0_m, effect.s1_m, spacing)
         # Thinning by rank: a denser stand holds all the stems of a lighter one.
-        rank = rng.random(len(s))
-        keep = rank < effect.magnitude
-        x, y = frame.xy(s, c)
+        keep = rng.random(len(s)) < effect.magnitude
+        x, y = world.relief.frame.xy(s, c)
         size = rng.standard_normal(len(s))
         if effect.name == "trees":
             dbh = np.clip(0.28 * np.exp(0.4 * size), 0.08, 0.9)
@@ -227,10 +169,10 @@ def _obstacles(world: World) -> FloatArray:
 
 
 def _scatter(
-    rng: np.random.Generator, belt: tuple[float, float], half_width: float, spacing: float
+    rng: np.random.Generator, low: float, high: float, spacing: float
 ) -> tuple[FloatArray, FloatArray]:
     """Points no nearer to each other than ``spacing``: a Poisson-disc process by darts."""
-    low, high = belt
+    half_width = 70.0
     cell = spacing / math.sqrt(2.0)
     n_s = int((high - low) / cell) + 1
     n_c = int(2.0 * half_width / cell) + 1
@@ -254,18 +196,12 @@ def _scatter(
 def _by_cell(grid: Grid, obstacles: FloatArray) -> tuple[IntArray, IntArray]:
     """For each cell the obstacles that a rock in it may reach: offsets and numbers."""
     n_rows, n_cols = grid.shape
-    if not len(obstacles):
-        return np.zeros(n_rows * n_cols + 1, np.int64), np.zeros(0, np.int64)
     col = np.floor((obstacles[:, 0] - grid.west) / grid.cell_size).astype(np.int64)
     row = np.floor((grid.north - obstacles[:, 1]) / grid.cell_size).astype(np.int64)
-    cells, numbers = [], []
-    for di in (-1, 0, 1):
-        for dj in (-1, 0, 1):
-            i, j = row + di, col + dj
-            inside = (i >= 0) & (i < n_rows) & (j >= 0) & (j < n_cols)
-            cells.append((i * n_cols + j)[inside])
-            numbers.append(np.flatnonzero(inside))
-    cell, number = np.concatenate(cells), np.concatenate(numbers)
+    # The cell of each and the eight around it.
+    di, dj = np.indices((3, 3)).reshape(2, 9, 1) - 1
+    i, j = row + di, col + dj
+    inside = (i >= 0) & (i < n_rows) & (j >= 0) & (j < n_cols)
+    cell, number = (i * n_cols + j)[inside], np.nonzero(inside)[1]
     order = np.lexsort((number, cell))
-    start = np.searchsorted(cell[order], np.arange(n_rows * n_cols + 1))
-    return start.astype(np.int64), number[order].astype(np.int64)
+    return np.searchsorted(cell[order], np.arange(n_rows * n_cols + 1)), number[order]

@@ -20,7 +20,6 @@ _FLAT = math.tan(math.radians(8.0))
 
 # Each slope from top to foot: (length in plan, dip in degrees, ground) with ranges to draw from.
 # Rocks start at the lower end of the first stretch.
-# All end in a meadow that is long enough for the rocks to stop on it.
 _Stretch = tuple[tuple[float, float], tuple[float, float], str]
 _SLOPES: dict[str, tuple[_Stretch, ...]] = {
     "cliff_talus_meadow": (
@@ -28,7 +27,6 @@ _SLOPES: dict[str, tuple[_Stretch, ...]] = {
         ((9.0, 15.0), (56.0, 64.0), "rock"),
         ((35.0, 60.0), (36.0, 39.0), "debris"),
         ((50.0, 80.0), (31.0, 35.0), "talus"),
-        ((200.0, 250.0), (4.0, 9.0), "soft_meadow"),
     ),
     "stepped_benches": (
         ((12.0, 18.0), (38.0, 44.0), "rock"),
@@ -37,28 +35,24 @@ _SLOPES: dict[str, tuple[_Stretch, ...]] = {
         ((8.0, 12.0), (50.0, 58.0), "rock"),
         ((12.0, 20.0), (24.0, 30.0), "debris"),
         ((60.0, 85.0), (35.0, 38.0), "debris"),
-        ((200.0, 250.0), (4.0, 9.0), "soft_meadow"),
     ),
     "gully": (
         ((12.0, 18.0), (40.0, 45.0), "rock"),
         ((9.0, 15.0), (54.0, 61.0), "rock"),
         ((55.0, 85.0), (35.0, 38.0), "debris"),
         ((40.0, 60.0), (28.0, 32.0), "talus"),
-        ((200.0, 250.0), (4.0, 9.0), "soft_meadow"),
     ),
     "talus_fan": (
         ((12.0, 18.0), (40.0, 45.0), "rock"),
         ((9.0, 15.0), (54.0, 61.0), "rock"),
         ((60.0, 90.0), (37.0, 40.0), "talus"),
         ((50.0, 70.0), (32.0, 35.0), "talus"),
-        ((200.0, 250.0), (4.0, 9.0), "soft_meadow"),
     ),
     "forested_slope": (
         ((12.0, 18.0), (40.0, 45.0), "rock"),
         ((8.0, 14.0), (52.0, 60.0), "rock"),
         ((80.0, 120.0), (30.0, 32.5), "forest_soil"),
         ((35.0, 55.0), (25.0, 28.0), "forest_soil"),
-        ((200.0, 250.0), (4.0, 9.0), "soft_meadow"),
     ),
     "grass_slope": (
         ((12.0, 18.0), (36.0, 40.0), "soft_meadow"),
@@ -66,7 +60,6 @@ _SLOPES: dict[str, tuple[_Stretch, ...]] = {
         ((40.0, 60.0), (33.0, 36.0), "soft_meadow"),
         ((8.0, 12.0), (8.0, 14.0), "soft_meadow"),
         ((45.0, 65.0), (32.0, 35.0), "soft_meadow"),
-        ((200.0, 250.0), (4.0, 9.0), "soft_meadow"),
     ),
     "quarry": (
         ((12.0, 18.0), (36.0, 41.0), "overgrown_slope"),
@@ -75,7 +68,6 @@ _SLOPES: dict[str, tuple[_Stretch, ...]] = {
         ((7.0, 10.0), (6.0, 12.0), "rock"),
         ((5.0, 8.0), (64.0, 70.0), "rock"),
         ((12.0, 20.0), (14.0, 20.0), "debris"),
-        ((200.0, 250.0), (4.0, 9.0), "soft_meadow"),
     ),
     "carved_slope": (
         ((12.0, 18.0), (38.0, 42.0), "debris"),
@@ -83,9 +75,10 @@ _SLOPES: dict[str, tuple[_Stretch, ...]] = {
         ((35.0, 55.0), (36.0, 39.0), "debris"),
         ((25.0, 40.0), (39.0, 43.0), "talus"),
         ((30.0, 45.0), (24.0, 29.0), "talus"),
-        ((200.0, 250.0), (4.0, 9.0), "soft_meadow"),
     ),
 }
+# All end in a meadow that is long enough for the rocks to stop on it.
+_FOOT: _Stretch = ((200.0, 250.0), (4.0, 9.0), "soft_meadow")
 SLOPE_TYPES = tuple(_SLOPES)
 CLASSES = ("rock", "debris", "talus", "soft_meadow", "forest_soil", "overgrown_slope")
 _HALF_WIDTH = 75.0
@@ -162,9 +155,9 @@ def make_relief(kind: str, seed: int) -> Relief:
             "unknown slope type", field="slope", found=kind, expected="one of " + str(SLOPE_TYPES)
         )
     rng = np.random.default_rng([seed, 101])
-    lengths = np.array([rng.uniform(*stretch[0]) for stretch in _SLOPES[kind]])
-    dips = np.radians([rng.uniform(*stretch[1]) for stretch in _SLOPES[kind]])
-    grounds = tuple(stretch[2] for stretch in _SLOPES[kind])
+    limits_m, limits_deg, grounds = zip(*_SLOPES[kind], _FOOT, strict=True)
+    lengths = np.array([rng.uniform(*limits) for limits in limits_m])
+    dips = np.radians([rng.uniform(*limits) for limits in limits_deg])
     breaks = np.concatenate(([0.0], np.cumsum(lengths)))
     azimuth = rng.uniform(0.0, 2.0 * math.pi)
     x0 = 2_600_000.0 + 2.0 * rng.integers(0, 30_000)
@@ -271,34 +264,26 @@ def guide(grid: Grid) -> tuple[FloatArray, FloatArray]:
 
 
 @kernel
-def _corner(west: float, north: float, cell: float, shape, x: float, y: float):  # type: ignore[no-untyped-def]
-    """Upper left cell and offsets of the four cell centres around a point."""
+def surface_at(
+    z: FloatArray, west: float, north: float, cell: float, x: float, y: float
+) -> tuple[float, float, float]:
+    """Height (m) and gradient (dz/dx, dz/dy) of the bilinear surface."""
     u = (x - west) / cell - 0.5
     v = (north - y) / cell - 0.5
-    j = min(max(math.floor(u), 0), shape[1] - 2)
-    i = min(max(math.floor(v), 0), shape[0] - 2)
-    return i, j, u - j, v - i
+    # Upper left of the four cell centres around the point.
+    j = min(max(math.floor(u), 0), z.shape[1] - 2)
+    i = min(max(math.floor(v), 0), z.shape[0] - 2)
+    p, q = u - j, v - i
+    upper = z[i, j] + p * (z[i, j + 1] - z[i, j])
+    lower = z[i + 1, j] + p * (z[i + 1, j + 1] - z[i + 1, j])
+    east = (1.0 - q) * (z[i, j + 1] - z[i, j]) + q * (z[i + 1, j + 1] - z[i + 1, j])
+    return upper + q * (lower - upper), east / cell, -(lower - upper) / cell
 
 
 @kernel
 def height_at(z: FloatArray, west: float, north: float, cell: float, x: float, y: float) -> float:
     """Height of the bilinear surface (m)."""
-    i, j, p, q = _corner(west, north, cell, z.shape, x, y)
-    upper = z[i, j] + p * (z[i, j + 1] - z[i, j])
-    lower = z[i + 1, j] + p * (z[i + 1, j + 1] - z[i + 1, j])
-    return float(upper + q * (lower - upper))
-
-
-@kernel
-def surface_at(
-    z: FloatArray, west: float, north: float, cell: float, x: float, y: float
-) -> tuple[float, float, float]:
-    """Height (m) and gradient (dz/dx, dz/dy) of the bilinear surface."""
-    i, j, p, q = _corner(west, north, cell, z.shape, x, y)
-    upper = z[i, j] + p * (z[i, j + 1] - z[i, j])
-    lower = z[i + 1, j] + p * (z[i + 1, j + 1] - z[i + 1, j])
-    east = (1.0 - q) * (z[i, j + 1] - z[i, j]) + q * (z[i + 1, j + 1] - z[i + 1, j])
-    return upper + q * (lower - upper), east / cell, -(lower - upper) / cell
+    return surface_at(z, west, north, cell, x, y)[0]
 
 
 @kernel

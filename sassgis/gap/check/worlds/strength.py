@@ -15,7 +15,7 @@ import numpy as np
 
 from sassgis.gap.check.worlds.observe import distort
 from sassgis.gap.check.worlds.simulation import draw_rocks, simulate
-from sassgis.gap.check.worlds.world import LIMITS, RIGID, PlacedEffect, Run, World, with_effects
+from sassgis.gap.check.worlds.world import EFFECTS, RIGID, PlacedEffect, Run, World, with_effects
 from sassgis.model.grid import FloatArray
 
 # Sizes that go by each name, as (lowest, aimed at, highest).
@@ -129,9 +129,7 @@ def calibrated(world: World, effect: PlacedEffect) -> PlacedEffect:
     and the effect is called by the strength that it has.
     """
     rocks = draw_rocks(world, n_measure(world), 21)
-    before = with_effects(world, world.effects)
-    base = features(before, simulate(before, rocks, MEASURE_STEP_S))
-
+    base = features(world, simulate(world, rocks, MEASURE_STEP_S))
     first_station = min(int((world.stations_s <= effect.s0_m).sum()), len(world.stations_s) - 1)
 
     def size(magnitude: float) -> float:
@@ -141,7 +139,7 @@ def calibrated(world: World, effect: PlacedEffect) -> PlacedEffect:
         return effect_size(base, features(changed, run), first_station)
 
     low_size, aim, high_size = BANDS[effect.strength]
-    low, high = (math.log(v) for v in LIMITS[effect.name])
+    low, high = (math.log(v) for v in EFFECTS[effect.name][:2])
     best = (math.inf, high, math.nan)
     for _ in range(_TRIES):
         middle = 0.5 * (low + high)

@@ -3,64 +3,67 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from collections.abc import Collection
+from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Literal, get_args
+from typing import NamedTuple
 
 import numpy as np
 
-from sassgis.gap.check.worlds.motion_state import Field, KeyArray
+from sassgis.gap.check.worlds.motion_state import KeyArray
 from sassgis.gap.check.worlds.slopes import Relief
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid, IntArray
 
-Family = Literal[
-    "lateral_deflection",
-    "fragmentation",
-    "soft_ground",
-    "entrainment",
-    "trees",
-    "air_drag",
-    "roughness",
-    "rock_shape",
-    "release_error",
-    "measurement_error",
-]
-Unknown = Literal["wind", "snow", "ice", "wetting", "terrace", "magnus", "collisions"]
-Strength = Literal["weak", "medium", "strong"]
-FAMILIES: tuple[Family, ...] = get_args(Family)
+
+class EffectKind(NamedTuple):
+    """Magnitudes between which a strength is searched for, and the phase in which it acts."""
+
+    weakest: float
+    strongest: float
+    phase: str
+
+
+FAMILIES = (
+    "lateral_deflection", "fragmentation", "soft_ground", "entrainment", "trees", "air_drag",
+    "roughness", "rock_shape", "release_error", "measurement_error",
+)  # fmt: skip
+UNKNOWNS = ("wind", "snow", "ice", "wetting", "terrace", "magnus", "collisions")
+EFFECTS = {
+    "lateral_deflection": EffectKind(0.01, 1.2, "impact"),
+    "fragmentation": EffectKind(0.01, 8.0, "impact"),
+    "soft_ground": EffectKind(0.05, 30.0, "impact"),
+    "entrainment": EffectKind(0.0005, 2.0, "impact"),
+    "trees": EffectKind(0.01, 1.0, "flight"),
+    # Coefficients of drag up to 2: more is not in air.
+    "air_drag": EffectKind(0.5, 2.5, "flight"),
+    "roughness": EffectKind(0.05, 5.0, "impact"),
+    "rock_shape": EffectKind(0.03, 6.0, "impact"),
+    "release_error": EffectKind(0.1, 15.0, "release"),
+    "measurement_error": EffectKind(0.01, 0.6, "observation"),
+    "wind": EffectKind(0.05, 12.0, "flight"),
+    "snow": EffectKind(0.01, 6.0, "rolling"),
+    "ice": EffectKind(0.02, 1.0, "rolling"),
+    "wetting": EffectKind(0.03, 0.9, "impact"),
+    "terrace": EffectKind(0.1, 6.0, "impact"),
+    "magnus": EffectKind(0.05, 3.0, "flight"),
+    "collisions": EffectKind(0.01, 1.0, "rolling"),
+}
+STRENGTHS = ("weak", "medium", "strong")
 #: Law of the motion in the rigid-body library.
 RIGID = "rigid"
 #: Laws of the motion; the first two are those of the contact, as ``contact_laws`` numbers them.
 LAWS: tuple[str, ...] = ("own", "elastic", RIGID)
-UNKNOWNS: tuple[Unknown, ...] = get_args(Unknown)
-STRENGTHS: tuple[Strength, ...] = get_args(Strength)
 #: What nature does besides at a site, and no effect: a patch of ground that no map shows, and a
 #: loss at contacts that grows with the speed.
 DISTURBANCES: tuple[str, ...] = ("", "patch", "speed_loss")
 MOST_STATIONS = 8
 
-# Weakest and strongest magnitude that the search for a strength may try.
-LIMITS: dict[str, tuple[float, float]] = {
-    "lateral_deflection": (0.01, 1.2),
-    "fragmentation": (0.01, 8.0),
-    "soft_ground": (0.05, 30.0),
-    "entrainment": (0.0005, 2.0),
-    "trees": (0.01, 1.0),
-    # Coefficients of drag up to 2: more is not in air.
-    "air_drag": (0.5, 2.5),
-    "roughness": (0.05, 5.0),
-    "rock_shape": (0.03, 6.0),
-    "release_error": (0.1, 15.0),
-    "measurement_error": (0.01, 0.6),
-    "wind": (0.05, 12.0),
-    "snow": (0.01, 6.0),
-    "ice": (0.02, 1.0),
-    "wetting": (0.03, 0.9),
-    "terrace": (0.1, 6.0),
-    "magnus": (0.05, 3.0),
-    "collisions": (0.01, 1.0),
-}
+
+def require_known(problem: str, field: str, found: str, known: Collection[str]) -> None:
+    """Raise InputError if there is no such thing."""
+    if found not in known:
+        raise InputError(problem, field=field, found=found, expected=", ".join(known))
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,25 +73,16 @@ class EffectSpec:
     Attributes
     ----------
     name : str
-        A family, or one of UNKNOWNS.
+        One of EFFECTS.
     strength : {"weak", "medium", "strong"}
     """
 
-    name: Family | Unknown
-    strength: Strength = "medium"
+    name: str
+    strength: str = "medium"
 
     def __post_init__(self) -> None:
-        if self.name not in LIMITS:
-            raise InputError(
-                "unknown effect", field="name", found=self.name, expected=", ".join(LIMITS)
-            )
-        if self.strength not in STRENGTHS:
-            raise InputError(
-                "unknown strength",
-                field="strength",
-                found=self.strength,
-                expected=", ".join(STRENGTHS),
-            )
+        require_known("unknown effect", "name", self.name, EFFECTS)
+        require_known("unknown strength", "strength", self.strength, STRENGTHS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,8 +164,6 @@ class PlacedEffect:
         By its size; less than was asked for where no magnitude gives that.
     magnitude : float
         Value of its principal parameter.
-    phase : str
-        release, flight, impact, rolling or observation.
     s0_m, s1_m : float
         Where it acts (m down the slope); infinite where everywhere.
     segments : tuple of str
@@ -187,7 +179,6 @@ class PlacedEffect:
     name: str
     strength: str
     magnitude: float
-    phase: str
     s0_m: float
     s1_m: float
     segments: tuple[str, ...]
@@ -195,17 +186,10 @@ class PlacedEffect:
     size: float = math.nan
     seed: int = 0
 
-
-@dataclass(frozen=True, slots=True)
-class Blocks:
-    """Ranges from which rocks are drawn, all uniform: what the diagnosing side knows."""
-
-    axis_1_m: tuple[float, float]
-    axis_2_m: tuple[float, float]
-    axis_3_m: tuple[float, float]
-    density_kgm3: tuple[float, float]
-    speed_mps: tuple[float, float]
-    drop_m: tuple[float, float]
+    @property
+    def phase(self) -> str:
+        """Of the motion: release, flight, impact, rolling; or observation."""
+        return EFFECTS[self.name].phase
 
 
 @dataclass(frozen=True, slots=True)
@@ -265,6 +249,9 @@ class World:
         Stations (m down the slope).
     releases : float64, shape (n_releases, 3)
         Release points x, y, z (m).
+    blocks : dict
+        Limits between which rocks are drawn, all uniform: semi-axes (m), density (kg/m³), speed
+        (m/s) and drop (m). The diagnosing side knows them.
     effects : tuple of PlacedEffect
         The truth.
     """
@@ -279,11 +266,10 @@ class World:
     ground: IntArray
     stations_s: FloatArray
     releases: FloatArray
-    blocks: Blocks
+    blocks: dict[str, tuple[float, float]]
     faults: Faults = Faults()
     edges_rad: float = 0.0
     effects: tuple[PlacedEffect, ...] = ()
-    _fields: dict[str, Field] = field(default_factory=dict, compare=False, repr=False)
 
     @property
     def station_names(self) -> tuple[str, ...]:
@@ -311,18 +297,16 @@ class WorldRocks:
     Attributes
     ----------
     state : float64, shape (n, N_STATE)
-        As the kernels take it; with the errors of the release, where the truth has them.
+        As the kernels take it; with the errors of the release, where the truth has them, and the
+        time in the campaign at which each is released, 0 to 1.
     stated : float64, shape (n, 4)
         Release x, y, z of the centre (m) and speed (m/s) as they are written down.
     keys : uint64, shape (n,)
-    campaign : float64, shape (n,)
-        When in the campaign each is released, 0 to 1.
     """
 
     state: FloatArray
     stated: FloatArray
     keys: KeyArray
-    campaign: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -330,7 +314,7 @@ class Run:
     """Everything that the rocks of a site did, without errors of measurement.
 
     Each table holds rock, number of the piece and kind of block before the columns named in
-    ``sassgis.gap.check.worlds.motion``.
+    ``sassgis.gap.check.worlds.motion_state``.
     """
 
     rocks: WorldRocks
@@ -347,14 +331,7 @@ def with_effects(world: World, effects: tuple[PlacedEffect, ...]) -> World:
     for effect in effects:
         if effect.name == "terrace":
             grid = replace(grid, values=grid.values + _terrace(world, effect))
-    same = _standing(effects) == _standing(world.effects)
-    fields = world._fields if same else {}
-    return replace(world, effects=effects, true_grid=grid, _fields=fields)
-
-
-def _standing(effects: tuple[PlacedEffect, ...]) -> tuple[PlacedEffect, ...]:
-    """The effects that are part of the ground rather than of the motion."""
-    return tuple(e for e in effects if e.name in ("trees", "collisions", "terrace"))
+    return replace(world, effects=effects, true_grid=grid)
 
 
 def _terrace(world: World, effect: PlacedEffect) -> FloatArray:

@@ -2,19 +2,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
+from helpers.synthetic_rocks import with_effect
 
-from sassgis.gap.check.worlds import EffectSpec, WorldSpec
+from sassgis.gap.check.worlds import WorldSpec
 from sassgis.gap.check.worlds import motion as m
 from sassgis.gap.check.worlds import motion_state as ms
 from sassgis.gap.check.worlds.contact_laws import OWN
 from sassgis.gap.check.worlds.forces import Forces
-from sassgis.gap.check.worlds.make import base_world, place_effect
+from sassgis.gap.check.worlds.make import base_world
 from sassgis.gap.check.worlds.motion_state import Field, Tables
-from sassgis.gap.check.worlds.world import World, with_effects
+from sassgis.gap.check.worlds.world import World
 
 
 @pytest.fixture(scope="session")
@@ -25,12 +26,7 @@ def null_world() -> World:
 @pytest.fixture(scope="session")
 def with_magnitude(null_world: World) -> Callable[[str, float], World]:
     """The null world with one effect of a given magnitude, not calibrated."""
-
-    def make(name: str, magnitude: float) -> World:
-        effect = place_effect(null_world, EffectSpec(name), 5)  # type: ignore[arg-type]
-        return with_effects(null_world, (replace(effect, magnitude=magnitude),))
-
-    return make
+    return partial(with_effect, null_world)
 
 
 class Plane:
@@ -77,23 +73,9 @@ class Plane:
         return st
 
     def run(self, st, dt: float = 0.002, forces: Forces | None = None):  # type: ignore[no-untyped-def]
-        tables = Tables(
-            deposits=np.zeros((200, 8)),
-            passages=np.zeros((10, 11)),
-            impacts=np.zeros((2000, 17)),
-            tracks=np.zeros((20000, 9)),
-            used=np.zeros(4, np.int64),
-            gain=np.full(1, -1.0),
-        )
-        m.run_rocks(
-            self.field,
-            forces or Forces(),
-            st[None, :],
-            np.array([1], np.uint64),
-            np.zeros(1),
-            dt,
-            tables,
-        )
+        tables = Tables.of((200, 10, 2000, 20000), 1)
+        keys = np.array([1], np.uint64)
+        m.run_rocks(self.field, forces or Forces(), st[None, :], keys, dt, tables)
         return tables
 
 

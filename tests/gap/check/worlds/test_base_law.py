@@ -10,9 +10,15 @@ import pytest
 from sassgis.engine.impact import rebound_at_contact
 from sassgis.gap.check.worlds import motion as m
 from sassgis.gap.check.worlds import motion_state as ms
-from sassgis.gap.check.worlds.contact_laws import ELASTIC, compressed, contact
+from sassgis.gap.check.worlds.contact_laws import (
+    ELASTIC,
+    compressed,
+    contact,
+    kinetic,
+    lever,
+    rebound,
+)
 from sassgis.gap.check.worlds.forces import Forces, Local
-from sassgis.gap.check.worlds.law import kinetic, lever, rebound
 
 pytestmark = pytest.mark.kernels
 
@@ -142,9 +148,7 @@ def test_flight_keeps_energy_and_follows_the_parabola(plane) -> None:  # type: i
     ground = plane(math.radians(44), [0.5, 0, 0, 0.7, 0.5, 0, 0])
     angle = math.radians(10)
     st = ground.rock(0.5, 0.4, 10 * math.cos(angle), 10 * math.sin(angle), 7.0)
-    energy = [
-        0.5 * (st[ms.VX] ** 2 + st[ms.VZ] ** 2) + 9.81 * st[ms.Z],
-    ]
+    energy = [0.5 * (st[ms.VX] ** 2 + st[ms.VZ] ** 2) + 9.81 * st[ms.Z]]
     x0, z0 = st[ms.X], st[ms.Z]
     for _ in range(1000):
         m.flight_step(Forces(), st, 0.492150 / 1000)
@@ -162,7 +166,7 @@ def test_flight_through_air_converges_in_the_step(plane) -> None:  # type: ignor
     for n in (8, 16, 32, 512):
         st = ground.rock(0.3, 0.3, 20.0, 10.0)
         for _ in range(n):
-            m.flight_step(Forces(air=Local(q=50.0)), st, 1.0 / n)
+            m.flight_step(Forces(air_drag=Local(q=50.0)), st, 1.0 / n)
         ends.append(st[ms.X])
     errors = [abs(end - ends[-1]) for end in ends[:3]]
     assert errors[1] < errors[0] / 10 and errors[2] < errors[1] / 10
