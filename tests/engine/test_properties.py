@@ -20,9 +20,7 @@ from sassgis.model.blocks import BlockPopulation
 from sassgis.model.profiles import ControlLineCrossings
 
 G = 9.81
-QUICK = settings(
-    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow], derandomize=True
-)
+QUICK = settings(max_examples=40, suppress_health_check=[HealthCheck.too_slow], derandomize=True)
 
 
 @st.composite

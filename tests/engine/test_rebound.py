@@ -22,7 +22,7 @@ from sassgis.engine.impact import (
 from sassgis.engine.landing import way_on
 
 pytestmark = pytest.mark.kernels
-QUICK = settings(max_examples=400, deadline=None, derandomize=True)
+QUICK = settings(max_examples=400, derandomize=True)
 
 
 @st.composite

@@ -72,7 +72,7 @@ def test_nothing_governs_without_sources() -> None:
     assert shares_by(np.empty((2, 0)), [])[1].shape == (2, 0)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.integers(0, 10_000), st.integers(1, 5), st.integers(1, 6))
 def test_shares_add_up_and_do_not_depend_on_the_unit_of_frequency(
     seed: int, n_sources: int, n_zones: int

@@ -165,7 +165,7 @@ def at(zones: Coverage, row: float, col: float) -> int:
     return int(zones.classes[shapely.covers(zones.polygons, place)].max(initial=0))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(RASTERS, CELLS, st.sampled_from([0.0, 100.0, 400.0]), st.sampled_from([0.0, 10.0]))
 # A ring at the edge of the terrain that rounding closes.
 @example(raster("streaks", (17, 6), 0), 1.0, 100.0, 10.0)
@@ -181,7 +181,7 @@ def test_every_rule_holds(
     assert set(zones.classes.tolist()) <= set(range(1, int(classes.max(initial=0)) + 1))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(RASTERS, CELLS)
 def test_cells_are_drawn_as_they_are(classes: np.ndarray, cell_size: float) -> None:
     grid = grid_of(classes, cell_size)
@@ -196,7 +196,7 @@ def test_cells_are_drawn_as_they_are(classes: np.ndarray, cell_size: float) -> N
     assert shapely.equals(again.polygons, zones.polygons).all()
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(RASTERS, st.sampled_from([0.5, 1.0, 3.0, 6.0]))
 def test_zones_stay_within_the_tolerance_of_their_cells(
     classes: np.ndarray, tolerance: float
@@ -208,7 +208,7 @@ def test_zones_stay_within_the_tolerance_of_their_cells(
     assert above(zones, 1).difference(allowed).area < 1e-3
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(SERIES, CELLS, st.sampled_from([0.0, 40.0]))
 def test_rarer_zones_contain_more_frequent_ones(
     maps: list[np.ndarray], cell_size: float, smallest: float
@@ -230,7 +230,7 @@ def test_rarer_zones_contain_more_frequent_ones(
             assert shapely.intersects(points, outer).all()
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(RASTERS, st.integers(0, 10_000), st.sampled_from([20.0, 100.0]))
 def test_no_zone_reaches_where_the_terrain_is_unknown(
     classes: np.ndarray, seed: int, smallest: float
@@ -247,7 +247,7 @@ def test_no_zone_reaches_where_the_terrain_is_unknown(
     assert beyond.area < 1e-3
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(RASTERS, st.integers(1, 9), st.integers(1, 9))
 def test_zones_do_not_depend_on_where_the_raster_begins(
     classes: np.ndarray, rows: int, cols: int
@@ -264,7 +264,7 @@ def test_zones_do_not_depend_on_where_the_raster_begins(
     np.testing.assert_array_equal(zones.classes, other.classes)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(RASTERS, st.sampled_from([2.0 / 3.0, 0.3048, 1.52401]))
 def test_cells_that_are_no_multiple_of_the_precision(classes: np.ndarray, cell_size: float) -> None:
     grid = Grid(np.zeros(classes.shape), WEST + 0.12345, NORTH - 0.98765, cell_size)
@@ -276,7 +276,7 @@ def test_cells_that_are_no_multiple_of_the_precision(classes: np.ndarray, cell_s
         assert cells.difference(above(zones, k)).area <= 0.001 * cells.length + 1e-9
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(RASTERS)
 def test_nothing_thinner_than_the_least_width_lies_beside_a_higher_zone(
     classes: np.ndarray,

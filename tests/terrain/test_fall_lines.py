@@ -32,7 +32,7 @@ def headings(traces: TraceSet, i: int = 0) -> FloatArray:
     return np.unwrap(np.arctan2(np.diff(y), np.diff(x)))
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.floats(0, 360), st.floats(21, 75), st.floats(-20, 20), st.floats(-20, 20))
 def test_lines_on_planes_are_straight_and_long_enough(
     azimuth: float, slope: float, dx: float, dy: float
@@ -220,7 +220,7 @@ def test_max_length_is_kept_exactly(rough_grid: Grid) -> None:
     assert traces.s[-1] == pytest.approx(77.7, abs=1e-6)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.floats(0, 360), st.integers(0, 2**31))
 def test_lines_end_at_the_border_of_nodata(azimuth: float, seed: int) -> None:
     """However the nodata lies, no point of a line is in it, and the end touches it."""

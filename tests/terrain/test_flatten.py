@@ -92,7 +92,7 @@ def test_more_tolerance_means_fewer_vertices(rough_grid: Grid, traces: TraceSet)
     assert counts[0] > 10 * counts[2]
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.floats(0, 360), st.floats(25, 70))
 def test_a_plane_is_one_segment(azimuth: float, slope: float) -> None:
     east, north = np.sin(np.radians(azimuth)), np.cos(np.radians(azimuth))
@@ -172,7 +172,7 @@ def test_stretches_cover_the_line_and_agree_with_the_grid(
         assert np.abs(np.diff(cell % n_cols)).max() <= 1
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.lists(st.tuples(st.integers(-50, 50), st.integers(-50, 50)), min_size=2, max_size=6))
 def test_stretches_of_lines_along_and_through_grid_lines(points: list[tuple[int, int]]) -> None:
     """Points on borders, corners and centres of cells; long segments; lines outside the grid."""

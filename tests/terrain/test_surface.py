@@ -44,7 +44,7 @@ def test_surface_and_gradient_of_a_smooth_function() -> None:
     assert np.allclose(zy, (rough(x, y + h) - rough(x, y - h)) / (2 * h), atol=5e-3)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.floats(-2, 2), st.floats(-2, 2), st.floats(-500, 4000), st.floats(0.5, 15.0))
 def test_planes_stay_planes_up_to_every_edge(a: float, b: float, c: float, scale: float) -> None:
     whole = grid_of(lambda x, y: a * x + b * y + c, 60, 50)

@@ -166,8 +166,7 @@ def _impacts(case: Case) -> ImpactRows:
     table = case.observations.impacts
     rock, kind = _kinds(case, "impacts")
     put = case.projected["impacts"]
-    number = np.array([_number(name) for name in table.impact.tolist()], np.float64)
-    order = np.lexsort((number, rock))
+    order = np.lexsort((table.number, rock))
     order = order[kind[order] == WHOLE]
     columns: tuple[Any, ...] = (
         rock, put.s, np.where(np.isfinite(table.z), table.z, put.ground_m),
@@ -176,13 +175,6 @@ def _impacts(case: Case) -> ImpactRows:
         table.turn_deg, table.slope_deg,
     )  # fmt: skip
     return ImpactRows(*(values[order] for values in columns))
-
-
-def _number(name: str) -> float:
-    try:
-        return float(name)
-    except ValueError:
-        return float("nan")
 
 
 def main_blocks(rows: DepositRows, n_rocks: int) -> NDArray[np.int64]:

@@ -203,7 +203,7 @@ def fall_scale(obs: Observations, grid: Grid | None) -> tuple[float, float, int]
     bound is that of 97.5 %, by order statistics of the flights.
     """
     hit = obs.impacts
-    order = np.lexsort((hit.impact, hit.rock_id))
+    order = np.lexsort((hit.number, hit.rock_id))
     z, rock = heights_m(hit, grid)[order], hit.rock_id[order]
     into = (hit.vt_in_mps**2 + hit.vn_in_mps**2)[order]
     out = (hit.vt_out_mps**2 + hit.vn_out_mps**2)[order]

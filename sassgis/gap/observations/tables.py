@@ -290,6 +290,13 @@ class Passages(Table):
     mass_kg: Annotated[FloatArray, _MASS]
 
 
+def _number(name: str) -> float:
+    try:
+        return float(name)
+    except ValueError:
+        return math.nan
+
+
 @dataclass(frozen=True, slots=True)
 class Impacts(Table):
     """Impacts, before and after."""
@@ -340,6 +347,11 @@ class Impacts(Table):
         FloatArray, Column("°", "change of the plan azimuth, clockwise", low=-180, high=180)
     ]
     mass_kg: Annotated[FloatArray, _MASS]
+
+    @property
+    def number(self) -> FloatArray:
+        """Numbers of the impacts; NaN of those with a name, which are in the order of the rows."""
+        return np.array([_number(name) for name in self.impact.tolist()], np.float64)
 
 
 @dataclass(frozen=True, slots=True)

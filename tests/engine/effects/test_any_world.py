@@ -34,7 +34,7 @@ from sassgis.model.settings import EngineSettings
 
 # Not shrunk: a course of thousands of events takes its time.
 QUICK = settings(
-    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow],
+    max_examples=60, suppress_health_check=[HealthCheck.too_slow],
     derandomize=True, phases=(Phase.explicit, Phase.generate),
 )  # fmt: skip
 

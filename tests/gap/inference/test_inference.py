@@ -213,7 +213,7 @@ def westfall_young(observed, null):
     return [p[k] for k in range(len(observed))]
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(0, 10_000))
 def test_max_t_by_its_definition(seed):
     rng = np.random.default_rng(seed)

@@ -701,7 +701,7 @@ def hops(scale, wrong=()):
                 slow = scale * np.sqrt(0.5 * square)
                 made.append(
                     {
-                        "rock_id": f"R{i}", "impact": k, "x": place[0], "y": place[1],
+                        "rock_id": f"R{i}", "impact": k + 6, "x": place[0], "y": place[1],
                         "z": place[2], "vt_in_mps": 0.8 * fast, "vn_in_mps": -0.6 * fast,
                         "vt_out_mps": 0.9 * slow, "vn_out_mps": np.sqrt(0.19) * slow,
                     }

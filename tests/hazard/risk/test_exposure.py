@@ -92,7 +92,7 @@ def test_people_stand_on_their_cell_or_around(layer, grid):
     st.lists(st.tuples(st.floats(5, 395), st.floats(5, 235)), min_size=2, max_size=8, unique=True),
     st.floats(6.0, 120.0),
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_stretches_add_up_to_the_road(points, segment_m):
     from sassgis.io.read.objects import _stretches
 
@@ -201,7 +201,7 @@ def test_cells_of_two_objects_are_those_of_both(grid):
 @given(
     st.floats(20, 380), st.floats(20, 280), st.floats(1, 25), st.floats(1, 25), st.floats(0, 180)
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_a_building_has_the_cells_that_it_touches(x, y, length, width, turn):
     grid = Grid(np.zeros((150, 200)), 0.0, 300.0, 2.0)
     house = translate(rotate(box(-length, -width, length, width), turn), x, y)

@@ -202,7 +202,7 @@ def tables(draw) -> RiskTable:
 
 
 @given(tables())
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_totals_are_the_exact_sums_of_their_rows(table):
     rows = object_rows(table)
     sources = [r | {"source": f"{r['area']} / {r['scenario']}"} for r in source_rows(table)]
@@ -216,7 +216,7 @@ def test_totals_are_the_exact_sums_of_their_rows(table):
 
 
 @given(tables())
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_sources_add_up_to_each_object_and_to_all(table):
     parts = source_rows(table)
     for row in object_rows(table):
@@ -300,7 +300,7 @@ def test_more_energies_than_classes_change_nothing(example):
     st.lists(st.floats(0.0, 10.0), min_size=3, max_size=3),
     st.integers(0, 2**32 - 1),
 )
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 def test_the_bound_is_never_below_the_exact_variance(n, random_points, cost, seed):
     """With all products of counts at hand, the variance of the sample is never above the bound."""
     rng = np.random.default_rng(seed)

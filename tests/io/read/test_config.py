@@ -242,9 +242,7 @@ def test_byte_order_mark_of_windows_editors_is_read_over(tmp_path):
 
 # --- numbers --------------------------------------------------------------------------------
 
-QUIET = settings(
-    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+QUIET = settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 @QUIET

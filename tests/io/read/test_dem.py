@@ -195,9 +195,7 @@ def test_transparency_band_does_no_harm(make_dem):
     assert np.isfinite(grid.values).sum() == 19
 
 
-@settings(
-    max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     cell=st.floats(0.1, 100.0),
     west=st.floats(2_500_000.0, 2_800_000.0),
