@@ -23,7 +23,7 @@ from sassgis.gap.calibration.class_spread import spread_of_sites
 from sassgis.gap.calibration.parameters import classes_met, fitted_names
 from sassgis.gap.calibration.problem import CalibrationProblem, problem_of
 from sassgis.gap.observations.case import Case
-from sassgis.io.read.config import resolved
+from sassgis.io.read.config import as_named
 from sassgis.io.read.ground_map import read_ranges
 from sassgis.io.read.observation_files import AnyObservations
 from sassgis.io.staging import CHECKPOINT_STEM, output_if_asked
@@ -238,7 +238,7 @@ def _write(
         write_calibrated_config(work / name, config, calibration)
         files = input_files(config) | observed_files(case)
         inputs |= {f"{role}{mark}": file for role, file in files.items()}
-        settings[f"{config.label}{mark}"] = resolved(config)
+        settings[f"{config.label}{mark}"] = as_named(config)
     write_calibration_json(work / "calibration.json", calibration)
     warnings = [
         *dict.fromkeys(note for config in configs for note in config.notes),

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import sassgis
 from sassgis.io.own_files import MANIFEST_NAME
-from sassgis.io.read.config import resolved, settings_hash
+from sassgis.io.read.config import as_named, settings_hash
 from sassgis.io.write.manifest import write_manifest
 from sassgis.model.crs import crs_name
 from sassgis.model.grid import Grid
@@ -72,7 +72,7 @@ def write_origin(
         seed=seed,
         ref_widths_m=reach | origin.ref_widths_m,
         preset=origin.preset,
-        settings=resolved(config) | dict(settings or {}),
+        settings=as_named(config) | dict(settings or {}),
         counts=counts,
         warnings=warnings,
         checks=checks,

@@ -13,7 +13,7 @@ import hashlib
 import json
 import os
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import cache, partial
 from os import PathLike
@@ -37,7 +37,7 @@ from sassgis.io.read.checked import (
     section_type,
     table_of,
 )
-from sassgis.io.read.plain_file import read_toml
+from sassgis.io.read.plain_file import read_toml, seen_from
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.declared import Declared, Section, declared, is_file
 from sassgis.model.edits import EditSettings
@@ -347,7 +347,7 @@ def control_line_of(item: StationSettings, name: str) -> ControlLine:
 
 
 def resolved(config: Config) -> dict[str, Any]:
-    """Every setting with defaults filled in, as plain JSON values, for the manifest of a run."""
+    """Every setting with defaults filled in, as plain JSON values."""
     plain: dict[str, Any] = {}
     for section in SECTIONS:
         value = getattr(config, section)
@@ -360,6 +360,27 @@ def resolved(config: Config) -> dict[str, Any]:
     plain["engine"] = _plain(config.engine.resolved())
     plain["onsets"] = {name: _plain(onset) for name, onset in config.onsets.items()}
     return plain
+
+
+def as_named(config: Config) -> dict[str, Any]:
+    """As ``resolved``, with files as they are named from the folder of the configuration."""
+    plain = resolved(config)
+    if plain["hazard"]["preset"].endswith(".toml"):
+        plain["hazard"]["preset"] = seen_from(config.base, Path(plain["hazard"]["preset"]))
+    named: dict[str, Any] = _with_files(plain, lambda file: seen_from(config.base, Path(file)))
+    return named
+
+
+def _with_files(node: Any, told: Callable[[str], str]) -> Any:
+    """Plain settings with what is told in place of the paths of files."""
+    if isinstance(node, dict):
+        return {
+            key: told(own)
+            if key in _PATH_KEYS and isinstance(own, str) and not own.startswith(_IN_MEMORY)
+            else _with_files(own, told)
+            for key, own in node.items()
+        }
+    return [_with_files(own, told) for own in node] if isinstance(node, list) else node
 
 
 def _plain_effect(row: Effect, config: Config) -> dict[str, Any] | None:
@@ -417,24 +438,13 @@ def settings_hash(config: Config, *, sections: Iterable[str] = PHYSICS_SECTIONS)
     str
         64 hexadecimal digits, the same on every machine.
     """
-    digests: dict[str, str] = {}
-
-    def by_content(node: Any) -> Any:
-        if isinstance(node, dict):
-            return {
-                k: digests.setdefault(v, file_digest(v))
-                if k in _PATH_KEYS and isinstance(v, str) and not v.startswith(_IN_MEMORY)
-                else by_content(v)
-                for k, v in node.items()
-            }
-        return [by_content(v) for v in node] if isinstance(node, list) else node
-
     plain = resolved(config)
     chosen = {section: plain[section] for section in sections}
     if chosen.get("run"):
         idle = ("jobs", "ground_uncertainty")
         chosen["run"] = {k: v for k, v in chosen["run"].items() if k not in idle}
-    text = json.dumps(by_content(chosen), sort_keys=True, ensure_ascii=True, allow_nan=False)
+    named = _with_files(chosen, cache(file_digest))
+    text = json.dumps(named, sort_keys=True, ensure_ascii=True, allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()
 
 

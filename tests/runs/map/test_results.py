@@ -41,6 +41,9 @@ def test_every_file_is_there_and_in_the_manifest(small) -> None:
         assert content_digest(small.folder / path) == entry["sha256"]
     assert zipfile.ZipFile(small.folder / "project.qgz").testzip() is None
     assert not list(small.folder.parent.glob("*.partial"))
+    # The same site elsewhere gives the same settings.
+    assert manifest["settings"]["terrain"]["dem"] == "dem.tif"
+    assert str(small.config.parent) not in json.dumps(manifest)
 
 
 def test_counts_add_up(small) -> None:
