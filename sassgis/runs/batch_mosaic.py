@@ -547,8 +547,9 @@ def _box(mosaic: Mosaic, areas: Sequence[Reached]) -> Part:
 def _draw_zones(mosaic: Mosaic, group: tuple[Sequence[Reached], Path]) -> None:
     """Draw the zones of one group into a file."""
     areas, file = group
+    drawn = pickle.dumps(_zones(mosaic, areas), pickle.HIGHEST_PROTOCOL)
     with writing(file):
-        file.write_bytes(pickle.dumps(_zones(mosaic, areas), pickle.HIGHEST_PROTOCOL))
+        file.write_bytes(drawn)
 
 
 def _zones(mosaic: Mosaic, areas: Sequence[Reached]) -> list[VectorLayer]:

@@ -33,6 +33,7 @@ from sassgis.io.read.checked import (
     declared_fields,
     first_line,
     first_of,
+    is_preset_file,
     made_of,
     section_type,
     table_of,
@@ -365,7 +366,7 @@ def resolved(config: Config) -> dict[str, Any]:
 def as_named(config: Config) -> dict[str, Any]:
     """As ``resolved``, with files as they are named from the folder of the configuration."""
     plain = resolved(config)
-    if plain["hazard"]["preset"].endswith(".toml"):
+    if is_preset_file(plain["hazard"]["preset"]):
         plain["hazard"]["preset"] = seen_from(config.base, Path(plain["hazard"]["preset"]))
     named: dict[str, Any] = _with_files(plain, lambda file: seen_from(config.base, Path(file)))
     return named

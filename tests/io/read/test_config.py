@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 
 from sassgis.io.read.config import (
     SECTIONS,
+    as_named,
     declared_sections,
     file_digest,
     load_config,
@@ -292,6 +293,32 @@ def test_fingerprint_follows_contents_not_places_nor_jobs(tmp_path):
     assert settings_hash(load_config(there, {"engine.eta_max_rule": "coulomb"})) != reference
     (there.parent / "dem.tif").write_bytes(b"other heights")
     assert settings_hash(load_config(there)) != reference
+
+
+def test_the_manifest_names_files_as_from_the_folder_of_the_configuration(tmp_path):
+    more = """
+[[objects]]
+name = "houses"
+kind = "building"
+file = "../houses.gpkg"
+value = 1.0
+
+[hazard]
+preset = "rules/mine.toml"
+
+[effects.trees]
+file = "wood.gpkg"
+stems_field = "n"
+dbh_cm = 30.0
+"""
+    files = [_run_folder(tmp_path / name) for name in ("a", "b")]
+    for file in files:
+        file.write_text(MINIMAL + more)
+    here, there = (as_named(load_config(file)) for file in files)
+    assert here == there and here["terrain"]["dem"] == "dem.tif"
+    assert here["hazard"]["preset"] == "rules/mine.toml"
+    assert here["objects"][0]["file"] == "../houses.gpkg"
+    assert here["effects"]["trees"]["file"] == "wood.gpkg"
 
 
 def test_side_files_count_in_the_digest(tmp_path):

@@ -9,9 +9,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from sassgis.io.write.frames import passage_frame, without_formulas, write_table
+from sassgis.hazard.progress import joined_rows
+from sassgis.io.write.frames import passage_frame, rock_frame, without_formulas, write_table
 from sassgis.model.map_run import BlockRows
-from sassgis.model.results import PASSAGE_DTYPE
+from sassgis.model.results import PASSAGE_DTYPE, ROCK_DTYPE
 
 
 @pytest.mark.parametrize("text", ["=1+1", "+SUM(A1)", "-2", "@cmd", "\t=1", "\r=1"])
@@ -35,6 +36,19 @@ def test_tables_without_texts_and_categories_stay() -> None:
     assert without_formulas(numbers).equals(numbers)
     kinds = pd.DataFrame({"kind": pd.Categorical(["=x", "rock", "=x"])})
     assert without_formulas(kinds)["kind"].tolist() == ["'=x", "rock", "'=x"]
+
+
+def test_rows_say_for_how_many_blocks_they_count() -> None:
+    run = SimpleNamespace(
+        blocks=[SimpleNamespace(name="small")], followed=True,
+        control_lines=[(SimpleNamespace(name="road"), None)],
+    )  # fmt: skip
+    planned = SimpleNamespace(points=SimpleNamespace(area_names=["north"], area=np.zeros(1, int)))
+    rocks, passages, place = np.zeros(2, ROCK_DTYPE), np.zeros(3, PASSAGE_DTYPE), np.zeros(2)
+    parts = [BlockRows.of_chunk(rocks, place, place, passages, 0, weight) for weight in (1, 8)]
+    rows = joined_rows(parts)
+    assert rock_frame(rows, run, planned)["weight"].tolist() == [1, 1, 8, 8]
+    assert passage_frame(rows, run, planned)["weight"].tolist() == [1, 1, 1, 8, 8, 8]
 
 
 def test_parts_without_passages_stand_beside_others_in_parquet(tmp_path: Path) -> None:

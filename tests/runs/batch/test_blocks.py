@@ -150,6 +150,7 @@ def test_blocks_give_the_maps_of_the_whole_to_the_last_bit(
     )
     assert sum(text.startswith("Block ") for text in said) > 5
     assert result.found is None and any("has no report" in text for text in result.warnings)
+    assert not list(out.rglob("*.zones"))
     whole = sorted((done.folder / "mosaic" / "maps").glob("*.tif"))
     assert [f.name for f in sorted((out / "mosaic" / "maps").glob("*.tif"))] == [
         f.name for f in whole
@@ -368,3 +369,15 @@ def test_areas_that_meet_through_others_are_one_group() -> None:
     assert [[areas.index(a) for a in g] for g in groups(areas, 5)] == [[0], [1], [2], [3]]
     # 0 and 3 are 10 columns apart, 3 and 1 as well; 0 and 1 meet only through 3.
     assert [[areas.index(a) for a in g] for g in groups(areas, 6)] == [[0, 1, 3], [2]]
+
+
+def test_what_cannot_be_read_is_no_trouble_with_writing_zones(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def gone(_mosaic: object, _areas: object) -> None:
+        raise FileNotFoundError("simulation.npz")
+
+    monkeypatch.setattr(batch_mosaic, "_zones", gone)
+    mosaic: Any = None
+    with pytest.raises(FileNotFoundError):
+        batch_mosaic._draw_zones(mosaic, ([], tmp_path / "0.zones"))
