@@ -31,8 +31,10 @@ CLASS_NODATA = {"uint8": 255, "int16": -32768, "int32": -2147483648}
 _BLOCK = 256
 #: Side of the tiles of the files in between; blocks that begin at multiples of it are quickest.
 TILE = 512
-#: Most memory that GDAL may hold back (bytes).
-_CACHE = 256 << 20
+#: Most memory that GDAL may hold back (bytes), and work on at once as it makes overviews. With its
+#: 10 MB for these it makes each overview of wide files with several bands from all cells, in place
+#: of from the one before, which takes twice as long.
+_CACHE, _AT_ONCE = 256 << 20, 128 << 20
 
 
 def write_raster(layer: RasterLayer, grid: Grid, folder: Path) -> Path:
@@ -128,8 +130,8 @@ def _cog_options(layer: RasterLayer) -> dict[str, Any]:
         "level": 3,  # Twice as fast as the default of 6, and no larger with floats.
         "num_threads": "ALL_CPUS",
         "blocksize": _BLOCK,
-        # Of numbers the mean of the cells that have one; the most frequent one takes three times as
-        # long, and is any of four that differ.
+        # Of numbers the mean of the cells that have one, in the overview before; the most frequent
+        # one takes three times as long, and is any of four that differ.
         "overview_resampling": "MODE" if layer.classes else "AVERAGE",
         # Kept in the file, or QGIS would write an .aux.xml beside it.
         "statistics": "YES",
@@ -180,7 +182,8 @@ class Unfinished:
 
 def finish_map(unfinished: Unfinished) -> None:
     """Turn the file in between into a Cloud-Optimised GeoTIFF with overviews; it stays."""
-    with rasterio.Env(GDAL_CACHEMAX=_CACHE), writing(unfinished.target):
+    limits = {"GDAL_CACHEMAX": _CACHE, "GDAL_OVR_CHUNK_MAX_SIZE": _AT_ONCE}
+    with rasterio.Env(**limits), writing(unfinished.target):
         rasterio.shutil.copy(
             unfinished.between, unfinished.target, **_cog_options(unfinished.layer)
         )
