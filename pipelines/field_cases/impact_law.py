@@ -243,7 +243,7 @@ def _means(states: Sequence[State], law: Law, seed: int) -> FloatArray:
 def contact_study(folder: Path, out: Path, seed: int) -> dict[str, Any]:
     """Contacts of the flights, predicted with each form; writes ``contacts.png``."""
     contacts, rocks = read_contacts(folder)
-    contacts = contacts.merge(rocks[["rock_id", *AXES]], on="rock_id", validate="m:1")
+    contacts = contacts.merge(rocks[["rock_id", *AXES]], "left", on="rock_id", validate="m:1")
     spun = contacts["omega_in_radps"].notna() & contacts["omega_out_radps"].notna()
     ahead = contacts["vn_in_mps"] < 0.0
     near, _ = read_contacts(folder, 0.6 * REACH_M)

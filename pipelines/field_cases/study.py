@@ -178,7 +178,7 @@ def _mean_interval(values: FloatArray, rng: np.random.Generator) -> Interval:
 def _distance(one: FloatArray, other: FloatArray) -> float:
     """2 E|X − Y| − E|X − X'| − E|Y − Y'| (Székely and Rizzo 2013) of what is known."""
     x, y = (own[np.isfinite(own)] for own in (one, other))
-    return float(energy_distance(x, y) ** 2)
+    return float(energy_distance(x, y) ** 2) if x.size and y.size else float("nan")
 
 
 def left_out_scores(config: Path, observed: Path, seed: int) -> dict[str, Any]:
