@@ -77,22 +77,29 @@ def learned_contacts(case: Case, seed: int) -> LearnedContacts | None:
     spin = np.average([shift[-1] for shift in known.values()], weights=counts)
     scale = _spin_scale(float(spin))
 
+    observed = observed_outcomes(impacts)
+
     def loss(noise: float) -> float:
         error = MeasurementError(spin_scale=scale, spin_noise=noise)
-        return _misfit(case, impacts, table, error, seed)
+        return _misfit(case, impacts, observed, table, error, seed)
 
     # Scatter of the spins after a contact that the law with its errors of measurement lacks.
     return LearnedContacts(table, scale, min(_SPIN_NOISES, key=loss))
 
 
 def _misfit(
-    case: Case, impacts: ImpactsInFlight, table: GroundTable, error: MeasurementError, seed: int
+    case: Case,
+    impacts: ImpactsInFlight,
+    observed: FloatArray,
+    table: GroundTable,
+    error: MeasurementError,
+    seed: int,
 ) -> float:
     """Mean score of the rocks that have impacts."""
     # The same draws for all values: what differs is no luck.
     model = HypothesisModel(table, EffectSettings(), measurement=error)
     made = simulated_outcomes(case, model, impacts, seed=seed, number=3700)
-    scores = impact_scores(impacts, observed_outcomes(impacts), made, case.n_rocks)
+    scores = impact_scores(impacts, observed, made, case.n_rocks)
     return float(scores[np.unique(impacts.rock)].mean())
 
 
@@ -101,12 +108,13 @@ def _learned(case: Case, impacts: ImpactsInFlight, kind: int, seed: int) -> Floa
 
     In usual spreads, shape (n + 1,).
     """
+    observed = observed_outcomes(impacts)
 
     def loss(shift: FloatArray) -> float:
         classes = list(case.table.classes)
         classes[kind] = _with_shift(classes[kind], shift)
         error = MeasurementError(spin_scale=_spin_scale(float(shift[-1])))
-        misfit = _misfit(case, impacts, GroundTable(tuple(classes)), error, seed)
+        misfit = _misfit(case, impacts, observed, GroundTable(tuple(classes)), error, seed)
         return misfit + 0.5 * float(shift @ shift) / impacts.rock.size
 
     d = len(_RANGES) + 1

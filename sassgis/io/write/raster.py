@@ -32,8 +32,8 @@ _BLOCK = 256
 #: Side of the tiles of the files in between; blocks that begin at multiples of it are quickest.
 TILE = 512
 #: Most memory that GDAL may hold back (bytes), and work on at once as it makes overviews. With its
-#: 10 MB for these it makes each overview of wide files with several bands from all cells, in place
-#: of from the one before, which takes twice as long.
+#: 10 MB for these it makes each overview of a wide file in between with several bands from all
+#: cells, in place of from the one before as in write_raster, which takes twice as long.
 _CACHE, _AT_ONCE = 256 << 20, 128 << 20
 
 
