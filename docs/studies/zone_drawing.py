@@ -21,10 +21,12 @@ from sassgis.hazard.another_sample import level_chances
 from sassgis.hazard.assess import raster
 from sassgis.hazard.attribution import zone_of_cells
 from sassgis.hazard.levels import hazard_level
-from sassgis.hazard.zoning.coverage import Coverage, cells_as_zones
+from sassgis.hazard.zoning.coverage import Coverage
+from sassgis.hazard.zoning.drawing import drawn_zones
 from sassgis.io.read.config import load_config
 from sassgis.io.read.presets import read_preset
 from sassgis.model.grid import BoolArray, Grid
+from sassgis.model.hazard import Drawing
 from sassgis.model.results import RasterClass
 from sassgis.report.figures.map_marks import draw_zones
 from sassgis.report.figures.relief import hillshade
@@ -107,7 +109,7 @@ def main() -> None:
         chances = level_chances(curves, PRESET, np.isfinite(grid.values))
         levels = raster(grid, curves.places, hazard_level(curves, PRESET))
         stages = [
-            cells_as_zones(levels, grid),
+            drawn_zones([levels], grid, Drawing())[0],
             *(zones_at(curves, grid, PRESET, s) for s in SCALES),
         ]
         unsure = chances.uncertain(0.95)

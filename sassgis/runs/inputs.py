@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from sassgis.hazard.along_profile import ProfileInput, stretches_of
 from sassgis.hazard.assess import Rules
 from sassgis.hazard.sources import OnsetTable, onset_frequencies
-from sassgis.hazard.zoning.coverage import check_cells
+from sassgis.hazard.zoning.cell_outlines import check_cells
 from sassgis.io.read.base_map import read_base_map
 from sassgis.io.read.config import FILE_KEYS, profile_control_lines
 from sassgis.io.read.forest import read_forest

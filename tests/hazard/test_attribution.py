@@ -9,9 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sassgis.hazard.attribution import attribution, governing, shares_by, zone_of_cells
-from sassgis.hazard.zoning.coverage import Coverage, cells_as_zones
+from sassgis.hazard.zoning.coverage import Coverage
+from sassgis.hazard.zoning.drawing import drawn_zones
 from sassgis.model.grid import Grid
-from sassgis.model.hazard import Source, SourceCounts
+from sassgis.model.hazard import Drawing, Source, SourceCounts
 
 
 def source(area: str, scenario: str, frequency: float, rocks: int = 100) -> Source:
@@ -115,7 +116,7 @@ def test_cells_find_the_zone_that_holds_their_centre() -> None:
     classes = (np.hypot(i - 20, j - 20) < 15).astype(np.int64)
     classes += (j > i + 4) & (classes > 0)
     grid = Grid(np.zeros(classes.shape), 2_700_000.0, 1_120_000.0, 2.0)
-    zones = cells_as_zones(classes, grid)
+    (zones,) = drawn_zones([classes], grid, Drawing())
     cells = np.arange(classes.size)
     found = zone_of_cells(zones, grid, cells)
     x, y = grid.cell_centres(cells)

@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from sassgis.hazard.zoning import drawing, seams
-from sassgis.hazard.zoning.coverage import Coverage, cells_as_zones
+from sassgis.hazard.zoning.cell_outlines import cell_polygons
+from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.hazard.zoning.drawing import drawn_zones, reach_cells
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.grid import Grid
@@ -185,15 +186,18 @@ def test_every_rule_holds(
 @given(RASTERS, CELLS)
 def test_cells_are_drawn_as_they_are(classes: np.ndarray, cell_size: float) -> None:
     grid = grid_of(classes, cell_size)
-    zones = cells_as_zones(classes, grid)
+    (zones,) = drawn_zones([classes], grid, Drawing())
     assert violations(zones, classes, grid) - {"sliver"} == set()
     for k in np.unique(classes[classes > 0]):
         own = shapely.union_all(zones.polygons[zones.classes == k])
         assert own.symmetric_difference(cells_of(classes == k, grid)).area < 1e-3
         # Regions hang together over sides of cells.
         assert (zones.classes == k).sum() == ndimage.label(classes == k)[1]
-    again = drawn_zones([classes], grid, Drawing())[0]
-    assert shapely.equals(again.polygons, zones.polygons).all()
+    regions = cell_polygons(classes > 0, grid)
+    assert regions.size == ndimage.label(classes > 0)[1]
+    assert shapely.is_valid(regions).all()
+    assert shapely.is_valid(shapely.multipolygons(regions))
+    assert shapely.multipolygons(regions).equals(cells_of(classes > 0, grid))
 
 
 @settings(max_examples=40)
@@ -268,7 +272,7 @@ def test_zones_do_not_depend_on_where_the_raster_begins(
 @given(RASTERS, st.sampled_from([2.0 / 3.0, 0.3048, 1.52401]))
 def test_cells_that_are_no_multiple_of_the_precision(classes: np.ndarray, cell_size: float) -> None:
     grid = Grid(np.zeros(classes.shape), WEST + 0.12345, NORTH - 0.98765, cell_size)
-    zones = cells_as_zones(classes, grid)
+    (zones,) = drawn_zones([classes], grid, Drawing())
     # The corners themselves are rounded, by half a millimetre at most.
     assert violations(zones, classes, grid) <= {"lower than the raster", "sliver"}
     for k in range(1, int(classes.max()) + 1):
@@ -349,6 +353,16 @@ def test_a_small_zone_on_its_own_grows_to_the_smallest_area() -> None:
     assert zone.area == 4.0
 
 
+@pytest.mark.parametrize("gap", [7, 8, 9, 12])
+def test_gaps_are_closed_beside_what_has_grown(gap: int) -> None:
+    # A square of 8 m grows by 6.4 m to 400 square metres.
+    classes = block((3, 5, 57, 25, 1), (28, 25 + gap, 32, 29 + gap, 1))
+    wide = 2.0 * gap - 6.4
+    found = at(drawn(classes, gap_m=11.0, area_m2=400.0), 30, 25 + wide / 4.0)
+    assert found == (1 if wide < 11.0 else 0)
+    assert at(drawn(classes, gap_m=11.0), 30, 25 + wide / 4.0) == 0
+
+
 @pytest.mark.parametrize("gap", [3, 5, 6, 8])
 def test_gaps_are_closed_up_to_the_width(gap: int) -> None:
     classes = block((3, 5, 57, 10, 1), (3, 10 + gap, 57, 32, 1))
@@ -401,12 +415,12 @@ def test_the_outer_limit_is_an_envelope_without_fingers() -> None:
 
 def test_parts_that_touch_at_a_corner() -> None:
     classes = block((2, 2, 10, 10, 1), (10, 10, 20, 20, 1))
-    zones = cells_as_zones(classes, grid_of(classes))
+    zones = drawn(classes)
     assert len(zones.polygons) == 2
     assert violations(zones, classes, grid_of(classes)) == set()
     # A ring that closes at a corner only: its hole touches the outside there.
     classes = block((2, 2, 20, 20, 1), (7, 7, 12, 12, 0), (2, 2, 7, 7, 0))
-    zones = cells_as_zones(classes, grid_of(classes))
+    zones = drawn(classes)
     (ring,) = zones.polygons
     assert len(ring.interiors) == 1
     assert violations(zones, classes, grid_of(classes)) == set()
@@ -439,7 +453,7 @@ def test_what_cannot_be_drawn_is_refused() -> None:
     with pytest.raises(ValueError, match="below 0"):
         drawn(classes - 1)
     with pytest.raises(InputError, match="too small for the precision"):
-        cells_as_zones(classes, grid_of(classes, 0.005))
+        cell_polygons(classes > 0, grid_of(classes, 0.005))
     for wrong in (
         {"scale": 0.0},
         {"min_area_m2": -1.0},

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import shapely
 
+from sassgis.hazard.zoning.cell_outlines import PRECISION_M
 from sassgis.hazard.zoning.coverage import (
-    PRECISION_M,
     Coverage,
     dissolved,
     faces_of,

@@ -10,12 +10,9 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from sassgis.model.errors import InputError
-from sassgis.model.grid import BoolArray, ClassMap, Grid, IntArray
+from sassgis.hazard.zoning.cell_outlines import PRECISION_M
+from sassgis.model.grid import BoolArray, IntArray
 
-#: Coordinates of zones are multiples of it (m).
-_DECIMALS = 3
-PRECISION_M = 10.0**-_DECIMALS
 #: Places that are nowhere wider than this (m) are no zones of their own.
 _THREAD_M = 0.2
 
@@ -28,69 +25,10 @@ class Coverage:
     classes: IntArray  # shape (n,); from 1, ascending
 
 
-def check_cells(cell_size: float) -> None:
-    """Raise InputError if cells are not at least ten times the precision of coordinates."""
-    if cell_size < 10.0 * PRECISION_M:
-        raise InputError(
-            "cells are too small for the precision of the zones' coordinates",
-            field="terrain.dem",
-            found=f"cells of {cell_size:g} m",
-            expected=f"cells of {10.0 * PRECISION_M:g} m or more",
-        )
-
-
 def polygons_of(area: Any) -> NDArray[Any]:
     """The polygons of a geometry, without its lines and points."""
     parts = shapely.get_parts(area)
     return np.asarray(parts[shapely.get_type_id(parts) == shapely.GeometryType.POLYGON], object)
-
-
-def cell_faces(classes: ClassMap, grid: Grid) -> tuple[NDArray[Any], IntArray]:
-    """Regions of cells of one class that hang together over sides, as they are; and their class.
-
-    Returns
-    -------
-    faces : object, shape (n,)
-        Polygons that share their vertices.
-    classes : int64, shape (n,)
-    """
-    lined = np.pad(classes, 1)
-    across, along = lined[:-1, 1:-1] != lined[1:, 1:-1], lined[1:-1, :-1] != lined[1:-1, 1:]
-    row, first, last = _runs(across, along)
-    col, top, bottom = _runs(along.T, across.T)
-    ends = np.concatenate(
-        (
-            np.stack((np.stack((first, row), 1), np.stack((last, row), 1)), 1),
-            np.stack((np.stack((col, top), 1), np.stack((col, bottom), 1)), 1),
-        )
-    )
-    place = np.array([grid.west, grid.north]) + ends * np.array([1.0, -1.0]) * grid.cell_size
-    lines = shapely.linestrings(np.round(place, _DECIMALS))
-    faces = np.asarray(shapely.get_parts(shapely.polygonize(lines)), object)
-    inside = shapely.point_on_surface(faces)
-    j = np.floor((shapely.get_x(inside) - grid.west) / grid.cell_size).astype(np.int64)
-    i = np.floor((grid.north - shapely.get_y(inside)) / grid.cell_size).astype(np.int64)
-    return faces, classes[i, j].astype(np.int64)
-
-
-def _runs(lines: BoolArray, others: BoolArray) -> tuple[IntArray, IntArray, IntArray]:
-    """Straight stretches of sides of cells, each up to where another side meets it.
-
-    Parameters
-    ----------
-    lines : bool, shape (n + 1, m)
-        Sides that run along the rows; ``others``, shape (n, m + 1), run across.
-
-    Returns
-    -------
-    row, first, last : int64
-        Corners at the ends of each.
-    """
-    meet = np.pad(others, ((1, 0), (0, 0))) | np.pad(others, ((0, 1), (0, 0)))
-    before, after = np.pad(lines, ((0, 0), (1, 0)))[:, :-1], np.pad(lines, ((0, 0), (0, 1)))[:, 1:]
-    row, first = np.nonzero(lines & (~before | meet[:, :-1]))
-    last = np.nonzero(lines & (~after | meet[:, 1:]))[1] + 1
-    return row, first, last
 
 
 def faces_of(areas: Sequence[Any]) -> NDArray[Any]:
@@ -198,9 +136,3 @@ def dissolved(faces: NDArray[Any], classes: IntArray) -> Coverage:
         own = polygons_of(shapely.coverage_union_all(faces[classes == k]))
         zones.append(Coverage(own, np.full(own.size, k, np.int64)))
     return joined_coverages(zones)
-
-
-def cells_as_zones(classes: ClassMap, grid: Grid) -> Coverage:
-    """Cells of the same class (above 0) as zones, with the borders of the cells."""
-    check_cells(grid.cell_size)
-    return dissolved(*cell_faces(classes, grid))

@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.optimize import brentq
 
+from sassgis.hazard.zoning.cell_outlines import cell_polygons, check_cells
 from sassgis.hazard.zoning.coverage import (
     Coverage,
-    cell_faces,
-    check_cells,
     classes_of,
     faces_of,
     joined_coverages,
@@ -29,7 +28,7 @@ from sassgis.hazard.zoning.coverage import (
     without_threads,
 )
 from sassgis.hazard.zoning.seams import joined_at_seams, overlapping
-from sassgis.model.grid import BoolArray, ClassMap, Grid
+from sassgis.model.grid import BoolArray, ClassMap, Grid, IntArray
 from sassgis.model.hazard import Drawing
 
 #: A disk does not reach into the corners of a wide part, which are not narrow for that: a right
@@ -88,28 +87,29 @@ def _smooth(area: Any, tolerance_m: float) -> Any:
     return _simplified(_grown(area, half, 2), 0.9 * half)
 
 
-def _closed(area: Any, gap_m: float, tolerance_m: float) -> Any:
+def _closed(area: Any, gap_m: float) -> Any:
     """An area with the gaps into which no disk fits that is as wide."""
-    if gap_m == 0.0:
-        return area
-    closed = _grown(_grown(area, gap_m / 2.0), -gap_m / 2.0)
-    return _simplified(closed, _CLOSED_WITHIN * tolerance_m)
+    return _grown(_grown(area, gap_m / 2.0), -gap_m / 2.0) if gap_m > 0.0 else area
 
 
-def _narrow(area: Any, width_m: float, corner: float = _ACROSS) -> Any:
-    """Parts of an area into which no disk fits that is as wide."""
+def _narrow(
+    areas: NDArray[Any], width_m: float, corner: float = _ACROSS
+) -> tuple[NDArray[Any], IntArray]:
+    """Parts of polygons into which no disk fits that is as wide, and the polygon of each."""
     # A part of exactly this width is not narrow.
     half = _FITS * width_m / 2.0
-    wide = _grown(_grown(area, -half), corner * half)
-    parts = polygons_of(shapely.difference(area, wide))
-    return parts[shapely.area(parts) > _SPECK * width_m**2]
+    # One by one, as they are: GEOS would look at each beside all others.
+    wide = _grown(shapely.buffer(areas, -half, quad_segs=6), corner * half)
+    parts, of = shapely.get_parts(shapely.difference(areas, wide), return_index=True)
+    large = shapely.area(parts) > _SPECK * width_m**2
+    return parts[large], of[large]
 
 
 def _widened(area: Any, width_m: float) -> Any:
     """An area whose narrow parts have grown until a disk fits."""
     near = grown = area
     for _ in range(_STEP // 2):
-        narrow = _narrow(near, width_m, _CORNER)
+        narrow, _ = _narrow(polygons_of(near), width_m, _CORNER)
         shapely.prepare(grown)
         narrow = narrow[shapely.intersects(grown, narrow)]
         if not narrow.size:
@@ -122,7 +122,7 @@ def _widened(area: Any, width_m: float) -> Any:
 
 
 def _enlarged(area: Any, smallest_m2: float, known: Any) -> Any:
-    """An area whose small parts have grown evenly until they have the smallest area.
+    """What the small parts of an area grow to, evenly, until they have the smallest area.
 
     In a corner of the known terrain a part grows farther than on open ground, but not without end.
     """
@@ -136,7 +136,7 @@ def _enlarged(area: Any, smallest_m2: float, known: Any) -> Any:
 
         reach = brentq(excess, 0.0, farthest, xtol=1e-6) if excess(farthest) > 0.0 else farthest
         out.append(_grown(part, reach + 2e-6))
-    return shapely.union_all([area, *out]) if out else area
+    return shapely.union_all(out)
 
 
 def _filled(area: Any, smallest_m2: float) -> Any:
@@ -151,15 +151,23 @@ def _filled(area: Any, smallest_m2: float) -> Any:
 def _superlevel(cells: Any, inside: Sequence[Any], rules: Drawing, gap_m: float, known: Any) -> Any:
     """Area of a class and those above it: its cells, smoothed, and what must lie within."""
     must = [cells, *inside]
-    area = _with(_smooth(cells, rules.tolerance_m), inside)
-    if area.is_empty:
-        return area
+    area = _smooth(cells, rules.tolerance_m)
     if rules.width_m > 0.0:
         area = _widened(area, rules.width_m)
-    area = _closed(area, gap_m, rules.tolerance_m)
+    # What lies inside is as wide already, and so are both together.
+    area = _with(area, inside)
+    if area.is_empty:
+        return area
+    area = _simplified(_closed(area, gap_m), _CLOSED_WITHIN * rules.tolerance_m)
     if rules.area_m2 > 0.0:
-        area = _enlarged(_on_terrain(area, known, must), rules.area_m2, known)
-        area = _filled(_closed(area, gap_m, rules.tolerance_m), rules.area_m2)
+        area = _on_terrain(area, known, must)
+        grown = _enlarged(area, rules.area_m2, known)
+        if not grown.is_empty:
+            area = shapely.union(area, grown)
+            # There are gaps only where a disk that touches what has grown touches more.
+            near = shapely.intersection(area, _grown(grown, 2.0 * gap_m, 2))
+            area = shapely.union(area, _closed(near, gap_m))
+        area = _filled(area, rules.area_m2)
     return _on_terrain(_with(_smooth(area, _DONE_WITHIN * rules.tolerance_m), must), known, must)
 
 
@@ -193,11 +201,12 @@ def _with_rims(higher: Any, lower: Any, rules: Drawing) -> Any:
     """
     parts = polygons_of(shapely.difference(lower, higher))
     is_small = shapely.area(parts) < rules.area_m2
-    small, wide = parts[is_small], shapely.multipolygons(parts[~is_small])
+    small, wide = parts[is_small], parts[~is_small]
     if rules.width_m > 0.0:
-        narrow = _narrow(wide, rules.width_m)
-        narrow = narrow[_is_beside(higher, narrow)]
-        wide = shapely.difference(wide, shapely.multipolygons(narrow))
+        narrow, of = _narrow(wide, rules.width_m)
+        joins = _is_beside(higher, narrow)
+        cut, of = np.unique(of[joins], return_inverse=True)
+        wide[cut] = shapely.difference(wide[cut], shapely.multipolygons(narrow[joins], indices=of))
     left = polygons_of(wide)
     stay = [left[shapely.area(left) >= rules.area_m2], small[~_is_beside(higher, small)]]
     rest = shapely.multipolygons(np.concatenate(stay))
@@ -338,8 +347,7 @@ def _stacks(
 def _stacks_at_once(
     place: _Place, rules: Drawing, enveloped: Sequence[bool], n_classes: int
 ) -> list[list[Any]]:
-    faces, is_known = cell_faces(place.known.astype(np.int16), place.grid)
-    terrain = shapely.coverage_union_all(faces[is_known > 0])
+    terrain = shapely.multipolygons(cell_polygons(place.known, place.grid))
     stacks: list[list[Any]] = []
     below: Sequence[Any] = [_NOWHERE] * n_classes
     for m, envelope in zip(place.maps, enveloped, strict=True):
@@ -392,9 +400,9 @@ def _stack(
     gaps = [rules.gap_m] * len(within)
     if envelope:
         gaps[0] = max(rules.gap_m, rules.envelope_m)
-    faces, of_face = cell_faces(_raised(place, gaps, rules.area_m2), place.grid)
+    raised = _raised(place, gaps, rules.area_m2)
     for k in range(len(within), 0, -1):
-        cells = shapely.coverage_union_all(faces[of_face >= k])
+        cells = shapely.multipolygons(cell_polygons(raised >= k, place.grid))
         higher = _superlevel(cells, [higher, within[k - 1]], rules, gaps[k - 1], known)
         stack.insert(0, higher)
     for k in range(1, len(stack)):

@@ -18,7 +18,7 @@ import shapely
 
 from sassgis.hazard.assess import Hazard, IntensityMap
 from sassgis.hazard.zone_styles import opaque, zone_style
-from sassgis.hazard.zoning.coverage import cells_as_zones
+from sassgis.hazard.zoning.cell_outlines import cell_polygons
 from sassgis.io.vector_layer import VectorLayer
 from sassgis.io.write.layers.federal_model import (
     FEDERAL_CLASSES,
@@ -65,7 +65,7 @@ def federal_layers(
     crs = grid.crs or None
     claims = in_federal_extent(crs, grid.bounds) and has_federal_codes(preset)
     level_codes = [level.code for level in preset.levels]
-    assessed = cells_as_zones(np.isfinite(grid.values).astype(np.int16), grid)
+    assessed = cell_polygons(np.isfinite(grid.values), grid)
     along = "paths that are followed" if config.terrain.path == "followed" else "fall lines"
     method = (
         f"SASS (Bozzolo and Pamini, 1986): blocks simulated along {along}; "
@@ -97,7 +97,7 @@ def federal_layers(
         "indicative_hazard_area": [
             (polygon, {"hazard_area_existing": True, "method": method}) for polygon in reached
         ],
-        "assessment_area": [(polygon, {}) for polygon in assessed.polygons],
+        "assessment_area": [(polygon, {}) for polygon in assessed],
     }
     if not by_area:
         del rows["intensity_by_source"]

@@ -19,7 +19,8 @@ from sassgis.hazard.zone_styles import (
     uncertain_style,
 )
 from sassgis.hazard.zoning.applied_edits import AppliedEdit, shares_text
-from sassgis.hazard.zoning.coverage import Coverage, cells_as_zones
+from sassgis.hazard.zoning.cell_outlines import cell_polygons
+from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.io.read.edit_polygons import edit_fields
 from sassgis.io.vector_layer import VectorLayer, described_layer
 from sassgis.model.edits import NO_LEVEL
@@ -120,7 +121,7 @@ def _outlined(
     key: str, cells: IntArray, grid: Grid, style: VectorStyle, **words: Any
 ) -> VectorLayer:
     """Patches of cells with their areas."""
-    shown = cells_as_zones(raster(grid, cells, np.ones(cells.size)), grid).polygons
+    shown = cell_polygons(raster(grid, cells, np.ones(cells.size)) > 0, grid)
     columns = {"area_m2": [round(p.area, 1) for p in shown]}
     return described_layer(key, columns, list(shown), grid.crs, style, **words)
 
