@@ -84,7 +84,6 @@ def batch(
     jobs: Jobs = None,
     on_progress: OnProgress | None = None,
     say: Callable[[str], None] | None = None,
-    first_margin_m: float = 200.0,
 ) -> BatchResult:
     """Zone many release areas one by one, and put them together on one map.
 
@@ -110,8 +109,6 @@ def batch(
         is not divided.
     seed, jobs, on_progress, say
         As for sassgis.runs.run.run; chunks are those of one area.
-    first_margin_m : float
-        Margin around an area with which the search for its part of the terrain begins.
 
     Raises
     ------
@@ -127,7 +124,7 @@ def batch(
     folder = Path(out)
     loaded = batch_config(releases, config, dem, seed)
     candidates = find_areas(loaded)
-    setting, notices = read_setting(loaded, candidates, first_margin_m, mosaic_only)
+    setting, notices = read_setting(loaded, candidates, mosaic_only)
     if loaded.run.ground_uncertainty:
         notices += ("A batch draws no ground classes: run.ground_uncertainty is for run and zone.",)
     _check_folder(folder)

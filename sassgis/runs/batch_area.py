@@ -98,8 +98,6 @@ class Setting:
         Of all areas.
     digest : str
         Of the settings and of all files but terrain and release areas.
-    first_margin_m : float
-        Margin around an area with which the search for its part of the terrain begins.
     sums_only : bool
         Whether areas keep only what the mosaic is made of.
     """
@@ -111,7 +109,6 @@ class Setting:
     rules: Rules
     names: tuple[str, ...]
     digest: str
-    first_margin_m: float
     sums_only: bool
 
     def outline(self) -> Grid:
@@ -120,7 +117,7 @@ class Setting:
 
 
 def read_setting(
-    config: Config, candidates: Sequence[Candidate], first_margin_m: float, sums_only: bool
+    config: Config, candidates: Sequence[Candidate], sums_only: bool
 ) -> tuple[Setting, tuple[str, ...]]:
     """Read and check what all areas share.
 
@@ -144,7 +141,7 @@ def read_setting(
         yearly_frequencies(config, (), names)
     setting = Setting(
         config, terrain, table, control_lines, replace(rules, notices=()), names,
-        _shared_digest(config), first_margin_m, sums_only,
+        _shared_digest(config), sums_only,
     )  # fmt: skip
     return setting, tuple(dict.fromkeys((*config.notes, *notices, *rules.notices)))
 
@@ -331,8 +328,7 @@ def _cut(setting: Setting, candidate: Candidate, margins: Sides) -> Windowed:
             feature.geometry.bounds,
             setting.rules.ref_width_m,
             make,
-            setting.first_margin_m,
-            margins,
+            margins=margins,
         )
         run = replace(
             on_block_scale(cut.run),
