@@ -93,7 +93,6 @@ def _corners(cells: BoolArray) -> tuple[IntArray, IntArray, IntArray, IntArray]:
     around = {(s, e): region[s : region.shape[0] - 1 + s, e : region.shape[1] - 1 + e]
               for s in (0, 1) for e in (0, 1)}  # fmt: skip
     count = sum((a > 0).astype(np.int8) for a in around.values())
-    most = np.maximum.reduce(list(around.values()))
     found = []
     for (south, east), own in around.items():
         opposite, neighbour = around[1 - south, 1 - east], around[1 - south, east]
@@ -104,7 +103,7 @@ def _corners(cells: BoolArray) -> tuple[IntArray, IntArray, IntArray, IntArray]:
         other = around[south, 1 - east]
         alone |= met & np.where(own > 0, own != opposite, neighbour == other)
         i, j = np.nonzero(alone)
-        of = np.where(own[i, j] > 0, own[i, j], most[i, j])
+        of = np.where(own[i, j] > 0, own[i, j], np.max([a[i, j] for a in around.values()], axis=0))
         found.append((i, j, of, np.full(i.size, south), np.full(i.size, east)))
     row, col, of, down, right = np.concatenate(found, axis=1).astype(np.int64)
     order = np.lexsort((right, col, row))
