@@ -198,6 +198,15 @@ def test_cells_are_drawn_as_they_are(classes: np.ndarray, cell_size: float) -> N
     assert shapely.is_valid(regions).all()
     assert shapely.is_valid(shapely.multipolygons(regions))
     assert shapely.multipolygons(regions).equals(cells_of(classes > 0, grid))
+    assert not any(p.exterior.is_ccw for p in regions)
+    assert all(hole.is_ccw for p in regions for hole in p.interiors)
+    # In the order of the first cell of each.
+    number = ndimage.label(classes > 0)[0]
+    for k, region in enumerate(regions, start=1):
+        i, j = np.argwhere(number == k)[0]
+        assert region.covers(
+            shapely.Point(WEST + (j + 0.5) * cell_size, NORTH - (i + 0.5) * cell_size)
+        )
 
 
 @settings(max_examples=40)
@@ -351,6 +360,14 @@ def test_a_small_zone_on_its_own_grows_to_the_smallest_area() -> None:
     known[15, 14] = True
     (zone,) = drawn_zones([classes], grid_of(classes), Drawing(area_m2=100.0), known)[0].polygons
     assert zone.area == 4.0
+
+
+@settings(max_examples=20)
+@given(RASTERS)
+def test_small_parts_grow_where_no_gaps_are_closed(classes: np.ndarray) -> None:
+    classes = np.pad(classes, 20)
+    zones = drawn(classes, area_m2=100.0)
+    assert violations(zones, classes, grid_of(classes), 99.0) - {"unknown class"} == set()
 
 
 @pytest.mark.parametrize("gap", [7, 8, 9, 12])

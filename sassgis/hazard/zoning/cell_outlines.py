@@ -35,7 +35,8 @@ def cell_polygons(cells: BoolArray, grid: Grid) -> NDArray[Any]:
     Returns
     -------
     object, shape (n,)
-        ``shapely.Polygon``, in the order of the first cell of each.
+        ``shapely.Polygon``, in the order of the first cell of each; shells run clockwise, holes
+        the other way.
 
     Raises
     ------
@@ -46,25 +47,22 @@ def cell_polygons(cells: BoolArray, grid: Grid) -> NDArray[Any]:
     row, col, region, down = _corners(cells)
     if not row.size:
         return np.empty(0, object)
-    # Corners lie beside each other along a row and along a column in turn.
+    # Each corner has a side along its row and one along its column. The other end of the first is
+    # the next or the one before, as corners are row by row.
     beside = np.arange(row.size) ^ 1
     pairs = np.lexsort((down, row, col)).reshape(-1, 2)
     above_below = np.empty_like(beside)
     above_below[pairs] = pairs[:, ::-1]
-    ring = csgraph.connected_components(_graph(np.arange(row.size), above_below, beside))[1]
+    ring = csgraph.connected_components(_graph(above_below, beside))[1]
     first = np.unique(ring, return_index=True)[1]
     first = first[np.lexsort((first, region[first]))]
-    # Every second corner of each ring, one ring after the other.
+    # Every second corner of each ring; where a ring ends, the next one begins.
     first = beside[first]
     onward = beside[above_below]
     before = np.empty_like(onward)
     before[onward] = np.arange(row.size)
-    last = before[first]
-    onward[last[:-1]] = first[1:]
-    leads = np.delete(np.arange(row.size), last[-1])
-    order = csgraph.depth_first_order(
-        _graph(leads, onward[leads]), first[0], return_predecessors=False
-    )
+    onward[before[first][:-1]] = first[1:]
+    order = csgraph.depth_first_order(_graph(onward), first[0], return_predecessors=False)
     place = np.stack((order, above_below[order]), axis=1).ravel()
     at = np.stack((col, -row), axis=1)[place] * grid.cell_size + [grid.west, grid.north]
     starts = np.zeros(row.size, np.int64)
@@ -73,7 +71,8 @@ def cell_polygons(cells: BoolArray, grid: Grid) -> NDArray[Any]:
         np.round(at, _DECIMALS), indices=np.repeat(np.cumsum(starts[order]) - 1, 2)
     )
     # The first corner of a region is one of its shell, which so is the first of its rings.
-    return np.asarray(shapely.polygons(rings, indices=region[first] - 1), object)
+    polygons = shapely.polygons(rings, indices=region[first] - 1)
+    return np.asarray(shapely.orient_polygons(polygons, exterior_cw=True), object)
 
 
 def _corners(cells: BoolArray) -> tuple[IntArray, IntArray, IntArray, IntArray]:
@@ -97,8 +96,9 @@ def _corners(cells: BoolArray) -> tuple[IntArray, IntArray, IntArray, IntArray]:
     for (south, east), own in around.items():
         opposite, neighbour = around[1 - south, 1 - east], around[1 - south, east]
         alone = ((count == 1) & (own > 0)) | ((count == 3) & (own == 0))
-        # Two cells that meet at a point: each is a corner if they are of two regions; if they are
-        # of one, it goes round both of the others, which would be one hole that touches itself.
+        # Where two cells meet at a point each has a corner of its own if they are of two regions.
+        # If they are of one, each of the two empty cells has: so a shell and a hole touch there,
+        # or two holes, in place of one ring that touches itself.
         met = (count == 2) & ((own > 0) == (opposite > 0))
         other = around[south, 1 - east]
         alone |= met & np.where(own > 0, own != opposite, neighbour == other)
@@ -110,9 +110,8 @@ def _corners(cells: BoolArray) -> tuple[IntArray, IntArray, IntArray, IntArray]:
     return row[order], col[order], of[order], down[order]
 
 
-def _graph(nodes: IntArray, *linked: IntArray) -> csr_array:
-    """Nodes, each linked to one of each of ``linked``."""
-    size = int(max(nodes.max(), *(own.max() for own in linked))) + 1
-    ends = np.concatenate(linked)
-    links = np.tile(nodes, len(linked)), ends
+def _graph(*linked: IntArray) -> csr_array:
+    """Corners, each linked to one of each of ``linked``."""
+    size, ends = linked[0].size, np.concatenate(linked)
+    links = np.tile(np.arange(size), len(linked)), ends
     return csr_array((np.ones(ends.size, np.int8), links), shape=(size, size))

@@ -55,7 +55,8 @@ _NOWHERE = shapely.Polygon()
 def _grown(area: Any, distance_m: float, chords: int = 6) -> Any:
     """An area with all that lies within a distance of it, or without its rim where that is < 0.
 
-    Corners become ``chords`` to a quarter of a circle: six keep within a hundredth of the distance.
+    Of several areas each grows by itself; those that shrink become one. Corners become ``chords``
+    to a quarter of a circle: six keep within a hundredth of the distance.
     """
     if distance_m >= 0.0:
         return shapely.buffer(area, distance_m, quad_segs=chords)
@@ -162,11 +163,11 @@ def _superlevel(cells: Any, inside: Sequence[Any], rules: Drawing, gap_m: float,
     if rules.area_m2 > 0.0:
         area = _on_terrain(area, known, must)
         grown = _enlarged(area, rules.area_m2, known)
-        if not grown.is_empty:
-            area = shapely.union(area, grown)
+        area = shapely.union(area, grown)
+        if gap_m > 0.0 and not grown.is_empty:
             # There are gaps only where a disk that touches what has grown touches more.
-            near = shapely.intersection(area, _grown(grown, 2.0 * gap_m, 2))
-            area = shapely.union(area, _closed(near, gap_m))
+            near = polygons_of(shapely.intersection(area, _grown(grown, 2.2 * gap_m, 2)))
+            area = shapely.union(area, _closed(shapely.multipolygons(near), gap_m))
         area = _filled(area, rules.area_m2)
     return _on_terrain(_with(_smooth(area, _DONE_WITHIN * rules.tolerance_m), must), known, must)
 
@@ -275,9 +276,10 @@ def drawn_zones(
     Notes
     -----
     Lines are those of mathematical morphology with disks (Serra 1982), on polygons. For each class,
-    from the highest, the area of its cells and the higher classes is smoothed outwards, narrow
-    parts are widened, gaps closed, small parts enlarged and small holes filled. Then, from the
-    lowest class, narrow and small parts beside a higher class join that.
+    from the highest, the area of the cells of it and the higher ones is smoothed outwards, narrow
+    parts are widened, what the higher class and the map before have is added, gaps are closed,
+    small parts enlarged, gaps beside them closed, and small holes filled. Then, from the lowest
+    class, narrow and small parts beside a higher class join that.
     """
     maps = [np.asarray(m, np.int16) for m in maps]
     for m in maps:
