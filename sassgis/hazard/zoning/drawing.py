@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.optimize import brentq
 
-from sassgis.hazard.zoning.cell_outlines import cell_polygons, check_cells
+from sassgis.hazard.zoning.cell_outlines import PRECISION_M, cell_polygons, check_cells
 from sassgis.hazard.zoning.coverage import (
     Coverage,
     classes_of,
@@ -90,7 +90,7 @@ def _smooth(area: Any, tolerance_m: float) -> Any:
 
 def _closed(area: Any, gap_m: float) -> Any:
     """An area with the gaps into which no disk fits that is as wide."""
-    return _grown(_grown(area, gap_m / 2.0), -gap_m / 2.0) if gap_m > 0.0 else area
+    return _grown(_grown(area, gap_m / 2.0), -gap_m / 2.0)
 
 
 def _narrow(
@@ -136,7 +136,8 @@ def _enlarged(area: Any, smallest_m2: float, known: Any) -> Any:
             return float(_on_terrain(_grown(part, distance), known, [part]).area) - smallest_m2
 
         reach = brentq(excess, 0.0, farthest, xtol=1e-6) if excess(farthest) > 0.0 else farthest
-        out.append(_grown(part, reach + 2e-6))
+        # So that it still has that area when coordinates are rounded.
+        out.append(_grown(part, reach + PRECISION_M))
     return shapely.union_all(out)
 
 
@@ -159,7 +160,8 @@ def _superlevel(cells: Any, inside: Sequence[Any], rules: Drawing, gap_m: float,
     area = _with(area, inside)
     if area.is_empty:
         return area
-    area = _simplified(_closed(area, gap_m), _CLOSED_WITHIN * rules.tolerance_m)
+    if gap_m > 0.0:
+        area = _simplified(_closed(area, gap_m), _CLOSED_WITHIN * rules.tolerance_m)
     if rules.area_m2 > 0.0:
         area = _on_terrain(area, known, must)
         grown = _enlarged(area, rules.area_m2, known)
