@@ -350,9 +350,9 @@ def design(row: Row) -> str:
 
 def answer_of(row: Row, weights: CauseWeights, thresholds: Thresholds) -> Answer:
     """What would be answered, were nothing known of the distance on rocks left out."""
-    found = prints, gains, _, _, is_adequate = seen_at(row)
+    found = prints, _, _, _, is_adequate = seen_at(row)
     shares = weights.shares(*found)
-    effect, group, _ = decide(prints, gains, shares, is_adequate, None, thresholds, False)
+    effect, group, _ = decide(prints, shares, is_adequate, None, thresholds, False)
     return Answer(
         case=row["site"],
         effect=effect,

@@ -51,6 +51,9 @@ def _scaled(named: Hypothesis | None) -> list[Phrase]:
     low, high = (1.0, 1.0) if named is None else named.intervals.get("scale", (1.0, 1.0))
     if scale is None or low <= 1.0 <= high:
         return []
+    if low == high:
+        # Taken from the observations alone.
+        return [phrase("Observed speeds are {} times the true ones.", sensible(scale))]
     said = "Observed speeds are {} times those that fit (95 %: {})."
     return [phrase(said, sensible(scale), interval_text((low, high)))]
 
@@ -163,7 +166,8 @@ def hypothesis_of(which: Iterable[Hypothesis], effect: str) -> Hypothesis | None
 
 def _confused(diagnosis: Diagnosis) -> ReportAnswer:
     verdict = diagnosis.verdict
-    others = [e for e in verdict.confusion_set if e != verdict.effect]
+    named = (verdict.effect, *verdict.effect.split("+"))
+    others = [e for e in verdict.confusion_set if e not in named]
     unknown = verdict.effect == "unknown"
     sentences: list[str]
     if others:

@@ -38,7 +38,6 @@ from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.campaigns import share_left
 from sassgis.gap.replicas.hypothesis_model import (
     HypothesisModel,
-    configured_model,
     model_as_json,
     model_from_json,
 )
@@ -63,6 +62,7 @@ from sassgis.runs.evidence import (
     AddedCauses,
     BaseRungs,
     Evidence,
+    configured_as_observed,
     evidence_of_site,
     prepared_case,
     shares_of,
@@ -220,7 +220,8 @@ def _diagnosis(
     # An effect is added to the base that the contact asks for, if that is certainly the better one.
     added = AddedCauses(made, evidence, simplest == CONTACT_LAW)
     shares = shares_of(evidence, families_to_try(case), weights)
-    gaps = {CONFIGURED: _gaps(problem, configured_model(case), rows[CONFIGURED])}
+    as_configured = configured_as_observed(made)
+    gaps = {CONFIGURED: _gaps(problem, as_configured, rows[CONFIGURED])}
     if simplest != CONFIGURED:
         gaps[simplest] = _gaps(problem, made.model(added.name(simplest)).model, rows[simplest])
     short = shortfall(gaps[simplest][0]) is not None
@@ -240,14 +241,14 @@ def _diagnosis(
         why = why or _NOT_THE_LAW
     # Of the configured ground nothing was calibrated.
     fit = None if recommended == CONFIGURED else added.fit(recommended)
-    handed = configured_model(case) if fit is None else fit.handed_over.draw.model
+    handed = as_configured if fit is None else fit.handed_over.draw.model
     if recommended not in gaps:
         gaps[recommended] = _gaps(problem, handed, added.rows(recommended))
     (before, left_before), (left, left_after) = gaps[CONFIGURED], gaps[recommended]
     intervals = {effect: own.intervals(case) for effect, own in made.fits.items()}
     advice = Advice(
         worst_of(before),
-        wrong_ground(case, intervals[CONTACT_LAW]) if law else (),
+        wrong_ground(case, intervals[CONTACT_LAW]) if law and not named else (),
         case.ground_range,
         () if fit is None else settings_of(case, fit, intervals[fit.effect]),
         () if fit is None else tuple((t.one, t.other, t.correlation) for t in fit.trade_offs),
@@ -455,7 +456,12 @@ def _write_models(file: Path, made: HypothesisFits, diagnosis: Diagnosis) -> Non
             "scale": scale.scale.tolist(),
         },
     }
-    for name, model in (("base", diagnosis.base), ("effect", diagnosis.effect)):
+    models = {
+        "base": diagnosis.base,
+        "effect": diagnosis.effect,
+        "configured": configured_as_observed(made),
+    }
+    for name, model in models.items():
         number, rows = _campaigns_of(made, model)
         distance = RockDistances.of(problem.rows, rows).value() if scale.names else None
         kept[name] = {"number": number, "distance": distance, "model": model_as_json(model)}
@@ -504,19 +510,18 @@ def measured_shrinkage(
             np.array(kept["scale"]["centre"]),
             np.array(kept["scale"]["scale"]),
         )
-        models = {name: model_from_json(kept[name]["model"]) for name in ("base", "effect")}
-        numbers = {name: int(kept[name]["number"]) for name in models}
+        names = ("base", "effect", "configured")
+        models = {name: model_from_json(kept[name]["model"]) for name in names}
+        numbers = {name: int(kept[name]["number"]) for name in names}
         count, seed = int(kept["count"]), int(kept["seed"])
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(
             "the calibrated models of a diagnosis cannot be read", file=file, found=str(error)
         ) from error
     problem = problem_of(read_case(config, observations), seed, scale)
-    models["configured"] = configured_model(problem.case)
-    numbers["configured"] = CONFIGURED_NUMBER
     base, effect, configured = (
-        RockDistances.of(problem.rows, model_rows(problem, model, numbers[name], count))
-        for name, model in models.items()
+        RockDistances.of(problem.rows, model_rows(problem, models[name], numbers[name], count))
+        for name in names
     )
     gap = configured.value() - effect.floor
     return {

@@ -22,7 +22,7 @@ from sassgis.gap.ladder.rungs import (
     shrinkage_of,
 )
 from sassgis.gap.observations.case import Case
-from sassgis.gap.replicas.hypothesis_model import configured_model
+from sassgis.gap.replicas.hypothesis_model import HypothesisModel, configured_model
 from sassgis.gap.residuals.table import ResidualTable, residuals_with
 from sassgis.gap.where.findings import where
 from sassgis.gap.which.cause_weights import CauseWeights
@@ -80,11 +80,21 @@ class BaseRungs:
         return self.ladder.recommended(*self.names)[0]
 
 
+def configured_as_observed(made: HypothesisFits) -> HypothesisModel:
+    """The configured model; its rotations are observed as those of calibrated ground.
+
+    Blocks that do not turn in one plane do not do so on any ground: what the factor on rotations
+    closes of the gap is closed by no model that is handed over.
+    """
+    seen = made.add(NONE).handed_over.draw.model.measurement
+    return replace(configured_model(made.problem.case), measurement=seen)
+
+
 def base_rungs(made: HypothesisFits) -> BaseRungs:
     """The ladder as far as it has no effect."""
-    problem = made.problem
+    problem, configured = made.problem, configured_as_observed(made)
     rows = {
-        CONFIGURED: model_rows(problem, configured_model(problem.case), CONFIGURED_NUMBER, FRESH),
+        CONFIGURED: model_rows(problem, configured, CONFIGURED_NUMBER, FRESH),
         GROUND: made.rows(NONE),
         CONTACT_LAW: made.rows(CONTACT_LAW),
     }
@@ -211,13 +221,18 @@ class AddedCauses:
     def fit(self, effect: str) -> FittedHypothesis:
         """The base with an effect, calibrated if it is not yet.
 
-        It begins where the base has ended, with the draw of each cause that closes most.
+        It begins where the base has ended, with the draw of each cause that closes most. What
+        fingerprints measure stays as they have it.
         """
         gains = self.evidence.gains
+        seen = {f.statistic: (f.z, f.value) for f in self.evidence.prints if f.observable}
         start: dict[str, float] = {}
+        held: dict[str, float] = {}
         for cause in effect.split("+"):
             start |= gains[cause].shares if cause in gains else {}
-        return self.made.add(self.name(effect), start | dict(self.made.add(self.base).shares))
+            held |= CAUSES[cause].measured(seen) if cause in CAUSES else {}
+        start |= self.made.add(self.base).shares
+        return self.made.add(self.name(effect), start, held)
 
     def rows(self, effect: str) -> FloatArray:
         """Rows of every rock by the model it had no weight in."""
@@ -277,9 +292,7 @@ def verdict_of(
         first = NONE
     shrinkage = added.shrinkage(first) if first != NONE else _nothing_added(added)
     closes = shrinkage.value if first != NONE and CAUSES[first].closes else None
-    effect, group, reason = decide(
-        evidence.prints, evidence.speaking, shares, sound, closes, frozen, law
-    )
+    effect, group, reason = decide(evidence.prints, shares, sound, closes, frozen, law)
     if effect == first and effect != NONE:
         second = _second(added, first, weights, frozen)
         if second:
@@ -309,7 +322,7 @@ def verdict_of(
         CONTACT_LAW if law else "ground" if enough or adequate(evidence.findings) else "unresolved",
         # The law of the contact is that of the base, whichever families there are.
         group_probability(group, shares) + (shares[NONE] if effect == CONTACT_LAW else 0.0),
-        tuple(name for name in families_to_try(case) if name not in shares),
+        tuple(n for n in families_to_try(case) if n not in (*shares, *effect.split("+"))),
     )
     return verdict, shrinkage
 

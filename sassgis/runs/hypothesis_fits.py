@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 from sassgis.gap.calibration.linear_fit import FitBudget
@@ -47,12 +48,19 @@ class HypothesisFits:
         """The site."""
         return self.summary.problem
 
-    def add(self, effect: str, start: Mapping[str, float] | None = None) -> FittedHypothesis:
-        """Calibrate a hypothesis that is not calibrated yet; ``start`` as for fit_hypothesis."""
+    def add(
+        self,
+        effect: str,
+        start: Mapping[str, float] | None = None,
+        held: Mapping[str, float] = MappingProxyType({}),
+    ) -> FittedHypothesis:
+        """Calibrate a hypothesis that is not calibrated yet; others as for fit_hypothesis."""
         if effect not in self.fits:
             if start is None:
                 start = self.add(NONE).shares if effect == CONTACT_LAW else {}
-            self.fits[effect] = fit_hypothesis(self.summary, effect, self.run, self._budget, start)
+            self.fits[effect] = fit_hypothesis(
+                self.summary, effect, self.run, self._budget, start, held
+            )
         return self.fits[effect]
 
     def rows(self, effect: str) -> FloatArray:

@@ -91,6 +91,8 @@ class Cause:
     closes: bool = True
     #: Reaches in which fitted models have it act: the whole slope, if it says nothing else.
     place: Placing = lambda case, _: case.reaches
+    #: Shares of its parameters that fingerprints measure, z by statistic and value: they stay so.
+    measured: Callable[[Mapping[str, tuple[float, float]]], Mapping[str, float]] = lambda _: {}
 
     @property
     def of_data(self) -> bool:

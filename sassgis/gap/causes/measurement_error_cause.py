@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import asdict, replace
 from itertools import pairwise
 
 import numpy as np
 
-from sassgis.gap.causes.cause import LEAST, MISSTATED, Cause, CausePart, Scores, Trace, Unseen
+from sassgis.gap.causes.cause import (
+    LEAST,
+    MISSTATED,
+    PRINTED,
+    Cause,
+    CausePart,
+    Scores,
+    Trace,
+    Unseen,
+)
 from sassgis.gap.causes.cause_residuals import (
     STRAIGHT,
     base_size,
@@ -36,13 +46,17 @@ _SCALE_USUAL, _LEAST_FALL_M = 1.05, 2.0
 _MADE_UP = 0.1
 #: Most distance of a stop below the last station, for its offset to be one of the instruments (m).
 _SOON_M = 30.0
+#: Largest logarithm of a scale that is tried. Fingerprints whose value is a scale.
+_LOG_SCALE = 0.35
+_IN_TIME = "speeds against distances in time, all rocks alike"
+_AGAINST_FALLS = "speeds against the falls between contacts, too high for all"
 
 
 def _draw(case: Case, draws: ParameterDraws) -> CausePart:
     kinds = [draws.share(f"seen.{what}") < 0.6 for what in ("scale", "clock", "turns", "place")]
     if not any(kinds):
         kinds[int(draws.share("seen.one") * 4)] = True
-    scale = math.exp(draws.uniform("seen.log_scale", -0.35, 0.35)) if kinds[0] else 1.0
+    scale = math.exp(draws.uniform("seen.log_scale", -_LOG_SCALE, _LOG_SCALE)) if kinds[0] else 1.0
     turns = math.exp(draws.uniform("seen.log_turns", -0.3, 0.3)) if kinds[2] else 1.0
     measurement = MeasurementError(
         scale=scale,
@@ -66,6 +80,16 @@ def _draw(case: Case, draws: ParameterDraws) -> CausePart:
         return replace(model, measurement=both)
 
     return CausePart("scale, time base, noise", change, asdict(measurement))
+
+
+def _measured(prints: Mapping[str, tuple[float, float]]) -> Mapping[str, float]:
+    """The scale of speeds, if a fingerprint of it is seen: what fits the motion says less of it."""
+    for name in (_IN_TIME, _AGAINST_FALLS):
+        z, scale = prints.get(name, (0.0, 1.0))
+        if z >= PRINTED:
+            share = 0.5 + 0.5 * math.log(scale) / _LOG_SCALE
+            return {"seen.scale": 0.0, "seen.log_scale": min(max(share, 0.0), 1.0)}
+    return {}
 
 
 def _speed_ratios(case: Case) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -104,8 +128,7 @@ def _all_alike(case: Case, residuals: ResidualTable) -> Scores:
     middle = float(np.nanmedian(ratio))
     # The correction goes with the square of an error that may be stated wrongly.
     room = (_SCALE_USUAL - 1.0) + ((1.0 + MISSTATED) ** 2 - 1.0) * corrected
-    size = abs(middle) - float(np.nanmedian(room))
-    return Scores(math.copysign(1.0, middle) * ratio - room, size)
+    return Scores(math.copysign(1.0, middle) * ratio - room, math.exp(middle))
 
 
 def _against_falls(case: Case, residuals: ResidualTable) -> Scores:
@@ -172,19 +195,20 @@ CAUSE = Cause(
     summary="an error of the measurement, not of the motion",
     closes=False,
     draw=_draw,
+    measured=_measured,
     shown_by="speeds as stated against those from positions and times of the path, all rocks alike "
     "or each by its own share; more energy gained between contacts than the fall gives; what is "
     "off at one station is made up for at the next; stops beside "
     "the fall line, where the rock was on it at a station at most 30 m above",
     statistics=(
         Trace(
-            "speeds against distances in time, all rocks alike",
+            _IN_TIME,
             _all_alike,
             ("trajectories",),
             clear=True,
         ),
         Trace(
-            "speeds against the falls between contacts, too high for all",
+            _AGAINST_FALLS,
             _against_falls,
             ("impacts",),
             clear=True,

@@ -46,7 +46,7 @@ class Space:
 
     effect: str  # "none", or families joined by "+"
     labels: tuple[str, ...]  # those that change something gradually
-    choices: Mapping[str, float]  # shares that choose between forms: they stay as they are
+    choices: Mapping[str, float]  # shares that choose between forms, or are known: they stay
     of_ground: BoolArray  # shape (d,); parameters that belong to a ground class
 
     def start(self, shares: Mapping[str, float]) -> FloatArray:
@@ -60,16 +60,18 @@ class Space:
         return {**self.choices, **dict(zip(self.labels, own, strict=True))}
 
 
-def space_of(case: Case, effect: str, shares: Mapping[str, float]) -> Space:
-    """Parameters of a hypothesis, with the choices of some shares."""
+def space_of(
+    case: Case, effect: str, shares: Mapping[str, float], held: Mapping[str, float]
+) -> Space:
+    """Parameters of a hypothesis, with the choices of some shares, and those that are held."""
     rng = np.random.default_rng(0)
     names: dict[str, bool] = {}
     for _ in range(_NAMED_BY):
         own = ParameterDraws(rng)
         draw(case, families_of(effect), own)
         names |= {name: name in own.smooth for name in own.used}
-    labels = tuple(name for name, smooth in names.items() if smooth)
-    choices = {name: shares.get(name, 0.5) for name, smooth in names.items() if not smooth}
+    labels = tuple(name for name, smooth in names.items() if smooth and name not in held)
+    choices = {name: {**shares, **held}.get(name, 0.5) for name in names if name not in labels}
     ground = np.array([name.rpartition(".")[0] in case.table.names for name in labels])
     return Space(effect, labels, choices, ground)
 
@@ -192,7 +194,12 @@ RunTasks = Callable[
 
 
 def fit_hypothesis(
-    summary: SiteSummary, effect: str, run: RunTasks, budget: FitBudget, start: Mapping[str, float]
+    summary: SiteSummary,
+    effect: str,
+    run: RunTasks,
+    budget: FitBudget,
+    start: Mapping[str, float],
+    held: Mapping[str, float],
 ) -> FittedHypothesis:
     """Calibrate a hypothesis from where a simpler one, or a draw, has brought its parameters.
 
@@ -200,9 +207,11 @@ def fit_hypothesis(
     ----------
     start : mapping
         Shares by name; parameters that are not named begin at their middle.
+    held : mapping
+        Shares of parameters that are known.
     """
     problem = summary.problem
-    space = space_of(problem.case, effect, start)
+    space = space_of(problem.case, effect, start, held)
 
     def trials(asked: Sequence[Trial]) -> list[Seen]:
         tasks = [HypothesisDraw(effect, space.shares(t.at), t.number, t.count) for t in asked]

@@ -3,7 +3,8 @@
 Every cause is weighed alike: a few numbers say what its surest fingerprint counts, of those that no
 contact can leave and of the others, and what its gain counts. They were fitted on sites of several
 generators (``data/gap_thresholds.json``); each was judged by numbers that never saw it
-(docs/studies/gap_weights.md).
+(docs/studies/gap_weights.md). What a contact could leave, and a gain, may come from a law of the
+contact that the base lacks: alone they make no cause more likely than none.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import numpy as np
 from scipy.special import softmax
 
 from sassgis.gap.causes.all_causes import CAUSES
+from sassgis.gap.causes.cause import PRINTED
 from sassgis.gap.diagnosis import CauseGain, Fingerprint
 from sassgis.gap.which.hypotheses import NONE
 from sassgis.gap.which.verdict import UNKNOWN
@@ -54,7 +56,9 @@ class CauseWeights:
             Whether the base leaves no gap that is significant and large.
         """
         other = self.unseen + math.log(hidden + 1) + self.unsound * (not sound)
-        return np.concatenate([[other], evidence.reshape(-1, 4) @ self.weights - self.offset])
+        rows = evidence.reshape(-1, len(FEATURES))
+        own = rows @ self.weights - self.offset
+        return np.append(other, np.where(rows[:, 0] < _count(PRINTED), np.minimum(own, 0.0), own))
 
     def shares(
         self,

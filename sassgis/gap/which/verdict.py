@@ -67,9 +67,6 @@ def _large(finding: GapFinding) -> bool:
     return abs(finding.gap) > _LARGE * scatter
 
 
-#: A cause is named only if a fingerprint of its own is seen: one-sided 5 % of a normal deviate. Of
-#: a gain as much is asked.
-SEEN = 1.645
 #: Least power with which data must show a cause, by what it closes, for it to be named or excluded
 #: (the usual one of J. Cohen, 1988, Statistical power analysis for the behavioral sciences).
 POWER = 0.8
@@ -167,7 +164,6 @@ def second_of(
 
 def decide(
     prints: Sequence[Fingerprint],
-    gains: Mapping[str, CauseGain],
     shares: Mapping[str, float],
     is_adequate: bool,
     closes: float | None,
@@ -178,10 +174,9 @@ def decide(
 
     Parameters
     ----------
-    gains : mapping
-        Those that could speak for their causes.
     shares : mapping
-        Probability of each family that may be named, of "none" and of "unknown".
+        Probability of each family that may be named, of "none" and of "unknown". One without a
+        fingerprint that no contact could leave is no more likely than "none".
     is_adequate : bool
         Whether the calibrated base leaves no gap that is significant and large.
     closes : float or None
@@ -202,16 +197,13 @@ def decide(
     best = strongest(prints)
     first = max(tried, key=lambda n: shares[n], default="")
     refused = phrase("")
-    own = best[first].z if first in best else -math.inf
-    gain = gains[first].sureness if first in gains else -math.inf
-    if first and max(own, gain) >= SEEN and shares[first] >= thresholds.named:
+    if first and shares[first] >= thresholds.named:
         # Such a cause is one also where the rocks come as far without it.
         if closes is None or closes > 0.0 or is_certain(prints, first, thresholds):
             sure = f"{min(shares[first], 0.99):.0%}"
+            seen, z = phrase(best[first].statistic), f"{best[first].z:.1f}"
             reason = phrase("{} probable by its fingerprints and by what it closes", sure)
-            if own >= SEEN:
-                seen, z = phrase(best[first].statistic), f"{own:.1f}"
-                reason = phrase("{}; the surest of its own: {} (z = {})", reason, seen, z)
+            reason = phrase("{}; the surest of its own: {} (z = {})", reason, seen, z)
             return first, group_of(first), reason
         refused = phrase(
             "the fingerprints are those of {}, but the effect closes none of the gap on rocks that "

@@ -50,7 +50,9 @@ def test_a_bad_area_is_reported_and_skipped(done: Stopped) -> None:
     assert summary.loc["crossed", "status"].startswith("skipped: ")
     assert "is not valid" in summary.loc["crossed", "status"]
     assert summary.loc["crossed", ["points", "rocks", "seconds"]].isna().all()
-    assert (summary.loc[list(GOOD), ["points", "rocks", "furthest_m", "seconds"]] > 0).all(axis=None)
+    assert (summary.loc[list(GOOD), ["points", "rocks", "furthest_m", "seconds"]] > 0).all(
+        axis=None
+    )
     assert any("crossed is skipped" in w for w in done.result.warnings)
     read = pd.read_csv(done.folder / "summary.csv")
     assert read["status"].tolist() == done.result.summary["status"].tolist()
