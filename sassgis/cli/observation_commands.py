@@ -117,7 +117,7 @@ def validate_observations(observations: Path, config: Path | None) -> None:
     for finding in findings:
         click.echo(str(finding))
     found = what_is_identifiable(read)
-    click.echo(f"{found.rocks} rocks, {found.unattributed} blocks of unknown origin")
+    click.echo(f"{found.rocks} rocks, {found.unattributed} passages and deposits of none")
     for quantity in found.quantities:
         click.echo(
             f"  {quantity.name} ({quantity.table}): {quantity.values} values of "
@@ -163,7 +163,7 @@ def diagnose(
 
     After an interruption it begins anew.
     """
-    from sassgis.gap.words import rung_name
+    from sassgis.gap.words import file_has
     from sassgis.report.gap_answer import verdict_sentence
     from sassgis.runs.diagnose import MAP_NAME
     from sassgis.runs.diagnose import diagnose as run_diagnosis
@@ -176,7 +176,7 @@ def diagnose(
     click.echo(verdict_sentence(result))
     click.echo(
         f"Open {out / 'report.html'} in a browser, {out / 'gap.gpkg'} in QGIS; "
-        f"{out / 'model' / 'config.toml'} has {rung_name(result.advice.recommended)}"
+        f"{out / 'model' / 'config.toml'} has {file_has(result.advice.recommended)}"
         f"{'' if result.advice.short is None else ', and is not recommended'}."
     )
     if with_map:

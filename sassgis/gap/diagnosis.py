@@ -186,9 +186,14 @@ class ModelGap:
         return bool(self.side) and abs(self.gap) >= self.limit
 
     @property
+    def is_far(self) -> bool:
+        """Whether it is certain, and twice as large as it must be to count."""
+        return bool(self.side) and abs(self.gap) >= 2.0 * self.limit
+
+    @property
     def far_short(self) -> bool:
-        """Whether it is certain, on the unsafe side, and twice as large as it must be to count."""
-        return self.side == "unsafe" and self.gap >= 2.0 * self.limit
+        """Whether it is so on the unsafe side."""
+        return self.side == "unsafe" and self.is_far
 
 
 @dataclass(frozen=True, slots=True)

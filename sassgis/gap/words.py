@@ -87,6 +87,13 @@ def rung_name(rung: str) -> Phrase:
     return phrase(RUNG_NAMES.get(rung) or effect_name(rung))
 
 
+def file_has(rung: str) -> Phrase:
+    """What the configuration of a model of the ladder has: no errors of the data."""
+    apart = [own in CAUSES and CAUSES[own].of_data for own in rung.split("+")]
+    name = rung_name(rung)
+    return phrase("the ground that goes with {}", name) if all(apart) else name
+
+
 def effect_phrase(effect: str) -> Phrase:
     """What a cause does, or two joined by "+", to follow "The gap is best explained by"."""
     return reduce(

@@ -9,9 +9,9 @@ from sassgis.gap.words import (
     closed_percent,
     effect_name,
     effect_phrase,
+    file_has,
     place_words,
     quantity_name,
-    rung_name,
     significance,
     tested_by,
 )
@@ -61,7 +61,7 @@ def _scaled(named: Hypothesis | None) -> list[Phrase]:
 def _unseen(verdict: Verdict) -> Phrase:
     """Causes that the data could not show."""
     names = effect_names(verdict.cannot_exclude)
-    return phrase("Neither seen nor excluded, as these data could not show it: {}.", names)
+    return phrase("These data can neither show nor exclude: {}.", names)
 
 
 def _named(diagnosis: Diagnosis) -> Phrase:
@@ -82,7 +82,7 @@ def _named(diagnosis: Diagnosis) -> Phrase:
     if any(gap.counts and gap.side == "unsafe" for gap in advice.left) or any(
         significance(finding) == "sure" for finding in diagnosis.where
     ):
-        left = phrase("is that of no known cause, and small")
+        left = phrase("is that of no known cause, and within the scatter of single rocks")
     text = (
         "No effect has to be added: once the ground is calibrated, what is left between observed "
         "and simulated rocks {}."
@@ -111,7 +111,8 @@ def answer(diagnosis: Diagnosis) -> tuple[ReportAnswer, ...]:
 def _why(diagnosis: Diagnosis) -> ReportAnswer:
     verdict = diagnosis.verdict
     out: list[str] = [_sentence(verdict.reason)] if verdict.reason else []
-    if verdict.effect not in UNNAMED and (verdict.phase or verdict.segments):
+    named = verdict.effect not in (*UNNAMED, "contact_law")
+    if named and (verdict.phase or verdict.segments):
         place = all_of(place_words(s) for s in _stretches(verdict.segments))
         acts = phrase("It acts")
         if verdict.phase:
@@ -121,22 +122,22 @@ def _why(diagnosis: Diagnosis) -> ReportAnswer:
     missing = {*verdict.effect.split("+")} - {*recommended.split("+")}
     if verdict.effect not in UNNAMED and missing:
         text = "It is named, but not recommended: what is handed over has {}."
-        out.append(phrase(text, rung_name(recommended)))
+        out.append(phrase(text, file_has(recommended)))
     if verdict.effect != "unknown":
         out.append(
             "The confidence is that of synthetic sites of several laws of motion. Take the answer "
             "as what to look at first, not as found."
         )
-    named = hypothesis_of(diagnosis.which, verdict.effect)
-    if named is not None and verdict.effect not in ("none", "unknown", "contact_law"):
+    tried = hypothesis_of(diagnosis.which, verdict.effect)
+    if tried is not None and named:
         interval = phrase(
             "(95 % interval {}; the score of the calibrated base model is {})",
-            interval_text(named.ci95),
-            sensible(named.score + named.gain),
+            interval_text(tried.ci95),
+            sensible(tried.score + tried.gain),
         )
-        if named.gain > 0.0:
+        if tried.gain > 0.0:
             text = "With it, single held-out rocks are predicted better by {} {}."
-            out.append(phrase(text, sensible(named.gain), interval))
+            out.append(phrase(text, sensible(tried.gain), interval))
         else:
             text = (
                 "Single held-out rocks are not predicted better with it {}: the evidence for it is "
@@ -261,7 +262,7 @@ def _how_far(shrinkage: Shrinkage, effect: str) -> ReportAnswer:
         sensible(shrinkage.distance_floor),
     )
     note = (_sentence(shrinkage.note),) if shrinkage.note else ()
-    if effect in UNNAMED:
+    if effect in (*UNNAMED, "contact_law"):
         text = (
             "No effect was named that could be added. The energy distance of the calibrated base "
             "model to the observed rocks is {}; {} is the least that chance leaves."

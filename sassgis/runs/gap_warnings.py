@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from sassgis.gap.causes.contact_law_cause import BOUNDS
@@ -52,7 +54,7 @@ def stop_warnings(case: Case) -> tuple[str, ...]:
     if not lost.size:
         return ()
     text = (
-        "{} rocks passed the last station and have no stop: run-outs are those of the other rocks, "
+        "Of rocks that passed the last station {} have no stop: run-outs are those of the others, "
         "and may be too short."
     )
     return (phrase(text, lost.size),)
@@ -65,9 +67,12 @@ def limit_warnings(case: Case, model: HypothesisModel) -> tuple[str, ...]:
         f"{own.name} {name} {getattr(own, name):.2g}"
         for own in met
         for name, (low, high) in BOUNDS.items()
-        if min(getattr(own, name) - low, high - getattr(own, name)) < _AT_LIMIT * (high - low)
         # Most ground has no loss that grows with the speed.
-        and not (name == "speed_loss" and getattr(own, name) == low)
+        if min(
+            math.inf if name == "speed_loss" else getattr(own, name) - low,
+            high - getattr(own, name),
+        )
+        < _AT_LIMIT * (high - low)
     ]
     if not found:
         return ()

@@ -17,6 +17,7 @@ from sassgis.gap.which.hypotheses import GROUND_WIDTHS
 from sassgis.gap.words import (
     closed_percent,
     effect_name,
+    file_has,
     number_text,
     quantity_name,
     range_text,
@@ -214,14 +215,13 @@ def first_sentence(advice: Advice, ladder: Sequence[Rung]) -> str:
     said = [phrase("As configured, {}", _off_by(gap, advice))]
     if advice.wrong_ground:
         names = all_of(map(named, advice.wrong_ground))
-        one = phrase("The ground class {} is wrong: no values in its usual range fit.", names)
-        more = phrase(
-            "The ground classes {} are wrong: no values in their usual ranges fit.", names
-        )
+        one = phrase("No values in the usual range of the ground class {} fit.", names)
+        more = phrase("No values in the usual ranges of the ground classes {} fit.", names)
         said.append(one if len(advice.wrong_ground) == 1 else more)
     said += _to_run(advice, ladder)
     left = worst_of(advice.left) if advice.short is None else None
-    if left is not None and left.counts and left.side == "unsafe" and left != gap:
+    told = left is not None and left.counts and (left.side == "unsafe" or left.is_far)
+    if left is not None and told and left != gap:
         said.append(phrase("Even so, {}", _off_by(left, advice)))
     return joined(" ", said)
 
@@ -251,28 +251,37 @@ def _to_run(advice: Advice, ladder: Sequence[Rung]) -> list[Phrase]:
             name,
             _off_by(advice.short, advice),
         )
-        on_rocks = phrase("On rocks left out of the calibration, it closes {} of the gap.", share)
+        on_rocks = phrase(
+            "On rocks left out of the calibration, it closes {} of the gap in all quantities "
+            "together.",
+            share,
+        )
         return [said, *([on_rocks] if share else []), *why]
     if advice.recommended == "ground":
-        on_rocks = phrase("On rocks left out of the calibration, this closes {} of the gap.", share)
+        on_rocks = phrase(
+            "On rocks left out of the calibration, this closes {} of the gap in all quantities "
+            "together.",
+            share,
+        )
         return [*_what_to_set(advice), *([on_rocks] if share else []), *why]
     apart = [n for n in advice.recommended.split("+") if n in CAUSES and CAUSES[n].of_data]
     if apart:
-        text = "{} is no part of the motion: the file has only the ground that goes with it."
+        text = "{} is no part of the motion: the file does not have it."
         why = [phrase(text, capital(effect_name("+".join(apart)))), *why]
+        name = file_has(advice.recommended)
     if not share:
         said = phrase("Run model/config.toml, which has {}.", name)
     elif "ground" not in closed:
         said = phrase(
             "Run model/config.toml, which has {}: on rocks left out of the calibration, this "
-            "closes {} of the gap.",
+            "closes {} of the gap in all quantities together.",
             name,
             share,
         )
     else:
         said = phrase(
             "Run model/config.toml, which has {}: on rocks left out of the calibration, this "
-            "closes {} of the gap, calibrated ground alone {}.",
+            "closes {} of the gap in all quantities together, calibrated ground alone {}.",
             name,
             share,
             closed["ground"],

@@ -25,7 +25,7 @@ def test_rocks_that_passed_the_last_station_and_have_no_stop_are_told() -> None:
     stops = case.observations.deposits
     lost = with_observed(case, deposits=stops.take(~np.isin(stops.rock_id, passed)))
     (said,) = stop_warnings(lost)
-    assert said.startswith("2 rocks passed the last station and have no stop")
+    assert said.startswith("Of rocks that passed the last station 2 have no stop")
     # Nothing is said where no stops were observed at all.
     assert stop_warnings(observed(20, 3, tables=("passages",))) == ()
 
