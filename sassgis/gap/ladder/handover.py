@@ -213,6 +213,9 @@ def first_sentence(advice: Advice, ladder: Sequence[Rung]) -> str:
     if gap is None:
         return "Neither stops nor speeds were observed: how far the model is off cannot be stated."
     said = [phrase("As configured, {}", _off_by(gap, advice))]
+    far = worst_of([own for own in advice.compared if own.side == "safe" and own.is_far])
+    if far is not None and gap.side == "unsafe":
+        said.append(phrase("At the same time, {}", _off_by(far, advice)))
     if advice.wrong_ground:
         names = all_of(map(named, advice.wrong_ground))
         one = phrase("No values in the usual range of the ground class {} fit.", names)

@@ -138,6 +138,18 @@ def test_what_is_no_part_of_the_motion_is_not_said_to_be_in_the_file() -> None:
     assert "no part of the motion" not in first_sentence(advice("trees"), RUNGS)
 
 
+def test_what_is_far_off_on_the_safe_side_is_said_beside_the_unsafe_one() -> None:
+    both = gap(40.0, 20.0, "90 %", **ENERGY), gap(-60.0, 5.0)
+    made = replace(advice("ground"), configured=worst_of(both), compared=both)
+    assert first_sentence(made, RUNGS).startswith(
+        "As configured, the model is 40 kJ too low (90 % energy at S2; 95 %: 20 to 60 kJ), on the "
+        "unsafe side. At the same time, the model is 60 m long (median run-out; 95 %: 55 to 65 m), "
+        "on the safe side."
+    )
+    near = replace(made, compared=(both[0], gap(-9.0, 2.0)))
+    assert "At the same time" not in first_sentence(near, RUNGS)
+
+
 def test_what_the_recommended_model_leaves_is_said() -> None:
     left = (gap(40.0, 20.0, "90 %", **ENERGY), gap(-9.0, 2.0))
     said = first_sentence(advice("ground", left=left), RUNGS)
