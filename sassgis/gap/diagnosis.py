@@ -93,7 +93,7 @@ class Hypothesis:
     form: str  # functional form that fits best
     #: Energy score of rocks held out of the calibration, mean over rocks; less is better.
     score: float
-    gain: float  # score of the calibrated base less this one
+    gain: float  # score of the model that it is added to less this one
     ci95: Range  # of the gain, bootstrap over rocks
     probability: float  # of being the cause, among all hypotheses
     #: Calibrated parameters by name, with their unit in the name, and their 95 % intervals.

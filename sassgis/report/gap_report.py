@@ -244,7 +244,8 @@ def gap_tables(case: Case, diagnosis: Diagnosis) -> list[ReportTable]:
                 for c in diagnosis.which
             ),
             "Score: energy score of rocks held out of the calibration; less is better. Gain: score "
-            "of the calibrated base less this one.",
+            "of the model that it is added to less this one; causes are added to the base, another "
+            "law of the contact to calibrated ground.",
         ),
         table_of(
             phrase(

@@ -311,8 +311,10 @@ def _measure_next(added: AddedCauses, verdict: Verdict) -> tuple[str, ...]:
         if cause not in parts and (own := _models_of(added, cause)):
             models[added.base if cause == NONE else cause] = own
     found = separations(problem.case, problem.rock_lines, models, problem.seed)
-    more = tables_to_add(problem.case, tuple(possible)) if unknown else ()
-    return (*(one.sentence for one in found), *more)
+    # Where no cause is named, one that these data cannot show may be seen in other tables.
+    unnamed = verdict.effect in (NONE, UNKNOWN, CONTACT_LAW)
+    more = (*possible, *verdict.cannot_exclude) if unnamed else ()
+    return (*(one.sentence for one in found), *tables_to_add(problem.case, more))
 
 
 def _models_of(added: AddedCauses, cause: str) -> list[HypothesisModel]:
