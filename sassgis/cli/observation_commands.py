@@ -81,7 +81,7 @@ def template(path: Path, crs: str | None) -> None:
 
 @command(
     click.argument("observations", type=PATH),
-    click.option("--config", type=PATH, help="Compare them with its terrain."),
+    click.option("--config", type=PATH, help="Read it too, and compare them with its terrain."),
     name="validate",
     short_help="Check observations, and what can be identified.",
     example="gap validate observed --config sassgis.toml",
@@ -95,17 +95,14 @@ def validate_observations(observations: Path, config: Path | None) -> None:
     from sassgis.io.read.config import load_config
     from sassgis.io.read.observation_files import read_observations
     from sassgis.io.read.observation_files import validate_observations as check
-    from sassgis.io.read.tiles import read_terrain
     from sassgis.runs.gap_case import drop_of
+    from sassgis.runs.inputs import read_map_run
 
     grid, drop_m = None, 0.0
     if config is not None:
-        settings = load_config(config)
-        drop_m = drop_of(settings.blocks)
-        terrain = settings.terrain
-        grid = read_terrain(
-            settings.dem_source, terrain.crs, terrain.vertical_datum, terrain.override_crs
-        )
+        # As a diagnosis reads it: what that would refuse is refused here.
+        run = read_map_run(load_config(config))
+        grid, drop_m = run.grid, drop_of(run.blocks)
     log = logging.getLogger(read_observations.__module__)
     # All is told below, once.
     log.disabled = True

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import geopandas as gpd
+import pandas as pd
+from helpers.small_slope import Slope
+
 
 def test_what_a_filled_template_identifies_is_printed(tmp_path: Path, printed) -> None:
     folder = tmp_path / "observed"
@@ -33,3 +37,16 @@ def test_errors_are_printed_once_and_the_command_ends_with_code_one(tmp_path: Pa
     assert (code, len(told)) == (1, 1) and told[0].startswith("error: ")
     (folder / "deposits.csv").write_text("rock_id,x,y\nR1,3,4\n")
     assert call("gap", "validate", folder)[0] == 0
+
+
+def test_what_a_diagnosis_would_refuse_of_the_configuration_is_refused(
+    slope: Slope, printed, refusal
+) -> None:
+    folder = slope.folder / "observed"
+    folder.mkdir()
+    (folder / "deposits.csv").write_text("rock_id,x,y\nR1,2700060,1149950\n")
+    printed("gap", "validate", folder, "--config", slope.config)
+    file = slope.folder / "release.gpkg"
+    areas = gpd.read_file(file)
+    pd.concat([areas, areas]).to_file(file)
+    assert "name is used twice" in refusal("gap", "validate", folder, "--config", slope.config)
