@@ -100,7 +100,7 @@ def validate_observations(observations: Path, config: Path | None) -> None:
 
     grid, drop_m = None, 0.0
     if config is not None:
-        # As a diagnosis reads it: what that would refuse is refused here.
+        # Whole, as a diagnosis reads it.
         run = read_map_run(load_config(config))
         grid, drop_m = run.grid, drop_of(run.blocks)
     log = logging.getLogger(read_observations.__module__)
@@ -114,7 +114,7 @@ def validate_observations(observations: Path, config: Path | None) -> None:
     for finding in findings:
         click.echo(str(finding))
     found = what_is_identifiable(read)
-    click.echo(f"{found.rocks} rocks, {found.unattributed} passages and deposits of none")
+    click.echo(f"{found.rocks} rocks, {found.unattributed} passages and deposits of no known rock")
     for quantity in found.quantities:
         click.echo(
             f"  {quantity.name} ({quantity.table}): {quantity.values} values of "

@@ -89,9 +89,10 @@ def rung_name(rung: str) -> Phrase:
 
 def file_has(rung: str) -> Phrase:
     """What the configuration of a model of the ladder has: no errors of the data."""
-    apart = [own in CAUSES and CAUSES[own].of_data for own in rung.split("+")]
-    name = rung_name(rung)
-    return phrase("the ground that goes with {}", name) if all(apart) else name
+    moving = [own for own in rung.split("+") if own not in CAUSES or not CAUSES[own].of_data]
+    if moving:
+        return rung_name("+".join(moving))
+    return phrase("calibrated ground (with {} in the data)", rung_name(rung))
 
 
 def effect_phrase(effect: str) -> Phrase:

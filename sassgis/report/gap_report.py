@@ -17,7 +17,6 @@ from sassgis.gap.which.verdict import causes_in
 from sassgis.gap.words import (
     closed_percent,
     effect_name,
-    file_has,
     place_name,
     quantity_name,
     rung_name,
@@ -323,7 +322,7 @@ def _gaps_table(advice: Advice) -> ReportTable:
             "model falls short, on the unsafe side. In brackets: certain, but too small to count. "
             "Interval: rocks resampled. Width: from the 10 % to the 90 % quantile. Energy: of "
             "translation.",
-            file_has(advice.recommended),
+            rung_name(advice.recommended),
         ),
     )  # fmt: skip
 

@@ -518,7 +518,10 @@ def measured_shrinkage(
         count, seed = int(kept["count"]), int(kept["seed"])
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(
-            "the calibrated models of a diagnosis cannot be read", file=file, found=str(error)
+            "the calibrated models of a diagnosis cannot be read",
+            file=file,
+            found=str(error),
+            expected="those of this version: run the diagnosis again",
         ) from error
     problem = problem_of(read_case(config, observations), seed, scale)
     base, effect, configured = (

@@ -121,7 +121,7 @@ def test_the_model_that_is_handed_over_is_the_one_scored(everything: Path, answe
     kept = json.loads((answered / ENSEMBLE).read_text())
     found = measured_shrinkage(everything / CONFIG_NAME, everything / OBSERVATIONS_NAME, answered)
     assert set(found) == {"S", "D_configured", "D_base", "D_effect", "D_floor"}
-    for name in ("base", "effect"):
+    for name in ("base", "effect", "configured"):
         assert found[f"D_{name}"] == pytest.approx(kept[name]["distance"], rel=1e-5)
     # So does the configuration beside it, which has no factor and scatter of the rotations.
     read = read_case(answered / "model" / "config.toml", everything / OBSERVATIONS_NAME)

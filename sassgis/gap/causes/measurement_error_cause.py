@@ -86,9 +86,9 @@ def _measured(prints: Mapping[str, tuple[float, float]]) -> Mapping[str, float]:
     """The scale of speeds, if a fingerprint of it is seen: what fits the motion says less of it."""
     for name in (_IN_TIME, _AGAINST_FALLS):
         z, scale = prints.get(name, (0.0, 1.0))
-        if z >= PRINTED:
+        if z >= PRINTED and scale > 0.0 and abs(math.log(scale)) < _LOG_SCALE:
             share = 0.5 + 0.5 * math.log(scale) / _LOG_SCALE
-            return {"seen.scale": 0.0, "seen.log_scale": min(max(share, 0.0), 1.0)}
+            return {"seen.scale": 0.0, "seen.log_scale": share}
     return {}
 
 

@@ -21,7 +21,6 @@ from sassgis.gap.words import (
     number_text,
     quantity_name,
     range_text,
-    rung_name,
 )
 from sassgis.model.grid import BoolArray, FloatArray, IntArray
 from sassgis.model.languages import Phrase, all_of, capital, joined, named, phrase
@@ -213,7 +212,7 @@ def first_sentence(advice: Advice, ladder: Sequence[Rung]) -> str:
     if gap is None:
         return "Neither stops nor speeds were observed: how far the model is off cannot be stated."
     said = [phrase("As configured, {}", _off_by(gap, advice))]
-    far = worst_of([own for own in advice.compared if own.side == "safe" and own.is_far])
+    far = _far_safe(advice.compared)
     if far is not None and gap.side == "unsafe":
         said.append(phrase("At the same time, {}", _off_by(far, advice)))
     if advice.wrong_ground:
@@ -222,11 +221,16 @@ def first_sentence(advice: Advice, ladder: Sequence[Rung]) -> str:
         more = phrase("No values in the usual ranges of the ground classes {} fit.", names)
         said.append(one if len(advice.wrong_ground) == 1 else more)
     said += _to_run(advice, ladder)
-    left = worst_of(advice.left) if advice.short is None else None
-    told = left is not None and left.counts and (left.side == "unsafe" or left.is_far)
-    if left is not None and told and left != gap:
-        said.append(phrase("Even so, {}", _off_by(left, advice)))
+    if advice.short is None:
+        unsafe = worst_of([own for own in advice.left if own.counts and own.side == "unsafe"])
+        left = [own for own in (unsafe, _far_safe(advice.left)) if own is not None and own != gap]
+        said += [phrase("Even so, {}", _off_by(own, advice)) for own in left[:1]]
     return joined(" ", said)
+
+
+def _far_safe(gaps: Sequence[ModelGap]) -> ModelGap | None:
+    """The surest gap that is far off on the safe side."""
+    return worst_of([own for own in gaps if own.side == "safe" and own.is_far])
 
 
 def _shares(ladder: Sequence[Rung]) -> dict[str, Phrase]:
@@ -245,7 +249,7 @@ def _to_run(advice: Advice, ladder: Sequence[Rung]) -> list[Phrase]:
         if advice.short is not None:
             return [phrase("None of the models that were tried is recommended."), *why]
         return [phrase("Keep the configured ground."), *why]
-    name, closed = rung_name(advice.recommended), _shares(ladder)
+    name, closed = file_has(advice.recommended), _shares(ladder)
     share = closed.get(advice.recommended)
     if advice.short is not None:
         said = phrase(
@@ -271,7 +275,6 @@ def _to_run(advice: Advice, ladder: Sequence[Rung]) -> list[Phrase]:
     if apart:
         text = "{} is no part of the motion: the file does not have it."
         why = [phrase(text, capital(effect_name("+".join(apart)))), *why]
-        name = file_has(advice.recommended)
     if not share:
         said = phrase("Run model/config.toml, which has {}.", name)
     elif "ground" not in closed:

@@ -202,7 +202,9 @@ def decide(
         if closes is None or closes > 0.0 or is_certain(prints, first, thresholds):
             sure = f"{min(shares[first], 0.99):.0%}"
             seen, z = phrase(best[first].statistic), f"{best[first].z:.1f}"
-            reason = phrase("{} probable by its fingerprints and by what it closes", sure)
+            reason = phrase("{} probable by its fingerprints", sure)
+            if closes is not None and closes > 0.0:
+                reason = phrase("{} probable by its fingerprints and by what it closes", sure)
             reason = phrase("{}; the surest of its own: {} (z = {})", reason, seen, z)
             return first, group_of(first), reason
         refused = phrase(

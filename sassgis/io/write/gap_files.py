@@ -13,7 +13,7 @@ import sassgis
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.gap.diagnosis import Diagnosis, as_json
 from sassgis.gap.observations.case import Case
-from sassgis.gap.words import effect_name, rung_name
+from sassgis.gap.words import effect_name, file_has
 from sassgis.io.read.config import load_config
 from sassgis.io.read.given_inputs import classes_frame
 from sassgis.io.read.ground_map import read_ground_table
@@ -162,7 +162,7 @@ def _comments(
     elif verdict.effect == "unknown":
         lines.append("No known effect explains the gap.")
     elif not added:
-        lines.append(f"{named}, but not added: the model has {rung_name(recommended)}.")
+        lines.append(f"{named}, but not added: the model has {file_has(recommended)}.")
     elif not set(verdict.effect.split("+")) & set(sections):
         lines.append(
             f"{named}. That is not a part of the motion, so nothing was added to the model."

@@ -4,9 +4,19 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+import pytest
 from helpers.simulated_slope import observed, with_metadata, with_observed
 
-from sassgis.gap.causes.measurement_error_cause import _all_alike, _speed_ratios
+from sassgis.gap.calibration.problem import CalibrationProblem
+from sassgis.gap.causes.all_causes import CAUSES
+from sassgis.gap.causes.measurement_error_cause import (
+    _AGAINST_FALLS,
+    _IN_TIME,
+    _all_alike,
+    _speed_ratios,
+)
+from sassgis.gap.ladder.hypothesis_fit import draw_of, space_of
 from sassgis.gap.observations.case import Case
 from sassgis.gap.residuals.table import ResidualTable
 from sassgis.gap.which.fingerprints import _tested
@@ -28,3 +38,22 @@ def test_a_scale_is_seen_beyond_what_errors_of_position_make() -> None:
     ratio, _, corrected = _speed_ratios(rough)
     assert ratio.mean() > 0.05 and corrected.mean() > 0.05
     assert sureness(rough) < 2.0
+
+
+def test_the_scale_that_a_fingerprint_measures_is_held(problem: CalibrationProblem) -> None:
+    seen = observed(20, 3)
+    track = seen.observations.trajectories
+    fast = with_observed(seen, trajectories=replace(track, speed_mps=1.3 * track.speed_mps))
+    assert _all_alike(fast, NO_RESIDUALS).size == pytest.approx(1.3, rel=0.02)
+    measured = CAUSES["measurement_error"].measured
+    # That of paths in time, which lose nothing between two points, before that of falls.
+    held = measured({_IN_TIME: (6.0, 0.9), _AGAINST_FALLS: (9.0, 1.2)})
+    start = {"seen.scale": 0.9, "seen.log_scale": 0.7}
+    space = space_of(problem.case, "measurement_error", start, held)
+    assert "seen.log_scale" not in space.labels
+    made = draw_of(problem.case, "measurement_error", space.shares(np.zeros(len(space.labels))))
+    assert made.model.measurement.scale == pytest.approx(0.9, rel=1e-5)
+    free = space_of(problem.case, "measurement_error", start, {})
+    assert "seen.log_scale" in free.labels
+    # Neither one that is not seen, nor one beyond what is tried.
+    assert measured({_IN_TIME: (2.9, 1.2)}) == measured({_AGAINST_FALLS: (9.0, 1.6)}) == {}

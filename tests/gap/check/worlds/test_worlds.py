@@ -24,7 +24,7 @@ from sassgis.gap.check.worlds.forces import Forces, Local, acceleration, drained
 from sassgis.gap.check.worlds.make import base_world, nominal_law, place_effect
 from sassgis.gap.check.worlds.observe import merged_contacts
 from sassgis.gap.check.worlds.simulation import draw_rocks, simulate
-from sassgis.gap.check.worlds.slopes import SLOPE_TYPES, descent, guide
+from sassgis.gap.check.worlds.slopes import SLOPE_TYPES
 from sassgis.gap.check.worlds.strength import BANDS, effect_size, inhomogeneity
 from sassgis.gap.check.worlds.world import (
     EFFECTS,
@@ -35,32 +35,6 @@ from sassgis.gap.check.worlds.world import (
     with_effects,
 )
 from sassgis.model.errors import InputError
-
-
-@pytest.mark.battery
-@pytest.mark.parametrize("slope", SLOPE_TYPES)
-def test_without_effects_rocks_keep_to_the_fall_line(slope: str) -> None:
-    world = base_world(WorldSpec(slope), 4)
-    rocks = draw_rocks(world, 24, 3)
-    run = simulate(world, rocks)
-    grid = world.relief.grid
-    gx, gy = guide(grid)
-    apart = []
-    for rock in range(24):
-        x, y = rocks.stated[rock, :2]
-        hx, hy = 0.0, 0.0
-        line = [(x, y)]
-        for _ in range(1600):
-            hx, hy = descent(gx, gy, grid.west, grid.north, 2.0, x, y, hx, hy)
-            x, y = x + 0.25 * hx, y + 0.25 * hy
-            line.append((x, y))
-        points = np.array(line)
-        hits = run.impacts[run.impacts[:, 0] == rock, 4:6]
-        d = np.sqrt(((hits[:, None] - points[None]) ** 2).sum(axis=2)).min(axis=1)
-        apart.append(d)
-    distance = np.concatenate(apart)
-    # On the fan they fly straight over lines that part.
-    assert np.quantile(distance, 0.9) < (2.5 if slope == "talus_fan" else 1.5)
 
 
 @pytest.mark.battery
