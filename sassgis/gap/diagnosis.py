@@ -45,7 +45,7 @@ class GapFinding:
 class Verdict:
     """The answer in a word."""
 
-    effect: str  # a family, two joined by "+", "none" or "unknown"
+    effect: str  # a family, two joined by "+", "none", "unknown" or "contact_law"
     #: Probability of the answer (0 to 1): of effects that they act, alone or beside others; NaN
     #: where none is given.
     confidence: float
@@ -70,6 +70,12 @@ class Verdict:
     #: Causes that these data could not show: neither named nor excluded; counted as "unknown" in
     #: the probabilities.
     cannot_exclude: tuple[str, ...] = ()
+
+    @property
+    def named(self) -> tuple[str, ...]:
+        """Causes that are named: none, one or two."""
+        nothing = self.effect in ("none", "unknown", "contact_law")
+        return () if nothing else tuple(self.effect.split("+"))
 
 
 @dataclass(frozen=True, slots=True)

@@ -103,7 +103,7 @@ def answer(diagnosis: Diagnosis) -> tuple[ReportAnswer, ...]:
         _why(diagnosis),
         _confused(diagnosis),
         _where(diagnosis.where),
-        _how_far(diagnosis.shrinkage, diagnosis.verdict.effect),
+        _how_far(diagnosis.shrinkage, diagnosis.verdict),
         ReportAnswer("What these data do not identify", (), diagnosis.not_identifiable),
     )
 
@@ -111,8 +111,7 @@ def answer(diagnosis: Diagnosis) -> tuple[ReportAnswer, ...]:
 def _why(diagnosis: Diagnosis) -> ReportAnswer:
     verdict = diagnosis.verdict
     out: list[str] = [_sentence(verdict.reason)] if verdict.reason else []
-    named = verdict.effect not in (*UNNAMED, "contact_law")
-    if named and (verdict.phase or verdict.segments):
+    if verdict.named and (verdict.phase or verdict.segments):
         place = all_of(place_words(s) for s in _stretches(verdict.segments))
         acts = phrase("It acts")
         if verdict.phase:
@@ -129,7 +128,7 @@ def _why(diagnosis: Diagnosis) -> ReportAnswer:
             "as what to look at first, not as found."
         )
     tried = hypothesis_of(diagnosis.which, verdict.effect)
-    if tried is not None and named:
+    if tried is not None and verdict.named:
         interval = phrase(
             "(95 % interval {}; the score of the calibrated base model is {})",
             interval_text(tried.ci95),
@@ -167,8 +166,7 @@ def hypothesis_of(which: Iterable[Hypothesis], effect: str) -> Hypothesis | None
 
 def _confused(diagnosis: Diagnosis) -> ReportAnswer:
     verdict = diagnosis.verdict
-    named = (verdict.effect, *verdict.effect.split("+"))
-    others = [e for e in verdict.confusion_set if e not in named]
+    others = [e for e in verdict.confusion_set if e not in verdict.effect.split("+")]
     unknown = verdict.effect == "unknown"
     sentences: list[str]
     if others:
@@ -251,7 +249,7 @@ def _one_per_quantity(findings: Iterable[GapFinding]) -> list[GapFinding]:
     return [found[q] for q in order]
 
 
-def _how_far(shrinkage: Shrinkage, effect: str) -> ReportAnswer:
+def _how_far(shrinkage: Shrinkage, verdict: Verdict) -> ReportAnswer:
     heading = "How far the gap shrinks"
     left = phrase(
         "Energy distance to the observed rocks: {} with the calibrated base model, {} with {}, {} "
@@ -262,13 +260,13 @@ def _how_far(shrinkage: Shrinkage, effect: str) -> ReportAnswer:
         sensible(shrinkage.distance_floor),
     )
     note = (_sentence(shrinkage.note),) if shrinkage.note else ()
-    if effect in (*UNNAMED, "contact_law"):
+    if not verdict.named:
         text = (
             "No effect was named that could be added. The energy distance of the calibrated base "
             "model to the observed rocks is {}; {} is the least that chance leaves."
         )
         base = phrase(text, *map(sensible, (shrinkage.distance_base, shrinkage.distance_floor)))
-        return ReportAnswer(heading, (base, *(note if effect == "none" else ())))
+        return ReportAnswer(heading, (base, *(note if verdict.effect == "none" else ())))
     if shrinkage.value is None:
         first = phrase(
             "By what share the gap shrinks is not given, as the gap itself is not certainly above "

@@ -229,9 +229,9 @@ def _diagnosis(
         added, shares, weights, frozen, law, adequate(evidence.findings) and not short,
         ground_is_enough(base.rungs),
     )  # fmt: skip
-    named = verdict.effect if verdict.effect not in (NONE, UNKNOWN, CONTACT_LAW) else ""
+    named = "+".join(verdict.named)
     # With two causes the surer one comes first.
-    surer = max(named.split("+"), key=lambda n: shares.get(n, 0.0))
+    surer = max(verdict.named, key=lambda n: shares.get(n, 0.0), default="")
     steps = tuple(dict.fromkeys([surer, named])) if named else ()
     for step in steps:
         ladder.add(Step(step, added.rung if step == surer else surer, added.rows(step)))
@@ -312,8 +312,7 @@ def _measure_next(added: AddedCauses, verdict: Verdict) -> tuple[str, ...]:
             models[added.base if cause == NONE else cause] = own
     found = separations(problem.case, problem.rock_lines, models, problem.seed)
     # Where no cause is named, one that these data cannot show may be seen in other tables.
-    unnamed = verdict.effect in (NONE, UNKNOWN, CONTACT_LAW)
-    more = (*possible, *verdict.cannot_exclude) if unnamed else ()
+    more = () if verdict.named else (*possible, *verdict.cannot_exclude)
     return (*(one.sentence for one in found), *tables_to_add(problem.case, more))
 
 
@@ -464,18 +463,16 @@ def _write_models(file: Path, made: HypothesisFits, diagnosis: Diagnosis) -> Non
         "configured": configured_as_observed(made),
     }
     for name, model in models.items():
-        number, rows = _campaigns_of(made, model)
-        distance = RockDistances.of(problem.rows, rows).value() if scale.names else None
+        # Of the configured model where nothing was calibrated: the first rung has its distance.
+        number = CONFIGURED_NUMBER
+        distance = diagnosis.ladder[0].distance if diagnosis.ladder else None
+        for fit in made.fits.values():
+            if fit.handed_over.draw.model == model:
+                number = CHOSEN
+                rows = RockDistances.of(problem.rows, fit.handed_over.rows)
+                distance = rows.value() if scale.names else None
         kept[name] = {"number": number, "distance": distance, "model": model_as_json(model)}
     write_text(file, json.dumps(kept, indent=1))
-
-
-def _campaigns_of(made: HypothesisFits, model: HypothesisModel) -> tuple[int, FloatArray]:
-    """Number and rows of the campaigns of a calibrated model, or else of the configured one."""
-    for fit in made.fits.values():
-        if fit.handed_over.draw.model == model:
-            return CHOSEN, fit.handed_over.rows
-    return CONFIGURED_NUMBER, model_rows(made.problem, model, CONFIGURED_NUMBER, FRESH)
 
 
 def measured_shrinkage(

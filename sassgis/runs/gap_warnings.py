@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from sassgis.gap.causes.contact_law_cause import BOUNDS
@@ -66,13 +64,8 @@ def limit_warnings(case: Case, model: HypothesisModel) -> tuple[str, ...]:
     found = [
         f"{own.name} {name} {getattr(own, name):.2g}"
         for own in met
-        for name, (low, high) in BOUNDS.items()
-        # Most ground has no loss that grows with the speed.
-        if min(
-            math.inf if name == "speed_loss" else getattr(own, name) - low,
-            high - getattr(own, name),
-        )
-        < _AT_LIMIT * (high - low)
+        for name in BOUNDS
+        if _at_limit(name, getattr(own, name))
     ]
     if not found:
         return ()
@@ -81,6 +74,13 @@ def limit_warnings(case: Case, model: HypothesisModel) -> tuple[str, ...]:
         "does not have."
     )
     return (phrase(text, ", ".join(found)),)
+
+
+def _at_limit(name: str, value: float) -> bool:
+    low, high = BOUNDS[name]
+    near = _AT_LIMIT * (high - low)
+    # Most ground has no loss that grows with the speed.
+    return high - value < near or (value - low < near and name != "speed_loss")
 
 
 def edge_warnings(before: float, after: float) -> tuple[str, ...]:

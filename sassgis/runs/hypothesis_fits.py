@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from types import MappingProxyType
 from typing import Any
 
 from sassgis.gap.calibration.linear_fit import FitBudget
@@ -52,14 +51,14 @@ class HypothesisFits:
         self,
         effect: str,
         start: Mapping[str, float] | None = None,
-        held: Mapping[str, float] = MappingProxyType({}),
+        held: Mapping[str, float] | None = None,
     ) -> FittedHypothesis:
         """Calibrate a hypothesis that is not calibrated yet; others as for fit_hypothesis."""
         if effect not in self.fits:
             if start is None:
                 start = self.add(NONE).shares if effect == CONTACT_LAW else {}
             self.fits[effect] = fit_hypothesis(
-                self.summary, effect, self.run, self._budget, start, held
+                self.summary, effect, self.run, self._budget, start, held or {}
             )
         return self.fits[effect]
 

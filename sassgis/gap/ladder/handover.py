@@ -212,9 +212,11 @@ def first_sentence(advice: Advice, ladder: Sequence[Rung]) -> str:
     if gap is None:
         return "Neither stops nor speeds were observed: how far the model is off cannot be stated."
     said = [phrase("As configured, {}", _off_by(gap, advice))]
+    told = [gap]
     far = _far_safe(advice.compared)
     if far is not None and gap.side == "unsafe":
         said.append(phrase("At the same time, {}", _off_by(far, advice)))
+        told.append(far)
     if advice.wrong_ground:
         names = all_of(map(named, advice.wrong_ground))
         one = phrase("No values in the usual range of the ground class {} fit.", names)
@@ -223,8 +225,9 @@ def first_sentence(advice: Advice, ladder: Sequence[Rung]) -> str:
     said += _to_run(advice, ladder)
     if advice.short is None:
         unsafe = worst_of([own for own in advice.left if own.counts and own.side == "unsafe"])
-        left = [own for own in (unsafe, _far_safe(advice.left)) if own is not None and own != gap]
-        said += [phrase("Even so, {}", _off_by(own, advice)) for own in left[:1]]
+        left = unsafe if unsafe not in (None, *told) else _far_safe(advice.left)
+        if left is not None and left not in told:
+            said.append(phrase("Even so, {}", _off_by(left, advice)))
     return joined(" ", said)
 
 

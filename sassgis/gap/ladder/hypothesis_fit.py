@@ -71,7 +71,8 @@ def space_of(
         draw(case, families_of(effect), own)
         names |= {name: name in own.smooth for name in own.used}
     labels = tuple(name for name, smooth in names.items() if smooth and name not in held)
-    choices = {name: {**shares, **held}.get(name, 0.5) for name in names if name not in labels}
+    known = {**shares, **held}
+    choices = {name: known.get(name, 0.5) for name in names if name not in labels}
     ground = np.array([name.rpartition(".")[0] in case.table.names for name in labels])
     return Space(effect, labels, choices, ground)
 

@@ -146,6 +146,9 @@ def test_what_is_far_off_on_the_safe_side_is_said_beside_the_unsafe_one() -> Non
         "unsafe side. At the same time, the model is 60 m long (median run-out; 95 %: 55 to 65 m), "
         "on the safe side."
     )
+    # Once, where the configured model is the one that is handed over.
+    kept = first_sentence(replace(made, recommended="configured", left=both), RUNGS)
+    assert kept.count("60 m long") == 1 and "Even so" not in kept
     near = replace(made, compared=(both[0], gap(-9.0, 2.0)))
     assert "At the same time" not in first_sentence(near, RUNGS)
 
