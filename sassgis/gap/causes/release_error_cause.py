@@ -36,6 +36,8 @@ from sassgis.model.grid import IntArray
 
 #: Errors as they scatter are exceeded by this.
 _MORE = 1.25
+#: Rocks start no farther from where they are said to than this, up or down the slope (m).
+_AHEAD_M = 18.0
 #: Starts of a campaign are known to this, whatever is stated of its instruments (m).
 _STATED_M = 1.5
 #: How long a path is looked at from its first point (s), share of the energy of a fall that shows
@@ -48,7 +50,7 @@ def _draw(case: Case, draws: ParameterDraws) -> CausePart:
     if not any(wrong):
         wrong[int(draws.share("release.one") * 3)] = True
     release = ReleaseError(
-        ahead_m=draws.log("release.ahead_m", 0.5, 12.0) if wrong[0] else 0.0,
+        ahead_m=draws.uniform("release.ahead_m", -_AHEAD_M, _AHEAD_M) if wrong[0] else 0.0,
         faster_mps=draws.log("release.faster_mps", 0.5, 12.0) if wrong[1] else 0.0,
         shift_m=draws.normal("release.shift_m", 4.0) if wrong[2] else 0.0,
         scatter_m=draws.log("release.scatter_m", 0.3, 12.0) if wrong[2] else 0.0,

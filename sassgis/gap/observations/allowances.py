@@ -59,6 +59,24 @@ def heights_m(points: Table, grid: Grid | None) -> FloatArray:
     return np.where(np.isfinite(own["z"]), own["z"], heights_at(grid, own["x"], own["y"]))
 
 
+def height_errors_m(points: Table, grid: Grid | None, position_m: float) -> FloatArray:
+    """What an error of the place makes of heights that are those of the ground (m); else 0."""
+    own = points.numbers
+    if grid is None:
+        return np.zeros(len(points))
+    d = grid.cell_size
+    rises = [
+        (
+            heights_at(grid, own["x"] + e, own["y"] + n)
+            - heights_at(grid, own["x"] - e, own["y"] - n)
+        )
+        / (2.0 * d)
+        for e, n in ((d, 0.0), (0.0, d))
+    ]
+    found: FloatArray = np.nan_to_num(position_m * np.hypot(*rises))
+    return np.where(np.isfinite(own["z"]), 0.0, found)
+
+
 def station_lines(obs: Observations) -> dict[str, shapely.LineString]:
     """Lines of the stations that have one, by name."""
     table = zip(obs.stations.station.tolist(), obs.stations.vertices, strict=True)

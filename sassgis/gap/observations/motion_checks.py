@@ -14,6 +14,7 @@ from sassgis.gap.observations.allowances import (
     POSITION_ERROR_M,
     SIGMAS,
     SPEED_ERROR_REL,
+    height_errors_m,
     heights_m,
     stated_or,
     station_heights_m,
@@ -244,7 +245,9 @@ def check_drops(
     start = np.append(obs.of_rocks(obs.rocks.release_speed_mps), 0.0)
     start = np.where(np.isfinite(start), start, 0.0)
     error = stated_or(obs.metadata.speed_error_rel, SPEED_ERROR_REL)
-    slack = SIGMAS * stated_or(obs.metadata.height_error_m, HEIGHT_ERROR_M)
+    height_m = stated_or(obs.metadata.height_error_m, HEIGHT_ERROR_M)
+    position_m = stated_or(obs.metadata.position_error_m, POSITION_ERROR_M)
+    of_top = np.append(obs.of_rocks(height_errors_m(obs.rocks, grid, position_m)), 0.0)
     for table, own in fast:
         data, column = obs.tables[table], own.name
         speed = np.sqrt(sum(data.numbers[name] ** 2 for name in own.from_drop))
@@ -252,7 +255,8 @@ def check_drops(
         z = heights_m(data, grid)
         if table == "passages" and len(obs.stations):
             z = np.where(np.isfinite(z), z, station_heights_m(obs, grid, lowest=True))
-        drop = np.maximum(top[owner] - z, 0.0) + slack
+        of_place = np.hypot(height_errors_m(data, grid, position_m), np.nan_to_num(of_top)[owner])
+        drop = np.maximum(top[owner] - z, 0.0) + SIGMAS * np.hypot(height_m, of_place)
         fastest = np.sqrt(2.0 * GRAVITY * drop + start[owner] ** 2)
         ratio = speed / fastest
         known = np.isfinite(ratio)

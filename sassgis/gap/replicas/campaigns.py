@@ -19,6 +19,8 @@ from sassgis.model.results import StopReason
 TABLES = frozenset({"passages", "deposits", "impacts"})
 #: Events kept in the log of a block; later impacts are not seen.
 _MOST_EVENTS = 160
+#: Shares of an error along the line that rocks have at least and at most.
+_AHEAD = (0.5, 1.5)
 #: Times that each rock is released to count those that leave.
 _COUNTED = 8
 
@@ -74,7 +76,7 @@ def share_left(case: Case, rock_lines: RockLines, model: HypothesisModel, seed: 
 
 
 def with_release(case: Case, error: ReleaseError, end: FloatArray) -> Case:
-    """The case with rocks that start further down, or faster, than stated; lateral offsets apart.
+    """The case with rocks that start elsewhere along the line, or faster; lateral offsets apart.
 
     ``end``: chainage before which they start (m).
     """
@@ -84,7 +86,7 @@ def with_release(case: Case, error: ReleaseError, end: FloatArray) -> Case:
             replace(b, speed_mps=(b.speed_mps[0], b.speed_mps[1] + error.faster_mps))
             for b in blocks
         )
-    if error.ahead_m > 0.0:
-        last = np.minimum(start[:, 1] + error.ahead_m, end - 1.0)
-        start = np.column_stack([start[:, 0], last])
+    if error.ahead_m != 0.0:
+        moved = np.sort(error.ahead_m * np.array(_AHEAD))
+        start = np.minimum(start + moved, end[:, None] - 1.0)
     return replace(case, blocks=blocks, start=start)

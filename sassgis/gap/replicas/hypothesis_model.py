@@ -24,7 +24,8 @@ class ReleaseError:
     Attributes
     ----------
     ahead_m : float
-        Rocks start up to this much further down the line, uniformly (m).
+        Rocks start this much further down the line (m), or up the slope where it is below zero,
+        each half as much to one and a half times as much, uniformly.
     faster_mps : float
         Added to the initial speed, uniform from 0 (m/s).
     shift_m, scatter_m : float

@@ -215,15 +215,21 @@ def station_traces(case: Case) -> list[tuple[ControlLine, FloatArray]]:
 def _on_map(
     case: Case, rock: IntArray, s: FloatArray, lateral: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Places at chainages of fall lines and beside them; on the line where no height is known."""
+    """Places at chainages of fall lines and beside them; on the line where no height is known.
+
+    Lines go straight on behind their beginning.
+    """
     traces, line = case.traces, case.line[rock]
     low, high = traces.s[traces.offset[line]], traces.s[traces.offset[line + 1] - 1]
+    behind = np.minimum(s - low, 0.0)
     s = np.clip(s, low, high)
     x, y = chainage_to_xy(traces, line, s)
     x0, y0 = chainage_to_xy(traces, line, np.maximum(s - _ALONG_M, low))
     x1, y1 = chainage_to_xy(traces, line, np.minimum(s + _ALONG_M, high))
     size = np.maximum(np.hypot(x1 - x0, y1 - y0), 1e-9)
-    beside_x, beside_y = x + lateral * (y1 - y0) / size, y - lateral * (x1 - x0) / size
+    east, north = (x1 - x0) / size, (y1 - y0) / size
+    beside_x = x + behind * east + lateral * north
+    beside_y = y + behind * north - lateral * east
     assert case.terrain is not None
     known = np.isfinite(heights_at(case.terrain.grid, beside_x, beside_y))
     return np.where(known, beside_x, x), np.where(known, beside_y, y)
@@ -258,6 +264,8 @@ def _on_profiles(
         wood = lines.wood if model.stand is None else _stand(model.stand, middle)
     crossings = lines.control_lines
     offset, rows = gathered(crossings.offset, releases.rock)
+    # Ground goes on behind the stated start as far as this.
+    first = lines.unforested.s[lines.unforested.offset[:-1]][releases.rock, None] + _ALONG_M
     done = simulate(
         repeated(lines.unforested if wood is None else lines.forested, releases.rock),
         model.table,
@@ -266,7 +274,7 @@ def _on_profiles(
         seed=seed,
         rocks_per_line=count,
         line_keys=releases.key,
-        starts=np.minimum(releases.start, lines.end[releases.rock, None]),
+        starts=np.clip(releases.start, first, lines.end[releases.rock, None]),
         control_lines=ControlLineCrossings(
             crossings.control_lines, offset, crossings.chainage[rows], crossings.control_line[rows]
         ),

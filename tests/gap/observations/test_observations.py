@@ -776,3 +776,24 @@ def test_blocks_that_are_let_go_above_the_ground_may_be_as_fast(folder, slope):
     read = read_observations(path, slope, 4.0)
     assert validate_observations(read, slope, 4.0) == []
     assert np.isfinite(read.impacts.vt_in_mps).all()
+
+
+def test_a_height_taken_from_the_terrain_is_as_wrong_as_the_place_makes_it(folder, slope):
+    def first(z):
+        place = at(2.0, 20.5)
+        own = {"x": place[0], "y": place[1], "z": z(place[2]), "vt_in_mps": 5.0, "vn_in_mps": -6.0}
+        return lambda records: [records[0] | own, *records[1:]]
+
+    fine, rough = (
+        lambda rows, e=e: [*rows, {"key": "position_error_m", "value": e}] for e in (0.1, 2.0)
+    )
+    for metadata, z, kept in (
+        (fine, lambda z: "", False),
+        (rough, lambda z: "", True),
+        (rough, lambda z: z, False),
+    ):
+        path = folder(
+            impacts=first(z), metadata=metadata, deposits=None, trajectories=None, passages=None
+        )
+        read = read_observations(path, slope)
+        assert bool(np.isfinite(read.impacts.vt_in_mps[0])) is kept

@@ -14,7 +14,8 @@ from helpers.simulated_slope import BASE, ERRORS, STATIONS, TABLE, observed, slo
 from sassgis.engine.simulate_paths import PathTerrain, follow
 from sassgis.gap.observations.campaign import Campaign
 from sassgis.gap.observations.case import Case
-from sassgis.gap.replicas.campaigns import campaigns
+from sassgis.gap.replicas.campaigns import campaigns, with_release
+from sassgis.gap.replicas.hypothesis_model import ReleaseError
 from sassgis.gap.replicas.released_rocks import all_rocks, move, station_traces, with_stations_at
 from sassgis.gap.replicas.rock_lines import control_lines_of, rock_lines_of
 from sassgis.io.read.config import load_config
@@ -117,6 +118,22 @@ def test_a_start_further_down_moves_all_that_follows() -> None:
     assert found.rocks["line"].tolist() == np.repeat(np.arange(6), 20).tolist()
     assert found.rocks["rock"].tolist() == np.tile(np.arange(20), 6).tolist()
     assert found.rocks["runout_m"].min() > 9.0
+
+
+@pytest.mark.parametrize("path", ["fall_line", "followed"])
+def test_rocks_start_further_down_or_up_the_slope_than_stated(path: str) -> None:
+    case = observed(6, 3) if path == "fall_line" else followed(observed(6, 3))
+    near = with_stations_at(case, np.array([20.0]))
+    lines = replace(rock_lines_of(case), control_lines=control_lines_of(near))
+    energy = []
+    for ahead in (-12.0, 0.0, 12.0):
+        wrong = with_release(near, ReleaseError(ahead_m=ahead), lines.end)
+        expected = np.sort([0.5 * ahead, 1.5 * ahead])
+        assert wrong.start - case.start == pytest.approx(np.tile(expected, (6, 1)))
+        found = move(near, lines, all_rocks(wrong, lines), BASE, seed=4, count=40)
+        energy.append(np.mean(found.passages["speed_mps"] ** 2))
+    # Each metre of way more is a fall more.
+    assert energy[0] > 1.3 * energy[1] > 1.3**2 * energy[2]
 
 
 def test_other_stations_are_where_they_are_asked_for() -> None:
