@@ -231,12 +231,15 @@ def decide(
                 "and large"
             )
         return NONE, "", joined("", (refused, reason))
-    if law and shares[NONE] > max((shares[name] for name in tried), default=0.0):
+    # A cause at the contact that is as probable as none cannot be told from another law of it.
+    contact = group_of(CONTACT_LAW)
+    others = [name for name in tried if group_of(name) != contact or shares[name] > shares[NONE]]
+    if law and shares[NONE] > max((shares[name] for name in others), default=0.0):
         reason = phrase(
             "the contact follows another law: the motion is shifted in the same way for all sizes, "
             "or it certainly closes more of the gap than any values of the ground"
         )
-        return CONTACT_LAW, group_of(CONTACT_LAW), joined("", (refused, reason))
+        return CONTACT_LAW, contact, joined("", (refused, reason))
     reason = phrase(
         "gaps are significant and large, and no known cause is probable: these data cannot answer "
         "which"

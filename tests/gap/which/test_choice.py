@@ -179,8 +179,11 @@ def test_none_is_answered_only_where_the_base_is_adequate() -> None:
     law = [printed(CONTACT_LAW, 6.0)]
     assert answer(law, nothing, [gap(0.8)]) == (CONTACT_LAW, "contact")
     assert answer(law, nothing, [gap(0.2)]) == (NONE, "")
-    # Where a cause is as probable as none these data cannot answer which.
-    assert answer(law, shares(none=0.4, soft_ground=0.4), [gap(0.8)]) == ("unknown", "")
+    # Where a cause is as probable as none these data cannot answer which, unless it is at the
+    # contact itself.
+    assert answer(law, shares(none=0.4, trees=0.4), [gap(0.8)]) == ("unknown", "")
+    assert answer(law, shares(none=0.4, soft_ground=0.4), [gap(0.8)]) == (CONTACT_LAW, "contact")
+    assert answer(law, shares(none=0.3, soft_ground=0.4), [gap(0.8)]) == ("unknown", "")
     assert adequate([gap(0.2)]) and not adequate([gap(-0.8)])
     # The same at all rocks: a station that each of them passed, and none in the model.
     assert not adequate([replace(gap(1.0), ci95=(1.0, 1.0))])
