@@ -18,6 +18,7 @@ from sassgis.engine.effects.entrainment import Entrainment
 from sassgis.engine.effects.fragmentation import Fragmentation
 from sassgis.gap.causes.cause import (
     LEAST,
+    MEDIAN_OF_NORMAL,
     Cause,
     CausePart,
     Scores,
@@ -44,8 +45,8 @@ _MASS_BUDGET = (
 _LEAST_MASS_ERROR, _LEAST_MASS, _MASS_DRAWS = 0.02, 0.004, 200
 #: Share of the median rock up to which a block is a chip, which says nothing.
 _CHIP = 0.01
-#: Share of the released mass that must lack before rocks are looked for that left the ground.
-_LOST = 0.01
+#: Share of the rocks that a survey may miss, and whole rocks that tell the scatter of masses.
+_FEW_LOST, _KNOWN = 0.1, 10
 #: Share of the rocks that nobody found which must lie in pieces, for these to be theirs.
 _MADE_UP = 0.75
 
@@ -58,26 +59,64 @@ def _mass_scores(which: int) -> Scoring:
         if not blocks.size or not np.isfinite(rocks).all() or not np.isfinite(blocks).all():
             raise Unseen
         blocks = blocks[blocks > _CHIP * np.median(rocks)]
-        if blocks.sum() < (1.0 - _LOST) * rocks.sum():
-            left = _gone(case)
-            # What lies beside the others may be in addition as well as theirs.
-            rocks = rocks[~(left | _unexplained(case, left) if which == 1 else left)]
-        if rocks.size < LEAST:
-            raise Unseen
-        error = max(errors_of(case).mass_rel, _LEAST_MASS_ERROR)
-        rng = np.random.default_rng(1986)
-        drawn = rocks * np.exp(error * rng.standard_normal((_MASS_DRAWS, rocks.size)))
-        if which == 0:
-            # The smallest blocks may be what others have left there.
-            others = np.sort(blocks)[: max(blocks.size - rocks.size, 0)]
-            null = np.array([mass_budget(rocks, np.append(one, others))[0] for one in drawn])
-        else:
-            null = drawn.sum(axis=1) / rocks.sum() - 1.0
-        value = mass_budget(rocks, blocks)[which]
-        z = np.clip((value - null.mean()) / max(null.std(), _LEAST_MASS), -12.0, 12.0)
-        return Scores(np.array([z]), value)
+        left, error = _gone(case), _scatter(case)
+        # What lies beside the others may be in addition as well as theirs.
+        lost = left | _unexplained(case, left)
+        found = _score(which, rocks[~(lost if which == 1 else left)], blocks, error)
+        if which == 1 and _may_be_either(case):
+            # Then neither is surer than the other.
+            broken = _score(0, rocks[~left], blocks, error)
+            found = max(found, broken, key=lambda one: float(one.values[0]))
+        return found
 
     return scores
+
+
+def _scatter(case: Case) -> float:
+    """Relative scatter of the mass of a whole rock as it lies about that as it was released.
+
+    As it is seen where rocks lie under their names, else from the stated error of a mass.
+    """
+    seen = case.observations
+    owner, lying = seen.rock_of("deposits"), deposit_masses_kg(seen)
+    largest = np.zeros(case.n_rocks)
+    own = owner >= 0
+    np.maximum.at(largest, owner[own], lying[own])
+    whole = largest > 0.5 * case.mass_kg
+    if whole.sum() < _KNOWN:
+        return math.sqrt(2.0) * max(errors_of(case).mass_rel, _LEAST_MASS_ERROR)
+    away = np.log(largest[whole] / case.mass_kg[whole])
+    middle = float(np.median(away))
+    return max(float(np.median(np.abs(away - middle))) / MEDIAN_OF_NORMAL, _LEAST_MASS_ERROR)
+
+
+def _score(which: int, rocks: FloatArray, blocks: FloatArray, error: float) -> Scores:
+    """The budget of some rocks and blocks against what the scatter of masses makes of it."""
+    if rocks.size < LEAST:
+        raise Unseen
+    rng = np.random.default_rng(1986)
+    drawn = rocks * np.exp(error * rng.standard_normal((_MASS_DRAWS, rocks.size)))
+    if which == 0:
+        # The smallest blocks may be what others have left there.
+        others = np.sort(blocks)[: max(blocks.size - rocks.size, 0)]
+        null = np.array([mass_budget(rocks, np.append(one, others))[0] for one in drawn])
+    else:
+        null = drawn.sum(axis=1) / rocks.sum() - 1.0
+    value = mass_budget(rocks, blocks)[which]
+    z = np.clip((value - null.mean()) / max(null.std(), _LEAST_MASS), -12.0, 12.0)
+    return Scores(np.array([z]), value)
+
+
+def _may_be_either(case: Case) -> bool:
+    """Whether blocks without a name may as well be pieces of rocks that nobody found.
+
+    All rocks but a few lie under their names, and no piece bears the name of its rock.
+    """
+    seen = case.observations
+    owner = seen.rock_of("deposits")
+    lost = 1.0 - float(np.isin(np.arange(case.n_rocks), owner).mean())
+    pieces = bool(seen.is_piece("deposits").any())
+    return 0.0 < lost <= _FEW_LOST and bool((owner < 0).any()) and not pieces
 
 
 def _gone(case: Case) -> NDArray[np.bool_]:
