@@ -83,6 +83,8 @@ def _named(diagnosis: Diagnosis) -> Phrase:
         significance(finding) == "sure" for finding in diagnosis.where
     ):
         left = phrase("is that of no known cause, and within the scatter of single rocks")
+    if any(gap.counts and gap.is_far for gap in advice.left):
+        left = phrase("is that of no known cause")
     text = (
         "No effect has to be added: once the ground is calibrated, what is left between observed "
         "and simulated rocks {}."
@@ -265,23 +267,41 @@ def _how_far(shrinkage: Shrinkage, verdict: Verdict) -> ReportAnswer:
             "No effect was named that could be added. The energy distance of the calibrated base "
             "model to the observed rocks is {}; {} is the least that chance leaves."
         )
-        base = phrase(text, *map(sensible, (shrinkage.distance_base, shrinkage.distance_floor)))
-        return ReportAnswer(heading, (base, *(note if verdict.effect == "none" else ())))
+        said = [phrase(text, *map(sensible, (shrinkage.distance_base, shrinkage.distance_floor)))]
+        if shrinkage.ci95 is not None and shrinkage.ci95[0] > 0.0:
+            text = (
+                "With {} added it is {}: {} of the gap that is not chance would close{}, on rocks "
+                "left out. Another law of the contact may close as much, so that this alone names "
+                "no cause."
+            )
+            said.append(
+                phrase(
+                    text, effect_name(shrinkage.effect), sensible(shrinkage.distance_effect),
+                    _share(shrinkage.value or 0.0), _span(shrinkage),
+                )
+            )  # fmt: skip
+        return ReportAnswer(heading, (*said, *(note if verdict.effect == "none" else ())))
     if shrinkage.value is None:
         first = phrase(
             "By what share the gap shrinks is not given, as the gap itself is not certainly above "
             "what chance leaves."
         )
     else:
-        span = phrase("")
-        if shrinkage.ci95 is not None:
-            span = phrase(" (95 % interval {} to {})", *map(_share, shrinkage.ci95))
         text = (
             "With {} added, {} of the gap that is not chance closes{}, on rocks left out of the "
             "calibration."
         )
-        first = phrase(text, effect_name(shrinkage.effect), _share(shrinkage.value), span)
+        first = phrase(
+            text, effect_name(shrinkage.effect), _share(shrinkage.value), _span(shrinkage)
+        )
     return ReportAnswer(heading, (first, left, *note))
+
+
+def _span(shrinkage: Shrinkage) -> Phrase:
+    """The interval of a share, in brackets."""
+    if shrinkage.ci95 is None:
+        return phrase("")
+    return phrase(" (95 % interval {} to {})", *map(_share, shrinkage.ci95))
 
 
 def _sentence(text: str) -> Phrase:

@@ -65,7 +65,7 @@ def report_warnings(case: Case, diagnosis: Diagnosis) -> list[str]:
         out.append(phrase(text, diagnosis.rocks))
     if verdict.effect not in UNNAMED and len(verdict.confusion_set) > 1:
         names = effect_names(verdict.confusion_set)
-        out.append(phrase("More than one explanation fits these data: {}.", names))
+        out.append(phrase("More than one explanation is possible with these data: {}.", names))
     if diagnosis.effect.stand is not None:
         out.append(
             "The forest of the calibrated model is fitted to the observations. Compare it with the "

@@ -195,11 +195,14 @@ def diagnose(
 
 
 def _gaps(
-    problem: CalibrationProblem, model: HypothesisModel, rows: FloatArray
+    problem: CalibrationProblem, model: HypothesisModel, rows: FloatArray, scale: float = 1.0
 ) -> tuple[tuple[ModelGap, ...], float]:
-    """How far a model is off, and the share of its rocks that leave the terrain."""
+    """How far a model is off, and the share of its rocks that leave the terrain.
+
+    ``scale``: speeds as observed over the true ones.
+    """
     left = share_left(problem.case, problem.rock_lines, model, problem.seed)
-    return model_gaps(problem, rows, left), left
+    return model_gaps(problem, rows, left, (scale, model.measurement.scale)), left
 
 
 # ---------------------------------------------------------------------------------------------
@@ -233,6 +236,10 @@ def _diagnosis(
     # With two causes the surer one comes first.
     surer = max(verdict.named, key=lambda n: shares.get(n, 0.0), default="")
     steps = tuple(dict.fromkeys([surer, named])) if named else ()
+    # Beside a scale of the speeds that is named, they are compared without it.
+    scale = added.fit(named).handed_over.draw.model.measurement.scale if named else 1.0
+    if scale != 1.0:
+        gaps = {CONFIGURED: _gaps(problem, as_configured, rows[CONFIGURED], scale)}
     for step in steps:
         ladder.add(Step(step, added.rung if step == surer else surer, added.rows(step)))
     recommended, why = ladder.recommended(*base.names, *steps)
@@ -243,7 +250,7 @@ def _diagnosis(
     fit = None if recommended == CONFIGURED else added.fit(recommended)
     handed = as_configured if fit is None else fit.handed_over.draw.model
     if recommended not in gaps:
-        gaps[recommended] = _gaps(problem, handed, added.rows(recommended))
+        gaps[recommended] = _gaps(problem, handed, added.rows(recommended), scale)
     (before, left_before), (left, left_after) = gaps[CONFIGURED], gaps[recommended]
     intervals = {effect: own.intervals(case) for effect, own in made.fits.items()}
     advice = Advice(

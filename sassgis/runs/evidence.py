@@ -288,7 +288,7 @@ def verdict_of(
     """
     evidence = added.evidence
     first = next((name for name in shares if name not in (NONE, UNKNOWN)), NONE)
-    if first != NONE and shares[first] < frozen.calibrated:
+    if first != NONE and shares[first] < min(frozen.calibrated, shares[NONE]):
         first = NONE
     shrinkage = added.shrinkage(first) if first != NONE else _nothing_added(added)
     closes = shrinkage.value if first != NONE and CAUSES[first].closes else None

@@ -45,6 +45,8 @@ _MASS_BUDGET = (
 _LEAST_MASS_ERROR, _LEAST_MASS, _MASS_DRAWS = 0.02, 0.004, 200
 #: Share of the median rock up to which a block is a chip, which says nothing.
 _CHIP = 0.01
+#: Chance that a block bears the name of a rock as its piece and is none.
+_MISNAMED = 0.005
 #: Share of the rocks that a survey may miss, and whole rocks that tell the scatter of masses.
 _FEW_LOST, _KNOWN = 0.1, 10
 #: Share of the rocks that nobody found which must lie in pieces, for these to be theirs.
@@ -204,6 +206,16 @@ def _broken(case: Case, draws: ParameterDraws) -> CausePart:
     return part_of(Fragmentation, form, values, smallest_m3=smallest)
 
 
+def _named_pieces(case: Case, residuals: ResidualTable) -> Scores:
+    """Rocks of which blocks lie that bear their name as pieces (R7.2 of R7)."""
+    seen = case.observations
+    if not len(seen.deposits):
+        raise Unseen
+    broken = np.zeros(case.n_rocks)
+    broken[seen.rock_of("deposits")[seen.is_piece("deposits")]] = 1.0
+    return Scores(broken, float(broken.mean()), np.full(case.n_rocks, _MISNAMED))
+
+
 FRAGMENTATION = Cause(
     "fragmentation",
     number=1,
@@ -211,8 +223,15 @@ FRAGMENTATION = Cause(
     phase="impact",
     draw=_broken,
     closes=False,
-    shown_by=f"{_MASS_BUDGET}; what the ranks lack lies in pieces",
+    shown_by="blocks that lie under the name of a rock as its pieces (R7.2 of R7); "
+    f"{_MASS_BUDGET}; what the ranks lack lies in pieces",
     statistics=(
+        Trace(
+            "rocks of which pieces lie under their name",
+            _named_pieces,
+            ("deposits",),
+            clear=True,
+        ),
         Trace(
             "mass of whole rocks that is missing, and lies in pieces",
             _mass_scores(0),

@@ -144,7 +144,8 @@ def _contact_above_start(case: Case, residuals: ResidualTable) -> Scores:
         raise Unseen
     errors = errors_of(case)
     usual = _MORE * math.hypot(errors.position_m, errors.height_m) + 2.0 * _STATED_M
-    return Scores(highest - usual, float(np.nanmean(highest)))
+    # Films that begin below the start of some rocks say nothing of the others.
+    return Scores(np.maximum(highest, 0.0) - usual, float(np.nanmean(highest)))
 
 
 def _offset_that_stays(case: Case, residuals: ResidualTable) -> Scores:

@@ -45,7 +45,10 @@ def values_of(scale: Scale, rows: FloatArray, column: int) -> FloatArray:
 
 
 def model_gaps(
-    problem: CalibrationProblem, rows: FloatArray, left: float = 0.0
+    problem: CalibrationProblem,
+    rows: FloatArray,
+    left: float = 0.0,
+    scales: tuple[float, float] = (1.0, 1.0),
 ) -> tuple[ModelGap, ...]:
     """How far a model is off: run-out, and energy, or else speed, and arrivals at the stations.
 
@@ -55,6 +58,8 @@ def model_gaps(
         Of rocks in the model.
     left : float
         Share of the rocks that leave the terrain in the model, and may come farther.
+    scales : (float, float)
+        Speeds over the true ones, of the observations and of the rows.
     """
     names, scale = problem.scale.names, problem.scale
     mass = problem.case.mass_kg
@@ -68,6 +73,7 @@ def model_gaps(
         if what == "speed":
             place = problem.case.station_names[int(place[1:])]
             quantity, unit = "speed_mps", "m/s"
+            seen, made = seen / scales[0], made / scales[1]
             found.append(_arrivals(problem, place, column, np.isfinite(seen), np.isfinite(made)))
             if np.isfinite(mass[np.isfinite(seen)]).all():
                 seen, made = 0.5e-3 * mass * seen**2, 0.5e-3 * mass * made**2
@@ -225,9 +231,10 @@ def first_sentence(advice: Advice, ladder: Sequence[Rung]) -> str:
     said += _to_run(advice, ladder)
     if advice.short is None:
         unsafe = worst_of([own for own in advice.left if own.counts and own.side == "unsafe"])
-        left = unsafe if unsafe not in (None, *told) else _far_safe(advice.left)
-        if left is not None and left not in told:
-            said.append(phrase("Even so, {}", _off_by(left, advice)))
+        both = (unsafe, _far_safe(advice.left))
+        left = [_off_by(own, advice) for own in both if own is not None and own not in told]
+        texts = ("Even so, {}", "At the same time, {}")
+        said += [phrase(text, own) for text, own in zip(texts, left, strict=False)]
     return joined(" ", said)
 
 

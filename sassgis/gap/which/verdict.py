@@ -214,6 +214,8 @@ def decide(
         )
     together = {g: group_probability(g, shares) for g in GROUPS}
     group = max(together, key=lambda g: together[g])
+    if together[group] >= thresholds.grouped and len(GROUPS[group]) == 1 and refused:
+        return UNKNOWN, group, phrase("{}these data cannot answer which cause the gap has", refused)
     if together[group] >= thresholds.grouped:
         reason = phrase(
             "a cause of the group {} is {} probable; these data cannot answer which",

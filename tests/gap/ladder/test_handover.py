@@ -66,6 +66,19 @@ def test_every_statistic_has_its_gap_side_and_interval(
     assert first.observed == pytest.approx(np.nanmedian(energy), rel=1e-3)
 
 
+def test_speeds_of_a_wrong_scale_are_compared_as_they_are(problem: CalibrationProblem) -> None:
+    rows = model_rows(problem, configured_model(problem.case), 7, 6)
+    plain, scaled, both = (
+        {g.key: g for g in model_gaps(problem, rows, 0.0, scales)}
+        for scales in ((1.0, 1.0), (1.2, 1.0), (1.2, 1.2))
+    )
+    for key, own in plain.items():
+        power = {"energy_kj": 2.0, "speed_mps": 1.0}.get(own.quantity, 0.0)
+        assert scaled[key].observed == pytest.approx(own.observed / 1.2**power)
+        assert scaled[key].predicted == own.predicted
+        assert both[key].gap == pytest.approx(own.gap / 1.2**power)
+
+
 SETTING = GroundSetting("debris", "eta_max", 0.8, 0.72, (0.67, 0.74), True)
 RUNGS = (
     Rung("configured", 1.6),
@@ -165,6 +178,10 @@ def test_what_the_recommended_model_leaves_is_said() -> None:
     said = first_sentence(advice("ground", left=(gap(-11.0, 2.0), gap(-7.0, 0.5))), RUNGS)
     assert said.endswith("Even so, the model is 11 m long (median run-out; 95 %: 9 to 13 m), on "
                          "the safe side.")  # fmt: skip
+    both = (gap(40.0, 20.0, "90 %", **ENERGY), gap(-60.0, 5.0))
+    said = first_sentence(advice("ground", left=both), RUNGS)
+    assert said.endswith("20 to 60 kJ), on the unsafe side. At the same time, the model is 60 m "
+                         "long (median run-out; 95 %: 55 to 65 m), on the safe side.")  # fmt: skip
     unclear = (gap(1.0, 4.0), gap(2.0, 9.0, "90 %"), gap(1.0, 9.0, "width"))
     said = first_sentence(Advice(unclear[0], compared=unclear, recommended="configured"), RUNGS)
     assert said.startswith(

@@ -195,6 +195,10 @@ def test_a_family_is_named_where_it_is_probable_and_closes_something() -> None:
     assert answer([printed("trees", 5.0)], trees, [gap(1.0)], 0.5) == ("trees", "along the way")
     # Not where it closes none of the gap: then the group is certain all the same.
     assert answer([printed("trees", 5.0)], trees, [gap(1.0)], -0.1) == ("unknown", "along the way")
+    # A cause that is alone in its group is named, or nothing is: that group has no other.
+    start = shares(release_error=0.8)
+    _, group, reason = decide([printed("release_error", 5.0)], start, False, -0.1, FROZEN, False)
+    assert group == "start" and "a cause of the group" not in reason
     # What hangs on no contact names it all the same, if it is certain.
     for z, named in ((5.0, "unknown"), (7.0, "trees")):
         stems = printed("trees", z, statistic=STEMS)
