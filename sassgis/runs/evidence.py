@@ -287,7 +287,7 @@ def verdict_of(
     is significant and large; ``enough``: whether what calibrated ground leaves may be chance.
     """
     evidence = added.evidence
-    first = next((name for name in shares if name not in (NONE, UNKNOWN)), NONE)
+    first = _most_probable(shares, evidence.gains)
     if first != NONE and shares[first] < min(frozen.calibrated, shares[NONE]):
         first = NONE
     shrinkage = added.shrinkage(first) if first != NONE else _nothing_added(added)
@@ -325,6 +325,13 @@ def verdict_of(
         tuple(n for n in families_to_try(case) if n not in (*shares, *effect.split("+"))),
     )
     return verdict, shrinkage
+
+
+def _most_probable(shares: Mapping[str, float], gains: Mapping[str, CauseGain]) -> str:
+    """The most probable cause, of several alike the one whose gain is surest; "none" without."""
+    causes = [name for name in shares if name not in (NONE, UNKNOWN)]
+    alike = [name for name in causes if shares[name] >= shares[causes[0]]]
+    return max(alike, key=lambda n: gains[n].sureness if n in gains else 0.0, default=NONE)
 
 
 def _nothing_added(added: AddedCauses) -> Shrinkage:
