@@ -389,12 +389,15 @@ def least_possible(scores: Sequence[float]) -> float:
 
     V. Vovk, A. Gammerman and G. Shafer (2005, Algorithmic learning in a random world, section
     4.2): of n sites and one more, in any order, this one has a score below the k-th least of the
-    others with a chance of at most k / (n + 1).
+    others with a chance of at most k / (n + 1). Between two of them, on a logarithmic scale, where
+    one in ten is no whole number of these sites.
     """
     known = np.sort([one for one in scores if math.isfinite(one)])
-    k = math.floor(OUTSIDE * (known.size + 1))
-    # In the middle of the gap below it, which serves causes that are rarer here as well.
-    return float(math.sqrt(known[k - 1] * known[max(k - 2, 0)])) if k else 0.0
+    k = OUTSIDE * (known.size + 1)
+    if k < 1.0:
+        return 0.0
+    at = np.arange(1, known.size + 1)
+    return float(np.exp(np.interp(k, at, np.log(np.maximum(known, 1e-6)))))
 
 
 def chosen(rows: Sequence[Row], weights: Sequence[CauseWeights]) -> Thresholds:
