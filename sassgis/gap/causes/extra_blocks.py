@@ -4,7 +4,7 @@ Rocks and blocks are ranked by mass, whatever they are called. Where rocks broke
 ranks are too light, and what they lack lies in blocks beyond the number of rocks. Where blocks were
 entrained there is more mass than came down. The null is that of the errors of the masses alone.
 Rocks that nobody found may have broken or have left: unless what lies beside the others makes up
-for them, both are possible.
+for them, both are possible. Pieces that bear the name of their rock show that it broke.
 """
 
 from __future__ import annotations
