@@ -77,6 +77,11 @@ def _named(diagnosis: Diagnosis) -> Phrase:
             text = (
                 "The observations show {}, but adding it closes none of the gap on rocks left out."
             )
+        elif by.effect == verdict.effect and by.ci95 is not None and by.ci95[0] <= 0.0:
+            text = (
+                "The observations show {}, but on rocks left out adding it closes nothing of the "
+                "gap for certain."
+            )
         return phrase(text, effect_phrase(verdict.effect))
     left = phrase("is no more than chance among {} rocks", diagnosis.rocks)
     if any(gap.counts and gap.side == "unsafe" for gap in advice.left) or any(

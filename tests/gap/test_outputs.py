@@ -169,6 +169,9 @@ def test_what_is_seen_and_closes_nothing_is_said_so(made: Made) -> None:
     nothing = replace(diagnosis.shrinkage, value=-0.1)
     said = verdict_sentence(replace(diagnosis, shrinkage=nothing))
     assert "show trees that take energy from passing rocks, but adding it closes none" in said
+    unsure = replace(diagnosis.shrinkage, value=0.1, ci95=(-0.1, 0.3))
+    said = verdict_sentence(replace(diagnosis, shrinkage=unsure))
+    assert "but on rocks left out adding it closes nothing of the gap for certain" in said
     # What another cause closes, as a bound, says nothing of what is named.
     other = replace(nothing, effect="air_drag")
     said = verdict_sentence(replace(diagnosis, shrinkage=other))
