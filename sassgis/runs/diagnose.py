@@ -239,7 +239,9 @@ def _diagnosis(
     # Beside a scale of the speeds that is named, they are compared without it.
     scale = added.fit(named).handed_over.draw.model.measurement.scale if named else 1.0
     if scale != 1.0:
-        gaps = {CONFIGURED: _gaps(problem, as_configured, rows[CONFIGURED], scale)}
+        left_before = gaps[CONFIGURED][1]
+        rescaled = model_gaps(problem, rows[CONFIGURED], left_before, (scale, 1.0))
+        gaps = {CONFIGURED: (rescaled, left_before)}
     for step in steps:
         ladder.add(Step(step, added.rung if step == surer else surer, added.rows(step)))
     recommended, why = ladder.recommended(*base.names, *steps)

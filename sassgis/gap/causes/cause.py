@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
+import numpy as np
+
 from sassgis.engine.effects.registry import EFFECTS
 from sassgis.gap.causes.parameter_draws import Fit, ParameterDraws
 from sassgis.gap.observations.case import Case
@@ -27,6 +29,11 @@ MISSTATED = 0.5
 SHIFT = 0.15
 #: Median of the size of a standard normal number.
 MEDIAN_OF_NORMAL = 0.6745
+
+
+def usual_scatter(values: FloatArray) -> float:
+    """Standard deviation of numbers, by the middle half of them alone."""
+    return float(np.median(np.abs(values - float(np.median(values))))) / MEDIAN_OF_NORMAL
 
 
 @dataclass(frozen=True, slots=True)

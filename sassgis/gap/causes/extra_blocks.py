@@ -18,7 +18,6 @@ from sassgis.engine.effects.entrainment import Entrainment
 from sassgis.engine.effects.fragmentation import Fragmentation
 from sassgis.gap.causes.cause import (
     LEAST,
-    MEDIAN_OF_NORMAL,
     Cause,
     CausePart,
     Scores,
@@ -26,6 +25,7 @@ from sassgis.gap.causes.cause import (
     Trace,
     Unseen,
     part_of,
+    usual_scatter,
 )
 from sassgis.gap.causes.ground_classes import loose_classes, on_its_classes
 from sassgis.gap.causes.parameter_draws import Fit, ParameterDraws, Range, rounded
@@ -62,14 +62,15 @@ def _mass_scores(which: int) -> Scoring:
             raise Unseen
         blocks = blocks[blocks > _CHIP * np.median(rocks)]
         left, error = _gone(case), _scatter(case)
+        if which == 0:
+            return _score(0, rocks[~left], blocks, error)
         # What lies beside the others may be in addition as well as theirs.
-        lost = left | _unexplained(case, left)
-        found = _score(which, rocks[~(lost if which == 1 else left)], blocks, error)
-        if which == 1 and _may_be_either(case):
-            # Then neither is surer than the other.
-            broken = _score(0, rocks[~left], blocks, error)
-            found = max(found, broken, key=lambda one: float(one.values[0]))
-        return found
+        more = _score(1, rocks[~(left | _unexplained(case, left))], blocks, error)
+        if not _may_be_either(case):
+            return more
+        # Then neither is surer than the other.
+        broken = _score(0, rocks[~left], blocks, error)
+        return max(more, broken, key=lambda one: float(one.values[0]))
 
     return scores
 
@@ -87,9 +88,7 @@ def _scatter(case: Case) -> float:
     whole = largest > 0.5 * case.mass_kg
     if whole.sum() < _KNOWN:
         return math.sqrt(2.0) * max(errors_of(case).mass_rel, _LEAST_MASS_ERROR)
-    away = np.log(largest[whole] / case.mass_kg[whole])
-    middle = float(np.median(away))
-    return max(float(np.median(np.abs(away - middle))) / MEDIAN_OF_NORMAL, _LEAST_MASS_ERROR)
+    return max(usual_scatter(np.log(largest[whole] / case.mass_kg[whole])), _LEAST_MASS_ERROR)
 
 
 def _score(which: int, rocks: FloatArray, blocks: FloatArray, error: float) -> Scores:
@@ -115,10 +114,14 @@ def _may_be_either(case: Case) -> bool:
     All rocks but a few lie under their names, and no piece bears the name of its rock.
     """
     seen = case.observations
-    owner = seen.rock_of("deposits")
-    lost = 1.0 - float(np.isin(np.arange(case.n_rocks), owner).mean())
-    pieces = bool(seen.is_piece("deposits").any())
-    return 0.0 < lost <= _FEW_LOST and bool((owner < 0).any()) and not pieces
+    lost = float(_not_found(case).mean())
+    nameless = bool((seen.rock_of("deposits") < 0).any())
+    return 0.0 < lost <= _FEW_LOST and nameless and not seen.is_piece("deposits").any()
+
+
+def _not_found(case: Case) -> NDArray[np.bool_]:
+    """Rocks of which nothing lies under their name."""
+    return ~np.isin(np.arange(case.n_rocks), case.observations.rock_of("deposits"))
 
 
 def _gone(case: Case) -> NDArray[np.bool_]:
@@ -154,7 +157,7 @@ def _unexplained(case: Case, left: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """
     seen = case.observations
     owner = seen.rock_of("deposits")
-    lost = ~np.isin(np.arange(case.n_rocks), owner) & ~left
+    lost = _not_found(case) & ~left
     nameless = deposit_masses_kg(seen)[owner < 0].sum()
     made_up = nameless >= _MADE_UP * case.mass_kg[lost].sum()
     return np.asarray(lost & ~(made_up | seen.is_piece("deposits").any()), np.bool_)

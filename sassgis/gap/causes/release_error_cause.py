@@ -17,6 +17,7 @@ from sassgis.gap.causes.cause import (
     Scores,
     Trace,
     Unseen,
+    usual_scatter,
 )
 from sassgis.gap.causes.cause_residuals import (
     base_size,
@@ -126,7 +127,7 @@ def _first_contact(case: Case, residuals: ResidualTable) -> Scores:
     off = rows.observed - rows.predicted
     middle = float(np.median(off))
     # Films that begin late miss the first contacts of some: they do not shift the others.
-    near = float(np.median(np.abs(off - middle))) / MEDIAN_OF_NORMAL
+    near = usual_scatter(off)
     kept = math.copysign(1.0, middle) * np.clip(off, middle - near, middle + near)
     scores = kept - _MORE * rows.sd - _STATED_M
     return Scores(per_rock(scores, rows.rock, case.n_rocks), middle)

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from sassgis.engine.effects.trees import Trees
 from sassgis.gap.causes.cause import (
     LEAST,
-    MEDIAN_OF_NORMAL,
     SHIFT,
     Cause,
     CausePart,
@@ -20,6 +19,7 @@ from sassgis.gap.causes.cause import (
     Trace,
     Unseen,
     part_of,
+    usual_scatter,
 )
 from sassgis.gap.causes.cause_residuals import loss_of_flights, wrong_on_one
 from sassgis.gap.causes.ground_classes import reaches_between
@@ -128,7 +128,7 @@ def _struck(rows: StepTable, loss: FloatArray, usual: FloatArray) -> NDArray[np.
     share = loss / np.maximum(rows.predicted, 1.0)
     middle = float(np.median(usual))
     # Stated errors may be too small: what flights scatter by themselves counts as well.
-    scatter = max(float(np.median(np.abs(usual - middle))) / MEDIAN_OF_NORMAL, 1.0)
+    scatter = max(usual_scatter(usual), 1.0)
     return (share > _STRUCK_SHARE) & (usual - max(middle, 0.0) > _STRUCK_SD * scatter)
 
 

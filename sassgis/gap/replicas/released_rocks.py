@@ -32,6 +32,8 @@ from sassgis.terrain.heights import heights_at
 
 #: Length over which the direction of a fall line is taken (m).
 _ALONG_M = 1.0
+#: Blocks start at least this far from where the ground behind a line ends (m).
+_INSIDE_M = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -265,7 +267,7 @@ def _on_profiles(
     crossings = lines.control_lines
     offset, rows = gathered(crossings.offset, releases.rock)
     # Ground goes on behind the stated start as far as this.
-    first = lines.unforested.s[lines.unforested.offset[:-1]][releases.rock, None] + _ALONG_M
+    first = lines.unforested.s[lines.unforested.offset[:-1]][releases.rock, None] + _INSIDE_M
     done = simulate(
         repeated(lines.unforested if wood is None else lines.forested, releases.rock),
         model.table,

@@ -234,6 +234,7 @@ def test_a_nil_gain_speaks_against_a_cause() -> None:
         weights.shares(seen, {"trees": gained("trees", own)}, FAMILIES)["trees"]
         for own in (8.0, -2.0)
     )
+    assert nil < 0.66 < sure
     # The odds against it are several times as high.
     assert (1.0 - nil) / nil > 4.0 * (1.0 - sure) / sure
 
@@ -291,7 +292,7 @@ def test_what_could_not_be_seen_is_neither_named_nor_counted() -> None:
     none_could, some_could = (speaking(prints, own) for own in of_power)
     assert not none_could and some_could == of_power[1]
     none = weights.shares([], {}, FAMILIES)["air_drag"]
-    assert weights.shares([], some_could, FAMILIES)["air_drag"] > 20.0 * none
+    assert weights.shares([], some_could, FAMILIES)["air_drag"] > max(0.28, 20.0 * none)
     assert "lateral_deflection" in seen_of([replace(prints[1], z=3.0)], {}, FAMILIES)
     # What a contact leaves as well shows nothing by itself.
     lost = "rebound lost with the normal speed, on one ground alone"
