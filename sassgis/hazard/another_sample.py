@@ -149,18 +149,21 @@ def level_chances(
         blocks = np.where(reached, few.rate / weight, 0.0)
     places, first, weight_of_first = _first_reached(few.places, blocks, weight[:, 0], limits, known)
     own = np.searchsorted(places, few.places)
-    chance = np.zeros((places.size, len(limits) + 2))
-    chance[:, 0] = 1.0
+    chance = np.zeros((len(limits) + 2, places.size))
+    chance[0] = 1.0
     for i in range(few.rate.shape[1]):
         beta = 0.0 if in_part else _beta(blocks[:, i])
+        rates, weights = few.rate[:, i].copy(), weight[:, i].copy()
+        alike = _alike(weights, blocks[:, i])
         for k in np.flatnonzero(np.isfinite(limits[:, i])).tolist():
             one = np.zeros(places.size)
             limit = float(limits[k, i])
-            one[own] = _chance_of_rate(few.rate[:, i], weight[:, i], blocks[:, i], beta, limit)
+            one[own] = _chance_of_rate(rates, weights, alike, beta, limit)
             new = _chance_of_new(first[:, i], weight_of_first, beta, limit)
-            chance[:, k + 1] = np.maximum.reduce([chance[:, k + 1], one, new])
+            chance[k + 1] = np.maximum.reduce([chance[k + 1], one, new])
     # A level that is reached is reached by the lower ones too, whatever the rounding.
-    chance[:, ::-1] = np.maximum.accumulate(chance[:, ::-1], axis=1)
+    np.maximum.accumulate(chance[::-1], out=chance[::-1])
+    chance = chance.T
     level = np.zeros(places.size, np.int16)
     level[own] = hazard_level(few, preset)
     return LevelChances(places, level, chance, in_part)
@@ -174,17 +177,35 @@ def _beta(blocks: FloatArray) -> float:
 
 
 def _chance_of_rate(
-    rate: FloatArray, weight: FloatArray, blocks: FloatArray, beta: float, limit: float
+    rate: FloatArray,
+    weight: FloatArray,
+    alike: tuple[FloatArray, FloatArray, IntArray],
+    beta: float,
+    limit: float,
 ) -> FloatArray:
     """Probability that another sample gives at least a rate ``limit``."""
     out = ((rate > 0.0) & (rate >= limit * (1.0 - 1e-12))).astype(np.float64)
     out[np.isnan(weight)] = 0.5
     some = np.flatnonzero((weight > 1e-12 * limit) & (rate > 0.0))
-    shape = np.maximum(blocks[some] - beta, 1.0 - _MOST_BETA)
-    # Many places have the same counts: both numbers of each as one, to tell them apart.
-    distinct, of = np.unique(_fewest(limit, weight[some]) + 1j * shape, return_inverse=True)
-    out[some] = special.betainc(distinct.real, distinct.imag, 0.5)[of]
+    weights, counts, of = alike
+    heavy = weights > 1e-12 * limit
+    shape = np.maximum(counts[heavy] - beta, 1.0 - _MOST_BETA)
+    chance = np.zeros(weights.size)
+    chance[heavy] = special.betainc(_fewest(limit, weights[heavy]), shape, 0.5)
+    out[some] = chance[of[some]]
     return out
+
+
+def _alike(weight: FloatArray, blocks: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
+    """Pairs of a weight and a number of blocks, each once, and the pair of each place.
+
+    There are far fewer than places.
+    """
+    weights, of_weight = np.unique(weight, return_inverse=True)
+    counts, of_count = np.unique(blocks, return_inverse=True)
+    pairs, of = np.unique(of_weight * counts.size + of_count, return_inverse=True)
+    of_weight, of_count = np.divmod(pairs, max(counts.size, 1))
+    return weights[of_weight], counts[of_count], of
 
 
 def _fewest(limit: float, weight: FloatArray) -> FloatArray:

@@ -7,6 +7,7 @@ damage and changes by hand; it is no signature, as whoever can write the file ca
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import os
 import zipfile
@@ -16,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import zstandard
 from numpy.typing import ArrayLike, NDArray
 
 from sassgis.io.digests import content_digest, program_digest
@@ -26,10 +28,11 @@ from sassgis.model.noted_files import noted
 UNFIT = "Saved state"
 _FINGERPRINT, _DIGEST, _TYPES, _EMPTY = "fingerprint", "digest", "types", "empty"
 _ADDED = (_FINGERPRINT, _DIGEST, _TYPES, _EMPTY)
+_ARRAY, _PACKED = ".npy", ".zst"
 #: What a damaged file may raise, from its end that is missing to flags that no archive has.
 _DAMAGE = (
     OSError, ValueError, KeyError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error,
-    SyntaxError, TypeError, MemoryError, OverflowError,
+    SyntaxError, TypeError, MemoryError, OverflowError, zstandard.ZstdError,
 )  # fmt: skip
 
 
@@ -55,20 +58,28 @@ def write_saved(
     whole[_FINGERPRINT] = _of_program(fingerprint)
     digest = _digest(path.name, whole)
     fresh = noted(path.with_suffix(".new"))
-    method = zipfile.ZIP_DEFLATED if compressed else zipfile.ZIP_STORED
     try:
         with fresh.open("wb") as stream:
-            # As numpy.savez_compressed, which takes longer at a higher level of compression.
-            with zipfile.ZipFile(stream, "w", method, compresslevel=1) as archive:
+            with zipfile.ZipFile(stream, "w") as archive:
                 for name, array in {**whole, _DIGEST: digest}.items():
-                    with archive.open(f"{name}.npy", "w", force_zip64=True) as entry:
-                        np.lib.format.write_array(entry, np.asanyarray(array), allow_pickle=False)
+                    _add(archive, name, np.asanyarray(array), compressed)
             stream.flush()
             os.fsync(stream.fileno())
         fresh.replace(noted(path))
     finally:
         fresh.unlink(missing_ok=True)
     return digest
+
+
+def _add(archive: zipfile.ZipFile, name: str, array: NDArray[Any], compressed: bool) -> None:
+    """Add an array as numpy.savez does; compressed, as no zlib of the archive is: in a fifth."""
+    if compressed:
+        plain = io.BytesIO()
+        np.lib.format.write_array(plain, array, allow_pickle=False)
+        archive.writestr(f"{name}{_ARRAY}{_PACKED}", zstandard.compress(plain.getbuffer(), 1))
+        return
+    with archive.open(f"{name}{_ARRAY}", "w", force_zip64=True) as entry:
+        np.lib.format.write_array(entry, array, allow_pickle=False)
 
 
 def read_saved(
@@ -200,9 +211,17 @@ def _part_of(
 
 def _stored(path: Path, wanted: Callable[[str], bool]) -> dict[str, NDArray[Any]]:
     """The wanted arrays of a file, as they are there."""
-    # Of a damaged file numpy leaves open what it has opened itself. Nothing is unpickled.
-    with path.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
-        return {name: stored[name] for name in stored.files if wanted(name)}
+    found = {}
+    with zipfile.ZipFile(path) as archive:
+        for entry in archive.namelist():
+            name = entry.removesuffix(_PACKED).removesuffix(_ARRAY)
+            if wanted(name):
+                plain = archive.read(entry)
+                if entry.endswith(_PACKED):
+                    plain = zstandard.decompress(plain)
+                # Nothing is unpickled.
+                found[name] = np.lib.format.read_array(io.BytesIO(plain), allow_pickle=False)
+    return found
 
 
 def _digest(name: str, arrays: Mapping[str, ArrayLike]) -> str:

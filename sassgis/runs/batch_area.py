@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.hazard.assess import Assessment, Rules
-from sassgis.hazard.progress import Progress
+from sassgis.hazard.progress import Progress, joined_lines
 from sassgis.io.digests import program_digest
 from sassgis.io.own_files import MANIFEST_NAME
 from sassgis.io.read.base_map import read_base_map
@@ -44,7 +44,14 @@ from sassgis.runs.batch_state import (
     write_record,
     write_state,
 )
-from sassgis.runs.batch_window import SEARCHED_CELLS, Sides, Windowed, cut_sides, windowed
+from sassgis.runs.batch_window import (
+    SEARCHED_CELLS,
+    Sides,
+    Windowed,
+    cut_sides,
+    near_edge,
+    windowed,
+)
 from sassgis.runs.inputs import (
     collected_notices,
     forest_of,
@@ -284,7 +291,8 @@ def run_area(
 ) -> Record:
     """Zone one area into its folder.
 
-    Where followed paths come to the edge of its part of the terrain, it begins anew on a wider one.
+    Where followed paths or fall lines come to the edge of its part of the terrain, it begins anew
+    on a wider one.
     """
     margins: Sides = (1, 1, 1, 1)
     while True:
@@ -364,6 +372,11 @@ def _run_cut(
     with staged_output(folder, overwrite=True) as work:
         place = Workplace(work, jobs, on_progress, tell)
         done, without = simulations(job, rules, place, sums_only=setting.sums_only)
+        if run.followed:
+            lines = joined_lines(done.progress.lines)
+            met = near_edge(cut, setting.terrain, rules.ref_width_m, lines)
+            if any(met):
+                raise TerrainTooSmall(met)
         write_state(work / SIMULATION_NAME, done.progress, done.run)
         if without is not None:
             write_state(work / WITHOUT_BARRIERS_NAME, without.progress, without.run)

@@ -12,7 +12,7 @@ from sassgis.engine.heading import LONGEST_STEP
 from sassgis.io.read.tiles import Part, Terrain, hull
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.errors import InputError
-from sassgis.model.map_run import MapRun
+from sassgis.model.map_run import FallLines, MapRun
 from sassgis.terrain.block_scale import SD_PER_DIAMETER
 from sassgis.terrain.fall_lines import trace
 from sassgis.terrain.plan import Plan, plan
@@ -25,8 +25,9 @@ _FIRST_MARGIN_M = 200.0
 #: below the rounding of a double after 28 cells, and some more make the last bits the same.
 _SPLINE_CELLS = 48
 _POINTS = 256
-#: So many lines are traced first: where one of them leaves a part, the others need not be.
-_SCOUTS = 8
+#: So many lines are traced first, and one of so many: where one of them leaves a part, the others
+#: need not be.
+_SCOUTS, _ONE_OF = 8, 8
 #: Cells around a release area whose heights are read at once, which takes 5 MB: its part of the
 #: terrain is searched within them.
 SEARCHED_CELLS = 400
@@ -41,6 +42,7 @@ _ASIDE = 0.15
 _BESIDE = 3
 
 Sides = tuple[int, int, int, int]
+Met = tuple[bool, bool, bool, bool]
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +65,7 @@ class Windowed:
     margins: Sides
     notices: tuple[str, ...] = ()
 
-    def wider(self, sides: tuple[bool, bool, bool, bool]) -> Sides:
+    def wider(self, sides: Met) -> Sides:
         """Margins to try next if paths came to the rim on some sides."""
         n, e, s, w = (2 * m if met else m for m, met in zip(self.margins, sides, strict=True))
         return n, e, s, w
@@ -114,9 +116,9 @@ def windowed(
     whole terrain model: to the last bit where corners and sizes of cells are binary numbers (whole
     metres, halves, quarters, ...) and no nodata is near, else but for rounding.
 
-    Where paths are followed they go where they will: the part is wider than the fall lines, and
-    the run has a rim on each cut side that no path may look at (see MapRun.rim). If one does, ask
-    again for wider margins.
+    Where paths are followed they go where they will: the part is wider than some of the fall lines,
+    and the run has a rim on each cut side that no path may look at (see MapRun.rim). If one does,
+    or if another line comes near a cut edge (see near_edge), ask again for wider margins.
 
     Parameters
     ----------
@@ -147,7 +149,7 @@ def windowed(
         run = make(part)
         planned = plan(run)
         cut = cut_sides(part, terrain)
-        for lines in (_SCOUTS, len(planned.starts)):
+        for lines in (_scouts(planned), *([] if run.followed else [len(planned.starts)])):
             missing = _missing(terrain, part, run, planned, ref_width_m, lines)
             if any(missing):
                 break
@@ -160,6 +162,22 @@ def windowed(
             m + max(less, (m + 1) // 2) if less else m
             for m, less in zip((north, east, south, west), missing, strict=True)
         )
+
+
+def near_edge(cut: Windowed, terrain: Terrain, ref_width_m: float, lines: FallLines) -> Met:
+    """On which cut sides (north, east, south, west) fall lines of a run come near the edge."""
+    extent = lines.x.min(), lines.y.min(), lines.x.max(), lines.y.max()
+    # Lines are thinned, by less than a cell.
+    keep = 1 + _kept_free(terrain, cut.run, ref_width_m)
+    beyond = _beyond(terrain.part_of(extent).grown(keep, keep, keep, keep), cut.part)
+    cut_off = cut_sides(cut.part, terrain)
+    n, e, s, w = (own and more > 0 for own, more in zip(cut_off, beyond, strict=True))
+    return n, e, s, w
+
+
+def _scouts(planned: Plan) -> int:
+    """How many lines are traced first."""
+    return max(_SCOUTS, len(planned.starts) // _ONE_OF)
 
 
 def _foreseen(
@@ -179,7 +197,7 @@ def _foreseen(
         run, grid=replace(run.grid, values=coarse, cell_size=_COARSER * terrain.cell_size)
     )
     planned = plan(run)
-    reached = _reached(terrain, run, planned, ref_width_m, len(planned.starts))
+    reached = _reached(terrain, run, planned, ref_width_m, _scouts(planned))
     n, e, s, w = (math.ceil(_MORE * m) for m in _beyond(reached, inner))
     return n, e, s, w
 
@@ -195,8 +213,7 @@ def _missing(
 
 def _reached(terrain: Terrain, run: MapRun, planned: Plan, ref_width_m: float, lines: int) -> Part:
     """The part that so many of the fall lines need, also beyond the terrain model."""
-    widest = max(run.terrain.smoothing_m, SD_PER_DIAMETER * run.block_scale_m)
-    keep = edge_cells(widest, ref_width_m, terrain.cell_size)
+    keep = _kept_free(terrain, run, ref_width_m)
     extent = _extent(run, planned, lines)
     if run.followed:
         aside = _ASIDE * math.hypot(extent[2] - extent[0], extent[3] - extent[1])
@@ -204,7 +221,13 @@ def _reached(terrain: Terrain, run: MapRun, planned: Plan, ref_width_m: float, l
     return terrain.part_of(extent).grown(keep, keep, keep, keep)
 
 
-def cut_sides(part: Part, terrain: Terrain) -> tuple[bool, bool, bool, bool]:
+def _kept_free(terrain: Terrain, run: MapRun, ref_width_m: float) -> int:
+    """Cells from a cut edge into which no fall line may come."""
+    widest = max(run.terrain.smoothing_m, SD_PER_DIAMETER * run.block_scale_m)
+    return edge_cells(widest, ref_width_m, terrain.cell_size)
+
+
+def cut_sides(part: Part, terrain: Terrain) -> Met:
     """Whether the terrain model goes on in the north, east, south and west of a part."""
     whole = terrain.whole
     return (

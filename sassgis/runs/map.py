@@ -37,7 +37,7 @@ CHUNK_POINTS = 96
 
 
 class TerrainTooSmall(Exception):
-    """Raised when a followed path looks into the rim of the grid.
+    """Raised when a followed path looks into the rim of the grid, or its fall line comes near.
 
     ``sides``: on which sides (north, east, south, west).
     """

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.changed_arrays import Change, change_arrays
+from helpers.changed_arrays import Change, arrays_of, change_arrays
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -44,8 +44,7 @@ def test_what_is_written_is_read(tmp_path: Path, compressed: bool) -> None:
     assert found is not None and found.keys() == ARRAYS.keys()
     for name, own in ARRAYS.items():
         assert np.array_equal(found[name], own) and found[name].dtype == own.dtype
-    with np.load(file) as stored:
-        assert stored["blocks"].dtype == np.uint16
+    assert arrays_of(file)["blocks"].dtype == np.uint16
     assert [f.name for f in tmp_path.iterdir()] == ["state.npz"]
     assert read_saved(tmp_path / "nothing.npz", "own", never) is None
 

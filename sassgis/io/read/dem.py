@@ -6,7 +6,7 @@ import logging
 import math
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -24,7 +24,7 @@ from rasterio.warp import reproject
 from rasterio.windows import Window
 
 from sassgis.io.read.dem_system import dem_system
-from sassgis.io.read.offline import RASTER, offline, open_dataset
+from sassgis.io.read.offline import RASTER, kept_dataset, offline, open_dataset
 from sassgis.io.read.plain_file import check_file, check_text, in_memory
 from sassgis.model.crs import crs_parts, same_crs
 from sassgis.model.errors import InputError
@@ -54,6 +54,8 @@ _ONE_SYSTEM = ("EPSG:3857", "EPSG:3857")
 _MOST_CLASSES, _LOOKED_AT = 20, 500
 #: Of a cell while its height is read: as stored, as a number, and what is known of it (bytes).
 _READING = 20
+#: Of GDAL, among them the memory for cells of files that are kept open (bytes).
+_OPTIONS = {"GTIFF_REPORT_COMPD_CS": "YES", "GDAL_CACHEMAX": 64 << 20}
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +114,7 @@ def read_dem_part(dem: DemFile, rows: slice, cols: slice) -> FloatArray:
     float64, shape (n_rows, n_cols)
         NaN for nodata.
     """
-    with open_raster(dem.file, "terrain.dem") as dataset:
+    with open_raster(dem.file, "terrain.dem", keep=True) as dataset:
         return _heights(dataset, dem, Window.from_slices(rows, cols))
 
 
@@ -198,17 +200,23 @@ def _described(
 
 
 @contextmanager
-def open_raster(file: Input, key: str) -> Iterator[Any]:
-    """Open a raster or say in one line why that cannot be done."""
+def open_raster(file: Input, key: str, keep: bool = False) -> Iterator[Any]:
+    """Open a raster or say in one line why that cannot be done.
+
+    Parameters
+    ----------
+    keep : bool
+        Whether to leave it open for who reads other parts of it next.
+    """
     check_file(file, key, RASTER)
     if isinstance(file, InMemory):
         with MemoryFile(in_memory(file, "raster", key, RASTER)) as held, held.open() as dataset:
             yield dataset
         return
-    with warnings.catch_warnings(), offline(), rasterio.Env(GTIFF_REPORT_COMPD_CS="YES"):
+    with warnings.catch_warnings(), offline(), rasterio.Env(**_OPTIONS):
         warnings.simplefilter("ignore", NotGeoreferencedWarning)
         try:
-            dataset = open_dataset(file)
+            dataset = kept_dataset(file) if keep else open_dataset(file)
         except (RasterioError, OSError) as error:
             raise InputError(
                 "cannot be read as a raster",
@@ -217,7 +225,7 @@ def open_raster(file: Input, key: str) -> Iterator[Any]:
                 found=_reason(error, file),
                 expected=RASTER,
             ) from None
-        with dataset:
+        with nullcontext() if keep else dataset:
             yield dataset
 
 

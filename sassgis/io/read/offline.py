@@ -9,6 +9,7 @@ files are read, and there is no network.
 from __future__ import annotations
 
 import re
+import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import lru_cache
@@ -103,6 +104,20 @@ def open_dataset(file: Path) -> DatasetReader:
     drivers = [name for name in _RASTERS if name != "EHdr" or not file.is_symlink()]
     # Not as a relative path: rasterio would take "zip:a" for an archive.
     return DatasetReader(str(file.absolute()), driver=drivers)
+
+
+def kept_dataset(file: Path) -> DatasetReader:
+    """As open_dataset; of the same file, the same as before, with what GDAL has kept of it.
+
+    Neighbouring release areas read the same tiles of a terrain model.
+    """
+    return _kept(file, stamp_of(file.stat()), threading.get_ident())
+
+
+@lru_cache(maxsize=8)
+def _kept(file: Path, _stamp: Stamp, _thread: int) -> DatasetReader:
+    # A dataset is of one thread at a time. The one that is left out longest closes itself.
+    return open_dataset(file)
 
 
 def mosaic_sources(file: Path) -> tuple[Path, ...]:
