@@ -13,6 +13,9 @@ from typing import Any
 
 import click
 
+#: Share of all steps whose pace tells the time left.
+_PACED = 0.02
+
 
 class ProgressBar:
     """A bar with the time left on a terminal; a line now and then in a log.
@@ -49,8 +52,10 @@ class ProgressBar:
         if self._began is None or done < self._began[1]:
             self._began = (now, done)
         since, first = self._began
-        pace = (now - since) / (done - first) if done > first else None
-        left = "" if pace is None else f", about {clock(pace * (total - done))} left"
+        # Nor do a few others: further kernels are compiled when they are first called.
+        steps, left = done - first, ""
+        if steps >= max(1, total * _PACED):
+            left = f", about {clock((now - since) / steps * (total - done))} left"
         if self._terminal:
             if now - self._shown < 0.1 and done < total:
                 return

@@ -89,10 +89,15 @@ def with_metadata(case: Case, **stated: float) -> Case:
 
 def with_passages(case: Case, keep: Any) -> Case:
     """The case with some of its passages alone, by a mask."""
-    put = case.projected["passages"]
+    return with_rows(case, "passages", keep)
+
+
+def with_rows(case: Case, table: str, keep: Any) -> Case:
+    """The case with some rows of a table of points alone."""
+    put = case.projected[table]
     fewer = type(put)(*(getattr(put, f.name)[keep] for f in dataclasses.fields(put)))
-    case = with_observed(case, passages=case.observations.passages.take(keep))
-    return dataclasses.replace(case, projected={**case.projected, "passages": fewer})
+    case = with_observed(case, **{table: case.observations.tables[table].take(keep)})
+    return dataclasses.replace(case, projected={**case.projected, table: fewer})
 
 
 def tangent(down: Any) -> Any:

@@ -39,6 +39,9 @@ from sassgis.model.grid import FloatArray
 
 #: Time between two points of a path whose distance gives a speed (s), and least speed (m/s).
 _LAG_S, _FAST_MPS = 0.5, 5.0
+#: Time before and after a station within which a path is looked at (s), and least distance there in
+#: errors of a coordinate.
+_NEAR_S, _FAR_ERRORS = 0.15, 8.0
 #: Scale of speeds that is within what instruments state, and least fall on the flights of a rock
 #: that tells it (m).
 _SCALE_USUAL, _LEAST_FALL_M = 1.05, 2.0
@@ -49,6 +52,7 @@ _SOON_M = 30.0
 #: Largest logarithm of a scale that is tried. Fingerprints whose value is a scale.
 _LOG_SCALE = 0.35
 _IN_TIME = "speeds against distances in time, all rocks alike"
+_PASSING = "speeds at stations against the paths in time there, all rocks alike"
 _AGAINST_FALLS = "speeds against the falls between contacts, too high for all"
 
 
@@ -84,7 +88,7 @@ def _draw(case: Case, draws: ParameterDraws) -> CausePart:
 
 def _measured(prints: Mapping[str, tuple[float, float]]) -> Mapping[str, float]:
     """The scale of speeds, if a fingerprint of it is seen: what fits the motion says less of it."""
-    for name in (_IN_TIME, _AGAINST_FALLS):
+    for name in (_IN_TIME, _PASSING, _AGAINST_FALLS):
         z, scale = prints.get(name, (0.0, 1.0))
         if z >= PRINTED and scale > 0.0 and abs(math.log(scale)) < _LOG_SCALE:
             share = 0.5 + 0.5 * math.log(scale) / _LOG_SCALE
@@ -110,8 +114,7 @@ def _speed_ratios(case: Case) -> tuple[FloatArray, FloatArray, FloatArray]:
         distance = np.sqrt(sum((c[last] - c[first]) ** 2 for c in way))
         sums = np.concatenate([[0.0], np.cumsum(track.speed_mps[rows])])
         stated = (sums[last + 1] - sums[first]) / (last + 1 - first)
-        # A distance of two points with errors is too long by them.
-        clean = np.sqrt(np.maximum(distance**2 - 4.0 * error.position_m**2, 1e-6))
+        clean = _without_errors(distance, error.position_m)
         fast = (stated > _FAST_MPS) & (lag < 2.0 * _LAG_S) & (clean > 1.0)
         if fast.sum() >= 5:
             ratio[rock] = np.median(np.log(stated[fast] * lag[fast] / clean[fast]))
@@ -123,12 +126,52 @@ def _speed_ratios(case: Case) -> tuple[FloatArray, FloatArray, FloatArray]:
     return ratio, usual, corrected
 
 
-def _all_alike(case: Case, residuals: ResidualTable) -> Scores:
-    ratio, _, corrected = _speed_ratios(case)
+def _without_errors(distance: FloatArray, position_m: float) -> FloatArray:
+    """Distances of points with errors, which are too long by them (m)."""
+    cleaned: FloatArray = np.sqrt(np.maximum(distance**2 - 4.0 * position_m**2, 1e-6))
+    return cleaned
+
+
+def _scaled(ratio: FloatArray, corrected: FloatArray) -> Scores:
+    """A scale from the logarithms of speeds over those of paths, and of their corrections."""
     middle = float(np.nanmedian(ratio))
     # The correction goes with the square of an error that may be stated wrongly.
     room = (_SCALE_USUAL - 1.0) + ((1.0 + MISSTATED) ** 2 - 1.0) * corrected
     return Scores(math.copysign(1.0, middle) * ratio - room, math.exp(middle))
+
+
+def _all_alike(case: Case, residuals: ResidualTable) -> Scores:
+    ratio, _, corrected = _speed_ratios(case)
+    return _scaled(ratio, corrected)
+
+
+def _passing(case: Case, residuals: ResidualTable) -> Scores:
+    """Speeds at stations over distances in time there, the mean of each rock."""
+    seen, track = case.observations, case.observations.trajectories
+    speed, rock, station = seen.passages.speed_mps, seen.whole_of("passages"), case.passed_station
+    along, error = case.projected["trajectories"].s, errors_of(case).position_m
+    paths = seen.paths_of_rocks(along)
+    sums = np.zeros((3, case.n_rocks))
+    for i in np.flatnonzero((rock >= 0) & (station >= 0) & (speed > _FAST_MPS)).tolist():
+        rows = paths.get(int(rock[i]), np.empty(0, np.int64))
+        s, t = along[rows], track.t_s[rows]
+        below = np.flatnonzero(s >= case.station_s[rock[i], station[i]])
+        # A path that begins below the station does not pass it.
+        if not below.size or below[0] == 0:
+            continue
+        after = int(below[0])
+        ends = np.searchsorted(t, 0.5 * (t[after - 1] + t[after]) + [-_NEAR_S, _NEAR_S])
+        first, last = min(int(ends[0]), after - 1), max(int(ends[1]) - 1, after)
+        way = [getattr(track, c)[rows] for c in "xyz"]
+        distance = np.sqrt(sum((c[last] - c[first]) ** 2 for c in way))
+        if distance > _FAR_ERRORS * error and t[last] - t[first] < _LAG_S + 1e-6:
+            clean = float(_without_errors(distance, error))
+            own = math.log(speed[i] * (t[last] - t[first]) / clean), math.log(distance / clean)
+            sums[:, rock[i]] += 1.0, *own
+    count = np.where(sums[0] > 0.0, sums[0], np.nan)
+    if np.isfinite(count).sum() < LEAST:
+        raise Unseen
+    return _scaled(sums[1] / count, sums[2] / count)
 
 
 def _against_falls(case: Case, residuals: ResidualTable) -> Scores:
@@ -196,15 +239,21 @@ CAUSE = Cause(
     closes=False,
     draw=_draw,
     measured=_measured,
-    shown_by="speeds as stated against those from positions and times of the path, all rocks alike "
-    "or each by its own share; more energy gained between contacts than the fall gives; what is "
-    "off at one station is made up for at the next; stops beside "
+    shown_by="speeds as stated, on the path or at stations, against those from positions and times "
+    "of the path, all rocks alike or each by its own share; more energy gained between contacts "
+    "than the fall gives; what is off at one station is made up for at the next; stops beside "
     "the fall line, where the rock was on it at a station at most 30 m above",
     statistics=(
         Trace(
             _IN_TIME,
             _all_alike,
             ("trajectories",),
+            clear=True,
+        ),
+        Trace(
+            _PASSING,
+            _passing,
+            ("passages", "stations", "trajectories"),
             clear=True,
         ),
         Trace(

@@ -6,14 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.simulated_slope import observed, with_metadata, with_observed
+from helpers.simulated_slope import observed, with_metadata, with_observed, with_rows
 
 from sassgis.gap.calibration.problem import CalibrationProblem
 from sassgis.gap.causes.all_causes import CAUSES
+from sassgis.gap.causes.cause import LEAST, Scoring, Unseen
 from sassgis.gap.causes.measurement_error_cause import (
     _AGAINST_FALLS,
     _IN_TIME,
+    _PASSING,
     _all_alike,
+    _passing,
     _speed_ratios,
 )
 from sassgis.gap.ladder.hypothesis_fit import draw_of, space_of
@@ -24,8 +27,8 @@ from sassgis.gap.which.fingerprints import _tested
 NO_RESIDUALS: ResidualTable = None  # type: ignore[assignment]
 
 
-def sureness(case: Case) -> float:
-    return _tested(_all_alike(case, NO_RESIDUALS), case.group)[0]
+def sureness(case: Case, scoring: Scoring = _all_alike) -> float:
+    return _tested(scoring(case, NO_RESIDUALS), case.group)[0]
 
 
 def test_a_scale_is_seen_beyond_what_errors_of_position_make() -> None:
@@ -40,6 +43,27 @@ def test_a_scale_is_seen_beyond_what_errors_of_position_make() -> None:
     assert sureness(rough) < 2.0
 
 
+def test_a_scale_of_the_stations_is_seen_where_films_state_no_speed() -> None:
+    seen = observed(20, 3)
+    film = replace(
+        seen.observations.trajectories,
+        speed_mps=np.full(len(seen.observations.trajectories), np.nan),
+    )
+    assert sureness(with_observed(seen, trajectories=film), _passing) < 0.0
+    passages = seen.observations.passages
+    for scale in (0.8, 1.3):
+        fast = replace(passages, speed_mps=scale * passages.speed_mps)
+        scaled = with_observed(seen, trajectories=film, passages=fast)
+        assert sureness(scaled, _passing) > 6.0
+        assert _passing(scaled, NO_RESIDUALS).size == pytest.approx(scale, rel=0.03)
+    # Films that begin below the last station, and of few rocks.
+    late = seen.projected["trajectories"].s > seen.station_s.max()
+    few = seen.observations.rock_of("trajectories") < LEAST - 1
+    for kept in (late, few):
+        with pytest.raises(Unseen):
+            _passing(with_rows(seen, "trajectories", kept), NO_RESIDUALS)
+
+
 def test_the_scale_that_a_fingerprint_measures_is_held(problem: CalibrationProblem) -> None:
     seen = observed(20, 3)
     track = seen.observations.trajectories
@@ -47,7 +71,8 @@ def test_the_scale_that_a_fingerprint_measures_is_held(problem: CalibrationProbl
     assert _all_alike(fast, NO_RESIDUALS).size == pytest.approx(1.3, rel=0.02)
     measured = CAUSES["measurement_error"].measured
     # That of paths in time, which lose nothing between two points, before that of falls.
-    held = measured({_IN_TIME: (6.0, 0.9), _AGAINST_FALLS: (9.0, 1.2)})
+    held = measured({_IN_TIME: (6.0, 0.9), _PASSING: (8.0, 1.1), _AGAINST_FALLS: (9.0, 1.2)})
+    assert held == measured({_PASSING: (3.0, 0.9), _AGAINST_FALLS: (9.0, 1.2)})
     start = {"seen.scale": 0.9, "seen.log_scale": 0.7}
     space = space_of(problem.case, "measurement_error", start, held)
     assert "seen.log_scale" not in space.labels

@@ -1,0 +1,26 @@
+"""What a bar says of the time left."""
+
+from __future__ import annotations
+
+import pytest
+
+from sassgis.cli import progress_bar
+from sassgis.cli.progress_bar import ProgressBar
+
+
+def test_the_time_left_is_told_once_there_is_a_pace(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    seconds = [0.0]
+    monkeypatch.setattr(progress_bar.time, "monotonic", lambda: seconds[0])
+    monkeypatch.setenv("SASSGIS_PROGRESS_S", "1")
+    with ProgressBar() as bar:
+        # Compiling takes 40 s of the second step; all others take one.
+        for done in range(1, 1001):
+            seconds[0] += 40.0 if done == 2 else 1.0
+            bar.step(done, 1000, 10 * done)
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[:2] == ["  0 %, 10 blocks", "  0 %, 20 blocks"]
+    told = [line for line in lines if "left" in line]
+    assert told[0] == "  2 %, 210 blocks, about 48:08 left" and len(told) == 980
+    assert told[-1] == "  100 %, 10000 blocks, about 0:00 left"
