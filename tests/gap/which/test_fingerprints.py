@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.simulated_slope import BASE, observed, with_metadata, with_observed
+from helpers.simulated_slope import BASE, observed, with_metadata, with_observed, with_rows
 
 from sassgis.engine.effects.soft_ground import SoftGround
 from sassgis.gap.causes.all_causes import CAUSES, STATISTICS
@@ -217,8 +217,8 @@ def test_a_film_that_begins_below_the_start_says_nothing_of_it(
         begun[below] -= track.t_s[below[0]]
         # The same way from the true start, which is 12 m below the stated one.
         at_rest[1][rows] -= 12.0
-    filmed = replace(track, t_s=begun).take(np.flatnonzero(late))
-    assert not by_name(with_observed(case, trajectories=filmed), residuals)[name].observable
+    filmed = with_observed(case, trajectories=replace(track, t_s=begun))
+    assert not by_name(with_rows(filmed, "trajectories", late), residuals)[name].observable
     wrong = with_observed(case, trajectories=replace(track, y=at_rest[1]))
     assert by_name(wrong, residuals)[name].z > 6.0
 
