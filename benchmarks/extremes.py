@@ -57,7 +57,7 @@ from sassgis.model.release_areas import ReleaseArea
 from sassgis.model.results import StopReason
 from sassgis.model.settings import EngineSettings, ReleaseSettings, TerrainSettings
 from sassgis.runs.map import simulate_map
-from sassgis.terrain.plan import Plan, plan
+from sassgis.terrain.plan import plan
 
 SEED = 1986
 TOO_LONG_S = 60.0
@@ -316,7 +316,7 @@ def map_case(rng: np.random.Generator) -> Mapping[str, int]:
     run = replace(run, terrain=replace(run.terrain, path=path))
     planned = plan(run)
     progress = simulate_map(run, planned)
-    check_map(run, planned, progress, int(planned.blocks_of_point(run).sum()))
+    check_map(run, progress, int(planned.blocks_of_point(run).sum()))
     return {
         "maps": 1,
         "blocks": int(progress.reasons.sum()),
@@ -324,7 +324,7 @@ def map_case(rng: np.random.Generator) -> Mapping[str, int]:
     }
 
 
-def check_map(run: MapRun, planned: Plan, progress: Progress, n: int) -> None:
+def check_map(run: MapRun, progress: Progress, n: int) -> None:
     """Maps and stops of a run."""
     must(progress.reasons.sum() + progress.lost == n, "blocks are lost")
     rows = joined_rows(progress.stops)

@@ -12,7 +12,6 @@ from __future__ import annotations
 import argparse
 import json
 import statistics
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -22,7 +21,7 @@ import geopandas as gpd
 import numpy as np
 import rasterio
 import saga
-from peers import SCRIPTS, peer_environment, python_of
+from peers import peer_run, python_of
 from rasterio.features import geometry_mask
 
 REQUIREMENT = "avaframe==2.1"
@@ -47,36 +46,21 @@ def write_releases(folder: Path, some_cells: Path, one_cell: Path, count: int) -
 
 def run_once(python: Path, dem: Path, release: Path) -> dict[str, Any]:
     """One run of the model with the release cells of a raster."""
+    # Stopped by the angle at which SAGA's walks are.
+    angle = saga.OPTIONS["FRICTION_ANGLE"]
     with tempfile.TemporaryDirectory() as scratch:
-        command = [python, SCRIPTS / "flowpy_map.py", dem, release, Path(scratch) / "run"]
-        # Stopped by the angle at which SAGA's walks are.
-        command.append(str(saga.OPTIONS["FRICTION_ANGLE"]))
-        done = subprocess.run(
-            command, env=peer_environment(), cwd=scratch, capture_output=True, text=True,
-            check=False,
-        )  # fmt: skip
-    if done.returncode:
-        said = (done.stderr.strip() or done.stdout.strip() or "no message").splitlines()[-1]
-        raise RuntimeError(f"com4FlowPy failed: {said}")
-    found: dict[str, Any] = json.loads(done.stdout.strip().splitlines()[-1])
-    return found
+        given = (dem, release, Path(scratch) / "run", angle)
+        failed = "com4FlowPy failed: "
+        return peer_run(python, "flowpy_map.py", *given, folder=scratch, failed=failed)
 
 
 def measure(
     folder: Path, environments: Path, repeats: int = 3, count: int = CELLS
 ) -> dict[str, Any]:
-    """Release cells per second on one core.
+    """Release cells per second on one core, of the dem.tif and release.gpkg of a folder.
 
-    Parameters
-    ----------
-    folder : Path
-        Holds dem.tif and release.gpkg.
-    environments : Path
-        Where the environment is made and kept.
-    repeats : int
-        How often both runs are timed; the median counts.
-    count : int
-        Release cells of the long run, 2 or more.
+    The environment is made and kept in ``environments``. Both runs are timed ``repeats`` times; the
+    median counts. The long run has ``count`` release cells, 2 or more.
 
     Returns
     -------

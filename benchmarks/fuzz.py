@@ -26,10 +26,28 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import geopandas as gpd
 import numpy as np
+import rasterio
+from rasterio.enums import Resampling
 from watched import Case, watched
 
+from sassgis.gap.calibration.linear_fit import Trial
+from sassgis.io.read.config import load_config, resolved
+from sassgis.io.read.dem import read_dem
+from sassgis.io.read.frequencies import read_frequencies
+from sassgis.io.read.ground_map import PARAMETERS, built_in_table, read_ground_table
+from sassgis.io.read.objects import read_objects, read_vulnerability
+from sassgis.io.read.observation_files import read_observations
+from sassgis.io.read.profile_csv import read_profile
+from sassgis.io.read.tiles import read_terrain
+from sassgis.io.read.vectors import read_release
 from sassgis.io.saved_arrays import write_saved
+from sassgis.io.write.gap_files import classes_csv
+from sassgis.model.errors import SassgisError
+from sassgis.model.exposure import ObjectSettings
+from sassgis.model.settings import ReleaseSettings
+from sassgis.runs.draw_store import DrawStore
 
 SAMPLE = Path(__file__).resolve().parents[1] / "sample_dem"
 SEED = 7
@@ -155,9 +173,6 @@ def _damage_cell(file: Path, rng: np.random.Generator) -> None:
 
 def _site(folder: Path) -> None:
     """The sample valley with coarse terrain, observed rocks and small tables of each kind."""
-    import rasterio
-    from rasterio.enums import Resampling
-
     shutil.copytree(SAMPLE / "valley", folder)
     shutil.copytree(SAMPLE / "observed", folder / "observed")
     with rasterio.open(folder / "dem.tif") as source:
@@ -186,75 +201,34 @@ def _site(folder: Path) -> None:
         "area,scenario,frequency,unit\nNord,frequent,0.2,per_year\nMitte,rare,0.01,per_year_ha\n",
         encoding="utf-8",
     )
-    import geopandas as gpd
-
     for name in ("release", "road"):
         gpd.read_file(folder / f"{name}.gpkg").to_file(folder / f"{name}.geojson", driver="GeoJSON")
-    from sassgis.io.read.ground_map import built_in_table
-    from sassgis.io.write.gap_files import classes_csv
-
     table = built_in_table()
     (folder / "classes.csv").write_text(classes_csv(table, table, lambda _c: ""), encoding="utf-8")
 
 
-def _grid(folder: Path) -> Any:
-    from sassgis.io.read.dem import read_dem
-
-    return read_dem(folder / "dem.tif")
-
-
 def _dem(file: str, folder: Path, _kept: Any) -> None:
-    from sassgis.io.read.dem import read_dem
-
     grid = read_dem(folder / file, "local" if file.endswith("asc") else None)
     known = grid.values[np.isfinite(grid.values)]
     assert not np.isinf(grid.values).any() and grid.cell_size > 0.0
     assert known.size == 0 or (known.min() > -500.0 and known.max() < 9000.0), "heights off Earth"
 
 
-def _tiles(folder: Path, _kept: Any) -> None:
-    from sassgis.io.read.tiles import read_terrain
-
-    read_terrain(folder / "tiles")
-
-
 def _config(folder: Path, _kept: Any) -> None:
-    from sassgis.io.read.config import load_config, resolved
-
     json.dumps(resolved(load_config(folder / "config.toml")), default=str)
 
 
 def _ground_table(folder: Path, _kept: Any) -> None:
-    from sassgis.io.read.ground_map import PARAMETERS, read_ground_table
-
     for own in read_ground_table(folder / "classes.csv").classes:
         assert all(np.isfinite(getattr(own, name)) for name in PARAMETERS)
 
 
 def _profile(folder: Path, _kept: Any) -> None:
-    from sassgis.io.read.ground_map import built_in_table
-    from sassgis.io.read.profile_csv import read_profile
-
     made = read_profile(folder / "profile.csv", built_in_table(), "debris")
     assert np.isfinite(made.s).all() and np.isfinite(made.z).all() and (np.diff(made.s) > 0).all()
 
 
-def _frequencies(folder: Path, _kept: Any) -> None:
-    from sassgis.io.read.frequencies import read_frequencies
-
-    read_frequencies(folder / "frequencies.csv", ["Nord", "Mitte"], ["frequent", "rare"])
-
-
-def _vulnerability(folder: Path, _kept: Any) -> None:
-    from sassgis.io.read.objects import read_vulnerability
-
-    read_vulnerability(folder / "vulnerability.csv", ["low", "mean", "high"])
-
-
 def _release(file: str, folder: Path, kept: Any) -> None:
-    from sassgis.io.read.vectors import read_release
-    from sassgis.model.settings import ReleaseSettings
-
     settings = ReleaseSettings(
         file=folder / file, name_field="name", scenario_field="scenario", spacing_m=3.0
     )
@@ -262,51 +236,48 @@ def _release(file: str, folder: Path, kept: Any) -> None:
 
 
 def _road(file: str, folder: Path, kept: Any) -> None:
-    from sassgis.io.read.objects import read_objects
-    from sassgis.model.exposure import ObjectSettings
-
     read_objects(ObjectSettings("road", "line", folder / file, value_per_m=1.0), kept)
 
 
-def _observations(folder: Path, kept: Any) -> None:
-    from sassgis.io.read.observation_files import read_observations
-
-    read_observations(folder / "observed", kept)
-
-
 def _state(folder: Path, _kept: Any) -> None:
-    from sassgis.gap.calibration.linear_fit import Trial
-    from sassgis.runs.draw_store import DrawStore
-
     store = DrawStore(folder / "draws.npz", "x", lambda _text: None)
     trial = Trial(0, np.array(SHARES), 1)
     made = store.seen([trial], run=lambda due: [(np.zeros(1), 0.0) for _ in due], step=lambda: None)
     assert made[0][1] in (0.0, *SCORES), "other scores than were saved"
 
 
-#: Reader of each kind, what it keeps for all files, and the files that are damaged.
-Reader = tuple[Callable[[Path, Any], None], Callable[[Path], Any] | None, tuple[str, ...]]
-TARGETS: Mapping[str, Reader] = {
-    "config": (_config, None, ("config.toml",)),
-    "dem": (partial(_dem, "small.tif"), None, ("small.tif",)),
-    "dem_ascii": (partial(_dem, "small.asc"), None, ("small.asc",)),
-    "tiles": (_tiles, None, ("tiles/a.tif",)),
-    "ground_table": (_ground_table, None, ("classes.csv",)),
-    "profile": (_profile, None, ("profile.csv",)),
-    "frequencies": (_frequencies, None, ("frequencies.csv",)),
-    "vulnerability": (_vulnerability, None, ("vulnerability.csv",)),
-    "release": (partial(_release, "release.gpkg"), _grid, ("release.gpkg",)),
-    "release_geojson": (partial(_release, "release.geojson"), _grid, ("release.geojson",)),
-    "objects": (partial(_road, "road.gpkg"), _grid, ("road.gpkg",)),
-    "objects_geojson": (partial(_road, "road.geojson"), _grid, ("road.geojson",)),
+#: Reader of each kind, whether it reads over the terrain model, and the files that are damaged.
+TARGETS: Mapping[str, tuple[Callable[[Path, Any], Any], bool, tuple[str, ...]]] = {
+    "config": (_config, False, ("config.toml",)),
+    "dem": (partial(_dem, "small.tif"), False, ("small.tif",)),
+    "dem_ascii": (partial(_dem, "small.asc"), False, ("small.asc",)),
+    "tiles": (lambda folder, _: read_terrain(folder / "tiles"), False, ("tiles/a.tif",)),
+    "ground_table": (_ground_table, False, ("classes.csv",)),
+    "profile": (_profile, False, ("profile.csv",)),
+    "frequencies": (
+        lambda folder, _: read_frequencies(
+            folder / "frequencies.csv", ["Nord", "Mitte"], ["frequent", "rare"]
+        ),
+        False,
+        ("frequencies.csv",),
+    ),
+    "vulnerability": (
+        lambda folder, _: read_vulnerability(folder / "vulnerability.csv", ["low", "mean", "high"]),
+        False,
+        ("vulnerability.csv",),
+    ),
+    "release": (partial(_release, "release.gpkg"), True, ("release.gpkg",)),
+    "release_geojson": (partial(_release, "release.geojson"), True, ("release.geojson",)),
+    "objects": (partial(_road, "road.gpkg"), True, ("road.gpkg",)),
+    "objects_geojson": (partial(_road, "road.geojson"), True, ("road.geojson",)),
     "observations": (
-        _observations,
-        _grid,
+        lambda folder, kept: read_observations(folder / "observed", kept),
+        True,
         tuple(
             f"observed/{n}.csv" for n in ("rocks", "passages", "deposits", "stations", "metadata")
         ),
     ),
-    "saved_state": (_state, None, ("draws.npz",)),
+    "saved_state": (_state, False, ("draws.npz",)),
 }
 
 
@@ -317,11 +288,9 @@ TARGETS: Mapping[str, Reader] = {
 def reading(target: str, site: str) -> Case:
     """In a process of its own: what damages and reads the file of a number."""
     logging.disable(logging.CRITICAL)
-    from sassgis.model.errors import SassgisError
-
-    reader, keep, names = TARGETS[target]
+    reader, over_terrain, names = TARGETS[target]
     folder = Path(site)
-    kept = keep(folder) if keep else None
+    kept = read_dem(folder / "dem.tif") if over_terrain else None
     own = Path(tempfile.mkdtemp(prefix=f"{target}-", dir=folder.parent)) / "site"
     shutil.copytree(folder, own)
 

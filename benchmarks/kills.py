@@ -45,57 +45,27 @@ STARTING_S = 1.0
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of one command.
-
-    Attributes
-    ----------
-    command : str
-    kills : int
-    seconds : float
-        Of the run that was not killed.
-    kept : int
-        Kills after which a saved state was there.
-    orphans : int
-        Kills after which a worker went on.
-    half : int
-        Kills after which a result was there that is not whole.
-    different : tuple of str
-        Files that differ in the end.
-    """
+    """What became of one command."""
 
     command: str
     kills: int
-    seconds: float
-    kept: int
-    orphans: int
-    half: int
-    different: tuple[str, ...]
+    seconds: float  # of the run that was not killed
+    kept: int  # kills after which a saved state was there
+    orphans: int  # kills after which a worker went on
+    half: int  # kills after which a result was there that is not whole
+    different: tuple[str, ...]  # files that differ in the end
 
 
 @dataclass(frozen=True)
 class WorkerOutcome:
-    """What became of one command whose workers were killed.
-
-    Attributes
-    ----------
-    command : str
-    kills : int
-    starting : int
-        Of processes that were at most so old as STARTING_S.
-    lines : int
-        Times that the command ended with one line.
-    orphans : int
-        Ends of the command after which a worker went on.
-    different : tuple of str
-        Files that differ in the end.
-    """
+    """What became of one command whose workers were killed."""
 
     command: str
     kills: int
-    starting: int
-    lines: int
-    orphans: int
-    different: tuple[str, ...]
+    starting: int  # of processes that were at most so old as STARTING_S
+    lines: int  # times that the command ended with one line
+    orphans: int  # ends of the command after which a worker went on
+    different: tuple[str, ...]  # files that differ in the end
 
 
 def site(folder: Path) -> Path:

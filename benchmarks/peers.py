@@ -77,21 +77,21 @@ def python_of(requirement: str, folder: Path) -> Path:
     return python
 
 
-def peer_environment() -> dict[str, str]:
-    """Variables with which another program keeps to one core, and to its own packages."""
+def peer_run(
+    python: Path, script: str, *given: object, folder: str = ".", failed: str = ""
+) -> dict[str, Any]:
+    """One run of another program, on one core and with its own packages alone.
+
+    ``failed`` stands before what it says where it fails.
+    """
     own = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
-    return own | _ONE_CORE
-
-
-def peer_run(python: Path, script: str, profile: Path, rocks: int) -> dict[str, Any]:
-    """One run of another program."""
     done = subprocess.run(
-        [python, SCRIPTS / script, profile, str(rocks)],
-        env=peer_environment(), capture_output=True, text=True, check=False,
+        [python, SCRIPTS / script, *map(str, given)],
+        env=own | _ONE_CORE, cwd=folder, capture_output=True, text=True, check=False,
     )  # fmt: skip
     if done.returncode:
         said = (done.stderr.strip() or done.stdout.strip() or "no message").splitlines()[-1]
-        raise RuntimeError(said)
+        raise RuntimeError(failed + said)
     found: dict[str, Any] = json.loads(done.stdout.strip().splitlines()[-1])
     return found
 

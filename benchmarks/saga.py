@@ -63,16 +63,8 @@ def prepare(folder: Path, work: Path) -> int:
     """Write the DEM and the release cells as SAGA's own grids; returns the number of cells."""
     with rasterio.open(folder / "dem.tif") as raster:
         z = raster.read(1)
-        profile = {
-            "driver": "SAGA",
-            "width": raster.width,
-            "height": raster.height,
-            "count": 1,
-            "transform": raster.transform,
-            "crs": raster.crs,
-            "nodata": -9999.0,
-            "dtype": "float32",
-        }
+        kept = {name: raster.profile[name] for name in ("width", "height", "transform", "crs")}
+    profile = {"driver": "SAGA", "count": 1, "nodata": -9999.0, "dtype": "float32", **kept}
     areas = gpd.read_file(folder / "release.gpkg").geometry
     inside = geometry_mask(areas, z.shape, profile["transform"], invert=True)
     release = np.where(inside, 1.0, -9999.0).astype(np.float32)
@@ -128,16 +120,10 @@ def stop_chainages(work: Path) -> dict[str, float]:
 
 
 def measure(folder: Path, repeats: int = 3, iterations: int = ITERATIONS) -> dict[str, Any]:
-    """Walks per second of wall time on one core.
+    """Walks per second of wall time on one core, of the dem.tif and release.gpkg of a folder.
 
-    Parameters
-    ----------
-    folder : Path
-        Holds dem.tif and release.gpkg.
-    repeats : int
-        How often both runs are timed; the median difference counts.
-    iterations : int
-        Walks per release cell in the long run.
+    Both runs are timed ``repeats`` times; the median difference counts. The long run has so many
+    ``iterations``: walks per release cell.
 
     Returns
     -------

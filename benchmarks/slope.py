@@ -79,13 +79,8 @@ def borders() -> FloatArray:
 def heights(x: FloatArray, y: FloatArray, rough: bool) -> FloatArray:
     """Heights of the slope at map coordinates (m).
 
-    Parameters
-    ----------
-    x, y : float64, any shape
-        Map coordinates (m).
-    rough : bool
-        Whether blocks and hollows of a few metres across and some decimetres high lie on the cliff,
-        the talus and the foot.
+    If it is rough, blocks and hollows of a few metres across and some decimetres high lie on the
+    cliff, the talus and the foot.
     """
     edge = borders()
     fall = np.concatenate(
@@ -102,15 +97,7 @@ def heights(x: FloatArray, y: FloatArray, rough: bool) -> FloatArray:
 
 
 def write_slope(folder: Path, rough: bool = False) -> None:
-    """Write dem.tif, release.gpkg, ground.gpkg and config.toml into ``folder``.
-
-    Parameters
-    ----------
-    folder : Path
-        Created if it is not there; files of these names are replaced.
-    rough : bool
-        See ``heights``.
-    """
+    """Write dem.tif, release.gpkg, ground.gpkg and config.toml into a folder; they are replaced."""
     folder.mkdir(parents=True, exist_ok=True)
     x, y = cell_centres(WEST, SOUTH, WIDTH, HEIGHT, CELL)
     write_dem(folder / "dem.tif", heights(x, y, rough), WEST, SOUTH + HEIGHT, CELL, "LN02")

@@ -37,23 +37,10 @@ def _work(prepare: Callable[..., Case], given: tuple[Any, ...], first: int, last
 def watched(
     prepare: Callable[..., Case], given: tuple[Any, ...], cases: range, too_long_s: float
 ) -> tuple[Counter[str], list[dict[str, Any]]]:
-    """Counts over all cases, and the failures.
+    """Counts over all cases (a range of step 1), and the failures: their number and what was said.
 
-    Parameters
-    ----------
-    prepare : callable
-        Called once in each process with ``given``; returns what does a case.
-    given : tuple
-    cases : range
-        Numbers of the cases, step 1.
-    too_long_s : float
-        After which a case is a failure (s).
-
-    Returns
-    -------
-    counts : Counter
-    failures : list of dict
-        ``number`` and ``said``.
+    ``prepare`` is called once in each process with ``given`` and returns what does a case; after
+    ``too_long_s`` a case is a failure.
     """
     context = multiprocessing.get_context("spawn")
     counts: Counter[str] = Counter()

@@ -25,12 +25,7 @@ from scipy import stats
 from threadpoolctl import threadpool_limits
 
 import sassgis
-from sassgis.gap.calibration.class_calibration import (
-    calibration_task,
-    run_site,
-    run_trial,
-    search,
-)
+from sassgis.gap.calibration.class_calibration import calibration_task, run_site, run_trial, search
 from sassgis.gap.calibration.parameters import Prior, fitted_names, parameters_of, table_with
 from sassgis.gap.calibration.problem import problem_of
 from sassgis.gap.check.worlds import WorldSpec, make_world, observe, setup

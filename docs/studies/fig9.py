@@ -52,14 +52,8 @@ CLOSED_FORM = {
 def eta_min(ratio: float, gamma_deg: float, alpha_deg: float) -> float:
     """η_min of the engine without spin, for an ellipse of semi-axes 1 and ``ratio``.
 
-    Parameters
-    ----------
-    ratio : float
-        b/a.
-    gamma_deg : float
-        Angle between the radius to the point of contact and the major semi-axis.
-    alpha_deg : float
-        Angle of incidence from the normal.
+    γ is the angle between the radius to the point of contact and the major semi-axis, α the angle
+    of incidence from the normal.
     """
     gamma = math.radians(gamma_deg)
     # The normal at P stands at phi to the major axis; P below the centre puts the axis at theta.
@@ -72,9 +66,7 @@ def eta_min(ratio: float, gamma_deg: float, alpha_deg: float) -> float:
 
 @house_style()
 def fig9_figure(
-    gamma_deg: FloatArray,
-    alpha_deg: FloatArray,
-    surfaces: Sequence[tuple[float, FloatArray]],
+    gamma_deg: FloatArray, alpha_deg: FloatArray, surfaces: Sequence[tuple[float, FloatArray]]
 ) -> Figure:
     """Draw η_min over position angle and incidence, one surface for each shape.
 

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import csv
 import json
-import re
 import shutil
 import sys
 from collections import Counter
 from pathlib import Path
 from typing import Any
+
+from study_tables import between_marks
 
 HERE = Path(__file__).parent
 KEPT = HERE / "gap_check"
@@ -126,9 +127,7 @@ def unknown_part(worlds: list[dict[str, str]]) -> list[str]:
 def replaced(page: Path, name: str, part: str) -> None:
     """Put a part between its two marks."""
     text = page.read_text(encoding="utf-8")
-    marked = f"<!-- {name} -->\n{part}\n<!-- end {name} -->"
-    pattern = rf"<!-- {name} -->.*<!-- end {name} -->"
-    page.write_text(re.sub(pattern, lambda _: marked, text, flags=re.DOTALL), encoding="utf-8")
+    page.write_text(between_marks(text, name, part), encoding="utf-8")
 
 
 def main() -> None:

@@ -23,7 +23,6 @@ import csv
 import json
 import math
 import multiprocessing
-import re
 from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -35,7 +34,7 @@ import numpy as np
 from scipy import stats
 from scipy.optimize import minimize
 from scipy.special import logsumexp
-from study_tables import table
+from study_tables import between_marks, table
 
 from sassgis.gap.calibration.problem import problem_of
 from sassgis.gap.calibration.site_summary import summary_of
@@ -208,9 +207,7 @@ def evidence(row: Row) -> tuple[list[Fingerprint], dict[str, CauseGain]]:
     return prints, gains
 
 
-def seen_at(
-    row: Row,
-) -> tuple[list[Fingerprint], dict[str, CauseGain], tuple[str, ...], int, bool]:
+def seen_at(row: Row) -> tuple[list[Fingerprint], dict[str, CauseGain], tuple[str, ...], int, bool]:
     """Fingerprints, gains, what could be seen, what not, and whether the base is adequate."""
     prints, gains = evidence(row)
     gains = speaking(prints, gains)
@@ -637,12 +634,7 @@ def filled(text: str) -> str:
         "reached": reached, "adequacy": adequacy, "spins": spins,
     }  # fmt: skip
     for name, made in tables.items():
-        text = re.sub(
-            rf"(<!-- {name} -->\n).*?(\n<!-- end {name} -->)",
-            lambda m, made=made: m[1] + made() + m[2],  # type: ignore[misc]
-            text,
-            flags=re.DOTALL,
-        )
+        text = between_marks(text, name, made())
     return text
 
 

@@ -69,23 +69,14 @@ CLASSES = ((0.01, 1.0), (0.001, 0.01), (0.0001, 0.001), (0.0, 0.0001))
 
 @dataclass(frozen=True)
 class Design:
-    """A way of sampling.
-
-    Attributes
-    ----------
-    draws : "random", "latin" or "sobol"
-        Of what is drawn at the start.
-    levels : tuple of float
-        Shares of the blocks of a point that come to the chainages at which they are split; 1 is
-        the start.
-    copies : int
-        As which a block goes on from each of them.
-    """
+    """A way of sampling."""
 
     name: str
-    draws: str = "random"
+    draws: str = "random"  # or "latin" or "sobol": of what is drawn at the start
+    # Shares of the blocks of a point that come to the chainages at which they are split; 1 is the
+    # start.
     levels: tuple[float, ...] = ()
-    copies: int = 1
+    copies: int = 1  # as which a block goes on from each of them
 
 
 PLAIN = Design("plain")

@@ -33,27 +33,16 @@ STRIP_CELL_M = 0.25
 
 @dataclass(frozen=True)
 class Slope:
-    """One fall line that can be flattened with any tolerance.
-
-    Attributes
-    ----------
-    ground : int32, shape of the grid
-    trace : TraceSet
-        A single line.
-    key : uint64, shape (1,)
-        Identity for the random draws.
-    start : (low, high)
-        Chainages between which rocks start (m).
-    """
+    """One fall line that can be flattened with any tolerance."""
 
     name: str
     grid: Grid
-    ground: NDArray[np.int32]
-    trace: TraceSet
+    ground: NDArray[np.int32]  # shape of the grid
+    trace: TraceSet  # a single line
     table: GroundTable
     blocks: BlockPopulation
-    key: NDArray[np.uint64]
-    start: tuple[float, float]
+    key: NDArray[np.uint64]  # shape (1,); identity for the random draws
+    start: tuple[float, float]  # chainages between which rocks start (m)
 
     @property
     def length_m(self) -> float:

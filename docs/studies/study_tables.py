@@ -35,6 +35,12 @@ def filled(text: str, tables: Mapping[str, Callable[[], str]], mark: str, end: s
     return re.sub(rf"<!-- {mark}: (.+?) -->\n.*?<!-- {end} -->", made, text, flags=re.S)
 
 
+def between_marks(text: str, name: str, part: str) -> str:
+    """A page with a part between ``<!-- NAME -->`` and ``<!-- end NAME -->``."""
+    first, last = f"<!-- {name} -->", f"<!-- end {name} -->"
+    return re.sub(f"{first}.*{last}", lambda _: f"{first}\n{part}\n{last}", text, flags=re.S)
+
+
 def rewrite(pages: Iterable[Path], again: Callable[[str], str]) -> None:
     """Write pages again, those that change."""
     for page in pages:

@@ -61,25 +61,14 @@ VARIANTS: dict[str, dict[str, str]] = {
 
 @dataclass(frozen=True)
 class Observed:
-    """Measured data, in the coordinates of the rasters (x = X, y = Z).
+    """Measured data, in the coordinates of the rasters (x = X, y = Z)."""
 
-    Attributes
-    ----------
-    stops : float64, shape (n, 2)
-    semi_axes : float64, shape (n, 3)
-        Half of the sides of the box around each block, largest first (m).
-    mass_kg : float64, shape (n,)
-    corners : float64, shape (4, 2)
-        Of the square of release.
-    release_height_m : float
-        Height of the square, in the height system of the terrain.
-    """
-
-    stops: FloatArray
+    stops: FloatArray  # shape (n, 2)
+    # Shape (n, 3); half of the sides of the box around each block, largest first (m).
     semi_axes: FloatArray
-    mass_kg: FloatArray
-    corners: FloatArray
-    release_height_m: float
+    mass_kg: FloatArray  # shape (n,)
+    corners: FloatArray  # shape (4, 2); of the square of release
+    release_height_m: float  # of the square, in the height system of the terrain
 
 
 def read_observed(folder: Path) -> Observed:
@@ -196,20 +185,11 @@ rock_table = "csv"
 
 @dataclass(frozen=True)
 class RunOut:
-    """Run-outs of observed or predicted rocks, all measured in the same way.
+    """Run-outs of observed or predicted rocks, all measured in the same way."""
 
-    Attributes
-    ----------
-    plan_m : float64
-        Plan distance from the centre of the square of release.
-    chainage_m : float64
-        Chainage along the nearest of all fall lines at its point nearest to the stop.
-    offset_m : float64
-        Plan distance from the fall line of the centre; positive to the right, looking downhill.
-    """
-
-    plan_m: FloatArray
-    chainage_m: FloatArray
+    plan_m: FloatArray  # plan distance from the centre of the square of release
+    chainage_m: FloatArray  # along the nearest of all fall lines at its point nearest to the stop
+    # Plan distance from the fall line of the centre; positive to the right, looking downhill.
     offset_m: FloatArray
 
 
@@ -332,25 +312,10 @@ def study(
 ) -> dict[str, object]:
     """Run the study; write ``results.json`` and ``runout.png`` to ``out`` and the rest to ``work``.
 
-    Parameters
-    ----------
-    data : Path
-        Folder that holds the folder of the quarry.
-    out : Path
-        For what may be shown: distributions and counts.
-    work : Path
-        For what stays with the data: the runs and the map of the stops.
-    rocks : int
-        Rocks per release point.
-    spacing : float
-        Of the release points (m).
-    variants : bool
-        Whether to run the other readings as well.
-
-    Returns
-    -------
-    dict
-        What ``results.json`` holds.
+    ``data`` holds the folder of the quarry. ``out`` is for what may be shown: distributions and
+    counts; ``work`` for what stays with the data: the runs and the map of the stops. There are so
+    many rocks at each release point, and so many metres from one point to the next; ``variants``
+    are the other readings. Returned is what ``results.json`` holds.
 
     Raises
     ------
