@@ -238,7 +238,7 @@ class Tool(Algorithm):
 
     def _arguments(self, inputs: Inputs) -> list[object]:
         """What follows the words of the command, before the options of the parameters."""
-        raise NotImplementedError
+        return [inputs.config]
 
     def _destination(self, inputs: Inputs) -> list[object]:
         """What follows the options."""

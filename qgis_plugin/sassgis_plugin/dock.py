@@ -198,11 +198,7 @@ class SiteDock(QDockWidget):
             self.table.setItem(0, place, QTableWidgetItem(text))
         self.table.itemChanged.connect(self.refresh)
         form.addRow(self.table)
-        self._buttons(
-            form,
-            ("Another scenario", self._add_row),
-            ("Remove it", self._remove_row),
-        )
+        self._buttons(form, ("Another scenario", self._add_row), ("Remove it", self._remove_row))
         self._buttons(form, ("Onsets from volumes ...", lambda: self._open("frequency", {})))
         self.spacing, self.count = QDoubleSpinBox(), QSpinBox()
         self.spacing.setRange(0.01, 10_000.0)

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from qgis.core import QgsProcessingParameterFile
 
-from .command import GO_ON, INTEGER, Command, Inputs, advanced, box, config, file, number, passed
+from .command import GO_ON, INTEGER, Command, advanced, box, config, file, number, passed
 
-GROUP = "4 Observations"
 _OBSERVATIONS = (
     "\n\nObservations: a GeoPackage, or any of the CSV tables of a folder ('sassgis gap template "
     "FOLDER' writes empty ones)."
@@ -17,17 +16,22 @@ def _observations() -> QgsProcessingParameterFile:
     return file("OBSERVATIONS", "Observations: GeoPackage, or a table of their folder")
 
 
-def _observed(inputs: Inputs) -> list[object]:
-    own = inputs.file("OBSERVATIONS")
-    return ["--observations", own.parent if own.suffix.lower() == ".csv" else own]
+class _OnObservations(Command):
+    """A command that takes a configuration and observations."""
+
+    GROUP = "4 Observations"
+
+    def _arguments(self, inputs):
+        own = inputs.file("OBSERVATIONS")
+        folder = own.parent if own.suffix.lower() == ".csv" else own
+        return [inputs.config, "--observations", folder]
 
 
-class Calibrate(Command):
+class Calibrate(_OnObservations):
     """``sassgis calibrate``."""
 
     NAME = "calibrate"
     TITLE = "Calibrate on observations"
-    GROUP = GROUP
     HELP = (
         "Fits the ground classes to observed stops, passages or impacts, and states what the "
         "observations do not determine. Writes a report and a configuration that has the fitted "
@@ -38,16 +42,12 @@ class Calibrate(Command):
         draws = number("DRAWS", "Parameter sets of each round", INTEGER, low=16)
         return [config(), _observations(), advanced(passed("--draws", draws))]
 
-    def _arguments(self, inputs):
-        return [inputs.config, *_observed(inputs)]
 
-
-class Diagnose(Command):
+class Diagnose(_OnObservations):
     """``sassgis gap diagnose``."""
 
     NAME = "diagnose"
     TITLE = "Diagnose the gap to observations"
-    GROUP = GROUP
     WORDS = ("gap", "diagnose")
     HELP = (
         "Where observation and simulation differ, which effect missing in the model explains it, "
@@ -65,6 +65,3 @@ class Diagnose(Command):
             advanced(passed("--draws", draws)),
             passed("--map", calibrated),
         ]
-
-    def _arguments(self, inputs):
-        return [inputs.config, *_observed(inputs)]

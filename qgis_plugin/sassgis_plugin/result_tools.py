@@ -16,17 +16,7 @@ from qgis.core import (
     QgsRenderContext,
 )
 
-from .command import (
-    INTEGER,
-    Algorithm,
-    Command,
-    Tool,
-    box,
-    choice,
-    number,
-    passed,
-    result_folder,
-)
+from .command import INTEGER, Algorithm, Command, Tool, box, choice, number, passed, result_folder
 
 GROUP = "3 Results"
 

@@ -339,6 +339,3 @@ class Sensitivity(Command):
             advanced(passed("--rocks", rocks)),
             advanced(passed("--ranges", file("RANGES", "Own ranges (CSV)", True))),
         ]
-
-    def _arguments(self, inputs):
-        return [inputs.config]

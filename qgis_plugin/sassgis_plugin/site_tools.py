@@ -8,18 +8,7 @@ from qgis.core import (
     QgsProcessingParameterString,
 )
 
-from .command import (
-    FLOAT,
-    Tool,
-    advanced,
-    box,
-    config,
-    file,
-    number,
-    passed,
-    raster,
-    result_folder,
-)
+from .command import FLOAT, Tool, advanced, box, config, file, number, passed, raster, result_folder
 from .results import project_layers
 
 GROUP = "1 Prepare a site"
@@ -175,9 +164,6 @@ class Validate(Tool):
 
     def _parameters(self):
         return [config()]
-
-    def _arguments(self, inputs):
-        return [inputs.config]
 
 
 class Frequency(Tool):

@@ -42,11 +42,7 @@ from sassgis.cli.progress_bar import ProgressBar, notes, printed
     example="calibrate sassgis.toml --observations observed -o calibrated",
 )  # fmt: skip
 def calibrate(
-    config: Path,
-    observations: Path,
-    more: tuple[Path, ...],
-    out: Path,
-    **given: Any,
+    config: Path, observations: Path, more: tuple[Path, ...], out: Path, **given: Any
 ) -> None:
     """Fit ground classes to OBSERVATIONS; MORE sites as pairs: CONFIG2 OBS2 ...
 
@@ -149,12 +145,7 @@ def validate_observations(observations: Path, config: Path | None) -> None:
     example="gap diagnose sassgis.toml --observations observed -o diagnosis",
 )  # fmt: skip
 def diagnose(
-    config: Path,
-    observations: Path,
-    out: Path,
-    draws: int | None,
-    with_map: bool,
-    **given: Any,
+    config: Path, observations: Path, out: Path, draws: int | None, with_map: bool, **given: Any
 ) -> None:
     """Say where simulation and OBSERVATIONS differ, which effect causes it, and how far it helps.
 

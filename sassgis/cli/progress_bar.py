@@ -112,10 +112,7 @@ def notes(texts: Iterable[str]) -> None:
 
 
 def conclude(
-    warnings: Sequence[str],
-    summary: str,
-    folder: Path,
-    facts: Mapping[str, object] | None = None,
+    warnings: Sequence[str], summary: str, folder: Path, facts: Mapping[str, object] | None = None
 ) -> None:
     """Report the result of a simulation and where it is; with facts as JSON, without as lines."""
     if facts is not None:
