@@ -12,6 +12,7 @@ import re
 import types
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from enum import Enum, auto
 from functools import cache
 from numbers import Integral, Real
 from operator import is_
@@ -34,29 +35,14 @@ from sassgis.model.errors import ConfigError
 from sassgis.model.in_memory import InMemory
 
 
-@dataclass(frozen=True, slots=True)
-class Limits:
-    """Marks a pair of numbers as a range [low, high]; the user may give a single number."""
+class Mark(Enum):
+    """What an annotation says of a value besides its type and its limits."""
 
-
-@dataclass(frozen=True, slots=True)
-class PlainName:
-    """Marks a text that names a thing: no comma, semicolon or line break."""
-
-
-@dataclass(frozen=True, slots=True)
-class PresetName:
-    """Marks the name of a built-in preset, or a TOML file."""
-
-
-@dataclass(frozen=True, slots=True)
-class OfFeatures:
-    """Marks the attribute with a setting of single features, as ``value_field`` that with value."""
-
-
-@dataclass(frozen=True, slots=True)
-class Codes:
-    """Marks a table whose keys are whole numbers, which TOML writes as text."""
+    RANGE = auto()  # a pair of numbers is a range [low, high]; the user may give a single number
+    PLAIN_NAME = auto()  # a text names a thing: no comma, semicolon or line break
+    PRESET_NAME = auto()  # a text is the name of a built-in preset, or a TOML file
+    OF_FEATURES = auto()  # the attribute with a setting of single features, as value_field: value
+    CODES = auto()  # the keys of a table are whole numbers, which TOML writes as text
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,10 +60,10 @@ class Example:
     needed: bool = False
 
 
-Span = Annotated[tuple[float, float], Limits()]
-Name = Annotated[str, PlainName()]
+Span = Annotated[tuple[float, float], Mark.RANGE]
+Name = Annotated[str, Mark.PLAIN_NAME]
 Text = Annotated[str, MinLen(1)]
-FieldName = Annotated[Text | None, OfFeatures()]
+FieldName = Annotated[Text | None, Mark.OF_FEATURES]
 
 
 class Declared(NamedTuple):
@@ -145,7 +131,7 @@ def _declared(cls: Any) -> Mapping[str, Declared]:
     for field in dataclasses.fields(cls):
         hint = hints[field.name]
         notes = get_args(hint)[1:] if get_origin(hint) is Annotated else ()
-        if OfFeatures() in notes:
+        if Mark.OF_FEATURES in notes:
             key = field.name.removesuffix("_field")
             notes = (f"attribute with {key}", Example(key))
         text = next((n for n in notes if isinstance(n, str)), None)
@@ -169,7 +155,7 @@ def adapted(kind: Any, value: Any) -> Any:
     if origin in (Union, types.UnionType):
         return adapted(next(k for k in parts if k is not type(None)), value)
     if origin is Annotated:
-        if any(isinstance(note, Limits) for note in parts[1:]) and isinstance(value, Real):
+        if Mark.RANGE in parts[1:] and isinstance(value, Real):
             value = (value, value)
         return adapted(parts[0], value)
     if origin is tuple and isinstance(value, list | tuple):
@@ -246,7 +232,7 @@ def fault(kind: Any, value: Any) -> Fault | None:
 
 def _against(note: Any, value: Any) -> Fault | None:
     """Whether a value goes against one of the marks of its annotation."""
-    if isinstance(note, Limits) and value[0] > value[1]:
+    if note is Mark.RANGE and value[0] > value[1]:
         return Fault("limits are reversed", value, "[low, high] with the lower number first")
     if isinstance(note, Interval):
         numbers = value if isinstance(value, tuple) else (value,)
@@ -258,7 +244,7 @@ def _against(note: Any, value: Any) -> Fault | None:
         return Fault("cannot be used", value, f"a {what}")
     if isinstance(note, MaxLen) and len(value) > note.max_length:
         return Fault("cannot be used", value, f"at most {note.max_length} characters")
-    if isinstance(note, PlainName) and (not value or re.search(r"[,;\r\n\t]", value)):
+    if note is Mark.PLAIN_NAME and (not value or re.search(r"[,;\r\n\t]", value)):
         expected = "a text without comma, semicolon or line break"
         return Fault("cannot be used as a name", value, expected)
     return None

@@ -114,13 +114,7 @@ class ExposedObject(Section):
         return self.parent or self.name
 
     def stake(self, block_width_m: float) -> float:
-        """Cost of one hit of vulnerability 1, in the currency of the run.
-
-        Parameters
-        ----------
-        block_width_m : float
-            Width of the block that hits (m).
-        """
+        """Cost of one hit of vulnerability 1 by a block of a width, in the currency of the run."""
         return self.value + self.value_per_m * (self.damage_length_m or block_width_m)
 
 

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 import numpy as np
 from annotated_types import Interval, MinLen
 
-from sassgis.model.declared import Example, PresetName, Renamed, Section, Text
+from sassgis.model.declared import Example, Mark, Renamed, Section, Text
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.in_memory import Input
@@ -175,27 +175,17 @@ class HazardPreset:
     def __post_init__(self) -> None:
         limits = [c.from_kj for c in self.intensities]
         if not limits or limits[0] != 0.0 or any(a >= b for a, b in pairwise(limits)):
-            raise self._refused(
-                "limits of the intensity classes do not rise from 0",
-                "intensity",
-                limits,
-                "[0, ...]",
-            )
+            problem = "limits of the intensity classes do not rise from 0"
+            raise self._refused(problem, "intensity", limits, "[0, ...]")
         periods = self.return_periods
         if not periods or periods[0] <= 0.0 or any(a >= b for a, b in pairwise(periods)):
-            raise self._refused(
-                "limits of the return periods do not rise",
-                "return_periods",
-                list(periods),
-                "years above 0, in ascending order",
-            )
+            problem = "limits of the return periods do not rise"
+            expected = "years above 0, in ascending order"
+            raise self._refused(problem, "return_periods", list(periods), expected)
         if self.rarest_years is not None and self.rarest_years <= periods[-1]:
-            raise self._refused(
-                "is within the classes of return period",
-                "rarest.years",
-                f"{self.rarest_years:g}",
-                f"more than {periods[-1]:g}, the last limit of the return periods",
-            )
+            problem = "is within the classes of return period"
+            expected = f"more than {periods[-1]:g}, the last limit of the return periods"
+            raise self._refused(problem, "rarest.years", f"{self.rarest_years:g}", expected)
         for own in fields(self.sheet) if self.sheet is not None else ():
             value = getattr(self.sheet, own.name)
             if own.name != "provenance" and value < 0.0:
@@ -211,41 +201,29 @@ class HazardPreset:
     def _check_matrix(self) -> None:
         n = len(self.return_periods) + 1
         if len(self.matrix) != len(self.intensities):
-            raise self._refused(
-                "the matrix does not have a row for each intensity class",
-                "matrix",
-                f"{len(self.matrix)} rows",
-                f"{len(self.intensities)}",
-            )
+            problem = "the matrix does not have a row for each intensity class"
+            found, expected = f"{len(self.matrix)} rows", f"{len(self.intensities)}"
+            raise self._refused(problem, "matrix", found, expected)
         for row, intensity in zip(self.matrix, self.intensities, strict=True):
             field = f"matrix.{intensity.code}"
             if len(row) != n:
-                raise self._refused(
-                    "the matrix has a hole",
-                    field,
-                    f"{len(row)} levels",
-                    f"{n}, one per return period",
-                )
+                found, expected = f"{len(row)} levels", f"{n}, one per return period"
+                raise self._refused("the matrix has a hole", field, found, expected)
             if any(not 0 <= k < len(self.levels) for k in row):
                 raise self._refused("the matrix names no level", field, list(row), "known levels")
             codes = [self.levels[k].code for k in row]
             if any(later > earlier for earlier, later in pairwise(row)):
-                raise self._refused(
-                    "the matrix contradicts itself: a rarer event has a higher level",
-                    field,
-                    codes,
-                    "levels that do not rise with the return period",
-                )
+                problem = "the matrix contradicts itself: a rarer event has a higher level"
+                expected = "levels that do not rise with the return period"
+                raise self._refused(problem, field, codes, expected)
         for (weak, low), (strong, high) in pairwise(
             zip(self.intensities, self.matrix, strict=True)
         ):
             if any(a > b for a, b in zip(low, high, strict=True)):
-                raise self._refused(
-                    "the matrix contradicts itself: a stronger event has a lower level",
-                    f"matrix.{strong.code}",
-                    [self.levels[k].code for k in high],
-                    f"nowhere below the row of {weak.code}",
-                )
+                problem = "the matrix contradicts itself: a stronger event has a lower level"
+                codes = [self.levels[k].code for k in high]
+                expected = f"nowhere below the row of {weak.code}"
+                raise self._refused(problem, f"matrix.{strong.code}", codes, expected)
 
     def _refused(self, problem: str, field: str, found: object, expected: str) -> InputError:
         return InputError(
@@ -294,7 +272,7 @@ class HazardSettings(Section):
 
     preset: Annotated[
         Text,
-        PresetName(),
+        Mark.PRESET_NAME,
         "rules for intensity and level: a built-in preset (ch-so, ti), or a "
         "TOML file of your own (docs/presets.md)",
     ] = "ch-so"

@@ -13,9 +13,9 @@ from typing import Annotated, Any, Literal
 from annotated_types import Interval, MinLen
 
 from sassgis.model.declared import (
-    Codes,
     Example,
     FieldName,
+    Mark,
     Name,
     Renamed,
     Section,
@@ -199,7 +199,7 @@ class GroundSettings(Section):
     ] = None
     raster_classes: Annotated[
         Mapping[int, Name] | None,
-        Codes(),
+        Mark.CODES,
         "class of each code, where the file is a raster",
         Example({1: "rock", 2: "debris"}),
     ] = None

@@ -116,15 +116,6 @@ def class_limits(breaks: Sequence[float]) -> list[tuple[float, float]]:
     the last above. A first break of zero opens no class below itself, as nothing that is mapped
     is negative.
 
-    Parameters
-    ----------
-    breaks : sequence of float
-        Strictly ascending, not empty.
-
-    Returns
-    -------
-    list of (lower, upper)
-
     Raises
     ------
     ValueError
@@ -201,14 +192,7 @@ def categorised_style(
     entries: Mapping[str | int, tuple[str, str]],
     smallest_scale: float = 0.0,
 ) -> VectorStyle:
-    """One colour per value.
-
-    Parameters
-    ----------
-    symbol : Symbol
-        Its colour is replaced by that of each entry.
-    entries : mapping of value to (label, ``#rrggbb``)
-    """
+    """One colour per value: the symbol in that of each entry, which is (label, ``#rrggbb``)."""
     return VectorStyle(
         symbol=symbol,
         method="categories",

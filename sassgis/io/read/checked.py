@@ -37,16 +37,7 @@ from pydantic.json_schema import GenerateJsonSchema
 from pydantic_core import CoreSchema, PydanticCustomError
 from typing_extensions import TypedDict
 
-from sassgis.model.declared import (
-    Codes,
-    Declared,
-    Fault,
-    Limits,
-    PlainName,
-    PresetName,
-    declared,
-    fault,
-)
+from sassgis.model.declared import Declared, Fault, Mark, declared, fault
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.in_memory import InMemory, Input
 
@@ -169,15 +160,15 @@ def _accepted(kind: Any) -> Any:
         return _PLAIN[kind]
     accepted = _accepted(parts[0])
     for note in parts[1:]:
-        if isinstance(note, Limits):
+        if note is Mark.RANGE:
             accepted = Annotated[accepted, BeforeValidator(_pair), _InSchema(_or_number)]
         elif isinstance(note, Interval):
             accepted = Annotated[accepted, _InSchema(partial(_within, limits=note))]
-        elif isinstance(note, PlainName):
+        elif note is Mark.PLAIN_NAME:
             accepted = Annotated[accepted, AfterValidator(str.strip)]
-        elif isinstance(note, PresetName):
+        elif note is Mark.PRESET_NAME:
             accepted = Annotated[accepted, BeforeValidator(_preset)]
-        elif isinstance(note, Codes):
+        elif note is Mark.CODES:
             accepted = Annotated[accepted, BeforeValidator(_codes)]
         elif isinstance(note, MinLen):
             accepted = Annotated[accepted, Field(min_length=note.min_length)]
