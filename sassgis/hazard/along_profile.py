@@ -37,36 +37,21 @@ class ProfileInput:
 
 @dataclass(frozen=True, slots=True)
 class ProfileResult:
-    """What the blocks of a profile left.
-
-    Attributes
-    ----------
-    rocks : ROCK_DTYPE, shape (n_scenarios * n_rocks,)
-    scenario : int64, same shape
-        Position in the configuration's blocks.
-    pieces : ROCK_DTYPE
-        Fragments and entrained blocks.
-    piece_scenario : int64, same shape
-    paths : tuple of (s, z)
-        Trajectories of the first blocks of each block scenario (m).
-    drawn : int
-        How many of each scenario.
-    stretches : float64, shape (n + 1,)
-        Borders of the stretches of the profile (m).
-    along : dict of str to dict of float to float64, shape (n,)
-        Quantiles of "energy" (kJ), "speed" (m/s) and "height" (m) in each stretch.
-    """
+    """What the blocks of a profile left."""
 
     profile: ProfileInput
-    rocks: NDArray[np.void]
-    scenario: NDArray[np.int64]
+    rocks: NDArray[np.void]  # ROCK_DTYPE, shape (n_scenarios * n_rocks,)
+    scenario: NDArray[np.int64]  # of each, its position in the configuration's blocks
+    # ROCK_DTYPE; fragments and entrained blocks, and their scenarios.
     pieces: NDArray[np.void]
     piece_scenario: NDArray[np.int64]
     passages: NDArray[np.void]
     control_lines: ControlLineSums
+    # Chainage and height (m) of trajectories of the first blocks of each block scenario.
     paths: tuple[tuple[FloatArray, FloatArray], ...]
-    drawn: int
-    stretches: FloatArray
+    drawn: int  # how many of each scenario
+    stretches: FloatArray  # shape (n + 1,); borders of the stretches of the profile (m)
+    # Quantiles of "energy" (kJ), "speed" (m/s) and "height" (m) in each stretch, shape (n,).
     along: dict[str, dict[float, FloatArray]]
 
 

@@ -12,12 +12,7 @@ import shapely
 from sassgis.hazard.another_sample import LevelChances, level_chances
 from sassgis.hazard.attribution import attribution, governing, zone_of_cells
 from sassgis.hazard.curves import at_energies, hazard_curves
-from sassgis.hazard.levels import (
-    cells_within_limit,
-    deciding_energy,
-    hazard_level,
-    intensity_class,
-)
+from sassgis.hazard.levels import cells_within_limit, deciding_energy, hazard_level, intensity_class
 from sassgis.hazard.risk import RiskTable, assess_risk
 from sassgis.hazard.sources import Sampled
 from sassgis.hazard.zoning.applied_edits import AppliedEdit, with_edits
@@ -241,20 +236,11 @@ class Rules:
 
 @dataclass(frozen=True, slots=True)
 class Assessment:
-    """What zoning found.
+    """What zoning found."""
 
-    Attributes
-    ----------
-    hazard : Hazard
-        With the walls and nets there are.
-    without : Hazard or None
-        Without them; None if there are none or nobody asked.
-    by_area : dict of str to tuple of IntensityMap
-        Intensities of each release area alone; empty unless asked for.
-    """
-
-    hazard: Hazard
-    without: Hazard | None
+    hazard: Hazard  # with the walls and nets there are
+    without: Hazard | None  # without them; None if there are none or nobody asked
+    # Intensities of each release area alone; empty unless asked for.
     by_area: dict[str, tuple[IntensityMap, ...]]
     risk: RiskTable | None
     risk_without: RiskTable | None
@@ -276,16 +262,8 @@ def hazard_of(
 ) -> Hazard:
     """Everything that the counts of a simulation say of the hazard.
 
-    Parameters
-    ----------
-    curves : HazardCurves
-        Of the cells, from all of them.
-    zones : Coverage
-        Of hazard level.
-    confidence : float
-        Of the sampling interval.
-    edits : sequence of Edit
-        Of these zones.
+    The curves are those of all cells, the zones those of hazard level, to which the edits belong;
+    ``confidence`` is that of the sampling interval.
     """
     preset = rules.preset
     chances = level_chances(curves, preset, np.isfinite(grid.values), rules.in_part)
@@ -328,16 +306,8 @@ def assess(
 ) -> Assessment:
     """What the counts of a simulation say of hazard and risk.
 
-    Parameters
-    ----------
-    energies_kj : float64, shape (n,)
-        Of the hazard curves.
-    without : sequence of Sampled or None
-        The same sources without walls and nets.
-    confidence : float
-        Of the sampling interval.
-    by_source : bool
-        Whether to draw zones of intensity of each release area alone.
+    The energies are those of the hazard curves; ``without`` are the same sources without walls and
+    nets. ``by_source`` asks for zones of intensity of each release area alone.
     """
     both = [sampled] if without is None else [sampled, without]
     curves = [curves_of(own, energies_kj) for own in both]
@@ -358,11 +328,6 @@ def risk_of(rules: Rules, sampled: Sequence[Sampled], energies: np.ndarray) -> R
     """Risk of the exposed objects; None if there are none."""
     if rules.vulnerability is None:
         return None
-    return assess_risk(
-        rules.placed.objects,
-        [s.source for s in sampled],
-        [s.objects for s in sampled],
-        energies,
-        rules.preset.thresholds_kj,
-        rules.vulnerability,
-    )
+    sources, counts = [s.source for s in sampled], [s.objects for s in sampled]
+    limits = rules.preset.thresholds_kj
+    return assess_risk(rules.placed.objects, sources, counts, energies, limits, rules.vulnerability)

@@ -13,20 +13,10 @@ from sassgis.model.hazard import Source, SourceCounts
 
 
 def zone_of_cells(coverage: Coverage, grid: Grid, cells: IntArray) -> IntArray:
-    """Zone that holds the centre of each cell.
+    """Zone that holds the centre of each cell: its position in the coverage; -1 outside all zones.
 
-    Parameters
-    ----------
-    grid : Grid
-        On which the zones were drawn.
-    cells : int64, shape (n,)
-        Flat indices of cells, ascending.
-
-    Returns
-    -------
-    int64, shape (n,)
-        Position in the coverage; -1 outside all zones. A centre on a common boundary belongs to the
-        higher class, then to the earlier zone.
+    ``grid`` is that on which the zones were drawn; ``cells`` are flat indices, ascending. A centre
+    on a common boundary belongs to the higher class, then to the earlier zone.
     """
     zone = np.full(np.size(cells), -1, np.int64)
     if zone.size == 0 or coverage.polygons.size == 0:
@@ -90,18 +80,9 @@ def attribution(
 
 
 def governing(shares: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Source with the largest share in each zone, and that share.
+    """Source with the largest of the shares in each zone, and that share; shape (n_zones,).
 
-    Parameters
-    ----------
-    shares : float64, shape (n_zones, n_sources)
-
-    Returns
-    -------
-    source : int64, shape (n_zones,)
-        The first of equal ones; -1 where no source reaches the zone.
-    share : float64, shape (n_zones,)
-        NaN where no source reaches the zone.
+    The first of equal ones; -1 and NaN where no source reaches the zone.
     """
     n_zones = shares.shape[0]
     if shares.shape[1] == 0:

@@ -24,16 +24,10 @@ def bins_for(
     engine: EngineSettings,
     thresholds_kj: Sequence[float] = (),
 ) -> Bins:
-    """Bins for blocks that fall through a relief.
+    """Bins for blocks that fall through a relief, between the highest and the lowest place (m).
 
-    Parameters
-    ----------
-    relief_m : float
-        Between the highest and the lowest place (m).
-    blocks : sequence of BlockPopulation
-        Their initial drop and speed count too.
-    thresholds_kj : sequence of float
-        Energies that hazard curves must have a value for.
+    The initial drop and speed of the blocks count too; ``thresholds_kj`` are energies that hazard
+    curves must have a value for.
     """
     g = engine.gravity_mps2
     drop = relief_m + max(b.drop_m[1] for b in blocks)

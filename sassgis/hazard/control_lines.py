@@ -102,10 +102,7 @@ class ControlLineSums:
     def add_sums(self, other: ControlLineSums, numbers: IntArray) -> None:
         """Join the counts of other blocks.
 
-        Parameters
-        ----------
-        numbers : int64, shape (n_control_lines of ``other``,)
-            Position in ``control_lines`` of each of those of ``other``; each once.
+        ``numbers`` are the positions in ``control_lines`` of those of ``other``; each once.
         """
         self._outcomes[numbers] += other._outcomes
         for q, own in self._of.items():
@@ -160,10 +157,7 @@ def energy_behind(
 ) -> FloatArray:
     """Energy with which blocks go on behind a line (kJ): 0 of those that a barrier takes.
 
-    Parameters
-    ----------
-    energy_kj, outcome, capacity_kj : shape (n,)
-        Of each block where it arrives; Outcome; of the barrier.
+    Of each block its energy where it arrives, its Outcome and the capacity of the barrier.
     """
     taken = np.isin(outcome, (Outcome.STOPPED, Outcome.HELD_BY_NET))
     lost = np.where(outcome == Outcome.BROKE_THROUGH, capacity_kj, 0.0)
@@ -199,12 +193,7 @@ def trimmed(histogram: Histogram, bins: int = 15) -> Histogram:
 
 
 #: Outcomes that are counted at walls and nets.
-BARRIER_OUTCOMES = (
-    Outcome.STOPPED,
-    Outcome.HELD_BY_NET,
-    Outcome.OVERTOPPED,
-    Outcome.BROKE_THROUGH,
-)
+BARRIER_OUTCOMES = (Outcome.STOPPED, Outcome.HELD_BY_NET, Outcome.OVERTOPPED, Outcome.BROKE_THROUGH)
 
 
 def control_line_rows(control_lines: ControlLineSums) -> list[dict[str, Any]]:

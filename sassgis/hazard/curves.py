@@ -22,26 +22,19 @@ _ROUNDING = 1e-12
 
 
 def source_rate(source: Source, counts: SourceCounts) -> FloatArray:
-    """Annual frequency with which the blocks of one source reach its places.
+    """Annual frequency λ(E >= e) with which blocks of one source reach places, (n, n_energies).
 
-    Returns
-    -------
-    float64, shape (n, n_energies)
-        λ(E >= e) per year: onset frequency times the share of the blocks that arrived.
+    It is the onset frequency times the share of the blocks that arrived.
     """
     rate: FloatArray = source.rate_per_rock * counts.count.astype(np.float64)
     return rate
 
 
 def source_variance(source: Source, counts: SourceCounts) -> FloatArray:
-    """Sampling variance of ``source_rate``.
+    """Sampling variance of ``source_rate`` (1/year²), by ``map_sums.count_variance``.
 
-    Returns
-    -------
-    float64, shape (n, n_energies)
-        In 1/year²; see ``statistics.count_variance``. NaN where blocks were counted but the sample
-        does not give it (one block per line, one random line); 0 where none was, as in the places
-        that the source does not reach at all.
+    NaN where blocks were counted but the sample does not give it (one block per line, one random
+    line); 0 where none was, as in the places that the source does not reach at all.
     """
     variance = count_variance(
         counts.count,
@@ -71,12 +64,7 @@ def hazard_curves(
     arrived: none of a few blocks of a frequent scenario says little against it where a rare one
     arrives.
 
-    Parameters
-    ----------
-    counts : sequence of SourceCounts
-        One per source.
-    energies_kj : array_like, shape (n_energies,)
-        Energies of the columns, ascending from 0 (kJ).
+    ``energies_kj`` are those of the columns of the counts, ascending from 0 (kJ).
     """
     energies = np.asarray(energies_kj, np.float64)
     if energies.ndim != 1 or energies.size == 0 or energies[0] != 0.0:
@@ -125,12 +113,7 @@ def _joined(parts: Sequence[HazardCurves], energies: FloatArray, together: bool)
 
 
 def at_energies(curves: HazardCurves, energies_kj: Sequence[float]) -> HazardCurves:
-    """The curves at some of their energies alone.
-
-    Parameters
-    ----------
-    energies_kj : sequence of float
-        Ascending from 0 (kJ), as the thresholds of a preset.
+    """The curves at some of their energies alone, which ascend from 0 (kJ).
 
     Raises
     ------
@@ -160,37 +143,20 @@ def return_period(rate: ArrayLike) -> FloatArray:
 
 
 def meets(rate: ArrayLike, years: float | FloatArray) -> NDArray[np.bool_]:
-    """Whether a rate is at least 1/T, apart from rounding; NaN does not meet anything.
-
-    Parameters
-    ----------
-    rate : array_like
-        Per year.
-    years : float or float64
-        Return period T.
-    """
+    """Whether a rate (1/year) is at least 1/T, apart from rounding; NaN does not meet anything."""
     met: NDArray[np.bool_] = np.asarray(rate, np.float64) * years >= 1.0 - _ROUNDING
     return met
 
 
 def energy_at(curves: HazardCurves, years: float | FloatArray) -> FloatArray:
-    """Energy that is reached or exceeded once in a return period.
+    """Energy (kJ) that is reached or exceeded once in a return period T (years), shape (n,).
 
     The largest energy e with λ(E >= e) >= 1/T. Between two energies of the curve both logarithms
     are taken as linear, with two exceptions: from 0 kJ to the next energy, the energy itself is
     linear (0 has no logarithm); and up to an energy that no block has, the rate itself is linear
     (as if the blocks were spread evenly between the two energies). Beyond the last energy of the
-    curve nothing is known: the last one is given there.
-
-    Parameters
-    ----------
-    years : float or float64, shape (n,)
-        Return period T.
-
-    Returns
-    -------
-    float64, shape (n,)
-        kJ; NaN where blocks arrive less often than once in T.
+    curve nothing is known: the last one is given there. NaN where blocks arrive less often than
+    once in T.
     """
     energies = curves.energies_kj
     periods = np.broadcast_to(np.asarray(years, np.float64), curves.places.shape)
@@ -220,25 +186,17 @@ def energy_at(curves: HazardCurves, years: float | FloatArray) -> FloatArray:
 
 
 def rate_interval(curves: HazardCurves, confidence: float = 0.95) -> tuple[FloatArray, FloatArray]:
-    """Limits between which the rates lie, given the sample of blocks.
+    """Limits (1/year) between which the rates lie, given the sample; shape (n, n_energies) each.
 
     The gamma interval for weighted sums of counts (Fay and Feuer 1997, Statistics in Medicine 16:
     791-801): the lower limit is a quantile of the gamma distribution with the mean λ and variance v
     of the rate, the upper one of that with mean λ + w and variance v + w², w being the rate of one
     block more. For counts with one weight it is the exact interval of a Poisson mean. It states
     what another sample of blocks would change, and nothing of the model, its parameters or the
-    onset frequency.
+    onset frequency. ``confidence`` is the probability that the interval holds the rate, below 1.
 
-    Parameters
-    ----------
-    confidence : float
-        Probability that the interval holds the rate, below 1.
-
-    Returns
-    -------
-    lower, upper : float64, shape (n, n_energies)
-        Per year. With no block counted the lower limit is 0; with variance 0 it is the rate. NaN
-        where the variance is.
+    With no block counted the lower limit is 0; with variance 0 it is the rate. NaN where the
+    variance is.
     """
     return gamma_interval(curves.rate, curves.variance, curves.rate_of_a_rock[:, None], confidence)
 

@@ -42,12 +42,8 @@ class Arrivals:
 def arrivals(sampled: Sequence[Sampled], control_line: int, quantity: str) -> Arrivals:
     """Frequency curve of one quantity at one line, all sources weighted by their frequency.
 
-    Parameters
-    ----------
-    control_line : int
-        Position among the stations and barriers.
-    quantity : str
-        One of sassgis.hazard.control_lines.QUANTITIES.
+    The line is a position among the stations and barriers, the quantity one of
+    control_lines.QUANTITIES.
     """
     edges = QUANTITIES[quantity][1]
     rate, variance, alike = np.zeros((3, edges.size))
@@ -73,12 +69,8 @@ def arrivals(sampled: Sequence[Sampled], control_line: int, quantity: str) -> Ar
 def value_at_rate(curve: Arrivals, rate: float) -> float:
     """The smallest value that is exceeded no more often than ``rate`` (per year).
 
-    Within a bin the blocks are taken as spread evenly; no value lies above the largest seen.
-
-    Returns
-    -------
-    float
-        NaN where blocks arrive less often than that at all: there is no such value.
+    Within a bin the blocks are taken as spread evenly; no value lies above the largest seen. NaN
+    where blocks arrive less often than that at all: there is no such value.
     """
     if curve.rate[0] <= rate:
         return float("nan")

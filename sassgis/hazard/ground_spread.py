@@ -6,7 +6,6 @@ classes: what differs is the ground. A band is the middle 80 % of the draws.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -41,8 +40,8 @@ def draw_of(ranges: Sequence[ParameterRange], seed: int, number: int) -> Variant
     values = {}
     for r in ranges:
         group = r.together.removeprefix("-")
-        word = hashlib.sha256(f"{r.class_name}\n{group or r.parameter}\n{bool(group)}".encode())
-        key = np.array([int.from_bytes(word.digest()[:8], "little")], np.uint64)
+        word = rng.word_of(f"{r.class_name}\n{group or r.parameter}\n{bool(group)}")
+        key = np.array([word])
         share = float(rng.shares(rng.combined(rng.combined(key, seed), number))[0])
         if r.together.startswith("-"):
             share = 1.0 - share

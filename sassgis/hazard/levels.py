@@ -20,21 +20,13 @@ _TRUNCATED = 2.5
 def intensity_class(
     curves: HazardCurves, preset: HazardPreset, years: float | None
 ) -> NDArray[np.int16]:
-    """Strongest class of intensity that is reached at least once in a return period.
+    """Strongest class of intensity that is reached at least once in a return period T (years).
 
-    Parameters
-    ----------
-    curves : HazardCurves
-        With the thresholds of the preset among its energies.
-    years : float or None
-        Return period T: a class is met if λ(E >= its lower limit) >= 1/T, the lowest class if
-        blocks arrive that often at all. None: the extreme event, whatever is not rarer than the
-        preset's ``rarest_years``.
+    A class is met if λ(E >= its lower limit) >= 1/T, the lowest class if blocks arrive that often
+    at all. Without ``years`` it is that of the extreme event: whatever is not rarer than the
+    preset's ``rarest_years``. The thresholds of the preset are among the energies of the curves.
 
-    Returns
-    -------
-    int16, shape (n,)
-        0 where blocks arrive less often, else the class's position in the preset plus 1.
+    0 where blocks arrive less often, else the class's position in the preset plus 1; shape (n,).
     """
     rate = at_energies(curves, preset.thresholds_kj).rate
     met = _counts(rate, preset) if years is None else meets(rate, years)
@@ -50,19 +42,12 @@ def _counts(rate: FloatArray, preset: HazardPreset) -> NDArray[np.bool_]:
 
 
 def levels_of_rates(rate: FloatArray, preset: HazardPreset) -> NDArray[np.int16]:
-    """Level of each field of the matrix that the rates of a place meet.
+    """Level of each field of the matrix that the rates of a place meet, shape (n, n_intensities).
 
-    Parameters
-    ----------
-    rate : float64, shape (n, n_intensities)
-        λ(E >= lower limit of each class of intensity) per year.
-
-    Returns
-    -------
-    int16, shape (n, n_intensities)
-        Level of the field (class i, class of return period of T = 1/λ_i); 0 where λ_i is 0, or T is
-        beyond the preset's ``rarest_years``. The limit of a class of return period belongs to it
-        (T <= 30).
+    Rates are λ(E >= lower limit of each class of intensity) per year, in the same shape. The field
+    is that of class i and the class of return period of T = 1/λ_i; the level is 0 where λ_i is 0,
+    or T is beyond the preset's ``rarest_years``. The limit of a class of return period belongs to
+    it (T <= 30).
     """
     out = np.zeros(rate.shape, np.int16)
     for i, row in enumerate(preset.matrix):
@@ -77,18 +62,8 @@ def hazard_level(curves: HazardCurves, preset: HazardPreset) -> NDArray[np.int16
     """Hazard level of each place: the highest level of the matrix that its curve crosses.
 
     Along the curve the rate falls as the energy rises, so within a class of intensity its lower
-    limit has the highest level: the thresholds alone decide.
-
-    Parameters
-    ----------
-    curves : HazardCurves
-        With the thresholds of the preset among its energies.
-
-    Returns
-    -------
-    int16, shape (n,)
-        0 where no block arrives, or too rarely for any level, else the level's position in the
-        preset plus 1.
+    limit has the highest level: the thresholds alone decide, which are among the energies. 0 where
+    no block arrives, or too rarely for any level, else the level's position in the preset plus 1.
     """
     rate = at_energies(curves, preset.thresholds_kj).rate
     highest: NDArray[np.int16] = levels_of_rates(rate, preset).max(axis=1, initial=0)
@@ -96,13 +71,10 @@ def hazard_level(curves: HazardCurves, preset: HazardPreset) -> NDArray[np.int16
 
 
 def deciding_energy(curves: HazardCurves, preset: HazardPreset) -> IntArray:
-    """Threshold of energy that gave each place its level.
+    """Threshold of energy that gave each place its level: a column of ``curves.energies_kj``.
 
-    Returns
-    -------
-    int64, shape (n,)
-        Column among ``curves.energies_kj``: the lower limit of the weakest class of intensity that
-        gives the level. -1 where there is none.
+    It is the lower limit of the weakest class of intensity that gives the level. -1 where there is
+    none.
     """
     columns = np.array([curves.column(e) for e in preset.thresholds_kj], np.int64)
     levels = levels_of_rates(curves.rate[:, columns], preset)
@@ -111,12 +83,10 @@ def deciding_energy(curves: HazardCurves, preset: HazardPreset) -> IntArray:
 
 
 def limits_of_levels(preset: HazardPreset) -> FloatArray:
-    """Least rate of each class of intensity that gives each level or a higher one.
+    """Least rate (1/year) of each class of intensity that gives each level or a higher one.
 
-    Returns
-    -------
-    float64, shape (n_levels, n_intensities)
-        Per year; infinite where the class never gives it, 0 where any block does.
+    Infinite where the class never gives it, 0 where any block does; shape (n_levels,
+    n_intensities).
     """
     last = 0.0 if preset.rarest_years is None else 1.0 / preset.rarest_years
     rates = np.array([*(1.0 / t for t in preset.return_periods), last])
@@ -134,19 +104,7 @@ def cells_within_limit(
     The frequency is the mean around a place, weighted by a normal density that has the standard
     deviation of a disk of this width along each axis. So the limit is not that of the paths of
     single blocks. Only places that a block reached are within it: a limit that no block crosses is
-    not moved.
-
-    Parameters
-    ----------
-    curves : HazardCurves
-        Of cells of the grid.
-    width_m : float
-        0: no place is.
-
-    Returns
-    -------
-    bool, shape (n,)
-        Of the places of ``curves``.
+    not moved. With a width of 0 no place is.
     """
     if preset.rarest_years is None or width_m == 0.0 or not curves.places.size:
         return np.zeros(curves.places.size, np.bool_)

@@ -29,13 +29,7 @@ _ROOM_AT_ONCE = 2**30
 
 
 class MapSums:
-    """Growing sums over the cells that blocks reach.
-
-    Parameters
-    ----------
-    n_cells : int
-        Cells of the whole grid.
-    """
+    """Growing sums over the cells that blocks reach; ``n_cells`` are those of the whole grid."""
 
     def __init__(self, n_cells: int) -> None:
         self._row = np.full(n_cells, -1, np.int32)
@@ -121,10 +115,7 @@ class MapSums:
         """The sums that ``state`` gave."""
         sums = cls(n_cells)
         if len(state) > 1:
-            sums.add(
-                np.asarray(state["cells"], np.int64),
-                {n: state[n] for n in SUM_NAMES},
-            )
+            sums.add(np.asarray(state["cells"], np.int64), {n: state[n] for n in SUM_NAMES})
         return sums
 
 
@@ -238,20 +229,8 @@ def count_variance(
     5.3): Var K = Σ k_l (n − k_l)/(n − 1). Points drawn at random make the line the unit (cluster
     sampling; ibid., section 9A.2): Var K = L/(L − 1) · (Σ k_l² − K²/L).
 
-    Parameters
-    ----------
-    count, square : int64
-        Σ k_l and Σ k_l², of one shape.
-    rocks_per_line : int
-        n.
-    strata : int
-        Number of lines, L.
-
-    Returns
-    -------
-    float64
-        In the shape of ``count``; NaN where the sample does not give it: one block per line, or one
-        random line.
+    Given are Σ k_l and Σ k_l² in arrays of one shape, n and L. NaN where the sample does not give
+    it: one block per line, or one random line.
     """
     k = count.astype(np.float64)
     k2 = square.astype(np.float64)
@@ -272,18 +251,8 @@ def reach_probability(
 ) -> tuple[FloatArray, FloatArray]:
     """Share of the blocks that started that reach each cell, and its sampling standard error.
 
-    With k_l of n blocks of line l in the cell and N blocks that started, P = Σ k_l / N; the error
-    is the root of ``count_variance`` over N.
-
-    Parameters
-    ----------
-    reach, reach_square : int64, shape (n,)
-        Σ k_l and Σ k_l².
-
-    Returns
-    -------
-    probability, standard_error : float64, shape (n,)
-        The error is NaN where the sample does not give it: one block per line, or one random line.
+    With k_l of n blocks of line l in the cell and N blocks that started, P = Σ k_l / N, of Σ k_l
+    and Σ k_l²; the error is the root of ``count_variance`` over N, NaN where that is.
     """
     variance = count_variance(
         reach, reach_square, sample.rocks_per_line, sample.lines, sample.random_points

@@ -28,10 +28,7 @@ def energy_labels(preset: HazardPreset) -> tuple[str, ...]:
 def preset_unverified(preset: HazardPreset) -> list[str]:
     """What in a preset was not read in its source, for warnings.
 
-    Returns
-    -------
-    list of str
-        One text per source, with the values that rest on it; empty if all are verified.
+    One text per source, with the values that rest on it; empty if all are verified.
     """
     return [
         phrase(

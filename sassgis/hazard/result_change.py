@@ -47,24 +47,16 @@ COMPARED = (REACH, ENERGY, HEIGHT)
 
 @dataclass(frozen=True, slots=True)
 class ChangeRow:
-    """One number before and after.
-
-    Attributes
-    ----------
-    name : str
-        Of the level, control line or object; empty where there is one only.
-    before, after : float
-        NaN where a result does not have it.
-    limits : ((low, high), (low, high))
-        By the sampling of blocks, before and after; NaN where none are known.
-    """
+    """One number before and after."""
 
     part: str
-    name: str
+    name: str  # of the level, control line or object; empty where there is one only
     quantity: str
     unit: str
+    # NaN where a result does not have it.
     before: float
     after: float
+    # Low and high by the sampling of blocks, before and after; NaN where none are known.
     limits: tuple[tuple[float, ...], ...] = field(default=((math.nan, math.nan),) * 2, kw_only=True)
 
     @property
@@ -85,27 +77,17 @@ class SettingChange:
 
 @dataclass(frozen=True, slots=True)
 class ResultChange:
-    """What changes from one result to another.
-
-    Attributes
-    ----------
-    differences : tuple of SettingChange
-        Of the two manifests.
-    higher_m2, lower_m2 : float
-        Area of higher and lower hazard level (m²); NaN if levels were not compared.
-    certain_m2 : float
-        Area on which the reach probability changes beyond the sampling of both, of which a
-        twentieth at most is by chance (m²).
-    notes : tuple of str
-        What a reader must know before comparing numbers.
-    """
+    """What changes from one result to another."""
 
     rows: tuple[ChangeRow, ...]
-    differences: tuple[SettingChange, ...]
+    differences: tuple[SettingChange, ...]  # of the two manifests
+    # Area of higher and lower hazard level (m²); NaN if levels were not compared.
     higher_m2: float
     lower_m2: float
+    # Area on which the reach probability changes beyond the sampling of both, of which a twentieth
+    # at most is by chance (m²).
     certain_m2: float
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # what a reader must know before comparing numbers
 
     def row(self, part: str, quantity: str, name: str = "") -> ChangeRow:
         """The row of a number."""
@@ -267,16 +249,13 @@ def result_change(
 
 def _beyond_sampling(before: StoredResult, after: StoredResult) -> np.ndarray:
     """Cells whose reach probability differs by more than both samples explain."""
-    reach = [r.band(REACH.stem, REACH.band) for r in (before, after)]
-    errors = [r.band(REACH.stem, "standard_error") for r in (before, after)]
-    variance = [
-        np.where(np.isfinite(p), e**2, 0.0).ravel() for p, e in zip(reach, errors, strict=True)
-    ]
-    return beyond_sampling(
-        (reach[0].ravel(), reach[1].ravel()),
-        (variance[0], variance[1]),
-        (1.0 / max(before.blocks, 1), 1.0 / max(after.blocks, 1)),
+    reach, errors = (
+        [r.band(REACH.stem, band).ravel() for r in (before, after)]
+        for band in (REACH.band, "standard_error")
     )
+    one, two = (np.where(np.isfinite(p), e**2, 0.0) for p, e in zip(reach, errors, strict=True))
+    of_a_block = (1.0 / max(before.blocks, 1), 1.0 / max(after.blocks, 1))
+    return beyond_sampling((reach[0], reach[1]), (one, two), of_a_block)
 
 
 def _mean(values: FloatArray) -> float:
@@ -311,7 +290,7 @@ def _zone_rows(before: StoredResult, after: StoredResult) -> Iterator[ChangeRow]
             float(shapely.area(z.polygons[z.classes == entry.value]).sum())
             for z in (before.zones, after.zones)
         ]
-        yield ChangeRow("zones", entry.label, "area of zones", "m2", areas[0], areas[1])
+        yield ChangeRow("zones", entry.label, "area of zones", "m2", *areas)
 
 
 def _runout_rows(before: StoredResult, after: StoredResult) -> Iterator[ChangeRow]:
@@ -323,7 +302,7 @@ def _runout_rows(before: StoredResult, after: StoredResult) -> Iterator[ChangeRo
             float(np.quantile(r.runout_m, share)) if r.runout_m.size else math.nan
             for r in (before, after)
         ]
-        yield ChangeRow("run-out", "", name, "m", values[0], values[1])
+        yield ChangeRow("run-out", "", name, "m", *values)
 
 
 _AT_LINES = (

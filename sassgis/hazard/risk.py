@@ -115,11 +115,8 @@ def by_sample(variance: FloatArray, sources: Sequence[Source]) -> FloatArray:
     """Variances of independent samples from those of sources.
 
     Every source is a sample of its own, but scenarios of an area with random release points start
-    from the same points: their standard errors add up at most.
-
-    Parameters
-    ----------
-    variance : float64, shape (n_sources, n)
+    from the same points: their standard errors add up at most. ``variance`` has the shape
+    (n_sources, n).
     """
     keys = [(s.area, "" if s.random_points else s.scenario) for s in sources]
     number = {key: i for i, key in enumerate(sorted(set(keys)))}
@@ -149,23 +146,8 @@ def vehicles_in_strip(
 
     n = Q / (24 h/day) · (L + w) / (1000 m/km · v): vehicles per hour times the hours for which one
     of them has a part of itself in a strip as wide as the block. The block is taken to cross in no
-    time, and what drives into it after it has come to rest is not counted.
-
-    Parameters
-    ----------
-    vehicles_per_day : array_like
-        Q, both directions (1/day).
-    speed_kmh : array_like
-        v (km/h), above 0.
-    vehicle_length_m : array_like
-        L (m).
-    block_width_m : array_like
-        w (m).
-
-    Returns
-    -------
-    float64
-        Mean number; it may exceed 1.
+    time, and what drives into it after it has come to rest is not counted. The traffic Q is that of
+    both directions. The mean number may exceed 1.
     """
     length = np.asarray(vehicle_length_m, np.float64) + np.asarray(block_width_m, np.float64)
     hours = length / (_METRES_PER_KM * np.asarray(speed_kmh, np.float64))
@@ -176,10 +158,7 @@ def vehicles_in_strip(
 def class_hits(rate: FloatArray) -> FloatArray:
     """Hits per year of each class: h_i = λ(E >= e_i) − λ(E >= e_{i+1}); the last class is open.
 
-    Parameters
-    ----------
-    rate : float64, shape (..., n_intensities)
-        λ at the lower limits of the classes (1/year).
+    ``rate`` is λ at the lower limits of the classes (1/year), shape (..., n_intensities).
     """
     hits: FloatArray = rate - np.concatenate([rate[..., 1:], np.zeros_like(rate[..., :1])], axis=-1)
     return hits
@@ -242,16 +221,7 @@ def weighted_variance(
 def hit_costs(
     objects: Sequence[ExposedObject], vulnerability: Vulnerability, block_width_m: float
 ) -> dict[str, FloatArray]:
-    """What one hit of each intensity costs each object.
-
-    Parameters
-    ----------
-    objects
-        The objects.
-    vulnerability
-        Must have rows for them.
-    block_width_m
-        Width w of the block that hits (m).
+    """What one hit of each intensity by a block of a width (m) costs each object.
 
     Returns
     -------
@@ -307,14 +277,10 @@ def assess_risk(
     limits_kj: Sequence[float],
     vulnerability: Vulnerability,
 ) -> RiskTable:
-    """Risk of each object from each source.
+    """Risk of each object from each source; the places of the counts are numbers of objects.
 
     Parameters
     ----------
-    objects
-        The places of the counts are their numbers.
-    sources, counts
-        One each per source.
     energies_kj : array_like, shape (n_energies,)
         Energies of the columns of the counts, ascending from 0 (kJ).
     limits_kj
@@ -358,11 +324,8 @@ def assess_risk(
 def risk_totals(table: RiskTable) -> list[RiskTotal]:
     """Sums by road or line, by kind, by source, and over all.
 
-    Returns
-    -------
-    list of RiskTotal
-        Each value is the correctly rounded sum (``math.fsum``) of the values of its objects, as
-        ``RiskTable.of_object`` gives them; for a source, of what it adds to each object.
+    Each value is the correctly rounded sum (``math.fsum``) of the values of its objects, as
+    ``RiskTable.of_object`` gives them; for a source, of what it adds to each object.
     """
     groups: dict[tuple[str, str], list[int]] = {}
     for i, thing in enumerate(table.objects):
@@ -405,6 +368,10 @@ def _largest_individual(table: RiskTable, own: Iterable[int]) -> float:
 # Rows of tables
 
 
+def _who(thing: ExposedObject) -> dict[str, object]:
+    return {"name": thing.name, "kind": thing.kind, "part_of": thing.parent}
+
+
 def _share(part: float, whole: float) -> float:
     """Part over whole; NaN where there is no whole."""
     return float(part / whole) if whole else math.nan
@@ -417,18 +384,9 @@ def object_rows(table: RiskTable) -> list[dict[str, object]]:
     one_rock = table.one_rock
     rows: list[dict[str, object]] = []
     for k, thing in enumerate(table.objects):
-        row: dict[str, object] = {
-            "name": thing.name,
-            "kind": thing.kind,
-            "part_of": thing.parent,
-            "from_m": thing.from_m,
-            "length_m": thing.length_m,
-            "value": thing.value,
-            "value_per_m": thing.value_per_m,
-            "persons": thing.persons,
-            "presence": thing.presence,
-            "traffic_per_day": thing.traffic.traffic_per_day if thing.traffic else 0.0,
-        }
+        stated = ("from_m", "length_m", "value", "value_per_m", "persons", "presence")
+        row = _who(thing) | {name: getattr(thing, name) for name in stated}
+        row["traffic_per_day"] = thing.traffic.traffic_per_day if thing.traffic else 0.0
         for q in table.values:
             row[f"{q}_per_year"] = float(sums[q][k])
             row[f"{q}_per_year_se"] = float(errors[q][k])
@@ -445,13 +403,7 @@ def source_rows(table: RiskTable) -> list[dict[str, object]]:
         for s, source in enumerate(table.sources):
             if not table.values["hits"][s, k]:
                 continue
-            row: dict[str, object] = {
-                "name": thing.name,
-                "kind": thing.kind,
-                "part_of": thing.parent,
-                "area": source.area,
-                "scenario": source.scenario,
-            }
+            row = _who(thing) | {"area": source.area, "scenario": source.scenario}
             for i, code in enumerate(table.intensities):
                 row[f"hits_{code}_per_year"] = float(table.hits[s, k, i])
             for q in QUANTITIES:
@@ -467,11 +419,8 @@ def total_rows(table: RiskTable) -> list[dict[str, object]]:
     """A row per sum of :func:`risk_totals`."""
     rows = []
     for total in risk_totals(table):
-        row: dict[str, object] = {
-            "scope": total.scope,
-            "name": total.name,
-            "objects": total.objects,
-        }
+        names = ("scope", "name", "objects")
+        row: dict[str, object] = {name: getattr(total, name) for name in names}
         for q in ADDITIVE:
             row[f"{q}_per_year"] = total.values[q]
             row[f"{q}_per_year_se"] = total.standard_error[q]

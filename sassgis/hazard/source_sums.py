@@ -28,14 +28,7 @@ class SourceSums:
         self._count, self._square = (np.zeros((0, n_energies), np.int64) for _ in range(2))
 
     def add(self, places: IntArray, count: IntArray, square: IntArray) -> None:
-        """Add counts of some places, each of which is named once.
-
-        Parameters
-        ----------
-        places : int64, shape (n,)
-        count, square : int64, shape (n, n_energies)
-            As in SourceCounts.
-        """
+        """Add counts of some places, each of which is named once; all as in SourceCounts."""
         reached = np.flatnonzero(count[:, 0] > 0)
         at, known = self._found(places[reached])
         if not known.all():

@@ -48,14 +48,7 @@ def onset_frequencies(
 ) -> dict[tuple[str, str], float]:
     """Blocks released per year, by release area and block scenario.
 
-    Parameters
-    ----------
-    onsets : mapping of str to Onset
-        By scenario.
-    table : OnsetTable
-        Goes before ``onsets``.
-    config_file : Path
-        For messages.
+    ``onsets`` are by scenario; the table goes before them. The configuration is for messages.
 
     Raises
     ------

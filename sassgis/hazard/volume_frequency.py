@@ -110,16 +110,10 @@ class PowerLaw:
         return np.asarray(part / -np.expm1(-np.multiply(b, self.span)))
 
     def frequency(self, low: float, high: float, rate: float, counted: bool) -> Estimate:
-        """Annual frequency of blocks between two volumes, with its likelihood interval.
+        """Annual frequency of blocks between two volumes (m3), with its likelihood interval.
 
-        Parameters
-        ----------
-        low, high : float
-            Limits of the volume (m3).
-        rate : float
-            Annual frequency of all blocks of the law.
-        counted : bool
-            Whether the rate is the count of the survey over years; else it is taken as exact.
+        ``rate`` is the annual frequency of all blocks of the law; ``counted`` is whether it is the
+        count of the survey over years, else it is taken as exact.
         """
         b = np.geomspace(self.exponent.lower, self.exponent.upper, 401)
         likely = _likelihood(self.survey, self.complete_from, self.span)

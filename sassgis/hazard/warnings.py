@@ -126,13 +126,7 @@ def simulation_warnings(run: MapRun, progress: Progress) -> list[str]:
 
 
 def rule_warnings(preset: HazardPreset, frequencies: Mapping[tuple[str, str], float]) -> list[str]:
-    """What the rules of a zoning leave open.
-
-    Parameters
-    ----------
-    frequencies : mapping of (area, scenario) to float
-        Blocks per year.
-    """
+    """What the rules of a zoning leave open, with blocks per year by area and scenario."""
     out = preset_unverified(preset)
     idle = [f"{area} / {scenario}" for (area, scenario), n in frequencies.items() if n == 0.0]
     if idle:

@@ -70,10 +70,7 @@ def open_limit_style() -> VectorStyle:
 def zone_style(column: str, entries: Sequence[tuple[str, str, str, bool]]) -> VectorStyle:
     """One sign per code, listed from the last.
 
-    Parameters
-    ----------
-    entries : sequence of (code, label, ``#rrggbb``, hatched)
-        From low to high.
+    Entries are (code, label, ``#rrggbb``, hatched), from low to high.
     """
     return VectorStyle(
         symbol=_ZONE,

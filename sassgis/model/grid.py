@@ -63,23 +63,23 @@ class Grid:
             north=self.north - rows.start * self.cell_size,
         )
 
+    def uv(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Fractional numbers of cells from the west and the north edge to points."""
+        u, v = np.asarray(x, float) - self.west, self.north - np.asarray(y, float)
+        return u / self.cell_size, v / self.cell_size
+
     def col_row(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Fractional column and row of points; the centre of cell (row i, col j) is (j, i)."""
-        return (
-            (np.asarray(x, float) - self.west) / self.cell_size - 0.5,
-            (self.north - np.asarray(y, float)) / self.cell_size - 0.5,
-        )
+        u, v = self.uv(x, y)
+        return u - 0.5, v - 0.5
 
     def cell_of(self, x: FloatArray, y: FloatArray) -> IntArray:
         """Flat index (row * n_cols + col) of the cells that hold the points; -1 outside."""
         n_rows, n_cols = self.shape
-        col = np.floor((np.asarray(x, float) - self.west) / self.cell_size)
-        row = np.floor((self.north - np.asarray(y, float)) / self.cell_size)
+        col, row = (np.floor(own) for own in self.uv(x, y))
         inside = (col >= 0) & (col < n_cols) & (row >= 0) & (row < n_rows)
-        flat = np.where(inside, row, 0).astype(np.int64) * n_cols + np.where(inside, col, 0).astype(
-            np.int64
-        )
-        return np.where(inside, flat, np.int64(-1))
+        row, col = (np.where(inside, own, 0).astype(np.int64) for own in (row, col))
+        return np.where(inside, row * n_cols + col, np.int64(-1))
 
     def value_at(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Values of the cells that hold the points; NaN outside."""

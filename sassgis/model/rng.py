@@ -6,6 +6,7 @@ chunks, threads or order, and one stream never shifts another.
 
 from __future__ import annotations
 
+import hashlib
 import math
 
 import numpy as np
@@ -68,14 +69,7 @@ def combined(
 ) -> NDArray[np.uint64]:
     """Keys of things that are distinguished by a further number, by the same scrambling.
 
-    Parameters
-    ----------
-    keys : uint64, shape (n,)
-    word : int or uint64, shape (n,)
-
-    Returns
-    -------
-    uint64, shape (n,)
+    Keys and words are broadcast.
     """
     with np.errstate(over="ignore"):
         z = np.asarray(keys, np.uint64) + (
@@ -85,6 +79,11 @@ def combined(
         z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     out: NDArray[np.uint64] = z ^ (z >> np.uint64(31))
     return out
+
+
+def word_of(text: str) -> np.uint64:
+    """A number that represents a text in the random draws: the first 64 bits of its SHA-256."""
+    return np.uint64(int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "little"))
 
 
 def shares(keys: NDArray[np.uint64]) -> NDArray[np.float64]:

@@ -13,11 +13,10 @@ from sassgis.io.read.tiles import Part, Terrain, hull
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.errors import InputError
 from sassgis.model.map_run import FallLines, MapRun
-from sassgis.terrain.block_scale import SD_PER_DIAMETER
 from sassgis.terrain.fall_lines import trace
 from sassgis.terrain.plan import Plan, plan
 from sassgis.terrain.release import take
-from sassgis.terrain.surface import GAUSSIAN_ENDS
+from sassgis.terrain.surface import GAUSSIAN_ENDS, SD_PER_DIAMETER
 
 #: Margin with which the search begins (m).
 _FIRST_MARGIN_M = 200.0

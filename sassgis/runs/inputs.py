@@ -35,8 +35,8 @@ from sassgis.model.release_areas import ReleaseArea
 from sassgis.model.results import ControlLine
 from sassgis.model.run_config import Config
 from sassgis.runs.estimate import require_profile
-from sassgis.terrain.block_scale import block_scale_grid
 from sassgis.terrain.slope_units import WALL_DEG, WALL_SHARE, slopes_deg, wall_share
+from sassgis.terrain.surface import block_scale_grid
 
 log = logging.getLogger(__name__)
 

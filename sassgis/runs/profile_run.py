@@ -41,7 +41,7 @@ from sassgis.runs.job import AnyConfig, configured
 from sassgis.runs.origin import Origin, byline, provenance, write_origin
 from sassgis.terrain.fall_lines import fall_line_surface, trace
 from sassgis.terrain.flatten import chainage_to_xy
-from sassgis.terrain.prepare import LEAD_IN_M, PreparedLines, prepare_lines, scenario_word
+from sassgis.terrain.prepare import LEAD_IN_M, PreparedLines, prepare_lines
 from sassgis.terrain.stretch import SHORTEST_LINE_M, with_lead_in
 
 _LOG_EVENTS = 2000
@@ -190,7 +190,7 @@ def simulate_profile(
     paths: list[tuple[FloatArray, FloatArray]] = []
     drawn = min(count, -(-_DRAWN // len(config.blocks)))
     for blocks in config.blocks:
-        keys = rng.combined(np.zeros(1, np.uint64), scenario_word(blocks.name))
+        keys = rng.combined(np.zeros(1, np.uint64), rng.word_of(blocks.name))
         simulated = partial(
             simulate, flat, profile.table, blocks, config.engine,
             seed=config.run.seed, line_keys=keys,

@@ -35,8 +35,7 @@ def cell_stretches(
         Borders in columns and rows of the grid.
     """
     n_rows, n_cols = grid.shape
-    u = (traces.x - grid.west) / grid.cell_size
-    v = (grid.north - traces.y) / grid.cell_size
+    u, v = grid.uv(traces.x, traces.y)
     return _stretches(traces.offset, traces.s, u, v, n_rows, n_cols)
 
 

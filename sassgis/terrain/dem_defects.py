@@ -47,10 +47,6 @@ def contour_interval(values: FloatArray) -> tuple[float, float]:
     Where terrain was interpolated from contour lines, or smoothed after its heights had been
     rounded, heights crowd near the multiples of the interval.
 
-    Parameters
-    ----------
-    values : float64
-
     Returns
     -------
     interval_m : float

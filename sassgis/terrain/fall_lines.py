@@ -83,10 +83,7 @@ def fall_line_surface(grid: Grid, settings: TerrainSettings) -> Surface:
 
 
 def trace(
-    grid: Grid,
-    surface: Surface,
-    points: ReleasePoints,
-    settings: TerrainSettings,
+    grid: Grid, surface: Surface, points: ReleasePoints, settings: TerrainSettings
 ) -> TraceSet:
     """Trace the fall lines of release points.
 
@@ -112,16 +109,11 @@ def trace(
     surface : Surface
         The surface traced on, on the same grid; see fall_line_surface.
     points : ReleasePoints
-        All or a part of the release points.
-
-    Returns
-    -------
-    TraceSet
-        One line for each point. Points about every half cell, closer where the line turns.
+        All or a part of the release points; each has a line, with points about every half cell,
+        closer where the line turns.
     """
     cell = grid.cell_size
-    u = exact_positions((points.x - grid.west) / cell)
-    v = exact_positions((grid.north - points.y) / cell)
+    u, v = (exact_positions(own) for own in grid.uv(points.x, points.y))
     offset, lines, end = _trace_all(
         surface.coefficients,
         surface.valid,
@@ -166,30 +158,22 @@ def _trace_all(
     n = u.size
     offset = np.zeros(n + 1, np.int64)
     end = np.zeros(n, np.uint8)
-    us = np.empty(max(64, 256 * n))
-    vs = np.empty(us.size)
-    ss = np.empty(us.size)
+    lines = np.empty((max(64, 256 * n), 3))
     count = 0
     line = np.empty((1024, 3))
     for i in range(n):
         line, size, reason = _trace_line(
             coefficients, valid, heights, u[i], v[i], flat, turning, energy, free, max_length, line
         )
-        if count + size > us.size:
-            us = grown(us, count + size)
-            vs = grown(vs, count + size)
-            ss = grown(ss, count + size)
+        if count + size > lines.shape[0]:
+            lines = grown(lines, count + size)
         for k in range(size):
-            us[count + k] = line[k, 0]
-            vs[count + k] = line[k, 1]
-            ss[count + k] = line[k, 2]
+            for j in range(3):
+                lines[count + k, j] = line[k, j]
         count += size
         offset[i + 1] = count
         end[i] = reason
-    lines = np.empty((count, 3))
-    for k in range(count):
-        lines[k, 0], lines[k, 1], lines[k, 2] = us[k], vs[k], ss[k]
-    return offset, lines, end
+    return offset, lines[:count].copy(), end
 
 
 @kernel
@@ -352,13 +336,7 @@ def _bend(gu: float, gv: float, huu: float, huv: float, hvv: float, slope: float
 
 @lean
 def _turn_rate(
-    gu: float,
-    gv: float,
-    hu: float,
-    hv: float,
-    slope: float,
-    flat: float,
-    turning: float,
+    gu: float, gv: float, hu: float, hv: float, slope: float, flat: float, turning: float
 ) -> float:
     """Rate at which a coasting heading turns towards the descent (per cell)."""
     cosine = min(1.0, max(0.0, _along(gu, gv, hu, hv) / _ALIGNED))

@@ -13,13 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.model.cell_geometry import (
-    SHORTEST_STRETCH,
-    cell_index,
-    exact,
-    height_at,
-    next_line,
-)
+from sassgis.model.cell_geometry import SHORTEST_STRETCH, cell_index, exact, height_at, next_line
 from sassgis.model.errors import InputError
 from sassgis.model.grid import BoolArray, FloatArray, Grid, IntArray
 from sassgis.model.jit import kernel, lean
@@ -35,10 +29,7 @@ _SAME_CROSSING = 1e-6
 
 
 def profiles(
-    grid: Grid,
-    traces: TraceSet,
-    ground: NDArray[np.int32],
-    segment_tolerance_m: float,
+    grid: Grid, traces: TraceSet, ground: NDArray[np.int32], segment_tolerance_m: float
 ) -> ProfileSet:
     """Flatten fall lines into profiles of straight segments.
 
@@ -46,23 +37,17 @@ def profiles(
     crosses a border or a middle line of a cell, and at its own points. The samples are then
     thinned (U. Ramer, 1972; D. H. Douglas and T. K. Peucker, 1973, with the vertical distance)
     so that no sample is farther from the segments than the tolerance. Where the ground class
-    changes, which is at borders of cells, a vertex is always kept.
+    changes, which is at borders of cells, a vertex is always kept. Each profile depends on its own
+    line alone; a line of a single point gives a single vertex and no stretch.
 
     Parameters
     ----------
     grid : Grid
         The DEM as it is, not smoothed.
-    traces : TraceSet
-        All lines or a part of them; each profile depends on its own line alone.
     ground : int32, shape of the grid
         Ground class of each cell.
     segment_tolerance_m : float
         Largest vertical distance between a sample and the segments (m).
-
-    Returns
-    -------
-    ProfileSet
-        A line of a single point gives a single vertex and no stretch.
 
     Raises
     ------
@@ -76,7 +61,7 @@ def profiles(
             found=f"shape {ground.shape}",
             expected=f"shape {grid.shape}",
         )
-    u, v = _cell_units(grid, traces)
+    u, v = grid.uv(traces.x, traces.y)
     offset, s, z, classes = _flatten(
         traces.offset,
         traces.s,
@@ -103,19 +88,9 @@ def profiles(
 def chainage_to_xy(
     traces: TraceSet, line: IntArray | int, s: FloatArray | float
 ) -> tuple[FloatArray, FloatArray]:
-    """Put chainages back on the map.
+    """Coordinates (m) of chainages (m) on their lines; NaN for one that is not on its line.
 
-    Parameters
-    ----------
-    line : int64, broadcastable with ``s``
-        Line of each chainage.
-    s : float64
-        Chainage (m).
-
-    Returns
-    -------
-    x, y : float64, shape of the broadcast
-        Coordinates (m); NaN for a chainage that is not on its line.
+    ``line`` and ``s`` are broadcast.
 
     Raises
     ------
@@ -136,21 +111,10 @@ def chainage_to_xy(
 def xy_to_chainage(
     traces: TraceSet, line: IntArray | int, x: FloatArray | float, y: FloatArray | float
 ) -> tuple[FloatArray, FloatArray]:
-    """Chainage of the point of a line that is nearest to points of the map.
+    """Chainage of the point of a line that is nearest to points of the map, and the distance (m).
 
-    Parameters
-    ----------
-    line : int64, broadcastable with ``x`` and ``y``
-        Line of each point.
-    x, y : float64
-        Coordinates (m).
-
-    Returns
-    -------
-    s : float64, shape of the broadcast
-        Chainage (m) of the nearest point; the smaller one if two are equally near.
-    offset : float64
-        Distance from it (m), positive to the right of the line in its direction.
+    ``line``, ``x`` and ``y`` are broadcast. If two points are equally near, the chainage is the
+    smaller one. The distance is positive to the right of the line in its direction.
     """
     lines, xs, ys = np.broadcast_arrays(
         np.asarray(line, np.int64), np.asarray(x, np.float64), np.asarray(y, np.float64)
@@ -170,11 +134,9 @@ def crossings(traces: TraceSet, control_line_line: FloatArray) -> tuple[IntArray
 
     Returns
     -------
-    line : int64, shape (n,)
-        Line of each crossing, rising.
-    s : float64, shape (n,)
-        Its chainage (m); rising within a line, so that the first of a line comes first. A line
-        that runs along a segment of the polyline does not cross that segment.
+    line, s : int64 and float64, shape (n,)
+        Line of each crossing, rising, and its chainage (m), rising within a line. A line that runs
+        along a segment of the polyline does not cross that segment.
 
     Raises
     ------
@@ -202,11 +164,6 @@ def crossings(traces: TraceSet, control_line_line: FloatArray) -> tuple[IntArray
     again = np.zeros(line.size, np.bool_)
     again[1:] = (np.diff(line) == 0) & (np.diff(s) < _SAME_CROSSING)
     return line[~again], s[~again]
-
-
-def _cell_units(grid: Grid, traces: TraceSet) -> tuple[FloatArray, FloatArray]:
-    """Points of the traces in cells from the outer corner, eastward and southward."""
-    return ((traces.x - grid.west) / grid.cell_size, (grid.north - traces.y) / grid.cell_size)
 
 
 @kernel

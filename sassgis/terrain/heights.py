@@ -10,21 +10,12 @@ from sassgis.model.jit import kernel
 
 
 def heights_at(grid: Grid, x: FloatArray, y: FloatArray) -> FloatArray:
-    """Height of the DEM as it is, bilinear between cell centres, as profiles have it.
+    """Height of the DEM as it is (m), bilinear between cell centres, as profiles have it.
 
-    Parameters
-    ----------
-    x, y : float64, shape (n,)
-        Coordinates (m).
-
-    Returns
-    -------
-    float64, shape (n,)
-        Height (m); NaN outside the DEM, over nodata and where a coordinate is missing.
+    NaN outside the DEM, over nodata and where a coordinate is missing.
     """
     xs, ys = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
-    u = np.ascontiguousarray(((xs - grid.west) / grid.cell_size).ravel())
-    v = np.ascontiguousarray(((grid.north - ys) / grid.cell_size).ravel())
+    u, v = (np.ascontiguousarray(own.ravel()) for own in grid.uv(xs, ys))
     heights: FloatArray = _heights(u, v, grid.values).reshape(xs.shape)
     return heights
 

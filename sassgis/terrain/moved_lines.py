@@ -19,21 +19,11 @@ MOST_COPIES = 90
 
 @dataclass(frozen=True, slots=True)
 class MovedLine:
-    """A copy of a line.
+    """A copy of a line."""
 
-    Attributes
-    ----------
-    of : int
-        Position of the line itself among the lines.
-    moved_m : float
-        Distance in plan, downslope positive (m).
-    trace : float64, shape (n, 2)
-        x and y of its vertices (m).
-    """
-
-    of: int
-    moved_m: float
-    trace: FloatArray
+    of: int  # position of the line itself among the lines
+    moved_m: float  # distance in plan, downslope positive (m)
+    trace: FloatArray  # shape (n, 2); x and y of its vertices (m)
 
     def as_station(self, name: str) -> tuple[ControlLine, FloatArray]:
         """A station there: it records blocks and stops none."""

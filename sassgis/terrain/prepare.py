@@ -5,7 +5,6 @@ Every run goes through here: maps, single profiles from the terrain, and diagnos
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -19,13 +18,7 @@ from sassgis.model.map_run import FallLines, MapRun
 from sassgis.model.profiles import ControlLineCrossings, ProfileSet, TraceSet
 from sassgis.model.results import ControlLine
 from sassgis.terrain.flatten import crossings, profiles
-from sassgis.terrain.stretch import (
-    SHORTEST_LINE_M,
-    take_lines,
-    take_profiles,
-    usable,
-    with_lead_in,
-)
+from sassgis.terrain.stretch import SHORTEST_LINE_M, take_lines, take_profiles, usable, with_lead_in
 
 #: Plan length of the ground behind the start (m).
 LEAD_IN_M = 20.0
@@ -99,14 +92,9 @@ def draw_keys(
     point_keys: NDArray[np.uint64], scenario: str, repetition: int | IntArray = 0
 ) -> NDArray[np.uint64]:
     """Identity of release points for the random draws of a block scenario in some repetition."""
-    out: NDArray[np.uint64] = rng.combined(rng.combined(point_keys, 0), scenario_word(scenario))
+    out: NDArray[np.uint64] = rng.combined(rng.combined(point_keys, 0), rng.word_of(scenario))
     again = np.asarray(repetition)
     return out if not again.any() else np.where(again > 0, rng.combined(out, again), out)
-
-
-def scenario_word(name: str) -> np.uint64:
-    """A number that represents a scenario's name in the random draws."""
-    return np.uint64(int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], "little"))
 
 
 def drawn_lines(traces: TraceSet, grid: Grid, points: IntArray) -> FallLines:

@@ -12,6 +12,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
+from sassgis.model import rng
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.profiles import ReleasePoints
@@ -23,9 +24,7 @@ _MAX_BATCHES = 5000
 
 
 def release_points(
-    areas: Sequence[tuple[str, BaseGeometry]],
-    release: ReleaseSettings,
-    seed: int = 0,
+    areas: Sequence[tuple[str, BaseGeometry]], release: ReleaseSettings, seed: int = 0
 ) -> ReleasePoints:
     """Place release points in, along or at release areas.
 
@@ -109,33 +108,16 @@ def point_keys(name: str, count: int) -> NDArray[np.uint64]:
     The SHA-256 of the name starts a SplitMix64 sequence (G. L. Steele, D. Lea, C. H. Flood, 2014,
     Fast splittable pseudorandom number generators, OOPSLA '14), so key ``i`` depends on the name
     and ``i`` alone.
-
-    Returns
-    -------
-    uint64, shape (count,)
     """
-    digest = hashlib.sha256(b"release point\x00" + name.encode()).digest()
-    base = np.uint64(int.from_bytes(digest[:8], "little"))
-    word = base + (np.arange(count, dtype=np.uint64) + np.uint64(1)) * np.uint64(0x9E3779B97F4A7C15)
-    word = (word ^ (word >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    word = (word ^ (word >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    keys: NDArray[np.uint64] = word ^ (word >> np.uint64(31))
-    return keys
+    base = rng.word_of(f"release point\x00{name}")
+    return rng.combined(np.full(count, base), np.arange(count))
 
 
 def points_in_polygon(polygon: BaseGeometry, spacing_m: float) -> FloatArray:
-    """Lattice points within a polygon, from north to south and west to east.
+    """Lattice points within a polygon, from north to south and west to east, shape (n, 2).
 
-    Parameters
-    ----------
-    polygon : shapely Polygon
-    spacing_m : float
-        Spacing of the lattice, which is anchored at the origin of the coordinates (m).
-
-    Returns
-    -------
-    float64, shape (n, 2)
-        At least one point: the representative point if the lattice misses the polygon.
+    The lattice is anchored at the origin of the coordinates. If it misses the polygon, there is one
+    point: the representative one.
     """
     west, south, east, north = shapely.bounds(polygon)
     # A narrow polygon across the lattice has far more of its points around it than in it.
@@ -151,16 +133,7 @@ def points_in_polygon(polygon: BaseGeometry, spacing_m: float) -> FloatArray:
 
 
 def points_along_line(line: BaseGeometry, spacing_m: float) -> FloatArray:
-    """Points on a line, every ``spacing_m`` from its start.
-
-    Parameters
-    ----------
-    line : shapely LineString
-
-    Returns
-    -------
-    float64, shape (n, 2)
-    """
+    """Points on a line, every ``spacing_m`` from its start, shape (n, 2)."""
     # The small allowance keeps the end point of a line of, say, 30 m at a spacing of 0.3 m.
     count = int(np.floor(shapely.length(line) / spacing_m + 1e-9)) + 1
     along = np.minimum(np.arange(count) * spacing_m, shapely.length(line))
@@ -171,18 +144,9 @@ def points_along_line(line: BaseGeometry, spacing_m: float) -> FloatArray:
 def random_points_in_polygon(
     name: str, polygon: BaseGeometry, spacing_m: float, seed: int
 ) -> FloatArray:
-    """Uniform random points in a polygon, as many as area / spacing².
+    """Uniform random points in a polygon, as many as area / spacing², one or more, shape (n, 2).
 
-    Parameters
-    ----------
-    name : str
-        Name of the release area; with the seed it decides the draws.
-    polygon : shapely Polygon or MultiPolygon
-
-    Returns
-    -------
-    float64, shape (n, 2)
-        At least one point.
+    Seed and name of the release area decide the draws.
 
     Raises
     ------

@@ -108,12 +108,7 @@ def slope_units(slopes: FloatArray) -> SlopeUnits:
     Each cell counts with its surface, its area in plan divided by the cosine of its slope, as steep
     ground is small on a map. The Gaussians are fitted by least squares to the roots of the shares,
     which weighs rare steep cells as their number allows. The fewest units are taken that fit about
-    as well as all of them.
-
-    Parameters
-    ----------
-    slopes : float64, any shape
-        Degrees; NaN is left out.
+    as well as all of them. ``slopes`` are in degrees, of any shape; NaN is left out.
 
     Raises
     ------
@@ -216,24 +211,11 @@ def cliff_patches(
     rock: BoolArray | None = None,
     rock_deg: float = 90.0,
 ) -> NDArray[np.int32]:
-    """Connected cells that are steep enough.
+    """Number of the patch of connected cells that are steep enough, from 1 by falling size; else 0.
 
-    Parameters
-    ----------
-    slopes : float64, shape (n_rows, n_cols)
-        Degrees.
-    threshold_deg : float
-        Cells from this slope on count.
-    least_cells : int
-        Smaller patches are left out.
-    rock : bool, shape (n_rows, n_cols), optional
-        Cells known to be rock: there ``rock_deg`` is the threshold.
-
-    Returns
-    -------
-    int32, shape (n_rows, n_cols)
-        Number of the patch, from 1 by falling size; 0 elsewhere. Cells that touch at a corner only
-        are in different patches.
+    Cells count from ``threshold_deg`` on, those known to be ``rock`` from ``rock_deg`` on. Patches
+    of less than ``least_cells`` are left out. Cells that touch at a corner only are in different
+    patches.
     """
     steep = slopes >= threshold_deg
     if rock is not None:

@@ -16,34 +16,24 @@ SHORTEST_LINE_M = 1.0
 
 
 def moved_uphill(
-    points: ReleasePoints, surface: Surface, distance_m: float, inside: NDArray[np.bool_] | None
+    points: ReleasePoints, surface: Surface, distance_m: float, inside: NDArray[np.bool_]
 ) -> tuple[ReleasePoints, FloatArray]:
     """Move release points up the slope, so that blocks can start on both sides of them.
 
     A lattice point represents a square of the release area; its blocks start on the fall line
-    within half the spacing above and below it.
-
-    Parameters
-    ----------
-    surface : Surface
-        The smooth surface on which lines are traced.
-    distance_m : float
-        How far (m); 0 leaves everything as it is.
-    inside : bool, shape (n,), optional
-        Points that may be moved; default all.
+    within half the spacing above and below it. Those ``inside`` are moved by ``distance_m``, or not
+    where the ground is level or unknown.
 
     Returns
     -------
     points : ReleasePoints
         Keys and areas unchanged.
     moved : float64, shape (n,)
-        How far each has been moved (m): ``distance_m``, or 0 where the ground is level or unknown.
+        How far each has been moved (m).
     """
     height, gx, gy = evaluate(surface, points.x, points.y)
     slope = np.hypot(gx, gy)
-    can = np.isfinite(height) & np.isfinite(slope) & (slope > 1e-6)
-    if inside is not None:
-        can &= inside
+    can = np.isfinite(height) & np.isfinite(slope) & (slope > 1e-6) & inside
     step = np.where(can, distance_m, 0.0)
     unit = np.where(can, slope, 1.0)
     x = points.x + np.where(can, gx / unit, 0.0) * step
@@ -98,17 +88,8 @@ def with_lead_in(profiles: ProfileSet, length_m: float) -> ProfileSet:
     """Let the ground go on behind the start at the slope of the first segment.
 
     A block that rebounds uphill from the first metres would otherwise be lost from the profile.
-    Ground that rises down the line is continued level. No cell of the map belongs to the lead-in.
-
-    Parameters
-    ----------
-    length_m : float
-        Plan length (m).
-
-    Returns
-    -------
-    ProfileSet
-        Each with one more vertex in front, at chainage ``-length_m`` from its first.
+    Ground that rises down the line is continued level. No cell of the map belongs to the lead-in,
+    which is one more vertex in front, at a chainage of ``-length_m`` (plan length) from the first.
     """
     n = len(profiles)
     first = profiles.offset[:-1]

@@ -15,10 +15,10 @@ from sassgis.io.read.config import load_config
 from sassgis.model.grid import Grid
 from sassgis.model.map_run import MapRun
 from sassgis.runs.inputs import read_map_run
-from sassgis.terrain.block_scale import block_scale_grid
 from sassgis.terrain.fall_lines import fall_line_surface, trace
 from sassgis.terrain.heights import heights_at
 from sassgis.terrain.prepare import prepare_lines
+from sassgis.terrain.surface import block_scale_grid
 
 DIAMETER = 2.0
 
