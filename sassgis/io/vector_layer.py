@@ -1,10 +1,13 @@
-"""A layer of points, lines or areas: its table, what the columns mean, how it is drawn."""
+"""A layer of points, lines or areas: its table, what the columns mean, how it is drawn.
+
+Layers and maps in the language in which the program writes.
+"""
 
 from __future__ import annotations
 
 import csv
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib import resources
 from typing import Any
@@ -12,7 +15,8 @@ from typing import Any
 import geopandas as gpd
 import pandas as pd
 
-from sassgis.model.languages import phrase
+from sassgis.model.languages import current_language, phrase, with_translated
+from sassgis.model.results import RasterLayer
 from sassgis.model.styles import FieldInfo, VectorStyle
 
 KEY_COLUMN = "fid"
@@ -20,26 +24,14 @@ KEY_COLUMN = "fid"
 
 @dataclass(frozen=True)
 class VectorLayer:
-    """A layer of points, lines or areas, with what its columns mean and how it is drawn.
+    """A layer of points, lines or areas, with what its columns mean and how it is drawn."""
 
-    Attributes
-    ----------
-    name : str
-        Of the table.
-    title : str
-        Name in the legend.
-    frame : GeoDataFrame
-        May be empty; its columns are written all the same.
-    style : VectorStyle
-        Its kind of symbol says which geometries the layer takes.
-    """
-
-    name: str
-    title: str
+    name: str  # of the table
+    title: str  # in the legend
     description: str
-    frame: gpd.GeoDataFrame
+    frame: gpd.GeoDataFrame  # may be empty; its columns are written all the same
     fields: Mapping[str, FieldInfo] = field(default_factory=dict)
-    style: VectorStyle = field(kw_only=True)
+    style: VectorStyle = field(kw_only=True)  # its symbol says which geometries the layer takes
 
     def __post_init__(self) -> None:
         columns = set(self.columns)
@@ -80,17 +72,9 @@ def described_layer(
 ) -> VectorLayer:
     """A layer whose title, description and columns are those of ``data/map_layers.csv``.
 
-    Parameters
-    ----------
-    key : str
-        Of the table: the name of the layer, with a suffix after a point where several kinds of
-        layers have it.
-    crs : str
-        Well-known text; empty for local coordinates.
-    fields : mapping of column to FieldInfo, optional
-        Of columns that only the result knows.
-    **words
-        What takes the places of ``{...}`` in the table.
+    Its key there is the name of the layer, with a suffix after a point where several kinds of
+    layers have it. ``crs`` is well-known text, empty for local coordinates; ``fields`` describes
+    columns that only the result knows; ``words`` take the places of ``{...}`` in the table.
     """
     frame = gpd.GeoDataFrame(columns, geometry=geometry, crs=crs or None)
     own = descriptions()[key]
@@ -107,3 +91,30 @@ def described_layer(
         raise ValueError(f"map_layers.csv: {key}: no description of {', '.join(sorted(missing))}")
     name = key.partition(".")[0]
     return VectorLayer(name, text("", "alias"), text("", "description"), frame, known, style=style)
+
+
+def translated_raster(layer: RasterLayer) -> RasterLayer:
+    """A map with its title, note, classes and bands."""
+    if current_language() == "en":
+        return layer
+    return replace(
+        with_translated(layer, "title", "note"),
+        bands=tuple(with_translated(band, "description", "unit") for band in layer.bands),
+        classes=tuple(with_translated(entry, "label") for entry in layer.classes),
+    )
+
+
+def translated_vector(layer: VectorLayer) -> VectorLayer:
+    """A layer with its title, description, legend and columns.
+
+    The values of its columns stay: they are codes.
+    """
+    if current_language() == "en":
+        return layer
+    classes = tuple(with_translated(entry, "label") for entry in layer.style.classes)
+    fields = {
+        name: with_translated(info, "alias", "unit", "description")
+        for name, info in layer.fields.items()
+    }
+    style = replace(layer.style, classes=classes)
+    return replace(with_translated(layer, "title", "description"), style=style, fields=fields)

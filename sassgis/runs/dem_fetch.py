@@ -9,8 +9,7 @@ from pathlib import Path
 from sassgis.io.read.stac import TileOffer
 from sassgis.io.read.tiles import open_tiles
 from sassgis.io.staging import write_new, writing
-from sassgis.io.write.tile_download import fetch_tile
-from sassgis.io.write.virtual_raster import write_vrt
+from sassgis.io.write.tile_download import fetch_tile, write_vrt
 from sassgis.model.errors import InputError
 
 VRT, SOURCES = "terrain.vrt", "sources.json"

@@ -24,8 +24,8 @@ from sassgis.gap.check.worlds import (
     require_library,
     world_seeds,
 )
-from sassgis.io.digests import program_digest
-from sassgis.io.read.gap_thresholds import THRESHOLDS, frozen_digest, read_thresholds
+from sassgis.io.digests import content_digest, program_digest
+from sassgis.io.read.gap_thresholds import THRESHOLDS, read_thresholds
 from sassgis.io.saved_arrays import read_saved_json, unfit, with_digest
 from sassgis.io.staging import alone, partial_folder, staged_output, write_text, writing
 from sassgis.io.write.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME, folder_digest
@@ -180,7 +180,7 @@ def _thresholds_digest(file: Path | None, seed: int, development: bool) -> str:
             found=f"seed {seed}",
             expected="another --seed, or --development",
         )
-    return frozen_digest(file)
+    return content_digest(file or THRESHOLDS)
 
 
 @dataclass(frozen=True, slots=True)

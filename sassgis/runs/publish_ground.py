@@ -8,7 +8,7 @@ from pathlib import Path
 from sassgis.io.qgis.entries import LayerEntry, LayerGroup
 from sassgis.io.write.geopackage import write_geopackage
 from sassgis.io.write.layers.ground_spread_maps import spread_layers, spread_vectors
-from sassgis.io.write.sensitivity_tables import band_table, range_table, simulation_table
+from sassgis.io.write.zone_tables import band_table, range_table, simulation_table
 from sassgis.model.hazard import HazardPreset
 from sassgis.report.exposed_report import map_objects
 from sassgis.report.page import ReportFigure

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from sassgis.io.translated_layers import translated_raster, translated_vector
-from sassgis.io.vector_layer import VectorLayer
+from sassgis.io.vector_layer import VectorLayer, translated_raster, translated_vector
 from sassgis.model.languages import translated
 from sassgis.model.results import RasterLayer
 

@@ -17,8 +17,7 @@ import shapely
 from sassgis.io.qgis.markup import qml
 from sassgis.io.read.offline import pyogrio_settings
 from sassgis.io.staging import writing
-from sassgis.io.translated_layers import translated_vector
-from sassgis.io.vector_layer import KEY_COLUMN, VectorLayer
+from sassgis.io.vector_layer import KEY_COLUMN, VectorLayer, translated_vector
 from sassgis.model.errors import OutputError
 from sassgis.model.styles import FieldInfo
 

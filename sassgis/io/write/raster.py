@@ -12,12 +12,12 @@ import rasterio
 import rasterio.shutil
 from numpy.typing import NDArray
 from rasterio.io import MemoryFile
-from rasterio.transform import from_origin
 from rasterio.windows import Window
 
 from sassgis.io.qgis.markup import qml
+from sassgis.io.read.dem import affine_of
 from sassgis.io.staging import write_text, writing
-from sassgis.io.translated_layers import translated_raster
+from sassgis.io.vector_layer import translated_raster
 from sassgis.model.grid import Grid
 from sassgis.model.ramps import rgb
 from sassgis.model.results import Band, RasterLayer
@@ -117,7 +117,7 @@ def _frame_of(layer: RasterLayer, grid: Grid, number_type: str, nodata: float) -
     return {
         "width": grid.shape[1], "height": grid.shape[0], "count": len(layer.bands),
         "dtype": number_type, "nodata": nodata, "crs": grid.crs or None,
-        "transform": from_origin(grid.west, grid.north, grid.cell_size, grid.cell_size),
+        "transform": affine_of(grid),
     }  # fmt: skip
 
 
