@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import html
 import math
-import re
 from functools import cache
 from typing import NamedTuple
 from xml.etree import ElementTree as ET
@@ -13,6 +12,7 @@ import jinja2
 import numpy as np
 from markupsafe import Markup, escape
 
+from sassgis.io.read.plain_file import NO_XML
 from sassgis.io.vector_layer import VectorLayer
 from sassgis.model.ramps import ramp_colours, rgb
 from sassgis.model.results import RasterLayer
@@ -31,8 +31,6 @@ QGIS_VERSION = "3.22.0"
 #: Columns that the tip of a feature shows.
 _TIP_COLUMNS = 8
 _RAMP_STEPS = 11
-#: Characters that XML cannot hold.
-NO_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 #: In attributes, XML would take these for blanks.
 _BREAKS = {"\n": "&#10;", "\r": "&#13;", "\t": "&#9;"}
 

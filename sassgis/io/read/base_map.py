@@ -22,10 +22,7 @@ BASE_MAP_KEY = f"raster_{_STEM}"
 def read_base_map(file: Path | None, grid: Grid) -> RasterLayer | None:
     """How a base map is shown: in colours, by its palette, or in grey; None without a file.
 
-    Raises
-    ------
-    InputError
-        It cannot be read, or is in other coordinates than the terrain model.
+    InputError if it cannot be read, or is in other coordinates than the terrain model.
     """
     if file is None:
         return None

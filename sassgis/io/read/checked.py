@@ -5,20 +5,11 @@ from __future__ import annotations
 import dataclasses
 import os
 import types
+import typing
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import (
-    Annotated,
-    Any,
-    Literal,
-    NotRequired,
-    Required,
-    TypeVar,
-    Union,
-    get_args,
-    get_origin,
-)
+from typing import Annotated, Any, Literal, NotRequired, Required, TypeVar, get_args, get_origin
 
 from annotated_types import Interval, MinLen
 from pydantic import (
@@ -53,15 +44,9 @@ def table_of(
 ) -> Any:
     """A type for pydantic: a table with these keys and no others, made into something.
 
-    Parameters
-    ----------
-    name : str
-        For pydantic's own messages.
-    made : callable
-        From the values, without keys that were not given and with ``config_file``; what it raises
-        as ConfigError is reported at the place of the table.
-    meaning : str
-        For editors.
+    It is ``made`` from the values, without keys that were not given and with ``config_file``; what
+    that raises as ConfigError is reported at the place of the table. The name is for pydantic's own
+    messages, the meaning for editors.
     """
     table: Any = new_table(name, dict(fields))
     table.__pydantic_config__ = ConfigDict(extra="forbid")
@@ -105,7 +90,9 @@ def first_line(cls: Any) -> str:
 # Values
 
 
-def _refused(problem: str, expected: str | None, key: str | None, found: object) -> Exception:
+def _refused(
+    problem: str, expected: str | None, key: str | None = None, found: object = None
+) -> Exception:
     """An error that pydantic carries to the place where it is reported in one line."""
     context: dict[str, Any] = {"problem": problem, "expected": expected, "key": key or ""}
     if found is not None:
@@ -128,7 +115,7 @@ def _keeping_limits(accepted: Any, kind: Any) -> Any:
             # What was found is stated as the user wrote it, unless it is one of several.
             one = list(wrong.found) if isinstance(wrong.found, tuple) else wrong.found
             found = None if wrong.found is value else repr(one)
-            raise _refused(wrong.problem, wrong.expected, None, found)
+            raise _refused(wrong.problem, wrong.expected, found=found)
         return value
 
     return Annotated[accepted, AfterValidator(keep)]
@@ -145,7 +132,7 @@ _PLAIN: dict[Any, Any] = {
 def _accepted(kind: Any) -> Any:
     """The pydantic type of an annotation: what the user may write for it."""
     origin, parts = get_origin(kind), get_args(kind)
-    if origin in (Union, types.UnionType):
+    if origin in (typing.Union, types.UnionType):
         accepted = _accepted(next(p for p in parts if p is not type(None)))
         return accepted | None if type(None) in parts else accepted
     if origin is Literal:
@@ -161,17 +148,14 @@ def _accepted(kind: Any) -> Any:
     accepted = _accepted(parts[0])
     for note in parts[1:]:
         if note is Mark.RANGE:
-            accepted = Annotated[accepted, BeforeValidator(_pair), _InSchema(_or_number)]
+            either = _InSchema(lambda pair: {"anyOf": [{"type": "number"}, pair]})
+            accepted = Annotated[accepted, BeforeValidator(_pair), either]
         elif isinstance(note, Interval):
             accepted = Annotated[accepted, _InSchema(partial(_within, limits=note))]
-        elif note is Mark.PLAIN_NAME:
-            accepted = Annotated[accepted, AfterValidator(str.strip)]
-        elif note is Mark.PRESET_NAME:
-            accepted = Annotated[accepted, BeforeValidator(_preset)]
-        elif note is Mark.CODES:
-            accepted = Annotated[accepted, BeforeValidator(_codes)]
         elif isinstance(note, MinLen):
             accepted = Annotated[accepted, Field(min_length=note.min_length)]
+        elif isinstance(note, Mark) and note in _MARKS:
+            accepted = Annotated[accepted, _MARKS[note]]
     return accepted
 
 
@@ -180,7 +164,7 @@ def _pair(value: object) -> object:
     if isinstance(value, (int, float)) and not isinstance(value, bool):
         return (value, value)
     if value is not None and (not isinstance(value, (list, tuple)) or len(value) != 2):
-        raise _refused("is not a range", "a number, or two numbers [low, high]", None, None)
+        raise _refused("is not a range", "a number, or two numbers [low, high]")
     return value
 
 
@@ -194,13 +178,13 @@ def _anchored(value: Input, info: ValidationInfo) -> Input:
     if isinstance(value, InMemory):
         return value
     if str(value) in ("", "."):
-        raise _refused("is empty", "the path of a file", None, "''")
+        raise _refused("is empty", "the path of a file", found="''")
     base = (info.context or {}).get("base", Path())
     path = Path(base, os.path.expanduser(value))
     try:
         path.exists()
     except OSError as error:  # the name is too long, or a folder on the way is closed
-        raise _refused("cannot be opened", "the path of a file", None, error.strerror) from None
+        raise _refused("cannot be opened", "the path of a file", found=error.strerror) from None
     return path
 
 
@@ -220,11 +204,19 @@ def _codes(value: object) -> object:
     """TOML keys are text; raster codes are whole numbers."""
     expected = 'codes and class names, as in {1 = "rock"}'
     if not isinstance(value, Mapping):
-        raise _refused("is not a table of codes", expected, None, None)
+        raise _refused("is not a table of codes", expected)
     try:
         return {int(str(code)): name for code, name in value.items()}
     except ValueError:
-        raise _refused("has a code that is no whole number", expected, None, None) from None
+        raise _refused("has a code that is no whole number", expected) from None
+
+
+#: What is done with values that have one of these marks.
+_MARKS: Mapping[Mark, Any] = {
+    Mark.PLAIN_NAME: AfterValidator(str.strip),
+    Mark.PRESET_NAME: BeforeValidator(_preset),
+    Mark.CODES: BeforeValidator(_codes),
+}
 
 
 # ---------------------------------------------------------------------------------------------
@@ -257,10 +249,6 @@ class _InSchema:
         return self.change(handler(core))
 
 
-def _or_number(pair: JsonSchema) -> JsonSchema:
-    return {"anyOf": [{"type": "number"}, pair]}
-
-
 def _within(schema: Any, limits: Interval) -> Any:
     """The same with limits for each number in it."""
     if isinstance(schema, list):
@@ -269,13 +257,8 @@ def _within(schema: Any, limits: Interval) -> Any:
         return schema
     out = {key: _within(part, limits) for key, part in schema.items()}
     if out.get("type") in ("number", "integer"):
-        names = {
-            "ge": "minimum",
-            "gt": "exclusiveMinimum",
-            "le": "maximum",
-            "lt": "exclusiveMaximum",
-        }
-        given = {key: getattr(limits, own) for own, key in names.items()}
+        lowest = {"minimum": limits.ge, "exclusiveMinimum": limits.gt}
+        given = {**lowest, "maximum": limits.le, "exclusiveMaximum": limits.lt}
         out |= {key: value for key, value in given.items() if value is not None}
     return out
 
@@ -303,31 +286,16 @@ EXPECTED = {
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Messages:
-    """Turns what pydantic finds in a file into errors of one line each.
-
-    Attributes
-    ----------
-    document : mapping
-        The file as it was read, for the names of blocks and stations.
-    lists : tuple of str
-        Sections that are written with double brackets.
-    meaning : callable
-        From the place of a key to what it is; None where no key is.
-    nearest : callable
-        From the place of an unknown key to what was probably meant.
-    named_by : str
-        Key by which a section with double brackets is called.
-    expected : callable
-        From a place and the kind of pydantic's error to what would have been accepted, where the
-        file has words of its own for it.
-    """
+    """Turns what pydantic finds in a file into errors of one line each."""
 
     file: object
-    document: Mapping[str, Any]
-    lists: tuple[str, ...]
-    meaning: Callable[[Place], str | None]
-    nearest: Callable[[Place], str]
-    named_by: str = "name"
+    document: Mapping[str, Any]  # the file as it was read, for the names of blocks and stations
+    lists: tuple[str, ...]  # sections that are written with double brackets
+    meaning: Callable[[Place], str | None]  # of a key at a place; None where no key is
+    nearest: Callable[[Place], str]  # what an unknown key at a place was probably meant to be
+    named_by: str = "name"  # key by which a section with double brackets is called
+    #: From a place and the kind of pydantic's error to what would have been accepted, where the
+    #: file has words of its own for it.
     expected: Callable[[Place, str], str | None] = lambda _loc, _kind: None
 
     def of(self, error: ValidationError) -> list[ConfigError]:

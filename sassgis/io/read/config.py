@@ -150,12 +150,10 @@ def config_schema() -> dict[str, Any]:
 
 
 def load_config(path: str | PathLike[str], overrides: Mapping[str, object] | None = None) -> Config:
-    """Read and check a configuration; no raster and no layer is opened.
+    """Read and check a configuration, a TOML file; no raster and no layer is opened.
 
     Parameters
     ----------
-    path
-        The TOML file.
     overrides
         Values that replace those of the file, by dotted key, as in ``{"run.seed": 7}``.
     """
@@ -208,10 +206,8 @@ def configure(**sections: Any) -> Config:
         if name in LISTS:
             several = [value] if isinstance(value, Mapping | Section) else value
             if isinstance(several, str) or not isinstance(several, Iterable):
-                expected = f"sections [[{name}]]: a mapping, or a sequence of them"
-                raise ConfigError(
-                    "cannot be used", field=name, found=repr(value), expected=expected
-                )
+                wanted = f"sections [[{name}]]: a mapping, or a sequence of them"
+                raise ConfigError("cannot be used", field=name, found=repr(value), expected=wanted)
             document[name] = [_plain_section(name, one) for one in several]
         elif name == "effects" and isinstance(value, Mapping):
             document[name] = {k: _plain_section(f"effects.{k}", v) for k, v in value.items()}
@@ -311,9 +307,8 @@ def _with_new_names(document: dict[str, Any], file: Path | None) -> list[str]:
             for table in (t for t in tables if own.old_name in t):
                 if key in table:
                     problem = f"is given twice: {own.old_name} is its former name"
-                    raise ConfigError(
-                        problem, file=file, field=f"{section}.{key}", expected=f"{key} alone"
-                    )
+                    field, expected = f"{section}.{key}", f"{key} alone"
+                    raise ConfigError(problem, file=file, field=field, expected=expected)
                 table[key] = table.pop(own.old_name)
                 notes[
                     f"{file or 'configuration'}: {section}.{own.old_name} is now called {key}; the "
@@ -328,14 +323,11 @@ def profile_control_lines(config: Config) -> list[tuple[ControlLine, float]]:
     for section, items in (("stations", config.stations), ("barriers", config.barriers)):
         for item in items:
             if item.chainage_m is None:
-                found = "line" if item.line is not None else "file"
                 raise ConfigError(
-                    "has no place along a profile",
-                    file=config.file,
+                    "has no place along a profile", file=config.file,
                     field=f"{section}[{item.name}]",
-                    found=found,
-                    expected="chainage_m",
-                )
+                    found="line" if item.line is not None else "file", expected="chainage_m",
+                )  # fmt: skip
             control_lines.append((control_line_of(item, item.name), item.chainage_m))
     return control_lines
 
@@ -411,15 +403,8 @@ def _as_text(value: object) -> str:
 _IN_MEMORY = "in memory: "
 #: Sections that bear on what the blocks do; the rest is about speed and presentation.
 PHYSICS_SECTIONS = (
-    "terrain",
-    "release",
-    "ground",
-    "blocks",
-    "stations",
-    "barriers",
-    "engine",
-    "effects",
-    "run",
+    *("terrain", "release", "ground", "blocks", "stations", "barriers"),
+    *("engine", "effects", "run"),
 )
 
 
@@ -427,17 +412,8 @@ def settings_hash(config: Config, *, sections: Iterable[str] = PHYSICS_SECTIONS)
     """Fingerprint of a run: equal if and only if the settings and the files they name are equal.
 
     Files count by what they hold, and not by where they are. The number of jobs does not count,
-    nor that of draws of the ground classes: the blocks of the run itself are the same.
-
-    Parameters
-    ----------
-    sections
-        Those that count.
-
-    Returns
-    -------
-    str
-        64 hexadecimal digits, the same on every machine.
+    nor that of draws of the ground classes: the blocks of the run itself are the same. It has 64
+    hexadecimal digits, the same on every machine. Only the ``sections`` count.
     """
     plain = resolved(config)
     chosen = {section: plain[section] for section in sections}
@@ -478,9 +454,8 @@ def file_digest(path: AnyInput) -> str:
             digest.update(part.suffix.lower().encode())
             digest.update(bytes.fromhex(content_digest(part)))
     except OSError as error:
-        raise InputError(
-            "cannot be read", file=main, found=error.strerror, expected="a file"
-        ) from None
+        found = error.strerror
+        raise InputError("cannot be read", file=main, found=found, expected="a file") from None
     return digest.hexdigest()
 
 

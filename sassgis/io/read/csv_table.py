@@ -22,25 +22,14 @@ _TRUTH = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0"
 class CsvColumn:
     """A column of a table: what may stand in it.
 
-    Attributes
-    ----------
-    kind : {str, float, int, bool}
-        Numbers may have decimal commas where a spreadsheet separates by ``;``.
-    known : sequence of str
-        The texts that may stand in it; empty for any.
-    low : float
-        Smallest number.
-    default : object
-        Of a row or a table without it; None: it must be there.
-    what : str
-        What a name in it is of, for messages; default: that of the column.
+    Numbers may have decimal commas where a spreadsheet separates by ``;``.
     """
 
-    kind: type = str
-    known: Sequence[str] = ()
-    low: float = -math.inf
-    default: object = None
-    what: str = ""
+    kind: type = str  # or float, int, bool
+    known: Sequence[str] = ()  # the texts that may stand in it; empty for any
+    low: float = -math.inf  # smallest number
+    default: object = None  # of a row or a table without it; None: it must be there
+    what: str = ""  # what a name in it is of, for messages; default: that of the column
 
     def value(self, cell: object, where: str, name: str, file: Input) -> Any:
         """What a cell holds; InputError with the row and the column if that cannot be."""
@@ -75,17 +64,8 @@ def read_table(
 ) -> Iterator[tuple[str, dict[str, Any]]]:
     """Rows of a CSV file with the columns that are declared and no others.
 
-    Parameters
-    ----------
-    field, what
-        Key of the configuration that names the file, and what the file should be, for messages.
-
-    Yields
-    ------
-    where : str
-        As in "row 3", counted with the header.
-    row : dict
-        Value by column.
+    Each comes with its place, as "row 3", counted with the header. For messages, ``field`` is the
+    key of the configuration that names the file, and ``what`` says what the file should be.
     """
     for where, row in csv_rows(read_text(file, field, what), file, columns):
         yield where, row_of(row, columns, where, file)
@@ -107,13 +87,9 @@ def csv_rows(text: str, file: Input, columns: Columns) -> Iterator[tuple[str, di
     for line, cells in lines:
         where = f"row {line}"
         if len(cells) != len(header):
+            problem, found = f"{where} does not fit the header", f"{len(cells)} values"
             expected = f"{len(header)} (texts with a {delimiter} in quotes)"
-            raise InputError(
-                f"{where} does not fit the header",
-                file=file,
-                found=f"{len(cells)} values",
-                expected=expected,
-            )
+            raise InputError(problem, file=file, found=found, expected=expected)
         row = {c: v.strip() for c, v in zip(header, cells, strict=True)}
         for column, cell in row.items():
             check_text(cell, file, column, where)
@@ -123,16 +99,10 @@ def csv_rows(text: str, file: Input, columns: Columns) -> Iterator[tuple[str, di
 
 
 def csv_cells(text: str, file: Input) -> tuple[list[str], str, Iterator[tuple[int, list[str]]]]:
-    """Cells of a CSV text as they stand.
+    """Cells of a CSV text as they stand: columns, delimiter, rows.
 
-    Returns
-    -------
-    columns : list of str
-        The first line.
-    delimiter : {",", ";"}
-        The one that the first line has more of.
-    rows : iterator of (int, list of str)
-        Number of the line, and its cells; empty lines are left out.
+    The columns are those of the first line, the delimiter is "," or ";": what it has more of. A row
+    is the number of its line, and its cells; empty lines are left out.
     """
     lines = text.splitlines()
     header = lines[0] if lines else ""

@@ -19,10 +19,7 @@ _FROM = "a dataset of sassgis.simulate"
 def dataset_grid(maps: xr.Dataset) -> Grid:
     """The grid of the maps, with the heights of the terrain.
 
-    Raises
-    ------
-    InputError
-        If the dataset is none of a simulation.
+    InputError if the dataset is none of a simulation.
     """
     names = getattr(maps, "variables", ())
     if not {"terrain", "spatial_ref"} <= set(names):
@@ -51,11 +48,8 @@ def dataset_grid(maps: xr.Dataset) -> Grid:
 def dataset_sources(maps: xr.Dataset, preset: HazardPreset) -> tuple[list[Sampled], FloatArray]:
     """The sources with their counts, and the energies of these (kJ).
 
-    Raises
-    ------
-    InputError
-        If nothing was counted for zones, or not at the thresholds of the preset, or a source has
-        no onset frequency.
+    InputError if nothing was counted for zones, or not at the thresholds of the preset, or a source
+    has no onset frequency.
     """
     if "arrivals" not in maps:
         raise InputError(

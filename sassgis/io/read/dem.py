@@ -60,28 +60,15 @@ _OPTIONS = {"GTIFF_REPORT_COMPD_CS": "YES", "GDAL_CACHEMAX": 64 << 20}
 
 @dataclass(frozen=True, slots=True)
 class DemFile:
-    """A raster of heights that can be used, before its heights are read.
-
-    Attributes
-    ----------
-    band : int
-        Number of the band with the heights.
-    transform : Affine
-        From columns and rows to coordinates (m).
-    shape : (n_rows, n_cols)
-    crs : str
-        Well-known text of the projected system; empty for local coordinates.
-    vertical_unit : float
-        Metres per unit of the height system.
-    """
+    """A raster of heights that can be used, before its heights are read."""
 
     file: Input
-    band: int
-    transform: Affine
-    shape: tuple[int, int]
-    crs: str
+    band: int  # number of the band with the heights
+    transform: Affine  # from columns and rows to coordinates (m)
+    shape: tuple[int, int]  # rows, columns
+    crs: str  # well-known text of the projected system; empty for local coordinates
     vertical_datum: str
-    vertical_unit: float
+    vertical_unit: float  # metres per unit of the height system
 
     @property
     def is_plain(self) -> bool:
@@ -104,15 +91,7 @@ def describe_dem(
 def read_dem_part(dem: DemFile, rows: slice, cols: slice) -> FloatArray:
     """Heights (m) of some rows and columns of a raster with square cells and north up.
 
-    Parameters
-    ----------
-    rows, cols : slice
-        Within the raster.
-
-    Returns
-    -------
-    float64, shape (n_rows, n_cols)
-        NaN for nodata.
+    They are float64 of shape (n_rows, n_cols), NaN for nodata.
     """
     with open_raster(dem.file, "terrain.dem", keep=True) as dataset:
         return _heights(dataset, dem, Window.from_slices(rows, cols))
@@ -180,10 +159,8 @@ def _described(
 ) -> DemFile:
     band = height_band(dataset, file)
     if min(dataset.shape) < 3:
-        found = f"{dataset.height} rows x {dataset.width} columns"
-        raise InputError(
-            "is too small for slopes", file=file, found=found, expected="at least 3 x 3 cells"
-        )
+        found, expected = f"{dataset.height} rows x {dataset.width} columns", "at least 3 x 3 cells"
+        raise InputError("is too small for slopes", file=file, found=found, expected=expected)
     transform = _transform(dataset, file)
     bounds = _outer_bounds(transform, dataset.shape)
     plane, datum, vertical_unit = dem_system(
@@ -203,10 +180,7 @@ def _described(
 def open_raster(file: Input, key: str, keep: bool = False) -> Iterator[Any]:
     """Open a raster or say in one line why that cannot be done.
 
-    Parameters
-    ----------
-    keep : bool
-        Whether to leave it open for who reads other parts of it next.
+    With ``keep`` it is left open for who reads other parts of it next.
     """
     check_file(file, key, RASTER)
     if isinstance(file, InMemory):
@@ -218,13 +192,8 @@ def open_raster(file: Input, key: str, keep: bool = False) -> Iterator[Any]:
         try:
             dataset = kept_dataset(file) if keep else open_dataset(file)
         except (RasterioError, OSError) as error:
-            raise InputError(
-                "cannot be read as a raster",
-                file=file,
-                field=key,
-                found=_reason(error, file),
-                expected=RASTER,
-            ) from None
+            problem, found = "cannot be read as a raster", _reason(error, file)
+            raise InputError(problem, file=file, field=key, found=found, expected=RASTER) from None
         with nullcontext() if keep else dataset:
             yield dataset
 
@@ -239,18 +208,13 @@ def height_band(dataset: Any, file: Input) -> int:
     wrong = partial(InputError, file=file)
     bands = _opaque_bands(dataset)
     if dataset.count == 0:
-        names = ", ".join(dataset.subdatasets[:5]) or "none"
-        raise wrong(
-            "holds no band itself",
-            found=f"subdatasets {names}",
-            expected="a raster with one band; extract the heights with rio convert",
-        )
+        found = f"subdatasets {', '.join(dataset.subdatasets[:5]) or 'none'}"
+        expected = "a raster with one band; extract the heights with rio convert"
+        raise wrong("holds no band itself", found=found, expected=expected)
     if len(bands) != 1:
-        raise wrong(
-            "has several bands",
-            found=f"{dataset.count} bands",
-            expected="one band of heights; extract it with rio stack FILE --bidx 1 -o NEW",
-        )
+        found = f"{dataset.count} bands"
+        expected = "one band of heights; extract it with rio stack FILE --bidx 1 -o NEW"
+        raise wrong("has several bands", found=found, expected=expected)
     kind = np.dtype(dataset.dtypes[bands[0] - 1])
     if kind.kind not in "iuf":
         raise wrong("holds no real numbers", found=str(kind), expected="heights in metres")
@@ -308,14 +272,10 @@ def _height_unit(dataset: Any, band: int, file: Input, vertical_unit: float) -> 
     """Metres per unit of the band: what the band states counts before the height system."""
     stated = (dataset.units[band - 1] or "").strip().lower()
     if stated not in METRES:
-        found = repr(dataset.units[band - 1])
         raise InputError(
-            "heights are in an unknown unit",
-            file=file,
-            field=f"band {band}",
-            found=found,
-            expected="metres or feet",
-        )
+            "heights are in an unknown unit", file=file, field=f"band {band}",
+            found=repr(dataset.units[band - 1]), expected="metres or feet",
+        )  # fmt: skip
     unit = METRES[stated] if stated else vertical_unit
     if unit != 1.0:
         log.info("%s: heights are converted to metres (1 unit = %.6f m)", file, unit)
@@ -332,12 +292,9 @@ def read_band(dataset: Any, band: int, file: Input, part: Window | None = None) 
                 raw = np.ma.masked_where(dataset.read(other, window=part) == 0, raw)
     except (RasterioIOError, RasterioError, OSError) as error:
         raise InputError(
-            "cannot be read to the end",
-            file=file,
-            field=f"band {band}",
-            found=_reason(error, file),
-            expected="an undamaged file",
-        ) from None
+            "cannot be read to the end", file=file, field=f"band {band}",
+            found=_reason(error, file), expected="an undamaged file",
+        ) from None  # fmt: skip
     return raw
 
 
@@ -480,18 +437,11 @@ def resample(
     nodata: float,
     systems: tuple[str, str] = _ONE_SYSTEM,
 ) -> NDArray[Any]:
-    """Bring an array onto another grid.
+    """Bring an array onto another grid of ``shape`` (n_rows, n_cols).
 
-    Parameters
-    ----------
-    transform, target : Affine
-        Cell to coordinates, of ``values`` and of the result.
-    shape : (n_rows, n_cols)
-        Of the result.
-    nodata
-        Value that means nodata, here and in the result.
-    systems
-        Well-known texts of both coordinate systems; default: they are the same.
+    ``transform`` and ``target`` lead from cells to coordinates, of ``values`` and of the result;
+    ``systems`` are the well-known texts of both coordinate systems, by default the same.
+    ``nodata`` means no value, here and in the result.
     """
     result = np.full(shape, nodata, dtype=values.dtype)
     reproject(
@@ -517,12 +467,9 @@ def system_of(grid: Grid, own: pyproj.CRS, file: Input, field: str) -> pyproj.CR
     """System of the DEM; InputError if it has none, while a file has its ``own``."""
     if not grid.crs:
         raise InputError(
-            "has a coordinate system, yet the DEM is in local coordinates",
-            file=file,
-            field=field,
-            found=str(own.name),
-            expected="local coordinates without a coordinate system",
-        )
+            "has a coordinate system, yet the DEM is in local coordinates", file=file, field=field,
+            found=str(own.name), expected="local coordinates without a coordinate system",
+        )  # fmt: skip
     return pyproj.CRS.from_wkt(grid.crs)
 
 

@@ -30,51 +30,25 @@ _DEGREE_M = 111_195.0
 
 @dataclass(frozen=True)
 class RawDem:
-    """Heights with what is wrong around them.
+    """Heights with what is wrong around them."""
 
-    Attributes
-    ----------
-    values : float64, shape (n_rows, n_cols)
-        Heights (m); NaN where nothing can be known.
-    dx_m, dy_m : float
-        Size of the cells (m), roughly where they are in degrees.
-    corner : (x, y)
-        Outer corner in the north-west, in the coordinates of the file.
-    cell : (float, float)
-        Size of the cells in the coordinates of the file.
-    crs, vertical_datum : str
-        Well-known text, and name of the height system; empty where they are not stated.
-    unit : str
-        Unit of the heights as the file states it.
-    in_metres : bool
-        Whether their size in metres is known: it is not where the file says degrees and holds
-        coordinates that cannot be. They are taken as metres then.
-    square : bool
-        Whether cells are square with north up.
-    system_fault : InputError or None
-        Why its coordinate system would be refused.
-    unit_fault : str
-        Why the unit of the heights would be refused; empty if it would not.
-    nodata : float or None
-        As the file declares it; None for a folder of tiles.
-    not_heights : int
-        Cells with numbers that are no heights: infinite, beyond what occurs on Earth, or exactly 0
-        where all others are far above. They are NaN in ``values``.
-    """
-
-    values: FloatArray
-    dx_m: float
+    values: FloatArray  # heights (m), shape (n_rows, n_cols); NaN where nothing can be known
+    dx_m: float  # size of the cells (m), roughly where they are in degrees
     dy_m: float
-    corner: tuple[float, float]
-    cell: tuple[float, float]
-    crs: str
+    corner: tuple[float, float]  # outer corner in the north-west, in the coordinates of the file
+    cell: tuple[float, float]  # size of the cells in the coordinates of the file
+    crs: str  # well-known text; empty where it is not stated, as the name of the height system
     vertical_datum: str
-    unit: str
+    unit: str  # of the heights as the file states it
+    #: Whether the size of the cells in metres is known: it is not where the file says degrees and
+    #: holds coordinates that cannot be. They are taken as metres then.
     in_metres: bool = True
-    square: bool = True
-    system_fault: InputError | None = None
-    unit_fault: str = ""
-    nodata: float | None = None
+    square: bool = True  # whether cells are square with north up
+    system_fault: InputError | None = None  # why its coordinate system would be refused
+    unit_fault: str = ""  # why the unit of the heights would be refused; empty if it would not
+    nodata: float | None = None  # as the file declares it; None for a folder of tiles
+    #: Cells with numbers that are no heights: infinite, beyond what occurs on Earth, or exactly 0
+    #: where all others are far above. They are NaN in ``values``.
     not_heights: int = 0
 
     def place(self, row: int, col: int) -> tuple[float, float]:
@@ -88,10 +62,7 @@ class RawDem:
 def read_raw_dem(path: Path, crs: str | None = None, override_crs: bool = False) -> RawDem:
     """Read a terrain model with its faults; a folder of tiles must be one that can be used.
 
-    Parameters
-    ----------
-    crs : str, optional
-        Where the file states none, or with ``override_crs`` in place of it.
+    ``crs`` counts where the file states none, or with ``override_crs`` in place of it.
     """
     if path.is_dir():
         grid = read_terrain(path, crs, None, override_crs)

@@ -68,6 +68,11 @@ def dem_system(
     return plane, datum, unit
 
 
+def extent_text(west: float, south: float, east: float, north: float) -> str:
+    """An extent in words."""
+    return f"x {west:.10g} to {east:.10g}, y {south:.10g} to {north:.10g}"
+
+
 def in_options(text: str) -> str:
     """What a message says of settings, said of the options of commands without a configuration."""
     for setting, option in _AS_OPTIONS.items():
@@ -96,7 +101,7 @@ def _check_plane(plane: pyproj.CRS, file: Input, bounds: tuple[float, float, flo
     wrong = partial(InputError, file=file, field="terrain.crs")
     west, south, east, north = bounds
     x, y = 0.5 * (west + east), 0.5 * (south + north)
-    extent = f"x {west:.10g} to {east:.10g}, y {south:.10g} to {north:.10g}"
+    extent = extent_text(*bounds)
     in_degrees = max(abs(west), abs(east)) <= 360.0 and max(abs(south), abs(north)) <= 90.0
     if plane.is_geographic:
         if not in_degrees:
@@ -192,10 +197,7 @@ def _height_system(
     axis = vertical.axis_info[0] if vertical.axis_info else None
     if axis is not None and axis.direction.lower() == "down":
         raise InputError(
-            "holds depths, positive downwards",
-            file=file,
-            field="terrain.vertical_datum",
-            found=name,
-            expected="heights, positive upwards",
-        )
+            "holds depths, positive downwards", file=file, field="terrain.vertical_datum",
+            found=name, expected="heights, positive upwards",
+        )  # fmt: skip
     return name, 1.0 if axis is None else float(axis.unit_conversion_factor)

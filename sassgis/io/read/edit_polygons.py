@@ -33,8 +33,6 @@ _NEEDED = ("level", "author", "date", "reason")
 _DRAWN = ("level", "limit", "author", "date", "reason", "computed")
 #: How near the whole of an edit must lie within the terrain model.
 _WHOLE = 1.0 - 1e-9
-
-
 #: Expressions of QGIS for a new edit. Levels below it are those of the zones of the same project.
 _DEFAULTS = {
     "author": "@user_full_name",
@@ -51,10 +49,7 @@ _DEFAULTS = {
 def edit_fields(codes: Sequence[str], in_result: bool) -> dict[str, FieldInfo]:
     """Columns of a layer of edits; ``codes`` of the levels are from low to high.
 
-    Parameters
-    ----------
-    in_result : bool
-        Whether the layer lies beside the zones of a result, and says what was computed.
+    A layer ``in_result`` lies beside the zones of a result, and says what was computed.
     """
     rows = descriptions()["edits"]
     choices = {"level": (NO_LEVEL, *codes), "limit": ("at_least", "at_most")}
@@ -74,11 +69,8 @@ def edit_fields(codes: Sequence[str], in_result: bool) -> dict[str, FieldInfo]:
 def read_edits(settings: EditSettings, preset: HazardPreset, grid: Grid) -> tuple[Edit, ...]:
     """Read edits, and check them against the preset and the terrain model.
 
-    Raises
-    ------
-    InputError
-        A column or value is missing, a level is not one of the preset, a polygon is not on the
-        terrain.
+    InputError if a column or value is missing, a level is not one of the preset, or a polygon is
+    not on the terrain.
     """
     if settings.file is None:
         return ()
@@ -137,10 +129,7 @@ def _edit(feature: Feature, codes: Sequence[str], grid: Grid) -> Edit:
 def with_earlier(edits: Sequence[Edit], folder: Path) -> tuple[Edit, ...]:
     """Edits that do not say what was computed below them, with what an earlier result says of them.
 
-    Parameters
-    ----------
-    folder : Path
-        Of the result that is replaced; may not exist.
+    ``folder`` is that of the result that is replaced; it may not exist.
     """
     frame = read_layer(folder / EDITS_FILE, EDITS_LAYER)
     if frame is None or "computed" not in frame:

@@ -11,6 +11,7 @@ from scipy import ndimage
 
 from sassgis.io.read.csv_table import CsvColumn, read_table
 from sassgis.io.read.dem import burnt, on_cells, only_band, read_band
+from sassgis.io.read.dem_system import extent_text
 from sassgis.io.read.vector_features import Feature, read_features
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid
@@ -29,17 +30,10 @@ _TREES = "a CSV table with columns x, y, dbh_cm and, if wanted, conifer_share; o
 def read_forest(
     trees: ForestPlace, grid: Grid, whole: Grid | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """Stems and diameters of each cell.
+    """Stems per m² and diameter (m) of each cell: float64, shape (n_rows * n_cols,).
 
-    Parameters
-    ----------
-    whole : Grid, optional
-        The terrain model of which ``grid`` is a part: what the file holds must meet this one.
-
-    Returns
-    -------
-    stems_per_m2, diameter_m : float64, shape (n_rows * n_cols,)
-        0 where no forest stands.
+    Both are 0 where no forest stands. What the files hold must meet the ``whole`` terrain model of
+    which the grid is a part.
     """
     stems = np.full(grid.shape, trees.stems_per_ha or 0.0)
     diameter = np.full(grid.shape, trees.dbh_cm or 0.0)
@@ -59,19 +53,12 @@ def read_forest(
 def _from_polygons(
     trees: ForestPlace, file: Input, grid: Grid, whole: Grid
 ) -> tuple[FloatArray, FloatArray]:
+    fields = {"stems_field": trees.stems_field, "dbh_field": trees.dbh_field}
     features = read_features(
-        file,
-        whole,
-        "effects.trees",
-        layer=trees.layer,
-        fields={"stems_field": trees.stems_field, "dbh_field": trees.dbh_field},
-        kinds=("polygon",),
+        file, whole, "effects.trees", layer=trees.layer, fields=fields, kinds=("polygon",)
     )
     maps = []
-    for field, default in (
-        (trees.stems_field, trees.stems_per_ha),
-        (trees.dbh_field, trees.dbh_cm),
-    ):
+    for field, default in zip(fields.values(), (trees.stems_per_ha, trees.dbh_cm), strict=True):
         shapes = []
         for feature in features:
             value = default
@@ -120,14 +107,11 @@ def _from_trees(file: Input, grid: Grid, whole: Grid) -> tuple[FloatArray, Float
     """
     x, y, dbh_cm, conifers = _trees_of(file, whole)
     if not (whole.cell_of(x, y) >= 0).any():
-        found = f"x {x.min():.10g} to {x.max():.10g}, y {y.min():.10g} to {y.max():.10g}"
         raise InputError(
-            "no tree lies on the DEM",
-            file=file,
-            field="effects.trees.single_trees",
-            found=found,
+            "no tree lies on the DEM", file=file, field="effects.trees.single_trees",
+            found=extent_text(x.min(), y.min(), x.max(), y.max()),
             expected="coordinates of the DEM",
-        )
+        )  # fmt: skip
     ratios = energy_ratios()
     factor = np.where(
         np.isnan(conifers), 1.0,

@@ -23,12 +23,8 @@ def read_frequencies(
 ) -> dict[tuple[str, str], Onset]:
     """Read onset frequencies by release area and block scenario.
 
-    Parameters
-    ----------
-    file : Input
-        CSV with the columns area, scenario, frequency, unit (per_year, per_year_ha, per_year_m).
-    areas, scenarios : sequence of str
-        Names that there are.
+    The CSV has the columns area, scenario, frequency, unit (per_year, per_year_ha, per_year_m);
+    ``areas`` and ``scenarios`` are the names that there are.
     """
     columns = {
         "area": CsvColumn(known=areas),
@@ -42,12 +38,9 @@ def read_frequencies(
         key = row["area"], row["scenario"]
         if key in found:
             raise InputError(
-                f"{where}: area and scenario turn up twice",
-                file=file,
-                field="scenario",
-                found=", ".join(key),
-                expected="one row for each",
-            )
+                f"{where}: area and scenario turn up twice", file=file, field="scenario",
+                found=", ".join(key), expected="one row for each",
+            )  # fmt: skip
         found[key] = Onset(row["frequency"], row["unit"])
     return found
 
@@ -58,16 +51,8 @@ _LIST, _CLASSES = ("volume_m3",), ("from_m3", "to_m3", "count")
 def read_block_survey(file: Path) -> tuple[BlockSurvey, tuple[str, ...]]:
     """Read a list of block volumes, or counts of blocks by class of volume.
 
-    Parameters
-    ----------
-    file : Path
-        CSV with the column volume_m3 and, if one row is several blocks, count; or with from_m3,
-        to_m3 (empty in an open class) and count. Other columns are left out.
-
-    Returns
-    -------
-    left_out : tuple of str
-        Columns that were not read.
+    The CSV has the column volume_m3 and, if one row is several blocks, count; or from_m3, to_m3
+    (empty in an open class) and count. Other columns are left out, and returned as well.
     """
     text = read_text(file, "blocks", "a CSV table of block volumes")
     columns, _, _ = csv_cells(text, file)
@@ -103,12 +88,8 @@ def _at_least(column: str, least: float, row: Mapping[str, str], where: str, fil
     """A volume above a least one, which is none itself, or a count."""
     found = number(row[column], where, column, file)
     if found < least or (column != "count" and found <= 0.0):
-        expected = "0 or more" if column == "count" else f"a volume above {least:g} m3"
         raise InputError(
-            f"{where}: cannot be used",
-            file=file,
-            field=column,
-            found=row[column],
-            expected=expected,
-        )
+            f"{where}: cannot be used", file=file, field=column, found=row[column],
+            expected="0 or more" if column == "count" else f"a volume above {least:g} m3",
+        )  # fmt: skip
     return found

@@ -10,7 +10,6 @@ from typing import Any
 
 from sassgis.gap.which.cause_weights import CauseWeights, weights_of
 from sassgis.gap.which.verdict import Thresholds
-from sassgis.io.digests import content_digest
 from sassgis.model.errors import InputError
 
 #: Chosen on batteries of development, and frozen for all that is reported.
@@ -18,14 +17,10 @@ THRESHOLDS = Path(str(files("sassgis").joinpath("data/gap_thresholds.json")))
 
 
 def read_thresholds(file: Path | None = None) -> dict[str, Any]:
-    """The frozen thresholds of the diagnosis.
+    """The frozen thresholds of the diagnosis; InputError if their file cannot be read.
 
-    ``battery_seeds`` in it lists the batteries that were looked at while they were chosen.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read or lacks that list.
+    It must have the list ``battery_seeds``: the batteries that were looked at while they were
+    chosen.
     """
     path = file or THRESHOLDS
     try:
@@ -35,14 +30,10 @@ def read_thresholds(file: Path | None = None) -> dict[str, Any]:
         raise InputError("thresholds cannot be read", file=path, found=reason) from None
     seeds = content.get("battery_seeds") if isinstance(content, dict) else None
     if not isinstance(seeds, list) or not all(isinstance(s, int) for s in seeds):
-        problem = "says not on which batteries the thresholds were chosen"
         raise InputError(
-            problem,
-            file=path,
-            field="battery_seeds",
-            found=seeds,
-            expected="a list of whole numbers",
-        )
+            "says not on which batteries the thresholds were chosen", file=path,
+            field="battery_seeds", found=seeds, expected="a list of whole numbers",
+        )  # fmt: skip
     return dict(content)
 
 
@@ -53,24 +44,9 @@ def thresholds_of(content: dict[str, Any]) -> Thresholds:
 
 
 def cause_weights_of(content: dict[str, Any]) -> CauseWeights:
-    """The weights in the content of their file.
-
-    Raises
-    ------
-    InputError
-        If they are missing or no weights.
-    """
+    """The weights in the content of their file; InputError if they are missing or no weights."""
     try:
         return weights_of(content["weights"])
     except (KeyError, TypeError, ValueError) as error:
-        raise InputError(
-            "weights of the fingerprints cannot be read",
-            file=THRESHOLDS,
-            field="weights",
-            found=repr(error),
-        ) from None
-
-
-def frozen_digest(file: Path | None = None) -> str:
-    """SHA-256 of the thresholds."""
-    return content_digest(file or THRESHOLDS)
+        problem, found = "weights of the fingerprints cannot be read", repr(error)
+        raise InputError(problem, file=THRESHOLDS, field="weights", found=found) from None

@@ -11,13 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.io.read.csv_table import (
-    CsvColumn,
-    check_columns,
-    errors_of_row,
-    read_table,
-    row_of,
-)
+from sassgis.io.read.csv_table import CsvColumn, check_columns, errors_of_row, read_table, row_of
 from sassgis.io.read.dem import burnt, on_cells, only_band, open_raster, read_band
 from sassgis.io.read.plain_file import read_text, toml_table
 from sassgis.io.read.vector_features import read_features, refuse_twice, refuse_unknown
@@ -55,15 +49,10 @@ def built_in_table(readings: str = "hazard") -> GroundTable:
 def read_ground_table(path: AnyInput | None = None, readings: str = "hazard") -> GroundTable:
     """Read the ground classes of a run.
 
-    Parameters
-    ----------
-    path
-        The user's own table, CSV or TOML (``[[classes]]``), with the columns name, eta_max, dp_min,
-        dp_max, mu_f, mu_0, k, d_star_m, restitution, restitution_speed_mps, rolling_threshold and,
-        if wanted, speed_loss, source and trust. A class of a built-in name replaces that one;
-        others are added.
-    readings
-        Named set of readings of the engine, which has built-in classes of its own.
+    The user's own table, CSV or TOML (``[[classes]]``), has the columns name, eta_max, dp_min,
+    dp_max, mu_f, mu_0, k, d_star_m, restitution, restitution_speed_mps, rolling_threshold and, if
+    wanted, speed_loss, source and trust. A class of a built-in name replaces that one; others are
+    added. ``readings`` are those of built_in_table.
     """
     table = built_in_table(readings)
     if path is None:
@@ -126,13 +115,9 @@ def _toml_rows(text: str, file: Input) -> Iterator[tuple[str, dict[str, Any]]]:
 def read_ranges(table: GroundTable, own: Input | None = None) -> tuple[RangeRule, ...]:
     """Rules of the built-in table, and after them those of the user's own.
 
-    Parameters
-    ----------
-    table : GroundTable
-        Of the run: the classes that an own table may name.
-    own : Input, optional
-        CSV with the columns class (``*`` for every other class), parameter, kind (value, offset,
-        factor), low, high and, if wanted, source, verified, sites, rocks and together.
+    That may name the classes of ``table``. It is a CSV with the columns class (``*`` for every
+    other class), parameter, kind (value, offset, factor), low, high and, if wanted, source,
+    verified, sites, rocks and together.
     """
     with resources.as_file(_DATA / "ground_ranges.csv") as file:
         rules = _read_rules(file, None)
@@ -168,20 +153,12 @@ def _read_rules(file: Input, table: GroundTable | None) -> tuple[RangeRule, ...]
 def ground_raster(
     ground: GroundSettings, grid: Grid, table: GroundTable, whole: Grid | None = None
 ) -> NDArray[np.int32]:
-    """Ground class of each cell of the DEM.
+    """Ground class of each cell of the DEM, as position in the table; int32, shape of the grid.
 
-    Parameters
-    ----------
-    whole
-        The terrain model of which ``grid`` is a part: what the file holds must meet this one. Its
-        heights are not looked at.
-
-    Returns
-    -------
-    int32, shape (n_rows, n_cols)
-        Positions in ``table``. A cell takes the class of the polygon over its centre; where
-        polygons overlap, the later one of the file counts. A raster of codes is aligned by the
-        nearest cell. Where nothing is said, the default class.
+    A cell takes the class of the polygon over its centre; where polygons overlap, the later one of
+    the file counts. A raster of codes is aligned by the nearest cell. Where nothing is said, the
+    default class. What the file holds must meet the ``whole`` terrain model of which the grid is a
+    part; its heights are not looked at.
     """
     default = default_class(ground, table)
     if ground.file is None:
@@ -193,9 +170,8 @@ def ground_raster(
 
 def default_class(ground: GroundSettings, table: GroundTable) -> int:
     """Position of the default class; InputError if the table does not hold it."""
-    return _class_index(
-        ground.default, table, "default class", ground.config_file, "ground.default"
-    )
+    place = ground.config_file, "ground.default"
+    return _class_index(ground.default, table, "default class", *place)
 
 
 def _class_index(name: str, table: GroundTable, who: str, file: Input | None, field: str) -> int:
@@ -253,26 +229,20 @@ def _from_codes(
     aligned = on_cells(file, grid, "ground.file", partial(_codes, file=file), _NO_CODE)
     present, counts = np.unique(aligned, return_counts=True)
     if present.tolist() == [_NO_CODE] and not may_miss:
-        raise InputError(
-            "holds no ground class on the DEM",
-            file=file,
-            field="ground.file",
-            expected="a raster that overlaps the DEM",
-        )
+        expected = "a raster that overlaps the DEM"
+        problem = "holds no ground class on the DEM"
+        raise InputError(problem, file=file, field="ground.file", expected=expected)
     result = np.full(grid.shape, default, dtype=np.int32)
     for code, count in zip(present.tolist(), counts.tolist(), strict=True):
         if code == _NO_CODE:
             continue
         if code not in indices:
-            found, codes = f"code {code} in {count} cells", ", ".join(map(str, sorted(indices)))
-            expected = f"a class for it; known codes: {codes}"
+            codes = ", ".join(map(str, sorted(indices)))
             raise InputError(
-                "holds a code without a class",
-                file=file,
-                field="ground.raster_classes",
-                found=found,
-                expected=expected,
-            )
+                "holds a code without a class", file=file, field="ground.raster_classes",
+                found=f"code {code} in {count} cells",
+                expected=f"a class for it; known codes: {codes}",
+            )  # fmt: skip
         result[aligned == code] = indices[code]
     return result
 
@@ -286,10 +256,8 @@ def _codes(dataset: Any, file: Input) -> NDArray[np.int32]:
     if odd.any():
         row, col = np.unravel_index(int(np.argmax(odd)), values.shape)
         raise InputError(
-            "holds a code that is no whole number",
-            file=file,
-            field="ground.file",
+            "holds a code that is no whole number", file=file, field="ground.file",
             found=f"{values[row, col]:g} at row {row + 1}, column {col + 1}",
             expected="whole numbers",
-        )
+        )  # fmt: skip
     return np.where(known, values, _NO_CODE).astype(np.int32)

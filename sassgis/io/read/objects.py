@@ -40,8 +40,11 @@ _SHAPES: Mapping[str, tuple[str, ...]] = {
     "line": ("line",),
 }
 _TRAFFIC = ("traffic_per_day", "speed_kmh", "vehicle_length_m", "persons_per_vehicle")
+_ROAD_USE = (*_TRAFFIC, "vehicle_value", "trips_per_day")
 #: Shorter stretches, in cells, could be left without a cell of their own.
 _LEAST_CELLS = 3.0
+#: More stretches than this are a slip in a coordinate.
+_MOST_STRETCHES = 50_000
 #: Sharing no more than this much of a cell's side is touching its border, not the cell.
 _BORDER = 1e-6
 
@@ -55,13 +58,8 @@ def read_objects(settings: ObjectSettings, grid: Grid) -> PlacedObjects:
 
     An attribute goes before a number for all, which holds where the attribute is empty. Buildings
     and people are hit by blocks whose centre comes within ``radius_m``: half the width of a block,
-    or the reach of people given as points.
-
-    Returns
-    -------
-    PlacedObjects
-        In the order of the file, stretches by chainage. Stretches of roads outside the DEM are
-        left out, with a warning.
+    or the reach of people given as points. The objects are in the order of the file, stretches by
+    chainage. Stretches of roads outside the DEM are left out, with a warning.
     """
     file, key, kinds = settings.file, _key(settings), _SHAPES[settings.kind]
     _check_settings(settings, grid)
@@ -119,10 +117,9 @@ def _check_settings(settings: ObjectSettings, grid: Grid) -> None:
     if _SHAPES[settings.kind] == ("line",) and not settings.segment_m >= least:
         raise wrong(
             "stretches would be too short for the cells of the DEM",
-            field=f"{_key(settings)}.segment_m",
-            found=f"{settings.segment_m:g}",
+            field=f"{_key(settings)}.segment_m", found=f"{settings.segment_m:g}",
             expected=f"{least:g} m or more ({_LEAST_CELLS:g} cells)",
-        )
+        )  # fmt: skip
 
 
 def _numbers(feature: Feature, settings: ObjectSettings) -> dict[str, float]:
@@ -160,9 +157,6 @@ def _object(
         raise InputError(**error.parts(problem=problem, file=settings.file, field=field)) from None
 
 
-_ROAD_USE = (*_TRAFFIC, "vehicle_value", "trips_per_day")
-
-
 def _traffic(values: Mapping[str, float], label: str, settings: ObjectSettings) -> Traffic | None:
     """The traffic of a road; None where no vehicles are stated."""
     if not values or values.get("traffic_per_day") == 0.0:
@@ -173,12 +167,9 @@ def _traffic(values: Mapping[str, float], label: str, settings: ObjectSettings) 
     for name in _TRAFFIC:
         if name not in values:
             raise InputError(
-                f"{label} {problem}",
-                file=settings.file,
-                field=f"{_key(settings)}.{name}",
-                found=", ".join(values),
-                expected=f"{name} or {name}_field as well",
-            )
+                f"{label} {problem}", file=settings.file, field=f"{_key(settings)}.{name}",
+                found=", ".join(values), expected=f"{name} or {name}_field as well",
+            )  # fmt: skip
     return Traffic(**values)
 
 
@@ -208,10 +199,6 @@ def _warn(placed: PlacedObjects, grid: Grid, file: Input) -> None:
 # Stretches of roads and lines
 
 
-#: More stretches than this are a slip in a coordinate.
-_MOST_STRETCHES = 50_000
-
-
 def _stretches(
     whole: ExposedObject, geometry: Any, segment_m: float, grid: Grid, file: Input
 ) -> list[tuple[ExposedObject, Any]]:
@@ -221,15 +208,11 @@ def _stretches(
     if len(parts) > 1:
         log.info("%s: %s has %d separate parts, one after the other", file, whole.name, len(parts))
     if not line.length <= _MOST_STRETCHES * segment_m:
-        found = f"a length of {line.length:.4g} m in stretches of {segment_m:g} m"
-        expected = f"at most {_MOST_STRETCHES} of them: longer ones, or a shorter line"
         raise InputError(
-            f"{whole.name} has too many stretches",
-            file=file,
-            field="segment_m",
-            found=found,
-            expected=expected,
-        )
+            f"{whole.name} has too many stretches", file=file, field="segment_m",
+            found=f"a length of {line.length:.4g} m in stretches of {segment_m:g} m",
+            expected=f"at most {_MOST_STRETCHES} of them: longer ones, or a shorter line",
+        )  # fmt: skip
     spans: list[tuple[float, float, Any]] = []
     start = 0.0
     for part in parts:
@@ -282,12 +265,8 @@ def object_cells(placed: PlacedObjects, grid: Grid) -> tuple[IntArray, IntArray]
     those that touch it, the one that is nearest to its centre. The cells of a road's stretches
     therefore add up to the cells of the road.
 
-    Returns
-    -------
-    cells : int64, shape (n,)
-        Flat indices, ascending.
-    owner : int64, shape (n,)
-        Number of the object of each cell, ascending within a cell.
+    Both arrays are int64 of shape (n,): flat indices of cells, ascending, and the number of the
+    object of each, ascending within a cell.
     """
     found = [_touched(shape, grid) for shape in placed.geometries]
     cells = np.concatenate([np.empty(0, np.int64), *found])
@@ -353,17 +332,9 @@ def _under_polygon(shape: Any, grid: Grid) -> IntArray:
 def read_vulnerability(file: Input, intensities: Sequence[str]) -> Vulnerability:
     """Read what a hit does to objects of each kind.
 
-    Parameters
-    ----------
-    file
-        CSV with columns kind, intensity, vulnerability, lethality, source.
-    intensities
-        Codes of the intensity classes, from weak to strong.
-
-    Returns
-    -------
-    Vulnerability
-        Where a number falls with the intensity, a warning is logged.
+    The CSV has the columns kind, intensity, vulnerability, lethality, source; ``intensities`` are
+    the codes of the intensity classes, from weak to strong. Where a number falls with the
+    intensity, a warning is logged.
     """
     field = "risk.vulnerability"
     columns = {

@@ -41,13 +41,7 @@ _FOREIGN = frozenset({"layer_styles", "run_metadata"})
 
 
 def observation_source(given: AnyObservations) -> Path | dict[str, InMemory]:
-    """A path, or tables in memory by their names.
-
-    Raises
-    ------
-    InputError
-        They are neither tables nor a path.
-    """
+    """A path, or tables in memory by their names; InputError for anything else."""
     if not isinstance(given, Mapping | str | PathLike):
         raise InputError(
             "cannot be used", field=KEY, found=type(given).__name__,
@@ -134,19 +128,10 @@ def read_observations(
 def validate_observations(
     observations: Observations, grid: Grid | None = None, drop_m: float = 0.0
 ) -> list[ObservationFinding]:
-    """All that their owner should know about observations.
+    """All that their owner should know about observations, as read or made up by a program.
 
-    Parameters
-    ----------
-    observations : Observations
-        As read, or made up by a program.
-    grid : Grid, optional
-        The DEM; without it, nothing is compared with the terrain.
-
-    Returns
-    -------
-    list of ObservationFinding
-        Errors first; ``str`` gives one line that names file, table, column and row.
+    Errors come first; ``str`` gives one line that names file, table, column and row. Without the
+    DEM, nothing is compared with the terrain.
     """
     checked = check_observations(observations, grid, drop_m)
     fresh = [f for f in checked if f not in observations.findings]
@@ -165,12 +150,9 @@ def _refuse_elsewhere(
     if placed and placed <= set(beside):
         first = beside[sorted(placed, key=list(TABLES).index)[0]]
         raise InputError(
-            first.problem,
-            file=first.file or path,
-            field=first.table,
-            found=first.found,
+            first.problem, file=first.file or path, field=first.table, found=first.found,
             expected=first.expected,
-        )
+        )  # fmt: skip
 
 
 def _raw_tables(
@@ -191,13 +173,9 @@ def _raw_tables(
         )
     metadata = raws.pop(_METADATA, None)
     if not raws:
-        expected = f"at least one of {', '.join(TABLES)}{each}"
-        raise InputError(
-            "holds no table of observations",
-            file=source if isinstance(source, Path) else None,
-            field=KEY,
-            expected=expected,
-        )
+        file = source if isinstance(source, Path) else None
+        problem, expected = "holds no table of observations", f"at least one of {', '.join(TABLES)}"
+        raise InputError(problem, file=file, field=KEY, expected=f"{expected}{each}")
     return {name: raws[name] for name in TABLES if name in raws}, metadata
 
 

@@ -28,6 +28,7 @@ from sassgis.gap.observations.tables import (
     Metadata,
     Stations,
     Table,
+    Trajectories,
 )
 from sassgis.io.read.plain_file import check_text
 from sassgis.io.read.vector_features import nearest, onto_grid, text_of, without_repeats
@@ -106,15 +107,10 @@ def table_of(raw: RawTable, grid: Grid | None) -> Table:
     if raw.name not in POINT_TABLES:
         return _stations(raw, data, keep)
     table = TABLE_TYPES[raw.name].of(**data).take(keep)
-    if raw.name == "trajectories" and len(table):
-        return _by_time(table)
+    if isinstance(table, Trajectories) and len(table):
+        # By rock, in the order of their first appearance, then by time.
+        return table.take(np.lexsort((table.t_s, pd.factorize(table.rock_id)[0])))
     return table
-
-
-def _by_time(table: Table) -> Table:
-    """Rows by rock, in the order of their first appearance, then by time."""
-    rank, _ = pd.factorize(table.rock_id)
-    return table.take(np.lexsort((table.t_s, rank)))  # type: ignore[attr-defined]
 
 
 def _named_columns(raw: RawTable) -> dict[str, NDArray[Any]]:
@@ -262,15 +258,11 @@ def _placed(raw: RawTable, data: Mapping[str, Any], grid: Grid | None) -> dict[s
         vertices: list[FloatArray] = [np.empty((0, 2))] * n
         for i, shape in zip(index.tolist(), moved, strict=True):
             merged = shapely.line_merge(shape)
-            if merged.geom_type != "LineString":
-                raw.note(
-                    "station is made of separate parts",
-                    rows=[raw.rows[i]],
-                    expected="one line without gaps",
-                    left_out="row",
-                )
+            if merged.geom_type == "LineString":
+                vertices[i] = shapely.get_coordinates(merged)
                 continue
-            vertices[i] = shapely.get_coordinates(merged)
+            problem, expected = "station is made of separate parts", "one line without gaps"
+            raw.note(problem, rows=[raw.rows[i]], expected=expected, left_out="row")
         return {"vertices": tuple(vertices)}
     x, y, z = np.full((3, n), np.nan)
     for i, shape in zip(index.tolist(), moved, strict=True):
@@ -298,12 +290,9 @@ def _stations(raw: RawTable, data: Mapping[str, Any], keep: NDArray[np.bool_]) -
         vertices[i] = without_repeats(vertices[i])
     lineless = keep & np.array([len(v) < 2 for v in vertices], np.bool_)
     if lineless.any():
-        raw.note(
-            "station has no line: its passages are used by their own x and y",
-            "x0, y0, x1, y1",
-            raw.rows[lineless],
-            expected="a line, or x0, y0, x1, y1",
-        )
+        problem = "station has no line: its passages are used by their own x and y"
+        place = "x0, y0, x1, y1"
+        raw.note(problem, place, raw.rows[lineless], expected=f"a line, or {place}")
     return Stations.of(row=raw.rows, station=data["station"], vertices=tuple(vertices)).take(keep)
 
 

@@ -91,13 +91,7 @@ def pyogrio_settings(settings: Mapping[str, str]) -> Iterator[None]:
 
 
 def open_dataset(file: Path) -> DatasetReader:
-    """Open a raster of a format that is named above.
-
-    Raises
-    ------
-    rasterio.errors.RasterioError
-        If GDAL cannot open it.
-    """
+    """Open a raster of a format that is named above; RasterioError if GDAL cannot open it."""
     _check_beside(file)
     if _is_mosaic(file):
         return DatasetReader(_mosaic(file, stamp_of(file.stat()))[0], driver="VRT")

@@ -26,7 +26,7 @@ _LARGEST_TABLE, _LARGEST_TOML = 200_000_000, 2_000_000
 #: Tables and lists within each other.
 _DEEPEST = 20
 #: What no XML file can hold, and so no map sheet.
-_UNPRINTABLE = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+NO_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 #: More dots than that in a key: reading it takes the square of their number.
 _LONG_KEY = re.compile(
     rf"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{_DEEPEST}}}"""
@@ -54,11 +54,8 @@ def check_file(file: Input, field: str | None, expected: str, folders: bool = Fa
     except (FileNotFoundError, NotADirectoryError):
         raise wrong("file not found", expected=expected) from None
     except (OSError, ValueError) as error:
-        raise wrong(
-            "cannot be opened",
-            found=getattr(error, "strerror", None) or str(error),
-            expected=expected,
-        ) from None
+        found = getattr(error, "strerror", None) or str(error)
+        raise wrong("cannot be opened", found=found, expected=expected) from None
     if not (stat.S_ISREG(kind) or (folders and stat.S_ISDIR(kind))):
         found = "a folder" if stat.S_ISDIR(kind) else "a pipe or a device"
         raise wrong("is no file", found=found, expected=expected)
@@ -81,11 +78,8 @@ def read_text(file: Input, field: str | None, what: str, largest: int = _LARGEST
         return str(in_memory(file, "table", field, what))
     check_file(file, field, what)
     if (size := file.stat().st_size) > largest:
-        raise wrong(
-            "is too large",
-            found=f"{size / 1e6:.0f} MB",
-            expected=f"{what} of at most {largest / 1e6:.0f} MB",
-        )
+        found, expected = f"{size / 1e6:.0f} MB", f"{what} of at most {largest / 1e6:.0f} MB"
+        raise wrong("is too large", found=found, expected=expected)
     try:
         # utf-8-sig: spreadsheets put a mark in front of UTF-8.
         return file.read_bytes().decode("utf-8-sig")
@@ -147,17 +141,13 @@ def check_text(text: object, file: str | Input, field: str, where: str = "") -> 
         return
     where = f"{where}: " if where else ""
     if len(text) > LONGEST_TEXT:
-        raise wrong(
-            f"{where}text is too long",
-            found=f"{len(text)} characters: {text[:20]!r}...",
-            expected=f"at most {LONGEST_TEXT} characters",
-        )
-    if odd := _UNPRINTABLE.search(text):
-        raise wrong(
-            f"{where}holds a character that cannot be shown",
-            found=ascii(odd[0]),
-            expected="letters, digits, signs",
-        )
+        found = f"{len(text)} characters: {text[:20]!r}..."
+        expected = f"at most {LONGEST_TEXT} characters"
+        raise wrong(f"{where}text is too long", found=found, expected=expected)
+    if odd := NO_XML.search(text):
+        found, expected = ascii(odd[0]), "letters, digits, signs"
+        problem = f"{where}holds a character that cannot be shown"
+        raise wrong(problem, found=found, expected=expected)
 
 
 def number(value: object, where: str, column: str, file: Input) -> float:

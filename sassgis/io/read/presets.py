@@ -94,12 +94,9 @@ def preset_names() -> tuple[str, ...]:
 
 
 def read_preset(name: str | PathLike[str]) -> HazardPreset:
-    """Read a hazard preset, which is named after its file.
+    """Read a hazard preset: one of ``preset_names()``, or a TOML file, whose name it takes.
 
-    Parameters
-    ----------
-    name : str or path
-        One of ``preset_names()``, or the path of a TOML file (docs/presets.md).
+    docs/presets.md describes such a file.
     """
     if isinstance(name, str) and name in preset_names():
         text = (_FOLDER / f"{name}.toml").read_text(encoding="utf-8")
@@ -153,12 +150,10 @@ class _Reading:
         for code in known:
             if code not in content.matrix:
                 raise InputError(
-                    "the matrix has a hole: no row for an intensity class",
-                    file=self._file,
-                    field="matrix",
-                    found=", ".join(content.matrix) or "no row",
+                    "the matrix has a hole: no row for an intensity class", file=self._file,
+                    field="matrix", found=", ".join(content.matrix) or "no row",
                     expected=f"a section [matrix.{code}]",
-                )
+                )  # fmt: skip
         rows = [(content.matrix[code], f"matrix.{code}") for code in known]
         periods, rarest = content.return_periods, content.rarest
         return HazardPreset(
@@ -199,12 +194,10 @@ class _Reading:
             return (self._source(row.source, where),) * len(row.levels)
         if len(row.source) != len(row.levels):
             raise InputError(
-                "does not have a source for each level",
-                file=self._file,
-                field=f"{where}.source",
+                "does not have a source for each level", file=self._file, field=f"{where}.source",
                 found=f"{len(row.source)} sources",
                 expected=f"one source for all, or {len(row.levels)}",
-            )
+            )  # fmt: skip
         return tuple(self._source(key, where) for key in row.source)
 
     def _refer(self, name: str, known: list[str], problem: str, field: str) -> None:

@@ -19,20 +19,10 @@ log = logging.getLogger(__name__)
 
 
 def read_profile(path: Input, table: GroundTable, default: str) -> ProfileSet:
-    """Read a profile.
+    """Read one profile, in one stretch that lies in no cell of a map.
 
-    Parameters
-    ----------
-    path
-        CSV with the columns s_m (chainage, rising) and z_m (height) and, if wanted, ground: the
-        class of the segment that starts at the row. Rows without a class take the default.
-    default
-        Name of the default class.
-
-    Returns
-    -------
-    ProfileSet
-        One profile, in one stretch that lies in no cell of a map.
+    The CSV has the columns s_m (chainage, rising) and z_m (height) and, if wanted, ground: the
+    class of the segment that starts at the row. Rows without a class take the default.
     """
     columns = {
         "s_m": CsvColumn(float),
@@ -45,11 +35,10 @@ def read_profile(path: Input, table: GroundTable, default: str) -> ProfileSet:
     for where, row in read_table(path, "profile.file", what, columns):
         if rows and row["s_m"] <= rows[-1][0]:
             raise wrong(
-                f"{where}: chainage does not rise",
-                field="s_m",
+                f"{where}: chainage does not rise", field="s_m",
                 found=f"{row['s_m']:g} after {rows[-1][0]:g}",
                 expected="a larger one than in the row before",
-            )
+            )  # fmt: skip
         rows.append((row["s_m"], row["z_m"], table.index(row["ground"])))
     if len(rows) < 2:
         found = f"{len(rows)} row(s)"

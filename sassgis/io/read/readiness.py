@@ -12,21 +12,11 @@ _STAKES = ("value", "value_per_m", "persons", "traffic_per_day")
 
 @dataclass(frozen=True, slots=True)
 class Readiness:
-    """Whether a configuration is complete for a command.
+    """Whether a configuration is complete for a command."""
 
-    Attributes
-    ----------
-    task : {"run", "zone", "risk", "profile"}
-        Risk is part of a zoning.
-    missing : tuple of str
-        Keys that are needed and not there.
-    problem : str
-        What else is in the way; empty if nothing.
-    """
-
-    task: str
-    missing: tuple[str, ...]
-    problem: str = ""
+    task: str  # "run", "zone", "risk" (part of a zoning) or "profile"
+    missing: tuple[str, ...]  # keys that are needed and not there
+    problem: str = ""  # what else is in the way; empty if nothing
 
     @property
     def line(self) -> str:
@@ -65,9 +55,8 @@ def readiness(config: Config) -> tuple[Readiness, ...]:
         for o in config.objects
         if not any(getattr(o, k) or getattr(o, f"{k}_field") for k in _STAKES)
     ]
-    found = [Readiness("run", tuple(run)), Readiness("zone", tuple(zone))]
-    found.append(Readiness("risk", tuple(risk)))
+    found = {"run": run, "zone": zone, "risk": risk}
     if config.profile is not None:
         given = config.profile.file is not None or config.terrain.dem is not None
-        found.append(Readiness("profile", () if given else ("profile.file (or --csv)",)))
-    return tuple(found)
+        found["profile"] = [] if given else ["profile.file (or --csv)"]
+    return tuple(Readiness(task, tuple(missing)) for task, missing in found.items())

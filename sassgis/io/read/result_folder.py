@@ -79,20 +79,14 @@ def read_layer(file: Path, name: str) -> gpd.GeoDataFrame | None:
 def read_result(folder: Path) -> StoredResult:
     """What of a result can be compared with another.
 
-    Parameters
-    ----------
-    folder : Path
-        Of ``sassgis run``, ``sassgis zone``, or an area or the mosaic of a batch.
+    It is one of ``sassgis run`` or ``sassgis zone``, or an area or the mosaic of a batch.
     """
     manifest = read_manifest(folder)
     files = {stem: folder / "maps" / f"{stem}.tif" for stem in _BANDS}
     reach = files["reach_probability"]
     if not reach.is_file():
-        raise InputError(
-            "this result has no maps to compare",
-            file=folder,
-            expected="a result of sassgis run, zone or batch, with maps/reach_probability.tif",
-        )
+        expected = "a result of sassgis run, zone or batch, with maps/reach_probability.tif"
+        raise InputError("this result has no maps to compare", file=folder, expected=expected)
     maps = {s: _read_map(f, _BANDS[s]) for s, f in files.items() if f.is_file()}
     objects, risk, values = _read_objects(folder)
     level = maps.get("hazard_level")
@@ -183,9 +177,8 @@ def _read_zones(
     value = {c.label: c.value for c in classes}
     codes = dict(zip(frame["label"], frame["hazard_level"], strict=True))
     if unknown := set(codes) - set(value):
-        raise InputError(
-            "zones of a level that the map does not have", file=file, found=sorted(unknown)
-        )
+        problem = "zones of a level that the map does not have"
+        raise InputError(problem, file=file, found=sorted(unknown))
     numbers = np.array([value[label] for label in frame["label"]], np.int64)
     ordered = sorted(classes, key=lambda c: c.value)
     return (

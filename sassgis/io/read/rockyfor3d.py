@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, partial
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,7 @@ from scipy.sparse.csgraph import shortest_path
 from scipy.spatial import cKDTree
 
 from sassgis.io.read.dem import open_raster, read_band
+from sassgis.io.read.dem_system import extent_text
 from sassgis.io.read.plain_file import read_text
 from sassgis.io.read.start_keys import StartKeys, seen_from_folder
 from sassgis.model.errors import InputError
@@ -33,6 +34,7 @@ from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.tree_species import energy_ratios
 
 _OPTION = "--rockyfor3d"
+_wrong = partial(InputError, field=_OPTION)
 _SUFFIXES = (".asc", ".tif", ".tiff")
 #: The density of the rock of source cells, under the names that it has.
 _DENSITY = ("bldens", "rockdensity", "rock_density")
@@ -61,16 +63,8 @@ def soil_types() -> Mapping[int, Any]:
 class Converted:
     """What becomes of a folder of Rockyfor3D.
 
-    Attributes
-    ----------
-    keys : list of (section, keys)
-        Of the configuration.
-    layers : dict of str to GeoDataFrame
-        To be written beside it as ``<name>.gpkg``.
-    tables : dict of str to DataFrame
-        To be written beside it as ``<name>.csv``.
-    notes : list of str
-        What was taken how, and what has no counterpart.
+    Layers and tables are to be written beside the configuration as ``<name>.gpkg`` and
+    ``<name>.csv``; notes say what was taken how, and what has no counterpart.
     """
 
     keys: StartKeys
@@ -98,13 +92,12 @@ class _Folder:
             here, there = tuple(raster.transform)[:6], tuple(self.transform)[:6]
             tolerance = 1e-3 * abs(self.transform.a)
             if raster.shape != self.shape or not np.allclose(here, there, rtol=0.0, atol=tolerance):
-                raise InputError(
-                    "does not lie on the cells of dem", file=file, field=_OPTION,
-                    found=f"{raster.height} x {raster.width} cells, corner {here[2]:.10g}, "
-                    f"{here[5]:.10g}",
-                    expected=f"{self.shape[0]} x {self.shape[1]} cells, corner {there[2]:.10g}, "
-                    f"{there[5]:.10g}",
-                )  # fmt: skip
+                found, expected = (
+                    f"{shape[0]} x {shape[1]} cells, corner {place[2]:.10g}, {place[5]:.10g}"
+                    for shape, place in ((raster.shape, here), (self.shape, there))
+                )
+                problem = "does not lie on the cells of dem"
+                raise _wrong(problem, file=file, found=found, expected=expected)
             raw = read_band(raster, 1, file)
         values: FloatArray = np.ma.filled(raw.astype(np.float64), np.nan)
         return values
@@ -119,15 +112,10 @@ class _Folder:
 def read_rockyfor3d(path: Path, config_folder: Path, crs: str | None) -> Converted:
     """Read a folder of Rockyfor3D.
 
-    Parameters
-    ----------
-    path : Path
-        The folder, with ``dem``, ``soiltype``, ``d1``, ``d2``, ``d3`` and a density of the rock as
-        rasters; ``blshape``, ``rg70``, ``rg20``, ``rg10``, nets and forest where there are any.
-    config_folder : Path
-        Of the configuration: paths are written as seen from it.
-    crs : str, optional
-        Coordinate system of the layers that are made.
+    It has ``dem``, ``soiltype``, ``d1``, ``d2``, ``d3`` and a density of the rock as rasters;
+    ``blshape``, ``rg70``, ``rg20``, ``rg10``, nets and forest where there are any. Paths are
+    written as seen from the folder of the configuration; ``crs`` is the coordinate system of the
+    layers that are made.
     """
     folder = _opened(path)
     keys: StartKeys = [("terrain", {"dem": seen_from_folder(config_folder, folder.files["dem"])})]
@@ -147,7 +135,7 @@ _WRONG = "is no folder of Rockyfor3D"
 def rasters_of(path: Path) -> dict[str, Path]:
     """The rasters of a folder by name; of several of one name the first in the alphabet."""
     if not path.is_dir():
-        raise InputError(_WRONG, file=path, field=_OPTION, expected="the folder with dem.asc")
+        raise _wrong(_WRONG, file=path, expected="the folder with dem.asc")
     return {
         file.stem.lower(): file
         for file in sorted(path.iterdir(), reverse=True)
@@ -161,10 +149,9 @@ def _opened(path: Path) -> _Folder:
     if not any(name in files for name in _DENSITY):
         missing.append(_DENSITY[0])
     if missing:
-        raise InputError(
-            _WRONG, file=path, field=_OPTION, found=f"no {', '.join(f'{n}.asc' for n in missing)}",
-            expected=", ".join(f"{n}.asc" for n in (*_NEEDED, _DENSITY[0])),
-        )  # fmt: skip
+        expected = ", ".join(f"{n}.asc" for n in (*_NEEDED, _DENSITY[0]))
+        found = f"no {', '.join(f'{n}.asc' for n in missing)}"
+        raise _wrong(_WRONG, file=path, found=found, expected=expected)
     with open_raster(files["dem"], _OPTION) as raster:
         return _Folder(path, files, raster.transform, raster.shape)
 
@@ -179,21 +166,17 @@ def _release(folder: _Folder, crs: str | None, out: Converted) -> None:
     source = np.nan_to_num(density) > 0.0
     sides = np.array([folder.read(name)[source] for name in ("d1", "d2", "d3")])
     if not source.any() or not (np.nan_to_num(sides) > 0.0).all():
-        raise InputError(
-            "has source cells without a block" if source.any() else "has no source cell",
-            file=folder.path, field=_OPTION,
-            expected="a density, and d1, d2 and d3 above 0, on every source cell",
-        )  # fmt: skip
+        problem = "has source cells without a block" if source.any() else "has no source cell"
+        expected = "a density, and d1, d2 and d3 above 0, on every source cell"
+        raise _wrong(problem, file=folder.path, expected=expected)
     form = np.full(sides.shape[1], 2.0)
     if folder.has("blshape"):
         form = folder.read("blshape")[source]
         unknown = sorted({*form.tolist()} - {*map(float, _FORMS)})
         if unknown:
-            raise InputError(
-                "holds a form that is not known", file=folder.files["blshape"], field=_OPTION,
-                found=f"{unknown[0]:g}",
-                expected=", ".join(f"{k} ({name})" for k, (name, _) in _FORMS.items()),
-            )  # fmt: skip
+            known = ", ".join(f"{k} ({name})" for k, (name, _) in _FORMS.items())
+            problem, file = "holds a form that is not known", folder.files["blshape"]
+            raise _wrong(problem, file=file, found=f"{unknown[0]:g}", expected=known)
     kinds, which = np.unique(
         np.vstack([np.round(sides, 2), np.round(density[source]), form]), axis=1,
         return_inverse=True,
@@ -278,18 +261,12 @@ def _ground(
     """Soil types as ground classes, and what the roughness heights are there."""
     known = soil_types()
     present = np.unique(soil[np.isfinite(soil)]).tolist()
+    wrong = partial(_wrong, file=folder.files["soiltype"], expected=", ".join(map(str, known)))
     if not present:
-        raise InputError(
-            "holds no soil type", file=folder.files["soiltype"], field=_OPTION,
-            found=f"{soil.size} cells, all nodata", expected=", ".join(map(str, known)),
-        )  # fmt: skip
+        raise wrong("holds no soil type", found=f"{soil.size} cells, all nodata")
     for number in present:
         if number not in known:
-            raise InputError(
-                "holds a soil type that is not known", file=folder.files["soiltype"],
-                field=_OPTION, found=f"{number:g}",
-                expected=", ".join(map(str, known)),
-            )  # fmt: skip
+            raise wrong("holds a soil type that is not known", found=f"{number:g}")
     rough = {n: folder.read(n) for n in ("rg70", "rg20", "rg10") if folder.has(n)}
     for number in map(int, present):
         own, here = known[number], soil == number
@@ -333,19 +310,16 @@ def _nets(folder: _Folder, crs: str | None, out: Converted) -> None:
         return
     if len(given) < len(names):
         missing = next(name for name in names if name not in given)
-        raise InputError(
-            "has nets without all of their rasters", file=folder.path, field=_OPTION,
-            found=", ".join(given), expected=f"{missing}.asc as well",
-        )  # fmt: skip
+        problem, expected = "has nets without all of their rasters", f"{missing}.asc as well"
+        raise _wrong(problem, file=folder.path, found=", ".join(given), expected=expected)
     number, height, energy = (folder.read(name) for name in names)
     rows = []
     for net in np.unique(number[np.nan_to_num(number) > 0.0]).tolist():
         here = number == net
         if not (np.nanmax(height[here]) > 0.0 and np.nanmax(energy[here]) > 0.0):
-            raise InputError(
-                "has a net without height or energy", file=folder.path, field=_OPTION,
-                found=f"net {net:g}", expected="net_height and net_energy above 0 on its cells",
-            )  # fmt: skip
+            expected = "net_height and net_energy above 0 on its cells"
+            problem, found = "has a net without height or energy", f"net {net:g}"
+            raise _wrong(problem, file=folder.path, found=found, expected=expected)
         parts, count = ndimage.label(here, np.ones((3, 3)))
         for part in range(1, count + 1):
             line = _centre_line(folder, *np.nonzero(parts == part))
@@ -430,6 +404,7 @@ def _forest(folder: _Folder, config_folder: Path, out: Converted) -> None:
 def _trees(file: Path, folder: _Folder, conifers: FloatArray | None) -> pd.DataFrame:
     """X, y, diameter (cm) and, where stated, share of conifers of each tree."""
     expected = "x, y, diameter at breast height (cm) and, if wanted, share of conifers (%)"
+    wrong = partial(_wrong, file=file, expected=expected)
     lines = [line.replace(",", " ").replace(";", " ").split()
              for line in read_text(file, _OPTION, expected).splitlines()]  # fmt: skip
     found: list[list[float]] = []
@@ -441,24 +416,17 @@ def _trees(file: Path, folder: _Folder, conifers: FloatArray | None) -> pd.DataF
                 continue
             values = []
         if words and len(values) not in (3, 4):
-            raise InputError(
-                f"row {number}: is no tree", file=file, field=_OPTION, found=" ".join(words),
-                expected=expected,
-            )  # fmt: skip
+            raise wrong(f"row {number}: is no tree", found=" ".join(words))
         if words:
             found.append([*values, *([math.nan] if len(values) == 3 else [])])
     if not found:
-        raise InputError("holds no tree", file=file, field=_OPTION, expected=expected)
+        raise wrong("holds no tree")
     x, y, dbh, share = np.array(found).T
     west, north, side = folder.transform.c, folder.transform.f, folder.transform.a
     col, row = (np.floor(v / side).astype(np.int64) for v in (x - west, north - y))
     inside = (row >= 0) & (row < folder.shape[0]) & (col >= 0) & (col < folder.shape[1])
     if not inside.any():
-        raise InputError(
-            "no tree lies on dem", file=file, field=_OPTION,
-            found=f"x {x.min():.10g} to {x.max():.10g}, y {y.min():.10g} to {y.max():.10g}",
-            expected=expected,
-        )  # fmt: skip
+        raise wrong("no tree lies on dem", found=extent_text(x.min(), y.min(), x.max(), y.max()))
     if conifers is not None:
         missing = inside & np.isnan(share)
         share[missing] = conifers[row[missing], col[missing]]

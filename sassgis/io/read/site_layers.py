@@ -30,26 +30,13 @@ from sassgis.model.styles import (
 
 @dataclass(frozen=True, slots=True)
 class SiteLayer:
-    """A layer to draw in; ``data/map_layers.csv`` has its title and description.
-
-    Attributes
-    ----------
-    section : str
-        Of the configuration that reads it.
-    fields : mapping of str to FieldInfo
-        Columns with choices or limits, in order.
-    style : VectorStyle
-        Its kind of symbol is the kind of geometry.
-    fixed : mapping of str to object
-        Keys of the section besides the file and the layer.
-    attributes : mapping of str to str
-        Keys of the section that name a column, by the column.
-    """
+    """A layer to draw in; ``data/map_layers.csv`` has its title and description."""
 
     name: str
-    section: str
-    fields: Mapping[str, FieldInfo]
-    style: VectorStyle
+    section: str  # of the configuration that reads it
+    fields: Mapping[str, FieldInfo]  # columns with choices or limits, in order
+    style: VectorStyle  # its kind of symbol is the kind of geometry
+    #: Keys of the section besides the file and the layer; those that name a column, by the column.
     fixed: Mapping[str, object] = field(default_factory=dict)
     attributes: Mapping[str, str] = field(default_factory=dict)
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import http.client
 import json
 import re
-import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -38,26 +37,14 @@ _FILE_NAME = re.compile(r"^[\w.+-]+\.tiff?$", re.IGNORECASE)
 
 @dataclass(frozen=True, slots=True)
 class TileOffer:
-    """A tile that can be fetched.
+    """A tile that can be fetched."""
 
-    Attributes
-    ----------
-    name : str
-        Name of its file.
-    place : str
-        The same for all editions of a tile.
-    date : str
-        Of the edition.
-    checksum : str
-        As multihash in hexadecimal digits; empty if none is stated.
-    """
-
-    name: str
+    name: str  # of its file
     href: str
-    place: str
-    date: str
+    place: str  # the same for all editions of a tile
+    date: str  # of the edition
     resolution_m: float
-    checksum: str
+    checksum: str  # as multihash in hexadecimal digits; empty if none is stated
 
 
 class NoAnswer(InputError):
@@ -66,19 +53,10 @@ class NoAnswer(InputError):
 
 @contextmanager
 def opened(url: str, timeout_s: float, headers: dict[str, str] | None = None) -> Iterator[Any]:
-    """Open a web address.
+    """Open a web address, which begins with ``http://`` or ``https://``.
 
-    Parameters
-    ----------
-    url : str
-        Begins with ``http://`` or ``https://``.
-    timeout_s : float
-        Longest wait for the next bytes (s).
-
-    Raises
-    ------
-    NoAnswer
-        Also in place of what fails inside the block while the answer is read.
+    NoAnswer also takes the place of what fails inside the block while the answer is read. The next
+    bytes are waited for no longer than ``timeout_s``.
     """
     if urlsplit(url).scheme not in ("http", "https"):
         raise InputError("is no web address", file=url, expected="http://... or https://...")
@@ -92,20 +70,17 @@ def opened(url: str, timeout_s: float, headers: dict[str, str] | None = None) ->
             busy = error.code >= 500 or error.code == 429
             kind = NoAnswer if busy else InputError
             raise kind(
-                "the server is busy or out of order" if busy else "the server refuses",
-                file=url,
+                "the server is busy or out of order" if busy else "the server refuses", file=url,
                 found=f"HTTP {error.code} {error.reason}",
                 expected="try again later" if busy else "an address that exists",
-            ) from None
+            ) from None  # fmt: skip
     except (URLError, TimeoutError, http.client.HTTPException, ConnectionError) as error:
         reason = error.reason if isinstance(error, URLError) else error
-        slow = isinstance(reason, TimeoutError | socket.timeout)
-        raise NoAnswer(
-            f"no answer from {host}",
-            file=url,
-            found=f"nothing for {timeout_s:g} s" if slow else str(reason) or type(reason).__name__,
-            expected="a connection to the internet",
-        ) from None
+        found = str(reason) or type(reason).__name__
+        if isinstance(reason, TimeoutError):
+            found = f"nothing for {timeout_s:g} s"
+        expected = "a connection to the internet"
+        raise NoAnswer(f"no answer from {host}", file=url, found=found, expected=expected) from None
 
 
 def get_json(url: str, timeout_s: float) -> Any:
@@ -147,12 +122,8 @@ def find_tiles(
 ) -> tuple[TileOffer, ...]:
     """The tiles over an area, of each the newest edition, by place.
 
-    Parameters
-    ----------
-    area : shapely geometry
-        In longitude and latitude.
-    resolution_m : float
-        Size of the cells (m).
+    The area is a shapely geometry in longitude and latitude, the resolution the size of the cells
+    (m).
     """
     west, south, east, north = area.bounds
     query = urlencode(

@@ -34,22 +34,14 @@ _RELEASE_LAYERS = ("release_areas", "release")
 def start_keys(folder: Path, dem: Path | None, release: Path | None) -> StartKeys:
     """The keys that the files of a site decide.
 
-    Parameters
-    ----------
-    folder : Path
-        Of the configuration: paths are written as seen from it.
-    dem : Path, optional
-        Terrain model.
-    release : Path, optional
-        Release areas; or a GeoPackage of ``sassgis new``, of which every layer with features is
-        used.
+    Paths are written as seen from the folder of the configuration. ``release`` holds release areas;
+    or it is a GeoPackage of ``sassgis new``, of which every layer with features is used.
     """
     keys: StartKeys = []
     if dem is not None:
         if not dem.exists():
-            raise InputError(
-                "file not found", file=dem, field="--dem", expected="a raster or folder of tiles"
-            )
+            expected = "a raster or folder of tiles"
+            raise InputError("file not found", file=dem, field="--dem", expected=expected)
         keys.append(("terrain", {"dem": seen_from_folder(folder, dem)}))
     if release is None:
         return keys
@@ -63,14 +55,10 @@ def start_keys(folder: Path, dem: Path | None, release: Path | None) -> StartKey
         return keys
     chosen = next((n for n in _RELEASE_LAYERS if n in layers), layers[0])
     if len(layers) > 1 and chosen not in _RELEASE_LAYERS:
-        expected = "a file with one layer, or one that is called release_areas"
         raise InputError(
-            "has several layers",
-            file=release,
-            field="--release",
-            found=", ".join(layers),
-            expected=expected,
-        )
+            "has several layers", file=release, field="--release", found=", ".join(layers),
+            expected="a file with one layer, or one that is called release_areas",
+        )  # fmt: skip
     own_keys: dict[str, object] = {"file": place}
     if len(layers) > 1:
         own_keys["layer"] = chosen
@@ -84,13 +72,8 @@ def start_keys(folder: Path, dem: Path | None, release: Path | None) -> StartKey
 def with_values(given: StartKeys, assignments: Sequence[str]) -> StartKeys:
     """Keys that the user sets, in place of or besides those that the files decide.
 
-    Parameters
-    ----------
-    given : list of (section, keys)
-        As of start_keys.
-    assignments : sequence of str
-        ``section.key=value``; the value is TOML, or a text without quotes. Of a section with
-        double brackets also all of them: ``blocks=[{name="a", volume_m3=1}, {...}]``.
+    An assignment is ``section.key=value``; the value is TOML, or a text without quotes. Of a
+    section with double brackets also all of them: ``blocks=[{name="a", volume_m3=1}, {...}]``.
     """
     keys = [(section, dict(values)) for section, values in given]
     for text in assignments:
@@ -115,13 +98,7 @@ def with_values(given: StartKeys, assignments: Sequence[str]) -> StartKeys:
 
 def with_system(given: StartKeys, dem: Path | None, release: Path | None) -> StartKeys:
     """The keys, checked to lie in one place; with the system of the release areas if only they
-    state one.
-
-    Raises
-    ------
-    InputError
-        If the terrain model has no coordinate system that can be used, or the release areas do not
-        lie on it.
+    state one. InputError if the terrain model has none that can be used, or they are not on it.
     """
     if dem is None:
         return given

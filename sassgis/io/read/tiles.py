@@ -20,7 +20,6 @@ from sassgis.model.in_memory import AnyInput, InMemory, Input, named
 
 log = logging.getLogger(__name__)
 
-
 #: Rasters by their suffix; other files of a folder of tiles are left alone.
 TILE_SUFFIXES = (".tif", ".tiff", ".asc", ".img", ".bil", ".flt")
 #: Cells of tiles may be off the common lattice by this share of a cell.
@@ -31,15 +30,9 @@ _SAME_HEIGHT_M, _OTHER_TERRAIN_M = 0.01, 0.5
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """Some rows and columns of a lattice of cells.
+    """Some rows and columns of a lattice of cells."""
 
-    Attributes
-    ----------
-    row, col : int
-        Of the first cell; may be negative.
-    """
-
-    row: int
+    row: int  # row and column of the first cell; may be negative
     col: int
     n_rows: int
     n_cols: int
@@ -88,30 +81,18 @@ class Tile:
 
 @dataclass(frozen=True, slots=True)
 class Terrain:
-    """A terrain model that is read part by part.
+    """A terrain model that is read part by part."""
 
-    Attributes
-    ----------
-    tiles : tuple of Tile
-        From north to south and west to east; where they overlap the first with a height counts.
-    west, north, cell_size : float
-        Of the lattice (m).
-    whole : Part
-        Everything, from row and column 0.
-    crs, vertical_datum : str
-        As in Grid.
-    held : (Part, float64 array of its shape) or None
-        Heights that are in memory: all of them where the raster had to be resampled to square cells
-        and so read as a whole.
-    """
-
+    #: From north to south and west to east; where they overlap the first with a height counts.
     tiles: tuple[Tile, ...]
-    west: float
+    west: float  # of the lattice (m)
     north: float
     cell_size: float
-    whole: Part
-    crs: str
+    whole: Part  # everything, from row and column 0
+    crs: str  # as in Grid
     vertical_datum: str
+    #: Heights in memory, of the shape of a part: all of them where the raster had to be resampled
+    #: to square cells and so read as a whole.
     held: tuple[Part, FloatArray] | None = None
 
     def holding(self, part: Part) -> Terrain:
@@ -124,13 +105,7 @@ class Terrain:
         return inside is None or (self.held is not None and self.held[0].common(inside) == inside)
 
     def read(self, part: Part) -> Grid:
-        """Heights of a part of the lattice; NaN where no tile holds one.
-
-        Raises
-        ------
-        InputLost
-            If a file is gone.
-        """
+        """Heights of a part of the lattice, NaN where no tile holds one; InputLost if a file is."""
         values = np.full((part.n_rows, part.n_cols), np.nan)
         if self.held is not None:
             place, heights = self.held
@@ -185,13 +160,8 @@ def open_terrain(
 ) -> Terrain:
     """Open a terrain model without reading its heights.
 
-    Parameters
-    ----------
-    path
-        A raster, a virtual raster (VRT), or a folder of tiles, of which all rasters with one of
-        TILE_SUFFIXES count.
-    crs, vertical_datum, override_crs
-        As for sassgis.io.read.dem.read_dem.
+    It is a raster, a virtual raster (VRT), or a folder of tiles, of which all rasters with one of
+    TILE_SUFFIXES count. The other parameters are those of sassgis.io.read.dem.read_dem.
     """
     given = named(path)
     if isinstance(given, InMemory) or not given.is_dir():
@@ -204,10 +174,10 @@ def open_terrain(
         return _laid_out([dem], given)
     files = sorted(f for f in given.iterdir() if f.suffix.lower() in TILE_SUFFIXES)
     if not files:
-        expected = f"a raster, a VRT, or a folder of rasters ({', '.join(TILE_SUFFIXES)})"
         raise InputError(
-            "holds no tile of a terrain model", file=given, field="terrain.dem", expected=expected
-        )
+            "holds no tile of a terrain model", file=given, field="terrain.dem",
+            expected=f"a raster, a VRT, or a folder of rasters ({', '.join(TILE_SUFFIXES)})",
+        )  # fmt: skip
     if len(files) == 1:
         return open_terrain(files[0], crs, vertical_datum, override_crs)
     return _laid_out([describe_dem(f, crs, vertical_datum, override_crs) for f in files], given)
@@ -243,13 +213,11 @@ def _laid_out(dems: Sequence[DemFile], given: Input) -> Terrain:
     first = dems[0]
     for dem in dems:
         if not dem.is_plain:
-            expected = "a raster that rio warp has brought onto the lattice of the others"
             raise InputError(
-                "cells are not square with north up, as tiles must be",
-                file=dem.file,
+                "cells are not square with north up, as tiles must be", file=dem.file,
                 found=f"{tuple(dem.transform)[:6]}",
-                expected=expected,
-            )
+                expected="a raster that rio warp has brought onto the lattice of the others",
+            )  # fmt: skip
         _check_alike(first, dem)
     cell = _cell(first)
     west = min(d.transform.c for d in dems)
@@ -311,10 +279,10 @@ def _check_overlaps(tiles: Sequence[Tile]) -> None:
             continue
         found = f"{float(np.median(gap)):.3g} m (median), up to {float(gap.max()):.3g} m"
         if np.median(gap) > _OTHER_TERRAIN_M:
-            problem = f"heights differ from those of {one.dem.file.name} where both overlap"
-            expected = f"the same heights, within {_OTHER_TERRAIN_M:g} m (median)"
             raise InputError(
-                problem, file=two.dem.file, found=f"{found}, in {gap.size} cells", expected=expected
-            )
+                f"heights differ from those of {one.dem.file.name} where both overlap",
+                file=two.dem.file, found=f"{found}, in {gap.size} cells",
+                expected=f"the same heights, within {_OTHER_TERRAIN_M:g} m (median)",
+            )  # fmt: skip
         text = "%s: heights differ by %s from those of %s, which count where both overlap"
         log.warning(text, two.dem.file, found, one.dem.file.name)

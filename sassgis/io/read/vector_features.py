@@ -22,6 +22,7 @@ from pyproj.exceptions import ProjError
 
 from sassgis.io.digests import Stamp, stamp_of
 from sassgis.io.read.dem import burnt, system_of
+from sassgis.io.read.dem_system import extent_text
 from sassgis.io.read.offline import VECTOR, read_frame, vector_file
 from sassgis.io.read.plain_file import check_file, check_text, in_memory, number
 from sassgis.model.crs import crs_name, crs_parts, same_crs
@@ -37,28 +38,14 @@ _LINES = {"linestring": "line", "linearring": "line"}
 
 @dataclass(frozen=True, slots=True)
 class Feature:
-    """One feature of a layer, in the coordinates of the DEM.
+    """One feature of a layer, in the coordinates of the DEM."""
 
-    Attributes
-    ----------
-    number : int
-        Place in the layer, counted from 1.
-    attributes : mapping of str to object
-    geometry : shapely geometry
-        Valid, not empty, without heights.
-    kind : {"polygon", "line", "point"}
-    file : Path or InMemory or None
-        What holds the layer.
-    name_field : str, optional
-        Attribute with the names of the features.
-    """
-
-    number: int
+    number: int  # place in the layer, counted from 1
     attributes: Mapping[str, Any]
-    geometry: Any
-    kind: str
-    file: Input | None = None
-    name_field: str | None = None
+    geometry: Any  # valid, not empty, without heights
+    kind: str  # "polygon", "line" or "point"
+    file: Input | None = None  # what holds the layer
+    name_field: str | None = None  # attribute with the names of the features
 
     def text(self, field: str) -> str | None:
         """Attribute as text; None where it is empty, or where the layer has none."""
@@ -135,16 +122,9 @@ def read_features(
 ) -> list[Feature]:
     """Read a layer, check its geometries and bring them into the coordinates of the DEM.
 
-    Parameters
-    ----------
-    fields
-        Attributes that must exist, by the configuration key that names them.
-    label
-        Attribute with the names of the features, for messages.
-    kinds
-        Kinds of geometry that can be used.
-    may_be_empty
-        Whether a layer without features is no fault.
+    ``fields`` are attributes that must exist, by the configuration key that names them; ``label``
+    is the attribute with the names of the features, for messages; ``kinds`` are the kinds of
+    geometry that can be used.
     """
     frame = open_layer(file, layer, key, fields or {}, may_be_empty)
     if not len(frame):
@@ -207,9 +187,8 @@ def open_layer(
                 check_text(text, file, f"layer {name}, {field}", f"feature {number}")
             checked.add(field)
     if len(frame) == 0 and not may_be_empty:
-        raise InputError(
-            "layer is empty", file=file, field=f"layer {name}", expected="at least one feature"
-        )
+        expected = "at least one feature"
+        raise InputError("layer is empty", file=file, field=f"layer {name}", expected=expected)
     return frame
 
 
@@ -239,24 +218,20 @@ def _read_layer(
 def _choose_layer(
     layers: Mapping[str, str | None], wanted: str | None, file: Input, key: str
 ) -> str:
-    wrong = partial(InputError, file=file, field=f"{key}.layer")
+    wrong, field = partial(InputError, file=file), f"{key}.layer"
     drawn = [name for name, kind in layers.items() if kind is not None]
     if wanted is not None and wanted in drawn:
         return wanted
     if not drawn:
-        raise InputError(
-            "holds no layer with geometry",
-            file=file,
-            field=f"{key}.file",
-            found=f"layers {', '.join(layers) or 'none'}",
-            expected="a layer of polygons, lines or points",
-        )
+        found = f"layers {', '.join(layers) or 'none'}"
+        problem, expected = "holds no layer with geometry", "a layer of polygons, lines or points"
+        raise wrong(problem, field=f"{key}.file", found=found, expected=expected)
     if wanted is not None:
-        raise wrong("layer not found", found=repr(wanted), expected=nearest(wanted, drawn))
+        expected = nearest(wanted, drawn)
+        raise wrong("layer not found", field=field, found=repr(wanted), expected=expected)
     if len(drawn) > 1:
-        raise wrong(
-            "has several layers", found=", ".join(drawn), expected=f"one of them as {key}.layer"
-        )
+        found, expected = ", ".join(drawn), f"one of them as {field}"
+        raise wrong("has several layers", field=field, found=found, expected=expected)
     return drawn[0]
 
 
@@ -303,9 +278,9 @@ def onto_grid(
         if not _meets(shapes, grid):
             raise wrong(
                 "has no coordinate system and does not lie on the DEM",
-                found=_extent(_bounds(shapes)),
+                found=extent_text(*_bounds(shapes)),
                 expected=f"a file with its coordinate system, or coordinates of the DEM: "
-                f"{_extent(grid.bounds)}",
+                f"{extent_text(*grid.bounds)}",
             )
         log.info("%s: states no coordinate system: taken to be that of the DEM", file)
         return list(shapes)
@@ -316,7 +291,7 @@ def onto_grid(
     ):
         raise wrong(
             "coordinates cannot be degrees: the file is probably tagged with the wrong system",
-            found=f"{own.name} with {_extent((west, south, east, north))}",
+            found=f"{own.name} with {extent_text(west, south, east, north)}",
             expected="its true coordinate system",
         )
     plane, _ = crs_parts(own)
@@ -328,10 +303,8 @@ def onto_grid(
     if not _meets(moved, grid):
         error = outside(file, place, labels[0], _bounds(moved), grid)
         if plane.is_geographic and _meets_swapped(shapes, plane, target, grid):
-            found = _extent((west, south, east, north))
-            error = wrong(
-                "latitude and longitude are swapped", found=found, expected="longitude first"
-            )
+            found, expected = extent_text(west, south, east, north), "longitude first"
+            error = wrong("latitude and longitude are swapped", found=found, expected=expected)
         raise error
     return moved
 
@@ -381,11 +354,6 @@ def _meets(shapes: Sequence[Any], grid: Grid) -> bool:
     return bool(shapely.intersects(np.array(shapes, dtype=object), shapely.box(*grid.bounds)).any())
 
 
-def _extent(bounds: tuple[float, float, float, float]) -> str:
-    west, south, east, north = bounds
-    return f"x {west:.10g} to {east:.10g}, y {south:.10g} to {north:.10g}"
-
-
 def outside(
     file: Input | None,
     place: str,
@@ -394,13 +362,9 @@ def outside(
     grid: Grid,
 ) -> InputError:
     """The error for a feature beyond the DEM."""
-    return InputError(
-        f"{label} lies outside the DEM",
-        file=file,
-        field=place,
-        found=_extent(bounds),
-        expected=f"within {_extent(grid.bounds)}",
-    )
+    found, expected = extent_text(*bounds), f"within {extent_text(*grid.bounds)}"
+    problem = f"{label} lies outside the DEM"
+    return InputError(problem, file=file, field=place, found=found, expected=expected)
 
 
 def without_repeats(points: FloatArray) -> FloatArray:
@@ -428,20 +392,11 @@ def share_inside(feature: Feature, grid: Grid) -> float:
 
 
 def cells_under(geometry: Any, grid: Grid) -> tuple[slice, slice, NDArray[np.bool_]]:
-    """Cells that a geometry covers.
+    """Cells that a shapely geometry, which meets the DEM, covers.
 
-    Parameters
-    ----------
-    geometry
-        Shapely geometry that meets the DEM.
-
-    Returns
-    -------
-    rows, cols : slice
-        The part of the grid that holds the geometry.
-    mask : bool, shape of that part
-        Cells whose centre lies in a polygon; for points, lines and polygons too small to hold a
-        centre, the cells that they touch.
+    Rows and columns are the part of the grid that holds the geometry. The mask has the shape of
+    that part: cells whose centre lies in a polygon; for points, lines and polygons too small to
+    hold a centre, the cells that they touch.
     """
     n_rows, n_cols = grid.shape
     west, south, east, north = geometry.bounds

@@ -67,12 +67,8 @@ def release_names(release: ReleaseSettings) -> tuple[str, ...]:
 def _release_layer(release: ReleaseSettings, *keys: str) -> tuple[Input, Any]:
     """The file and the layer, which has the attributes that some keys name."""
     if release.file is None:
-        raise InputError(
-            "no release areas are given",
-            file=release.config_file,
-            field="release.file",
-            expected="a file",
-        )
+        problem, field = "no release areas are given", "release.file"
+        raise InputError(problem, file=release.config_file, field=field, expected="a file")
     fields = {key: getattr(release, key) for key in keys}
     return release.file, open_layer(release.file, release.layer, "release", fields)
 
@@ -83,18 +79,11 @@ def read_release(
     block_names: Sequence[str],
     only: Sequence[str] | None = None,
 ) -> list[ReleaseArea]:
-    """Read the release areas and check them against the DEM.
+    """Read the release areas, in the order of the file, and check them against the DEM.
 
-    Parameters
-    ----------
-    only
-        Names of the areas to read; the shapes of the others are not looked at. Default: all.
-
-    Returns
-    -------
-    list of ReleaseArea
-        In the order of the file. What can be used but deserves a look (an area partly outside the
-        DEM, over nodata, too flat for a start, or over another area) is logged as a warning.
+    ``only`` are the names of the areas to read: the shapes of the others are not looked at. What
+    can be used but deserves a look (an area partly outside the DEM, over nodata, too flat for a
+    start, or over another area) is logged as a warning.
     """
     file, frame = _release_layer(release, *_ATTRIBUTES)
     features = without_shapes(frame, file, release.name_field)
@@ -114,12 +103,8 @@ def read_release(
 def read_release_feature(release: ReleaseSettings, number: int, grid: Grid) -> Feature:
     """One feature of the release areas, in the coordinates of the DEM.
 
-    Parameters
-    ----------
-    number
-        Place in the layer, counted from 1.
-    grid
-        The terrain model; its heights are not looked at.
+    ``number`` is its place in the layer, counted from 1. The heights of the terrain model are not
+    looked at.
     """
     file, frame = _release_layer(release, *_ATTRIBUTES)
     own = without_shapes(frame.iloc[[number - 1]], file, release.name_field)[0]
@@ -144,10 +129,7 @@ def named_features(
 ) -> list[tuple[Feature, str]]:
     """The features that a section reads, with their names; a single one may have that of it.
 
-    Parameters
-    ----------
-    columns
-        Attributes that the section names besides that of the names, by what they say.
+    ``columns`` are attributes that the section names besides that of the names, by what they say.
     """
     assert item.file is not None
     features = read_features(
@@ -239,12 +221,9 @@ def warn_of_overlaps(areas: Sequence[ReleaseArea], file: Input) -> None:
 
 
 def read_control_lines(config: Config, grid: Grid) -> list[tuple[ControlLine, FloatArray]]:
-    """Read stations and barriers that lie on the map.
+    """Read stations, then barriers, that lie on the map, in the order of the configuration.
 
-    Returns
-    -------
-    list of (ControlLine, float64 array of shape (n, 2))
-        Stations, then barriers, in the order of the configuration; x and y of their vertices (m).
+    Each comes with x and y of its vertices (m), float64 of shape (n, 2).
     """
     control_lines: list[tuple[ControlLine, FloatArray]] = []
     for section, items in (("stations", config.stations), ("barriers", config.barriers)):
@@ -286,10 +265,7 @@ def _control_lines_of(
 def read_line(file: Input, grid: Grid, key: str) -> FloatArray:
     """The only line of a file, which must lie within the terrain model.
 
-    Returns
-    -------
-    float64, shape (n, 2)
-        x and y of its vertices in the coordinates of the DEM (m).
+    As x and y of its vertices in the coordinates of the DEM (m), float64 of shape (n, 2).
     """
     features = read_features(file, grid, key, kinds=("line",))
     if len(features) != 1:
@@ -334,12 +310,9 @@ def _with_attributes(item: StationSettings, feature: Feature) -> StationSettings
         refused = fault(declared(BarrierSettings)[key].kind, value)
         if refused is not None:
             raise InputError(
-                f"{feature.label}: {refused.problem}",
-                file=feature.file,
-                field=column,
-                found=repr(value),
-                expected=refused.expected,
-            )
+                f"{feature.label}: {refused.problem}", file=feature.file, field=column,
+                found=repr(value), expected=refused.expected,
+            )  # fmt: skip
         stated[key] = value
     return replace(item, **stated)
 

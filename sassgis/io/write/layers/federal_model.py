@@ -19,7 +19,7 @@ import pandas as pd
 import pyproj
 import shapely
 
-from sassgis.io.qgis.markup import NO_XML
+from sassgis.io.read.plain_file import NO_XML
 from sassgis.model.crs import crs_parts, same_crs
 from sassgis.model.errors import InputError
 from sassgis.model.hazard import Canton, HazardPreset
@@ -170,24 +170,13 @@ def checked_values(
 ) -> dict[str, Any]:
     """Values of one feature as the model has them: plain str, int, float, bool or None.
 
-    Parameters
-    ----------
-    where : str
-        How messages speak of the feature; they name ``file``.
-    federal : bool
-        Whether codes must be those of the model.
-    optional : tuple of str
-        Attributes that may be empty nevertheless.
+    Messages speak of the feature as ``where``, and name ``file``. Those of a ``federal`` layer must
+    have the codes of the model; ``optional`` attributes may be empty nevertheless.
     """
 
     def refused(attribute: str, problem: str, found: object, expected: str) -> InputError:
-        return InputError(
-            f"{where}: {problem}",
-            file=file,
-            field=f"{kind.name}.{attribute}",
-            found=found,
-            expected=expected,
-        )
+        place, problem = f"{kind.name}.{attribute}", f"{where}: {problem}"
+        return InputError(problem, file=file, field=place, found=found, expected=expected)
 
     checked: dict[str, Any] = {}
     for attribute in kind.attributes:
