@@ -45,7 +45,7 @@ METRES = {
 #: Heights that occur on land, with room: the Dead Sea shore lies at -430 m, Everest at 8849 m.
 LOWEST_M, HIGHEST_M = -500.0, 9000.0
 #: Where all other heights lie above this, heights of exactly 0 are suspect.
-ZERO_GAP_M = 50.0
+_ZERO_GAP_M = 50.0
 #: Shift (in cells) over the whole raster below which cells count as square.
 _SQUARE_TOLERANCE = 0.01
 #: GDAL wants a system even where source and target share one; any plane one will do then.
@@ -324,7 +324,13 @@ def _heights(dataset: Any, dem: DemFile, part: Window | None = None) -> FloatArr
             expected=f"heights from {LOWEST_M:g} to {HIGHEST_M:g} m; "
             f"declare nodata with rio edit-info FILE --nodata {stored:g}",
         )
-    _warn_of_zeros(values, file, band)
+    zeros = lone_zeros(values)
+    if zeros.any():
+        log.warning(
+            "%s: band %d: %d cells hold exactly 0 while all others lie above %.0f m; "
+            "probably nodata that is not declared",
+            file, band, int(zeros.sum()), math.floor(float(np.nanmin(values[~zeros]))),
+        )  # fmt: skip
     kinds = few_values(values)
     if kinds:
         log.warning(
@@ -355,18 +361,13 @@ def few_values(values: FloatArray) -> list[float]:
     return kinds if len(kinds) > 1 and cells >= _MOST_CLASSES * len(kinds) else []
 
 
-def _warn_of_zeros(values: FloatArray, file: Input, band: int) -> None:
-    """Zero often means nodata; amid mountains it shows."""
-    zero = values == 0.0
-    if not zero.any():
-        return
-    others = values[np.isfinite(values) & ~zero]
-    if others.size and others.min() > ZERO_GAP_M:
-        text = (
-            "%s: band %d: %d cells hold exactly 0 while all others lie above %.0f m; "
-            "probably nodata that is not declared"
-        )
-        log.warning(text, file, band, int(zero.sum()), math.floor(float(others.min())))
+def lone_zeros(values: FloatArray) -> BoolArray:
+    """Cells of exactly 0, which often means nodata, where all others lie far above."""
+    zero: BoolArray = values == 0.0
+    if zero.any():
+        others = values[np.isfinite(values) & ~zero]
+        zero &= bool(others.size and others.min() > _ZERO_GAP_M)
+    return zero
 
 
 def _place(cells: BoolArray, part: Window | None) -> str:

@@ -14,9 +14,9 @@ from sassgis.io.read.dem import (
     HIGHEST_M,
     LOWEST_M,
     METRES,
-    ZERO_GAP_M,
     describe_dem,
     height_band,
+    lone_zeros,
     open_raster,
     read_band,
 )
@@ -106,11 +106,8 @@ def _heights(dataset: Any, band: int, file: Path, factor: float) -> tuple[FloatA
     values = (values * dataset.scales[band - 1] + dataset.offsets[band - 1]) * factor
     strange = (values < LOWEST_M) | (values > HIGHEST_M)
     values[strange] = np.nan
-    zero = values == 0.0
-    others = values[np.isfinite(values) & ~zero]
-    if others.size and others.min() > ZERO_GAP_M:
-        strange |= zero
-        values[zero] = np.nan
+    strange |= lone_zeros(values)
+    values[strange] = np.nan
     return values, int((strange | infinite).sum())
 
 
