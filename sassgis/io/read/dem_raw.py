@@ -20,6 +20,7 @@ from sassgis.io.read.dem import (
     open_raster,
     read_band,
 )
+from sassgis.io.read.dem_system import beyond_degrees
 from sassgis.io.read.tiles import read_terrain
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray
@@ -119,10 +120,10 @@ def _cell_sizes(dataset: Any, wkt: str) -> tuple[float, float, float, float, boo
     if wkt or dataset.crs:
         system = pyproj.CRS.from_user_input(wkt or dataset.crs)
     if system is not None and system.is_geographic:
-        west, south, east, north = dataset.bounds
-        if max(abs(west), abs(east)) > 360.0 or max(abs(south), abs(north)) > 90.0:
+        bounds = dataset.bounds
+        if beyond_degrees(*bounds):
             return width, height, width, height, False
-        middle = math.radians(0.5 * (north + south))
+        middle = math.radians(0.5 * (bounds.top + bounds.bottom))
         return width * _DEGREE_M * math.cos(middle), height * _DEGREE_M, width, height, True
     factor = 1.0
     if system is not None and system.axis_info:

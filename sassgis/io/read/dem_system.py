@@ -73,6 +73,11 @@ def extent_text(west: float, south: float, east: float, north: float) -> str:
     return f"x {west:.10g} to {east:.10g}, y {south:.10g} to {north:.10g}"
 
 
+def beyond_degrees(west: float, south: float, east: float, north: float) -> bool:
+    """Whether coordinates cannot be longitudes and latitudes."""
+    return max(abs(west), abs(east)) > 360.0 or max(abs(south), abs(north)) > 90.0
+
+
 def in_options(text: str) -> str:
     """What a message says of settings, said of the options of commands without a configuration."""
     for setting, option in _AS_OPTIONS.items():
@@ -102,7 +107,7 @@ def _check_plane(plane: pyproj.CRS, file: Input, bounds: tuple[float, float, flo
     west, south, east, north = bounds
     x, y = 0.5 * (west + east), 0.5 * (south + north)
     extent = extent_text(*bounds)
-    in_degrees = max(abs(west), abs(east)) <= 360.0 and max(abs(south), abs(north)) <= 90.0
+    in_degrees = not beyond_degrees(*bounds)
     if plane.is_geographic:
         if not in_degrees:
             raise wrong(

@@ -22,7 +22,7 @@ from pyproj.exceptions import ProjError
 
 from sassgis.io.digests import Stamp, stamp_of
 from sassgis.io.read.dem import burnt, system_of
-from sassgis.io.read.dem_system import extent_text
+from sassgis.io.read.dem_system import beyond_degrees, extent_text
 from sassgis.io.read.offline import VECTOR, read_frame, vector_file
 from sassgis.io.read.plain_file import check_file, check_text, in_memory, number
 from sassgis.model.crs import crs_name, crs_parts, same_crs
@@ -285,13 +285,11 @@ def onto_grid(
         log.info("%s: states no coordinate system: taken to be that of the DEM", file)
         return list(shapes)
     target = system_of(grid, own, file, place)
-    west, south, east, north = _bounds(shapes)
-    if own.is_geographic and (
-        max(abs(west), abs(east)) > 360.0 or max(abs(south), abs(north)) > 90.0
-    ):
+    bounds = _bounds(shapes)
+    if own.is_geographic and beyond_degrees(*bounds):
         raise wrong(
             "coordinates cannot be degrees: the file is probably tagged with the wrong system",
-            found=f"{own.name} with {extent_text(west, south, east, north)}",
+            found=f"{own.name} with {extent_text(*bounds)}",
             expected="its true coordinate system",
         )
     plane, _ = crs_parts(own)
@@ -303,7 +301,7 @@ def onto_grid(
     if not _meets(moved, grid):
         error = outside(file, place, labels[0], _bounds(moved), grid)
         if plane.is_geographic and _meets_swapped(shapes, plane, target, grid):
-            found, expected = extent_text(west, south, east, north), "longitude first"
+            found, expected = extent_text(*bounds), "longitude first"
             error = wrong("latitude and longitude are swapped", found=found, expected=expected)
         raise error
     return moved
