@@ -18,7 +18,7 @@ from sassgis.terrain.plan import Plan, plan
 from sassgis.terrain.release import take
 from sassgis.terrain.surface import GAUSSIAN_ENDS, SD_PER_DIAMETER
 
-#: Margin with which the search begins (m).
+#: Margin with which the search begins at least (m).
 _FIRST_MARGIN_M = 200.0
 #: What the edge of a part does to the spline through its heights fades by 0.268 per cell: it is
 #: below the rounding of a double after 28 cells, and some more make the last bits the same.
@@ -104,7 +104,6 @@ def windowed(
     bounds: tuple[float, float, float, float],
     ref_width_m: float,
     make: Callable[[Part], MapRun],
-    first_margin_m: float = _FIRST_MARGIN_M,
     margins: Sides = (1, 1, 1, 1),
 ) -> Windowed:
     """Find the part of the terrain model that a release area needs.
@@ -127,8 +126,6 @@ def windowed(
         Reference width of the frequencies (m).
     make : callable
         Makes the run on a part.
-    first_margin_m : float
-        Margin with which to begin at least.
     margins : (int, int, int, int)
         Cells around the area (north, east, south, west) that there must be at least.
 
@@ -138,7 +135,7 @@ def windowed(
         If the area lies outside the terrain model, and whatever ``make`` raises.
     """
     inner = terrain.part_of(bounds)
-    first = math.ceil(min(first_margin_m, 1e9) / terrain.cell_size)
+    first = math.ceil(_FIRST_MARGIN_M / terrain.cell_size)
     foreseen = _foreseen(terrain, inner, make, ref_width_m)
     north, east, south, west = (max(first, *m) for m in zip(margins, foreseen, strict=True))
     while True:

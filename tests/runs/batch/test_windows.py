@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from helpers.cut_valley import Valley
 
 from sassgis.io.read.config import load_config
@@ -16,6 +17,12 @@ from sassgis.terrain.fall_lines import trace
 from sassgis.terrain.plan import plan
 
 
+@pytest.fixture(autouse=True)
+def small_first_part(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A search that begins close around the area, with a margin of 50 m."""
+    monkeypatch.setattr("sassgis.runs.batch_window._FIRST_MARGIN_M", 50.0)
+
+
 def test_lines_on_a_part_are_those_of_the_whole(valley: Valley) -> None:
     config = load_config(valley.config, {"terrain.path": "fall_line"})
     terrain = open_terrain(valley.dem, None, config.terrain.vertical_datum)
@@ -24,7 +31,7 @@ def test_lines_on_a_part_are_those_of_the_whole(valley: Valley) -> None:
     def make(part: Part) -> MapRun:
         return replace(whole, grid=terrain.read(part))
 
-    part = windowed(terrain, whole.areas[0].geometry.bounds, 10.0, make, 50.0)
+    part = windowed(terrain, whole.areas[0].geometry.bounds, 10.0, make)
     assert part.part.n_rows < whole.grid.shape[0]
     inside, free = (
         trace(run.grid, planned.surface, planned.starts, run.terrain)
@@ -45,7 +52,7 @@ def test_few_parts_are_tried(valley: Valley) -> None:
             tried.append(part)
             return replace(whole, grid=terrain.read(part))
 
-        found = windowed(terrain, whole.areas[0].geometry.bounds, 10.0, make, 50.0)
+        found = windowed(terrain, whole.areas[0].geometry.bounds, 10.0, make)
         assert 2 <= len(tried) <= 3 and found.part == tried[-1]
 
         def holed(part: Part, whole: MapRun = whole) -> MapRun:
@@ -54,4 +61,4 @@ def test_few_parts_are_tried(valley: Valley) -> None:
             values[::4, ::4] = np.nan
             return replace(whole, grid=replace(terrain.frame(part), values=values))
 
-        assert windowed(terrain, whole.areas[0].geometry.bounds, 10.0, holed, 50.0).part.n_rows
+        assert windowed(terrain, whole.areas[0].geometry.bounds, 10.0, holed).part.n_rows
