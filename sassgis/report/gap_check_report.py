@@ -32,39 +32,22 @@ from sassgis.report.pictures import picture
 
 @dataclass(frozen=True, slots=True)
 class WorldRow:
-    """A site with its truth, its answer, and what was measured on fresh rocks.
-
-    Attributes
-    ----------
-    measured : mapping
-        S, D_configured, D_base, D_effect, D_floor, failure; empty if nothing was measured.
-    seconds : float
-        That the diagnosis took.
-    """
+    """A site with its truth, its answer, and what was measured on fresh rocks."""
 
     truth: Truth
     answer: Answer
+    # S, D_configured, D_base, D_effect, D_floor, failure; empty if nothing was measured.
     measured: Mapping[str, Any]
-    seconds: float
+    seconds: float  # that the diagnosis took
 
 
 @dataclass(frozen=True, slots=True)
 class CheckRecord:
-    """A whole check.
+    """A whole check."""
 
-    Attributes
-    ----------
-    plan : mapping
-        seed, worlds, quick, development, thresholds_sha256.
-    programs : tuple of str
-        Hashes of the states of the program that gave the answers.
-    hashes : mapping
-        Of the blinded labels and of the answers.
-    """
-
-    plan: Mapping[str, Any]
-    programs: tuple[str, ...]
-    hashes: Mapping[str, str]
+    plan: Mapping[str, Any]  # seed, worlds, quick, development, thresholds_sha256
+    programs: tuple[str, ...]  # hashes of the states of the program that gave the answers
+    hashes: Mapping[str, str]  # of the blinded labels and of the answers
     rows: tuple[WorldRow, ...]
     scores: CheckScores
 

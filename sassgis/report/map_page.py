@@ -51,6 +51,9 @@ _STRIPE = 6
 #: Steps of a decade, and the smallest power of ten.
 _STEPS, _LEAST = 1000, -10
 
+#: Words and values that are said of a place.
+Rows = tuple[tuple[str, str], ...]
+
 
 @dataclass(frozen=True, slots=True)
 class Contribution:
@@ -64,62 +67,38 @@ class Contribution:
 
 @dataclass(frozen=True, slots=True)
 class PlaceFacts:
-    """What is known of an object, a station or a barrier.
+    """What is known of an object, a station or a barrier."""
 
-    Attributes
-    ----------
-    rows : tuple of (str, str)
-        Said in a table.
-    curve : sequence of (energy in kJ, blocks per year with at least that energy)
-        Empty where there is none.
-    """
-
-    rows: tuple[tuple[str, str], ...] = ()
-    curve: Sequence[tuple[float, float]] = ()
+    rows: Rows = ()  # said in a table
+    curve: Sequence[tuple[float, float]] = ()  # energy (kJ), blocks a year with at least that
 
 
 @dataclass(frozen=True, slots=True)
 class MapHazard:
-    """What a zoning says of cells and zones.
-
-    Attributes
-    ----------
-    zones : sequence of (level, polygon, rows)
-        Position of the level in the preset, and what is said of the zone.
-    marks : sequence of (kind, name, geometry, rows)
-        On the zones: of kind "open", where they go on beyond the terrain model; "edit", by hand.
-    ref_width_m : float
-        Of all frequencies.
-    """
+    """What a zoning says of cells and zones."""
 
     preset: HazardPreset
     curves: HazardCurves
-    zones: Sequence[tuple[int, Any, tuple[tuple[str, str], ...]]]
-    marks: Sequence[tuple[str, str, Any, tuple[tuple[str, str], ...]]]
-    ref_width_m: float
+    # Position of the level in the preset, polygon, and what is said of the zone.
+    zones: Sequence[tuple[int, Any, Rows]]
+    # Kind, name, geometry and what is said: "open" where zones go on beyond the terrain model,
+    # "edit" by hand.
+    marks: Sequence[tuple[str, str, Any, Rows]]
+    ref_width_m: float  # of all frequencies
 
 
 @dataclass(frozen=True, slots=True)
 class MapPage:
-    """What is on the page.
-
-    Attributes
-    ----------
-    layers : sequence of RasterLayer
-        All maps of the result.
-    areas : sequence of (name, geometry, rows)
-        Release areas.
-    places : mapping of str to PlaceFacts
-        By the name of the object, station or barrier.
-    """
+    """What is on the page."""
 
     title: str
     run: MapRun
-    layers: Sequence[RasterLayer]
-    areas: Sequence[tuple[str, Any, tuple[tuple[str, str], ...]]]
+    layers: Sequence[RasterLayer]  # all maps of the result
+    areas: Sequence[tuple[str, Any, Rows]]  # name and geometry of release areas
     objects: Sequence[MapObject]
     contributions: Sequence[Contribution]
     paths: Sequence[LinePaths]
+    # By the name of the object, station or barrier.
     places: Mapping[str, PlaceFacts] = field(default_factory=dict)
     hazard: MapHazard | None = None
 
@@ -435,11 +414,9 @@ def _packed(values: NDArray[Any]) -> str:
 # ---------------------------------------------------------------------------------------------
 # Shapes
 
-_Rows = tuple[tuple[str, str], ...]
-
 
 def _shape(
-    kind: str, name: str, geometry: Any, rows: _Rows, colour: str = "", curve: Iterable[Any] = ()
+    kind: str, name: str, geometry: Any, rows: Rows, colour: str = "", curve: Iterable[Any] = ()
 ) -> dict[str, Any]:
     """A geometry with what is said of it; lines, rings of polygons with their holes, points."""
     parts = []

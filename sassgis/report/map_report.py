@@ -235,21 +235,13 @@ def map_report(
     warnings: Sequence[str],
     facts: Mapping[str, object],
     folder: Path,
-    objects: Sequence[MapObject] = (),
+    objects: Sequence[MapObject],
 ) -> ReportContext:
     """Draw the figures of a run into ``folder`` and put the report together.
 
-    Parameters
-    ----------
-    layers : tuple of RasterLayer
-        Maps of what was simulated.
-    furthest : LinePaths or None
-        Paths on the line of the block with the longest run-out.
-    facts : mapping of str to object
-        As in the GeoPackage, the names "terrain_file" and "config_file", and "tolerance_check" if
-        there was one.
-    objects : sequence of (name, geometry)
-        Exposed objects, drawn on the maps.
+    ``furthest`` are the paths on the line of the block with the longest run-out. The facts are
+    those of the GeoPackage, the name "terrain_file", and "tolerance_check" if there was one.
+    Exposed objects are drawn on the maps.
     """
     total = int(progress.reasons.sum())
     anything = bool(progress.sums.cells.size)
@@ -302,10 +294,4 @@ def map_report(
         figures=tuple(pictures),
         tables=(*control_line_tables(progress.control_lines), _block_table(run),
                 _ground_table(run, progress.sums.cells), line_ends),
-        provenance=(
-            ("Program", str(facts["program"])),
-            ("Seed", str(run.seed)),
-            ("Settings and inputs (SHA-256)", str(facts["settings_hash"])),
-            ("Configuration", str(facts["config_file"])),
-        ),
     )  # fmt: skip

@@ -25,20 +25,12 @@ Cell = str | int | float | np.integer[Any] | np.floating[Any] | None
 
 @dataclass(frozen=True, slots=True)
 class ReportFigure:
-    """A picture (PNG) in the report.
-
-    Attributes
-    ----------
-    caption : str
-        What is to be seen, in a sentence or two.
-    alt : str
-        What is seen, for those who cannot see it; default: the title.
-    """
+    """A picture (PNG) in the report."""
 
     title: str
-    caption: str
+    caption: str  # what is to be seen, in a sentence or two
     png: bytes = field(repr=False)
-    alt: str = ""
+    alt: str = ""  # what is seen, for those who cannot see it; default: the title
 
 
 def heads(columns: str) -> tuple[tuple[str, str], ...]:
@@ -49,20 +41,12 @@ def heads(columns: str) -> tuple[tuple[str, str], ...]:
 
 @dataclass(frozen=True, slots=True)
 class ReportTable:
-    """A table in the report.
-
-    Attributes
-    ----------
-    columns : tuple of (name, unit)
-        The unit stands beneath the name; empty for words and plain counts.
-    note : str
-        What the numbers mean; stands beneath the table.
-    """
+    """A table in the report."""
 
     title: str
-    columns: tuple[tuple[str, str], ...]
+    columns: tuple[tuple[str, str], ...]  # name and unit, which is empty for words and counts
     rows: tuple[tuple[Cell, ...], ...]
-    note: str = ""
+    note: str = ""  # what the numbers mean; stands beneath the table
 
     def __post_init__(self) -> None:
         for row in self.rows:
@@ -95,41 +79,23 @@ class ReportAnswer:
 
 @dataclass(frozen=True, slots=True)
 class ReportContext:
-    """All that a report says. Sections without content are left out.
-
-    Attributes
-    ----------
-    what_was_run : tuple of (name, value)
-        Terrain, release areas, blocks, number of blocks, settings.
-    byline : tuple of str
-        Who made it, when, with which program; below the title.
-    files_beside : tuple of (file, text)
-        Pages in the same folder, linked below it.
-    summary : tuple of (name, value)
-        The answer in a box at the top: a line each.
-    warnings : tuple of str
-        What a reader must know before trusting the numbers; follows the box.
-    verdict : str
-        The answer in a sentence; stands above all but the box and the warnings.
-    answer : tuple of ReportAnswer
-        What follows from it, in plain words.
-    provenance : tuple of (name, value)
-        Version, seed, hash of the inputs, input files.
-    """
+    """All that a report says. Sections without content are left out."""
 
     title: str
     subtitle: str = ""
-    byline: tuple[str, ...] = ()
-    files_beside: tuple[tuple[str, str], ...] = ()
-    summary: tuple[tuple[str, Cell], ...] = ()
+    byline: tuple[str, ...] = ()  # who made it, when, with which program; below the title
+    files_beside: tuple[tuple[str, str], ...] = ()  # pages in the same folder with their names
+    summary: tuple[tuple[str, Cell], ...] = ()  # the answer in a box at the top: a line each
+    # Terrain, release areas, blocks, number of blocks, settings.
     what_was_run: tuple[tuple[str, Cell], ...] = ()
+    # What a reader must know before trusting the numbers; follows the box.
     warnings: tuple[str, ...] = ()
-    verdict: str = ""
-    answer: tuple[ReportAnswer, ...] = ()
+    verdict: str = ""  # the answer in a sentence, above all but the box and the warnings
+    answer: tuple[ReportAnswer, ...] = ()  # what follows from it, in plain words
     key_results: ReportTable | None = None
     figures: tuple[ReportFigure, ...] = ()
     tables: tuple[ReportTable, ...] = ()
-    provenance: tuple[tuple[str, Cell], ...] = ()
+    provenance: tuple[tuple[str, Cell], ...] = ()  # version, seed, hash of the inputs, files
 
 
 def sensible(value: Cell, digits: int = 3) -> str:

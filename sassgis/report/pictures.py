@@ -32,10 +32,7 @@ def picture(
 ) -> ReportFigure:
     """Save a figure as ``<name>.png``, and give it as the report shows it.
 
-    Raises
-    ------
-    CancelledError
-        Nobody waits for figures any more.
+    CancelledError: nobody waits for figures any more.
     """
     if (given_up := GIVEN_UP.get()) is not None and given_up.is_set():
         raise CancelledError
@@ -46,10 +43,7 @@ def picture(
 
 
 def map_pictures(
-    folder: Path,
-    grid: Grid,
-    layers: Sequence[RasterLayer],
-    marks: MapMarks,
+    folder: Path, grid: Grid, layers: Sequence[RasterLayer], marks: MapMarks
 ) -> tuple[ReportFigure, ...]:
     """Draw layers as maps, those that hold anything."""
     return tuple(

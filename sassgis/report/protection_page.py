@@ -57,12 +57,8 @@ def protection_sheets(
 ) -> tuple[ProtectionSheet, ...]:
     """The sheets of all lines; their figures go into a folder.
 
-    Parameters
-    ----------
-    frames : (DataFrame, DataFrame, DataFrame)
-        Those of ``tables/design.csv``, ``protection.csv`` and ``protection_places.csv``.
-    given : tuple of (str, str)
-        What the values rest on, the same on all sheets.
+    The frames are those of ``tables/design.csv``, ``protection.csv`` and ``protection_places.csv``;
+    ``given`` is what the values rest on, the same on all sheets.
     """
     design, protection, places = frames
     sheets = []

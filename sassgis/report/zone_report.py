@@ -69,8 +69,8 @@ def zone_figures(
     *,
     confidence: float,
     currency: str,
-    history: Sequence[tuple[int, float]] = (),
-    changed_share_max: float = 0.0,
+    history: Sequence[tuple[int, float]],
+    changed_share_max: float,
 ) -> tuple[ReportFigure, ...]:
     """Draw the figures of a zoning into a folder.
 
@@ -318,11 +318,10 @@ def _design_table(
 ) -> ReportTable:
     columns = heads(f"line; arrivals | 1/year; 95 % | {unit}; 99 % | {unit}")
     keys = [f"{name}_{what}_{key}" for what in ("q95", "q99", *(f"{t}y" for t in years))]
-    rows = []
-    for _, line in design.iterrows():
-        rows.append(
-            (line["line"], line["arrivals_per_year"], *(limited(line, key) for key in keys))
-        )
+    rows = (
+        (line["line"], line["arrivals_per_year"], *(limited(line, key) for key in keys))
+        for _, line in design.iterrows()
+    )
     return table_of(
         title,
         (*columns, *((phrase("exceeded once in {} years", t), unit) for t in years)),

@@ -19,10 +19,9 @@ from sassgis.hazard.zoning.applied_edits import shares_text
 from sassgis.model.edits import LIMIT_TEXT
 from sassgis.model.languages import joined, named, phrase
 from sassgis.model.map_run import MapRun
-from sassgis.report.map_page import Contribution, MapHazard, PlaceFacts
+from sassgis.report.map_page import Contribution, MapHazard, PlaceFacts, Rows
 from sassgis.report.page import sensible
 
-Rows = tuple[tuple[str, str], ...]
 #: Points of a curve at a line.
 _POINTS = 16
 
@@ -30,11 +29,10 @@ _POINTS = 16
 def blocks_by_source(run: MapRun, progress: Progress) -> list[Contribution]:
     """How many of the simulated blocks of each source reach each cell."""
     found = []
-    for (area, scenario), tally in sorted(progress.sources.items()):
-        counts = tally.cells.counts()
-        weight = counts.count[:, 0].astype(np.float64)
-        own = Contribution(run.areas[area].name, run.blocks[scenario].name, counts.places, weight)
-        found.append(own)
+    for (area, k), tally in sorted(progress.sources.items()):
+        own = tally.cells.counts()
+        weight = own.count[:, 0].astype(np.float64)
+        found.append(Contribution(run.areas[area].name, run.blocks[k].name, own.places, weight))
     return found
 
 

@@ -16,7 +16,7 @@ from sassgis.hazard.reach_angles import reach_angles
 from sassgis.hazard.sources import Sampled, sampled_sources
 from sassgis.hazard.warnings import ground_shares
 from sassgis.io.qgis import run_project
-from sassgis.io.qgis.entries import LayerGroup
+from sassgis.io.qgis.entries import LayerEntry, LayerGroup
 from sassgis.io.qgis.layout import Extent, PrintLayout
 from sassgis.io.read.base_map import read_base_map
 from sassgis.io.read.result_folder import EDITS_FILE, RESULT_FILE, ZONE_FILE
@@ -24,11 +24,14 @@ from sassgis.io.vector_layer import VectorLayer
 from sassgis.io.write.frames import passage_frame, rock_frame, write_table
 from sassgis.io.write.geopackage import write_geopackage
 from sassgis.io.write.layers import run_vectors
+from sassgis.io.write.layers.ground_spread_maps import spread_layers, spread_vectors
 from sassgis.io.write.layers.maps import map_layers, terrain_layer
 from sassgis.io.write.layers.risk_objects import exposed_layers
 from sassgis.io.write.raster import write_raster
+from sassgis.io.write.sensitivity_tables import band_table, range_table, simulation_table
 from sassgis.model.exposure import PlacedObjects
 from sassgis.model.grid import Grid
+from sassgis.model.hazard import HazardPreset
 from sassgis.model.results import RasterLayer, StopReason
 from sassgis.model.run_config import Config
 from sassgis.model.statistics_table import Bins
@@ -44,109 +47,61 @@ from sassgis.report.page import (
 )
 from sassgis.report.pictures import GIVEN_UP
 from sassgis.report.protection_page import PAGE_NAME, ProtectionSheet, write_protection_page
-from sassgis.report.run_summary import object_lines, run_lines
+from sassgis.report.run_summary import Lines, object_lines, run_lines
+from sassgis.report.sensitivity_report import spread_figures, spread_lines, spread_table
 from sassgis.report.zone_report import BARRIERS_TITLE
 from sassgis.runs.checkpoint import read_rows
+from sassgis.runs.ground_draws import DrawnGround
 from sassgis.runs.job import Simulation
 from sassgis.runs.map_answers import area_rows, blocks_by_source
-from sassgis.runs.origin import Origin, byline, facts_of, made_on, write_origin
+from sassgis.runs.origin import Origin, byline, facts_of, made_on, provenance, write_origin
 from sassgis.runs.path_sample import paths_on_line, sample_paths, some_paths
 from sassgis.runs.workers import beside
 
-
-@dataclass(frozen=True, slots=True)
-class ReportPart:
-    """What a report says besides what was simulated.
-
-    Attributes
-    ----------
-    figures : callable
-        Draws its figures and gives them.
-    key_results : ReportTable or None
-        Heads the report, in place of the stopping reasons.
-    described : tuple of (str, str)
-        Added to what the report says was computed.
-    levels : dict of str to str
-        The hazard level of each exposed object by its name; empty without zones.
-    objects : ObjectValues or None
-        What reaches the exposed objects, by frequency; None without zones.
-    summary : tuple of (str, str)
-        Added to the answer in short.
-    spread : tuple of (str, str)
-        Added to it after the run-out.
-    hazard, contributions, places, frequencies
-        What the map that can be asked says of zones, sources, objects and release areas.
-    sheets : callable
-        Draws the sheets of protection and gives them.
-    """
-
-    figures: Callable[[], tuple[ReportFigure, ...]] = tuple
-    key_results: ReportTable | None = None
-    tables: tuple[ReportTable, ...] = ()
-    described: tuple[tuple[str, str], ...] = ()
-    levels: dict[str, str] = field(default_factory=dict)
-    objects: ObjectValues | None = None
-    summary: tuple[tuple[str, str], ...] = ()
-    spread: tuple[tuple[str, str], ...] = ()
-    hazard: MapHazard | None = None
-    contributions: Sequence[Contribution] = ()
-    places: Mapping[str, PlaceFacts] = field(default_factory=dict)
-    frequencies: Mapping[tuple[str, str], float] = field(default_factory=dict)
-    sheets: Callable[[], tuple[ProtectionSheet, ...]] = tuple
+_SPREAD_FILE = "ground_spread.gpkg"
 
 
 @dataclass(frozen=True, slots=True)
 class Extras:
-    """What a result holds besides the maps of the blocks themselves.
-
-    Attributes
-    ----------
-    vectors : tuple of VectorLayer
-        Written to ``hazard.gpkg``.
-    groups : tuple of LayerGroup
-        On top of the project.
-    layouts : callable
-        Gives its map sheets from what every sheet says.
-    facts : dict
-        Added to those of the run.
-    frames : dict of str to DataFrame
-        Written to ``tables/<name>.csv``.
-    placed : PlacedObjects
-        Exposed objects, drawn on the maps.
-    edits : VectorLayer, optional
-        Written to ``edits.gpkg``.
-    """
+    """What a result holds besides the maps of the blocks themselves."""
 
     layers: tuple[RasterLayer, ...] = ()
-    vectors: tuple[VectorLayer, ...] = ()
-    groups: tuple[LayerGroup, ...] = ()
+    vectors: tuple[VectorLayer, ...] = ()  # written to hazard.gpkg
+    groups: tuple[LayerGroup, ...] = ()  # on top of the project
+    # Gives its map sheets from what every sheet says.
     layouts: Callable[[run_project.SheetWords], tuple[PrintLayout, ...]] = lambda _words: ()
-    report: ReportPart = field(default_factory=ReportPart)
-    facts: dict[str, object] = field(default_factory=dict)
-    frames: dict[str, Any] = field(default_factory=dict)
+    facts: dict[str, object] = field(default_factory=dict)  # added to those of the run
+    frames: dict[str, Any] = field(default_factory=dict)  # written to tables/<name>.csv
     origin: Origin = field(default_factory=Origin)
     warnings: tuple[str, ...] = ()
+    # Exposed objects, drawn on the maps; their hazard levels by name, and what reaches them, by
+    # frequency, where there are zones.
     placed: PlacedObjects = field(default_factory=lambda: PlacedObjects((), ()))
-    edits: VectorLayer | None = None
+    levels: dict[str, str] = field(default_factory=dict)
+    objects: ObjectValues | None = None
+    edits: VectorLayer | None = None  # written to edits.gpkg
+    # Of the report: what draws its figures, and the sheets of protection, and gives them.
+    figures: Callable[[], tuple[ReportFigure, ...]] = tuple
+    sheets: Callable[[], tuple[ProtectionSheet, ...]] = tuple
+    key_results: ReportTable | None = None  # heads the report, in place of the stopping reasons
+    tables: tuple[ReportTable, ...] = ()
+    described: Lines = ()  # added to what the report says was computed
+    summary: Lines = ()  # added to the answer in short
+    spread: Lines = ()  # added to it after the run-out
+    # What the map that can be asked says of zones, sources, places and release areas.
+    hazard: MapHazard | None = None
+    contributions: Sequence[Contribution] = ()
+    places: Mapping[str, PlaceFacts] = field(default_factory=dict)
+    frequencies: Mapping[tuple[str, str], float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
 class Published:
-    """What was written of a run on the map.
+    """What was written of a run on the map."""
 
-    Attributes
-    ----------
-    layers : tuple of RasterLayer
-        All maps.
-    report : ReportContext
-        What the report says, in its language.
-    warnings : tuple of str
-        In English.
-    """
-
-    layers: tuple[RasterLayer, ...]
-    report: ReportContext
-    warnings: tuple[str, ...]
+    layers: tuple[RasterLayer, ...]  # all maps
+    report: ReportContext  # in its language
+    warnings: tuple[str, ...]  # in English
 
 
 def publish_map(
@@ -156,16 +111,9 @@ def publish_map(
     tell: Callable[[str], None],
     extras: Extras,
 ) -> Published:
-    """Write the result of a run on the map, in the language of the settings.
+    """Write the result of a run on the map into a folder, in the language of the settings.
 
-    Parameters
-    ----------
-    work : Path
-        Working folder of the result.
-    areas : sequence of str or None
-        Names of the release areas, if not all were run.
-    tell : callable
-        Called with a line of text now and then.
+    ``areas`` are the names of the release areas, if not all were run.
     """
     tell("Writing the maps")
     config, run, planned, progress = done.config, done.run, done.planned, done.progress
@@ -288,22 +236,21 @@ def _write_report(
     settings.
     """
     config, run, planned, progress = done.config, done.run, done.planned, done.progress
-    part, placed = extras.report, extras.placed
     furthest = progress.furthest
     shown = None if furthest is None else paths_on_line(run, planned, *furthest[1:])
-    named = {"terrain_file": config.dem_source.name, "config_file": config.label}
+    named = {"terrain_file": config.dem_source.name}
     if done.tolerance is not None:
         named["tolerance_check"] = done.tolerance.sentence()
-    objects = map_objects(placed)
+    objects = map_objects(extras.placed)
     context = map_report(
         run, planned, progress, layers, shown, warnings, {**facts, **named}, work / "figures",
         objects,
     )  # fmt: skip
-    values = part.objects or values_at_objects(done, None, ())
-    exposed = exposed_table(placed, values, part.levels)
+    values = extras.objects or values_at_objects(done, None, ())
+    exposed = exposed_table(extras.placed, values, extras.levels)
     lines = run_lines(progress, reach_angles(run, planned, progress))
-    first = () if part.key_results is None else (context.key_results,)
-    drawn, sheets = part.figures(), part.sheets()
+    first = () if extras.key_results is None else (context.key_results,)
+    drawn, sheets = extras.figures(), extras.sheets()
     others = [("map.html", "The map in a browser")]
     if sheets:
         change = next((own for own in drawn if own.title == BARRIERS_TITLE), None)
@@ -317,31 +264,32 @@ def _write_report(
             byline=byline(config),
             files_beside=tuple(others),
             summary=(
-                *part.summary[:1],
+                *extras.summary[:1],
                 *lines[:1],
-                *part.spread,
+                *extras.spread,
                 *lines[1:],
                 *object_lines(exposed),
-                *part.summary[1:],
+                *extras.summary[1:],
             ),
-            key_results=part.key_results or context.key_results,
+            key_results=extras.key_results or context.key_results,
             figures=(*drawn, *context.figures),
-            tables=(most_exposed(exposed), *part.tables, *first, *context.tables),
-            what_was_run=(*part.described, *context.what_was_run),
+            tables=(most_exposed(exposed), *extras.tables, *first, *context.tables),
+            what_was_run=(*extras.described, *context.what_was_run),
+            provenance=(*provenance(config).items(), ("Configuration", config.label)),
         )
     )
     write_report(work / "report.html", report)
-    rows = area_rows(run, part.frequencies)
+    rows = area_rows(run, extras.frequencies)
     page = MapPage(
         config.project.name,
         run,
         (*extras.layers, *layers),
         [(area.name, area.geometry, rows[area.name]) for area in run.areas],
         objects,
-        part.contributions or blocks_by_source(run, progress),
+        extras.contributions or blocks_by_source(run, progress),
         some_paths(run, planned),
-        part.places,
-        part.hazard,
+        extras.places,
+        extras.hazard,
     )
     write_map_page(work / "map.html", page)
     return report
@@ -365,4 +313,56 @@ def values_at_objects(
         bins.edges["height"],
         return_periods=return_periods,
         confidence=done.config.hazard.confidence,
+    )
+
+
+def with_spread(
+    extras: Extras,
+    drawn: DrawnGround | None,
+    work: Path,
+    done: Simulation,
+    preset: HazardPreset | None = None,
+) -> Extras:
+    """The extras of a result with those of the draws, if there are any.
+
+    Their areas are written, into a GeoPackage of their own: all other files of the result but
+    project, report and manifest are those of a run without draws.
+    """
+    if drawn is None:
+        return extras
+    spread, run = drawn.spread, done.run
+    layers = spread_layers(drawn.maps, spread.draws, run.grid, preset, run.ref_width_m)
+    vectors = spread_vectors(drawn.maps, spread.draws, run.grid, preset)
+    write_geopackage(work / _SPREAD_FILE, vectors, facts_of(done.config, run))
+    rasters = (LayerEntry(own, f"maps/{own.stem}.tif", visible=False) for own in layers)
+    group = LayerGroup(
+        "Spread of the ground classes",
+        (
+            *(LayerEntry(own, _SPREAD_FILE, visible=False) for own in vectors),
+            LayerGroup("Limits of the bands", tuple(rasters), True, False),
+        ),
+        expanded=False,
+    )
+
+    def figures() -> tuple[ReportFigure, ...]:
+        objects = map_objects(extras.placed)
+        return (*extras.figures(), *spread_figures(run, layers, objects, work / "figures"))
+
+    cell_m2 = run.grid.cell_size**2
+    simulations = simulation_table(
+        drawn.base, drawn.simulations(), spread.ranges, drawn.names, cell_m2
+    )
+    frames = {
+        "ground_uncertainty": band_table(spread.bands),
+        "ground_draws": simulations,
+        "ground_spread": range_table(spread.ranges),
+    }
+    return replace(
+        extras,
+        layers=(*extras.layers, *layers),
+        groups=(*extras.groups, group),
+        frames=extras.frames | frames,
+        figures=figures,
+        tables=(*extras.tables, spread_table(spread)),
+        spread=spread_lines(spread),
     )

@@ -36,7 +36,7 @@ from sassgis.report.zone_report import level_table, zone_facts_of, zone_figures,
 from sassgis.runs.job import Simulation
 from sassgis.runs.map_answers import line_facts, map_hazard, object_facts, rates_by_source
 from sassgis.runs.origin import Origin
-from sassgis.runs.publish import Extras, ReportPart, values_at_objects
+from sassgis.runs.publish import Extras, values_at_objects
 
 #: Layers of a group of areas that make sense for all groups together; the first is a table, too.
 _OF_GROUPS = ("hazard_zones", "hazard_area", "synoptic_intensity", "indicative_hazard_area")
@@ -77,11 +77,10 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
     )  # fmt: skip
     if lines:
         frames |= {"design": design, "protection": protection, "protection_places": places}
-    if found.without is not None:
-        before = zone_layers.hazard_zones(
-            found.without, preset, grid, rules.ref_width_m, confidence
-        )
-        both = zone_layers.changes(found.without.levels, hazard.computed)
+    without = found.without
+    if without is not None:
+        before = zone_layers.hazard_zones(without, preset, grid, width, confidence)
+        both = zone_layers.changes(without.levels, hazard.computed)
         codes, labels = zip(*((c.code, c.label) for c in preset.levels), strict=True)
         own += [
             zone_layers.without_barriers(before),
@@ -90,16 +89,13 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
         frames["level_changes"] = zone_layers.change_table(both, labels)
     values = values_at_objects(done, hazard.sampled, periods)
     if found.risk is not None:
-        without = found.without
-        # Heights are those of the maps, with walls and nets.
-        bare = (
-            None
-            if without is None
-            else values_at_objects(done, without.sampled, periods, heights=False)
-        )
+        bare = None
+        if without is not None:
+            # Heights are those of the maps, with walls and nets.
+            bare = values_at_objects(done, without.sampled, periods, heights=False)
         risk = risk_vectors(found.risk, rules.placed, grid.crs, currency, values)
         frames |= risk_tables(found.risk, found.risk_without, currency, (values, bare))
-    federal = federal_layers(config, grid, preset, rules.ref_width_m, hazard, found.by_area)
+    federal = federal_layers(config, grid, preset, width, hazard, found.by_area)
     levels = level_table(preset, found)
     on_objects = levels_of(rules.placed, hazard.levels, preset.levels)
     edge = edge_words(run, done.progress, float(hazard.facts.open_m.sum()))
@@ -114,39 +110,35 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
         vectors=(*own, *risk, *federal),
         groups=zone_groups(maps, own, risk, federal, preset, edits),
         layouts=lambda words: zone_layouts(words, rules, found, own, risk, grid),
-        report=ReportPart(
-            partial(
-                zone_figures,
-                run,
-                rules,
-                found,
-                maps,
-                figures,
-                confidence=confidence,
-                currency=currency,
-                history=done.progress.history,
-                changed_share_max=0.0 if budget is None else budget.changed_share,
-            ),
-            levels,
-            zone_tables(
-                preset, found, sources, design, return_periods_years=periods, currency=currency
-            ),
-            zone_facts_of(rules),
-            on_objects,
-            values,
-            zone_lines(levels, found, edge, confidence, currency),
-            hazard=map_hazard(rules, found),
-            contributions=rates_by_source(hazard.sampled),
-            places=line_facts(run, found.without_barriers, periods)
-            | object_facts(
-                found.risk, hazard.sampled, hazard.curves.energies_kj, on_objects, currency
-            ),
-            frequencies=rules.frequencies,
-            sheets=sheets,
+        figures=partial(
+            zone_figures,
+            run,
+            rules,
+            found,
+            maps,
+            figures,
+            confidence=confidence,
+            currency=currency,
+            history=done.progress.history,
+            changed_share_max=0.0 if budget is None else budget.changed_share,
         ),
+        key_results=levels,
+        tables=zone_tables(
+            preset, found, sources, design, return_periods_years=periods, currency=currency
+        ),
+        described=zone_facts_of(rules),
+        levels=on_objects,
+        objects=values,
+        summary=zone_lines(levels, found, edge, confidence, currency),
+        hazard=map_hazard(rules, found),
+        contributions=rates_by_source(hazard.sampled),
+        places=line_facts(run, found.without_barriers, periods)
+        | object_facts(found.risk, hazard.sampled, hazard.curves.energies_kj, on_objects, currency),
+        frequencies=rules.frequencies,
+        sheets=sheets,
         facts={
             "preset": f"{preset.name}: {preset.title}",
-            "hazard_ref_width_m": rules.ref_width_m,
+            "hazard_ref_width_m": width,
             "confidence": confidence,
             "changed_share": round(hazard.changed_share, 4),
             "uncertain_share": round(hazard.uncertain_share, 4),
@@ -194,14 +186,8 @@ def group_extras(
 ) -> Extras:
     """What zoning adds to a mosaic that is drawn group by group.
 
-    Parameters
-    ----------
-    maps : sequence of RasterLayer
-        Of hazard, written already.
-    drawn : sequence of list of VectorLayer
-        From group_zones, for each group.
-    risks : (RiskTable or None, RiskTable or None)
-        With and without barriers.
+    The maps of hazard are written already; ``drawn`` is from group_zones, for each group, ``risks``
+    with and without barriers.
     """
     zones = zone_layers.joined_layers(drawn) if drawn else []
     frames = {"zones": layer_table(zones[0])} if zones else {}

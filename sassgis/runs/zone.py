@@ -122,20 +122,11 @@ def write_zones(
 ) -> tuple[Assessment, Published]:
     """Find the zones and write everything into ``work``, in the language of the configuration.
 
-    Parameters
-    ----------
-    work, done, areas, tell
-        As for sassgis.runs.publish.publish_map.
-    without : Simulation or None
-        The same blocks without walls and nets.
-    first : callable, optional
-        Called with what was found before anything is written.
-    drawn : DrawnGround, optional
-        The same blocks on draws of the ground classes.
+    ``without`` are the same blocks without walls and nets, ``drawn`` those on draws of the ground
+    classes. ``first`` is called with what was found before anything is written.
     """
     # As in sassgis.runs.run.run: loaded when there is something to write.
-    from sassgis.runs.publish import publish_map
-    from sassgis.runs.publish_ground import with_spread
+    from sassgis.runs.publish import publish_map, with_spread
     from sassgis.runs.publish_zones import zone_extras
 
     tell("Drawing the zones")

@@ -65,9 +65,7 @@ def quantity_curves_figure(
 ) -> Figure:
     """Shares of rocks below a value: observed, before, after, rocks left out.
 
-    Parameters
-    ----------
-    panels : sequence of (label, observed, simulated by model)
+    A panel is a label, what was observed, and what was simulated by each model.
     """
     columns = min(len(panels), 2) or 1
     rows = max(math.ceil(len(panels) / columns), 1)

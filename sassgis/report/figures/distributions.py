@@ -188,7 +188,7 @@ _REASONS = {
 }
 
 
-def _panel(ax: Axes, name: str, histogram: Histogram, log: bool = False) -> None:
+def _panel(ax: Axes, name: str, histogram: Histogram, log: bool) -> None:
     ax.set_xlabel(phrase("{} ({})", phrase(name), histogram.unit))
     edges, counts = histogram.edges, histogram.counts
     used = np.nonzero(counts)[0]
@@ -217,29 +217,20 @@ def _panel(ax: Axes, name: str, histogram: Histogram, log: bool = False) -> None
 
 
 @house_style()
-def station_figure(
-    name: str,
-    speed: Histogram,
-    rotation: Histogram,
-    height: Histogram,
-    energy: Histogram,
-    *,
-    n: int,
-) -> Figure:
+def station_figure(name: str, *histograms: Histogram, n: int) -> Figure:
     """Draw speed, rotation, height and energy of the blocks that pass a station, of n in all.
 
     The edges of the energies grow by a factor.
     """
     figure = new_figure(WIDTH_IN, 4.4)
     axes = figure.subplots(2, 2)
-    _panel(axes[0, 0], "speed", speed)
-    _panel(axes[0, 1], "rotation", rotation)
-    _panel(axes[1, 0], "passing height", height)
-    _panel(axes[1, 1], "kinetic energy", energy, log=True)
+    quantities = ("speed", "rotation", "passing height", "kinetic energy")
+    for ax, quantity, histogram in zip(axes.flat, quantities, histograms, strict=True):
+        _panel(ax, quantity, histogram, log=quantity == "kinetic energy")
     for ax in axes[:, 0]:
         ax.set_ylabel("number of blocks")
     head(figure, name)
-    passed = thousands(int(np.sum(speed.counts)))
+    passed = thousands(int(np.sum(histograms[0].counts)))
     text = phrase("{} of {} simulated blocks pass", passed, thousands(n))
     figure.supxlabel(text, size=SMALL, color=GREY, x=0.01, ha="left")
     return figure

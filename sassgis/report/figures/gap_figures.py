@@ -104,16 +104,9 @@ def gap_map_figure(
 ) -> Figure:
     """Draw fall lines and stations over the relief, coloured by the gap of one quantity.
 
-    Parameters
-    ----------
-    lines : sequence of float64, shape (n, 2)
-        Fall lines (m).
-    stretches : sequence of GapStretch
-        Parts of them on which the quantity was compared.
-    release, stops : float64, shape (n, 2)
-        Release points and where observed blocks lie (m).
-    quantity, unit : str
-        Empty if no gap is to be shown.
+    Fall lines, release points and where observed blocks lie (``stops``) are of shape (n, 2) (m);
+    ``stretches`` are the parts of the lines on which the quantity was compared. Quantity and unit
+    are empty if no gap is to be shown.
     """
     points = all_points([*lines, *(s.trace for s in stations.values()), release, stops])
     points = points[np.isfinite(points).all(axis=1)]
@@ -296,12 +289,6 @@ def _steps(values: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.concatenate([[x[0]], x]), np.arange(x.size + 1) / x.size
 
 
-def _band(values: FloatArray, n: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Between which shares the curve of ``n`` rocks of a model lies in 95 of 100 samples."""
-    x, share = _steps(values)
-    return x, binom.ppf(0.025, n, share) / n, binom.ppf(0.975, n, share) / n
-
-
 def _distance(observed: FloatArray, model: FloatArray) -> float:
     """Energy distance, squared as on the page, in standard deviations of the observed."""
     unit = float(np.std(observed, ddof=1)) if observed.size > 1 else 0.0
@@ -372,7 +359,9 @@ def _draw_comparison(ax: Axes, comparison: Comparison, width_in: float, after: b
         nothing_to_show(ax, "not observed", keep_x=True)
         return
     if base.size:
-        x, low, high = _band(base, seen.size)
+        # Between which shares the curve of as many rocks of it lies in 95 of 100 samples.
+        x, share = _steps(base)
+        low, high = (binom.ppf(q, seen.size, share) / seen.size for q in (0.025, 0.975))
         ax.fill_between(x, low, high, step="post", color=SKY, alpha=0.25, lw=0, gid="band")
     curves = ((base, BLUE, 1.3, "base"), (with_effect, VERMILION, 1.3, "effect"))
     for values, colour, width, gid in (*curves, (seen, INK, 1.1, "observed")):

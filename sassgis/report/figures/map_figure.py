@@ -97,28 +97,17 @@ def class_positions(values: NDArray[Any], classes: Sequence[RasterClass]) -> Flo
 
 @dataclass(frozen=True, slots=True)
 class MapPanel:
-    """One map of a figure.
+    """One map of a figure."""
 
-    Attributes
-    ----------
-    values : float64, shape of the grid
-        Of the colours; NaN where the map stays clear. None: only marks are drawn.
-    stripes : sequence of (position, colour)
-        Classes that are striped on white.
-    over : bool, shape of the grid, optional
-        Cells with fine black lines over them.
-    together : {"max", "mean"}
-        What a dot for several cells shows.
-    """
-
+    # Of the colours, shape of the grid; NaN where the map stays clear. None: only marks are drawn.
     values: FloatArray | None
     colours: Colormap
     norm: Normalize
     title: str = ""
-    stripes: Sequence[tuple[int, str]] = ()
-    over: NDArray[np.bool_] | None = None
+    stripes: Sequence[tuple[int, str]] = ()  # position and colour of classes striped on white
+    over: NDArray[np.bool_] | None = None  # cells with fine black lines over them
     alpha: float = LAYER_ALPHA
-    together: str = "max"
+    together: str = "max"  # what a dot for several cells shows: "max" or "mean"
 
 
 def coloured_classes(colours: Sequence[str]) -> tuple[Colormap, Normalize]:
@@ -145,15 +134,7 @@ def class_panel(
 
 @dataclass(frozen=True, slots=True)
 class MapFrame:
-    """Where the maps of a figure stand: left edge, size of each and room around all (in).
-
-    Attributes
-    ----------
-    gap, head : float
-        Between two columns; over each map.
-    ticks : int
-        About how many along the longer side of a map.
-    """
+    """Where the maps of a figure stand: left edge, size of each and room around all (in)."""
 
     left: float
     width: float
@@ -161,9 +142,9 @@ class MapFrame:
     top: float
     bottom: float
     columns: int = 1
-    gap: float = 0.0
-    head: float = 0.0
-    ticks: int = 5
+    gap: float = 0.0  # between two columns
+    head: float = 0.0  # over each map
+    ticks: int = 5  # about how many along the longer side of a map
 
 
 def one_map(aspect: float, right: float, most: float) -> tuple[float, float, float]:

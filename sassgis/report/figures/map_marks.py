@@ -58,33 +58,18 @@ class MapName:
 
 @dataclass(frozen=True, slots=True)
 class MapMarks:
-    """What lies over the values of a map; coordinates in m, of shape (n, 2).
+    """What lies over the values of a map; coordinates in m, of shape (n, 2)."""
 
-    Attributes
-    ----------
-    release : sequence of float64
-        Outlines of the release areas; arrays of one or two rows are drawn as points.
-    lines : sequence of float64
-        Fall lines. Of more than ``MAX_LINES`` an even choice is drawn, and the map says so.
-    control_lines : sequence of MapControlLine
-        Stations, walls and nets.
-    zones : sequence of (polygon, RasterClass)
-        Zones, from the lowest class, in place of the cells of a map of classes.
-    edits : sequence of float64
-        Outlines of what was edited by hand.
-    objects : sequence of MapObject
-        Exposed objects.
-    names : sequence of MapName
-        Of what is drawn otherwise.
-    """
-
+    # Outlines of the release areas; arrays of one or two rows are drawn as points.
     release: Sequence[FloatArray] = ()
+    # Fall lines. Of more than MAX_LINES an even choice is drawn, and the map says so.
     lines: Sequence[FloatArray] = ()
     control_lines: Sequence[MapControlLine] = ()
+    # From the lowest class, in place of the cells of a map of classes.
     zones: Sequence[tuple[Any, RasterClass]] = ()
-    edits: Sequence[FloatArray] = ()
+    edits: Sequence[FloatArray] = ()  # outlines of what was edited by hand
     objects: Sequence[MapObject] = ()
-    names: Sequence[MapName] = ()
+    names: Sequence[MapName] = ()  # of what is drawn otherwise
 
     def draw(self, ax: Axes, box: Extent, points_per_metre: float) -> None:
         """Draw all of it on a map."""

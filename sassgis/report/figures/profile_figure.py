@@ -49,37 +49,23 @@ _LEFT_IN, _RIGHT_IN, _BETWEEN_IN = 0.62, 0.15, 0.28
 
 @dataclass(frozen=True, slots=True)
 class ProfilePanel:
-    """What one panel of a profile figure shows.
+    """What one panel of a profile figure shows."""
 
-    Attributes
-    ----------
-    s, z : float, shape (n,)
-        Chainage and height of the vertices of the slope (m).
-    trajectories : (s, z) of float, shape (m,)
-        Paths of the centres of mass (m).
-    ground : int, shape (n - 1,) or (n,), optional
-        Ground class of the segment that starts at each vertex; a last value is unused.
-    stops : float, shape (k,)
-        Chainages where blocks ended (m).
-    """
-
-    s: FloatArray
+    s: FloatArray  # chainage and height of the vertices of the slope (m), shape (n,)
     z: FloatArray
+    # Chainages and heights of the centres of mass (m), shape (m,) of each path.
     trajectories: Sequence[tuple[FloatArray, FloatArray]] = ()
+    # Class of the segment that starts at each vertex, shape (n - 1,) or (n,); a last is unused.
     ground: IntArray | None = None
     ground_names: Sequence[str] = ()
     control_lines: Sequence[ProfileControlLine] = ()
+    # Chainages where blocks ended (m).
     stops: FloatArray = field(default_factory=lambda: np.empty(0))
     title: str = ""
 
     def ground_runs(self) -> list[tuple[int, int, int]]:
         """Stretches of equal ground."""
         return [] if self.ground is None else runs_of(self.ground[: self.s.size - 1])
-
-    def ground_name(self, number: int) -> str:
-        """Name of a class, or its number where it has none."""
-        known = 0 <= number < len(self.ground_names)
-        return self.ground_names[number] if known else phrase("class {}", number)
 
     def known_stops(self) -> FloatArray:
         """Stops that have a chainage."""
@@ -90,11 +76,9 @@ class ProfilePanel:
         """Say how many blocks are drawn."""
         n, stops = len(self.trajectories), self.known_stops().size
         paths = "{} path of the centre of mass" if n == 1 else "{} paths of the centre of mass"
-        dots = (
-            "yellow dots: where {} block ended"
-            if stops == 1
-            else ("yellow dots: where {} blocks ended")
-        )
+        dots = "yellow dots: where {} blocks ended"
+        if stops == 1:
+            dots = "yellow dots: where {} block ended"
         parts = ((paths, n), (dots, stops))
         return joined("; ", (phrase(text, thousands(number)) for text, number in parts if number))
 
@@ -188,7 +172,8 @@ def _ground_names(panel: ProfilePanel, frame: _Frame) -> tuple[list[_GroundName]
         before = longest.setdefault(run[0], run)
         if panel.s[run[2]] - panel.s[run[1]] > panel.s[before[2]] - panel.s[before[1]]:
             longest[run[0]] = run
-    names = {k: panel.ground_name(k) for k in sorted(longest)}
+    known = dict(enumerate(panel.ground_names))
+    names = {k: known.get(k, phrase("class {}", k)) for k in sorted(longest)}
     placed = [_place_name(panel, longest[k], name, frame) for k, name in names.items()]
     fitting = [name for name in placed if name is not None]
     if len(fitting) == len(placed):
