@@ -17,44 +17,20 @@ OWN_LAW = "own"
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """What is true of a site.
+    """What is true of a site."""
 
-    Attributes
-    ----------
-    case : str
-        Number of the site.
-    verdict : str
-        "none", "unknown", a family, or two joined by "+".
-    effects : tuple of str
-        Names of the effects, unknown ones by what they are.
-    strengths : tuple of str
-        As measured: less than was asked for where no magnitude gives that.
-    phase : str
-        Of a single effect; else "".
-    segments : tuple of str
-        Reaches that a single effect touches.
-    reaches : tuple of str
-        All reaches of the slope.
-    kind : str
-        What was observed: stations, stops, both, everything.
-    law : str
-        How rocks move.
-    disturbance : str
-        What nature does besides, and no effect; "" if nothing.
-    """
-
-    case: str
-    verdict: str
-    effects: tuple[str, ...]
-    strengths: tuple[str, ...]
-    phase: str
-    segments: tuple[str, ...]
-    reaches: tuple[str, ...]
+    case: str  # number of the site
+    verdict: str  # "none", "unknown", a family, or two joined by "+"
+    effects: tuple[str, ...]  # names, of unknown ones by what they are
+    strengths: tuple[str, ...]  # as measured: less than asked for where no magnitude gives that
+    phase: str  # of a single effect; else ""
+    segments: tuple[str, ...]  # reaches that a single effect touches
+    reaches: tuple[str, ...]  # all reaches of the slope
     slope: str
     rocks: int
-    kind: str
-    law: str = OWN_LAW
-    disturbance: str = ""
+    kind: str  # what was observed: stations, stops, both, everything
+    law: str = OWN_LAW  # how rocks move
+    disturbance: str = ""  # what nature does besides, and no effect; "" if nothing
 
     @property
     def right(self) -> tuple[str, ...]:
@@ -83,43 +59,22 @@ class Truth:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What a diagnosis answered.
-
-    Attributes
-    ----------
-    effect : str
-        "none", "unknown", a family, or several joined by "+" in any order; "no answer" if it
-        failed.
-    confidence : float
-        NaN if none is stated.
-    shrinkage : float or None
-        None if withheld.
-    group : str
-        Of the cause; "" if none is stated.
-    large_findings : bool
-        Whether a gap of the calibrated base is both significant and large.
-    cannot_exclude : tuple of str
-        Causes that the observations could not show.
-    failure : str
-        Why there is no answer.
-    short, recommended : bool
-        Whether the model that is handed over falls far short, on the unsafe side; whether it is
-        recommended.
-    """
+    """What a diagnosis answered."""
 
     case: str
+    #: "none", "unknown", a family, or several joined by "+" in any order; "no answer" if it failed.
     effect: str
-    confidence: float
+    confidence: float  # NaN if none is stated
     confusion_set: tuple[str, ...] = ()
     phase: str = ""
     segments: tuple[str, ...] = ()
-    shrinkage: float | None = None
-    group: str = ""
-    large_findings: bool = False
-    cannot_exclude: tuple[str, ...] = ()
-    failure: str = ""
-    short: bool = False
-    recommended: bool = True
+    shrinkage: float | None = None  # None if withheld
+    group: str = ""  # of the cause; "" if none is stated
+    large_findings: bool = False  # whether a gap of the calibrated base is significant and large
+    cannot_exclude: tuple[str, ...] = ()  # causes that the observations could not show
+    failure: str = ""  # why there is no answer
+    short: bool = False  # whether the model handed over falls far short, on the unsafe side
+    recommended: bool = True  # whether it is recommended
 
 
 def answer_from(case: str, diagnosis: Mapping[str, Any]) -> Answer:

@@ -41,17 +41,12 @@ ANSWERS: tuple[str, ...] = ("none", *FAMILIES, "pair", "unknown", CONTACT_LAW, "
 
 @dataclass(frozen=True, slots=True)
 class Share:
-    """A share of sites with its interval (95 %, Clopper and Pearson 1934).
-
-    Attributes
-    ----------
-    value, low, high : float
-        NaN, 0, 1 without trials.
-    """
+    """A share of sites with its interval (95 %, Clopper and Pearson 1934)."""
 
     measure: str
     hits: int
     trials: int
+    # NaN, 0, 1 without trials.
     value: float
     low: float
     high: float
@@ -59,20 +54,12 @@ class Share:
 
 @dataclass(frozen=True, slots=True)
 class Aim:
-    """A measure that is asked for.
+    """A measure that is asked for."""
 
-    Attributes
-    ----------
-    key : str
-        Of the measure or number among the scores.
-    at_least : bool
-        Whether the share must reach the limit, or not exceed it.
-    """
-
-    key: str
+    key: str  # of the measure or number among the scores
     title: str
     limit: float
-    at_least: bool = True
+    at_least: bool = True  # whether the share must reach the limit, or not exceed it
 
 
 _CLEAR_FULL = "single effect, medium or strong, that could be seen, 100 rocks, everything observed"
@@ -108,86 +95,50 @@ AIMS: tuple[Aim, ...] = (
 
 @dataclass(frozen=True, slots=True)
 class ReliabilityRow:
-    """Answers whose confidence lies in a bin.
-
-    Attributes
-    ----------
-    low, high : float
-        Of the bin; the last one includes its upper limit.
-    confidence : float
-        Mean.
-    """
+    """Answers whose confidence lies in a bin."""
 
     low: float
-    high: float
-    confidence: float
+    high: float  # the last bin includes it
+    confidence: float  # mean
     right: Share
 
 
 @dataclass(frozen=True, slots=True)
 class ShrinkageCheck:
-    """Stated shrinkages against those measured on fresh rocks.
+    """Stated shrinkages against those measured on fresh rocks."""
 
-    Attributes
-    ----------
-    worlds : int
-        With enough rocks.
-    compared : int
-        Stated and measured.
-    only_stated, only_measured, neither : int
-        Where the other one is withheld, or both.
-    bias, mean_error : float
-        Mean of stated less measured, and of its absolute value; NaN without sites.
-    """
-
-    worlds: int
-    compared: int
-    only_stated: int
+    worlds: int  # with enough rocks
+    compared: int  # stated and measured
+    only_stated: int  # where the other one is withheld
     only_measured: int
-    neither: int
+    neither: int  # where both are
+    # Mean of stated less measured, and of its absolute value; NaN without sites.
     bias: float
     mean_error: float
 
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """Figures of some sites.
-
-    Attributes
-    ----------
-    measures : mapping of key to Share
-    numbers : mapping of key to float
-        What is no share: sizes of confusion sets, calibration error, overlap of reaches; NaN
-        without sites.
-    """
+    """Figures of some sites."""
 
     worlds: int
     measures: Mapping[str, Share]
+    #: What is no share: sizes of confusion sets, calibration error, overlap of reaches; NaN without
+    #: sites.
     numbers: Mapping[str, float]
 
 
 @dataclass(frozen=True, slots=True)
 class CheckScores:
-    """All scores of a check.
+    """All scores of a check."""
 
-    Attributes
-    ----------
-    failed : int
-        Sites without an answer; they count as wrong.
-    figures : Figures
-        Of all sites.
-    by_law : mapping of law to Figures
-    groups : mapping of title to tuple of Share
-        Accuracy on single effects by sample size, kind, strength, family, law and design.
-    confusion : int64, shape (14, 15)
-        Sites by truth (``ANSWERS`` without the last) and answer (``ANSWERS``).
-    """
-
-    failed: int
-    figures: Figures
+    failed: int  # sites without an answer; they count as wrong
+    figures: Figures  # of all sites
     by_law: Mapping[str, Figures]
+    #: Accuracy on single effects by sample size, kind, strength, family, law and design.
     groups: Mapping[str, tuple[Share, ...]]
     reliability: tuple[ReliabilityRow, ...]
+    #: Sites by truth (``ANSWERS`` without the last) and answer (``ANSWERS``), shape (14, 15).
     confusion: np.ndarray[Any, np.dtype[np.int64]] = field(repr=False)
     shrinkage: ShrinkageCheck
 

@@ -19,44 +19,22 @@ FORBIDDEN = "sassgis.gap.check.worlds"
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """A call of a function in another process.
+    """A call of a function in another process."""
 
-    Attributes
-    ----------
-    name : str
-        Of the site.
-    function : str
-        As "module:name".
-    args, kwargs
-        Passed on to it.
-    folders : tuple of Path
-        What the function may open beneath the sandboxed folder.
-    """
-
-    name: str
-    function: str
+    name: str  # of the site
+    function: str  # as "module:name"
     args: tuple[Any, ...] = ()
     kwargs: Mapping[str, Any] = field(default_factory=dict)
-    folders: tuple[Path, ...] = ()
+    folders: tuple[Path, ...] = ()  # what it may open beneath the sandboxed folder
 
 
 @dataclass(frozen=True, slots=True)
 class TaskOutcome:
-    """How a task ended.
+    """How a task ended."""
 
-    Attributes
-    ----------
-    name : str
-        Of the task.
-    value : object
-        What the function gave back, if it can be sent; None if it failed.
-    failure : str
-        Empty if it did not fail.
-    """
-
-    name: str
-    value: Any
-    failure: str
+    name: str  # of the task
+    value: Any  # what the function gave back, if it can be sent; None if it failed
+    failure: str  # empty if it did not fail
     seconds: float
 
 

@@ -24,26 +24,15 @@ WHOLE, PIECE, LOOSE = 0, 1, 2
 
 @dataclass(frozen=True, slots=True)
 class PassageRows:
-    """Passages at stations; NaN where a number was not measured.
+    """Passages at stations, columns of shape (n,); NaN where a number was not measured."""
 
-    Attributes
-    ----------
-    rock : int64, shape (n,)
-        Rock, -1 for a loose block.
-    station : int64, shape (n,)
-        Position in ``Case.station_names``.
-    kind : int64, shape (n,)
-    lateral_m, speed_mps, rotation_hz, height_m, mass_kg : float64, shape (n,)
-        Height: of the centre above the ground.
-    """
-
-    rock: IntArray
-    station: IntArray
+    rock: IntArray  # -1 for a loose block
+    station: IntArray  # position in ``Case.station_names``
     kind: IntArray
     lateral_m: FloatArray
     speed_mps: FloatArray
     rotation_hz: FloatArray
-    height_m: FloatArray
+    height_m: FloatArray  # of the centre above the ground
     mass_kg: FloatArray
 
 
@@ -60,30 +49,21 @@ class DepositRows:
 
 @dataclass(frozen=True, slots=True)
 class ImpactRows:
-    """Impacts of whole rocks in the order of time, before and after.
-
-    Attributes
-    ----------
-    rock : int64, shape (n,)
-    s, z : float64, shape (n,)
-        Chainage and height of the point or the centre (m).
-    vt_in, vn_in, spin_in, vt_out, vn_out, spin_out : float64, shape (n,)
-        Along the ground and its outward normal (m/s), spin (rad/s).
-    turn_deg, slope_deg : float64, shape (n,)
-        Turn in plan, clockwise; dip of the ground along the travel.
-    """
+    """Impacts of whole rocks in the order of time, before and after; columns of shape (n,)."""
 
     rock: IntArray
+    # Chainage and height of the point or the centre (m).
     s: FloatArray
     z: FloatArray
+    # Along the ground and its outward normal (m/s), spin (rad/s).
     vt_in: FloatArray
     vn_in: FloatArray
     spin_in: FloatArray
     vt_out: FloatArray
     vn_out: FloatArray
     spin_out: FloatArray
-    turn_deg: FloatArray
-    slope_deg: FloatArray
+    turn_deg: FloatArray  # in plan, clockwise
+    slope_deg: FloatArray  # dip of the ground along the travel
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,83 +25,41 @@ _FEWEST_GROUPS = 3
 
 @dataclass(frozen=True, slots=True)
 class LearnedContacts:
-    """Contacts as they were recorded.
+    """Contacts as they were recorded."""
 
-    Attributes
-    ----------
-    table : GroundTable
-        Ground classes with the law of these contacts.
-    spin_scale : float
-        Spins as recorded over those of a block that turns in the plane of its path.
-    spin_noise : float
-        Relative scatter of the spins beyond the errors that are stated.
-    """
-
-    table: GroundTable
-    spin_scale: float
-    spin_noise: float
+    table: GroundTable  # ground classes with the law of these contacts
+    spin_scale: float  # spins over those of a block that turns in the plane of its path
+    spin_noise: float  # relative scatter of the spins beyond the errors that are stated
 
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """Observations in the planes of fall lines, with all that is needed to simulate the rocks.
-
-    Attributes
-    ----------
-    table : GroundTable
-        Ground classes as configured.
-    effects : EffectSettings
-        Effects that the configuration has switched on already.
-    forest : Forest or None
-        Stems on the cells of the grid, if the configuration has any.
-    traces : TraceSet
-        Fall lines.
-    profiles : ProfileSet
-        The same unrolled, with a lead-in of ground behind the start (chainage below zero).
-    line : int64, shape (n_rocks,)
-        Fall line of each rock of ``observations.rock_names``.
-    blocks : tuple of BlockPopulation, length n_rocks
-        What is known of each rock as fixed values, the rest as the configuration draws it.
-    start : float64, shape (n_rocks, 2)
-        Limits of the chainage at which each rock starts (m).
-    mass_kg : float64, shape (n_rocks,)
-        As observed; NaN where unknown.
-    radius_m : float64, shape (n_rocks,)
-        Of the sphere of equal volume; where unknown, of the configured blocks.
-    stations : StationChainages
-        Where lines cross the stations, shape (n_lines, n_stations).
-    projected : mapping of table to Projected
-        Every observed point in the plane of its rock's line.
-    terrain : PathTerrain or None
-        What paths are followed on, with the stations; None: rocks keep to their fall lines.
-    ground_range : float
-        Factor on the ranges in which the ground may be calibrated; above 1 where the configured
-        classes are guesses.
-    met : tuple of str
-        Classes on which the rocks come.
-    learned : LearnedContacts or None
-        None where too few contacts were recorded.
-    """
+    """Observations in the planes of fall lines, with all that is needed to simulate the rocks."""
 
     observations: Observations
     grid: Grid
-    table: GroundTable
+    table: GroundTable  # ground classes as configured
     engine: EngineSettings
-    effects: EffectSettings
-    forest: Forest | None
-    traces: TraceSet
-    profiles: ProfileSet
-    line: IntArray
+    effects: EffectSettings  # those that the configuration has switched on already
+    forest: Forest | None  # stems on the cells of the grid, if the configuration has any
+    traces: TraceSet  # fall lines
+    profiles: ProfileSet  # the same unrolled, with a lead-in of ground behind the start (s < 0)
+    line: IntArray  # shape (n_rocks,); fall line of each of ``observations.rock_names``
+    #: Of each rock what is known as fixed values, the rest as the configuration draws it.
     blocks: tuple[BlockPopulation, ...]
-    start: FloatArray
-    mass_kg: FloatArray
+    start: FloatArray  # shape (n_rocks, 2); limits of the chainage at which each starts (m)
+    mass_kg: FloatArray  # shape (n_rocks,); as observed, NaN where unknown
+    #: Of the sphere of equal volume, shape (n_rocks,); where unknown, of the configured blocks.
     radius_m: FloatArray
-    stations: StationChainages
-    projected: Mapping[str, Projected]
+    stations: StationChainages  # where lines cross the stations, shape (n_lines, n_stations)
+    projected: Mapping[str, Projected]  # every point by table, in the plane of its rock's line
+    #: What paths are followed on, with the stations; None: rocks keep to their fall lines.
     terrain: PathTerrain | None = None
+    #: Factor on the ranges in which the ground may be calibrated; above 1 where the configured
+    #: classes are guesses.
     ground_range: float = 1.0
-    met: tuple[str, ...] = ()
-    learned: LearnedContacts | None = None
+    met: tuple[str, ...] = ()  # classes on which the rocks come
+    learned: LearnedContacts | None = None  # None where too few contacts were recorded
 
     @property
     def n_rocks(self) -> int:

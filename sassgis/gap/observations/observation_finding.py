@@ -12,29 +12,19 @@ LeftOut = Literal["", "value", "row", "table"]
 
 @dataclass(frozen=True, slots=True)
 class ObservationFinding:
-    """Something about the observations that their owner should know.
+    """Something about the observations that their owner should know."""
 
-    Attributes
-    ----------
-    level : {"error", "warning"}
-        error: wrong, and to be mended; warning: usable, but deserves a look.
-    file, table, column : str
-        Where; empty where it does not apply.
-    rows : tuple of int
-        Rows of the table: lines of a CSV counted with the header, or feature ids.
-    left_out : {"", "value", "row", "table"}
-        What is not used because of it.
-    """
-
-    level: Level
+    level: Level  # "error": wrong, and to be mended; "warning": usable, but deserves a look
     problem: str
+    # Where; empty where it does not apply.
     file: str = ""
     table: str = ""
     column: str = ""
+    #: Rows of the table: lines of a CSV counted with the header, or feature ids.
     rows: tuple[int, ...] = ()
     found: str = ""
     expected: str = ""
-    left_out: LeftOut = ""
+    left_out: LeftOut = ""  # what is not used because of it
 
     def __str__(self) -> str:
         """One line that names file, table, column and row."""

@@ -31,17 +31,7 @@ DENSITY_KGM3 = 2700.0
 
 @dataclass(frozen=True, slots=True)
 class Observations:
-    """All that was observed, in the coordinates of the DEM.
-
-    Attributes
-    ----------
-    rocks, stations, passages, impacts, deposits, trajectories
-        Tables; of length 0 where there is none.
-    files : mapping of table to file
-        For messages; empty for observations that come from no file.
-    findings : tuple of ObservationFinding
-        What was found, and left out, while reading.
-    """
+    """All that was observed, in the coordinates of the DEM; tables of length 0 where nothing."""
 
     rocks: Rocks = field(default_factory=Rocks.of)
     stations: Stations = field(default_factory=Stations.of)
@@ -50,8 +40,9 @@ class Observations:
     deposits: Deposits = field(default_factory=Deposits.of)
     trajectories: Trajectories = field(default_factory=Trajectories.of)
     metadata: Metadata = field(default_factory=Metadata)
+    #: By table, for messages; empty for observations that come from no file.
     files: Mapping[str, Input] = field(default_factory=dict)
-    findings: tuple[ObservationFinding, ...] = ()
+    findings: tuple[ObservationFinding, ...] = ()  # found, and left out, while reading
 
     @property
     def tables(self) -> Mapping[str, Table]:

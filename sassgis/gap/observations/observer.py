@@ -28,22 +28,12 @@ _FEWEST_PAIRS = 10
 
 @dataclass(frozen=True, slots=True)
 class Observer:
-    """How a motion is recorded.
-
-    Attributes
-    ----------
-    contact_min_normal_speed_mps : float
-        Contacts with a lower speed into the ground are not recorded.
-    contact_min_interval_s : float
-        Contacts sooner than this after a recorded one are taken for one with it.
-    passages_missed_share : float
-        Share of the passages at stations that are missing.
-    """
+    """How a motion is recorded."""
 
     errors: Errors
-    contact_min_normal_speed_mps: float = 0.0
-    contact_min_interval_s: float = 0.0
-    passages_missed_share: float = 0.0
+    contact_min_normal_speed_mps: float = 0.0  # lighter ones are not recorded
+    contact_min_interval_s: float = 0.0  # sooner than this after one: taken for one with it
+    passages_missed_share: float = 0.0  # of those at stations
 
 
 def observer_of(case: Case) -> Observer:

@@ -30,46 +30,25 @@ PROLONG_M = 100.0
 
 @dataclass(frozen=True, slots=True)
 class Projected:
-    """Points in the plane of fall lines, one per point that was given.
+    """Points in the plane of fall lines, one per point that was given; arrays of shape (n,)."""
 
-    Attributes
-    ----------
-    line : int64, shape (n,)
-        Fall line; -1 where the point has none, and all else is NaN.
-    s : float64, shape (n,)
-        Chainage of the nearest point of the line (m).
-    lateral_m : float64, shape (n,)
-        Distance from it, positive to the right looking downhill (m).
-    height_m : float64, shape (n,)
-        Height above the ground under the point itself (m); NaN without a height.
-    ground_m : float64, shape (n,)
-        Height of the ground under the point (m).
-    beyond : int8, shape (n,)
-        1: the line ends before it comes abreast of the point, so that the run-out is at least
-        ``s``; -1: the point lies behind the start; 0: abreast of the line.
-    """
-
-    line: IntArray
-    s: FloatArray
-    lateral_m: FloatArray
-    height_m: FloatArray
-    ground_m: FloatArray
+    line: IntArray  # fall line; -1 where the point has none, and all else is NaN
+    s: FloatArray  # chainage of the nearest point of the line (m)
+    lateral_m: FloatArray  # distance from it, positive to the right looking downhill
+    height_m: FloatArray  # above the ground under the point itself; NaN without a height
+    ground_m: FloatArray  # height of the ground under the point
+    #: 1: the line ends before it comes abreast of the point, so that the run-out is at least ``s``;
+    #: -1: the point lies behind the start; 0: abreast of the line.
     beyond: NDArray[np.int8]
 
 
 @dataclass(frozen=True, slots=True)
 class StationChainages:
-    """Where fall lines cross stations.
+    """Where fall lines cross stations."""
 
-    Attributes
-    ----------
-    s : float64, shape (n_lines, n_stations)
-        Chainage of the first crossing (m); NaN where the line does not cross.
-    order : int64, shape (n_stations,)
-        Stations from the top down, by the median chainage; those that no line crosses last.
-    """
-
+    #: Chainage of the first crossing (m), shape (n_lines, n_stations); NaN where there is none.
     s: FloatArray
+    #: Stations from the top down by the median chainage, those that no line crosses last.
     order: IntArray
 
 

@@ -16,25 +16,13 @@ from sassgis.model.grid import IntArray
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """A kind of fault.
+    """A kind of fault."""
 
-    Attributes
-    ----------
-    level : {"error", "warning"}
-        error: wrong, and to be mended; warning: usable, but deserves a look.
-    problem, expected : str
-        May hold {words} that the check fills in.
-    column : str
-        Where the fault is seen, if the check does not say.
-    left_out : {"", "value", "row"}
-        What is not used because of it.
-    """
-
-    level: Level
-    problem: str
-    column: str = ""
+    level: Level  # "error": wrong, and to be mended; "warning": usable, but deserves a look
+    problem: str  # it and ``expected`` may hold {words} that the check fills in
+    column: str = ""  # where the fault is seen, if the check does not say
     expected: str = ""
-    left_out: LeftOut = ""
+    left_out: LeftOut = ""  # what is not used because of it: "", "value" or "row"
 
     def at(
         self,

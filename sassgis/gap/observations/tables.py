@@ -21,38 +21,19 @@ TextArray = NDArray[np.str_]
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """One column of a table of observations.
+    """One column of a table of observations."""
 
-    Attributes
-    ----------
-    unit : str
-        Empty for texts and pure numbers.
-    text : bool
-        Whether it holds text, as identifiers do.
-    low, high : float
-        Values beyond are no measurements.
-    positive : bool
-        Whether zero is refused as well.
-    aliases : tuple of str
-        Other names under which it is read.
-    rim_of : str
-        Of a spin: the speed that a rim of the rock exceeds only in another unit.
-    from_drop : tuple of str
-        Of a speed: the columns, with it, whose size no drop of the rock can exceed.
-    name : str
-        That of the field that it is declared with.
-    """
-
-    unit: str
+    unit: str  # empty for texts and pure numbers
     meaning: str
-    text: bool = False
-    low: float = -math.inf
+    text: bool = False  # whether it holds text, as identifiers do
+    low: float = -math.inf  # values beyond are no measurements
     high: float = math.inf
-    positive: bool = False
-    aliases: tuple[str, ...] = ()
-    rim_of: str = ""
+    positive: bool = False  # whether zero is refused as well
+    aliases: tuple[str, ...] = ()  # other names under which it is read
+    rim_of: str = ""  # of a spin: the speed that a rim of the rock exceeds only in another unit
+    #: Of a speed: the columns, with it, whose size no drop of the rock can exceed.
     from_drop: tuple[str, ...] = ()
-    name: str = ""
+    name: str = ""  # that of the field that it is declared with
 
 
 def _text(meaning: str) -> Column:
@@ -96,36 +77,18 @@ class Table:
 
     Its fields are the schema: name, unit, meaning and limits of each column stand there. Reading,
     template, checks, what is identifiable and ``docs/observations.md`` follow from it.
-
-    Attributes
-    ----------
-    table : str
-        Name.
-    about : str
-        What it holds and how, for its owner.
-    key : tuple of str
-        Columns that no two rows share.
-    required : tuple of str
-        Columns without which a row is of no use.
-    may_be_loose : bool
-        Whether a row of no known rock is one of an unattributed block.
-    quantities : mapping of str to tuple of str
-        What it holds where all of some columns have numbers.
-    row : int64, shape (n,)
-        Places in the file.
-    rock_id : str, shape (n,)
-        Of all tables but that of the stations.
     """
 
     __slots__ = ()
-    table: ClassVar[str]
-    about: ClassVar[str]
-    key: ClassVar[tuple[str, ...]] = ()
-    required: ClassVar[tuple[str, ...]] = ()
-    may_be_loose: ClassVar[bool] = False
+    table: ClassVar[str]  # name
+    about: ClassVar[str]  # what it holds and how, for its owner
+    key: ClassVar[tuple[str, ...]] = ()  # columns that no two rows share
+    required: ClassVar[tuple[str, ...]] = ()  # columns without which a row is of no use
+    may_be_loose: ClassVar[bool] = False  # whether a row may be of an unattributed block
+    #: What it holds where all of some columns have numbers.
     quantities: ClassVar[Mapping[str, tuple[str, ...]]] = {}
-    row: IntArray
-    rock_id: TextArray
+    row: IntArray  # shape (n,); places in the file
+    rock_id: TextArray  # shape (n,); of all tables but that of the stations
 
     @classmethod
     def columns(cls) -> tuple[Column, ...]:
@@ -222,15 +185,7 @@ class Rocks(Table):
 
 @dataclass(frozen=True, slots=True)
 class Stations(Table):
-    """Lines across the slope at which passing rocks were measured.
-
-    Attributes
-    ----------
-    row : int64, shape (n,)
-    station : str, shape (n,)
-    vertices : tuple of float64 arrays, each of shape (k, 2)
-        x and y of the vertices (m); a file without geometry has the two ends in columns.
-    """
+    """Lines across the slope at which passing rocks were measured."""
 
     table: ClassVar[str] = "stations"
     about: ClassVar[str] = (
@@ -241,6 +196,7 @@ class Stations(Table):
     required: ClassVar[tuple[str, ...]] = ("station",)
     row: IntArray
     station: Annotated[TextArray, _text("name of the station")]
+    #: X and y of the vertices (m), each of shape (k, 2); without geometry, the two ends in columns.
     vertices: tuple[FloatArray, ...]
 
     @classmethod

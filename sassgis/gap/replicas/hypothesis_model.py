@@ -19,71 +19,34 @@ ENGINE_KEYS = ("side_tilt_deg", "drift_deg", "rolling_friction_sd")
 
 @dataclass(frozen=True, slots=True)
 class ReleaseError:
-    """Errors of the stated release.
+    """Errors of the stated release."""
 
-    Attributes
-    ----------
-    ahead_m : float
-        Rocks start this much further down the line (m), or up the slope where it is below zero,
-        each half as much to one and a half times as much, uniformly.
-    faster_mps : float
-        Added to the initial speed, uniform from 0 (m/s).
-    shift_m, scatter_m : float
-        Lateral offset of the start: the same for all, and standard deviation (m).
-    """
-
+    #: Rocks start this much further down the line (m), or up the slope where it is below zero, each
+    #: half as much to one and a half times as much, uniformly.
     ahead_m: float = 0.0
-    faster_mps: float = 0.0
-    shift_m: float = 0.0
-    scatter_m: float = 0.0
+    faster_mps: float = 0.0  # added to the initial speed, uniform from 0
+    shift_m: float = 0.0  # lateral offset of the start: the same for all
+    scatter_m: float = 0.0  # and standard deviation
 
 
 @dataclass(frozen=True, slots=True)
 class MeasurementError:
-    """Errors of measurement beyond those that are stated.
+    """Errors of measurement beyond those that are stated."""
 
-    Attributes
-    ----------
-    scale : float
-        Lengths, and so speeds and heights, as measured over true.
-    clock_sd : float
-        Standard deviation of the logarithm of each rock's time base.
-    rotation_scale : float
-        Rotations at stations and on paths as measured over true.
-    rotation_noise : float
-        Added relative error of these: blocks do not turn in one plane.
-    spin_scale : float
-        Spins at contacts, about the axis across the path, as measured over true.
-    spin_noise : float
-        Added relative error of these.
-    noise_rel : float
-        Added relative error of speeds and rotations.
-    stretch : float
-        Distances from the first station as measured over true.
-    position_m : float
-        Added standard error of positions (m).
-    """
-
-    scale: float = 1.0
-    clock_sd: float = 0.0
-    rotation_scale: float = 1.0
-    rotation_noise: float = 0.0
-    spin_scale: float = 1.0
-    spin_noise: float = 0.0
-    noise_rel: float = 0.0
-    stretch: float = 1.0
-    position_m: float = 0.0
+    scale: float = 1.0  # lengths, and so speeds and heights, as measured over true
+    clock_sd: float = 0.0  # standard deviation of the logarithm of each rock's time base
+    rotation_scale: float = 1.0  # rotations at stations and on paths as measured over true
+    rotation_noise: float = 0.0  # added relative error: blocks do not turn in one plane
+    spin_scale: float = 1.0  # the same of spins at contacts, about the axis across the path
+    spin_noise: float = 0.0  # added relative error
+    noise_rel: float = 0.0  # added relative error of speeds and rotations
+    stretch: float = 1.0  # distances from the first station as measured over true
+    position_m: float = 0.0  # added standard error of positions
 
 
 @dataclass(frozen=True, slots=True)
 class ForestStand:
-    """A forest between two chainages of all lines.
-
-    Attributes
-    ----------
-    s0, s1 : float
-        (m)
-    """
+    """A forest between two chainages of all lines (m)."""
 
     s0: float
     s1: float
@@ -93,21 +56,14 @@ class ForestStand:
 
 @dataclass(frozen=True, slots=True)
 class HypothesisModel:
-    """All that a hypothesis sets.
-
-    Attributes
-    ----------
-    effects : EffectSettings
-        On fall lines without ``lateral_deflection``: blocks cannot leave them.
-    side_tilt_deg, drift_deg, rolling_friction_sd : float or None
-        Of followed paths, and of all; in place of the configured ones.
-    """
+    """All that a hypothesis sets."""
 
     table: GroundTable
-    effects: EffectSettings
+    effects: EffectSettings  # on fall lines without ``lateral_deflection``: blocks keep to them
     stand: ForestStand | None = None
     release: ReleaseError = ReleaseError()
     measurement: MeasurementError = MeasurementError()
+    # Of followed paths, and of all; None: as configured.
     side_tilt_deg: float | None = None
     drift_deg: float | None = None
     rolling_friction_sd: float | None = None

@@ -38,51 +38,29 @@ _INSIDE_M = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Releases:
-    """Rocks to be released, each row as often as asked for.
+    """Rocks to be released, each of the n rows as often as asked for."""
 
-    Attributes
-    ----------
-    rock : int64, shape (n,)
-        Number in the case.
-    blocks : sequence of BlockPopulation, length n
-    start : float64, shape (n, 2)
-        Limits of the chainage of the start (m).
-    lateral_m : float64, shape (n,)
-        Offset of the start from the fall line; counts where paths are followed.
-    key : uint64, shape (n,)
-        Identity for the random draws.
-    """
-
-    rock: IntArray
+    rock: IntArray  # shape (n,); number in the case
     blocks: Sequence[BlockPopulation]
-    start: FloatArray
-    lateral_m: FloatArray
-    key: NDArray[np.uint64]
+    start: FloatArray  # shape (n, 2); limits of the chainage of the start (m)
+    lateral_m: FloatArray  # shape (n,); of the start; counts where paths are followed
+    key: NDArray[np.uint64]  # shape (n,); identity for the random draws
 
 
 @dataclass(frozen=True, slots=True)
 class Moved:
-    """What released rocks did.
+    """What released rocks did."""
 
-    Attributes
-    ----------
-    rocks, pieces : ROCK_DTYPE
-        ``line``: row of the releases. ``runout_m``: chainage on the fall line of the rock, beyond
-        its end straight on.
-    passages : PASSAGE_DTYPE
-        Where fall lines cross stations. ``chainage_m``: of the station on the fall line.
-    lateral_m : float64, shape (n_rocks + n_pieces,)
-        Where they end beside the fall line (m); 0 on profiles.
-    passed_lateral_m : float64, shape (n_passages,)
-    event_logs : tuple of EVENT_DTYPE arrays
-    """
-
+    #: ROCK_DTYPE. ``line``: row of the releases. ``runout_m``: chainage on the fall line of the
+    #: rock, beyond its end straight on.
     rocks: NDArray[np.void]
     pieces: NDArray[np.void]
+    #: PASSAGE_DTYPE; where fall lines cross stations. ``chainage_m``: of the station on the line.
     passages: NDArray[np.void]
+    #: Where they end beside the fall line (m), shape (n_rocks + n_pieces,); 0 on profiles.
     lateral_m: FloatArray
-    passed_lateral_m: FloatArray
-    event_logs: tuple[NDArray[np.void], ...]
+    passed_lateral_m: FloatArray  # shape (n_passages,)
+    event_logs: tuple[NDArray[np.void], ...]  # EVENT_DTYPE
 
 
 def all_rocks(case: Case, lines: RockLines) -> Releases:

@@ -24,35 +24,22 @@ _BESIDE_M = 150.0
 
 @dataclass(frozen=True, slots=True)
 class RockLines:
-    """Lines of the rocks of a case, made ready once for many campaigns.
+    """Lines of the rocks of a case, made ready once for many campaigns."""
 
-    Attributes
-    ----------
-    unforested, forested : ProfileSet
-        One profile per rock, without stretches and with stretches of STRETCH_M.
-    wood : Forest or None
-        The configured forest on the stretches.
-    first_m : float
-        Chainage at which the first stretch begins (m).
-    keys : uint64, shape (n_rocks,)
-    end : float64, shape (n_rocks,)
-        Where what a rock can reach ends (m): its profile; followed paths go on.
-    cell_s : float64, shape (n_cells,)
-        Where paths are followed: chainage of the nearest fall line at each cell (m); NaN far away.
-    observer : Observer
-        Of the field.
-    """
-
+    # One profile per rock, without stretches and with stretches of STRETCH_M.
     unforested: ProfileSet
     forested: ProfileSet
-    wood: Forest | None
-    first_m: float
+    wood: Forest | None  # the configured forest on the stretches
+    first_m: float  # chainage at which the first stretch begins
     n_stretches: int
-    keys: NDArray[np.uint64]
+    keys: NDArray[np.uint64]  # shape (n_rocks,)
     control_lines: ControlLineCrossings
+    #: Where what a rock can reach ends (m), shape (n_rocks,): its profile; followed paths go on.
     end: FloatArray
+    #: Where paths are followed: chainage of the nearest fall line at each cell (m), shape
+    #: (n_cells,); NaN far away.
     cell_s: FloatArray
-    observer: Observer
+    observer: Observer  # of the field
 
 
 def rock_lines_of(case: Case) -> RockLines:

@@ -37,67 +37,40 @@ FLYING_M = 0.3
 
 @dataclass(frozen=True, slots=True)
 class AtStations:
-    """Rocks at stations; NaN where one was not measured, or did not come.
-
-    Attributes
-    ----------
-    speed_mps, rotation_hz, height_m, lateral_m : float64, shape (n_rocks, ..., n_stations)
-        ``height_m`` is that of the centre above the ground, ``lateral_m`` from the fall line.
-    arrived : float64, shape (n_rocks, ..., n_stations)
-        1 or 0; NaN where it is not known.
-    """
+    """Rocks at stations, shape (n_rocks, ..., n_stations); NaN: not measured, or did not come."""
 
     speed_mps: FloatArray
     rotation_hz: FloatArray
-    height_m: FloatArray
-    lateral_m: FloatArray
-    arrived: FloatArray
+    height_m: FloatArray  # of the centre above the ground
+    lateral_m: FloatArray  # from the fall line
+    arrived: FloatArray  # 1 or 0; NaN where it is not known
 
 
 @dataclass(frozen=True, slots=True)
 class Ends:
-    """What is left of released rocks; float64, shape (n, count), of observed ones (n,).
+    """What is left of released rocks; float64, shape (n, count), of observed ones (n,)."""
 
-    Attributes
-    ----------
-    runout_m, lateral_m
-        Chainage and lateral offset of the largest block.
-    stops, largest
-        Blocks left of each rock, mass of the largest over that of the rock.
-    """
-
+    # Chainage and lateral offset of the largest block.
     runout_m: FloatArray
     lateral_m: FloatArray
-    stops: FloatArray
-    largest: FloatArray
+    stops: FloatArray  # blocks left of each rock
+    largest: FloatArray  # mass of the largest over that of the rock
 
 
 @dataclass(frozen=True, slots=True)
 class FreeRun:
     """Replicates of the rocks of a case, released where they were.
 
-    Attributes
-    ----------
-    at : AtStations
-        Arrays of shape (n_rocks, replicates, n_stations).
-    ground : bool, shape (n_rocks, replicates, n_stations)
-        Whether they rolled or slid there.
-    rise_rad : float64, shape (n_rocks, replicates, n_stations)
-        Angle of the velocity above the ground (rad).
-    ends : Ends
-        Arrays of shape (n_rocks, replicates).
-    impacts : tuple of ImpactRows
-        Of each replicate, as the observer of the case records them; empty where he does not.
-    axes_m : float64, shape (n_rocks, replicates, 3)
-        Semi-axes, longest first.
+    Arrays of shape (n_rocks, replicates, n_stations), of ``ends`` (n_rocks, replicates).
     """
 
     at: AtStations
-    ground: BoolArray
-    rise_rad: FloatArray
+    ground: BoolArray  # whether they rolled or slid there
+    rise_rad: FloatArray  # angle of the velocity above the ground
     ends: Ends
+    #: Of each replicate, as the observer of the case records them; empty where he does not.
     impacts: tuple[ImpactRows, ...]
-    axes_m: FloatArray
+    axes_m: FloatArray  # shape (n_rocks, replicates, 3); semi-axes, longest first
 
     @property
     def radius_m(self) -> FloatArray:

@@ -91,33 +91,18 @@ def impact_residuals(
 class ImpactsInFlight:
     """Observed impacts after flights, made ready for one step of the model.
 
-    Attributes
-    ----------
-    rock : int64, shape (n,)
-    s : float64, shape (n,)
-        Chainage (m).
-    kind : int64, shape (n,)
-        Class of the ground.
-    dip : float64, shape (n,)
-        Of the ground along the travel (rad).
-    axes : float64, shape (n, m, 3)
-        Semi-axes for each draw (m).
-    radius, inertia : float64, shape (n,)
-        Of the sphere of equal volume (m); per unit mass (m²), means over the draws.
-    spin : float64, shape (n,)
-        Before; that of rolling where none was measured (rad/s).
-    has_spin : bool, shape (n,)
+    Arrays of shape (n,), of ``axes`` (n, m, 3).
     """
 
     impacts: Impacts
     rock: IntArray
-    s: FloatArray
-    kind: IntArray
-    dip: FloatArray
-    axes: FloatArray
-    radius: FloatArray
-    inertia: FloatArray
-    spin: FloatArray
+    s: FloatArray  # chainage (m)
+    kind: IntArray  # class of the ground
+    dip: FloatArray  # of the ground along the travel (rad)
+    axes: FloatArray  # semi-axes for each draw (m)
+    radius: FloatArray  # of the sphere of equal volume (m), mean over the draws
+    inertia: FloatArray  # per unit mass (m²), mean over the draws
+    spin: FloatArray  # before; that of rolling where none was measured (rad/s)
     has_spin: NDArray[np.bool_]
 
     def take(self, rows: IntArray) -> ImpactsInFlight:

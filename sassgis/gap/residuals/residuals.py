@@ -15,35 +15,23 @@ _UNITS = {"_mps": "m/s", "_mps2": "m/s²", "_hz": "1/s", "_m": "m", "_deg": "°"
 
 @dataclass(frozen=True, slots=True)
 class Residual:
-    """One quantity at one place, of all rocks.
+    """One quantity at one place, of all rocks; arrays of shape (n_rocks,)."""
 
-    Attributes
-    ----------
-    place, phase, quantity, test : str
-        As in ``sassgis.gap.diagnosis.GapFinding``.
-    observed, predicted : float64, shape (n_rocks,)
-        NaN for rocks without one.
-    s0_m, s1_m : float
-        Chainages between which the place lies (m).
-    score : float64, shape (n_rocks,), optional
-        What is tested for a mean of zero; default: observed less predicted.
-    weight : float64, shape (n_rocks,), optional
-        Of the rocks in the means, for quantities measured more closely on some of them.
-    steps : int
-        Single values that the means of the rocks are of; 0 for one a rock.
-    """
-
+    # As in ``sassgis.gap.diagnosis.GapFinding``.
     place: str
     phase: str
     quantity: str
     test: str
+    # NaN for rocks without one.
     observed: FloatArray
     predicted: FloatArray
+    # Chainages between which the place lies (m).
     s0_m: float
     s1_m: float
-    score: FloatArray | None = None
+    score: FloatArray | None = None  # tested for a mean of zero; default: observed less predicted
+    #: Of the rocks in the means, for quantities measured more closely on some of them.
     weight: FloatArray | None = None
-    steps: int = 0
+    steps: int = 0  # single values that the means of the rocks are of; 0 for one a rock
 
     @property
     def gap(self) -> FloatArray:

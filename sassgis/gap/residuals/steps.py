@@ -41,44 +41,27 @@ IMPACT_DRAWS = 32
 
 @dataclass(frozen=True, slots=True)
 class StepTable:
-    """Residuals, one row per step and quantity.
-
-    Attributes
-    ----------
-    rock : int64, shape (n,)
-    step : str, shape (n,)
-        "impact", "flight", "aloft" (the surest loss above the ground on a path in time), "air" (a
-        flight in time), "start" (from the release to the first contact), "run" (to a station) or
-        "stop".
-    quantity : str, shape (n,)
-    observed, predicted, sd : float64, shape (n,)
-        ``sd`` is that of the prediction, with errors of measurement.
-    ground : int64, shape (n,)
-        Class; -1 where it does not matter.
-    station : int64, shape (n,)
-        -1 where there is none.
-    vn_mps, way_m, radius_m, flatness, reach, clear_m, fell_jpkg, speed2 : float64, shape (n,)
-        Normal speed before an impact; length of a flight, or chainage of a loss or a stop; radius
-        and c/b of the rock; length of the flight as a share of that of a free one; how far it rises
-        above the straight way; energy that gravity gives on it; speed times level speed.
-    """
+    """Residuals, one row per step and quantity; columns of shape (n,)."""
 
     rock: IntArray
+    #: "impact", "flight", "aloft" (the surest loss above the ground on a path in time), "air" (a
+    #: flight in time), "start" (from the release to the first contact), "run" (to a station) or
+    #: "stop".
     step: NDArray[np.str_]
     quantity: NDArray[np.str_]
     observed: FloatArray
     predicted: FloatArray
-    sd: FloatArray
-    ground: IntArray
-    station: IntArray
-    vn_mps: FloatArray
-    way_m: FloatArray
+    sd: FloatArray  # of the prediction, with errors of measurement
+    ground: IntArray  # class; -1 where it does not matter
+    station: IntArray  # -1 where there is none
+    vn_mps: FloatArray  # normal speed before an impact
+    way_m: FloatArray  # length of a flight, or chainage of a loss or a stop
     radius_m: FloatArray
-    flatness: FloatArray
-    reach: FloatArray
-    clear_m: FloatArray
-    fell_jpkg: FloatArray
-    speed2: FloatArray
+    flatness: FloatArray  # c/b of the rock
+    reach: FloatArray  # length of the flight as a share of that of a free one
+    clear_m: FloatArray  # how far the flight rises above the straight way
+    fell_jpkg: FloatArray  # energy that gravity gives on it
+    speed2: FloatArray  # speed times level speed
 
     def __len__(self) -> int:
         return int(self.rock.size)

@@ -30,21 +30,11 @@ REPLICATES = 20
 
 @dataclass(frozen=True, slots=True)
 class ResidualTable:
-    """Observed against predicted.
+    """Observed against predicted."""
 
-    Attributes
-    ----------
-    run : FreeRun
-        Replicates of the rocks in the model.
-    rows : tuple of Residual
-        By place and quantity, one value per rock.
-    steps : StepTable
-        Single impacts, flights and runs, one row each.
-    """
-
-    run: FreeRun
-    rows: tuple[Residual, ...]
-    steps: StepTable
+    run: FreeRun  # replicates of the rocks in the model
+    rows: tuple[Residual, ...]  # by place and quantity, one value per rock
+    steps: StepTable  # single impacts, flights and runs, one row each
 
 
 def residuals_of(

@@ -39,19 +39,12 @@ CONTACT_TIME = 16
 
 @dataclass(frozen=True, slots=True)
 class ObservedTables:
-    """Observations in the form that the diagnosis reads.
+    """Observations in the form that the diagnosis reads."""
 
-    Attributes
-    ----------
-    tables : dict
-        rocks, stations, passages, deposits, impacts, trajectories: those that were observed, each
-        a dictionary of columns. rock_id and station are text.
-    metadata : dict
-        Errors of measurement and frame rate.
-    """
-
+    #: rocks, stations, passages, deposits, impacts, trajectories: those that were observed, each a
+    #: dictionary of columns. rock_id and station are text.
     tables: dict[str, Table]
-    metadata: dict[str, float]
+    metadata: dict[str, float]  # errors of measurement and frame rate
 
 
 def observe(world: World, kind: str, n_rocks: int, seed: int) -> ObservedTables:
@@ -349,25 +342,13 @@ _TABLES: dict[str, Callable[[World, Run, np.random.Generator], Table]] = {
 
 @dataclass(frozen=True, slots=True)
 class SiteSetup:
-    """What the diagnosing side knows besides the observations: enough to write a configuration.
+    """What the diagnosing side knows besides the observations: enough for a configuration."""
 
-    Attributes
-    ----------
-    dem : Grid
-        The survey.
-    class_codes : int64, shape of the grid
-        Position in class_names of each cell.
-    releases : float64, shape (n, 3)
-        Release points x, y, z (m).
-    blocks : dict
-        Limits of semi-axes (m), density (kg/m³), speed (m/s) and drop (m).
-    """
-
-    dem: Grid
+    dem: Grid  # the survey
     class_names: tuple[str, ...]
-    class_codes: NDArray[np.int64]
-    releases: FloatArray
-    blocks: dict[str, tuple[float, float]]
+    class_codes: NDArray[np.int64]  # position in class_names of each cell; shape of the grid
+    releases: FloatArray  # release points x, y, z (m), shape (n, 3)
+    blocks: dict[str, tuple[float, float]]  # as ``World.blocks``
 
 
 def setup(world: World) -> SiteSetup:

@@ -87,18 +87,12 @@ _MARGIN = 30.0
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """Metres down the slope (s) and to the left of it (c), as seen going down.
+    """Metres down the slope (s) and to the left of it (c), as seen going down."""
 
-    Attributes
-    ----------
-    x0, y0 : float
-        Origin: the middle of the upper end (m).
-    ux, uy : float
-        Unit vector of the general direction of descent.
-    """
-
+    # Origin: the middle of the upper end (m).
     x0: float
     y0: float
+    # Unit vector of the general direction of descent.
     ux: float
     uy: float
 
@@ -118,28 +112,15 @@ class Frame:
 
 @dataclass(frozen=True, slots=True)
 class Relief:
-    """A made slope.
+    """A made slope."""
 
-    Attributes
-    ----------
-    grid : Grid
-        Heights at 2 m (m).
-    ground : int64, shape of the grid
-        Position in CLASSES of each cell.
-    breaks_m : float64, shape (n_stretches + 1,)
-        Distances down the slope at which one stretch ends and the next begins.
-    stretches : tuple of str
-        Ground of each stretch.
-    release_s : (low, high)
-        Belt in which rocks start (m down the slope).
-    """
-
-    grid: Grid
-    ground: IntArray
+    grid: Grid  # heights at 2 m (m)
+    ground: IntArray  # position in CLASSES of each cell; shape of the grid
     frame: Frame
+    #: Distances down the slope at which one stretch ends and the next begins, (n_stretches + 1,).
     breaks_m: FloatArray
-    stretches: tuple[str, ...]
-    release_s: tuple[float, float]
+    stretches: tuple[str, ...]  # ground of each stretch
+    release_s: tuple[float, float]  # belt in which rocks start (m down the slope)
 
 
 def make_relief(kind: str, seed: int) -> Relief:

@@ -68,17 +68,10 @@ def require_known(problem: str, field: str, found: str, known: Collection[str]) 
 
 @dataclass(frozen=True, slots=True)
 class EffectSpec:
-    """One effect asked for.
+    """One effect asked for."""
 
-    Attributes
-    ----------
-    name : str
-        One of EFFECTS.
-    strength : {"weak", "medium", "strong"}
-    """
-
-    name: str
-    strength: str = "medium"
+    name: str  # one of EFFECTS
+    strength: str = "medium"  # one of STRENGTHS
 
     def __post_init__(self) -> None:
         require_known("unknown effect", "name", self.name, EFFECTS)
@@ -89,46 +82,24 @@ class EffectSpec:
 class WorldSpec:
     """What a site is to be.
 
-    Attributes
-    ----------
-    slope : str
-        One of SLOPE_TYPES.
-    effects : tuple of EffectSpec
-        None, one, or a pair.
-    n_rocks : int
-        Rocks observed.
-    kind : {"stations", "stops", "both", "everything"}
-        What is observed.
-    law : str
-        One of LAWS: how rocks move.
-    n_stations : int
-        1 to MOST_STATIONS.
-    named : bool
-        Whether observers know from which rock a piece or a loosened block comes, or whether it is
-        the rock itself.
-    error_factor : float
-        Stated errors of measurement over the true ones.
-    disturbance : str
-        One of DISTURBANCES.
-    faults : bool
-        Whether observers and terrain model have the faults of real ones.
-
     Raises
     ------
     InputError
         If there is no such law or disturbance, or no such number of stations.
     """
 
-    slope: str
-    effects: tuple[EffectSpec, ...] = ()
-    n_rocks: int = 100
-    kind: str = "both"
-    law: str = "own"
-    n_stations: int = 4
+    slope: str  # one of SLOPE_TYPES
+    effects: tuple[EffectSpec, ...] = ()  # none, one, or a pair
+    n_rocks: int = 100  # rocks observed
+    kind: str = "both"  # what is observed: "stations", "stops", "both" or "everything"
+    law: str = "own"  # one of LAWS: how rocks move
+    n_stations: int = 4  # 1 to MOST_STATIONS
+    #: Whether observers know from which rock a piece or a loosened block comes, or whether it is
+    #: the rock itself.
     named: bool = True
-    error_factor: float = 1.0
-    disturbance: str = ""
-    faults: bool = False
+    error_factor: float = 1.0  # stated errors of measurement over the true ones
+    disturbance: str = ""  # one of DISTURBANCES
+    faults: bool = False  # whether observers and terrain model have the faults of real ones
 
     def __post_init__(self) -> None:
         counts = tuple(range(1, MOST_STATIONS + 1))
@@ -156,35 +127,19 @@ class WorldSpec:
 
 @dataclass(frozen=True, slots=True)
 class PlacedEffect:
-    """One effect as it acts in a site.
-
-    Attributes
-    ----------
-    strength : str
-        By its size; less than was asked for where no magnitude gives that.
-    magnitude : float
-        Value of its principal parameter.
-    s0_m, s1_m : float
-        Where it acts (m down the slope); infinite where everywhere.
-    segments : tuple of str
-        The reaches that it touches, such as "release-S1" or "S4-end"; all, if it acts everywhere.
-    ground : str
-        Class of ground that it is bound to; empty if none.
-    size : float
-        Standardised energy distance from the same site without it (0 to 1); NaN if not measured.
-    seed : int
-        Where its own random parts come from.
-    """
+    """One effect as it acts in a site."""
 
     name: str
-    strength: str
-    magnitude: float
+    strength: str  # by its size; less than was asked for where no magnitude gives that
+    magnitude: float  # value of its principal parameter
+    # Between what it acts (m down the slope); infinite where everywhere.
     s0_m: float
     s1_m: float
-    segments: tuple[str, ...]
-    ground: str = ""
+    segments: tuple[str, ...]  # reaches that it touches, such as "S4-end"; all, if it is everywhere
+    ground: str = ""  # class of ground that it is bound to; empty if none
+    #: Standardised energy distance from the same site without it (0 to 1); NaN if not measured.
     size: float = math.nan
-    seed: int = 0
+    seed: int = 0  # where its own random parts come from
 
     @property
     def phase(self) -> str:
@@ -194,82 +149,43 @@ class PlacedEffect:
 
 @dataclass(frozen=True, slots=True)
 class Faults:
-    """What the observers of a site do not see, or see wrongly; without values, nothing.
+    """What the observers of a site do not see, or see wrongly; without values, nothing."""
 
-    Attributes
-    ----------
-    contact_min_normal_speed_mps, contact_min_interval_s : float
-        Lighter contacts are not recorded, and those that follow sooner are taken for one.
-    clipped_share : float
-        Share of the rocks whose film begins late or ends early.
-    stops_m : float
-        Grid to which stops are rounded; 0 for none.
-    axes_sd : float
-        Relative error of semi-axes that are taken by eye.
-    release_m : tuple of float
-        Down the slope, of all release points together and of each (standard deviation).
-    stated : tuple of str
-        Which of the first three the metadata state.
-    """
-
-    contact_min_normal_speed_mps: float = 0.0
-    contact_min_interval_s: float = 0.0
+    contact_min_normal_speed_mps: float = 0.0  # lighter contacts are not recorded
+    contact_min_interval_s: float = 0.0  # those that follow sooner are taken for one
     passages_missed_share: float = 0.0
-    clipped_share: float = 0.0
-    stops_m: float = 0.0
-    axes_sd: float = 0.0
+    clipped_share: float = 0.0  # of the rocks, whose film begins late or ends early
+    stops_m: float = 0.0  # grid to which stops are rounded; 0 for none
+    axes_sd: float = 0.0  # relative error of semi-axes that are taken by eye
+    #: Down the slope, of all release points together and of each (standard deviation).
     release_m: tuple[float, float] = (0.0, 0.0)
-    stated: tuple[str, ...] = ()
+    stated: tuple[str, ...] = ()  # which of the first three the metadata state
 
 
 @dataclass(frozen=True, slots=True)
 class World:
-    """A synthetic site.
-
-    Attributes
-    ----------
-    relief : Relief
-        The slope, without a terrace.
-    survey : Grid
-        The terrain model that the diagnosing side is given.
-    true_grid : Grid
-        The slope on which the rocks move.
-    law : float64, shape (n_classes, 10) or (n_classes, 6)
-        True parameters by class of ground: eta_max, dp_min, dp_max, mu_f, mu_0, k, d_star_m,
-        restitution, restitution_speed_mps, rolling_threshold; in the rigid-body library those of
-        ``rigid_bodies``.
-    speed_loss : float
-        Share of the speed that a contact at 10 m/s takes besides, about.
-    edges_rad : float
-        Scale of the tilt across the path that edges of the blocks make at contacts; real blocks
-        leave their line so. In the rigid-body library corners do.
-    ground : int64, shape of the grid
-        Position in CLASSES of each cell, in truth.
-    stations_s : float64, shape (n_stations,)
-        Stations (m down the slope).
-    releases : float64, shape (n_releases, 3)
-        Release points x, y, z (m).
-    blocks : dict
-        Limits between which rocks are drawn, all uniform: semi-axes (m), density (kg/m³), speed
-        (m/s) and drop (m). The diagnosing side knows them.
-    effects : tuple of PlacedEffect
-        The truth.
-    """
+    """A synthetic site."""
 
     spec: WorldSpec
     seed: int
-    relief: Relief
-    survey: Grid
-    true_grid: Grid
+    relief: Relief  # the slope, without a terrace
+    survey: Grid  # the terrain model that the diagnosing side is given
+    true_grid: Grid  # the slope on which the rocks move
+    #: True parameters by class of ground, shape (n_classes, 10), in the order of ``make.LAW_KEYS``;
+    #: in the rigid-body library those of ``rigid_bodies``, shape (n_classes, 6).
     law: FloatArray
-    speed_loss: float
-    ground: IntArray
-    stations_s: FloatArray
-    releases: FloatArray
+    speed_loss: float  # share of the speed that a contact at 10 m/s takes besides, about
+    ground: IntArray  # position in CLASSES of each cell, in truth; shape of the grid
+    stations_s: FloatArray  # stations (m down the slope), shape (n_stations,)
+    releases: FloatArray  # release points x, y, z (m), shape (n_releases, 3)
+    #: Limits between which rocks are drawn, all uniform: semi-axes (m), density (kg/m³), speed
+    #: (m/s) and drop (m). The diagnosing side knows them.
     blocks: dict[str, tuple[float, float]]
     faults: Faults = Faults()
+    #: Scale of the tilt across the path that edges of the blocks make at contacts (rad); real
+    #: blocks leave their line so. In the rigid-body library corners do.
     edges_rad: float = 0.0
-    effects: tuple[PlacedEffect, ...] = ()
+    effects: tuple[PlacedEffect, ...] = ()  # the truth
 
     @property
     def station_names(self) -> tuple[str, ...]:
@@ -292,21 +208,14 @@ class World:
 
 @dataclass(frozen=True, slots=True)
 class WorldRocks:
-    """Rocks before their release.
+    """Rocks before their release."""
 
-    Attributes
-    ----------
-    state : float64, shape (n, N_STATE)
-        As the kernels take it; with the errors of the release, where the truth has them, and the
-        time in the campaign at which each is released, 0 to 1.
-    stated : float64, shape (n, 4)
-        Release x, y, z of the centre (m) and speed (m/s) as they are written down.
-    keys : uint64, shape (n,)
-    """
-
+    #: As the kernels take it, shape (n, N_STATE); with the errors of the release, where the truth
+    #: has them, and the time in the campaign at which each is released, 0 to 1.
     state: FloatArray
+    #: Release x, y, z of the centre (m) and speed (m/s) as they are written down, shape (n, 4).
     stated: FloatArray
-    keys: KeyArray
+    keys: KeyArray  # shape (n,)
 
 
 @dataclass(frozen=True, slots=True)
