@@ -26,8 +26,7 @@ from sassgis.gap.inference.distances import energy_scores
 from sassgis.gap.inference.intervals import folds_of
 from sassgis.gap.observations.campaign import Campaign, errors_of, observed_campaign
 from sassgis.gap.observations.case import Case
-from sassgis.gap.replicas.campaigns import campaigns
-from sassgis.gap.replicas.features import rock_quantities
+from sassgis.gap.replicas.campaigns import campaigns, rock_quantities
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel
 from sassgis.gap.replicas.rock_lines import RockLines, rock_lines_of
 from sassgis.gap.residuals.one_step import ImpactsInFlight
@@ -43,7 +42,7 @@ _TABLES = {"deposits": "s", "passages": "S"}
 class Scale:
     """How quantities of a rock become a row whose distances count."""
 
-    names: tuple[str, ...]  # of the quantities, as in ``features.rock_quantities``
+    names: tuple[str, ...]  # of the quantities, as in ``campaigns.rock_quantities``
     centre: FloatArray  # shape (k,), as the scale
     scale: FloatArray
     n_rocks: int = 0  # rows where nothing is scored at all

@@ -12,16 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sassgis.gap.calibration.problem import (
-    CalibrationProblem,
-    model_rows,
-    outcomes_of,
-    rows_of,
-)
+from sassgis.gap.calibration.problem import CalibrationProblem, model_rows, outcomes_of, rows_of
 from sassgis.gap.inference.intervals import times_drawn
 from sassgis.gap.observations.campaign import ImpactRows
-from sassgis.gap.replicas.campaigns import campaigns
-from sassgis.gap.replicas.features import rock_quantities
+from sassgis.gap.replicas.campaigns import campaigns, rock_quantities
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel
 from sassgis.gap.residuals.one_step import ImpactsInFlight
 from sassgis.model.grid import BoolArray, FloatArray
@@ -94,15 +88,8 @@ class SiteSummary(ObservedNumbers):
     ) -> FloatArray:
         """Observed less simulated numbers of rocks with weights, in standard errors.
 
-        What rocks differ in by themselves, as their release points, is the same in both.
-
-        Parameters
-        ----------
-        weights : float64, shape (n, n_rocks)
-
-        Returns
-        -------
-        float64, shape (n, number of used ones)
+        What rocks differ in by themselves, as their release points, is the same in both. From
+        ``weights`` of shape (n, n_rocks), shape (n, number of used ones).
         """
         made = self._campaigns(model, number, count)
         simulated = [self._numbers(*made, own) for own in weights]

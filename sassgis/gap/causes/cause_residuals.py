@@ -73,11 +73,6 @@ def reach_gaps(residuals: ResidualTable, quantity: str) -> FloatArray:
     return np.column_stack([*gaps_by_reach(residuals, quantity).values()])
 
 
-def speed_gaps(residuals: ResidualTable) -> FloatArray:
-    """The same of the speed."""
-    return reach_gaps(residuals, "speed_mps")
-
-
 def over_scatter(gaps: FloatArray, least: float) -> FloatArray:
     """Gaps in units of the scatter of the rocks on each reach, or of ``least`` if that is less.
 

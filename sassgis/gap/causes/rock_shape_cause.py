@@ -14,7 +14,6 @@ from sassgis.gap.causes.cause_residuals import (
     late_by_rock,
     over_scatter,
     reach_gaps,
-    speed_gaps,
     standardised,
 )
 from sassgis.gap.causes.parameter_draws import Fit, Range
@@ -37,7 +36,7 @@ def _rebound(case: Case, residuals: ResidualTable) -> Scores:
 
 def _slow_and_early(case: Case, residuals: ResidualTable) -> Scores:
     """Stops alone say nothing of the shape: flat rocks also start or break otherwise."""
-    gaps = [speed_gaps(residuals)]
+    gaps = [reach_gaps(residuals, "speed_mps")]
     with suppress(Unseen):
         gaps.append(reach_gaps(residuals, "runout_m"))
     both = np.column_stack([over_scatter(own, 1e-3) for own in gaps])

@@ -11,8 +11,8 @@ from sassgis.gap.causes.cause_residuals import (
     contact_gaps,
     late_by_rock,
     over_scatter,
+    reach_gaps,
     sizes,
-    speed_gaps,
     standardised,
 )
 from sassgis.gap.causes.ground_classes import loose_classes, on_its_classes
@@ -43,7 +43,7 @@ def _scatter_of_small(case: Case, residuals: ResidualTable) -> Scores:
 
 
 def _small_slow(case: Case, residuals: ResidualTable) -> Scores:
-    speed = speed_gaps(residuals)
+    speed = reach_gaps(residuals, "speed_mps")
     slow = late_by_rock(over_scatter(speed, 0.05)) * sizes(residuals)
     return Scores(slow, float(np.nanmean(slow)))
 

@@ -161,14 +161,10 @@ def score(
     answers: Iterable[Answer],
     measured: Mapping[str, float | None] | None = None,
 ) -> CheckScores:
-    """Score answers.
+    """Score answers, one for each site, in any order.
 
-    Parameters
-    ----------
-    answers : iterable of Answer
-        One for each site, in any order.
-    measured : mapping of case to float or None, optional
-        Shrinkage on fresh rocks of the sites where it was measured; None where it is withheld.
+    ``measured``: shrinkage on fresh rocks by case, of the sites where it was measured; None where
+    it is withheld.
 
     Raises
     ------
@@ -249,11 +245,10 @@ def reliability(pairs: Sequence[Pair]) -> tuple[ReliabilityRow, ...]:
     rows = []
     stated = [p for p in pairs if math.isfinite(p[1].confidence)]
     for low, high in itertools.pairwise(CONFIDENCE_BINS):
-        last = high == CONFIDENCE_BINS[-1]
         within = [
             (t, a)
             for t, a in stated
-            if low <= a.confidence and (a.confidence < high or (last and a.confidence <= high))
+            if low <= a.confidence < high or a.confidence == high == CONFIDENCE_BINS[-1]
         ]
         mean = float(np.mean([a.confidence for _, a in within])) if within else math.nan
         right = share(f"confidence {low:g} to {high:g}", [holds(t, a) for t, a in within])
@@ -350,23 +345,14 @@ def _measures(pairs: Sequence[Pair]) -> dict[str, Share]:
         # What could not be seen is listed in the answer, and never named.
         return [(t, a) for t, a in chosen if not {*t.effects} & {*a.cannot_exclude}]
 
-    def right(chosen: Sequence[Pair]) -> list[bool]:
-        return [is_right(*p) for p in chosen]
-
-    def grouped(chosen: Sequence[Pair]) -> list[bool]:
-        return [a.group in t.groups for t, a in chosen]
-
-    def covered(chosen: Sequence[Pair]) -> list[bool]:
-        return [is_covered(*p) for p in seen(chosen)]
-
-    def so(chosen: Sequence[Pair]) -> list[bool]:
-        return [holds(*p) for p in chosen]
-
     def named(chosen: Sequence[Pair]) -> list[Pair]:
-        return [p for p in chosen if names_in(p[1].effect)]
+        return [p for p in chosen if names_one(*p)]
 
-    def naming(chosen: Sequence[Pair]) -> list[bool]:
-        return [bool(names_in(a.effect)) for _, a in chosen]
+    def names_one(_truth: Truth, answer: Answer) -> bool:
+        return bool(names_in(answer.effect))
+
+    def grouped(truth: Truth, answer: Answer) -> bool:
+        return answer.group in truth.groups
 
     full, modest = seen(every_full), seen(every_modest)
     everything = [p for p in pairs if p[0].kind == "everything"]
@@ -374,62 +360,66 @@ def _measures(pairs: Sequence[Pair]) -> dict[str, Share]:
     hits = [(names_in(t.verdict), names_in(a.effect)) for t, a in parts["pair"]]
     local = [p for p in singles if _locatable(p[0])]
     confident = [p for p in pairs if p[1].confidence >= NAMED_CONFIDENCE]
-    title = "single, medium or strong, "
-    found: dict[str, tuple[str, list[bool]]] = {
-        "family_full": (title + "seen, 100 rocks, everything", right(full)),
-        "group_full": ("the same, group right", grouped(full)),
-        "family_modest": (title + "seen, 40 rocks, both", right(modest)),
-        "group_modest": ("the same, group right", grouped(modest)),
-        "family_full_all": (title + "seen or not, 100 rocks, everything", right(every_full)),
-        "family_modest_all": (title + "seen or not, 40 rocks, both", right(every_modest)),
-        "family_clear": (title + "all designs", right(clear)),
-        "group_clear": ("the same, group right", grouped(clear)),
-        "family_single": ("single, all strengths and designs", right(singles)),
-        "group_single": ("the same, group right", grouped(singles)),
-        "all_right": ("all sites", right(pairs)),
-        "false_alarm": ("no effect, yet one is named", naming(nulls)),
+    title, covered = "single, medium or strong, ", "truth in the confusion set, "
+    # Words, what is asked of a truth and an answer, and of which of them.
+    found: dict[str, tuple[str, Callable[[Any, Any], bool], Sequence[tuple[Any, Any]]]] = {
+        "family_full": (title + "seen, 100 rocks, everything", is_right, full),
+        "group_full": ("the same, group right", grouped, full),
+        "family_modest": (title + "seen, 40 rocks, both", is_right, modest),
+        "group_modest": ("the same, group right", grouped, modest),
+        "family_full_all": (title + "seen or not, 100 rocks, everything", is_right, every_full),
+        "family_modest_all": (title + "seen or not, 40 rocks, both", is_right, every_modest),
+        "family_clear": (title + "all designs", is_right, clear),
+        "group_clear": ("the same, group right", grouped, clear),
+        "family_single": ("single, all strengths and designs", is_right, singles),
+        "group_single": ("the same, group right", grouped, singles),
+        "all_right": ("all sites", is_right, pairs),
+        "false_alarm": ("no effect, yet one is named", names_one, nulls),
         "wrong_named": (
             "an effect, yet one is named that is not there",
-            [bool(names_in(a.effect) - {*t.effects}) for t, a in pairs if t.effects],
+            lambda t, a: bool(names_in(a.effect) - {*t.effects}),
+            [p for p in pairs if p[0].effects],
         ),
-        "null_unknown": ("no effect, answer unknown", [a.effect == "unknown" for _, a in nulls]),
-        "null_right": ("no effect, answer none, or contact law where it is one", right(nulls)),
+        "null_unknown": ("no effect, answer unknown", lambda _, a: a.effect == "unknown", nulls),
+        "null_right": ("no effect, answer none, or contact law where it is one", is_right, nulls),
         "none_while_large": (
             "gap significant and large, answer none",
-            [a.effect == "none" for _, a in pairs if a.large_findings],
+            lambda _, a: a.effect == "none",
+            [p for p in pairs if p[1].large_findings],
         ),
         "recommended_short": (
             "model far short on the unsafe side, yet recommended",
-            [a.recommended for _, a in pairs if a.short],
+            lambda _, a: a.recommended,
+            [p for p in pairs if p[1].short],
         ),
-        "covered_everything": (
-            "truth in the confusion set, everything observed",
-            covered(everything),
-        ),
-        "covered_otherwise": ("truth in the confusion set, other observations", covered(otherwise)),
-        "covered_single": ("single effect in the confusion set", covered(singles)),
-        "confident_right": ("so where confident", so(confident)),
-        "named_right": ("right where an effect is named", right(named(pairs))),
+        "covered_everything": (covered + "everything observed", is_covered, seen(everything)),
+        "covered_otherwise": (covered + "other observations", is_covered, seen(otherwise)),
+        "covered_single": ("single effect in the confusion set", is_covered, seen(singles)),
+        "confident_right": ("so where confident", holds, confident),
+        "named_right": ("right where an effect is named", is_right, named(pairs)),
         "confident_named_right": (
             "so where an effect is named with confidence",
-            so(named(confident)),
+            holds,
+            named(confident),
         ),
-        "unknown_named": ("unknown effect, a known one named", naming(unknown)),
-        "unknown_right": ("unknown effect, answer unknown", right(unknown)),
+        "unknown_named": ("unknown effect, a known one named", names_one, unknown),
+        "unknown_right": ("unknown effect, answer unknown", is_right, unknown),
         "pair_one_none_wrong": (
             "pair, at least one right and none wrong",
-            [bool(n) and n <= t for t, n in hits],
+            lambda t, n: bool(n) and n <= t,
+            hits,
         ),
-        "pair_one": ("pair, at least one of it named", [bool(n & t) for t, n in hits]),
-        "pair_both": ("pair, both named and no other", [n == t for t, n in hits]),
-        "pair_wrong": ("pair, an effect named that is not there", [bool(n - t) for t, n in hits]),
-        "location_hit": ("single local effect located", [is_located(*p) for p in local]),
+        "pair_one": ("pair, at least one of it named", lambda t, n: bool(n & t), hits),
+        "pair_both": ("pair, both named and no other", lambda t, n: n == t, hits),
+        "pair_wrong": ("pair, an effect named that is not there", lambda t, n: bool(n - t), hits),
+        "location_hit": ("single local effect located", is_located, local),
         "location_hit_named": (
             "single local effect located, where it is named",
-            [is_located(*p) for p in local if is_right(*p)],
+            is_located,
+            [p for p in local if is_right(*p)],
         ),
     }
-    return {key: share(words, own) for key, (words, own) in found.items()}
+    return {key: share(words, [test(*p) for p in of]) for key, (words, test, of) in found.items()}
 
 
 def _locatable(truth: Truth) -> bool:
@@ -455,16 +445,12 @@ def _groups(singles: Sequence[Pair]) -> dict[str, tuple[Share, ...]]:
     out: dict[str, tuple[Share, ...]] = {}
     for title, value_of in groupings.items():
         found = {value_of(t) for t, _ in singles}
-        given = order.get(title)
         # Sizes in the order of their numbers: "20 rocks" before "100 rocks".
-        values = (
-            [v for v in given if v in found]
-            if given
-            else sorted(found, key=lambda v: (int(v.split()[0]) if v[0].isdigit() else 0, v))
-        )
+        usual = sorted(found, key=lambda v: (int(v.split()[0]) if v[0].isdigit() else 0, v))
         out[title] = tuple(
             share(value, [is_right(t, a) for t, a in singles if value_of(t) == value])
-            for value in values
+            for value in order.get(title, usual)
+            if value in found
         )
     return out
 

@@ -12,8 +12,7 @@ from sassgis.engine.effects.trees import Trees as Forest
 from sassgis.gap.calibration.problem import CalibrationProblem
 from sassgis.gap.causes.parameter_draws import ParameterDraws
 from sassgis.gap.observations.campaign import LOOSE, PIECE, Campaign, main_blocks, observed_campaign
-from sassgis.gap.replicas.campaigns import campaigns, share_left
-from sassgis.gap.replicas.features import rock_quantities
+from sassgis.gap.replicas.campaigns import campaigns, rock_quantities, share_left
 from sassgis.gap.replicas.hypothesis_model import (
     ForestStand,
     HypothesisModel,

@@ -19,7 +19,7 @@ from sassgis.gap.causes.parameter_draws import ParameterDraws
 from sassgis.gap.diagnosis import CauseGain, Fingerprint, GapFinding
 from sassgis.gap.observations.campaign import observed_campaign
 from sassgis.gap.observations.case import Case, LearnedContacts
-from sassgis.gap.replicas.features import rock_quantities
+from sassgis.gap.replicas.campaigns import rock_quantities
 from sassgis.gap.replicas.hypothesis_model import model_as_json, model_from_json
 from sassgis.gap.which.hypotheses import NONE, draw, families_to_try
 from sassgis.gap.which.verdict import (

@@ -55,10 +55,7 @@ def nominal_law() -> FloatArray:
 def make_world(spec: WorldSpec, seed: int) -> World:
     """Draw a site; its effects are brought to the strengths that are asked for.
 
-    Parameters
-    ----------
-    seed : int
-        Same specification and seed, same site.
+    Same specification and seed, same site.
 
     Raises
     ------
@@ -104,28 +101,25 @@ def base_world(spec: WorldSpec, seed: int) -> World:
         "speed_mps": (0.5, 2.0),
         "drop_m": (0.2, 1.0),
     }
+    # In this order: the draws hang on it.
+    loss = float(rng.uniform(0.08, 0.25)) if spec.disturbance == "speed_loss" else 0.0
+    ground = _patched(relief, rng) if spec.disturbance == "patch" else relief.ground
+    survey = surveyed(relief.grid, rng) if spec.faults else relief.grid
     world = World(
         spec=spec,
         seed=seed,
         relief=relief,
-        survey=relief.grid,
+        survey=survey,
         true_grid=relief.grid,
         law=law,
-        speed_loss=float(rng.uniform(0.08, 0.25)) if spec.disturbance == "speed_loss" else 0.0,
-        ground=_patched(relief, rng) if spec.disturbance == "patch" else relief.ground,
+        speed_loss=loss,
+        ground=ground,
         stations_s=np.zeros(0),
-        releases=np.column_stack([x, y, heights_of(relief.grid, x, y)]),
+        releases=np.column_stack([x, y, heights_of(survey, x, y)]),
         blocks=blocks,
+        faults=drawn_faults(rng) if spec.faults else Faults(),
+        edges_rad=float(rng.uniform(0.05, 0.2)) if spec.faults else 0.0,
     )
-    if spec.faults:
-        survey = surveyed(relief.grid, rng)
-        world = replace(
-            world,
-            survey=survey,
-            releases=np.column_stack([x, y, heights_of(survey, x, y)]),
-            faults=drawn_faults(rng),
-            edges_rad=float(rng.uniform(0.05, 0.2)),
-        )
     # Stations where four fifths to a third of the rocks still pass, evenly over the distance.
     run = simulate(world, draw_rocks(world, n_measure(world) + 20, 11), MEASURE_STEP_S)
     ends = np.sort(relief.frame.s(run.deposits[:, 3], run.deposits[:, 4]))
@@ -177,7 +171,6 @@ def place_effect(world: World, wanted: EffectSpec, seed: int) -> PlacedEffect:
     if wanted.name == "soft_ground":
         # The run-out, and the foot of the slope above it.
         low = min(foot - 15.0, 0.5 * (first + last))
-        high = FAR
         ground = grounds[-1]
     elif wanted.name == "trees":
         low = top + rng.uniform(0.0, 25.0)

@@ -498,7 +498,7 @@ class _Motion:
         if q > 0.0 and block.kind == _ROCK and self._made < _MAX_PIECES:
             change = math.dist(v, before)
             if self._rng.random() < 1.0 - math.exp(-0.5 * q * change):
-                loose, v = self._loosened(place, v, s, t)
+                loose, v = self._loosened(place, v, t)
                 new.append(loose)
                 self._made += 1
         q = site.effects["fragmentation"].at(s)
@@ -507,7 +507,7 @@ class _Motion:
             new += self._pieces(place, v, w, t)
         return v, w, new
 
-    def _loosened(self, place: Vector, v: Vector, s: float, t: float) -> tuple[RigidBlock, Vector]:
+    def _loosened(self, place: Vector, v: Vector, t: float) -> tuple[RigidBlock, Vector]:
         """A smaller block that takes some of the momentum, and what is left."""
         block, rng = self._block, self._rng
         share, given = float(rng.uniform(0.25, 0.65)), float(rng.uniform(0.1, 0.5))

@@ -57,14 +57,14 @@ def draw_rocks(world: World, n: int, stream: int) -> WorldRocks:
         dc = offset.normal(wrong * math.sin(side), 0.4 * wrong, n)
         speed += 0.8 * wrong * offset.gamma(2.0, 0.5, n)
         x, y = frame.xy(frame.s(x, y) + ds, frame.c(x, y) + dc)
-    gx, gy = guide(world.true_grid)
-    hx, hy = -_sample(world.true_grid, gx, x, y), -_sample(world.true_grid, gy, x, y)
+    grid = world.true_grid
+    hx, hy = (-heights_of(replace(grid, values=own), x, y) for own in guide(grid))
     length = np.hypot(hx, hy)
     dip = np.arctan(length)
     phi = math.pi * u[:, 6]
     # Dropped from above where it would lie as it is turned.
     rest = np.hypot(axes[:, 0] * np.sin(phi + dip), axes[:, 1] * np.cos(phi + dip))
-    ground = heights_of(world.true_grid, x, y)
+    ground = heights_of(grid, x, y)
     z = ground + rest / np.cos(dip) + between("drop_m", 5)
     # Written down is where the centre was when it was released: as high above the stated place.
     stated[:, 2] += z - ground
@@ -81,18 +81,8 @@ def draw_rocks(world: World, n: int, stream: int) -> WorldRocks:
     return WorldRocks(state, stated, rng.integers(0, 2**63, n, dtype=np.uint64))
 
 
-def _sample(grid: Grid, values: FloatArray, x: FloatArray, y: FloatArray) -> FloatArray:
-    return heights_of(replace(grid, values=values), x, y)
-
-
 def simulate(world: World, rocks: WorldRocks, dt: float = STEP_S) -> Run:
-    """Release rocks in a synthetic site.
-
-    Parameters
-    ----------
-    dt : float
-        Time step (s).
-    """
+    """Release rocks in a synthetic site, in time steps of ``dt`` (s)."""
     if world.spec.law == RIGID:
         return rigid.run_rocks(world, rocks, _obstacles(world), _wind_direction(world), dt)
     field, forces, n = _field(world), forces_of(world), len(rocks.state)
