@@ -28,7 +28,7 @@ from sassgis.io.write.layers.ground_spread_maps import spread_layers, spread_vec
 from sassgis.io.write.layers.maps import map_layers, terrain_layer
 from sassgis.io.write.layers.risk_objects import exposed_layers
 from sassgis.io.write.raster import write_raster
-from sassgis.io.write.sensitivity_tables import band_table, range_table, simulation_table
+from sassgis.io.write.zone_tables import band_table, range_table, simulation_table
 from sassgis.model.exposure import PlacedObjects
 from sassgis.model.grid import Grid
 from sassgis.model.hazard import HazardPreset
