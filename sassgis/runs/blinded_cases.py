@@ -15,19 +15,10 @@ _CAMPAIGN = 0
 
 
 def make_case(spec: WorldSpec, seed: int, case: str, folder: str) -> dict[str, Any]:
-    """Make a site, and write what its observers have and know.
+    """Make a site, and write what its observers have and know into a folder.
 
-    Parameters
-    ----------
-    case : str
-        Number of the site, without meaning.
-    folder : str
-        Of the case.
-
-    Returns
-    -------
-    dict
-        ``label`` (see ``label_of``) and ``digest`` of the files.
+    ``case`` is the number of the site, without meaning. Returns ``label`` (see ``label_of``) and
+    ``digest`` of the files.
     """
     world = make_world(spec, seed)
     # It appears whole: a process that was lost may have written it.

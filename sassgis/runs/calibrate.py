@@ -220,14 +220,7 @@ def _write(
 
     ``fitted_classes.csv``, ``config.toml`` with the recommended ground (``config_2.toml`` and so on
     for further sites), ``calibration.json``, ``figures/*.png``, ``report.html`` and last
-    ``manifest.json``.
-
-    Raises
-    ------
-    ConfigError, InputError
-        If a configuration could not be run again.
-    OutputError
-        If the disk is full or not writable.
+    ``manifest.json``. ConfigError or InputError: a configuration could not be run again.
     """
     classes = {c.name: c for case in reversed(cases) for c in case.table.classes}
     write_classes(work / FITTED_NAME, calibration, GroundTable(tuple(classes.values())))

@@ -103,10 +103,9 @@ class InputReport:
         None where there is a DEM, or no profile file.
     classes : tuple of ClassSummary
         Those that occur.
-    notices : tuple of str
-        What was done to the inputs, such as reprojection.
-    warnings : tuple of str
-        What deserves a look before results are trusted.
+    notices, warnings : tuple of str
+        What was done to the inputs, such as reprojection; what deserves a look before results are
+        trusted.
     estimate : RunEstimate or None
         None where nothing is complete for a run on the map.
     zoning : tuple of str

@@ -36,14 +36,8 @@ _ROW_FIELDS = tuple(f.name for f in fields(BlockRows))
 class Checkpoint:
     """Saves and restores the progress of a run.
 
-    Parameters
-    ----------
-    work : Path or None
-        Working folder of the result; None where nothing is to be written: nothing is saved then.
-    fingerprint : str
-        Of settings and inputs.
-    part : str
-        Distinguishes several simulations for one result.
+    ``work`` is the working folder of the result; without one nothing is saved. The fingerprint is
+    that of settings and inputs; ``part`` distinguishes several simulations for one result.
     """
 
     def __init__(self, work: Path | None, fingerprint: str, part: str = "") -> None:
@@ -79,13 +73,7 @@ class Checkpoint:
             self._waiting.append(rows)
 
     def save(self, progress: Progress) -> None:
-        """Save the state; whole or not at all.
-
-        Raises
-        ------
-        OutputError
-            If the disk is full or not writable.
-        """
+        """Save the state; whole or not at all."""
         if self.folder is None:
             return
         with writing(self.folder):
@@ -194,10 +182,7 @@ def counts_from(
 ) -> tuple[ControlLineSums, dict[tuple[int, int], SourceTally]]:
     """Passages at stations and barriers, and counts of each source, of a state or that part of it.
 
-    Raises
-    ------
-    ValueError
-        If there are counts outside of the grid.
+    ValueError: there are counts outside of the grid.
     """
     cells = [own for name, own in state.items() if name.endswith(("sums.cells", "cells.places"))]
     if any(((own < 0) | (own >= n_cells)).any() for own in cells):
@@ -207,13 +192,7 @@ def counts_from(
 
 
 def read_rows(part: Path) -> BlockRows:
-    """Rows of one file of a checkpoint.
-
-    Raises
-    ------
-    InputError
-        If the file is damaged.
-    """
+    """Rows of one file of a checkpoint; InputError if it is damaged."""
     stored = saved_or_refused(part, "rows of an earlier attempt; delete its folder to begin anew")
     return BlockRows(*(stored[f] for f in _ROW_FIELDS))
 

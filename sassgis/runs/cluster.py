@@ -28,13 +28,8 @@ class Cluster:
     """Workers on a dask cluster.
 
     A worker that is lost costs time only: what it had at work is done again elsewhere, and what is
-    common to the tasks is kept by the scheduler.
-
-    Parameters
-    ----------
-    client : distributed.Client
-        Whose workers have the same version of the program: another one is refused when it is
-        given a task.
+    common to the tasks is kept by the scheduler. One with another version of the program is refused
+    when it is given a task.
     """
 
     def __init__(self, client: Client) -> None:
@@ -47,12 +42,8 @@ class Cluster:
     ) -> Generator[Any, None, None]:
         """As ``Workers`` says.
 
-        Raises
-        ------
-        InputError
-            If a worker has another version of the program.
-        OutputError
-            If the cluster is lost, or a task ends every process that it is given to.
+        InputError: a worker has another version of the program. OutputError: the cluster is lost,
+        or a task ends every process that it is given to.
         """
         with _cluster_errors():
             there = self._there(common)
@@ -139,17 +130,10 @@ def _cluster_errors() -> Iterator[None]:
 
 @contextmanager
 def cluster(scheduler: str) -> Iterator[Cluster]:
-    """Workers on the cluster of a scheduler.
+    """Workers on the cluster of a dask scheduler at an address such as "tcp://node:8786".
 
-    Parameters
-    ----------
-    scheduler : str
-        Address of a dask scheduler, such as "tcp://node:8786".
-
-    Raises
-    ------
-    InputError
-        If dask is not installed, nobody answers, or a worker has another version of the program.
+    InputError: dask is not installed, nobody answers, or a worker has another version of the
+    program.
     """
     try:
         from distributed import Client

@@ -86,20 +86,9 @@ def map_change(
     Writes the results ``before`` and ``after`` (as ``sassgis run`` does), and beside them what
     ``sassgis compare`` writes, with the configured objects.
 
-    Parameters
-    ----------
-    config_before, config_after : path
-        With the same terrain. ``terrain.path`` of the second holds for both.
-    out, jobs, overwrite, say
-        As for sassgis.runs.run.run.
-
-    Raises
-    ------
-    ConfigError
-        A configuration has no release areas.
-    InputError
-        The cells of the two terrain models do not coincide, or a file cannot be used.
-    OutputError
+    Both have the same terrain, and ``terrain.path`` of the second holds for both. The others are as
+    for sassgis.runs.run.run. ConfigError: a configuration has no release areas; InputError: the
+    cells of the two terrain models do not coincide.
     """
     after = load_config(config_after)
     # Paths of another kind would be a change by themselves.
@@ -157,18 +146,8 @@ def write_comparison(
 ) -> ResultChange:
     """Write the comparison of two results into a folder.
 
-    Parameters
-    ----------
-    placed : PlacedObjects
-        At which the largest values are compared.
-    inputs : mapping of str to Input
-        For the manifest, relative to ``base``.
-
-    Raises
-    ------
-    InputError
-        If the cells of the two do not coincide.
-    OutputError
+    The largest values are compared at the ``placed`` objects; ``inputs`` are those of the manifest,
+    relative to ``base``. Raises InputError if the cells of the two do not coincide.
     """
     tell = say or (lambda _text: None)
     whole = before.grid.shape, after.grid.shape

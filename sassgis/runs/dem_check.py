@@ -52,21 +52,13 @@ _DEPRESSION_M, _DEEP_M, _DEPRESSION_SHARE = 0.5, 2.0, 0.001
 
 @dataclass(frozen=True, slots=True)
 class DemFinding:
-    """One item of the page.
-
-    Attributes
-    ----------
-    advice : str
-        What to do about it; empty if nothing.
-    numbers : dict
-        For programs.
-    """
+    """One item of the page."""
 
     item: str
     verdict: Verdict
     found: str
-    advice: str
-    numbers: dict[str, Any]
+    advice: str  # what to do about it; empty if nothing
+    numbers: dict[str, Any]  # for programs
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,19 +102,10 @@ class DemReport:
 
 
 def check_dem(path: Path, crs: str | None = None, override_crs: bool = False) -> DemReport:
-    """Judge a terrain model.
+    """Judge a terrain model, a raster or a folder of tiles.
 
-    Parameters
-    ----------
-    path : Path
-        A raster, or a folder of tiles.
-    crs : str, optional
-        Coordinate system, where the file states none, or with ``override_crs`` in place of it.
-
-    Raises
-    ------
-    InputError
-        If it is no raster of heights at all.
+    ``crs`` is its coordinate system, where the file states none, or with ``override_crs`` in place
+    of it. InputError: it is no raster of heights at all.
     """
     with collected_notices() as notices:
         dem = read_raw_dem(path, crs, override_crs)
@@ -144,13 +127,7 @@ def check_dem(path: Path, crs: str | None = None, override_crs: bool = False) ->
 
 
 def write_dem_page(file: Path, report: DemReport, overwrite: bool = False) -> None:
-    """Write the findings as one HTML page.
-
-    Raises
-    ------
-    OutputError
-        If the file is there already or cannot be written.
-    """
+    """Write the findings as one HTML page."""
     rows = tuple((f.item, f.verdict, f.found, f.advice) for f in report.findings)
     columns = (("item", ""), ("verdict", ""), ("found", ""), ("what to do", ""))
     context = ReportContext(

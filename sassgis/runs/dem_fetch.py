@@ -26,28 +26,10 @@ def fetch_terrain(
     """Fetch tiles into a folder and put them together.
 
     Tiles that are there are kept; a download that was interrupted goes on. The virtual raster is
-    written last, when all tiles are whole.
+    written last, when all tiles are whole. The folder is made if missing; more than ``most`` tiles
+    are refused; ``say`` is called with a line for each.
 
-    Parameters
-    ----------
-    folder : Path
-        Made if missing.
-    most : int
-        More tiles than this are refused.
-    say : callable
-        Called with a line for each tile.
-
-    Returns
-    -------
-    Path
-        ``terrain.vrt``. Beside it ``sources.json`` says where each tile comes from.
-
-    Raises
-    ------
-    InputError
-        If there are too many tiles, the server does not answer, or tiles do not go together.
-    OutputError
-        If the disk is full or not writable.
+    Returns the path of ``terrain.vrt``. Beside it ``sources.json`` says where each tile comes from.
     """
     if len(offers) > most:
         raise InputError(

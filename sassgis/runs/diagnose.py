@@ -36,11 +36,7 @@ from sassgis.gap.ladder.hypothesis_fit import CHOSEN, FRESH, draw_of, gain_of
 from sassgis.gap.ladder.rungs import CONFIGURED, GROUND, Step, ground_is_enough
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.campaigns import share_left
-from sassgis.gap.replicas.hypothesis_model import (
-    HypothesisModel,
-    model_as_json,
-    model_from_json,
-)
+from sassgis.gap.replicas.hypothesis_model import HypothesisModel, model_as_json, model_from_json
 from sassgis.gap.which.hypotheses import NONE, families_to_try
 from sassgis.gap.which.identifiable import what_is_identifiable
 from sassgis.gap.which.measure_next import DRAWS as DRAWS_COMPARED
@@ -146,10 +142,7 @@ def diagnose(
         If the user stops it.
     """
     tell = say or (lambda _text: None)
-    with (
-        one_algebra_thread(),
-        output_if_asked(out, overwrite, parts=(MAP_NAME,)) as work,
-    ):
+    with one_algebra_thread(), output_if_asked(out, overwrite, parts=(MAP_NAME,)) as work:
         settings = configured(config, None)
         tell("Reading the inputs")
         case = prepared_case(settings, observations, seed, ground_range)
@@ -203,10 +196,6 @@ def _gaps(
     """
     left = share_left(problem.case, problem.rock_lines, model, problem.seed)
     return model_gaps(problem, rows, left, (scale, model.measurement.scale)), left
-
-
-# ---------------------------------------------------------------------------------------------
-# Comparing
 
 
 def _diagnosis(
@@ -338,9 +327,7 @@ def _models_of(added: AddedCauses, cause: str) -> list[HypothesisModel]:
 
 
 def _hypotheses(
-    added: AddedCauses,
-    shares: Mapping[str, float],
-    intervals: Mapping[str, Mapping[str, Range]],
+    added: AddedCauses, shares: Mapping[str, float], intervals: Mapping[str, Mapping[str, Range]]
 ) -> tuple[Hypothesis, ...]:
     """What was calibrated, most probable first."""
     made = added.made
@@ -400,23 +387,9 @@ def _comparisons(
 def write_outputs(work: Path, case: Case, diagnosis: Diagnosis, config: Config) -> None:
     """Write a diagnosis into a folder; equal diagnoses give equal files.
 
-    ``gap.gpkg``, ``figures/*.png``, ``report.html``, ``model/config.toml`` with
-    its files, and last ``manifest.json``.
-
-    Parameters
-    ----------
-    work : Path
-        Folder of the result, or the staged one beside it: paths in ``model/config.toml`` hold for
-        both.
-    config : Config
-        The configuration that was diagnosed.
-
-    Raises
-    ------
-    ConfigError, InputError
-        If a file that the configuration names cannot be read.
-    OutputError
-        If the disk is full or not writable.
+    ``gap.gpkg``, ``figures/*.png``, ``report.html``, ``model/config.toml`` with its files, and last
+    ``manifest.json``. ``work`` is the folder of the result, or the staged one beside it: paths in
+    ``model/config.toml`` hold for both.
     """
     write_gap_gpkg(work / "gap.gpkg", case, diagnosis)
     write_config_back(work / "model" / "config.toml", config, diagnosis, case)
@@ -491,24 +464,11 @@ def measured_shrinkage(
 
     The model as configured and those that the diagnosis calibrated, without and with the effect
     that it names, release the new rocks; nothing is calibrated again. The rocks of the diagnosis
-    itself give the campaigns again by which its models were chosen.
+    itself give the campaigns again by which its models were chosen. ``answer`` is the folder that
+    ``diagnose`` wrote.
 
-    Parameters
-    ----------
-    observations : path
-        Of the new rocks.
-    answer : path
-        Folder that ``diagnose`` wrote.
-
-    Returns
-    -------
-    dict
-        "S", from the configured model to the one handed over (None where the gap of the configured
-        one may be chance); "D_configured", "D_base", "D_effect", "D_floor".
-
-    Raises
-    ------
-    ConfigError, InputError
+    Returns "S", from the configured model to the one handed over (None where the gap of the
+    configured one may be chance); "D_configured", "D_base", "D_effect", "D_floor".
     """
     file = Path(answer) / ENSEMBLE
     try:

@@ -37,11 +37,8 @@ class DrawProgress:
 class DrawStore:
     """What trials have shown; one counts as made if its number and its parameters are the same.
 
-    Parameters
-    ----------
-    file : Path or None
-        In the working folder of the result; None: nothing is kept. One that does not fit is not
-        used, which is told.
+    It is kept in a file of the working folder, if there is one. A file that does not fit is not
+    used, which is told.
     """
 
     def __init__(self, file: Path | None, fingerprint: str, tell: Callable[[str], None]) -> None:

@@ -34,32 +34,19 @@ _IN_MAP = 4
 
 @dataclass(frozen=True, slots=True)
 class RunEstimate:
-    """What a run will take.
-
-    Attributes
-    ----------
-    need : mapping of str to int
-        Memory (bytes) by the key of the configuration that it depends on, but for what grows with
-        the cells that blocks come to.
-    per_reached : int
-        Bytes of each cell that blocks come to.
-    seconds : float
-        For blocks as on the slope of docs/studies/speed.md.
-    map_bytes : int
-        Of the maps of the blocks, not compressed.
-    more : int
-        How many times as many blocks a zoning may take.
-    """
+    """What a run will take."""
 
     blocks: int
     points: int
     cells: int
+    # Memory (bytes) by the key of the configuration that it depends on, but for what grows with the
+    # cells that blocks come to.
     need: Mapping[str, int]
-    per_reached: int
+    per_reached: int  # bytes of each cell that blocks come to
     cores: int
-    seconds: float
-    map_bytes: int
-    more: int
+    seconds: float  # for blocks as on the slope of docs/studies/speed.md
+    map_bytes: int  # of the maps of the blocks, not compressed
+    more: int  # how many times as many blocks a zoning may take
 
     def as_dict(self) -> dict[str, Any]:
         """Return the estimate for programs."""
@@ -102,16 +89,10 @@ def _spoken(seconds: float) -> str:
 
 
 def estimate_of(run: MapRun, jobs: int, points: int | None = None, more: int = 1) -> RunEstimate:
-    """What a run will take.
+    """What a run will take on so many threads.
 
-    Parameters
-    ----------
-    jobs : int
-        Threads.
-    points : int, optional
-        Release points; default: about as many as there will be.
-    more : int
-        As in RunEstimate.
+    Without ``points`` it has about as many release points as there will be; ``more`` as in
+    RunEstimate.
     """
     # Far more than there can be, and still a whole number.
     expected = [min(points_expected(a.geometry, run.release.spacing_m), 1e30) for a in run.areas]
@@ -168,12 +149,7 @@ def reached_bytes(bins: Bins) -> int:
 
 
 def require_profile(config: Config, s: FloatArray, z: FloatArray, rocks: int) -> Bins:
-    """The bins of a run down a profile, if it fits into the memory with so many blocks.
-
-    Raises
-    ------
-    InputError
-    """
+    """The bins of a run down a profile; InputError if so many blocks do not fit into the memory."""
     bins = bins_for(float(np.ptp(z)), config.blocks, config.engine)
     stretches = round(min(float(np.ptp(s)) / STRETCH_M, 1e15))
     blocks = rocks * len(config.blocks)

@@ -54,20 +54,12 @@ from sassgis.runs.job import AnyConfig
 
 @dataclass(frozen=True, slots=True)
 class BaseRungs:
-    """The models without an effect, and which of them the observed rocks ask for.
-
-    Attributes
-    ----------
-    rows : mapping of rung to float64, shape (FRESH, n_rocks, p)
-        Of rocks left out.
-    law : bool
-        Whether another law of the contact is needed.
-    """
+    """The models without an effect, and which of them the observed rocks ask for."""
 
     ladder: Ladder
-    rows: Mapping[str, FloatArray]
+    rows: Mapping[str, FloatArray]  # of rocks left out, by rung; shape (FRESH, n_rocks, p)
     rungs: tuple[Rung, ...]
-    law: bool
+    law: bool  # whether another law of the contact is needed
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -106,24 +98,14 @@ def base_rungs(made: HypothesisFits) -> BaseRungs:
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """Of a base.
-
-    Attributes
-    ----------
-    prints : tuple of Fingerprint
-        The surest first.
-    findings : tuple of GapFinding
-        The surest first. Those of calibrated ground, if it leaves nothing that is significant and
-        large, is what the rocks ask for, and a freer contact would leave more.
-    gains : mapping of family to CauseGain
-    notes : tuple of str
-        What else the observations show.
-    """
+    """Of a base; fingerprints and findings with the surest first."""
 
     prints: tuple[Fingerprint, ...]
+    # Those of calibrated ground, if it leaves nothing that is significant and large, is what the
+    # rocks ask for, and a freer contact would leave more.
     findings: tuple[GapFinding, ...]
-    gains: Mapping[str, CauseGain]
-    notes: tuple[str, ...]
+    gains: Mapping[str, CauseGain]  # by family
+    notes: tuple[str, ...]  # what else the observations show
 
     @property
     def speaking(self) -> Mapping[str, CauseGain]:
@@ -144,11 +126,20 @@ def evidence_beyond(
 ) -> Evidence:
     """What is left of a base, and what speaks for causes beyond it."""
     case, residuals = _residuals(made, base)
+    notes: tuple[str, ...] = ()
+    # What no cause explains.
+    if (found := losses_at_one_place(residuals)) is not None:
+        text = (
+            "{} of the paths in time lose speed above the ground at one place, about {} m down the "
+            "way: a step that the terrain model lacks, or something built. They say nothing about "
+            "trees."
+        )
+        notes = (phrase(text, found[0], f"{found[1]:.0f}"),)
     return Evidence(
         fingerprints(case, residuals),
         where(case, residuals, seed=made.problem.seed),
         cause_gains(made.summary, base, families, made.run),
-        _notes(residuals),
+        notes,
     )
 
 
@@ -172,34 +163,12 @@ def evidence_of_site(made: HypothesisFits) -> tuple[Evidence, BaseRungs]:
     return found, base
 
 
-def _notes(residuals: ResidualTable) -> tuple[str, ...]:
-    """What no cause explains, in words."""
-    found = losses_at_one_place(residuals)
-    if found is None:
-        return ()
-    return (
-        phrase(
-            "{} of the paths in time lose speed above the ground at one place, about {} m down the "
-            "way: a step that the terrain model lacks, or something built. They say nothing about "
-            "trees.",
-            found[0],
-            f"{found[1]:.0f}",
-        ),
-    )
-
-
 @dataclass(frozen=True, slots=True)
 class AddedCauses:
-    """Causes added to the base that the contact asks for: ground, or another law of the contact.
-
-    Attributes
-    ----------
-    evidence : Evidence
-        Beyond the base with a free contact.
-    """
+    """Causes added to the base that the contact asks for: ground, or another law of the contact."""
 
     made: HypothesisFits
-    evidence: Evidence
+    evidence: Evidence  # beyond the base with a free contact
     law: bool
 
     @property

@@ -41,13 +41,7 @@ from sassgis.terrain.release import point_keys, take
 
 
 def comparable(problem: CalibrationProblem, observations: AnyObservations) -> CalibrationProblem:
-    """The problem, if anything was measured that a simulation can be compared with.
-
-    Raises
-    ------
-    InputError
-        If not.
-    """
+    """The problem; InputError if nothing was measured that a simulation can be compared with."""
     if not problem.scored:
         tables = problem.case.observations.tables
         raise InputError(
@@ -62,17 +56,9 @@ def comparable(problem: CalibrationProblem, observations: AnyObservations) -> Ca
 
 
 def read_case(config: AnyConfig, observations: AnyObservations) -> Case:
-    """Read a configuration and observations.
+    """Read a configuration and observations: a GeoPackage, a folder of CSV files, or the tables.
 
-    Parameters
-    ----------
-    observations : path, or mapping of str to DataFrame
-        A GeoPackage, a folder of CSV files, or the tables by name.
-
-    Raises
-    ------
-    ConfigError, InputError
-        Files that cannot be used, or no rock whose fall line can be traced.
+    InputError, among others, if there is no rock whose fall line can be traced.
     """
     run = read_map_run(configured(config, None))
     seen = read_observations(observations, run.grid, drop_of(run.blocks))

@@ -17,13 +17,7 @@ from sassgis.gap.check.answers import Answer, Truth, answer_from, names_in
 from sassgis.gap.check.blinded_labels import blinding_hash, labels_text, truth_of
 from sassgis.gap.check.check_scores import CheckScores, score
 from sassgis.gap.check.sandbox import Task, TaskOutcome, perform
-from sassgis.gap.check.worlds import (
-    WorldSpec,
-    battery,
-    quick_battery,
-    require_library,
-    world_seeds,
-)
+from sassgis.gap.check.worlds import WorldSpec, battery, quick_battery, require_library, world_seeds
 from sassgis.io.digests import content_digest, program_digest
 from sassgis.io.read.gap_thresholds import THRESHOLDS, read_thresholds
 from sassgis.io.saved_arrays import read_saved_json, unfit, with_digest
@@ -423,11 +417,8 @@ class _Check:
             for first in range(0, len(left), _BATCH):
                 fresh, tasks = [], []
                 for w in left[first : first + _BATCH]:
-                    own, rocks, answer = (
-                        self.cases / w.case,
-                        self.fresh(w.case),
-                        self.answer(w.case),
-                    )
+                    own, answer = self.cases / w.case, self.answer(w.case)
+                    rocks = self.fresh(w.case)
                     given = (w.spec, w.seed, FRESH_ROCKS, str(rocks))
                     fresh.append(Task(w.case, f"{_MAKER}:make_fresh", given))
                     files = (str(own / CONFIG_NAME), str(rocks), str(answer))

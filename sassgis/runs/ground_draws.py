@@ -22,13 +22,13 @@ from sassgis.hazard.sensitivity import BASE, FAR, MEDIAN, Names, Variant, Varian
 from sassgis.io.read.ground_map import read_ranges
 from sassgis.io.staging import staged_output
 from sassgis.model.exposure import PlacedObjects
-from sassgis.model.ground_ranges import ParameterRange, RangeRule, acting, ranges_of
+from sassgis.model.ground_ranges import RangeRule
 from sassgis.model.map_run import MapRun
 from sassgis.model.run_config import Config
 from sassgis.runs.inputs import cells_of_wholes
 from sassgis.runs.job import Job, OnProgress, Simulation, Workplace, configured, read_job
 from sassgis.runs.map import check_starts
-from sassgis.runs.variant_lab import VariantLab, classes_on
+from sassgis.runs.variant_lab import VariantLab, ranges_on
 from sassgis.runs.workers import Jobs
 
 #: Folder of the draws among the saved states of a run.
@@ -37,29 +37,18 @@ _PART = "ground_draws"
 
 @dataclass(frozen=True, slots=True)
 class DrawnGround:
-    """What the draws of a run found.
-
-    Attributes
-    ----------
-    simulations : callable
-        Gives the base and the draws one by one, as they are kept until the result is whole.
-    """
+    """What the draws of a run found."""
 
     spread: GroundSpread
     maps: SpreadMaps
     base: VariantFinding
     names: Names
+    # Gives the base and the draws one by one, as they are kept until the result is whole.
     simulations: Callable[[], Iterator[tuple[Variant, VariantFinding]]]
 
 
 def spread_rules(config: Config, run: MapRun) -> tuple[RangeRule, ...]:
-    """Rules of the spread of ground classes; none where no draws are wanted.
-
-    Raises
-    ------
-    InputError
-        The table of the configuration cannot be used.
-    """
+    """Rules of the spread of ground classes; none where no draws are wanted."""
     if not config.run.ground_uncertainty and config.ground.ranges is None:
         return ()
     return read_ranges(run.table, config.ground.ranges)
@@ -74,12 +63,7 @@ def drawn_ground(
 ) -> DrawnGround | None:
     """Simulate the blocks of a run on the draws that the configuration asks for; None for none.
 
-    Parameters
-    ----------
-    known : tuple of RangeRule
-        From spread_rules, before the run itself.
-    rules : Rules or None
-        Of a zoning.
+    ``known`` are those of spread_rules, from before the run itself; ``rules`` those of a zoning.
     """
     draws = done.config.run.ground_uncertainty
     if not draws:
@@ -103,7 +87,7 @@ def _drawn(
     """Simulate draws and say what they found beside the base; ``exposed`` are names of objects."""
     run = lab.job.run
     names = lab.names(exposed)
-    ranges = _ranges_on(run, known, np.flatnonzero(np.isfinite(run.grid.values)))
+    ranges = ranges_on(run, known, np.flatnonzero(np.isfinite(run.grid.values)))
     variants = [draw_of(ranges, run.seed, k) for k in range(draws)]
     lab.total = draws
     for variant in variants:
@@ -121,17 +105,11 @@ def _drawn(
     maps = spread_maps(base, findings)
     spread = GroundSpread(
         draws,
-        _ranges_on(run, known, maps.cells),
+        ranges_on(run, known, maps.cells),
         spread_bands(base, findings, names, cell_m2),
         level_areas(maps, cell_m2) if names.levels else None,
     )
     return DrawnGround(spread, maps, base, names, simulations)
-
-
-def _ranges_on(
-    run: MapRun, known: tuple[RangeRule, ...], cells: np.ndarray
-) -> tuple[ParameterRange, ...]:
-    return ranges_of(run.table, classes_on(run, cells), known, acting(run.engine))
 
 
 def runout_bands(
@@ -144,17 +122,8 @@ def runout_bands(
 ) -> tuple[SpreadBand, SpreadBand]:
     """Bands of the median and of the 90 % quantile of the run-out, without any maps.
 
-    Parameters
-    ----------
-    out : path
-        New folder, which stays empty: while it works, what was simulated is kept beside it, and the
-        same call goes on from there.
-
-    Raises
-    ------
-    ConfigError, InputError, OutputError
-    Interrupted
-        If the user stops it; what was simulated is kept.
+    ``out`` is a new folder, which stays empty: while it works, what was simulated is kept beside
+    it, and the same call goes on from there.
     """
     config = configured(config, None)
     with staged_output(Path(out), False) as work:

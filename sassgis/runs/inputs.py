@@ -83,15 +83,8 @@ def forest_of(config: Config, grid: Grid, whole: Grid | None = None) -> Forest |
 def read_map_run(config: Config, areas: Sequence[str] | None = None) -> MapRun:
     """Read every file that the configuration names.
 
-    Parameters
-    ----------
-    areas : sequence of str, optional
-        Names of the release areas to run; default: all. Of none the file is not read.
-
-    Raises
-    ------
-    ConfigError, InputError
-        With the file, the field, what was found and what is expected.
+    ``areas`` are the names of the release areas to run, by default all. Of none the file is not
+    read.
     """
     terrain = config.terrain
     grid = read_terrain(
@@ -164,8 +157,7 @@ def input_files(config: Config) -> dict[str, Input]:
             candidates[f"trees {key}"] = getattr(config.trees, key)
     for item in (*config.stations, *config.barriers):
         candidates[item.name] = item.file
-    files.update({role: path for role, path in candidates.items() if path is not None})
-    return files
+    return files | {role: path for role, path in candidates.items() if path is not None}
 
 
 def profile_from_csv(config: Config, path: Input | None = None) -> ProfileInput:
@@ -215,15 +207,8 @@ def yearly_frequencies(
 ) -> dict[tuple[str, str], float]:
     """Blocks released per year, by release area and block scenario.
 
-    Parameters
-    ----------
-    known : sequence of str, optional
-        Names that the table of frequencies may hold; default those of the file of release areas.
-
-    Raises
-    ------
-    ConfigError, InputError
-        As read_frequencies and onset_frequencies.
+    The table of frequencies may hold the ``known`` names; default those of the file of release
+    areas.
     """
     table = OnsetTable({})
     file = config.hazard.frequencies
@@ -240,12 +225,7 @@ def states_frequencies(config: Config) -> bool:
 
 
 def read_rules(config: Config, run: MapRun) -> Rules:
-    """Read preset, frequencies and exposed objects.
-
-    Raises
-    ------
-    ConfigError, InputError
-    """
+    """Read preset, frequencies and exposed objects."""
     preset = named_preset(config)
     frequencies = yearly_frequencies(config, run.areas)
     with collected_notices() as notices:
@@ -270,23 +250,12 @@ def read_rules(config: Config, run: MapRun) -> Rules:
 
 
 def placed_objects(config: Config, grid: Grid) -> PlacedObjects:
-    """The exposed objects of all layers.
-
-    Raises
-    ------
-    ConfigError, InputError
-    """
+    """The exposed objects of all layers."""
     return joined_objects([read_objects(own, grid) for own in config.objects], config.file)
 
 
 def named_preset(config: Config) -> HazardPreset:
-    """The preset that the configuration names.
-
-    Raises
-    ------
-    InputError
-        There is none, or it cannot be used.
-    """
+    """The preset that the configuration names."""
     try:
         return read_preset(config.hazard.preset)
     except InputError as error:
@@ -322,14 +291,7 @@ def compares_barriers(config: Config, run: MapRun) -> bool:
 
 
 def ref_width(config: Config, cell_size: float) -> float:
-    """Reference width of the hazard curves (m).
-
-    Raises
-    ------
-    ConfigError
-        It is missing, or below one cell: blocks could pass between the centres of two cells and
-        count for neither.
-    """
+    """Reference width of the hazard curves (m)."""
     width = config.hazard.ref_width_m
     if width is None:
         raise ConfigError(
@@ -338,6 +300,7 @@ def ref_width(config: Config, cell_size: float) -> float:
             field="hazard.ref_width_m",
             expected="width of the exposed object and a block, as 10 (m)",
         )
+    # Blocks could pass between the centres of two cells and count for neither.
     if width < cell_size * (1.0 - 1e-9):
         raise ConfigError(
             "is narrower than a cell of the terrain model",

@@ -54,43 +54,26 @@ class Job:
 
 @dataclass(frozen=True, slots=True)
 class Workplace:
-    """Where a job is worked on, by whom, and who is told.
+    """Where a job is worked on, by whom, and who is told."""
 
-    Attributes
-    ----------
-    folder : Path or None
-        Working folder of the result; None where nothing is to be written.
-    jobs, on_progress
-        As for sassgis.runs.run.run.
-    tell : callable
-        Called with a line of text now and then.
-    """
-
-    folder: Path | None
+    folder: Path | None  # working folder of the result; None where nothing is to be written
     jobs: Jobs
     on_progress: OnProgress | None
-    tell: Callable[[str], None]
+    tell: Callable[[str], None]  # called with a line of text now and then
 
 
 @dataclass(frozen=True, slots=True)
 class Simulation:
-    """A run that has been simulated.
-
-    Attributes
-    ----------
-    checkpoint : Checkpoint
-        Holds the rows for tables.
-    tolerance : ToleranceCheck or None
-        How a sample depends on the tolerance of the segments; None where that was not asked.
-    """
+    """A run that has been simulated."""
 
     config: Config
     run: MapRun
     planned: Plan
     progress: Progress
-    checkpoint: Checkpoint
+    checkpoint: Checkpoint  # holds the rows for tables
     warnings: tuple[str, ...]
     seconds: float
+    # How a sample depends on the tolerance of the segments; None where that was not asked.
     tolerance: ToleranceCheck | None = None
 
 
@@ -116,12 +99,7 @@ def read_job(config: Config, areas: Sequence[str] | None, tell: Callable[[str], 
 
 
 def check_means(config: Config, run: MapRun, jobs: Jobs = None) -> None:
-    """Check that there is what a run needs: memory, of a cluster in this process, and pyarrow.
-
-    Raises
-    ------
-    InputError, OutputError
-    """
+    """Check that there is what a run needs: memory, of a cluster in this process, and pyarrow."""
     if "parquet" in (config.output.rock_table, config.output.passage_table):
         require_parquet()
     workers = workers_asked(config, jobs)
@@ -131,10 +109,7 @@ def check_means(config: Config, run: MapRun, jobs: Jobs = None) -> None:
 def jobs_within(config: Config, run: MapRun, jobs: Jobs, memory_gb: float | None) -> Jobs:
     """As many of the threads asked for as fit into a memory; others who work as they are.
 
-    Raises
-    ------
-    InputError
-        One thread does not fit, or what this process needs for others who work.
+    InputError: one thread does not fit, or what this process needs for others who work.
     """
     if memory_gb is None:
         return jobs
@@ -262,16 +237,8 @@ def simulate_saved(
 ) -> None:
     """Simulate, saving the state now and then and when the user stops the run.
 
-    Parameters
-    ----------
-    progress : Progress
-        What there is already; grows.
-    rows : bool
-        Whether the checkpoint keeps the rows of single blocks.
-
-    Raises
-    ------
-    Interrupted, OutputError
+    ``progress`` is what there is already, and grows. With ``rows`` the checkpoint keeps those of
+    single blocks.
     """
     saved = began = time.monotonic()
     before = progress.seconds

@@ -134,12 +134,8 @@ def check_starts(
 ) -> None:
     """Raise InputError where no block can start: an empty map would read as "no hazard".
 
-    Parameters
-    ----------
-    planned : callable
-        Gives the plan; asked only where blocks keep to lines, which are traced to find one.
-    file : Input or None
-        Of the release areas, for the message.
+    The plan is asked for only where blocks keep to lines, which are traced to find one. The file of
+    the release areas is for the message.
     """
     if run.followed:
         can = bool(on_known_ground(run, points).any())
@@ -274,12 +270,12 @@ def simulate_map(
     on_chunk: Callable[[Progress, int, BlockRows], None] | None = None,
     chunk_points: int = CHUNK_POINTS,
 ) -> Progress:
-    """Simulate all blocks of a plan.
+    """Simulate all blocks of a plan of the run.
+
+    TerrainTooSmall: a followed path looks into the rim of the grid.
 
     Parameters
     ----------
-    planned : Plan
-        Of the same run.
     jobs : int or Workers
         Threads, or who works instead.
     resume : Progress, optional
@@ -288,13 +284,6 @@ def simulate_map(
     on_chunk : callable, optional
         Called after each chunk with the progress, the number of chunks in all and the chunk's rows.
         Ctrl-C waits until it returns, so that the progress is whole at any time.
-    chunk_points : int
-        Release points per chunk.
-
-    Raises
-    ------
-    TerrainTooSmall
-        A followed path looks into the rim of the grid.
     """
     progress = resume if resume is not None else Progress.fresh(run)
     chunks = chunks_of(planned, run.rounds, chunk_points)

@@ -143,10 +143,7 @@ def round_within(
 ) -> Round | None:
     """The next round, of at most so many blocks; None if there are too few for one.
 
-    Parameters
-    ----------
-    wanted : int
-        Repetitions of points that are not halved.
+    ``wanted`` are the repetitions of points that are not halved.
     """
     first, n = run.repetitions, wanted
     while n > 0:

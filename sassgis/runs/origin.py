@@ -22,18 +22,11 @@ from sassgis.runs.inputs import input_files
 
 @dataclass(frozen=True, slots=True)
 class Origin:
-    """What a result was made from besides the files that every run of its configuration reads.
+    """What a result was made from besides the files that every run of its configuration reads."""
 
-    Attributes
-    ----------
-    inputs : dict of str to Input
-        Files by their role.
-    ref_widths_m : dict of str to float
-        Reference widths besides that of the reach probability (m).
-    """
-
-    inputs: Mapping[str, Input] = field(default_factory=dict)
+    inputs: Mapping[str, Input] = field(default_factory=dict)  # files by their role
     preset: str = ""
+    # Reference widths besides that of the reach probability (m).
     ref_widths_m: dict[str, float] = field(default_factory=dict)
 
 
@@ -45,23 +38,16 @@ def write_origin(
     *,
     seed: int,
     grid: Grid | None = None,
-    origin: Origin | None = None,
+    origin: Origin,
     settings: Mapping[str, object] | None = None,
     checks: Mapping[str, object] | None = None,
     maps: bool = True,
 ) -> None:
     """Write the manifest of a result of a configuration, after all other files.
 
-    Parameters
-    ----------
-    grid : Grid, optional
-        None if it lies on no map.
-    settings : mapping, optional
-        Beside those of the configuration.
-    maps : bool
-        Whether it has maps of the blocks.
+    Without ``grid`` it lies on no map; ``maps`` are those of the blocks. The settings are written
+    beside those of the configuration.
     """
-    origin = origin or Origin()
     reach = {"reach_probability": grid.cell_size} if maps and grid is not None else {}
     write_manifest(
         work / MANIFEST_NAME,

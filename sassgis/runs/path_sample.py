@@ -34,11 +34,7 @@ def paths_on_line(
     """Paths of blocks on one line of a run, in the repetition of one of them.
 
     Where paths are followed that of the one block alone. None if it is too short for a profile.
-
-    Parameters
-    ----------
-    line, scenario, rock : int
-        As in Progress.furthest.
+    Line, scenario and rock are numbers as in Progress.furthest.
     """
     which = np.array([line])
     if run.followed:
@@ -127,14 +123,9 @@ def _in_plan(grid: Grid, log: NDArray[np.void]) -> tuple[FloatArray, FloatArray,
 
 
 def sample_paths(run: MapRun, planned: Plan, most: int) -> tuple[BlockPath, ...]:
-    """Paths of the first block of release points that lie evenly over the plan.
+    """Paths of the first block of release points that lie evenly over the plan, so many at most.
 
     They are blocks of the run, simulated again. Those that never start are left out.
-
-    Parameters
-    ----------
-    most : int
-        Most paths, of all block scenarios together.
     """
     n = len(planned.points)
     points = min(n, most // max([1, *map(len, planned.scenarios)]))

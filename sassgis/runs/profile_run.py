@@ -88,11 +88,8 @@ def profile_input(
 ) -> ProfileInput:
     """The profile of the configuration, of a table, or of the terrain from a point or under a line.
 
-    Raises
-    ------
-    ConfigError, InputError
-        Among others if the point lies outside the terrain model or on nodata, if the file does not
-        hold one line, or the line leaves the terrain model, crosses nodata or is too short.
+    InputError, among others, if the point lies outside the terrain model or on nodata, if the file
+    does not hold one line, or the line leaves the terrain model, crosses nodata or is too short.
     """
     if point is not None:
         try:

@@ -27,23 +27,13 @@ _LEAST_CELLS = 4
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """What was proposed.
+    """What was proposed."""
 
-    Attributes
-    ----------
-    units : SlopeUnits or None
-        None if the threshold was stated and the distribution has no cliffs.
-    threshold_deg, rock_deg : float
-        Slopes that were used, also where the user stated them (degrees).
-    area_m2 : float
-        Of all proposed areas, in plan.
-    """
-
-    units: SlopeUnits | None
-    threshold_deg: float
+    units: SlopeUnits | None  # None if the threshold was stated and there are no cliffs
+    threshold_deg: float  # slopes that were used, also where the user stated them
     rock_deg: float
     areas: int
-    area_m2: float
+    area_m2: float  # of all proposed areas, in plan
     cell_size: float
     warnings: tuple[str, ...]
 
@@ -82,6 +72,8 @@ def propose_release(
 ) -> Proposal:
     """Propose release areas from slope and ground and write them into a GeoPackage.
 
+    InputError, among others, if there is nothing to propose.
+
     Parameters
     ----------
     dem : Path
@@ -100,13 +92,6 @@ def propose_release(
         Used in place of the slope from which cliffs prevail (degrees).
     min_area_m2 : float
         Smaller patches, in plan, are left out, and those of fewer than four cells.
-
-    Raises
-    ------
-    InputError
-        If an input cannot be used, or nothing is proposed.
-    OutputError
-        If the file is there already or cannot be written.
     """
     if out.suffix.lower() != ".gpkg":
         raise InputError("is no GeoPackage", file=out, expected="a name ending in .gpkg")

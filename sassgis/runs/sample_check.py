@@ -24,12 +24,7 @@ _POINTS = 40
 def sampled_plan(run: MapRun, planned: Plan, blocks: int, points: int) -> tuple[MapRun, Plan]:
     """Part of a run: release points evenly over the plan, and the first blocks of each.
 
-    Parameters
-    ----------
-    blocks : int
-        About so many of them.
-    points : int
-        At least so many release points, if there are.
+    About so many blocks of at least so many release points, if there are.
     """
     n = len(planned.points)
     once = replace(run, rounds=(Round(),))
@@ -62,10 +57,7 @@ def plan_of_points(planned: Plan, which: IntArray) -> Plan:
 def check_tolerance(run: MapRun, planned: Plan, jobs: int | Workers) -> ToleranceCheck | None:
     """Repeat a sample of a run at half and double its segment tolerance.
 
-    Returns
-    -------
-    ToleranceCheck or None
-        None where the tolerance is 0 or there is nothing to simulate.
+    None where the tolerance is 0 or there is nothing to simulate.
     """
     tolerance = run.terrain.segment_tolerance_m
     total = int(planned.blocks_of_point(run).sum())

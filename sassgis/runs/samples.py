@@ -28,12 +28,7 @@ def sample_folder() -> Path:
 
 
 def write_samples(folder: Path) -> None:
-    """Write the samples, with their configurations, into a new folder; it appears whole or not.
-
-    Raises
-    ------
-    InputError, OutputError
-    """
+    """Write the samples, with their configurations, into a new folder; it appears whole or not."""
     if os.path.lexists(folder):
         raise OutputError(f"{folder}: exists already; choose a new folder")
     with staged_output(folder, overwrite=False) as work:

@@ -45,27 +45,15 @@ class Scenario:
 
 @dataclass(frozen=True, slots=True)
 class ScenarioFrequencies:
-    """A fitted law and what it says of scenarios.
-
-    Attributes
-    ----------
-    blocks : int
-        In the file; the law has those from its volume of completeness on.
-    higher : tuple of PowerLaw
-        The same, fitted from larger volumes on.
-    distance, p : float
-        Of the test of the fit.
-    total : Scenario
-        All volumes of the law.
-    """
+    """A fitted law and what it says of scenarios."""
 
     file: Path
-    blocks: int
+    blocks: int  # in the file; the law has those from its volume of completeness on
     law: PowerLaw
-    higher: tuple[PowerLaw, ...]
-    distance: float
+    higher: tuple[PowerLaw, ...]  # the same, fitted from larger volumes on
+    distance: float  # of the test of the fit, as p
     p: float
-    total: Scenario
+    total: Scenario  # all volumes of the law
     scenarios: tuple[Scenario, ...]
     unit: OnsetUnit
     warnings: tuple[str, ...]
@@ -156,6 +144,8 @@ def scenario_frequencies(
 ) -> ScenarioFrequencies:
     """Fit a power law to a table of block volumes, and give the frequencies of scenarios.
 
+    InputError: no power law fits. ConfigError: the limits do not rise, or leave the law.
+
     Parameters
     ----------
     file : Path
@@ -168,13 +158,6 @@ def scenario_frequencies(
         In which the blocks of the list were released; or blocks of the law a year.
     area_ha, length_m : float or None
         Hectares or metres on which they were released; None for a release area as a whole.
-
-    Raises
-    ------
-    InputError
-        If the table cannot be used, or no power law fits.
-    ConfigError
-        If the limits do not rise, or leave the law.
     """
     survey, left_out = read_block_survey(file)
     largest = math.inf if up_to is None else up_to

@@ -28,7 +28,7 @@ from sassgis.io.write.frames import write_table
 from sassgis.io.write.layers.ground_spread_maps import sensitivity_layers
 from sassgis.io.write.zone_tables import effect_table, range_table, simulation_table
 from sassgis.model.errors import InputError
-from sassgis.model.ground_ranges import ParameterRange, RangeRule, acting, ranges_of
+from sassgis.model.ground_ranges import ParameterRange, RangeRule
 from sassgis.model.languages import in_language, phrase
 from sassgis.report.page import translated_report, write_report
 from sassgis.report.sensitivity_report import sensitivity_report
@@ -37,7 +37,7 @@ from sassgis.runs.job import AnyConfig, OnProgress, Workplace, configured, read_
 from sassgis.runs.map import check_starts
 from sassgis.runs.origin import Origin, provenance, write_origin
 from sassgis.runs.relief_project import write_over_relief
-from sassgis.runs.variant_lab import VariantLab, classes_on
+from sassgis.runs.variant_lab import VariantLab, classes_on, ranges_on
 from sassgis.runs.workers import Jobs
 from sassgis.runs.zone import prepared
 
@@ -88,12 +88,6 @@ def sensitivity(
         Own table of ranges, before the built-in one; default: that of the configuration.
     overwrite, areas, seed, jobs, on_progress, say
         As for sassgis.runs.run.run; progress counts simulations.
-
-    Raises
-    ------
-    ConfigError, InputError, OutputError
-    Interrupted
-        If the user stops it; what was simulated is kept.
     """
     config = configured(config, seed)
     tell = say or (lambda _text: None)
@@ -174,17 +168,17 @@ def _simulated(
     """
     run = lab.job.run
     tell("Simulating the classes as they are, and at their farthest")
-    used = acting(run.engine)
-    everywhere = classes_on(run, np.flatnonzero(np.isfinite(run.grid.values)))
+    everywhere = ranges_on(run, rules, np.flatnonzero(np.isfinite(run.grid.values)))
     first = [
         (Variant(BASE, {}), None),
         (Variant(CHANCE, {}), run.seed + 1),
-        (farthest(ranges_of(run.table, everywhere, rules, used)), None),
+        (farthest(everywhere), None),
     ]
     done = [(v, lab.find(v, seed)) for v, seed in first]
-    met = classes_on(run, np.unique(np.concatenate([f.cells for _, f in done])))
-    ranges = ranges_of(run.table, met, rules, used)
+    reached = np.unique(np.concatenate([f.cells for _, f in done]))
+    ranges = ranges_on(run, rules, reached)
     if not ranges:
+        met = classes_on(run, reached)
         raise InputError(
             "no range to vary", found=f"ground classes {', '.join(met)}", expected="ranges of them"
         )

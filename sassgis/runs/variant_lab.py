@@ -16,7 +16,7 @@ from sassgis.hazard.sensitivity import Names, Variant, VariantFinding, finding_o
 from sassgis.io.saved_arrays import read_saved, write_saved
 from sassgis.io.staging import CHECKPOINT_STEM, writing
 from sassgis.model.errors import Interrupted
-from sassgis.model.ground_ranges import with_values
+from sassgis.model.ground_ranges import ParameterRange, RangeRule, acting, ranges_of, with_values
 from sassgis.model.map_run import MapRun, ObjectCells
 from sassgis.runs.checkpoint import Checkpoint
 from sassgis.runs.job import Job, Workplace, simulate_saved, state_fingerprint, workers_asked
@@ -27,14 +27,8 @@ _KEPT = [f.name for f in fields(VariantFinding)]
 class VariantLab:
     """Simulates variants; what was found is kept beside the result, by what was asked.
 
-    Parameters
-    ----------
-    job : Job
-        Of its stops none is kept.
-    part : str
-        Distinguishes what is kept from the states of other simulations for the same result.
-    exposed : ObjectCells, optional
-        As for finding_of.
+    ``part`` distinguishes what is kept from the states of other simulations for the same result. Of
+    the stops of the job none is kept.
     """
 
     def __init__(
@@ -105,3 +99,10 @@ class VariantLab:
 def classes_on(run: MapRun, cells: np.ndarray) -> list[str]:
     """Names of the ground classes on some cells (flat indices)."""
     return [run.table.names[i] for i in np.unique(run.ground.ravel()[cells])]
+
+
+def ranges_on(
+    run: MapRun, rules: Sequence[RangeRule], cells: np.ndarray
+) -> tuple[ParameterRange, ...]:
+    """Ranges of the values that act in a run, of the ground classes on some cells."""
+    return ranges_of(run.table, classes_on(run, cells), rules, acting(run.engine))

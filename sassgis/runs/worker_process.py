@@ -63,11 +63,7 @@ class WorkerProcess:
     def do(self, common: bytes, call: bytes) -> Any:
         """The result of a pickled (work, task), with what is common to the tasks, also pickled.
 
-        Raises
-        ------
-        WorkerLost
-        Exception
-            What the work raises.
+        Raises what the work raises, and WorkerLost.
         """
         assert self._popen.stdin is not None and self._popen.stdout is not None
         try:

@@ -32,10 +32,7 @@ _LOST_MOST = 3
 def held_back() -> Iterator[None]:
     """Let Ctrl-C wait until the block is done, so that nothing is left half added or half saved.
 
-    Raises
-    ------
-    KeyboardInterrupt
-        After the block, if the user asked for it within.
+    KeyboardInterrupt comes after the block, if the user asked for it within.
     """
     # Only the main thread may set handlers, and only it is interrupted.
     if threading.current_thread() is not threading.main_thread():
@@ -127,10 +124,7 @@ class Processes:
     one. A task may therefore be begun more than once. One that is stopped is waited for. At the
     end of the block all are ended, whatever they have at work.
 
-    Parameters
-    ----------
-    ahead : int
-        Results of each that may wait. Tasks differ: while the first is at work others are done.
+    ``ahead`` results of each may wait. Tasks differ: while the first is at work others are done.
     """
 
     def __init__(self, count: int, ahead: int = 16) -> None:
@@ -161,10 +155,7 @@ class Processes:
     ) -> Generator[Any, None, None]:
         """As ``Workers`` says.
 
-        Raises
-        ------
-        OutputError
-            If one process after another is lost at the same task, or none can be started.
+        OutputError: one process after another is lost at the same task, or none can be started.
         """
         if self._sent is None or self._sent[0] is not common:
             self._sent = common, pickle.dumps(common, pickle.HIGHEST_PROTOCOL)
