@@ -14,8 +14,6 @@ import sassgis
 _KINDS = (".py", ".csv", ".json", ".toml", ".npz")
 #: Another version of these may read other numbers, or compute others in their last digits.
 _LIBRARIES = ("numpy", "numba", "llvmlite", "scipy", "shapely", "pyproj", "rasterio", "pyogrio")
-
-
 #: Inode, size and times of a file: who has the same is not read again.
 Stamp = tuple[int, int, int, int]
 

@@ -38,6 +38,8 @@ def own_files(
 ) -> dict[str, Stamp]:
     """Stamps of the files of a result, if a run wrote each as it is.
 
+    If not, an OutputError names the first file that no run has written, or that has changed.
+
     Parameters
     ----------
     shown : Path
@@ -46,11 +48,6 @@ def own_files(
         What an earlier call found: only what is not so any more is read again.
     parts : sequence of str
         Folders in it that may hold a result of their own, or have begun to.
-
-    Raises
-    ------
-    OutputError
-        That names the first file which no run has written, or which has changed.
     """
 
     def refusal(name: str, why: str) -> OutputError:

@@ -36,17 +36,17 @@ _DAMAGE = (
 )  # fmt: skip
 
 
+def _every(_name: str) -> bool:
+    return True
+
+
 def write_saved(
     path: Path, arrays: Mapping[str, ArrayLike], fingerprint: str, *, compressed: bool = False
 ) -> str:
     """Write arrays beside and rename, so that a full disk leaves the older state; their digest.
 
-    Parameters
-    ----------
-    arrays : mapping of str to array
-        No objects.
-    fingerprint : str
-        Of the settings and inputs that they belong to; the program is added here.
+    The arrays hold no objects. ``fingerprint`` is that of the settings and inputs that they belong
+    to; the program is added here.
     """
     given = {name: np.asarray(own) for name, own in arrays.items()}
     # An entry of the archive takes longer than what is in it, if that is nothing.
@@ -87,10 +87,7 @@ def read_saved(
 ) -> dict[str, NDArray[Any]] | None:
     """Arrays of ``write_saved``; None if there are none, or they do not fit, which is told.
 
-    Parameters
-    ----------
-    digest : str, optional
-        That the file must have, and so must be there.
+    A file whose ``digest`` is given must have it, and so must be there.
     """
     found = _unchanged(path)
     if found is None or digest not in (None, str(found[_DIGEST])):
@@ -108,9 +105,9 @@ def saved_or_refused(
     path: Path,
     expected: str,
     content: str | None = None,
-    wanted: Callable[[str], bool] = lambda _name: True,
+    wanted: Callable[[str], bool] = _every,
 ) -> dict[str, NDArray[Any]]:
-    """Arrays of ``write_saved`` that must be there.
+    """Arrays of ``write_saved``; InputError if there are none, or they are damaged or changed.
 
     Parameters
     ----------
@@ -118,15 +115,8 @@ def saved_or_refused(
         What they are, and what to do without them.
     content : str, optional
         Digest of the file, where that is known: then those that are not ``wanted`` are not read.
-    wanted : callable
-        Whether an array is to be read.
-
-    Raises
-    ------
-    InputError
-        If there are none, or they are damaged or changed.
     """
-    found = _unchanged(path) if content is None else _part_of(path, content, wanted)
+    found = _unchanged(path, content, wanted)
     if found is None:
         raise InputError("cannot be read, or was changed", file=path, expected=expected)
     return _as_given(found)
@@ -143,10 +133,7 @@ def read_saved_json(
 ) -> dict[str, Any] | None:
     """What was saved ``with_digest``; None if there is no file, or it does not fit, which is told.
 
-    Parameters
-    ----------
-    fingerprint : str
-        As it was saved with.
+    The fingerprint is the one that it was saved with.
     """
     if not path.exists():
         return None
@@ -188,23 +175,20 @@ def _as_given(found: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
     return whole | {name: np.empty(shape, kind) for name, (kind, shape) in empty.items()}
 
 
-def _unchanged(path: Path) -> dict[str, NDArray[Any]] | None:
-    """All arrays of a file, if they fit the digest among them."""
+def _unchanged(
+    path: Path, content: str | None = None, wanted: Callable[[str], bool] = _every
+) -> dict[str, NDArray[Any]] | None:
+    """All arrays of a file, if they fit the digest among them.
+
+    If ``content`` is given, the wanted ones, if that is the digest of the file.
+    """
     try:
-        found = _stored(path, lambda _name: True)
+        if content is not None:
+            whole = content_digest(path) == content
+            return _stored(path, lambda n: n in _ADDED or wanted(n)) if whole else None
+        found = _stored(path, _every)
         digest = _digest(path.name, {k: own for k, own in found.items() if k != _DIGEST})
         return found if str(found[_DIGEST]) == digest else None
-    except _DAMAGE:
-        return None
-
-
-def _part_of(
-    path: Path, content: str, wanted: Callable[[str], bool]
-) -> dict[str, NDArray[Any]] | None:
-    """The wanted arrays of a file, if it has this digest."""
-    try:
-        whole = content_digest(path) == content
-        return _stored(path, lambda n: n in _ADDED or wanted(n)) if whole else None
     except _DAMAGE:
         return None
 

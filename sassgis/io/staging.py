@@ -123,15 +123,7 @@ def _reason(error: BaseException, path: Path) -> str | None:
 
 
 def output_error(error: BaseException, path: Path) -> OutputError:
-    """One clear line for an error that came up while ``path`` was written.
-
-    Parameters
-    ----------
-    error : BaseException
-        What the operating system, GDAL or SQLite raised.
-    path : Path
-        The file or folder that was being written.
-    """
+    """One clear line for what the system, GDAL or SQLite raised while ``path`` was written."""
     reason = _reason(error, path)
     if reason is None:
         detail = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
@@ -147,15 +139,8 @@ def output_error(error: BaseException, path: Path) -> OutputError:
 def writing(path: Path) -> Iterator[None]:
     """Turn trouble with the disk while ``path`` is written into an OutputError that names it.
 
-    Parameters
-    ----------
-    path : Path
-        Noted as written by the run, if it lies in a working folder.
-
-    Raises
-    ------
-    OutputError
-        In place of any OSError and any error of rasterio, pyogrio, GDAL or SQLite in the block.
+    That takes the place of any OSError and any error of rasterio, pyogrio, GDAL or SQLite in the
+    block. The path is noted as written by the run, if it lies in a working folder.
     """
     try:
         noted(path)
@@ -203,19 +188,10 @@ def staged_output(target: Path, overwrite: bool, parts: Sequence[str] = ()) -> I
     Files are deleted only if a run wrote them and they are still as it did: those of an older
     result by its manifest, those of a working folder by the notes of ``writing``.
 
-    Parameters
-    ----------
-    target : Path
-        Folder of the result. Missing parents are made.
-    overwrite : bool
-        Whether a result that is there already may be replaced.
-    parts : sequence of str
-        Folders of the result in which another command may have put a result of its own.
-
-    Yields
-    ------
-    Path
-        The working folder. It holds nothing but a checkpoint, if an earlier run left one.
+    Missing parents of the target are made. A result that is there already is replaced with
+    ``overwrite`` only; ``parts`` are folders of the result in which another command may have put a
+    result of its own. The working folder that is given holds nothing but a checkpoint, if an
+    earlier run left one.
 
     Raises
     ------
@@ -268,12 +244,8 @@ def output_if_asked(
 def alone(target: Path) -> Iterator[None]:
     """Keep other runs from writing into a folder that grows part by part.
 
-    The lock is on the working folder ``<target>.partial``, which is deleted after.
-
-    Raises
-    ------
-    OutputError
-        If another run is writing it, or the disk is full or not writable.
+    The lock is on the working folder ``<target>.partial``, which is deleted after. OutputError if
+    another run is writing it, or the disk is full or not writable.
     """
     work = partial_folder(target)
     with _open_work(work):
@@ -287,17 +259,8 @@ def alone(target: Path) -> Iterator[None]:
 def staged_file(target: Path, overwrite: bool = False) -> Iterator[Path]:
     """Give the place of a file that becomes ``target`` if the block ends well, and nothing if not.
 
-    Parameters
-    ----------
-    target : Path
-        Missing parents are made.
-    overwrite : bool
-        Whether a file that is there already may be replaced.
-
-    Yields
-    ------
-    Path
-        Of the same name, in a folder beside the target that is deleted after.
+    The place has the same name, in a folder beside the target that is deleted after. Missing
+    parents are made. A file that is there already is replaced with ``overwrite`` only.
 
     Raises
     ------

@@ -98,17 +98,12 @@ def export_xtf(
     """Write the hazard zones of a result as INTERLIS 2.3 transfer file.
 
     Equal layers give equal files: the identifiers of objects are made from what they hold. Layers
-    that are not in the minimum model may be absent.
+    that are not in the minimum model may be absent. The canton ("TI") is responsible for the data
+    where the layers do not say.
 
-    Parameters
-    ----------
-    models : Path, optional
-        Folder with the files of the federal model and of all models that it imports, against which
-        the validator checks the file. A file that it refuses is written all the same.
-    validate : bool
-        Whether the file must be checked: an error without ``models``.
-    canton : str, optional
-        Who is responsible for the data ("TI"), where the layers do not say.
+    ``models`` is a folder with the files of the federal model and of all models that it imports,
+    against which the validator checks the file; one that it refuses is written all the same. To
+    ``validate`` without them is an error.
     """
     if validate and models is None:
         raise ConfigError(

@@ -159,20 +159,16 @@ def check_validator(model_folder: Path) -> None:
     if importlib.util.find_spec("ilivalidator") is None:
         raise InputError(
             "the INTERLIS validator is not installed",
-            expected=(
-                "the Python package ilivalidator: pip install 'sassgis[interlis]' (there is none "
-                "for Macs with Apple processors)"
-            ),
+            expected="the Python package ilivalidator: pip install 'sassgis[interlis]' (there is "
+            "none for Macs with Apple processors)",
         )
     texts = [file.read_text(encoding="latin-1") for file in _ili_files(model_folder)]
     held = {name for text in texts for name in _MODEL.findall(text)}
     if MODEL_NAME not in held:
         raise InputError(
-            "models that the file needs are missing",
-            file=model_folder,
-            found=", ".join(sorted(held)) or "no model",
-            expected=f"the .ili file of {MODEL_NAME}",
-        )
+            "models that the file needs are missing", file=model_folder,
+            found=", ".join(sorted(held)) or "no model", expected=f"the .ili file of {MODEL_NAME}",
+        )  # fmt: skip
 
 
 def _findings(log: Path, copies: Mapping[str, Path]) -> tuple[str, list[Finding]]:

@@ -26,6 +26,7 @@ from sassgis.io.qgis.sheet_legend import fill_legend
 from sassgis.io.qgis.text_size import breakable, text_height, text_width, wrapped
 from sassgis.model.languages import phrase, translated
 
+#: West, south, east, north (m).
 Extent = tuple[float, float, float, float]
 
 #: Scales are these numbers times a power of ten.
@@ -40,36 +41,19 @@ _NAMESPACE = uuid.UUID("3f7d0a52-7d2c-5b0e-9d84-5a5c7a1e0b6f")
 
 @dataclass(frozen=True, slots=True)
 class PrintLayout:
-    """A map sheet.
+    """A map sheet, at the largest round scale at which its extent fits."""
 
-    Attributes
-    ----------
-    name : str
-        In QGIS's list of layouts; also the name of a map theme that shows the same layers.
-    layers : tuple of str
-        Keys of the layers (``LayerEntry.key``) on the map, the top first. All but the relief are
-        in the legend, in this order.
-    extent : (west, south, east, north)
-        What the map must show (m). The scale is the largest round one at which it fits.
-    facts : tuple of (str, str)
-        What the map rests on: name and text, as ("Terrain", "DEM of 2 m, ...").
-    notes : tuple of str
-        What the reader must know; in a box of their own.
-    page : {"A3", "A4"}
-        Landscape.
-    drawn_for : float
-        Denominator of the scale for which the zones on it are drawn: the sheet has no larger one.
-        0: any.
-    """
-
-    name: str
+    name: str  # in QGIS's list of layouts; also that of a map theme that shows the same layers
     title: str
     subtitle: str
+    #: Keys of the layers (``LayerEntry.key``) on the map, the top first. All but the relief are in
+    #: the legend, in this order.
     layers: tuple[str, ...]
-    extent: Extent
-    facts: tuple[tuple[str, str], ...] = ()
-    notes: tuple[str, ...] = ()
-    page: Literal["A3", "A4"] = "A3"
+    extent: Extent  # what the map must show (m)
+    facts: tuple[tuple[str, str], ...] = ()  # what it rests on: ("Terrain", "DEM of 2 m, ...")
+    notes: tuple[str, ...] = ()  # what the reader must know; in a box of their own
+    page: Literal["A3", "A4"] = "A3"  # landscape
+    #: Denominator of the scale for which the zones are drawn: the sheet has no larger one. 0: any.
     drawn_for: float = 0.0
 
 

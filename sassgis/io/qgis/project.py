@@ -45,8 +45,6 @@ def write_project(
         The first is drawn on top.
     extent : (west, south, east, north)
         What is shown at first (m).
-    imprint : ProjectSettings, optional
-        Author, contact, rights and date, in the properties with the abstract.
     layouts : sequence of PrintLayout
         Map sheets; each is also a map theme, with which the window shows the same layers.
 

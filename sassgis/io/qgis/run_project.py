@@ -67,12 +67,8 @@ def sheet_words(
 ) -> SheetWords:
     """What every sheet says.
 
-    Parameters
-    ----------
-    vectors : sequence of VectorLayer
-        Of ``result.gpkg``.
-    ground : sequence of (GroundClass, float)
-        Ground classes of the cells that blocks reach, and their share.
+    ``vectors`` are those of ``result.gpkg``; ``ground`` are the ground classes of the cells that
+    blocks reach, with their share.
     """
     grid = run.grid
     effects = ", ".join(run.effects.names).replace("_", " ")
@@ -124,18 +120,9 @@ def write_run_project(
 ) -> None:
     """Write ``project.qgz`` over the files of a run.
 
-    Parameters
-    ----------
-    extent : (west, south, east, north)
-        What is shown at first (m).
-    layers, terrain : RasterLayer
-        In ``maps``.
-    vectors : sequence of VectorLayer
-        In ``result.gpkg``.
-    groups : sequence of LayerGroup
-        Of a zoning, and of draws of the ground: below what was drawn, above the maps of the blocks.
-    base_map : RasterLayer, optional
-        Of ``imprint.base_map``.
+    The extent is what is shown at first. Layers and terrain are in ``maps``, vectors in
+    ``result.gpkg``. The groups are those of a zoning, and of draws of the ground: below what was
+    drawn, above the maps of the blocks. ``base_map`` is that of ``imprint.base_map``.
     """
     by_name = {v.name: v for v in vectors}
 
@@ -330,21 +317,16 @@ def zone_layouts(
     lines = ["vector_edits"] if found.hazard.edits else []
     lines += [f"vector_{layer.name}" for layer in own if layer.name == "open_limits"]
     sheets = [words.sheet("Hazard level", "Hazard zones, rockfall", *lines, "vector_hazard_zones")]
-    zones = "vector_synoptic_intensity_{}"
-    sheets += [
-        words.sheet(
-            phrase("Intensity {} years", f"{years:g}"),
-            phrase("Intensity of rockfall, return period {} years", f"{years:g}"),
-            zones.format(f"{years:g}"),
+    titles = {
+        y: (
+            phrase("Intensity {} years", y),
+            phrase("Intensity of rockfall, return period {} years", y),
         )
-        for years in preset.return_periods
-    ]
-    sheets.append(
-        words.sheet(
-            "Intensity extreme event", "Intensity of rockfall, extreme event",
-            zones.format("extreme"),
-        )
-    )  # fmt: skip
+        for y in (f"{years:g}" for years in preset.return_periods)
+    }
+    titles["extreme"] = "Intensity extreme event", "Intensity of rockfall, extreme event"
+    for period, title in titles.items():
+        sheets.append(words.sheet(*title, f"vector_synoptic_intensity_{period}"))
     sheets = [replace(sheet, drawn_for=rules.zones.scale) for sheet in sheets]
     if risk:
         around = tuple(k for k in words.around if not k.startswith("vector_exposed"))

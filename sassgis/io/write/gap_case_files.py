@@ -14,8 +14,8 @@ import pandas as pd
 import pyogrio
 import rasterio
 from numpy.typing import NDArray
-from rasterio.transform import from_origin
 
+from sassgis.io.read.dem import affine_of
 from sassgis.io.staging import staged_output, writing
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.noted_files import noted
@@ -61,7 +61,7 @@ def write_case(
     tables: Mapping[str, Mapping[str, NDArray[Any]]],
     metadata: Mapping[str, float],
 ) -> Path:
-    """Write a case; its folder appears whole or not at all.
+    """Write a case; its folder appears whole or not at all. OutputError if there is such a folder.
 
     Returns the configuration; observations are in the folder ``observations`` beside it.
 
@@ -73,11 +73,6 @@ def write_case(
         Release points x, y, z (m).
     blocks : mapping
         Keys of ``[[blocks]]`` to limits.
-
-    Raises
-    ------
-    OutputError
-        If there is such a folder.
     """
     with staged_output(folder, overwrite=False) as work, writing(folder):
         _raster(work / "dem.tif", dem, dem.values)
@@ -127,9 +122,8 @@ def folder_digest(folder: Path) -> str:
 
 def _raster(file: Path, grid: Grid, values: NDArray[Any]) -> None:
     n_rows, n_cols = grid.shape
-    place = from_origin(grid.west, grid.north, grid.cell_size, grid.cell_size)
     with rasterio.open(
         noted(file), "w", driver="GTiff", width=n_cols, height=n_rows, count=1, dtype=values.dtype,
-        crs=grid.crs, transform=place, compress="deflate",
+        crs=grid.crs, transform=affine_of(grid), compress="deflate",
     ) as dataset:  # fmt: skip
         dataset.write(values, 1)

@@ -29,16 +29,8 @@ from sassgis.model.labels import rounded
 MANIFEST_FORMAT = 1
 
 _PACKAGES = (
-    "numpy",
-    "numba",
-    "scipy",
-    "shapely",
-    "rasterio",
-    "pyogrio",
-    "geopandas",
-    "pyproj",
-    "matplotlib",
-    "pydantic",
+    *("numpy", "numba", "scipy", "shapely", "rasterio", "pyogrio", "geopandas", "pyproj"),
+    *("matplotlib", "pydantic"),
 )
 #: Files without which the named one does not say the same.
 _SIDECARS = {
@@ -78,20 +70,15 @@ def write_manifest(
         Sidecar files (of a shapefile, for example) are listed with them.
     base : Path
         Folder of the configuration; inputs are named relative to it.
-    crs, vertical_datum : str
-        Horizontal system as well-known text and the name of the heights.
+    crs, vertical_datum, preset : str
+        Horizontal system as well-known text, names of the heights and of the hazard preset.
     ref_widths_m : mapping of str to float
         Reference width of the "reach_probability" and of the "hazard" (m), where there are any.
-    preset : str
-        Name of the hazard preset; empty for none.
     settings
         All settings of the run with their defaults filled in: a mapping, or a dataclass.
-    counts : mapping of str to int
-        Release points, fall lines, blocks, and so on.
-    warnings : sequence of str
-        What the run reported to the user.
-    checks : mapping of str to object, optional
-        What the run found of its own numerics.
+    counts, warnings, checks
+        Of release points, fall lines, blocks, and so on; what the run reported to the user; what it
+        found of its own numerics.
     """
     plain_settings = plain(settings)
     content: dict[str, object] = {
@@ -142,11 +129,7 @@ def plain(value: object, digits: int | None = None) -> Any:
     """The value as JSON knows it: dataclasses as objects, arrays as lists, infinity as text.
 
     With ``digits`` numbers are rounded to so many, and None stands for what is no finite one.
-
-    Raises
-    ------
-    TypeError
-        If there is no such form.
+    TypeError if there is no such form.
     """
     if isinstance(value, Enum):
         return value.name.lower()

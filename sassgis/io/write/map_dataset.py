@@ -73,12 +73,8 @@ def with_sources(
 ) -> xr.Dataset:
     """The maps with the counts that hazard curves are made of, by source, cell and energy.
 
-    Parameters
-    ----------
-    sampled : sequence of Sampled
-        With NaN as the frequency of a source for which none is stated.
-    energies_kj : float64, shape (n,)
-        Of the counts.
+    A source for which no frequency is stated has NaN. The energies, float64 of shape (n,), are
+    those of the counts.
     """
     sources = [s.source for s in sampled]
     cells = [s.cells for s in sampled]

@@ -22,10 +22,6 @@ def write_rockyfor3d_site(
     Assignments are keys that the user sets, as ``terrain.crs=EPSG:2056``. Files that are there
     already are replaced with ``overwrite`` only. Returns the files, and what their user must know
     of them.
-
-    Raises
-    ------
-    InputError, OutputError
     """
     terrain = dict(with_values([("terrain", {})], assignments))["terrain"]
     dem = rasters_of(folder).get("dem", folder / "dem.asc")

@@ -40,16 +40,10 @@ def site_template(
 ) -> Path:
     """Write an empty GeoPackage of a site and, beside it, a QGIS project to draw in; returns that.
 
-    Parameters
-    ----------
-    path : Path
-        New file that ends in ``.gpkg``; the project has the same name with ``.qgz``.
-    crs : str, optional
-        Projected system in metres, such as "EPSG:2056". Default: that of the terrain model, in
-        place of which it counts with ``override_crs``.
-    dem : Path, optional
-        Terrain model that lies under the drawing. A folder of tiles gives system and extent only,
-        as QGIS opens single files.
+    The path ends in ``.gpkg``; the project has the same name with ``.qgz``. ``crs`` is a projected
+    system in metres, such as "EPSG:2056", by default that of the terrain model, in place of which
+    it counts with ``override_crs``. The terrain model lies under the drawing; a folder of tiles
+    gives system and extent only, as QGIS opens single files.
     """
     if path.suffix.lower() != ".gpkg":
         raise OutputError(f"{path}: cannot see what to write; expected a name ending in .gpkg")
@@ -102,13 +96,9 @@ def _plane(text: str) -> pyproj.CRS:
     """The plane part of a projected system in metres."""
     system = crs_parts(parse_crs(text, field="--crs"))[0]
     if not system.is_projected or system.axis_info[0].unit_name not in ("metre", "meter"):
+        problem, found = "is not a projected system in metres", str(system.name)
         expected = 'a projected system such as "EPSG:2056"'
-        raise InputError(
-            "is not a projected system in metres",
-            field="--crs",
-            found=str(system.name),
-            expected=expected,
-        )
+        raise InputError(problem, field="--crs", found=found, expected=expected)
     return system
 
 

@@ -56,10 +56,8 @@ def export_view(result_folder: Path, target: Path, layer: str, *, overwrite: boo
     if frame.crs is None or frame.crs.is_engineering:
         raise InputError(
             f"{driver.removeprefix('LIB')} needs coordinates on the Earth",
-            file=result_folder / file,
-            found="local coordinates",
-            expected="a coordinate system",
-        )
+            file=result_folder / file, found="local coordinates", expected="a coordinate system",
+        )  # fmt: skip
     frame = frame.to_crs(4326)
     if layer == "paths":
         fill = [_PATH] * len(frame)

@@ -146,25 +146,15 @@ def federal_layer(
 ) -> VectorLayer:
     """A layer of the model; rows with several parts become one feature per part.
 
-    Parameters
-    ----------
-    federal : bool
-        Whether the layer follows the federal model: then it must lie in its extent.
-    canton : str or None
-        Who is responsible for the data ("TI"). The model asks for it, so that it has to be filled
-        in before an export.
-    legend : sequence of HazardLevel or IntensityClass
-        From low to high.
+    A layer that follows the ``federal`` model must lie in its extent. The canton ("TI") is
+    responsible for the data: the model asks for it, so that it has to be filled in before an
+    export. The legend is from low to high.
     """
     kind = FEDERAL_CLASSES[name]
     if federal and not is_lv95(crs):
         found = "local coordinates" if not crs else pyproj.CRS.from_user_input(crs).name
-        raise InputError(
-            "the federal model is for other coordinates",
-            field=name,
-            found=found,
-            expected=f"EPSG:{FEDERAL_EPSG}",
-        )
+        problem, expected = "the federal model is for other coordinates", f"EPSG:{FEDERAL_EPSG}"
+        raise InputError(problem, field=name, found=found, expected=expected)
     common = {a.name: a.default for a in kind.attributes} | {RESPONSIBILITY: canton}
     parts: list[Any] = []
     values: list[dict[str, Any]] = []

@@ -27,13 +27,13 @@ from sassgis.model.styles import (
 )
 
 #: How the map shows a gap: code, words, colour.
-_GAP_CLASSES = (
-    ("open", "not distinguished from chance", "#9a9a9a"),
-    ("less_likely", "less observed, likely", "#9ecae1"),
-    ("more_likely", "more observed, likely", "#f5b38c"),
-    ("less", "less observed, significant", "#0072b2"),
-    ("more", "more observed, significant", "#d55e00"),
-)
+_GAP_CLASSES: dict[str | int, tuple[str, str]] = {
+    "open": ("not distinguished from chance", "#9a9a9a"),
+    "less_likely": ("less observed, likely", "#9ecae1"),
+    "more_likely": ("more observed, likely", "#f5b38c"),
+    "less": ("less observed, significant", "#0072b2"),
+    "more": ("more observed, significant", "#d55e00"),
+}
 _REACH_WIDTH_MM = 1.4
 #: How far drawn stretches may lie from the fall lines, in cells.
 _DRAWN_CELLS = 0.1
@@ -83,9 +83,7 @@ def _drawing_order(findings: Sequence[GapFinding]) -> list[GapFinding]:
 
 
 def _gap_style(symbol: Symbol) -> VectorStyle:
-    style = categorised_style(
-        symbol, "shown_as", {code: (words, colour) for code, words, colour in _GAP_CLASSES}
-    )
+    style = categorised_style(symbol, "shown_as", _GAP_CLASSES)
     return dataclasses.replace(style, label_column="label")
 
 

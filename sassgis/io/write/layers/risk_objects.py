@@ -220,7 +220,8 @@ def _style(symbol: Symbol, quantity: str, currency: str) -> VectorStyle:
     unit = phrase("per year")
     if quantity == "loss":
         unit = phrase("{}/year", currency)
-    texts = [_power(v) for v in limits]
+    # In short: 0.0001 is 1e-4.
+    texts = [f"{v:.0e}".replace("e-0", "e-") if v < 0.01 else f"{v:g}" for v in limits]
     labels = [
         phrase("below {} {}", texts[0], unit),
         *(phrase("{} to {} {}", low, high, unit) for low, high in pairwise(texts)),
@@ -234,8 +235,3 @@ def _style(symbol: Symbol, quantity: str, currency: str) -> VectorStyle:
     # Names of stretches would cover the road.
     label = "" if symbol.kind == "line" else "name"
     return VectorStyle(symbol, "ranges", f"{quantity}_per_year", tuple(classes), label)
-
-
-def _power(value: float) -> str:
-    """Limits in short: 0.0001 is 1e-4."""
-    return f"{value:.0e}".replace("e-0", "e-") if value < 0.01 else f"{value:g}"

@@ -11,12 +11,12 @@ import rasterio.features
 import shapely
 from numpy.typing import ArrayLike, NDArray
 from rasterio.errors import NotGeoreferencedWarning
-from rasterio.transform import Affine
 from scipy import ndimage
 
 from sassgis.hazard.along_profile import BlockPath
 from sassgis.hazard.control_lines import control_line_rows
 from sassgis.hazard.progress import Progress, joined_lines, kept_stops
+from sassgis.io.read.dem import affine_of
 from sassgis.io.vector_layer import VectorLayer, described_layer
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.labels import LINE_END_TEXT, STOP_TEXT
@@ -234,10 +234,10 @@ def cell_outlines(numbers: NDArray[Any], grid: Grid) -> Iterator[tuple[Any, int]
 
     Cells that touch at a corner only are patches of their own.
     """
-    transform = Affine(grid.cell_size, 0.0, grid.west, 0.0, -grid.cell_size, grid.north)
-    for outline, value in rasterio.features.shapes(
-        numbers, mask=numbers > 0, transform=transform, connectivity=4
-    ):
+    patches = rasterio.features.shapes(
+        numbers, numbers > 0, connectivity=4, transform=affine_of(grid)
+    )
+    for outline, value in patches:
         yield shapely.geometry.shape(outline), int(value)
 
 
