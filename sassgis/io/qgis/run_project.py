@@ -317,7 +317,7 @@ def zone_layouts(
     lines = ["vector_edits"] if found.hazard.edits else []
     lines += [f"vector_{layer.name}" for layer in own if layer.name == "open_limits"]
     sheets = [words.sheet("Hazard level", "Hazard zones, rockfall", *lines, "vector_hazard_zones")]
-    titles = {
+    titles: dict[str, tuple[str, str]] = {
         y: (
             phrase("Intensity {} years", y),
             phrase("Intensity of rockfall, return period {} years", y),
