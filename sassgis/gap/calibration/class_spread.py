@@ -98,10 +98,7 @@ def class_spread(
 ) -> tuple[RangeRule, ...]:
     """Rows of a table of ranges: the middle 90 % of what a new site may have.
 
-    Parameters
-    ----------
-    known : sequence of ParameterRange
-        What was assumed before; parameters without such a range are left out.
+    ``known``: what was assumed before; parameters without such a range are left out.
     """
     rules = []
     for before in known:

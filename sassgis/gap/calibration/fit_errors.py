@@ -53,13 +53,7 @@ class TableScore:
 def table_scores(
     site: CalibrationProblem, models: Mapping[str, Mapping[str, FloatArray]]
 ) -> tuple[TableScore, ...]:
-    """Scores by table.
-
-    Parameters
-    ----------
-    models : mapping of str to mapping of table to float64, shape (n_rocks,)
-        Scores "before", "after", "left out".
-    """
+    """Scores by table; ``models``: those "before", "after", "left out", shape (n_rocks,) each."""
     found = []
     for table in models["before"]:
         own = {name: np.nan_to_num(scores[table]) for name, scores in models.items()}
@@ -99,10 +93,7 @@ def quantity_errors(
 ) -> tuple[QuantityErrors, ...]:
     """Errors in every scored quantity.
 
-    Parameters
-    ----------
-    models : mapping of str to mapping of quantity to float64, shape (count, n_rocks)
-        Replicas "before", "after", "left out".
+    ``models``: replicas "before", "after" and "left out" by quantity, shape (count, n_rocks) each.
     """
     found = []
     for name in site.quantities:

@@ -88,9 +88,7 @@ def impact_quantities(
 ) -> Mapping[str, FloatArray]:
     """Means over the impacts of each rock, shape (n_rocks, draws) each; NaN without any.
 
-    Parameters
-    ----------
-    outcomes : float64, shape (n, draws, 3)
+    ``outcomes``: shape (n, draws, 3).
     """
     own = (impacts.inertia / impacts.radius**2)[:, None]
     before = np.hypot(impacts.impacts.vt_in_mps, impacts.impacts.vn_in_mps)

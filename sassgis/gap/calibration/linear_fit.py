@@ -125,14 +125,9 @@ class LinearFit:
 def fit_linearly(
     summary: ObservedNumbers, start: FloatArray, run: RunTrials, budget: FitBudget
 ) -> LinearFit:
-    """Calibrate standard normal parameters.
+    """Calibrate standard normal parameters to a site, or to several sites joined.
 
-    Parameters
-    ----------
-    summary : ObservedNumbers
-        Of a site, or of several sites joined.
-    start : float64, shape (d,)
-        Where to begin; before any rock is seen all are zero.
+    ``start``: where to begin, shape (d,); before any rock is seen all are zero.
     """
     rng, limit = np.random.default_rng([summary.seed, 13]), budget.limit
     normal = qmc.MultivariateNormalQMC(np.zeros(start.size), np.eye(start.size), rng=rng)

@@ -166,10 +166,7 @@ def _unexplained(case: Case, left: NDArray[np.bool_]) -> NDArray[np.bool_]:
 def mass_budget(rocks: FloatArray, blocks: FloatArray) -> tuple[float, float]:
     """Shares of the released mass that are missing and lie in pieces, and that came in addition.
 
-    Parameters
-    ----------
-    rocks, blocks : float64
-        Masses (kg), in any order.
+    ``rocks``, ``blocks``: masses (kg), in any order.
     """
     if blocks.size <= rocks.size:
         return 0.0, 0.0
@@ -230,10 +227,7 @@ FRAGMENTATION = Cause(
     f"{_MASS_BUDGET}; what the ranks lack lies in pieces",
     statistics=(
         Trace(
-            "rocks of which pieces lie under their name",
-            _named_pieces,
-            ("deposits",),
-            clear=True,
+            "rocks of which pieces lie under their name", _named_pieces, ("deposits",), clear=True
         ),
         Trace(
             "mass of whole rocks that is missing, and lies in pieces",

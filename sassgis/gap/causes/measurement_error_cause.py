@@ -244,24 +244,9 @@ CAUSE = Cause(
     "than the fall gives; what is off at one station is made up for at the next; stops beside "
     "the fall line, where the rock was on it at a station at most 30 m above",
     statistics=(
-        Trace(
-            _IN_TIME,
-            _all_alike,
-            ("trajectories",),
-            clear=True,
-        ),
-        Trace(
-            _PASSING,
-            _passing,
-            ("passages", "stations", "trajectories"),
-            clear=True,
-        ),
-        Trace(
-            _AGAINST_FALLS,
-            _against_falls,
-            ("impacts",),
-            clear=True,
-        ),
+        Trace(_IN_TIME, _all_alike, ("trajectories",), clear=True),
+        Trace(_PASSING, _passing, ("passages", "stations", "trajectories"), clear=True),
+        Trace(_AGAINST_FALLS, _against_falls, ("impacts",), clear=True),
         Trace(
             "speeds against distances in time, each rock by its own share",
             _each_its_own,

@@ -184,10 +184,7 @@ CAUSE = Cause(
             clear=True,
         ),
         Trace(
-            "contact above the stated start",
-            _contact_above_start,
-            ("rocks", "impacts"),
-            clear=True,
+            "contact above the stated start", _contact_above_start, ("rocks", "impacts"), clear=True
         ),
         # Not clear: a camera that sees the slope from below the start on makes the same.
         Trace(
@@ -202,9 +199,7 @@ CAUSE = Cause(
             clear=True,
         ),
         Trace(
-            "speed on the first reach, right on the others",
-            _first_reach,
-            ("passages", "stations"),
+            "speed on the first reach, right on the others", _first_reach, ("passages", "stations")
         ),
     ),
     place=lambda case, models: case.reaches[:1],

@@ -71,9 +71,7 @@ CAUSE = Cause(
     shown_by="lost rebound on one yielding ground alone; large rocks that stop early at the foot",
     statistics=(
         Trace(
-            "rebound lost with the normal speed, on one ground alone",
-            _on_one_ground,
-            ("impacts",),
+            "rebound lost with the normal speed, on one ground alone", _on_one_ground, ("impacts",)
         ),
         Trace(
             "large rocks stop early at the foot",

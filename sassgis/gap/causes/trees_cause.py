@@ -190,9 +190,7 @@ CAUSE = Cause(
             clear=True,
         ),
         Trace(
-            "speed lost on one reach, right on the others",
-            _on_one_reach,
-            ("passages", "stations"),
+            "speed lost on one reach, right on the others", _on_one_reach, ("passages", "stations")
         ),
     ),
     place=_in_the_stand,

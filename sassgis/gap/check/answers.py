@@ -78,12 +78,7 @@ class Answer:
 
 
 def answer_from(case: str, diagnosis: Mapping[str, Any]) -> Answer:
-    """Read an answer from the content of a ``diagnosis.json``.
-
-    Parameters
-    ----------
-    diagnosis : mapping
-        Layout of ``sassgis.gap.diagnosis.as_json``.
+    """Read an answer from the content of a ``diagnosis.json`` (``sassgis.gap.diagnosis.as_json``).
 
     Raises
     ------

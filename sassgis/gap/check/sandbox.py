@@ -41,12 +41,8 @@ class TaskOutcome:
 class Sandbox:
     """Refuses modules and folders to a process; set once, it cannot be taken away again.
 
-    It hears of all that Python opens or imports. Files that GDAL opens by itself go by it.
-
-    Parameters
-    ----------
-    root : Path
-        Nothing beneath it is opened but what ``allow`` names.
+    It hears of all that Python opens or imports; beneath ``root`` nothing is opened but what
+    ``allow`` names. Files that GDAL opens by itself go by it.
     """
 
     def __init__(self, root: Path) -> None:

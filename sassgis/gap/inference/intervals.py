@@ -25,17 +25,7 @@ def _rows_by_rock(rock: IntArray) -> list[IntArray]:
 def bootstrap_rows(rock: IntArray, draws: int, rng: np.random.Generator) -> Iterator[IntArray]:
     """Rows of bootstrap samples in which whole rocks are drawn with replacement.
 
-    Parameters
-    ----------
-    rock : int64, shape (n,)
-        Rock of each row.
-    draws : int
-        Number of samples.
-
-    Yields
-    ------
-    int64, shape (n_rows,)
-        All rows of the drawn rocks; a rock drawn twice brings its rows twice.
+    A rock drawn twice brings its rows twice. ``rock``: of each row, shape (n,).
     """
     rows = _rows_by_rock(rock)
     for _ in range(draws):
@@ -55,10 +45,8 @@ def times_drawn(unit: IntArray, rng: np.random.Generator, samples: int) -> Float
 def folds_of(group: IntArray, seed: int) -> IntArray:
     """Part of each rock for cross-validation, shape (n_rocks,).
 
-    Parameters
-    ----------
-    group : int64, shape (n_rocks,)
-        Rocks of a group (block, day, source) come into the same part. A single group is split.
+    Rocks of a ``group`` (block, day, source; shape (n_rocks,)) come into the same part. A single
+    group is split.
     """
     rng = np.random.default_rng([seed, 21])
     groups, unit = np.unique(group, return_inverse=True)
@@ -149,14 +137,9 @@ def mean_interval(values: FloatArray) -> Interval:
 
 
 def share_interval(hits: int, trials: int) -> Interval:
-    """95 % interval of a share of independent trials, never too narrow.
+    """95 % interval of a share of independent trials, never too narrow; NaN, 0, 1 without trials.
 
     C. J. Clopper and E. S. Pearson (1934, Biometrika 26, 404-413), by ``scipy.stats.binomtest``.
-
-    Returns
-    -------
-    Interval
-        NaN, 0, 1 without trials.
 
     Raises
     ------

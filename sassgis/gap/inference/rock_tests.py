@@ -43,17 +43,10 @@ def rock_means(values: FloatArray, rock: IntArray) -> tuple[FloatArray, IntArray
 
 
 def t_statistics(values: FloatArray) -> FloatArray:
-    """Mean over its standard error, column by column, missing entries left out.
+    """Mean over its standard error, column by column, missing entries left out; shape (k,).
 
-    Parameters
-    ----------
-    values : float64, shape (n, k)
-        One row per rock (see ``rock_means``).
-
-    Returns
-    -------
-    float64, shape (k,)
-        NaN with fewer than three rocks; infinite for equal values other than zero.
+    NaN with fewer than three rocks; infinite for equal values other than zero. ``values``: one row
+    per rock (see ``rock_means``), shape (n, k).
     """
     data = _as_matrix(values)
     known = np.isfinite(data)
@@ -106,12 +99,10 @@ def max_t_adjusted(statistic: FloatArray, null: FloatArray) -> FloatArray:
 
 
 def holm_adjusted(p: FloatArray) -> FloatArray:
-    """P-values adjusted for their number by S. Holm (1979, A simple sequentially rejective multiple
-    test procedure, Scand. J. Stat. 6, 65-70), whatever their dependence.
+    """P-values, shape (k,), adjusted for their number, whatever their dependence.
 
-    Parameters
-    ----------
-    p : float64, shape (k,)
+    S. Holm (1979, A simple sequentially rejective multiple test procedure, Scand. J. Stat. 6,
+    65-70).
     """
     adjusted = np.empty(p.size)
     order = np.argsort(p, kind="stable")
@@ -121,11 +112,7 @@ def holm_adjusted(p: FloatArray) -> FloatArray:
 
 
 def mean_gap_tests(
-    values: FloatArray,
-    *,
-    draws: int,
-    rng: np.random.Generator,
-    unit: IntArray | None = None,
+    values: FloatArray, *, draws: int, rng: np.random.Generator, unit: IntArray | None = None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Which mean gaps differ from zero, adjusted for the number of them.
 
@@ -171,16 +158,7 @@ def false_discovery_adjusted(p: FloatArray) -> FloatArray:
 
     Y. Benjamini and Y. Hochberg (1995, Controlling the false discovery rate, J. R. Stat. Soc. B
     57, 289-300), by ``scipy.stats.false_discovery_control``; for independent or positively
-    dependent comparisons.
-
-    Parameters
-    ----------
-    p : float64, shape (k,)
-        NaN is left out and stays.
-
-    Returns
-    -------
-    float64, shape (k,)
+    dependent comparisons. Shape (k,); NaN is left out and stays.
     """
     adjusted = np.array(p, np.float64)
     known = np.isfinite(adjusted)

@@ -105,14 +105,8 @@ def _arrivals(
 ) -> ModelGap:
     """How many more rocks arrived at a station than do in the model (% of the rocks).
 
-    Fewer say nothing: a station may miss rocks.
-
-    Parameters
-    ----------
-    seen : bool, shape (n_rocks,)
-        Recorded there.
-    made : bool, shape (m, n_rocks)
-        Of campaigns of the model.
+    Fewer say nothing: a station may miss rocks. ``seen``: recorded there, shape (n_rocks,);
+    ``made``: the same of campaigns of the model, shape (m, n_rocks).
     """
     more = 100.0 * (seen - made.mean(axis=0))
     rng = np.random.default_rng([problem.seed, 58, column])

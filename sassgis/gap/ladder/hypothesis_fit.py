@@ -204,12 +204,7 @@ def fit_hypothesis(
 ) -> FittedHypothesis:
     """Calibrate a hypothesis from where a simpler one, or a draw, has brought its parameters.
 
-    Parameters
-    ----------
-    start : mapping
-        Shares by name; parameters that are not named begin at their middle.
-    held : mapping
-        Shares of parameters that are known.
+    ``start``: shares by name, of others the middle; ``held``: those of parameters that are known.
     """
     problem = summary.problem
     space = space_of(problem.case, effect, start, held)

@@ -36,14 +36,9 @@ def group_weights(group: IntArray, rng: np.random.Generator, samples: int) -> Fl
 def share_of(
     above: RockDistances, below: RockDistances, floor: float, drawn: Sequence[FloatArray]
 ) -> tuple[float, Range | None]:
-    """Share of the gap ``above`` that is closed ``below``, with its 95 % interval.
+    """Share of the gap ``above`` (model before) that is closed ``below`` (after); 95 % interval.
 
-    Parameters
-    ----------
-    above, below : RockDistances
-        Of the model before and after.
-    drawn : two of float64, shape (samples,)
-        The same in bootstrap samples; one without a gap is left out.
+    ``drawn``: both in bootstrap samples, shape (samples,) each; one without a gap is left out.
     """
     value = (above.value() - below.value()) / (above.value() - floor)
     gap = drawn[0] - floor
@@ -167,10 +162,8 @@ def shrinkage_of(
 ) -> Shrinkage:
     """How far the gap of the calibrated base shrinks by an effect, on held-out rocks.
 
-    Parameters
-    ----------
-    base, rows : float64, shape (m, n_rocks, p)
-        Held-out replicas of each rock, without and with the effect.
+    ``base``, ``rows``: held-out replicas of each rock, without and with the effect, shape
+    (m, n_rocks, p).
     """
     if not problem.rows.shape[1]:
         nan = float("nan")

@@ -9,12 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from sassgis.gap.observations.allowances import (
-    MASS_ERROR_REL,
-    POSITION_ERROR_M,
-    SIGMAS,
-    stated_or,
-)
+from sassgis.gap.observations.allowances import MASS_ERROR_REL, POSITION_ERROR_M, SIGMAS, stated_or
 from sassgis.gap.observations.motion_checks import (
     check_drops,
     check_impacts,

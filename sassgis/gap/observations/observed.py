@@ -117,20 +117,10 @@ def parent_of(rock_id: str) -> str | None:
 
 
 def root_of(rock_id: str, known: Iterable[str]) -> str:
-    """The whole rock that a name goes back to.
+    """The whole rock that a name goes back to: of a piece, or of a piece of a piece (R7.2.1).
 
-    Parameters
-    ----------
-    rock_id
-        Of a rock, a piece, or a piece of a piece (R7.2.1).
-    known
-        Names in use; a set makes it fast.
-
-    Returns
-    -------
-    str
-        The shortest name in use that is left when suffixes are taken off; the name itself if
-        there is none.
+    The shortest name in use that is left when suffixes are taken off; the name itself if there is
+    none. ``known``: names in use; a set makes it fast.
     """
     found, name = rock_id, rock_id
     while (parent := parent_of(name)) is not None:

@@ -73,17 +73,9 @@ def observed_release_points(observations: Observations) -> tuple[ReleasePoints, 
 
 
 def nearest_lines(traces: TraceSet, x: FloatArray, y: FloatArray) -> IntArray:
-    """Line nearest to each point, for blocks of which the release is not known.
+    """Line nearest to each point (m), for blocks of which the release is not known, shape (n,).
 
-    Parameters
-    ----------
-    x, y : float64, shape (n,)
-        Coordinates (m).
-
-    Returns
-    -------
-    int64, shape (n,)
-        The first of equally near ones; -1 for a missing point or if there are no lines.
+    The first of equally near ones; -1 for a missing point or if there are no lines.
     """
     lines = np.full(np.size(x), -1, np.int64)
     known = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
@@ -219,11 +211,8 @@ def station_chainages(
 ) -> StationChainages:
     """Where each fall line crosses each station.
 
-    Parameters
-    ----------
-    prolong_m : float
-        Stations are prolonged straight on at both ends by this length (m): a fall line may pass
-        just beside a line across the slope that every rock crossed.
+    Stations are prolonged straight on at both ends by ``prolong_m`` (m): a fall line may pass just
+    beside a line across the slope that every rock crossed.
     """
     s, middle = np.full((len(traces), len(stations)), np.nan), np.full(len(stations), np.inf)
     for j, vertices in enumerate(stations.vertices):

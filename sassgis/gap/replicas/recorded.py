@@ -46,14 +46,8 @@ def observe(
 ) -> list[Campaign]:
     """What ``count`` campaigns show to the observer of the case.
 
-    Parameters
-    ----------
-    lines : RockLines
-        With the observer.
-    model : HypothesisModel
-        Whose errors of release and measurement, and offsets from the fall line, come on top.
-    moved : Moved
-        Every rock ``count`` times.
+    Errors of release and measurement of the model, and offsets from the fall line, come on top.
+    ``moved``: every rock ``count`` times.
     """
     record = _Record(case, lines, model, moved, count, rng)
     passages = record.passages() if "passages" in tables and case.station_names else None
@@ -283,14 +277,8 @@ def turns_of(
 ) -> tuple[FloatArray, FloatArray]:
     """Turn of followed paths at impacts, anticlockwise, and azimuth before them (rad).
 
-    Parameters
-    ----------
-    events : EVENT_DTYPE
-        Of several blocks, one after the other.
-    index : int64
-        Number of the block of each.
-    hit : int64, shape (n,)
-        Rows of the impacts; the row behind each is of the same block.
+    ``events``: of several blocks, one after the other (EVENT_DTYPE); ``index``: number of the block
+    of each; ``hit``: rows of the impacts, the row behind each is of the same block, shape (n,).
     """
     azimuth, moves = [], []
     for first, last in ((np.maximum(hit - 1, 0), hit), (hit + 1, hit + 2)):

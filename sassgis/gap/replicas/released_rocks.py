@@ -93,12 +93,8 @@ def move(
 ) -> Moved:
     """Release rocks ``count`` times, as the configuration of the case moves blocks.
 
-    Parameters
-    ----------
-    model : HypothesisModel
-        Its ground, its effects, and its stand in place of the configured forest.
-    seed, first_rock, log_events
-        As for sassgis.engine.simulate.simulate.
+    A stand of the model takes the place of the configured forest. ``seed``, ``first_rock``,
+    ``log_events``: as for sassgis.engine.simulate.simulate.
     """
     if case.terrain is None:
         return _on_profiles(case, lines, releases, model, seed, count, first_rock, log_events)

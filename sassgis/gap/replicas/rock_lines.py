@@ -158,14 +158,7 @@ def control_lines_of(case: Case) -> ControlLineCrossings:
 
 
 def dips_at(profiles: ProfileSet, profile: IntArray, s: FloatArray) -> FloatArray:
-    """Dip of the segment of a profile at a chainage (rad), below zero downhill.
-
-    Parameters
-    ----------
-    profile : int64, shape (n,)
-    s : float64, shape (n,)
-        Chainage (m).
-    """
+    """Dip of the segment of a profile at a chainage (m), shape (n,), below zero downhill (rad)."""
     k = _segments_at(profiles, profile, s)
     return np.arctan2(profiles.z[k + 1] - profiles.z[k], profiles.s[k + 1] - profiles.s[k])
 

@@ -77,17 +77,14 @@ def path_residuals(
 ) -> list[Residual]:
     """Residuals of flights and of stretches along the ground, by reach and over all.
 
+    Weighted by how closely each flight is measured.
+
     Parameters
     ----------
     edges : float64, shape (n_reaches, 2)
         Limits of the reaches (m).
     axes_m : float64, shape (n_rocks, k, 3)
         Semi-axes of each rock as the model draws them, longest first (m).
-
-    Returns
-    -------
-    list of Residual
-        Weighted by how closely each flight is measured.
     """
     flights: list[_Piece] = []
     round_m = _rolling_radius(axes_m)
@@ -110,12 +107,8 @@ def struck_above_ground(
 
     Whatever the ground does, its impulse lies in a cone about its normal: friction and tilts of
     single spots make it as wide as they can. Several contacts together stay in it, as it is convex.
-    A stem takes speed along the ground and gives none away from it.
-
-    Parameters
-    ----------
-    axes_m : float64, shape (n_rocks, k, 3)
-        Semi-axes of each rock as the model draws them, longest first (m).
+    A stem takes speed along the ground and gives none away from it. ``axes_m``: as for
+    ``path_residuals``.
 
     Returns
     -------
@@ -202,12 +195,7 @@ def _lines(
 def air_of_flights(
     case: Case, axes_m: FloatArray
 ) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """What bends flights in plan, where gravity does nothing.
-
-    Parameters
-    ----------
-    axes_m : float64, shape (n_rocks, k, 3)
-        Semi-axes of each rock as the model draws them, longest first (m).
+    """What bends flights in plan, where gravity does nothing; parameters as ``path_residuals``.
 
     Returns
     -------

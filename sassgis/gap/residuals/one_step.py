@@ -54,23 +54,13 @@ _ALONG_MPS = 1.0
 
 
 def impact_residuals(
-    case: Case,
-    model: HypothesisModel,
-    run: FreeRun,
-    edges: FloatArray,
-    *,
-    rng: np.random.Generator,
+    case: Case, model: HypothesisModel, run: FreeRun, edges: FloatArray, *, rng: np.random.Generator
 ) -> list[Residual]:
     """Residuals of single impacts by reach and by class of ground.
 
-    Where blocks of the model leave the fall line on profiles, turns are left out.
-
-    Parameters
-    ----------
-    run : FreeRun
-        The rocks in the model: their semi-axes, and the turns of their paths.
-    edges : float64, shape (n_reaches, 2)
-        Limits of the reaches (m).
+    Where blocks of the model leave the fall line on profiles, turns are left out. ``run`` has the
+    semi-axes of the rocks and the turns of their paths; ``edges``: limits of the reaches (m), shape
+    (n_reaches, 2).
     """
     impacts = case.observations.impacts
     if not len(impacts):

@@ -98,12 +98,8 @@ def _restarted(
 ) -> tuple[AtStations, FloatArray] | None:
     """Runs from station ``k`` of the rocks that were seen there, as many as of the free run.
 
-    Returns
-    -------
-    at : AtStations
-        Arrays of shape (n_rocks, replicates, n_stations).
-    runout_m : float64, shape (n_rocks, replicates)
-        None if fewer than two rocks can be restarted.
+    Arrays of shape (n_rocks, replicates, n_stations), and the run-out (m), shape (n_rocks,
+    replicates). None if fewer than two rocks can be restarted.
     """
     n, m = run.ends.runout_m.shape
     started = np.isfinite(seen.speed_mps[:, k]) & (seen.speed_mps[:, k] > 0.0)

@@ -134,12 +134,8 @@ def only_above(score: FloatArray) -> FloatArray:
 def beyond(gap: FloatArray, tolerance: float) -> FloatArray:
     """Gaps moved together towards zero by a tolerance: what is tested is how far they exceed it.
 
-    Parameters
-    ----------
-    gap : float64, shape (n,)
-        NaN where there is none.
-    tolerance : float
-        Mean gap that can be an error of the comparison itself.
+    ``gap``: shape (n,), NaN where there is none; ``tolerance``: mean gap that can be an error of
+    the comparison itself.
     """
     known = gap[np.isfinite(gap)]
     mean = float(known.mean()) if known.size else 0.0

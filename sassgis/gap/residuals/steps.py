@@ -89,13 +89,7 @@ MODEL_FLIGHT = "flight of the model"
 def steps_of(
     case: Case, model: HypothesisModel, run: FreeRun, rng: np.random.Generator
 ) -> StepTable:
-    """The table of residuals of a case.
-
-    Parameters
-    ----------
-    run : FreeRun
-        Its replicates of the rocks.
-    """
+    """The table of residuals of a case; ``run``: its replicates of the rocks."""
     flat = run.axes_m[:, :, 2].mean(axis=1) / run.axes_m[:, :, 1].mean(axis=1)
     parts = [
         *_impacts(case, model, run.axes_m, rng),

@@ -42,12 +42,7 @@ def residuals_of(
 ) -> ResidualTable:
     """Compare a case with a model, its errors of release and measurement apart.
 
-    Parameters
-    ----------
-    model : HypothesisModel
-        As ``configured_model`` gives that of the configuration.
-    replicates : int
-        Runs of each rock.
+    ``configured_model`` gives that of the configuration. ``replicates``: runs of each rock.
     """
     rng = np.random.default_rng([seed, 31])
     running = RunModel.of(case, model, seed)

@@ -34,17 +34,10 @@ _SHARE = 0.4
 def where(
     case: Case, residuals: ResidualTable, *, seed: int, draws: int = 999
 ) -> tuple[GapFinding, ...]:
-    """Find where observation and model differ.
+    """Find where observation and model differ, most certain first.
 
-    Parameters
-    ----------
-    draws : int
-        For the tests and the intervals.
-
-    Returns
-    -------
-    tuple of GapFinding
-        Most certain first; quantities that fewer than five rocks have are left out.
+    Quantities that fewer than five rocks have are left out. ``draws``: for the tests and the
+    intervals.
     """
     rng = np.random.default_rng([seed, 33])
     unit = case.unit

@@ -13,17 +13,9 @@ from sassgis.model.profiles import TraceSet
 
 
 def line_stretch(traces: TraceSet, line: int, s0: float, s1: float) -> FloatArray:
-    """The part of a fall line between two chainages.
+    """The part of a fall line between two chainages (m), cut to those of the line, shape (n, 2).
 
-    Parameters
-    ----------
-    s0, s1 : float
-        Chainages (m); cut to those of the line.
-
-    Returns
-    -------
-    float64, shape (n, 2)
-        Coordinates (m); empty where nothing of the line lies between.
+    Coordinates (m); empty where nothing of the line lies between.
     """
     own = slice(int(traces.offset[line]), int(traces.offset[line + 1]))
     s, x, y = traces.s[own], traces.x[own], traces.y[own]

@@ -26,17 +26,9 @@ from sassgis.model.grid import IntArray
 
 
 def fingerprints(case: Case, residuals: ResidualTable) -> tuple[Fingerprint, ...]:
-    """Test every fingerprint on the residuals of a case.
+    """Test every fingerprint on the residuals of a case against its calibrated base.
 
-    Parameters
-    ----------
-    residuals : ResidualTable
-        Of the calibrated base.
-
-    Returns
-    -------
-    tuple of Fingerprint
-        The most certain first; those that cannot be seen last.
+    The most certain first; those that cannot be seen last.
     """
     group = case.group
     seen, unseen = list[Fingerprint](), list[Fingerprint]()  # p values are adjusted below

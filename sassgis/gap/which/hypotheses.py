@@ -59,10 +59,7 @@ class Draw:
 def draw(case: Case, families: tuple[str, ...], parameter_draws: ParameterDraws) -> Draw:
     """The base model, its ground calibrated anew, with effects.
 
-    Parameters
-    ----------
-    families : tuple of str
-        None, one or more; "contact_law" is one of them here.
+    ``families``: none, one or more; "contact_law" is one of them here.
     """
     table, ground = _calibrated(case, parameter_draws)
     engine = _engine_keys(case, parameter_draws)

@@ -72,10 +72,7 @@ def separations(
 ) -> tuple[Separation, ...]:
     """What would best distinguish the first of several calibrated models from each of the others.
 
-    Parameters
-    ----------
-    models : mapping of cause to sequence of HypothesisModel
-        Draws that fit alike; the cause that is to be distinguished first.
+    ``models``: draws that fit alike; the cause that is to be distinguished first.
     """
     causes = list(models)
     if len(causes) < 2:

@@ -129,12 +129,8 @@ def seen_of(
     that a family adds may lie in the gap that another one leaves. Other fingerprints that no
     contact leaves may be hidden by the scatter of the rocks: they must be seen. What another
     law of the contact or a film that begins late leaves as well shows nothing by itself. Else a
-    family must have the power to close something, or close it.
-
-    Parameters
-    ----------
-    gains : mapping
-        Those that could speak for their causes.
+    family must have the power to close something, or close it. ``gains``: those that could speak
+    for their causes.
     """
     by_prints = {f.effect for f in prints if f.observable and _would_show(f)}
     by_gains = {n for n, own in gains.items() if own.power >= POWER or own.sureness >= SHOWS}
@@ -146,12 +142,8 @@ def second_of(
 ) -> str:
     """A second cause: what is left once the first one is in the model; "" if nothing is.
 
-    Parameters
-    ----------
-    left : sequence of Fingerprint
-        Of the base with the first cause.
-    shares : mapping
-        Probability of the other families and of "none" beyond that base.
+    ``left``: of the base with the first cause; ``shares``: probability of the other families and of
+    "none" beyond that base.
     """
     sure = {
         name: one.z
@@ -285,16 +277,9 @@ def causes_in(confusion: Sequence[str]) -> tuple[str, ...]:
 def place_of(
     effect: str, case: Case, fitted: Sequence[Draw], findings: Sequence[GapFinding]
 ) -> tuple[str, tuple[str, ...]]:
-    """Phase of motion and reaches in which an effect acts.
+    """Phase of motion and reaches in which an effect acts, by calibrated draws of it.
 
-    Parameters
-    ----------
-    effect : str
-        The answer.
-    fitted : sequence of Draw
-        Calibrated draws of the effect.
-    findings : sequence of GapFinding
-        Where the gap lies, for effects without a place of their own.
+    Effects without a place of their own act where the gap lies, by the ``findings``.
     """
     if effect == NONE:
         return "", ()

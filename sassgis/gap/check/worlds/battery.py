@@ -45,7 +45,7 @@ _STRENGTHS = ("weak", "medium", "strong", "medium", "strong")
 
 
 def battery(seed: int, n: int, laws: Sequence[str] = LAWS) -> list[WorldSpec]:
-    """Specifications of a battery of sites, in shuffled order.
+    """Specifications of a battery of ``n`` sites, in shuffled order.
 
     A third has no effect, two fifths a single one, two fifteenths a pair, the rest an unknown one.
     Of the single ones two fifths are observed as in ``FULL`` and a third as in ``MODEST``; of the
@@ -58,17 +58,6 @@ def battery(seed: int, n: int, laws: Sequence[str] = LAWS) -> list[WorldSpec]:
     Laws of the motion, slopes, numbers of stations, names and stated errors go round all sites.
     Half of the sites without an effect has a patch of ground that no map shows, or a loss that
     grows with the speed. All observers and terrain models have faults.
-
-    Parameters
-    ----------
-    n : int
-        Number of sites, at least 1.
-    laws : sequence of str
-        Of the motion.
-
-    Returns
-    -------
-    list of WorldSpec, length n
 
     Raises
     ------
@@ -127,15 +116,7 @@ def quick_battery(seed: int, laws: Sequence[str] = LAWS[:-1]) -> list[WorldSpec]
 
 
 def world_seeds(seed: int, n: int) -> list[int]:
-    """Seeds of the sites of a battery; those of two batteries have nothing in common.
-
-    Parameters
-    ----------
-    seed : int
-        Of the battery.
-    n : int
-        Number of sites.
-    """
+    """Seeds of the ``n`` sites of a battery; those of two batteries have nothing in common."""
     state = np.random.SeedSequence([seed, 1977]).generate_state(n, np.uint64)
     # Other numbers are added to a seed further on: room is left above it.
     return [int(value >> np.uint64(16)) for value in state]

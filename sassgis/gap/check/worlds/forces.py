@@ -169,13 +169,7 @@ def on_ice(ice: Local, x: float, y: float) -> bool:
 
 @kernel
 def strike(
-    nx: float,
-    ny: float,
-    vx: float,
-    vy: float,
-    mass: float,
-    capacity: float,
-    other_mass: float,
+    nx: float, ny: float, vx: float, vy: float, mass: float, capacity: float, other_mass: float
 ) -> tuple[float, float]:
     """Velocity in plan after an oblique, elastic-plastic blow against a stem or a lying block.
 

@@ -50,11 +50,7 @@ class ObservedTables:
 def observe(world: World, kind: str, n_rocks: int, seed: int) -> ObservedTables:
     """Release rocks in a synthetic site and write down what is seen.
 
-    Parameters
-    ----------
-    kind : {"stations", "stops", "both", "everything"}
-    seed : int
-        Distinguishes campaigns.
+    ``kind``: one of KINDS; ``seed`` distinguishes campaigns.
 
     Raises
     ------

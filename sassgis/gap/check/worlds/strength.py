@@ -37,16 +37,9 @@ def n_measure(world: World) -> int:
 
 
 def inhomogeneity(one: FloatArray, other: FloatArray) -> float:
-    """Energy distance of two samples over its upper bound, without bias at zero.
+    """Energy distance of two samples, shapes (n, k) and (m, k), over its upper bound.
 
-    Parameters
-    ----------
-    one, other : float64, shapes (n, k) and (m, k)
-
-    Returns
-    -------
-    float
-        0 (same distribution) to 1; negative estimates are given as 0.
+    0 (same distribution) to 1, without bias at zero; negative estimates are given as 0.
     """
     if len(one) < 2 or len(other) < 2:
         return 1.0
