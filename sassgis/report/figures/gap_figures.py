@@ -289,6 +289,12 @@ def _steps(values: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.concatenate([[x[0]], x]), np.arange(x.size + 1) / x.size
 
 
+def _band(values: FloatArray, n: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Between which shares the curve of ``n`` rocks of a model lies in 95 of 100 samples."""
+    x, share = _steps(values)
+    return x, binom.ppf(0.025, n, share) / n, binom.ppf(0.975, n, share) / n
+
+
 def _distance(observed: FloatArray, model: FloatArray) -> float:
     """Energy distance, squared as on the page, in standard deviations of the observed."""
     unit = float(np.std(observed, ddof=1)) if observed.size > 1 else 0.0
@@ -359,9 +365,7 @@ def _draw_comparison(ax: Axes, comparison: Comparison, width_in: float, after: b
         nothing_to_show(ax, "not observed", keep_x=True)
         return
     if base.size:
-        # Between which shares the curve of as many rocks of it lies in 95 of 100 samples.
-        x, share = _steps(base)
-        low, high = (binom.ppf(q, seen.size, share) / seen.size for q in (0.025, 0.975))
+        x, low, high = _band(base, seen.size)
         ax.fill_between(x, low, high, step="post", color=SKY, alpha=0.25, lw=0, gid="band")
     curves = ((base, BLUE, 1.3, "base"), (with_effect, VERMILION, 1.3, "effect"))
     for values, colour, width, gid in (*curves, (seen, INK, 1.1, "observed")):
