@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,20 @@ from sassgis.cli.options import (
 )
 from sassgis.cli.progress_bar import notes, printed
 
-_ABOVE_0 = click.FloatRange(min=0.0, min_open=True)
+
+class _Above0(click.FloatRange):
+    """A number above 0, and no NaN or infinity."""
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        number: float = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{value} is no number", param, ctx)
+        return number
+
+
+_ABOVE_0 = _Above0(min=0.0, min_open=True)
 
 
 @command(

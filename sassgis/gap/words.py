@@ -7,6 +7,7 @@ from functools import reduce
 
 from sassgis.gap.causes.all_causes import CAUSES, GROUPS
 from sassgis.gap.diagnosis import GapFinding
+from sassgis.model.labels import short
 from sassgis.model.languages import Phrase, all_of, in_english, joined, named, phrase
 from sassgis.model.styles import with_unit
 
@@ -110,7 +111,7 @@ def closed_percent(share: float) -> float:
 
 def number_text(value: float) -> str:
     """Two digits for large numbers, as many decimals as a setting needs for small ones."""
-    text = f"{value:.0f}" if abs(value) >= 10.0 else f"{value:.2g}"
+    text = short(value)
     return text.replace("-", "\u2212")
 
 

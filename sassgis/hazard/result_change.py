@@ -14,6 +14,7 @@ import shapely
 from sassgis.hazard.beyond_sampling import beyond_sampling
 from sassgis.hazard.stored_result import StoredResult
 from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.labels import short
 from sassgis.model.languages import phrase
 
 LEVEL = "hazard_level"
@@ -122,7 +123,7 @@ class ResultChange:
         reach = self.row("map", REACH_MEAN).change
         if math.isfinite(reach):
             text = "Reach probability, mean change over these cells: {} percentage points."
-            out.append(phrase(text, _signed(100.0 * reach, ".2g")))
+            out.append(phrase(text, _signed(100.0 * reach, ".2g" if abs(reach) < 0.1 else ".0f")))
         energy = self.row("map", ENERGY_MEAN).change
         if math.isfinite(energy):
             text = "Energy (95 % quantile), mean change over the cells reached by both: {} kJ."
@@ -144,7 +145,7 @@ class ResultChange:
                 phrase("{} kJ{}", f"{value:,.0f}", limits_text(limits, "{:,.0f}".format))
                 for value, limits in zip((energy.before, energy.after), energy.limits, strict=True)
             )
-            shares = (f"{100 * value:.2g}" for value in (reach.before, reach.after))
+            shares = (short(100.0 * value) for value in (reach.before, reach.after))
             yield phrase(text, name, before, after, *shares)
 
 

@@ -19,7 +19,7 @@ from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import IntArray
 from sassgis.model.ground import GroundClass, Trust
 from sassgis.model.hazard import BlockBudget, HazardPreset
-from sassgis.model.labels import STOP_TEXT
+from sassgis.model.labels import STOP_TEXT, short
 from sassgis.model.languages import phrase
 from sassgis.model.map_run import MapRun
 from sassgis.model.profiles import LineEnd
@@ -94,6 +94,7 @@ def path_warnings(path: str) -> list[str]:
 def simulation_warnings(run: MapRun, progress: Progress) -> list[str]:
     """What happened to blocks and lines, and what the inputs leave open."""
     total = max(int(progress.reasons.sum()), 1)
+    started = max(total - int(progress.reasons[StopReason.NEVER_STARTED]), 1)
     out: list[str] = []
     ends = line_ends(progress)
     for end, what in _LINE_ENDS:
@@ -103,7 +104,8 @@ def simulation_warnings(run: MapRun, progress: Progress) -> list[str]:
         n = int(progress.reasons[reason])
         if n:
             # Shares, as some blocks count for several.
-            out.append(phrase(what, f"{100 * n / total:.2g}"))
+            of = total if reason == StopReason.NEVER_STARTED else started
+            out.append(phrase(what, short(100.0 * n / of)))
     if progress.lost:
         text = (
             "{} blocks were not simulated: their fall lines end where they begin (release points "
@@ -148,7 +150,7 @@ def edge_words(run: MapRun, progress: Progress, open_m: float) -> str:
     # On fall lines blocks are lost at the ends of these, too.
     if not run.followed or not progress.lost_share:
         return ""
-    lost = f"{100 * progress.lost_share:.2g}"
+    lost = short(100.0 * progress.lost_share)
     if open_m <= 0.0:
         return phrase("{} % of the blocks left the terrain model; no zone ends at its edge.", lost)
     text = (

@@ -38,6 +38,11 @@ def rounded(value: Any, digits: int = 3) -> Any:
     return float(f"{value:.{digits}g}") if np.isfinite(value) else None
 
 
+def short(value: float) -> str:
+    """A number in two digits, with all of those before the point: 0.012, 1.5, 1700."""
+    return f"{value:.0f}" if abs(value) >= 10.0 else f"{value:.2g}"
+
+
 def file_stem(name: str) -> str:
     """A name as part of a file name that every system takes: letters, digits and underscores."""
     plain = "".join(c if c.isalnum() else "_" for c in name).strip("_").lower()

@@ -98,8 +98,8 @@ class MapPage:
     objects: Sequence[MapObject]
     contributions: Sequence[Contribution]
     paths: Sequence[LinePaths]
-    # By the name of the object, station or barrier.
-    places: Mapping[str, PlaceFacts] = field(default_factory=dict)
+    # By kind and name of the object, station or barrier.
+    places: Mapping[tuple[str, str], PlaceFacts] = field(default_factory=dict)
     hazard: MapHazard | None = None
 
 
@@ -453,7 +453,7 @@ def _shapes(page: MapPage) -> list[dict[str, Any]]:
     placed = [("object", name, geometry) for name, geometry in page.objects]
     placed += [(c.kind, c.name, shapely.LineString(trace)) for c, trace in page.run.control_lines]
     for kind, name, geometry in placed:
-        facts = page.places.get(name, PlaceFacts())
+        facts = page.places.get((kind, name), PlaceFacts())
         found.append(_shape(kind, name, geometry, facts.rows, curve=facts.curve))
     return found
 

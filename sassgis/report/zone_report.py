@@ -328,9 +328,9 @@ def _design_table(
         rows,
         "Without walls and nets; release areas and block scenarios are weighted by their onset "
         "frequencies. Limits are those of the sampling error. A dash: blocks arrive less often "
-        "than that. Heights are of the centre of the block above its resting height: add half the "
-        "height of the block and the freeboard. How many simulated blocks lie beyond each value is "
-        "in tables/design.csv.",
+        "than that. Heights are of the centre of the block above its resting height, which is half "
+        "the block: add the height of the whole block and the freeboard. How many simulated "
+        "blocks lie beyond each value is in tables/design.csv.",
     )
 
 

@@ -311,7 +311,8 @@ def _release_files(config: Config, folder: Path) -> list[Path]:
         f.resolve()
         for f in (
             config.ground.file,
-            config.trees.file if config.trees is not None else None,
+            *((config.trees.file, config.trees.single_trees) if config.trees is not None else ()),
+            config.edits.file,
             *(item.file for item in (*config.stations, *config.barriers)),
             *(item.file for item in config.objects),
         )

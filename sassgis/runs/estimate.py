@@ -13,6 +13,7 @@ from sassgis.engine.simulate_paths import room_at_first
 from sassgis.hazard.along_profile import STRETCH_M
 from sassgis.hazard.bins import bins_for, bins_of
 from sassgis.model.grid import FloatArray
+from sassgis.model.labels import short
 from sassgis.model.map_run import MapRun
 from sassgis.model.memory import memory_bytes, require_memory
 from sassgis.model.results import ROCK_DTYPE
@@ -71,12 +72,12 @@ class RunEstimate:
         return [
             f"estimate       {self.blocks} blocks{more}, {self.points} release points, "
             f"{self.cells} cells",
-            f"               memory {sum(self.need.values()) / 1e9:.2g} GB and "
+            f"               memory {short(sum(self.need.values()) / 1e9)} GB and "
             f"{self.per_reached / 1e3:.1f} kB for each cell that blocks come to{room}",
             f"               time {_spoken(self.seconds)} on {self.cores} core(s), if blocks take "
             "as long as on the slope of docs/studies/speed.md; on long slopes, with effects and on "
             "slower machines several times that",
-            f"               maps {self.map_bytes / 1e6:.2g} MB before they are compressed; a "
+            f"               maps {short(self.map_bytes / 1e6)} MB before they are compressed; a "
             f"table of blocks {self.blocks} rows",
         ]
 

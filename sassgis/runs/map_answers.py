@@ -94,9 +94,9 @@ def map_hazard(rules: Rules, found: Assessment) -> MapHazard:
 
 def line_facts(
     run: MapRun, without_barriers: Sequence[Sampled], periods_years: Sequence[float]
-) -> dict[str, PlaceFacts]:
+) -> dict[tuple[str, str], PlaceFacts]:
     """What reaches each station and barrier without barriers, by return period."""
-    found = {}
+    found: dict[tuple[str, str], PlaceFacts] = {}
     for i, (line, _) in enumerate(run.control_lines):
         energy, height = (arrivals(without_barriers, i, q) for q in ("energy_kj", "height_m"))
         rows: list[tuple[str, str]] = []
@@ -110,7 +110,7 @@ def line_facts(
         rows.append(("Blocks that arrive", phrase("{} a year", sensible(float(energy.rate[0])))))
         at = np.unique(np.linspace(0, energy.edges.size - 1, _POINTS * 4).astype(int))
         curve = [(float(energy.edges[k]), float(energy.rate[k])) for k in at if energy.rate[k] > 0]
-        found[line.name] = PlaceFacts(tuple(rows), curve)
+        found[line.kind, line.name] = PlaceFacts(tuple(rows), curve)
     return found
 
 
@@ -120,7 +120,7 @@ def object_facts(
     energies_kj: np.ndarray,
     levels: Mapping[str, str],
     currency: str,
-) -> dict[str, PlaceFacts]:
+) -> dict[tuple[str, str], PlaceFacts]:
     """What hits each exposed object; of roads and lines the curve is that of the worst stretch."""
     if risk is None:
         return {}
@@ -145,5 +145,5 @@ def object_facts(
         if worst in row_of:
             rates = curves.rate[row_of[worst]]
             curve = [(float(e), float(r)) for e, r in zip(energies_kj, rates, strict=True) if r > 0]
-        found[name] = PlaceFacts(tuple(rows), curve)
+        found["object", name] = PlaceFacts(tuple(rows), curve)
     return found

@@ -91,7 +91,7 @@ class Extras:
     # What the map that can be asked says of zones, sources, places and release areas.
     hazard: MapHazard | None = None
     contributions: Sequence[Contribution] = ()
-    places: Mapping[str, PlaceFacts] = field(default_factory=dict)
+    places: Mapping[tuple[str, str], PlaceFacts] = field(default_factory=dict)
     frequencies: Mapping[tuple[str, str], float] = field(default_factory=dict)
 
 

@@ -177,7 +177,7 @@ def layout_element(
         scale = _fill_map(sheet, layout.extent, shown, layout.drawn_for)
         notes = layout.notes
         if 0.0 < layout.drawn_for < scale:
-            notes = (*notes, translated(phrase(_SMALLER, f"{layout.drawn_for:,.0f}")))
+            notes = (*notes, translated(phrase(_SMALLER, scale_text(layout.drawn_for))))
         sheet.shrink(factor)
         end = _fill_head(sheet, layout.title, layout.subtitle)
         legend = sheet.items["Legend"]
@@ -193,6 +193,11 @@ def layout_element(
     for number, item in enumerate(reversed(sheet.root.findall("LayoutItem")), start=1):
         item.set("zValue", str(number))
     return sheet.root
+
+
+def scale_text(scale: float) -> str:
+    """The number of a scale as QGIS writes it."""
+    return f"{scale:,.0f}".replace(",", "\u00a0")
 
 
 def _gap(sheet: _Sheet) -> float:
@@ -313,7 +318,7 @@ def _fill_scale(sheet: _Sheet, bottom: float, scale: float, *, local: bool) -> f
     # are local, it does not know that they are in metres.
     text = sheet.items["Scale"].get("labelText", "").removeprefix("Scale 1:")
     if local:
-        text = f"{scale:,.0f}".replace(",", "\u00a0")
+        text = scale_text(scale)
     sheet.items["Scale"].set("labelText", f"{translated('Scale')} 1:{text}")
     room = boxes["North arrow"].x - boxes["Scale bar"].x - 16.0
     step_m = round_length(room * scale / 1000.0 / 4.0)

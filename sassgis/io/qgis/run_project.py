@@ -14,7 +14,7 @@ from sassgis.hazard.preset_labels import unverified_in_short
 from sassgis.hazard.warnings import edit_lines, ground_warnings, sample_words
 from sassgis.hazard.zone_styles import zone_style
 from sassgis.io.qgis.entries import LayerEntry, LayerGroup, without_empty
-from sassgis.io.qgis.layout import Extent, PrintLayout
+from sassgis.io.qgis.layout import Extent, PrintLayout, scale_text
 from sassgis.io.qgis.project import write_project
 from sassgis.io.read.base_map import BASE_MAP_KEY
 from sassgis.io.read.plain_file import seen_from
@@ -294,7 +294,7 @@ def zone_layouts(
     ``own`` are its layers but for edits and those of the federal model.
     """
     preset, drawn = rules.preset, rules.zones
-    least = f"{drawn.scale:,.0f}", f"{drawn.width_m:g}", f"{drawn.area_m2:g}"
+    least = scale_text(drawn.scale), f"{drawn.width_m:g}", f"{drawn.area_m2:g}"
     facts = (
         ("Onset frequencies", onset_words(rules)),
         ("Rules", preset.title),

@@ -38,9 +38,11 @@ _DEFAULTS = {
     "author": "@user_full_name",
     "date": "format_date(now(), 'yyyy-MM-dd')",
     "computed": (
-        "coalesce(aggregate('vector_hazard_zones', 'concatenate', \"hazard_level\" || ' ' || "
-        "to_string(round(100 * area(intersection($geometry, geometry(@parent))) / "
-        "area(geometry(@parent)))) || ' %', intersects($geometry, geometry(@parent)), ', '), "
+        # Of no zone aggregate makes an empty text.
+        "coalesce(nullif(aggregate('vector_hazard_zones', 'concatenate', "
+        "\"hazard_level\" || ' ' || to_string(round(100 * area(intersection($geometry, "
+        "geometry(@parent))) / area(geometry(@parent)))) || ' %', "
+        "intersects($geometry, geometry(@parent)), ', '), ''), "
         f"'{NO_LEVEL} 100 %')"
     ),
 }
