@@ -149,7 +149,7 @@ _WORDS = {
     "once": "once in {} years",
     "rarer": "rarer than once in {} years",
     "none": "No simulated block comes here.",
-    "level": "Hazard level",
+    "level": "Hazard level of the cell",
     "no_level": "no level",
     "why_none": "Blocks come here more rarely than the rules take into account.",
     "certain": "Another sample of blocks changes the level with a chance of {}.",

@@ -55,13 +55,14 @@ def run_lines(progress: Progress, angles: ReachAngles) -> Lines:
 
 def profile_lines(result: ProfileResult) -> Lines:
     """Where the blocks of a profile stop, and what passes its stations and meets its barriers."""
-    stops = np.concatenate([result.rocks["runout_m"], result.pieces["runout_m"]])
+    # Of released blocks; one that a barrier stops has not come beyond it.
+    bins = np.maximum(np.ceil(result.rocks["runout_m"]) - 1.0, 0.0).astype(np.int64)
     text = "median {} m, 95 % of the blocks within {} m, longest {} m (chainage)"
-    words = runout_words(np.bincount(np.maximum(stops, 0.0).astype(np.int64)), text)
+    words = runout_words(np.bincount(bins), text)
     lines = [("Run-out", words)] if words else []
     for k, (line, _) in enumerate(result.profile.control_lines):
         energy = result.control_lines.distribution(k, "energy_kj")
-        of = (energy.count, result.rocks.size)
+        of = (energy.count, result.rocks.size + result.pieces.size)
         arrive = phrase("{} of {} blocks arrive", *of)
         if energy.count:
             (most,) = energy.quantile(0.95)

@@ -176,7 +176,10 @@ def test_a_cell_says_what_the_maps_hold(zoned: Zoned, opened: Callable[..., Any]
 
     for k, text in zip(often, texts, strict=True):
         at = maps.isel(dict(zip("yx", np.divmod(curves.places[k], maps.sizes["x"]), strict=True)))
-        assert f"Hazard level: {labels[int(at.hazard_level) - 1]}" in text
+        assert f"Hazard level of the cell: {labels[int(at.hazard_level) - 1]}" in text
+        # A zone is nowhere below its cells.
+        zone = re.search(r"^Zone: (.*)$", text, re.MULTILINE)
+        assert zone is not None and labels.index(zone[1]) >= int(at.hazard_level) - 1
         chance = re.search(r"with a chance of ([\d.]+) %", text)
         assert chance is not None
         assert float(chance[1]) == pytest.approx(100 * float(at.confidence_change_chance), abs=0.6)

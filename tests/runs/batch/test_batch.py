@@ -291,6 +291,10 @@ def test_files_of_a_folder_name_areas_that_have_no_name(valley: Valley, tmp_path
     trees = {"file": str(tmp_path / "Wald.gpkg"), "stems_per_ha": 300.0, "dbh_cm": 30.0}
     wooded = load_config(valley.config, {"release.file": str(tmp_path), "effects.trees": trees})
     assert [c.name for c in find_areas(wooded)] == ["Rinne 1", "Rinne 2", "broken"]
+    stems = {"single_trees": str(tmp_path / "Wald.gpkg")}
+    more = {"effects.trees": stems, "edits.file": str(tmp_path / "broken.gpkg")}
+    edited = load_config(valley.config, {"release.file": str(tmp_path), **more})
+    assert [c.name for c in find_areas(edited)] == ["Rinne 1", "Rinne 2"]
 
 
 def test_the_configuration_is_the_one_beside_the_areas(valley: Valley, tmp_path: Path) -> None:

@@ -103,6 +103,8 @@ def test_tables_that_cannot_be_read(tmp_path: Path, refusal, text: str, line: st
         ("--years", "3", "--rate", "3"),
         ("--area-ha", "3", "--length-m", "3"),
         ("--years", "0"),
+        ("--years", "nan"),
+        ("--rate", "inf"),
     ],
 )
 def test_options_that_cannot_be_used(table: Path, refusal, options: tuple[str, ...]) -> None:
