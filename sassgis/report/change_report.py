@@ -170,7 +170,11 @@ def _facts(result: StoredResult) -> list[tuple[str, Cell]]:
     facts: list[tuple[str, Cell]] = [
         ("folder", named(result.folder.name)),
         ("program", phrase("sassgis {}, seed {}", manifest["sassgis"], manifest["seed"])),
-        ("simulated blocks", int(manifest["counts"]["rocks_simulated"])),
+        # A mosaic of several blocks counts those of its areas alone.
+        (
+            "simulated blocks",
+            manifest["counts"].get("rocks_simulated", manifest["counts"]["rocks"]),
+        ),
     ]
     if manifest["preset"]:
         width = manifest["ref_widths_m"].get("hazard")

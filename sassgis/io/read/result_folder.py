@@ -61,11 +61,21 @@ def read_manifest(folder: Path) -> Mapping[str, Any]:
     )  # fmt: skip
     if not isinstance(content, dict) or not set(wanted) <= set(content):
         raise InputError("is no manifest of sassgis", file=file, expected=", ".join(wanted))
+    for key in ("settings", "counts"):
+        if not isinstance(content[key], dict):
+            found = type(content[key]).__name__
+            raise InputError("is no table", file=file, field=key, found=found)
+    for key, value in content["counts"].items():
+        if not isinstance(value, int):
+            raise InputError("is no whole number", file=file, field=f"counts.{key}", found=value)
     return content
 
 
-def read_layer(file: Path, name: str) -> gpd.GeoDataFrame | None:
-    """A layer of a result; None where the file or the layer is not there."""
+def read_layer(file: Path, name: str, columns: Sequence[str] = ()) -> gpd.GeoDataFrame | None:
+    """A layer of a result; None where the file or the layer is not there.
+
+    With ``columns`` it must have these, and a geometry in each row.
+    """
     if not file.is_file():
         return None
     with vector_file(file, None):
@@ -73,7 +83,14 @@ def read_layer(file: Path, name: str) -> gpd.GeoDataFrame | None:
             frame = read_frame(file, name)
         except DataLayerError:
             return None
-    return frame if isinstance(frame, gpd.GeoDataFrame) else None
+    if not isinstance(frame, gpd.GeoDataFrame):
+        return None
+    if missing := [c for c in columns if c not in frame]:
+        raise InputError("a column is missing", file=file, field=f"layer {name}, {missing[0]}")
+    if columns and (empty := np.flatnonzero(frame.geometry.isna() | frame.geometry.is_empty)).size:
+        found = f"row {int(empty[0]) + 1}"
+        raise InputError("a geometry is missing", file=file, field=f"layer {name}", found=found)
+    return frame
 
 
 def read_result(folder: Path) -> StoredResult:
@@ -82,6 +99,9 @@ def read_result(folder: Path) -> StoredResult:
     It is one of ``sassgis run`` or ``sassgis zone``, or an area or the mosaic of a batch.
     """
     manifest = read_manifest(folder)
+    if "rocks" not in manifest["counts"]:
+        file = folder / MANIFEST_NAME
+        raise InputError("a number is missing", file=file, field="counts.rocks")
     files = {stem: folder / "maps" / f"{stem}.tif" for stem in _BANDS}
     reach = files["reach_probability"]
     if not reach.is_file():
@@ -171,7 +191,7 @@ def _read_zones(
     file: Path, classes: Sequence[RasterClass]
 ) -> tuple[Coverage | None, tuple[str, ...]]:
     """Zones of hazard level by their class, and the codes of the levels as far as they occur."""
-    frame = read_layer(file, "hazard_zones")
+    frame = read_layer(file, "hazard_zones", ("label", "hazard_level"))
     if frame is None:
         return None, ()
     value = {c.label: c.value for c in classes}
@@ -188,7 +208,7 @@ def _read_zones(
 
 
 def _read_runout(file: Path) -> FloatArray:
-    frame = read_layer(file, "stops")
+    frame = read_layer(file, "stops", ("runout_m",))
     if frame is None:
         return np.empty(0)
     own = frame["piece"] == 0 if "piece" in frame else np.ones(len(frame), bool)
@@ -199,7 +219,7 @@ def _read_runout(file: Path) -> FloatArray:
 def _read_control_lines(file: Path) -> list[dict[str, Any]]:
     rows = []
     for name in ("stations", "barriers"):
-        frame = read_layer(file, name)
+        frame = read_layer(file, name, ("name", "kind", "rocks"))
         if frame is not None:
             rows += [
                 {str(k): v for k, v in row.items()}

@@ -25,8 +25,8 @@ from sassgis.model.errors import InputError
 #: Formats by suffix: driver of GDAL.
 FORMATS = {".geojson": "GeoJSON", ".json": "GeoJSON", ".kml": "LIBKML"}
 _LAYERS = {
-    "zones": (ZONE_FILE, "hazard_zones", "hazard zones"),
-    "paths": (RESULT_FILE, "paths", "paths of blocks"),
+    "zones": (ZONE_FILE, "hazard_zones", "hazard zones", ("label",)),
+    "paths": (RESULT_FILE, "paths", "paths of blocks", ("area", "scenario")),
 }
 _OUTLINE, _OPACITY, _PATH = "#4d4d4d", 0.7, "#d9480f"
 #: What GDAL takes the colours of a feature from, and repeats among its attributes.
@@ -48,8 +48,8 @@ def export_view(result_folder: Path, target: Path, layer: str, *, overwrite: boo
         expected = f"a name that ends in .xtf, {', '.join(FORMATS)}"
         raise InputError("unknown format", field="--output", found=target.name, expected=expected)
     check_is_result(result_folder)
-    file, name, words = _LAYERS[layer]
-    frame = read_layer(result_folder / file, name)
+    file, name, words, columns = _LAYERS[layer]
+    frame = read_layer(result_folder / file, name, columns)
     if frame is None:
         expected = f"layer {name} in {file}"
         raise InputError(f"this result has no {words}", file=result_folder, expected=expected)

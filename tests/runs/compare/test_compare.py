@@ -213,6 +213,41 @@ def test_bad_folders_are_one_line(results: Any, tmp_path: Path, refusal) -> None
     assert not out.exists() and not list(tmp_path.glob("out*"))
 
 
+def test_results_changed_by_hand_are_one_line(results: Any, tmp_path: Path, refusal) -> None:
+    before, after = results
+
+    def refused(*changes: tuple[str, str, str]) -> str:
+        """What is said of a result without a column, or with a geometry less."""
+        changed = tmp_path / "changed"
+        shutil.rmtree(changed, ignore_errors=True)
+        shutil.copytree(after, changed)
+        for file, layer, column in changes:
+            frame = gpd.read_file(changed / file, layer=layer)
+            if column == "geometry":
+                frame.loc[0, "geometry"] = None
+            else:
+                frame = frame.drop(columns=column)
+            frame.to_file(changed / file, layer=layer, driver="GPKG")
+        return str(refusal("compare", before, changed, "-o", tmp_path / "out"))
+
+    for file, layer, column in (
+        ("hazard.gpkg", "hazard_zones", "label"),
+        ("result.gpkg", "stops", "runout_m"),
+        ("result.gpkg", "stations", "rocks"),
+    ):
+        said = refused((file, layer, column))
+        assert f"{file}: layer {layer}, {column}: a column is missing" in said
+    assert "layer hazard_zones: a geometry is missing" in refused(
+        ("hazard.gpkg", "hazard_zones", "geometry")
+    )
+    manifest = tmp_path / "changed" / "manifest.json"
+    for counts, said in (("many", "counts.rocks"), (None, "counts: is no table")):
+        content = json.loads(manifest.read_text())
+        content["counts"] = counts and {"rocks": counts}
+        manifest.write_text(json.dumps(content))
+        assert said in refusal("compare", before, manifest.parent, "-o", tmp_path / "out")
+
+
 @pytest.mark.qgis
 def test_qgis_opens_the_comparison(compared: Path, tmp_path: Path, qgis: None) -> None:
     picture = tmp_path / "p.png"
