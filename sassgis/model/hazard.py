@@ -279,7 +279,8 @@ class HazardSettings(Section):
     frequencies: Annotated[
         Input | None,
         "table (CSV) with columns area, scenario, frequency, unit: onset frequencies "
-        "of single release areas, in place of onset_frequency and onset_unit of [[blocks]]; "
+        "of single release areas, in place of onset_frequency and onset_unit of [[blocks]], which "
+        "hold for all areas that are not in it; "
         "onset_above_m3 holds for them too",
         Example("frequencies.csv"),
     ] = None
