@@ -26,7 +26,7 @@ from sassgis.io.write.manifest import write_manifest
 from sassgis.model.errors import ConfigError
 from sassgis.model.exposure import PlacedObjects
 from sassgis.model.in_memory import Input
-from sassgis.model.languages import in_language
+from sassgis.model.languages import in_language, phrase, translated
 from sassgis.report.change_report import change_figures, change_report
 from sassgis.report.page import translated_report, write_report
 from sassgis.runs.inputs import cells_of_wholes, input_files, placed_objects
@@ -175,21 +175,23 @@ def write_comparison(
         write_table(work / "tables" / "level_changes.csv", [zones[1]])
     write_table(work / "tables" / "changes.csv", [change_rows_table(change.rows)])
     write_table(work / "tables" / "differences.csv", [difference_table(change.differences)])
-    write_over_relief(
-        work,
-        grid,
-        maps,
-        group="Change, after less before",
-        title=f"{after.title}: before and after",
-        abstract="What changes from one result to another.",
-        zones=changed,
-    )
+    language = after.manifest["settings"].get("project", {}).get("language", "en")
+    with in_language(language):
+        write_over_relief(
+            work,
+            grid,
+            maps,
+            group="Change, after less before",
+            title=translated(phrase("{}: before and after", after.title)),
+            abstract="What changes from one result to another.",
+            zones=changed,
+        )
     tell("Drawing the figures")
     facts = {"Program": f"sassgis {sassgis.__version__}"} | {
         name: str(r.manifest.get("settings_sha256", ""))
         for name, r in (("Settings before (SHA-256)", before), ("Settings after (SHA-256)", after))
     }
-    with in_language(after.manifest["settings"].get("project", {}).get("language", "en")):
+    with in_language(language):
         pictures = change_figures(before, after, work / "figures", levels=levels)
         report = change_report(before, after, change, pictures, facts)
         write_report(work / "report.html", translated_report(report))

@@ -29,7 +29,7 @@ from sassgis.io.write.layers.ground_spread_maps import sensitivity_layers
 from sassgis.io.write.zone_tables import effect_table, range_table, simulation_table
 from sassgis.model.errors import InputError
 from sassgis.model.ground_ranges import ParameterRange, RangeRule
-from sassgis.model.languages import in_language, phrase
+from sassgis.model.languages import in_language, phrase, translated
 from sassgis.report.page import translated_report, write_report
 from sassgis.report.sensitivity_report import sensitivity_report
 from sassgis.runs.inputs import read_rules, states_frequencies
@@ -117,14 +117,15 @@ def sensitivity(
         maps = sensitivity_maps(base, chance, ends, [finding for _, finding in filled])
         preset = None if rules is None else rules.preset
         layers = sensitivity_layers(maps, varied, len(filled), grid.shape, preset)
-        write_over_relief(
-            work,
-            grid,
-            layers,
-            group="Sensitivity to the ground",
-            title=f"{config.project.name}: sensitivity",
-            abstract="How results change within the ranges of the ground classes.",
-        )
+        with in_language(config.project.language):
+            write_over_relief(
+                work,
+                grid,
+                layers,
+                group="Sensitivity to the ground",
+                title=translated(phrase("{}: sensitivity", config.project.name)),
+                abstract="How results change within the ranges of the ground classes",
+            )
         write_table(work / "tables" / "ranges.csv", [range_table(varied)])
         write_table(work / "tables" / "effects.csv", [effect_table(found)])
         simulations = simulation_table(base, done, varied, names, cell_m2)
