@@ -256,7 +256,9 @@ def test_qgis_opens_the_comparison(compared: Path, tmp_path: Path, qgis: None) -
     assert all(entry["valid"] for entry in seen["layers"]) and len(seen["layers"]) == 6
     by_name = {entry["name"]: entry for entry in seen["layers"]}
     level = by_name["Change of the hazard level"]["renderer"]
-    assert [i["label"] for i in level["items"]] == ["Higher level", "Same level", "Lower level"]
+    # In the language of the project.
+    labels = [i["label"] for i in level["items"]]
+    assert labels == ["Höhere Stufe", "Gleiche Stufe", "Tiefere Stufe"]
     classes = by_name["Change of the hazard zones"]["renderer"]["classes"]
     assert {"lower", "same", "higher"} <= {c["value"] for c in classes}
     assert seen["blank_share"] < 0.9
