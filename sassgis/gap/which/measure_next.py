@@ -95,10 +95,15 @@ def tables_to_add(case: Case, causes: Sequence[str]) -> tuple[str, ...]:
     tables = case.observations.tables
     shown: dict[tuple[str, ...], list[str]] = {}
     for cause in (CAUSES[name] for name in causes if name in CAUSES):
-        for own in cause.statistics:
-            lacks = tuple(name for name in own.tables if not len(tables[name]))
-            if lacks and cause.words[0] not in shown.setdefault(lacks, []):
-                shown[lacks].append(cause.words[0])
+        needed = {
+            tuple(name for name in own.tables if not len(tables[name])): None
+            for own in cause.statistics
+        }
+        needed.pop((), None)
+        for lacks in needed:
+            # With fewer tables there is a fingerprint already.
+            if not any({*fewer} < {*lacks} for fewer in needed):
+                shown.setdefault(lacks, []).append(cause.words[0])
     return tuple(
         phrase(
             "Not recorded yet, with fingerprints of {}: {}.",
