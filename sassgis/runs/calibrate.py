@@ -27,15 +27,15 @@ from sassgis.io.read.config import as_named
 from sassgis.io.read.ground_map import read_ranges
 from sassgis.io.read.observation_files import AnyObservations
 from sassgis.io.staging import CHECKPOINT_STEM, output_if_asked
-from sassgis.io.write.frames import write_table
-from sassgis.io.write.gap_files import (
+from sassgis.io.write.calibration_files import (
     FITTED_NAME,
     write_calibrated_config,
     write_calibration_json,
     write_classes,
 )
+from sassgis.io.write.frames import write_table
 from sassgis.io.write.manifest import write_manifest
-from sassgis.io.write.zone_tables import rule_table
+from sassgis.io.write.sensitivity_tables import rule_table
 from sassgis.model.errors import InputError, Interrupted
 from sassgis.model.ground import PARAMETERS, GroundTable
 from sassgis.model.in_memory import Input

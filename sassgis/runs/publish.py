@@ -16,7 +16,7 @@ from sassgis.hazard.reach_angles import reach_angles
 from sassgis.hazard.sources import Sampled, sampled_sources
 from sassgis.hazard.warnings import ground_shares
 from sassgis.io.qgis import run_project
-from sassgis.io.qgis.entries import LayerEntry, LayerGroup
+from sassgis.io.qgis.entries import LayerGroup
 from sassgis.io.qgis.layout import Extent, PrintLayout
 from sassgis.io.read.base_map import read_base_map
 from sassgis.io.read.result_folder import EDITS_FILE, RESULT_FILE, ZONE_FILE
@@ -24,14 +24,11 @@ from sassgis.io.vector_layer import VectorLayer
 from sassgis.io.write.frames import passage_frame, rock_frame, write_table
 from sassgis.io.write.geopackage import write_geopackage
 from sassgis.io.write.layers import run_vectors
-from sassgis.io.write.layers.ground_spread_maps import spread_layers, spread_vectors
 from sassgis.io.write.layers.maps import map_layers, terrain_layer
 from sassgis.io.write.layers.risk_objects import exposed_layers
 from sassgis.io.write.raster import write_raster
-from sassgis.io.write.zone_tables import band_table, range_table, simulation_table
 from sassgis.model.exposure import PlacedObjects
 from sassgis.model.grid import Grid
-from sassgis.model.hazard import HazardPreset
 from sassgis.model.results import RasterLayer, StopReason
 from sassgis.model.run_config import Config
 from sassgis.model.statistics_table import Bins
@@ -48,17 +45,13 @@ from sassgis.report.page import (
 from sassgis.report.pictures import GIVEN_UP
 from sassgis.report.protection_page import PAGE_NAME, ProtectionSheet, write_protection_page
 from sassgis.report.run_summary import Lines, object_lines, run_lines
-from sassgis.report.sensitivity_report import spread_figures, spread_lines, spread_table
 from sassgis.report.zone_report import BARRIERS_TITLE
 from sassgis.runs.checkpoint import read_rows
-from sassgis.runs.ground_draws import DrawnGround
 from sassgis.runs.job import Simulation
 from sassgis.runs.map_answers import area_rows, blocks_by_source
 from sassgis.runs.origin import Origin, byline, facts_of, made_on, provenance, write_origin
 from sassgis.runs.path_sample import paths_on_line, sample_paths, some_paths
 from sassgis.runs.workers import beside
-
-_SPREAD_FILE = "ground_spread.gpkg"
 
 
 @dataclass(frozen=True, slots=True)
@@ -313,56 +306,4 @@ def values_at_objects(
         bins.edges["height"],
         return_periods=return_periods,
         confidence=done.config.hazard.confidence,
-    )
-
-
-def with_spread(
-    extras: Extras,
-    drawn: DrawnGround | None,
-    work: Path,
-    done: Simulation,
-    preset: HazardPreset | None = None,
-) -> Extras:
-    """The extras of a result with those of the draws, if there are any.
-
-    Their areas are written, into a GeoPackage of their own: all other files of the result but
-    project, report and manifest are those of a run without draws.
-    """
-    if drawn is None:
-        return extras
-    spread, run = drawn.spread, done.run
-    layers = spread_layers(drawn.maps, spread.draws, run.grid, preset, run.ref_width_m)
-    vectors = spread_vectors(drawn.maps, spread.draws, run.grid, preset)
-    write_geopackage(work / _SPREAD_FILE, vectors, facts_of(done.config, run))
-    rasters = (LayerEntry(own, f"maps/{own.stem}.tif", visible=False) for own in layers)
-    group = LayerGroup(
-        "Spread of the ground classes",
-        (
-            *(LayerEntry(own, _SPREAD_FILE, visible=False) for own in vectors),
-            LayerGroup("Limits of the bands", tuple(rasters), True, False),
-        ),
-        expanded=False,
-    )
-
-    def figures() -> tuple[ReportFigure, ...]:
-        objects = map_objects(extras.placed)
-        return (*extras.figures(), *spread_figures(run, layers, objects, work / "figures"))
-
-    cell_m2 = run.grid.cell_size**2
-    simulations = simulation_table(
-        drawn.base, drawn.simulations(), spread.ranges, drawn.names, cell_m2
-    )
-    frames = {
-        "ground_uncertainty": band_table(spread.bands),
-        "ground_draws": simulations,
-        "ground_spread": range_table(spread.ranges),
-    }
-    return replace(
-        extras,
-        layers=(*extras.layers, *layers),
-        groups=(*extras.groups, group),
-        frames=extras.frames | frames,
-        figures=figures,
-        tables=(*extras.tables, spread_table(spread)),
-        spread=spread_lines(spread),
     )

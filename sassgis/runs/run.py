@@ -147,7 +147,8 @@ def run(
         simulation = simulate_job(job, place)
         drawn = drawn_ground(simulation, place, known, None, placed)
         # What writes takes longer to load than what computes: not before there is a result.
-        from sassgis.runs.publish import Extras, publish_map, with_spread
+        from sassgis.runs.publish import Extras, publish_map
+        from sassgis.runs.publish_ground import with_spread
 
         with in_language(config.project.language):
             extras = with_spread(Extras(placed=placed), drawn, work, simulation)

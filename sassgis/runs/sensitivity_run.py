@@ -26,7 +26,7 @@ from sassgis.io.read.ground_map import read_ranges
 from sassgis.io.staging import staged_output
 from sassgis.io.write.frames import write_table
 from sassgis.io.write.layers.ground_spread_maps import sensitivity_layers
-from sassgis.io.write.zone_tables import effect_table, range_table, simulation_table
+from sassgis.io.write.sensitivity_tables import effect_table, range_table, simulation_table
 from sassgis.model.errors import InputError
 from sassgis.model.ground_ranges import ParameterRange, RangeRule
 from sassgis.model.languages import in_language, phrase, translated

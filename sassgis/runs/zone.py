@@ -126,7 +126,8 @@ def write_zones(
     classes. ``first`` is called with what was found before anything is written.
     """
     # As in sassgis.runs.run.run: loaded when there is something to write.
-    from sassgis.runs.publish import publish_map, with_spread
+    from sassgis.runs.publish import publish_map
+    from sassgis.runs.publish_ground import with_spread
     from sassgis.runs.publish_zones import zone_extras
 
     tell("Drawing the zones")

@@ -1,0 +1,73 @@
+"""What draws of the ground classes add to a result: maps, areas, tables, lines of the report."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from sassgis.io.qgis.entries import LayerEntry, LayerGroup
+from sassgis.io.write.geopackage import write_geopackage
+from sassgis.io.write.layers.ground_spread_maps import spread_layers, spread_vectors
+from sassgis.io.write.sensitivity_tables import band_table, range_table, simulation_table
+from sassgis.model.hazard import HazardPreset
+from sassgis.report.exposed_report import map_objects
+from sassgis.report.page import ReportFigure
+from sassgis.report.spread_report import spread_figures, spread_lines, spread_table
+from sassgis.runs.ground_draws import DrawnGround
+from sassgis.runs.job import Simulation
+from sassgis.runs.origin import facts_of
+from sassgis.runs.publish import Extras
+
+_VECTORS = "ground_spread.gpkg"
+
+
+def with_spread(
+    extras: Extras,
+    drawn: DrawnGround | None,
+    work: Path,
+    done: Simulation,
+    preset: HazardPreset | None = None,
+) -> Extras:
+    """The extras of a result with those of the draws, if there are any.
+
+    Their areas are written, into a GeoPackage of their own: all other files of the result but
+    project, report and manifest are those of a run without draws.
+    """
+    if drawn is None:
+        return extras
+    spread, run = drawn.spread, done.run
+    layers = spread_layers(drawn.maps, spread.draws, run.grid, preset, run.ref_width_m)
+    vectors = spread_vectors(drawn.maps, spread.draws, run.grid, preset)
+    write_geopackage(work / _VECTORS, vectors, facts_of(done.config, run))
+    rasters = (LayerEntry(own, f"maps/{own.stem}.tif", visible=False) for own in layers)
+    group = LayerGroup(
+        "Spread of the ground classes",
+        (
+            *(LayerEntry(own, _VECTORS, visible=False) for own in vectors),
+            LayerGroup("Limits of the bands", tuple(rasters), True, False),
+        ),
+        expanded=False,
+    )
+
+    def figures() -> tuple[ReportFigure, ...]:
+        objects = map_objects(extras.placed)
+        return (*extras.figures(), *spread_figures(run, layers, objects, work / "figures"))
+
+    cell_m2 = run.grid.cell_size**2
+    simulations = simulation_table(
+        drawn.base, drawn.simulations(), spread.ranges, drawn.names, cell_m2
+    )
+    frames = {
+        "ground_uncertainty": band_table(spread.bands),
+        "ground_draws": simulations,
+        "ground_spread": range_table(spread.ranges),
+    }
+    return replace(
+        extras,
+        layers=(*extras.layers, *layers),
+        groups=(*extras.groups, group),
+        frames=extras.frames | frames,
+        figures=figures,
+        tables=(*extras.tables, spread_table(spread)),
+        spread=spread_lines(spread),
+    )
