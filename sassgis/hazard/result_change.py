@@ -123,7 +123,7 @@ class ResultChange:
         reach = self.row("map", REACH_MEAN).change
         if math.isfinite(reach):
             text = "Reach probability, mean change over these cells: {} percentage points."
-            out.append(phrase(text, _signed(100.0 * reach, ".2g" if abs(reach) < 0.1 else ".0f")))
+            out.append(phrase(text, short(100.0 * reach, "+").replace("-", "\u2212")))
         energy = self.row("map", ENERGY_MEAN).change
         if math.isfinite(energy):
             text = "Energy (95 % quantile), mean change over the cells reached by both: {} kJ."

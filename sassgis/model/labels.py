@@ -38,9 +38,12 @@ def rounded(value: Any, digits: int = 3) -> Any:
     return float(f"{value:.{digits}g}") if np.isfinite(value) else None
 
 
-def short(value: float) -> str:
-    """A number in two digits, with all of those before the point: 0.012, 1.5, 1700."""
-    return f"{value:.0f}" if abs(value) >= 10.0 else f"{value:.2g}"
+def short(value: float, sign: str = "") -> str:
+    """A number in two digits, with all of those before the point: 0.012, 1.5, 1700.
+
+    With "+" as ``sign`` one that is not below zero has it.
+    """
+    return f"{value:{sign}.0f}" if abs(value) >= 10.0 else f"{value:{sign}.2g}"
 
 
 def file_stem(name: str) -> str:

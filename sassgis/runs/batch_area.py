@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.hazard.assess import Assessment, Rules
-from sassgis.hazard.progress import Progress, joined_lines
+from sassgis.hazard.progress import Progress
 from sassgis.io.digests import program_digest
 from sassgis.io.own_files import MANIFEST_NAME
 from sassgis.io.read.base_map import read_base_map
@@ -373,8 +373,7 @@ def _run_cut(
         place = Workplace(work, jobs, on_progress, tell)
         done, without = simulations(job, rules, place, sums_only=setting.sums_only)
         if run.followed:
-            lines = joined_lines(done.progress.lines)
-            met = near_edge(cut, setting.terrain, rules.ref_width_m, lines)
+            met = near_edge(cut, setting.terrain, rules.ref_width_m, done.progress.lines)
             if any(met):
                 raise TerrainTooSmall(met)
         write_state(work / SIMULATION_NAME, done.progress, done.run)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -160,9 +160,12 @@ def windowed(
         )
 
 
-def near_edge(cut: Windowed, terrain: Terrain, ref_width_m: float, lines: FallLines) -> Met:
+def near_edge(
+    cut: Windowed, terrain: Terrain, ref_width_m: float, lines: Sequence[FallLines]
+) -> Met:
     """On which cut sides (north, east, south, west) fall lines of a run come near the edge."""
-    extent = lines.x.min(), lines.y.min(), lines.x.max(), lines.y.max()
+    x, y = (np.concatenate([getattr(own, axis) for own in lines]) for axis in "xy")
+    extent = x.min(), y.min(), x.max(), y.max()
     # Lines are thinned, by less than a cell.
     keep = 1 + _kept_free(terrain, cut.run, ref_width_m)
     beyond = _beyond(terrain.part_of(extent).grown(keep, keep, keep, keep), cut.part)

@@ -14,3 +14,4 @@ from sassgis.model.labels import short
 )  # fmt: skip
 def test_no_digit_before_the_point_is_lost(value: float, text: str) -> None:
     assert short(value) == text
+    assert short(value, "+") == (text if value < 0.0 else f"+{text}")
