@@ -68,6 +68,29 @@ def _stays_beside(
     return bool(max(first, last) < -2.0 * tolerance or min(first, last) > length + 2.0 * tolerance)
 
 
+@inlined
+def _vertex_from(
+    flying: Flying, here: Record, other: Record, touched: float, tolerance: float
+) -> float:
+    """From when on a block may touch the vertex between two segments (s).
+
+    It is approached there along a normal between those of the segments, so towards the line of one
+    of them at least, and is at both lines; ``touched`` is when that holds for the line of ``here``.
+    """
+    if flying.gravity == 0.0:
+        return -np.inf
+    rise = flying.vz * here.tx - flying.vx * here.tz
+    other_rise = flying.vz * other.tx - flying.vx * other.tz
+    early = touched
+    if other_rise * here.tx < rise * other.tx:
+        # Gravity turns it round towards the other line first.
+        if other_rise <= 0.0:
+            return -np.inf
+        early = other_rise / (flying.gravity * other.tx)
+    # In this time it falls by the tolerance.
+    return early - math.sqrt(2.0 * tolerance / (flying.gravity * here.tx))
+
+
 @lean
 def _core_contact(
     flying: Flying,
@@ -85,9 +108,9 @@ def _core_contact(
     """
     ball = Flying(flying.x, flying.z, flying.vx, flying.vz, 0.0, 0.0, core, core, flying.gravity)
     here = profile[j]
-    best = np.inf
+    best = touched = np.inf
     if not _stays_beside(flying, here, length, start, end, tolerance):
-        best, _ = contact_with_segment(ball, start, end, tolerance, here, length)
+        best, _, touched = contact_with_segment(ball, start, end, tolerance, here, length)
     nx = -here.tz
     nz = here.tx
     met = -1
@@ -99,6 +122,9 @@ def _core_contact(
             aside = (profile[k].x - flying.x) * flying.vz - (profile[k].z - flying.z) * flying.vx
             if abs(aside) > core + 1.5 * tolerance:
                 continue
+        other = profile[k - 1 if k == j else k]
+        if _vertex_from(flying, here, other, touched, tolerance) > min(end, best):
+            continue
         t, vertex_nx, vertex_nz = contact_with_vertex(
             ball, start, min(end, best), tolerance, profile[k - 1], profile[k]
         )
@@ -249,8 +275,10 @@ def _contact_at(
     n = last_of(profile)
     here = profile[j]
     length = span(profile, j)
-    if not left:
-        t, deep = contact_with_segment(flying, first, last, tolerance, here, length)
+    touched = np.inf
+    # While it moves away from the line it does not touch the segment.
+    if not left and not (fall > 0.0 and rate >= 2.0 * fall * last):
+        t, deep, touched = contact_with_segment(flying, first, last, tolerance, here, length)
         if t < np.inf:
             # Of contacts at the same time, that from outside is the one.
             approach = 0.0 if deep else -(rate - 2.0 * fall * t)
@@ -270,7 +298,8 @@ def _contact_at(
                 continue
         else:
             from_t, to_t = _times_over(flying, vertex.x, vertex.x, step, from_t, to_t)
-        if from_t > to_t:
+        other = profile[k - 1 if k == j else k]
+        if max(from_t, _vertex_from(flying, here, other, touched, tolerance)) > to_t:
             continue
         t, nx, nz = contact_with_vertex(flying, from_t, to_t, tolerance, profile[k - 1], vertex)
         if t < np.inf:

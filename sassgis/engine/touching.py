@@ -90,7 +90,7 @@ def _open_for(
 @lean
 def contact_with_segment(
     flying: Flying, start: float, end: float, tolerance: float, ground: Record, length: float
-) -> tuple[float, bool]:
+) -> tuple[float, bool, float]:
     """First time in [start, end] at which a flying block touches a segment between its ends.
 
     Parameters
@@ -108,6 +108,9 @@ def contact_with_segment(
         Infinite if there is no contact.
     deep : bool
         Whether the block already reached far below the line.
+    touched : float
+        From when on it is at the line of the segment (s), between its ends or not; of a flight away
+        from the line, once gravity has turned it round. Infinite if never.
     """
     x, z, vx, vz, theta, omega, a, b, gravity = flying
     px = ground.x
@@ -120,6 +123,14 @@ def contact_with_segment(
     along = (x - px) * tx + (z - pz) * tz
     run = vx * tx + vz * tz
     down = gravity * tx
+    # The tangent point is no farther along the line from the centre than this.
+    widest = a - b + tolerance
+    half_pull = 0.5 * gravity * tz
+    at_start = along + (run - half_pull * start) * start
+    at_end = along + (run - half_pull * end) * end
+    sag = 0.25 * abs(half_pull) * (end - start) * (end - start)
+    if min(at_start, at_end) - sag > length + widest or max(at_start, at_end) + sag < -widest:
+        return np.inf, False, start
     spin2 = omega * omega
     bound = down + difference / b * spin2
     # The third derivative of y is −y' (4 + 3 y''/y), with |y'| <= a − b, |y''| <= (a² − b²)/b.
@@ -129,13 +140,14 @@ def contact_with_segment(
     # A step that moves nothing by a millionth of the block.
     surface = abs(vx) + abs(vz) + abs(omega) * a + math.sqrt(gravity * b)
     tiny = _TINY * b / surface if surface > 0.0 else 0.0
+    touched = np.inf
     t = start
     for _ in range(_MAX_STEPS):
         approach = rise - down * t
         if approach >= -1e-12:
             # The centre recedes: nothing counts before gravity has turned it round.
             if down <= 0.0:
-                return np.inf, False
+                return np.inf, False, touched
             t += max(approach, 0.0) / down + tiny
             # Then it falls freely until it is as near as its longer axis.
             aloft = across + (rise - 0.5 * down * t) * t - a
@@ -152,19 +164,22 @@ def contact_with_segment(
             rate = approach + lever * omega
             if gap < -2.0 * support:
                 # The whole block lies beyond the line: ground that stands above it, as on a riser.
-                return np.inf, False
+                return np.inf, False, min(touched, t)
             if gap > tolerance or (rate > 0.0 and gap > -_DEEP * b):
+                if gap <= tolerance:
+                    touched = min(touched, t)
                 bend = down + (difference * (c * c - s * s) - lever * lever) * per_support * spin2
                 step, error = _open_for(max(gap, 0.0), rate, bend, jerk, bound)
                 if step == np.inf:
-                    return np.inf, False
+                    return np.inf, False, touched
                 t += step if rate < 0.0 else max(step, tiny)
                 if error <= tolerance and t <= end:
                     # It touches there; if certainly between the ends, that need not be looked at.
                     foot = along + (run - 0.5 * gravity * tz * t) * t - lever
                     if foot_speed * step <= foot <= length - foot_speed * step:
-                        return t, False
+                        return t, False, min(touched, t)
             else:
+                touched = min(touched, t)
                 foot = along + (run - 0.5 * gravity * tz * t) * t - lever
                 if -tolerance <= foot <= length + tolerance:
                     # Far below the line, the segment may still lie outside the block.
@@ -177,12 +192,12 @@ def contact_with_segment(
                             gravity, tx, tz
                         )  # fmt: skip
                     if outside < 0.0:
-                        return t, gap < -_DEEP * b
+                        return t, gap < -_DEEP * b, touched
                     if outside <= tolerance:
                         # A block that only touches the end touches a vertex, which comes first.
                         t += tiny
                         if t > end:
-                            return np.inf, False
+                            return np.inf, False, touched
                         continue
                     root = math.sqrt(rate * rate + 2.0 * bound_there * outside)
                     if rate < 0.0:
@@ -190,19 +205,19 @@ def contact_with_segment(
                     elif bound_there > 0.0:
                         t += max((rate + root) / bound_there, tiny)
                     else:
-                        return np.inf, False
+                        return np.inf, False, touched
                     if t > end:
-                        return np.inf, False
+                        return np.inf, False, touched
                     continue
                 # Below the line, but beside the segment: wait until the tangent point comes.
                 far = -foot if foot < 0.0 else foot - length
                 fastest = abs(run - gravity * tz * t) + foot_speed + math.sqrt(gravity * far)
                 if fastest <= 0.0:
-                    return np.inf, False
+                    return np.inf, False, touched
                 t += max(far / fastest, tiny)
         if t > end:
-            return np.inf, False
-    return (t, False) if t <= end else (np.inf, False)
+            return np.inf, False, touched
+    return t if t <= end else np.inf, False, touched
 
 
 @lean

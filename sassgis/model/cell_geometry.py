@@ -25,7 +25,8 @@ def exact(shift: float) -> float:
 def exact_positions(positions: FloatArray) -> FloatArray:
     """Positions in cells that lie a whole number of the shortest shifts from the corner."""
     whole = np.floor(positions)
-    return whole + np.array([exact(p) for p in positions - whole], np.float64)
+    # What exact does, for all at once.
+    return whole + np.floor((positions - whole) * _STEPS_PER_CELL + 0.5) / _STEPS_PER_CELL
 
 
 @kernel
