@@ -442,6 +442,14 @@ def speed_limits() -> str:
     return table("part | for each block | ns each | µs for each block", rows)
 
 
+def speed_spots() -> str:
+    """Where the engine spends its time."""
+    found = results("speed/hot_spots")
+    parts = found["fall_line"]
+    rows = [" | ".join([p, *(f"{100 * own[p]:.0f} %" for own in found.values())]) for p in parts]
+    return table("part of the engine | fall lines | followed paths", rows)
+
+
 def speed_peers() -> str:
     """Rates of other programs."""
     what = {
@@ -553,8 +561,8 @@ TABLES = {
             discretisation_splitting, field_untuned, field_site_bands, field_left_out, field_groups,
             field_published, field_gain, field_bands, field_repeated, field_mass, field_parameters,
             field_widths, contacts_filmed, contacts_program, safety_kills, safety_fuzz,
-            safety_extremes, speed_slope, speed_together, speed_effects, speed_limits, speed_peers,
-            speed_canton, speed_routed,
+            safety_extremes, speed_slope, speed_together, speed_effects, speed_limits, speed_spots,
+            speed_peers, speed_canton, speed_routed,
         )
     },
     **{

@@ -45,6 +45,7 @@ class ProfileResult:
     # ROCK_DTYPE; fragments and entrained blocks, and their scenarios.
     pieces: NDArray[np.void]
     piece_scenario: NDArray[np.int64]
+    passage_scenario: NDArray[np.int64]  # of the rows of passages
     passages: NDArray[np.void]
     control_lines: ControlLineSums
     # Chainage and height (m) of trajectories of the first blocks of each block scenario.

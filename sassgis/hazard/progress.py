@@ -118,6 +118,12 @@ class Progress:
         started = int(self.reasons.sum() - self.reasons[StopReason.NEVER_STARTED])
         return float(self.reasons[StopReason.LEFT_PROFILE]) / max(started, 1)
 
+    @property
+    def started_runout(self) -> IntArray:
+        """Blocks that started, by run-out in whole metres, with their weights."""
+        counts: IntArray = np.delete(self.runout, StopReason.NEVER_STARTED, axis=0).sum(axis=0)
+        return counts
+
     @classmethod
     def fresh(cls, run: MapRun) -> Progress:
         """Nothing added yet."""

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from sassgis.hazard.map_sums import MapSums, quantiles
 from sassgis.hazard.progress import Progress
 from sassgis.model.grid import FloatArray, IntArray
-from sassgis.model.results import StopReason
 from sassgis.model.statistics_table import Bins
 
 #: What is compared, with its name in sentences.
@@ -58,12 +57,15 @@ class RelativeChange(NamedTuple):
     certain: bool
 
     def __str__(self) -> str:
-        return "unknown" if np.isnan(self.value) else f"{100.0 * self.value:+.0f} %"
+        if np.isnan(self.value):
+            return "unknown"
+        percent = round(100.0 * self.value)
+        return f"{percent:+d} %" if percent else "0 %"
 
 
 def outcome_of(progress: Progress, bins: Bins) -> RunOutcome:
     """What the blocks of a run did."""
-    runout = np.delete(progress.runout, StopReason.NEVER_STARTED, axis=0).sum(axis=0)
+    runout = progress.started_runout
     cells = progress.sums.cells
     if not cells.size:
         return RunOutcome(int(runout.sum()), runout, cells, np.empty(0))

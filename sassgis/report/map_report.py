@@ -205,7 +205,7 @@ def _pictures(
         pictures.append(picture(folder, "profile_furthest", title, caption, figure, alt))
     caption = "Chainage in plan along the path at which blocks stop, by stopping reason."
     text = "Histogram: median {} m, 95 % of the blocks within {} m, longest {} m."
-    alt = runout_words(progress.runout.sum(axis=0), text)
+    alt = runout_words(progress.started_runout, text)
     pictures.append(picture(folder, "runout", "Run-out", caption, runout_counts(progress), alt))
     return pictures
 

@@ -12,6 +12,7 @@ from sassgis.hazard.risk import risk_totals
 from sassgis.hazard.warnings import sample_words
 from sassgis.model.grid import IntArray
 from sassgis.model.languages import joined, phrase
+from sassgis.model.results import StopReason
 from sassgis.report.page import ReportTable, sensible
 
 Lines = tuple[tuple[str, str], ...]
@@ -29,9 +30,9 @@ def runout_words(counts: IntArray, text: str) -> str:
 
 
 def run_lines(progress: Progress, angles: ReachAngles) -> Lines:
-    """Run-out of all blocks, and the angles under which their stops are seen."""
+    """Run-out of the blocks that started, and the angles under which their stops are seen."""
     text = "median {} m, 95 % of the blocks within {} m, longest {} m (along the path, in plan)"
-    words = runout_words(progress.runout.sum(axis=0), text)
+    words = runout_words(progress.started_runout, text)
     lines = [("Run-out", words)] if words else []
     for name, values, text in (
         (
@@ -55,8 +56,9 @@ def run_lines(progress: Progress, angles: ReachAngles) -> Lines:
 
 def profile_lines(result: ProfileResult) -> Lines:
     """Where the blocks of a profile stop, and what passes its stations and meets its barriers."""
-    # Of released blocks; one that a barrier stops has not come beyond it.
-    bins = np.maximum(np.ceil(result.rocks["runout_m"]) - 1.0, 0.0).astype(np.int64)
+    # Of released blocks that started; one that a barrier stops has not come beyond it.
+    started = result.rocks["reason"] != StopReason.NEVER_STARTED
+    bins = np.maximum(np.ceil(result.rocks["runout_m"][started]) - 1.0, 0.0).astype(np.int64)
     text = "median {} m, 95 % of the blocks within {} m, longest {} m (chainage)"
     words = runout_words(np.bincount(bins), text)
     lines = [("Run-out", words)] if words else []
@@ -98,8 +100,8 @@ def zone_lines(
     areas = [phrase("{} {} m²", phrase(str(row[0])), sensible(row[2])) for row in levels.rows]
     hazard = found.hazard
     text = (
-        "{} {} % of these changes lie on the hatched cells, in the zones and beside them: "
-        "{} % of that area"
+        "{} {} % of these changes lie on the hatched cells, in the zones and beside them, whose "
+        "area is {} % of the zoned one"
     )
     shares = (f"{100 * share:.3g}" for share in (confidence, hazard.uncertain_share))
     sample = phrase(text, sample_words(hazard.changed_share), *shares)

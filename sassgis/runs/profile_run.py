@@ -212,6 +212,7 @@ def simulate_profile(
         np.repeat(numbers, [p.rocks.size for p in parts]),
         np.concatenate([p.pieces for p in parts]),
         np.repeat(numbers, [p.pieces.size for p in parts]),
+        np.repeat(numbers, [p.passages.size for p in parts]),
         np.concatenate([p.passages for p in parts]),
         sums,
         tuple(paths),
@@ -260,7 +261,7 @@ def run_profile(
         warnings = [*config.notes, *notices, *profile_warnings(result, config.effects)]
         scenarios = [b.name for b in config.blocks]
         write_table(work / "tables" / "rocks.csv", [profile_rock_frame(result, scenarios)])
-        write_table(work / "tables" / "passages.csv", [profile_passage_frame(result)])
+        write_table(work / "tables" / "passages.csv", [profile_passage_frame(result, scenarios)])
         own = tuple(provenance(config).items())
         with in_language(config.project.language):
             context = profile_report(

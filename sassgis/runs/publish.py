@@ -55,6 +55,30 @@ from sassgis.runs.workers import beside
 
 
 @dataclass(frozen=True, slots=True)
+class ForReport:
+    """What the report says besides that of a run alone."""
+
+    # What draws its figures, and the sheets of protection, and gives them.
+    figures: Callable[[], tuple[ReportFigure, ...]] = tuple
+    sheets: Callable[[], tuple[ProtectionSheet, ...]] = tuple
+    key_results: ReportTable | None = None  # heads the report, in place of the stopping reasons
+    tables: tuple[ReportTable, ...] = ()
+    described: Lines = ()  # added to what was computed
+    summary: Lines = ()  # added to the answer in short
+    spread: Lines = ()  # added to it after the run-out
+
+
+@dataclass(frozen=True, slots=True)
+class ForMapPage:
+    """What the map that can be asked says of zones, sources, places and release areas."""
+
+    hazard: MapHazard | None = None
+    contributions: Sequence[Contribution] = ()
+    places: Mapping[tuple[str, str], PlaceFacts] = field(default_factory=dict)
+    frequencies: Mapping[tuple[str, str], float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
 class Extras:
     """What a result holds besides the maps of the blocks themselves."""
 
@@ -73,19 +97,8 @@ class Extras:
     levels: dict[str, str] = field(default_factory=dict)
     objects: ObjectValues | None = None
     edits: VectorLayer | None = None  # written to edits.gpkg
-    # Of the report: what draws its figures, and the sheets of protection, and gives them.
-    figures: Callable[[], tuple[ReportFigure, ...]] = tuple
-    sheets: Callable[[], tuple[ProtectionSheet, ...]] = tuple
-    key_results: ReportTable | None = None  # heads the report, in place of the stopping reasons
-    tables: tuple[ReportTable, ...] = ()
-    described: Lines = ()  # added to what the report says was computed
-    summary: Lines = ()  # added to the answer in short
-    spread: Lines = ()  # added to it after the run-out
-    # What the map that can be asked says of zones, sources, places and release areas.
-    hazard: MapHazard | None = None
-    contributions: Sequence[Contribution] = ()
-    places: Mapping[tuple[str, str], PlaceFacts] = field(default_factory=dict)
-    frequencies: Mapping[tuple[str, str], float] = field(default_factory=dict)
+    report: ForReport = field(default_factory=ForReport)
+    page: ForMapPage = field(default_factory=ForMapPage)
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,6 +248,7 @@ def _write_report(
     if done.tolerance is not None:
         named["tolerance_check"] = done.tolerance.sentence()
     objects = map_objects(extras.placed)
+    own, asked = extras.report, extras.page
     context = map_report(
         run, planned, progress, layers, shown, warnings, {**facts, **named}, work / "figures",
         objects,
@@ -242,11 +256,11 @@ def _write_report(
     values = extras.objects or values_at_objects(done, None, ())
     exposed = exposed_table(extras.placed, values, extras.levels)
     lines = run_lines(progress, reach_angles(run, planned, progress))
-    first = () if extras.key_results is None else (context.key_results,)
-    drawn, sheets = extras.figures(), extras.sheets()
+    first = () if own.key_results is None else (context.key_results,)
+    drawn, sheets = own.figures(), own.sheets()
     others = [("map.html", "The map in a browser")]
     if sheets:
-        change = next((own for own in drawn if own.title == BARRIERS_TITLE), None)
+        change = next((f for f in drawn if f.title == BARRIERS_TITLE), None)
         write_protection_page(
             work, config.project.name, byline(config), sheets, change, len(warnings)
         )
@@ -257,32 +271,32 @@ def _write_report(
             byline=byline(config),
             files_beside=tuple(others),
             summary=(
-                *extras.summary[:1],
+                *own.summary[:1],
                 *lines[:1],
-                *extras.spread,
+                *own.spread,
                 *lines[1:],
                 *object_lines(exposed),
-                *extras.summary[1:],
+                *own.summary[1:],
             ),
-            key_results=extras.key_results or context.key_results,
+            key_results=own.key_results or context.key_results,
             figures=(*drawn, *context.figures),
-            tables=(most_exposed(exposed), *extras.tables, *first, *context.tables),
-            what_was_run=(*extras.described, *context.what_was_run),
+            tables=(most_exposed(exposed), *own.tables, *first, *context.tables),
+            what_was_run=(*own.described, *context.what_was_run),
             provenance=(*provenance(config).items(), ("Configuration", config.label)),
         )
     )
     write_report(work / "report.html", report)
-    rows = area_rows(run, extras.frequencies)
+    rows = area_rows(run, asked.frequencies)
     page = MapPage(
         config.project.name,
         run,
         (*extras.layers, *layers),
         [(area.name, area.geometry, rows[area.name]) for area in run.areas],
         objects,
-        extras.contributions or blocks_by_source(run, progress),
+        asked.contributions or blocks_by_source(run, progress),
         some_paths(run, planned),
-        extras.places,
-        extras.hazard,
+        asked.places,
+        asked.hazard,
     )
     write_map_page(work / "map.html", page)
     return report

@@ -49,9 +49,11 @@ def with_spread(
         expanded=False,
     )
 
+    own = extras.report
+
     def figures() -> tuple[ReportFigure, ...]:
         objects = map_objects(extras.placed)
-        return (*extras.figures(), *spread_figures(run, layers, objects, work / "figures"))
+        return (*own.figures(), *spread_figures(run, layers, objects, work / "figures"))
 
     cell_m2 = run.grid.cell_size**2
     simulations = simulation_table(
@@ -67,7 +69,10 @@ def with_spread(
         layers=(*extras.layers, *layers),
         groups=(*extras.groups, group),
         frames=extras.frames | frames,
-        figures=figures,
-        tables=(*extras.tables, spread_table(spread)),
-        spread=spread_lines(spread),
+        report=replace(
+            own,
+            figures=figures,
+            tables=(*own.tables, spread_table(spread)),
+            spread=spread_lines(spread),
+        ),
     )

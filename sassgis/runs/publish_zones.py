@@ -36,7 +36,7 @@ from sassgis.report.zone_report import level_table, zone_facts_of, zone_figures,
 from sassgis.runs.job import Simulation
 from sassgis.runs.map_answers import line_facts, map_hazard, object_facts, rates_by_source
 from sassgis.runs.origin import Origin
-from sassgis.runs.publish import Extras, values_at_objects
+from sassgis.runs.publish import Extras, ForMapPage, ForReport, values_at_objects
 
 #: Layers of a group of areas that make sense for all groups together; the first is a table, too.
 _OF_GROUPS = ("hazard_zones", "hazard_area", "synoptic_intensity", "indicative_hazard_area")
@@ -110,32 +110,31 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
         vectors=(*own, *risk, *federal),
         groups=zone_groups(maps, own, risk, federal, preset, edits),
         layouts=lambda words: zone_layouts(words, rules, found, own, risk, grid),
-        figures=partial(
-            zone_figures,
-            run,
-            rules,
-            found,
-            maps,
-            figures,
-            confidence=confidence,
-            currency=currency,
-            history=done.progress.history,
-            changed_share_max=0.0 if budget is None else budget.changed_share,
+        report=ForReport(
+            figures=partial(
+                zone_figures, run, rules, found, maps, figures, confidence=confidence,
+                currency=currency, history=done.progress.history,
+                changed_share_max=0.0 if budget is None else budget.changed_share,
+            ),
+            sheets=sheets,
+            key_results=levels,
+            tables=zone_tables(
+                preset, found, sources, design, return_periods_years=periods, currency=currency
+            ),
+            described=zone_facts_of(rules),
+            summary=zone_lines(levels, found, edge, confidence, currency),
         ),
-        key_results=levels,
-        tables=zone_tables(
-            preset, found, sources, design, return_periods_years=periods, currency=currency
+        page=ForMapPage(
+            map_hazard(rules, found),
+            rates_by_source(hazard.sampled),
+            line_facts(run, found.without_barriers, periods)
+            | object_facts(
+                found.risk, hazard.sampled, hazard.curves.energies_kj, on_objects, currency
+            ),
+            rules.frequencies,
         ),
-        described=zone_facts_of(rules),
         levels=on_objects,
         objects=values,
-        summary=zone_lines(levels, found, edge, confidence, currency),
-        hazard=map_hazard(rules, found),
-        contributions=rates_by_source(hazard.sampled),
-        places=line_facts(run, found.without_barriers, periods)
-        | object_facts(found.risk, hazard.sampled, hazard.curves.energies_kj, on_objects, currency),
-        frequencies=rules.frequencies,
-        sheets=sheets,
         facts={
             "preset": f"{preset.name}: {preset.title}",
             "hazard_ref_width_m": width,
@@ -154,7 +153,7 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
         placed=rules.placed,
         edits=edits,
         origin=_origin(config, rules),
-    )
+    )  # fmt: skip
 
 
 def hazard_maps(

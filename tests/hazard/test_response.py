@@ -74,4 +74,8 @@ def test_the_warning_names_what_changed_beyond_a_fifth() -> None:
 
 
 def test_numbers_as_text() -> None:
-    assert [str(RelativeChange(v, True)) for v in (0.124, -0.3)] == ["+12 %", "-30 %"]
+    assert [str(RelativeChange(v, True)) for v in (0.124, -0.3, -0.004)] == [
+        "+12 %",
+        "-30 %",
+        "0 %",
+    ]

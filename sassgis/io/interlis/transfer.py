@@ -109,6 +109,13 @@ def export_xtf(
         raise ConfigError(
             "validation needs the files of the model", field="models", expected="their folder"
         )
+    codes = {
+        a.name: a.codes for kind in FEDERAL_CLASSES.values() for a in kind.attributes
+    }[RESPONSIBILITY]  # fmt: skip
+    if canton is not None and canton not in codes:
+        raise ConfigError(
+            "is no canton", field="canton", found=canton, expected=", ".join(codes)
+        )  # fmt: skip
     check_is_result(result_folder)
     package = result_folder / PACKAGE_NAME
     if not package.is_file():

@@ -318,11 +318,19 @@ def _heights(dataset: Any, dem: DemFile, part: Window | None = None) -> FloatArr
     absurd = known & ((values < LOWEST_M) | (values > HIGHEST_M))
     if absurd.any():
         stored = float(raw.data[absurd][0])
-        raise wrong(
-            "holds heights that do not occur on Earth, probably nodata that is not declared",
-            found=f"{int(absurd.sum())} cells, the first {stored:g} at {_place(absurd, part)}",
-            expected=f"heights from {LOWEST_M:g} to {HIGHEST_M:g} m; "
+        cause, advice = (
+            "nodata that is not declared",
             f"declare nodata with rio edit-info FILE --nodata {stored:g}",
+        )
+        if absurd.sum() > 0.5 * known.sum():
+            cause, advice = (
+                "in another unit than metres",
+                "of centimetres gdal_translate -a_scale 0.01 makes metres",
+            )
+        raise wrong(
+            f"holds heights that do not occur on Earth, probably {cause}",
+            found=f"{int(absurd.sum())} cells, the first {stored:g} at {_place(absurd, part)}",
+            expected=f"heights from {LOWEST_M:g} to {HIGHEST_M:g} m; {advice}",
         )
     zeros = lone_zeros(values)
     if zeros.any():

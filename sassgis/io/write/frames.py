@@ -58,9 +58,10 @@ def profile_rock_frame(result: ProfileResult, scenarios: Sequence[str]) -> pd.Da
     return _columns(ended, np.array(scenarios)[scenario]).drop(columns="line")
 
 
-def profile_passage_frame(result: ProfileResult) -> pd.DataFrame:
+def profile_passage_frame(result: ProfileResult, scenarios: Sequence[str]) -> pd.DataFrame:
     """A row per block and station or barrier of a profile."""
-    frame = _columns(result.passages).drop(columns=["line", *_PLACE])
+    scenario = np.array(scenarios)[result.passage_scenario]
+    frame = _columns(result.passages, scenario).drop(columns=["line", *_PLACE])
     _name_control_lines(frame, [line.name for line, _ in result.profile.control_lines])
     return frame
 
@@ -116,7 +117,7 @@ def profile_tables(result: ProfileResult, scenarios: Sequence[str]) -> ProfileTa
     none = pd.DataFrame({"path": [], "s_m": [], "z_m": []})
     return ProfileTables(
         profile_rock_frame(result, scenarios),
-        profile_passage_frame(result),
+        profile_passage_frame(result, scenarios),
         pd.DataFrame(along),
         pd.concat(paths, ignore_index=True) if paths else none,
     )

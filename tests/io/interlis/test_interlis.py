@@ -154,6 +154,11 @@ def test_multipart_zones(result: Path, tmp_path: Path) -> None:
     assert summary.objects["hazard_area"] == 4 + 2
 
 
+def test_a_code_that_is_no_canton_is_refused_before_anything_is_read(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"canton: is no canton \(found XX; expected AG, .*ZH"):
+        export_xtf(tmp_path / "no result", tmp_path / "a.xtf", canton="XX")
+
+
 def test_an_empty_result_gives_a_file_without_objects(tmp_path: Path) -> None:
     layers = [
         gpd.GeoDataFrame(layer.frame.iloc[:0], crs="EPSG:2056") for layer in made.some_layers()
@@ -335,7 +340,7 @@ def test_the_canton_may_be_given_later(make_result: Callable[..., Path], tmp_pat
     folder = make_result(canton=None)
     with pytest.raises(InputError, match=r"data_responsibility.*missing"):
         export_xtf(folder, tmp_path / "a.xtf")
-    with pytest.raises(InputError, match="data_responsibility"):
+    with pytest.raises(ConfigError, match=r"canton: is no canton \(found Ticino"):
         export_xtf(folder, tmp_path / "a.xtf", canton="Ticino")
     export_xtf(folder, tmp_path / "a.xtf", canton="TI")
     assert (tmp_path / "a.xtf").read_text().count("<data_responsibility>TI<") == 12

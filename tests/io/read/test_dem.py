@@ -304,6 +304,11 @@ def test_undeclared_nodata(make_dem, value):
     )
 
 
+def test_heights_in_centimetres_are_no_nodata(make_dem):
+    found = f"{HEIGHTS.size} cells, the first {100.0 * HEIGHTS[0, 0]:g} at row 1, column 1"
+    _refused(make_dem(100.0 * HEIGHTS), "in another unit than metres", found, "-a_scale 0.01")
+
+
 def test_images_draw_a_warning(make_dem, caplog):
     grey = np.random.default_rng(1).integers(0, 256, (12, 12))
     read_dem(make_dem(grey, dtype="uint8"))

@@ -36,6 +36,7 @@ def test_a_profile_from_a_table_leaves_all_its_files(bedrina: Path, tmp_path: Pa
     rocks = pd.read_csv(tmp_path / "out" / "tables" / "rocks.csv")
     assert len(rocks) == 40 and not rocks.duplicated(["scenario", "rock"]).any()
     passages = pd.read_csv(tmp_path / "out" / "tables" / "passages.csv")
+    assert set(passages["scenario"]) <= set(rocks["scenario"])
     for control_line in ("camera 2", "2", "3", "1"):
         assert (passages["control_line"].astype(str) == control_line).sum() == arrivals(
             result, control_line
