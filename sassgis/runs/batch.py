@@ -37,8 +37,8 @@ from sassgis.runs.batch_area import (
 )
 from sassgis.runs.batch_mosaic import MOSAIC_NAME, write_mosaic
 from sassgis.runs.batch_state import RECORD_NAME, Record
-from sassgis.runs.job import OnProgress, configured, workers_asked
-from sassgis.runs.workers import Jobs, task_map
+from sassgis.runs.job import configured, workers_asked
+from sassgis.runs.workers import Jobs, OnProgress, task_map
 
 log = logging.getLogger(__name__)
 

@@ -60,9 +60,9 @@ from sassgis.runs.inputs import (
     read_rules,
     yearly_frequencies,
 )
-from sassgis.runs.job import Job, OnProgress, Simulation, Workplace
+from sassgis.runs.job import Job, Simulation, Workplace
 from sassgis.runs.map import TerrainTooSmall
-from sassgis.runs.workers import Jobs, task_map
+from sassgis.runs.workers import Jobs, OnProgress, task_map
 from sassgis.runs.zone import prepared, simulations, write_zones
 from sassgis.terrain.release import meeting, wkb_hex
 

@@ -43,7 +43,7 @@ from sassgis.model.languages import in_language
 from sassgis.model.run_config import Config
 from sassgis.report.calibration_report import calibration_report, calibration_warnings
 from sassgis.report.page import translated_report, write_report
-from sassgis.runs.draw_store import DrawProgress, DrawStore, OnProgress
+from sassgis.runs.draw_store import DrawProgress, DrawStore
 from sassgis.runs.gap_case import (
     comparable,
     fingerprint_of,
@@ -54,7 +54,7 @@ from sassgis.runs.gap_case import (
 from sassgis.runs.gap_warnings import scenario_warnings
 from sassgis.runs.inputs import input_files
 from sassgis.runs.job import AnyConfig, configured, workers_asked
-from sassgis.runs.workers import Jobs, one_algebra_thread, task_map
+from sassgis.runs.workers import Jobs, OnProgress, one_algebra_thread, task_map
 
 #: With fewer rocks nothing can be said of their scatter.
 _FEWEST = 3

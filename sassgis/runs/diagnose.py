@@ -53,7 +53,6 @@ from sassgis.model.languages import in_language
 from sassgis.model.run_config import Config
 from sassgis.report.gap_report import gap_report, report_warnings
 from sassgis.report.page import translated_report, write_report
-from sassgis.runs.draw_store import OnProgress
 from sassgis.runs.evidence import (
     AddedCauses,
     BaseRungs,
@@ -81,7 +80,7 @@ from sassgis.runs.gap_warnings import (
 from sassgis.runs.hypothesis_fits import DRAWS, HypothesisFits
 from sassgis.runs.job import AnyConfig, configured, workers_asked
 from sassgis.runs.origin import Origin, write_origin
-from sassgis.runs.workers import Jobs, one_algebra_thread, task_map
+from sassgis.runs.workers import Jobs, OnProgress, one_algebra_thread, task_map
 
 #: Folder of the result in which the maps before and after are put, where they are wanted.
 MAP_NAME = "map"

@@ -11,13 +11,13 @@ import numpy as np
 
 from sassgis.gap.calibration.linear_fit import Seen, Trial
 from sassgis.io.saved_arrays import read_saved, write_saved
+from sassgis.runs.workers import OnProgress
 
 #: Seconds between two savings.
 _SAVE_EVERY_S = 5.0
 #: Arrays of a saved file: number and parameters of each trial, and what it showed.
 _ARRAYS = ("trials", "parameters", "numbers", "scores")
 
-OnProgress = Callable[[int, int, int], None]
 RunNew = Callable[[Sequence[Trial]], Iterable[Seen]]
 
 

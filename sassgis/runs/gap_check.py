@@ -25,7 +25,7 @@ from sassgis.io.staging import alone, partial_folder, staged_output, write_text,
 from sassgis.io.write.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME, folder_digest
 from sassgis.model.errors import InputError, Interrupted, OutputError
 from sassgis.report.gap_check_report import CheckRecord, WorldRow, write_check
-from sassgis.runs.workers import Jobs, Processes, Workers, available_cores
+from sassgis.runs.workers import Jobs, OnProgress, Processes, Workers, available_cores
 
 WORLDS = 150
 #: Seed of the battery, if none is given.
@@ -39,8 +39,6 @@ _FORMAT = 2
 _MAKER = "sassgis.runs.blinded_cases"
 #: Sites whose fresh rocks are on the disk at the same time.
 _BATCH = 8
-
-OnProgress = Callable[[int, int, int], None]
 
 
 def read_json(file: Path) -> dict[str, Any]:

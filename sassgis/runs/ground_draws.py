@@ -26,10 +26,10 @@ from sassgis.model.ground_ranges import RangeRule
 from sassgis.model.map_run import MapRun
 from sassgis.model.run_config import Config
 from sassgis.runs.inputs import cells_of_wholes
-from sassgis.runs.job import Job, OnProgress, Simulation, Workplace, configured, read_job
+from sassgis.runs.job import Job, Simulation, Workplace, configured, read_job
 from sassgis.runs.map import check_starts
 from sassgis.runs.variant_lab import VariantLab, ranges_on
-from sassgis.runs.workers import Jobs
+from sassgis.runs.workers import Jobs, OnProgress
 
 #: Folder of the draws among the saved states of a run.
 _PART = "ground_draws"

@@ -12,8 +12,8 @@ from sassgis.gap.ladder.hypothesis_fit import COUNT, LOOKED, FittedHypothesis, f
 from sassgis.gap.which.hypotheses import NONE, Draw
 from sassgis.gap.which.verdict import CONTACT_LAW
 from sassgis.model.grid import FloatArray
-from sassgis.runs.draw_store import DrawProgress, OnProgress
-from sassgis.runs.workers import TaskMap
+from sassgis.runs.draw_store import DrawProgress
+from sassgis.runs.workers import OnProgress, TaskMap
 
 #: Draws of each round of a calibration, and rounds.
 DRAWS, ROUNDS = 32, 6

@@ -28,7 +28,7 @@ from sassgis.runs.estimate import estimate_of
 from sassgis.runs.inputs import collected_notices, read_map_run
 from sassgis.runs.map import check_starts, simulate_map
 from sassgis.runs.sample_check import check_tolerance
-from sassgis.runs.workers import Jobs, Workers, available_cores, held_back
+from sassgis.runs.workers import Jobs, OnProgress, Workers, available_cores, held_back
 from sassgis.terrain.plan import Plan, plan
 
 #: Seconds between two savings of the state of a run.
@@ -36,8 +36,6 @@ SAVE_EVERY_S = 60.0
 
 #: A configuration: its file, its sections as a mapping, or what was read from either.
 AnyConfig = Config | str | Path | Mapping[str, Any]
-#: Called with (chunks done, chunks in all, blocks done).
-OnProgress = Callable[[int, int, int], None]
 #: Gives another round of a run on its plan, after what there is so far; None: it is enough.
 NextRound = Callable[[MapRun, Plan, Progress], Round | None]
 

@@ -17,7 +17,6 @@ from sassgis.runs.ground_draws import DrawnGround, drawn_ground, spread_rules
 from sassgis.runs.inputs import collected_notices, placed_objects, with_objects
 from sassgis.runs.job import (
     AnyConfig,
-    OnProgress,
     Simulation,
     Workplace,
     configured,
@@ -25,7 +24,7 @@ from sassgis.runs.job import (
     read_job,
     simulate_job,
 )
-from sassgis.runs.workers import Jobs
+from sassgis.runs.workers import Jobs, OnProgress
 from sassgis.terrain.plan import Plan
 
 if TYPE_CHECKING:

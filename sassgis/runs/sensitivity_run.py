@@ -33,12 +33,12 @@ from sassgis.model.languages import in_language, phrase, translated
 from sassgis.report.page import translated_report, write_report
 from sassgis.report.sensitivity_report import sensitivity_report
 from sassgis.runs.inputs import read_rules, states_frequencies
-from sassgis.runs.job import AnyConfig, OnProgress, Workplace, configured, read_job
+from sassgis.runs.job import AnyConfig, Workplace, configured, read_job
 from sassgis.runs.map import check_starts
 from sassgis.runs.origin import Origin, provenance, write_origin
 from sassgis.runs.relief_project import write_over_relief
 from sassgis.runs.variant_lab import VariantLab, classes_on, ranges_on
-from sassgis.runs.workers import Jobs
+from sassgis.runs.workers import Jobs, OnProgress
 from sassgis.runs.zone import prepared
 
 #: Blocks of each release point in each simulation, as a share of those of the configuration.

@@ -28,9 +28,9 @@ from sassgis.model.hazard import ZoningSettings
 from sassgis.model.results import StopReason
 from sassgis.model.run_config import Config
 from sassgis.runs.inputs import named_preset, ref_width, yearly_frequencies
-from sassgis.runs.job import OnProgress, Simulation, Workplace, read_job, simulate_job
+from sassgis.runs.job import Simulation, Workplace, read_job, simulate_job
 from sassgis.runs.profile_run import profile_input, simulate_profile
-from sassgis.runs.workers import Jobs
+from sassgis.runs.workers import Jobs, OnProgress
 
 if TYPE_CHECKING:
     import geopandas as gpd

@@ -93,6 +93,8 @@ class Workers(Protocol):
         ...
 
 
+#: Called with (parts done, parts in all, blocks or rocks done).
+OnProgress = Callable[[int, int, int], None]
 #: Number of threads or processes; None: as configured, 0: all cores; or who works instead.
 Jobs = int | Workers | None
 #: Results of a function of (what tasks have in common, task), in the order of the tasks.

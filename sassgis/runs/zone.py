@@ -19,7 +19,6 @@ from sassgis.runs.inputs import compares_barriers, read_rules, with_rules
 from sassgis.runs.job import (
     AnyConfig,
     Job,
-    OnProgress,
     Simulation,
     Workplace,
     configured,
@@ -29,7 +28,7 @@ from sassgis.runs.job import (
 )
 from sassgis.runs.more_blocks import MoreBlocks, check_budget
 from sassgis.runs.run import RunResult, result_of
-from sassgis.runs.workers import Jobs
+from sassgis.runs.workers import Jobs, OnProgress
 from sassgis.terrain.moved_lines import moved_lines
 
 if TYPE_CHECKING:

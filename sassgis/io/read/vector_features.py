@@ -151,7 +151,8 @@ def with_shapes(
 
 def without_shapes(frame: Any, file: Input, name_field: str | None = None) -> list[Feature]:
     """The features of a layer by number and attributes."""
-    rows = frame.drop(columns=frame.geometry.name).to_dict("records")
+    # pandas 2 has no records of a frame without columns.
+    rows = frame.drop(columns=frame.geometry.name).to_dict("records") or [{} for _ in frame.index]
     return [Feature(n, row, None, "", file, name_field) for n, row in enumerate(rows, start=1)]
 
 
