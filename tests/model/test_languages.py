@@ -77,6 +77,21 @@ def test_no_phrase_is_missing() -> None:
                     assert text in known or not words, (file, text)
 
 
+def test_columns_and_layers_of_a_result_are_named_in_all_languages() -> None:
+    known = set(translations("de").entries)
+    # The pages of a diagnosis, with the rocks that were observed, are in English only.
+    english = re.compile(r"gap_\w+|impacts|stand|\w+\.observed")
+    with (PACKAGE / "data" / "map_layers.csv").open(encoding="utf-8") as stream:
+        rows = [
+            row for row in csv.DictReader(stream)
+            if not all(english.fullmatch(layer) for layer in row["layer"].split())
+        ]  # fmt: skip
+    names = {row["alias"] for row in rows}
+    model = tomllib.loads((PACKAGE / "data" / "federal_model.toml").read_text(encoding="utf-8"))
+    names |= {kind["title"] for kind in model["classes"].values()}
+    assert {n for n in names if re.search("[a-z]{2}", n)} <= known
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
