@@ -38,12 +38,15 @@ _DEFAULTS = {
     "author": "@user_full_name",
     "date": "format_date(now(), 'yyyy-MM-dd')",
     "computed": (
-        # Of no zone aggregate makes an empty text.
+        # What was computed below an earlier edit is not in the zones: left open there. Of no zone
+        # aggregate makes an empty text.
+        "if(aggregate('vector_hazard_zones', 'count', \"zone\", "
+        "intersects($geometry, geometry(@parent)) and \"edited\" <> '') > 0, NULL, "
         "coalesce(nullif(aggregate('vector_hazard_zones', 'concatenate', "
         "\"hazard_level\" || ' ' || to_string(round(100 * area(intersection($geometry, "
         "geometry(@parent))) / area(geometry(@parent)))) || ' %', "
         "intersects($geometry, geometry(@parent)), ', '), ''), "
-        f"'{NO_LEVEL} 100 %')"
+        f"'{NO_LEVEL} 100 %'))"
     ),
 }
 
