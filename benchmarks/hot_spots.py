@@ -3,7 +3,8 @@
 perf (Debian package linux-perf) looks 4,000 times a second where the processor is, while blocks run
 down the slope of slope.py, on fall lines and on followed paths. The engine is compiled with the
 lines of its sources beside the instructions, which changes none of these; objdump says which
-instruction belongs to which line. What is copied into its caller counts where its own line stands.
+instruction belongs to which line. Of functions that are put in the place of a call before that
+(jit.inlined), numba keeps the line and takes the file of the caller: they count there.
 """
 
 from __future__ import annotations

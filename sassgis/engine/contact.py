@@ -75,7 +75,7 @@ def _vertex_from(
     """From when on a block may touch the vertex between two segments (s).
 
     It is approached there along a normal between those of the segments, so towards the line of one
-    of them at least, and is at both lines; ``touched`` is when that holds for the line of ``here``.
+    of them at least, and is at both lines; not before ``touched`` is it at that of ``here``.
     """
     if flying.gravity == 0.0:
         return -np.inf
@@ -307,7 +307,7 @@ def _contact_at(
             if best.segment < 0 or t < best.t - same or approach > best.approach:
                 best = Contact(min(t, best.t), k if step > 0 else k - 1, nx, nz, approach)
     # The core of a block whose flank reaches into the ground comes no nearer.
-    core = flying.b - 2.0 * tolerance
+    core = max(flying.b - 2.0 * tolerance, 0.5 * flying.b)
     to_t = min(last, best.t)
     at_end = above + (rate - fall * to_t) * to_t if to_t < np.inf else -1.0
     if at_end < core or above + (rate - fall * first) * first < core:

@@ -109,8 +109,8 @@ def contact_with_segment(
     deep : bool
         Whether the block already reached far below the line.
     touched : float
-        From when on it is at the line of the segment (s), between its ends or not; of a flight away
-        from the line, once gravity has turned it round. Infinite if never.
+        Not before this time (s) is it at the line of the segment, between its ends or not; of a
+        flight away from the line, once gravity has turned it round. Infinite if never.
     """
     x, z, vx, vz, theta, omega, a, b, gravity = flying
     px = ground.x
@@ -216,8 +216,9 @@ def contact_with_segment(
                     return np.inf, False, touched
                 t += max(far / fastest, tiny)
         if t > end:
-            return np.inf, False, touched
-    return t if t <= end else np.inf, False, touched
+            break
+    # Surely open up to t, but perhaps by no more than the tolerance.
+    return t if t <= end else np.inf, False, min(touched, t)
 
 
 @lean

@@ -65,11 +65,14 @@ class Trees(EffectSection):
     @property
     def takes_anything(self) -> bool:
         """Whether a stand with these settings takes any energy."""
-        strength = self.drag_kgps if self.form == "viscous" else self.efficiency
+        viscous = self.form == "viscous"
+        strength = self.drag_kgps - _LEAST_DRAG_KGPS if viscous else self.efficiency
         return strength > 0.0 and self.height_m > 0.0
 
 
 OFF, STEMS, FULL_STEMS, VISCOUS = 0, 1, 2, 3
+# A force that takes less slows no block within hours: the speed that it would lead to is no number.
+_LEAST_DRAG_KGPS = 1e-6
 # Share of the speed that the viscous force takes in a step, and the shortest such step.
 _SHARE_PER_STEP = 0.1
 _SHORTEST_STEP_S = 0.005

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import count, pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args
 from xml.sax.saxutils import escape
 
 import geopandas as gpd
@@ -50,6 +50,7 @@ from sassgis.io.write.layers.federal_model import (
     surface_parts,
 )
 from sassgis.model.errors import ConfigError, InputError
+from sassgis.model.hazard import Canton
 
 PACKAGE_NAME = "hazard.gpkg"
 _NAMESPACE = uuid.UUID("0a5f4c7e-6f0b-5d0e-9b56-1b6d1c8c7d15")
@@ -109,13 +110,9 @@ def export_xtf(
         raise ConfigError(
             "validation needs the files of the model", field="models", expected="their folder"
         )
-    codes = {
-        a.name: a.codes for kind in FEDERAL_CLASSES.values() for a in kind.attributes
-    }[RESPONSIBILITY]  # fmt: skip
-    if canton is not None and canton not in codes:
-        raise ConfigError(
-            "is no canton", field="canton", found=canton, expected=", ".join(codes)
-        )  # fmt: skip
+    if canton is not None and canton not in get_args(Canton):
+        codes = ", ".join(get_args(Canton))
+        raise ConfigError("is no code of a canton", field="canton", found=canton, expected=codes)
     check_is_result(result_folder)
     package = result_folder / PACKAGE_NAME
     if not package.is_file():

@@ -322,7 +322,10 @@ def _heights(dataset: Any, dem: DemFile, part: Window | None = None) -> FloatArr
             "nodata that is not declared",
             f"declare nodata with rio edit-info FILE --nodata {stored:g}",
         )
-        if absurd.sum() > 0.5 * known.sum():
+        wrong_values = values[absurd]
+        # Nodata is one number.
+        several = wrong_values.min() < wrong_values.max()
+        if several and absurd.sum() > 0.5 * known.sum():
             cause, advice = (
                 "in another unit than metres",
                 "of centimetres gdal_translate -a_scale 0.01 makes metres",

@@ -23,6 +23,7 @@ from helpers.engine_lab import (
     sphere,
 )
 from scipy import stats
+from scipy.integrate import trapezoid
 
 from sassgis.engine.effects import rock_shape, roughness, soft_ground
 from sassgis.engine.effects.entrainment import Entrainment
@@ -82,7 +83,7 @@ def test_the_scar_takes_what_its_drag_takes(modulus, factor):
     depth = min(factor * 0.16 * mass**0.25 * (1e3 * modulus) ** -0.4 * into**0.8, radius)
     # Segment of a circle below the surface, and its chord, by integration.
     y = np.linspace(radius - depth, radius, 200_001)
-    section = 2.0 * np.trapezoid(np.sqrt(radius**2 - y**2), y)
+    section = 2.0 * trapezoid(np.sqrt(radius**2 - y**2), y)
     chord = 2.0 * math.sqrt(radius**2 - (radius - depth) ** 2)
     left = math.exp(-1.0 * 1800.0 * section * chord / mass)
     for column in (VX, VZ, OMEGA):

@@ -20,6 +20,7 @@ from helpers.engine_lab import (
     sphere_mass,
 )
 from scipy import stats
+from scipy.integrate import trapezoid
 
 from sassgis.engine.effects import trees
 from sassgis.engine.effects.trees import Trees
@@ -141,7 +142,7 @@ def test_where_a_stem_is_hit_matters():
     assert trees.share_taken(0.58) == pytest.approx(-0.046 + 0.5 * (0.98 + 0.046), rel=1e-12)
     stand = trees.Stand(trees.STEMS, 1.0, 0.0, 15.0)
     taken = [trees.stem_loss(stand, np.uint64(9), i, 0.3) for i in range(4000)]
-    exact = ONE_STEM * np.trapezoid(share, offsets)
+    exact = ONE_STEM * trapezoid(share, offsets)
     assert np.mean(taken) == pytest.approx(exact, rel=0.03)
     assert min(taken) >= 0.0 and max(taken) <= ONE_STEM
 
@@ -259,9 +260,11 @@ def test_a_viscous_forest_lets_a_rolling_rock_come_to_its_steady_speed(k):
     assert out.passages["speed_mps"] == pytest.approx(pull * MASS / k, rel=1e-3)
 
 
-@pytest.mark.parametrize("k", [1e-3, 1e-9, 1e-20, 1e-53, 1e-300])
+@pytest.mark.parametrize("k", [1e-3, 1e-5, 1e-9, 1e-53, 2e-308])
 def test_hardly_any_viscous_drag_is_none(k):
     stand = trees.prepare(Trees("viscous", drag_kgps=k), has_stems=True)
+    # Pull over drag would be no number.
+    assert (stand.form == trees.OFF) == (k < 1e-6)
     for pull in (-2.0, 0.0, 2.0):
         found = trees.pull_over(stand, 0.01, MASS, 3.0, pull, 1.5)
         assert found == pytest.approx(pull, abs=1e-9 + 10.0 * k / MASS)

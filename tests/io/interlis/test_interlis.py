@@ -155,7 +155,9 @@ def test_multipart_zones(result: Path, tmp_path: Path) -> None:
 
 
 def test_a_code_that_is_no_canton_is_refused_before_anything_is_read(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"canton: is no canton \(found XX; expected AG, .*ZH"):
+    with pytest.raises(
+        ConfigError, match=r"canton: is no code of a canton \(found XX; expected AG, .*ZH"
+    ):
         export_xtf(tmp_path / "no result", tmp_path / "a.xtf", canton="XX")
 
 
@@ -340,7 +342,7 @@ def test_the_canton_may_be_given_later(make_result: Callable[..., Path], tmp_pat
     folder = make_result(canton=None)
     with pytest.raises(InputError, match=r"data_responsibility.*missing"):
         export_xtf(folder, tmp_path / "a.xtf")
-    with pytest.raises(ConfigError, match=r"canton: is no canton \(found Ticino"):
+    with pytest.raises(ConfigError, match=r"canton: is no code of a canton \(found Ticino"):
         export_xtf(folder, tmp_path / "a.xtf", canton="Ticino")
     export_xtf(folder, tmp_path / "a.xtf", canton="TI")
     assert (tmp_path / "a.xtf").read_text().count("<data_responsibility>TI<") == 12

@@ -255,10 +255,10 @@ def test_qgis_opens_the_comparison(compared: Path, tmp_path: Path, qgis: None) -
     assert seen["opened"] and not seen["error"] and not seen["render_errors"]
     assert all(entry["valid"] for entry in seen["layers"]) and len(seen["layers"]) == 6
     by_name = {entry["name"]: entry for entry in seen["layers"]}
-    level = by_name["Change of the hazard level"]["renderer"]
+    level = by_name["Änderung der Gefahrenstufe"]["renderer"]
     # In the language of the project.
     labels = [i["label"] for i in level["items"]]
     assert labels == ["Höhere Stufe", "Gleiche Stufe", "Tiefere Stufe"]
-    classes = by_name["Change of the hazard zones"]["renderer"]["classes"]
+    classes = by_name["Änderung der Gefahrenzonen"]["renderer"]["classes"]
     assert {"lower", "same", "higher"} <= {c["value"] for c in classes}
     assert seen["blank_share"] < 0.9
