@@ -112,7 +112,8 @@ def play(line, blocks, effects, table=None, n=8, cell=2.0, **more):
 
 @given(
     line=slopes(), blocks=rocks(), effects=EVERYTHING,
-    eta=st.floats(0.3, 1.0), rolling=st.sampled_from(["round", "ellipse"]),
+    # What loses 1e-5 in an impact bounces on for longer than the most events of a block.
+    eta=st.floats(0.3, 0.99), rolling=st.sampled_from(["round", "ellipse"]),
 )  # fmt: skip
 @QUICK
 def test_energy_never_grows_beyond_what_gravity_gives(line, blocks, effects, eta, rolling):
