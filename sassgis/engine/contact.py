@@ -299,7 +299,7 @@ def _contact_at(
         else:
             from_t, to_t = _times_over(flying, vertex.x, vertex.x, step, from_t, to_t)
         other = profile[k - 1 if k == j else k]
-        if max(from_t, _vertex_from(flying, here, other, touched, tolerance)) > to_t:
+        if from_t > to_t or _vertex_from(flying, here, other, touched, tolerance) > to_t:
             continue
         t, nx, nz = contact_with_vertex(flying, from_t, to_t, tolerance, profile[k - 1], vertex)
         if t < np.inf:

@@ -65,9 +65,9 @@ class Trees(EffectSection):
     @property
     def takes_anything(self) -> bool:
         """Whether a stand with these settings takes any energy."""
-        viscous = self.form == "viscous"
-        strength = self.drag_kgps - _LEAST_DRAG_KGPS if viscous else self.efficiency
-        return strength > 0.0 and self.height_m > 0.0
+        if self.form == "viscous":
+            return self.drag_kgps > _LEAST_DRAG_KGPS and self.height_m > 0.0
+        return self.efficiency > 0.0 and self.height_m > 0.0
 
 
 OFF, STEMS, FULL_STEMS, VISCOUS = 0, 1, 2, 3

@@ -318,18 +318,13 @@ def _heights(dataset: Any, dem: DemFile, part: Window | None = None) -> FloatArr
     absurd = known & ((values < LOWEST_M) | (values > HIGHEST_M))
     if absurd.any():
         stored = float(raw.data[absurd][0])
-        cause, advice = (
-            "nodata that is not declared",
-            f"declare nodata with rio edit-info FILE --nodata {stored:g}",
-        )
-        wrong_values = values[absurd]
-        # Nodata is one number.
-        several = wrong_values.min() < wrong_values.max()
-        if several and absurd.sum() > 0.5 * known.sum():
-            cause, advice = (
-                "in another unit than metres",
-                "of centimetres gdal_translate -a_scale 0.01 makes metres",
-            )
+        # Nodata is one number; several, in most of the cells, are heights.
+        if np.ptp(values[absurd]) > 0.0 and absurd.sum() > 0.5 * known.sum():
+            cause = "in another unit than metres"
+            advice = "of centimetres gdal_translate -a_scale 0.01 makes metres"
+        else:
+            cause = "nodata that is not declared"
+            advice = f"declare nodata with rio edit-info FILE --nodata {stored:g}"
         raise wrong(
             f"holds heights that do not occur on Earth, probably {cause}",
             found=f"{int(absurd.sum())} cells, the first {stored:g} at {_place(absurd, part)}",
