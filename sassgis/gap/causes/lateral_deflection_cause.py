@@ -61,7 +61,7 @@ def _turn(case: Case, residuals: ResidualTable) -> Scores:
         raise Unseen
     size = np.abs(rows.observed - rows.predicted)
     usual = (1.0 + MISSTATED) * rows.sd * math.sqrt(2.0 / math.pi) + 0.5
-    usual = usual + np.maximum(residuals.run.turn_deg[rows.rock], EDGES_TURN_DEG)
+    usual = usual + np.maximum(residuals.run.turn_after(rows.out_mps), EDGES_TURN_DEG)
     return Scores(per_rock(size - usual, rows.rock, case.n_rocks), float(size.mean()))
 
 
@@ -95,10 +95,10 @@ CAUSE = Cause(
     group="sideways",
     phase="impact",
     draw=_draw,
-    shown_by="turn of the heading at impacts beyond that of the fall line and of the simulated "
-    "paths; growth of the lateral offset from the first station to all others and to the stop, "
-    "beyond that of the simulated rocks; both also beyond what edges of blocks make anywhere, 10° "
-    "and 15 % of the way",
+    shown_by="turn of the heading at impacts, of rocks that leave them faster than after a fall of "
+    "their own diameter, beyond that of the fall line and of simulated paths as fast; growth of "
+    "the lateral offset from the first station to all others and to the stop, beyond that of the "
+    "simulated rocks; both also beyond what edges of blocks make anywhere, 10° and 15 % of the way",
     statistics=(
         Trace("turn of the heading at impacts", _turn, ("impacts",), clear=True),
         Trace(

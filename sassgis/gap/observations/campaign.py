@@ -62,7 +62,7 @@ class ImpactRows:
     vt_out: FloatArray
     vn_out: FloatArray
     spin_out: FloatArray
-    turn_deg: FloatArray  # in plan, clockwise
+    turn_deg: FloatArray  # in plan, clockwise; NaN of rocks that tumble on (``Case.turns``)
     slope_deg: FloatArray  # dip of the ground along the travel
 
 
@@ -148,11 +148,12 @@ def _impacts(case: Case) -> ImpactRows:
     put = case.projected["impacts"]
     order = np.lexsort((table.number, rock))
     order = order[kind[order] == WHOLE]
+    turn_deg = case.turns(rock, table.turn_deg, table.vt_out_mps, table.vn_out_mps)
     columns: tuple[Any, ...] = (
         rock, put.s, np.where(np.isfinite(table.z), table.z, put.ground_m),
         table.vt_in_mps, table.vn_in_mps, table.omega_in_radps,
         table.vt_out_mps, table.vn_out_mps, table.omega_out_radps,
-        table.turn_deg, table.slope_deg,
+        turn_deg, table.slope_deg,
     )  # fmt: skip
     return ImpactRows(*(values[order] for values in columns))
 

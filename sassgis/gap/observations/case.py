@@ -138,6 +138,17 @@ class Case:
         axes[relative] *= (self.radius_m[relative] / np.cbrt(axes[relative].prod(axis=1)))[:, None]
         return -np.sort(-axes, axis=1)
 
+    def turns(
+        self, rock: IntArray, turn_deg: FloatArray, vt_mps: FloatArray, vn_mps: FloatArray
+    ) -> FloatArray:
+        """Turns at contacts of rocks that leave them, by the speed after, fast enough to fly.
+
+        One that is slower than after a fall of its own diameter tumbles over its edges, whichever
+        way they point; such turns are NaN, shape (n,) as all arrays. Without a speed they stay.
+        """
+        fall = 4.0 * self.engine.gravity_mps2 * self.radius_m[rock]
+        return np.where(vt_mps**2 + vn_mps**2 < fall, np.nan, turn_deg)
+
     def ground_at(self, rock: IntArray, s: FloatArray) -> tuple[IntArray, FloatArray]:
         """Ground at chainages ``s`` of the lines of rocks.
 

@@ -227,6 +227,7 @@ class _Record:
             s = in_plane(self._case, owner % self._n, x[first], y[first])[0]
         s = s + off * sine[first] + error * self._rng.standard_normal(n)
         z = before["z_m"][first] - off * cosine[first] + error * self._rng.standard_normal(n)
+        turn = self._case.turns(owner % self._n, turn, vt_out[last], vn_out[last])
         # Nothing is put behind the start of a line.
         return ImpactRows(
             owner, np.maximum(s, 0.0), z, vt_in[first], vn_in[first], spin_in[first],

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from scipy.cluster.hierarchy import fcluster, linkage
 
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
@@ -20,7 +21,6 @@ from sassgis.gap.residuals.residuals import (
     beyond,
     mean_of_draws,
     only_above,
-    per_rock,
     spread,
 )
 from sassgis.model.grid import BoolArray, FloatArray, IntArray
@@ -31,6 +31,8 @@ from sassgis.model.results import StopReason
 _MOST_EVENTS = 160
 #: Starts less far apart than this are one release: errors of the terrain there are shared (m).
 _RELEASE_M = 10.0
+#: Part of the impacts whose speeds count as the same.
+_SPEED_PARTS = 10
 #: Height above the resting position from which most rocks at a station count as flying (m).
 FLYING_M = 0.3
 
@@ -78,17 +80,22 @@ class FreeRun:
         radius: FloatArray = np.cbrt(self.axes_m.prod(axis=2)).mean(axis=1)
         return radius
 
-    @property
-    def turn_deg(self) -> FloatArray:
-        """Mean size of the turn of paths at impacts, shape (n_rocks,); 0 without any."""
-        n = len(self.axes_m)
-        if not self.impacts:
-            return np.zeros(n)
-        turn, rock = (
-            np.concatenate([getattr(rows, name) for rows in self.impacts])
-            for name in ("turn_deg", "rock")
-        )
-        return np.nan_to_num(per_rock(np.abs(turn), rock, n))
+    def turn_after(self, out_mps: FloatArray) -> FloatArray:
+        """Mean size of the turn of paths at impacts that they leave as fast (deg), shape (n,).
+
+        Over a tenth of the impacts, those of about the same speed: slow rocks turn more. 0 without
+        any.
+        """
+        columns = [(np.hypot(rows.vt_out, rows.vn_out), rows.turn_deg) for rows in self.impacts]
+        speed, turn = np.concatenate([np.empty((2, 0)), *columns], axis=1)
+        known = np.isfinite(speed) & np.isfinite(turn)
+        order = np.argsort(speed[known], kind="stable")
+        if not order.size:
+            return np.zeros(out_mps.size)
+        near = max(order.size // _SPEED_PARTS, 1)
+        size = sliding_window_view(np.abs(turn[known][order]), near).mean(axis=1)
+        middle = sliding_window_view(speed[known][order], near).mean(axis=1)
+        return np.asarray(np.interp(out_mps, middle, size))
 
 
 @dataclass(frozen=True, slots=True)

@@ -66,7 +66,8 @@ def impact_residuals(
     if not len(impacts):
         return []
     rock = case.observations.whole_of("impacts")
-    s, turn_deg = case.projected["impacts"].s, impacts.turn_deg
+    s = case.projected["impacts"].s
+    turn_deg = case.turns(rock, impacts.turn_deg, impacts.vt_out_mps, impacts.vn_out_mps)
     use = usable_impacts(case, run.axes_m)
     turned = (rock >= 0) & (case.line[rock] >= 0) & np.isfinite(s) & np.isfinite(turn_deg)
     found: list[Residual] = []

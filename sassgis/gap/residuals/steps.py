@@ -55,6 +55,7 @@ class StepTable:
     ground: IntArray  # class; -1 where it does not matter
     station: IntArray  # -1 where there is none
     vn_mps: FloatArray  # normal speed before an impact
+    out_mps: FloatArray  # speed after it
     way_m: FloatArray  # length of a flight, or chainage of a loss or a stop
     radius_m: FloatArray
     flatness: FloatArray  # c/b of the rock
@@ -129,16 +130,18 @@ def _impacts(
     enough = np.isfinite(draws[..., 0]).sum(axis=1) >= IMPACT_DRAWS // 4
     vt, vn, spin = np.moveaxis(np.where(enough[:, None, None], draws, np.nan), -1, 0)
     line_turn = turn_of_lines(case, seen.rock, seen.s)
+    turn_deg = case.turns(seen.rock, own.turn_deg, own.vt_out_mps, own.vn_out_mps)
     return [
         {
             "rock": seen.rock, "step": "impact", "ground": seen.kind, "vn_mps": -own.vn_in_mps,
+            "out_mps": np.hypot(own.vt_out_mps, own.vn_out_mps),
             "quantity": name, "observed": observed, "predicted": predicted, "sd": sd,
         }
         for name, observed, (predicted, sd) in (
             ("tangential_speed_mps", own.vt_out_mps, _mean_and_sd(vt, least=1)),
             ("normal_speed_mps", own.vn_out_mps, _mean_and_sd(vn, least=1)),
             ("spin_out_radps", own.omega_out_radps, _mean_and_sd(spin, least=1)),
-            ("turn_deg", own.turn_deg, (line_turn, turn_error(case, line_turn))),
+            ("turn_deg", turn_deg, (line_turn, turn_error(case, line_turn))),
         )
     ]  # fmt: skip
 
