@@ -350,6 +350,37 @@ def test_turns_of_the_heading_do_not_speak_for_rough_ground(
     assert found["turn of the heading at impacts"].z > 3.0
 
 
+def test_rocks_that_tumble_have_no_heading(case: Case) -> None:
+    impacts = case.observations.impacts
+    out = np.hypot(impacts.vt_out_mps, impacts.vn_out_mps)
+    fall = np.sqrt(4.0 * 9.81 * case.radius_m[case.observations.rock_of("impacts")])
+    name = "turn of the heading at impacts"
+    aside = 60.0 * np.random.default_rng(9).choice([-1.0, 1.0], len(impacts))
+    found = []
+    for tumbling in (out < fall, out >= fall):
+        turned = replace(impacts, turn_deg=np.where(tumbling, aside, 0.0))
+        other = with_observed(case, impacts=turned)
+        found.append(by_name(other, table_of(other))[name])
+    assert found[0].observable and found[1].observable
+    assert found[0].z < 2.0 < 4.0 < found[1].z
+
+
+def test_turns_are_those_of_simulated_paths_as_fast(residuals: ResidualTable) -> None:
+    # 40° at 2 m/s, 20° at 4, 10° at 8: turns fall with the speed, on both sides alike.
+    speed = np.linspace(1.0, 20.0, 400)
+    turn_deg = 80.0 / speed * np.where(np.arange(400) % 2, 1.0, -1.0)
+    rows = [
+        replace(residuals.run.impacts[0], vt_out=own, vn_out=0.0 * own, turn_deg=turn)
+        for own, turn in ((speed[::2], turn_deg[::2]), (speed[1::2], turn_deg[1::2]))
+    ]
+    run = replace(residuals.run, impacts=tuple(rows))
+    at = np.array([4.0, 8.0, 16.0])
+    np.testing.assert_allclose(run.turn_after(at), 80.0 / at, rtol=0.04)
+    # Beyond all simulated speeds those of the nearest count.
+    assert run.turn_after(np.array([99.0])) == pytest.approx(4.1, abs=0.2)
+    assert replace(run, impacts=()).turn_after(at).tolist() == [0.0, 0.0, 0.0]
+
+
 def test_errors_of_positions_are_those_that_paths_show() -> None:
     stated = with_metadata(observed(40, 3), position_error_m=0.08)
     name = "first point of the path against the stated start"
