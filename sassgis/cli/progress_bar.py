@@ -13,8 +13,8 @@ from typing import Any
 
 import click
 
-#: Share of all steps whose pace tells the time left.
-_PACED = 0.02
+#: Share of all steps, and least number of them, whose pace tells the time left.
+_PACED, _FEWEST = 0.05, 2
 
 
 class ProgressBar:
@@ -54,7 +54,7 @@ class ProgressBar:
         since, first = self._began
         # Nor do a few others: further kernels are compiled when they are first called.
         steps, left = done - first, ""
-        if steps >= max(1, total * _PACED):
+        if steps >= max(_FEWEST, total * _PACED):
             left = f", about {clock((now - since) / steps * (total - done))} left"
         if self._terminal:
             if now - self._shown < 0.1 and done < total:

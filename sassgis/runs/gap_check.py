@@ -6,7 +6,7 @@ import hashlib
 import json
 import math
 import secrets
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -21,7 +21,7 @@ from sassgis.gap.check.worlds import WorldSpec, battery, quick_battery, require_
 from sassgis.io.digests import content_digest, program_digest
 from sassgis.io.read.gap_thresholds import THRESHOLDS, read_thresholds
 from sassgis.io.saved_arrays import read_saved_json, unfit, with_digest
-from sassgis.io.staging import alone, partial_folder, staged_output, write_text, writing
+from sassgis.io.staging import alone, partial_folder, staged_output, write_json, write_text, writing
 from sassgis.io.write.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME, folder_digest
 from sassgis.model.errors import InputError, Interrupted, OutputError
 from sassgis.report.gap_check_report import CheckRecord, WorldRow, write_check
@@ -51,11 +51,6 @@ def read_json(file: Path) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise InputError("cannot be read", file=file, expected="a JSON object")
     return content
-
-
-def write_json(file: Path, content: Mapping[str, object]) -> None:
-    """Write an object whole or not at all."""
-    write_text(file, json.dumps(content, indent=1) + "\n")
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,5 +22,5 @@ def test_the_time_left_is_told_once_there_is_a_pace(
     lines = capsys.readouterr().err.splitlines()
     assert lines[:2] == ["  0 %, 10 blocks", "  0 %, 20 blocks"]
     told = [line for line in lines if "left" in line]
-    assert told[0] == "  2 %, 210 blocks, about 48:08 left" and len(told) == 980
+    assert told[0] == "  5 %, 510 blocks, about 28:09 left" and len(told) == 950
     assert told[-1] == "  100 %, 10000 blocks, about 0:00 left"
