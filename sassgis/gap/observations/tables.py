@@ -300,7 +300,14 @@ class Impacts(Table):
     vn_out_mps: Annotated[FloatArray, Column("m/s", "along the outward normal after")]
     omega_out_radps: Annotated[FloatArray, Column("rad/s", "spin after", rim_of="vt_out_mps")]
     turn_deg: Annotated[
-        FloatArray, Column("°", "change of the plan azimuth, clockwise", low=-180, high=180)
+        FloatArray,
+        Column(
+            "°",
+            "change of the plan azimuth, clockwise; not used where the rock leaves slower than "
+            "after a fall of its own diameter, and tumbles",
+            low=-180,
+            high=180,
+        ),
     ]
     mass_kg: Annotated[FloatArray, _MASS]
 
