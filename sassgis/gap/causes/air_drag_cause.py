@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+from scipy.optimize import nnls
 
 from sassgis.engine.effects.air_drag import AirDrag
 from sassgis.gap.causes.cause import (
@@ -29,8 +30,9 @@ from sassgis.model.grid import FloatArray
 FIT = Fit({"drag_coefficient": Range(0.3, 2.0, "log")}, {"constant": 1.0, "sphericity": 1.0})
 #: Density of air (kg/m³), and the drag coefficient beyond which it is not air that brakes a rock.
 _AIR_KGM3, MOST_DRAG = 1.2, 2.0
-#: Errors of the comparison itself, as a drag coefficient: what is more than that can be seen.
-_LEAST_DRAG = 0.8
+#: Errors of the comparison itself, as a drag coefficient: what is more than that can be seen; and
+#: the longest contact (s).
+_LEAST_DRAG, _LASTS_S = 0.5, 0.1
 #: The same on flights in time; density of a rock of unknown mass (kg/m³); what may bend them aside,
 #: as a share of what brakes them.
 _LEAST_DRAG_IN_TIME, _USUAL_KGM3, _ASIDE = 0.2, 2700.0, 0.5
@@ -74,19 +76,31 @@ def _against_the_motion(case: Case, residuals: ResidualTable) -> Scores:
 
 
 def _on_every_flight(case: Case, residuals: ResidualTable) -> Scores:
+    """Energy lost on free flights, less what contacts take that last.
+
+    A flight is counted from where a contact begins, with the velocity at its end. What gravity
+    gives meanwhile looks like a loss, but one that knows no size of the rock.
+    """
     rows, loss, usual = loss_of_flights(residuals.steps.of("flight", "energy_jpkg"))
-    mean = 0.5 * (rows.observed + rows.predicted)
-    pull = 2.0 * _pull(case, rows) * mean * rows.way_m
+    speed2 = rows.observed + rows.predicted
+    pull = _pull(case, rows) * speed2 * rows.way_m
+    fall = np.maximum(rows.fell_jpkg, 0.0) / rows.way_m * np.sqrt(np.maximum(speed2, 0.0))
     free = np.abs(rows.reach - 1.0) < _FREE
     kept = free & (np.abs(usual - np.median(usual[free] if free.any() else usual)) < 2.5)
-    weight = pull / rows.sd**2
-    scale = max(float((weight * pull)[kept].sum()), 1e-12)
-    drag = float((weight * loss)[kept].sum()) / scale
-    if kept.sum() < 2 * LEAST or drag > MOST_DRAG:
+    if kept.sum() < 2 * LEAST:
         raise Unseen
-    left = weight * (loss - _LEAST_DRAG * pull)
-    own = np.where(kept, rows.rock, -1)
-    return Scores(per_rock(np.where(kept, left, np.nan), own, case.n_rocks), drag)
+    root = kept / rows.sd
+    (lasts_s, _), _ = nnls(np.column_stack([fall, pull]) * root[:, None], loss * root)
+    lasts_s = min(float(lasts_s), _LASTS_S)
+    # What goes along with the time of the contacts says nothing of the air.
+    along = float(root**2 @ (fall * pull)) / float(root**2 @ fall**2) if lasts_s > 0.0 else 0.0
+    weight = root**2 * (pull - along * fall)
+    loss = loss - lasts_s * fall
+    drag = float(weight @ loss) / max(float(weight @ pull), 1e-12)
+    if drag > MOST_DRAG:
+        raise Unseen
+    left = np.where(kept, weight * (loss - _LEAST_DRAG * pull), np.nan)
+    return Scores(per_rock(left, np.where(kept, rows.rock, -1), case.n_rocks), drag)
 
 
 CAUSE = Cause(
@@ -97,8 +111,8 @@ CAUSE = Cause(
     draw=_draw,
     shown_by="level speed lost on flights in time, in proportion to the square of the speed over "
     "the size, and not aside; energy lost on every free flight between impacts, in proportion to "
-    "path over size; C_d between 0.2 or 0.8, the errors of the two comparisons, and 2: more is not "
-    "air",
+    "path over size, beyond what gravity gives while a contact lasts (0.1 s at most); C_d between "
+    "0.2 or 0.5, the errors of the two comparisons, and 2: more is not air",
     statistics=(
         Trace(
             "level speed lost in flight, over speed squared and size",

@@ -41,6 +41,9 @@ _MORE = 1.25
 _AHEAD_M = 18.0
 #: Starts of a campaign are known to this, whatever is stated of its instruments (m).
 _STATED_M = 1.5
+#: Time of a first point from which on the clock of a path did not start at the release (s), and
+#: share of the first points far from the start that show that the film begins below it.
+_AT_ONCE_S, _LATE = 0.05, 0.2
 #: How long a path is looked at from its first point (s), share of the energy of a fall that shows
 #: a rock on its way, and plan length over which the slope below the start is taken (m).
 _FIRST_S, _CAME_DOWN, _NEAR_M = 0.5, 0.1, 40.0
@@ -78,9 +81,11 @@ def _first_point(case: Case, residuals: ResidualTable) -> Scores:
     place = {name: i for i, name in enumerate(rocks.rock_id.tolist())}
     off = np.full(case.n_rocks, np.nan)
     paths = case.observations.paths_of_rocks()
+    at_once = {rock for rock, rows in paths.items() if track.t_s[rows[0]] < _AT_ONCE_S}
+    has_own_clock = len(at_once) < LEAST
     for rock, rows in paths.items():
         i = place.get(names[rock])
-        if i is not None and track.t_s[rows[0]] < 0.05:
+        if i is not None and (has_own_clock or rock in at_once):
             off[rock] = math.hypot(
                 float(track.x[rows[0]] - rocks.x[i]), float(track.y[rows[0]] - rocks.y[i])
             )
@@ -88,9 +93,12 @@ def _first_point(case: Case, residuals: ResidualTable) -> Scores:
     usual = _MORE * error * math.sqrt(0.5 * math.pi) + _STATED_M
     # One whose film begins below the start, with a clock of its own, says nothing.
     slope = _first_slope(case)
-    for rock in np.flatnonzero(off > usual).tolist():
-        if _came_down(case, paths[rock], slope * off[rock], error):
-            off[rock] = np.nan
+    far = np.flatnonzero(off > usual).tolist()
+    late = [rock for rock in far if _came_down(case, paths[rock], slope * off[rock], error)]
+    off[late] = np.nan
+    if has_own_clock and len(late) > _LATE * len(far):
+        # Nor do slow ones of a film that begins below the start for many.
+        raise Unseen
     if np.isfinite(off).sum() < LEAST:
         raise Unseen
     return Scores(off - usual, float(np.nanmean(off)))
