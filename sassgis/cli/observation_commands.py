@@ -91,22 +91,22 @@ def validate_observations(observations: Path, config: Path | None) -> None:
     from sassgis.io.read.config import load_config
     from sassgis.io.read.observation_files import read_observations
     from sassgis.io.read.observation_files import validate_observations as check
-    from sassgis.runs.gap_case import drop_of
+    from sassgis.runs.gap_case import drop_and_density
     from sassgis.runs.inputs import read_map_run
 
-    grid, drop_m = None, 0.0
+    compared: tuple[Any, ...] = ()
     if config is not None:
         # Whole, as a diagnosis reads it.
         run = read_map_run(load_config(config))
-        grid, drop_m = run.grid, drop_of(run.blocks)
+        compared = run.grid, *drop_and_density(run.blocks)
     log = logging.getLogger(read_observations.__module__)
     # All is told below, once.
     log.disabled = True
     try:
-        read = read_observations(observations, grid, drop_m)
+        read = read_observations(observations, *compared)
     finally:
         log.disabled = False
-    findings = check(read, grid, drop_m)
+    findings = check(read, *compared)
     for finding in findings:
         click.echo(str(finding))
     found = what_is_identifiable(read)

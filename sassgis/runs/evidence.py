@@ -278,11 +278,10 @@ def verdict_of(
     fitted = () if effect in (UNKNOWN, CONTACT_LAW) else added.fit(effect).models
     case = added.made.problem.case
     phase, segments = place_of(effect, case, [own.draw for own in fitted], evidence.findings)
-    least = frozen.possible["impacts" if len(case.observations.impacts) else "otherwise"]
     verdict = Verdict(
         effect,
         confidence_of(effect, shares, frozen.right),
-        confusion_set(effect, least, shares),
+        confusion_set(effect, frozen.possible, shares),
         phase,
         segments,
         reason,

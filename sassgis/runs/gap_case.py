@@ -61,7 +61,7 @@ def read_case(config: AnyConfig, observations: AnyObservations) -> Case:
     InputError, among others, if there is no rock whose fall line can be traced.
     """
     run = read_map_run(configured(config, None))
-    seen = read_observations(observations, run.grid, drop_of(run.blocks))
+    seen = read_observations(observations, run.grid, *drop_and_density(run.blocks))
     file = observations_name(observations)
     if not seen.rock_names:
         raise InputError(
@@ -118,10 +118,14 @@ def observed_files(case: Case) -> dict[str, Input]:
     return {f"observations {file.name}": file for file in files}
 
 
-def drop_of(blocks: Sequence[BlockPopulation]) -> float:
-    """Height above the ground from which blocks are let go, at most (m); a speed as its height."""
+def drop_and_density(blocks: Sequence[BlockPopulation]) -> tuple[float, float]:
+    """Height above the ground from which blocks are let go, at most (m), and density (kg/m³).
+
+    A speed counts as its height; densities as the mean of the middles of their limits.
+    """
     heights = (own.drop_m[1] + own.speed_mps[1] ** 2 / (2.0 * GRAVITY) for own in blocks)
-    return max(heights, default=0.0)
+    middles = [middle for own in blocks if (middle := 0.5 * sum(own.density_kgm3)) > 0.0]
+    return max(heights, default=0.0), sum(middles) / len(middles) if middles else DENSITY_KGM3
 
 
 def fingerprint_of(config: Config, observations: AnyObservations, options: str) -> str:

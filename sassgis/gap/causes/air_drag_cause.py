@@ -82,25 +82,26 @@ def _on_every_flight(case: Case, residuals: ResidualTable) -> Scores:
     gives meanwhile looks like a loss, but one that knows no size of the rock.
     """
     rows, loss, usual = loss_of_flights(residuals.steps.of("flight", "energy_jpkg"))
-    speed2 = rows.observed + rows.predicted
-    pull = _pull(case, rows) * speed2 * rows.way_m
-    fall = np.maximum(rows.fell_jpkg, 0.0) / rows.way_m * np.sqrt(np.maximum(speed2, 0.0))
-    free = np.abs(rows.reach - 1.0) < _FREE
+    free = (np.abs(rows.reach - 1.0) < _FREE) & np.isfinite(rows.way_m)
     kept = free & (np.abs(usual - np.median(usual[free] if free.any() else usual)) < 2.5)
     if kept.sum() < 2 * LEAST:
         raise Unseen
-    root = kept / rows.sd
-    (lasts_s, _), _ = nnls(np.column_stack([fall, pull]) * root[:, None], loss * root)
+    rows, loss = rows.where(kept), loss[kept]
+    speed2 = rows.observed + rows.predicted
+    pull = _pull(case, rows) * speed2 * rows.way_m
+    fall = np.maximum(rows.fell_jpkg, 0.0) / rows.way_m * np.sqrt(np.maximum(speed2, 0.0))
+    both = np.column_stack([fall, pull])
+    (lasts_s, _), _ = nnls(both / rows.sd[:, None], loss / rows.sd)
     lasts_s = min(float(lasts_s), _LASTS_S)
     # What goes along with the time of the contacts says nothing of the air.
-    along = float(root**2 @ (fall * pull)) / float(root**2 @ fall**2) if lasts_s > 0.0 else 0.0
-    weight = root**2 * (pull - along * fall)
+    weight = pull / rows.sd**2
+    if lasts_s > 0.0:
+        weight -= fall / rows.sd**2 * (weight @ fall) / ((fall / rows.sd) @ (fall / rows.sd))
     loss = loss - lasts_s * fall
     drag = float(weight @ loss) / max(float(weight @ pull), 1e-12)
     if drag > MOST_DRAG:
         raise Unseen
-    left = np.where(kept, weight * (loss - _LEAST_DRAG * pull), np.nan)
-    return Scores(per_rock(left, np.where(kept, rows.rock, -1), case.n_rocks), drag)
+    return Scores(per_rock(weight * (loss - _LEAST_DRAG * pull), rows.rock, case.n_rocks), drag)
 
 
 CAUSE = Cause(

@@ -47,7 +47,10 @@ _NEAR = 4.0
 
 
 def check_observations(
-    observations: Observations, grid: Grid | None = None, drop_m: float = 0.0
+    observations: Observations,
+    grid: Grid | None = None,
+    drop_m: float = 0.0,
+    density_kgm3: float = DENSITY_KGM3,
 ) -> list[ObservationFinding]:
     """Look for what cannot be true.
 
@@ -59,6 +62,8 @@ def check_observations(
         The DEM; without it, nothing is compared with the terrain.
     drop_m : float
         Height above the ground from which blocks were let go, at most.
+    density_kgm3 : float
+        Of rocks of which it was not observed.
 
     Returns
     -------
@@ -68,8 +73,17 @@ def check_observations(
     """
     found: list[ObservationFinding] = []
     left = observations
-    drops: Check = partial(check_drops, drop_m=drop_m)
-    for check in (*_CHECKS, drops):
+    with_blocks: tuple[Check, ...] = (
+        partial(_sizes, density_kgm3=density_kgm3),
+        _pieces,
+        check_near_stations,
+        check_downhill,
+        check_impacts,
+        check_spins,
+        check_trajectory_speeds,
+        partial(check_drops, drop_m=drop_m),
+    )
+    for check in (*_CHECKS, *with_blocks):
         # What one check leaves out is not found again by the next, under another name.
         new = list(check(left, grid))
         found += new
@@ -156,11 +170,13 @@ def _belonging(obs: Observations, grid: Grid | None) -> Iterator[ObservationFind
                 yield from RULES[rule].at(obs, "passages", mask, found, nearest=nearest)
 
 
-def _sizes(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
+def _sizes(
+    obs: Observations, grid: Grid | None, density_kgm3: float
+) -> Iterator[ObservationFinding]:
     """Axes, volumes, masses and densities against each other."""
     rocks = obs.rocks
     axes = 4.0 / 3.0 * math.pi * rocks.semi_axis_a_m * rocks.semi_axis_b_m * rocks.semi_axis_c_m
-    density = np.where(np.isfinite(rocks.density_kgm3), rocks.density_kgm3, DENSITY_KGM3)
+    density = np.where(np.isfinite(rocks.density_kgm3), rocks.density_kgm3, density_kgm3)
     volume = np.where(np.isfinite(rocks.volume_m3), rocks.volume_m3, rocks.mass_kg / density)
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = axes / volume
@@ -253,11 +269,4 @@ _CHECKS: tuple[Check, ...] = (
     _belonging,
     check_on_the_dem,
     check_offsets,
-    _sizes,
-    _pieces,
-    check_near_stations,
-    check_downhill,
-    check_impacts,
-    check_spins,
-    check_trajectory_speeds,
 )

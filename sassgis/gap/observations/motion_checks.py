@@ -55,10 +55,16 @@ def check_impacts(obs: Observations, grid: Grid | None) -> Iterator[ObservationF
     known = np.isfinite(impacts.vn_in_mps)
     if inward.any():
         every = bool(inward.sum() > 0.5 * known.sum())
+        error = stated_or(obs.metadata.speed_error_rel, SPEED_ERROR_REL)
+        within = SIGMAS * error * np.hypot(impacts.vt_in_mps, impacts.vn_in_mps)
+        grazing = inward & (impacts.vn_in_mps <= within) & (not every)
+        if grazing.any():
+            found = f"vn_in = {impacts.vn_in_mps[grazing].max():.3g} m/s"
+            yield from RULES["grazing"].at(obs, "impacts", grazing, found)
         yield from RULES["inward"].at(
             obs,
             "impacts",
-            inward,
+            inward & ~grazing,
             f"vn_in = {impacts.vn_in_mps[inward].max():.3g} m/s",
             hint=": the normal seems to point into the ground" if every else "",
         )
@@ -282,7 +288,9 @@ def check_drops(
             rule, rows = RULES["km/h"], known
             says = f"median {np.median(speed[known]):.1f}; {says}"
         elif not many and missing.size >= max(_FEWEST_FAST, _SHARE_FAST * rocks):
-            words = {"rocks": missing.size, "all": rocks, "more": float(np.median(missing))}
+            # What is missing at a slow contact says little: those that lack most tell the start.
+            more = float(np.quantile(missing, 0.9))
+            words = {"rocks": missing.size, "all": rocks, "more": more}
             yield from RULES["start too low"].at(obs, table, too_fast, says, column, **words)
             continue
         else:

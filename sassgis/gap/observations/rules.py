@@ -90,6 +90,8 @@ RULES: Mapping[str, Rule] = {
     "inward": Rule("error", "the rock leaves the ground before it hits it{hint}",
                    "vn_in_mps, vn_out_mps", "below zero: the normal points out of the ground",
                    "value"),
+    "grazing": Rule("warning", "within its error the rock does not come down on the ground",
+                    "vn_in_mps, vn_out_mps", "below zero", "value"),
     "radians": Rule("error", "look like radians or tangents", "slope_deg", "degrees", "value"),
     "swapped": Rule("error", "before and after look swapped: more energy after the impact than "
                     "before", "vt_out_mps", "at most 1, {room:.2f} with errors of measurement"),
@@ -111,7 +113,7 @@ RULES: Mapping[str, Rule] = {
                             "{fastest:.1f} m/s at most", "value"),
     "start too low": Rule("warning", "faster than the drop from the stated start allows, at "
                           "{rocks} of {all} rocks; they are kept", "",
-                          "a start that is {more:.0f} m higher, or a right scale"),
+                          "a start that is at least {more:.1f} m higher, or a right scale"),
     "too fast": Rule("warning", "faster than the drop allows", "",
                      "{fastest:.1f} m/s at most", "value"),
     # Places

@@ -34,12 +34,9 @@ class Thresholds:
     second: float = 6.0
     #: Probability from which the most probable family is calibrated, though it is not named.
     calibrated: float = 0.2
-    #: Probability from which a family, "none" and "unknown" are in the confusion set, where impacts
-    #: were recorded ("impacts") and "otherwise": so that nine sets of ten hold the truth, at sites
-    #: with a known effect, without one, and with an unknown one.
-    possible: Mapping[str, Sequence[float]] = field(
-        default_factory=lambda: dict.fromkeys(("impacts", "otherwise"), (0.05,) * 3)
-    )
+    #: Probability from which a family, "none" or "unknown" is in the confusion set: so that nine
+    #: sets of ten hold the truth.
+    possible: float = 0.05
     #: Share of the sites at which an answer that names no family was right; its confidence is never
     #: higher.
     right: Mapping[str, float] = field(default_factory=dict)
@@ -248,18 +245,15 @@ def group_probability(group: str, shares: Mapping[str, float]) -> float:
     return sum(shares.get(name, 0.0) for name in GROUPS[group])
 
 
-def confusion_set(
-    effect: str, least: Sequence[float], shares: Mapping[str, float]
-) -> tuple[str, ...]:
-    """The answer, what is as probable as ``least``, and what is more probable than any of these.
+def confusion_set(effect: str, least: float, shares: Mapping[str, float]) -> tuple[str, ...]:
+    """The answer, what is as probable as ``least``, and what is more probable than the answer.
 
-    ``least``: of a family, of "none", and of "unknown". Two or more families of one group that are
-    not the answer become the group, which then stands for all of its causes.
+    Two or more families of one group that are not the answer become the group, which then stands
+    for all of its causes.
     """
-    of = {NONE: least[1], UNKNOWN: least[2]}
     named = effect.split("+")
-    enough = [p for n, p in shares.items() if n in named or p >= of.get(n, least[0])]
-    possible = [n for n, p in shares.items() if p >= min(enough, default=1.0)]
+    least = min([least, *(p for n, p in shares.items() if n in named)])
+    possible = [n for n, p in shares.items() if p >= least]
     found = list(named)
     for name in (n for n in possible if n not in named):
         group = group_of(name)

@@ -19,7 +19,7 @@ import pyogrio
 
 from sassgis.gap.observations.checks import check_observations, empty_tables
 from sassgis.gap.observations.observation_finding import ObservationFinding
-from sassgis.gap.observations.observed import Observations, without
+from sassgis.gap.observations.observed import DENSITY_KGM3, Observations, without
 from sassgis.gap.observations.tables import TABLES, Metadata, Table
 from sassgis.io.read.csv_table import csv_cells
 from sassgis.io.read.observation_values import KEY, RawTable, metadata_of, table_of
@@ -64,7 +64,10 @@ def observation_source(given: AnyObservations) -> Path | dict[str, InMemory]:
 
 
 def read_observations(
-    path: AnyObservations, grid: Grid | None = None, drop_m: float = 0.0
+    path: AnyObservations,
+    grid: Grid | None = None,
+    drop_m: float = 0.0,
+    density_kgm3: float = DENSITY_KGM3,
 ) -> Observations:
     """Read observations, check them, and leave out what cannot be used.
 
@@ -77,6 +80,8 @@ def read_observations(
         The DEM. Geometries are brought into its coordinates, and all is compared with it.
     drop_m
         Height above the ground from which blocks were let go, at most.
+    density_kgm3
+        Of rocks of which it was not observed.
 
     Returns
     -------
@@ -108,7 +113,7 @@ def read_observations(
         files={name: raw.file for name, raw in raws.items()},
     )
     findings += empty_tables(observations, [r for r in raws if r in tables])
-    checked = check_observations(observations, grid, drop_m)
+    checked = check_observations(observations, grid, drop_m, density_kgm3)
     hopeless = [f for f in findings if f.problem == "holds no observed rock"]
     if hopeless and failed:
         raise failed[0]
@@ -126,14 +131,17 @@ def read_observations(
 
 
 def validate_observations(
-    observations: Observations, grid: Grid | None = None, drop_m: float = 0.0
+    observations: Observations,
+    grid: Grid | None = None,
+    drop_m: float = 0.0,
+    density_kgm3: float = DENSITY_KGM3,
 ) -> list[ObservationFinding]:
     """All that their owner should know about observations, as read or made up by a program.
 
     Errors come first; ``str`` gives one line that names file, table, column and row. Without the
     DEM, nothing is compared with the terrain.
     """
-    checked = check_observations(observations, grid, drop_m)
+    checked = check_observations(observations, grid, drop_m, density_kgm3)
     fresh = [f for f in checked if f not in observations.findings]
     # Leaving values out must not turn into new findings of the same kind.
     known = {(f.problem, f.table, f.column) for f in observations.findings}

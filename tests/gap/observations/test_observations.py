@@ -14,6 +14,7 @@ import pytest
 import shapely
 from helpers.observed_slope import LV95, NORTH, TABLES, TOP, at, setting
 
+from sassgis.gap.observations.checks import check_observations
 from sassgis.gap.observations.observed import (
     Observations,
     parent_of,
@@ -38,7 +39,7 @@ from sassgis.io.write.observation_template import observations_template
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.errors import InputError, OutputError
 from sassgis.model.grid import Grid
-from sassgis.runs.gap_case import drop_of
+from sassgis.runs.gap_case import drop_and_density
 
 
 def lines(observations, grid=None):
@@ -751,9 +752,38 @@ def test_rocks_too_fast_for_the_stated_start_speak_against_it_and_stay(hopped, s
     assert np.isfinite(read.impacts.vt_in_mps).all()
 
 
+def test_sizes_are_compared_at_the_density_of_the_configured_blocks():
+    light = (
+        BlockPopulation(density_kgm3=(550.0, 650.0)),
+        BlockPopulation(density_kgm3=(600.0, 600.0)),
+    )
+    axes = np.array([0.5, 0.4])
+    rocks = Rocks.of(
+        rock_id=["A", "B"], mass_kg=600.0 * 4.0 / 3.0 * np.pi * axes**3,
+        semi_axis_a_m=axes, semi_axis_b_m=axes, semi_axis_c_m=axes,
+    )  # fmt: skip
+    observed = Observations(rocks=rocks)
+    assert drop_and_density(light)[1] == pytest.approx(600.0)
+    assert check_observations(observed, None, *drop_and_density(light)) == []
+    assert "full axes" in str(check_observations(observed)[0])
+
+
+def test_a_rock_that_hardly_comes_down_is_no_error():
+    impacts = Impacts.of(
+        rock_id=["A"] * 4, impact=["1", "2", "3", "4"], vt_in_mps=[10.0] * 4,
+        vn_in_mps=[-2.0, -3.0, 0.4, 2.5], vt_out_mps=[8.0] * 4, vn_out_mps=[1.0] * 4,
+    )  # fmt: skip
+    # Three errors of 5 % of the speed are 1.5 m/s.
+    error, warning = check_observations(Observations(impacts=impacts))
+    assert (error.level, error.rows) == ("error", (4,)) and "2.5 m/s" in error.found
+    assert (warning.level, warning.rows) == ("warning", (3,)) and "0.4 m/s" in warning.found
+
+
 def test_a_speed_at_the_release_counts_as_the_height_that_gives_it():
     slow, fast = (BlockPopulation(speed_mps=(0.0, v), drop_m=(0.0, 0.5)) for v in (0.0, 4.0))
-    assert drop_of([fast, slow]) - drop_of([slow]) == pytest.approx(16.0 / 19.62)
+    assert drop_and_density([fast, slow])[0] - drop_and_density([slow])[0] == pytest.approx(
+        16.0 / 19.62
+    )
 
 
 def test_one_impact_too_fast_is_left_out_whatever_the_scale(hopped):
