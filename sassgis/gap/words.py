@@ -93,7 +93,7 @@ def file_has(rung: str) -> Phrase:
     moving = [own for own in rung.split("+") if own not in CAUSES or not CAUSES[own].of_data]
     if moving:
         return rung_name("+".join(moving))
-    return phrase("calibrated ground (with {} in the data)", rung_name(rung))
+    return phrase("the calibrated base model (with {} in the data)", rung_name(rung))
 
 
 def effect_phrase(effect: str) -> Phrase:

@@ -212,6 +212,8 @@ def first_sentence(advice: Advice, ladder: Sequence[Rung]) -> str:
     if gap is None:
         return "Neither stops nor speeds were observed: how far the model is off cannot be stated."
     said = [phrase("As configured, {}", _off_by(gap, advice))]
+    if "release_error" in advice.recommended.split("+"):
+        said = [phrase("As configured, and from the stated starts, {}", _off_by(gap, advice))]
     told = [gap]
     far = _far_safe(advice.compared)
     if far is not None and gap.side == "unsafe":
