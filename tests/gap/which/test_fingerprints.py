@@ -221,6 +221,14 @@ def test_a_film_that_begins_below_the_start_says_nothing_of_it(
     assert not by_name(with_rows(filmed, "trajectories", late), residuals)[name].observable
     wrong = with_observed(case, trajectories=replace(track, y=at_rest[1]))
     assert by_name(wrong, residuals)[name].z > 6.0
+    # A clock may begin at any time; late films are seen by what the rocks have fallen then.
+    for clock in (wrong, filmed):
+        own = clock.observations.trajectories
+        moved = with_observed(clock, trajectories=replace(own, t_s=own.t_s + 40.0))
+        if clock is filmed:
+            assert not by_name(with_rows(moved, "trajectories", late), residuals)[name].observable
+        else:
+            assert by_name(moved, residuals)[name].z > 6.0
 
 
 def test_what_is_wrong_below_a_station_without_speeds_is_no_error_of_the_release(
@@ -262,6 +270,26 @@ def test_losses_in_flight_are_air_or_stems() -> None:
     huge = 30.0 * 0.75 * 1.2 / (2700.0 * steps.radius_m) * steps.way_m * steps.predicted
     found = printed(case, changed(residuals, "flight", "energy_jpkg", -huge))
     assert "air_drag" not in found or found["air_drag"].p_adjusted > 0.05
+
+
+def test_contacts_that_last_are_no_air(case: Case, residuals: ResidualTable) -> None:
+    # Blocks of light stone, of radii from 0.12 to 0.3 m: air takes more of the small ones.
+    steps = residuals.steps
+    radius = np.geomspace(0.12, 0.3, case.n_rocks)
+    light = replace(case, radius_m=radius, mass_kg=4.0 / 3.0 * np.pi * radius**3 * 600.0)
+    steps = replace(steps, radius_m=radius[steps.rock], sd=np.full(len(steps), 8.0))
+    own = steps.step == "flight"
+    noise = 2.0 * np.random.default_rng(5).standard_normal(len(steps))
+    at_rest = np.where(own, steps.predicted + noise, steps.observed)
+    flown = replace(residuals, steps=replace(steps, observed=at_rest))
+    speed2 = np.where(own, 2.0 * steps.predicted, 0.0)
+    fall = np.nan_to_num(steps.fell_jpkg / steps.way_m) * np.sqrt(speed2)
+    pull = 0.5 * 1.2 * np.pi * steps.radius_m**2 / light.mass_kg[steps.rock] * speed2
+    name, z = "energy lost in flight, over path and size, on every flight", {}
+    for lasts_s, drag in ((0.0, 0.0), (0.06, 0.0), (0.0, 1.2), (0.06, 1.2)):
+        lost = lasts_s * fall + drag * np.nan_to_num(pull * steps.way_m)
+        z[lasts_s, drag] = by_name(light, changed(flown, "flight", "energy_jpkg", -lost))[name].z
+    assert max(z[0.0, 0.0], z[0.06, 0.0]) < 0.0 < 3.0 < min(z[0.0, 1.2], z[0.06, 1.2])
 
 
 @pytest.mark.parametrize(
