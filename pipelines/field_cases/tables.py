@@ -20,7 +20,7 @@ from sassgis.io.read.observation_files import read_observations, validate_observ
 from sassgis.io.read.tiles import read_terrain
 from sassgis.model.errors import InputError, OutputError, SassgisError
 from sassgis.model.grid import Grid
-from sassgis.runs.gap_case import drop_of
+from sassgis.runs.gap_case import drop_and_density
 
 #: Beside the repository.
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
@@ -199,10 +199,10 @@ def check(case: FieldCase) -> None:
     InputError
         If there is an error in them.
     """
-    grid, drop_m = terrain_of(case.config), drop_of(load_config(case.config).blocks)
+    grid, of_blocks = terrain_of(case.config), drop_and_density(load_config(case.config).blocks)
     for folder in case.observations.values():
-        read = read_observations(folder, grid, drop_m)
-        for finding in validate_observations(read, grid, drop_m):
+        read = read_observations(folder, grid, *of_blocks)
+        for finding in validate_observations(read, grid, *of_blocks):
             if finding.level == "error":
                 raise InputError(f"observations do not pass the check: {finding}", file=folder)
 

@@ -62,14 +62,17 @@ def _mass_scores(which: int) -> Scoring:
             raise Unseen
         blocks = blocks[blocks > _CHIP * np.median(rocks)]
         left, error = _gone(case), _scatter(case)
-        if which == 0:
-            return _score(0, rocks[~left], blocks, error)
+        unexplained = _unexplained(case, left)
+        nameless = bool((case.observations.rock_of("deposits") < 0).any())
+        many_lost = nameless and unexplained.mean() > _FEW_LOST
+        broken = _score(0, rocks[~left], blocks, error)
+        if which == 0 and not many_lost:
+            return broken
         # What lies beside the others may be in addition as well as theirs.
-        more = _score(1, rocks[~(left | _unexplained(case, left))], blocks, error)
-        if not _may_be_either(case):
+        more = _score(1, rocks[~(left | unexplained)], blocks, error)
+        if not (many_lost or _may_be_either(case)):
             return more
         # Then neither is surer than the other.
-        broken = _score(0, rocks[~left], blocks, error)
         return max(more, broken, key=lambda one: float(one.values[0]))
 
     return scores
