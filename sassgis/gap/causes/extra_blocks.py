@@ -267,7 +267,8 @@ ENTRAINMENT = Cause(
     draw=_entrained,
     closes=False,
     shown_by=f"{_MASS_BUDGET}; others that were not found may have left too, unless pieces "
-    "weigh three quarters of them; what is more than came down was set in motion",
+    "weigh three quarters of them: where these are more than a tenth of the rocks, they may as "
+    "well have broken; what is more than came down was set in motion",
     statistics=(
         Trace(
             "mass that lies beyond what was released",
