@@ -240,7 +240,10 @@ class Passages(Table):
     height_m: Annotated[
         FloatArray,
         Column(
-            "m", "vertical, from the ground to the centre, not less its resting height", low=0.0
+            "m",
+            "vertical, from the ground to the centre, not less its resting height; below zero by "
+            "an error of measurement alone",
+            low=-1.0,
         ),
     ]
     mass_kg: Annotated[FloatArray, _MASS]
