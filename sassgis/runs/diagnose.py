@@ -286,7 +286,7 @@ def _diagnosis(
         gains=tuple(gains),
         ladder=rungs,
         advice=advice,
-        first_sentence=first_sentence(advice, rungs),
+        first_sentence=first_sentence(advice, rungs, verdict.effect),
     )
 
 

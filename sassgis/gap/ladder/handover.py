@@ -206,13 +206,16 @@ def wrong_ground(case: Case, intervals: Mapping[str, Range]) -> tuple[str, ...]:
 # In words
 
 
-def first_sentence(advice: Advice, ladder: Sequence[Rung]) -> str:
-    """How far the configured model is off and on which side, what to set, and what that leaves."""
+def first_sentence(advice: Advice, ladder: Sequence[Rung], effect: str = "") -> str:
+    """How far the configured model is off and on which side, what to set, and what that leaves.
+
+    ``effect``: what the diagnosis names.
+    """
     gap = advice.configured
     if gap is None:
         return "Neither stops nor speeds were observed: how far the model is off cannot be stated."
     said = [phrase("As configured, {}", _off_by(gap, advice))]
-    if "release_error" in advice.recommended.split("+"):
+    if "release_error" in effect.split("+"):
         said = [phrase("As configured, and from the stated starts, {}", _off_by(gap, advice))]
     told = [gap]
     far = _far_safe(advice.compared)

@@ -145,7 +145,7 @@ def test_a_model_that_falls_far_short_is_not_recommended() -> None:
 
 def test_what_is_no_part_of_the_motion_is_not_said_to_be_in_the_file() -> None:
     rungs = (*RUNGS, Rung("release_error", 0.9, 0.7, (0.6, 0.8)))
-    said = first_sentence(advice("release_error"), rungs)
+    said = first_sentence(advice("release_error"), rungs, "release_error+trees")
     assert "which has the calibrated base model (with error of the release in the data)" in said
     # A wrong start may be all of the gap of the configured model.
     assert said.startswith("As configured, and from the stated starts, the model is")
