@@ -803,6 +803,16 @@ def test_hypotheses_without_intervals_are_drawn() -> None:
     assert not find(figure, "interval") and len(find(figure, "gain")) == 1
 
 
+def test_names_of_two_causes_lie_on_the_page() -> None:
+    form = "sphericity + shifted contact + offset and speed"
+    pair = Hypothesis("measurement_error+release_error", form, 1.0, 0.6, (0.4, 0.9), 0.9)
+    figure = figures.gap_hypotheses_figure([pair], verdict=pair.effect)
+    figure.canvas.draw()
+    names = [t for ax in figure.axes for t in ax.texts if t.get_text().startswith(("error", form))]
+    assert len(names) == 2
+    assert min(t.get_window_extent().x0 for t in names) > 0.0
+
+
 def map_figure(grid: Grid, lines: Any, stretches: Any, stations: Any, *of: str) -> Any:
     quantity, unit = of or ("speed_mps", "m/s")
     return figures.gap_map_figure(

@@ -440,8 +440,12 @@ def gap_hypotheses_figure(
     top, bottom = 0.62, note_height(note) + 0.42
     page = Page(top + 0.29 * n + bottom)
     page.around("Explanations that were tried", note)
-    gains = page.axes(1.95, bottom, 2.55, 0.29 * n, "gain")
-    shares = page.axes(1.95 + 2.55 + 0.15, bottom, 1.75, 0.29 * n, "share")
+    # Names of two causes take more room (inches for a letter in the two sizes).
+    letters = [(len(effect_name(h.effect)), len(h.form)) for h in hypotheses]
+    widest = max((max(0.07 * name, 0.046 * form) for name, form in letters), default=0.0)
+    left = min(max(widest + 0.1, 1.95), 3.3)
+    gains = page.axes(left, bottom, 4.5 - left, 0.29 * n, "gain")
+    shares = page.axes(4.65, bottom, 1.75, 0.29 * n, "share")
     gains.axvline(0.0, color=GREY, lw=0.8, zorder=1)
     for i, hypothesis in enumerate(hypotheses):
         named = hypothesis.effect == verdict
