@@ -22,6 +22,7 @@ from sassgis.gap.causes.cause import (
 from sassgis.gap.causes.cause_residuals import loss_of_flights
 from sassgis.gap.causes.parameter_draws import Fit, ParameterDraws, Range
 from sassgis.gap.observations.case import Case
+from sassgis.gap.observations.observed import DENSITY_KGM3
 from sassgis.gap.residuals.residuals import per_rock
 from sassgis.gap.residuals.steps import StepTable
 from sassgis.gap.residuals.table import ResidualTable
@@ -33,9 +34,8 @@ _AIR_KGM3, MOST_DRAG = 1.2, 2.0
 #: Errors of the comparison itself, as a drag coefficient: what is more than that can be seen; and
 #: the longest contact (s).
 _LEAST_DRAG, _LASTS_S = 0.5, 0.1
-#: The same on flights in time; density of a rock of unknown mass (kg/m³); what may bend them aside,
-#: as a share of what brakes them.
-_LEAST_DRAG_IN_TIME, _USUAL_KGM3, _ASIDE = 0.2, 2700.0, 0.5
+#: The same on flights in time; what may bend them aside, as a share of what brakes them.
+_LEAST_DRAG_IN_TIME, _ASIDE = 0.2, 0.5
 #: A flight that kept its length to this share was free of anything but air.
 _FREE = 0.15
 
@@ -49,7 +49,7 @@ def _draw(case: Case, draws: ParameterDraws) -> CausePart:
 def _pull(case: Case, rows: StepTable) -> FloatArray:
     """ρ A/(2 m) of the rock of each row: what air takes for C_d = 1 (1/m)."""
     mass = case.mass_kg[rows.rock]
-    usual = 4.0 / 3.0 * np.pi * rows.radius_m**3 * _USUAL_KGM3
+    usual = 4.0 / 3.0 * np.pi * rows.radius_m**3 * DENSITY_KGM3
     pull = 0.5 * _AIR_KGM3 * np.pi * rows.radius_m**2
     return np.asarray(pull / np.where(np.isfinite(mass), mass, usual))
 
@@ -81,23 +81,21 @@ def _on_every_flight(case: Case, residuals: ResidualTable) -> Scores:
     A flight is counted from where a contact begins, with the velocity at its end. What gravity
     gives meanwhile looks like a loss, but one that knows no size of the rock.
     """
-    rows, loss, usual = loss_of_flights(residuals.steps.of("flight", "energy_jpkg"))
+    rows, _, usual = loss_of_flights(residuals.steps.of("flight", "energy_jpkg"))
     free = (np.abs(rows.reach - 1.0) < _FREE) & np.isfinite(rows.way_m)
     kept = free & (np.abs(usual - np.median(usual[free] if free.any() else usual)) < 2.5)
     if kept.sum() < 2 * LEAST:
         raise Unseen
-    rows, loss = rows.where(kept), loss[kept]
+    rows = rows.where(kept)
     speed2 = rows.observed + rows.predicted
-    pull = _pull(case, rows) * speed2 * rows.way_m
-    fall = np.maximum(rows.fell_jpkg, 0.0) / rows.way_m * np.sqrt(np.maximum(speed2, 0.0))
-    both = np.column_stack([fall, pull])
-    (lasts_s, _), _ = nnls(both / rows.sd[:, None], loss / rows.sd)
-    lasts_s = min(float(lasts_s), _LASTS_S)
+    # In standard deviations: what air takes for C_d = 1, and contacts of a second.
+    pull = _pull(case, rows) * speed2 * rows.way_m / rows.sd
+    fall = np.maximum(rows.fell_jpkg, 0.0) * np.sqrt(np.maximum(speed2, 0.0))
+    fall = fall / (rows.way_m * rows.sd)
+    (lasts_s, _), _ = nnls(np.column_stack([fall, pull]), usual[kept])
+    loss = usual[kept] - min(float(lasts_s), _LASTS_S) * fall
     # What goes along with the time of the contacts says nothing of the air.
-    weight = pull / rows.sd**2
-    if lasts_s > 0.0:
-        weight -= fall / rows.sd**2 * (weight @ fall) / ((fall / rows.sd) @ (fall / rows.sd))
-    loss = loss - lasts_s * fall
+    weight = pull - fall * (pull @ fall) / (fall @ fall) if lasts_s > 0.0 else pull
     drag = float(weight @ loss) / max(float(weight @ pull), 1e-12)
     if drag > MOST_DRAG:
         raise Unseen

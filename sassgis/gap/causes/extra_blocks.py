@@ -63,17 +63,13 @@ def _mass_scores(which: int) -> Scoring:
         blocks = blocks[blocks > _CHIP * np.median(rocks)]
         left, error = _gone(case), _scatter(case)
         unexplained = _unexplained(case, left)
-        nameless = bool((case.observations.rock_of("deposits") < 0).any())
-        many_lost = nameless and unexplained.mean() > _FEW_LOST
-        broken = _score(0, rocks[~left], blocks, error)
-        if which == 0 and not many_lost:
-            return broken
-        # What lies beside the others may be in addition as well as theirs.
-        more = _score(1, rocks[~(left | unexplained)], blocks, error)
-        if not (many_lost or _may_be_either(case)):
-            return more
-        # Then neither is surer than the other.
-        return max(more, broken, key=lambda one: float(one.values[0]))
+        many_lost = _has_nameless(case) and unexplained.mean() > _FEW_LOST
+        either = many_lost or (which == 1 and _may_be_either(case))
+        # What lies beside the others may be in addition as well as theirs. Where it may be either,
+        # neither is surer than the other.
+        of_rocks = {1: rocks[~(left | unexplained)], 0: rocks[~left]}
+        found = [_score(k, of_rocks[k], blocks, error) for k in of_rocks if either or k == which]
+        return max(found, key=lambda one: float(one.values[0]))
 
     return scores
 
@@ -118,8 +114,13 @@ def _may_be_either(case: Case) -> bool:
     """
     seen = case.observations
     lost = float(_not_found(case).mean())
-    nameless = bool((seen.rock_of("deposits") < 0).any())
-    return 0.0 < lost <= _FEW_LOST and nameless and not seen.is_piece("deposits").any()
+    few_lost = 0.0 < lost <= _FEW_LOST
+    return few_lost and _has_nameless(case) and not seen.is_piece("deposits").any()
+
+
+def _has_nameless(case: Case) -> bool:
+    """Whether a block lies that bears no name of a rock."""
+    return bool((case.observations.rock_of("deposits") < 0).any())
 
 
 def _not_found(case: Case) -> NDArray[np.bool_]:

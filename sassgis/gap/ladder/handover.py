@@ -214,9 +214,10 @@ def first_sentence(advice: Advice, ladder: Sequence[Rung], effect: str = "") -> 
     gap = advice.configured
     if gap is None:
         return "Neither stops nor speeds were observed: how far the model is off cannot be stated."
-    said = [phrase("As configured, {}", _off_by(gap, advice))]
+    text = "As configured, {}"
     if "release_error" in effect.split("+"):
-        said = [phrase("As configured, and from the stated starts, {}", _off_by(gap, advice))]
+        text = "As configured, and from the stated starts, {}"
+    said = [phrase(text, _off_by(gap, advice))]
     told = [gap]
     far = _far_safe(advice.compared)
     if far is not None and gap.side == "unsafe":

@@ -73,7 +73,13 @@ def check_observations(
     """
     found: list[ObservationFinding] = []
     left = observations
-    with_blocks: tuple[Check, ...] = (
+    # Names first, then places, then what hangs on them.
+    checks: tuple[Check, ...] = (
+        _identifiers,
+        _same_stop,
+        _belonging,
+        check_on_the_dem,
+        check_offsets,
         partial(_sizes, density_kgm3=density_kgm3),
         _pieces,
         check_near_stations,
@@ -83,7 +89,7 @@ def check_observations(
         check_trajectory_speeds,
         partial(check_drops, drop_m=drop_m),
     )
-    for check in (*_CHECKS, *with_blocks):
+    for check in checks:
         # What one check leaves out is not found again by the next, under another name.
         new = list(check(left, grid))
         found += new
@@ -260,13 +266,3 @@ def empty_tables(observations: Observations, read: Iterable[str]) -> list[Observ
             )
         )
     return found
-
-
-#: In this order: names first, then places, then what hangs on them.
-_CHECKS: tuple[Check, ...] = (
-    _identifiers,
-    _same_stop,
-    _belonging,
-    check_on_the_dem,
-    check_offsets,
-)

@@ -62,6 +62,7 @@ from sassgis.report.figures.style import (
     note_height,
     nothing_to_show,
     percent_formatter,
+    text_width,
     wrap,
 )
 
@@ -440,10 +441,12 @@ def gap_hypotheses_figure(
     top, bottom = 0.62, note_height(note) + 0.42
     page = Page(top + 0.29 * n + bottom)
     page.around("Explanations that were tried", note)
-    # Names of two causes take more room (inches for a letter in the two sizes).
-    letters = [(len(effect_name(h.effect)), len(h.form)) for h in hypotheses]
-    widest = max((max(0.07 * name, 0.046 * form) for name, form in letters), default=0.0)
-    left = min(max(widest + 0.1, 1.95), 3.3)
+    # Names of two causes take more room.
+    widths = [
+        max(text_width(effect_name(h.effect), TEXT, bold=True), text_width(h.form, SMALL - 1.0))
+        for h in hypotheses
+    ]
+    left = min(max(1.85, *widths) + 0.1, 3.3)
     gains = page.axes(left, bottom, 4.5 - left, 0.29 * n, "gain")
     shares = page.axes(4.65, bottom, 1.75, 0.29 * n, "share")
     gains.axvline(0.0, color=GREY, lw=0.8, zorder=1)

@@ -34,6 +34,8 @@ WIDTH_IN = 6.7
 DPI = 180
 
 SMALL, TEXT, TITLE = 7.0, 8.0, 9.5
+#: Width of a letter of DejaVu Sans over the font size, on average.
+_LETTER, _LETTER_BOLD = 0.56, 0.63
 
 # Okabe and Ito (2008), colours distinguishable with all common kinds of colour vision.
 INK = "#1a1a1a"
@@ -167,11 +169,15 @@ def save(figure: Figure, path: str | PathLike[str]) -> Path:
     return target
 
 
+def text_width(text: str, size: float = SMALL, *, bold: bool = False) -> float:
+    """About the width of a line of text at a font size (inches)."""
+    return len(translated(text)) * (_LETTER_BOLD if bold else _LETTER) * size / 72.0
+
+
 def wrap(text: str, width_in: float, size: float = SMALL) -> str:
     """Break a text into lines that fit a width at a font size (points)."""
-    # A letter of DejaVu Sans is on average 0.56 of the font size wide.
     text = translated(text)
-    letters = max(12, int(width_in * 72.0 / (0.56 * size)))
+    letters = max(12, int(width_in * 72.0 / (_LETTER * size)))
     lines = (line for part in text.splitlines() for line in textwrap.wrap(part, letters) or [""])
     # Translated; it stays so when the figure is written.
     return named("\n".join(lines))
