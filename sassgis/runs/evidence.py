@@ -54,7 +54,7 @@ from sassgis.runs.hypothesis_fits import HypothesisFits
 from sassgis.runs.job import AnyConfig
 
 #: Calibrations that are looked at where the best leaves something large, and how many at once.
-_PLAUSIBLE, _AT_ONCE = 16, 4
+_PLAUSIBLE, _AT_ONCE = 8, 4
 
 
 @dataclass(frozen=True, slots=True)
