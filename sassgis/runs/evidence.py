@@ -14,7 +14,7 @@ from sassgis.gap.causes.trees_cause import losses_at_one_place
 from sassgis.gap.diagnosis import CauseGain, Fingerprint, GapFinding, Rung, Shrinkage, Verdict
 from sassgis.gap.ladder.cause_gains import cause_gains
 from sassgis.gap.ladder.handover import CONFIGURED_NUMBER
-from sassgis.gap.ladder.hypothesis_fit import FRESH, FittedHypothesis, HypothesisDraw
+from sassgis.gap.ladder.hypothesis_fit import FRESH, FittedHypothesis
 from sassgis.gap.ladder.rungs import (
     CONFIGURED,
     GROUND,
@@ -29,7 +29,7 @@ from sassgis.gap.residuals.table import REPLICATES, residuals_with
 from sassgis.gap.where.findings import where
 from sassgis.gap.which.cause_weights import CauseWeights
 from sassgis.gap.which.fingerprints import fingerprints
-from sassgis.gap.which.hypotheses import NONE, families_to_try
+from sassgis.gap.which.hypotheses import NONE, Draw, families_to_try
 from sassgis.gap.which.verdict import (
     CONTACT_LAW,
     UNKNOWN,
@@ -54,7 +54,7 @@ from sassgis.runs.hypothesis_fits import HypothesisFits
 from sassgis.runs.job import AnyConfig
 
 #: Calibrations that are looked at where the best leaves something large, and how many at once.
-_PLAUSIBLE, _AT_ONCE = 8, 4
+_PLAUSIBLE, _AT_ONCE = 16, 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,36 +161,37 @@ def evidence_of_site(made: HypothesisFits) -> tuple[Evidence, BaseRungs]:
     found = evidence_beyond(made, made.add(CONTACT_LAW), families_to_try(made.problem.case))
     base = base_rungs(made)
     if not adequate(found.findings):
-        tasks = _plausible(made, CONTACT_LAW)[1:]
+        case, free = made.problem.case, made.add(CONTACT_LAW)
+        draws = free.samples(case, _PLAUSIBLE)
         if base.simplest != CONTACT_LAW:
-            tasks = _plausible(made, NONE) + tasks
-        found = replace(found, findings=_least_left(made, tasks) or found.findings)
+            draws = [made.add(NONE).handed_over.draw, *draws]
+        found = replace(found, findings=_first_adequate(made, draws) or found.findings)
     return found, base
 
 
-def _plausible(made: HypothesisFits, name: str) -> list[HypothesisDraw]:
-    """The calibration that is handed over, and others that the rocks do not exclude."""
-    fit = made.add(name)
-    draws = [fit.handed_over.draw, *fit.samples(made.problem.case, _PLAUSIBLE)]
-    return [HypothesisDraw(name, draw.parameter_draws, 0, REPLICATES) for draw in draws]
-
-
-def _least_left(
-    made: HypothesisFits, tasks: Sequence[HypothesisDraw]
-) -> tuple[GapFinding, ...] | None:
-    """What the first of some calibrations leaves that leaves nothing significant and large."""
-    for k in range(0, len(tasks), _AT_ONCE):
-        for left in list(made.run(_left_by, tasks[k : k + _AT_ONCE])):
+def _first_adequate(made: HypothesisFits, draws: Sequence[Draw]) -> tuple[GapFinding, ...] | None:
+    """What the first of some models leaves that leaves nothing significant and large."""
+    for k in range(0, len(draws), _AT_ONCE):
+        tasks = [_Left(own.model, REPLICATES) for own in draws[k : k + _AT_ONCE]]
+        for left in list(made.run(_left_by, tasks)):
             if adequate(left):
                 return cast("tuple[GapFinding, ...]", left)
     return None
 
 
-def _left_by(summary: SiteSummary, task: HypothesisDraw) -> tuple[GapFinding, ...]:
-    """Where the gap lies with a draw in place of the base."""
+@dataclass(frozen=True, slots=True)
+class _Left:
+    """A model that takes the place of the base, and runs of each rock."""
+
+    model: HypothesisModel
+    count: int
+
+
+def _left_by(summary: SiteSummary, task: _Left) -> tuple[GapFinding, ...]:
+    """Where the gap lies with a model in place of the base."""
     problem = summary.problem
     case, residuals = residuals_with(
-        problem.case, task.of(problem.case).model, seed=problem.seed, replicates=task.count
+        problem.case, task.model, seed=problem.seed, replicates=task.count
     )
     return where(case, residuals, seed=problem.seed)
 
