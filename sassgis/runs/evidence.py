@@ -29,7 +29,7 @@ from sassgis.gap.residuals.table import REPLICATES, residuals_with
 from sassgis.gap.where.findings import where
 from sassgis.gap.which.cause_weights import CauseWeights
 from sassgis.gap.which.fingerprints import fingerprints
-from sassgis.gap.which.hypotheses import NONE, Draw, families_to_try
+from sassgis.gap.which.hypotheses import NONE, families_to_try
 from sassgis.gap.which.verdict import (
     CONTACT_LAW,
     UNKNOWN,
@@ -162,17 +162,19 @@ def evidence_of_site(made: HypothesisFits) -> tuple[Evidence, BaseRungs]:
     base = base_rungs(made)
     if not adequate(found.findings):
         case, free = made.problem.case, made.add(CONTACT_LAW)
-        draws = free.samples(case, _PLAUSIBLE)
+        models = [own.model for own in free.samples(case, _PLAUSIBLE)]
         if base.simplest != CONTACT_LAW:
-            draws = [made.add(NONE).handed_over.draw, *draws]
-        found = replace(found, findings=_first_adequate(made, draws) or found.findings)
+            models = [made.add(NONE).handed_over.draw.model, *models]
+        found = replace(found, findings=first_adequate(made, models) or found.findings)
     return found, base
 
 
-def _first_adequate(made: HypothesisFits, draws: Sequence[Draw]) -> tuple[GapFinding, ...] | None:
-    """What the first of some models leaves that leaves nothing significant and large."""
-    for k in range(0, len(draws), _AT_ONCE):
-        tasks = [_Left(own.model, REPLICATES) for own in draws[k : k + _AT_ONCE]]
+def first_adequate(
+    made: HypothesisFits, models: Sequence[HypothesisModel]
+) -> tuple[GapFinding, ...] | None:
+    """Where the gap lies with the first model that leaves nothing significant and large, if any."""
+    for k in range(0, len(models), _AT_ONCE):
+        tasks = [_Left(own, REPLICATES) for own in models[k : k + _AT_ONCE]]
         for left in list(made.run(_left_by, tasks)):
             if adequate(left):
                 return cast("tuple[GapFinding, ...]", left)
