@@ -109,6 +109,10 @@ def page_part(scores: dict[str, Any], worlds: list[dict[str, str]]) -> str:
         )
         + f"stated only {check['only_stated']}, measured only {check['only_measured']}, "
         f"neither {check['neither']}.",
+        "",
+        f"Calibration error: {scores['numbers']['calibration_error']:.2f}; so few answers, each "
+        "right with the stated confidence, have "
+        f"{scores['numbers']['calibration_error_by_chance']:.2f} in the mean.",
     ]
     return "\n".join(lines)
 

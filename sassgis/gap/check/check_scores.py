@@ -24,6 +24,7 @@ from sassgis.gap.check.answers import (
 from sassgis.gap.diagnosis import without_nan
 from sassgis.gap.inference.intervals import share_interval
 from sassgis.gap.which.verdict import CONTACT_LAW
+from sassgis.model.grid import FloatArray
 
 #: Least confidence with which an effect is named.
 NAMED_CONFIDENCE = 0.6
@@ -35,6 +36,8 @@ SHRINKAGE_ROCKS = (20, 40, 100)
 CONFIDENCE_BINS = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
 #: Bins of the expected calibration error.
 _ECE_BINS = 10
+#: Draws of the calibration error by chance.
+_CHANCE_DRAWS = 2000
 #: Columns of the confusion matrix; rows are the first of them, without "no answer".
 ANSWERS: tuple[str, ...] = ("none", *FAMILIES, "pair", "unknown", CONTACT_LAW, "no answer")
 
@@ -214,7 +217,11 @@ def _figures(pairs: Sequence[Pair], fresh: Mapping[str, float | None]) -> Figure
         ],
     }
     means = {key: float(np.mean(v)) if v else math.nan for key, v in sizes.items()}
-    return Figures(len(pairs), measures, {"calibration_error": calibration_error(pairs), **means})
+    means |= {
+        "calibration_error": calibration_error(pairs),
+        "calibration_error_by_chance": calibration_error_by_chance(pairs),
+    }
+    return Figures(len(pairs), measures, means)
 
 
 def calibration_error(pairs: Sequence[Pair]) -> float:
@@ -223,14 +230,35 @@ def calibration_error(pairs: Sequence[Pair]) -> float:
     The mean, over the answers, of |share right − mean confidence| in the bin of each; NaN without
     a stated confidence.
     """
-    stated = [(a.confidence, holds(t, a)) for t, a in pairs if math.isfinite(a.confidence)]
-    if not stated:
+    confidence, right = _stated(pairs)
+    return _binned_error(confidence, right)
+
+
+def calibration_error_by_chance(pairs: Sequence[Pair]) -> float:
+    """Mean calibration error of so many answers if each is right with the stated confidence.
+
+    It is above zero: the shares of few answers scatter about their confidence.
+    """
+    confidence, _ = _stated(pairs)
+    drawn = np.random.default_rng(41).random((_CHANCE_DRAWS, confidence.size)) < confidence
+    errors = [_binned_error(confidence, right) for right in drawn.astype(float)]
+    return float(np.mean(errors))
+
+
+def _stated(pairs: Sequence[Pair]) -> tuple[FloatArray, FloatArray]:
+    """Confidence of the answers that state one, and whether they are right."""
+    own = [(a.confidence, holds(t, a)) for t, a in pairs if math.isfinite(a.confidence)]
+    confidence, right = np.array(own, float).reshape(-1, 2).T
+    return confidence, right
+
+
+def _binned_error(confidence: FloatArray, right: FloatArray) -> float:
+    if not confidence.size:
         return math.nan
-    confidence, right = np.array(stated, float).T
     # Bins are open below and closed above, as in the source.
     within = np.clip(np.ceil(confidence * _ECE_BINS) - 1, 0, _ECE_BINS - 1).astype(int)
     apart = np.bincount(within, right - confidence, minlength=_ECE_BINS)
-    return float(np.abs(apart).sum() / len(stated))
+    return float(np.abs(apart).sum() / confidence.size)
 
 
 def share(measure: str, hits: Iterable[bool]) -> Share:

@@ -142,8 +142,14 @@ def test_calibration_error_by_hand() -> None:
         said(str(k), "none" if ok else "trees", c)
         for k, (c, ok) in enumerate(zip(stated, right, strict=True))
     ]
-    found = score(truths, answers).figures.numbers["calibration_error"]
-    assert found == pytest.approx((4 * 0.4 + 2 * 0.25) / 6)
+    numbers = score(truths, answers).figures.numbers
+    assert numbers["calibration_error"] == pytest.approx((4 * 0.4 + 2 * 0.25) / 6)
+    # By chance: E|share - p| of 4 draws of p = 0.9, and of 2 of p = 0.25, by the binomial laws.
+    four = sum(math.comb(4, k) * 0.9**k * 0.1 ** (4 - k) * abs(k / 4 - 0.9) for k in range(5))
+    two = sum(math.comb(2, k) * 0.25**k * 0.75 ** (2 - k) * abs(k / 2 - 0.25) for k in range(3))
+    assert numbers["calibration_error_by_chance"] == pytest.approx(
+        (4 * four + 2 * two) / 6, abs=0.01
+    )
 
 
 def test_the_confidence_of_a_named_effect_is_that_it_acts_alone_or_beside_another() -> None:
