@@ -40,8 +40,9 @@ class ProgressBar:
         self.close()
 
     def say(self, text: str) -> None:
-        """Say what is done next."""
+        """Say what is done next, which has a pace of its own."""
         self.close()
+        self._began = None
         click.echo(f"{text} ...", err=True)
 
     def step(self, done: int, total: int, rocks: int) -> None:
