@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import json
 import multiprocessing
+from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -54,7 +55,7 @@ def counted(pairs: list[tuple[dict[str, Any], dict[str, Any]]]) -> dict[str, Any
         "confidence_moves": max(
             (abs(a["confidence"] - b["confidence"]) for a, b in both), default=0.0
         ),
-        "other": sorted(
+        "other": Counter(
             " / ".join(sorted([a["effect"], b["effect"]]))
             for a, b in pairs
             if a["effect"] != b["effect"]
@@ -64,13 +65,13 @@ def counted(pairs: list[tuple[dict[str, Any], dict[str, Any]]]) -> dict[str, Any
 
 def page_part(found: dict[str, Any]) -> str:
     """The sentence of the page."""
-    other = ", ".join(one.replace("_", " ") for one in found["other"]) or "none"
+    other = [f"{n} {name.replace('_', ' ')}" for name, n in sorted(found["other"].items())]
     return (
-        f"With other seeds of the diagnosis ({', '.join(map(str, found['seeds']))}, at the same "
-        f"{found['sites']} sites): {found['same']} of {found['answers']} answers are those of the "
-        f"check, and {found['named_same']} of the {found['named']} that name an effect with either "
-        f"seed. Answers that differ: {other}. The confusion set is the same in "
-        f"{found['sets_same']}; the confidence of the same answer moves by "
+        f"With another seed of the diagnosis ({', '.join(map(str, found['seeds']))} in place of "
+        f"1), {found['same']} of {found['answers']} answers are the same, and {found['named_same']} of "
+        f"the {found['named']} that name an effect with either seed; answers that differ: "
+        f"{', '.join(other) or 'none'}. The confusion set is the same at {found['sets_same']} "
+        "sites; where the answer is the same, its confidence moves by "
         f"{found['confidence_moves']:.2f} at most."
     )
 

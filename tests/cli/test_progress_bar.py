@@ -24,3 +24,19 @@ def test_the_time_left_is_told_once_there_is_a_pace(
     told = [line for line in lines if "left" in line]
     assert told[0] == "  5 %, 510 blocks, about 28:09 left" and len(told) == 950
     assert told[-1] == "  100 %, 10000 blocks, about 0:00 left"
+
+
+def test_a_stage_has_a_pace_of_its_own(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    seconds = [0.0]
+    monkeypatch.setattr(progress_bar.time, "monotonic", lambda: seconds[0])
+    monkeypatch.setenv("SASSGIS_PROGRESS_S", "1")
+    with ProgressBar() as bar:
+        for pace in (100.0, 1.0):
+            bar.say("Stage")
+            for done in range(1, 11):
+                seconds[0] += pace
+                bar.step(done, 10, done)
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[9].endswith("about 1:40 left") and lines[20].endswith("about 0:01 left")
