@@ -66,10 +66,11 @@ def counted(pairs: list[tuple[dict[str, Any], dict[str, Any]]]) -> dict[str, Any
 def page_part(found: dict[str, Any]) -> str:
     """The sentence of the page."""
     other = [f"{n} {name.replace('_', ' ')}" for name, n in sorted(found["other"].items())]
+    seeds = ", ".join(map(str, found["seeds"]))
     return (
-        f"With another seed of the diagnosis ({', '.join(map(str, found['seeds']))} in place of "
-        f"1), {found['same']} of {found['answers']} answers are the same, and {found['named_same']} of "
-        f"the {found['named']} that name an effect with either seed; answers that differ: "
+        f"With another seed of the diagnosis ({seeds} in place of 1), {found['same']} of "
+        f"{found['answers']} answers are the same, and {found['named_same']} of the "
+        f"{found['named']} that name an effect with either seed; answers that differ: "
         f"{', '.join(other) or 'none'}. The confusion set is the same at {found['sets_same']} "
         "sites; where the answer is the same, its confidence moves by "
         f"{found['confidence_moves']:.2f} at most."
