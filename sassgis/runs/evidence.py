@@ -165,7 +165,12 @@ def evidence_of_site(made: HypothesisFits) -> tuple[Evidence, BaseRungs]:
         models = [own.model for own in free.samples(case, _PLAUSIBLE)]
         if base.simplest != CONTACT_LAW:
             models = [made.add(NONE).handed_over.draw.model, *models]
-        found = replace(found, findings=first_adequate(made, models) or found.findings)
+        if (left := first_adequate(made, models)) is not None:
+            note = phrase(
+                "Gaps by place are those of a calibration that the rocks do not exclude; the best "
+                "one of the free contact leaves a gap that is significant and large."
+            )
+            found = replace(found, findings=left, notes=(*found.notes, note))
     return found, base
 
 
