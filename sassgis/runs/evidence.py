@@ -167,8 +167,9 @@ def evidence_of_site(made: HypothesisFits) -> tuple[Evidence, BaseRungs]:
             models = [made.add(NONE).handed_over.draw.model, *models]
         if (left := first_adequate(made, models)) is not None:
             note = phrase(
-                "Gaps by place are those of a calibration that the rocks do not exclude; the best "
-                "one of the free contact leaves a gap that is significant and large."
+                "Gaps by place are those of a calibration that the rocks do not exclude, which is "
+                "the base here: the best one of the free contact leaves a significant and large "
+                "gap."
             )
             found = replace(found, findings=left, notes=(*found.notes, note))
     return found, base
