@@ -10,20 +10,17 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import multiprocessing
 from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from study_tables import between_marks
+from gap_check_tables import KEPT, PAGE, replaced
 
 from sassgis import diagnose
-
-HERE = Path(__file__).parent
-KEPT = HERE / "gap_check" / "seeds.json"
-PAGE = HERE.parent / "gap_check.md"
-NOT_NAMED = ("none", "unknown", "contact_law")
+from sassgis.gap.check.answers import Answer, answer_from, in_order, names_in
 
 
 def diagnosed(case: Path, folder: Path, seed: int) -> None:
@@ -34,31 +31,28 @@ def diagnosed(case: Path, folder: Path, seed: int) -> None:
         )
 
 
-def verdict(folder: Path) -> dict[str, Any]:
-    """Answer, whether an effect is named, confidence and confusion set of a diagnosis."""
-    whole = json.loads((folder / "diagnosis.json").read_text(encoding="utf-8"))
-    found: dict[str, Any] = whole["verdict"]
-    named = found["effect"] not in NOT_NAMED
-    return found | {"named": named, "set": sorted(found["confusion_set"])}
+def answer(folder: Path) -> Answer:
+    """What a diagnosis answered."""
+    found = json.loads((folder / "diagnosis.json").read_text(encoding="utf-8"))
+    return answer_from(folder.name, found)
 
 
-def counted(pairs: list[tuple[dict[str, Any], dict[str, Any]]]) -> dict[str, Any]:
+def counted(pairs: list[tuple[Answer, Answer]]) -> dict[str, Any]:
     """How many of pairs of answers, of the first seed and of another, agree."""
-    named = [(a, b) for a, b in pairs if a["named"] or b["named"]]
-    both = [(a, b) for a, b in pairs if a["effect"] == b["effect"] and a["confidence"] is not None]
+    same = [(a, b) for a, b in pairs if in_order(a.effect) == in_order(b.effect)]
+    named, named_same = (
+        sum(bool(names_in(a.effect) | names_in(b.effect)) for a, b in own) for own in (pairs, same)
+    )
+    moves = [abs(a.confidence - b.confidence) for a, b in same if math.isfinite(a.confidence)]
     return {
         "answers": len(pairs),
-        "same": sum(a["effect"] == b["effect"] for a, b in pairs),
-        "named": len(named),
-        "named_same": sum(a["effect"] == b["effect"] for a, b in named),
-        "sets_same": sum(a["set"] == b["set"] for a, b in pairs),
-        "confidence_moves": max(
-            (abs(a["confidence"] - b["confidence"]) for a, b in both), default=0.0
-        ),
+        "same": len(same),
+        "named": named,
+        "named_same": named_same,
+        "sets_same": sum({*a.confusion_set} == {*b.confusion_set} for a, b in pairs),
+        "confidence_moves": max(moves, default=0.0),
         "other": Counter(
-            " / ".join(sorted([a["effect"], b["effect"]]))
-            for a, b in pairs
-            if a["effect"] != b["effect"]
+            " / ".join(sorted([a.effect, b.effect])) for a, b in pairs if (a, b) not in same
         ),
     }
 
@@ -93,11 +87,10 @@ def main() -> None:
         for job in [pool.submit(diagnosed, *task) for task in tasks]:
             job.result()
     answers = given.check / "answers"
-    pairs = [(verdict(answers / case.name), verdict(folder)) for case, folder, _ in tasks]
+    pairs = [(answer(answers / case.name), answer(folder)) for case, folder, _ in tasks]
     found = {"seeds": given.seeds, "sites": len(cases)} | counted(pairs)
-    KEPT.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
-    text = PAGE.read_text(encoding="utf-8")
-    PAGE.write_text(between_marks(text, "seeds", page_part(found)), encoding="utf-8")
+    (KEPT / "seeds.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    replaced(PAGE, "seeds", page_part(found))
 
 
 if __name__ == "__main__":

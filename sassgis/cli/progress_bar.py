@@ -30,6 +30,7 @@ class ProgressBar:
         asked = os.environ.get("SASSGIS_PROGRESS_S", "")
         self._every_s = float(asked) if asked.replace(".", "", 1).isdecimal() else 30.0
         self._began: tuple[float, int] | None = None
+        self._done = 0
         self._shown = time.monotonic()
         self._open = False
 
@@ -40,18 +41,18 @@ class ProgressBar:
         self.close()
 
     def say(self, text: str) -> None:
-        """Say what is done next, which has a pace of its own."""
+        """Say what is done next."""
         self.close()
-        self._began = None
         click.echo(f"{text} ...", err=True)
 
     def step(self, done: int, total: int, rocks: int) -> None:
         """Show the progress of a run."""
         now = time.monotonic()
         # The first chunk gives no pace: it waits for the program to be compiled, and in a run that
-        # goes on from a saved state all before it was done another time.
-        if self._began is None or done < self._began[1]:
+        # goes on from a saved state all before it was done another time. Each stage has its own.
+        if self._began is None or done < self._done:
             self._began = (now, done)
+        self._done = done
         since, first = self._began
         # Nor do a few others: further kernels are compiled when they are first called.
         steps, left = done - first, ""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import cast
 
 from sassgis.gap.calibration.contact_map import learned_contacts
 from sassgis.gap.calibration.problem import model_rows
@@ -161,8 +160,8 @@ def evidence_of_site(made: HypothesisFits) -> tuple[Evidence, BaseRungs]:
     found = evidence_beyond(made, made.add(CONTACT_LAW), families_to_try(made.problem.case))
     base = base_rungs(made)
     if not adequate(found.findings):
-        case, free = made.problem.case, made.add(CONTACT_LAW)
-        models = [own.model for own in free.samples(case, _PLAUSIBLE)]
+        draws = made.add(CONTACT_LAW).samples(made.problem.case, _PLAUSIBLE)
+        models = [own.model for own in draws]
         if base.simplest != CONTACT_LAW:
             models = [made.add(NONE).handed_over.draw.model, *models]
         if (left := first_adequate(made, models)) is not None:
@@ -181,9 +180,9 @@ def first_adequate(
     """Where the gap lies with the first model that leaves nothing significant and large, if any."""
     for k in range(0, len(models), _AT_ONCE):
         tasks = [_Left(own, REPLICATES) for own in models[k : k + _AT_ONCE]]
-        for left in list(made.run(_left_by, tasks)):
-            if adequate(left):
-                return cast("tuple[GapFinding, ...]", left)
+        left: list[tuple[GapFinding, ...]] = list(made.run(_left_by, tasks))
+        if any(map(adequate, left)):
+            return next(filter(adequate, left))
     return None
 
 

@@ -8,12 +8,18 @@ from sassgis.cli import progress_bar
 from sassgis.cli.progress_bar import ProgressBar
 
 
-def test_the_time_left_is_told_once_there_is_a_pace(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    seconds = [0.0]
-    monkeypatch.setattr(progress_bar.time, "monotonic", lambda: seconds[0])
+@pytest.fixture
+def seconds(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """What the clock shows; a line is told each second."""
+    shown = [0.0]
+    monkeypatch.setattr(progress_bar.time, "monotonic", lambda: shown[0])
     monkeypatch.setenv("SASSGIS_PROGRESS_S", "1")
+    return shown
+
+
+def test_the_time_left_is_told_once_there_is_a_pace(
+    seconds: list[float], capsys: pytest.CaptureFixture[str]
+) -> None:
     with ProgressBar() as bar:
         # Compiling takes 40 s of the second step; all others take one.
         for done in range(1, 1001):
@@ -27,11 +33,8 @@ def test_the_time_left_is_told_once_there_is_a_pace(
 
 
 def test_a_stage_has_a_pace_of_its_own(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    seconds: list[float], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    seconds = [0.0]
-    monkeypatch.setattr(progress_bar.time, "monotonic", lambda: seconds[0])
-    monkeypatch.setenv("SASSGIS_PROGRESS_S", "1")
     with ProgressBar() as bar:
         for pace in (100.0, 1.0):
             bar.say("Stage")

@@ -24,7 +24,7 @@ from sassgis.gap.check.answers import (
 from sassgis.gap.diagnosis import without_nan
 from sassgis.gap.inference.intervals import share_interval
 from sassgis.gap.which.verdict import CONTACT_LAW
-from sassgis.model.grid import FloatArray
+from sassgis.model.grid import BoolArray, FloatArray
 
 #: Least confidence with which an effect is named.
 NAMED_CONFIDENCE = 0.6
@@ -231,7 +231,7 @@ def calibration_error(pairs: Sequence[Pair]) -> float:
     a stated confidence.
     """
     confidence, right = _stated(pairs)
-    return _binned_error(confidence, right)
+    return float(_binned_error(confidence, right))
 
 
 def calibration_error_by_chance(pairs: Sequence[Pair]) -> float:
@@ -241,8 +241,7 @@ def calibration_error_by_chance(pairs: Sequence[Pair]) -> float:
     """
     confidence, _ = _stated(pairs)
     drawn = np.random.default_rng(41).random((_CHANCE_DRAWS, confidence.size)) < confidence
-    errors = [_binned_error(confidence, right) for right in drawn.astype(float)]
-    return float(np.mean(errors))
+    return float(np.mean(_binned_error(confidence, drawn)))
 
 
 def _stated(pairs: Sequence[Pair]) -> tuple[FloatArray, FloatArray]:
@@ -252,13 +251,15 @@ def _stated(pairs: Sequence[Pair]) -> tuple[FloatArray, FloatArray]:
     return confidence, right
 
 
-def _binned_error(confidence: FloatArray, right: FloatArray) -> float:
+def _binned_error(confidence: FloatArray, right: FloatArray | BoolArray) -> FloatArray:
+    """Calibration error; ``right`` has the answers in its last axis."""
     if not confidence.size:
-        return math.nan
+        return np.array(math.nan)
     # Bins are open below and closed above, as in the source.
-    within = np.clip(np.ceil(confidence * _ECE_BINS) - 1, 0, _ECE_BINS - 1).astype(int)
-    apart = np.bincount(within, right - confidence, minlength=_ECE_BINS)
-    return float(np.abs(apart).sum() / confidence.size)
+    within = np.clip(np.ceil(confidence * _ECE_BINS) - 1, 0, _ECE_BINS - 1)
+    off = right - confidence
+    apart = [np.abs(off[..., within == k].sum(axis=-1)) for k in range(_ECE_BINS)]
+    return np.asarray(np.sum(apart, axis=0) / confidence.size)
 
 
 def share(measure: str, hits: Iterable[bool]) -> Share:
