@@ -138,6 +138,7 @@ def _clear(state: Record, site: Site, x: float, stretch: int) -> None:
     state.nx = 0.0
     state.nz = 1.0
     state.as_circle = False
+    state.by_core = False
     state.skip_to = -1
     state.clear_from = 0.0
     state.spot_x = -np.inf

@@ -30,12 +30,13 @@ class Contact(NamedTuple):
     nx: float  # normal of the ground
     nz: float
     approach: float  # speed of the centre towards the ground (m/s)
+    by_core: bool  # whether only the round core of the block is met
 
 
 @inlined
 def _no_contact(t: float) -> Contact:
     """No contact before a time (s)."""
-    return Contact(t, -1, 0.0, 0.0, 0.0)
+    return Contact(t, -1, 0.0, 0.0, 0.0, False)
 
 
 @inlined
@@ -199,9 +200,9 @@ def next_contact(
     near : int
         A segment near the centre, to start looking from.
     skip_to : int
-        Segments that the block has just left, with the vertices behind them: up to and including
-        ``skip_to`` if it moves to the right, from it on if it moves to the left; -1 for none. They
-        can stop only its round core, of radius b.
+        Segments that the block has just left, with their vertices: up to and including ``skip_to``
+        if it moves to the right, from it on if it moves to the left; -1 for none. They can stop
+        only its round core, of radius b.
 
     Returns
     -------
@@ -214,6 +215,8 @@ def next_contact(
     still = abs(vx) < 1e-9
     surface = abs(vx) + abs(flying.vz) + abs(flying.omega) * flying.a
     same = _same_time(surface, flying.a, tolerance)
+    # The edge over which it has just gone.
+    edge = -1 if skip_to < 0 else skip_to + (1 if step > 0 else 0)
     best = _no_contact(end)
     fresh = True
     # The segment under its rear end.
@@ -240,8 +243,8 @@ def next_contact(
             first = _within_reach(above, rate, fall, flying.a + tolerance, first, last)
             if first <= last:
                 best = _contact_at(
-                    flying, tolerance, profile, j, step, left, fresh, still, same, best, first,
-                    last, above, rate, fall
+                    flying, tolerance, profile, j, step, left, fresh, edge, still, same, best,
+                    first, last, above, rate, fall
                 )  # fmt: skip
         fresh = fresh and left
         j += step
@@ -259,6 +262,7 @@ def _contact_at(
     step: int,
     left: bool,
     fresh: bool,
+    edge: int,
     still: bool,
     same: float,
     best: Contact,
@@ -283,10 +287,10 @@ def _contact_at(
             # Of contacts at the same time, that from outside is the one.
             approach = 0.0 if deep else -(rate - 2.0 * fall * t)
             if best.segment < 0 or t < best.t - same or approach > best.approach:
-                best = Contact(min(t, best.t), j, -here.tz, here.tx, approach)
+                best = Contact(min(t, best.t), j, -here.tz, here.tx, approach, False)
     # Its vertices; the one behind has been looked at with the segment before.
     for k in range(j, j + 2):
-        if left or k == 0 or k == n or (not fresh and k == (j if step > 0 else j + 1)):
+        if left or k in (0, n, edge) or (not fresh and k == (j if step > 0 else j + 1)):
             continue
         if not is_convex(profile, k):
             continue
@@ -305,7 +309,7 @@ def _contact_at(
         if t < np.inf:
             approach = -(flying.vx * nx + (flying.vz - flying.gravity * t) * nz)
             if best.segment < 0 or t < best.t - same or approach > best.approach:
-                best = Contact(min(t, best.t), k if step > 0 else k - 1, nx, nz, approach)
+                best = Contact(min(t, best.t), k if step > 0 else k - 1, nx, nz, approach, False)
     # The core of a block whose flank reaches into the ground comes no nearer.
     core = max(flying.b - 2.0 * tolerance, 0.5 * flying.b)
     to_t = min(last, best.t)
@@ -317,7 +321,7 @@ def _contact_at(
             if met >= 0:
                 segment = met if step > 0 else met - 1
             approach = -(flying.vx * nx + (flying.vz - flying.gravity * t) * nz)
-            best = Contact(t, segment, nx, nz, approach)
+            best = Contact(t, segment, nx, nz, approach, True)
     return best
 
 

@@ -145,4 +145,5 @@ def flight(
         state.segment = contact.segment
         state.nx = contact.nx
         state.nz = contact.nz
+        state.by_core = contact.by_core
         state.phase = IMPACT

@@ -105,6 +105,7 @@ def _rebound(
     vt: float,
     energy: float,
     as_circle: bool,
+    round_m: float,
 ) -> bool:
     """Change the velocity by an impact; whether it breaks the block.
 
@@ -119,6 +120,8 @@ def _rebound(
     as_circle : bool
         Whether the block is met as the circle as which it rolls: the roughness of the ground is
         then in the rolling friction, and its slope is not varied.
+    round_m : float
+        Radius of the circle as which the block is met (m), 0 for the ellipse.
     """
     state.impacts += 1
     here = site.profile[state.segment]
@@ -131,8 +134,8 @@ def _rebound(
         effects, state, block, ground, mx, mz, physics.eta_rule, ground.mu_f
     )
     px, py, _ = frame_of(block.a, block.b, st * mz + ct * mx, ct * mz - st * mx)
-    if as_circle:
-        px, py = 0.0, block.roll_radius
+    if round_m > 0.0:
+        px, py = 0.0, round_m
     log_event(output.log, state, mz, -mx)
     vx = state.vx
     vz = state.vz
@@ -180,15 +183,16 @@ def land(
     ct, st = cos_sin(state.theta)
     lever, support, curvature = frame_of(block.a, block.b, st * ux - ct * uz, ct * ux + st * uz)
     as_circle = state.as_circle
+    round_m = _radius_met(state, block)
     state.as_circle = False
-    if as_circle:
-        lever, support, curvature = 0.0, block.roll_radius, 0.0
+    state.by_core = False
+    if round_m > 0.0:
+        lever, support, curvature = 0.0, round_m, 0.0
     energy = _kinetic(block, state.vx, state.vz, state.omega)
     if _trembles(state, block, energy, g):
         end_at_rest(state, block)
         return
-    threshold = site.grounds[site.profile[state.segment].ground].rolling_threshold
-    low = 2.0 * g * nz * threshold * block.radius
+    low = _soft_speed2(state, block, site, g, nz)
     # A start with spin has a normal speed of rounding only, of either sign.
     soft = vn <= 1e-9 * abs(vt) and vn * vn < low
     if soft:
@@ -198,7 +202,9 @@ def land(
         wt, wn, omega = soft_landing(lever, support, block.inertia, vt, vn, state.omega, resistance)
         state.omega = omega
     else:
-        if _rebound(state, block, site, output, physics, effects, ct, st, vt, energy, as_circle):
+        if _rebound(
+            state, block, site, output, physics, effects, ct, st, vt, energy, as_circle, round_m
+        ):
             end(state, BROKEN)
             return
         omega = state.omega
@@ -214,9 +220,47 @@ def land(
             state.clear_from = FIRST_TURN / abs(omega)
             state.phase = FLIGHT
             return
+    state.direction = way_on(wt, omega, block.radius)
+    state.segment = foot_segment(site.profile, state.segment, state.x, state.z, state.direction)
+    # Of a soft landing before it, which lifts the centre of a block that lies across.
+    recedes = _recedes(state, block, site, g) and (
+        # About an edge the centre turns as about a fixed point; the weight may hold it there.
+        normal_force(lever, support, -support, block.inertia, omega, nz, -uz, g) < 0.0
+    )
     state.vx = wt * ux + wn * nx
     state.vz = wt * uz + wn * nz
+    if recedes:
+        if as_circle:
+            _leave_as_ellipse(state, block)
+        state.skip_to = state.segment - state.direction
+        state.clear_from = FIRST_TURN / max(abs(omega), 1e-3)
+        state.phase = FLIGHT
+        return
     _settle(state, block, site, g, Velocity(wt, wn, omega))
+
+
+@lean
+def _soft_speed2(state: Record, block: Block, site: Site, gravity: float, nz: float) -> float:
+    """Square of the normal speed below which the ground of a segment is reached softly (m²/s²)."""
+    threshold = site.grounds[site.profile[state.segment].ground].rolling_threshold
+    return float(2.0 * gravity * nz * threshold * block.radius)
+
+
+@lean
+def _recedes(state: Record, block: Block, site: Site, gravity: float) -> bool:
+    """Whether a block leaves the segment along which it would move on, as beyond a convex edge."""
+    here = site.profile[state.segment]
+    away = state.vz * here.tx - state.vx * here.tz
+    low = _soft_speed2(state, block, site, gravity, here.tx)
+    return bool(away > 1e-9 * abs(state.vx) and away * away >= low)
+
+
+@inlined
+def _radius_met(state: Record, block: Block) -> float:
+    """Radius of the circle as which a block meets the ground (m), 0 for its ellipse."""
+    if state.as_circle:
+        return float(block.roll_radius)
+    return float(block.b) if state.by_core else 0.0
 
 
 @inlined
@@ -262,11 +306,9 @@ def _settle(state: Record, block: Block, site: Site, gravity: float, velocity: V
     """
     profile = site.profile
     wt, wn, omega = velocity
-    direction = way_on(wt, omega, block.radius)
     energy = 0.5 * (wt * wt + wn * wn + block.inertia * omega * omega)
-    segment = foot_segment(profile, state.segment, state.x, state.z, direction)
-    state.direction = direction
-    state.segment = segment
+    direction = state.direction
+    segment = state.segment
     here = profile[segment]
     u = min(max(along(profile, segment, state.x, state.z), 0.0), here.length)
     foot_x = here.x + u * here.tx

@@ -71,6 +71,7 @@ STATE_FIELDS: tuple[tuple[str, Any], ...] = (
     ("nx", _F),  # normal of the ground that it has come to
     ("nz", _F),
     ("as_circle", np.bool_),  # whether it meets that ground as the circle that rolls
+    ("by_core", np.bool_),  # whether it meets that ground as its round core
     ("skip_to", _I),  # segments that a flight has just left; see next_contact
     ("clear_from", _F),  # time of the flight before which no contact counts (s)
     ("spot_x", _F),  # place of the last contacts (m)

@@ -13,7 +13,8 @@ quadratically; at a segment, with g'' itself and a bound of the third derivative
 A contact counts while the *centre* approaches the ground there: the paper's angle of incidence
 lies between 0 and 90 degrees (Fig. 9). Just after an impact the flank of the turning block may
 reach into the ground while its centre rises; no impact is made of that. Nor is one made of a gap
-that is opening.
+that is opening, however deep: a block that has rolled as a circle into a corner lies in the ground
+as an ellipse, and one impact there must not count again. Its round core is stopped in any case.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from sassgis.engine.rows import Record
 from sassgis.model.jit import inlined, lean
 
 _MAX_STEPS = 500
-# Deeper than this share of b a contact counts also while it opens.
+# Deeper than this share of b below a line, the segment may lie outside the block.
 _DEEP = 1e-3
 _TINY = 1e-7
 # Step through a contact that does not count, as a share of b over the fastest speed of the surface.
@@ -85,6 +86,13 @@ def _open_for(
     step = _until_closed(gap, rate, bend + extra)
     error = (0.5 * extra + jerk * step / 6.0) * step * step
     return step, error if rate < 0.0 else np.inf
+
+
+@inlined
+def _opens_for(rate: float, bend: float, jerk: float) -> float:
+    """How long a gap surely goes on opening (s), from what _open_for takes."""
+    root = bend + math.sqrt(max(bend * bend + 2.0 * jerk * rate, 0.0))
+    return 2.0 * rate / root if root > 0.0 else np.inf
 
 
 @lean
@@ -165,11 +173,15 @@ def contact_with_segment(
             if gap < -2.0 * support:
                 # The whole block lies beyond the line: ground that stands above it, as on a riser.
                 return np.inf, False, min(touched, t)
-            if gap > tolerance or (rate > 0.0 and gap > -_DEEP * b):
+            if gap > tolerance or rate > 0.0:
+                bend = down + (difference * (c * c - s * s) - lever * lever) * per_support * spin2
                 if gap <= tolerance:
                     touched = min(touched, t)
-                bend = down + (difference * (c * c - s * s) - lever * lever) * per_support * spin2
-                step, error = _open_for(max(gap, 0.0), rate, bend, jerk, bound)
+                    t += max(_opens_for(rate, bend, jerk), tiny)
+                    if t > end:
+                        return np.inf, False, touched
+                    continue
+                step, error = _open_for(gap, rate, bend, jerk, bound)
                 if step == np.inf:
                     return np.inf, False, touched
                 t += step if rate < 0.0 else max(step, tiny)
@@ -365,7 +377,7 @@ def contact_with_vertex(
             else:
                 return np.inf, 0.0, 0.0
             clear = t
-        elif _vertex_counts(approach, rate, gap, b, nx, nz, t0x, t0z, t1x, t1z):
+        elif _vertex_counts(approach, rate, nx, nz, t0x, t0z, t1x, t1z):
             # A contact that began to count between two steps of waiting is looked for there.
             low = clear
             for _ in range(_REFINEMENTS if t > clear else 0):
@@ -378,9 +390,7 @@ def contact_with_vertex(
                 )  # fmt: skip
                 approach = vx * mx + wz * mz
                 rate = approach + lever * omega
-                if gap <= tolerance and _vertex_counts(
-                    approach, rate, gap, b, mx, mz, t0x, t0z, t1x, t1z
-                ):
+                if gap <= tolerance and _vertex_counts(approach, rate, mx, mz, t0x, t0z, t1x, t1z):
                     t, nx, nz = middle, mx, mz
                 else:
                     low = middle
@@ -400,8 +410,6 @@ def contact_with_vertex(
 def _vertex_counts(
     approach: float,
     rate: float,
-    gap: float,
-    b: float,
     nx: float,
     nz: float,
     t0x: float,
@@ -409,7 +417,7 @@ def _vertex_counts(
     t1x: float,
     t1z: float,
 ) -> bool:
-    """Whether a block that reaches a vertex touches it: approaching, and from outside."""
-    if approach >= -1e-12 or (rate > 0.0 and gap > -_DEEP * b):
+    """Whether a block that reaches a vertex touches it: approaching, and between the segments."""
+    if approach >= -1e-12 or rate > 0.0:
         return False
     return nx * t0x + nz * t0z >= -1e-9 and nx * t1x + nz * t1z <= 1e-9
