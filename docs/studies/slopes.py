@@ -55,8 +55,11 @@ class Slope:
 
 
 def valley_slopes(n: int) -> list[Slope]:
-    """``n`` fall lines of the sample valley, spread evenly over its release points."""
-    run = read_map_run(load_config(sample_folder() / "valley" / "config.toml"))
+    """``n`` fall lines of the sample valley, with the readings and classes of 1986, spread evenly
+    over its release points.
+    """
+    config = load_config(sample_folder() / "valley" / "config.toml")
+    run = read_map_run(replace(config, engine=EngineSettings(readings="1986")))
     planned = plan(run)
     traces = trace(run.grid, planned.surface, planned.starts, run.terrain)
     good = np.flatnonzero(usable(traces, 100.0))
