@@ -153,7 +153,8 @@ def simulated(rocks: int) -> dict[str, dict[str, NDArray[np.float64]]]:
             cache = Path(folder) / f"cache-{number}"
             if number:
                 # The files of the engine hold the constants, or contain what does.
-                changed = shutil.ignore_patterns("engine_*", "effects_*")
+                changed = shutil.ignore_patterns("sassgis.engine*")
+                assert any(Path(folder, "cache-0").glob("sassgis.engine*")), "no compiled engine"
                 shutil.copytree(Path(folder) / "cache-0", cache, ignore=changed)
             environment["SASSGIS_CACHE_DIR"] = str(cache)
             subprocess.run(
