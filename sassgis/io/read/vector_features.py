@@ -29,6 +29,7 @@ from sassgis.model.crs import crs_name, crs_parts, same_crs
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.in_memory import InMemory, Input
+from sassgis.model.labels import some_of
 
 log = logging.getLogger(__name__)
 
@@ -390,12 +391,14 @@ def share_inside(feature: Feature, grid: Grid) -> float:
     return float(shapely.get_num_coordinates(common) / whole)
 
 
-def cells_under(geometry: Any, grid: Grid) -> tuple[slice, slice, NDArray[np.bool_]]:
+def cells_under(
+    geometry: Any, grid: Grid, centres_only: bool = False
+) -> tuple[slice, slice, NDArray[np.bool_]]:
     """Cells that a shapely geometry, which meets the DEM, covers.
 
     Rows and columns are the part of the grid that holds the geometry. The mask has the shape of
     that part: cells whose centre lies in a polygon; for points, lines and polygons too small to
-    hold a centre, the cells that they touch.
+    hold a centre, the cells that they touch, unless ``centres_only``.
     """
     n_rows, n_cols = grid.shape
     west, south, east, north = geometry.bounds
@@ -405,9 +408,39 @@ def cells_under(geometry: Any, grid: Grid) -> tuple[slice, slice, NDArray[np.boo
     rows, cols = slice(row[0], row[1] + 1), slice(col[0], col[1] + 1)
     part = grid.part(rows, cols)
     mask = burnt([(geometry, 1)], part, 0, np.uint8)
-    if shapely.get_dimensions(geometry) < 2 or not mask.any():
+    if not centres_only and (shapely.get_dimensions(geometry) < 2 or not mask.any()):
         mask = burnt([(geometry, 1)], part, 0, np.uint8, touched=True)
     return rows, cols, mask.astype(bool)
+
+
+def polygon_of_cells(polygons: Sequence[Feature], grid: Grid) -> NDArray[np.int32]:
+    """Which polygon covers the centre of each cell: its position, -1 for none; shape of the grid.
+
+    Where several do, the last one counts. Polygons that count nowhere, or on less than half of
+    their area because they are too narrow for the cells, are named in a warning.
+    """
+    shapes = np.array([own.geometry for own in polygons], dtype=object)
+    found: NDArray[np.int32] = burnt(
+        list(zip(shapes, range(shapes.size), strict=True)), grid, -1, np.int32
+    )
+    # What reaches into the grid by less than half a cell cannot hold a centre.
+    centres = shapely.box(*grid.bounds).buffer(-0.5 * grid.cell_size, join_style="mitre")
+    least = 0.5 * shapely.area(shapely.intersection(shapes, centres)) / grid.cell_size**2
+    counted = np.bincount(found[found >= 0], minlength=shapes.size)
+    few = np.flatnonzero(counted < least).tolist()
+    alone = {k: cells_under(shapes[k], grid, centres_only=True)[2].sum() for k in few}
+    why = {
+        f"narrower than the cells of {grid.cell_size:g} m, whose centres decide; counts nowhere or "
+        "on less than half of its area": [k for k in few if alone[k] < least[k]],
+        "counts nowhere, as later polygons of the file lie on all of it": [
+            k for k in few if alone[k] >= least[k] and not counted[k]
+        ],
+    }
+    for text, own in why.items():
+        if own:
+            labels = some_of([polygons[k].label for k in own], str)
+            log.warning("%s: %s: %s", polygons[0].file, labels, text)
+    return found
 
 
 def steepest_slope_deg(geometry: Any, grid: Grid) -> float:
