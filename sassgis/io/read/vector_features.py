@@ -23,9 +23,10 @@ from pyproj.exceptions import ProjError
 from sassgis.io.digests import Stamp, stamp_of
 from sassgis.io.read.dem import burnt, system_of
 from sassgis.io.read.dem_system import beyond_degrees, extent_text
-from sassgis.io.read.offline import VECTOR, read_frame, vector_file
+from sassgis.io.read.offline import VECTOR, read_frame, vector_file, with_composed
 from sassgis.io.read.plain_file import check_file, check_text, in_memory, number
 from sassgis.model.crs import crs_name, crs_parts, same_crs
+from sassgis.model.declared import composed
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.in_memory import InMemory, Input
@@ -97,13 +98,16 @@ def refuse_twice(
 
 
 def text_of(value: object) -> str | None:
-    """A cell of a frame as text, 7.0 as 7; None where it is empty: NaN, pandas.NA also as text."""
+    """A cell of a frame as text, 7.0 as 7; None where it is empty: NaN, pandas.NA also as text.
+
+    Names are compared by it: in one Unicode form.
+    """
     # NA first: what it is compared with is neither true nor false.
     if value is None or str(value) == "<NA>" or bool(value != value):
         return None
     if isinstance(value, float) and value.is_integer():
         value = int(value)
-    return str(value).strip() or None
+    return composed(str(value).strip()) or None
 
 
 # ---------------------------------------------------------------------------------------------
@@ -173,7 +177,8 @@ def open_layer(
     check_file(file, place, VECTOR, folders=True)
     warned: tuple[str, ...] = ()
     if isinstance(file, InMemory):
-        frame, name = in_memory(file, "layer", place, "a GeoDataFrame"), file.name
+        frame = with_composed(in_memory(file, "layer", place, "a GeoDataFrame"))
+        name = file.name
     else:
         frame, name, warned = _read_layer(file, layer, key, stamp_of(file.stat()))
     for text in warned:
@@ -222,8 +227,9 @@ def _choose_layer(
 ) -> str:
     wrong, field = partial(InputError, file=file), f"{key}.layer"
     drawn = [name for name, kind in layers.items() if kind is not None]
-    if wanted is not None and wanted in drawn:
-        return wanted
+    own = next((name for name in drawn if wanted is not None and composed(name) == wanted), None)
+    if own is not None:
+        return own
     if not drawn:
         found = f"layers {', '.join(layers) or 'none'}"
         problem, expected = "holds no layer with geometry", "a layer of polygons, lines or points"
