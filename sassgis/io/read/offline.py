@@ -8,6 +8,7 @@ files are read, and there is no network.
 
 from __future__ import annotations
 
+import math
 import re
 import threading
 from collections.abc import Iterator, Mapping
@@ -119,6 +120,18 @@ def mosaic_sources(file: Path) -> tuple[Path, ...]:
     """The files that hold the values of a virtual raster; none of any other file."""
     is_one = file.is_file() and _is_mosaic(file)
     return _mosaic(file, stamp_of(file.stat()))[1] if is_one else ()
+
+
+def mosaic_places(file: Path) -> tuple[tuple[int, int, int, int], ...]:
+    """Where they lie in it: first row and column, numbers of rows and columns."""
+    if not (file.is_file() and _is_mosaic(file)):
+        return ()
+    root = ET.fromstring(_mosaic(file, stamp_of(file.stat()))[0])
+    sides = ("yOff", "xOff", "ySize", "xSize")
+    rectangles = [[float(own.get(k, "nan")) for k in sides] for own in root.iter("DstRect")]
+    whole = all(math.isfinite(v) for own in rectangles for v in own)
+    places = [tuple(map(round, own)) for own in rectangles if whole]
+    return tuple((n, w, rows, cols) for n, w, rows, cols in places if rows > 0 and cols > 0)
 
 
 def _is_mosaic(file: Path) -> bool:
