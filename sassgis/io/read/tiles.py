@@ -117,7 +117,7 @@ def gaps_between(parts: Sequence[Part]) -> list[Part]:
 def gaps_text(parts: Sequence[Part], transform: Affine) -> str:
     """Where tiles leave gaps, in words; empty if nowhere."""
     windows = [Window(own.col, own.row, own.n_cols, own.n_rows) for own in gaps_between(parts)]
-    gaps = [extent_text(*bounds(window, transform)) for window in windows]
+    gaps = [f"({extent_text(*bounds(window, transform))})" for window in windows]
     return f"no tile covers {some_of(gaps, str)}: no height is known there" if gaps else ""
 
 

@@ -88,7 +88,7 @@ def test_tiles_that_are_missing(plan: str, missing: tuple[tuple[int, ...], ...])
 def test_a_gap_is_told_of_a_folder_and_of_a_virtual_raster(
     folder: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    says = "no tile covers x 2600000 to 2600012, y 1199980 to 1199990: no height is known there"
+    says = "no tile covers (x 2600000 to 2600012, y 1199980 to 1199990): no height is known there"
     vrt = write_vrt(folder / "all.vrt", open_terrain(folder))
     for given in (folder, vrt):
         for read in (open_terrain, read_terrain):
