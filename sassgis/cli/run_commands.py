@@ -67,6 +67,7 @@ def profile(config: Path, out: Path, **given: Any) -> None:
     if sum(given[key] is not None for key in ("csv_file", "point", "line_file")) > 1:
         raise ConfigError("--csv, --point and --line exclude each other", expected="one of them")
     result = run_profile(config, out, **given)
+    notes(result.warnings)
     click.echo(f"{result.found.rocks.size} blocks. Open {out / 'report.html'} in a browser.")
 
 

@@ -15,7 +15,7 @@ from sassgis.hazard.curves import at_energies, hazard_curves
 from sassgis.hazard.levels import cells_within_limit, deciding_energy, hazard_level, intensity_class
 from sassgis.hazard.risk import RiskTable, assess_risk
 from sassgis.hazard.sources import Sampled
-from sassgis.hazard.zoning.applied_edits import AppliedEdit, with_edits
+from sassgis.hazard.zoning.applied_edits import AppliedEdit, share_of, with_edits
 from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.hazard.zoning.drawing import drawn_zones, reach_cells
 from sassgis.model.edits import Edit
@@ -269,14 +269,8 @@ def hazard_of(
     chances = level_chances(curves, preset, np.isfinite(grid.values), rules.in_part)
     unsure = chances.uncertain(confidence)
     levels, edit, applied = with_edits(zones, edits, [c.code for c in preset.levels])
-    x, y = grid.cell_centres(chances.places)
     applied = tuple(
-        replace(
-            own,
-            by_chance=grid.cell_size**2
-            * float(chances.changed[shapely.contains_xy(own.edit.geometry, x, y)].sum())
-            / own.edit.geometry.area,
-        )
+        replace(own, by_chance=share_of(own.edit.geometry, grid, chances.places, chances.changed))
         for own in applied
     )
     reached = np.searchsorted(chances.places, curves.places)

@@ -21,6 +21,8 @@ MANIFEST_DIGEST = "manifest_sha256"
 WRITTEN_NAME = ".sassgis-written"
 #: What GDAL puts beside a raster that is only looked at, and file managers into a folder.
 SIDECAR, LITTER = ".aux.xml", (".DS_Store", "Thumbs.db")
+#: What SQLite keeps beside a database that is open: parts of it, without which it is damaged.
+_OPEN = ("-wal", "-shm", "-journal")
 
 
 def entries(folder: Path) -> Iterator[tuple[str, os.stat_result]]:
@@ -69,6 +71,8 @@ def own_files(
         half = f"{part}{PARTIAL}"
         begun |= {f"{half}/{name}" for name in notes_of(folder / half)}
     found = dict(entries(folder))
+    for name in found:
+        refuse_open(folder / name, shown / name)
     for name, state in found.items():
         known = name in begun or name in listed or name.removesuffix(SIDECAR) in listed
         known |= Path(name).name in (*LITTER, WRITTEN_NAME)
@@ -81,6 +85,16 @@ def own_files(
             if state.st_size != size or content_digest(folder / name) != digest:
                 raise refusal(name, "has changed since sassgis wrote it")
     return {name: stamp_of(state) for name, state in found.items()}
+
+
+def refuse_open(file: Path, shown: Path) -> None:
+    """Raise OutputError if a GeoPackage is open in another program."""
+    beside = [end for end in _OPEN if os.path.lexists(f"{file}{end}")]
+    if file.suffix.lower() == ".gpkg" and beside:
+        raise OutputError(
+            f"{shown}: is open in another program, such as QGIS ({file.name}{beside[0]} lies "
+            "beside it): close it there; if none has it open any more, open it once and close it"
+        )
 
 
 def _listed(folder: Path) -> dict[str, tuple[int, str]] | None:

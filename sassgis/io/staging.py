@@ -27,6 +27,7 @@ from sassgis.io.own_files import (
     entries,
     is_own,
     own_files,
+    refuse_open,
     remember,
     remove_empty,
 )
@@ -297,6 +298,7 @@ def _check_file(target: Path, overwrite: bool) -> None:
         return
     if not overwrite:
         raise OutputError(f"{target}: exists already; choose another name, or --overwrite")
+    refuse_open(target, target)
     if not is_own(target):
         raise OutputError(
             f"{target}: has changed since sassgis wrote it, or is not of sassgis, and is not "

@@ -10,6 +10,7 @@ import dataclasses
 import math
 import re
 import types
+import unicodedata
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import Enum, auto
@@ -147,6 +148,11 @@ def _declared(cls: Any) -> Mapping[str, Declared]:
     return types.MappingProxyType(found)
 
 
+def composed(text: str) -> str:
+    """A name in the one of its Unicode forms that all are compared in (NFC): ö, not o and dots."""
+    return text if unicodedata.is_normalized("NFC", text) else unicodedata.normalize("NFC", text)
+
+
 def adapted(kind: Any, value: Any) -> Any:
     """A value in the form that its annotation asks for, as far as that is plain; else as it is."""
     origin, parts = get_origin(kind), get_args(kind)
@@ -157,6 +163,8 @@ def adapted(kind: Any, value: Any) -> Any:
     if origin is Annotated:
         if Mark.RANGE in parts[1:] and isinstance(value, Real):
             value = (value, value)
+        if Mark.PRESET_NAME in parts[1:]:  # It may be the path of a file, whose name is as it is.
+            return value
         return adapted(parts[0], value)
     if origin is tuple and isinstance(value, list | tuple):
         kinds = parts[:1] * len(value) if parts[-1] is Ellipsis else parts
@@ -164,8 +172,13 @@ def adapted(kind: Any, value: Any) -> Any:
             return value
         made = tuple(map(adapted, kinds, value))
         return value if isinstance(value, tuple) and all(map(is_, made, value)) else made
+    if origin is Mapping and isinstance(value, Mapping):
+        table = {key: adapted(parts[1], own) for key, own in value.items()}
+        return value if all(map(is_, table.values(), value.values())) else table
     if isinstance(value, bool):
         return value
+    if kind is str and isinstance(value, str):
+        return composed(value)
     if kind is float and isinstance(value, Real):
         return float(value)
     if kind is int and isinstance(value, Integral):

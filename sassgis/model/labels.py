@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -44,6 +44,12 @@ def short(value: float, sign: str = "") -> str:
     With "+" as ``sign`` one that is not below zero has it.
     """
     return f"{value:{sign}.0f}" if abs(value) >= 10.0 else f"{value:{sign}.2g}"
+
+
+def some_of(names: Sequence[str], shown_as: Callable[[str], str] = repr) -> str:
+    """The first four names, and how many more there are."""
+    shown = ", ".join(map(shown_as, names[:4]))
+    return shown + (f" and {len(names) - 4} more" if len(names) > 4 else "")
 
 
 def file_stem(name: str) -> str:

@@ -23,6 +23,8 @@ QUANTITIES = ("energy", "height", "speed", "arrival")
 
 #: Probabilities of the quantiles that are mapped, but for times.
 PROBABILITIES = (0.50, 0.90, 0.95, 0.99)
+#: Of fewer blocks none is expected beyond the quantile that is shown, and it is one of them.
+FEW_BLOCKS = 20
 
 Reducer = Literal["count", "sum", "max", "min", "histogram"]
 
@@ -75,7 +77,8 @@ class Statistic:
     # The first is the one shown. With a quantity: "q95" (any per cent), "mean", "max", "min";
     # without: "reach", "standard_error", "passages", "stops".
     bands: tuple[str, ...]
-    # What the numbers mean. ``{rocks}``, ``{width}``, ``{once}`` and ``{error}`` are filled in.
+    # What the numbers mean. ``{rocks}``, ``{width}``, ``{once}``, ``{error}``, ``{few}`` and
+    # ``{late}`` are filled in.
     note: str
     meaning: str  # what one number means, for the table of maps in docs/maps.md
     # Class limits for the legend. They start at 0, as nothing that is mapped is negative: no class
@@ -181,7 +184,7 @@ STATISTICS = (
         label="Kinetic energy (translation + rotation)",
         bands=("q95", "q50", "q90", "q99", "mean", "max"),
         note="Translation and rotation. {once} {width} Quantiles from a histogram of 20 bins a "
-        "decade (12 % of the value), 30 and 300 kJ among the edges; mean and maximum exact.",
+        "decade (12 % of the value), 30 and 300 kJ among the edges; mean and maximum exact. {few}",
         meaning="kinetic energy (translation and rotation, kJ) of the blocks *that reach the cell*",
         breaks=(0.0, 30.0, 300.0),
         ramp="YlOrRd",
@@ -197,7 +200,7 @@ STATISTICS = (
         label="Passing height above the resting position",
         bands=("q95", "q50", "q90", "q99", "max"),
         note="Vertical distance from the ground to the centre, less the resting height. "
-        "{once} Quantiles from a histogram of 0.1 m bins up to 2 m, 6 % beyond.",
+        "{once} Quantiles from a histogram of 0.1 m bins up to 2 m, 6 % beyond. {few}",
         meaning="height of the centre above ground, vertical, less the resting height (m)",
         breaks=(0.0, 0.5, 1.0, 2.0, 4.0, 8.0),
         ramp="YlGnBu",
@@ -213,7 +216,7 @@ STATISTICS = (
         label="Speed of the centre",
         bands=("q95", "q50", "q90", "q99", "max"),
         note="Speed of the centre. {once} Quantiles from a histogram of 0.5 m/s bins up to "
-        "20 m/s, 1 m/s beyond.",
+        "20 m/s, 1 m/s beyond. {few}",
         meaning="speed of the centre (m/s)",
         breaks=(0.0, 5.0, 10.0, 15.0, 20.0, 30.0),
         ramp="RdPu",
@@ -231,7 +234,7 @@ STATISTICS = (
         note="Time from the release of a block to its first entry into the cell, for warning "
         "times. Denominator: the blocks that reach the cell. A block and its fragments count once, "
         "with the earliest time. {width} Quantiles from a histogram of 0.5 s bins up to 10 s, 5 % "
-        "beyond; the smallest time is exact.",
+        "beyond; the smallest time is exact. {late}",
         meaning="time from the release to the first entry into the cell (s), of the blocks "
         "*that reach the cell*; a block and its fragments count once, with the earliest time",
         breaks=(0.0, 5.0, 10.0, 20.0, 40.0, 80.0),

@@ -18,9 +18,10 @@ from sassgis.hazard.warnings import ground_shares
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.ground import TRUST_TEXT
 from sassgis.model.labels import LINE_END_TEXT, STOP_TEXT, file_stems
-from sassgis.model.languages import named, phrase
+from sassgis.model.languages import joined, named, phrase
 from sassgis.model.map_run import MapRun
 from sassgis.model.results import RasterLayer, StopReason
+from sassgis.model.statistics_table import FEW_BLOCKS
 from sassgis.report import figures
 from sassgis.report.figures.map_marks import MapObject
 from sassgis.report.number_text import thousands
@@ -197,7 +198,12 @@ def _pictures(
             marks = replace(marks, lines=[xy[a:b] for a, b in pairwise(lines.offset)])
         figure = figures.map_figure(run.grid, layer, marks)
         alt = map_alt(run.grid, layer)
-        pictures.append(picture(folder, f"map_{stem}", layer.title, layer.note, figure, alt))
+        caption = layer.note
+        if stem in ("energy", "passing_height"):
+            few = float((progress.sums.column("reach") < FEW_BLOCKS).mean())
+            text = "Fewer than {} blocks arrive in {} % of the cells that blocks reach."
+            caption = joined(" ", (caption, phrase(text, FEW_BLOCKS, f"{100 * few:.0f}")))
+        pictures.append(picture(folder, f"map_{stem}", layer.title, caption, figure, alt))
     if furthest is not None:
         title = "A path of blocks and the terrain under it"
         caption = "Flattened into one vertical plane. Walls and nets at their true height."

@@ -152,7 +152,7 @@ def _system(dem: RawDem, notices: list[str]) -> _Found:
     if fault is not None:
         found = fault.problem if fault.found is None else f"{fault.problem}: {fault.found}"
         return "bad", found, in_options(fault.expected or ""), {}
-    own = [n.partition(": ")[2] for n in notices]
+    own = [n.partition(": ")[2] for n in notices if not (dem.gaps and n.endswith(dem.gaps))]
     return "look" if own else "good", crs_name(dem.crs), "; ".join(own), {}
 
 
@@ -191,6 +191,9 @@ def _nodata(dem: RawDem) -> _Found:
             "or 0 amid mountains)"
         )
         return "bad", found, "declare them with rio edit-info FILE --nodata NUMBER", numbers
+    if dem.gaps:
+        advice = "get the tiles that are missing there, unless nobody has them: blocks end there"
+        return "look", f"{share}; {dem.gaps}", advice, numbers
     if holes > 0:
         found = f"{share}, {holes} cells of it in holes"
         advice = (

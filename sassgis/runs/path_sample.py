@@ -85,17 +85,25 @@ def some_paths(run: MapRun, planned: Plan) -> list[LinePaths]:
     return [shown for shown in out if shown is not None]
 
 
-def _followed_again(run: MapRun, points: ReleasePoints, scenario: int, rock: int = 0) -> Simulated:
-    """One block of each release point of an area, with its event log."""
+def _followed_again(
+    run: MapRun, points: ReleasePoints, scenario: int, rock: int, blocks: int = 1
+) -> Simulated:
+    """Some blocks of each release point of an area from one on, with their event logs."""
     repetition, number = divmod(rock, run.release.rocks_per_point)
     return follow_blocks(
-        run, points, scenario, repetition, rocks_per_point=1, first_rock=number,
+        run, points, scenario, repetition, rocks_per_point=blocks, first_rock=number,
         log_events=LOG_EVENTS,
     )  # fmt: skip
 
 
 def _on_lines_again(
-    run: MapRun, planned: Plan, which: IntArray, scenario: int, rocks: int, again: int = 0
+    run: MapRun,
+    planned: Plan,
+    which: IntArray,
+    scenario: int,
+    rocks: int,
+    again: int = 0,
+    first: int = 0,
 ) -> tuple[TraceSet, PreparedLines, Simulated | None]:
     """Some blocks of release points on their lines, with event logs; None if all are too short."""
     traces = traced(run, planned, which)
@@ -104,7 +112,7 @@ def _on_lines_again(
     if len(prepared):
         result = blocks_on_lines(
             run, planned, which, prepared, scenario, again, rocks_per_line=rocks,
-            log_events=LOG_EVENTS,
+            first_rock=first, log_events=LOG_EVENTS,
         )  # fmt: skip
     return traces, prepared, result
 
@@ -123,37 +131,50 @@ def _in_plan(grid: Grid, log: NDArray[np.void]) -> tuple[FloatArray, FloatArray,
 
 
 def sample_paths(run: MapRun, planned: Plan, most: int) -> tuple[BlockPath, ...]:
-    """Paths of the first block of release points that lie evenly over the plan, so many at most.
+    """Paths of the first blocks of release points that lie evenly over the plan, so many at most.
 
-    They are blocks of the run, simulated again. Those that never start are left out.
+    They are blocks of the run, of its first repetition, simulated again. Of each point and scenario
+    there are several only where all points have one. Those that never start are left out.
     """
-    n = len(planned.points)
-    points = min(n, most // max([1, *map(len, planned.scenarios)]))
+    n, each = len(planned.points), max([1, *map(len, planned.scenarios)])
+    points = min(n, most // each)
     if not points:
         return ()
+    rocks = min(run.release.rocks_per_point, most // (points * each))
     which = np.unique(np.linspace(0, n - 1, points).round().astype(np.int64))
     if run.followed:
         which = which[on_known_ground(run, take(planned.points, which))]
     area = planned.points.area[which]
     paths: list[BlockPath] = []
     for number in np.unique(area).tolist():
-        for k in planned.scenarios[number]:
-            paths += _paths(run, planned, which[area == number], k)
+        own = which[area == number]
+        # Logs have room for many events: few at a time.
+        for first in range(0, rocks, _PATHS):
+            numbers = range(first, min(first + _PATHS, rocks))
+            step = _PATHS // len(numbers)
+            for some in np.split(own, range(step, own.size, step)):
+                for k in planned.scenarios[number]:
+                    paths += _paths(run, planned, some, k, numbers)
     return tuple(paths)
 
 
-def _paths(run: MapRun, planned: Plan, which: IntArray, scenario: int) -> Iterator[BlockPath]:
-    """Paths of the first block of some release points of one area."""
+def _paths(
+    run: MapRun, planned: Plan, which: IntArray, scenario: int, numbers: range
+) -> Iterator[BlockPath]:
+    """Paths of some blocks of each of some release points of one area."""
     prepared: PreparedLines | None = None
     result: Simulated | None
     if run.followed:
-        result = _followed_again(run, take(planned.points, which), scenario)
+        points = take(planned.points, which)
+        result = _followed_again(run, points, scenario, numbers[0], len(numbers))
     else:
-        _, prepared, result = _on_lines_again(run, planned, which, scenario, 1)
+        _, prepared, result = _on_lines_again(
+            run, planned, which, scenario, len(numbers), first=numbers[0]
+        )
     if result is None:
         return
     name = planned.points.area_names[int(planned.points.area[which[0]])]
-    for i, log in enumerate(result.event_logs):
+    for row, log in zip(result.rocks, result.event_logs, strict=True):
         s, z = trajectory(log, run.engine.gravity_mps2, _STEP_S)
         if prepared is None:
             chainage, east, north = _in_plan(run.heights, log)
@@ -163,9 +184,9 @@ def _paths(run: MapRun, planned: Plan, which: IntArray, scenario: int) -> Iterat
         else:
             if s.size < 2:
                 continue
-            line = np.full(s.size, i, np.int64)
-            x, y = chainage_to_xy(prepared.lines, line, np.clip(s, 0.0, prepared.length_m[i]))
-        row = result.rocks[i]
+            line = np.full(s.size, row["line"], np.int64)
+            length = prepared.length_m[int(row["line"])]
+            x, y = chainage_to_xy(prepared.lines, line, np.clip(s, 0.0, length))
         facts = [float(row[fact]) for fact in _FACTS]
         reason = StopReason(int(row["reason"]))
         yield BlockPath(name, run.blocks[scenario].name, x, y, z, reason, *facts)

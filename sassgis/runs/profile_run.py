@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+import math
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -44,6 +46,8 @@ from sassgis.terrain.flatten import chainage_to_xy
 from sassgis.terrain.prepare import LEAD_IN_M, PreparedLines, prepare_lines
 from sassgis.terrain.stretch import SHORTEST_LINE_M, with_lead_in
 
+log = logging.getLogger(__name__)
+
 _LOG_EVENTS = 2000
 _DRAWN = 100
 
@@ -56,12 +60,15 @@ class ProfileRunResult:
     ----------
     found : ProfileResult
         Blocks, passages, paths, quantiles along the slope.
+    warnings : tuple of str
+        What deserves a look before the result is used.
     report : ReportContext
         What the report says; a notebook shows it in short.
     """
 
     folder: Path
     found: ProfileResult = field(repr=False)
+    warnings: tuple[str, ...] = field(repr=False)
     report: ReportContext = field(repr=False)
 
     def _repr_html_(self) -> str:
@@ -251,21 +258,26 @@ def run_profile(
     Raises
     ------
     ConfigError, InputError, OutputError
+        InputError, among others, if no block starts.
     """
     config = configured(config, seed)
     csv, line = (None if f is None else named(f) for f in (csv_file, line_file))
     with staged_output(Path(out), overwrite) as work:
         with collected_notices() as notices:
             profile = profile_input(config, csv=csv, point=point, line=line)
+            if (rise := _rise(profile)) > 0.0:
+                log.warning("%s: ends %.1f m above the start: drawn uphill?", profile.name, rise)
         result = simulate_profile(config, profile, rocks=rocks)
+        own = config.profile.file if config.profile else None
+        _check_started(result, csv or line or (config.dem_source if point else own))
         warnings = [*config.notes, *notices, *profile_warnings(result, config.effects)]
         scenarios = [b.name for b in config.blocks]
         write_table(work / "tables" / "rocks.csv", [profile_rock_frame(result, scenarios)])
         write_table(work / "tables" / "passages.csv", [profile_passage_frame(result, scenarios)])
-        own = tuple(provenance(config).items())
+        settings = tuple(provenance(config).items())
         with in_language(config.project.language):
             context = profile_report(
-                result, warnings, config.effects.names, byline(config), own, work / "figures"
+                result, warnings, config.effects.names, byline(config), settings, work / "figures"
             )
             report = translated_report(context)
             write_report(work / "report.html", report)
@@ -278,4 +290,26 @@ def run_profile(
         # The profile, or the line under which it lies, if it is not that of the configuration.
         origin = Origin({"profile": file} if (file := csv or line) else {})
         write_origin(work, config, counts, warnings, seed=config.run.seed, origin=origin)
-    return ProfileRunResult(Path(out), result, report)
+    return ProfileRunResult(Path(out), result, tuple(warnings), report)
+
+
+def _rise(profile: ProfileInput) -> float:
+    """By how much the last vertex lies above the start (m)."""
+    return float(profile.z[-1] - np.interp(profile.start[0], profile.s, profile.z))
+
+
+def _check_started(result: ProfileResult, file: Input | None) -> None:
+    """Raise InputError where no block starts: empty figures would read as "no hazard"."""
+    if (result.rocks["reason"] != StopReason.NEVER_STARTED).any():
+        return
+    profile = result.profile
+    k = int(np.clip(np.searchsorted(profile.s, profile.start[0], "right"), 1, profile.s.size - 1))
+    fall, along = profile.z[k - 1] - profile.z[k], profile.s[k] - profile.s[k - 1]
+    expected = "a start on a steeper slope, or blocks with speed_mps"
+    if (rise := _rise(profile)) > 0.0:
+        expected = f"a profile that is drawn downwards: its end lies {rise:.0f} m above the start"
+    raise InputError(
+        "no block starts", file=file, field=profile.name,
+        found=f"a slope of {math.degrees(math.atan2(fall, along)):.0f} degrees at the start",
+        expected=expected,
+    )  # fmt: skip

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import unicodedata
+
 import geopandas as gpd
 import numpy as np
 import pytest
@@ -93,6 +95,56 @@ def test_what_the_readers_notice_is_said_by_a_run(slope: Slope, call) -> None:
     assert code == 0 and "of it lies outside the DEM; no block starts there" in err
     report = (slope.folder / "out" / "report.html").read_text(encoding="utf-8")
     assert "of it lies outside the DEM; no block starts there" in report
+
+
+def test_one_name_in_two_unicode_forms(slope: Slope, printed, refusal) -> None:
+    """A Mac writes ö as o and dots: areas, scenarios, classes, columns and layers are the same."""
+
+    def as_mac(text: str) -> str:
+        return unicodedata.normalize("NFD", text)
+
+    ground_class, site = "Geröll", slope.folder / "site.gpkg"
+    for layer, columns in (
+        ("Fläche", {as_mac("Höhe"): [as_mac("Rötiflue")], "block": ["blöcke"]}),
+        (as_mac("Böden"), {"class": [as_mac(ground_class)]}),
+    ):
+        gpd.GeoDataFrame(columns, geometry=[release_box()], crs=2056).to_file(site, layer=layer)
+    (slope.folder / "onset.csv").write_text(
+        f"area,scenario,frequency,unit\nRötiflue,{as_mac('blöcke')},0.1,per_year\n"
+    )
+    table = "eta_max,dp_min,dp_max,mu_f,mu_0,k,d_star_m,restitution,restitution_speed_mps"
+    (slope.folder / "classes.csv").write_text(
+        f"name,{table},rolling_threshold\n{ground_class},.5,0,.1,.8,.5,.2,.4,.3,9,.1\n"
+    )
+    written = {
+        "release__file": '"site.gpkg"', "release__layer": as_mac('"Fläche"'),
+        "release__name_field": '"Höhe"', "release__scenario_field": '"block"',
+        "ground__file": '"site.gpkg"', "ground__layer": '"Böden"',
+        "ground__classes": '"classes.csv"', "blocks__name": as_mac('"blöcke"'),
+        "hazard__frequencies": '"onset.csv"', "hazard__ref_width_m": "10",
+    }  # fmt: skip
+    slope.write_config(**written)
+    out = printed("validate", slope.config)
+    assert "ready for      zone" in out and f"ground         {ground_class}" in out
+    words = ("run", slope.config, "-o", slope.folder / "out", "--area", as_mac("Rötiflue"))
+    printed(*words)
+    # Two areas of one name are no two areas.
+    names = ["Rötiflue", as_mac("Rötiflue")]
+    frame = gpd.GeoDataFrame({"name": names}, geometry=[release_box()] * 2, crs=2056)
+    frame.to_file(slope.folder / "release.gpkg")
+    slope.write_config()
+    assert "name is used twice" in refusal("validate", slope.config)
+
+
+def test_the_encoding_of_a_shapefile(slope: Slope, printed, refusal) -> None:
+    areas = gpd.GeoDataFrame({"name": ["Rötiflue"]}, geometry=[release_box()], crs=2056)
+    areas.to_file(slope.folder / "areas.shp", encoding="UTF-8")
+    slope.write_config(release__file='"areas.shp"')
+    stated = slope.folder / "areas.cpg"
+    stated.write_text("ISO-8859-1")
+    assert "areas.cpg: states another encoding" in refusal("validate", slope.config)
+    stated.unlink()
+    assert "release area   Rötiflue" in printed("validate", slope.config)
 
 
 def test_wrong_columns_of_a_survey_are_not_offered_again(slope: Slope, refusal) -> None:

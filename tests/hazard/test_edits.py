@@ -6,9 +6,16 @@ import numpy as np
 import pytest
 import shapely
 
-from sassgis.hazard.zoning.applied_edits import AppliedEdit, shares_of_text, shares_text, with_edits
+from sassgis.hazard.zoning.applied_edits import (
+    AppliedEdit,
+    share_of,
+    shares_of_text,
+    shares_text,
+    with_edits,
+)
 from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.model.edits import Edit, EditLimit
+from sassgis.model.grid import Grid
 
 CODES = ("residual_hazard", "slight", "mean", "substantial")
 
@@ -96,3 +103,12 @@ def test_shares_as_text_and_back() -> None:
     assert shares_of_text(shares_text(shares)) == pytest.approx(shares)
     assert shares_of_text("mean 62 %") == pytest.approx({"mean": 0.62, "not_in_danger": 0.38})
     assert shares_of_text("nobody knows") == {}
+
+
+def test_an_edit_narrower_than_a_cell_has_the_values_of_the_cells_below_it() -> None:
+    grid = Grid(np.zeros((10, 10)), 1e6, 2e5 + 100.0, 10.0)
+    cells, values = np.array([40, 41, 42, 95]), np.array([0.2, 0.4, 0.0, 0.7])
+    # 4 m high, between the centres of two rows; 10, 10 and 5 m over the first three cells.
+    strip = box(0, 50.5, 25, 54.5)
+    assert share_of(strip, grid, cells, values) == pytest.approx((10 * 0.2 + 10 * 0.4) / 25)
+    assert share_of(box(0, 0, 100, 100), grid, cells, values) == pytest.approx(0.013)

@@ -6,7 +6,9 @@ import errno
 import hashlib
 import json
 import os
+import sqlite3
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -379,6 +381,28 @@ def test_a_single_file_is_replaced_as_long_as_it_is_as_written(tmp_path: Path) -
         with pytest.raises(OutputError, match=r"zones\.xtf: has changed since sassgis wrote it"):
             write(file, "six", overwrite=True)
         assert everything(tmp_path) == before
+
+
+def test_a_geopackage_that_is_open_in_another_program(tmp_path: Path, out: Path) -> None:
+    """To move away what SQLite keeps beside it would damage it."""
+    for target, folder in ((out / "result.gpkg", out), (tmp_path / "cliffs.gpkg", tmp_path)):
+        if folder is out:
+            sqlite3.connect(target).execute("create table t (a)").connection.close()
+            list_files(out)
+        else:
+            with staged_file(target) as work:
+                sqlite3.connect(work).execute("create table t (a)").connection.close()
+        with closing(sqlite3.connect(target)) as program:
+            program.execute("pragma journal_mode = wal")
+            program.execute("insert into t values (1)")
+            program.commit()
+            words = r"\.gpkg: is open in another program, such as QGIS .*: close it there"
+            if folder is out:
+                assert "move it away" not in refused(tmp_path, out, words)
+            else:
+                with pytest.raises(OutputError, match=words):
+                    write(target, "new", overwrite=True)
+            assert program.execute("select a from t").fetchall() == [(1,)]
 
 
 @pytest.mark.parametrize("listed", [None, "{", "[]", '{"a.txt": 1}', '{"a.txt": ["x"]}'])

@@ -5,6 +5,7 @@ import pytest
 from helpers.terrains import grid_of, middle, points_at
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import ndimage
 
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.profiles import LineEnd, TraceSet
@@ -282,6 +283,25 @@ def test_chunks_give_the_same_lines_to_the_last_bit(rough_grid: Grid) -> None:
             for a, b in zip(line(part, i), line(whole, j), strict=True):
                 assert np.array_equal(a, b)
             assert part.end[i] == whole.end[j]
+
+
+def test_an_edge_is_felt_as_far_as_the_page_says() -> None:
+    """docs/terrain.md: not beyond 4 smoothing_m and 48 cells, by 1 µm beyond 4 smoothing_m."""
+    settings, rng = TerrainSettings(smoothing_m=5.0), np.random.default_rng(1)
+    bumps = ndimage.gaussian_filter(rng.normal(size=(200, 80)), 3.0) * 20.0
+    heights = 1000.0 - 1.4 * np.arange(200.0)[:, None] + bumps
+    x, y = 2.7e6 + np.arange(60.0, 110.0, 8.0), np.full(7, 1.15e6 - 2.0 * 100.0)
+
+    def cut(rows: int) -> TraceSet:
+        """Lines from 200 m below the northern edge, of which so many rows of 2 m are cut off."""
+        return run(Grid(heights[rows:], 2.7e6, 1.15e6 - 2.0 * rows, 2.0), x, y, settings)
+
+    whole, enough, near, nearer = (cut(rows) for rows in (0, 100 - 58, 100 - 12, 100 - 4))
+    for axis in ("x", "y", "s", "end"):
+        assert np.array_equal(getattr(enough, axis), getattr(whole, axis))
+    apart = [np.hypot(own.x[:20] - whole.x[:20], own.y[:20] - whole.y[:20]).max()
+             for own in (near, nearer)]  # fmt: skip
+    assert 0.0 < apart[0] < 1e-6 and apart[1] > 1e-3
 
 
 def test_no_points_give_no_lines(rough_grid: Grid) -> None:

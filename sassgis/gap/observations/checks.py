@@ -30,9 +30,10 @@ from sassgis.gap.observations.place_checks import (
     check_offsets,
     check_on_the_dem,
 )
-from sassgis.gap.observations.rules import RULES, nearest_of, some_of
+from sassgis.gap.observations.rules import RULES, nearest_of
 from sassgis.gap.observations.tables import POINT_TABLES, TABLE_TYPES, TABLES
 from sassgis.model.grid import Grid
+from sassgis.model.labels import some_of
 
 Check = Callable[[Observations, Grid | None], Iterator[ObservationFinding]]
 #: Densities that rocks have (kg/m³).

@@ -20,9 +20,10 @@ from sassgis.gap.observations.allowances import (
 )
 from sassgis.gap.observations.observation_finding import ObservationFinding
 from sassgis.gap.observations.observed import Observations
-from sassgis.gap.observations.rules import RULES, some_of
+from sassgis.gap.observations.rules import RULES
 from sassgis.gap.observations.tables import POINT_TABLES
 from sassgis.model.grid import FloatArray, Grid
+from sassgis.model.labels import some_of
 from sassgis.terrain.heights import heights_at
 
 #: Heights of the same ground in two height systems differ by more than this (m).

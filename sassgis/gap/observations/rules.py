@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from sassgis.gap.observations.observation_finding import LeftOut, Level, ObservationFinding
 from sassgis.gap.observations.observed import Observations
 from sassgis.model.grid import IntArray
+from sassgis.model.labels import some_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,12 +139,6 @@ RULES: Mapping[str, Rule] = {
     "under ground": Rule("warning", "paths run under the ground: another height system?", "z",
                          "at or above the DEM"),
 }  # fmt: skip
-
-
-def some_of(names: Sequence[str], shown_as: Callable[[str], str] = repr) -> str:
-    """The first four names, and how many more there are."""
-    shown = ", ".join(map(shown_as, names[:4]))
-    return shown + (f" and {len(names) - 4} more" if len(names) > 4 else "")
 
 
 def nearest_of(name: str, known: Sequence[str]) -> str:

@@ -18,7 +18,7 @@ from sassgis.hazard.zoning.coverage import (
     without_threads,
 )
 from sassgis.model.edits import NO_LEVEL, Edit
-from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.grid import FloatArray, Grid, IntArray
 
 #: From this share of its area on, another computed level below an edit is reported; and only where
 #: it is this many times what another sample of blocks changes.
@@ -65,6 +65,23 @@ def shares_of_text(text: str) -> dict[str, float]:
     if shares and rest >= 0.005:
         shares[NO_LEVEL] = shares.get(NO_LEVEL, 0.0) + rest
     return shares
+
+
+def share_of(area: Any, grid: Grid, cells: IntArray, values: FloatArray) -> float:
+    """Mean over an area of values of cells (flat indices), 0 elsewhere; the area may be narrower
+    than a cell.
+    """
+    x, y = grid.cell_centres(cells)
+    west, south, east, north = area.bounds
+    half = 0.5 * grid.cell_size
+    near = (x > west - half) & (x < east + half) & (y > south - half) & (y < north + half)
+    near &= values != 0.0
+    boxes = shapely.box(x[near] - half, y[near] - half, x[near] + half, y[near] + half)
+    shapely.prepare(area)
+    common = np.where(shapely.covers(area, boxes), grid.cell_size**2, np.nan)
+    cut = np.isnan(common)
+    common[cut] = shapely.area(shapely.intersection(area, boxes[cut]))
+    return float((common * values[near]).sum() / area.area)
 
 
 def with_edits(

@@ -12,6 +12,7 @@ from typing import Any
 
 from sassgis.io.read.plain_file import check_text, number, read_text
 from sassgis.io.read.vector_features import nearest
+from sassgis.model.declared import composed
 from sassgis.model.errors import InputError
 from sassgis.model.in_memory import Input
 
@@ -53,7 +54,7 @@ class CsvColumn:
         if self.known and cell not in self.known:
             what = self.what or name
             raise wrong(f"{where}: unknown {what}", expected=nearest(cell, self.known))
-        return cell.strip()
+        return composed(cell.strip())
 
 
 Columns = Mapping[str, CsvColumn]
@@ -104,7 +105,7 @@ def csv_cells(text: str, file: Input) -> tuple[list[str], str, Iterator[tuple[in
     The columns are those of the first line, the delimiter is "," or ";": what it has more of. A row
     is the number of its line, and its cells; empty lines are left out.
     """
-    lines = text.splitlines()
+    lines = composed(text).splitlines()
     header = lines[0] if lines else ""
     delimiter = ";" if header.count(";") > header.count(",") else ","
     # Strict, as a quote without its counterpart would take in all rows below without a word.

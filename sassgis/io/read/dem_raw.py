@@ -21,7 +21,7 @@ from sassgis.io.read.dem import (
     read_band,
 )
 from sassgis.io.read.dem_system import beyond_degrees
-from sassgis.io.read.tiles import read_terrain
+from sassgis.io.read.tiles import gaps_of_mosaic, open_terrain, read_terrain
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray
 
@@ -51,6 +51,7 @@ class RawDem:
     #: Cells with numbers that are no heights: infinite, beyond what occurs on Earth, or exactly 0
     #: where all others are far above. They are NaN in ``values``.
     not_heights: int = 0
+    gaps: str = ""  # where tiles are missing, in words; empty if nowhere
 
     def place(self, row: int, col: int) -> tuple[float, float]:
         """X and y of the centre of a cell."""
@@ -67,10 +68,14 @@ def read_raw_dem(path: Path, crs: str | None = None, override_crs: bool = False)
     """
     if path.is_dir():
         grid = read_terrain(path, crs, None, override_crs)
+        gaps = open_terrain(path, crs, None, override_crs).gaps
         size, corner = grid.cell_size, (grid.west, grid.north)
         cell = (size, size)
-        return RawDem(grid.values, *cell, corner, cell, grid.crs, grid.vertical_datum, "m")
+        return RawDem(
+            grid.values, *cell, corner, cell, grid.crs, grid.vertical_datum, "m", gaps=gaps
+        )
     system_fault, wkt, datum = None, "", ""
+    gaps = gaps_of_mosaic(path)
     with open_raster(path, "DEM") as dataset:
         band = height_band(dataset, path)
         try:
@@ -93,7 +98,7 @@ def read_raw_dem(path: Path, crs: str | None = None, override_crs: bool = False)
         raise InputError("holds no height at all", file=path, field=f"band {band}")
     return RawDem(
         values, dx, dy, (west, north), (width, height), wkt, datum, unit, in_metres, square,
-        system_fault, unit_fault, nodata, not_heights,
+        system_fault, unit_fault, nodata, not_heights, gaps,
     )  # fmt: skip
 
 

@@ -10,9 +10,9 @@ import numpy as np
 from scipy import ndimage
 
 from sassgis.io.read.csv_table import CsvColumn, read_table
-from sassgis.io.read.dem import burnt, on_cells, only_band, read_band
+from sassgis.io.read.dem import on_cells, only_band, read_band
 from sassgis.io.read.dem_system import extent_text
-from sassgis.io.read.vector_features import Feature, read_features
+from sassgis.io.read.vector_features import Feature, polygon_of_cells, read_features
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.in_memory import InMemory, Input
@@ -57,9 +57,10 @@ def _from_polygons(
     features = read_features(
         file, whole, "effects.trees", layer=trees.layer, fields=fields, kinds=("polygon",)
     )
+    polygon = polygon_of_cells(features, grid)
     maps = []
     for field, default in zip(fields.values(), (trees.stems_per_ha, trees.dbh_cm), strict=True):
-        shapes = []
+        values = []
         for feature in features:
             value = default
             if field is not None and feature.text(field) is not None:
@@ -67,8 +68,9 @@ def _from_polygons(
             if value is None or value < 0.0:
                 problem = "has no number that can be used"
                 raise feature.wrong(problem, field, found=value, expected="0 or more")
-            shapes.append((feature.geometry, value))
-        maps.append(burnt(shapes, grid, 0.0, np.float64))
+            values.append(value)
+        # The last counts where no polygon does (-1).
+        maps.append(np.array([*values, 0.0])[polygon])
     return maps[0], maps[1]
 
 

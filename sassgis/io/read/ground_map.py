@@ -12,9 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.io.read.csv_table import CsvColumn, check_columns, errors_of_row, read_table, row_of
-from sassgis.io.read.dem import burnt, on_cells, only_band, open_raster, read_band
+from sassgis.io.read.dem import on_cells, only_band, open_raster, read_band
 from sassgis.io.read.plain_file import read_text, toml_table
-from sassgis.io.read.vector_features import read_features, refuse_twice, refuse_unknown
+from sassgis.io.read.vector_features import (
+    polygon_of_cells,
+    read_features,
+    refuse_twice,
+    refuse_unknown,
+)
 from sassgis.model.errors import InputError
 from sassgis.model.grid import Grid
 from sassgis.model.ground import PARAMETERS, TRUST_TEXT, GroundClass, GroundTable
@@ -155,10 +160,9 @@ def ground_raster(
 ) -> NDArray[np.int32]:
     """Ground class of each cell of the DEM, as position in the table; int32, shape of the grid.
 
-    A cell takes the class of the polygon over its centre; where polygons overlap, the later one of
-    the file counts. A raster of codes is aligned by the nearest cell. Where nothing is said, the
-    default class. What the file holds must meet the ``whole`` terrain model of which the grid is a
-    part; its heights are not looked at.
+    A cell takes the class of the polygon over its centre (polygon_of_cells). A raster of codes is
+    aligned by the nearest cell. Where nothing is said, the default class. What the file holds must
+    meet the ``whole`` terrain model of which the grid is a part; its heights are not looked at.
     """
     default = default_class(ground, table)
     if ground.file is None:
@@ -187,17 +191,19 @@ def _from_polygons(
         raise InputError("is a raster", file=file, field="ground.file", expected=expected)
     field = ground.class_field
     features = read_features(
-        file, whole, "ground", layer=ground.layer, fields={"class_field": field}, kinds=("polygon",)
-    )
-    shapes = []
+        file, whole, "ground", layer=ground.layer, fields={"class_field": field}, label=field,
+        kinds=("polygon",),
+    )  # fmt: skip
+    classes = []
     for feature in features:
         name = feature.text(field)
         if name is None:
             expected = f"one of {', '.join(table.names)}"
             raise feature.wrong("has no ground class", field, expected=expected)
-        index = _class_index(name, table, f"class of {feature.label}", file, field)
-        shapes.append((feature.geometry, index))
-    return burnt(shapes, grid, default, np.int32)
+        classes.append(_class_index(name, table, f"class of {feature.label}", file, field))
+    # The last counts where no polygon does (-1).
+    by_polygon = np.array([*classes, default], np.int32)
+    return by_polygon[polygon_of_cells(features, grid)]
 
 
 def _is_raster(file: Input) -> bool:

@@ -8,10 +8,11 @@ files are read, and there is no network.
 
 from __future__ import annotations
 
+import math
 import re
 import threading
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import lru_cache
 from html import unescape
 from pathlib import Path
@@ -26,6 +27,7 @@ from rasterio.io import DatasetReader
 
 from sassgis.io.digests import Stamp, stamp_of
 from sassgis.io.read.plain_file import check_file, read_text
+from sassgis.model.declared import composed
 from sassgis.model.errors import InputError
 
 #: Drivers of GDAL, and how messages speak of them. What lies beside raw bytes is read without its
@@ -120,6 +122,18 @@ def mosaic_sources(file: Path) -> tuple[Path, ...]:
     return _mosaic(file, stamp_of(file.stat()))[1] if is_one else ()
 
 
+def mosaic_places(file: Path) -> tuple[tuple[int, int, int, int], ...]:
+    """Where they lie in it: first row and column, numbers of rows and columns."""
+    if not (file.is_file() and _is_mosaic(file)):
+        return ()
+    root = ET.fromstring(_mosaic(file, stamp_of(file.stat()))[0])
+    sides = ("yOff", "xOff", "ySize", "xSize")
+    rectangles = [[float(own.get(k, "nan")) for k in sides] for own in root.iter("DstRect")]
+    whole = all(math.isfinite(v) for own in rectangles for v in own)
+    places = [tuple(map(round, own)) for own in rectangles if whole]
+    return tuple((n, w, rows, cols) for n, w, rows, cols in places if rows > 0 and cols > 0)
+
+
 def _is_mosaic(file: Path) -> bool:
     """Whether GDAL would take a file for a virtual raster."""
     with file.open("rb") as stream:
@@ -207,10 +221,49 @@ def vector_file(file: Path, field: str | None) -> Iterator[None]:
 
 def read_frame(file: Path, layer: str, **options: Any) -> Any:
     """A layer as a frame, within a block of vector_file."""
-    driver = pyogrio.read_info(file, layer=layer)["driver"]
-    if driver not in _VECTORS:
-        raise ValueError(f"a file of {driver}")
-    return pyogrio.read_dataframe(file, layer=layer, **options)
+    try:
+        info = pyogrio.read_info(file, layer=layer)
+    except UnicodeDecodeError:
+        info = pyogrio.read_info(file, layer=layer, encoding="ISO-8859-1")
+    if info["driver"] not in _VECTORS:
+        raise ValueError(f"a file of {info['driver']}")
+    if info["driver"] == "ESRI Shapefile":
+        options["encoding"] = _encoding(file, layer, info["encoding"])
+    return with_composed(pyogrio.read_dataframe(file, layer=layer, **options))
+
+
+def with_composed(frame: Any) -> Any:
+    """A frame whose columns have their names in one Unicode form; itself where they have."""
+    names = {name: composed(name) for name in frame.columns if isinstance(name, str)}
+    other = {name: own for name, own in names.items() if own != name}
+    return frame.rename(columns=other) if other else frame
+
+
+def _encoding(file: Path, layer: str, taken: str) -> str | None:
+    """Encoding of the texts of a shapefile; None for the one that it states.
+
+    Without a .cpg GDAL takes them for ISO-8859-1, as if that were stated. No other text than ASCII
+    is UTF-8 by chance. ``taken`` is what GDAL leaves to its caller: UTF-8 where it knows what is
+    stated.
+    """
+
+    def texts(encoding: str | None) -> Any:
+        with suppress(UnicodeDecodeError):
+            return pyogrio.read_dataframe(file, layer=layer, encoding=encoding, read_geometry=False)
+
+    utf_8 = texts("UTF-8")
+    beside = [own for own in (file.with_suffix(".cpg"), file.with_suffix(".CPG")) if own.is_file()]
+    if not beside:
+        return None if utf_8 is None else "UTF-8"
+    stated = texts(None)
+    known = utf_8 is not None or taken == "UTF-8"
+    if stated is None or not known or not (utf_8 is None or stated.equals(utf_8)):
+        raise InputError(
+            "states another encoding than that of the texts", file=beside[0],
+            found=repr(read_text(beside[0], None, "an encoding", 1000).strip()),
+            expected="ISO-8859-1, for example" if utf_8 is None else "UTF-8",
+        )  # fmt: skip
+    return None
 
 
 def _is_vector(file: Path) -> bool:

@@ -11,12 +11,25 @@ from pathlib import Path
 
 import numpy as np
 import pyproj
+from affine import Affine
+from rasterio.windows import Window, bounds
+from scipy import ndimage
 
-from sassgis.io.read.dem import DemFile, describe_dem, read_dem, read_dem_part, require_room
+from sassgis.io.read.dem import (
+    DemFile,
+    describe_dem,
+    open_raster,
+    read_dem,
+    read_dem_part,
+    require_room,
+)
+from sassgis.io.read.dem_system import extent_text
+from sassgis.io.read.offline import mosaic_places
 from sassgis.model.crs import crs_name, same_crs
 from sassgis.model.errors import InputError, InputLost
 from sassgis.model.grid import BoolArray, FloatArray, Grid, IntArray
 from sassgis.model.in_memory import AnyInput, InMemory, Input, named
+from sassgis.model.labels import some_of
 
 log = logging.getLogger(__name__)
 
@@ -24,6 +37,9 @@ log = logging.getLogger(__name__)
 TILE_SUFFIXES = (".tif", ".tiff", ".asc", ".img", ".bil", ".flt")
 #: Cells of tiles may be off the common lattice by this share of a cell.
 _OFF_LATTICE = 0.01
+#: A tile is missing with others on so many sides of its place, or if these cover so much of a
+#: rectangle.
+_ENCLOSED, _NEARLY_FULL = 3, 0.75
 #: Heights of tiles that overlap: equal up to here (m), and not of one terrain beyond (median, m).
 _SAME_HEIGHT_M, _OTHER_TERRAIN_M = 0.01, 0.5
 
@@ -71,6 +87,49 @@ def hull(parts: Sequence[Part]) -> Part:
     return Part(row, col, last[0] - row, last[1] - col)
 
 
+def gaps_between(parts: Sequence[Part]) -> list[Part]:
+    """Where parts of a terrain leave something out that is probably missing.
+
+    There are parts on three sides of it or more, or all of them nearly fill a rectangle: the border
+    along a valley has steps. Each is the smallest part that holds what is connected of it.
+    """
+    ends = np.array([(p.row, p.end[0], p.col, p.end[1]) for p in parts])
+    rows, cols = np.unique(ends[:, :2]), np.unique(ends[:, 2:])
+    covered = np.zeros((rows.size - 1, cols.size - 1), np.bool_)
+    at = np.hstack([np.searchsorted(rows, ends[:, :2]), np.searchsorted(cols, ends[:, 2:])])
+    for top, low, left, right in at.tolist():
+        covered[top:low, left:right] = True
+    sides = np.zeros(covered.shape, np.int64)
+    for axis in (0, 1):
+        sides += np.logical_or.accumulate(covered, axis)
+        sides += np.flip(np.logical_or.accumulate(np.flip(covered, axis), axis), axis)
+    cells = np.outer(np.diff(rows), np.diff(cols))
+    is_rectangle = cells[covered].sum() >= _NEARLY_FULL * cells.sum()
+    missing = ~covered & (is_rectangle | (sides >= _ENCLOSED))
+    found = []
+    for own in ndimage.find_objects(ndimage.label(missing)[0]):
+        row, col = int(rows[own[0].start]), int(cols[own[1].start])
+        end = int(rows[own[0].stop]), int(cols[own[1].stop])
+        found.append(Part(row, col, end[0] - row, end[1] - col))
+    return found
+
+
+def gaps_text(parts: Sequence[Part], transform: Affine) -> str:
+    """Where tiles leave gaps, in words; empty if nowhere."""
+    windows = [Window(own.col, own.row, own.n_cols, own.n_rows) for own in gaps_between(parts)]
+    gaps = [f"({extent_text(*bounds(window, transform))})" for window in windows]
+    return f"no tile covers {some_of(gaps, str)}: no height is known there" if gaps else ""
+
+
+def gaps_of_mosaic(file: Input) -> str:
+    """The same of a virtual raster; empty of any other raster."""
+    places = mosaic_places(file) if isinstance(file, Path) else ()
+    if not places:
+        return ""
+    with open_raster(file, "terrain.dem") as dataset:
+        return gaps_text([Part(*own) for own in places], dataset.transform)
+
+
 @dataclass(frozen=True, slots=True)
 class Tile:
     """A raster and the part of the lattice that it covers."""
@@ -94,6 +153,14 @@ class Terrain:
     #: Heights in memory, of the shape of a part: all of them where the raster had to be resampled
     #: to square cells and so read as a whole.
     held: tuple[Part, FloatArray] | None = None
+
+    @property
+    def gaps(self) -> str:
+        """Where tiles are missing, in words; empty if nowhere."""
+        corner = Affine(self.cell_size, 0.0, self.west, 0.0, -self.cell_size, self.north)
+        return gaps_text([t.place for t in self.tiles], corner) or gaps_of_mosaic(
+            self.tiles[0].dem.file
+        )
 
     def holding(self, part: Part) -> Terrain:
         """The terrain model with the heights of a part in memory: within it no file is read."""
@@ -198,10 +265,13 @@ def read_terrain(
 
     Parameters and errors are those of open_terrain.
     """
-    if not named(path).is_dir():
-        return read_dem(path, crs, vertical_datum, override_crs)
-    terrain = open_terrain(path, crs, vertical_datum, override_crs)
-    require_room((terrain.whole.n_rows, terrain.whole.n_cols), named(path))
+    given = named(path)
+    if not given.is_dir():
+        if gaps := gaps_of_mosaic(given):
+            log.warning("%s: %s", given, gaps)
+        return read_dem(given, crs, vertical_datum, override_crs)
+    terrain = open_terrain(given, crs, vertical_datum, override_crs)
+    require_room((terrain.whole.n_rows, terrain.whole.n_cols), given)
     grid = terrain.read(terrain.whole)
     if not np.isfinite(grid.values).any():
         raise InputError("holds no height at all", file=path, field="terrain.dem")
@@ -228,7 +298,11 @@ def _laid_out(dems: Sequence[DemFile], given: Input) -> Terrain:
     whole = hull([t.place for t in tiles])
     covered = sum(t.place.n_rows * t.place.n_cols for t in tiles)
     log.info("%s: %d tiles, %d cells", given, len(tiles), covered)
-    return Terrain(tuple(tiles), west, north, cell, whole, first.crs, first.vertical_datum)
+    place = west, north, cell, whole, first.crs, first.vertical_datum
+    terrain = Terrain(tuple(tiles), *place)
+    if gaps := terrain.gaps:
+        log.warning("%s: %s", given, gaps)
+    return terrain
 
 
 def _cell(dem: DemFile) -> float:

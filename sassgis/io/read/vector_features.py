@@ -23,12 +23,14 @@ from pyproj.exceptions import ProjError
 from sassgis.io.digests import Stamp, stamp_of
 from sassgis.io.read.dem import burnt, system_of
 from sassgis.io.read.dem_system import beyond_degrees, extent_text
-from sassgis.io.read.offline import VECTOR, read_frame, vector_file
+from sassgis.io.read.offline import VECTOR, read_frame, vector_file, with_composed
 from sassgis.io.read.plain_file import check_file, check_text, in_memory, number
 from sassgis.model.crs import crs_name, crs_parts, same_crs
+from sassgis.model.declared import composed
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.in_memory import InMemory, Input
+from sassgis.model.labels import some_of
 
 log = logging.getLogger(__name__)
 
@@ -96,13 +98,16 @@ def refuse_twice(
 
 
 def text_of(value: object) -> str | None:
-    """A cell of a frame as text, 7.0 as 7; None where it is empty: NaN, pandas.NA also as text."""
+    """A cell of a frame as text, 7.0 as 7; None where it is empty: NaN, pandas.NA also as text.
+
+    Names are compared by it: in one Unicode form.
+    """
     # NA first: what it is compared with is neither true nor false.
     if value is None or str(value) == "<NA>" or bool(value != value):
         return None
     if isinstance(value, float) and value.is_integer():
         value = int(value)
-    return str(value).strip() or None
+    return composed(str(value).strip()) or None
 
 
 # ---------------------------------------------------------------------------------------------
@@ -172,7 +177,8 @@ def open_layer(
     check_file(file, place, VECTOR, folders=True)
     warned: tuple[str, ...] = ()
     if isinstance(file, InMemory):
-        frame, name = in_memory(file, "layer", place, "a GeoDataFrame"), file.name
+        frame = with_composed(in_memory(file, "layer", place, "a GeoDataFrame"))
+        name = file.name
     else:
         frame, name, warned = _read_layer(file, layer, key, stamp_of(file.stat()))
     for text in warned:
@@ -221,8 +227,9 @@ def _choose_layer(
 ) -> str:
     wrong, field = partial(InputError, file=file), f"{key}.layer"
     drawn = [name for name, kind in layers.items() if kind is not None]
-    if wanted is not None and wanted in drawn:
-        return wanted
+    own = next((name for name in drawn if wanted is not None and composed(name) == wanted), None)
+    if own is not None:
+        return own
     if not drawn:
         found = f"layers {', '.join(layers) or 'none'}"
         problem, expected = "holds no layer with geometry", "a layer of polygons, lines or points"
@@ -390,12 +397,14 @@ def share_inside(feature: Feature, grid: Grid) -> float:
     return float(shapely.get_num_coordinates(common) / whole)
 
 
-def cells_under(geometry: Any, grid: Grid) -> tuple[slice, slice, NDArray[np.bool_]]:
+def cells_under(
+    geometry: Any, grid: Grid, centres_only: bool = False
+) -> tuple[slice, slice, NDArray[np.bool_]]:
     """Cells that a shapely geometry, which meets the DEM, covers.
 
     Rows and columns are the part of the grid that holds the geometry. The mask has the shape of
     that part: cells whose centre lies in a polygon; for points, lines and polygons too small to
-    hold a centre, the cells that they touch.
+    hold a centre, the cells that they touch, unless ``centres_only``.
     """
     n_rows, n_cols = grid.shape
     west, south, east, north = geometry.bounds
@@ -405,9 +414,39 @@ def cells_under(geometry: Any, grid: Grid) -> tuple[slice, slice, NDArray[np.boo
     rows, cols = slice(row[0], row[1] + 1), slice(col[0], col[1] + 1)
     part = grid.part(rows, cols)
     mask = burnt([(geometry, 1)], part, 0, np.uint8)
-    if shapely.get_dimensions(geometry) < 2 or not mask.any():
+    if not centres_only and (shapely.get_dimensions(geometry) < 2 or not mask.any()):
         mask = burnt([(geometry, 1)], part, 0, np.uint8, touched=True)
     return rows, cols, mask.astype(bool)
+
+
+def polygon_of_cells(polygons: Sequence[Feature], grid: Grid) -> NDArray[np.int32]:
+    """Which polygon covers the centre of each cell: its position, -1 for none; shape of the grid.
+
+    Where several do, the last one counts. Polygons that count nowhere, or on less than half of
+    their area because they are too narrow for the cells, are named in a warning.
+    """
+    shapes = np.array([own.geometry for own in polygons], dtype=object)
+    found: NDArray[np.int32] = burnt(
+        list(zip(shapes, range(shapes.size), strict=True)), grid, -1, np.int32
+    )
+    # What reaches into the grid by less than half a cell cannot hold a centre.
+    centres = shapely.box(*grid.bounds).buffer(-0.5 * grid.cell_size, join_style="mitre")
+    least = 0.5 * shapely.area(shapely.intersection(shapes, centres)) / grid.cell_size**2
+    counted = np.bincount(found[found >= 0], minlength=shapes.size)
+    few = np.flatnonzero(counted < least).tolist()
+    alone = {k: cells_under(shapes[k], grid, centres_only=True)[2].sum() for k in few}
+    why = {
+        f"narrower than the cells of {grid.cell_size:g} m, whose centres decide; counts nowhere or "
+        "on less than half of its area": [k for k in few if alone[k] < least[k]],
+        "counts nowhere, as later polygons of the file lie on all of it": [
+            k for k in few if alone[k] >= least[k] and not counted[k]
+        ],
+    }
+    for text, own in why.items():
+        if own:
+            labels = some_of([polygons[k].label for k in own], str)
+            log.warning("%s: %s: %s", polygons[0].file, labels, text)
+    return found
 
 
 def steepest_slope_deg(geometry: Any, grid: Grid) -> float:

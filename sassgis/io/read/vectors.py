@@ -29,7 +29,7 @@ from sassgis.io.read.vector_features import (
     without_repeats,
     without_shapes,
 )
-from sassgis.model.declared import declared, fault
+from sassgis.model.declared import composed, declared, fault
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.exposure import ObjectSettings
 from sassgis.model.grid import FloatArray, Grid
@@ -88,6 +88,7 @@ def read_release(
     file, frame = _release_layer(release, *_ATTRIBUTES)
     features = without_shapes(frame, file, release.name_field)
     names = feature_names(features, "area", "release")
+    only = None if only is None else [composed(name) for name in only]
     for name in only or ():
         refuse_unknown(name, names, "no release area has this name", file=file, field="area")
     places = [k for k, name in enumerate(names) if only is None or name in only]

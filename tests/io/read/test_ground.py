@@ -196,6 +196,26 @@ def test_polygons_rule_the_cells_whose_centre_they_hold(make_layer, slope_grid, 
     np.testing.assert_array_equal(classes, expected)
 
 
+def test_polygons_that_do_not_count_are_named(make_layer, slope_grid, caplog):
+    """Cells are 10 m wide, with centres at 5, 15, ... m."""
+    road, wall = at(0, 51, 300, 54), at(101, 0, 104, 200)  # between the centres
+    shapes = [at(20, 20, 60, 40), road, at(12, 12, 18, 18), wall, at(10, 10, 70, 50)]
+    kinds = ["talus", "asphalt", "rock", "asphalt", "rock"]
+    path = make_layer(shapes, "ground.gpkg", kind=kinds)
+    classes = ground_raster(settings(path, class_field="kind"), slope_grid, TABLE)
+    assert set(np.unique(classes)) == {ROCK, DEBRIS}
+    narrow, hidden = caplog.messages
+    assert "feature 2 (asphalt), feature 4 (asphalt): narrower than the cells of 10 m" in narrow
+    # The small one holds one centre, and lies below the last one as the first does.
+    assert "feature 1 (talus), feature 3 (rock): counts nowhere, as later" in hidden
+    # A part of the terrain that cuts a polygon off says nothing of it.
+    caplog.clear()
+    part = slope_grid.part(slice(0, 3), slice(0, 3))
+    path = make_layer([at(29, 0, 60, 60)], kind=["rock"])
+    ground_raster(settings(path, class_field="kind"), part, TABLE, slope_grid)
+    assert not caplog.messages
+
+
 CODES = {"1": "rock", "2": "talus"}
 
 

@@ -22,7 +22,7 @@ from rasterio.transform import from_origin
 
 from sassgis.io.read.dem import open_raster, read_dem
 from sassgis.io.read.forest import read_forest
-from sassgis.io.read.offline import offline
+from sassgis.io.read.offline import offline, read_frame, vector_file
 from sassgis.io.read.vector_features import open_layer
 from sassgis.model.errors import InputError
 from sassgis.model.grid import Grid
@@ -361,3 +361,41 @@ def test_pipes_and_devices_are_not_opened(tmp_path: Path) -> None:
             read_dem(file)
         with pytest.raises(InputError, match="is no file"):
             open_layer(file, None, "release", {})
+
+
+@pytest.mark.parametrize(
+    ("encoding", "stated", "expected"),
+    [
+        ("UTF-8", "UTF-8", ""),
+        ("UTF-8", None, ""),
+        ("ISO-8859-1", None, ""),
+        ("ISO-8859-1", "ISO-8859-1", ""),
+        ("CP850", "CP850", ""),
+        ("UTF-8", "ISO-8859-1", "UTF-8"),
+        ("UTF-8", "CP1252", "UTF-8"),
+        ("ISO-8859-1", "UTF-8", "ISO-8859-1"),
+        ("ISO-8859-1", "KLINGON", "ISO-8859-1"),
+    ],
+)
+def test_texts_of_a_shapefile(
+    tmp_path: Path, encoding: str, stated: str | None, expected: str
+) -> None:
+    """What is not stated is seen; what is stated wrongly is refused, with the file that does so."""
+    file, beside = tmp_path / "areas.shp", tmp_path / "areas.cpg"
+    frame = gpd.GeoDataFrame(
+        {"H\u00f6he": ["R\u00f6tiflue"]}, geometry=[shapely.box(0, 0, 1, 1)], crs=2056
+    )
+    frame.to_file(file, encoding=encoding)
+    beside.unlink() if stated is None else beside.write_text(stated)
+
+    def read() -> gpd.GeoDataFrame:
+        with vector_file(file, "release.file"):
+            return read_frame(file, "areas")
+
+    if expected:
+        with pytest.raises(InputError) as caught:
+            read()
+        assert str(caught.value).startswith(f"{beside}: states another encoding")
+        assert caught.value.found == repr(stated) and expected in caught.value.expected
+    else:
+        assert read()["H\u00f6he"].tolist() == ["R\u00f6tiflue"]

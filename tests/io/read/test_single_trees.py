@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from affine import Affine
 from helpers.input_files import NORTH, WEST
+from shapely import box
 
 from sassgis.engine.effects.trees import FULL_STEMS, Stand, stem_loss
 from sassgis.io.read.forest import TREES_WITHIN_M, read_forest
@@ -74,6 +75,18 @@ def test_a_part_of_the_terrain_has_the_forest_of_the_whole(tmp_path: Path) -> No
     part = Grid(GRID.values[10:20, 5:30], WEST + 10.0, NORTH - 20.0, 2.0)
     for of_part, of_whole in zip(read_forest(settings, part, GRID), whole, strict=True):
         assert np.allclose(of_part.reshape(part.shape), of_whole[10:20, 5:30])
+
+
+def test_a_stand_narrower_than_the_cells_is_named(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    file, strip = tmp_path / "hedge.gpkg", box(WEST, NORTH - 40.9, WEST + 100.0, NORTH - 40.1)
+    gpd.GeoDataFrame(geometry=[strip, strip.buffer(5.0)]).to_file(file)
+    settings = ForestPlace(file=file, stems_per_ha=400.0, dbh_cm=30.0)
+    stems, _ = read_forest(settings, GRID)
+    assert (stems > 0.0).sum() == 250.0
+    (said,) = caplog.messages
+    assert "feature 1: narrower than the cells of 2 m" in said
 
 
 def test_points_and_tables_say_the_same(tmp_path: Path) -> None:

@@ -10,8 +10,10 @@ import rasterio
 from rasterio.transform import from_origin
 
 from sassgis.io.read.dem import read_dem
-from sassgis.io.read.tiles import Part, hull, open_terrain, read_terrain
+from sassgis.io.read.tiles import Part, gaps_between, hull, open_terrain, read_terrain
+from sassgis.io.write.tile_download import write_vrt
 from sassgis.model.errors import InputError, InputLost
+from sassgis.runs.dem_check import check_dem
 
 HEIGHTS = 1000.0 + np.arange(120.0).reshape(10, 12) ** 1.5
 
@@ -55,6 +57,50 @@ def test_tiles_are_one_terrain(folder: Path) -> None:
     assert (grid.west, grid.north, grid.cell_size) == (2.6e6, 1.2e6, 2.0)
     assert np.array_equal(grid.values[known], HEIGHTS.astype(np.float32)[known])
     assert np.isnan(grid.values[~known]).all()
+
+
+@pytest.mark.parametrize(
+    ("plan", "missing"),
+    [
+        ("###/###/###", ()),
+        ("###/#.#/###", ((1, 1, 1, 1),)),
+        ("#.#/###/###", ((0, 1, 1, 1),)),
+        # A corner, as the rest is nearly a rectangle; two places side by side are one gap.
+        (".##/###/###", ((0, 0, 1, 1),)),
+        ("#####/#..##/#####/###.#/#####", ((1, 1, 1, 2), (3, 3, 1, 1))),
+        # Along a valley nothing is missing, but for a tile that it passes over.
+        ("##.../.##../..##./...##", ()),
+        ("#..../#..../#####", ()),
+        ("##...../.###.../..#.#../..####.", ((2, 3, 1, 1),)),
+    ],
+)
+def test_tiles_that_are_missing(plan: str, missing: tuple[tuple[int, ...], ...]) -> None:
+    rows = plan.split("/")
+    places = [Part(5 * i, 7 * j, 5, 7) for i, row in enumerate(rows)
+              for j, c in enumerate(row) if c == "#"]  # fmt: skip
+    wanted = [Part(5 * i, 7 * j, 5 * rows, 7 * cols) for i, j, rows, cols in missing]
+    assert gaps_between(places) == wanted
+    # Tiles of other sizes that overlap say the same.
+    more = [Part(p.row, p.col, 2, 7) for p in places]
+    assert gaps_between([*places, *more]) == wanted
+
+
+def test_a_gap_is_told_of_a_folder_and_of_a_virtual_raster(
+    folder: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    says = "no tile covers (x 2600000 to 2600012, y 1199980 to 1199990): no height is known there"
+    vrt = write_vrt(folder / "all.vrt", open_terrain(folder))
+    for given in (folder, vrt):
+        for read in (open_terrain, read_terrain):
+            caplog.clear()
+            read(given)
+            assert caplog.messages == [f"{given}: {says}"]
+        nodata = next(f for f in check_dem(given).findings if f.item == "nodata")
+        assert nodata.verdict == "look" and nodata.found.endswith(says)
+        assert "coordinate system" not in check_dem(given).sentence
+    caplog.clear()
+    read_terrain(folder / "a.tif")
+    assert not caplog.messages
 
 
 def test_a_part_is_a_part_of_the_whole(folder: Path) -> None:

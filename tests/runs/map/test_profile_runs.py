@@ -149,6 +149,32 @@ def test_a_drawn_line_must_be_one_and_over_the_terrain(small, tmp_path: Path) ->
             run_profile(small.config, tmp_path / "out", line_file=line_file(tmp_path, *lines))
 
 
+def test_a_line_that_is_drawn_uphill_is_refused(small, tmp_path: Path) -> None:
+    areas = gpd.read_file(small.folder / "result.gpkg", layer="fall_lines")
+    fall_line = max(areas.geometry, key=lambda g: g.length)
+    below = fall_line.interpolate(100.0)  # It ends on the other side of the valley.
+    up = shapely.LineString([below, fall_line.coords[0]])
+    with pytest.raises(InputError, match=r"drawn\.gpkg: .*no block starts .*drawn downwards: its"):
+        run_profile(small.config, tmp_path / "out", line_file=line_file(tmp_path, up), rocks=5)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("heights", "says"),
+    [
+        ("0,100\n300,99", "found a slope of 0 degrees at the start; expected a start on a steeper"),
+        ("0,100\n30,70\n300,140", "ends 41.0 m above the start: drawn uphill?"),
+    ],
+)
+def test_a_profile_on_which_nothing_starts_or_that_rises(
+    bedrina: Path, tmp_path: Path, call, heights: str, says: str
+) -> None:
+    table = tmp_path / "steep.csv"
+    table.write_text(f"s_m,z_m\n{heights}\n")
+    code, out, err = call("profile", bedrina, "--csv", table, "-o", tmp_path / "out", "--rocks", 5)
+    assert says in err and (code, out == "") == ((2, True) if "expected" in says else (0, False))
+
+
 def test_a_station_off_the_profile_is_refused(bedrina: Path, tmp_path: Path) -> None:
     table = tmp_path / "short.csv"
     table.write_text("s_m,z_m\n0,100\n30,70\n")

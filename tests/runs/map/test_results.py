@@ -10,6 +10,7 @@ import geopandas as gpd
 import numpy as np
 import pandas as pd
 import pytest
+import rasterio
 
 from sassgis.io.digests import content_digest
 from sassgis.io.read.config import load_config
@@ -62,6 +63,20 @@ def test_reach_times_rocks_is_passages(small) -> None:
     started = small.result.n_blocks - small.result.reasons.get(StopReason.NEVER_STARTED, 0)
     assert np.allclose(reach[known] * started, passages[known], rtol=1e-6)
     assert passages[known].min() >= 1 and reach[known].max() <= 1.0
+
+
+def test_maps_and_report_say_that_quantiles_of_few_blocks_are_low(small) -> None:
+    low = "fewer than 20 blocks arrive the 95 % quantile is mostly too low, of 2 to 4 energies"
+    words = dict.fromkeys(("energy", "passing_height", "speed"), low)
+    words["arrival_time"] = "fewer than 20 blocks arrive the 5 % quantile is mostly too late"
+    for stem, text in words.items():
+        with rasterio.open(small.folder / "maps" / f"{stem}.tif") as data:
+            assert text in data.tags()["NOTE"]
+    passages = small.band("passages", "passages")
+    few = (passages < 20).sum() / np.isfinite(passages).sum()
+    report = (small.folder / "report.html").read_text(encoding="utf-8")
+    says = f"Fewer than 20 blocks arrive in {100 * few:.0f} % of the cells that blocks reach."
+    assert report.count(low) >= 2 and report.count(says) == 2
 
 
 def test_no_more_rocks_stop_in_a_cell_than_come_to_it(small) -> None:

@@ -66,6 +66,24 @@ def test_none_are_asked_for(result: Result) -> None:
     assert len(sample_paths(done.run, done.planned, 2)) <= 2
 
 
+def test_as_many_are_written_as_are_asked_for(
+    result: Result, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done, _, stops = result
+    each = done.run.release.rocks_per_point
+    entries = sum(len(done.planned.scenarios[a]) for a in done.planned.points.area)
+    assert done.run.repetitions == 1 and each > 3 and len(stops) == each * entries
+    for at_a_time in (100, 3):
+        monkeypatch.setattr("sassgis.runs.path_sample._PATHS", at_a_time)
+        paths = sample_paths(done.run, done.planned, 10_000)
+        # All blocks of the run, and none twice.
+        for (area, scenario), own in stops.groupby(["area", "scenario"]):
+            found = [p.runout_m for p in paths if (p.area, p.scenario) == (area, scenario)]
+            assert sorted(found) == pytest.approx(sorted(own["runout_m"]), abs=0.006)
+        # As many of each point.
+        assert len(sample_paths(done.run, done.planned, 3 * entries + 1)) == 3 * entries
+
+
 def test_paths_from_the_command_line(result: Result, tmp_path: Path, call, refusal) -> None:
     done, paths, _ = result
     file = tmp_path / "paths.kml"

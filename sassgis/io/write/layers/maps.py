@@ -14,7 +14,7 @@ from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.hazard import HazardPreset
 from sassgis.model.languages import phrase
 from sassgis.model.results import Band, RasterClass, RasterLayer
-from sassgis.model.statistics_table import STATISTICS
+from sassgis.model.statistics_table import FEW_BLOCKS, STATISTICS
 from sassgis.model.styles import HILLSHADE
 
 
@@ -91,6 +91,16 @@ def map_layers(
         "width": phrase("Reference width {} m (one cell).", f"{cell_size:.4g}"),
         "once": phrase(
             "Each block counts once per cell, with the largest value that it has there."
+        ),
+        "few": phrase(
+            "Where fewer than {} blocks arrive the 95 % quantile is mostly too low, of 2 to 4 "
+            "energies or heights by about a quarter: compare with the number of arriving blocks.",
+            FEW_BLOCKS,
+        ),
+        "late": phrase(
+            "Where fewer than {} blocks arrive the 5 % quantile is mostly too late: compare with "
+            "the number of arriving blocks.",
+            FEW_BLOCKS,
         ),
         "error": phrase(
             "Standard error with the release points as a random sample."
