@@ -110,7 +110,7 @@ def _drifting(path: Path, drift: float) -> Path:
     """The path with another standard deviation of the drift."""
     return Path(
         path.heights, path.ground, path.stems, path.diameter, path.cell_size, path.tolerance,
-        path.side_tilt, drift, path.spread, path.line_u, path.line_v, path.line_number,
+        path.side_tilt, drift, path.sides, path.line_u, path.line_v, path.line_number,
         path.line_kind, path.line_height, path.line_capacity, path.line_seen, path.register,
     )  # fmt: skip
 
@@ -229,11 +229,9 @@ class Points:
         self.u, self.v = _places(run.heights, points)
         scenarios = [planned.scenarios[a] for a in points.area]
         self.blocks = [run.blocks[own[k % len(own)]] for k, own in enumerate(scenarios)]
-        cell = run.heights.cell_size
-        self.spread = [run.start_spread_m(int(a)) / cell for a in points.area]
         terrain = PathTerrain(run.heights, run.ground, run.terrain.segment_tolerance_m)
         register = empty_register(run.heights.shape, ROOM, None, ObjectCells.none())
-        self.path = _path(terrain, run.engine, register, 0.0)
+        self.path = _path(terrain, run.engine, register, points)
         self.setup = setup_of(
             run.table, self.blocks, run.engine, (), run.effects, 0, BLOCKS, run.seed
         )
@@ -252,10 +250,9 @@ class Points:
         names = ("axis_1_m", "axis_2_m", "axis_3_m", "density_kgm3", "orientation_rad")
         for k, name in enumerate(names):
             out[:, k] = low[name] + (high[name] - low[name]) * unit[:, k]
-        for k, middle in ((AT_U, self.u), (AT_V, self.v)):
-            out[:, k] = middle[point] + exact_positions(
-                self.spread[point] * (unit[:, k] - 0.5)
-            )  # fmt: skip
+        aside = (unit[:, [AT_U, AT_V]] - 0.5) @ self.path.sides[point].reshape(2, 2)
+        for k, middle in enumerate((self.u, self.v)):
+            out[:, (AT_U, AT_V)[k]] = middle[point] + exact_positions(aside[:, k])
         out[:, DRIFT] = self.drift * special.ndtri(unit[:, DRIFT])
         sd = self.setup.physics.rolling_friction_sd
         out[:, FRICTION] = np.exp(sd * special.ndtri(unit[:, FRICTION]))

@@ -286,7 +286,7 @@ def written(
     meta = {"position_error_m": position_error_m}
     case = write_case(name, out, "\n".join(text), tables, meta, splits, notes)
     # All rocks of a site are released from a point each, or from the same square.
-    points = 1 if measured else len(points_in_polygon(areas[0], SPACING_M))
+    points = 1 if measured else len(points_in_polygon(areas[0], SPACING_M)[0])
     return Site(case, slope, rocks, points)
 
 

@@ -312,7 +312,7 @@ def simulate_blocks(
         key = rng.block_key(setup.seed, line_key, setup.first_rock + r)
         spread = setup.physics.rolling_friction_sd
         block = with_drag(hooks.on_block(effects, draw_block(limits[0], limits[1], key)), spread)
-        start = release(effects, state, block, site, setup, limits, key, first, second, path)
+        start = release(effects, state, block, site, setup, limits, key, first, second, path, i)
         number = i * setup.n_blocks + r
         row = rows.rocks[number]
         open_row(row, line, setup.first_rock + r, 0, state.x)
@@ -379,13 +379,14 @@ def release(
     first: float,
     second: float,
     path: Path | None,
+    i: int,
 ) -> Start:
     """Let a block go as its key says; parameters as those of simulate_blocks."""
     if path is None:
         start = draw_start(limits[0], limits[1], key, first, second)
     else:
         start = draw_start(limits[0], limits[1], key, 0.0, 0.0)
-        u, v = draw_place(key, first, second, path.spread)
+        u, v = draw_place(key, first, second, path.sides[i])
         if not start_path(effects, state, block, site, path, u, v):
             start_path(effects, state, block, site, path, first, second)
     start_released(state, block, site, setup.physics, start)
@@ -393,13 +394,15 @@ def release(
 
 
 @lean
-def draw_place(key: np.uint64, u: float, v: float, spread: float) -> tuple[float, float]:
-    """Where a block starts: anywhere in the square (cells) that its release point represents."""
-    if spread <= 0.0:
-        return u, v
+def draw_place(
+    key: np.uint64, u: float, v: float, sides: NDArray[np.float64]
+) -> tuple[float, float]:
+    """Where a block starts: anywhere in the parallelogram that its release point represents."""
+    first = rng.uniform(key, rng.START_U, 0) - 0.5
+    second = rng.uniform(key, rng.START_V, 0) - 0.5
     return (
-        u + exact(spread * (rng.uniform(key, rng.START_U, 0) - 0.5)),
-        v + exact(spread * (rng.uniform(key, rng.START_V, 0) - 0.5)),
+        u + exact(first * sides[0] + second * sides[2]),
+        v + exact(first * sides[1] + second * sides[3]),
     )
 
 

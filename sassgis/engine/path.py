@@ -53,7 +53,9 @@ class Path(NamedTuple):
     tolerance: float  # largest vertical gap between terrain and segments (m)
     side_tilt: float  # standard deviation of the sideways tilt of what an impact meets (rad)
     drift: float  # standard deviation of the angle by which blocks drift aside (rad)
-    spread: float  # side of the square in which the blocks of a point start (cells)
+    # (n, 4), of the points of a chunk: u and v of both sides of the parallelogram in which their
+    # blocks start (cells).
+    sides: FloatArray
     line_u: FloatArray  # vertices of all stations and barriers, one after the other (cells)
     line_v: FloatArray
     line_number: IntArray  # of the station or barrier that begins here; -1: no piece begins here

@@ -77,7 +77,6 @@ def follow(
     rocks_per_point: int,
     point_keys: NDArray[np.uint64],
     point_numbers: IntArray | None = None,
-    spread_m: float = 0.0,
     objects: ObjectCells | None = None,
     window: Window | None = None,
     first_rock: int = 0,
@@ -98,8 +97,6 @@ def follow(
         Identity of each point for the random draws.
     point_numbers : int64, shape (n,), optional
         Number of each point in the run, which stands for the line; default 0, 1, 2, ...
-    spread_m : float
-        Side of the square around each point in which its blocks start (m).
     worth : Worth, optional
         Of what the blocks of a point leave open in the windows.
 
@@ -144,7 +141,7 @@ def follow(
         passages = more * len(lines) * (n * rocks_per_point + 1)
         rows = empty_rows(n * rocks_per_point, passages, spawned, log_events)
         work = working_space(totals, hooked, most_spawned(effects), visits)
-        path = _path(terrain, settings, register, spread_m)
+        path = _path(terrain, settings, register, points)
         wanted = _wanted(worth, register, n)
         status = simulate_paths(given, setup, totals, rows, work, hooked, path, wanted)
         if status == MANY_VISITS:
@@ -197,7 +194,7 @@ def _places(grid: Grid, points: ReleasePoints) -> tuple[FloatArray, FloatArray]:
 
 
 def _path(
-    terrain: PathTerrain, settings: EngineSettings, register: CellRegister, spread_m: float
+    terrain: PathTerrain, settings: EngineSettings, register: CellRegister, points: ReleasePoints
 ) -> Path:
     """The terrain as the kernel takes it."""
     grid, forest = terrain.grid, terrain.forest
@@ -206,6 +203,7 @@ def _path(
     number = [np.r_[np.full(len(t) - 1, i), -1] for i, t in enumerate(traces)]
     xy = np.concatenate([np.empty((0, 2)), *traces])
     none = np.empty(0)
+    sides = np.zeros((len(points), 2, 2)) if points.sides is None else points.sides
     return Path(
         heights=np.ascontiguousarray(grid.values, np.float64),
         ground=np.ascontiguousarray(terrain.ground, np.int32),
@@ -215,7 +213,7 @@ def _path(
         tolerance=float(terrain.tolerance_m),
         side_tilt=math.radians(settings.side_tilt_deg),
         drift=math.radians(settings.drift_deg),
-        spread=spread_m / grid.cell_size,
+        sides=sides.reshape(-1, 4) * [1.0, -1.0, 1.0, -1.0] / grid.cell_size,
         line_u=exact_positions((xy[:, 0] - grid.west) / grid.cell_size),
         line_v=exact_positions((grid.north - xy[:, 1]) / grid.cell_size),
         line_number=np.concatenate([np.empty(0, np.int64), *number]).astype(np.int64),

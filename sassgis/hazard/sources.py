@@ -87,11 +87,11 @@ def onset_frequencies(
 
 
 def _size(area: ReleaseArea, onset: Onset) -> float:
-    """What the frequency is multiplied with."""
+    """What the frequency is multiplied with: the extent of the ground from which blocks start."""
     if onset.unit == "per_year_ha":
-        return float(area.geometry.area) / _HECTARE_M2
+        return area.known * float(area.geometry.area) / _HECTARE_M2
     if onset.unit == "per_year_m":
-        return 0.0 if area.geometry.area > 0.0 else float(area.geometry.length)
+        return 0.0 if area.geometry.area > 0.0 else area.known * float(area.geometry.length)
     return 1.0
 
 

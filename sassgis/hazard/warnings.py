@@ -22,8 +22,9 @@ from sassgis.model.hazard import BlockBudget, HazardPreset
 from sassgis.model.labels import STOP_TEXT, short
 from sassgis.model.languages import phrase
 from sassgis.model.map_run import MapRun
-from sassgis.model.profiles import LineEnd
+from sassgis.model.profiles import LineEnd, ReleasePoints
 from sassgis.model.results import StopReason
+from sassgis.terrain.release import points_by_size
 
 _LINE_ENDS = (
     (LineEnd.LEFT_DEM, "{} of {} fall lines reach the edge of the terrain model."),
@@ -35,6 +36,8 @@ _TRUST_WARNINGS: tuple[tuple[Trust, str], ...] = (
     ("estimate", "Ground classes that are estimates, with their share of the ground: {}."),
     ("fitted", "Ground classes fitted to field sites, with their share of the ground: {}."),
 )
+#: Points and size of a release area differ by more than this factor, and by so many points.
+_UNEVEN, _FEW_POINTS = 2.0, 2
 _STOPS = (
     (
         StopReason.LEFT_PROFILE,
@@ -91,6 +94,49 @@ def path_warnings(path: str) -> list[str]:
     ]
 
 
+def release_warnings(run: MapRun, points: ReleasePoints) -> list[str]:
+    """Release areas whose points do not go with their size, or are far apart."""
+    spacing, n = run.release.spacing_m, len(run.areas)
+    counts, length = np.bincount(points.area, minlength=n), np.zeros(n)
+    if points.sides is not None:
+        np.maximum.at(length, points.area, np.hypot(*points.sides[:, 0].T))
+    asked = [points_by_size(area.geometry, spacing) for area in run.areas]
+    uneven = [
+        f"{area.name} ({has}, {short(wants)})"
+        for area, has, wants in zip(run.areas, counts.tolist(), asked, strict=True)
+        if abs(has - wants) >= _FEW_POINTS and max(has / wants, wants / max(has, 1)) > _UNEVEN
+    ]
+    narrow = [
+        f"{run.areas[i].name} ({length[i]:.0f} m)"
+        for i in np.flatnonzero(length > _UNEVEN * spacing)
+    ]
+    out: list[str] = []
+    if uneven:
+        text = (
+            "Release areas with far more or fewer release points than their size asks for at "
+            "release.spacing_m (points, asked for): {}. Their parts do not count evenly; a smaller "
+            "spacing does better."
+        )
+        out.append(phrase(text, ", ".join(uneven)))
+    if narrow:
+        text = (
+            "Release areas so narrow that a release point represents more than twice "
+            "release.spacing_m of their length: {}. A smaller spacing gives more points."
+        )
+        out.append(phrase(text, ", ".join(narrow)))
+    return out
+
+
+def idle_areas(areas: Iterable[str]) -> list[str]:
+    """That no block starts in some release areas; nothing without any."""
+    text = (
+        "No block starts in these release areas, as no release point has a height and a descent; "
+        "their onset frequency is in no map: {}."
+    )
+    names = ", ".join(areas)
+    return [phrase(text, names)] if names else []
+
+
 def simulation_warnings(run: MapRun, progress: Progress) -> list[str]:
     """What happened to blocks and lines, and what the inputs leave open."""
     total = max(int(progress.reasons.sum()), 1)
@@ -113,6 +159,8 @@ def simulation_warnings(run: MapRun, progress: Progress) -> list[str]:
             "of the reach probability."
         )
         out.append(phrase(text, progress.lost))
+    sources = {area for area, _ in progress.sources}
+    out += idle_areas(area.name for i, area in enumerate(run.areas) if i not in sources)
     idle = [
         line.name
         for i, (line, _) in enumerate(run.control_lines)

@@ -179,12 +179,6 @@ class MapRun:
         paper = self.engine.readings == "1986"
         return 0.0 if paper else min(b.mean_width_m for b in self.blocks)
 
-    def start_spread_m(self, area: int) -> float:
-        """Side of the square around a release point in which its blocks start (m)."""
-        polygon = self.areas[area].geometry.area > 0.0
-        lattice = self.release.placement == "grid"
-        return self.release.spacing_m if self.followed and polygon and lattice else 0.0
-
     @property
     def path_words(self) -> str:
         """In words: along what blocks are simulated."""

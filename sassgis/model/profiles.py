@@ -38,6 +38,9 @@ class ReleasePoints:
     # place in it, never from what else is in the run.
     key: NDArray[np.uint64]
     area_names: tuple[str, ...]
+    # Shape (n, 2, 2); two sides (east, north; m) of the parallelogram around each point that it
+    # represents, in which blocks start whose paths are followed. None: all start at the points.
+    sides: FloatArray | None = None
 
     def __len__(self) -> int:
         return int(self.x.size)

@@ -259,7 +259,7 @@ class BlockSettings(Section):
     onset_unit: Annotated[
         OnsetUnit,
         "of onset_frequency: per year in each release area, per year and hectare of "
-        "it (in plan), or per year and metre of it (release lines)",
+        "it (in plan), or per year and metre of it (release lines), as far as heights are known",
     ] = "per_year"
     onset_above_m3: Annotated[
         float | None,

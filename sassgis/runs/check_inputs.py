@@ -10,7 +10,13 @@ from typing import Any
 import numpy as np
 
 from sassgis.hazard.along_profile import ProfileInput
-from sassgis.hazard.warnings import ground_warnings, path_warnings, rule_warnings
+from sassgis.hazard.warnings import (
+    ground_warnings,
+    idle_areas,
+    path_warnings,
+    release_warnings,
+    rule_warnings,
+)
 from sassgis.io.read.edit_polygons import read_edits
 from sassgis.io.read.ground_map import default_class, read_ground_table
 from sassgis.io.read.readiness import Readiness, readiness
@@ -37,7 +43,7 @@ from sassgis.runs.inputs import (
     with_rules,
 )
 from sassgis.runs.job import check_means, workers_asked
-from sassgis.runs.map import check_starts
+from sassgis.runs.map import check_starts, on_known_ground
 from sassgis.runs.more_blocks import check_budget
 from sassgis.terrain.edge import ANGLE_DEG, beyond_edge
 from sassgis.terrain.plan import placed_points, plan
@@ -215,7 +221,7 @@ def check_inputs(config: Config) -> InputReport:
     areas: tuple[AreaSummary, ...] = ()
     zoning: tuple[str, ...] = ()
     estimate: RunEstimate | None = None
-    short: list[str] = []
+    said: list[str] = []
     notices: list[str] = []
     with collected_notices(quietly=notices) as warned:
         if config.profile is not None and config.profile.file is not None:
@@ -235,7 +241,7 @@ def check_inputs(config: Config) -> InputReport:
             run = read_map_run(config, None if released else ())
             zoning, run = _zoning(config, run, not ready["zone"].missing)
         if run is not None and run.areas:
-            areas, estimate, short = _checked(config, run, not ready["zone"].missing)
+            areas, estimate, said = _checked(config, run, not ready["zone"].missing)
     if run is None:
         table, shares = _along(config, profile)
         control_lines = () if profile is None else tuple(own for own, _ in profile.control_lines)
@@ -261,7 +267,7 @@ def check_inputs(config: Config) -> InputReport:
             *warned,
             *ground_warnings([(table.classes[i], share) for i, share in sorted(shares.items())]),
             *(path_warnings(config.terrain.path) if areas else ()),
-            *short,
+            *said,
         ),
         estimate=estimate,
         zoning=zoning,
@@ -272,7 +278,7 @@ def check_inputs(config: Config) -> InputReport:
 def _checked(
     config: Config, run: MapRun, zones: bool
 ) -> tuple[tuple[AreaSummary, ...], RunEstimate, list[str]]:
-    """The release areas with their points, what a run on them takes, and where terrain lacks."""
+    """The release areas with their points, what a run on them takes, and what they lack."""
     check_means(config, run)
     spread_rules(config, run)
     points = placed_points(run)
@@ -290,14 +296,19 @@ def _checked(
         check_budget(config, run, estimate.blocks)
         most = math.ceil(more * budget.blocks / max(estimate.blocks, 1))
         estimate = replace(estimate, more=most)
-    short = [
+    starts = np.bincount(points.area[on_known_ground(run, points)], minlength=len(run.areas))
+    said = [
+        *release_warnings(run, points),
+        *idle_areas(a.name for a, n in zip(run.areas, starts, strict=True) if not n),
+    ]
+    said += [
         f"the terrain model should go on for {own.distance_m:.0f} m or more "
         f"beyond {own.x:.0f}, {own.y:.0f} ({own.where}): there the energy line of {ANGLE_DEG:g} "
         f'degrees from release "{points.area_names[points.area[own.start]]}" is '
         f"{own.height_m:.0f} m above the ground"
         for own in beyond_edge(run.grid, points.x, points.y)
     ]
-    return areas, estimate, short
+    return areas, estimate, said
 
 
 def _zoning(config: Config, run: MapRun, complete: bool) -> tuple[tuple[str, ...], MapRun]:

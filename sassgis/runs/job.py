@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from sassgis.hazard.control_lines import QUANTITIES
 from sassgis.hazard.progress import Progress
 from sassgis.hazard.tolerance_check import ToleranceCheck
-from sassgis.hazard.warnings import simulation_warnings
+from sassgis.hazard.warnings import release_warnings, simulation_warnings
 from sassgis.io.read.config import configure, load_config, settings_hash
 from sassgis.io.write.frames import require_parquet
 from sassgis.model.errors import ConfigError, Interrupted, OutputError
@@ -181,6 +181,7 @@ def simulate_job(
     warnings = (
         *job.notices,
         *(() if tolerance is None else tolerance.warnings()),
+        *release_warnings(run, planned.points),
         *simulation_warnings(run, progress),
     )
     return Simulation(config, run, planned, progress, checkpoint, warnings, seconds, tolerance)

@@ -96,7 +96,7 @@ def follow_blocks(
     return follow(
         path_terrain(run), points, run.table, blocks, run.engine, seed=run.seed,
         point_keys=draw_keys(points.key, blocks.name, again),
-        spread_m=run.start_spread_m(int(points.area[0])), effects=run.effects, **more,
+        effects=run.effects, **more,
     )  # fmt: skip
 
 

@@ -76,13 +76,21 @@ def paths_on_line(
 
 def some_paths(run: MapRun, planned: Plan) -> list[LinePaths]:
     """Paths of the first block of some release points, evenly chosen; not the shortest."""
-    points = np.unique(np.linspace(0, len(planned.points) - 1, _SHOWN).astype(int))
     out = []
-    for number, point in enumerate(points):
+    for number, point in enumerate(_even_points(run, planned, _SHOWN)):
         scenarios = planned.scenarios[planned.points.area[point]]
         scenario = scenarios[number % len(scenarios)]
         out.append(paths_on_line(run, planned, int(point), scenario, 0))
     return [shown for shown in out if shown is not None]
+
+
+def _even_points(run: MapRun, planned: Plan, most: int) -> IntArray:
+    """Numbers of release points, so many at most, that lie evenly among those with blocks."""
+    points = np.arange(len(planned.points), dtype=np.int64)
+    if run.followed:
+        points = points[on_known_ground(run, planned.points)]
+    chosen = np.linspace(0, points.size - 1, min(most, points.size)).round()
+    return points[np.unique(chosen.astype(np.int64))]
 
 
 def _followed_again(
@@ -136,14 +144,9 @@ def sample_paths(run: MapRun, planned: Plan, most: int) -> tuple[BlockPath, ...]
     They are blocks of the run, of its first repetition, simulated again. Of each point and scenario
     there are several only where all points have one. Those that never start are left out.
     """
-    n, each = len(planned.points), max([1, *map(len, planned.scenarios)])
-    points = min(n, most // each)
-    if not points:
-        return ()
-    rocks = min(run.release.rocks_per_point, most // (points * each))
-    which = np.unique(np.linspace(0, n - 1, points).round().astype(np.int64))
-    if run.followed:
-        which = which[on_known_ground(run, take(planned.points, which))]
+    each = max([1, *map(len, planned.scenarios)])
+    which = _even_points(run, planned, most // each)
+    rocks = min(run.release.rocks_per_point, most // max(which.size * each, 1))
     area = planned.points.area[which]
     paths: list[BlockPath] = []
     for number in np.unique(area).tolist():

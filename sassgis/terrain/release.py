@@ -17,6 +17,7 @@ from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.profiles import ReleasePoints
 from sassgis.model.settings import ReleaseSettings
+from sassgis.terrain.narrow_parts import narrow_parts, points_along, square
 
 MAX_POINTS = 50_000_000
 _BATCH = 4096
@@ -30,9 +31,8 @@ def release_points(
 
     Polygons are filled, lines get a point every ``spacing_m`` from their start, points are taken as
     they are. What one area gives never depends on which others are in the run. Placed on a grid,
-    points have coordinates that are whole multiples of ``spacing_m``; a polygon too small to hold
-    one gets its representative point. Random ones are as many as area / spacing², uniform, drawn
-    from the seed and the name of the area.
+    points of polygons are those of points_in_polygon. Random ones are as many as area / spacing²,
+    uniform, drawn from the seed and the name of the area.
 
     Parameters
     ----------
@@ -63,27 +63,30 @@ def release_points(
     placed = [
         _points_of(name, shape, release, seed) for name, shape in zip(names, shapes, strict=True)
     ]
-    coordinates = np.concatenate([np.empty((0, 2)), *placed])
+    coordinates = np.concatenate([np.empty((0, 2)), *(places for places, _ in placed)])
+    counts = [len(places) for places, _ in placed]
     return ReleasePoints(
         x=np.ascontiguousarray(coordinates[:, 0]),
         y=np.ascontiguousarray(coordinates[:, 1]),
-        area=np.repeat(np.arange(len(areas), dtype=np.int64), [len(p) for p in placed]),
-        key=np.concatenate(
-            [
-                np.empty(0, np.uint64),
-                *(point_keys(name, len(p)) for name, p in zip(names, placed, strict=True)),
-            ]
-        ),
+        area=np.repeat(np.arange(len(areas), dtype=np.int64), counts),
+        key=np.concatenate([np.empty(0, np.uint64), *map(point_keys, names, counts)]),
         area_names=names,
+        sides=np.concatenate([np.empty((0, 2, 2)), *(sides for _, sides in placed)]),
     )
 
 
 def points_expected(geometry: BaseGeometry, spacing_m: float) -> float:
     """About how many release points a geometry gets, before any is placed."""
-    return sum(
-        max(1.0, part.area / spacing_m / spacing_m, 0.0 if part.area else part.length / spacing_m)
-        for part in _simple_parts(geometry)
-    )
+    return sum(max(1.0, points_by_size(part, spacing_m)) for part in _simple_parts(geometry))
+
+
+def points_by_size(geometry: BaseGeometry, spacing_m: float) -> float:
+    """How many release points the size of a geometry asks for: area / spacing² and so on."""
+
+    def of(part: BaseGeometry) -> float:
+        return part.area / spacing_m / spacing_m or part.length / spacing_m or 1.0
+
+    return sum(of(part) for part in _simple_parts(geometry))
 
 
 def _check_number(points: float) -> None:
@@ -98,7 +101,7 @@ def _check_number(points: float) -> None:
 
 def take(points: ReleasePoints, which: IntArray | slice) -> ReleasePoints:
     """The release points at some positions; area numbers and names stay as they are."""
-    names = ("x", "y", "area", "key")
+    names = ("x", "y", "area", "key", *(() if points.sides is None else ("sides",)))
     return replace(points, **{name: getattr(points, name)[which] for name in names})
 
 
@@ -113,11 +116,20 @@ def point_keys(name: str, count: int) -> NDArray[np.uint64]:
     return rng.combined(np.full(count, base), np.arange(count))
 
 
-def points_in_polygon(polygon: BaseGeometry, spacing_m: float) -> FloatArray:
-    """Lattice points within a polygon, from north to south and west to east, shape (n, 2).
+def points_in_polygon(polygon: shapely.Polygon, spacing_m: float) -> tuple[FloatArray, FloatArray]:
+    """Points that fill a polygon: on a lattice, and along the parts too narrow for it.
 
-    The lattice is anchored at the origin of the coordinates. If it misses the polygon, there is one
-    point: the representative one.
+    The lattice has coordinates that are whole multiples of the spacing; its points come first, from
+    north to south and west to east. Parts narrower than the spacing have as many as their area /
+    spacing², wherever the lattice lies (sassgis.terrain.narrow_parts). A polygon that would have
+    none has its representative point.
+
+    Returns
+    -------
+    places : float64, shape (n, 2)
+        Coordinates (m).
+    sides : float64, shape (n, 2, 2)
+        As in ReleasePoints.
     """
     west, south, east, north = shapely.bounds(polygon)
     # A narrow polygon across the lattice has far more of its points around it than in it.
@@ -127,9 +139,18 @@ def points_in_polygon(polygon: BaseGeometry, spacing_m: float) -> FloatArray:
     x, y = (part.ravel() for part in np.meshgrid(cols * spacing_m, rows * spacing_m))
     shapely.prepare(polygon)
     inside = shapely.contains_xy(polygon, x, y)
-    if not inside.any():
-        return np.array(shapely.get_coordinates(shapely.point_on_surface(polygon)), np.float64)
-    return np.column_stack([x[inside], y[inside]])
+    narrow = narrow_parts(polygon, spacing_m)
+    for part in narrow:
+        inside &= ~shapely.intersects_xy(part, x, y)
+    places = np.column_stack([x[inside], y[inside]])
+    along, sides = np.empty((0, 2)), np.empty((0, 2, 2))
+    if narrow:
+        count = round(sum(part.area for part in narrow) / spacing_m**2)
+        along, sides = points_along(polygon, narrow, count or int(not inside.any()), spacing_m)
+    elif not inside.any():
+        places = np.array(shapely.get_coordinates(shapely.point_on_surface(polygon)), np.float64)
+    squares = np.broadcast_to(square(spacing_m), (len(places), 2, 2))
+    return np.concatenate([places, along]), np.concatenate([squares, sides])
 
 
 def points_along_line(line: BaseGeometry, spacing_m: float) -> FloatArray:
@@ -193,23 +214,30 @@ def _checked(name: str, geometry: BaseGeometry | None) -> BaseGeometry:
 
 def _points_of(
     name: str, geometry: BaseGeometry, release: ReleaseSettings, seed: int
-) -> FloatArray:
-    """All release points of one area, part by part."""
+) -> tuple[FloatArray, FloatArray]:
+    """All release points of one area and their sides, part by part."""
     spacing = release.spacing_m
     parts = _simple_parts(geometry)
     polygons = [part for part in parts if isinstance(part, shapely.Polygon)]
-    placed: list[FloatArray] = []
+    placed: list[tuple[FloatArray, FloatArray]] = []
     if polygons and release.placement == "random":
-        placed.append(random_points_in_polygon(name, shapely.MultiPolygon(polygons), spacing, seed))
+        whole = shapely.MultiPolygon(polygons)
+        placed.append(_alone(random_points_in_polygon(name, whole, spacing, seed)))
     for part in parts:
-        if part.geom_type == "Polygon":
+        if isinstance(part, shapely.Polygon):
             if release.placement == "grid":
                 placed.append(points_in_polygon(part, spacing))
         elif part.geom_type in ("LineString", "LinearRing"):
-            placed.append(points_along_line(part, spacing))
+            placed.append(_alone(points_along_line(part, spacing)))
         else:
-            placed.append(np.array(shapely.get_coordinates(part), np.float64))
-    return np.concatenate(placed)
+            placed.append(_alone(np.array(shapely.get_coordinates(part), np.float64)))
+    places, sides = zip(*placed, strict=True)
+    return np.concatenate(places), np.concatenate(sides)
+
+
+def _alone(places: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Points that represent no area."""
+    return places, np.zeros((len(places), 2, 2))
 
 
 def _simple_parts(geometry: BaseGeometry) -> list[BaseGeometry]:

@@ -13,7 +13,7 @@ from helpers.engine_lab import ROLLING, run
 from helpers.paths_lab import DEBRIS, HAZARD, MIXED, ROCK, STRAIGHT, ends, paths
 from helpers.terrains import folded, grid_of, middle, points_at
 from scipy.integrate import solve_ivp
-from scipy.stats import ks_2samp
+from scipy.stats import ks_2samp, kstest
 
 from sassgis.engine.effects.air_drag import AirDrag
 from sassgis.engine.effects.fragmentation import Fragmentation
@@ -30,6 +30,7 @@ from sassgis.model.map_run import Forest
 from sassgis.model.profiles import ControlLineCrossings
 from sassgis.model.results import ControlLine, Outcome, StopReason
 from sassgis.model.settings import EngineSettings
+from sassgis.terrain.narrow_parts import square
 
 G = 9.81
 
@@ -211,8 +212,8 @@ def test_blocks_hang_on_nothing_but_their_key() -> None:
     def some(which: Any, n: int = 20, first: int = 0) -> Simulated:
         which = np.asarray(which)
         return paths(
-            grid, x[which], y[which], n=n, seed=3, keys=which, point_numbers=which, spread_m=5.0,
-            first_rock=first,
+            grid, x[which], y[which], n=n, seed=3, keys=which, point_numbers=which,
+            sides=square(5.0), first_rock=first,
         )  # fmt: skip
 
     whole = some(range(7))
@@ -228,11 +229,26 @@ def test_blocks_hang_on_nothing_but_their_key() -> None:
     assert later.rocks.tobytes() == whole.rocks[90:100].tobytes()
 
 
+def test_blocks_start_evenly_in_what_their_point_represents() -> None:
+    grid = grid_of(folded, 260, 260, 2.0)
+    points = points_at(*middle(grid))
+    along, across = np.array([12.0, 5.0]), np.array([1.0, -2.4])
+    logs = paths(grid, n=400, sides=[along, across], log_events=1).event_logs
+    at = np.array([[log["u"][0], log["v"][0]] for log in logs])
+    aside = np.column_stack([grid.west + 2.0 * at[:, 0], grid.north - 2.0 * at[:, 1]])
+    aside -= [points.x[0], points.y[0]]
+    parts = np.linalg.solve(np.array([along, across]).T, aside.T)
+    for part in parts:
+        assert np.abs(part).max() < 0.5 + 1e-6
+        assert kstest(part + 0.5, "uniform").pvalue > 0.01
+    assert abs(np.corrcoef(*parts)[0, 1]) < 3.0 / np.sqrt(400)
+
+
 def test_a_part_of_the_terrain_gives_the_same_bits() -> None:
     """Counted from another corner, with all that paths looked at inside."""
     grid = grid_of(folded, 300, 300, 0.5, west=2_612_345.0, north=1_187_654.5)
     x0, y0 = middle(grid)
-    points = points_at(x0 - 40.03, y0 + 3.07)
+    points = dataclasses.replace(points_at(x0 - 40.03, y0 + 3.07), sides=square(3.3)[None])
     wall = ControlLine("wall", "net", height_m=2.0, capacity_kj=50.0)
     trace = np.array([[x0 - 20.1, y0 - 30.3], [x0 - 19.7, y0 + 60.1]])
 
@@ -240,7 +256,7 @@ def test_a_part_of_the_terrain_gives_the_same_bits() -> None:
         terrain = PathTerrain(grid, np.zeros(grid.shape, np.int32), 0.25, [(wall, trace)])
         return follow(
             terrain, points, GroundTable((DEBRIS,)), MIXED, HAZARD, seed=3, rocks_per_point=100,
-            point_keys=points.key, spread_m=3.3,
+            point_keys=points.key,
         )  # fmt: skip
 
     whole = run(grid)

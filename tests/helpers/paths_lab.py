@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -41,12 +42,15 @@ def paths(
     keys: Any = None,
     lines: tuple[tuple[ControlLine, FloatArray], ...] = (),
     forest: Forest | None = None,
+    sides: Any = None,
     **more: Any,
 ) -> Simulated:
     """Paths of ``n`` blocks from each point, in coordinates from the middle of the grid."""
     x0, y0 = middle(grid)
     x, y = np.broadcast_arrays(x, y)
     points = points_at(x + x0, y + y0)
+    if sides is not None:
+        points = replace(points, sides=np.broadcast_to(sides, (len(points), 2, 2)))
     traces = [(line, trace + np.array([x0, y0])) for line, trace in lines]
     under = np.broadcast_to(np.asarray(classes, np.int32), grid.shape).copy()
     return follow(

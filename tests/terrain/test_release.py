@@ -1,10 +1,12 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 import shapely
+import shapely.affinity
 
 from sassgis.model.errors import InputError
 from sassgis.model.settings import ReleaseSettings
@@ -131,3 +133,80 @@ def test_bad_inputs_are_named() -> None:
     bow = shapely.Polygon([(0, 0), (10, 10), (10, 0), (0, 10)])
     with pytest.raises(InputError, match="Self-intersection"):
         release_points([("a", bow)], FIVE)
+
+
+# ---------------------------------------------------------------------------------------------
+# Parts that are narrower than the lattice
+
+WEST, SOUTH = 2_700_020.0, 1_119_965.0
+
+
+def band(angle_deg: float, beside_m: float, width_m: float, length_m: float = 160.0) -> Any:
+    """A band at some angle and some way beside the lattice."""
+    line = shapely.LineString([(0.0, 0.0), (length_m, 0.0)])
+    turned = shapely.affinity.rotate(line, angle_deg, origin=(0.0, 0.0))
+    whole = turned.buffer(width_m / 2, cap_style="flat")
+    return shapely.affinity.translate(whole, WEST + 0.3 * beside_m, SOUTH + beside_m)
+
+
+@pytest.mark.parametrize("width", [0.5, 1.0, 4.0])
+@pytest.mark.parametrize("angle", [0.0, 7.0, 45.0, 90.0])
+def test_points_of_a_narrow_area_go_with_its_size(angle: float, width: float) -> None:
+    for beside in np.arange(0.0, 5.0, 0.65):
+        area = band(angle, beside, width)
+        points = release_points([("a", area)], FIVE)
+        assert len(points) == round(160.0 * width / 25.0)
+        assert shapely.contains_xy(area, points.x, points.y).all()
+        assert points.sides is not None
+        along = np.hypot(*np.diff(np.column_stack([points.x, points.y]), axis=0).T)
+        of_point = 160.0 / len(points)
+        # Triangles are up to a quarter of the spacing long.
+        assert np.abs(along - of_point).max() < 2.6
+        # What the points represent fills the band and hardly more.
+        at = np.column_stack([points.x, points.y])[:, None] + np.einsum(
+            "km,nmi->nki", np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) / 2.0, points.sides
+        )
+        covered = shapely.union_all(shapely.polygons(at))
+        assert covered.intersection(area).area > 0.8 * area.area
+        assert covered.area < 1.15 * area.area
+
+
+def test_an_arm_counts_by_its_area_beside_a_wide_part() -> None:
+    for beside in (0.0, 2.6):
+        wide = shapely.box(WEST, SOUTH, WEST + 48.0, SOUTH + 48.0)
+        arm = shapely.box(WEST + 47.0, SOUTH + 9.0 + beside, WEST + 148.0, SOUTH + 11.0 + beside)
+        both = release_points([("a", shapely.union(wide, arm))], FIVE)
+        alone = release_points([("a", wide)], FIVE)
+        # The lattice stays, with its random draws.
+        for name in ("x", "y", "key"):
+            assert np.array_equal(getattr(both, name)[: len(alone)], getattr(alone, name))
+        assert len(both) == len(alone) + 8
+        assert (both.x[len(alone) :] > WEST + 48.0).all()
+
+
+def test_branches_and_rings_get_points_all_along() -> None:
+    cross = shapely.union_all([shapely.box(0, 0, 200, 2), shapely.box(99, -100, 101, 100)])
+    ring = shapely.Point(0, 0).buffer(60.0).difference(shapely.Point(0, 0).buffer(58.0))
+    for shape in (cross, ring):
+        points = release_points([("a", shape)], FIVE)
+        assert len(points) == round(shape.area / 25.0)
+        # 2 m wide: a point represents 12.5 m.
+        reached = shapely.union_all(shapely.points(points.x, points.y).tolist()).buffer(12.5)
+        assert shape.difference(reached).area < 0.06 * shape.area
+
+
+def test_a_band_as_wide_as_the_spacing_is_filled_by_the_lattice() -> None:
+    points = release_points([("a", shapely.box(WEST, SOUTH - 2.5, WEST + 100, SOUTH + 2.5))], FIVE)
+    assert set(points.y) == {SOUTH} and len(points) == 19
+    assert points.sides is not None
+    assert np.array_equal(points.sides, np.broadcast_to([[5.0, 0.0], [0.0, -5.0]], (19, 2, 2)))
+
+
+def test_only_points_of_polygons_on_a_lattice_represent_an_area() -> None:
+    mixed = shapely.GeometryCollection([SQUARE, shapely.LineString([(0, 0), (10, 0)])])
+    points = release_points([("a", mixed), ("b", shapely.Point(3, 4))], FIVE)
+    assert points.sides is not None
+    assert points.sides.any(axis=(1, 2)).tolist() == [True] * 6 + [False] * 4
+    assert not release_points(
+        [("a", SQUARE)], ReleaseSettings(spacing_m=5.0, placement="random")
+    ).sides.any()  # type: ignore[union-attr]

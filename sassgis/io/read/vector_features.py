@@ -388,13 +388,32 @@ def share_inside(feature: Feature, grid: Grid) -> float:
     box = shapely.box(*grid.bounds)
     if box.covers(feature.geometry):
         return 1.0
-    common = feature.geometry.intersection(box)
-    if feature.kind == "polygon":
-        return float(common.area / feature.geometry.area)
-    if feature.kind == "line":
-        return float(common.length / feature.geometry.length)
-    whole = shapely.get_num_coordinates(feature.geometry)
-    return float(shapely.get_num_coordinates(common) / whole)
+    return _share(feature.geometry.intersection(box), feature.geometry)
+
+
+def share_known(feature: Feature, grid: Grid) -> float:
+    """Share of a feature, as of share_inside, within the DEM and where its heights are known."""
+    geometry = feature.geometry
+    if shapely.get_dimensions(geometry) == 0:
+        known = np.isfinite(grid.value_at(*shapely.get_coordinates(geometry).T))
+        return float(known.mean())
+    rows, cols = _part_under(geometry, grid)
+    touched = burnt([(geometry, 1)], grid.part(rows, cols), 0, np.uint8, touched=True)
+    row, col = (~np.isfinite(grid.values[rows, cols]) & (touched > 0)).nonzero()
+    west = grid.west + grid.cell_size * (cols.start + col)
+    north = grid.north - grid.cell_size * (rows.start + row)
+    cells = shapely.box(west, north - grid.cell_size, west + grid.cell_size, north)
+    known = geometry.intersection(shapely.box(*grid.bounds))
+    known = known.difference(shapely.coverage_union_all(cells))
+    # Rounded so far that a part of the terrain model gives the same.
+    return round(_share(known, geometry), 9)
+
+
+def _share(part: Any, whole: Any) -> float:
+    """Share of a part in the area, the length or the number of points of a geometry."""
+    sizes = (shapely.get_num_coordinates, shapely.length, shapely.area)
+    size = sizes[shapely.get_dimensions(whole)]
+    return float(size(part) / size(whole))
 
 
 def cells_under(
@@ -406,12 +425,7 @@ def cells_under(
     that part: cells whose centre lies in a polygon; for points, lines and polygons too small to
     hold a centre, the cells that they touch, unless ``centres_only``.
     """
-    n_rows, n_cols = grid.shape
-    west, south, east, north = geometry.bounds
-    size = grid.cell_size
-    row = [min(max(math.floor((grid.north - y) / size), 0), n_rows - 1) for y in (north, south)]
-    col = [min(max(math.floor((x - grid.west) / size), 0), n_cols - 1) for x in (west, east)]
-    rows, cols = slice(row[0], row[1] + 1), slice(col[0], col[1] + 1)
+    rows, cols = _part_under(geometry, grid)
     part = grid.part(rows, cols)
     mask = burnt([(geometry, 1)], part, 0, np.uint8)
     if not centres_only and (shapely.get_dimensions(geometry) < 2 or not mask.any()):
@@ -447,6 +461,16 @@ def polygon_of_cells(polygons: Sequence[Feature], grid: Grid) -> NDArray[np.int3
             labels = some_of([polygons[k].label for k in own], str)
             log.warning("%s: %s: %s", polygons[0].file, labels, text)
     return found
+
+
+def _part_under(geometry: Any, grid: Grid) -> tuple[slice, slice]:
+    """Rows and columns that hold a geometry, as far as it lies on the grid."""
+    n_rows, n_cols = grid.shape
+    west, south, east, north = geometry.bounds
+    size = grid.cell_size
+    row = [min(max(math.floor((grid.north - y) / size), 0), n_rows - 1) for y in (north, south)]
+    col = [min(max(math.floor((x - grid.west) / size), 0), n_cols - 1) for x in (west, east)]
+    return slice(row[0], row[1] + 1), slice(col[0], col[1] + 1)
 
 
 def steepest_slope_deg(geometry: Any, grid: Grid) -> float:

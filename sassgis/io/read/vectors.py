@@ -11,19 +11,18 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import shapely
 
 from sassgis.io.read.config import control_line_of
 from sassgis.io.read.vector_features import (
     Feature,
-    cells_under,
     open_layer,
     outside,
     read_features,
     refuse_twice,
     refuse_unknown,
     share_inside,
+    share_known,
     steepest_slope_deg,
     with_shapes,
     without_repeats,
@@ -49,6 +48,10 @@ START_SLOPE_DEG = math.degrees(math.atan(0.37))
 # ---------------------------------------------------------------------------------------------
 # Release areas
 
+_NO_START = (
+    "no block starts there: an onset frequency per hectare or metre counts for the rest, one per "
+    "year is put on the rest as a whole"
+)
 #: Keys that name attributes of the layer.
 _ATTRIBUTES = ("name_field", "scenario_field")
 
@@ -116,9 +119,9 @@ def release_area(
     feature: Feature, name: str, release: ReleaseSettings, grid: Grid, block_names: Sequence[str]
 ) -> ReleaseArea:
     """A release area from its feature, checked against the DEM under it."""
-    _check_under(feature, grid)
+    known = _known_under(feature, grid)
     scenarios = _scenarios(feature, release.scenario_field, block_names)
-    return ReleaseArea(name, feature.geometry, scenarios)
+    return ReleaseArea(name, feature.geometry, scenarios, known)
 
 
 def named_features(
@@ -178,25 +181,21 @@ def _scenarios(feature: Feature, field: str | None, known: Sequence[str]) -> tup
     return chosen or tuple(known)
 
 
-def _check_under(feature: Feature, grid: Grid) -> None:
-    """Compare a release area with the DEM under it."""
+def _known_under(feature: Feature, grid: Grid) -> float:
+    """The share of a release area on known terrain; it is compared with the DEM under it."""
     file, label = feature.file, feature.label
-    inside = share_inside(feature, grid)
+    inside, known = share_inside(feature, grid), share_known(feature, grid)
     if inside == 0.0:
         raise outside(file, "release.file", label, feature.geometry.bounds, grid)
-    if inside < 1.0:
-        text = "%s: %s: %.1f %% of it lies outside the DEM; no block starts there"
-        log.warning(text, file, label, max(100.0 * (1.0 - inside), 0.1))
-    rows, cols, mask = cells_under(feature.geometry, grid)
-    unknown = ~np.isfinite(grid.values[rows, cols]) & mask
-    n_cells, n_unknown = int(mask.sum()), int(unknown.sum())
-    if n_unknown == n_cells:
-        found = f"{n_cells} cells under it, none with a height"
+    if known == 0.0:
         expected = "an area on known terrain"
-        raise feature.wrong("lies on nodata", "release.file", found=found, expected=expected)
-    if n_unknown:
-        text = "%s: %s: %d of %d cells under it are nodata (%.1f %%); no block starts there"
-        log.warning(text, file, label, n_unknown, n_cells, 100.0 * n_unknown / n_cells)
+        raise feature.wrong(
+            "lies on nodata", "release.file", found="no height under it", expected=expected
+        )
+    for share, what in ((1.0 - inside, "lies outside the DEM"), (inside - known, "is nodata")):
+        if share > 1e-8:
+            text = "%s: %s: %.1f %% of it %s; " + _NO_START
+            log.warning(text, file, label, max(100.0 * share, 0.1), what)
     steepest = steepest_slope_deg(feature.geometry, grid)
     if steepest < START_SLOPE_DEG:
         text = (
@@ -204,6 +203,7 @@ def _check_under(feature: Feature, grid: Grid) -> None:
             "below %.1f degrees no block at rest starts to move"
         )
         log.warning(text, file, label, steepest, START_SLOPE_DEG)
+    return known
 
 
 def warn_of_overlaps(areas: Sequence[ReleaseArea], file: Input) -> None:

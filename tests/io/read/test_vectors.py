@@ -244,7 +244,7 @@ def test_only_nodata_below(refused, make_layer, slope_grid):
     values = slope_grid.values.copy()
     values[3:6, 5:10] = np.nan
     grid = replace(slope_grid, values=values)
-    refused(make_layer([AREA]), "feature 1", "lies on nodata", "cells", grid=grid)
+    refused(make_layer([AREA]), "feature 1", "lies on nodata", "no height", grid=grid)
 
 
 # --- warnings -------------------------------------------------------------------------------
@@ -256,12 +256,43 @@ def test_partly_outside_is_a_warning_with_the_share(make_layer, slope_grid, capl
     assert "feature 1: 75.0 % of it lies outside the DEM" in caplog.text
 
 
-def test_some_nodata_is_a_warning_with_the_count(make_layer, slope_grid, caplog):
+def test_some_nodata_is_a_warning_with_the_share(make_layer, slope_grid, caplog):
     values = slope_grid.values.copy()
     values[3, 5:7] = np.nan
     path = make_layer([at(50, 30, 100, 60)])
-    read_release(settings(path), replace(slope_grid, values=values), BLOCKS)
-    assert "2 of 15 cells under it are nodata (13.3 %)" in caplog.text
+    (area,) = read_release(settings(path), replace(slope_grid, values=values), BLOCKS)
+    assert area.known == pytest.approx(13 / 15)
+    assert "13.3 % of it is nodata; no block starts there" in caplog.text
+    assert "one per year is put on the rest as a whole" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("shape", "known"),
+    [
+        # Cells of 10 m; heights are missing west of 60 m.
+        (at(53, 31, 83, 58), 23 / 30),
+        (at(-20, 31, 80, 58), 20 / 100),
+        (LineString([(WEST + 30, NORTH - 35), (WEST + 130, NORTH - 35)]), 70 / 100),
+        # Along the border of two rows, and across, with a third outside.
+        (LineString([(WEST + 30, NORTH - 40), (WEST + 130, NORTH - 40)]), 70 / 100),
+        (LineString([(WEST + 100, NORTH + 20), (WEST + 100, NORTH - 40)]), 4 / 6),
+        (
+            MultiPoint([(WEST + 50, NORTH - 35), (WEST + 70, NORTH - 35), (WEST + 80, NORTH - 35)]),
+            2 / 3,
+        ),
+        (LineString([(WEST + 80, NORTH - 40), (WEST + 81, NORTH - 40)]), 1.0),
+    ],
+)
+def test_the_share_on_known_terrain_is_that_of_the_shape(make_layer, slope_grid, shape, known):
+    values = slope_grid.values.copy()
+    values[:, :6] = np.nan
+    grid = replace(slope_grid, values=values)
+    (area,) = read_release(settings(make_layer([shape])), grid, BLOCKS)
+    assert area.known == pytest.approx(known, abs=1e-8)
+    # A part of the terrain that holds the shape gives the same bits.
+    part = grid.part(slice(0, 8), slice(0, 20))
+    (again,) = read_release(settings(make_layer([shape], "again.gpkg")), part, BLOCKS)
+    assert again.known == area.known
 
 
 @pytest.mark.parametrize(("degrees", "warned"), [(19.5, True), (21.0, False)])

@@ -92,7 +92,7 @@ def test_warnings_of_the_readers_are_in_the_report_and_the_log_stays_as_it_was(
     report = check_inputs(load_config(config))
     assert (logger.level, logger.propagate, list(logger.handlers)) == before
     assert any("of it lies outside the DEM" in w for w in report.warnings)
-    assert any("cells under it are nodata" in w for w in report.warnings)
+    assert any("of it is nodata" in w for w in report.warnings)
     assert any("reprojected from" in n for n in report.notices)
     assert not caplog.records
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
-from helpers.zone_slope import box, place, two_areas, zoned
+from helpers.zone_slope import box, gully, place, two_areas, zoned
 from scipy import stats
 
 from sassgis.io.read.config import load_config
@@ -52,6 +52,30 @@ def test_per_metre_goes_with_the_length_of_a_line(tmp_path: Path) -> None:
     assert found["north", "rare"] == pytest.approx(0.03 * 28.0, rel=1e-12)
     assert found["south", "rare"] == pytest.approx(0.03 * 10.0, rel=1e-9)
     assert found["south", "frequent"] == 0.4
+
+
+@pytest.mark.parametrize(
+    ("unit", "shape", "of_it"),
+    [
+        ("per_year_ha", box(4.0, 20.0, 10.0, 9.0), box(8.0, 20.0, 6.0, 9.0)),
+        ("per_year_m", *(shapely.LineString([place(c, 26), place(14, 26)]) for c in (4, 8))),
+    ],
+)
+def test_ground_that_cannot_release_has_no_frequency(
+    tmp_path: Path, unit: str, shape: shapely.Geometry, of_it: shapely.Geometry
+) -> None:
+    case = two_areas(tmp_path)
+    case.blocks[0]["onset_unit"] = unit
+    case.write()
+    heights = gully()
+    heights[:, :8] = np.nan
+    case.write_dem(heights)
+    found = []
+    for own in (shape, of_it):
+        case.write_layer("release.gpkg", [own], {"name": ["north"]})
+        found.append(frequencies(case.config))
+    assert found[0]["north", "frequent"] == pytest.approx(found[1]["north", "frequent"], rel=1e-8)
+    assert found[0]["north", "rare"] == 0.03
 
 
 @pytest.mark.parametrize(
