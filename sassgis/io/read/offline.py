@@ -9,13 +9,17 @@ files are read, and there is no network.
 from __future__ import annotations
 
 import re
+import sqlite3
 import threading
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Future
+from contextlib import closing, contextmanager
+from contextvars import copy_context
 from functools import lru_cache
 from html import unescape
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 from xml.etree import ElementTree as ET
 
 import pyogrio
@@ -36,7 +40,8 @@ _VECTORS = ("GPKG", "ESRI Shapefile", "GeoJSON", "FlatGeobuf", "KML", "LIBKML", 
 VECTOR = "GeoPackage, Shapefile, GeoJSON, FlatGeobuf, KML or file geodatabase"
 
 _TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
-_BINARY_VECTORS = (b"SQLite format 3\0", b"\0\0\x27\x0a", b"fgb\x03")
+_SQLITE = b"SQLite format 3\0"
+_BINARY_VECTORS = (_SQLITE, b"\0\0\x27\x0a", b"fgb\x03")
 #: Texts by which drivers that are not named here know their files, wherever it stands in them.
 _LEADS_ELSEWHERE = re.compile(rb"<OGR|gdal_streamed_alg|<!DOCTYPE", re.IGNORECASE)
 #: As far as GDAL looks for them, with room (bytes).
@@ -186,7 +191,13 @@ def _check_beside(file: Path) -> None:
 # ---------------------------------------------------------------------------------------------
 # Vector files
 
-_VECTOR_ERRORS = (DataSourceError, DataLayerError, shapely.errors.ShapelyError)
+_VECTOR_ERRORS = (DataSourceError, DataLayerError, shapely.errors.ShapelyError, sqlite3.Error)
+#: How SQLite writes down what computes nothing where it is read. A view does, perhaps for ever, and
+#: GDAL asks each; so may virtual tables, but for the index of a layer.
+_PLAIN = re.compile(
+    r"CREATE (TABLE|(UNIQUE )?INDEX|TRIGGER|VIRTUAL TABLE (\"([^\"]|\"\")*\"|\w+) USING rtree)\b",
+    re.IGNORECASE,
+)
 
 
 @contextmanager
@@ -196,6 +207,11 @@ def vector_file(file: Path, field: str | None) -> Iterator[None]:
     try:
         if not _is_vector(file):
             raise ValueError("none of the formats that are read")
+        if computed := _computed_table(file):
+            raise InputError(
+                "holds a view or a virtual table", file=file, field=field, found=computed,
+                expected="plain tables: export the layer to a GeoPackage of its own",
+            )  # fmt: skip
         with offline():
             yield
     except (*_VECTOR_ERRORS, ValueError, OSError) as error:
@@ -205,12 +221,59 @@ def vector_file(file: Path, field: str | None) -> Iterator[None]:
         ) from None
 
 
+def layers_of(file: Path) -> dict[str, str | None]:
+    """Layers by name, with their kind of geometry, within a block of vector_file."""
+    layers = _interruptible(pyogrio.list_layers, file)
+    return {str(name): kind for name, kind in layers}
+
+
 def read_frame(file: Path, layer: str, **options: Any) -> Any:
     """A layer as a frame, within a block of vector_file."""
-    driver = pyogrio.read_info(file, layer=layer)["driver"]
+    driver = _interruptible(pyogrio.read_info, file, layer=layer)["driver"]
     if driver not in _VECTORS:
         raise ValueError(f"a file of {driver}")
-    return pyogrio.read_dataframe(file, layer=layer, **options)
+    return _interruptible(pyogrio.read_dataframe, file, layer=layer, **options)
+
+
+def _interruptible(read: Callable[..., Any], *given: Any, **options: Any) -> Any:
+    """What GDAL reads in a thread of its own: it hears no Ctrl-C, but who waits for it does."""
+    if threading.current_thread() is not threading.main_thread():
+        return read(*given, **options)
+    answer: Future[Any] = Future()
+    context = copy_context()
+
+    def work() -> None:
+        try:
+            answer.set_result(context.run(read, *given, **options))
+        except BaseException as error:
+            answer.set_exception(error)
+
+    # Nobody waits for it at the end of the program.
+    threading.Thread(target=work, daemon=True).start()
+    return answer.result()
+
+
+def _computed_table(file: Path) -> str:
+    """How a database declares a view or a virtual table, if it has one; no SQL of it is run."""
+    if not _is_sqlite(file):
+        return ""
+    place = f"file:{quote(str(file.absolute()))}?mode=ro"
+    query = "SELECT sql FROM sqlite_master WHERE sql IS NOT NULL"
+    try:
+        with closing(sqlite3.connect(place, uri=True)) as database:
+            declared = database.execute(query).fetchall()
+    except sqlite3.OperationalError:
+        # Beside a log of changes, in a folder without the right to write.
+        with closing(sqlite3.connect(f"{place}&immutable=1", uri=True)) as database:
+            declared = database.execute(query).fetchall()
+    return next((str(sql)[:100] for (sql,) in declared if not _PLAIN.match(str(sql))), "")
+
+
+def _is_sqlite(file: Path) -> bool:
+    if file.is_dir():
+        return False
+    with file.open("rb") as stream:
+        return stream.read(len(_SQLITE)) == _SQLITE
 
 
 def _is_vector(file: Path) -> bool:
