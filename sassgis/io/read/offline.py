@@ -8,13 +8,14 @@ files are read, and there is no network.
 
 from __future__ import annotations
 
+import os
 import re
+import signal
+import socket
 import sqlite3
 import threading
-from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import Future
+from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager
-from contextvars import copy_context
 from functools import lru_cache
 from html import unescape
 from pathlib import Path
@@ -30,7 +31,7 @@ from rasterio.io import DatasetReader
 
 from sassgis.io.digests import Stamp, stamp_of
 from sassgis.io.read.plain_file import check_file, read_text
-from sassgis.model.errors import InputError
+from sassgis.model.errors import InputError, Interrupted
 
 #: Drivers of GDAL, and how messages speak of them. What lies beside raw bytes is read without its
 #: driver (EHdr) if the name is a link, which could lead to any file.
@@ -192,6 +193,8 @@ def _check_beside(file: Path) -> None:
 # Vector files
 
 _VECTOR_ERRORS = (DataSourceError, DataLayerError, shapely.errors.ShapelyError, sqlite3.Error)
+#: Seconds for GDAL to return after Ctrl-C.
+_PATIENCE_S = 3.0
 #: How SQLite writes down what computes nothing where it is read. A view does, perhaps for ever, and
 #: GDAL asks each; so may virtual tables, but for the index of a layer.
 _PLAIN = re.compile(
@@ -212,7 +215,7 @@ def vector_file(file: Path, field: str | None) -> Iterator[None]:
                 "holds a view or a virtual table", file=file, field=field, found=computed,
                 expected="plain tables: export the layer to a GeoPackage of its own",
             )  # fmt: skip
-        with offline():
+        with offline(), _stoppable():
             yield
     except (*_VECTOR_ERRORS, ValueError, OSError) as error:
         found = str(error).split(";")[0].replace(f"'{file}' ", "")[:160]
@@ -223,34 +226,49 @@ def vector_file(file: Path, field: str | None) -> Iterator[None]:
 
 def layers_of(file: Path) -> dict[str, str | None]:
     """Layers by name, with their kind of geometry, within a block of vector_file."""
-    layers = _interruptible(pyogrio.list_layers, file)
+    layers = pyogrio.list_layers(file)
     return {str(name): kind for name, kind in layers}
 
 
 def read_frame(file: Path, layer: str, **options: Any) -> Any:
     """A layer as a frame, within a block of vector_file."""
-    driver = _interruptible(pyogrio.read_info, file, layer=layer)["driver"]
+    driver = pyogrio.read_info(file, layer=layer)["driver"]
     if driver not in _VECTORS:
         raise ValueError(f"a file of {driver}")
-    return _interruptible(pyogrio.read_dataframe, file, layer=layer, **options)
+    return pyogrio.read_dataframe(file, layer=layer, **options)
 
 
-def _interruptible(read: Callable[..., Any], *given: Any, **options: Any) -> Any:
-    """What GDAL reads in a thread of its own: it hears no Ctrl-C, but who waits for it does."""
-    if threading.current_thread() is not threading.main_thread():
-        return read(*given, **options)
-    answer: Future[Any] = Future()
-    context = copy_context()
+@contextmanager
+def _stoppable() -> Iterator[None]:
+    """End the command after Ctrl-C or SIGTERM where GDAL does not return; Python waits for it.
 
-    def work() -> None:
+    GDAL stays in this thread: in others it looks for its coordinate systems in the current folder.
+    """
+    # To end other programs is not for us.
+    ends = signal.getsignal(signal.SIGTERM) is signal.default_int_handler
+    if not ends or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    ears, mouth = socket.socketpair()
+    with ears, mouth:
+        mouth.setblocking(False)
+        returned = threading.Event()
+        hears = threading.Thread(target=_end_by_signal, args=(ears, returned), daemon=True)
+        hears.start()
+        before = signal.set_wakeup_fd(mouth.fileno())
         try:
-            answer.set_result(context.run(read, *given, **options))
-        except BaseException as error:
-            answer.set_exception(error)
+            yield
+        finally:
+            signal.set_wakeup_fd(before)
+            returned.set()
+            mouth.sendall(b"\0")
+            hears.join()
 
-    # Nobody waits for it at the end of the program.
-    threading.Thread(target=work, daemon=True).start()
-    return answer.result()
+
+def _end_by_signal(ears: socket.socket, returned: threading.Event) -> None:
+    if ears.recv(1) and not returned.wait(_PATIENCE_S):
+        os.write(2, b"Error: stopped by the user\n")
+        os._exit(Interrupted.exit_code)
 
 
 def _computed_table(file: Path) -> str:

@@ -418,8 +418,8 @@ def test_what_never_ends_can_be_stopped(tmp_path: Path, number: signal.Signals) 
         "import signal, sys; from pathlib import Path; from sassgis.io.read import offline\n"
         "for n in (signal.SIGINT, signal.SIGTERM): signal.signal(n, signal.default_int_handler)\n"
         "print('reads', flush=True)\n"
-        "try: offline.layers_of(Path(sys.argv[1]))\n"
-        "except KeyboardInterrupt: sys.exit(130)"
+        "offline._computed_table = lambda file: ''\n"
+        "with offline.vector_file(Path(sys.argv[1]), None): offline.layers_of(Path(sys.argv[1]))"
     )
     with (
         open_in_a_gis(tmp_path / "a.gpkg", *COMPUTED["the layer"]) as file,
