@@ -31,7 +31,8 @@ from sassgis.io.own_files import (
     remember,
     remove_empty,
 )
-from sassgis.model.errors import OutputError, SassgisError
+from sassgis.io.read.plain_file import is_text
+from sassgis.model.errors import OutputError, SassgisError, shown
 from sassgis.model.noted_files import MARKER_NAME, PARTIAL, noted, notes_of
 
 try:  # Advisory locks exist on POSIX only; elsewhere two runs into one folder are not caught.
@@ -143,6 +144,8 @@ def writing(path: Path) -> Iterator[None]:
     That takes the place of any OSError and any error of rasterio, pyogrio, GDAL or SQLite in the
     block. The path is noted as written by the run, if it lies in a working folder.
     """
+    if not is_text(path):
+        raise OutputError(f"{shown(path)}: has a name or lies in a folder that is not UTF-8")
     try:
         noted(path)
         yield

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import watched
 from helpers.watched_cases import prepare
+from helpers.zone_slope import two_areas
 
 from sassgis.engine.state import EVENT_DTYPE, IMPACT
 from sassgis.model.effects import EffectSettings
@@ -34,14 +35,27 @@ def test_a_result_that_is_not_whole_is_seen(tmp_path: Path) -> None:
     (out / "areas" / "a" / "x").write_text("1")
     (out / "areas" / "a" / "y").write_text("2")
     (out / "summary.csv").write_text("name,seconds\na,1.5\n")
+    (out / ".sassgis-written").write_text('{"summary.csv": ["1"]}')
     whole = kills.digests(out)
     (out / "summary.csv").write_text("name,seconds\na,2.5\n")
+    (out / ".sassgis-written").write_text('{"summary.csv": ["2"]}')
     assert kills.digests(out) == whole
     assert kills.is_whole(out, whole, batch=True)
     (out / "areas" / "a" / "y").unlink()
     assert not kills.is_whole(out, whole, batch=True)
     (out / "areas" / "a").rename(out / "areas" / "a.partial")
     assert kills.is_whole(out, whole, batch=True) and not kills.is_whole(out, whole, batch=False)
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processes are found in /proc")
+def test_a_batch_that_is_killed_ends_with_the_same_bytes(tmp_path: Path) -> None:
+    """The battery in short, at a small site."""
+    case = two_areas(tmp_path, project={"date": "2026-01-01"})
+    case.set("release.spacing_m", 8.0).set("release.rocks_per_point", 2)
+    own = ("--config", str(case.config), "--mosaic-only")
+    arguments = ("batch", str(tmp_path / "release.gpkg"), *own)
+    found = kills.killed("batch", arguments, tmp_path, 1, print)
+    assert (found.kills, found.orphans, found.half, found.different) == (1, 0, 0, ())
 
 
 def test_an_energy_that_grows_is_seen() -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -251,6 +253,29 @@ def test_a_path_that_no_system_takes(refusal, option: str, exit_code: int, tmp_p
     more = ["-o", "x"] if option == "batch" else []
     err = refusal(*option.split(), tmp_path / ("n" * 300), *more, code=exit_code)
     assert re.search("(name|path is) too long", err)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="names of files are Unicode there")
+def test_a_name_that_is_not_utf_8(slope: Slope, refusal, monkeypatch: pytest.MonkeyPatch) -> None:
+    """GDAL, SQLite, XML and JSON take no such name: said before anything is computed."""
+    odd = slope.folder / os.fsdecode(b"caf\xe9")
+    odd.mkdir()
+    for file in ("config.toml", "dem.tif", "release.gpkg"):
+        shutil.copy(slope.folder / file, odd)
+    before = sorted(slope.folder.rglob("*"))
+    for command in (
+        ("zone", odd / "config.toml", "-o", slope.folder / "out"),
+        ("dem", "check", odd / "dem.tif"),
+    ):
+        assert "is not UTF-8" in refusal(*command)
+    for command in (
+        ("zone", slope.config, "-o", odd / "out"),
+        ("gap", "template", odd / "observed.gpkg"),
+    ):
+        assert "is not UTF-8" in refusal(*command, code=3)
+    monkeypatch.chdir(odd)
+    assert "is not UTF-8" in refusal("validate", "config.toml")
+    assert sorted(slope.folder.rglob("*")) == before
 
 
 def test_a_message_is_short_and_steers_no_terminal() -> None:

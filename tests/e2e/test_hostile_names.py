@@ -16,13 +16,15 @@ from helpers.zone_slope import HOUSE, Case, box, place, two_areas
 
 from sassgis.model.labels import file_stem, file_stems
 
+#: Mathematics that is none, and letters that run to the left.
+SIGNS = r" $\frac{$ ^_ \ $x^$ " + "\u202eedoc \u05e9\u05dc\u05d5\u05dd \u0645\u0631\u062d"
 #: Names of release areas, as a file from anywhere may hold them.
 NAMES = (
-    "../../escape/<script>alert(1)</script>&\"'",
+    "../../escape/<script>alert(1)</script>&\"'" + SIGNS,
     "'; DROP TABLE gpkg_contents; -- {{ 7*7 }} %s".ljust(1000, "n"),  # as long as they may be
 )
-FORMULA = '=HYPERLINK("http://example.org")'
-TITLE = "<img src=x onerror=alert(1)> [% env('HOME') %] {{ 7*7 }}"
+FORMULA = '=HYPERLINK("http://example.org")' + SIGNS
+TITLE = "<img src=x onerror=alert(1)> [% env('HOME') %] {{ 7*7 }}" + SIGNS
 _COMPUTED = re.compile(r"\[%(.*?)%\]", re.DOTALL)
 
 
@@ -32,7 +34,9 @@ def hostile(folder: Path) -> Case:
     case.write_layer(
         "release.gpkg", [box(4.0, 20.0, 8.0, 9.0), box(5.0, 41.0, 7.0, 9.0)], {"name": NAMES}
     )
-    case.expose("houses", "building", {FORMULA: box(50.0, 25.0, 6.0, 20.0)}, **HOUSE)
+    for block in case.blocks:
+        block["name"] += SIGNS
+    case.expose("houses" + SIGNS, "building", {FORMULA: box(50.0, 25.0, 6.0, 20.0)}, **HOUSE)
     case.lists["stations"] = [
         {"name": FORMULA, "line": [list(place(40.0, 20.0)), list(place(40.0, 50.0))]}
     ]

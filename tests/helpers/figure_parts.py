@@ -22,4 +22,7 @@ def texts(figure: Figure) -> str:
     """All words that a figure shows, line breaks as spaces."""
     figure.canvas.draw()
     shown = [t for t in figure.findobj(Text) if isinstance(t, Text) and t.get_visible()]
-    return " | ".join(" ".join(t.get_text().split()) for t in shown if t.get_text())
+    found = " | ".join(" ".join(t.get_text().split()) for t in shown if t.get_text())
+    # What a formatter of matplotlib writes as mathematics would be shown as it stands.
+    assert "\\mathdefault" not in found, found
+    return found

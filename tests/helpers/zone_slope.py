@@ -78,7 +78,7 @@ HOUSE = {"value": 4e5, "persons": 2.0, "presence": 0.5}
 
 def toml(value: object) -> str:
     """A value as TOML writes it."""
-    return json.dumps(value)
+    return json.dumps(value, ensure_ascii=False)
 
 
 @dataclass

@@ -28,6 +28,8 @@ from sassgis.model.in_memory import InMemory, Input
 
 #: How far centres of cells may lie from even steps, in cells.
 _UNEVEN = 1e-3
+#: Texts that are none are refused where they are read, by their row.
+_ANY_TEXT = ("utf-8", "surrogatepass")
 _WANTED = (
     "a path, a DataArray, (array, transform, crs), a GeoDataFrame, GeoSeries or geometry, or a "
     "DataFrame"
@@ -98,13 +100,13 @@ def _layer(value: Any, name: str) -> InMemory:
     digest = hashlib.sha256(str(frame.crs).encode())
     for geometry in frame.geometry.array:
         digest.update(b"" if geometry is None else shapely.to_wkb(geometry))
-    digest.update(frame.drop(columns="geometry").to_csv(index=False).encode())
+    digest.update(frame.drop(columns="geometry").to_csv(index=False).encode(*_ANY_TEXT))
     return InMemory(f"{name} ({kind})", "layer", digest.hexdigest(), frame)
 
 
 def _table(frame: pd.DataFrame, name: str) -> InMemory:
     text = frame.to_csv(index=False)
-    digest = hashlib.sha256(text.encode()).hexdigest()
+    digest = hashlib.sha256(text.encode(*_ANY_TEXT)).hexdigest()
     return InMemory(f"{name} (DataFrame)", "table", digest, text)
 
 

@@ -15,7 +15,6 @@ from typing import Any
 import geopandas as gpd
 import numpy as np
 import pandas as pd
-import pyogrio
 
 from sassgis.gap.observations.checks import check_observations, empty_tables
 from sassgis.gap.observations.observation_finding import ObservationFinding
@@ -23,7 +22,7 @@ from sassgis.gap.observations.observed import DENSITY_KGM3, Observations, withou
 from sassgis.gap.observations.tables import TABLES, Metadata, Table
 from sassgis.io.read.csv_table import csv_cells
 from sassgis.io.read.observation_values import KEY, RawTable, metadata_of, table_of
-from sassgis.io.read.offline import read_frame, vector_file
+from sassgis.io.read.offline import layers_of, read_frame, vector_file
 from sassgis.io.read.plain_file import read_text
 from sassgis.io.read.vector_features import nearest
 from sassgis.model.errors import InputError, shown
@@ -233,8 +232,8 @@ def _csv_tables(
 def _geopackage(file: Path, findings: list[ObservationFinding]) -> dict[str, RawTable]:
     raws = {}
     with vector_file(file, KEY):
-        for layer, geometry in pyogrio.list_layers(file).tolist():
-            name = _known_table(str(layer), file, findings)
+        for layer, geometry in layers_of(file).items():
+            name = _known_table(layer, file, findings)
             if name is None:
                 continue
             frame = read_frame(file, layer, fid_as_index=True, on_invalid="ignore")

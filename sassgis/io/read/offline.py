@@ -9,14 +9,19 @@ files are read, and there is no network.
 from __future__ import annotations
 
 import math
+import os
 import re
+import signal
+import socket
+import sqlite3
 import threading
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from functools import lru_cache
 from html import unescape
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 from xml.etree import ElementTree as ET
 
 import pyogrio
@@ -28,7 +33,7 @@ from rasterio.io import DatasetReader
 from sassgis.io.digests import Stamp, stamp_of
 from sassgis.io.read.plain_file import check_file, read_text
 from sassgis.model.declared import composed
-from sassgis.model.errors import InputError
+from sassgis.model.errors import InputError, Interrupted
 
 #: Drivers of GDAL, and how messages speak of them. What lies beside raw bytes is read without its
 #: driver (EHdr) if the name is a link, which could lead to any file.
@@ -38,7 +43,8 @@ _VECTORS = ("GPKG", "ESRI Shapefile", "GeoJSON", "FlatGeobuf", "KML", "LIBKML", 
 VECTOR = "GeoPackage, Shapefile, GeoJSON, FlatGeobuf, KML or file geodatabase"
 
 _TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
-_BINARY_VECTORS = (b"SQLite format 3\0", b"\0\0\x27\x0a", b"fgb\x03")
+_SQLITE = b"SQLite format 3\0"
+_BINARY_VECTORS = (_SQLITE, b"\0\0\x27\x0a", b"fgb\x03")
 #: Texts by which drivers that are not named here know their files, wherever it stands in them.
 _LEADS_ELSEWHERE = re.compile(rb"<OGR|gdal_streamed_alg|<!DOCTYPE", re.IGNORECASE)
 #: As far as GDAL looks for them, with room (bytes).
@@ -200,7 +206,15 @@ def _check_beside(file: Path) -> None:
 # ---------------------------------------------------------------------------------------------
 # Vector files
 
-_VECTOR_ERRORS = (DataSourceError, DataLayerError, shapely.errors.ShapelyError)
+_VECTOR_ERRORS = (DataSourceError, DataLayerError, shapely.errors.ShapelyError, sqlite3.Error)
+#: Seconds for GDAL to return after Ctrl-C.
+_PATIENCE_S = 3.0
+#: How SQLite writes down what computes nothing where it is read. A view does, perhaps for ever, and
+#: GDAL asks each; so may virtual tables, but for the index of a layer.
+_PLAIN = re.compile(
+    r"CREATE (TABLE|(UNIQUE )?INDEX|TRIGGER|VIRTUAL TABLE (\"([^\"]|\"\")*\"|\w+) USING rtree)\b",
+    re.IGNORECASE,
+)
 
 
 @contextmanager
@@ -210,13 +224,24 @@ def vector_file(file: Path, field: str | None) -> Iterator[None]:
     try:
         if not _is_vector(file):
             raise ValueError("none of the formats that are read")
-        with offline():
+        if computed := _computed_table(file):
+            raise InputError(
+                "holds a view or a virtual table", file=file, field=field, found=computed,
+                expected="plain tables: export the layer to a GeoPackage of its own",
+            )  # fmt: skip
+        with offline(), _stoppable():
             yield
     except (*_VECTOR_ERRORS, ValueError, OSError) as error:
         found = str(error).split(";")[0].replace(f"'{file}' ", "")[:160]
         raise InputError(
             "cannot be read as a vector file", file=file, field=field, found=found, expected=VECTOR
         ) from None
+
+
+def layers_of(file: Path) -> dict[str, str | None]:
+    """Layers by name, with their kind of geometry, within a block of vector_file."""
+    layers = pyogrio.list_layers(file)
+    return {str(name): kind for name, kind in layers}
 
 
 def read_frame(file: Path, layer: str, **options: Any) -> Any:
@@ -264,6 +289,62 @@ def _encoding(file: Path, layer: str, taken: str) -> str | None:
             expected="ISO-8859-1, for example" if utf_8 is None else "UTF-8",
         )  # fmt: skip
     return None
+
+
+@contextmanager
+def _stoppable() -> Iterator[None]:
+    """End the command after Ctrl-C or SIGTERM where GDAL does not return; Python waits for it.
+
+    GDAL stays in this thread: in others it looks for its coordinate systems in the current folder.
+    """
+    # To end other programs is not for us.
+    ends = signal.getsignal(signal.SIGTERM) is signal.default_int_handler
+    if not ends or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    ears, mouth = socket.socketpair()
+    with ears, mouth:
+        mouth.setblocking(False)
+        returned = threading.Event()
+        hears = threading.Thread(target=_end_by_signal, args=(ears, returned), daemon=True)
+        hears.start()
+        before = signal.set_wakeup_fd(mouth.fileno())
+        try:
+            yield
+        finally:
+            signal.set_wakeup_fd(before)
+            returned.set()
+            mouth.sendall(b"\0")
+            hears.join()
+
+
+def _end_by_signal(ears: socket.socket, returned: threading.Event) -> None:
+    if ears.recv(1) and not returned.wait(_PATIENCE_S):
+        os.write(2, b"Error: stopped by the user\n")
+        os._exit(Interrupted.exit_code)
+
+
+def _computed_table(file: Path) -> str:
+    """How a database declares a view or a virtual table, if it has one; no SQL of it is run."""
+    if not _is_sqlite(file):
+        return ""
+    place = f"file:{quote(str(file.absolute()))}?mode=ro"
+    query = "SELECT sql FROM sqlite_master WHERE sql IS NOT NULL"
+    try:
+        with closing(sqlite3.connect(place, uri=True)) as database:
+            declared = database.execute(query).fetchall()
+    except sqlite3.OperationalError:
+        # Beside a log of changes, in a folder without the right to write.
+        with closing(sqlite3.connect(f"{place}&immutable=1", uri=True)) as database:
+            declared = database.execute(query).fetchall()
+    return next((str(sql)[:100] for (sql,) in declared if not _PLAIN.match(str(sql))), "")
+
+
+def _is_sqlite(file: Path) -> bool:
+    if file.is_dir():
+        return False
+    with file.open("rb") as stream:
+        return stream.read(len(_SQLITE)) == _SQLITE
 
 
 def _is_vector(file: Path) -> bool:

@@ -41,6 +41,15 @@ def seen_from(folder: Path, file: Path) -> str:
         return file.as_posix()
 
 
+def is_text(path: Path) -> bool:
+    """Whether a path, from the root, is UTF-8: GDAL, SQLite, XML and JSON take no other."""
+    try:
+        str(path.absolute()).encode()
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
 def check_file(file: Input, field: str | None, expected: str, folders: bool = False) -> None:
     """Raise InputError unless a path leads to a file, or to a folder where that is as good.
 
@@ -49,6 +58,8 @@ def check_file(file: Input, field: str | None, expected: str, folders: bool = Fa
     wrong = partial(InputError, file=file, field=field)
     if isinstance(file, InMemory):
         return
+    if not is_text(file):
+        raise wrong("has a name or lies in a folder that is not UTF-8", expected="another")
     try:
         kind = file.stat().st_mode
     except (FileNotFoundError, NotADirectoryError):

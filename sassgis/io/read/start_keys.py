@@ -6,12 +6,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import pyogrio
 import pyproj
 
 from sassgis.io.read.config import LISTS, declared_sections
 from sassgis.io.read.dem_system import NO_SYSTEM
-from sassgis.io.read.offline import read_frame, vector_file
+from sassgis.io.read.offline import layers_of, read_frame, vector_file
 from sassgis.io.read.plain_file import seen_from, toml_table
 from sassgis.io.read.site_layers import SiteLayer, site_layers
 from sassgis.io.read.tiles import open_terrain
@@ -164,7 +163,7 @@ def _names(column: Any) -> bool:
 def _layers(file: Path) -> list[str]:
     """Layers with geometry."""
     with vector_file(file, "--release"):
-        names = [str(name) for name, kind in pyogrio.list_layers(file) if kind is not None]
+        names = [name for name, kind in layers_of(file).items() if kind is not None]
     if not names:
         raise InputError(
             "holds no layer with geometry", file=file, field="--release",

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyogrio
 import pyproj
 import shapely
 from numpy.typing import NDArray
@@ -23,7 +22,13 @@ from pyproj.exceptions import ProjError
 from sassgis.io.digests import Stamp, stamp_of
 from sassgis.io.read.dem import burnt, system_of
 from sassgis.io.read.dem_system import beyond_degrees, extent_text
-from sassgis.io.read.offline import VECTOR, read_frame, vector_file, with_composed
+from sassgis.io.read.offline import (
+    VECTOR,
+    layers_of,
+    read_frame,
+    vector_file,
+    with_composed,
+)
 from sassgis.io.read.plain_file import check_file, check_text, in_memory, number
 from sassgis.model.crs import crs_name, crs_parts, same_crs
 from sassgis.model.declared import composed
@@ -209,8 +214,7 @@ def _read_layer(
     """
     with vector_file(file, f"{key}.file"), warnings.catch_warnings(record=True) as warned:
         warnings.simplefilter("always")
-        layers = {str(n): kind for n, kind in pyogrio.list_layers(file)}
-        name = _choose_layer(layers, layer, file, key)
+        name = _choose_layer(layers_of(file), layer, file, key)
         # Geometries that cannot be decoded come as None and are reported by feature.
         frame = read_frame(file, name, on_invalid="ignore")
     frame.attrs[_CHECKED] = set()

@@ -11,12 +11,12 @@ from typing import Any
 import geopandas as gpd
 import numpy as np
 import pandas as pd
-import pyogrio
 import rasterio
 from numpy.typing import NDArray
 
 from sassgis.io.read.dem import affine_of
 from sassgis.io.staging import staged_output, writing
+from sassgis.io.write.geopackage import add_layer
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.noted_files import noted
 
@@ -80,7 +80,7 @@ def write_case(
         points = gpd.GeoDataFrame(
             geometry=gpd.points_from_xy(*np.asarray(releases).T[:3]), crs=dem.crs
         )
-        pyogrio.write_dataframe(points, noted(work / "release.gpkg"), driver="GPKG")
+        add_layer(noted(work / "release.gpkg"), "release", points, "Point")
         config = _CONFIG.format(
             title=json.dumps(title),
             datum=f"vertical_datum = {json.dumps(dem.vertical_datum)}\n"

@@ -6,10 +6,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
+from matplotlib.ticker import MaxNLocator
 
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.languages import phrase
@@ -27,6 +26,7 @@ from sassgis.report.figures.style import (
     halo,
     head,
     house_style,
+    log_ticks,
     new_figure,
     nothing_to_show,
     percent_formatter,
@@ -98,7 +98,7 @@ def energy_profile_figure(
         low = max(np.log10(known.min()), high - 5.0)
         ends = 10.0 ** (low - 0.08), 10.0 ** (high + 0.12 * (high - low) + 0.1)
         upper.set(yscale="log", ylim=ends)
-        _log_ticks(upper.yaxis, high - low)
+        log_ticks(upper.yaxis, high - low)
     else:
         upper.set_ylim(min(0.0, float(known.min())), 1.1 * max(float(known.max()), 1e-9))
     for i, (share, values) in enumerate(curves.items()):
@@ -126,15 +126,6 @@ def _draw_control_lines(
             textcoords=("data", "axes fraction"), ha="center", va="bottom", size=SMALL,
             weight="bold", color=colour,
         )  # fmt: skip
-
-
-def _log_ticks(axis: Axis, decades: float) -> None:
-    """Ticks of energies over so many powers of ten."""
-    # Where few are in sight, the steps between them are named too.
-    steps = (1.0, 2.0, 5.0) if decades < 2.0 else (1.0,)
-    axis.set_major_locator(LogLocator(10.0, subs=steps))
-    axis.set_major_formatter(lambda v, _: thousands(v) if v >= 1.0 else f"{v:g}")
-    axis.set_minor_formatter(NullFormatter())
 
 
 def _name_curves(
@@ -201,7 +192,7 @@ def _panel(ax: Axes, name: str, histogram: Histogram, log: bool) -> None:
     first, last = float(edges[used[0]]), float(edges[used[-1] + 1])
     if log:
         ax.set(xscale="log", xlim=(first / 1.1, 1.1 * last))
-        _log_ticks(ax.xaxis, np.log10(last / first))
+        log_ticks(ax.xaxis, np.log10(last / first))
     else:
         first = min(first, max(float(edges[0]), 0.0))
         ax.set_xlim(first, last + 0.04 * (last - first))

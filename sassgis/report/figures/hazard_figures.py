@@ -40,7 +40,9 @@ from sassgis.report.figures.style import (
     halo,
     house_style,
     lines_in,
+    log_ticks,
     new_figure,
+    plain_tick,
     text_width_pt,
     wrap,
 )
@@ -218,17 +220,12 @@ def _level_words(one: HazardCurves, preset: HazardPreset) -> str:
 
 
 def _label_axes(ax: Axes, preset: HazardPreset) -> None:
-    def plain(value: float, _: object = None) -> str:
-        if value >= 1.0:
-            return thousands(value)
-        return f"{value:.3g}" if value >= 0.01 else power_of_ten(round(np.log10(value)))
-
     ax.set(
         xlabel="kinetic energy, translation and rotation (kJ)",
         ylabel="frequency of reaching it or more (1/year)",
     )
     for axis in (ax.xaxis, ax.yaxis):
-        axis.set_major_formatter(plain)
+        axis.set_major_formatter(plain_tick)
         axis.set_minor_locator(NullLocator())
     periods = preset.return_periods
     right = ax.twinx()
@@ -263,8 +260,9 @@ def blocks_figure(history: Sequence[tuple[int, float]], limit: float) -> Figure:
         xscale="log", xlabel="simulated blocks",
         yscale="log", ylabel="changed by another sample (%)",
     )  # fmt: skip
-    ax.xaxis.set_minor_locator(NullLocator())
-    ax.yaxis.set_minor_locator(NullLocator())
+    log_ticks(ax.xaxis, np.log10(blocks[-1] / blocks[0]))
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.set_minor_locator(NullLocator())
     ax.yaxis.set_major_formatter("{x:g}")
     low, high = ax.get_ylim()
     shown = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
@@ -426,7 +424,9 @@ def protection_figure(
         )  # fmt: skip
     if np.isfinite(capacity_kj):
         ax.axvline(capacity_kj, color=INK, lw=0.9, ls="--", label=phrase("capacity of the net"))
-    ax.xaxis.set_major_formatter("{x:g}")
+    left, right = ax.get_xlim()
+    log_ticks(ax.xaxis, np.log10(right / left))
+    ax.yaxis.set_major_formatter(plain_tick)
     ax.yaxis.set_minor_locator(NullLocator())
     if ax.get_legend_handles_labels()[0]:
         ax.legend(fontsize=SMALL, loc="lower left")

@@ -16,18 +16,19 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.patheffects import AbstractPathEffect, withStroke
 from matplotlib.text import Text
-from matplotlib.ticker import FuncFormatter, PercentFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, PercentFormatter
 from scipy.optimize import isotonic_regression
 
 from sassgis.model.errors import OutputError
 from sassgis.model.grid import FloatArray
 from sassgis.model.languages import current_language, named, translated
-from sassgis.report.number_text import thousands
+from sassgis.report.number_text import power_of_ten, thousands
 
 #: Width of a figure: the text width of an A4 page (in).
 WIDTH_IN = 6.7
@@ -191,6 +192,24 @@ def lines_in(text: str) -> int:
 def thousands_formatter(decimals: int = 0) -> FuncFormatter:
     """Tick labels with a thin space between thousands."""
     return FuncFormatter(lambda value, _: thousands(value, decimals))
+
+
+def log_ticks(axis: Axis, decades: float) -> None:
+    """Ticks of a logarithmic axis over so many powers of ten."""
+    # Where few are in sight, the steps between them are named too.
+    steps = (1.0, 2.0, 5.0) if decades < 2.0 else (1.0,)
+    axis.set_major_locator(LogLocator(10.0, subs=steps))
+    axis.set_major_formatter(plain_tick)
+    axis.set_minor_formatter(NullFormatter())
+
+
+def plain_tick(value: float, _: object = None) -> str:
+    """Tick label of a logarithmic axis."""
+    if value >= 1.0:
+        return thousands(value)
+    tens = np.log10(value) if value > 0.0 else np.nan
+    is_power = value < 0.01 and np.isclose(tens, np.round(tens))
+    return power_of_ten(round(tens)) if is_power else f"{value:.3g}"
 
 
 def count(n: int, noun: str) -> str:

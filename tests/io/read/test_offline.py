@@ -4,9 +4,14 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
+import sqlite3
+import subprocess
+import sys
 import threading
 import zipfile
 from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
@@ -351,6 +356,83 @@ def test_other_formats_of_vector_files_are_refused(tmp_path: Path, name: str, dr
     pyogrio.write_dataframe(frame, tmp_path / name, driver=driver)
     with one_line(InputError, name, "release.file", "cannot be read as a vector file"):
         open_layer(tmp_path / name, None, "release", {})
+
+
+_ENDLESS = "WITH RECURSIVE n(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM n) SELECT "
+_VIEW = f"CREATE VIEW a AS {_ENDLESS} fid, geom FROM base WHERE (SELECT count(*) FROM n)"
+_RENAMED = ("PRAGMA legacy_alter_table = on", "ALTER TABLE a RENAME TO base")
+COMPUTED = {
+    "the layer": (*_RENAMED, _VIEW),
+    "a view beside it": (f"CREATE VIEW other AS {_ENDLESS} x FROM n",),
+    "a table of GDAL": (
+        "DROP TABLE gpkg_extensions", f"CREATE VIEW gpkg_extensions AS {_ENDLESS} x FROM n",
+    ),
+    "an index of words": (
+        *_RENAMED, "CREATE VIRTUAL TABLE a USING fts5(name, content='base', content_rowid='fid')",
+    ),
+    "a view that is written in another way": (
+        *_RENAMED, _VIEW, "PRAGMA writable_schema = on",
+        "UPDATE sqlite_master SET sql = 'CREATE/**/' || substr(sql, 7) "
+        "WHERE name = 'a'",
+    ),
+}  # fmt: skip
+
+
+@contextmanager
+def open_in_a_gis(file: Path, *changes: str) -> Iterator[Path]:
+    """A GeoPackage with the layer ``a``; changes of it lie in a log beside it within the block."""
+    frame = gpd.GeoDataFrame({"name": ["a"]}, geometry=[shapely.box(0, 0, 1, 1)], crs=2056)
+    frame.to_file(file, driver="GPKG", layer="a")
+    with closing(sqlite3.connect(file, isolation_level=None)) as database:
+        find = "SELECT name FROM sqlite_master WHERE type = 'trigger'"
+        for (name,) in database.execute(find).fetchall():
+            database.execute(f'DROP TRIGGER "{name}"')
+        database.execute("PRAGMA journal_mode = wal")
+        for statement in changes:
+            database.execute(statement)
+        yield file
+
+
+@pytest.mark.parametrize("kind", COMPUTED)
+def test_nothing_is_computed_by_a_file(tmp_path: Path, kind: str) -> None:
+    """A view may never end, and GDAL asks all of them, also those that lie in a log."""
+    with (
+        open_in_a_gis(tmp_path / "a.gpkg", *COMPUTED[kind]) as file,
+        one_line(InputError, "a.gpkg", "release.file", "holds a view or a virtual table"),
+    ):
+        open_layer(file, None, "release", {})
+
+
+def test_plain_tables_are_read_whatever_their_names(tmp_path: Path) -> None:
+    frame = gpd.GeoDataFrame({"name": ["a"]}, geometry=[shapely.box(0, 0, 1, 1)], crs=2056)
+    for name in ('view "of" all', "CREATE VIEW", "Rüfe"):
+        frame.to_file(tmp_path / "a.gpkg", driver="GPKG", layer=name)
+        assert len(open_layer(tmp_path / "a.gpkg", name, "release", {})) == 1
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_what_never_ends_can_be_stopped(tmp_path: Path, number: signal.Signals) -> None:
+    """Here by a view that nobody has refused."""
+    code = (
+        "import signal, sys; from pathlib import Path; from sassgis.io.read import offline\n"
+        "for n in (signal.SIGINT, signal.SIGTERM): signal.signal(n, signal.default_int_handler)\n"
+        "print('reads', flush=True)\n"
+        "offline._computed_table = lambda file: ''\n"
+        "with offline.vector_file(Path(sys.argv[1]), None): offline.layers_of(Path(sys.argv[1]))"
+    )
+    with (
+        open_in_a_gis(tmp_path / "a.gpkg", *COMPUTED["the layer"]) as file,
+        subprocess.Popen([sys.executable, "-c", code, file], stdout=subprocess.PIPE) as process,
+    ):
+        assert process.stdout is not None and process.stdout.readline() == b"reads\n"
+        with pytest.raises(subprocess.TimeoutExpired):
+            process.wait(1.0)
+        process.send_signal(number)
+        try:
+            assert process.wait(30.0) == 130
+        finally:
+            process.kill()
 
 
 def test_pipes_and_devices_are_not_opened(tmp_path: Path) -> None:

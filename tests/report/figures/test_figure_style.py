@@ -6,13 +6,23 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 import pytest
+from helpers.figure_parts import texts
 from hypothesis import given
 from hypothesis import strategies as st
 
 from sassgis.model.errors import OutputError
 from sassgis.report.figures import save, to_png
 from sassgis.report.figures.distributions import runout_figure
-from sassgis.report.figures.style import house_style, round_step, spread, wrap
+from sassgis.report.figures.hazard_figures import blocks_figure
+from sassgis.report.figures.style import (
+    house_style,
+    log_ticks,
+    new_figure,
+    plain_tick,
+    round_step,
+    spread,
+    wrap,
+)
 from sassgis.report.number_text import thousands
 
 positions = st.lists(st.floats(-1e3, 1e3), min_size=0, max_size=12)
@@ -66,6 +76,28 @@ def test_the_users_settings_do_not_change_a_figure() -> None:
     plain = to_png(runout_figure(values, reasons))
     with mpl.rc_context({"axes.facecolor": "yellow", "font.size": 20.0}):
         assert to_png(runout_figure(values, reasons)) == plain
+
+
+def test_a_name_is_no_mathematics() -> None:
+    with house_style():
+        figure = new_figure(2.0, 2.0)
+        figure.subplots().set_title(r"$\frac{$")
+    assert r"$\frac{$" in texts(figure)
+    to_png(figure)
+
+
+def test_powers_of_ten_are_ticks_without_mathematics() -> None:
+    assert [plain_tick(v) for v in (20_000.0, 0.05, 0.002, 1e-4)] == [
+        "20\u202f000", "0.05", "0.002", "10⁻⁴",
+    ]  # fmt: skip
+    shown = texts(blocks_figure([(10_000, 0.2), (20_000, 0.1), (40_000, 0.01)], 0.05))
+    assert "20 000" in shown
+    with house_style():
+        ax = new_figure(2.0, 2.0).subplots()
+        ax.set(xscale="log", xlim=(1.0, 9.0))
+        log_ticks(ax.xaxis, np.log10(9.0))
+        shown = texts(ax.figure)
+    assert "| 5 |" in shown
 
 
 def test_same_figure_same_bytes_without_version(tmp_path: Path) -> None:

@@ -239,6 +239,12 @@ BAD = {
     "a table of areas": (
         {"release": pd.DataFrame({"x": [1.0]})}, r"release.file .*cannot be used here .*a table"
     ),
+    "a name of half a character": (
+        {"release": {
+            "file": RELEASE.assign(name=pd.Series(["\ud800"], dtype=object)), "name_field": "name",
+        }},
+        "feature 1: holds a character that cannot be shown",
+    ),
     "elsewhere": (
         {"release": RELEASE.translate(1e5, 0.0)}, r"lies outside the DEM"
     ),
