@@ -50,6 +50,7 @@ from sassgis.engine.statistics import (
     give_back,
     meet_disks,
     meet_objects,
+    passed_cells,
     place_work,
 )
 from sassgis.model import rng
@@ -180,17 +181,17 @@ def _room_for_visits(n: int) -> NDArray[np.uint64]:
 
 
 def working_space(
-    totals: Totals, effects: hooks.Effects | None, most_spawned: int, visits: int
+    totals: Totals, effects: hooks.Effects | None, most_spawned: int, visits: int, on_map: bool
 ) -> Work:
     """Working space for a chunk whose blocks are added to some totals.
 
     ``most_spawned`` is how many blocks one released block may spawn, ``visits`` for how many of
-    them to cells there is room.
+    them to cells there is room; ``on_map`` is whether it is known where the paths lie on the map.
     """
     n = totals.sums.stops.size
     return Work(
         np.zeros(1, hooks.BLOCK_DTYPE),
-        empty_work(n, chords=totals.windows.disks.u.size > 0),
+        empty_work(n, chords=on_map),
         empty_event(0 if effects is None else n),
         _room_for_visits(visits),
         np.zeros(2, np.int64),
@@ -327,18 +328,21 @@ def simulate_blocks(
                 return NO_ROOM
             output = Output(rows.passages[n:], work.cells, log, spawned)
             simulate_block(state, block, site, output, setup.physics, effects, path)
-            finish_block(row, block, state, site, rows, totals.sums, work.cells)
+            cells, mass = work.cells, block.mass
+            last = finish_block(row, block, state, site, rows, totals.sums, cells)
+            n_touched = state.n_touched
             if work.windows.peak.size:
-                meet_disks(
-                    work.cells, state.n_touched, block.mass, totals.windows.disks, work.windows
-                )
+                meet_disks(cells, n_touched, mass, totals.windows.disks, work.windows)
+            if work.objects.peak.size:
+                meet_objects(cells, n_touched, mass, totals.objects.under, work.objects)
+            n_touched = passed_cells(cells, n_touched, last)
             if path is not None:
                 end_place[0], end_place[1] = place(state, state.x)
                 if path.register.counts[FULL]:
                     return NO_ROOM
             if effects is None:
                 break
-            collect(work.event, work.cells, state.n_touched, block.mass)
+            collect(work.event, cells, n_touched, mass)
             if n_spawned >= min(spawned.filled[0], spawned.rows.size):
                 break
             if rows.filled[1] >= rows.spawned.size:
@@ -356,12 +360,12 @@ def simulate_blocks(
             open_row(row, line, setup.first_rock + r, n_spawned, state.x)
             log = EventLog(log.rows[:0], log.filled)
         if effects is None:
-            added = add_to_totals(totals, work, state.n_touched, block.mass)
+            added = add_to_totals(totals, work, n_touched, mass)
         else:
             if spawned.filled[0] > n_spawned:
                 return TOO_MANY_SPAWNED
             # They count together, with their energies in J.
-            added = add_to_totals(totals, work, give_back(work.event, work.cells), 1.0)
+            added = add_to_totals(totals, work, give_back(work.event, cells), 1.0)
         if not added:
             return MANY_VISITS
     return DONE
@@ -458,8 +462,11 @@ def finish_block(
     rows: Rows,
     sums: CellSums,
     cells: CellWork,
-) -> None:
-    """Write what became of a block: its row, its passages and its stop."""
+) -> int:
+    """Write what became of a block: its row, its passages and its stop.
+
+    Returns the cell in which it stops; -1 for none.
+    """
     row.reason = state.reason
     row.runout_m = state.x
     row.runout_z_m = state.z
@@ -487,6 +494,8 @@ def finish_block(
             state.n_touched = record_stop(
                 site.stretches, cells, state.n_touched, i, state.x, state.began + state.t
             )
+            return int(site.stretches[i].cell)
+    return -1
 
 
 @inlined
@@ -499,8 +508,6 @@ def add_to_totals(totals: Totals, work: Work, n_touched: int, mass: float) -> bo
     cells, n = work.cells, work.n_visits
     if n[0] + n_touched > work.visits.size:
         return False
-    if work.objects.peak.size:
-        meet_objects(cells, n_touched, mass, totals.objects.under, work.objects)
     count_places(work.windows, totals.bins, totals.windows.reach)
     count_places(work.objects, totals.bins, totals.objects.reach)
     n[0] = flush(

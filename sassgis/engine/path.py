@@ -209,8 +209,7 @@ def _add_stretch(
         stretches[0].last = n
     after = stretches[n]
     after.start = end
-    if path.register.windows.size:
-        after.u, after.v = place(state, end)
+    after.u, after.v = place(state, end)
 
 
 @inlined

@@ -457,7 +457,8 @@ def simulate(
         )
         n_passages = room * crossings.chainage.size * rocks_per_line
         rows = empty_rows(n, n_passages, room * n if hooked is not None else 0, log_events)
-        work = working_space(totals, hooked, most_spawned(effects), visits)
+        on_map = profiles.on_map is not None
+        work = working_space(totals, hooked, most_spawned(effects), visits, on_map)
         status = simulate_lines(lines, setup, totals, rows, work, hooked)
         if status == NO_ROOM:
             room *= 4

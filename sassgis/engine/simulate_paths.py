@@ -140,7 +140,7 @@ def follow(
         spawned = more * n * rocks_per_point if hooked is not None else 0
         passages = more * len(lines) * (n * rocks_per_point + 1)
         rows = empty_rows(n * rocks_per_point, passages, spawned, log_events)
-        work = working_space(totals, hooked, most_spawned(effects), visits)
+        work = working_space(totals, hooked, most_spawned(effects), visits, True)
         path = _path(terrain, settings, register, points)
         wanted = _wanted(worth, register, n)
         status = simulate_paths(given, setup, totals, rows, work, hooked, path, wanted)

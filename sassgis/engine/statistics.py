@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sassgis.engine.recording import ARRIVAL, ENERGY, HEIGHT, N_RECORDED, SPEED2, CellWork
 from sassgis.model.grid import IntArray
-from sassgis.model.jit import kernel, lean
+from sassgis.model.jit import inlined, kernel, lean
 from sassgis.model.prefetch import LINE_BYTES, prefetch
 from sassgis.model.statistics_table import QUANTITIES, Bins, Reducer, sums_by
 
@@ -327,36 +327,67 @@ def meet_objects(
             _meet(own, objects.number[m], joule)
 
 
+@inlined
+def _meets(chord: NDArray[np.float64], u: float, v: float, radius2: float) -> bool:
+    """Whether the straight path across a cell meets a disk around (u, v).
+
+    Whatever the rounding: a path along the edge of a disk meets it, one that ends there does not,
+    or else what a block does in the next cell would count.
+    """
+    du, dv = chord[2] - chord[0], chord[3] - chord[1]
+    u -= chord[0]
+    v -= chord[1]
+    length2 = du * du + dv * dv
+    foot = u * du + v * dv
+    if length2 > 0.0 and 0.0 <= foot <= length2:
+        beside = u * dv - v * du
+        return bool(beside * beside <= radius2 * (1.0 + 1e-9) * length2)
+    if foot > 0.0:
+        u -= du
+        v -= dv
+    return bool(u * u + v * v <= radius2 * (1.0 - 1e-9))
+
+
 @lean
 def meet_disks(work: CellWork, n_touched: int, mass: float, disks: Disks, own: PlaceWork) -> None:
     """Note the largest energy of a block in the disks that its path meets.
 
     In each cell the path is taken as straight (recording._pass); the energy is the largest there.
     """
-    # Whatever the rounding: a path along the edge of a disk meets it, one that ends there does not,
-    # or else what a block does in the next cell would count.
-    beside = disks.radius2 * (1.0 + 1e-9)
-    at_end = disks.radius2 * (1.0 - 1e-9)
     for k in range(n_touched):
         cell = work.touched[k]
         joule = work.peak[cell, ENERGY] * mass
         chord = work.chord[cell]
-        du = chord[2] - chord[0]
-        dv = chord[3] - chord[1]
-        length2 = du * du + dv * dv
-        per_length2 = 1.0 / length2 if length2 > 0.0 else 0.0
         for m in range(disks.under.offset[cell], disks.under.offset[cell + 1]):
             number = disks.under.number[m]
             if joule <= own.peak[number]:
                 continue
-            u = disks.u[number] - chord[0]
-            v = disks.v[number] - chord[1]
-            foot = (u * du + v * dv) * per_length2
-            share = min(max(foot, 0.0), 1.0)
-            u -= share * du
-            v -= share * dv
-            if u * u + v * v <= (beside if share == foot else at_end):
+            if _meets(chord, disks.u[number], disks.v[number], disks.radius2):
                 _meet(own, number, joule)
+
+
+@lean
+def passed_cells(work: CellWork, n_touched: int, last: int) -> int:
+    """Keep the cells for which a block counts; returns their number.
+
+    They are those whose centre it passes within half a cell, and the ``last``, where it stops (-1:
+    nowhere). So a cell is as wide in all directions, while a square is wider across its corners.
+    On lines that are not on a map a block counts for all cells.
+    """
+    if work.chord.shape[0] == 0:
+        return n_touched
+    n = 0
+    for k in range(n_touched):
+        cell = work.touched[k]
+        chord = work.chord[cell]
+        u = math.floor(0.5 * (chord[0] + chord[2])) + 0.5
+        v = math.floor(0.5 * (chord[1] + chord[3])) + 0.5
+        if cell == last or _meets(chord, u, v, 0.25):
+            work.touched[n] = cell
+            n += 1
+        else:
+            work.peak[cell, ENERGY] = -1.0
+    return n
 
 
 @lean

@@ -104,8 +104,8 @@ def test_columns_and_layers_of_a_result_are_named_in_all_languages() -> None:
         # Parts by name, one of them a phrase.
         (
             phrase("Number of blocks that reach the cell. {width}",
-                   width=phrase("Reference width {} m (one cell).", "2")),
-            "Zahl der Blöcke, die die Zelle erreichen. Bezugsbreite 2 m (eine Zelle).",
+                   width=phrase("Width {} m (one cell).", "2")),
+            "Zahl der Blöcke, die die Zelle erreichen. Breite 2 m (eine Zelle).",
         ),
         # Braces of a user are no places for parts.
         (phrase("a {name}"), "a {name}"),

@@ -7,6 +7,7 @@ the joining of chunks, not the windows or the objects.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections import defaultdict
 from collections.abc import Iterable
@@ -67,8 +68,9 @@ def rocks_one_by_one(zoned: Zoned) -> tuple[list[Rock], list[Chords]]:
         for scenario in planned.scenarios[area]:
             blocks = run.blocks[scenario]
             for number in range(run.repetitions * n):
+                # Off the map it counts for all cells that it touches.
                 alone = simulate(
-                    prepared.profiles,
+                    dataclasses.replace(prepared.profiles, on_map=None),
                     run.table,
                     blocks,
                     run.engine,
