@@ -154,7 +154,7 @@ def simulated(rocks: int) -> dict[str, dict[str, NDArray[np.float64]]]:
             if number:
                 # The files of the engine hold the constants, or contain what does.
                 changed = shutil.ignore_patterns("sassgis.engine*")
-                assert any(Path(folder, "cache-0").glob("sassgis.engine*")), "no compiled engine"
+                assert any(Path(folder, "cache-0").rglob("sassgis.engine*")), "no compiled engine"
                 shutil.copytree(Path(folder) / "cache-0", cache, ignore=changed)
             environment["SASSGIS_CACHE_DIR"] = str(cache)
             subprocess.run(
