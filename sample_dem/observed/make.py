@@ -57,6 +57,8 @@ def released(run: MapRun) -> tuple[ReleasePoints, Simulated]:
     points = plan(run).points
     own = np.flatnonzero((points.area == points.area_names.index(AREA)) & (points.y > NORTH_OF_M))
     chosen = take(points, own[np.linspace(0, own.size - 1, ROCKS).round().astype(int)])
+    # The places are known: each rock starts at its point.
+    chosen = replace(chosen, sides=None)
     done = follow(
         path_terrain(run),
         chosen,
