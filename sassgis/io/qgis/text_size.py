@@ -8,8 +8,11 @@ from __future__ import annotations
 
 import functools
 
-from matplotlib.font_manager import FontProperties, findfont
-from matplotlib.ft2font import FT2Font
+from sassgis.model.current_folder import not_found
+
+with not_found("matplotlibrc"):
+    from matplotlib.font_manager import FontProperties, findfont
+    from matplotlib.ft2font import FT2Font
 
 MM_PER_POINT = 25.4 / 72.0
 #: From one line of text to the next, in type sizes.

@@ -73,6 +73,10 @@ _SETTINGS = {
 }
 
 
+#: Of pyogrio, where it brings its own PROJ along.
+_PROJ_DATA = Path(pyogrio.__file__).parent / "proj_data"
+
+
 @contextmanager
 def offline() -> Iterator[None]:
     """Keep rasterio and pyogrio, each with a GDAL of its own, off the network.
@@ -85,12 +89,21 @@ def offline() -> Iterator[None]:
 
 @contextmanager
 def pyogrio_settings(settings: Mapping[str, str]) -> Iterator[None]:
-    """Settings of pyogrio's GDAL within the block."""
+    """Settings of pyogrio's GDAL within the block, and where its PROJ finds coordinate systems.
+
+    For a GeoPackage it would look in the current folder, too, which may come from anybody.
+    """
     before = {key: pyogrio.get_gdal_config_option(key) for key in settings}
     pyogrio.set_gdal_config_options(settings)
+    # Not for longer: the PROJ of rasterio has data of its own.
+    placed = _PROJ_DATA.is_dir() and "PROJ_DATA" not in os.environ
+    if placed:
+        os.environ["PROJ_DATA"] = str(_PROJ_DATA)
     try:
         yield
     finally:
+        if placed:
+            os.environ.pop("PROJ_DATA", None)
         pyogrio.set_gdal_config_options(before)
 
 
