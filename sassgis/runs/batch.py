@@ -34,6 +34,7 @@ from sassgis.runs.batch_area import (
     kept_areas,
     read_setting,
     run_area,
+    shared_digest,
 )
 from sassgis.runs.batch_mosaic import MOSAIC_NAME, write_mosaic
 from sassgis.runs.batch_state import RECORD_NAME, Record
@@ -45,6 +46,10 @@ log = logging.getLogger(__name__)
 SUMMARY_NAME = "summary.csv"
 #: Vector files of a folder by their suffix; those that the configuration names do not count.
 VECTOR_SUFFIXES = (".gpkg", ".shp", ".geojson", ".json", ".fgb", ".kml")
+_CHANGED = (
+    "A file that all release areas share has changed while the batch ran: not all of them may have "
+    "been made from the same one. Run the batch again with --overwrite."
+)
 #: Bytes of a process that runs small areas.
 _PROCESS = 800 << 20
 #: From so many areas for each core on, every core has areas of its own.
@@ -155,6 +160,8 @@ def batch(
         raise InputError(
             f"no release area could be run; the first: {first}", file=loaded.release_source
         )
+    if shared_digest(loaded) != setting.digest:
+        notices += (_CHANGED,)
     skipped = tuple(f"{name} is skipped: {why}" for name, why in summary.reasons().items())
     stale = _stale(folder, records)
     found, warnings = write_mosaic(

@@ -17,9 +17,10 @@ from sassgis.hazard.progress import Progress
 from sassgis.io.digests import program_digest
 from sassgis.io.own_files import MANIFEST_NAME
 from sassgis.io.read.base_map import read_base_map
-from sassgis.io.read.config import SECTIONS, file_digest, settings_hash
+from sassgis.io.read.config import SECTIONS, settings_hash
 from sassgis.io.read.edit_polygons import check_no_edits
 from sassgis.io.read.ground_map import ground_raster, read_ground_table
+from sassgis.io.read.input_parts import file_digest
 from sassgis.io.read.tiles import Part, Terrain, open_terrain
 from sassgis.io.read.vector_features import Feature
 from sassgis.io.read.vectors import read_control_lines, read_release_feature, release_area
@@ -148,12 +149,12 @@ def read_setting(
         yearly_frequencies(config, (), names)
     setting = Setting(
         config, terrain, table, control_lines, replace(rules, notices=()), names,
-        _shared_digest(config), sums_only,
+        shared_digest(config), sums_only,
     )  # fmt: skip
     return setting, tuple(dict.fromkeys((*config.notes, *notices, *rules.notices)))
 
 
-def _shared_digest(config: Config) -> str:
+def shared_digest(config: Config) -> str:
     """Fingerprint of the settings and of the files that all areas share."""
     own = replace(
         config,
@@ -295,6 +296,8 @@ def run_area(
     on a wider one.
     """
     margins: Sides = (1, 1, 1, 1)
+    # What is read now may be another file than at the beginning of the batch.
+    setting = replace(setting, digest=shared_digest(setting.config))
     while True:
         cut = _cut(setting, candidate, margins)
         try:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
 from sassgis.gap.calibration.class_calibration import (
     COUNT,
-    CalibrationTask,
     SiteCalibration,
     budget_of,
     calibration_task,
@@ -27,6 +25,7 @@ from sassgis.io.read.config import as_named
 from sassgis.io.read.ground_map import read_ranges
 from sassgis.io.read.observation_files import AnyObservations
 from sassgis.io.staging import CHECKPOINT_STEM, output_if_asked
+from sassgis.io.value_digest import value_digest
 from sassgis.io.write.calibration_files import (
     FITTED_NAME,
     write_calibrated_config,
@@ -46,7 +45,6 @@ from sassgis.report.page import translated_report, write_report
 from sassgis.runs.draw_store import DrawProgress, DrawStore
 from sassgis.runs.gap_case import (
     comparable,
-    fingerprint_of,
     observations_name,
     observed_files,
     read_case,
@@ -131,7 +129,7 @@ def calibrate(
                 expected=f"{_FEWEST} or more",
             )
         file = work / f"{CHECKPOINT_STEM}.draws.npz"
-        store = DrawStore(file, _fingerprint(configs, observed, task), tell)
+        store = DrawStore(file, value_digest(task), tell)
         try:
             with task_map(task, workers_asked(configs[0], jobs)) as run:
                 tell(
@@ -200,17 +198,6 @@ def _chosen(sites: Sequence[CalibrationProblem], asked: Sequence[str] | None) ->
                 expected="some of " + ", ".join(met),
             )
     return list(dict.fromkeys(asked))
-
-
-def _fingerprint(
-    configs: Sequence[Config], observed: Sequence[AnyObservations], task: CalibrationTask
-) -> str:
-    """Of all that the numbers of a draw depend on."""
-    digest = hashlib.sha256()
-    for config, own in zip(configs, observed, strict=True):
-        options = f"{task.seed} {[p.label for p in task.parameters]}"
-        digest.update(fingerprint_of(config, own, options).encode())
-    return digest.hexdigest()
 
 
 def _write(

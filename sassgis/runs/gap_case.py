@@ -24,6 +24,7 @@ from sassgis.gap.observations.projection import (
 )
 from sassgis.gap.replicas.released_rocks import station_traces
 from sassgis.io.read.config import settings_hash
+from sassgis.io.read.input_parts import file_digest
 from sassgis.io.read.observation_files import AnyObservations, observation_source, read_observations
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.errors import InputError
@@ -132,12 +133,8 @@ def fingerprint_of(config: Config, observations: AnyObservations, options: str) 
     """Of settings, inputs, observations and options."""
     digest = hashlib.sha256(settings_hash(config).encode())
     source = observation_source(observations)
-    if isinstance(source, Path):
-        for file in sorted(source.iterdir()) if source.is_dir() else [source]:
-            if file.is_file():
-                digest.update(file.name.encode() + file.read_bytes())
-    else:
-        digest.update("".join(f"{name} {own.digest}" for name, own in source.items()).encode())
+    tables = {"": source} if isinstance(source, Path) else source
+    digest.update("".join(f"{name} {file_digest(own)}" for name, own in tables.items()).encode())
     digest.update(options.encode())
     return digest.hexdigest()
 

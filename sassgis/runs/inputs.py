@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +16,12 @@ from sassgis.hazard.assess import Rules
 from sassgis.hazard.sources import OnsetTable, onset_frequencies
 from sassgis.hazard.zoning.cell_outlines import check_cells
 from sassgis.io.read.base_map import read_base_map
+from sassgis.io.read.checked import is_preset_file
 from sassgis.io.read.config import FILE_KEYS, profile_control_lines
 from sassgis.io.read.forest import read_forest
 from sassgis.io.read.frequencies import read_frequencies
 from sassgis.io.read.ground_map import default_class, ground_raster, read_ground_table
+from sassgis.io.read.input_parts import file_digest
 from sassgis.io.read.objects import joined_objects, object_cells, read_objects, read_vulnerability
 from sassgis.io.read.presets import read_preset
 from sassgis.io.read.profile_csv import check_on_profile, read_profile
@@ -158,6 +161,29 @@ def input_files(config: Config) -> dict[str, Input]:
     for item in (*config.stations, *config.barriers):
         candidates[item.name] = item.file
     return files | {role: path for role, path in candidates.items() if path is not None}
+
+
+def zoning_files(config: Config) -> dict[str, Input]:
+    """What a zoning reads besides the inputs of the run, by its role."""
+    files: dict[str, Input | None] = {
+        "frequencies": config.hazard.frequencies,
+        "vulnerability": config.risk.vulnerability,
+        "edits": config.edits.file,
+    }
+    files |= {f"objects {o.name}": o.file for o in config.objects}
+    if is_preset_file(config.hazard.preset):
+        files["preset"] = Path(config.hazard.preset)
+    return {role: path for role, path in files.items() if path is not None}
+
+
+def input_digests(config: Config) -> dict[str, str]:
+    """Digests of all files that a configuration names, by file; empty where one cannot be read."""
+    found = {}
+    for file in (input_files(config) | zoning_files(config)).values():
+        found[str(file)] = ""
+        with suppress(InputError):  # Its reader knows better what is wrong with it.
+            found[str(file)] = file_digest(file)
+    return found
 
 
 def profile_from_csv(config: Config, path: Input | None = None) -> ProfileInput:

@@ -2,30 +2,29 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
-
-from numpy.typing import NDArray
 
 from sassgis.hazard.control_lines import QUANTITIES
 from sassgis.hazard.progress import Progress
 from sassgis.hazard.tolerance_check import ToleranceCheck
 from sassgis.hazard.warnings import release_warnings, simulation_warnings
-from sassgis.io.read.config import configure, load_config, settings_hash
+from sassgis.io.read.config import configure, load_config
+from sassgis.io.read.plain_file import seen_from
+from sassgis.io.value_digest import value_digest
 from sassgis.io.write.frames import require_parquet
 from sassgis.model.errors import ConfigError, Interrupted, OutputError
+from sassgis.model.languages import named, phrase
 from sassgis.model.map_run import BlockRows, MapRun, Round
 from sassgis.model.memory import require_memory
 from sassgis.model.run_config import Config
 from sassgis.model.statistics_table import SUM_NAMES
 from sassgis.runs.checkpoint import Checkpoint
 from sassgis.runs.estimate import estimate_of
-from sassgis.runs.inputs import collected_notices, read_map_run
+from sassgis.runs.inputs import collected_notices, input_digests, read_map_run
 from sassgis.runs.map import check_starts, simulate_map
 from sassgis.runs.sample_check import check_tolerance
 from sassgis.runs.workers import Jobs, OnProgress, Workers, available_cores, held_back
@@ -33,6 +32,13 @@ from sassgis.terrain.plan import Plan, plan
 
 #: Seconds between two savings of the state of a run.
 SAVE_EVERY_S = 60.0
+
+_CHANGED = (
+    "{} has changed since it was read: the result is of the file as it was before, its digest in "
+    "manifest.json of the file as it is now."
+)
+#: Times that files are read, if they change meanwhile.
+_READINGS = 3
 
 #: A configuration: its file, its sections as a mapping, or what was read from either.
 AnyConfig = Config | str | Path | Mapping[str, Any]
@@ -48,6 +54,8 @@ class Job:
     run: MapRun
     planned: Plan
     notices: tuple[str, ...]
+    # Digests of its files as they were read, by file; none where they are not looked at again.
+    read: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,11 +97,16 @@ def configured(config: AnyConfig, seed: int | None) -> Config:
 def read_job(config: Config, areas: Sequence[str] | None, tell: Callable[[str], None]) -> Job:
     """Read the inputs of a run and place its release points."""
     tell("Reading the inputs")
-    with collected_notices() as notices:
-        run = read_map_run(config, areas)
+    digests = input_digests(config)
+    for _ in range(_READINGS):
+        with collected_notices() as notices:
+            run = read_map_run(config, areas)
+        before, digests = digests, input_digests(config)
+        if digests == before:
+            break
     check_means(config, run)
     tell("Placing the release points")
-    return Job(config, run, plan(run), (*config.notes, *notices))
+    return Job(config, run, plan(run), (*config.notes, *notices), digests)
 
 
 def check_means(config: Config, run: MapRun, jobs: Jobs = None) -> None:
@@ -180,6 +193,7 @@ def simulate_job(
             raise Interrupted(f"stopped by the user{checkpoint.kept}") from None
     warnings = (
         *job.notices,
+        *_changed(job),
         *(() if tolerance is None else tolerance.warnings()),
         *release_warnings(run, planned.points),
         *simulation_warnings(run, progress),
@@ -187,27 +201,22 @@ def simulate_job(
     return Simulation(config, run, planned, progress, checkpoint, warnings, seconds, tolerance)
 
 
-def state_fingerprint(config: Config, job: MapRun, schedule: str = "") -> str:
-    """Of the settings and inputs that a saved state hangs on, down to what is kept for tables."""
-    parts = [
-        settings_hash(config),
-        [a.name for a in job.areas],
-        job.stop_points_max,
-        _keeps_rows(config),
-        [g.name for g, _ in job.control_lines],
-        [job.grid.west, job.grid.north, *job.grid.shape],
-        job.thresholds_kj,
-        job.ref_width_m,
-        schedule,
-        [(r.first, r.repetitions, r.halvings is not None) for r in job.rounds],
-        SUM_NAMES,
-        list(QUANTITIES),
+def _changed(job: Job) -> list[str]:
+    """What to say of files that have changed since they were read."""
+    now = input_digests(job.config) if job.read else {}
+    return [
+        phrase(_CHANGED, named(seen_from(job.config.base, Path(file))))
+        for file, digest in job.read.items()
+        if now[file] != digest
     ]
-    digest = hashlib.sha256(json.dumps(parts).encode())
-    arrays: list[NDArray[Any]] = [job.objects.cell, job.objects.number]
-    for array in (*arrays, *(r.halvings for r in job.rounds if r.halvings is not None)):
-        digest.update(array.tobytes())
-    return digest.hexdigest()
+
+
+def state_fingerprint(config: Config, job: MapRun, schedule: str = "") -> str:
+    """Of all that a saved state hangs on: the run as it was read, and what is kept for tables.
+
+    The digests of its files would not do: they may be edited while it is read.
+    """
+    return value_digest((job, _keeps_rows(config), schedule, SUM_NAMES, QUANTITIES))
 
 
 def _keeps_rows(config: Config) -> bool:

@@ -26,13 +26,13 @@ from sassgis.io.write.layers.risk_objects import risk_tables, risk_vectors
 from sassgis.io.write.zone_tables import design_tables, layer_table, protection_table, source_table
 from sassgis.model.grid import Grid
 from sassgis.model.hazard import HazardCurves
-from sassgis.model.in_memory import Input
 from sassgis.model.results import RasterLayer
 from sassgis.model.run_config import Config
 from sassgis.report.exposed_report import levels_of
 from sassgis.report.protection_page import protection_sheets
 from sassgis.report.run_summary import zone_lines
 from sassgis.report.zone_report import level_table, zone_facts_of, zone_figures, zone_tables
+from sassgis.runs.inputs import zoning_files
 from sassgis.runs.job import Simulation
 from sassgis.runs.map_answers import line_facts, map_hazard, object_facts, rates_by_source
 from sassgis.runs.origin import Origin
@@ -204,10 +204,4 @@ def group_extras(
 
 def _origin(config: Config, rules: Rules) -> Origin:
     """What a zoning is made from besides the run."""
-    files = {"frequencies": config.hazard.frequencies, "vulnerability": config.risk.vulnerability}
-    files["edits"] = config.edits.file
-    files |= {f"objects {o.name}": o.file for o in config.objects}
-    if config.hazard.preset.endswith(".toml"):
-        files["preset"] = Path(config.hazard.preset)
-    inputs: dict[str, Input] = {r: path for r, path in files.items() if path is not None}
-    return Origin(inputs, rules.preset.name, {"hazard": rules.ref_width_m})
+    return Origin(zoning_files(config), rules.preset.name, {"hazard": rules.ref_width_m})

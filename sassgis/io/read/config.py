@@ -25,7 +25,6 @@ from pydantic import TypeAdapter, ValidationError
 
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.engine.effects.registry import EFFECTS, Effect
-from sassgis.io.digests import content_digest
 from sassgis.io.read.checked import (
     ForToml,
     Messages,
@@ -38,6 +37,7 @@ from sassgis.io.read.checked import (
     section_type,
     table_of,
 )
+from sassgis.io.read.input_parts import file_digest
 from sassgis.io.read.plain_file import read_toml, seen_from
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.declared import Declared, Section, declared, is_file
@@ -46,7 +46,7 @@ from sassgis.model.effects import EffectSection, EffectSettings
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.exposure import ObjectSettings, RiskSettings
 from sassgis.model.hazard import HazardSettings, Onset, ZoningSettings
-from sassgis.model.in_memory import AnyInput, InMemory
+from sassgis.model.in_memory import InMemory
 from sassgis.model.results import ControlLine
 from sassgis.model.run_config import Config
 from sassgis.model.settings import (
@@ -426,37 +426,6 @@ def settings_hash(config: Config, *, sections: Iterable[str] = PHYSICS_SECTIONS)
 
 
 _PATH_KEYS = frozenset(key for keys in FILE_KEYS.values() for key in keys)
-_SIDECARS = (
-    *(".shx", ".dbf", ".prj", ".cpg", ".qpj", ".aux", ".hdr"),
-    *(".tfw", ".tifw", ".wld", ".aux.xml", ".flt", ".bil"),
-)
-
-
-def file_digest(path: AnyInput) -> str:
-    """SHA-256 of a file with the side files that give it meaning (.prj, .dbf, .aux.xml, ...), and
-    of a virtual raster with the files that hold its values.
-    """
-    # Here, as GDAL takes long to load, and most of what reads a configuration needs none.
-    from sassgis.io.read.offline import mosaic_sources
-
-    if isinstance(path, InMemory):
-        return path.digest
-    main = Path(path)
-    digest = hashlib.sha256()
-    try:
-        if main.is_dir():  # an Esri file geodatabase
-            parts = sorted(p for p in main.rglob("*") if p.is_file() and p.suffix != ".lock")
-        else:
-            beside = {main.with_suffix(s) for s in _SIDECARS} | {Path(f"{main}.aux.xml")}
-            parts = [main, *sorted(p for p in beside if p != main and p.is_file())]
-            parts += mosaic_sources(main)
-        for part in parts:
-            digest.update(part.suffix.lower().encode())
-            digest.update(bytes.fromhex(content_digest(part)))
-    except OSError as error:
-        found = error.strerror
-        raise InputError("cannot be read", file=main, found=found, expected="a file") from None
-    return digest.hexdigest()
 
 
 # ---------------------------------------------------------------------------------------------

@@ -8,7 +8,6 @@ files are read, and there is no network.
 
 from __future__ import annotations
 
-import math
 import os
 import re
 import signal
@@ -18,11 +17,9 @@ import threading
 from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
 from functools import lru_cache
-from html import unescape
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
-from xml.etree import ElementTree as ET
 
 import pyogrio
 import rasterio
@@ -30,7 +27,8 @@ import shapely
 from pyogrio.errors import DataLayerError, DataSourceError
 from rasterio.io import DatasetReader
 
-from sassgis.io.digests import Stamp, stamp_of
+from sassgis.io.digests import Stamp
+from sassgis.io.read.input_parts import check_beside, files_of, mosaic_text, stamps_of
 from sassgis.io.read.plain_file import check_file, read_text
 from sassgis.model.declared import composed
 from sassgis.model.errors import InputError, Interrupted
@@ -42,26 +40,12 @@ RASTER = "GeoTIFF, VRT of GeoTIFF files, ESRI ASCII, XYZ, Imagine, ESRI BIL or F
 _VECTORS = ("GPKG", "ESRI Shapefile", "GeoJSON", "FlatGeobuf", "KML", "LIBKML", "OpenFileGDB")
 VECTOR = "GeoPackage, Shapefile, GeoJSON, FlatGeobuf, KML or file geodatabase"
 
-_TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _SQLITE = b"SQLite format 3\0"
 _BINARY_VECTORS = (_SQLITE, b"\0\0\x27\x0a", b"fgb\x03")
 #: Texts by which drivers that are not named here know their files, wherever it stands in them.
 _LEADS_ELSEWHERE = re.compile(rb"<OGR|gdal_streamed_alg|<!DOCTYPE", re.IGNORECASE)
 #: As far as GDAL looks for them, with room (bytes).
 _HEAD = 1 << 20
-
-#: All that a mosaic needs, as gdalbuildvrt and gdal_translate write it.
-_MOSAIC_TAGS = re.compile(
-    "VRTDataset|SRS|GeoTransform|Metadata|MDI|OverviewList|Block[XY]Size|VRTRasterBand|MaskBand|"
-    "Description|UnitType|Offset|Scale|NoDataValue|HideNoDataValue|ColorInterp|ColorTable|Entry|"
-    "CategoryNames|Category|Histograms|HistItem|HistMin|HistMax|BucketCount|Approximate|HistCounts|"
-    "IncludeOutOfRange|SimpleSource|ComplexSource|SourceFilename|SourceBand|SourceProperties|"
-    "SrcRect|DstRect|NODATA|UseMaskBand|ScaleOffset|ScaleRatio"
-)
-#: What side files name overviews by that lie anywhere.
-_ELSEWHERE = "OVERVIEW_FILE"
-#: Of virtual rasters and side files (bytes): mosaics of ten thousand tiles have half as many.
-_LARGEST_XML = 20_000_000
 
 #: No web address goes through such a proxy, and no remote file has such a name.
 _SETTINGS = {
@@ -113,12 +97,25 @@ def pyogrio_settings(settings: Mapping[str, str]) -> Iterator[None]:
 
 def open_dataset(file: Path) -> DatasetReader:
     """Open a raster of a format that is named above; RasterioError if GDAL cannot open it."""
-    _check_beside(file)
-    if _is_mosaic(file):
-        return DatasetReader(_mosaic(file, stamp_of(file.stat()))[0], driver="VRT")
+    check_beside(file)
+    mosaic = mosaic_text(file)
+    if mosaic is not None:
+        return DatasetReader(mosaic, driver="VRT")
     drivers = [name for name in _RASTERS if name != "EHdr" or not file.is_symlink()]
     # Not as a relative path: rasterio would take "zip:a" for an archive.
-    return DatasetReader(str(file.absolute()), driver=drivers)
+    dataset = DatasetReader(str(file.absolute()), driver=drivers)
+    # The header of Imagine files may name any file as that with their heights.
+    if dataset.driver == "HFA" and (other := _foreign(dataset, file)):
+        dataset.close()
+        expected = f"{file.stem}.ige, as it was written"
+        raise InputError("has its heights elsewhere", file=file, found=other, expected=expected)
+    return dataset
+
+
+def _foreign(dataset: DatasetReader, file: Path) -> Path | None:
+    """A file that GDAL has opened for a raster and that does not belong to it."""
+    own = files_of(file.absolute())
+    return next((f for f in map(Path, dataset.files) if f not in own), None)
 
 
 def kept_dataset(file: Path) -> DatasetReader:
@@ -126,94 +123,13 @@ def kept_dataset(file: Path) -> DatasetReader:
 
     Neighbouring release areas read the same tiles of a terrain model.
     """
-    return _kept(file, stamp_of(file.stat()), threading.get_ident())
+    return _kept(file, stamps_of(file), threading.get_ident())
 
 
 @lru_cache(maxsize=8)
-def _kept(file: Path, _stamp: Stamp, _thread: int) -> DatasetReader:
+def _kept(file: Path, _stamps: tuple[Stamp, ...], _thread: int) -> DatasetReader:
     # A dataset is of one thread at a time. The one that is left out longest closes itself.
     return open_dataset(file)
-
-
-def mosaic_sources(file: Path) -> tuple[Path, ...]:
-    """The files that hold the values of a virtual raster; none of any other file."""
-    is_one = file.is_file() and _is_mosaic(file)
-    return _mosaic(file, stamp_of(file.stat()))[1] if is_one else ()
-
-
-def mosaic_places(file: Path) -> tuple[tuple[int, int, int, int], ...]:
-    """Where they lie in it: first row and column, numbers of rows and columns."""
-    if not (file.is_file() and _is_mosaic(file)):
-        return ()
-    root = ET.fromstring(_mosaic(file, stamp_of(file.stat()))[0])
-    sides = ("yOff", "xOff", "ySize", "xSize")
-    rectangles = [[float(own.get(k, "nan")) for k in sides] for own in root.iter("DstRect")]
-    whole = all(math.isfinite(v) for own in rectangles for v in own)
-    places = [tuple(map(round, own)) for own in rectangles if whole]
-    return tuple((n, w, rows, cols) for n, w, rows, cols in places if rows > 0 and cols > 0)
-
-
-def _is_mosaic(file: Path) -> bool:
-    """Whether GDAL would take a file for a virtual raster."""
-    with file.open("rb") as stream:
-        head = stream.read(4096).lstrip()
-    return head.startswith(b"<") and b"<VRTDataset" in head
-
-
-@lru_cache(maxsize=4)
-def _mosaic(file: Path, _stamp: Stamp) -> tuple[str, tuple[Path, ...]]:
-    """A virtual raster as GDAL is to see it, with absolute paths, and its sources."""
-    text = read_text(file, None, "a virtual raster", _LARGEST_XML)
-
-    def refused(what: str, found: object) -> InputError:
-        return InputError(
-            "is a virtual raster that is not read", file=file, field=what, found=found,
-            expected="a plain mosaic of GeoTIFF files",
-        )  # fmt: skip
-
-    try:
-        if "<!DOCTYPE" in text:
-            raise refused("DOCTYPE", None)
-        root = ET.fromstring(text)
-    except ET.ParseError as error:
-        raise refused("XML", error) from None
-    for element in root.iter():
-        if not _MOSAIC_TAGS.fullmatch(element.tag):
-            raise refused("element", element.tag)
-        if kinds := [v for k, v in element.attrib.items() if k.lower() == "subclass"]:
-            raise refused(element.tag, kinds[0])
-    places = []
-    for source in root.iter("SourceFilename"):
-        beside = any(
-            k.lower() == "relativetovrt" and v.strip() == "1" for k, v in source.attrib.items()
-        )
-        place = Path(file.absolute().parent if beside else "", (source.text or "").strip())
-        check_file(place, f"{file.name}, SourceFilename", "a GeoTIFF file")
-        if not _is_tiff(place):
-            raise refused("SourceFilename", place)
-        _check_beside(place)
-        source.text, source.attrib = str(place.absolute()), {"relativeToVRT": "0"}
-        places.append(place.absolute())
-    return ET.tostring(root, "unicode"), tuple(dict.fromkeys(places))
-
-
-def _is_tiff(file: Path) -> bool:
-    with file.open("rb") as stream:
-        return stream.read(4) in _TIFF
-
-
-def _check_beside(file: Path) -> None:
-    """GDAL opens masks and overviews beside a raster, and beside those, whatever they are."""
-    for suffix in (".msk", ".ovr", ".OVR"):
-        beside = Path(f"{file}{suffix}")
-        if beside.exists():
-            check_file(beside, None, "a GeoTIFF file")
-            if not _is_tiff(beside):
-                raise InputError("is no GeoTIFF", file=beside, expected="a mask or overviews")
-            _check_beside(beside)
-    beside = Path(f"{file}.aux.xml")
-    if beside.exists() and _ELSEWHERE in unescape(read_text(beside, None, "XML", _LARGEST_XML)):
-        raise InputError("names a file elsewhere", file=beside, field=_ELSEWHERE)
 
 
 # ---------------------------------------------------------------------------------------------

@@ -24,7 +24,7 @@ from sassgis.io.read.dem import (
     require_room,
 )
 from sassgis.io.read.dem_system import extent_text
-from sassgis.io.read.offline import mosaic_places
+from sassgis.io.read.input_parts import mosaic_places
 from sassgis.model.crs import crs_name, same_crs
 from sassgis.model.errors import InputError, InputLost
 from sassgis.model.grid import BoolArray, FloatArray, Grid, IntArray

@@ -19,9 +19,10 @@ import shapely
 from numpy.typing import NDArray
 from pyproj.exceptions import ProjError
 
-from sassgis.io.digests import Stamp, stamp_of
+from sassgis.io.digests import Stamp
 from sassgis.io.read.dem import burnt, system_of
 from sassgis.io.read.dem_system import beyond_degrees, extent_text
+from sassgis.io.read.input_parts import stamps_of
 from sassgis.io.read.offline import (
     VECTOR,
     layers_of,
@@ -185,7 +186,7 @@ def open_layer(
         frame = with_composed(in_memory(file, "layer", place, "a GeoDataFrame"))
         name = file.name
     else:
-        frame, name, warned = _read_layer(file, layer, key, stamp_of(file.stat()))
+        frame, name, warned = _read_layer(file, layer, key, stamps_of(file))
     for text in warned:
         log.warning("%s: %s", file, text)
     known = [c for c in frame.columns if c != "geometry"]
@@ -206,7 +207,7 @@ def open_layer(
 
 @lru_cache(maxsize=4)
 def _read_layer(
-    file: Path, layer: str | None, key: str, _stamp: Stamp
+    file: Path, layer: str | None, key: str, _stamps: tuple[Stamp, ...]
 ) -> tuple[Any, str, tuple[str, ...]]:
     """A layer as a frame, its name, and what GDAL has to say of it.
 

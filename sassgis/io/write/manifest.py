@@ -19,7 +19,7 @@ import rasterio
 import sassgis
 from sassgis.io.digests import content_digest, json_digest
 from sassgis.io.own_files import MANIFEST_DIGEST
-from sassgis.io.read.offline import mosaic_sources
+from sassgis.io.read.input_parts import files_of
 from sassgis.io.read.plain_file import seen_from
 from sassgis.io.staging import result_files, write_json
 from sassgis.model.errors import InputError
@@ -32,13 +32,6 @@ _PACKAGES = (
     *("numpy", "numba", "scipy", "shapely", "rasterio", "pyogrio", "geopandas", "pyproj"),
     *("matplotlib", "pydantic"),
 )
-#: Files without which the named one does not say the same.
-_SIDECARS = {
-    ".shp": (".dbf", ".shx", ".prj", ".cpg"),
-    ".asc": (".prj",),
-    ".tif": (".tfw", ".tif.aux.xml"),
-    ".tiff": (".tfw", ".tiff.aux.xml"),
-}
 
 
 def write_manifest(
@@ -157,17 +150,7 @@ def _input_entries(given: Input, base: Path) -> list[dict[str, object]]:
     """Name and digest of an input, and of what belongs to it."""
     if isinstance(given, InMemory):
         return [{"path": given.name, "size": None, "sha256": given.digest}]
-    return [_described(file, seen_from(base, file)) for file in input_files(given)]
-
-
-def input_files(given: Path) -> list[Path]:
-    """The files behind a path: itself, its sidecars and what a virtual raster shows, or all files
-    of a folder, sorted.
-    """
-    if given.is_dir():
-        return sorted(file for file in given.rglob("*") if file.is_file())
-    sidecars = [given.with_suffix(suffix) for suffix in _SIDECARS.get(given.suffix.lower(), ())]
-    return [given, *(file for file in sidecars if file.is_file()), *mosaic_sources(given)]
+    return [_described(file, seen_from(base, file)) for file in files_of(given)]
 
 
 def _described(file: Path, shown: str) -> dict[str, object]:

@@ -216,7 +216,15 @@ def test_a_virtual_raster_leads_nowhere(site: Path, kind: str, name: str) -> Non
 
 @pytest.mark.parametrize("key", ["OVERVIEW_FILE", "OVERVIEW&#95;FILE"])
 @pytest.mark.parametrize(
-    "beside", ["dem.tif.msk", "dem.tif.ovr", "dem.tif.OVR", "dem.tif.msk.ovr", "dem.tif.aux.xml"]
+    "beside",
+    [
+        "dem.tif.msk",
+        "dem.tif.MSK",
+        "dem.tif.ovr",
+        "dem.tif.OVR",
+        "dem.tif.msk.ovr",
+        "dem.tif.aux.xml",
+    ],
 )
 @pytest.mark.parametrize("below", ["", "a mosaic of it"])
 def test_what_lies_beside_a_raster_leads_nowhere(

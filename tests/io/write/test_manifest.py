@@ -87,8 +87,8 @@ def test_sidecars_count_as_input(place: Path) -> None:
     assert [entry["path"].rsplit(".")[-1] for entry in content["inputs"]] == [
         "shp",
         "dbf",
-        "shx",
         "prj",
+        "shx",
     ]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -328,3 +329,30 @@ def test_several_processes_find_what_is_there_already(
     (out / "areas" / "mitte" / "simulation.npz").write_bytes(b"")
     with pytest.raises(OutputError, match="mitte: exists and was made from other settings"):
         batch(valley.releases, out, dem=valley.tiles, jobs=2, say=said.append)
+
+
+@pytest.mark.battery
+def test_a_shared_file_that_changes_meanwhile_is_told(valley: Valley, tmp_path: Path) -> None:
+    """Each area keeps the digest of what it was made from."""
+    inputs = tmp_path / "inputs"
+    shutil.copytree(valley.config.parent, inputs)
+    areas = gpd.read_file(valley.releases).set_index("name").loc[["Mitte", "Nord"]].reset_index()
+    areas.to_file(inputs / "two.gpkg", driver="GPKG")
+    ground = inputs / "ground.gpkg"
+
+    def edit(text: str) -> None:
+        if text.startswith("Area 2"):
+            frame = gpd.read_file(ground)
+            frame.geometry = frame.geometry.translate(5.0, 0.0)
+            frame.to_file(ground, driver="GPKG")
+
+    said: list[str] = []
+    own = partial(
+        batch, inputs / "two.gpkg", tmp_path / "out", config=inputs / valley.config.name,
+        dem=inputs / "tiles", jobs=1, mosaic_only=True, overwrite=True,
+    )  # fmt: skip
+    meanwhile = "A file that all release areas share has changed while the batch ran"
+    assert any(w.startswith(meanwhile) for w in own(say=edit).warnings)
+    assert not any(w.startswith(meanwhile) for w in own(say=said.append).warnings)
+    # The second was made from what the file holds now.
+    assert "1 of 2 areas are there already" in said

@@ -10,11 +10,16 @@ import signal
 import threading
 import warnings
 from collections.abc import Callable, Iterator
+from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 
+import geopandas as gpd
 import numpy as np
 import pytest
+import shapely.affinity
 from helpers.changed_arrays import Change, change_arrays
+from helpers.open_geopackage import moved_in_gis
 
 from sassgis.hazard.control_lines import ControlLineSums
 from sassgis.hazard.map_sums import MapSums
@@ -317,3 +322,56 @@ def test_threads_stop_with_the_run(job, planned) -> None:
     assert threading.active_count() == 1 or not any(
         t.name.startswith("ThreadPoolExecutor") for t in threading.enumerate()
     )
+
+
+@pytest.mark.parametrize("edit", ["none", "in -wal", "moved back"])
+def test_a_state_is_of_the_polygons_that_were_read(
+    small, interrupted: Path, tmp_path: Path, edit: str
+) -> None:
+    """It counts what was read, not where it lies nor how: a GIS that is open edits no bytes."""
+    config = shutil.copytree(small.config.parent, tmp_path / "copy") / small.config.name
+    file = config.with_name("release.gpkg")
+    frame = gpd.read_file(file)
+    shape = frame.geometry.iloc[0]
+    own = shape if edit == "moved back" else shapely.affinity.translate(shape, 6.0, 0.0)
+    srs = int(frame.crs.to_epsg())
+    with nullcontext() if edit == "none" else moved_in_gis(file, own, srs):
+        seen = firsts(load_config(config, TABLES), interrupted, jobs=1)
+    # Another one begins anew.
+    assert seen[0] == (1 if edit == "in -wal" else 5)
+
+
+def test_a_state_is_no_other_run_whatever_its_files(small) -> None:
+    """A file may be edited after it was read, and before its digest is taken."""
+    config, run = load_config(small.config, TABLES), small.result.run
+    own = job_module.state_fingerprint(config, run)
+    area = run.areas[0]
+    moved = replace(area, geometry=shapely.affinity.translate(area.geometry, 6.0, 0.0))
+    heights = run.grid.values.copy()
+    heights[5, 5] += 0.01
+    others = [
+        replace(run, areas=(moved, *run.areas[1:])),
+        replace(run, grid=replace(run.grid, values=heights)),
+        replace(run, ground=np.where(run.ground == 0, 1, run.ground)),
+        replace(run, seed=run.seed + 1),
+    ]
+    found = {job_module.state_fingerprint(config, other) for other in others}
+    assert len(found) == len(others) and own not in found
+
+
+def test_inputs_that_change_meanwhile_are_named(
+    make_valley: Callable[..., Path], tmp_path: Path
+) -> None:
+    config = make_valley(spacing_m=40.0)
+    file = config.with_name("release.gpkg")
+
+    def edit(_done: int, _chunks: int, _rocks: int) -> None:
+        frame = gpd.read_file(file)
+        frame.geometry = frame.geometry.translate(1.0, 0.0)
+        frame.to_file(file, driver="GPKG")
+
+    told = run(config, tmp_path / "out", jobs=1, on_progress=edit).warnings
+    assert [t for t in told if t.startswith("release.gpkg has changed since it was read")]
+    assert not [t for t in told if t.startswith(("dem.tif", "config.toml"))]
+    told = run(config, tmp_path / "again", jobs=1).warnings
+    assert not [t for t in told if "has changed" in t]
