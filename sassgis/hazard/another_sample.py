@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage, special
 
-from sassgis.hazard.curves import at_energies
+from sassgis.hazard.curves import at_energies, wide_variance
 from sassgis.hazard.levels import hazard_level, limits_of_levels
 from sassgis.model.grid import BoolArray, FloatArray, IntArray
 from sassgis.model.hazard import HazardCurves, HazardPreset
@@ -144,7 +144,7 @@ def level_chances(
     few = at_energies(curves, preset.thresholds_kj)
     limits = limits_of_levels(preset)
     reached = few.rate > 0.0
-    weight = np.divide(few.variance, few.rate, out=np.zeros_like(few.rate), where=reached)
+    weight = np.divide(wide_variance(few), few.rate, out=np.zeros_like(few.rate), where=reached)
     with np.errstate(divide="ignore", invalid="ignore"):
         blocks = np.where(reached, few.rate / weight, 0.0)
     places, first, weight_of_first = _first_reached(few.places, blocks, weight[:, 0], limits, known)
@@ -412,7 +412,7 @@ def rocks_factor(
     limits = np.vstack(
         [np.zeros(few.rate.shape[1]), limits_of_levels(preset), np.full(few.rate.shape[1], np.inf)]
     )
-    spread = 2.0 * special.ndtri(confidence) ** 2 * few.variance
+    spread = 2.0 * special.ndtri(confidence) ** 2 * wide_variance(few)
     with np.errstate(divide="ignore", invalid="ignore"):
         below = few.rate - limits[level]
         above = limits[level + 1] - few.rate

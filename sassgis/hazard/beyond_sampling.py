@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special, stats
@@ -16,12 +18,14 @@ def chance_of_difference(
     rates: tuple[FloatArray, FloatArray],
     variances: tuple[FloatArray, FloatArray],
     of_a_block: tuple[ArrayLike, ArrayLike],
+    freedom: tuple[float, float] = (math.inf, math.inf),
 ) -> FloatArray:
     """Two-sided p values of differences between two independent samples.
 
-    Where both rest on many blocks the difference is normal. Else a rate λ with variance v stands
-    for at most λ²/v blocks, and given their sum those of one sample are binomial (J. Przyborowski
-    and H. Wilenski, 1940, Biometrika 31: 313-323).
+    Where both rest on many blocks the difference is normal, or has Student's t distribution where
+    release points were drawn (Welch 1947, Biometrika 34: 28-35). Else a rate λ with variance v
+    stands for at most λ²/v blocks, and given their sum those of one sample are binomial (J.
+    Przyborowski and H. Wilenski, 1940, Biometrika 31: 313-323).
 
     Parameters
     ----------
@@ -29,6 +33,8 @@ def chance_of_difference(
         Rates or shares of both samples, and their sampling variances; NaN: unknown.
     of_a_block : pair of float, or float64 of shape (n,)
         Rate or share that one block stands for, above 0.
+    freedom : pair of float
+        Degrees of freedom of the variances; infinite where the release points are given.
 
     Returns
     -------
@@ -44,7 +50,8 @@ def chance_of_difference(
         weights.append(np.maximum(alone, weight))
         counts.append(own / weights[-1])
     distance = np.abs(one - two)
-    normal = 2.0 * special.ndtr(-distance / np.sqrt(np.where(spread > 0.0, spread, np.inf)))
+    errors = distance / np.sqrt(np.where(spread > 0.0, spread, np.inf))
+    normal = 2.0 * special.stdtr(_pooled(variances, freedom), -errors)
     out = np.where(one == two, 1.0, np.where(spread > 0.0, normal, 0.0))
     few = np.minimum(*counts) < _MANY
     share = weights[1][few] / (weights[0][few] + weights[1][few])  # of blocks, in the first sample
@@ -54,6 +61,18 @@ def chance_of_difference(
     )
     out[np.isnan(spread)] = 1.0
     return out
+
+
+def _pooled(
+    variances: tuple[FloatArray, FloatArray], freedom: tuple[float, float]
+) -> FloatArray | float:
+    """Degrees of freedom of the sum of two variances."""
+    if np.isinf(freedom).all():
+        return math.inf
+    one, two = (v**2 / max(k, 1.0) for v, k in zip(variances, freedom, strict=True))
+    pooled = np.full(one.shape, np.inf)
+    np.divide((variances[0] + variances[1]) ** 2, one + two, out=pooled, where=one + two > 0.0)
+    return pooled
 
 
 def _at_least(a: FloatArray, b: FloatArray, share: FloatArray) -> FloatArray:
@@ -66,6 +85,7 @@ def beyond_sampling(
     rates: tuple[FloatArray, FloatArray],
     variances: tuple[FloatArray, FloatArray],
     of_a_block: tuple[ArrayLike, ArrayLike],
+    freedom: tuple[float, float] = (math.inf, math.inf),
     false_share: float = 0.05,
 ) -> NDArray[np.bool_]:
     """Places at which two samples differ by more than sampling explains, shape (n,).
@@ -78,7 +98,7 @@ def beyond_sampling(
 
     Parameters are those of :func:`chance_of_difference`.
     """
-    p = chance_of_difference(rates, variances, of_a_block)
+    p = chance_of_difference(rates, variances, of_a_block, freedom)
     reached = np.nan_to_num(rates[0]) + np.nan_to_num(rates[1]) > 0.0
     found = np.zeros(p.shape, bool)
     if reached.any():

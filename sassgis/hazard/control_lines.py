@@ -40,7 +40,8 @@ class Distribution:
     smallest: float
     largest: float
     histogram: Histogram
-    # Shape (n_bins,); sum of the squares of the weights of the blocks in each bin of the histogram.
+    # Shape (n_bins,); of what was drawn, blocks or release points with their blocks, the sum of the
+    # squares of how many blocks of each lie in a bin of the histogram or beyond.
     squares: IntArray
 
     def quantile(self, *probabilities: float) -> tuple[float, ...]:
@@ -65,7 +66,7 @@ class ControlLineSums:
         self._of: dict[str, dict[str, NDArray[Any]]] = {
             q: {
                 "counts": np.zeros((n, edges.size - 1), np.int64),
-                # The same of the squares of their weights.
+                # As of Distribution.
                 "squares": np.zeros((n, edges.size - 1), np.int64),
                 # Sums of whole units and of millionths beyond them: whole numbers, so that the
                 # order of adding does not matter, and apart, as millionths of many large blocks
@@ -77,8 +78,11 @@ class ControlLineSums:
             for q, (_, edges) in QUANTITIES.items()
         }
 
-    def add(self, passages: NDArray[np.void], weight: int = 1) -> None:
-        """Count passages (PASSAGE_DTYPE) of blocks that count ``weight`` times each."""
+    def add(self, passages: NDArray[np.void], weight: int = 1, random_points: bool = False) -> None:
+        """Count passages (PASSAGE_DTYPE) of blocks that count ``weight`` times each.
+
+        Where release points were drawn at random, all passages of one are among them.
+        """
         if not passages.size:
             return
         control_line = passages["control_line"]
@@ -92,7 +96,10 @@ class ControlLineSums:
             bins = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, edges.size - 2)
             own = self._of[q]
             np.add.at(own["counts"], (control_line, bins), weight)
-            np.add.at(own["squares"], (control_line, bins), weight * weight)
+            own["squares"] += _squares(
+                control_line, bins, weight, passages["line"] if random_points else None,
+                own["counts"].shape,
+            )  # fmt: skip
             parts = np.divmod(np.rint(values * _PARTS).astype(np.int64), _PARTS)
             for total, part in zip(own["sum"], parts, strict=True):
                 np.add.at(total, control_line, weight * part)
@@ -150,6 +157,28 @@ class ControlLineSums:
         for name, own in sums.state().items():
             own[...] = state[name]
         return sums
+
+
+def _squares(
+    control_line: IntArray,
+    bins: IntArray,
+    weight: int,
+    point: IntArray | None,
+    shape: tuple[int, int],
+) -> IntArray:
+    """Squares as of Distribution, of passages of blocks from some points; None: of single blocks.
+
+    Has the shape (control lines, bins).
+    """
+    out: IntArray = np.zeros(shape, np.int64)
+    if point is None:
+        np.add.at(out, (control_line, bins), weight * weight)
+        return np.cumsum(out[:, ::-1], axis=1)[:, ::-1]
+    (line, _), row = np.unique([control_line, point], axis=1, return_inverse=True)
+    own = np.zeros((line.size, shape[1]), np.int64)
+    np.add.at(own, (row, bins), weight)
+    np.add.at(out, line, np.cumsum(own[:, ::-1], axis=1)[:, ::-1] ** 2)
+    return out
 
 
 def energy_behind(

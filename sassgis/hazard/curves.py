@@ -7,15 +7,19 @@ make the curve.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import special
 
-from sassgis.hazard.map_sums import count_variance
-from sassgis.model.grid import FloatArray
-from sassgis.model.hazard import HazardCurves, Source, SourceCounts
+from sassgis.hazard.sampling_error import (
+    blocks_of_a_point,
+    count_variance,
+    gamma_interval,
+    widening,
+)
+from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.hazard import DrawnPoints, HazardCurves, Source, SourceCounts
 
 #: Rates are sums of rounded numbers: a rate short of 1/T by less than this share meets T.
 _ROUNDING = 1e-12
@@ -37,17 +41,27 @@ def source_variance(source: Source, counts: SourceCounts) -> FloatArray:
     line); 0 where none was, as in the places that the source does not reach at all.
     """
     variance = count_variance(
-        counts.count,
-        counts.square,
-        source.rocks_per_line,
-        source.rocks // max(source.rocks_per_line, 1),
-        source.random_points,
+        counts.count, counts.square, source.rocks_per_line, source.lines, source.random_points
     )
     return np.where(counts.count > 0, source.rate_per_rock**2 * variance, 0.0)
 
 
+def _drawn_points(source: Source, counts: SourceCounts) -> DrawnPoints | None:
+    """What the release points of a source leave open; None where they are given."""
+    if not source.random_points:
+        return None
+    each = blocks_of_a_point(counts.count, counts.square)
+    # Of energies that no block has as much is said as of the last that one has.
+    last = np.maximum((counts.count > 0).sum(axis=1) - 1, 0)
+    each = np.where(counts.count > 0, each, np.take_along_axis(each, last[:, None], 1))
+    return DrawnPoints(source.rate_per_rock * each, np.full(each.shape, source.freedom))
+
+
 def hazard_curves(
-    sources: Sequence[Source], counts: Sequence[SourceCounts], energies_kj: ArrayLike
+    sources: Sequence[Source],
+    counts: Sequence[SourceCounts],
+    energies_kj: ArrayLike,
+    variance_of: Callable[[Source, SourceCounts], FloatArray] = source_variance,
 ) -> HazardCurves:
     """Hazard curves of all places that any source reaches.
 
@@ -64,7 +78,8 @@ def hazard_curves(
     arrived: none of a few blocks of a frequent scenario says little against it where a rare one
     arrives.
 
-    ``energies_kj`` are those of the columns of the counts, ascending from 0 (kJ).
+    ``energies_kj`` are those of the columns of the counts, ascending from 0 (kJ); ``variance_of``
+    gives the variance of the rates of a source.
     """
     energies = np.asarray(energies_kj, np.float64)
     if energies.ndim != 1 or energies.size == 0 or energies[0] != 0.0:
@@ -83,8 +98,9 @@ def hazard_curves(
                 own.places,
                 energies,
                 source_rate(source, own),
-                source_variance(source, own),
+                variance_of(source, own),
                 per_rock,
+                _drawn_points(source, own),
             )
         )
     joined = [_joined(parts, energies, area in same_points) for area, parts in areas.items()]
@@ -109,7 +125,34 @@ def _joined(parts: Sequence[HazardCurves], energies: FloatArray, together: bool)
         else:
             variance[rows] += part.variance
         per_rock[rows] = np.maximum(per_rock[rows], part.rate_of_a_rock)
-    return HazardCurves(places, energies, rate, variance, per_rock)
+    drawn = _joined_points(parts, places, variance, together)
+    return HazardCurves(places, energies, rate, variance, per_rock, drawn)
+
+
+def _joined_points(
+    parts: Sequence[HazardCurves], places: IntArray, variance: FloatArray, together: bool
+) -> DrawnPoints | None:
+    """What release points leave open of the sum of curves, which has some variance.
+
+    Of independent samples the degrees of freedom are those of Welch (1947, Biometrika 34: 28-35)
+    and Satterthwaite (1946, Biometrics Bulletin 2: 110-114), and one point more is one of any of
+    them; the scenarios of an area share their points.
+    """
+    if all(part.drawn is None for part in parts):
+        return None
+    of_a_point, unsure = np.zeros_like(variance), np.zeros_like(variance)
+    freedom = np.full(variance.shape, np.inf)
+    for part in parts:
+        rows = np.searchsorted(places, part.places)
+        add = np.add if together else np.maximum
+        more = part.rate_of_one if part.drawn is None else part.drawn.rate_of_a_point
+        of_a_point[rows] = add(of_a_point[rows], more)
+        own = np.broadcast_to(np.maximum(part.freedom, 1.0), part.variance.shape)
+        freedom[rows] = np.minimum(freedom[rows], own)
+        unsure[rows] += part.variance**2 / own
+    if not together:
+        freedom = np.divide(variance**2, unsure, out=freedom, where=unsure > 0.0)
+    return DrawnPoints(of_a_point, freedom)
 
 
 def at_energies(curves: HazardCurves, energies_kj: Sequence[float]) -> HazardCurves:
@@ -120,14 +163,7 @@ def at_energies(curves: HazardCurves, energies_kj: Sequence[float]) -> HazardCur
     ValueError
         An energy is none of the curves'.
     """
-    columns = [curves.column(e) for e in energies_kj]
-    return HazardCurves(
-        curves.places,
-        curves.energies_kj[columns],
-        curves.rate[:, columns],
-        curves.variance[:, columns],
-        curves.rate_of_a_rock,
-    )
+    return curves.part(slice(None), [curves.column(e) for e in energies_kj])
 
 
 # ---------------------------------------------------------------------------------------------
@@ -188,46 +224,15 @@ def energy_at(curves: HazardCurves, years: float | FloatArray) -> FloatArray:
 def rate_interval(curves: HazardCurves, confidence: float = 0.95) -> tuple[FloatArray, FloatArray]:
     """Limits (1/year) between which the rates lie, given the sample; shape (n, n_energies) each.
 
-    The gamma interval for weighted sums of counts (Fay and Feuer 1997, Statistics in Medicine 16:
-    791-801): the lower limit is a quantile of the gamma distribution with the mean λ and variance v
-    of the rate, the upper one of that with mean λ + w and variance v + w², w being the rate of one
-    block more. For counts with one weight it is the exact interval of a Poisson mean. It states
-    what another sample of blocks would change, and nothing of the model, its parameters or the
-    onset frequency. ``confidence`` is the probability that the interval holds the rate, below 1.
-
-    With no block counted the lower limit is 0; with variance 0 it is the rate. NaN where the
-    variance is.
+    They are those of ``sampling_error.gamma_interval``, and state what another sample of blocks
+    would change, and nothing of the model, its parameters or the onset frequency. ``confidence`` is
+    the probability that the interval holds the rate, below 1.
     """
-    return gamma_interval(curves.rate, curves.variance, curves.rate_of_a_rock[:, None], confidence)
+    return gamma_interval(
+        curves.rate, curves.variance, curves.rate_of_one, confidence, curves.freedom
+    )
 
 
-def gamma_interval(
-    rate: FloatArray, variance: FloatArray, of_a_rock: FloatArray | float, confidence: float
-) -> tuple[FloatArray, FloatArray]:
-    """The interval of ``rate_interval`` from rates, their variance, and that of one block."""
-    if not 0.0 < confidence < 1.0:
-        raise ValueError(f"a confidence of {confidence} is not between 0 and 1")
-    tail = 0.5 * (1.0 - confidence)
-    unknown = np.isnan(variance)
-    lower = _gamma_quantile(tail, rate, variance, special.gammaincinv)
-    upper = _gamma_quantile(tail, rate + of_a_rock, variance + of_a_rock**2, special.gammainccinv)
-    lower = np.where(unknown, np.nan, np.minimum(lower, rate))
-    upper = np.where(unknown, np.nan, np.maximum(upper, rate))
-    return lower, upper
-
-
-def _gamma_quantile(
-    tail: float, mean: FloatArray, variance: FloatArray, inverse: np.ufunc
-) -> FloatArray:
-    """Quantile of the gamma distribution with a mean and variance; the mean where that is 0.
-
-    Spreads below a hundred millionth of the mean count as 0.
-    """
-    out = np.array(np.broadcast_to(mean, np.broadcast_shapes(mean.shape, variance.shape)))
-    spread = np.broadcast_to(variance, out.shape)
-    some = (out > 0.0) & (spread > 1e-16 * out**2)
-    scale = spread[some] / out[some]
-    # Many places have the same counts.
-    shapes, of = np.unique(out[some] / scale, return_inverse=True)
-    out[some] = inverse(shapes, tail)[of] * scale
-    return out
+def wide_variance(curves: HazardCurves) -> FloatArray:
+    """Variances that hold where few release points were drawn: widened as those of 95 % limits."""
+    return curves.variance * widening(curves.freedom, 0.025)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -10,10 +11,11 @@ from importlib import resources
 
 import numpy as np
 
-from sassgis.hazard.control_lines import QUANTITIES
-from sassgis.hazard.curves import gamma_interval
+from sassgis.hazard.control_lines import QUANTITIES, Distribution
+from sassgis.hazard.curves import hazard_curves, rate_interval, source_variance
 from sassgis.hazard.sources import Sampled
 from sassgis.model.grid import FloatArray
+from sassgis.model.hazard import HazardCurves, Source, SourceCounts
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,18 +24,16 @@ class Arrivals:
 
     edges: FloatArray  # shape (n + 1,); of the bins in which the quantity was counted
     rate: FloatArray  # shape (n + 1,); frequency at or above each edge, per year; 0 at the last
-    # Shape (n + 1,); of the rate by the sampling of blocks, as if they were drawn one by one
-    # (1/year²): at most.
-    variance: FloatArray
-    # Shape (n + 1,); simulated blocks behind it; of blocks that count differently, as many alike as
-    # have the same variance.
+    # Shape (n + 1,); simulated blocks behind it; of blocks that count differently, or come from
+    # few points, as many alike as have the same variance.
     rocks: np.ndarray
     largest: float  # largest value of any block; NaN if none arrived
-    of_a_rock: float  # largest frequency of one simulated block, per year
+    # The rate with its variance by the sampling; the line is the place, the edges are the energies.
+    curves: HazardCurves
 
     def limits(self, confidence: float) -> tuple[Arrivals, Arrivals]:
         """Curves between which this one lies, given the sample: those of curves.rate_interval."""
-        ends = gamma_interval(self.rate, self.variance, self.of_a_rock, confidence)
+        ends = (end.sum(axis=0) for end in rate_interval(self.curves, confidence))
         low, high = (replace(self, rate=np.minimum.accumulate(rate)) for rate in ends)
         # Of what is beyond the largest value nothing was seen.
         return low, replace(high, largest=float("inf"))
@@ -46,24 +46,32 @@ def arrivals(sampled: Sequence[Sampled], control_line: int, quantity: str) -> Ar
     control_lines.QUANTITIES.
     """
     edges = QUANTITIES[quantity][1]
-    rate, variance, alike = np.zeros((3, edges.size))
-    largest, of_a_rock = -np.inf, 0.0
-    for one in sampled:
-        source, own = one.source, one.control_lines.distribution(control_line, quantity)
-        above, squares = (
-            np.append(np.cumsum(counts[::-1])[::-1], 0.0)
-            for counts in (own.histogram.counts, own.squares)
-        )
-        rate += source.rate_per_rock * above
-        variance += source.rate_per_rock**2 * squares
-        alike += np.divide(above**2, squares, out=np.zeros_like(above), where=squares > 0.0)
-        if own.count:
-            largest = max(largest, own.largest)
-            of_a_rock = max(of_a_rock, source.rate_of_a_rock)
-    return Arrivals(
-        edges, rate, variance, np.rint(alike).astype(np.int64),
-        largest if np.isfinite(largest) else float("nan"), of_a_rock,
-    )  # fmt: skip
+    found = [one.control_lines.distribution(control_line, quantity) for one in sampled]
+    counts = [_at_edges(own) for own in found]
+    sources = [one.source for one in sampled]
+    curves = hazard_curves(sources, counts, edges, _variance)
+    count, square = (
+        np.array([getattr(own, part)[0] for own in counts], np.float64)
+        for part in ("count", "square")
+    )
+    alike = np.divide(count**2, square, out=np.zeros_like(count), where=square > 0.0)
+    largest = max((own.largest for own in found if own.count), default=math.nan)
+    rocks = np.rint(alike.sum(axis=0)).astype(np.int64)
+    return Arrivals(edges, curves.rate.sum(axis=0), rocks, largest, curves)
+
+
+def _at_edges(own: Distribution) -> SourceCounts:
+    """Blocks at or above each edge of the bins, with squares as of Distribution; one place."""
+    above = np.cumsum(own.histogram.counts[::-1])[::-1]
+    count, square = (np.append(values, 0)[None] for values in (above, own.squares))
+    return SourceCounts(np.zeros(1, np.int64), count, square)
+
+
+def _variance(source: Source, counts: SourceCounts) -> FloatArray:
+    """Variance of the rates of a source at a line; of given points at most, as of single blocks."""
+    if source.random_points:
+        return source_variance(source, counts)
+    return source.rate_per_rock**2 * counts.square.astype(np.float64)
 
 
 def value_at_rate(curve: Arrivals, rate: float) -> float:

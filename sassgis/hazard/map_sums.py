@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.engine.simulate import Visits
+from sassgis.hazard.sampling_error import blocks_of_a_point, count_variance, gamma_interval
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.statistics_table import SUM_NAMES, SUMS, CellSum, Statistic, probability_of
 
@@ -219,33 +220,6 @@ class Sample:
     random_points: bool  # whether the release points were themselves drawn at random
 
 
-def count_variance(
-    count: IntArray, square: IntArray, rocks_per_line: int, strata: int, random_points: bool
-) -> FloatArray:
-    """Sampling variance of the number of blocks that reach a place.
-
-    With k_l of the n blocks of line l in the place and K = Σ k_l: release points on a lattice are
-    fixed, so only the blocks of each line are a sample (stratified sampling; Cochran 1977, section
-    5.3): Var K = Σ k_l (n − k_l)/(n − 1). Points drawn at random make the line the unit (cluster
-    sampling; ibid., section 9A.2): Var K = L/(L − 1) · (Σ k_l² − K²/L).
-
-    Given are Σ k_l and Σ k_l² in arrays of one shape, n and L. NaN where the sample does not give
-    it: one block per line, or one random line.
-    """
-    k = count.astype(np.float64)
-    k2 = square.astype(np.float64)
-    n = rocks_per_line
-    if random_points:
-        if strata < 2:
-            return np.full(k.shape, np.nan)
-        variance = strata / (strata - 1.0) * (k2 - k * k / strata)
-    elif n < 2:
-        return np.full(k.shape, np.nan)
-    else:
-        variance = (n * k - k2) / (n - 1.0)
-    return np.maximum(variance, 0.0)
-
-
 def reach_probability(
     reach: IntArray, reach_square: IntArray, sample: Sample
 ) -> tuple[FloatArray, FloatArray]:
@@ -259,6 +233,24 @@ def reach_probability(
     )
     started = max(sample.started, 1)
     return reach.astype(np.float64) / started, np.sqrt(variance) / started
+
+
+def reach_limits(
+    reach: IntArray, reach_square: IntArray, sample: Sample
+) -> tuple[FloatArray, FloatArray]:
+    """Limits of a 95 % interval of the reach probability, 1 at most; NaN where its error is.
+
+    They are those of ``gamma_interval``.
+    """
+    started = max(sample.started, 1)
+    share, error = reach_probability(reach, reach_square, sample)
+    of_one = np.full(share.shape, 1.0 / started)
+    freedom = math.inf
+    if sample.random_points:
+        of_one = np.maximum(of_one, blocks_of_a_point(reach, reach_square) / started)
+        freedom = sample.lines - 1.0
+    low, high = gamma_interval(share, error**2, of_one, 0.95, freedom)
+    return low, np.minimum(high, 1.0)
 
 
 def band_values(
@@ -296,6 +288,7 @@ def band_values(
     if "reach" in row.bands:
         square = sums.column("reach_square").astype(np.int64)
         out["reach"], out["standard_error"] = reach_probability(reach, square, sample)
+        out["lower"], out["upper"] = reach_limits(reach, square, sample)
     if "passages" in row.bands:
         out["passages"] = reach.astype(np.float64)
     if "stops" in row.bands:

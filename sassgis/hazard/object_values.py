@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy import special
 
-from sassgis.hazard.curves import energy_at, hazard_curves, rate_interval
+from sassgis.hazard.curves import energy_at, hazard_curves, rate_interval, wide_variance
 from sassgis.hazard.map_sums import MapSums, quantiles
 from sassgis.model.grid import FloatArray
 from sassgis.model.hazard import HazardCurves, Source, SourceCounts
@@ -138,7 +138,7 @@ def _heights(
         np.maximum.at(largest, of, sums.column("height_max")[rows])
     blocks = np.zeros(n)
     rate = curves.rate[:, 0]
-    spread = np.maximum(curves.variance[:, 0], rate * curves.rate_of_a_rock)
+    spread = np.maximum(wide_variance(curves)[:, 0], rate * curves.rate_of_one[:, 0])
     blocks[curves.places] = np.divide(
         rate**2, spread, out=np.zeros_like(spread), where=spread > 0.0
     )

@@ -58,7 +58,9 @@ class SourceTally:
             SourceSums(n), SourceSums(n), ControlLineSums(tuple(g for g, _ in run.control_lines))
         )
 
-    def add(self, result: Simulated, weight: int = 1, each: int = 1) -> None:
+    def add(
+        self, result: Simulated, weight: int = 1, each: int = 1, random_points: bool = False
+    ) -> None:
         """Add the blocks of a chunk, which count ``weight`` times; ``each`` are of one stratum."""
 
         def counts(sums: Mapping[str, NDArray[Any]]) -> tuple[IntArray, IntArray]:
@@ -71,7 +73,7 @@ class SourceTally:
             self.cells.add(result.cells, *counts(result.kept))
         numbers = np.arange(result.objects["exceed"].shape[0], dtype=np.int64)
         self.objects.add(numbers, *counts(result.objects))
-        self.control_lines.add(result.passages, weight)
+        self.control_lines.add(result.passages, weight, random_points)
         idle = int((result.rocks["reason"] == StopReason.NEVER_STARTED).sum())
         self.simulated += result.rocks.size
         self.rocks += weight * result.rocks.size
@@ -144,7 +146,8 @@ def add_chunk(progress: Progress, outcome: ChunkResult, run: MapRun) -> None:
         source = (outcome.area, scenario)
         if source not in progress.sources:
             progress.sources[source] = SourceTally.fresh(run)
-        progress.sources[source].add(result, weight, each)
+        drawn = run.release.placement == "random"
+        progress.sources[source].add(result, weight, each, drawn)
         if progress.worth is not None:
             np.add.at(progress.scores[:, scenario], outcome.points, result.worth)
     # Fragments and entrained blocks are no released blocks.

@@ -256,7 +256,8 @@ def _beyond_sampling(before: StoredResult, after: StoredResult) -> np.ndarray:
     )
     one, two = (np.where(np.isfinite(p), e**2, 0.0) for p, e in zip(reach, errors, strict=True))
     of_a_block = (1.0 / max(before.blocks, 1), 1.0 / max(after.blocks, 1))
-    return beyond_sampling((reach[0], reach[1]), (one, two), of_a_block)
+    freedom = (before.freedom, after.freedom)
+    return beyond_sampling((reach[0], reach[1]), (one, two), of_a_block, freedom)
 
 
 def _mean(values: FloatArray) -> float:

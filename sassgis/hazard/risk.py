@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sassgis.hazard.curves import at_energies, hazard_curves
+from sassgis.hazard.sampling_error import gamma_interval
 from sassgis.model.exposure import VEHICLE, ExposedObject, Vulnerability
 from sassgis.model.grid import FloatArray
 from sassgis.model.hazard import Source, SourceCounts
@@ -77,6 +78,23 @@ class RiskTable:
         error: FloatArray = np.sqrt(_sums(by_sample(self.variances[quantity], self.sources).T))
         return error
 
+    def limits(self, quantity: str) -> tuple[FloatArray, FloatArray]:
+        """Limits of a 95 % interval of :meth:`of_object`, given the sample.
+
+        By sampling_error.gamma_interval, with the variance over the value as what one more of what
+        was drawn would add.
+        """
+        value = self.of_object(quantity)
+        own = by_sample(self.variances[quantity], self.sources)
+        variance = _sums(own.T)
+        of_one = np.divide(variance, value, out=np.zeros_like(value), where=value > 0.0)
+        keys = _samples(self.sources)
+        freedom = {k: max(s.freedom, 1.0) for k, s in zip(keys, self.sources, strict=True)}
+        unsure = (own**2 / np.array([[freedom[key]] for key in sorted(freedom)])).sum(axis=0)
+        pooled = np.full(value.shape, np.inf)
+        np.divide(variance**2, unsure, out=pooled, where=unsure > 0.0)
+        return gamma_interval(value, variance, of_one, 0.95, pooled)
+
     @property
     def one_rock(self) -> FloatArray:
         """Hits per year of one simulated block, shape (n_objects,).
@@ -111,6 +129,11 @@ def _sums(rows: FloatArray) -> FloatArray:
     return np.array([math.fsum(row) for row in rows.tolist()], np.float64)
 
 
+def _samples(sources: Sequence[Source]) -> list[tuple[str, str]]:
+    """The sample that each source belongs to: points drawn for an area are those of all of it."""
+    return [(s.area, "" if s.random_points else s.scenario) for s in sources]
+
+
 def by_sample(variance: FloatArray, sources: Sequence[Source]) -> FloatArray:
     """Variances of independent samples from those of sources.
 
@@ -118,7 +141,7 @@ def by_sample(variance: FloatArray, sources: Sequence[Source]) -> FloatArray:
     from the same points: their standard errors add up at most. ``variance`` has the shape
     (n_sources, n).
     """
-    keys = [(s.area, "" if s.random_points else s.scenario) for s in sources]
+    keys = _samples(sources)
     number = {key: i for i, key in enumerate(sorted(set(keys)))}
     of_source = [number[key] for key in keys]
     error = np.zeros((len(number), variance.shape[1]))
@@ -201,9 +224,8 @@ def weighted_variance(
     error = np.sqrt(variance)
     n = rate.shape[-1]
     if source.random_points:
-        lines = source.rocks // max(source.rocks_per_line, 1)
         after = np.concatenate([rate[..., 1:], np.zeros_like(rate[..., :1])], axis=-1)
-        products = 2.0 * after * hits / max(lines - 1, 1)
+        products = 2.0 * after * hits / max(source.lines - 1, 1)
         own = np.maximum(class_hits(variance) + products, 0.0)
         nested = np.einsum("...i,...i->...", np.abs(step), error)
         apart = np.einsum("...i,...i->...", cost, np.sqrt(own))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -54,6 +55,14 @@ class StoredResult:
         """Simulated blocks that started: the denominator of the reach probability."""
         counts = self.manifest["counts"]
         return int(counts["rocks"]) - int(counts.get("rocks_never_started", 0))
+
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom of sampling errors: infinite but where release points were drawn."""
+        release = self.manifest["settings"].get("release", {})
+        if release.get("placement") != "random":
+            return math.inf
+        return max(int(self.manifest["counts"].get("release_points", 0)) - 1.0, 0.0)
 
     @property
     def title(self) -> str:

@@ -15,6 +15,10 @@ from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.in_memory import Input
 
+#: Which rows or columns of an array.
+Rows = slice | list[int]
+_ALL = slice(None)
+
 
 @dataclass(frozen=True, slots=True)
 class Source:
@@ -31,6 +35,16 @@ class Source:
     # onset frequency is that of blocks that start, and these are no part of it.
     never_started: int = 0
     heaviest: int = 1  # how often that of the simulated blocks counts which counts most
+
+    @property
+    def lines(self) -> int:
+        """Strata of the sample: release points, or fall lines, with their rounds."""
+        return self.rocks // max(self.rocks_per_line, 1)
+
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom of variances: one less than points that were drawn, else infinite."""
+        return max(self.lines - 1.0, 0.0) if self.random_points else math.inf
 
     @property
     def label(self) -> str:
@@ -73,6 +87,19 @@ class SourceCounts:
 
 
 @dataclass(frozen=True, slots=True)
+class DrawnPoints:
+    """What release points drawn at random, few as they are, leave open of hazard curves."""
+
+    # Shape (n, n_energies); annual frequency of the blocks that come from one point more.
+    rate_of_a_point: FloatArray
+    freedom: FloatArray  # shape (n, n_energies); degrees of freedom of the variance
+
+    def part(self, rows: Rows, columns: Rows) -> DrawnPoints:
+        """That of some places and energies."""
+        return DrawnPoints(self.rate_of_a_point[rows][:, columns], self.freedom[rows][:, columns])
+
+
+@dataclass(frozen=True, slots=True)
 class HazardCurves:
     """Annual frequency with which blocks reach each place with at least some energy."""
 
@@ -83,6 +110,32 @@ class HazardCurves:
     # Shape (n,); the largest frequency of one simulated block, of all scenarios of the areas from
     # which a block reached the place (1/year): what one block more or less would change.
     rate_of_a_rock: FloatArray
+    drawn: DrawnPoints | None = None  # None: the release points are given
+
+    @property
+    def rate_of_one(self) -> FloatArray:
+        """What one more of what was drawn would add (1/year): a block, or a point with its blocks.
+
+        Of the shape (n, 1) or (n, n_energies).
+        """
+        of_a_point = 0.0 if self.drawn is None else self.drawn.rate_of_a_point
+        return np.maximum(self.rate_of_a_rock[:, None], of_a_point)
+
+    @property
+    def freedom(self) -> FloatArray | float:
+        """Degrees of freedom of the variances; infinite where the release points are given."""
+        return math.inf if self.drawn is None else self.drawn.freedom
+
+    def part(self, rows: Rows, columns: Rows = _ALL) -> HazardCurves:
+        """The curves of some places, at some of their energies."""
+        return HazardCurves(
+            self.places[rows],
+            self.energies_kj[columns],
+            self.rate[rows][:, columns],
+            self.variance[rows][:, columns],
+            self.rate_of_a_rock[rows],
+            None if self.drawn is None else self.drawn.part(rows, columns),
+        )
 
     def column(self, energy_kj: float) -> int:
         """Position of an energy among ``energies_kj``.

@@ -75,7 +75,7 @@ class Statistic:
     unit: str
     label: str
     # The first is the one shown. With a quantity: "q95" (any per cent), "mean", "max", "min";
-    # without: "reach", "standard_error", "passages", "stops".
+    # without: "reach", "standard_error", "lower", "upper", "passages", "stops".
     bands: tuple[str, ...]
     # What the numbers mean. ``{rocks}``, ``{width}``, ``{once}``, ``{error}``, ``{few}`` and
     # ``{late}`` are filled in.
@@ -103,6 +103,8 @@ class Statistic:
             "max": f"{short}, largest",
             "min": f"{short}, smallest",
             "standard_error": f"Sampling standard error of the {self.label.lower()}",
+            "lower": f"Lower limit of the {self.label.lower()} by the sampling (95 %)",
+            "upper": f"Upper limit of the {self.label.lower()} by the sampling (95 %)",
         }.get(band, self.label)
 
     def sums(self) -> tuple[CellSum, ...]:
@@ -116,8 +118,10 @@ class Statistic:
         if band in reducers:
             own = reducers[band]
             return (CellSum(f"{self.quantity}_{own}", own, self.quantity),)
-        names = {"standard_error": ("reach", "reach_square"), "stops": ("stops",)}
-        return tuple(CellSum(name, "count") for name in names.get(band, ("reach",)))
+        if band == "stops":
+            return (CellSum("stops", "count"),)
+        squares = band in ("standard_error", "lower", "upper")
+        return tuple(CellSum(n, "count") for n in ("reach", *["reach_square"] * squares))
 
 
 def probability_of(band: str) -> float | None:
@@ -159,8 +163,9 @@ STATISTICS = (
         title="Reach probability",
         unit="1",
         label="Reach probability",
-        bands=("reach", "standard_error"),
-        note="Share of all {rocks} blocks that started which reach the cell. {width} {error}",
+        bands=("reach", "standard_error", "lower", "upper"),
+        note="Share of all {rocks} blocks that started which reach the cell. {width} {error} "
+        "Limits: gamma interval of weighted counts.",
         meaning="share of the simulated blocks that started that reach the cell",
         breaks=(0.0, 0.0001, 0.001, 0.01, 0.03, 0.1, 0.3),
         ramp="plasma_r",

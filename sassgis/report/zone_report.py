@@ -200,8 +200,8 @@ def _risk_figures(risk: RiskTable, currency: str, folder: Path) -> list[ReportFi
             "Objects with the largest values, with the 95 % interval of the sampling error (upper "
             "bound). Values and vulnerability are the user's."
         )
-        errors = risk.standard_error(quantity)
-        figure = figures.risk_figure(names, values, errors, quantity=quantity, unit=unit)
+        limits = risk.limits(quantity)
+        figure = figures.risk_figure(names, values, limits, quantity=quantity, unit=unit)
         alt = phrase("Bars, the largest first: {}.", joined(", ", largest))
         out.append(picture(folder, f"risk_{quantity}", title, caption, figure, alt))
     return out

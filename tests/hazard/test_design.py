@@ -20,20 +20,22 @@ from sassgis.hazard.design import (
 )
 from sassgis.hazard.sources import Sampled
 from sassgis.io.write.zone_tables import design_table, places_table, protection_table
-from sassgis.model.hazard import Source, SourceCounts
+from sassgis.model.hazard import HazardCurves, Source, SourceCounts
 from sassgis.model.results import PASSAGE_DTYPE, ControlLine, Outcome
 from sassgis.report.protection_page import _table
 
+
+def curve_of(edges: np.ndarray, above: np.ndarray, w: float, largest: float) -> Arrivals:
+    """The curve of so many blocks of a weight at or above each edge."""
+    curves = HazardCurves(
+        np.zeros(1, int), edges, w * above[None], w * w * above[None], np.array([w])
+    )
+    return Arrivals(edges, w * above, above, largest, curves)
+
+
 #: Ten, four and one rocks a year at 0, 10 and 20 m or more; none above 23 m. Each simulated one is
 #: a tenth of a rock a year.
-CURVE = Arrivals(
-    np.array([0.0, 10.0, 20.0, 30.0]),
-    np.array([10.0, 4.0, 1.0, 0.0]),
-    np.array([1.0, 0.4, 0.1, 0.0]),
-    np.array([100, 40, 10, 0]),
-    23.0,
-    0.1,
-)
+CURVE = curve_of(np.array([0.0, 10.0, 20.0, 30.0]), np.array([100, 40, 10, 0]), 0.1, 23.0)
 
 
 @pytest.mark.parametrize(
@@ -57,8 +59,7 @@ def test_values_lie_between_the_edges_as_if_rocks_were_spread_evenly(
 
 
 def test_where_no_rock_comes_there_is_no_design_value() -> None:
-    none = np.zeros(4)
-    nothing = Arrivals(CURVE.edges, none, none, none.astype(int), math.nan, 0.0)
+    nothing = curve_of(CURVE.edges, np.zeros(4, int), 0.0, math.nan)
     assert math.isnan(value_at_rate(nothing, 0.01))
     assert all(math.isnan(v) for v in value_limits(nothing, 0.01, 0.95))
 
@@ -73,7 +74,7 @@ def test_limits_hold_the_value_of_all_blocks() -> None:
         counts, _ = np.histogram(rng.exponential(10.0, came), edges)
         above = np.append(np.cumsum(counts[::-1])[::-1], 0)
         w = rate / blocks
-        curve = Arrivals(edges, w * above, w * w * above, above, 1e3, w)
+        curve = curve_of(edges, above, w, 1e3)
         low, high = value_limits(curve, 1.0 / years, 0.9)
         assert low <= value_at_rate(curve, 1.0 / years) <= high
         inside += low <= truth <= high
@@ -88,7 +89,7 @@ def test_limits_end_where_the_sample_does() -> None:
     # Blocks may come less often than ten times a year.
     assert value_limits(CURVE, 9.9, 0.95)[0] == 0.0
     # Weights of two blocks each, half as many: wider.
-    coarse = replace(CURVE, variance=2.0 * CURVE.variance, of_a_rock=0.2)
+    coarse = curve_of(CURVE.edges, CURVE.rocks // 2, 0.2, 23.0)
     assert value_limits(coarse, 2.5, 0.95)[0] < low and value_limits(coarse, 2.5, 0.95)[1] > high
 
 
@@ -129,7 +130,8 @@ def test_a_block_that_counts_several_times_is_one_block() -> None:
     own = sampled(sums)
     own = [replace(one, source=replace(one.source, heaviest=8)) for one in own]
     curve = arrivals(own, 0, "energy_kj")
-    assert curve.of_a_rock == 0.08 and curve.rate[0] == pytest.approx(0.8)
+    assert curve.curves.rate_of_a_rock == pytest.approx([0.08])
+    assert curve.rate[0] == pytest.approx(0.8)
 
 
 def test_the_mean_of_many_large_blocks_is_that_of_one() -> None:

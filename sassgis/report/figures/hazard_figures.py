@@ -6,7 +6,6 @@ A figure of protection shows what reaches a line along the slope, and what goes 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -142,10 +141,7 @@ def hazard_curve_figure(
     confidence : float
         Of the band around the sum.
     """
-    own = {k: getattr(curves, k)[row : row + 1] for k in (
-        "places", "rate", "variance", "rate_of_a_rock",
-    )}  # fmt: skip
-    one = replace(curves, **own)
+    one = curves.part([row])
     energies, total = one.energies_kj, one.rate[0]
     sources = leading_sources(by_source or {})
     lower, upper = (limit[0] for limit in rate_interval(one, confidence))
@@ -239,8 +235,6 @@ def _label_axes(ax: Axes, preset: HazardPreset) -> None:
     right.spines["right"].set_visible(True)
 
 
-#: Width of a 95 % interval in standard errors of a normal distribution.
-_NORMAL_95 = 1.96
 _ROW_IN = 0.23
 _NAME_IN = 1.9
 
@@ -287,20 +281,22 @@ def amount(value: float) -> str:
 def risk_figure(
     names: Sequence[str],
     values: FloatArray,
-    standard_errors: FloatArray,
+    limits: tuple[FloatArray, FloatArray],
     *,
     quantity: str,
     unit: str,
     top: int = 15,
 ) -> Figure:
-    """Draw the objects at largest risk, one at least, as bars with the error of the sample.
+    """Draw the objects at largest risk, one at least, as bars with the interval of the sample.
 
     Parameters
     ----------
     names : sequence of str
         Of the objects.
-    values, standard_errors : float, shape (n,)
-        Risk of each, and the standard error of its sampling; NaN where it is not known.
+    values : float, shape (n,)
+        Risk of each.
+    limits : pair of float, shape (n,)
+        Low and high by its sampling (95 %); NaN where not known.
     quantity, unit : str
         As "deaths" and "1/year".
     top : int
@@ -309,7 +305,7 @@ def risk_figure(
     order = np.argsort(-np.nan_to_num(values), kind="stable")
     order = order[values[order] > 0.0]
     chosen, rest = order[:top], order[top:]
-    risk, errors = values[chosen], standard_errors[chosen]
+    risk, low, high = (own[chosen] for own in (values, *limits))
     total = amount(float(np.nansum(values)))
     unit = phrase(unit)
     one = values.size == 1
@@ -321,8 +317,9 @@ def risk_figure(
         if rest.size == 1:
             text = "Not drawn: {} object of less risk, together {} {}."
         notes.append(phrase(text, thousands(rest.size), less, unit))
-    if np.isfinite(errors).any():
-        text = "Thin lines: 95 % intervals (1.96 standard errors) of the sample of blocks alone."
+    known = np.isfinite(high)
+    if known.any():
+        text = "Thin lines: 95 % intervals of the sample of blocks alone."
         notes.append(phrase(text))
     title = {"loss": "Loss by object", "deaths": "Deaths by object"}[quantity]
     heading = wrap(title, WIDTH_IN - 0.4, TITLE)
@@ -345,11 +342,8 @@ def risk_figure(
     edges = np.cumsum([0.0, *heights])
     middle = plot_h - (edges[:-1] + edges[1:]) / 2.0
     ax.barh(middle, risk, height=0.62 * _ROW_IN, color=BLUE, alpha=0.75, zorder=2, gid="bars")
-    half = _NORMAL_95 * errors
-    known = np.isfinite(half)
-    low, high = np.maximum(risk - half, 0.0)[known], (risk + half)[known]
-    ax.hlines(middle[known], low, high, color=INK, lw=0.9, zorder=3, gid="intervals")
-    ends = risk + np.nan_to_num(half)
+    ax.hlines(middle[known], low[known], high[known], color=INK, lw=0.9, zorder=3, gid="intervals")
+    ends = np.where(known, high, risk)
     for y, value, end in zip(middle, risk, ends, strict=True):
         text = amount(float(value))
         beside(ax, text, (float(end), y), (4, 0), va="center", ha="left", color=INK, gid="value")

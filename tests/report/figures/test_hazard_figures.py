@@ -309,8 +309,9 @@ def test_an_error_that_cannot_be_told() -> None:
 def test_the_largest_risks_stand_on_top() -> None:
     names = ["a", "b", "c", "nobody", "d"]
     risk = np.array([2e-5, 5e-5, 1e-5, 0.0, 3e-5])
-    errors = np.array([1e-6, 4e-5, 1e-6, 0.0, np.nan])
-    figure = risk_figure(names, risk, errors, quantity="deaths", unit="1/year", top=3)
+    low = np.array([1.8e-5, 0.5e-5, 1e-6, 0.0, np.nan])
+    high = np.array([2.3e-5, 13e-5, 2e-6, 0.0, np.nan])
+    figure = risk_figure(names, risk, (low, high), quantity="deaths", unit="1/year", top=3)
     (ax,) = axes_of(figure, "risk")
     assert [t.get_text() for t in ax.get_yticklabels()] == ["b", "d", "a"]
     assert np.all(np.diff(ax.get_yticks()) < 0.0)
@@ -318,10 +319,10 @@ def test_the_largest_risks_stand_on_top() -> None:
     np.testing.assert_allclose(widths, [2e-5, 3e-5, 5e-5])
     (intervals,) = find(figure, "intervals")
     spans = [segment[:, 0] for segment in intervals.get_segments()]
-    np.testing.assert_allclose(spans[0], [0.0, 5e-5 + 1.96 * 4e-5])
+    np.testing.assert_allclose(spans[0], [0.5e-5, 13e-5])
     # Where the error cannot be told, there is no line.
     assert len(spans) == 2
-    np.testing.assert_allclose(spans[1], [2e-5 - 1.96e-6, 2e-5 + 1.96e-6])
+    np.testing.assert_allclose(spans[1], [1.8e-5, 2.3e-5])
     words = texts(figure)
     assert "deaths (10⁻⁶ 1/year)" in words
     assert "Sum of all 5 objects: 1.10 × 10⁻⁴ 1/year." in words
