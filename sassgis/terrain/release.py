@@ -143,8 +143,8 @@ def points_in_polygon(polygon: shapely.Polygon, spacing_m: float) -> tuple[Float
     places = np.column_stack([x[inside], y[inside]])
     along, sides = np.empty((0, 2)), np.empty((0, 2, 2))
     if narrow:
-        taken = shapely.STRtree(shapely.points(places)).query(narrow, predicate="intersects")[1]
-        places = np.delete(places, taken, axis=0)
+        tree = shapely.STRtree(np.atleast_1d(shapely.points(places)))
+        places = np.delete(places, tree.query(narrow, predicate="intersects")[1], axis=0)
         count = round(sum(part.area for part in narrow) / spacing_m**2)
         along, sides = points_along(polygon, narrow, count or int(not len(places)), spacing_m)
     elif not len(places):
