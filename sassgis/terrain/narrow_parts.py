@@ -16,9 +16,9 @@ from scipy.sparse.csgraph import breadth_first_order, depth_first_order
 
 from sassgis.model.grid import FloatArray, IntArray
 
-#: Half of the width (spacings) below which a part is narrow: a band of exactly one spacing, as of
-#: cells, is none.
-_HALF_WIDTH = 0.49
+#: Half of the width (spacings) below which a part is narrow: a band of exactly one spacing is, as
+#: the lattice may lie on both of its borders.
+_HALF_WIDTH = 0.51
 #: Narrow parts start so far (spacings) beside the wide ones: rounding makes no slivers.
 _APART = 0.01
 #: Shortest narrow part (spacings): tips and steps of an outline are left to the lattice.

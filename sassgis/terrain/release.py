@@ -140,14 +140,14 @@ def points_in_polygon(polygon: shapely.Polygon, spacing_m: float) -> tuple[Float
     shapely.prepare(polygon)
     inside = shapely.contains_xy(polygon, x, y)
     narrow = narrow_parts(polygon, spacing_m)
-    for part in narrow:
-        inside &= ~shapely.intersects_xy(part, x, y)
     places = np.column_stack([x[inside], y[inside]])
     along, sides = np.empty((0, 2)), np.empty((0, 2, 2))
     if narrow:
+        tree = shapely.STRtree(shapely.get_parts([shapely.MultiPoint(places)]))
+        places = np.delete(places, tree.query(narrow, predicate="intersects")[1], axis=0)
         count = round(sum(part.area for part in narrow) / spacing_m**2)
-        along, sides = points_along(polygon, narrow, count or int(not inside.any()), spacing_m)
-    elif not inside.any():
+        along, sides = points_along(polygon, narrow, count or int(not len(places)), spacing_m)
+    elif not len(places):
         places = np.array(shapely.get_coordinates(shapely.point_on_surface(polygon)), np.float64)
     squares = np.broadcast_to(square(spacing_m), (len(places), 2, 2))
     return np.concatenate([places, along]), np.concatenate([squares, sides])

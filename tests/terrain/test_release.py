@@ -195,8 +195,14 @@ def test_branches_and_rings_get_points_all_along() -> None:
         assert shape.difference(reached).area < 0.06 * shape.area
 
 
-def test_a_band_as_wide_as_the_spacing_is_filled_by_the_lattice() -> None:
-    points = release_points([("a", shapely.box(WEST, SOUTH - 2.5, WEST + 100, SOUTH + 2.5))], FIVE)
+@pytest.mark.parametrize("beside", [0.0, 1.0, 2.5])
+def test_a_band_as_wide_as_the_spacing_may_lie_on_the_lattice(beside: float) -> None:
+    area = shapely.box(WEST, SOUTH + beside, WEST + 100.0, SOUTH + beside + 5.0)
+    assert len(release_points([("a", area)], FIVE)) == 20
+
+
+def test_a_wider_band_is_filled_by_the_lattice() -> None:
+    points = release_points([("a", shapely.box(WEST, SOUTH - 2.5, WEST + 100, SOUTH + 2.7))], FIVE)
     assert set(points.y) == {SOUTH} and len(points) == 19
     assert points.sides is not None
     assert np.array_equal(points.sides, np.broadcast_to([[5.0, 0.0], [0.0, -5.0]], (19, 2, 2)))
