@@ -143,7 +143,7 @@ def points_in_polygon(polygon: shapely.Polygon, spacing_m: float) -> tuple[Float
     places = np.column_stack([x[inside], y[inside]])
     along, sides = np.empty((0, 2)), np.empty((0, 2, 2))
     if narrow:
-        tree = shapely.STRtree(np.atleast_1d(shapely.points(places)))
+        tree = shapely.STRtree(shapely.get_parts([shapely.MultiPoint(places)]))
         places = np.delete(places, tree.query(narrow, predicate="intersects")[1], axis=0)
         count = round(sum(part.area for part in narrow) / spacing_m**2)
         along, sides = points_along(polygon, narrow, count or int(not len(places)), spacing_m)
