@@ -3,6 +3,16 @@
 It is quick to answer, as everything heavy is imported when it is used.
 """
 
-from sassgis.cli.entry import main
+from __future__ import annotations
 
-__all__ = ["main"]
+import sys
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the command line; errors print as one line and set the exit code."""
+    try:
+        from sassgis.cli.entry import run_commands
+    except KeyboardInterrupt:
+        sys.stderr.write("Error: stopped by the user\n")
+        sys.exit(130)
+    run_commands(arguments)

@@ -9,6 +9,7 @@ import signal
 import sys
 import threading
 import traceback
+from contextlib import suppress
 from typing import Any
 
 import click
@@ -33,8 +34,8 @@ from sassgis.cli.site_commands import (
     schema,
     validate,
 )
-from sassgis.model.errors import Interrupted, SassgisError, shown
-from sassgis.runs.worker_process import COLLECTED_EVERY
+from sassgis.model.errors import Interrupted, OutputError, SassgisError, chain, of_the_system, shown
+from sassgis.runs.worker_process import COLLECTED_EVERY, OF_TERMINALS
 
 
 class InOrder(click.Group):
@@ -88,7 +89,7 @@ for _command in (fetch, check_terrain):
     dem.add_command(_command)
 
 
-def main(arguments: list[str] | None = None) -> None:
+def run_commands(arguments: list[str] | None = None) -> None:
     """Run the command line; errors print as one line and set the exit code."""
     # Libraries leave a million objects, all of which a collection looks at: a tenth of the start.
     gc.set_threshold(COLLECTED_EVERY)
@@ -100,8 +101,11 @@ def main(arguments: list[str] | None = None) -> None:
     if not debug:
         logging.getLogger("sassgis.model.jit").setLevel(logging.WARNING)
     if threading.current_thread() is threading.main_thread():
-        # What a queue or a container sends before it kills: the state is saved, workers are ended.
-        signal.signal(signal.SIGTERM, signal.default_int_handler)
+        # What a queue or a container sends before it kills, and a terminal that is closed: the
+        # state is saved, workers are ended. Under nohup a command goes on.
+        for number in {*OF_TERMINALS, signal.SIGTERM} - {signal.SIGINT}:
+            if signal.getsignal(number) != signal.SIG_IGN:
+                signal.signal(number, signal.default_int_handler)
     try:
         code: Any = cli.main(
             args=[a for a in given if a != "--debug"], prog_name="sassgis", standalone_mode=False
@@ -112,26 +116,40 @@ def main(arguments: list[str] | None = None) -> None:
         _fail("stopped by the user", Interrupted.exit_code, debug)
     except click.ClickException as error:
         _fail(error.format_message(), error.exit_code, debug)
-    except MemoryError:
-        _fail("not enough memory; fewer release points or larger cells need less", 1, debug)
     except Exception as error:
-        # Compiled code that Ctrl-C strikes turns it into a SystemError.
-        if isinstance(error.__cause__ or error.__context__, KeyboardInterrupt):
-            _fail("stopped by the user", Interrupted.exit_code, debug)
-        if isinstance(error, OSError) and error.errno in _CLOSED:
-            _fail(f"{shown(error.filename)}: cannot be opened ({error.strerror})", 2, debug)
-        _fail(
-            f"unexpected {type(error).__name__}: {' '.join(str(error).split())} "
-            "(a fault of sassgis; run again with --debug and report what it says)",
-            70,
-            debug,
-        )
+        _fail(*_told(error), debug)
     else:
         sys.exit(code if isinstance(code, int) else 0)
 
 
+def _told(error: Exception) -> tuple[str, int]:
+    """What is said of an error that was not raised on purpose, and the exit code."""
+    # Compiled code that Ctrl-C strikes turns it into a SystemError.
+    if any(isinstance(link, KeyboardInterrupt) for link in chain(error)):
+        return "stopped by the user", Interrupted.exit_code
+    if isinstance(error, OSError) and error.errno in _CLOSED:
+        return f"{shown(error.filename)}: cannot be opened ({error.strerror})", 2
+    if limit := of_the_system(error):
+        if _is_printing(error):
+            return f"standard output: cannot be written ({limit})", OutputError.exit_code
+        return limit, 1
+    kind, text = type(error).__name__, " ".join(str(error).split())
+    again = "a fault of sassgis; run again with --debug and report what it says"
+    return f"unexpected {kind}: {text} ({again})", 70
+
+
+def _is_printing(error: Exception) -> bool:
+    """Whether an error is of what was printed."""
+    trace = error.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    return trace is not None and str(trace.tb_frame.f_globals.get("__name__")).startswith("click.")
+
+
 def _fail(text: str, code: int, debug: bool) -> None:
-    if debug:
-        traceback.print_exc()
-    click.echo(f"Error: {text}", err=True)
+    # Where the terminal is closed nobody can be told.
+    with suppress(OSError):
+        if debug:
+            traceback.print_exc()
+        click.echo(f"Error: {text}", err=True)
     sys.exit(code)

@@ -8,6 +8,7 @@ import os
 import sys
 import time
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +44,7 @@ class ProgressBar:
     def say(self, text: str) -> None:
         """Say what is done next."""
         self.close()
-        click.echo(f"{text} ...", err=True)
+        _tell(f"{text} ...")
 
     def step(self, done: int, total: int, rocks: int) -> None:
         """Show the progress of a run."""
@@ -64,14 +65,10 @@ class ProgressBar:
             width = 28
             filled = width * done // total
             bar = "#" * filled + "-" * (width - filled)
-            click.echo(
-                f"\r  [{bar}] {100 * done // total:3d} %, {rocks} blocks{left}  ",
-                nl=False,
-                err=True,
-            )
+            _tell(f"\r  [{bar}] {100 * done // total:3d} %, {rocks} blocks{left}  ", nl=False)
             self._open = True
         elif now - self._shown >= self._every_s:
-            click.echo(f"  {100 * done // total} %, {rocks} blocks{left}", err=True)
+            _tell(f"  {100 * done // total} %, {rocks} blocks{left}")
         else:
             return
         self._shown = now
@@ -79,8 +76,14 @@ class ProgressBar:
     def close(self) -> None:
         """End the line of the bar."""
         if self._open:
-            click.echo("", err=True)
+            _tell("")
             self._open = False
+
+
+def _tell(text: str, nl: bool = True) -> None:
+    """Show progress, if the terminal is still there: a run does not end with it."""
+    with suppress(OSError):
+        click.echo(text, nl=nl, err=True)
 
 
 def print_json(found: Mapping[str, object]) -> None:

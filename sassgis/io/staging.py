@@ -10,7 +10,7 @@ import sqlite3
 import stat
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from itertools import count
 from pathlib import Path
 from typing import IO
@@ -32,7 +32,7 @@ from sassgis.io.own_files import (
     remove_empty,
 )
 from sassgis.io.read.plain_file import is_text
-from sassgis.model.errors import OutputError, SassgisError, shown
+from sassgis.model.errors import OutputError, SassgisError, chain, shown
 from sassgis.model.noted_files import MARKER_NAME, PARTIAL, noted, notes_of
 
 try:  # Advisory locks exist on POSIX only; elsewhere two runs into one folder are not caught.
@@ -44,6 +44,8 @@ else:
 
 #: Files and folders of this stem are the saved state of a simulation and outlive a failed run.
 CHECKPOINT_STEM = "checkpoint"
+#: Open files that clearing a working folder takes, at most.
+_SPARE = 4
 #: What GDAL and SQLite put beside a file while they write it.
 _BESIDE = (SIDECAR, "-journal", ".ovr.tmp")
 
@@ -92,15 +94,6 @@ def _is_library_error(error: BaseException) -> bool:
     )
 
 
-def _chain(error: BaseException) -> Iterator[BaseException]:
-    seen: set[int] = set()
-    current: BaseException | None = error
-    while current is not None and id(current) not in seen:
-        seen.add(id(current))
-        yield current
-        current = current.__cause__ or current.__context__
-
-
 def _free_bytes(path: Path) -> int | None:
     for folder in (path, *path.parents):
         if folder.is_dir():
@@ -111,7 +104,7 @@ def _free_bytes(path: Path) -> int | None:
 
 def _reason(error: BaseException, path: Path) -> str | None:
     """Why the disk refused; None where the error does not speak of the disk."""
-    for link in _chain(error):
+    for link in chain(error):
         if isinstance(link, OSError) and link.errno in _REASONS:
             return _REASONS[link.errno]
         text = str(link).lower()
@@ -208,12 +201,13 @@ def staged_output(target: Path, overwrite: bool, parts: Sequence[str] = ()) -> I
     target = Path(os.path.realpath(target))
     work = partial_folder(target)
     seen = _check_target(target, shown, overwrite, parts)
-    with _open_work(work):
+    with _open_work(work) as spare:
         try:
             yield work
             with writing(work):
                 _flush_to_disk(work)
         except BaseException as error:
+            spare.close()
             _clear(work)
             if isinstance(error, Exception) and _speaks_of_output(error, work):
                 raise output_error(error, shown) from error
@@ -252,10 +246,11 @@ def alone(target: Path) -> Iterator[None]:
     another run is writing it, or the disk is full or not writable.
     """
     work = partial_folder(target)
-    with _open_work(work):
+    with _open_work(work) as spare:
         try:
             yield
         finally:
+            spare.close()
             _clear(work)
 
 
@@ -392,22 +387,35 @@ def _check_notes(work: Path) -> None:
 
 
 @contextmanager
-def _open_work(work: Path) -> Iterator[None]:
-    """Make, mark and lock the working folder; leave no empty one behind."""
+def _open_work(work: Path) -> Iterator[ExitStack]:
+    """Make, mark and lock the working folder; leave no empty one behind.
+
+    Gives open files that are closed before the folder is cleared, which needs a few: what failed
+    may have found that the system allows no more.
+    """
     _check_work(work)
-    with writing(work):
-        work.mkdir(parents=True, exist_ok=True)
-        marker = noted(work / MARKER_NAME).open("a", encoding="utf-8")
-    with marker:
-        _lock(marker, work)
-        _check_notes(work)
-        _clear(work)
-        try:
-            yield
-        finally:
-            if work.is_dir() and [entry.name for entry in work.iterdir()] == [MARKER_NAME]:
-                delete_files(work, _noted_files(work, saved=True))
-                remove_empty(work)
+    with ExitStack() as spare:
+        with writing(work):
+            for _ in range(_SPARE):
+                spare.enter_context(open(os.devnull, "rb"))
+            work.mkdir(parents=True, exist_ok=True)
+            try:
+                marker = noted(work / MARKER_NAME).open("a", encoding="utf-8")
+            except OSError:
+                with suppress(OSError):
+                    work.rmdir()
+                raise
+        with marker:
+            _lock(marker, work)
+            try:
+                _check_notes(work)
+                _clear(work)
+                yield spare
+            finally:
+                spare.close()
+                if work.is_dir() and [entry.name for entry in work.iterdir()] == [MARKER_NAME]:
+                    delete_files(work, _noted_files(work, saved=True))
+                    remove_empty(work)
 
 
 def _lock(marker: IO[str], work: Path) -> None:

@@ -5,6 +5,8 @@ Every one of them prints as a single line. Anything else that escapes is a bug i
 
 from __future__ import annotations
 
+import errno
+from collections.abc import Iterator
 from typing import Any
 
 #: What a message repeats of an input, or offers instead, is cut to so many characters and the last.
@@ -60,6 +62,47 @@ class InputError(SassgisError):
         """What it was made of, to make one that says ``other`` things of the same fault."""
         names = ("problem", "file", "field", "found", "expected")
         return {name: getattr(self, name) for name in names} | other
+
+
+def chain(error: BaseException) -> Iterator[BaseException]:
+    """An error, and those from which it came."""
+    seen: set[int] = set()
+    current: BaseException | None = error
+    while current is not None and id(current) not in seen:
+        seen.add(id(current))
+        yield current
+        current = current.__cause__ or current.__context__
+
+
+#: What libraries say where the system gives them no memory, or no thread.
+_MEMORY_WORDS = (
+    "failed to map segment", "cannot allocate memory", "unable to allocate", "start new thread",
+)  # fmt: skip
+_NUMBERS = "EMFILE ENFILE ENOSPC EDQUOT EFBIG EROFS EIO EAGAIN ENOMEM"
+_REFUSED = {getattr(errno, name, None) for name in _NUMBERS.split()}
+
+
+def of_the_system(error: BaseException) -> str:
+    """What the system has refused, in words; empty where an error is of another kind."""
+    text = str(error).lower()
+    if isinstance(error, MemoryError) or any(words in text for words in _MEMORY_WORDS):
+        return "not enough memory; fewer release points or larger cells need less"
+    if isinstance(error, OSError) and error.errno in _REFUSED:
+        return f"{shown(error.filename or 'the system')}: {error.strerror}"
+    # Libraries fail in many ways where they cannot be loaded.
+    if isinstance(error, ImportError | SystemError | OSError) and (limit := _memory_limit()):
+        return f"probably not enough memory: {limit / 1e6:.0f} MB are allowed (ulimit -v)"
+    return ""
+
+
+def _memory_limit() -> int:
+    """Memory that this process may have (bytes); 0 if nothing limits it."""
+    try:
+        import resource
+    except ImportError:  # pragma: no cover
+        return 0  # on Windows
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    return 0 if limit == resource.RLIM_INFINITY else limit
 
 
 def shown(part: object) -> str:

@@ -77,13 +77,22 @@ def _cache_folder() -> Path | None:
         with tempfile.TemporaryFile(dir=folder):
             pass
     except (OSError, RuntimeError) as error:
-        if parent_process() is None:
-            log.warning(
-                "compiled code is not kept, so that each command compiles anew: %s "
-                "(SASSGIS_CACHE_DIR names another folder)", error,
-            )  # fmt: skip
+        _say_not_kept(error)
         return None
     return folder
+
+
+_told: list[Exception] = []
+
+
+def _say_not_kept(error: Exception) -> None:
+    """Warn, once, that machine code cannot be kept."""
+    if parent_process() is None and not _told:
+        _told.append(error)
+        log.warning(
+            "compiled code is not kept, so that each command compiles anew: %s "
+            "(SASSGIS_CACHE_DIR names another folder)", error,
+        )  # fmt: skip
 
 
 def _user_cache() -> str:
@@ -220,7 +229,7 @@ def _compiled(function: F, *, kept: bool = False, **options: Any) -> F:
         if kept and _cache_folder() is not None:
             from sassgis.model.machine_code import KeptCode
 
-            out._cache = KeptCode(function)  # type: ignore[no-untyped-call]
+            out._cache = KeptCode(function, _say_not_kept)
         return out  # type: ignore[no-any-return]
     finally:
         for name, value in before.items():

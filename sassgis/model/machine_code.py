@@ -180,3 +180,15 @@ class KeptCode(FunctionCache):
     """Machine code of a function in the folder of the cache."""
 
     _impl_class = _Kept
+
+    def __init__(self, function: Callable[..., Any], tell: Callable[[Exception], None]) -> None:
+        super().__init__(function)
+        self._tell = tell
+
+    @contextmanager
+    def _guard_against_spurious_io_errors(self) -> Iterator[None]:
+        # A full disk of the cache ends no run: the code is there, and is made again another time.
+        try:
+            yield
+        except OSError as error:
+            self._tell(error)

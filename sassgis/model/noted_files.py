@@ -28,4 +28,5 @@ def notes_of(folder: Path) -> set[str]:
     marker = folder / MARKER_NAME
     if not os.path.isfile(marker):
         return set()
-    return {MARKER_NAME, *marker.read_text(encoding="utf-8").splitlines()}
+    # What is no text is the name of nothing that a run has written.
+    return {MARKER_NAME, *marker.read_text(encoding="utf-8", errors="replace").splitlines()}

@@ -22,7 +22,14 @@ from sassgis.io.read.vectors import release_features
 from sassgis.io.saved_arrays import UNFIT
 from sassgis.io.staging import check_output, writing
 from sassgis.io.write.batch_summary import BatchSummary
-from sassgis.model.errors import ConfigError, InputError, OutputError, SassgisError
+from sassgis.model.errors import (
+    ConfigError,
+    InputError,
+    OutputError,
+    SassgisError,
+    chain,
+    of_the_system,
+)
 from sassgis.model.in_memory import InMemory, Input
 from sassgis.model.labels import file_stems
 from sassgis.model.run_config import Config
@@ -469,11 +476,12 @@ def _why_skipped(error: Exception) -> str:
     if isinstance(error, InputError):
         return str(error)
     # Compiled code that Ctrl-C strikes turns it into a SystemError.
-    stopped = isinstance(error.__cause__ or error.__context__, KeyboardInterrupt)
-    if isinstance(error, SassgisError) or stopped:
+    stopped = any(isinstance(link, KeyboardInterrupt) for link in chain(error))
+    limit = of_the_system(error)
+    if isinstance(error, SassgisError) or stopped or (limit and isinstance(error, OSError)):
         raise error
-    if isinstance(error, MemoryError):
-        return "not enough memory; fewer release points or larger cells need less"
+    if limit:
+        return limit
     log.debug("", exc_info=error)
     text = " ".join(str(error).split())
     return f"unexpected {type(error).__name__}: {text} (a fault of sassgis; --debug shows more)"

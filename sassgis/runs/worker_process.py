@@ -24,6 +24,8 @@ _THREADS = (
     "VECLIB_MAXIMUM_THREADS",
     "GDAL_NUM_THREADS",
 )
+#: What Ctrl-C sends, and a terminal that is closed (not on Windows).
+OF_TERMINALS = [getattr(signal, n) for n in ("SIGINT", "SIGHUP") if hasattr(signal, n)]
 #: Objects made since the last collection of those that nobody needs, at which there is another.
 COLLECTED_EVERY = 100_000
 #: What a pipe raises that is closed, or ends within a message.
@@ -107,8 +109,9 @@ def _send(pipe: IO[bytes], message: bytes) -> None:
 
 def serve() -> None:
     """In a worker process: work on what comes by standard input, and end where that ends."""
-    # Ctrl-C reaches all processes of a terminal; the first one sees to the others.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # They reach all processes of a terminal; the first one sees to the others.
+    for number in OF_TERMINALS:
+        signal.signal(number, signal.SIG_IGN)
     gc.set_threshold(COLLECTED_EVERY)
     logging.basicConfig(level=logging.ERROR, format="%(message)s")
     calls, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")

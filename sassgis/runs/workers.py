@@ -20,7 +20,7 @@ from functools import partial
 from typing import Any, Protocol, TypeVar
 
 from sassgis.model.errors import OutputError
-from sassgis.runs.worker_process import WorkerLost, WorkerProcess
+from sassgis.runs.worker_process import OF_TERMINALS, WorkerLost, WorkerProcess
 
 R = TypeVar("R")
 
@@ -32,13 +32,15 @@ _LOST_MOST = 3
 def held_back() -> Iterator[None]:
     """Let Ctrl-C wait until the block is done, so that nothing is left half added or half saved.
 
+    So do the other signals that end the command.
+
     KeyboardInterrupt comes after the block, if the user asked for it within.
     """
     # Only the main thread may set handlers, and only it is interrupted.
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    found = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    found = {number: signal.getsignal(number) for number in (*OF_TERMINALS, signal.SIGTERM)}
     # One that is ignored, or ends the process, raises nothing that could be held back.
     before = {number: handler for number, handler in found.items() if callable(handler)}
     asked = False
@@ -252,4 +254,4 @@ def _in_order(
 def _without_ctrl_c() -> None:
     """Keep Ctrl-C from the processes that this thread starts, from their first moment."""
     if hasattr(signal, "pthread_sigmask"):
-        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        signal.pthread_sigmask(signal.SIG_BLOCK, OF_TERMINALS)

@@ -187,5 +187,64 @@ def test_ctrl_c_before_anything_is_computed_is_one_line(slope: Slope) -> None:
     assert not (slope.folder / "result").exists()
 
 
+def test_ctrl_c_while_the_program_is_loaded_is_one_line() -> None:
+    code = (
+        "import sys\n"
+        "class Stops:\n"
+        "    def find_spec(self, name, *_):\n"
+        "        if name == 'sassgis.cli.entry': raise KeyboardInterrupt\n"
+        "sys.meta_path.insert(0, Stops())\n"
+        "from sassgis.cli import main; main()\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (130, "Error: stopped by the user\n")
+
+
+def limited(slope: Slope, **limits: int) -> subprocess.CompletedProcess[str]:
+    """A run within limits of the system, by their names without ``RLIMIT_``."""
+
+    def limit() -> None:
+        for name, most in limits.items():
+            resource.setrlimit(getattr(resource, f"RLIMIT_{name}"), (most, most))
+
+    return subprocess.run(
+        [*SASSGIS, "run", str(slope.config), "-o", str(slope.folder / "out")], preexec_fn=limit,
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="how many files are open is known there alone")
+@pytest.mark.parametrize("most", [8, 9])
+def test_few_open_files_are_one_line_and_leave_nothing(slope: Slope, most: int) -> None:
+    before = sorted(slope.folder.iterdir())
+    done = limited(slope, NOFILE=most)
+    assert done.returncode == 3 and "Too many open files" in done.stderr.splitlines()[-1]
+    assert "fault of sassgis" not in done.stderr and "Traceback" not in done.stderr
+    assert sorted(slope.folder.iterdir()) == before
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="memory is limited in this way there alone")
+@pytest.mark.parametrize("most_mb", [400, 700])
+def test_little_memory_is_one_line(slope: Slope, most_mb: int) -> None:
+    done = limited(slope, AS=most_mb * 1_000_000)
+    assert done.returncode == 1 and "not enough memory" in done.stderr.splitlines()[-1]
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="a device of Linux")
+def test_what_cannot_be_printed_is_no_fault_of_the_program(slope: Slope) -> None:
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [*SASSGIS, "validate", str(slope.config)],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    assert done.returncode == 3, done.stderr
+    assert done.stderr.startswith("Error: standard output: cannot be written (")
+    assert done.stderr.count("\n") == 1
+
+
 def test_version(printed) -> None:
     assert sassgis.__version__ in printed("--version")

@@ -101,6 +101,21 @@ def test_settings_of_numba_in_the_current_folder_are_not_read(plant, tmp_path, s
     assert list((tmp_path / "cache").rglob("*.nbi"))
 
 
+def test_a_full_disk_of_the_cache_ends_no_call(tmp_path):
+    """One line, and nothing that speaks of the result."""
+    code = (
+        "import errno; from numba.core.caching import IndexDataCacheFile as F\n"
+        "def full(*_): raise OSError(errno.ENOSPC, 'No space left on device')\n"
+        "F.save = full\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", f"{code}{CALL}\n{CALL}"], capture_output=True, text=True,
+        check=True, cwd=tmp_path, env={**os.environ, "SASSGIS_CACHE_DIR": str(tmp_path / "cache")},
+    )  # fmt: skip
+    assert done.stderr.count("\n") == 1 and "is not kept" in done.stderr, done.stderr
+    assert "No space left on device" in done.stderr
+
+
 def test_a_folder_that_all_share_is_no_way_out(plant, tmp_path, indexed):
     shared = tmp_path / "tmp"
     plant(shared / "sassgis" / indexed.name)

@@ -16,6 +16,8 @@ from sassgis.model.declared import composed
 from sassgis.model.errors import InputError
 from sassgis.model.in_memory import Input
 
+#: Far more than any table has; each takes long to be compared with those that are known.
+_MOST_COLUMNS = 1000
 _TRUTH = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
 
 
@@ -103,11 +105,16 @@ def csv_cells(text: str, file: Input) -> tuple[list[str], str, Iterator[tuple[in
     """Cells of a CSV text as they stand: columns, delimiter, rows.
 
     The columns are those of the first line, the delimiter is "," or ";": what it has more of. A row
-    is the number of its line, and its cells; empty lines are left out.
+    is the number of its line, and its cells; empty lines are left out. InputError, also while the
+    rows are taken, if it is no such text, or has too many columns.
     """
     lines = composed(text).splitlines()
     header = lines[0] if lines else ""
     delimiter = ";" if header.count(";") > header.count(",") else ","
+    if (n := header.count(delimiter) + 1) > _MOST_COLUMNS:
+        raise InputError(
+            "row 1: has too many columns", file=file, found=n, expected=f"at most {_MOST_COLUMNS}"
+        )
     # Strict, as a quote without its counterpart would take in all rows below without a word.
     reader = csv.reader(lines, delimiter=delimiter, skipinitialspace=True, strict=True)
 

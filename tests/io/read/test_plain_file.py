@@ -8,7 +8,7 @@ from io import BytesIO
 import pytest
 
 from sassgis.io.read import stac
-from sassgis.io.read.csv_table import CsvColumn, csv_rows
+from sassgis.io.read.csv_table import CsvColumn, csv_cells, csv_rows
 from sassgis.io.read.gap_thresholds import read_thresholds
 from sassgis.io.read.plain_file import LONGEST_TEXT, check_text, read_text, toml_table
 from sassgis.io.read.result_folder import read_manifest
@@ -43,6 +43,15 @@ def test_limits_of_toml(good: str, bad: str, word: str) -> None:
     with pytest.raises(InputError, match=word) as refused:
         toml_table(bad, "a.toml")
     assert str(refused.value).startswith("a.toml: ")
+
+
+@pytest.mark.parametrize("delimiter", [",", ";"])
+def test_limits_of_tables(delimiter: str) -> None:
+    """Ten million columns would take minutes to be compared with those that are known."""
+    columns = [f"c{i}" for i in range(1000)]
+    assert csv_cells(delimiter.join(columns), "a.csv")[0] == columns
+    with pytest.raises(InputError, match=r"row 1: has too many columns \(found 1001; expected"):
+        csv_cells(delimiter.join([*columns, "c"]), "a.csv")
 
 
 def test_limits_of_texts() -> None:

@@ -8,12 +8,13 @@ import resource
 import subprocess
 import sys
 import textwrap
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 from helpers.listed_results import list_files
 
-from sassgis.io.staging import partial_folder, staged_output, writing
+from sassgis.io.staging import check_output, partial_folder, staged_output, writing
 from sassgis.model.errors import InputError, OutputError
 from sassgis.model.noted_files import MARKER_NAME, noted, notes_of
 
@@ -112,6 +113,37 @@ def test_half_written_files_of_a_killed_run_are_cleared(tmp_path: Path) -> None:
     with staged_output(tmp_path / "out", False) as folder:
         assert names(folder) == {MARKER_NAME, "checkpoint.npz"}
         assert notes_of(folder) == {MARKER_NAME, "checkpoint.npz"}
+
+
+def test_notes_that_are_no_text_are_of_nothing(tmp_path: Path) -> None:
+    work = partial_folder(tmp_path / "out")
+    work.mkdir()
+    (work / MARKER_NAME).write_bytes(b"\xff\xfe\x00mine.txt\n\xe9\n")
+    (work / "mine.txt").touch()
+    with pytest.raises(OutputError, match=r"mine\.txt: is not noted"):
+        check_output(tmp_path / "out", False)
+    (work / "mine.txt").unlink()
+    with staged_output(tmp_path / "out", False) as own:
+        (own / "file").touch()
+    assert names(tmp_path) == {"out", "out/file"}
+
+
+def test_what_failed_for_want_of_open_files_is_cleared(tmp_path: Path) -> None:
+    before = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (len(os.listdir("/dev/fd")) + 20, before[1]))
+    try:
+        with (
+            ExitStack() as held,
+            pytest.raises(OSError, match="Too many open files"),
+            staged_output(tmp_path / "out", False) as work,
+        ):
+            (work / "maps").mkdir()
+            noted(work / "maps" / "half.tif").touch()
+            while True:
+                held.enter_context(open(os.devnull))
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, before)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_two_runs_into_one_target(tmp_path: Path) -> None:
