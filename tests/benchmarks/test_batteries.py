@@ -55,7 +55,7 @@ def test_a_batch_that_is_killed_ends_with_the_same_bytes(tmp_path: Path) -> None
     own = ("--config", str(case.config), "--mosaic-only")
     arguments = ("batch", str(tmp_path / "release.gpkg"), *own)
     found = kills.killed("batch", arguments, tmp_path, 1, print)
-    assert (found.kills, found.orphans, found.half, found.different) == (1, 0, 0, ())
+    assert found == kills.Outcome("batch", 1, found.seconds, found.kept, 0, 0, ())
 
 
 def test_an_energy_that_grows_is_seen() -> None:
