@@ -54,6 +54,7 @@ from sassgis.runs.batch_window import (
     windowed,
 )
 from sassgis.runs.inputs import (
+    check_heights,
     collected_notices,
     forest_of,
     map_run_of,
@@ -341,6 +342,7 @@ def _cut(setting: Setting, candidate: Candidate, margins: Sides) -> Windowed:
             make,
             margins=margins,
         )
+        check_heights(cut.run.grid, config.dem_source)
         run = replace(
             on_block_scale(cut.run),
             ground=ground_raster(config.ground, cut.run.grid, setting.table, setting.outline()),

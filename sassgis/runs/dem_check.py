@@ -14,7 +14,7 @@ from sassgis.io.read.dem_raw import RawDem, read_raw_dem
 from sassgis.io.read.dem_system import in_options
 from sassgis.io.staging import staged_file
 from sassgis.model.crs import crs_name
-from sassgis.model.grid import FloatArray, Grid
+from sassgis.model.grid import BoolArray, FloatArray, Grid
 from sassgis.report.page import ReportContext, ReportTable, write_report
 from sassgis.runs.inputs import collected_notices
 from sassgis.terrain.dem_defects import (
@@ -26,6 +26,7 @@ from sassgis.terrain.dem_defects import (
     inner_holes,
 )
 from sassgis.terrain.edge import ANGLE_DEG, beyond_edge
+from sassgis.terrain.nodata_traces import TRACES_ADVICE, nodata_traces
 from sassgis.terrain.slope_units import WALL_SHARE, slopes_deg, wall_share
 
 Verdict = Literal["good", "look", "bad"]
@@ -180,9 +181,11 @@ def _nodata(dem: RawDem) -> _Found:
     wrong = dem.not_heights
     holes = int(inner_holes(dem.values).sum()) - wrong
     missing = 1.0 - float(known.mean())
+    traces = nodata_traces(dem.values, max(dem.dx_m, dem.dy_m))
     numbers = {
         "nodata_share": missing, "declared": dem.nodata,
         "not_declared_cells": wrong, "inner_cells": max(holes, 0),
+        "mixed_cells": int(traces.cells.sum()),
     }  # fmt: skip
     share = f"{100.0 * missing:.2f} % nodata"
     if wrong:
@@ -191,6 +194,10 @@ def _nodata(dem: RawDem) -> _Found:
             "or 0 amid mountains)"
         )
         return "bad", found, "declare them with rio edit-info FILE --nodata NUMBER", numbers
+    if traces.cells.any():
+        x, y = _place_of_largest(dem, traces.cells)
+        found = f"{share}; {traces.words}, the first at {x:.10g}, {y:.10g}"
+        return "bad", found, TRACES_ADVICE, {**numbers, "x": x, "y": y}
     if dem.gaps:
         advice = "get the tiles that are missing there, unless nobody has them: blocks end there"
         return "look", f"{share}; {dem.gaps}", advice, numbers
@@ -285,7 +292,7 @@ def _bumps(dem: RawDem, out: FloatArray, word: str) -> _Found:
     return "bad" if bad else "look", found, advice, {**numbers, "x": x, "y": y}
 
 
-def _place_of_largest(dem: RawDem, values: FloatArray) -> tuple[float, float]:
+def _place_of_largest(dem: RawDem, values: FloatArray | BoolArray) -> tuple[float, float]:
     row, col = np.unravel_index(int(np.argmax(values)), values.shape)
     return dem.place(int(row), int(col))
 

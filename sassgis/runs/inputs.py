@@ -18,6 +18,7 @@ from sassgis.hazard.zoning.cell_outlines import check_cells
 from sassgis.io.read.base_map import read_base_map
 from sassgis.io.read.checked import is_preset_file
 from sassgis.io.read.config import FILE_KEYS, profile_control_lines
+from sassgis.io.read.dem import lone_zeros
 from sassgis.io.read.forest import read_forest
 from sassgis.io.read.frequencies import read_frequencies
 from sassgis.io.read.ground_map import default_class, ground_raster, read_ground_table
@@ -38,6 +39,7 @@ from sassgis.model.release_areas import ReleaseArea
 from sassgis.model.results import ControlLine
 from sassgis.model.run_config import Config
 from sassgis.runs.estimate import require_profile
+from sassgis.terrain.nodata_traces import TRACES_ADVICE, nodata_traces
 from sassgis.terrain.slope_units import WALL_DEG, WALL_SHARE, slopes_deg, wall_share
 from sassgis.terrain.surface import block_scale_grid
 
@@ -83,6 +85,25 @@ def forest_of(config: Config, grid: Grid, whole: Grid | None = None) -> Forest |
     return None if trees is None else Forest(*read_forest(trees, grid, whole))
 
 
+def check_heights(grid: Grid, file: Input) -> None:
+    """Warn of heights that cannot be those of terrain; ``file`` is named."""
+    walls = wall_share(slopes_deg(grid.values, grid.cell_size, grid.cell_size))
+    if walls > WALL_SHARE:
+        log.warning(
+            "%s: %.1f %% of the cells are steeper than %g degrees, too steep for terrain: "
+            "are heights or cells in another unit?",
+            file, 100.0 * walls, WALL_DEG,
+        )  # fmt: skip
+    # Zeros as they were stored are named by their reader.
+    values = np.where(lone_zeros(grid.values), np.nan, grid.values)
+    traces = nodata_traces(values, grid.cell_size)
+    if traces.cells.any():
+        x, y = (float(c[0]) for c in grid.cell_centres(np.flatnonzero(traces.cells)[:1]))
+        log.warning(
+            "%s: %s, the first at %.10g, %.10g: %s", file, traces.words, x, y, TRACES_ADVICE
+        )
+
+
 def read_map_run(config: Config, areas: Sequence[str] | None = None) -> MapRun:
     """Read every file that the configuration names.
 
@@ -95,13 +116,7 @@ def read_map_run(config: Config, areas: Sequence[str] | None = None) -> MapRun:
     )
     # Looked at before anything is simulated, though only the project shows it.
     read_base_map(config.project.base_map, grid)
-    walls = wall_share(slopes_deg(grid.values, grid.cell_size, grid.cell_size))
-    if walls > WALL_SHARE:
-        log.warning(
-            "%s: %.1f %% of the cells are steeper than %g degrees, too steep for terrain: "
-            "are heights or cells in another unit?",
-            config.dem_source, 100.0 * walls, WALL_DEG,
-        )  # fmt: skip
+    check_heights(grid, config.dem_source)
     none = areas is not None and not areas
     chosen = [] if none else read_release(config.release, grid, config.block_names, areas)
     table = read_ground_table(config.ground.classes, config.engine.readings)

@@ -16,6 +16,7 @@ from sassgis.io.write.layers.run_vectors import proposed_areas
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray
 from sassgis.model.settings import GroundSettings
+from sassgis.runs.inputs import check_heights, collected_notices
 from sassgis.terrain.slope_units import SlopeUnits, cliff_patches, slope_units, slopes_deg
 
 #: Below this threshold cells are hardly bare rock: fresh rock debris rests at about 35 to
@@ -96,7 +97,9 @@ def propose_release(
     if out.suffix.lower() != ".gpkg":
         raise InputError("is no GeoPackage", file=out, expected="a name ending in .gpkg")
     with staged_file(out, overwrite) as work:
-        grid = read_terrain(dem, crs, None, override_crs)
+        with collected_notices() as warnings:
+            grid = read_terrain(dem, crs, None, override_crs)
+            check_heights(grid, dem)
         slopes = slopes_deg(grid.values, grid.cell_size, grid.cell_size)
         found = _units(slopes, dem, threshold_deg)
         known = None
@@ -139,7 +142,6 @@ def propose_release(
                 f"share {unit.share:.4f}"
             )
         write_geopackage(work, [proposed], facts)
-    warnings = []
     if threshold < _LEAST_CLIFF_DEG:
         warnings.append(
             f"cells from {threshold:.1f} degrees on may be debris or vegetated slopes, not rock"

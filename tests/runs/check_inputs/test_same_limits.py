@@ -17,6 +17,8 @@ from rasterio.transform import from_origin
 
 from sassgis.io.read.config import load_config
 from sassgis.model.errors import InputError
+from sassgis.runs import batch_area
+from sassgis.runs.batch import find_areas
 from sassgis.runs.estimate import estimate_of
 from sassgis.runs.inputs import read_map_run
 from sassgis.runs.job import jobs_within
@@ -166,6 +168,33 @@ def test_walls_of_heights_in_feet_are_told_by_both(
     assert (FEET in printed("validate", slope.config)) == warned
     code, _, err = call("run", slope.config, "-o", slope.folder / "out")
     assert code == 0 and (FEET in err) == warned
+
+
+def test_nodata_among_heights_is_told_by_all(slope: Slope, call, printed) -> None:
+    """Zeros in a corner that resampling has mixed with heights."""
+    told = "a number for nodata that was taken for heights"
+    slope.write_config(**ZONES)
+    for warned in (False, True):
+        values = heights()
+        if warned:
+            values[35:, 50:] = 0.0
+            values = 0.7 * values + 0.3 * np.roll(values, 1, axis=0)
+            values[0] = values[1]
+        slope.write_dem(values)
+        assert (told in printed("validate", slope.config)) == warned
+        code, _, err = call("run", slope.config, "-o", slope.folder / "out", "--overwrite")
+        assert code == 0 and (told in err) == warned
+        assert (told in " ".join(notices_of_area(slope))) == warned
+        proposed = ("cliffs", slope.folder / "dem.tif", "--threshold", "35", "--overwrite")
+        assert (told in printed(*proposed, "-o", slope.folder / "cliffs.gpkg")) == warned
+
+
+def notices_of_area(slope: Slope) -> tuple[str, ...]:
+    """What a batch says of the part of the terrain that it cuts out for an area."""
+    config = load_config(slope.config)
+    areas = find_areas(config)
+    setting, _ = batch_area.read_setting(config, areas, sums_only=True)
+    return batch_area._cut(setting, areas[0], (1, 1, 1, 1)).notices
 
 
 def profile(folder: Path, more: str = "", end_m: float = 100.0, rocks: int = 5) -> Path:

@@ -61,6 +61,14 @@ def dam(values: np.ndarray) -> None:
     values[20:40, 30:60] -= 6.0
 
 
+def mixed(number: float) -> np.ndarray:
+    """A number in a corner, on cells that were moved by a part of a cell that differs by row."""
+    values, (row, col) = hills(), np.indices((60, 80))
+    values[col > 60 + 0.3 * row] = number
+    part = 0.5 + 0.45 * np.sin(row / 5.0)
+    return values * part + np.roll(values, 1, axis=1) * (1.0 - part)
+
+
 DEGREES = from_origin(8.7, 46.5, 2.6e-5, 1.8e-5)
 #: What is put in: heights, how they are stored, and the verdicts that are not "good".
 DEFECTS: dict[str, tuple[np.ndarray, dict[str, Any], dict[str, str]]] = {
@@ -78,6 +86,14 @@ DEFECTS: dict[str, tuple[np.ndarray, dict[str, Any], dict[str, str]]] = {
     "heights times three": (3.3 * hills(), {}, {"extent": "look"}),
     "nodata not declared": (put(lambda v: hole(v, -32768.0)), {}, {"nodata": "bad"}),
     "zeros": (put(lambda v: hole(v, 0.0)), {}, {"nodata": "bad"}),
+    "zeros in a corner, resampled": (
+        mixed(0.0), {}, {"nodata": "bad", "steepness": "bad", "extent": "look"},
+    ),
+    # Declared, but too late: what lies beyond the Earth is nodata.
+    "-9999, resampled": (
+        np.where(mixed(-9999.0) < -400.0, -9999.0, mixed(-9999.0)), {},
+        {"nodata": "bad", "extent": "look"},
+    ),
     "hole": (put(lambda v: hole(v, -9999.0)), {}, {"nodata": "look"}),
     "cells of 8 m": (
         4.0 * hills(), {"transform": from_origin(WEST, NORTH, 8.0, 8.0)}, {"resolution": "look"},
