@@ -113,7 +113,7 @@ def test_impacts_are_compared_with_the_effect_that_is_in_the_model():
     soft = EffectSettings(
         SoftGround(classes=("talus",), form="velocity_scaled", reference_speed_mps=1.5)
     )
-    case = observed(40, 17, effects=soft, tables=("passages", "impacts"))
+    case = observed(60, 17, effects=soft, tables=("passages", "impacts"))
     with_it, without = (
         min(x.p_adjusted for x in found(case, effects=own) if x.place == "ground:talus")
         for own in (soft, None)
