@@ -66,7 +66,7 @@ def measure(command: list[str]) -> dict[str, Any]:
     import sassgis.model.rng  # noqa: I001 - brings numba, without settings of the current folder
     from numba.core import codegen, event
 
-    from sassgis.cli.entry import main as sassgis
+    from sassgis.cli import main as sassgis
 
     watch = Stopwatch()
     event.register("numba:compile", type("Listener", (event.Listener,), {
