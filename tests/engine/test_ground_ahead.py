@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 from helpers.paths_lab import MIXED, TABLE, paths
-from helpers.terrains import grid_of
+from helpers.terrains import grid_of, points_at
 from scipy import ndimage
 
 from sassgis.engine import simulate_paths
@@ -36,7 +36,8 @@ def sampled(seed: int):
     classes = (rng.random((60, 60)) > 0.9).astype(np.int32)
     register = empty_register(grid.shape, 4096, None, ObjectCells.none())
     settings = EngineSettings(drift_deg=0.0).resolved()
-    path = _path(PathTerrain(grid, classes, TOLERANCE), settings, register, 0.0)
+    points = points_at(0.0, 0.0)
+    path = _path(PathTerrain(grid, classes, TOLERANCE), settings, register, points)
     vertices, crossings, stretches = room_ahead()
     site = Site(vertices, np.zeros(2), crossings, stretches)
     state = np.zeros(1, BLOCK_DTYPE).view(np.recarray)[0]

@@ -259,7 +259,7 @@ def changed(residuals: ResidualTable, step: str, quantity: str, add: np.ndarray)
 
 def test_losses_in_flight_are_air_or_stems() -> None:
     # Of half of the flights it is certain that no contact was missed on them.
-    case = observed(60, 3)
+    case = observed(80, 3)
     residuals = table_of(case)
     rng = np.random.default_rng(4)
     steps = residuals.steps
