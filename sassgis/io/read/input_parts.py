@@ -84,6 +84,7 @@ def file_digest(given: AnyInput) -> str:
     if isinstance(given, InMemory):
         return given.digest
     main = Path(given)
+    check_file(main, None, "a file", folders=True)
     digest = hashlib.sha256()
     try:
         for part in files_of(main):
