@@ -50,7 +50,7 @@ NUMERICAL = (
     ("profile._PAST",),
     ("profile.STRAIGHT", "profile._STRAIGHT_M"),
     ("landing.FIRST_TURN",),
-    ("touching._TINY", "touching._WAIT"),
+    ("touching._TINY", "touching._WAIT", "touching._DEEP"),
     # Criterion of rest for repeated contacts at one point.
     ("landing._REST_SHARE", "landing._SAME_SPOT"),
 )

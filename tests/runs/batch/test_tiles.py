@@ -15,7 +15,7 @@ from sassgis.io.write.tile_download import write_vrt
 from sassgis.model.errors import InputError, InputLost
 from sassgis.runs.dem_check import check_dem
 
-HEIGHTS = 1000.0 + np.arange(120.0).reshape(10, 12) ** 1.5
+HEIGHTS = 1000.0 + 0.1 * np.arange(120.0).reshape(10, 12) ** 1.5
 
 
 def tile(
