@@ -7,10 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sassgis.engine.resistance import share_gained
 from sassgis.engine.rows import Record, Records, last_of
 from sassgis.engine.state import BARRIER, CROSSING_DTYPE, Block, Output, Site, end
 from sassgis.model.grid import FloatArray, IntArray
-from sassgis.model.jit import kernel, lean
+from sassgis.model.jit import inlined, kernel, lean
 
 # What became of it; the same numbers as model.results.Outcome.
 PASSED, STOPPED, OVERTOPPED, BROKE_THROUGH, HELD_BY_NET = 0, 1, 2, 3, 4
@@ -198,7 +199,7 @@ def control_lines_in_flight(
 
 
 class Stretch(NamedTuple):
-    """A stretch of rolling or sliding over which squares of speeds change evenly."""
+    """A stretch of rolling or sliding, and what squares of speeds gain over it."""
 
     x: float
     x_end: float
@@ -206,6 +207,17 @@ class Stretch(NamedTuple):
     gain: float  # over the whole stretch
     spin2: float  # (rad²/s²)
     spin_gain: float
+    fading: float  # as resistance.share_gained takes it
+
+
+@inlined
+def up_to(stretch: Stretch, x: float, share: float) -> Stretch:
+    """The first share of a stretch, which ends at chainage x (m)."""
+    gained = share_gained(share, stretch.fading)
+    return Stretch(
+        stretch.x, x, stretch.speed2, stretch.gain * gained, stretch.spin2,
+        stretch.spin_gain * gained, stretch.fading * share
+    )  # fmt: skip
 
 
 @lean
@@ -237,8 +249,9 @@ def control_lines_on_ground(
         share = 0.0
         if chord > 0.0:
             share = min(max((line_x - x) / (x_end - x), 0.0), 1.0)
-        speed2 = max(stretch.speed2 + stretch.gain * share, 0.0)
-        spin2 = max(stretch.spin2 + stretch.spin_gain * share, 0.0)
+        done = share_gained(share, stretch.fading)
+        speed2 = max(stretch.speed2 + stretch.gain * done, 0.0)
+        spin2 = max(stretch.spin2 + stretch.spin_gain * done, 0.0)
         outcome = PASSED
         left = 1.0
         if crossing.kind != STATION:

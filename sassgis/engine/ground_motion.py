@@ -6,13 +6,20 @@ import math
 from typing import NamedTuple
 
 from sassgis.engine.angles import cos_sin
-from sassgis.engine.barriers import Stretch, after_barrier, control_lines_on_ground, no_meeting
+from sassgis.engine.barriers import (
+    Stretch,
+    after_barrier,
+    control_lines_on_ground,
+    no_meeting,
+    up_to,
+)
 from sassgis.engine.contact import next_contact
 from sassgis.engine.effects import hooks
 from sassgis.engine.ellipse import frame_of
 from sassgis.engine.landing import FIRST_TURN, rolling_place
 from sassgis.engine.profile import STRAIGHT, along, angle_of, turn
 from sassgis.engine.recording import record_ground
+from sassgis.engine.resistance import gained, path_to, time_over
 from sassgis.engine.rolling import (
     GROUND_AHEAD,
     LIFT_OFF,
@@ -22,6 +29,7 @@ from sassgis.engine.rolling import (
     STOP,
     TO_ROLLING,
     TO_SLIDING,
+    growth,
     rolling_friction,
     rolling_stretch,
 )
@@ -116,11 +124,18 @@ def _friction(state: Record, block: Block, site: Site) -> float:
 
 @fused
 def _look_ahead(
-    state: Record, block: Block, site: Site, physics: Physics, pull: float, tips_at: float
+    state: Record,
+    block: Block,
+    site: Site,
+    physics: Physics,
+    pull: float,
+    fade: float,
+    tips_at: float,
 ) -> Ahead:
     """How far a block rolls or slides before something else begins, and what.
 
-    ``pull`` is its acceleration (m/s²), ``tips_at`` the speed at which it tips over (m/s).
+    ``pull`` is its acceleration (m/s²), ``fade`` how that falls (1/m), as in resistance.py;
+    ``tips_at`` the speed at which it tips over (m/s).
     """
     profile = site.profile
     here = profile[state.segment]
@@ -135,12 +150,16 @@ def _look_ahead(
         length = max((state.reach - state.x) / ux, 0.0)
         ends_by = PART
     lift = 0.0
-    if pull < 0.0 and -v * v / (2.0 * pull) <= length:
-        length = -v * v / (2.0 * pull)
-        ends_by = STOP
-    if pull > 0.0 and tips_at * tips_at - v * v < 2.0 * pull * length:
-        length = 0.5 * (tips_at * tips_at - v * v) / pull
-        ends_by = TO_ROLLING
+    if pull < 0.0:
+        to_stop = path_to(pull, fade, -v * v)
+        if to_stop <= length:
+            length = to_stop
+            ends_by = STOP
+    if pull > 0.0 and tips_at < math.inf:
+        to_tip = path_to(pull, fade, tips_at * tips_at - v * v)
+        if to_tip < length:
+            length = to_tip
+            ends_by = TO_ROLLING
     wide = block.a
     narrow = block.b
     if state.phase == ROLLING:
@@ -148,7 +167,7 @@ def _look_ahead(
         narrow = block.roll_radius
         is_round = block.a - block.b < 1e-12 * block.a
         length, ends_by, lift = rolling_stretch(
-            block, state.theta - angle_of(profile, state.segment), direction, v, pull,
+            block, state.theta - angle_of(profile, state.segment), direction, v, pull, fade,
             physics.gravity, ux, -uz * direction, length, ends_by,
             physics.as_ellipse and not is_round, physics.end_sliding and not is_round
         )  # fmt: skip
@@ -180,17 +199,28 @@ def _look_ahead(
 
 @fused
 def _advance(
-    state: Record, block: Block, site: Site, output: Output, stretch: Stretch, length: float
+    state: Record,
+    block: Block,
+    site: Site,
+    output: Output,
+    stretch: Stretch,
+    length: float,
+    pull: float,
+    fade: float,
 ) -> None:
-    """Move a block over a stretch of some length (m), and record what it passes."""
+    """Move a block over a stretch of some length (m), and record what it passes.
+
+    ``pull`` is its acceleration at the start (m/s²), ``fade`` how that falls (1/m).
+    """
     here = site.profile[state.segment]
     direction = state.direction
     v2, dv2 = stretch.speed2, stretch.gain
     spin2, dspin2 = stretch.spin2, stretch.spin_gain
+    steady = pull + fade * v2
     n_touched, number = record_ground(
         site.stretches, output.work, state.n_touched, state.stretch, state.x, stretch.x_end, v2,
         dv2, 0.5 * block.inertia * spin2, 0.5 * block.inertia * dspin2,
-        abs(stretch.x_end - state.x), length, state.began + state.t
+        abs(stretch.x_end - state.x), length, state.began + state.t, steady, fade
     )  # fmt: skip
     state.n_touched = n_touched
     state.stretch = number
@@ -199,8 +229,7 @@ def _advance(
     energy = 0.5 * fast2 + 0.5 * block.inertia * max(spin2, spin2 + dspin2)
     state.top_speed = max(state.top_speed, math.sqrt(fast2))
     state.top_energy = max(state.top_energy, energy)
-    if state.speed + speed > 0.0:
-        state.t += 2.0 * length / (state.speed + speed)
+    state.t += time_over(steady, fade, state.speed, speed, length)
     state.x += direction * here.tx * length
     state.z += direction * here.tz * length
     state.speed = speed
@@ -241,22 +270,24 @@ def ground_motion(
         if state.phase == ROLLING:
             mu = _friction(state, block, site)
             tips_at = math.inf
-    free = g * (down - mu * ux)
-    pull, longest = hooks.before_stretch(effects, state, block, site, free, ux)
+    own_fade = growth(block, site.grounds[here.ground], physics) * g * ux
+    own_pull = g * (down - mu * ux) - own_fade * state.speed * state.speed
+    pull, fade, longest = hooks.before_stretch(effects, state, block, site, own_pull, own_fade, ux)
     state.vx = state.speed * direction * ux
     state.vz = state.speed * direction * uz
     log_event(output.log, state, direction * ux, direction * uz)
 
-    ahead = _look_ahead(state, block, site, physics, pull, tips_at)
+    ahead = _look_ahead(state, block, site, physics, pull, fade, tips_at)
     length, x_end, ends_by = ahead.length, ahead.x_end, ahead.ends_by
     cut = longest < length
     if cut:
         length = longest
         x_end = state.x + direction * ux * length
         ends_by = PART
+    gain = -state.speed * state.speed
     if ends_by != STOP:
-        pull = hooks.pull_over(effects, state, block, free, length)
-    stretch = _gains(state, block, x_end, pull, length, ends_by, mu * g * ux)
+        gain = hooks.gain_over(effects, state, block, gained(own_pull, own_fade, length), length)
+    stretch = _gains(state, block, x_end, gain, length, fade, mu * g * ux)
     barrier = no_meeting()
     if last_of(site.crossings) > 0:
         barrier = control_lines_on_ground(
@@ -264,13 +295,9 @@ def ground_motion(
         )
     at_barrier = barrier.line >= 0
     if at_barrier:
-        share = barrier.when
-        length *= share
-        stretch = Stretch(
-            stretch.x, site.crossings[barrier.line].x, stretch.speed2, stretch.gain * share,
-            stretch.spin2, stretch.spin_gain * share
-        )  # fmt: skip
-    _advance(state, block, site, output, stretch, length)
+        length *= barrier.when
+        stretch = up_to(stretch, site.crossings[barrier.line].x, barrier.when)
+    _advance(state, block, site, output, stretch, length, pull, fade)
     if at_barrier:
         state.x = stretch.x_end
     state.lines_from = state.x
@@ -293,21 +320,20 @@ def _gains(
     state: Record,
     block: Block,
     x_end: float,
-    pull: float,
+    dv2: float,
     length: float,
-    ends_by: int,
+    fade: float,
     friction: float,
 ) -> Stretch:
     """Squares of speed and spin over a stretch; ``friction`` is its force per unit mass (m/s²)."""
     v2 = state.speed * state.speed
-    dv2 = -v2 if ends_by == STOP else 2.0 * pull * length
     spin2 = state.omega * state.omega
     dspin2 = 0.0
     if state.phase == ROLLING:
         # Friction can turn the block no faster than its work allows.
         target = max(v2 + dv2, 0.0) / (block.roll_radius * block.roll_radius)
         dspin2 = min(target - spin2, 2.0 * friction * length / block.inertia)
-    return Stretch(state.x, x_end, v2, dv2, spin2, dspin2)
+    return Stretch(state.x, x_end, v2, dv2, spin2, dspin2, 2.0 * fade * length)
 
 
 @fused

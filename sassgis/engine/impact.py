@@ -10,8 +10,10 @@ import math
 from sassgis.model.jit import lean
 
 SCALE, COULOMB, RESTITUTION = 0, 1, 2
-#: Speed along the ground at which an impact leaves 1/(1 + speed_loss) of it (m/s).
-_LOSS_AT_MPS = 10.0
+#: Share of the resistance at an impact that turns the block back, in place of slowing its centre:
+#: the ground pushes ahead of the contact. Ours; spins observed in flight lie between those of 0
+#: and of 1 (docs/studies/kinematics.md).
+TURNING = 0.5
 #: The laws of impact by the names that they have in the settings.
 RULES = {"scale": SCALE, "coulomb": COULOMB, "restitution": RESTITUTION}
 
@@ -153,16 +155,12 @@ def held_back(vx: float, ploughing: float, impulse: float) -> float:
 
 
 @lean
-def share_left(vx: float, speed_loss: float) -> float:
-    """Share of speed along the ground and spin that a loss which grows with the speed leaves.
+def share_left(speed: float, growth: float, impulse: float) -> float:
+    """Share of a speed that a resistance of growth × speed² leaves over a normal impulse.
 
-    1/(1 + speed_loss (vx/10 m/s)²), the same of both, so that a block that rolls goes on rolling;
-    ``vx`` is the speed along the ground before the impact (m/s). The form is ours: ground that
-    yields, or is thrown up, takes more from fast blocks than from slow ones.
+    From dv/dJ = −growth v²; ``growth`` (s²/m²), ``impulse`` per unit mass (m/s).
     """
-    if speed_loss == 0.0:
-        return 1.0
-    return 1.0 / (1.0 + speed_loss * (vx / _LOSS_AT_MPS) ** 2)
+    return 1.0 / (1.0 + growth * abs(speed) * impulse)
 
 
 @lean
@@ -215,7 +213,7 @@ def impact(
     e: float = 0.0,
     halved_at: float = 9.144,
     ploughing: float = 0.0,
-    speed_loss: float = 0.0,
+    growth: float = 0.0,
 ) -> tuple[float, float, float]:
     """Velocity and spin after an impact: limited to η_max, or with RESTITUTION held back.
 
@@ -237,8 +235,8 @@ def impact(
         For RESTITUTION: as restitution_at takes them.
     ploughing : float
         For RESTITUTION: as held_back() takes it.
-    speed_loss : float
-        For RESTITUTION: as share_left() takes it.
+    growth : float
+        For RESTITUTION: μ_v/(g d) (s²/m²), resistance.growth.
 
     Returns
     -------
@@ -251,8 +249,13 @@ def impact(
             x = 0.0
         rebound = restitution_at(e, halved_at, vy + x * omega)
         wx, wy, spin = rebound_at_contact(x, y, inertia, vx, vy, omega, mu, rebound)
-        left = share_left(vx, speed_loss)
-        return left * held_back(wx, ploughing, wy - vy), wy, left * spin
+        impulse = wy - vy
+        wx = held_back(wx, ploughing, impulse)
+        if growth > 0.0:
+            # Rolling with some resistance as a moment and as a force takes the same in the end.
+            wx *= share_left(vx, (1.0 - TURNING) * growth, impulse)
+            spin *= share_left(vx, (1.0 + TURNING * y * y / inertia) * growth, impulse)
+        return wx, wy, spin
     if rule == COULOMB:
         wx, wy, spin = slip_at_contact(x, y, inertia, vx, vy, omega, mu)
     else:

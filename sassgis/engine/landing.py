@@ -11,7 +11,7 @@ from sassgis.engine.effects import hooks
 from sassgis.engine.ellipse import frame_of
 from sassgis.engine.impact import RESTITUTION, impact, normal_force, soft_landing
 from sassgis.engine.profile import along, foot_segment
-from sassgis.engine.rolling import rolling_friction
+from sassgis.engine.rolling import growth, rolling_friction
 from sassgis.engine.rows import Record, Records
 from sassgis.engine.state import (
     BROKEN,
@@ -86,10 +86,10 @@ def _varied_normal(state: Record, block: Block, site: Site, vt: float) -> tuple[
 
 
 @lean
-def _resistance(block: Block, ground: Record) -> float:
-    """μ_r (1 + I/r²): energy that rolling takes, over the normal force and the path."""
+def _resistance(block: Block, ground: Record, speed: float, growing: float) -> float:
+    """(μ_r + μ_v v²/(g d)) (1 + I/r²): energy that rolling takes, over normal force and path."""
     mu_r = rolling_friction(block, ground)
-    return float(block.roll_share * mu_r)
+    return float(block.roll_share * (mu_r + growing * speed * speed))
 
 
 @fused
@@ -140,13 +140,14 @@ def _rebound(
     vx = state.vx
     vz = state.vz
     ploughing = 1.0 - ground.eta_max
-    speed_loss = ground.speed_loss
+    growing = growth(block, ground, physics)
     if as_circle:
         # It goes on rolling: rounding the corner costs what rolling costs.
-        ploughing, speed_loss = _resistance(block, ground), 0.0
+        ploughing = _resistance(block, ground, vx * mz - vz * mx, growing)
+        growing = 0.0
     wt, wn, omega = impact(
         px, py, block.inertia, vx * mz - vz * mx, vx * mx + vz * mz, state.omega, ground.eta_max,
-        rule, friction, ground.restitution, ground.restitution_speed_mps, ploughing, speed_loss
+        rule, friction, ground.restitution, ground.restitution_speed_mps, ploughing, growing
     )  # fmt: skip
     wt, wn, omega = hooks.after_impact(
         effects, state, block, ground, -(vx * mx + vz * mz), wt, wn, omega
@@ -198,7 +199,8 @@ def land(
     if soft:
         resistance = 0.0
         if physics.eta_rule == RESTITUTION:
-            resistance = _resistance(block, site.grounds[site.profile[state.segment].ground])
+            ground = site.grounds[site.profile[state.segment].ground]
+            resistance = _resistance(block, ground, vt, growth(block, ground, physics))
         wt, wn, omega = soft_landing(lever, support, block.inertia, vt, vn, state.omega, resistance)
         state.omega = omega
     else:

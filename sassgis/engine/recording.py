@@ -3,7 +3,7 @@
 The cells under a profile come as stretches that are also cut at the profile's vertices, so that
 the ground is straight in each. Over a stretch the speed of a flight is greatest at an end and its
 height above ground is a concave parabola, so all maxima are exact. So is the time at a cell's
-border: chainage is linear in time in flight, and speed squared in the distance on the ground.
+border: chainage is linear in time in flight, and on the ground resistance.py has it.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sassgis.engine.resistance import share_gained, time_over
 from sassgis.engine.rows import last_of, record_type
 from sassgis.model.jit import lean
 from sassgis.model.statistics_table import QUANTITIES
@@ -272,6 +273,8 @@ def record_ground(
     chord: float,
     length: float,
     t: float,
+    steady: float,
+    fade: float,
 ) -> tuple[int, int]:
     """Record the cells under a stretch of rolling or sliding.
 
@@ -284,16 +287,19 @@ def record_ground(
     spin, dspin : float
         Rotational energy per unit mass at the start, and its change (J/kg).
     chord : float
-        Chainage of the whole stretch, positive (m); speeds squared are linear in it.
+        Chainage of the whole stretch, positive (m).
     length : float
         Distance along the ground of the whole stretch (m).
     t : float
         Time since the release at the start (s).
+    steady, fade : float
+        Acceleration without speed (m/s²) and how it falls (1/m), as in resistance.py.
     """
     n = last_of(stretches)
     i = stretch_at(stretches, x, i)
     step = 1 if x_end >= x else -1
-    done = 0.0
+    done = gone = 0.0
+    fading = 2.0 * fade * length
     chords = work.chord.shape[0] > 0
     u, v = _on_map(stretches, i, x) if chords else (0.0, 0.0)
     while True:
@@ -303,9 +309,10 @@ def record_ground(
         else:
             border = stretches[i].start
             inside = border <= x_end or i == 0
-        share = 1.0
+        way = share = 1.0
         if not inside and chord > 0.0:
-            share = min(max(abs(border - x) / chord, done), 1.0)
+            way = min(max(abs(border - x) / chord, gone), 1.0)
+            share = share_gained(way, fading)
         cell = stretches[i].cell
         n_before = n_touched
         if cell >= 0:
@@ -313,10 +320,8 @@ def record_ground(
             energy = 0.5 * fast + max(spin + dspin * done, spin + dspin * share)
             enters = t
             if done > 0.0 and work.peak[cell, ENERGY] < 0.0:
-                # At constant acceleration the mean of the speeds at both ends is that over time.
-                both = math.sqrt(v2) + math.sqrt(max(v2 + dv2 * done, 0.0))
-                if both > 0.0:
-                    enters += 2.0 * length * done / both
+                now = math.sqrt(max(v2 + dv2 * done, 0.0))
+                enters += time_over(steady, fade, math.sqrt(v2), now, length * gone)
             n_touched = _raise(work, n_touched, cell, energy, 0.0, max(fast, 0.0), enters)
         if chords:
             first = n_touched > n_before
@@ -324,4 +329,5 @@ def record_ground(
         if inside:
             return n_touched, i
         done = share
+        gone = way
         i += step

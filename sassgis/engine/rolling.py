@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from sassgis.engine.angles import cos_sin
+from sassgis.engine.impact import RESTITUTION
+from sassgis.engine.resistance import gained, path_to
 from sassgis.engine.rows import Record
-from sassgis.engine.state import Block
-from sassgis.model.jit import lean
+from sassgis.engine.state import Block, Physics
+from sassgis.model.jit import inlined, lean
 
 # What ends a stretch of rolling or sliding. Only TO_SLIDING and LIFT_OFF are found here; PART is a
 # stretch that an effect has cut, after which the motion goes on, TO_ROLLING one of sliding after
@@ -30,6 +33,25 @@ def rolling_friction(block: Block, ground: Record) -> float:
     return float(block.drag * (ground.mu_0 + ground.k * ground.d_star_m / (2.0 * block.radius)))
 
 
+@inlined
+def growth(block: Block, ground: Record, physics: Physics) -> float:
+    """μ_v/(g d): resistance over normal force, for each m²/s² of v² (s²/m²)."""
+    if physics.eta_rule != RESTITUTION:
+        return 0.0
+    return float(ground.mu_v / (2.0 * block.radius * physics.gravity))
+
+
+class Way(NamedTuple):
+    """How a block rolls to where its ellipse would stand upright."""
+
+    v: float  # speed (m/s)
+    pull: float  # acceleration (m/s²)
+    fade: float  # how that falls (1/m): resistance.py
+    first: float  # distance to where it would stand upright (m)
+    weight: float  # normal force at rest per unit mass (m/s²)
+    push: float  # weight along the way, positive if it descends
+
+
 @lean
 def lift_off_speed(block: Block, gravity: float, cos_slope: float) -> float:
     """Rolling speed above which an ellipse leaves the ground before it stands upright (m/s).
@@ -44,24 +66,15 @@ def lift_off_speed(block: Block, gravity: float, cos_slope: float) -> float:
 
 
 @lean
-def _force_before_upright(
-    block: Block,
-    v: float,
-    pull: float,
-    first: float,
-    gravity: float,
-    cos_slope: float,
-    down: float,
-    angle: float,
-) -> tuple[float, float]:
+def _force_before_upright(block: Block, way: Way, angle: float) -> tuple[float, float]:
     """Normal force per unit mass ``angle`` before the ellipse stands upright (m/s²), and its rate.
 
     Its kinetic energy is that of steady rolling at the mean radius, less what has lifted its centre
-    above that; the force is impact.normal_force. Parameters as lift_off_angle.
+    above that; the force is impact.normal_force.
     """
     c, s = cos_sin(angle)
     radius = block.roll_radius
-    weight = gravity * cos_slope
+    weight = way.weight
     # The frame of ellipse.frame_of, whose derivatives are: y' = x, x' = curvature.
     shape = block.a * block.a - block.b * block.b
     y = math.sqrt(block.a * block.a - shape * s * s)
@@ -72,17 +85,20 @@ def _force_before_upright(
     inertia_rate = 2.0 * x * (curvature + y)
     spin2 = 0.0
     spin2_rate = 0.0
-    speed2 = v * v + 2.0 * pull * (first - radius * angle)
+    path = way.first - radius * angle
+    speed2 = way.v * way.v + gained(way.pull, way.fade, path)
     twice = block.roll_share * max(speed2, 0.0) - 2.0 * weight * (y - radius)
     if twice > 0.0:
         spin2 = twice * per_inertia
         twice_rate = -2.0 * weight * x
         if speed2 > 0.0:
-            twice_rate -= 2.0 * block.roll_share * pull * radius
+            pull = way.pull * math.exp(-2.0 * way.fade * path)
+            twice_rate -= 2.0 * block.roll_share * radius * pull
         spin2_rate = (twice_rate - spin2 * inertia_rate) * per_inertia
-    moment = gravity * (down * y + cos_slope * x) + spin2 * x * (y + curvature)
+    moment = way.push * y + weight * x + spin2 * x * (y + curvature)
     moment_rate = (
-        gravity * (down * x + cos_slope * curvature)
+        way.push * x
+        + weight * curvature
         + spin2_rate * x * (y + curvature)
         + spin2 * (curvature * (y + curvature) + x * (x + curvature_rate))
     )
@@ -94,51 +110,28 @@ def _force_before_upright(
 
 
 @lean
-def lift_off_angle(
-    block: Block,
-    v: float,
-    pull: float,
-    first: float,
-    gravity: float,
-    cos_slope: float,
-    down: float,
-) -> float:
+def lift_off_angle(block: Block, way: Way) -> float:
     """How long before it stands upright a rolling ellipse leaves the ground (rad).
 
-    Parameters
-    ----------
-    v, pull : float
-        Speed (m/s) and acceleration (m/s²) along the path.
-    first : float
-        Distance to where it would stand upright (m).
-    down : float
-        Sine of the slope, positive if the path descends.
-
-    Returns
-    -------
-    float
-        The largest angle before the upright at which the normal force ends, 0 if only there.
+    The largest angle before the upright at which the normal force ends, 0 if only there.
     """
-    high = min(_WIDEST, first / block.roll_radius)
-    weight = gravity * cos_slope
-    at_high, _ = _force_before_upright(block, v, pull, first, gravity, cos_slope, down, high)
+    high = min(_WIDEST, way.first / block.roll_radius)
+    at_high, _ = _force_before_upright(block, way, high)
     if at_high <= 0.0:
         return high
     low = 0.0
-    at_low, _ = _force_before_upright(block, v, pull, first, gravity, cos_slope, down, low)
+    at_low, _ = _force_before_upright(block, way, low)
     if at_low > 0.0:
         # It barely reaches the speed: the force may have ended and come back.
         for i in range(1, _SCANS):
             angle = high * (1.0 - i / _SCANS)
-            found, _ = _force_before_upright(block, v, pull, first, gravity, cos_slope, down, angle)
+            found, _ = _force_before_upright(block, way, angle)
             if found <= 0.0:
                 low, at_low = angle, found
                 break
         if at_low > 0.0:
             return 0.0
-    return _end_of_force(
-        block, v, pull, first, gravity, cos_slope, down, low, high, _guess(at_low, weight)
-    )
+    return _end_of_force(block, way, low, high, _guess(at_low, way.weight))
 
 
 @lean
@@ -153,22 +146,11 @@ def _guess(upright: float, weight: float) -> float:
 
 
 @lean
-def _end_of_force(
-    block: Block,
-    v: float,
-    pull: float,
-    first: float,
-    gravity: float,
-    cos_slope: float,
-    down: float,
-    low: float,
-    high: float,
-    angle: float,
-) -> float:
+def _end_of_force(block: Block, way: Way, low: float, high: float, angle: float) -> float:
     """Where between two angles (rad) the normal force ends: it is 0 or less at ``low`` only.
 
     Newton's method from ``angle`` on; from the second step on by the cubic of the angle over the
-    force through the last two values and slopes. Parameters as lift_off_angle.
+    force through the last two values and slopes.
     """
     before = force_before = per_rate_before = 0.0
     last = np.inf
@@ -176,7 +158,7 @@ def _end_of_force(
         if not low < angle < high:
             angle = 0.5 * (low + high)
             last = np.inf
-        force, rate = _force_before_upright(block, v, pull, first, gravity, cos_slope, down, angle)
+        force, rate = _force_before_upright(block, way, angle)
         if force <= 0.0:
             low = angle
         else:
@@ -209,6 +191,7 @@ def rolling_stretch(
     direction: int,
     v: float,
     pull: float,
+    fade: float,
     gravity: float,
     cos_slope: float,
     down: float,
@@ -225,8 +208,8 @@ def rolling_stretch(
         Angle of the major axis to the segment (rad).
     direction : int
         1 to the right, -1 to the left.
-    v, pull : float
-        Speed (m/s) and acceleration (m/s²) along the path.
+    v, pull, fade : float
+        As in Way.
     cos_slope, down : float
         Cosine of the slope; its sine, positive if the path descends.
     length, ends_by
@@ -246,7 +229,7 @@ def rolling_stretch(
     if end_sliding and pull < 0.0:
         # Too slow to lift its centre over the longer axis.
         least = 2.0 * gravity * cos_slope * (a - roll_radius) / block.roll_share
-        reach = max((least - v * v) / (2.0 * pull), 0.0)
+        reach = path_to(pull, fade, least - v * v) if v * v > least else 0.0
         if reach < length:
             length = reach
             ends_by = TO_SLIDING
@@ -258,12 +241,13 @@ def rolling_stretch(
         first = roll_radius * to_upright
         gap = least * least - v * v
         if pull > 0.0 and gap > 0.0:
-            late = gap / (2.0 * pull) - first
-            if late > 0.0:
+            late = path_to(pull, fade, gap) - first
+            if 0.0 < late < math.inf:
                 first += math.ceil(late / (math.pi * roll_radius)) * math.pi * roll_radius
-        fast = v * v + 2.0 * pull * first >= least * least * (1.0 + 1e-12)
+        fast = v * v + gained(pull, fade, first) >= least * least * (1.0 + 1e-12)
         if fast and first - roll_radius * _WIDEST < length:
-            early = lift_off_angle(block, v, pull, first, gravity, cos_slope, down)
+            weight = gravity * cos_slope
+            early = lift_off_angle(block, Way(v, pull, fade, first, weight, gravity * down))
             if first - roll_radius * early < length:
                 length = max(first - roll_radius * early, 0.0)
                 ends_by = LIFT_OFF

@@ -30,7 +30,7 @@ LIMITS = {
     "restitution": (0.0, 1.0),
     "restitution_speed_mps": (0.1, 1e6),
     "rolling_threshold": (0.0, 10.0),
-    "speed_loss": (0.0, 100.0),
+    "mu_v": (0.0, 1.0),
 }
 #: Parameters of a ground class.
 PARAMETERS = tuple(LIMITS)
@@ -59,9 +59,9 @@ class GroundClass:
         9.144, Pfeiffer and Bowen (1989) as coded in PlatRock (Common/BounceModels.py).
     rolling_threshold : float
         A block lands softly and rolls where v_n²/(2 g cos β) is below this share of its radius.
-    speed_loss : float
-        Of speed along the ground and spin an impact leaves 1/(1 + speed_loss (v_t/10 m/s)²):
-        impact.share_left. 0: no such loss.
+    mu_v : float
+        The ground also resists with μ_v v²/(g d) times the normal force, d the diameter of the
+        block: engine.resistance. 0: it does not.
     source : str
         Where the values come from.
     trust : {"paper", "fitted", "estimate"}
@@ -81,7 +81,7 @@ class GroundClass:
     restitution: float = 0.0
     restitution_speed_mps: float = 9.144
     rolling_threshold: float = 0.1
-    speed_loss: float = 0.0
+    mu_v: float = 0.0
     source: str = ""
     trust: Trust = "estimate"
 

@@ -119,7 +119,7 @@ def ranges_of(
 def acting(engine: EngineSettings) -> tuple[str, ...]:
     """Parameters that the readings of the engine use."""
     given = engine.resolved()
-    rebound = ["restitution", "restitution_speed_mps", "speed_loss"]
+    rebound = ["restitution", "restitution_speed_mps", "mu_v"]
     idle = [] if given.eta_max_rule == "restitution" else rebound
     if given.rolling_threshold is not None:
         idle.append("rolling_threshold")

@@ -168,10 +168,10 @@ def _ground_table(run: MapRun, reached: IntArray) -> ReportTable:
     return table_of(
         "Ground classes",
         "class; η max; Δp/p; μ_f; μ_0; k; d* | m; e; v of e/2 | m/s; rolling threshold; "
-        "speed loss; trust; share of the ground | %; source",
+        "μ_v; trust; share of the ground | %; source",
         (
             (c.name, c.eta_max, _span(c.dp_min, c.dp_max), c.mu_f, c.mu_0, c.k, c.d_star_m,
-             c.restitution, c.restitution_speed_mps, c.rolling_threshold, c.speed_loss,
+             c.restitution, c.restitution_speed_mps, c.rolling_threshold, c.mu_v,
              TRUST_TEXT[c.trust], f"{100 * share:.0f}", c.source)
             for c, share in ground_shares(run, reached)
         ),

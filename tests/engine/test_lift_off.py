@@ -10,7 +10,7 @@ import pytest
 from sassgis.engine.draws import block_of
 from sassgis.engine.ellipse import frame_of
 from sassgis.engine.impact import normal_force
-from sassgis.engine.rolling import _force_before_upright, lift_off_angle, lift_off_speed
+from sassgis.engine.rolling import Way, _force_before_upright, lift_off_angle, lift_off_speed
 
 pytestmark = pytest.mark.kernels
 
@@ -18,7 +18,7 @@ G = 9.81
 
 
 def _rolling(seed):
-    """A block and its motion, fast enough to leave the ground where it would stand upright."""
+    """A block and its way, fast enough to leave the ground where it would stand upright."""
     rng = np.random.default_rng(seed)
     a = rng.uniform(0.2, 2.0)
     block = block_of(a, a * rng.uniform(0.5, 0.98), 0.2, 2700.0, 100.0, np.uint64(1))
@@ -26,41 +26,44 @@ def _rolling(seed):
     pull = G * rng.uniform(-0.2, 0.6)
     first = block.roll_radius * rng.uniform(0.3, 3.0)
     least = lift_off_speed(block, G, math.cos(slope))
-    v2 = least**2 * rng.uniform(1.0, 3.0) - 2.0 * pull * first
-    motion = (math.sqrt(max(v2, 0.1)), pull, first, G, math.cos(slope), math.sin(slope))
-    return block, motion
+    fade = rng.choice([0.0, 0.02, 0.3])
+    v2 = max(least**2 * rng.uniform(1.0, 3.0) - 2.0 * pull * first, 0.1)
+    return block, Way(math.sqrt(v2), pull, fade, first, G * math.cos(slope), G * math.sin(slope))
 
 
-def _force(block, motion, angle):
+def _force(block, way, angle):
     """The force from the energy and the general law of the rolling ellipse (m/s²)."""
-    v, pull, first, g, cos_slope, down = motion
     x, y, curvature = frame_of(block.a, block.b, math.cos(angle), -math.sin(angle))
-    here2 = v * v + 2.0 * pull * (first - block.roll_radius * angle)
-    twice = block.roll_share * max(here2, 0.0) - 2.0 * g * cos_slope * (y - block.roll_radius)
+    path = way.first - block.roll_radius * angle
+    here2 = way.v**2 + 2.0 * way.pull * path
+    if way.fade > 0.0:
+        steady2 = way.v**2 + way.pull / way.fade
+        here2 = steady2 + (way.v**2 - steady2) * math.exp(-2.0 * way.fade * path)
+    twice = block.roll_share * max(here2, 0.0) - 2.0 * way.weight * (y - block.roll_radius)
     spin = math.sqrt(max(twice / (block.inertia + x * x + y * y), 0.0))
-    return normal_force(x, y, curvature, block.inertia, spin, cos_slope, down, g)
+    return normal_force(x, y, curvature, block.inertia, spin, way.weight / G, way.push / G, G)
 
 
 @pytest.mark.parametrize("seed", range(40))
 def test_force_and_its_rate_are_those_of_the_general_law(seed):
-    block, motion = _rolling(seed)
+    block, way = _rolling(seed)
     for angle in np.linspace(0.01, 1.4, 9):
-        force, rate = _force_before_upright(block, *motion, angle)
-        assert force == pytest.approx(_force(block, motion, angle), abs=1e-9)
+        force, rate = _force_before_upright(block, way, angle)
+        assert force == pytest.approx(_force(block, way, angle), abs=1e-9)
         step = 1e-6
-        change = _force(block, motion, angle + step) - _force(block, motion, angle - step)
+        change = _force(block, way, angle + step) - _force(block, way, angle - step)
         assert rate == pytest.approx(0.5 * change / step, rel=1e-4, abs=1e-3)
 
 
 @pytest.mark.parametrize("seed", range(40))
 def test_it_leaves_where_the_force_ends(seed):
-    block, motion = _rolling(seed)
-    angle = lift_off_angle(block, *motion)
-    high = min(1.5, motion[2] / block.roll_radius)
+    block, way = _rolling(seed)
+    angle = lift_off_angle(block, way)
+    high = min(1.5, way.first / block.roll_radius)
     assert 0.0 <= angle <= high
     if 0.0 < angle < high:
         # Borne just before, which is at a larger angle, and no more just after.
-        assert _force(block, motion, angle + 1e-7) > 0.0 > _force(block, motion, angle - 1e-7)
+        assert _force(block, way, angle + 1e-7) > 0.0 > _force(block, way, angle - 1e-7)
     # What comes before is borne everywhere.
     before = np.linspace(angle + 1e-7, high, 200)[:-1] if angle < high else []
-    assert all(_force(block, motion, one) > 0.0 for one in before)
+    assert all(_force(block, way, one) > 0.0 for one in before)

@@ -46,6 +46,7 @@ def worlds(draw):
             "k": 0.2,
             "d_star_m": draw(st.floats(0.0, 0.5)),
             "restitution": draw(st.sampled_from([0.0, 0.3, 0.9])),
+            "mu_v": draw(st.sampled_from([0.0, 0.008, 0.3])),
         },
         "axes": (a, a * draw(st.floats(0.3, 1.0)), a * 0.3),
         "drop": draw(st.sampled_from([0.0, 0.5, 5.0])),

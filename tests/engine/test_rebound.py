@@ -172,14 +172,15 @@ def test_nothing_held_back_leaves_the_contact_law_alone():
 
 
 @pytest.mark.parametrize("vx", [-20.0, -10.0, 3.0, 10.0, 20.0])
-def test_a_loss_that_grows_with_the_speed_leaves_a_rolling_sphere_rolling(vx):
-    # 1/(1 + q (v/10)²) of speed along the ground and spin, whatever the rebound.
-    r, q = 0.5, 0.25
+def test_a_resistance_that_grows_with_the_speed_slows_a_rolling_sphere(vx):
+    # Half of it slows the centre, half turns it back, for which rolling counts 1 + r²/I as much.
+    r, q = 0.5, 2e-3
     body = (0.0, r, inertia(r, r), vx, -2.0, vx / r)
     wx, wy, spin = impact(*body, 0.0, RESTITUTION, 0.8, 0.4, 1e9, 0.0, q)
-    assert wx == pytest.approx(vx / (1.0 + q * vx * vx / 100.0))
-    assert spin == pytest.approx(wx / r)
     assert wy == pytest.approx(0.8)
+    taken = q * abs(vx) * 2.8
+    assert wx == pytest.approx(vx / (1.0 + 0.5 * taken))
+    assert spin == pytest.approx(vx / r / (1.0 + (1.0 + 0.5 * 2.5) * taken))
 
 
 @given(m=meetings(), e=st.floats(0.0, 1.0), q=st.floats(0.0, 5.0))

@@ -233,42 +233,52 @@ def after_flight(
 
 @inlined
 def before_stretch(
-    effects: Effects | None, state: Record, block: Block, site: Site, pull: float, ux: float
-) -> tuple[float, float]:
+    effects: Effects | None,
+    state: Record,
+    block: Block,
+    site: Site,
+    pull: float,
+    fade: float,
+    ux: float,
+) -> tuple[float, float, float]:
     """Begin a stretch of rolling or sliding.
 
     Parameters
     ----------
     pull : float
         Acceleration along the ground without effects (m/s²).
+    fade : float
+        How it falls (1/m), as in resistance.py.
     ux : float
         Cosine of the slope.
 
     Returns
     -------
-    pull : float
-        (m/s²)
+    pull, fade : float
+        (m/s², 1/m)
     longest : float
-        Path along which it holds (m).
+        Path along which they hold (m).
     """
     longest = np.inf
     if effects is not None and effects.stand.form != trees.OFF:
         state.x_from = state.x
         pull, longest = trees.before_stretch(effects.stand, state, block, site, pull, ux)
-    return pull, longest
+        if trees.brakes(effects.stand, state.stems):
+            fade = 0.0
+    return pull, fade, longest
 
 
 @inlined
-def pull_over(
-    effects: Effects | None, state: Record, block: Block, pull: float, path: float
+def gain_over(
+    effects: Effects | None, state: Record, block: Block, gain: float, path: float
 ) -> float:
-    """Acceleration over a path (m) that the stretch has turned out to take, without a stop (m/s²).
+    """Change of v² over a path (m) that the stretch has turned out to take, without a stop.
 
-    ``pull`` is that without effects, as before_stretch was given it.
+    ``gain`` is that without effects (m²/s²).
     """
     if effects is not None:
-        return trees.pull_over(effects.stand, state.stems, block.mass, state.speed, pull, path)
-    return pull
+        return trees.gain_over(effects.stand, state.stems, block.mass, state.speed, gain, path)
+    return gain
 
 
 @inlined

@@ -184,13 +184,19 @@ def stem_loss(stand: Stand, key: np.uint64, number: int, diameter: float) -> flo
     return float(most)
 
 
+@inlined
+def brakes(stand: Stand, stems: float) -> bool:
+    """Whether a viscous force acts."""
+    return stand.form == VISCOUS and stems > 0.0
+
+
 @lean
 def left_by_viscous(stand: Stand, stems: float, mass: float, time: float) -> float:
     """Share of the speed that the viscous forest leaves after a time.
 
     For a negative time it is what gives the speed back; of one that is lost nothing comes back.
     """
-    if stand.form != VISCOUS or stems <= 0.0:
+    if not brakes(stand, stems):
         return 1.0
     return math.exp(min(-stand.drag * time / mass, _LARGEST_EXPONENT))
 
@@ -206,7 +212,7 @@ def on_ground(stand: Stand, stems: float, mass: float, speed: float, pull: float
     speed, pull : float
         Speed now (m/s), and acceleration p without the forest (m/s²).
     """
-    if stand.form != VISCOUS or stems <= 0.0:
+    if not brakes(stand, stems):
         return Drawn(pull, np.inf)
     rate = stand.drag / mass
     steady = pull / rate
@@ -235,29 +241,33 @@ def _after(rate: float, steady: float, speed: float, time: float) -> tuple[float
 
 
 @lean
-def pull_over(
-    stand: Stand, stems: float, mass: float, speed: float, pull: float, path: float
+def gain_over(
+    stand: Stand, stems: float, mass: float, speed: float, gain: float, path: float
 ) -> float:
-    """As on_ground, the acceleration (m/s²) of a block that goes on for a path (m), and no stop."""
-    if stand.form != VISCOUS or stems <= 0.0 or path <= 0.0:
-        return pull
+    """As on_ground, the change of v² of a block that goes on for a path (m), and no stop.
+
+    ``gain`` is that without the forest (m²/s²), taken as even over the path.
+    """
+    if not brakes(stand, stems) or path <= 0.0:
+        return gain
+    pull = 0.5 * gain / path
     rate = stand.drag / mass
     steady = pull / rate
-    square = speed * speed + 2.0 * (pull - rate * speed) * path
+    square = speed * speed + gain - 2.0 * rate * speed * path
     time = 2.0 * path / (speed + math.sqrt(max(square, 0.0)))
     after = speed
     for _ in range(_NEWTON):
         gone, after = _after(rate, steady, speed, time)
         if after <= 0.0:
-            return 0.5 * -speed * speed / path
+            return -speed * speed
         time += (path - gone) / after
-    return 0.5 * (after * after - speed * speed) / path
+    return after * after - speed * speed
 
 
 @lean
 def longest_step(stand: Stand, stems: float, mass: float) -> float:
     """Longest time between two turns of the viscous force (s): a tenth of the speed, or 5 ms."""
-    if stand.form != VISCOUS or stems <= 0.0:
+    if not brakes(stand, stems):
         return np.inf
     return max(_SHARE_PER_STEP * mass / stand.drag, _SHORTEST_STEP_S)
 

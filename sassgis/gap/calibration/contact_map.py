@@ -39,7 +39,7 @@ _RANGES = {
     "mu_f": (Range(0.02, 1.5), 0.17),
     "restitution": (Range(0.0, 1.0), 0.25),
     "restitution_speed_mps": (Range(0.5, 200.0, "log"), 0.13),
-    "speed_loss": (Range(0.0, 1.0), 0.1),
+    "mu_v": (Range(0.0, 0.05), 0.1),
 }
 #: Standard deviation of the logarithm of the factor of the spins.
 _SPIN_SD = 0.2

@@ -18,7 +18,7 @@ BOUNDS = {
     "mu_f": (0.05, 1.5),
     "restitution": (0.0, 0.95),
     "mu_0": (0.02, 1.0),
-    "speed_loss": (0.0, 1.0),
+    "mu_v": (0.0, 0.05),
 }
 
 #: Normal speed at which the restitution of the classes has halved (m/s).
@@ -42,8 +42,7 @@ def _draw(case: Case, draws: ParameterDraws) -> CausePart:
         }
         if case.engine.resolved().eta_max_rule == "restitution":
             shifts["restitution"] = draws.uniform("law.restitution", -0.6, 0.6)
-            # Below zero there is no loss: as likely as one.
-            shifts["speed_loss"] = draws.uniform("law.speed_loss", -0.4, 0.4)
+            shifts["mu_v"] = draws.uniform("law.mu_v", -0.02, 0.02)
             halved = draws.log("law.restitution_speed", 1.0 / 12.0, 12.0)
             values["restitution_speed_mps"] = rounded(halved * _HALVED_AT_MPS)
     used = np.unique(case.profiles.ground).tolist()
@@ -56,7 +55,7 @@ def _draw(case: Case, draws: ParameterDraws) -> CausePart:
                 # How far the contacts recorded on a class are from what is configured.
                 learned, configured = case.learned.table.classes[k], case.table.classes[k]
                 own["restitution_speed_mps"] = learned.restitution_speed_mps
-                for name in ("eta_max", "mu_f", "restitution", "speed_loss"):
+                for name in ("eta_max", "mu_f", "restitution", "mu_v"):
                     by[name] = float(getattr(learned, name) - getattr(configured, name))
             for name, shift in by.items():
                 low, high = BOUNDS[name]

@@ -11,6 +11,7 @@ from sassgis.engine.draws import block_of
 from sassgis.engine.effects import hooks
 from sassgis.engine.ellipse import frame_of
 from sassgis.engine.impact import impact
+from sassgis.engine.rolling import growth
 from sassgis.engine.rows import Records
 from sassgis.engine.state import Physics
 from sassgis.model.grid import FloatArray, IntArray
@@ -129,7 +130,7 @@ def impact_draws(
             wt, wn, spin = impact(
                 x, y, block.inertia, state.vx * mz - state.vz * mx, into, omega, ground.eta_max,
                 rule, friction, ground.restitution, ground.restitution_speed_mps,
-                1.0 - ground.eta_max, ground.speed_loss,
+                1.0 - ground.eta_max, growth(block, ground, physics),
             )  # fmt: skip
             wt, wn, spin = hooks.after_impact(effects, state, block, ground, -into, wt, wn, spin)
             vx, vz = wt * mz + wn * mx, wn * mz - wt * mx

@@ -78,7 +78,7 @@ def _columns(file: Input) -> dict[str, CsvColumn]:
     return {
         "name": CsvColumn(),
         **{parameter: CsvColumn(float) for parameter in PARAMETERS},
-        "speed_loss": CsvColumn(float, default=0.0),
+        "mu_v": CsvColumn(float, default=0.0),
         "source": CsvColumn(default=f"own table {file.name}"),
         "trust": CsvColumn(known=tuple(TRUST_TEXT), default="estimate"),
     }

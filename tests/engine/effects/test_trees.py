@@ -266,8 +266,8 @@ def test_hardly_any_viscous_drag_is_none(k):
     # Pull over drag would be no number.
     assert (stand.form == trees.OFF) == (k < 1e-6)
     for pull in (-2.0, 0.0, 2.0):
-        found = trees.pull_over(stand, 0.01, MASS, 3.0, pull, 1.5)
-        assert found == pytest.approx(pull, abs=1e-9 + 10.0 * k / MASS)
+        found = trees.gain_over(stand, 0.01, MASS, 3.0, 3.0 * pull, 1.5)
+        assert found == pytest.approx(3.0 * pull, abs=3e-9 + 30.0 * k / MASS)
     flat = profile_set(LINE, cell=2.0)
     rocks = [
         run(flat, EVEN, ROLLING, EffectSettings(Trees("viscous", drag_kgps=drag)), n=1,

@@ -112,16 +112,16 @@ def test_source_may_be_left_out_but_is_then_an_estimate(tmp_path):
     own = read_ground_table(path).classes[-1]
     assert own.trust == "estimate"
     assert "own.csv" in own.source
-    assert own.speed_loss == 0.0
+    assert own.mu_v == 0.0
 
 
 @given(values=st.tuples(*[st.floats(0.0, 1.0)] * 11))
 def test_numbers_come_through_unchanged(values):
     import tempfile
 
-    eta, a, b, *rest, speed, threshold, loss = values
-    numbers = (eta, min(a, b), max(a, b), *rest, 0.1 + speed, threshold, loss)
-    header = HEADER.replace("rolling_threshold,", "rolling_threshold,speed_loss,")
+    eta, a, b, *rest, speed, threshold, growth = values
+    numbers = (eta, min(a, b), max(a, b), *rest, 0.1 + speed, threshold, growth)
+    header = HEADER.replace("rolling_threshold,", "rolling_threshold,mu_v,")
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "own.csv"
         path.write_text(header + "x," + ",".join(map(repr, numbers)) + ",s,paper\n")

@@ -37,6 +37,6 @@ def test_values_at_their_limit_are_told() -> None:
     slippery = tuple(replace(c, mu_f=0.06) if c.name == "debris" else c for c in usual)
     (said,) = limit_warnings(case, replace(BASE, table=GroundTable(slippery)))
     assert said.startswith("Values as far as any ground has shown: debris mu_f 0.06.")
-    losing = tuple(replace(c, speed_loss=1.0) if c.name == "debris" else c for c in usual)
+    losing = tuple(replace(c, mu_v=0.05) if c.name == "debris" else c for c in usual)
     (said,) = limit_warnings(case, replace(BASE, table=GroundTable(losing)))
-    assert said.startswith("Values as far as any ground has shown: debris speed_loss 1.")
+    assert said.startswith("Values as far as any ground has shown: debris mu_v 0.05.")
