@@ -12,6 +12,7 @@ import shapely
 
 from sassgis.hazard.control_lines import BEHIND
 from sassgis.hazard.design import arrivals, net_classes
+from sassgis.hazard.measured_motion import words_at_line
 from sassgis.hazard.sources import Sampled
 from sassgis.model.grid import FloatArray
 from sassgis.model.languages import current_language, joined, named, phrase, translated
@@ -86,7 +87,11 @@ def protection_sheets(
         sheets.append(
             ProtectionSheet(
                 line.described,
-                (*_facts(line, trace, design.iloc[i], own, along), *given),
+                (
+                    *_facts(line, trace, design.iloc[i], own, along),
+                    *_beyond(words_at_line(without_barriers, i)),
+                    *given,
+                ),
                 _table(design.iloc[i], own, built),
                 picture(folder, f"protection_{i + 1}", title, caption, drawn),
                 built,
@@ -133,6 +138,11 @@ def _facts(
             ("Best place along the slope", phrase("least energy: {}; least height: {}", *least))
         )
     return tuple(facts)
+
+
+def _beyond(words: str) -> tuple[tuple[str, str], ...]:
+    """The fact that values are beyond what was measured on rocks, if they are."""
+    return (("Beyond measurements (95 %)", words),) if words else ()
 
 
 def best_places(places: pd.DataFrame) -> tuple[pd.Series, pd.Series] | None:

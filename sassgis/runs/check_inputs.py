@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from sassgis.hazard.along_profile import ProfileInput
+from sassgis.hazard.measured_motion import size_warnings
 from sassgis.hazard.warnings import (
     ground_warnings,
     idle_areas,
@@ -299,6 +300,7 @@ def _checked(
     starts = np.bincount(points.area[on_known_ground(run, points)], minlength=len(run.areas))
     said = [
         *release_warnings(run, points),
+        *size_warnings(run.blocks),
         *idle_areas(a.name for a, n in zip(run.areas, starts, strict=True) if not n),
     ]
     said += [

@@ -10,6 +10,7 @@ from typing import Any
 
 from sassgis.hazard.bins import bins_of
 from sassgis.hazard.map_sums import MapSums, Sample
+from sassgis.hazard.measured_motion import motion_warnings
 from sassgis.hazard.object_values import ObjectValues, object_values
 from sassgis.hazard.progress import line_ends, sample_of
 from sassgis.hazard.reach_angles import reach_angles
@@ -123,8 +124,10 @@ def publish_map(
     """
     tell("Writing the maps")
     config, run, planned, progress = done.config, done.run, done.planned, done.progress
-    warnings = (*extras.warnings, *done.warnings)
     layers = block_maps(config, run.grid, progress.sums, sample_of(run, progress), bins_of(run))
+    q95 = {layer.stem: layer.bands[0].values for layer in layers}
+    highest = {"speed_mps": q95["speed"], "height_m": q95["passing_height"]}
+    warnings = (*extras.warnings, *done.warnings, *motion_warnings(run.blocks, highest))
     counts = _counts(done)
     facts = facts_of(config, run) | extras.facts | counts
     report = partial(_write_report, work, done, layers, extras, warnings, facts)

@@ -1,0 +1,137 @@
+"""How far results go beyond what was ever measured on rocks: speed, passing height and rotation."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sassgis.hazard.design import Arrivals, arrivals, value_at_rate
+from sassgis.hazard.sources import Sampled
+from sassgis.model.blocks import BlockPopulation
+from sassgis.model.labels import short
+from sassgis.model.languages import joined, phrase
+
+#: What is compared: its name in the table of measurements, in words, and its unit.
+_COMPARED = (
+    ("speed_mps", "speeds", "m/s"),
+    ("height_m", "passing heights", "m"),
+    ("rotation_hz", "rotations", "Hz"),
+)
+#: Shares of the cells below this are single cells, not the map.
+_LEAST_SHARE = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """The largest values measured on blocks up to some volume."""
+
+    volume_to_m3: float
+    speed_mps: float
+    height_m: float
+    rotation_hz: float
+    source: str
+
+
+@cache
+def measured_motion() -> tuple[Measured, ...]:
+    """By rising volume, from sassgis/data/measured_motion.csv, which has the sources."""
+    file = resources.files("sassgis").joinpath("data", "measured_motion.csv")
+    rows = csv.DictReader(file.read_text(encoding="utf-8").splitlines())
+    return tuple(
+        Measured(
+            float(row["volume_to_m3"]),
+            float(row["speed_mps"]),
+            float(row["height_m"]),
+            float(row["rotation_hz"]),
+            row["source"],
+        )
+        for row in rows
+    )
+
+
+def largest_m3(blocks: BlockPopulation) -> float:
+    """Volume of the largest block of a scenario (m³)."""
+    if blocks.volume_m3 is not None:
+        return float(blocks.volume_m3[1])
+    axes = (blocks.axis_1_m, blocks.axis_2_m, blocks.axis_3_m)
+    return float(4.0 / 3.0 * np.pi * np.prod([axis[1] for axis in axes]))
+
+
+def measured_at(volume_m3: float) -> Measured:
+    """What was measured on blocks of the size class of a volume (m³); of the largest beyond it."""
+    rows = measured_motion()
+    return next((row for row in rows if volume_m3 <= row.volume_to_m3), rows[-1])
+
+
+def size_warnings(blocks: tuple[BlockPopulation, ...]) -> list[str]:
+    """Scenarios with blocks larger than any whose motion was measured."""
+    known = measured_motion()[-2].volume_to_m3
+    beyond = [f"{own.name} ({short(largest_m3(own))} m³)" for own in blocks
+              if largest_m3(own) > known]  # fmt: skip
+    if not beyond:
+        return []
+    text = (
+        "Blocks larger than any whose motion was measured, {} m³: {}. Their speeds and heights "
+        "rest on the law of motion alone."
+    )
+    return [phrase(text, short(known), ", ".join(beyond))]
+
+
+def motion_warnings(
+    blocks: tuple[BlockPopulation, ...], maps: Mapping[str, NDArray[np.floating[Any]]]
+) -> list[str]:
+    """Where maps go beyond what was measured on blocks as large as the largest of a run.
+
+    Parameters
+    ----------
+    maps : mapping of str to arrays of floats of any shape
+        95 % values in cells by name of a measured quantity; NaN where no block arrives.
+    """
+    known = measured_at(max(largest_m3(own) for own in blocks))
+    out: list[str] = []
+    for name, words, unit in _COMPARED:
+        if name not in maps:
+            continue
+        values, limit = maps[name][np.isfinite(maps[name])], getattr(known, name)
+        share = float(np.mean(values > limit)) if values.size else 0.0
+        if share >= _LEAST_SHARE:
+            out.append(
+                phrase(
+                    "On {} % of the reached area the 95 % {} are above {} {}, the largest measured "
+                    "on blocks of this size; they come to {} {}, {} % beyond it.",
+                    f"{100.0 * share:.0f}", phrase(words), short(limit), unit,
+                    short(float(values.max())), unit,
+                    f"{100.0 * (float(values.max()) / limit - 1.0):.0f}",
+                )
+            )  # fmt: skip
+    return out
+
+
+def words_at_line(sampled: Sequence[Sampled], line: int) -> str:
+    """How far 95 % values at a station or barrier are beyond what was measured; else empty.
+
+    ``line`` is its position. The size is that of the mass of which 95 % are below, at the density
+    of a block of which nothing is said.
+    """
+    curves = {name: arrivals(sampled, line, name) for name, _, _ in _COMPARED}
+    mass = _q95(arrivals(sampled, line, "mass_kg"))
+    known = measured_at(mass / BlockPopulation().density_kgm3[0])
+    found = []
+    for name, words, unit in _COMPARED:
+        value, limit = _q95(curves[name]), getattr(known, name)
+        if value > limit:
+            over = f"{100.0 * (value / limit - 1.0):.0f}"
+            text = "{} {} {}, {} % above the largest measured"
+            found.append(phrase(text, phrase(words), short(value), unit, over))
+    return joined("; ", found)
+
+
+def _q95(curve: Arrivals) -> float:
+    return value_at_rate(curve, 0.05 * float(curve.rate[0]))
