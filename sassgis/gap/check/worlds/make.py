@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from dataclasses import replace
-from importlib import resources
 
 import numpy as np
 
@@ -23,13 +21,23 @@ from sassgis.gap.check.worlds.world import (
     WorldSpec,
     with_effects,
 )
-from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.grid import IntArray
 
 #: Columns of a law of the ground, by their names in the table of classes.
 LAW_KEYS = (
     "eta_max", "dp_min", "dp_max", "mu_f", "mu_0", "k", "d_star_m",
     "restitution", "restitution_speed_mps", "rolling_threshold",
 )  # fmt: skip
+
+#: Rows by class in the order of CLASSES, about which the laws of sites with OWN contacts are drawn.
+NOMINAL_LAW = (
+    (0.75, 0.0, 0.3, 0.70, 0.40, 0.17, 0.0, 0.65, 9.144, 0.1),
+    (0.80, 0.2, 0.6, 0.80, 0.52, 0.21, 0.3, 0.55, 9.144, 0.1),
+    (0.80, 0.2, 0.6, 0.85, 0.45, 0.25, 0.6, 0.55, 9.144, 0.1),
+    (0.85, 0.0, 0.3, 0.60, 0.31, 0.17, 0.12, 0.50, 9.144, 1.0),
+    (0.85, 0.0, 0.4, 0.60, 0.31, 0.17, 0.12, 0.50, 9.144, 1.0),
+    (0.85, 0.0, 0.3, 0.60, 0.36, 0.17, 0.12, 0.50, 9.144, 1.0),
+)
 
 #: The same for laws of nature other than the package's: they have no speed law, or lose energy in
 #: other ways, and with the restitution of its classes rocks would leave the sites.
@@ -43,13 +51,6 @@ FOREIGN_LAW = (
 )
 
 _N_RELEASES = 12
-
-
-def nominal_law() -> FloatArray:
-    """Parameters of the classes as the package states them, in the order of CLASSES."""
-    text = resources.files("sassgis").joinpath("data/ground_classes.csv").read_text("utf-8")
-    rows = {row["name"]: row for row in csv.DictReader(text.splitlines())}
-    return np.array([[float(rows[name][key]) for key in LAW_KEYS] for name in CLASSES])
 
 
 def make_world(spec: WorldSpec, seed: int) -> World:
@@ -73,7 +74,7 @@ def base_world(spec: WorldSpec, seed: int) -> World:
     """A site without effects: relief, laws of the ground, stations, release points, blocks."""
     relief = make_relief(spec.slope, seed)
     rng = np.random.default_rng([seed, 202])
-    law = nominal_law() if spec.law == "own" else np.array(FOREIGN_LAW)
+    law = np.array(NOMINAL_LAW if spec.law == "own" else FOREIGN_LAW)
     n = len(law)
     law[:, 0] = np.clip(law[:, 0] + rng.uniform(-0.06, 0.06, n), 0.2, 0.95)
     law[:, 1] = np.clip(law[:, 1] + rng.uniform(-0.05, 0.05, n), 0.0, 0.5)

@@ -43,7 +43,7 @@ def true_site(slope: str, kind: str, folder: Path) -> Case:
         name: dict(zip(LAW_KEYS, row.tolist(), strict=True))
         for name, row in zip(known.class_names, world.law, strict=True)
     }
-    classes = tuple(replace(c, **law.get(c.name, {})) for c in case.table.classes)
+    classes = tuple(replace(c, mu_v=0.0, **law.get(c.name, {})) for c in case.table.classes)
     return replace(case, table=GroundTable(classes))
 
 

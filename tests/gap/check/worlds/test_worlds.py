@@ -21,7 +21,7 @@ from sassgis.gap.check.worlds import (
 from sassgis.gap.check.worlds import motion_state as ms
 from sassgis.gap.check.worlds.battery import FULL, MODEST, quick_battery, world_seeds
 from sassgis.gap.check.worlds.forces import Forces, Local, acceleration, drained
-from sassgis.gap.check.worlds.make import base_world, nominal_law, place_effect
+from sassgis.gap.check.worlds.make import NOMINAL_LAW, base_world, place_effect
 from sassgis.gap.check.worlds.observe import merged_contacts
 from sassgis.gap.check.worlds.simulation import draw_rocks, simulate
 from sassgis.gap.check.worlds.slopes import SLOPE_TYPES
@@ -114,7 +114,7 @@ def test_measured_speeds_have_the_stated_error(null_world: World) -> None:
 
 def test_the_setup_tells_no_true_parameter(null_world: World) -> None:
     known = setup(null_world)
-    assert not np.allclose(null_world.law, nominal_law())
+    assert not np.allclose(null_world.law, np.array(NOMINAL_LAW))
     assert known.class_codes.shape == known.dem.shape
     assert known.class_codes.max() < len(known.class_names)
     assert known.dem is null_world.relief.grid
