@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special, stats
 
+from sassgis.hazard.sampling_error import pooled_freedom
 from sassgis.model.grid import FloatArray
 
 #: From this many blocks on in both samples the difference is taken as normal.
@@ -51,7 +52,7 @@ def chance_of_difference(
         counts.append(own / weights[-1])
     distance = np.abs(one - two)
     errors = distance / np.sqrt(np.where(spread > 0.0, spread, np.inf))
-    normal = 2.0 * special.stdtr(_pooled(variances, freedom), -errors)
+    normal = 2.0 * special.stdtr(pooled_freedom(np.stack(variances), freedom), -errors)
     out = np.where(one == two, 1.0, np.where(spread > 0.0, normal, 0.0))
     few = np.minimum(*counts) < _MANY
     share = weights[1][few] / (weights[0][few] + weights[1][few])  # of blocks, in the first sample
@@ -61,18 +62,6 @@ def chance_of_difference(
     )
     out[np.isnan(spread)] = 1.0
     return out
-
-
-def _pooled(
-    variances: tuple[FloatArray, FloatArray], freedom: tuple[float, float]
-) -> FloatArray | float:
-    """Degrees of freedom of the sum of two variances."""
-    if np.isinf(freedom).all():
-        return math.inf
-    one, two = (v**2 / max(k, 1.0) for v, k in zip(variances, freedom, strict=True))
-    pooled = np.full(one.shape, np.inf)
-    np.divide((variances[0] + variances[1]) ** 2, one + two, out=pooled, where=one + two > 0.0)
-    return pooled
 
 
 def _at_least(a: FloatArray, b: FloatArray, share: FloatArray) -> FloatArray:

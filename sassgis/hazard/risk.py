@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sassgis.hazard.curves import at_energies, hazard_curves
-from sassgis.hazard.sampling_error import gamma_interval
+from sassgis.hazard.sampling_error import gamma_interval, pooled_freedom
 from sassgis.model.exposure import VEHICLE, ExposedObject, Vulnerability
 from sassgis.model.grid import FloatArray
 from sassgis.model.hazard import Source, SourceCounts
@@ -89,11 +89,9 @@ class RiskTable:
         variance = _sums(own.T)
         of_one = np.divide(variance, value, out=np.zeros_like(value), where=value > 0.0)
         keys = _samples(self.sources)
-        freedom = {k: max(s.freedom, 1.0) for k, s in zip(keys, self.sources, strict=True)}
-        unsure = (own**2 / np.array([[freedom[key]] for key in sorted(freedom)])).sum(axis=0)
-        pooled = np.full(value.shape, np.inf)
-        np.divide(variance**2, unsure, out=pooled, where=unsure > 0.0)
-        return gamma_interval(value, variance, of_one, 0.95, pooled)
+        of_sample = {key: s.freedom for key, s in zip(keys, self.sources, strict=True)}
+        freedom = pooled_freedom(own, [of_sample[key] for key in sorted(of_sample)])
+        return gamma_interval(value, variance, of_one, 0.95, freedom)
 
     @property
     def one_rock(self) -> FloatArray:

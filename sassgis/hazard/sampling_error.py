@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from scipy import special
@@ -60,6 +61,18 @@ def widening(freedom: FloatArray | float, tail: float) -> FloatArray | float:
     t = special.stdtrit(np.maximum(freedom, 1.0), 1.0 - tail)
     factor: FloatArray = np.where(np.isinf(freedom), 1.0, (t / special.ndtri(1.0 - tail)) ** 2)
     return factor
+
+
+def pooled_freedom(variances: FloatArray, freedom: Sequence[float]) -> FloatArray:
+    """Degrees of freedom of sums of independent variances, each with its own; infinite for 0.
+
+    After Welch (1947, Biometrika 34: 28-35) and Satterthwaite (1946, Biometrics Bulletin 2:
+    110-114). ``variances`` has the shape (n_samples, n).
+    """
+    unsure = (variances**2 / np.maximum(freedom, 1.0)[:, None]).sum(axis=0)
+    pooled = np.full(unsure.shape, np.inf)
+    np.divide(variances.sum(axis=0) ** 2, unsure, out=pooled, where=unsure > 0.0)
+    return pooled
 
 
 def gamma_interval(

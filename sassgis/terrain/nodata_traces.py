@@ -36,7 +36,6 @@ _RIM_CELLS, _RIM_SHARE, _FAR_SHARE = 4, 0.5, 0.1
 
 _AROUND = np.ones((3, 3), np.bool_)
 
-
 TRACES_ADVICE = (
     "probably a number for nodata that was taken for heights and mixed with them by resampling: "
     "declare it before resampling (rio edit-info FILE --nodata NUMBER), or mask these cells"

@@ -21,7 +21,7 @@ from sassgis.io.read.dem import (
     read_band,
 )
 from sassgis.io.read.dem_system import beyond_degrees
-from sassgis.io.read.tiles import gaps_of_mosaic, open_terrain, read_terrain
+from sassgis.io.read.tiles import gaps_of_mosaic, open_terrain, read_whole
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray
 
@@ -67,8 +67,8 @@ def read_raw_dem(path: Path, crs: str | None = None, override_crs: bool = False)
     ``crs`` counts where the file states none, or with ``override_crs`` in place of it.
     """
     if path.is_dir():
-        grid = read_terrain(path, crs, None, override_crs)
-        gaps = open_terrain(path, crs, None, override_crs).gaps
+        terrain = open_terrain(path, crs, None, override_crs)
+        grid, gaps = read_whole(terrain, path), terrain.gaps
         size, corner = grid.cell_size, (grid.west, grid.north)
         cell = (size, size)
         return RawDem(

@@ -162,15 +162,15 @@ def mosaic_text(file: Path) -> str | None:
 
 def _mosaic_sources(file: Path) -> tuple[Path, ...]:
     """The files that hold the values of a virtual raster; none of any other file."""
-    is_one = file.is_file() and _is_mosaic(file)
-    return _mosaic(file, stamp_of(file.stat()))[1] if is_one else ()
+    return _mosaic(file, stamp_of(file.stat()))[1] if _is_mosaic(file) else ()
 
 
 def mosaic_places(file: Path) -> tuple[tuple[int, int, int, int], ...]:
-    """Where they lie in it: first row and column, numbers of rows and columns."""
-    if not (file.is_file() and _is_mosaic(file)):
+    """Where these lie in it: first row and column, numbers of rows and columns."""
+    text = mosaic_text(file)
+    if text is None:
         return ()
-    root = ET.fromstring(_mosaic(file, stamp_of(file.stat()))[0])
+    root = ET.fromstring(text)
     sides = ("yOff", "xOff", "ySize", "xSize")
     rectangles = [[float(own.get(k, "nan")) for k in sides] for own in root.iter("DstRect")]
     whole = all(math.isfinite(v) for own in rectangles for v in own)
@@ -180,6 +180,8 @@ def mosaic_places(file: Path) -> tuple[tuple[int, int, int, int], ...]:
 
 def _is_mosaic(file: Path) -> bool:
     """Whether GDAL would take a file for a virtual raster."""
+    if not file.is_file():
+        return False
     with file.open("rb") as stream:
         head = stream.read(4096).lstrip()
     return head.startswith(b"<") and b"<VRTDataset" in head

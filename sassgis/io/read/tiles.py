@@ -270,11 +270,15 @@ def read_terrain(
         if gaps := gaps_of_mosaic(given):
             log.warning("%s: %s", given, gaps)
         return read_dem(given, crs, vertical_datum, override_crs)
-    terrain = open_terrain(given, crs, vertical_datum, override_crs)
+    return read_whole(open_terrain(given, crs, vertical_datum, override_crs), given)
+
+
+def read_whole(terrain: Terrain, given: Input) -> Grid:
+    """Read a terrain model that is open, as a whole; InputError if it is too large or empty."""
     require_room((terrain.whole.n_rows, terrain.whole.n_cols), given)
     grid = terrain.read(terrain.whole)
     if not np.isfinite(grid.values).any():
-        raise InputError("holds no height at all", file=path, field="terrain.dem")
+        raise InputError("holds no height at all", file=given, field="terrain.dem")
     return grid
 
 
