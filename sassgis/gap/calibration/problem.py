@@ -3,8 +3,8 @@
 A campaign releases all observed rocks once. What it shows is kept as one row per rock, from which
 it is scored against the rock that was observed, its stop, passages and contacts apart; each
 observed impact is scored by what the model makes of the state before it. The scores of a rock are
-added. A score is over the root of the number of its quantities, so that the tables count alike: many
-stations or many impacts do not outweigh a stop.
+added. A score is over the root of the number of its quantities, so that the tables count alike:
+many stations or many impacts do not outweigh a stop.
 """
 
 from __future__ import annotations
