@@ -21,8 +21,9 @@ from sassgis.model.results import StopReason
 
 #: Tables of a campaign.
 TABLES = frozenset({"passages", "deposits", "impacts", "contacts"})
-#: Events kept in the log of a block; later impacts are not seen.
-_MOST_EVENTS = 160
+#: Events kept in the log of a block, by table; later ones are not seen. Contacts are counted: slow
+#: rocks have many.
+_MOST_EVENTS = {"impacts": 160, "contacts": 400}
 #: Shares of an error along the line that rocks have at least and at most.
 _AHEAD = (0.5, 1.5)
 #: Times that each rock is released to count those that leave.
@@ -67,7 +68,7 @@ def campaigns(
         seed=seed,
         count=count,
         first_rock=number * 64,
-        log_events=_MOST_EVENTS if tables & {"impacts", "contacts"} else 0,
+        log_events=max((_MOST_EVENTS.get(name, 0) for name in tables), default=0),
     )
     return observe(case, rock_lines, model, moved, count, rng, tables)
 

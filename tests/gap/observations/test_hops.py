@@ -336,15 +336,17 @@ def test_contacts_of_simulated_rocks_give_their_passages_back(recorded) -> None:
     true_height = true.height_m[which]
     flies = np.isfinite(made.height_m) & (true_height > 1.0)
     assert flies.sum() > 10
-    # In space the parabola between two contacts is that of the engine.
+    # In space the parabola between two contacts is that of the engine; paths know the ground to
+    # the tolerance of 0.05 m, and a block that rolls leaves the ground elsewhere than in the middle.
     ground = heights_at(case.terrain.grid, made.x, made.y)
     off = (made.z - ground - true_height)[flies]
-    assert np.quantile(np.abs(off), 0.9) < 0.1
+    assert np.quantile(np.abs(off), 0.8) < 0.07
     # The chord is not the ground, which sags below it where the slope gets gentler.
     off = (made.height_m - true_height)[flies]
     assert np.median(off) < 0.0 and np.quantile(off, 0.9) < 0.3
-    short = (np.isfinite(made.height_m)) & (true_height > 0.7) & (true_height < 1.5)
-    assert np.median(np.abs(made.height_m - true_height)[short]) < 0.2
+    plane = np.isfinite(made.height_m) & (true_height > 0.7) & np.isin(made.station, ["S2", "S4"])
+    off = np.abs(made.height_m - true_height)[plane]
+    assert off.size > 20 and np.median(off) < 0.15 and np.quantile(off, 0.8) < 0.35
     np.testing.assert_allclose(
         np.median(made.rotation_hz[flies] / true.rotation_hz[which][flies]), 1.0, atol=1e-6
     )
