@@ -337,7 +337,7 @@ def test_contacts_of_simulated_rocks_give_their_passages_back(recorded) -> None:
     flies = np.isfinite(made.height_m) & (true_height > 1.0)
     assert flies.sum() > 10
     # In space the parabola between two contacts is that of the engine; paths know the ground to
-    # the tolerance of 0.05 m, and a block that rolls leaves the ground elsewhere than in the middle.
+    # the tolerance of 0.05 m, and a block that rolls leaves the ground beyond the middle.
     ground = heights_at(case.terrain.grid, made.x, made.y)
     off = (made.z - ground - true_height)[flies]
     assert np.quantile(np.abs(off), 0.8) < 0.07
