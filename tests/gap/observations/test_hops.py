@@ -152,6 +152,16 @@ def test_passages_of_a_ball_on_a_plane() -> None:
     np.testing.assert_allclose(made.z, 40.3 - 0.5 * (80.0 - made.y) + above)
 
 
+def test_at_the_ends_of_a_way_the_second_beside_counts_and_a_shorter_way_has_no_speed() -> None:
+    lines = [np.array([[0.0, y], [100.0, y]]) for y in (79.9, 64.1)]
+    seen = replace(hopped(), stations=Stations.of(station=["first", "last"], vertices=lines))
+    np.testing.assert_allclose(passages_of(seen).speed_mps, [SPEED_MPS] * 4)
+    short = replace(seen, contacts=seen.contacts.take(np.array([0, 1, *range(9, 18)])))
+    made = passages_of(short)
+    assert made.rock_id.tolist() == ["A", "B", "B"]
+    np.testing.assert_allclose(made.speed_mps, [math.nan, SPEED_MPS, SPEED_MPS])
+
+
 def test_a_place_that_is_wrong_by_its_error_does_not_decide_a_speed() -> None:
     """Over the hop alone 0.3 m would be 0.6 m/s."""
     y = columns()["y"].copy()
