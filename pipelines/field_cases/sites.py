@@ -36,6 +36,10 @@ BEYOND_M = 10.0
 TSCHAMUT_BLOCKS = {1: "St. Leonard", 2: "heaviest", 4: "plate"}
 #: Tschamut: release places, by the least x of each; within one, positions scatter by a metre.
 PLACES_M = (0.0, 17.5, 25.0, 32.0, 45.0)
+#: Tschamut: plan distance of the stations from the mean release, half of their length, and error
+#: of the positions in time (m); heights of the contacts above those of the terrain model (m).
+STATIONS_M, HALF_STATION_M = (20.0, 40.0, 60.0), 60.0
+CONTACT_ERROR_M, CONTACT_DATUM_M = 0.3, 1600.0
 #: Authume: the substratum zones, read as ground classes by their description; the slope has the
 #: first code. Cells without one are hard ground, as in the quarry around them.
 AUTHUME_ZONES = {1: "overgrown_slope", 2: "rock", 3: "debris"}
@@ -150,12 +154,18 @@ def tschamut(
         f"{len(release)} runs; left out as exact copies of another run: {copies}",
         f"{rocks['label'].value_counts().to_dict()} runs of each block",
         f"positions at a release place scatter by {scatter:.2f} m: stated as position_error_m",
-        "heights are taken from the terrain and release speeds are first samples: not used",
+        "heights of releases are taken from the terrain, release speeds are first samples: not "
+        "used",
         "density: the weighed mass over the volume of the ellipsoid of the measured axes",
         f"ground by its description (not in the data): {slope} everywhere",
     ]
     plate = rocks["label"] == "plate"
     of_plate = {"plate": tuple(rocks.loc[own, "rock_id"].tolist() for own in (~plate, plate))}
+    meta, tables = {"position_error_m": round(scatter, 2)}, {}
+    if (file := data / folder / "contacts.csv").is_file():
+        tables, more = contacts_at_tschamut(file, rocks)
+        meta = {"position_error_m": CONTACT_ERROR_M, "stop_error_m": round(scatter, 2)}
+        notes += more
     return written(
         "Tschamut",
         out,
@@ -164,9 +174,44 @@ def tschamut(
         rocks,
         [shapely.Point(*xy) for xy in points],
         halves(rocks, divisions) | of_plate,
-        round(scatter, 2),
+        meta,
         notes,
+        tables,
     )
+
+
+def contacts_at_tschamut(
+    file: Path, rocks: pd.DataFrame
+) -> tuple[dict[str, pd.DataFrame], list[str]]:
+    """Contacts of the runs, and stations across their mean direction; what was left out."""
+    read = pd.read_csv(file)
+    own = read[read["test"].isin(rocks["rock_id"])]
+    early, lost = own["end_s"] < own["start_s"], own[["x", "y", "z"]].isna().any(axis=1)
+    turns = own[["rot_before", "rot_after"]] / (2.0 * np.pi)
+    # A row stays for its contact: left out whole, two hops would be taken for a long one.
+    contacts = pd.DataFrame(
+        {"rock_id": own["test"], "t_start_s": own["start_s"],
+         "t_end_s": own["end_s"].mask(early), "x": own["x"], "y": own["y"],
+         "z": own["z"] - CONTACT_DATUM_M, "rotation_before_hz": turns["rot_before"],
+         "rotation_after_hz": turns["rot_after"]}
+    )  # fmt: skip
+    points, stops = rocks[["x", "y"]].to_numpy(float), rocks[STOP].to_numpy(float)
+    ahead = mean_direction(points, stops)
+    middle = points.mean(axis=0) + np.array(STATIONS_M)[:, None] * ahead
+    aside = HALF_STATION_M * np.array([-ahead[1], ahead[0]])
+    stations = pd.DataFrame(np.hstack([middle + aside, middle - aside]))
+    stations.columns = ["x0", "y0", "x1", "y1"]
+    stations.insert(0, "station", [f"{at:.0f} m" for at in STATIONS_M])
+    notes = [
+        f"{len(own)} contacts of {own['test'].nunique()} runs; left out: "
+        f"{len(read) - len(own)} of other runs, the end of {int(early.sum())} that would be before "
+        f"its start, the place of {int(lost.sum())} that have none",
+        f"errors of positions in time: {CONTACT_ERROR_M} m; the scatter at a release place is "
+        "stated as stop_error_m",
+        f"stations: {', '.join(stations['station'])} from the mean release, across the mean "
+        "direction",
+    ]
+    return {"contacts": contacts, "stations": stations}, notes
 
 
 def authume(
@@ -214,7 +259,7 @@ def authume(
         rocks,
         [shapely.MultiPoint(square).convex_hull] * len(rocks),
         halves(rocks, divisions),
-        0.5,
+        {"position_error_m": 0.5},
         notes,
     )
 
@@ -250,10 +295,14 @@ def written(
     rocks: pd.DataFrame,
     areas: list[shapely.Geometry],
     splits: Mapping[str, tuple[list[str], list[str]]],
-    position_error_m: float,
+    meta: Mapping[str, object],
     notes: list[str],
+    more: Mapping[str, pd.DataFrame] | None = None,
 ) -> Site:
-    """Write a site: a release area for each rock, a scenario for each block."""
+    """Write a site: a release area for each rock, a scenario for each block.
+
+    ``meta``: metadata of the observations; ``more``: tables beside rocks and deposits.
+    """
     scenario = rocks.groupby([*AXES, "density_kgm3"])["rock_id"].transform("first").tolist()
     places = dict(zip(rocks["rock_id"], areas, strict=True))
     write_areas(out / "release.gpkg", places, None, scenario=scenario)
@@ -282,8 +331,8 @@ def written(
         "deposits": rocks[["rock_id", *STOP, "mass_kg"]].rename(
             columns=dict(zip(STOP, "xy", strict=True))
         ),
+        **(more or {}),
     }
-    meta = {"position_error_m": position_error_m}
     case = write_case(name, out, "\n".join(text), tables, meta, splits, notes)
     # All rocks of a site are released from a point each, or from the same square.
     points = 1 if measured else len(points_in_polygon(areas[0], SPACING_M)[0])
@@ -344,6 +393,13 @@ def simulated(
     )
 
 
+def mean_direction(release: FloatArray, stops: FloatArray) -> FloatArray:
+    """Unit vector of the mean direction in plan from releases to stops, each of shape (n, 2)."""
+    away = stops - release
+    ahead: FloatArray = (away / np.linalg.norm(away, axis=1)[:, None]).mean(axis=0)
+    return ahead / np.linalg.norm(ahead)
+
+
 def run_out(site: Site, stops: FloatArray) -> FloatArray:
     """Plan distance and offset from the mean direction of the observed stops (m).
 
@@ -356,9 +412,7 @@ def run_out(site: Site, stops: FloatArray) -> FloatArray:
     float64, shape (n, ..., 2)
         Run-out, and offset, positive to the right.
     """
-    away = site.stops - site.release
-    ahead = (away / np.linalg.norm(away, axis=1)[:, None]).mean(axis=0)
-    ahead /= np.linalg.norm(ahead)
+    ahead = mean_direction(site.release, site.stops)
     start = site.release.reshape(len(site), *[1] * (stops.ndim - 2), 2)
     d = stops - start
     return np.stack(

@@ -40,6 +40,13 @@ QUANTITY_NAMES: Mapping[str, str] = {
     "aside": "lateral offset",
     "blocks": "number of stopped blocks",
     "height": "passing height",
+    "contacts": "number of contacts",
+    "fastest_second": "greatest speed over a second",
+    "between_contacts": "time between contacts",
+    "hop_length_90": "length of hops, 90 %",
+    "hop_height_90": "height of hops, 90 %",
+    "rim_ratio": "surface speed over speed",
+    "hop_time_s": "time of hops",
     "stops_per_rock": "stopped blocks per rock",
     "largest_share": "share of the largest piece",
     "arrived": "share of rocks that arrive",
@@ -146,6 +153,8 @@ def place_words(place: str) -> Phrase:
         return phrase("on the whole slope")
     if place == "stop":
         return phrase("at stop")
+    if place == "contacts":
+        return phrase("along the path")
     if place.startswith("ground:"):
         return phrase("on {}", place.removeprefix("ground:").replace("_", " "))
     upper, dash, lower = place.partition("-")

@@ -362,6 +362,12 @@ _SHOWN = {
     "rotation": ("rotation_hz", "1/s"),
     "height": ("height_m", "m"),
     "blocks": ("stops_per_rock", ""),
+    "contacts": ("contacts", ""),
+    "fastest_second": ("fastest_second", "m/s"),
+    "between_contacts": ("between_contacts", "s"),
+    "hop_length_90": ("hop_length_90", "m"),
+    "hop_height_90": ("hop_height_90", "m"),
+    "rim_ratio": ("rim_ratio", ""),
 }
 
 
@@ -373,7 +379,7 @@ def _comparisons(
     for i, name in enumerate(problem.scale.names):
         place, _, what = name.partition(":")
         quantity, unit = _SHOWN[what]
-        shown = "stop" if place == "stop" else problem.case.station_names[int(place[1:])]
+        shown = problem.case.station_names[int(place[1:])] if place.startswith("S") else place
         given = (
             np.empty(0) if rows is None else values_of(problem.scale, rows, i)
             for rows in (problem.rows, base, effect)

@@ -13,6 +13,8 @@ import pandas as pd
 import pytest
 from helpers.scripts import load, run_script
 
+from sassgis.gap.observations.hops import contact_numbers, contacts_of
+from sassgis.gap.observations.observed import rock_radii_m
 from sassgis.gap.which.identifiable import what_is_identifiable
 from sassgis.io.read.ground_map import built_in_table
 from sassgis.io.read.observation_files import read_observations, validate_observations
@@ -97,6 +99,35 @@ def test_tschamut_has_the_runs_of_its_source_less_the_copy(written: Callable[[st
     axes = rocks[[f"semi_axis_{c}_m" for c in "abc"]].to_numpy()
     volume = 4.0 / 3.0 * np.pi * axes.prod(axis=1)
     assert np.allclose(volume * rocks["density_kgm3"], rocks["mass_kg"])
+
+
+def test_contacts_at_tschamut_give_speeds_and_heights_all_along(
+    written: Callable[[str], Any], shared_data: Path
+) -> None:
+    """As computed independently of the package from the contacts of the source."""
+    if not (shared_data / "tschamut2014" / "contacts.csv").is_file():
+        pytest.skip("no contacts at Tschamut in the folder of the field data")
+    case = written("tschamut2014")
+    read = read_case(case.config, case.observations["all"])
+    seen = read.observations
+    assert (~np.isfinite(seen.contacts.t_end_s)).sum() == 1
+    assert "computed from contacts" in " ".join(f.problem for f in seen.findings)
+    shares, passed = [0.1, 0.5, 0.9], seen.passages
+    for station, speeds in {
+        "20 m": [8.6, 10.9, 13.2], "40 m": [8.4, 11.6, 15.0], "60 m": [7.6, 11.1, 13.8],
+    }.items():  # fmt: skip
+        here = passed.station == station
+        assert here.sum() > 50
+        found = np.nanquantile(passed.speed_mps[here], shares)
+        assert np.allclose(found, speeds, rtol=0.06), (station, found)
+    rest = rock_radii_m(seen)[seen.rock_of("passages")]
+    above = (passed.height_m - rest)[passed.station == "40 m"]
+    assert np.allclose(np.nanquantile(above, [0.5, 0.9]), [0.33, 1.25], atol=0.15)
+    numbers = contact_numbers(contacts_of(seen), read.radius_m)
+    for name, values in {"contacts": [25, 29, 38], "fastest_second": [10.7, 13.0, 15.0]}.items():
+        found = np.nanquantile(numbers[name], shares)
+        assert np.allclose(found, values, rtol=0.03), (name, found)
+    assert np.nanmedian(numbers["rim_ratio"]) == pytest.approx(0.79, abs=0.02)
 
 
 def test_run_outs_are_those_of_the_source(written: Callable[[str], Any], shared_data: Path) -> None:

@@ -81,6 +81,12 @@ _NAMES = {
     "rotation": ("rotation", "1/s"),
     "height": ("passing height", "m"),
     "blocks": ("stopped blocks", ""),
+    "contacts": ("number of contacts", ""),
+    "fastest_second": ("greatest speed over a second", "m/s"),
+    "between_contacts": ("time between contacts", "s"),
+    "hop_length_90": ("length of hops, 90 %", "m"),
+    "hop_height_90": ("height of hops, 90 %", "m"),
+    "rim_ratio": ("surface speed over speed", ""),
     "along": ("speed along the ground after impacts over the speed before", ""),
     "normal": ("speed off the ground after impacts over the speed before", ""),
     "turning": ("surface speed after impacts over the speed before", ""),
@@ -99,7 +105,7 @@ def quantity_errors(
     for name in site.quantities:
         place, _, what = name.partition(":")
         title, unit = _NAMES[what]
-        if place not in ("stop", "impact"):
+        if place.startswith("S"):
             station = site.case.station_names[int(place[1:])]
             title = phrase("{} at {}", phrase(title), station)
         # Speeds are scored by their logarithm.

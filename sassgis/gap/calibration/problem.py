@@ -1,14 +1,15 @@
 """A site made ready for many campaigns: its rocks, what is compared of them, and their scores.
 
 A campaign releases all observed rocks once. What it shows is kept as one row per rock, from which
-it is scored against the rock that was observed, its stop and its passages apart; each observed
-impact is scored by what the model makes of the state before it. The scores of a rock are added. A
-score is over the root of the number of its quantities, so that the tables count alike: many
-stations or many impacts do not outweigh a stop.
+it is scored against the rock that was observed, its stop, passages and contacts apart; each
+observed impact is scored by what the model makes of the state before it. The scores of a rock are
+added. A score is over the root of the number of its quantities, so that the tables count alike:
+many stations or many impacts do not outweigh a stop.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -26,6 +27,7 @@ from sassgis.gap.inference.distances import energy_scores
 from sassgis.gap.inference.intervals import folds_of
 from sassgis.gap.observations.campaign import Campaign, errors_of, observed_campaign
 from sassgis.gap.observations.case import Case
+from sassgis.gap.observations.hops import SPEED_OVER_S
 from sassgis.gap.replicas.campaigns import campaigns, rock_quantities
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel
 from sassgis.gap.replicas.rock_lines import RockLines, rock_lines_of
@@ -35,7 +37,8 @@ from sassgis.model.grid import FloatArray, IntArray
 #: A quantity that fewer rocks than this have is not scored.
 _FEWEST = 5
 #: Tables whose quantities stand in the row of a rock, by the first letter of these.
-_TABLES = {"deposits": "s", "passages": "S"}
+_TABLES = {"deposits": "s", "passages": "S", "contacts": "c"}
+_IN_ROWS = frozenset(_TABLES)
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,9 +149,8 @@ def problem_of(
     observed = observed_campaign(case)
     if simulated is not None:
         model, number = simulated
-        tables = frozenset({"passages", "deposits"})
         observed = campaigns(
-            case, rock_lines, model, count=1, seed=seed, number=number, tables=tables
+            case, rock_lines, model, count=1, seed=seed, number=number, tables=_IN_ROWS
         )[0]
     quantities = rock_quantities(case, observed)
     scale = scale_of(case, quantities) if scale is None else scale
@@ -178,6 +180,8 @@ def _unseen(name: str, quantities: Mapping[str, FloatArray]) -> NDArray[np.bool_
     missing = ~np.isfinite(quantities[name])
     if place == "stop":
         return np.asarray(missing | (quantities["stop:blocks"] == 0.0), np.bool_)
+    if place == "contacts":
+        return missing
     return np.asarray(missing & (quantities[f"{place}:passed"] > 0.0), np.bool_)
 
 
@@ -191,11 +195,18 @@ def scale_of(case: Case, quantities: Mapping[str, FloatArray]) -> Scale:
         "rotation": 0.1,
         "height": 2.0 * errors.height_m,
         "blocks": 0.3,
+        # Of rocks with contacts; places that are apart by their errors.
+        "contacts": 1.0,
+        "fastest_second": math.sqrt(2.0) * errors.position_m / SPEED_OVER_S,
+        "between_contacts": 0.02,
+        "hop_length_90": math.sqrt(2.0) * errors.position_m,
+        "hop_height_90": 0.05,
+        "rim_ratio": 0.05,
     }
     names, centre, scale = [], [], []
     for name, values in quantities.items():
         place, _, what = name.partition(":")
-        if what not in floors or not (place == "stop" or place.startswith("S")):
+        if what not in floors or not (place in ("stop", "contacts") or place.startswith("S")):
             continue
         if what == "aside" and case.terrain is None:
             # Blocks cannot leave their fall lines.
@@ -226,7 +237,7 @@ def replicas(
     """What each rock shows in ``count`` campaigns of a model; ``number`` distinguishes them."""
     made = campaigns(
         problem.case, problem.rock_lines, model,
-        count=count, seed=problem.seed, number=number, tables=frozenset({"passages", "deposits"}),
+        count=count, seed=problem.seed, number=number, tables=_IN_ROWS,
     )  # fmt: skip
     return [rock_quantities(problem.case, sample) for sample in made]
 

@@ -15,6 +15,7 @@ from sassgis.gap.observations.allowances import (
     stated_or,
 )
 from sassgis.gap.observations.case import Case
+from sassgis.gap.observations.hops import ContactRows, contacts_of
 from sassgis.gap.observations.observed import deposit_masses_kg
 from sassgis.model.grid import FloatArray, IntArray
 
@@ -74,6 +75,7 @@ class Campaign:
     passages: PassageRows | None
     deposits: DepositRows | None
     impacts: ImpactRows | None
+    contacts: ContactRows | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,6 +116,7 @@ def observed_campaign(case: Case) -> Campaign:
         _passages(case) if len(seen.passages) and case.station_names else None,
         _deposits(case) if len(seen.deposits) else None,
         _impacts(case) if len(seen.impacts) else None,
+        contacts_of(seen) if len(seen.contacts) else None,
     )
 
 

@@ -14,7 +14,9 @@ from sassgis.gap.observations.motion_checks import (
     check_drops,
     check_impacts,
     check_spins,
+    check_times,
     check_trajectory_speeds,
+    check_ways,
 )
 from sassgis.gap.observations.observation_finding import ObservationFinding
 from sassgis.gap.observations.observed import (
@@ -86,6 +88,8 @@ def check_observations(
         check_near_stations,
         check_downhill,
         check_impacts,
+        check_times,
+        partial(check_ways, drop_m=drop_m),
         check_spins,
         check_trajectory_speeds,
         partial(check_drops, drop_m=drop_m),

@@ -1,4 +1,4 @@
-"""Whether observed motion can be true: impacts, spins, speeds."""
+"""Whether observed motion can be true: impacts, contacts, spins, speeds."""
 
 from __future__ import annotations
 
@@ -20,10 +20,11 @@ from sassgis.gap.observations.allowances import (
     station_heights_m,
     tops_m,
 )
+from sassgis.gap.observations.hops import contact_order, contacts_of, hops_of
 from sassgis.gap.observations.observation_finding import ObservationFinding
 from sassgis.gap.observations.observed import Observations, rock_masses_kg, rock_radii_m
 from sassgis.gap.observations.rules import RULES
-from sassgis.gap.observations.tables import TABLES
+from sassgis.gap.observations.tables import TABLES, Column
 from sassgis.model.grid import FloatArray, Grid, IntArray
 
 _KMH = 3.6
@@ -111,37 +112,95 @@ def _energy_gain(obs: Observations, usable: NDArray[np.bool_]) -> Iterator[Obser
     )
 
 
+def check_times(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
+    """Contacts that end before they start, or after the next one has begun; missing places."""
+    seen, order = obs.contacts, contact_order(obs)
+    early = seen.t_end_s < seen.t_start_s
+    if early.any():
+        most = float((seen.t_start_s - seen.t_end_s)[early].max())
+        yield from RULES["ends early"].at(obs, "contacts", early, f"by up to {most:.3g} s")
+    hops = hops_of(contacts_of(obs))
+    over = np.zeros(len(seen), np.bool_)
+    over[order[hops.first]] = hops.time_s < 0.0
+    yield from RULES["overlap"].at(obs, "contacts", over & ~early)
+    yield from RULES["no place"].at(obs, "contacts", ~np.isfinite(seen.x + seen.y))
+
+
+def check_ways(
+    obs: Observations, grid: Grid | None, drop_m: float = 0.0
+) -> Iterator[ObservationFinding]:
+    """Ways between contacts that no fall covers; blocks were let go up to ``drop_m`` above."""
+    contacts, order = contacts_of(obs), contact_order(obs)
+    hops = hops_of(contacts)
+    here, there = hops.first, hops.first + 1
+    start = np.nan_to_num(obs.of_rocks(obs.rocks.release_speed_mps))[hops.rock]
+    position_m = stated_or(obs.metadata.position_error_m, POSITION_ERROR_M)
+    # Two places may be apart by their errors, however short the time.
+    error = SIGMAS * math.sqrt(2.0) * position_m
+    drop = np.maximum(tops_m(obs, grid, drop_m)[hops.rock] - contacts.z[there], 0.0) + error
+    fastest = np.sqrt(2.0 * GRAVITY * drop + start**2)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        speed = (hops.length_m - error) / hops.between_s
+        ratio = speed / fastest
+    fast = ratio > 1.0
+    if not fast.any():
+        return
+    # A place that is too far from both neighbours is wrong; else the later one may be.
+    sides, far = np.zeros((2, order.size))
+    for rows in (here, there):
+        sides[rows] += np.isfinite(ratio)
+        far[rows] += fast
+    wrong = (far > 0.0) & (far == sides)
+    wrong[there[fast & ~wrong[here]]] = True
+    i = int(np.argmax(np.where(fast, ratio, 0.0)))
+    found = f"{hops.length_m[i]:.1f} m in {hops.between_s[i]:.3g} s"
+    yield from RULES["too far"].at(obs, "contacts", order[wrong], found, fastest=fastest[i])
+
+
 def check_spins(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
     """Spins against speeds: the unit of rotation."""
     radii = np.append(rock_radii_m(obs), np.nan)
-    spins = [(table, own) for table, columns in TABLES.items() for own in columns if own.rim_of]
-    for table, own in spins:
-        column, speed = own.name, own.rim_of
-        turns = own.unit == "1/s"
-        factor = 2.0 * math.pi if turns else 1.0
-        unit = f"{'turns' if turns else 'radians'} per second"
+    for table, columns in TABLES.items():
         numbers = obs.tables[table].numbers
-        radius = radii[obs.rock_of(table)]
-        with np.errstate(invalid="ignore", divide="ignore"):
-            ratio = factor * np.abs(numbers[column]) * radius / np.abs(numbers[speed])
-        known = np.isfinite(ratio) & (np.abs(numbers[speed]) > 1.0)
-        if known.sum() < 3:
-            continue
-        middle = float(np.median(ratio[known]))
-        if middle <= _SPIN_RATIO:
-            continue
-        # Rims of rocks move at a third of their speed, or up to a little more than it.
-        others = _TURNS if turns else _RADIANS
-        guess = next((u for u, f in others.items() if f / 3.0 < middle < 1.2 * f), "")
-        yield from RULES["spin" if guess else "odd spin"].at(
-            obs,
-            table,
-            known,
-            f"rims {middle:.1f} times as fast as the rocks",
-            column,
-            guess=guess,
-            unit=unit,
-        )
+        for own in (own for own in columns if own.rim_of):
+            spin, speed = numbers[own.name], numbers[own.rim_of]
+            yield from _odd_spins(obs, table, own, spin, speed, radii[obs.rock_of(table)])
+    hops, seen = hops_of(contacts_of(obs)), obs.contacts
+    rows = contact_order(obs)[hops.first]
+    spin, speed = np.full((2, len(seen)), np.nan)
+    spin[rows], speed[rows] = hops.rotation_hz, hops.speed_mps
+    both = Column("1/s", "", name="rotation_before_hz, rotation_after_hz")
+    yield from _odd_spins(obs, "contacts", both, spin, speed, radii[obs.rock_of("contacts")])
+
+
+def _odd_spins(
+    obs: Observations,
+    table: str,
+    own: Column,
+    spin: FloatArray,
+    speed: FloatArray,
+    radius: FloatArray,
+) -> Iterator[ObservationFinding]:
+    """Spins in a column that are too fast for the speeds, row by row."""
+    turns = own.unit == "1/s"
+    factor = 2.0 * math.pi if turns else 1.0
+    unit = f"{'turns' if turns else 'radians'} per second"
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio = factor * np.abs(spin) * radius / np.abs(speed)
+    known = np.isfinite(ratio) & (np.abs(speed) > 1.0)
+    if known.sum() < 3:
+        return
+    middle = float(np.median(ratio[known]))
+    if middle <= _SPIN_RATIO:
+        return
+    # Rims of rocks move at a third of their speed, or up to a little more than it.
+    others = _TURNS if turns else _RADIANS
+    guess = next((u for u, f in others.items() if f / 3.0 < middle < 1.2 * f), "")
+    found = f"rims {middle:.1f} times as fast as the rocks"
+    # Speeds of hops follow from the places: all spins of a table are in one unit.
+    rows = known if own.rim_of else np.ones(known.size, np.bool_)
+    rule = RULES["spin" if guess else "odd spin"]
+    yield from rule.at(obs, table, rows, found, own.name, guess=guess, unit=unit)
 
 
 def check_trajectory_speeds(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:

@@ -13,6 +13,7 @@ from sassgis.gap.observations.observation_finding import ObservationFinding
 from sassgis.gap.observations.tables import (
     POINT_TABLES,
     TABLES,
+    Contacts,
     Deposits,
     Impacts,
     Metadata,
@@ -37,6 +38,7 @@ class Observations:
     stations: Stations = field(default_factory=Stations.of)
     passages: Passages = field(default_factory=Passages.of)
     impacts: Impacts = field(default_factory=Impacts.of)
+    contacts: Contacts = field(default_factory=Contacts.of)
     deposits: Deposits = field(default_factory=Deposits.of)
     trajectories: Trajectories = field(default_factory=Trajectories.of)
     metadata: Metadata = field(default_factory=Metadata)

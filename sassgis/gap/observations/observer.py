@@ -40,13 +40,16 @@ def observer_of(case: Case) -> Observer:
     """The observer of a case: as its metadata state, else as its tables show."""
     meta = case.observations.metadata
     seen = observed_campaign(case)
-    slowest, soonest = 0.0, 0.0
+    slowest, apart = 0.0, np.empty(0)
     if seen.impacts is not None:
         into = -seen.impacts.vn_in
         into = into[np.isfinite(into) & (into > 0.0)]
         slowest = float(into.min()) if into.size else 0.0
         apart = _times_apart(case, seen.impacts)
-        soonest = float(apart.min()) if apart.size >= _FEWEST_PAIRS else 0.0
+    elif seen.contacts is not None:
+        contacts = seen.contacts
+        apart = np.diff(contacts.start_s)[np.diff(contacts.rock) == 0]
+    soonest = float(apart.min()) if apart.size >= _FEWEST_PAIRS else 0.0
     return Observer(
         errors_of(case),
         stated_or(meta.contact_min_normal_speed_mps, slowest),

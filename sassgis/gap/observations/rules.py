@@ -117,6 +117,14 @@ RULES: Mapping[str, Rule] = {
                           "a start that is at least {more:.1f} m higher, or a right scale"),
     "too fast": Rule("warning", "faster than the drop allows", "",
                      "{fastest:.1f} m/s at most", "value"),
+    # Contacts
+    "ends early": Rule("error", "ends before it starts", "t_end_s", "t_start_s or later", "value"),
+    "overlap": Rule("error", "ends after the next contact of the rock has begun", "t_end_s",
+                    "times that rise from contact to contact", "value"),
+    "no place": Rule("warning", "has no place: its time and spin alone are used", "x, y",
+                     "centre of the rock at the contact"),
+    "too far": Rule("warning", "farther from the contact before than any fall takes the rock in "
+                    "that time", "x, y, z", "{fastest:.1f} m/s at most", "value"),
     # Places
     "far from station": Rule("warning", "passages lie away from the station that they name",
                              "x, y", "{room:g} m at most"),

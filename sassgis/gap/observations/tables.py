@@ -1,4 +1,4 @@
-"""What was observed on a slope: rocks, stations, passages, impacts, stops, paths.
+"""What was observed on a slope: rocks, stations, passages, impacts, contacts, stops, paths.
 
 Every table and every column but the identifiers may be missing. A missing number is NaN; a table
 says by ``present`` which of its columns hold any. SI units, in the name of the column.
@@ -63,12 +63,14 @@ def _columns_of(declaring: type) -> tuple[Column, ...]:
 _ROCK = _text("name of the rock; R7.2 is a piece of R7")
 _MASS = _positive("kg", "mass")
 _SPEED = Column("m/s", "speed of the centre", low=0.0, from_drop=("speed_mps",))
-_ROTATION = Column(
-    "1/s",
-    "turns per second of the rock about its axis, whichever it is, without sign",
-    low=0.0,
-    rim_of="speed_mps",
-)
+
+
+def _turns(when: str, rim_of: str = "") -> Column:
+    meaning = "turns per second of the rock about its axis, whichever it is, without sign"
+    return Column("1/s", f"{meaning}{when and ', '}{when}", low=0.0, rim_of=rim_of)
+
+
+_ROTATION = _turns("", rim_of="speed_mps")
 T = TypeVar("T", bound="Table")
 
 
@@ -85,6 +87,7 @@ class Table:
     key: ClassVar[tuple[str, ...]] = ()  # columns that no two rows share
     required: ClassVar[tuple[str, ...]] = ()  # columns without which a row is of no use
     may_be_loose: ClassVar[bool] = False  # whether a row may be of an unattributed block
+    by_time: ClassVar[str] = ""  # column by which the rows of a rock follow each other
     #: What it holds where all of some columns have numbers.
     quantities: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     row: IntArray  # shape (n,); places in the file
@@ -321,6 +324,38 @@ class Impacts(Table):
 
 
 @dataclass(frozen=True, slots=True)
+class Contacts(Table):
+    """Contacts with the ground in time and place, by rock and time."""
+
+    table: ClassVar[str] = "contacts"
+    about: ClassVar[str] = (
+        "A row for each contact with the ground: sensors in the rock tell when it starts and ends "
+        "and the spin before and after, a positioning system where it was. Every contact of a rock "
+        "has a row, also where its place is not known. Velocities are not needed: hops follow from "
+        "the times and places, and passages at the stations where `passages` holds none."
+    )
+    key: ClassVar[tuple[str, ...]] = ("rock_id", "t_start_s")
+    required: ClassVar[tuple[str, ...]] = ("rock_id", "t_start_s")
+    by_time: ClassVar[str] = "t_start_s"
+    quantities: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "hop_time_s": ("t_start_s", "t_end_s"),
+        "path_m": ("t_start_s", "x", "y"),
+        "rotation_hz": ("rotation_after_hz",),
+    }
+    row: IntArray
+    rock_id: Annotated[TextArray, _ROCK]
+    t_start_s: Annotated[
+        FloatArray, Column("s", "time at which it starts, from any start of the clock of a rock")
+    ]
+    t_end_s: Annotated[FloatArray, Column("s", "time at which it ends")]
+    x: Annotated[FloatArray, _coordinate("x", "centre of the rock at the contact")]
+    y: Annotated[FloatArray, _coordinate("y", "centre of the rock at the contact")]
+    z: Annotated[FloatArray, _coordinate("z", "centre of the rock at the contact")]
+    rotation_before_hz: Annotated[FloatArray, _turns("before it")]
+    rotation_after_hz: Annotated[FloatArray, _turns("after it")]
+
+
+@dataclass(frozen=True, slots=True)
 class Deposits(Table):
     """Blocks where they lie."""
 
@@ -353,6 +388,7 @@ class Trajectories(Table):
     about: ClassVar[str] = "Points along paths: a row for each rock and time."
     key: ClassVar[tuple[str, ...]] = ("rock_id", "t_s")
     required: ClassVar[tuple[str, ...]] = ("rock_id", "t_s")
+    by_time: ClassVar[str] = "t_s"
     quantities: ClassVar[Mapping[str, tuple[str, ...]]] = {
         "path_m": ("t_s", "x", "y"),
         "flight_fit": ("t_s", "x", "y", "z"),
@@ -372,7 +408,7 @@ class Trajectories(Table):
 
 
 TABLE_TYPES: Mapping[str, type[Table]] = {
-    t.table: t for t in (Rocks, Stations, Passages, Impacts, Deposits, Trajectories)
+    t.table: t for t in (Rocks, Stations, Passages, Impacts, Contacts, Deposits, Trajectories)
 }
 #: Columns of the tables, in the order of a template.
 TABLES: Mapping[str, tuple[Column, ...]] = {

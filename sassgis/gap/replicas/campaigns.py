@@ -11,6 +11,7 @@ import numpy as np
 
 from sassgis.gap.observations.campaign import Campaign, main_blocks
 from sassgis.gap.observations.case import Case
+from sassgis.gap.observations.hops import contact_numbers
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel, ReleaseError
 from sassgis.gap.replicas.recorded import observe
 from sassgis.gap.replicas.released_rocks import all_rocks, move
@@ -19,9 +20,10 @@ from sassgis.model.grid import FloatArray
 from sassgis.model.results import StopReason
 
 #: Tables of a campaign.
-TABLES = frozenset({"passages", "deposits", "impacts"})
-#: Events kept in the log of a block; later impacts are not seen.
-_MOST_EVENTS = 160
+TABLES = frozenset({"passages", "deposits", "impacts", "contacts"})
+#: Events kept in the log of a block, by table; later ones are not seen. Contacts are counted: slow
+#: rocks have many.
+_MOST_EVENTS = {"impacts": 160, "contacts": 400}
 #: Shares of an error along the line that rocks have at least and at most.
 _AHEAD = (0.5, 1.5)
 #: Times that each rock is released to count those that leave.
@@ -46,7 +48,7 @@ def campaigns(
     number : int
         Campaigns of other numbers are other draws.
     tables : frozenset of str
-        Those that are given, of the three.
+        Those that are given, of these four.
     everywhere : bool
         Also those of which nothing was observed.
 
@@ -66,7 +68,7 @@ def campaigns(
         seed=seed,
         count=count,
         first_rock=number * 64,
-        log_events=_MOST_EVENTS if "impacts" in tables else 0,
+        log_events=max((_MOST_EVENTS.get(name, 0) for name in tables), default=0),
     )
     return observe(case, rock_lines, model, moved, count, rng, tables)
 
@@ -121,4 +123,7 @@ def rock_quantities(case: Case, sample: Campaign) -> dict[str, FloatArray]:
             found[f"S{k}:passed"] = (first >= 0).astype(float)
             for what, values in numbers.items():
                 found[f"S{k}:{what}"] = np.append(values, np.nan)[first]
+    if sample.contacts is not None:
+        numbers = contact_numbers(sample.contacts, case.radius_m)
+        found |= {f"contacts:{name}": values for name, values in numbers.items()}
     return found

@@ -1,7 +1,7 @@
 """What the observer of a case records of rocks that were moved in a model.
 
-The only place where simulated motion becomes tables like those of the field: passages, impacts and
-stops, with errors of measurement, and without what an observer does not see.
+The only place where simulated motion becomes tables like those of the field: passages, impacts,
+contacts and stops, with errors of measurement, and without what an observer does not see.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from sassgis.engine.effects.entrainment import Entrainment
 from sassgis.engine.effects.fragmentation import Fragmentation
 from sassgis.engine.ellipse import mean_radius
-from sassgis.engine.state import EVENT_DTYPE, IMPACT
+from sassgis.engine.state import END, EVENT_DTYPE, FLIGHT, IMPACT
 from sassgis.gap.observations.campaign import (
     LOOSE,
     PIECE,
@@ -26,11 +26,12 @@ from sassgis.gap.observations.campaign import (
     PassageRows,
 )
 from sassgis.gap.observations.case import Case
+from sassgis.gap.observations.hops import ContactRows
 from sassgis.gap.observations.observer import recorded_contacts
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel
 from sassgis.gap.replicas.released_rocks import Moved, in_plane
 from sassgis.gap.replicas.rock_lines import RockLines, dips_at, heights_at_chainage
-from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.results import StopReason
 from sassgis.terrain.heights import heights_at
 
@@ -53,13 +54,14 @@ def observe(
     passages = record.passages() if "passages" in tables and case.station_names else None
     deposits = record.deposits() if "deposits" in tables else None
     impacts = record.impacts() if "impacts" in tables else None
+    contacts = record.contacts() if "contacts" in tables else None
     n = case.n_rocks
     return [
         Campaign(
             n,
             *(
                 None if rows is None else _of_campaign(rows, k, n)
-                for rows in (passages, deposits, impacts)
+                for rows in (passages, deposits, impacts, contacts)
             ),
         )
         for k in range(count)
@@ -234,6 +236,41 @@ class _Record:
             vt_out[last], vn_out[last], spin_out[last], turn, -np.degrees(dip[first]),
         )  # fmt: skip
 
+    def contacts(self) -> ContactRows:
+        """Contacts of whole rocks in time and place; a rock that rolls or slides stays in one."""
+        events, index, _ = impacts_of(self._moved.event_logs)
+        line, campaign = np.divmod(index, self._count)
+        owner = line + campaign * self._n
+        order = np.argsort(owner, kind="stable")
+        events, owner = events[order], owner[order]
+        first, after = contacts_in(events, owner)
+        # What lasts is a contact however slow the rock came to it.
+        into = events["vx_mps"] * events["uz"] - events["vz_mps"] * events["ux"]
+        into = np.where(events["phase"] == IMPACT, into, np.inf)[first]
+        kept, last = recorded_contacts(self._observer, owner[first], events["t_s"][first], into)
+        first, after = first[kept], after[last]
+        # The time of a rock goes on from that of the one before: all are interpolated at once.
+        steps = np.diff(events["t_s"], prepend=0.0)
+        clock = np.cumsum(np.where(np.diff(owner, prepend=-1) != 0, 1.0, steps))
+        middle, owner = 0.5 * (clock[first] + clock[after]), owner[first]
+        x, y = events["x_m"], np.zeros(events.size)
+        if self._case.terrain is not None:
+            x, y = _places(self._case.terrain.grid, events)
+        errors, m = self._errors, self._model.measurement
+        error = np.hypot(errors.position_m, m.position_m)
+        x, y, z = (
+            np.interp(middle, clock, v) + error * self._rng.standard_normal(owner.size)
+            for v in (x, y, events["z_m"])
+        )
+        spin_error = math.hypot(errors.rotation_rel, m.rotation_noise)
+        before, turned = (
+            np.abs(events["omega_radps"][i]) / (2.0 * math.pi) * m.rotation_scale
+            * self._speed_error(owner, spin_error)
+            for i in (first, after)
+        )  # fmt: skip
+        start, end = (events["t_s"][i] for i in (first, after))
+        return ContactRows(owner, start, end, x, y, z, before, turned)
+
     def _under(
         self, events: NDArray[np.void], index: IntArray, hit: IntArray, owner: IntArray
     ) -> tuple[FloatArray, ...]:
@@ -248,8 +285,7 @@ class _Record:
             ground, dip = heights_at_chainage(profiles, rock, x_m), dips_at(profiles, rock, x_m)
             return x_m, x_m, ground, dip, np.zeros(rock.size)
         grid = terrain.grid
-        x = grid.west + events["u"] * grid.cell_size
-        y = grid.north - events["v"] * grid.cell_size
+        x, y = _places(grid, events)
         turn, before = turns_of(events, index, hit)
         x, y = x[hit], y[hit]
         step = 0.5 * grid.cell_size
@@ -271,6 +307,26 @@ def impacts_of(logs: Sequence[NDArray[np.void]]) -> tuple[NDArray[np.void], IntA
     index = np.repeat(np.arange(sizes.size), sizes)
     hit = np.flatnonzero((events["phase"][:-1] == IMPACT) & (index[:-1] == index[1:]))
     return events, index, hit
+
+
+def _places(grid: Grid, events: NDArray[np.void]) -> tuple[FloatArray, FloatArray]:
+    """X and y of events on paths that are followed (m)."""
+    x: FloatArray = grid.west + events["u"] * grid.cell_size
+    y: FloatArray = grid.north - events["v"] * grid.cell_size
+    return x, y
+
+
+def contacts_in(events: NDArray[np.void], index: IntArray) -> tuple[IntArray, IntArray]:
+    """First row of each contact with the ground, and the row in which the rock has left it.
+
+    ``events``: of several blocks, one after the other (EVENT_DTYPE); ``index``: number of the block
+    of each. A contact that the log does not show to its end is none.
+    """
+    on = (events["phase"] != FLIGHT) & (events["phase"] != END)
+    same = index[1:] == index[:-1]
+    first = np.flatnonzero(on & ~np.append(False, on[:-1] & same))
+    after = np.flatnonzero(~on & np.append(False, on[:-1] & same))
+    return first[np.searchsorted(first, after) - 1], after
 
 
 def turns_of(

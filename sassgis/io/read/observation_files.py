@@ -17,6 +17,7 @@ import numpy as np
 import pandas as pd
 
 from sassgis.gap.observations.checks import check_observations, empty_tables
+from sassgis.gap.observations.hops import with_passages
 from sassgis.gap.observations.observation_finding import ObservationFinding
 from sassgis.gap.observations.observed import DENSITY_KGM3, Observations, without
 from sassgis.gap.observations.tables import TABLES, Metadata, Table
@@ -86,6 +87,7 @@ def read_observations(
     -------
     Observations
         With the findings; each is logged as well. What they call left out is not in the tables.
+        Passages are computed from contacts where none were observed.
 
     Raises
     ------
@@ -122,7 +124,7 @@ def read_observations(
         raise InputError(first.problem, file=path, found=first.found, expected=first.expected)
     # What was left out while reading is gone already: only its record is kept.
     observations = replace(observations, findings=tuple(findings))
-    observations = without(observations, checked)
+    observations = with_passages(without(observations, checked))
     for finding in observations.findings:
         level = logging.ERROR if finding.level == "error" else logging.WARNING
         log.log(level, "%s", str(finding).partition(": ")[2])

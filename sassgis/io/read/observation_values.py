@@ -28,7 +28,6 @@ from sassgis.gap.observations.tables import (
     Metadata,
     Stations,
     Table,
-    Trajectories,
 )
 from sassgis.io.read.plain_file import check_text
 from sassgis.io.read.vector_features import nearest, onto_grid, text_of, without_repeats
@@ -107,9 +106,10 @@ def table_of(raw: RawTable, grid: Grid | None) -> Table:
     if raw.name not in POINT_TABLES:
         return _stations(raw, data, keep)
     table = TABLE_TYPES[raw.name].of(**data).take(keep)
-    if isinstance(table, Trajectories) and len(table):
+    if table.by_time and len(table):
         # By rock, in the order of their first appearance, then by time.
-        return table.take(np.lexsort((table.t_s, pd.factorize(table.rock_id)[0])))
+        rock = pd.factorize(table.rock_id)[0]
+        return table.take(np.lexsort((table.numbers[table.by_time], rock)))
     return table
 
 
@@ -202,7 +202,8 @@ def _identified(raw: RawTable, data: Mapping[str, Any]) -> NDArray[np.bool_]:
         there = np.isfinite(values) if values.dtype.kind == "f" else values != ""
         lost = keep & ~there
         if lost.any():
-            problem = "point has no time" if column == "t_s" else "has no name"
+            timeless = column == TABLE_TYPES[raw.name].by_time
+            problem = "point has no time" if timeless else "has no name"
             raw.note(problem, column, raw.rows[lost], left_out="row")
         keep &= there
     return keep

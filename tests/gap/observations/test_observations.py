@@ -60,7 +60,7 @@ def only(observations, grid=None):
 def test_a_folder_is_read_whole(folder, slope):
     path = folder()
     observed = read_observations(path, slope)
-    assert [len(t) for t in observed.tables.values()] == [5, 2, 10, 5, 7, 16]
+    assert [len(t) for t in observed.tables.values()] == [5, 2, 10, 5, 0, 7, 16]
     assert observed.rock_names == ("R1", "R2", "R3", "R4", "R5")
     assert observed.rocks.mass_kg[0] == 540.0
     assert observed.passages.station.tolist()[:2] == ["S1", "S2"]

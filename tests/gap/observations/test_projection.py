@@ -49,6 +49,7 @@ def test_points_of_a_plane_slope(observed, slope):
         "rocks": 5,
         "passages": 10,
         "impacts": 5,
+        "contacts": 0,
         "deposits": 7,
         "trajectories": 16,
     }
