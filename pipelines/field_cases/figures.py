@@ -241,3 +241,28 @@ def _medians(speed: FloatArray, values: FloatArray) -> tuple[list[float], list[f
             x.append(float(np.median(speed[own])))
             y.append(float(np.nanmedian(values[own])))
     return x, y
+
+
+@house_style()
+def kinematics_figure(seen: Mapping[str, FloatArray], made: Mapping[str, FloatArray]) -> Figure:
+    """Distributions of speeds, heights and contacts of all rocks, observed and simulated.
+
+    Both by quantity, values of shape (n,).
+    """
+    units = {"speed": "m/s", "greatest speed": "m/s", "height": "m", "run-out": "m", "hop": "m"}
+    figure = new_figure(WIDTH_IN, 5.4)
+    axes = figure.subplots(3, 4)
+    for ax, (name, values) in zip(axes.flat, seen.items(), strict=False):
+        for own, colour, label in ((values, INK, "observed"), (made[name], BLUE, "simulated")):
+            ordered = np.sort(own)
+            ax.plot(ordered, np.linspace(0.0, 1.0, ordered.size), color=colour, label=label)
+        unit = next((u for key, u in units.items() if name.startswith(key)), "")
+        ax.set_xlabel(f"{name} ({unit})" if unit else name)
+        ax.set_xlim(0.0, 1.25 * float(np.quantile(np.concatenate([values, made[name]]), 0.98)))
+        ax.set_ylim(0.0, 1.0)
+    for ax in axes.flat[len(seen) :]:
+        ax.set_axis_off()
+    axes[0, 0].legend(loc="lower right", fontsize=SMALL)
+    for row in axes:
+        row[0].set_ylabel("share of rocks")
+    return figure

@@ -13,7 +13,7 @@ SCALE, COULOMB, RESTITUTION = 0, 1, 2
 #: Share of the resistance at an impact that turns the block back, in place of slowing its centre:
 #: the ground pushes ahead of the contact. Ours; spins observed in flight lie between those of 0
 #: and of 1 (docs/studies/kinematics.md).
-TURNING = 0.5
+TURNING = 0.3
 #: The laws of impact by the names that they have in the settings.
 RULES = {"scale": SCALE, "coulomb": COULOMB, "restitution": RESTITUTION}
 

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from sassgis.engine.ellipse import contact_frame, inertia
 from sassgis.engine.impact import (
     RESTITUTION,
+    TURNING,
     impact,
     rebound_at_contact,
     restitution_at,
@@ -173,14 +174,14 @@ def test_nothing_held_back_leaves_the_contact_law_alone():
 
 @pytest.mark.parametrize("vx", [-20.0, -10.0, 3.0, 10.0, 20.0])
 def test_a_resistance_that_grows_with_the_speed_slows_a_rolling_sphere(vx):
-    # Half of it slows the centre, half turns it back, for which rolling counts 1 + r²/I as much.
+    # A part turns it back, for which rolling counts 1 + r²/I as much; the rest slows the centre.
     r, q = 0.5, 2e-3
     body = (0.0, r, inertia(r, r), vx, -2.0, vx / r)
     wx, wy, spin = impact(*body, 0.0, RESTITUTION, 0.8, 0.4, 1e9, 0.0, q)
     assert wy == pytest.approx(0.8)
     taken = q * abs(vx) * 2.8
-    assert wx == pytest.approx(vx / (1.0 + 0.5 * taken))
-    assert spin == pytest.approx(vx / r / (1.0 + (1.0 + 0.5 * 2.5) * taken))
+    assert wx == pytest.approx(vx / (1.0 + (1.0 - TURNING) * taken))
+    assert spin == pytest.approx(vx / r / (1.0 + (1.0 + TURNING * 2.5) * taken))
 
 
 @given(m=meetings(), e=st.floats(0.0, 1.0), q=st.floats(0.0, 5.0))

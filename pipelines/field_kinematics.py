@@ -1,0 +1,84 @@
+"""Are rocks as fast, as high and as often on the ground as real ones?
+
+    python pipelines/field_kinematics.py [DATA] -o OUT [--count 24] [--search 0] [--jobs 2]
+
+Compares speeds, heights, contacts and spins at Tschamut with those of the built-in class, in all
+rocks and in both halves; those of a block of 780 kg at Chant Sura with published ones, on a slope
+as described; and says what blocks of several sizes do on slopes and fans. With ``--search N`` it
+fits the class of Tschamut to one half of the rocks with N draws and scores it on the other. Writes
+``results.json`` and a figure.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from field_cases import tables
+from field_cases.figures import kinematics_figure
+from field_cases.kinematics import (
+    compared,
+    fan,
+    kinematics,
+    observed,
+    searched,
+    slopes,
+    wheel_below_cliff,
+)
+from field_cases.sites import tschamut
+from field_cases.tables import write_json
+
+import sassgis
+from sassgis.report.figures import save
+from sassgis.runs.gap_case import read_case
+
+CLASSES = ("debris", "talus", "rock", "forest_soil", "soft_meadow")
+
+
+def published(data: Path) -> list[dict[str, Any]]:
+    """Speeds, spins and heights of the quantities that are compared."""
+    rows = pd.read_csv(tables.field_file(data, ".", "published_kinematics.csv"), dtype=str)
+    below = rows["site"].str.startswith("Chant Sura") & rows["site"].str.contains("region 2")
+    kept = rows[below & rows["statistic"].str.startswith("median")]
+    return kept[["quantity", "statistic", "value", "unit", "source"]].to_dict("records")
+
+
+def main(argv: list[str] | None = None) -> None:
+    """Simulate, compare, and write what was found."""
+    parser = tables.parser(__doc__)
+    parser.add_argument("--count", type=int, default=24, help="simulations of each rock")
+    parser.add_argument("--search", type=int, default=0, help="draws of a class fitted to a half")
+    given = parser.parse_args(argv)
+    out: Path = tables.fresh(given.output)
+    site = tschamut(given.data, tables.fresh(out / "work" / "Tschamut"))
+    everything = read_case(*site.case.pair("all"))
+    fit, left = (read_case(*site.case.pair(side)) for side in site.case.splits["halves"])
+    made = kinematics(everything, everything.table, given.count, given.seed)
+    results: dict[str, Any] = {
+        "program": f"sassgis {sassgis.__version__}",
+        "simulations_of_each_rock": given.count,
+        "rocks": everything.n_rocks,
+        "tschamut": compared(observed(everything), made),
+        "half": {
+            name: compared(observed(own), kinematics(own, own.table, given.count, given.seed))
+            for name, own in (("fit", fit), ("left_out", left))
+        },
+        "chant_sura": wheel_below_cliff(given.seed),
+        "published": published(given.data),
+        "slopes": slopes(CLASSES, given.seed),
+        "fan": fan(CLASSES, given.seed),
+    }
+    if given.search:
+        table, values = searched(fit, site.slope, given.search, given.seed)
+        other = kinematics(left, table, given.count, given.seed)
+        results["fitted_to_a_half"] = {
+            "values": values, "left_out": compared(observed(left), other)
+        }  # fmt: skip
+    write_json(out / "results.json", results)
+    save(kinematics_figure(observed(everything), made), out / "kinematics.png")
+    print(f"Wrote {out / 'results.json'}")
+
+
+if __name__ == "__main__":
+    tables.in_one_line(main)
