@@ -552,6 +552,115 @@ def sampling_decided() -> str:
     )
 
 
+def kinematics_tschamut() -> str:
+    """Motion at Tschamut, observed and simulated."""
+    rows = []
+    for name, one in results("kinematics/results")["tschamut"].items():
+        seen, made = one["observed"], one["simulated"]
+        digits = 1 if name.startswith(("speed", "greatest")) else 2
+        digits = 0 if name in ("run-out", "contacts") else digits
+        off = " / ".join(percent(b / a - 1.0) for a, b in zip(seen[1:], made[1:], strict=True))
+        cells = (" / ".join(f"{v:.{digits}f}" for v in values) for values in (seen, made))
+        rows.append(f"{name}{_UNITS.get(name.split(' ')[0], '')} | {' | '.join(cells)} | {off}")
+    head = "10 / 50 / 90 % of the rocks | observed | simulated | median / 90 %"
+    return table(head, rows)
+
+
+_UNITS = {
+    "run-out": " (m)",
+    "speed": " (m/s)",
+    "height": " (m)",
+    "greatest": " (m/s)",
+    "hop": " (m)",
+}
+
+
+def kinematics_halves() -> str:
+    """The same in halves of the rocks, and with a class fitted to the other half."""
+    found = results("kinematics/results")
+    sets = {
+        "one half": found["half"]["fit"], "the other half": found["half"]["left_out"],
+        "the other half, class fitted to the first": found["fitted_to_a_half"]["left_out"],
+    }  # fmt: skip
+    names = ["run-out", *(f"{q} {at} m" for q in ("speed", "height") for at in (20, 40, 60)),
+             "contacts", "greatest speed"]  # fmt: skip
+    rows = []
+    for name in names:
+        cells = []
+        for one in sets.values():
+            seen, made = one[name]["observed"], one[name]["simulated"]
+            cells.append(
+                " / ".join(percent(b / a - 1.0) for a, b in zip(seen[1:], made[1:], strict=True))
+            )
+        rows.append(f"{name} | {' | '.join(cells)}")
+    return table(f"median / 90 %, error | {' | '.join(sets)}", rows)
+
+
+def kinematics_wheel() -> str:
+    """A block of 780 kg below the cliff of Chant Sura, published and simulated."""
+    found = results("kinematics/results")
+    made = found["chant_sura"]
+    kinds = (("speed (m/s)", "speed", "translational speed", 1.0, 1),
+             ("spin (Hz)", "spin", "spin", 1.0 / 360.0, 1))  # fmt: skip
+    rows = []
+    for name, key, quantity, factor, digits in kinds:
+        (seen,) = (r for r in found["published"] if r["quantity"].startswith(quantity))
+        middle, rest = seen["value"].split(" (", 1)
+        low, high = rest.split(";")[0].rstrip(")").split("-")
+        values = [factor * float(v) for v in (low, middle, high)]
+        cells = (" / ".join(f"{v:.{digits}f}" for v in own) for own in (values, made[key]))
+        rows.append(f"{name} | {' | '.join(cells)}")
+    rim = " / ".join(f"{v:.2f}" for v in made["rim over speed"])
+    rows.append(f"spin × largest radius / speed | 0.58 to 0.80 (4 contacts) | {rim}")
+    height = " / ".join(f"{v:.1f}" for v in made["height"])
+    rows.append(f"height above that at rest (m) | about 0.8 (centre 1.2) | {height}")
+    return table("25 / 50 / 75 % of the time in the air | published | simulated", rows)
+
+
+def kinematics_slopes() -> str:
+    """Speeds and heights on even slopes by class and size."""
+    rows = []
+    for one in results("kinematics/results")["slopes"]:
+        if one["drop_m"] == 200.0:
+            speed, height = one["speed"], one["height"]
+            rows.append(
+                f"{one['class']} | {one['volume_m3']:g} | {one['slope_deg']:.0f}° | "
+                f"{speed[0]:.0f} / {speed[1]:.0f} | {height[0]:.1f} / {height[1]:.1f}"
+            )
+    head = "class | volume (m³) | slope | speed, 50 / 95 % (m/s) | height, 50 / 95 % (m)"
+    return table(head, rows)
+
+
+def kinematics_fan() -> str:
+    """Shadow angles below a cliff by class and size."""
+    return table(
+        "class | volume (m³) | least / 5 / 50 % (degrees)",
+        (
+            f"{one['class']} | {one['volume_m3']:g} | "
+            + " / ".join(f"{v:.1f}" for v in one["angle_deg"])
+            for one in results("kinematics/results")["fan"]
+        ),
+    )
+
+
+def tirol() -> str:
+    """Maps of three terrains before and after."""
+    rows = []
+    for site, of in results("tirol/results").items():
+        for label, one in of.items():
+            levels = " / ".join(f"{v:.1f}" for v in reversed(one["level_ha"]))
+            rows.append(
+                f"{site}, {label} | {one['speed'][0]:.0f} / {one['speed'][1]:.0f} | "
+                f"{one['passing_height'][0]:.1f} / {one['passing_height'][1]:.1f} | "
+                f"{one['energy'][0]:.0f} / {one['energy'][1]:.0f} | {levels}"
+            )
+    return table(
+        "terrain | speed (m/s) | passing height (m) | energy (kJ) | "
+        "red / blue / yellow / hatched (ha)",
+        rows,
+    )
+
+
 #: By the name of the mark.
 TABLES = {
     **{
@@ -562,7 +671,8 @@ TABLES = {
             field_published, field_gain, field_bands, field_repeated, field_mass, field_parameters,
             field_widths, contacts_filmed, contacts_program, safety_kills, safety_fuzz,
             safety_extremes, speed_slope, speed_together, speed_effects, speed_limits, speed_spots,
-            speed_peers, speed_canton, speed_routed,
+            speed_peers, speed_canton, speed_routed, kinematics_tschamut, kinematics_halves,
+            kinematics_wheel, kinematics_slopes, kinematics_fan, tirol,
         )
     },
     **{
