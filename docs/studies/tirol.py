@@ -45,7 +45,7 @@ spacing_m = {spacing}
 rocks_per_point = 20
 
 [ground]
-default = "debris"
+default = "{ground}"
 {classes}
 
 [[blocks]]
@@ -64,14 +64,21 @@ seed = 1
 """
 
 
+def config_of(
+    data: Path, name: str, spacing: float, ground: str = "talus", classes: str = ""
+) -> str:
+    """Configuration of one terrain; ``classes``: a line that names a table of classes."""
+    dem, release = ((data / part).resolve() for part in SITES[name])
+    return CONFIG.format(dem=dem, release=release, spacing=spacing, ground=ground, classes=classes)
+
+
 def run_site(data: Path, out: Path, name: str, spacing: float) -> dict[str, Path]:
     """Zone one terrain both ways; the folders of the results."""
-    dem, release = ((data / part).resolve() for part in SITES[name])
     (out / "before.csv").write_text(BEFORE)
     folders = {}
     for label, classes in (("before", 'classes = "before.csv"'), ("after", "")):
         config = out / f"{name}_{label}.toml"
-        config.write_text(CONFIG.format(dem=dem, release=release, spacing=spacing, classes=classes))
+        config.write_text(config_of(data, name, spacing, "debris", classes))
         folders[label] = out / f"{name}_{label}"
         zone(config, folders[label])
     return folders

@@ -15,7 +15,7 @@ import sassgis
 from sassgis.gap.observations.campaign import Campaign, main_blocks, observed_campaign
 from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.hops import contact_numbers
-from sassgis.gap.observations.observed import rock_radii_m
+from sassgis.gap.observations.observed import rock_masses_kg, rock_radii_m
 from sassgis.gap.replicas.campaigns import campaigns
 from sassgis.gap.replicas.hypothesis_model import configured_model
 from sassgis.gap.replicas.rock_lines import rock_lines_of
@@ -48,9 +48,13 @@ def values_of(case: Case, seen: Campaign) -> Values:
         main = main_blocks(seen.deposits, case.n_rocks)
         found["run-out"] = np.append(seen.deposits.s, np.nan)[main]
     if seen.passages is not None:
+        mass = rock_masses_kg(case.observations)
         for k, name in enumerate(case.station_names):
             own = seen.passages.station == k
-            found[f"speed {name}"] = seen.passages.speed_mps[own]
+            speed = seen.passages.speed_mps[own]
+            found[f"speed {name}"] = speed
+            # Of translation: what a spin of which the axis is not known adds is not.
+            found[f"energy {name}"] = 5e-4 * mass[seen.passages.rock[own]] * speed**2
             found[f"height {name}"] = seen.passages.height_m[own]
     if seen.contacts is not None:
         numbers = contact_numbers(seen.contacts, rock_radii_m(case.observations))
@@ -94,6 +98,8 @@ def misfit(seen: Values, made: Values) -> float:
     """How far quantiles of both are apart: a sum of squares of their relative errors."""
     total = 0.0
     for name, values in seen.items():
+        if name.startswith("energy"):
+            continue
         of = _HEIGHT if name.startswith(("height", "contacts", "hop")) else _SPEED
         shares = (0.5,) if name in ("contacts", "spin over speed") else SHARES
         one, two = (np.maximum(np.quantile(v, shares), 0.05) for v in (values, made[name]))

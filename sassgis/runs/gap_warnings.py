@@ -80,7 +80,7 @@ def _at_limit(name: str, value: float) -> bool:
     low, high = BOUNDS[name]
     near = _AT_LIMIT * (high - low)
     # Most ground has no loss that grows with the speed.
-    return high - value < near or (value - low < near and name != "speed_loss")
+    return high - value < near or (value - low < near and name != "mu_v")
 
 
 def edge_warnings(before: float, after: float) -> tuple[str, ...]:

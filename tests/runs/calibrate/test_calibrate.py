@@ -155,7 +155,7 @@ def test_unknown_class_and_parameter(case: Path, tmp_path: Path) -> None:
 def test_a_class_that_differs_between_the_sites(case: Path, tmp_path: Path) -> None:
     other = shutil.copytree(case, tmp_path / "other")
     table = (Path(calibrate_module.__file__).parents[1] / "data" / "ground_classes.csv").read_text()
-    (other / "own.csv").write_text(table.replace("talus,0.80", "talus,0.40"))
+    (other / "own.csv").write_text(table.replace("talus,0.9", "talus,0.4"))
     config = other / CONFIG_NAME
     config.write_text(config.read_text().replace("[ground]", '[ground]\nclasses = "own.csv"'))
     with pytest.raises(InputError, match="'talus' differs between the sites"):

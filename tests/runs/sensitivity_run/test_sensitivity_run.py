@@ -22,7 +22,7 @@ from sassgis.model.run_config import Config
 from sassgis.runs import job as module
 from sassgis.runs.sensitivity_run import SensitivityResult, sensitivity
 
-OPTIONS = {"samples": 4, "rocks": 12, "jobs": 1, "areas": ["Nord"]}
+OPTIONS = {"samples": 4, "rocks": 48, "jobs": 1, "areas": ["Nord"]}
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +38,7 @@ def eta_only(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Ranges without width but for η_max of the debris."""
     file = tmp_path_factory.mktemp("ranges") / "eta.csv"
     still = [f"{c},{p},factor,1,1" for c in ("*", "rock", "debris", "soft_meadow") for p in RANGED]
-    rows = ["class,parameter,kind,low,high", *still, "debris,eta_max,value,0.3,0.8"]
+    rows = ["class,parameter,kind,low,high", *still, "debris,eta_max,value,0.3,0.98"]
     file.write_text("\n".join(rows) + "\n", encoding="utf-8")
     return file
 
@@ -77,7 +77,7 @@ def test_what_is_written(small: SensitivityResult, config: Config) -> None:
     tables = {f.stem: pd.read_csv(f) for f in (small.folder / "tables").glob("*.csv")}
     assert set(tables) == {"ranges", "effects", "simulations"}
     assert len(tables["simulations"]) == small.simulations
-    assert tables["simulations"]["debris: eta_max"].between(0.3, 0.8).all()
+    assert tables["simulations"]["debris: eta_max"].between(0.3, 0.98).all()
     manifest = json.loads((small.folder / "manifest.json").read_text(encoding="utf-8"))
     counts = manifest["counts"]
     assert counts["simulations"] == 9 and counts["rocks_per_point"] == OPTIONS["rocks"]
