@@ -582,8 +582,9 @@ def kinematics_halves() -> str:
         "one half": found["half"]["fit"], "the other half": found["half"]["left_out"],
         "the other half, class fitted to the first": found["fitted_to_a_half"]["left_out"],
     }  # fmt: skip
-    names = ["run-out", *(f"{q} {at} m" for q in ("speed", "energy", "height") for at in (20, 40, 60)),
-             "contacts", "greatest speed"]  # fmt: skip
+    kinds = ("speed", "energy", "height")
+    at_stations = [f"{kind} {at} m" for kind in kinds for at in (20, 40, 60)]
+    names = ["run-out", *at_stations, "contacts", "greatest speed"]
     rows = []
     for name in names:
         cells = []
