@@ -35,10 +35,10 @@ def rolling_friction(block: Block, ground: Record) -> float:
 
 @inlined
 def growth(block: Block, ground: Record, physics: Physics) -> float:
-    """μ_v/(g d): resistance over normal force, for each m²/s² of v² (s²/m²)."""
+    """μ_v/(g d), times the factor of the block: resistance over normal force, for v² = 1 (s²/m²)."""
     if physics.eta_rule != RESTITUTION:
         return 0.0
-    return float(ground.mu_v / (2.0 * block.radius * physics.gravity))
+    return float(block.drag * ground.mu_v / (2.0 * block.radius * physics.gravity))
 
 
 class Way(NamedTuple):

@@ -410,7 +410,7 @@ _READINGS: Mapping[str, Mapping[str, Any]] = {
     },
     "hazard": {
         "eta_max_rule": "restitution", "rolling": "ellipse", "rolling_threshold": None,
-        "tipping": True, "corner": "circle", "rolling_friction_sd": 0.15,
+        "tipping": True, "corner": "circle", "rolling_friction_sd": 0.25,
     },
 }  # fmt: skip
 
@@ -463,10 +463,10 @@ class EngineSettings(Section):
     rolling_friction_sd: Annotated[
         float | None,
         Interval(ge=0.0, le=1.0),
-        "how much the rolling friction differs from block to block: that of each is multiplied by "
-        "a factor drawn once, log-normal about 1 with this standard deviation of its logarithm "
-        '(default: 0.15; "1986": 0)',
-        Example(0.15),
+        "how much rolling friction and resistance differ from block to block: mu_r and mu_v of "
+        "each are multiplied by a factor drawn once, log-normal about 1 with this standard "
+        'deviation of its logarithm (default: 0.25; "1986": 0)',
+        Example(0.25),
     ] = None
     tipping: Annotated[
         bool | None,
@@ -504,7 +504,7 @@ class EngineSettings(Section):
         Interval(ge=0, le=30),
         "of followed paths: standard deviation of the angle between the way of a block and the "
         "steepest descent, drawn once for each block (degrees)",
-    ] = 4.0
+    ] = 5.0
 
     def resolved(self) -> EngineSettings:
         """The same settings with every key of the named set filled in.
