@@ -35,7 +35,7 @@ def rolling_friction(block: Block, ground: Record) -> float:
 
 @inlined
 def growth(block: Block, ground: Record, physics: Physics) -> float:
-    """μ_v/(g d), times the factor of the block: resistance over normal force, for v² = 1 (s²/m²)."""
+    """μ_v/(g d) times the factor of the block: resistance over normal force, by v² (s²/m²)."""
     if physics.eta_rule != RESTITUTION:
         return 0.0
     return float(block.drag * ground.mu_v / (2.0 * block.radius * physics.gravity))
