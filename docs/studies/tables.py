@@ -568,6 +568,7 @@ def kinematics_tschamut() -> str:
 
 _UNITS = {
     "run-out": " (m)",
+    "energy": " (kJ)",
     "speed": " (m/s)",
     "height": " (m)",
     "greatest": " (m/s)",
