@@ -32,8 +32,8 @@ from sassgis.terrain.release import take
 AREA, SCENARIO, ROCKS = "Sued", "rare", 40
 #: Further south some rocks would leave the terrain model.
 NORTH_OF_M = 1_120_280.0
-#: What the ground is made with; ``config.toml`` has the built-in debris, 0.80 and 0.52.
-TRUE_GROUND, TRUE_VALUES = "debris", {"eta_max": 0.70, "mu_0": 0.46}
+#: What the ground is made with; ``config.toml`` has the built-in debris, 0.90 and 0.45.
+TRUE_GROUND, TRUE_VALUES = "debris", {"eta_max": 0.80, "mu_0": 0.39}
 #: Ends of the stations (m), across the scree and at its end.
 STATIONS = {
     "S1": ((2_700_336.0, 1_120_150.0), (2_700_392.0, 1_120_366.0)),

@@ -71,7 +71,7 @@ def test_the_case_from_tables_to_the_changed_map(
     assert found["advice"]["configured"]["gap"] < 0.0
     table = read_ground_table(tmp_path / "diagnosis" / "model" / "ground_classes.csv", "hazard")
     (debris,) = [c for c in table.classes if c.name == "debris"]
-    assert 0.65 < debris.eta_max < 0.78
+    assert 0.75 < debris.eta_max < 0.88
     before, after = (
         rasterio.open(tmp_path / "diagnosis" / "map" / "maps" / "reach_probability_change.tif")
         .read(k, masked=True).filled(0.0) for k in (2, 3)
