@@ -47,7 +47,7 @@ def test_on_a_cone_as_many_blocks_come_to_a_cell_in_all_directions(settings) -> 
     x, y = 20.0 * np.cos(ALL_AROUND), 20.0 * np.sin(ALL_AROUND)
     found = by_direction(grid, paths(grid, x, y, n=8, on=ROCK, settings=settings))
     assert found.max() / found.min() < 1.025
-    assert found == pytest.approx(1.0, rel=0.025)
+    assert found == pytest.approx(1.0, rel=0.035)
 
 
 @pytest.mark.parametrize(

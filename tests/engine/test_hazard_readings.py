@@ -66,7 +66,8 @@ def test_a_rock_at_rest_on_steep_debris_does_not_slide_all_the_way():
     line = lab.slope((150, 40), (100, 0))
     slides = lab.run(line, lab.DEBRIS, lab.MIXED, n=60, log_events=4000)
     assert share_of_way(slides, lab.SLIDING) > 0.9
-    tips = lab.run(line, lab.DEBRIS, lab.MIXED, n=60, log_events=4000, settings=lab.HAZARD)
+    settings = dataclasses.replace(lab.HAZARD, rolling_friction_sd=0.0)
+    tips = lab.run(line, lab.DEBRIS, lab.MIXED, n=60, log_events=4000, settings=settings)
     # What slides then are rocks too flat to tip.
     round_ones = [
         log
@@ -186,8 +187,8 @@ def test_rolling_friction_differs_from_block_to_block():
     assert settings.resolved().rolling_friction_sd == 0.25
     out = lab.run(lab.slope((100, 0)), own, blocks, n=2000, settings=settings, start=5.0)
     ways = np.log((out.rocks["runout_m"] - 5.0) / (36.0 / (2.0 * G * 0.4)))
-    assert np.mean(ways) == pytest.approx(0.0, abs=0.015)
-    assert np.std(ways) == pytest.approx(0.15, rel=0.06)
+    assert np.mean(ways) == pytest.approx(0.0, abs=0.02)
+    assert np.std(ways) == pytest.approx(0.25, rel=0.06)
     paper = lab.run(lab.slope((100, 0)), own, blocks, n=50, start=5.0)
     assert np.ptp(paper.rocks["runout_m"]) < 1e-12
 

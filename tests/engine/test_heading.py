@@ -59,7 +59,7 @@ def test_an_angle_of_more_than_half_a_turn_is_turned_the_shorter_way(angle: floa
 
 @pytest.mark.parametrize(("east", "south"), [(0.6, 0.0), (0.5, 0.3), (-0.2, 0.6)])
 def test_without_chance_blocks_keep_to_the_fall_line_of_a_plane(east: float, south: float) -> None:
-    across, out = plane(east, south, side_tilt_deg=0.0, drift_deg=0.0)
+    across, out = plane(east, south, side_tilt_deg=0.0, drift_deg=0.0, rolling_friction_sd=0.0)
     assert np.all(out.rocks["runout_m"] > 10.0)
     assert np.abs(across).max() < 1e-6
 

@@ -27,7 +27,7 @@ RANGES: Mapping[str, Range] = {
     "restitution": Range(0.0, 0.9),
     "eta_max": Range(0.1, 1.0),
     "mu_f": Range(0.2, 1.2),
-    "mu_0": Range(0.05, 0.9),
+    "mu_0": Range(0.02, 0.9),
     "rolling_threshold": Range(0.02, 2.0, "log"),
 }
 

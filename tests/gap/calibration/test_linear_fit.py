@@ -161,7 +161,7 @@ def test_samples_are_shares_with_the_prior_of_the_parameters() -> None:
     one, other = fitted_parameters(parameters, found)
     # Of the first the rocks know more than the prior: a third of its width, and a value above it.
     assert one.identified and one.narrowed == pytest.approx(1.0 / 3.0, abs=0.03)
-    assert one.value == pytest.approx(0.45 + 0.85 * 0.1 * 8.0 / 9.0, abs=1e-3)
+    assert one.value == pytest.approx(0.45 + 0.88 * 0.1 * 8.0 / 9.0, abs=1e-3)
     assert not other.identified and other.narrowed == pytest.approx(1.0, abs=0.05)
     assert other.value == pytest.approx(0.45, abs=0.002) and one.limit == other.limit == ""
 

@@ -55,7 +55,7 @@ def test_the_prior_is_as_wide_as_values_vary_between_sites() -> None:
     )
     names = ["mu_0", "rolling_threshold", "eta_max"]
     friction, threshold, eta = parameters_of(TABLE, ["debris"], names, rules)
-    assert friction.sd * (0.9 - 0.05) == pytest.approx(0.32 / 3.29)
+    assert friction.sd * (0.9 - 0.02) == pytest.approx(0.32 / 3.29)
     assert friction.spread == pytest.approx(0.32 / 3.29)
     # On a logarithmic scale half as much and twice as much are as likely.
     assert threshold.sd * np.log(2.0 / 0.02) == pytest.approx(np.log(4.0) / 3.29)

@@ -23,7 +23,7 @@ from sassgis.runs.sample_check import plan_of_points
 from sassgis.runs.zone import zone
 
 #: Of the zoning that is stopped and goes on.
-CHUNKS = 14
+CHUNKS = 13
 
 
 def same_curves(one: HazardCurves, two: HazardCurves) -> bool:
