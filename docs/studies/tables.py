@@ -559,9 +559,10 @@ def kinematics_tschamut() -> str:
         seen, made = one["observed"], one["simulated"]
         digits = 1 if name.startswith(("speed", "greatest")) else 2
         digits = 0 if name in ("run-out", "contacts") else digits
-        off = " / ".join(percent(b / a - 1.0) for a, b in zip(seen[1:], made[1:], strict=True))
         cells = (" / ".join(f"{v:.{digits}f}" for v in values) for values in (seen, made))
-        rows.append(f"{name}{_UNITS.get(name.split(' ')[0], '')} | {' | '.join(cells)} | {off}")
+        rows.append(
+            f"{name}{_UNITS.get(name.split(' ')[0], '')} | {' | '.join(cells)} | {_off(one)}"
+        )
     head = "10 / 50 / 90 % of the rocks | observed | simulated | median / 90 %"
     return table(head, rows)
 
@@ -576,6 +577,12 @@ _UNITS = {
 }
 
 
+def _off(one: dict[str, list[float]]) -> str:
+    """How far median and 90 % are off."""
+    pairs = zip(one["observed"][1:], one["simulated"][1:], strict=True)
+    return " / ".join(percent(made / seen - 1.0) for seen, made in pairs)
+
+
 def kinematics_halves() -> str:
     """The same in halves of the rocks, and with a class fitted to the other half."""
     found = results("kinematics/results")
@@ -586,15 +593,7 @@ def kinematics_halves() -> str:
     kinds = ("speed", "energy", "height")
     at_stations = [f"{kind} {at} m" for kind in kinds for at in (20, 40, 60)]
     names = ["run-out", *at_stations, "contacts", "greatest speed"]
-    rows = []
-    for name in names:
-        cells = []
-        for one in sets.values():
-            seen, made = one[name]["observed"], one[name]["simulated"]
-            cells.append(
-                " / ".join(percent(b / a - 1.0) for a, b in zip(seen[1:], made[1:], strict=True))
-            )
-        rows.append(f"{name} | {' | '.join(cells)}")
+    rows = (f"{name} | {' | '.join(_off(one[name]) for one in sets.values())}" for name in names)
     return table(f"median / 90 %, error | {' | '.join(sets)}", rows)
 
 

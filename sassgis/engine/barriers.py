@@ -145,15 +145,16 @@ def _met_too(met: Meeting, line: int, when: float, outcome: int, left: float) ->
 
 
 @inlined
-def _begin(state: Record, crossing: Record, forward: bool) -> float:
-    """From where on a control line is come to (m).
+def _comes_to(state: Record, crossing: Record, x_end: float, forward: bool) -> bool:
+    """Whether a block on its way to a chainage (m) comes to a control line.
 
     A block that was moved back may turn before it comes again to where lines are dealt with:
-    chainages along its new heading are others. A station that it has not passed is then ahead.
+    chainages along its new heading are others. A line that it has not passed is then ahead.
     """
-    if forward and crossing.kind == STATION and not crossing.seen:
-        return float(min(state.lines_from, state.x))
-    return float(state.lines_from)
+    if not forward:
+        return bool(x_end <= crossing.x < state.lines_from)
+    begin = state.lines_from if crossing.seen else min(state.lines_from, state.x)
+    return bool(begin < crossing.x <= x_end)
 
 
 @lean
@@ -177,10 +178,7 @@ def control_lines_in_flight(
         i = k if forward else n - 1 - k
         crossing = crossings[i]
         line_x = crossing.x
-        begin = _begin(state, crossing, forward)
-        if not (begin < line_x <= x_end if forward else x_end <= line_x < begin):
-            continue
-        if _is_behind(crossings, met, crossing):
+        if not _comes_to(state, crossing, x_end, forward) or _is_behind(crossings, met, crossing):
             continue
         kept = met.speed_left
         t = max((line_x - state.x) / vx, 0.0)
@@ -250,10 +248,7 @@ def control_lines_on_ground(
         i = k if forward else n - 1 - k
         crossing = crossings[i]
         line_x = crossing.x
-        begin = _begin(state, crossing, forward)
-        if not (begin < line_x <= x_end if forward else x_end <= line_x < begin):
-            continue
-        if _is_behind(crossings, met, crossing):
+        if not _comes_to(state, crossing, x_end, forward) or _is_behind(crossings, met, crossing):
             continue
         kept = met.speed_left
         share = 0.0

@@ -594,21 +594,15 @@ def _keep_crossings(state: Record, site: Site) -> None:
 
     A block that goes on along the ground may have been moved over some, which it has still to pass.
     Where it stands at one, by what is rounded it may be found behind the block or ahead of it: one
-    that it has met must not be met again, and no other be lost. Where it has been moved back and
-    none lies between, chainages along another heading begin where it is.
+    that it has met must not be met again, and no other be lost.
     """
     crossings = site.crossings
     near = _SAME_CROSSING_M
     kept = 0
-    none_met = state.lines_from > state.x
     for i in range(last_of(crossings)):
-        if state.x - near <= crossings[i].x <= state.lines_from + near:
-            none_met = False
         if state.lines_from - near <= crossings[i].x <= state.x + near:
             crossings[kept] = crossings[i]
             kept += 1
-    if none_met:
-        state.lines_from = state.x
     crossings[0].last = kept
 
 

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from importlib import resources
 
 import numpy as np
 
 from sassgis.hazard.control_lines import QUANTITIES, Distribution
 from sassgis.hazard.curves import hazard_curves, rate_interval, source_variance
 from sassgis.hazard.sources import Sampled
+from sassgis.model.built_in_rows import built_in_rows
 from sassgis.model.grid import FloatArray
 from sassgis.model.hazard import HazardCurves, Source, SourceCounts
 
@@ -118,9 +117,10 @@ def rocks_beyond(curve: Arrivals, rate: float) -> int:
 @cache
 def net_classes() -> tuple[tuple[str, float], ...]:
     """Name and maximum energy (kJ) of the classes, rising: sassgis/data/net_classes.csv."""
-    file = resources.files("sassgis").joinpath("data", "net_classes.csv")
-    rows = csv.DictReader(file.read_text(encoding="utf-8").splitlines())
-    return tuple((row["class"], float(row["maximum_energy_kj"] or "inf")) for row in rows)
+    return tuple(
+        (row["class"], float(row["maximum_energy_kj"] or "inf"))
+        for row in built_in_rows("net_classes")
+    )
 
 
 def net_class(energy_kj: float) -> str:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from importlib import resources
 from typing import Any
 
 import numpy as np
@@ -15,6 +13,7 @@ from numpy.typing import NDArray
 from sassgis.hazard.design import Arrivals, arrivals, value_at_rate
 from sassgis.hazard.sources import Sampled
 from sassgis.model.blocks import BlockPopulation
+from sassgis.model.built_in_rows import built_in_rows
 from sassgis.model.labels import short
 from sassgis.model.languages import joined, phrase
 
@@ -42,8 +41,6 @@ class Measured:
 @cache
 def measured_motion() -> tuple[Measured, ...]:
     """By rising volume, from sassgis/data/measured_motion.csv, which has the sources."""
-    file = resources.files("sassgis").joinpath("data", "measured_motion.csv")
-    rows = csv.DictReader(file.read_text(encoding="utf-8").splitlines())
     return tuple(
         Measured(
             float(row["volume_to_m3"]),
@@ -52,16 +49,8 @@ def measured_motion() -> tuple[Measured, ...]:
             float(row["rotation_hz"]),
             row["source"],
         )
-        for row in rows
+        for row in built_in_rows("measured_motion")
     )
-
-
-def largest_m3(blocks: BlockPopulation) -> float:
-    """Volume of the largest block of a scenario (m³)."""
-    if blocks.volume_m3 is not None:
-        return float(blocks.volume_m3[1])
-    axes = (blocks.axis_1_m, blocks.axis_2_m, blocks.axis_3_m)
-    return float(4.0 / 3.0 * np.pi * np.prod([axis[1] for axis in axes]))
 
 
 def measured_at(volume_m3: float) -> Measured:
@@ -73,8 +62,8 @@ def measured_at(volume_m3: float) -> Measured:
 def size_warnings(blocks: tuple[BlockPopulation, ...]) -> list[str]:
     """Scenarios with blocks larger than any whose motion was measured."""
     known = measured_motion()[-2].volume_to_m3
-    beyond = [f"{own.name} ({short(largest_m3(own))} m³)" for own in blocks
-              if largest_m3(own) > known]  # fmt: skip
+    beyond = [f"{own.name} ({short(own.largest_volume_m3)} m³)" for own in blocks
+              if own.largest_volume_m3 > known]  # fmt: skip
     if not beyond:
         return []
     text = (
@@ -94,7 +83,7 @@ def motion_warnings(
     maps : mapping of str to arrays of floats of any shape
         95 % values in cells by name of a measured quantity; NaN where no block arrives.
     """
-    known = measured_at(max(largest_m3(own) for own in blocks))
+    known = measured_at(max(own.largest_volume_m3 for own in blocks))
     out: list[str] = []
     for name, words, unit in _COMPARED:
         if name not in maps:

@@ -5,16 +5,15 @@ Layers and maps in the language in which the program writes.
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
-from importlib import resources
 from typing import Any
 
 import geopandas as gpd
 import pandas as pd
 
+from sassgis.model.built_in_rows import built_in_rows
 from sassgis.model.languages import current_language, phrase, with_translated
 from sassgis.model.results import RasterLayer
 from sassgis.model.styles import FieldInfo, VectorStyle
@@ -51,9 +50,8 @@ class VectorLayer:
 @cache
 def descriptions() -> dict[str, dict[str, dict[str, str]]]:
     """Rows of ``data/map_layers.csv`` by layer and column; that of the layer has the column ""."""
-    file = resources.files("sassgis") / "data" / "map_layers.csv"
     layers: dict[str, dict[str, dict[str, str]]] = {}
-    for row in csv.DictReader(file.read_text(encoding="utf-8").splitlines()):
+    for row in built_in_rows("map_layers"):
         for key in row["layer"].split():
             if layers.setdefault(key, {}).setdefault(row["column"], row) is not row:
                 raise ValueError(f"map_layers.csv: {key}.{row['column']} is described twice")

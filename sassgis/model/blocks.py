@@ -93,11 +93,16 @@ class BlockPopulation:
         return rows
 
     @property
+    def largest_volume_m3(self) -> float:
+        """Volume of the largest block that can be drawn (m³)."""
+        if self.volume_m3 is not None:
+            return self.volume_m3[1]
+        return 4.0 / 3.0 * float(np.pi) * self.axis_1_m[1] * self.axis_2_m[1] * self.axis_3_m[1]
+
+    @property
     def largest_mass_kg(self) -> float:
         """Mass of the heaviest block that can be drawn (kg)."""
-        axes = self.axis_1_m[1] * self.axis_2_m[1] * self.axis_3_m[1]
-        volume = 4.0 / 3.0 * float(np.pi) * axes if self.volume_m3 is None else self.volume_m3[1]
-        return volume * self.density_kgm3[1]
+        return self.largest_volume_m3 * self.density_kgm3[1]
 
     @property
     def mean_width_m(self) -> float:

@@ -40,14 +40,19 @@ def by_direction(grid: Grid, out: Simulated) -> FloatArray:
 
 
 @pytest.mark.compiled
-@pytest.mark.parametrize("settings", [STRAIGHT, HAZARD], ids=["straight", "default"])
+@pytest.mark.parametrize(
+    # A block that the ground holds much would stop on the way.
+    "settings",
+    [replace(own, rolling_friction_sd=0.0) for own in (STRAIGHT, HAZARD)],
+    ids=["straight", "default"],
+)
 def test_on_a_cone_as_many_blocks_come_to_a_cell_in_all_directions(settings) -> None:
     """A square is met by 1.28 times as many on a diagonal as along an axis."""
     grid = grid_of(lambda x, y: 1000.0 - 0.75 * np.hypot(x, y), SIDE, SIDE, CELL)
     x, y = 20.0 * np.cos(ALL_AROUND), 20.0 * np.sin(ALL_AROUND)
     found = by_direction(grid, paths(grid, x, y, n=8, on=ROCK, settings=settings))
     assert found.max() / found.min() < 1.025
-    assert found == pytest.approx(1.0, rel=0.035)
+    assert found == pytest.approx(1.0, rel=0.025)
 
 
 @pytest.mark.parametrize(
