@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy.stats import qmc
 
 import sassgis
 from sassgis.gap.observations.campaign import Campaign, main_blocks, observed_campaign
@@ -20,7 +19,7 @@ from sassgis.gap.replicas.campaigns import campaigns
 from sassgis.gap.replicas.hypothesis_model import configured_model
 from sassgis.gap.replicas.rock_lines import rock_lines_of
 from sassgis.model.grid import FloatArray
-from sassgis.model.ground import GroundTable
+from sassgis.model.ground import GroundClass, GroundTable
 
 #: Values of all rocks, one for each where it has one, by quantity.
 Values = dict[str, FloatArray]
@@ -30,15 +29,6 @@ SHARES = (0.1, 0.5, 0.9)
 WHEEL_M, FOOT_M, SEEN_M = (0.465, 0.465, 0.235), 12.0, 45.0
 #: Sizes (m³), slopes (degrees) and drops (m) at which blocks are looked at.
 SIZES_M3, SLOPES_DEG, DROPS_M = (0.2, 1.0, 5.0), (30.0, 35.0, 40.0), (100.0, 200.0, 500.0)
-#: Parameters of the class that is searched, with their ranges; those of log scale have a factor.
-SEARCHED: Mapping[str, tuple[float, float]] = {
-    "mu_f": (0.4, 0.9), "mu_0": (0.0, 0.3), "dp_max": (0.0, 0.5), "mu_v": (0.0, 0.016),
-    "restitution": (0.1, 0.7), "restitution_speed_mps": (0.7, 10.0),
-    "rolling_threshold": (0.03, 1.0),
-}  # fmt: skip
-_LOG = ("restitution_speed_mps", "rolling_threshold")
-#: Relative errors that count as one: of speeds and run-outs, of heights and contacts.
-_SPEED, _HEIGHT = 0.07, 0.25
 
 
 def values_of(case: Case, seen: Campaign) -> Values:
@@ -74,9 +64,11 @@ def observed(case: Case) -> Values:
     return values_of(case, observed_campaign(case))
 
 
-def kinematics(case: Case, table: GroundTable, count: int, seed: int) -> Values:
+def kinematics(
+    case: Case, table: GroundTable, count: int, seed: int, friction_sd: float | None = None
+) -> Values:
     """What ``count`` simulated campaigns show, all together."""
-    model = replace(configured_model(case), table=table)
+    model = replace(configured_model(case), table=table, rolling_friction_sd=friction_sd)
     made = campaigns(case, rock_lines_of(case), model, count=count, seed=seed)
     each = [values_of(case, one) for one in made]
     return {name: np.concatenate([one[name] for one in each]) for name in each[0]}
@@ -94,49 +86,6 @@ def compared(seen: Values, made: Values) -> dict[str, dict[str, Any]]:
     }
 
 
-def misfit(seen: Values, made: Values) -> float:
-    """How far quantiles of both are apart: a sum of squares of their relative errors."""
-    total = 0.0
-    for name, values in seen.items():
-        if name.startswith("energy"):
-            continue
-        of = _HEIGHT if name.startswith(("height", "contacts", "hop")) else _SPEED
-        shares = (0.5,) if name in ("contacts", "spin over speed") else SHARES
-        one, two = (np.maximum(np.quantile(v, shares), 0.05) for v in (values, made[name]))
-        total += float(np.mean((np.log(two / one) / of) ** 2))
-    return total
-
-
-def searched(case: Case, name: str, draws: int, seed: int) -> tuple[GroundTable, dict[str, float]]:
-    """Values of a class fitted to a case: the best of draws, then of draws ever closer to it."""
-    seen, classes = observed(case), case.table.classes
-    k = case.table.index(name)
-    low, high = np.array(list(SEARCHED.values())).T
-    log = np.array([key in _LOG for key in SEARCHED])
-    low, high = np.where(log, np.log(np.maximum(low, 1e-9)), low), np.where(log, np.log(high), high)
-    at = np.array([getattr(classes[k], key) for key in SEARCHED])
-    at = (np.where(log, np.log(np.maximum(at, 1e-9)), at) - low) / (high - low)
-    best, least = 0.5 * np.ones(len(SEARCHED)), np.inf
-    points = qmc.Sobol(len(SEARCHED), rng=np.random.default_rng([seed, 5])).random(draws)
-    wide = draws // 3
-
-    def table(unit: FloatArray) -> GroundTable:
-        values = np.where(log, np.exp(low + unit * (high - low)), low + unit * (high - low))
-        own = replace(classes[k], **dict(zip(SEARCHED, values.tolist(), strict=True)))
-        return GroundTable((*classes[:k], own, *classes[k + 1 :]))
-
-    for number, point in enumerate(points):
-        unit = point
-        if number >= wide:
-            width = 0.3 * 0.1 ** ((number - wide) / max(draws - wide, 1))
-            unit = np.clip(best + width * (2.0 * point - 1.0), 0.0, 1.0)
-        found = misfit(seen, kinematics(case, table(unit), 4, seed))
-        if found < least:
-            best, least = unit, found
-    fitted = table(best)
-    return fitted, {key: float(getattr(fitted.classes[k], key)) for key in SEARCHED}
-
-
 def _line(parts: Sequence[tuple[float, float]], top: float = 3000.0) -> pd.DataFrame:
     """A profile of pieces, each of a length in plan (m) and a slope (degrees)."""
     plan = np.cumsum([0.0, *(length for length, _ in parts)])
@@ -147,10 +96,11 @@ def _line(parts: Sequence[tuple[float, float]], top: float = 3000.0) -> pd.DataF
 def _passing(
     line: pd.DataFrame,
     at: Sequence[float],
-    ground: str,
+    ground: str | GroundClass,
     block: Mapping[str, Any],
     n: int,
     seed: int,
+    **sections: Any,
 ) -> pd.DataFrame:
     """Passages of blocks that start at 10 m, at some chainages."""
     found = sassgis.profile(
@@ -161,11 +111,14 @@ def _passing(
         stations=[{"name": f"{s:g}", "chainage_m": float(s)} for s in at],
         n_blocks=n,
         seed=seed,
+        **sections,
     )
     return found.passages
 
 
-def wheel_below_cliff(seed: int) -> dict[str, Any]:
+def wheel_below_cliff(
+    seed: int, ground: str | GroundClass = "soft_meadow", engine: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
     """Speed, height and spin of a block of 780 kg on 35 degrees below a cliff.
 
     As the site is described: 50 m of drop at 45 degrees, a cliff of 20 m, then soil. Values of the
@@ -174,7 +127,8 @@ def wheel_below_cliff(seed: int) -> dict[str, Any]:
     line = _line([(60.0, 45.0), (6.0, math.degrees(math.atan2(20.0, 6.0))), (120.0, 35.0)])
     at = 66.0 + FOOT_M + np.arange(0.5, SEEN_M)
     axes = {f"axis_{k + 1}_m": axis for k, axis in enumerate(WHEEL_M)}
-    rows = _passing(line, at, "soft_meadow", {**axes, "density_kgm3": 2670.0}, 200, seed)
+    block = {**axes, "density_kgm3": 2670.0}
+    rows = _passing(line, at, ground, block, 200, seed, engine=dict(engine or {}))
     rows = rows[rows["height_m"] > 0.0]
     rim = 2.0 * math.pi * WHEEL_M[0] * rows["rotation_hz"] / rows["speed_mps"]
     time = 1.0 / rows["speed_mps"].to_numpy()

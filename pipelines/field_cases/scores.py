@@ -62,7 +62,7 @@ def score(site: Site, made: Simulated, seed: int = 1986) -> dict[str, Any]:
             [*(got / quantiles(own[:, 0]) - 1.0), width(pool[:, 1]) / width(own[:, 1]) - 1.0]
         )
     low, high = np.quantile(errors, [0.025, 0.975], axis=0)
-    edge = _widest_gap(seen[:, 0])
+    beyond = beyond_gap(seen[:, 0], pool[:, 0])
     return {
         "rocks": len(site),
         "observed_m": want,
@@ -77,9 +77,9 @@ def score(site: Site, made: Simulated, seed: int = 1986) -> dict[str, Any]:
         "width_error_95": [float(low[3]), float(high[3])],
         # A median between two heaps of stops jumps where their shares change by a per cent.
         "beyond": {
-            "edge_m": edge,
-            "observed": float(np.mean(seen[:, 0] > edge)),
-            "simulated": float(np.mean(pool[:, 0] > edge)),
+            "edge_m": _widest_gap(seen[:, 0]),
+            "observed": beyond[0],
+            "simulated": beyond[1],
         },
         "bands": bands([ranks(site, made)]),
         "left_the_terrain": float(made.left.mean()),
@@ -97,6 +97,12 @@ def _run_outs(site: Site, made: Simulated) -> tuple[FloatArray, FloatArray]:
     """Observed, and simulated ones (m); NaN where a block never started."""
     rows = run_out(site, made.stops)[..., 0]
     return run_out(site, site.stops)[:, 0], np.where(made.started, rows, np.nan)
+
+
+def beyond_gap(seen: FloatArray, made: FloatArray) -> tuple[float, float]:
+    """Shares of observed and simulated stops beyond the widest gap of the observed middle half."""
+    edge = _widest_gap(seen)
+    return float(np.mean(seen > edge)), float(np.mean(made > edge))
 
 
 def _widest_gap(values: FloatArray) -> float:
