@@ -5,8 +5,8 @@
 Compares speeds, heights, contacts and spins at Tschamut with those of the built-in class, in all
 rocks and in both halves; those of a block of 780 kg at Chant Sura with published ones, on a slope
 as described; and says what blocks of several sizes do on slopes and fans. With ``--search N`` it
-fits the class of Tschamut to one half of the rocks with N draws and scores it on the other. Writes
-``results.json`` and a figure.
+fits the soils to all sites, looking at N sets of values, once with all rocks of Tschamut and once
+with half of them, and scores these on the other half. Writes ``results.json`` and a figure.
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
-from field_cases import tables
+from field_cases import soil_fit, tables
+from field_cases.contact_scores import filmed
 from field_cases.figures import kinematics_figure
 from field_cases.kinematics import (
     compared,
     fan,
     kinematics,
     observed,
-    searched,
     slopes,
     wheel_below_cliff,
 )
-from field_cases.sites import tschamut
+from field_cases.sites import authume, tschamut
 from field_cases.tables import write_json
 
 import sassgis
@@ -48,7 +48,7 @@ def main(argv: list[str] | None = None) -> None:
     """Simulate, compare, and write what was found."""
     parser = tables.parser(__doc__)
     parser.add_argument("--count", type=int, default=24, help="simulations of each rock")
-    parser.add_argument("--search", type=int, default=0, help="draws of a class fitted to a half")
+    parser.add_argument("--search", type=int, default=0, help="sets of values of a fit")
     given = parser.parse_args(argv)
     out: Path = tables.fresh(given.output)
     site = tschamut(given.data, tables.fresh(out / "work" / "Tschamut"))
@@ -70,10 +70,16 @@ def main(argv: list[str] | None = None) -> None:
         "fan": fan(CLASSES, given.seed),
     }
     if given.search:
-        table, values = searched(fit, site.slope, given.search, given.seed)
-        other = kinematics(left, table, given.count, given.seed)
-        results["fitted_to_a_half"] = {
-            "values": values, "left_out": compared(observed(left), other)
+        quarry = authume(given.data, tables.fresh(out / "work" / "Authume"))
+        slope, films = read_case(*quarry.case.pair("all")), filmed(given.data)
+        values = [
+            soil_fit.fitted(soil_fit.Sites(rocks, slope, films, seed=given.seed), given.search)
+            for rocks in (everything, fit)
+        ]
+        table, sd = soil_fit.table_of(left.table, values[1]), values[1]["rolling_friction_sd"]
+        other = kinematics(left, table, given.count, given.seed, sd)
+        results["fitted"] = {
+            "all": values[0], "half": values[1], "left_out": compared(observed(left), other)
         }  # fmt: skip
     write_json(out / "results.json", results)
     save(kinematics_figure(observed(everything), made), out / "kinematics.png")

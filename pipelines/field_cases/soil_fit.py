@@ -100,6 +100,18 @@ def unit_of(values: Mapping[str, float]) -> FloatArray:
     return np.clip(np.array(rows), 0.0, 1.0)
 
 
+def built_in(sites: Sites) -> dict[str, float]:
+    """Values as they are built in."""
+    table = sites.tschamut.table
+    meadow, slope, rock = (table.classes[table.index(n)] for n in (MEADOW, SLOPE, "rock"))
+    return {
+        **{name: float(getattr(meadow, name)) for name in list(SEARCHED)[:_SOIL]},
+        "mu_0 meadow": meadow.mu_0, "mu_0 slope": slope.mu_0,
+        "rock restitution": rock.restitution, "rock eta_max": rock.eta_max,
+        "rolling_friction_sd": sites.tschamut.engine.resolved().rolling_friction_sd,
+    }  # fmt: skip
+
+
 def _motion(seen: Values, made: Values) -> dict[str, float]:
     """Misfit of each quantity: mean of the squared errors of its quantiles."""
     found = {}
@@ -145,13 +157,13 @@ def _total(sites: Sites, unit: FloatArray) -> float:
 
 def fitted(
     sites: Sites,
-    start: Mapping[str, float],
     evaluations: int,
     jobs: int = 2,
+    start: Mapping[str, float] | None = None,
     width: float = 0.15,
     log: Path | None = None,
 ) -> dict[str, float]:
-    """Values with the least misfit that are found from a start.
+    """Values with the least misfit that are found from a start, by default the built-in ones.
 
     Parameters
     ----------
@@ -166,7 +178,8 @@ def fitted(
         "bounds": [0.0, 1.0], "seed": sites.seed, "maxfevals": evaluations, "verbose": -9,
         "popsize": 12,
     }  # fmt: skip
-    search = cma.CMAEvolutionStrategy(unit_of(start), width, options)
+    first = built_in(sites) if start is None else start
+    search = cma.CMAEvolutionStrategy(unit_of(first), width, options)
     with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
         while not search.stop():
             points = search.ask()
@@ -176,5 +189,5 @@ def fitted(
                 with log.open("a") as file:
                     file.write(f"{time.strftime('%H:%M')} {search.result.evaluations} "
                                f"{search.result.fbest:.2f} {best}\n")  # fmt: skip
-    # The mean of the last generation: the best of noisy draws is best by chance.
+    # The favourite is the mean of the last sets: the best one is best by chance.
     return values_at(np.clip(search.result.xfavorite, 0.0, 1.0))
