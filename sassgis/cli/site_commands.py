@@ -208,8 +208,8 @@ def init(
             raise click.UsageError("--rockyfor3d takes no --dem, --release and --all")
         _from_rockyfor3d(file, folder, settings, overwrite)
         return
+    from sassgis.io.atomic_output import write_new
     from sassgis.io.read.start_keys import start_keys, with_system, with_values
-    from sassgis.io.staging import write_new
     from sassgis.io.write.config_template import config_template, short_template
     from sassgis.runs.inputs import collected_notices
 
@@ -245,8 +245,8 @@ def schema(file: Path, overwrite: bool) -> None:
     """Write the JSON Schema of the configuration to FILE (default: sassgis.schema.json)."""
     import json
 
+    from sassgis.io.atomic_output import write_new
     from sassgis.io.read.config import config_schema
-    from sassgis.io.staging import write_new
 
     write_new(file, json.dumps(config_schema(), indent=1, ensure_ascii=False) + "\n", overwrite)
     click.echo(f"Wrote {file}. First line of the configuration, for editors: #:schema {file.name}")

@@ -6,9 +6,9 @@ import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from sassgis.io.atomic_output import write_new, writing
 from sassgis.io.read.stac import TileOffer
 from sassgis.io.read.tiles import open_tiles
-from sassgis.io.staging import write_new, writing
 from sassgis.io.write.tile_download import fetch_tile, write_vrt
 from sassgis.model.errors import InputError
 

@@ -16,6 +16,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from sassgis.io.atomic_output import is_text
 from sassgis.model.errors import InputError
 from sassgis.model.in_memory import InMemory, Input
 
@@ -39,15 +40,6 @@ def seen_from(folder: Path, file: Path) -> str:
         return Path(os.path.relpath(file, folder)).as_posix()
     except ValueError:  # On another drive (Windows).
         return file.as_posix()
-
-
-def is_text(path: Path) -> bool:
-    """Whether a path, from the root, is UTF-8: GDAL, SQLite, XML and JSON take no other."""
-    try:
-        str(path.absolute()).encode()
-    except UnicodeEncodeError:
-        return False
-    return True
 
 
 def check_file(file: Input, field: str | None, expected: str, folders: bool = False) -> None:

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
+from sassgis.io.atomic_output import staged_file
 from sassgis.io.read.rockyfor3d import rasters_of, read_rockyfor3d
 from sassgis.io.read.start_keys import outline_of, with_values
-from sassgis.io.staging import staged_file
 from sassgis.io.write.config_template import short_template
 from sassgis.io.write.frames import write_table
 

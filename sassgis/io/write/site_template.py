@@ -8,12 +8,12 @@ from pathlib import Path
 import pandas as pd
 import pyproj
 
+from sassgis.io.atomic_output import staged_file
 from sassgis.io.qgis.entries import LayerEntry, LayerGroup
 from sassgis.io.qgis.project import write_project
 from sassgis.io.read.plain_file import seen_from
 from sassgis.io.read.site_layers import site_layers
 from sassgis.io.read.tiles import open_terrain
-from sassgis.io.staging import staged_file
 from sassgis.io.vector_layer import described_layer
 from sassgis.io.write.geopackage import write_geopackage
 from sassgis.io.write.layers.maps import terrain_layer

@@ -10,12 +10,12 @@ import numpy as np
 import rasterio
 from rasterio.errors import RasterioError
 
+from sassgis.io.atomic_output import write_new, writing
 from sassgis.io.qgis.markup import filled
 from sassgis.io.read.dem import open_raster
 from sassgis.io.read.plain_file import seen_from
 from sassgis.io.read.stac import NoAnswer, TileOffer, opened
 from sassgis.io.read.tiles import Terrain
-from sassgis.io.staging import write_new, writing
 from sassgis.model.errors import InputError, OutputError
 
 #: Beginning of a multihash: code of the function and length of the digest.

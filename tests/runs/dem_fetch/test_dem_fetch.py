@@ -17,7 +17,7 @@ from helpers.stac_server import COLLECTION, StacServer, serving
 from rasterio.io import MemoryFile
 from rasterio.transform import from_origin
 
-from sassgis.io.own_files import WRITTEN_NAME
+from sassgis.io.atomic_output import WRITTEN_NAME
 from sassgis.io.read.dem import read_dem
 from sassgis.io.read.tiles import open_terrain, read_terrain
 
