@@ -67,15 +67,14 @@ def fetch(
     **given: Any,
 ) -> None:
     """List the tiles of swissALTI3D over the polygons of a file, and fetch them into a folder."""
-    from sassgis.io.read.stac import find_tiles, read_search_area
-    from sassgis.runs.dem_fetch import fetch_terrain
+    from sassgis.io.terrain_fetch import fetch_terrain, find_tiles, read_search_area
 
     stated = {key: value for key, value in given.items() if value is not None}
     area = read_search_area(polygon, layer)
     offers = find_tiles(area, float(resolution), timeout_s=timeout_s, **stated)
     if out is None:
         for offer in offers:
-            click.echo(f"{offer.date}  {offer.name}  {offer.href}")
+            click.echo(f"{offer.date}  {offer.file}  {offer.href}")
         click.echo(f"{len(offers)} tiles. Nothing was fetched; -o FOLDER does it.")
         return
     vrt = fetch_terrain(offers, out, timeout_s=timeout_s, most=most, say=click.echo)
