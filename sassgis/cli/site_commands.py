@@ -227,7 +227,7 @@ def init(
 
 def _from_rockyfor3d(file: Path, folder: Path, settings: tuple[str, ...], overwrite: bool) -> None:
     """Write what a folder of Rockyfor3D becomes, and what has no counterpart."""
-    from sassgis.io.write.rockyfor3d_site import write_rockyfor3d_site
+    from sassgis.io.write.site_template import write_rockyfor3d_site
 
     files, told = write_rockyfor3d_site(file, folder, settings, overwrite)
     notes(told)

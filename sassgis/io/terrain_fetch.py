@@ -133,7 +133,7 @@ def _items(url: str, bounds: Sequence[float], timeout_s: float) -> list[dict[str
         items = list(search.items_as_dicts())
     except APIError as error:
         raise _refusal(url, getattr(error, "status_code", None), str(error)) from None
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise InputError(
             "does not answer as a STAC interface", file=url, found=str(error)[:80],
             expected="pages with features in JSON",

@@ -18,7 +18,7 @@ from sassgis.io.atomic_output import write_json, write_text, writing
 from sassgis.io.read.config import load_config
 from sassgis.io.read.given_inputs import classes_frame
 from sassgis.io.read.ground_map import read_ground_table
-from sassgis.io.write.config_file import written_document
+from sassgis.io.write.config_template import written_document
 from sassgis.io.write.geopackage import write_geopackage
 from sassgis.io.write.layers.gap_map import (
     fall_line_layer,

@@ -225,3 +225,16 @@ def test_names_and_addresses_of_the_server_are_not_trusted(
     err = refusal(*fetch, "-o", tmp_path / "t")
     assert "offers no tile" in err or "is no web address" in err
     assert not list(tmp_path.glob("**/*.tif"))
+
+
+@pytest.mark.parametrize("body", ["<html>", "[" * 100_000, "[]", '{"features": 1}'])
+def test_answers_that_are_no_page(
+    body: str, fetch, server: StacServer, monkeypatch: pytest.MonkeyPatch, refusal
+) -> None:
+    def answered(handler, query, first) -> None:
+        handler.send_response(200)
+        handler.end_headers()
+        handler.wfile.write(body.encode())
+
+    monkeypatch.setattr(server, "_list", answered)
+    assert "does not answer as a STAC interface" in refusal(*fetch)
