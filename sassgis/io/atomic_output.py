@@ -13,7 +13,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from filelock import FileLock, Timeout
@@ -30,6 +30,8 @@ MARKER_NAME = ".sassgis-partial"
 #: Lists, in any folder, the single files that commands have written there.
 WRITTEN_NAME = ".sassgis-written"
 _PARTIAL = ".partial"
+#: Open files that clearing takes, where what failed has found that the system allows no more.
+_SPARE = 4
 #: What GDAL puts beside a raster that is only looked at, and file managers into a folder.
 _SIDECAR, _BESIDE = ".aux.xml", (".DS_Store", "Thumbs.db", WRITTEN_NAME)
 #: What SQLite keeps beside a database that is open: parts of it, without which it is damaged.
@@ -364,10 +366,15 @@ def _locked(work: Path) -> Iterator[None]:
             lock.acquire(timeout=0)
         except Timeout as error:
             raise OutputError(f"{work}: another run is writing this result") from error
+    spare = ExitStack()
     try:
         _clear(work)
+        with writing(work):
+            for _ in range(_SPARE):
+                spare.enter_context(open(os.devnull, "rb"))  # noqa: SIM115
         yield
     finally:
+        spare.close()
         # Without its marker it has become a result.
         if (work / MARKER_NAME).exists():
             _clear(work)
