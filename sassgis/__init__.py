@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from sassgis.io.read.config import configure as configure
     from sassgis.io.read.config import load_config as load_config
     from sassgis.io.read.dem import read_dem as read_dem
-    from sassgis.io.write.config_file import save_config as save_config
+    from sassgis.io.write.config_template import save_config as save_config
     from sassgis.model.errors import ConfigError as ConfigError
     from sassgis.model.errors import InputError as InputError
     from sassgis.model.errors import Interrupted as Interrupted
@@ -74,7 +74,7 @@ __version__ = "0.1.0"
 _NAMES = {
     "io.read.config": "configure load_config",
     "io.read.dem": "read_dem",
-    "io.write.config_file": "save_config",
+    "io.write.config_template": "save_config",
     "model.errors": "ConfigError InputError Interrupted OutputError SassgisError",
     "model.exposure": "ObjectSettings RiskSettings",
     "model.grid": "Grid",

@@ -34,7 +34,7 @@ LONG_FILES = (
     "test_diagnose.py", "test_worlds.py", "test_blind_check.py", "test_outputs.py",
     "test_where.py", "test_project.py", "test_products.py", "test_batch.py",
     "test_federal_export.py", "test_any_world.py", "test_convergence.py", "test_pipelines.py",
-    "test_command_line.py", "test_staging.py", "test_docs.py", "test_layout.py",
+    "test_command_line.py", "test_atomic_output.py", "test_docs.py", "test_layout.py",
     "test_paths.py", "test_zones.py", "test_contact.py", "test_plugin.py",
 )  # fmt: skip
 

@@ -199,7 +199,7 @@ def batch(releases: Path, out: Path, **given: Any) -> None:
     RELEASES is a vector file, a folder of vector files, or a configuration. The same command goes
     on after an interruption, and runs nothing again that is there.
     """
-    from sassgis.io.staging import alone
+    from sassgis.io.atomic_output import alone
     from sassgis.runs.batch import batch as run_batch
 
     with alone(out), at_work(given) as how:

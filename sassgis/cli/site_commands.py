@@ -67,15 +67,14 @@ def fetch(
     **given: Any,
 ) -> None:
     """List the tiles of swissALTI3D over the polygons of a file, and fetch them into a folder."""
-    from sassgis.io.read.stac import find_tiles, read_search_area
-    from sassgis.runs.dem_fetch import fetch_terrain
+    from sassgis.io.terrain_fetch import fetch_terrain, find_tiles, read_search_area
 
     stated = {key: value for key, value in given.items() if value is not None}
     area = read_search_area(polygon, layer)
     offers = find_tiles(area, float(resolution), timeout_s=timeout_s, **stated)
     if out is None:
         for offer in offers:
-            click.echo(f"{offer.date}  {offer.name}  {offer.href}")
+            click.echo(f"{offer.date}  {offer.file}  {offer.href}")
         click.echo(f"{len(offers)} tiles. Nothing was fetched; -o FOLDER does it.")
         return
     vrt = fetch_terrain(offers, out, timeout_s=timeout_s, most=most, say=click.echo)
@@ -208,8 +207,8 @@ def init(
             raise click.UsageError("--rockyfor3d takes no --dem, --release and --all")
         _from_rockyfor3d(file, folder, settings, overwrite)
         return
+    from sassgis.io.atomic_output import write_new
     from sassgis.io.read.start_keys import start_keys, with_system, with_values
-    from sassgis.io.staging import write_new
     from sassgis.io.write.config_template import config_template, short_template
     from sassgis.runs.inputs import collected_notices
 
@@ -228,7 +227,7 @@ def init(
 
 def _from_rockyfor3d(file: Path, folder: Path, settings: tuple[str, ...], overwrite: bool) -> None:
     """Write what a folder of Rockyfor3D becomes, and what has no counterpart."""
-    from sassgis.io.write.rockyfor3d_site import write_rockyfor3d_site
+    from sassgis.io.write.site_template import write_rockyfor3d_site
 
     files, told = write_rockyfor3d_site(file, folder, settings, overwrite)
     notes(told)
@@ -245,8 +244,8 @@ def schema(file: Path, overwrite: bool) -> None:
     """Write the JSON Schema of the configuration to FILE (default: sassgis.schema.json)."""
     import json
 
+    from sassgis.io.atomic_output import write_new
     from sassgis.io.read.config import config_schema
-    from sassgis.io.staging import write_new
 
     write_new(file, json.dumps(config_schema(), indent=1, ensure_ascii=False) + "\n", overwrite)
     click.echo(f"Wrote {file}. First line of the configuration, for editors: #:schema {file.name}")

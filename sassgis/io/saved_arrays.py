@@ -22,7 +22,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from sassgis.io.digests import content_digest, program_digest
 from sassgis.model.errors import InputError
-from sassgis.model.noted_files import noted
 
 #: How a line begins that tells of a file that is not used.
 UNFIT = "Saved state"
@@ -57,7 +56,7 @@ def write_saved(
     whole: dict[str, ArrayLike] = {**narrow, **said}
     whole[_FINGERPRINT] = _of_program(fingerprint)
     digest = _digest(path.name, whole)
-    fresh = noted(path.with_suffix(".new"))
+    fresh = path.with_suffix(".new")
     try:
         with fresh.open("wb") as stream:
             with zipfile.ZipFile(stream, "w") as archive:
@@ -65,7 +64,7 @@ def write_saved(
                     _add(archive, name, np.asanyarray(array), compressed)
             stream.flush()
             os.fsync(stream.fileno())
-        fresh.replace(noted(path))
+        fresh.replace(path)
     finally:
         fresh.unlink(missing_ok=True)
     return digest

@@ -28,7 +28,6 @@ from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.hazard import HazardCurves, HazardPreset
 from sassgis.model.languages import current_language, phrase, translated
 from sassgis.model.map_run import MapRun
-from sassgis.model.noted_files import noted
 from sassgis.model.ramps import rgb
 from sassgis.model.results import RasterLayer
 from sassgis.model.styles import class_colours, class_labels
@@ -135,7 +134,7 @@ def write_map_page(file: Path, page: MapPage) -> None:
         # Pictures of its buttons, none of which is shown.
         style=Markup(re.sub(r"url\([^)]*\)", "none", _library("leaflet.css"))),
     )
-    noted(file).write_text(text, encoding="utf-8", newline="\n")
+    file.write_text(text, encoding="utf-8", newline="\n")
 
 
 def _library(name: str) -> str:

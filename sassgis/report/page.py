@@ -16,7 +16,6 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 
 from sassgis.model.errors import OutputError
 from sassgis.model.languages import current_language, translated, with_translated
-from sassgis.model.noted_files import noted
 from sassgis.report.number_text import power_of_ten
 
 #: What a cell of a table may hold; numbers are written with sensible digits, None as a dash.
@@ -213,7 +212,7 @@ def write_report(path: str | PathLike[str], context: ReportContext) -> Path:
     target = Path(path)
     page = render_report(context)
     try:
-        noted(target).write_text(page, encoding="utf-8", newline="\n")
+        target.write_text(page, encoding="utf-8", newline="\n")
     except OSError as error:
         reason = error.strerror or str(error)
         raise OutputError(f"{target}: the report cannot be written ({reason})") from error

@@ -15,7 +15,6 @@ from matplotlib.figure import Figure
 from sassgis.hazard.along_profile import LinePaths
 from sassgis.model.grid import Grid
 from sassgis.model.languages import joined, phrase
-from sassgis.model.noted_files import noted
 from sassgis.model.results import RasterLayer
 from sassgis.model.styles import class_labels
 from sassgis.report.figures.map_figure import class_numbers, map_figure, shown_values
@@ -38,7 +37,7 @@ def picture(
         raise CancelledError
     png = to_png(figure)
     folder.mkdir(parents=True, exist_ok=True)
-    noted(folder / f"{name}.png").write_bytes(png)
+    (folder / f"{name}.png").write_bytes(png)
     return ReportFigure(title, caption, png, alt)
 
 

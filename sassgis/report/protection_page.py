@@ -16,7 +16,6 @@ from sassgis.hazard.measured_motion import words_at_line
 from sassgis.hazard.sources import Sampled
 from sassgis.model.grid import FloatArray
 from sassgis.model.languages import current_language, joined, named, phrase, translated
-from sassgis.model.noted_files import noted
 from sassgis.model.results import ControlLine
 from sassgis.report import figures
 from sassgis.report.exposed_report import limited
@@ -252,4 +251,4 @@ def write_protection_page(
     text = template("protection.html.j2").render(
         title=named(title), byline=byline, sheets=shown, notes=notes, language=current_language()
     )
-    noted(folder / PAGE_NAME).write_text(text, encoding="utf-8", newline="\n")
+    (folder / PAGE_NAME).write_text(text, encoding="utf-8", newline="\n")

@@ -17,10 +17,10 @@ from pathlib import Path
 from typing import Any
 
 from sassgis.hazard.assess import Assessment, Rules
+from sassgis.io.atomic_output import check_output, writing
 from sassgis.io.read.config import load_config
 from sassgis.io.read.vectors import release_features
 from sassgis.io.saved_arrays import UNFIT
-from sassgis.io.staging import check_output, writing
 from sassgis.io.write.batch_summary import BatchSummary
 from sassgis.model.errors import (
     ConfigError,

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from sassgis.hazard.assess import Assessment, Rules
 from sassgis.hazard.progress import Progress
+from sassgis.io.atomic_output import MANIFEST_NAME, staged_output
 from sassgis.io.digests import program_digest
-from sassgis.io.own_files import MANIFEST_NAME
 from sassgis.io.read.base_map import read_base_map
 from sassgis.io.read.config import SECTIONS, settings_hash
 from sassgis.io.read.edit_polygons import check_no_edits
@@ -24,7 +24,6 @@ from sassgis.io.read.input_parts import file_digest
 from sassgis.io.read.tiles import Part, Terrain, open_terrain
 from sassgis.io.read.vector_features import Feature
 from sassgis.io.read.vectors import read_control_lines, read_release_feature, release_area
-from sassgis.io.staging import staged_output
 from sassgis.io.write.manifest import write_manifest
 from sassgis.model.errors import InputError, OutputError
 from sassgis.model.exposure import PlacedObjects

@@ -31,11 +31,10 @@ from sassgis.hazard.risk import RiskTable
 from sassgis.hazard.sources import Sampled, sampled_sources
 from sassgis.hazard.warnings import simulation_warnings
 from sassgis.hazard.zoning.drawing import reach_cells
-from sassgis.io.own_files import MANIFEST_NAME
+from sassgis.io.atomic_output import MANIFEST_NAME, staged_output, write_json, writing
 from sassgis.io.read.ground_map import ground_raster
 from sassgis.io.read.tiles import Part, hull
 from sassgis.io.read.vectors import release_area, warn_of_overlaps
-from sassgis.io.staging import staged_output, write_json, writing
 from sassgis.io.vector_layer import VectorLayer
 from sassgis.io.write.layers import run_vectors
 from sassgis.io.write.layers.maps import terrain_layer

@@ -15,8 +15,8 @@ from sassgis.hazard.control_lines import ControlLineSums
 from sassgis.hazard.map_sums import MapSums
 from sassgis.hazard.progress import Progress, SourceTally, evenly_kept, joined_rows
 from sassgis.hazard.source_sums import SourceSums
+from sassgis.io.atomic_output import MANIFEST_NAME, write_json, writing
 from sassgis.io.digests import content_digest
-from sassgis.io.own_files import MANIFEST_NAME
 from sassgis.io.read.tiles import Part, Terrain
 from sassgis.io.saved_arrays import (
     read_saved_json,
@@ -25,7 +25,6 @@ from sassgis.io.saved_arrays import (
     with_digest,
     write_saved,
 )
-from sassgis.io.staging import write_json, writing
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.map_run import BlockRows, MapRun
 from sassgis.model.results import ControlLine

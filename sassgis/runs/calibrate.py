@@ -21,11 +21,11 @@ from sassgis.gap.calibration.class_spread import spread_of_sites
 from sassgis.gap.calibration.parameters import classes_met, fitted_names
 from sassgis.gap.calibration.problem import CalibrationProblem, problem_of
 from sassgis.gap.observations.case import Case
+from sassgis.io.atomic_output import CHECKPOINT_STEM, output_if_asked
+from sassgis.io.digests import value_digest
 from sassgis.io.read.config import as_named
 from sassgis.io.read.ground_map import read_ranges
 from sassgis.io.read.observation_files import AnyObservations
-from sassgis.io.staging import CHECKPOINT_STEM, output_if_asked
-from sassgis.io.value_digest import value_digest
 from sassgis.io.write.calibration_files import (
     FITTED_NAME,
     write_calibrated_config,

@@ -20,8 +20,8 @@ from sassgis.hazard.control_lines import ControlLineSums
 from sassgis.hazard.map_sums import MapSums
 from sassgis.hazard.progress import Progress, SourceTally, joined_lines, joined_rows
 from sassgis.hazard.source_sums import SourceSums
+from sassgis.io.atomic_output import CHECKPOINT_STEM, writing
 from sassgis.io.saved_arrays import read_saved, saved_or_refused, unfit, write_saved
-from sassgis.io.staging import CHECKPOINT_STEM, writing
 from sassgis.model.map_run import BlockRows, FallLines, MapRun, Round, Worth
 from sassgis.model.results import ControlLine
 

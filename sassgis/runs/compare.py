@@ -8,11 +8,10 @@ from pathlib import Path
 import sassgis
 from sassgis.hazard.result_change import ResultChange, levels_differ, result_change
 from sassgis.hazard.stored_result import StoredResult, objects_within, on_common_cells
-from sassgis.io.own_files import MANIFEST_NAME
+from sassgis.io.atomic_output import MANIFEST_NAME, staged_output
 from sassgis.io.qgis.entries import LayerEntry
 from sassgis.io.read.config import load_config
 from sassgis.io.read.result_folder import read_result
-from sassgis.io.staging import staged_output
 from sassgis.io.write.frames import write_table
 from sassgis.io.write.geopackage import write_geopackage
 from sassgis.io.write.layers.change_maps import (

@@ -9,10 +9,10 @@ from typing import Any, Literal
 import numpy as np
 from scipy import ndimage
 
+from sassgis.io.atomic_output import staged_file
 from sassgis.io.read.dem import few_values
 from sassgis.io.read.dem_raw import RawDem, read_raw_dem
 from sassgis.io.read.dem_system import in_options
-from sassgis.io.staging import staged_file
 from sassgis.model.crs import crs_name
 from sassgis.model.grid import BoolArray, FloatArray, Grid
 from sassgis.report.page import ReportContext, ReportTable, write_report

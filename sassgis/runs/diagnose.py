@@ -42,9 +42,9 @@ from sassgis.gap.which.identifiable import what_is_identifiable
 from sassgis.gap.which.measure_next import DRAWS as DRAWS_COMPARED
 from sassgis.gap.which.measure_next import separations, tables_to_add
 from sassgis.gap.which.verdict import CONTACT_LAW, UNKNOWN, adequate, causes_in
+from sassgis.io.atomic_output import output_if_asked, write_text
 from sassgis.io.read.gap_thresholds import cause_weights_of, read_thresholds, thresholds_of
 from sassgis.io.read.observation_files import AnyObservations
-from sassgis.io.staging import output_if_asked, write_text
 from sassgis.io.write.gap_files import write_config_back, write_diagnosis_json, write_gap_gpkg
 from sassgis.model.crs import crs_name
 from sassgis.model.errors import InputError, Interrupted

@@ -18,10 +18,17 @@ from sassgis.gap.check.blinded_labels import blinding_hash, labels_text, truth_o
 from sassgis.gap.check.check_scores import CheckScores, score
 from sassgis.gap.check.sandbox import Task, TaskOutcome, perform
 from sassgis.gap.check.worlds import WorldSpec, battery, quick_battery, require_library, world_seeds
+from sassgis.io.atomic_output import (
+    alone,
+    partial_folder,
+    staged_output,
+    write_json,
+    write_text,
+    writing,
+)
 from sassgis.io.digests import content_digest, program_digest
 from sassgis.io.read.gap_thresholds import THRESHOLDS, read_thresholds
 from sassgis.io.saved_arrays import read_saved_json, unfit, with_digest
-from sassgis.io.staging import alone, partial_folder, staged_output, write_json, write_text, writing
 from sassgis.io.write.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME, folder_digest
 from sassgis.model.errors import InputError, Interrupted, OutputError
 from sassgis.report.gap_check_report import CheckRecord, WorldRow, write_check

@@ -19,8 +19,8 @@ from sassgis.hazard.ground_spread import (
     spread_maps,
 )
 from sassgis.hazard.sensitivity import BASE, FAR, MEDIAN, Names, Variant, VariantFinding, finding_of
+from sassgis.io.atomic_output import staged_output
 from sassgis.io.read.ground_map import read_ranges
-from sassgis.io.staging import staged_output
 from sassgis.model.exposure import PlacedObjects
 from sassgis.model.ground_ranges import RangeRule
 from sassgis.model.map_run import MapRun

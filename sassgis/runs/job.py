@@ -12,9 +12,9 @@ from sassgis.hazard.control_lines import QUANTITIES
 from sassgis.hazard.progress import Progress
 from sassgis.hazard.tolerance_check import ToleranceCheck
 from sassgis.hazard.warnings import release_warnings, simulation_warnings
+from sassgis.io.digests import value_digest
 from sassgis.io.read.config import configure, load_config
 from sassgis.io.read.plain_file import seen_from
-from sassgis.io.value_digest import value_digest
 from sassgis.io.write.frames import require_parquet
 from sassgis.model.errors import ConfigError, Interrupted, OutputError
 from sassgis.model.languages import named, phrase

@@ -8,7 +8,7 @@ from datetime import date
 from pathlib import Path
 
 import sassgis
-from sassgis.io.own_files import MANIFEST_NAME
+from sassgis.io.atomic_output import MANIFEST_NAME
 from sassgis.io.read.config import as_named, settings_hash
 from sassgis.io.write.manifest import write_manifest
 from sassgis.model.crs import crs_name

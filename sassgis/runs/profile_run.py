@@ -16,8 +16,8 @@ from sassgis.hazard.along_profile import ProfileInput, ProfileResult, stretches_
 from sassgis.hazard.control_lines import ControlLineSums
 from sassgis.hazard.map_sums import quantiles
 from sassgis.hazard.warnings import profile_warnings
+from sassgis.io.atomic_output import staged_output
 from sassgis.io.read.vectors import read_line
-from sassgis.io.staging import staged_output
 from sassgis.io.write.frames import profile_passage_frame, profile_rock_frame, write_table
 from sassgis.model import rng
 from sassgis.model.errors import InputError

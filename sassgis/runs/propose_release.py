@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from sassgis.io.atomic_output import staged_file
 from sassgis.io.read.ground_map import ground_raster, read_ground_table
 from sassgis.io.read.tiles import read_terrain
-from sassgis.io.staging import staged_file
 from sassgis.io.write.geopackage import write_geopackage
 from sassgis.io.write.layers.run_vectors import proposed_areas
 from sassgis.model.errors import InputError

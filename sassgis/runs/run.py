@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from sassgis.hazard.ground_spread import GroundSpread
 from sassgis.hazard.progress import Progress
-from sassgis.io.staging import staged_output
+from sassgis.io.atomic_output import staged_output
 from sassgis.model.languages import in_language, phrase
 from sassgis.model.map_run import MapRun
 from sassgis.model.results import RasterLayer, StopReason

@@ -7,9 +7,8 @@ import shutil
 from pathlib import Path
 
 import sassgis
-from sassgis.io.staging import staged_output
+from sassgis.io.atomic_output import staged_output
 from sassgis.model.errors import InputError, OutputError
-from sassgis.model.noted_files import noted
 
 
 def sample_folder() -> Path:
@@ -36,6 +35,6 @@ def write_samples(folder: Path) -> None:
             sample_folder(),
             work,
             ignore=shutil.ignore_patterns("__pycache__", "*.py"),
-            copy_function=lambda source, target: shutil.copyfile(source, noted(Path(target))),
+            copy_function=shutil.copyfile,
             dirs_exist_ok=True,
         )

@@ -22,8 +22,8 @@ from sassgis.hazard.sensitivity import (
     sensitivity_maps,
 )
 from sassgis.hazard.warnings import rule_warnings
+from sassgis.io.atomic_output import staged_output
 from sassgis.io.read.ground_map import read_ranges
-from sassgis.io.staging import staged_output
 from sassgis.io.write.frames import write_table
 from sassgis.io.write.layers.ground_spread_maps import sensitivity_layers
 from sassgis.io.write.sensitivity_tables import effect_table, range_table, simulation_table

@@ -13,8 +13,8 @@ import numpy as np
 from sassgis.hazard.assess import Rules
 from sassgis.hazard.progress import Progress
 from sassgis.hazard.sensitivity import Names, Variant, VariantFinding, finding_of
+from sassgis.io.atomic_output import CHECKPOINT_STEM, writing
 from sassgis.io.saved_arrays import read_saved, write_saved
-from sassgis.io.staging import CHECKPOINT_STEM, writing
 from sassgis.model.errors import Interrupted
 from sassgis.model.ground_ranges import ParameterRange, RangeRule, acting, ranges_of, with_values
 from sassgis.model.map_run import MapRun, ObjectCells

@@ -19,8 +19,7 @@ from helpers.worker_tasks import kill_as_they_start, wait_for
 from helpers.zone_slope import box, two_areas
 
 from sassgis.cli.progress_bar import ProgressBar
-from sassgis.io.staging import alone, check_output
-from sassgis.model.noted_files import MARKER_NAME
+from sassgis.io.atomic_output import MARKER_NAME, alone, check_output
 
 COMMANDS = {
     "run": ("run", "config.toml"),

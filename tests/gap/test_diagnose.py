@@ -24,10 +24,10 @@ from sassgis.gap.replicas.hypothesis_model import (
     configured_model,
     model_from_json,
 )
+from sassgis.io.atomic_output import check_output
 from sassgis.io.read.config import load_config
 from sassgis.io.read.gap_thresholds import read_thresholds, thresholds_of
 from sassgis.io.saved_arrays import unfit
-from sassgis.io.staging import check_output
 from sassgis.io.write.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME
 from sassgis.model.errors import InputError, Interrupted
 from sassgis.runs import diagnose as gap_diagnose

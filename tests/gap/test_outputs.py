@@ -53,8 +53,8 @@ from sassgis.gap.words import (
     with_unit_in_brackets,
 )
 from sassgis.hazard.result_change import ENERGY_MEAN, difference
+from sassgis.io.atomic_output import check_output
 from sassgis.io.read.config import FILE_KEYS, load_config
-from sassgis.io.staging import check_output
 from sassgis.io.write.gap_files import write_config_back, write_diagnosis_json, write_gap_gpkg
 from sassgis.io.write.layers.gap_map import stand_polygon
 from sassgis.model.effects import EffectSettings

@@ -15,6 +15,7 @@ from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 COLLECTION = "ch.swisstopo.swissalti3d"
+ITEMS = f"/api/stac/v1/collections/{COLLECTION}/items"
 
 
 @dataclass
@@ -28,20 +29,17 @@ class StacServer:
     files : dict of name to bytes
     page : int
         Items on a page.
-    ranges : bool
-        Whether downloads may begin in the middle.
     cut : dict of name to int
         So many answers for a file break off in the middle.
     slow : dict of name to float
         The answer waits so long (s).
     asked : Counter
-        Of paths, and of paths with the byte asked for.
+        Of paths.
     """
 
     items: list[dict[str, Any]] = field(default_factory=list)
     files: dict[str, bytes] = field(default_factory=dict)
     page: int = 2
-    ranges: bool = True
     cut: dict[str, int] = field(default_factory=dict)
     slow: dict[str, float] = field(default_factory=dict)
     asked: Counter[str] = field(default_factory=Counter)
@@ -81,9 +79,9 @@ class StacServer:
     def answer(self, handler: BaseHTTPRequestHandler) -> None:
         parts = urlsplit(handler.path)
         self.asked[parts.path] += 1
-        if parts.path == f"/api/stac/v1/collections/{COLLECTION}/items":
+        if parts.path == ITEMS:
             query = parse_qs(parts.query)
-            self._list(handler, query, int(query.get("cursor", ["0"])[0]))
+            self._list(handler, query, int(query.get("cursor", ["0"])[-1]))
         elif parts.path.removeprefix("/files/") in self.files:
             self._send(handler, parts.path.removeprefix("/files/"))
         else:
@@ -99,7 +97,7 @@ class StacServer:
         page: dict[str, Any] = {"features": found[first : first + self.page], "links": []}
         if first + self.page < len(found):
             box = query["bbox"][0]
-            href = f"items?bbox={box}&cursor={first + self.page}"
+            href = f"{{server}}{ITEMS}?bbox={box}&cursor={first + self.page}"
             page["links"] = [{"rel": "self", "href": "items"}, {"rel": "next", "href": href}]
         body = json.dumps(page).replace("{server}", self.url).encode()
         handler.send_response(200)
@@ -109,19 +107,8 @@ class StacServer:
 
     def _send(self, handler: Any, name: str) -> None:
         time.sleep(self.slow.get(name, 0.0))
-        data, start = self.files[name], 0
-        asked = handler.headers.get("Range")
-        if asked and self.ranges:
-            start = int(asked.removeprefix("bytes=").removesuffix("-"))
-            self.asked[f"{name} from {start}"] += 1
-            if start >= len(data):
-                handler.send_error(416)
-                return
-            handler.send_response(206)
-            handler.send_header("Content-Range", f"bytes {start}-{len(data) - 1}/{len(data)}")
-        else:
-            handler.send_response(200)
-        rest = data[start:]
+        rest = self.files[name]
+        handler.send_response(200)
         handler.send_header("Content-Length", str(len(rest)))
         handler.end_headers()
         if self.cut.get(name, 0) > 0:

@@ -25,6 +25,7 @@ import shapely
 from pyogrio.errors import DataLayerError
 
 from sassgis import __version__
+from sassgis.io.atomic_output import staged_file
 from sassgis.io.interlis.validation import (
     XTF_NAMESPACE,
     ValidationResult,
@@ -33,7 +34,6 @@ from sassgis.io.interlis.validation import (
 )
 from sassgis.io.read.offline import read_frame, vector_file
 from sassgis.io.read.result_folder import check_is_result
-from sassgis.io.staging import staged_file
 from sassgis.io.write.layers import federal_model
 from sassgis.io.write.layers.federal_model import (
     FEDERAL_CLASSES,

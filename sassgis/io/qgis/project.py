@@ -13,10 +13,10 @@ from pathlib import Path
 
 from pyproj import CRS
 
+from sassgis.io.atomic_output import writing
 from sassgis.io.qgis.entries import LayerGroup
 from sassgis.io.qgis.layout import PrintLayout, layout_element
 from sassgis.io.qgis.markup import document, filled
-from sassgis.io.staging import writing
 from sassgis.model.crs import crs_parts
 from sassgis.model.languages import translated, with_translated
 from sassgis.model.settings import ProjectSettings

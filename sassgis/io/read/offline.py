@@ -10,8 +10,6 @@ from __future__ import annotations
 
 import os
 import re
-import signal
-import socket
 import sqlite3
 import threading
 from collections.abc import Iterator, Mapping
@@ -31,7 +29,7 @@ from sassgis.io.digests import Stamp
 from sassgis.io.read.input_parts import check_beside, files_of, mosaic_text, stamps_of
 from sassgis.io.read.plain_file import check_file, read_text
 from sassgis.model.declared import composed
-from sassgis.model.errors import InputError, Interrupted
+from sassgis.model.errors import InputError
 
 #: Drivers of GDAL, and how messages speak of them. What lies beside raw bytes is read without its
 #: driver (EHdr) if the name is a link, which could lead to any file.
@@ -136,8 +134,6 @@ def _kept(file: Path, _stamps: tuple[Stamp, ...], _thread: int) -> DatasetReader
 # Vector files
 
 _VECTOR_ERRORS = (DataSourceError, DataLayerError, shapely.errors.ShapelyError, sqlite3.Error)
-#: Seconds for GDAL to return after Ctrl-C.
-_PATIENCE_S = 3.0
 #: How SQLite writes down what computes nothing where it is read. A view does, perhaps for ever, and
 #: GDAL asks each; so may virtual tables, but for the index of a layer.
 _PLAIN = re.compile(
@@ -158,7 +154,7 @@ def vector_file(file: Path, field: str | None) -> Iterator[None]:
                 "holds a view or a virtual table", file=file, field=field, found=computed,
                 expected="plain tables: export the layer to a GeoPackage of its own",
             )  # fmt: skip
-        with offline(), _stoppable():
+        with offline():
             yield
     except (*_VECTOR_ERRORS, ValueError, OSError) as error:
         found = str(error).split(";")[0].replace(f"'{file}' ", "")[:160]
@@ -218,39 +214,6 @@ def _encoding(file: Path, layer: str, taken: str) -> str | None:
             expected="ISO-8859-1, for example" if utf_8 is None else "UTF-8",
         )  # fmt: skip
     return None
-
-
-@contextmanager
-def _stoppable() -> Iterator[None]:
-    """End the command after Ctrl-C or SIGTERM where GDAL does not return; Python waits for it.
-
-    GDAL stays in this thread: in others it looks for its coordinate systems in the current folder.
-    """
-    # To end other programs is not for us.
-    ends = signal.getsignal(signal.SIGTERM) is signal.default_int_handler
-    if not ends or threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    ears, mouth = socket.socketpair()
-    with ears, mouth:
-        mouth.setblocking(False)
-        returned = threading.Event()
-        hears = threading.Thread(target=_end_by_signal, args=(ears, returned), daemon=True)
-        hears.start()
-        before = signal.set_wakeup_fd(mouth.fileno())
-        try:
-            yield
-        finally:
-            signal.set_wakeup_fd(before)
-            returned.set()
-            mouth.sendall(b"\0")
-            hears.join()
-
-
-def _end_by_signal(ears: socket.socket, returned: threading.Event) -> None:
-    if ears.recv(1) and not returned.wait(_PATIENCE_S):
-        os.write(2, b"Error: stopped by the user\n")
-        os._exit(Interrupted.exit_code)
 
 
 def _computed_table(file: Path) -> str:

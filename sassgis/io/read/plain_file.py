@@ -16,6 +16,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from sassgis.io.atomic_output import is_text
 from sassgis.model.errors import InputError
 from sassgis.model.in_memory import InMemory, Input
 
@@ -39,15 +40,6 @@ def seen_from(folder: Path, file: Path) -> str:
         return Path(os.path.relpath(file, folder)).as_posix()
     except ValueError:  # On another drive (Windows).
         return file.as_posix()
-
-
-def is_text(path: Path) -> bool:
-    """Whether a path, from the root, is UTF-8: GDAL, SQLite, XML and JSON take no other."""
-    try:
-        str(path.absolute()).encode()
-    except UnicodeEncodeError:
-        return False
-    return True
 
 
 def check_file(file: Input, field: str | None, expected: str, folders: bool = False) -> None:
@@ -115,29 +107,27 @@ def toml_table(text: str, file: str | Input, what: str = "valid TOML") -> dict[s
         raise _too_deep(file, None) from None
     except ValueError as error:
         found = str(error)
-        if not isinstance(error, tomllib.TOMLDecodeError):
-            found = "a number of thousands of digits"
-        elif "escape" in found.lower() or "hex" in found.lower():
+        if "escape" in found.lower() or "hex" in found.lower():
             what = "valid TOML (in paths write / or \\\\ instead of a single \\)"
         raise InputError("is not valid TOML", file=file, found=found, expected=what) from None
-    rest: list[tuple[str, int, Any]] = [("", 0, document)]
-    while rest:
-        place, depth, value = rest.pop()
-        if isinstance(value, str):
-            check_text(value, file, place)
-        elif isinstance(value, int) and value.bit_length() > 63:
-            raise InputError(
-                "is too large", file=file, field=place,
-                found=f"a whole number of {value.bit_length()} bits", expected="at most 63 bits",
-            )  # fmt: skip
-        elif isinstance(value, dict | list):
-            if depth > _DEEPEST:
-                raise _too_deep(file, place)
-            inner = value.items() if isinstance(value, dict) else (("", v) for v in value)
-            for key, own in inner:
-                check_text(key, file, place)
-                rest.append((f"{place}.{key}".strip("."), depth + 1, own))
+    _check_values(document, file)
     return document
+
+
+def _check_values(value: object, file: str | Input, place: str = "", depth: int = 0) -> None:
+    """Raise InputError for texts, numbers and tables in a document that are beyond the limits."""
+    check_text(value, file, place)
+    if isinstance(value, int) and value.bit_length() > 63:
+        raise InputError(
+            "is too large", file=file, field=place,
+            found=f"a whole number of {value.bit_length()} bits", expected="at most 63 bits",
+        )  # fmt: skip
+    if isinstance(value, dict | list):
+        if depth > _DEEPEST:
+            raise _too_deep(file, place)
+        for key, own in value.items() if isinstance(value, dict) else (("", v) for v in value):
+            check_text(key, file, place)
+            _check_values(own, file, f"{place}.{key}".strip("."), depth + 1)
 
 
 def _too_deep(file: str | Input, field: str | None) -> InputError:

@@ -17,7 +17,7 @@ from pyogrio.errors import DataLayerError
 
 from sassgis.hazard.stored_result import StoredResult
 from sassgis.hazard.zoning.coverage import Coverage
-from sassgis.io.own_files import MANIFEST_NAME
+from sassgis.io.atomic_output import MANIFEST_NAME
 from sassgis.io.read.dem import open_raster
 from sassgis.io.read.offline import read_frame, vector_file
 from sassgis.model.errors import InputError

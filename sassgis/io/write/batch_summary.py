@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from sassgis.io.staging import staged_file
+from sassgis.io.atomic_output import staged_file
 from sassgis.io.write.frames import without_formulas
 
 #: So many times as long as the table took to write the next one waits.

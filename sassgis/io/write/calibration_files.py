@@ -8,8 +8,8 @@ from typing import Any
 import sassgis
 from sassgis.gap.calibration.class_calibration import SiteCalibration, SiteResult
 from sassgis.gap.calibration.fit_errors import SHARES, QuantityErrors
-from sassgis.io.staging import write_json, write_text
-from sassgis.io.write.config_file import written_document
+from sassgis.io.atomic_output import write_json, write_text
+from sassgis.io.write.config_template import written_document
 from sassgis.io.write.gap_files import classes_csv, write_runnable
 from sassgis.io.write.manifest import plain
 from sassgis.model.ground import GroundTable

@@ -12,7 +12,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from sassgis.hazard.along_profile import ProfileResult
-from sassgis.io.staging import writing
+from sassgis.io.atomic_output import writing
 from sassgis.model.errors import OutputError
 from sassgis.model.grid import IntArray
 from sassgis.model.labels import rounded

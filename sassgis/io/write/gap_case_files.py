@@ -14,11 +14,10 @@ import pandas as pd
 import rasterio
 from numpy.typing import NDArray
 
+from sassgis.io.atomic_output import staged_output, writing
 from sassgis.io.read.dem import affine_of
-from sassgis.io.staging import staged_output, writing
 from sassgis.io.write.geopackage import add_layer
 from sassgis.model.grid import FloatArray, Grid
-from sassgis.model.noted_files import noted
 
 CONFIG_NAME = "config.toml"
 OBSERVATIONS_NAME = "observations"
@@ -80,7 +79,7 @@ def write_case(
         points = gpd.GeoDataFrame(
             geometry=gpd.points_from_xy(*np.asarray(releases).T[:3]), crs=dem.crs
         )
-        add_layer(noted(work / "release.gpkg"), "release", points, "Point")
+        add_layer(work / "release.gpkg", "release", points, "Point")
         config = _CONFIG.format(
             title=json.dumps(title),
             datum=f"vertical_datum = {json.dumps(dem.vertical_datum)}\n"
@@ -90,7 +89,7 @@ def write_case(
             classes=", ".join(f"{k + 1} = {json.dumps(n)}" for k, n in enumerate(class_names)),
             blocks="\n".join(f"{k} = [{low!r}, {high!r}]" for k, (low, high) in blocks.items()),
         )
-        noted(work / CONFIG_NAME).write_text(config, encoding="utf-8")
+        (work / CONFIG_NAME).write_text(config, encoding="utf-8")
         write_observations(work / OBSERVATIONS_NAME, tables, metadata)
     return folder / CONFIG_NAME
 
@@ -104,10 +103,10 @@ def write_observations(
         for name, columns in tables.items():
             # Tenths of a millimetre of national coordinates; nobody measures nearer.
             pd.DataFrame(dict(columns)).to_csv(
-                noted(folder / f"{name}.csv"), index=False, float_format="%.11g"
+                folder / f"{name}.csv", index=False, float_format="%.11g"
             )
         keys = pd.DataFrame({"key": list(metadata), "value": list(metadata.values())})
-        keys.to_csv(noted(folder / "metadata.csv"), index=False)
+        keys.to_csv(folder / "metadata.csv", index=False)
     return folder
 
 
@@ -123,7 +122,7 @@ def folder_digest(folder: Path) -> str:
 def _raster(file: Path, grid: Grid, values: NDArray[Any]) -> None:
     n_rows, n_cols = grid.shape
     with rasterio.open(
-        noted(file), "w", driver="GTiff", width=n_cols, height=n_rows, count=1, dtype=values.dtype,
+        file, "w", driver="GTiff", width=n_cols, height=n_rows, count=1, dtype=values.dtype,
         crs=grid.crs, transform=affine_of(grid), compress="deflate",
     ) as dataset:  # fmt: skip
         dataset.write(values, 1)

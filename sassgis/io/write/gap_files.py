@@ -14,11 +14,11 @@ from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.gap.diagnosis import Diagnosis, as_json
 from sassgis.gap.observations.case import Case
 from sassgis.gap.words import effect_name, file_has
+from sassgis.io.atomic_output import write_json, write_text, writing
 from sassgis.io.read.config import load_config
 from sassgis.io.read.given_inputs import classes_frame
 from sassgis.io.read.ground_map import read_ground_table
-from sassgis.io.staging import write_json, write_text, writing
-from sassgis.io.write.config_file import written_document
+from sassgis.io.write.config_template import written_document
 from sassgis.io.write.geopackage import write_geopackage
 from sassgis.io.write.layers.gap_map import (
     fall_line_layer,

@@ -17,11 +17,10 @@ import pyogrio
 import rasterio
 
 import sassgis
+from sassgis.io.atomic_output import MANIFEST_DIGEST, result_files, write_json
 from sassgis.io.digests import content_digest, json_digest
-from sassgis.io.own_files import MANIFEST_DIGEST
 from sassgis.io.read.input_parts import files_of
 from sassgis.io.read.plain_file import seen_from
-from sassgis.io.staging import result_files, write_json
 from sassgis.model.errors import InputError
 from sassgis.model.in_memory import InMemory, Input
 from sassgis.model.labels import rounded

@@ -17,7 +17,7 @@ from sassgis.gap.observations.tables import (
     TABLES,
     Column,
 )
-from sassgis.io.staging import writing
+from sassgis.io.atomic_output import writing
 from sassgis.io.write.geopackage import add_layer, register_columns, register_table
 from sassgis.model.crs import parse_crs
 from sassgis.model.errors import OutputError

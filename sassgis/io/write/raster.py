@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from rasterio.io import MemoryFile
 from rasterio.windows import Window
 
+from sassgis.io.atomic_output import write_text, writing
 from sassgis.io.qgis.markup import qml
 from sassgis.io.read.dem import affine_of
-from sassgis.io.staging import write_text, writing
 from sassgis.io.vector_layer import translated_raster
 from sassgis.model.grid import Grid
 from sassgis.model.ramps import rgb

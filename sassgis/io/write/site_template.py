@@ -1,20 +1,27 @@
-"""An empty GeoPackage for a site, and the QGIS project to draw it in."""
+"""The files of a new site: an empty GeoPackage with its project, or those made of Rockyfor3D's."""
 
 from __future__ import annotations
 
+import textwrap
+from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
 import pyproj
 
+from sassgis.io.atomic_output import staged_file
 from sassgis.io.qgis.entries import LayerEntry, LayerGroup
 from sassgis.io.qgis.project import write_project
 from sassgis.io.read.plain_file import seen_from
+from sassgis.io.read.rockyfor3d import rasters_of, read_rockyfor3d
 from sassgis.io.read.site_layers import site_layers
+from sassgis.io.read.start_keys import outline_of, with_values
 from sassgis.io.read.tiles import open_terrain
-from sassgis.io.staging import staged_file
 from sassgis.io.vector_layer import described_layer
+from sassgis.io.write.config_template import short_template
+from sassgis.io.write.frames import write_table
 from sassgis.io.write.geopackage import write_geopackage
 from sassgis.io.write.layers.maps import terrain_layer
 from sassgis.model.crs import crs_parts, parse_crs
@@ -111,3 +118,34 @@ def _area_of_use(system: pyproj.CRS) -> tuple[float, float, float, float]:
         "EPSG:4326", system, always_xy=True
     ).transform_bounds(area.west, area.south, area.east, area.north)
     return west, south, east, north
+
+
+def write_rockyfor3d_site(
+    file: Path, folder: Path, assignments: Sequence[str] = (), overwrite: bool = False
+) -> tuple[list[Path], list[str]]:
+    """Write a configuration from a folder of Rockyfor3D, and beside it what it is made into.
+
+    Assignments are keys that the user sets, as ``terrain.crs=EPSG:2056``. Files that are there
+    already are replaced with ``overwrite`` only. Returns the files, and what their user must know
+    of them.
+    """
+    terrain = dict(with_values([("terrain", {})], assignments))["terrain"]
+    dem = rasters_of(folder).get("dem", folder / "dem.asc")
+    made = read_rockyfor3d(folder, file.parent, outline_of(dem, terrain).crs or None)
+    comments = "".join(
+        textwrap.fill(note, 100, initial_indent="# - ", subsequent_indent="#   ") + "\n"
+        for note in made.notes
+    )
+    text = f"# From {folder.name}, inputs of Rockyfor3D.\n{comments}\n"
+    text += short_template(with_values(made.keys, assignments))
+    files = [file]
+    with ExitStack() as staged:
+        for name, layer in made.layers.items():
+            files.append(file.parent / f"{name}.gpkg")
+            work = staged.enter_context(staged_file(files[-1], overwrite))
+            layer.to_file(work, driver="GPKG", layer=name)
+        for name, table in made.tables.items():
+            files.append(file.parent / f"{name}.csv")
+            write_table(staged.enter_context(staged_file(files[-1], overwrite)), [table])
+        staged.enter_context(staged_file(file, overwrite)).write_text(text, encoding="utf-8")
+    return files, made.notes

@@ -12,6 +12,7 @@ import geopandas as gpd
 import numpy as np
 import pyogrio
 
+from sassgis.io.atomic_output import staged_file
 from sassgis.io.read.result_folder import (
     RESULT_FILE,
     ZONE_FILE,
@@ -19,7 +20,6 @@ from sassgis.io.read.result_folder import (
     level_classes,
     read_layer,
 )
-from sassgis.io.staging import staged_file
 from sassgis.model.errors import InputError
 
 #: Formats by suffix: driver of GDAL.

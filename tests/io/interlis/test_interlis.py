@@ -18,9 +18,9 @@ import shapely
 from helpers import made_zones as made
 from shapely.geometry import box
 
+from sassgis.io.atomic_output import WRITTEN_NAME
 from sassgis.io.interlis.transfer import export_xtf, touching_at_corners
 from sassgis.io.interlis.validation import XTF_NAMESPACE, validate_xtf
-from sassgis.io.own_files import WRITTEN_NAME
 from sassgis.io.write.geopackage import write_geopackage
 from sassgis.io.write.layers.federal_model import FEDERAL_CLASSES, MODEL_NAME
 from sassgis.model.errors import ConfigError, InputError, OutputError

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
-import signal
 import sqlite3
-import subprocess
-import sys
 import threading
 import zipfile
 from collections.abc import Callable, Iterator
@@ -416,31 +413,6 @@ def test_plain_tables_are_read_whatever_their_names(tmp_path: Path) -> None:
     for name in ('view "of" all', "CREATE VIEW", "Rüfe"):
         frame.to_file(tmp_path / "a.gpkg", driver="GPKG", layer=name)
         assert len(open_layer(tmp_path / "a.gpkg", name, "release", {})) == 1
-
-
-@pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_what_never_ends_can_be_stopped(tmp_path: Path, number: signal.Signals) -> None:
-    """Here by a view that nobody has refused."""
-    code = (
-        "import signal, sys; from pathlib import Path; from sassgis.io.read import offline\n"
-        "for n in (signal.SIGINT, signal.SIGTERM): signal.signal(n, signal.default_int_handler)\n"
-        "print('reads', flush=True)\n"
-        "offline._computed_table = lambda file: ''\n"
-        "with offline.vector_file(Path(sys.argv[1]), None): offline.layers_of(Path(sys.argv[1]))"
-    )
-    with (
-        open_in_a_gis(tmp_path / "a.gpkg", *COMPUTED["the layer"]) as file,
-        subprocess.Popen([sys.executable, "-c", code, file], stdout=subprocess.PIPE) as process,
-    ):
-        assert process.stdout is not None and process.stdout.readline() == b"reads\n"
-        with pytest.raises(subprocess.TimeoutExpired):
-            process.wait(1.0)
-        process.send_signal(number)
-        try:
-            assert process.wait(30.0) == 130
-        finally:
-            process.kill()
 
 
 def test_pipes_and_devices_are_not_opened(tmp_path: Path) -> None:

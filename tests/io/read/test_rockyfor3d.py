@@ -15,7 +15,7 @@ from helpers.small_slope import CELL, COLS, NORTH, ROWS, WEST, heights
 from sassgis.io.read.config import load_config
 from sassgis.io.read.ground_map import built_in_table
 from sassgis.io.read.rockyfor3d import soil_types
-from sassgis.io.write.rockyfor3d_site import write_rockyfor3d_site
+from sassgis.io.write.site_template import write_rockyfor3d_site
 from sassgis.model.errors import InputError, OutputError
 from sassgis.model.map_run import MapRun
 from sassgis.runs.inputs import read_map_run

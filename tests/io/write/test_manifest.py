@@ -48,8 +48,7 @@ def place(tmp_path: Path) -> Path:
     (tmp_path / "out" / "maps" / "a.tif").write_bytes(b"map")
     (tmp_path / "out" / "checkpoint").mkdir()
     (tmp_path / "out" / "checkpoint" / "x.npy").write_bytes(b"state")
-    (tmp_path / "out" / ".sassgis-partial").write_text("maps/a.tif\ncheckpoint/x.npy\n")
-    (tmp_path / "out" / "maps" / "of the user.txt").write_bytes(b"not noted")
+    (tmp_path / "out" / ".sassgis-partial").touch()
     (tmp_path / "data" / "dem.tif").write_bytes(b"dem")
     for suffix in (".shp", ".dbf", ".shx", ".prj"):
         (tmp_path / "data" / f"release{suffix}").write_bytes(suffix.encode())

@@ -9,7 +9,7 @@ from pathlib import Path
 import pyogrio
 import pytest
 
-from sassgis.io.own_files import WRITTEN_NAME
+from sassgis.io.atomic_output import WRITTEN_NAME
 from sassgis.io.read.site_layers import site_layers
 from sassgis.io.write.site_template import site_template
 from sassgis.model.errors import InputError, OutputError

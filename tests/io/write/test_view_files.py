@@ -12,7 +12,7 @@ import pyogrio
 import pytest
 import shapely
 
-from sassgis.io.own_files import WRITTEN_NAME
+from sassgis.io.atomic_output import WRITTEN_NAME
 from sassgis.io.vector_layer import VectorLayer
 from sassgis.io.write.geopackage import write_geopackage
 from sassgis.io.write.raster import write_raster

@@ -23,8 +23,8 @@ from helpers.listed_results import digests
 from sassgis.hazard.control_lines import ControlLineSums
 from sassgis.hazard.map_sums import MapSums
 from sassgis.hazard.progress import Progress, evenly_kept, joined_rows
+from sassgis.io.atomic_output import check_output
 from sassgis.io.read.tiles import Part, hull
-from sassgis.io.staging import check_output
 from sassgis.model.errors import OutputError
 from sassgis.model.map_run import BlockRows
 from sassgis.model.results import PASSAGE_DTYPE, ROCK_DTYPE

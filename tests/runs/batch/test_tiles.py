@@ -11,7 +11,7 @@ from rasterio.transform import from_origin
 
 from sassgis.io.read.dem import read_dem
 from sassgis.io.read.tiles import Part, gaps_between, hull, open_terrain, read_terrain
-from sassgis.io.write.tile_download import write_vrt
+from sassgis.io.terrain_fetch import write_vrt
 from sassgis.model.errors import InputError, InputLost
 from sassgis.runs.dem_check import check_dem
 

@@ -15,9 +15,9 @@ from helpers.changed_arrays import change_arrays
 
 from sassgis.cli.entry import cli
 from sassgis.gap.check.worlds import WorldSpec, make_world, observe
+from sassgis.io.atomic_output import check_output, partial_folder
 from sassgis.io.read.config import load_config
 from sassgis.io.read.ground_map import read_ground_table
-from sassgis.io.staging import check_output, partial_folder
 from sassgis.io.write.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME
 from sassgis.model.errors import InputError, Interrupted
 from sassgis.runs import calibrate as calibrate_module

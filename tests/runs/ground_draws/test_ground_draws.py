@@ -16,9 +16,9 @@ from helpers.listed_results import digests
 from sassgis.hazard.bins import bins_of
 from sassgis.hazard.ground_spread import draw_of
 from sassgis.hazard.response import outcome_of
+from sassgis.io.atomic_output import partial_folder
 from sassgis.io.read.config import load_config
 from sassgis.io.read.ground_map import read_ranges
-from sassgis.io.staging import partial_folder
 from sassgis.model.errors import Interrupted
 from sassgis.model.ground_ranges import RANGED, ranges_of, with_values
 from sassgis.model.run_config import Config

@@ -25,9 +25,9 @@ from sassgis.hazard.control_lines import ControlLineSums
 from sassgis.hazard.map_sums import MapSums
 from sassgis.hazard.progress import Progress, SourceTally
 from sassgis.hazard.source_sums import SourceSums
+from sassgis.io.atomic_output import partial_folder
 from sassgis.io.read.config import load_config
 from sassgis.io.saved_arrays import saved_or_refused, write_saved
-from sassgis.io.staging import partial_folder
 from sassgis.model.errors import Interrupted, OutputError
 from sassgis.runs import job as job_module
 from sassgis.runs import map as map_run

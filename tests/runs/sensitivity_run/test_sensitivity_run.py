@@ -14,8 +14,8 @@ import pytest
 import rasterio
 from helpers.changed_arrays import change_arrays
 
+from sassgis.io.atomic_output import partial_folder
 from sassgis.io.read.config import load_config
-from sassgis.io.staging import partial_folder
 from sassgis.model.errors import Interrupted
 from sassgis.model.ground_ranges import RANGED
 from sassgis.model.run_config import Config

@@ -8,21 +8,24 @@ import resource
 import subprocess
 import sys
 import textwrap
-from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 from helpers.listed_results import list_files
 
-from sassgis.io.staging import check_output, partial_folder, staged_output, writing
+from sassgis.io.atomic_output import (
+    MARKER_NAME,
+    partial_folder,
+    staged_output,
+    writing,
+)
 from sassgis.model.errors import InputError, OutputError
-from sassgis.model.noted_files import MARKER_NAME, noted, notes_of
 
 
 def make_result(target: Path, text: str, overwrite: bool = False) -> None:
     with staged_output(target, overwrite) as work:
         (work / "maps").mkdir()
-        noted(work / "maps" / "a.txt").write_text(text)
+        (work / "maps" / "a.txt").write_text(text)
         list_files(work)
 
 
@@ -37,16 +40,6 @@ def test_the_target_appears_only_at_the_end(tmp_path: Path) -> None:
         assert not target.exists()
         assert work == tmp_path / "deep" / "out.partial"
     assert names(tmp_path) == {"deep", "deep/out", "deep/out/manifest.json"}
-
-
-def test_an_older_result_is_not_replaced_unasked(tmp_path: Path) -> None:
-    target = tmp_path / "out"
-    make_result(target, "old")
-    before = names(tmp_path)
-    with pytest.raises(OutputError, match=r"out: exists and is not empty.*--overwrite"):
-        make_result(target, "new")
-    assert names(tmp_path) == before
-    assert (target / "maps" / "a.txt").read_text() == "old"
 
 
 def test_an_empty_folder_is_taken(tmp_path: Path) -> None:
@@ -80,9 +73,9 @@ def test_a_failure_leaves_the_old_result_and_the_checkpoint(
     target = tmp_path / "out"
     make_result(target, "old")
     with pytest.raises(stop), staged_output(target, overwrite=True) as work:
-        noted(work / "half.tif").write_bytes(b"x")
+        (work / "half.tif").write_bytes(b"x")
         (work / "checkpoint").mkdir()
-        noted(work / "checkpoint" / "rocks.npy").write_bytes(b"computed")
+        (work / "checkpoint" / "rocks.npy").write_bytes(b"computed")
         raise stop("no")
     assert (target / "maps" / "a.txt").read_text() == "old"
     assert names(partial_folder(target)) == {MARKER_NAME, "checkpoint", "checkpoint/rocks.npy"}
@@ -96,7 +89,7 @@ def test_a_failure_leaves_the_old_result_and_the_checkpoint(
 
 def test_a_failure_without_checkpoint_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(ZeroDivisionError), staged_output(tmp_path / "out", False) as work:
-        noted(work / "half.tif").write_bytes(b"x")
+        (work / "half.tif").write_bytes(b"x")
         1 / 0  # noqa: B018
     assert list(tmp_path.iterdir()) == []
 
@@ -106,44 +99,12 @@ def test_half_written_files_of_a_killed_run_are_cleared(tmp_path: Path) -> None:
     (work / "maps").mkdir(parents=True)
     (work / MARKER_NAME).touch()
     for name in ("maps/half.tif", "zones.gpkg"):
-        noted(work / name).write_bytes(b"x")
+        (work / name).write_bytes(b"x")
     for beside in ("maps/half.tif.ovr.tmp", "zones.gpkg-journal"):
         (work / beside).write_bytes(b"x")
-    noted(work / "checkpoint.npz").write_bytes(b"computed")
+    (work / "checkpoint.npz").write_bytes(b"computed")
     with staged_output(tmp_path / "out", False) as folder:
         assert names(folder) == {MARKER_NAME, "checkpoint.npz"}
-        assert notes_of(folder) == {MARKER_NAME, "checkpoint.npz"}
-
-
-def test_notes_that_are_no_text_are_of_nothing(tmp_path: Path) -> None:
-    work = partial_folder(tmp_path / "out")
-    work.mkdir()
-    (work / MARKER_NAME).write_bytes(b"\xff\xfe\x00mine.txt\n\xe9\n")
-    (work / "mine.txt").touch()
-    with pytest.raises(OutputError, match=r"mine\.txt: is not noted"):
-        check_output(tmp_path / "out", False)
-    (work / "mine.txt").unlink()
-    with staged_output(tmp_path / "out", False) as own:
-        (own / "file").touch()
-    assert names(tmp_path) == {"out", "out/file"}
-
-
-def test_what_failed_for_want_of_open_files_is_cleared(tmp_path: Path) -> None:
-    before = resource.getrlimit(resource.RLIMIT_NOFILE)
-    resource.setrlimit(resource.RLIMIT_NOFILE, (len(os.listdir("/dev/fd")) + 20, before[1]))
-    try:
-        with (
-            ExitStack() as held,
-            pytest.raises(OSError, match="Too many open files"),
-            staged_output(tmp_path / "out", False) as work,
-        ):
-            (work / "maps").mkdir()
-            noted(work / "maps" / "half.tif").touch()
-            while True:
-                held.enter_context(open(os.devnull))
-    finally:
-        resource.setrlimit(resource.RLIMIT_NOFILE, before)
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_two_runs_into_one_target(tmp_path: Path) -> None:
@@ -161,22 +122,13 @@ def test_two_runs_into_one_target(tmp_path: Path) -> None:
 
 def test_a_target_that_appears_during_the_run_is_kept(tmp_path: Path) -> None:
     target = tmp_path / "out"
-    kept = r"--overwrite; the finished result is in .*out\.partial"
+    kept = r"not empty; the finished result is in .*out\.partial"
     with pytest.raises(OutputError, match=kept), staged_output(target, False) as work:
         (work / "manifest.json").write_text("new")
         target.mkdir()
         (target / "other.txt").write_text("x")
     assert (target / "other.txt").read_text() == "x"
     assert (partial_folder(target) / "manifest.json").read_text() == "new"
-
-
-def test_a_folder_with_the_name_of_the_moved_result_is_kept(tmp_path: Path) -> None:
-    make_result(tmp_path / "out", "old")
-    make_result(tmp_path / "out.replaced", "the user's own copy")
-    make_result(tmp_path / "out", "new", overwrite=True)
-    assert {entry.name for entry in tmp_path.iterdir()} == {"out", "out.replaced"}
-    assert (tmp_path / "out" / "maps" / "a.txt").read_text() == "new"
-    assert (tmp_path / "out.replaced" / "maps" / "a.txt").read_text() == "the user's own copy"
 
 
 def test_the_old_result_comes_back_if_the_swap_fails(
@@ -191,9 +143,10 @@ def test_the_old_result_comes_back_if_the_swap_fails(
             raise OSError(errno.EBUSY, "busy")
         rename(source, destination)
 
-    monkeypatch.setattr("sassgis.io.staging.os.rename", failing)
-    with pytest.raises(OutputError, match=r"out: .*in use; the finished result is in"):
+    monkeypatch.setattr("sassgis.io.atomic_output.os.rename", failing)
+    with pytest.raises(OutputError, match=r"out: .*busy; the finished result is in"):
         make_result(target, "new", overwrite=True)
+    assert {entry.name for entry in tmp_path.iterdir()} == {"out", "out.partial"}
     assert (target / "maps" / "a.txt").read_text() == "old"
     assert (tmp_path / "out.partial" / "maps" / "a.txt").read_text() == "new"
 
@@ -246,8 +199,7 @@ WRITE = textwrap.dedent(
     from sassgis.model.errors import OutputError
     from sassgis.model.grid import Grid
     from sassgis.model.results import Band, RasterLayer
-    from sassgis.io.staging import staged_output
-    from sassgis.model.noted_files import noted
+    from sassgis.io.atomic_output import staged_output
 
     target, what = Path(sys.argv[1]), sys.argv[2]
     values = np.random.default_rng(1).random((400, 400))
@@ -266,7 +218,7 @@ WRITE = textwrap.dedent(
         frame = gpd.GeoDataFrame({"n": np.arange(20000)}, geometry=points)
     try:
         with staged_output(target, False) as work:
-            noted(work / "checkpoint").write_text("computed")
+            (work / "checkpoint").write_text("computed")
             if what == "raster":
                 write_raster(layer, grid, work / "maps")
             elif what == "geopackage":
@@ -275,7 +227,7 @@ WRITE = textwrap.dedent(
                     [VectorLayer("p", "P", "", frame, style=RELEASE_POINT_STYLE)],
                 )
             else:
-                noted(work / "text.bin").write_bytes(b"x" * 2_000_000)
+                (work / "text.bin").write_bytes(b"x" * 2_000_000)
     except OutputError as error:
         print(error)
         sys.exit(3)
