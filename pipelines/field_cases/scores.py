@@ -16,7 +16,7 @@ from field_cases.sites import Simulated, Site, run_out
 from sassgis.gap.inference.distances import energy_scores
 from sassgis.io.read.config import load_config
 from sassgis.model.grid import FloatArray
-from sassgis.runs.ground_draws import runout_bands
+from sassgis.runs.variant_lab import runout_bands
 from sassgis.runs.workers import Jobs
 
 SHARES = (0.1, 0.5, 0.9)

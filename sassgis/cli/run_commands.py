@@ -101,7 +101,7 @@ def _with_spread(summary: str, result: RunResult) -> str:
     """What a command says at its end, with what the spread of the ground classes does, if known."""
     if result.spread is None:
         return summary
-    from sassgis.report.spread_report import spread_lines
+    from sassgis.report.variants_report import spread_lines
 
     lines = (f"{text[:1].upper()}{text[1:]}." for _, text in spread_lines(result.spread))
     return "\n".join((summary, *lines))

@@ -1,4 +1,8 @@
-"""How a result answers to a change: the same blocks once more, and what became of them."""
+"""How a result answers to a change: the same blocks once more, and what became of them.
+
+So it is seen, for one, what flattening of the ground leaves open: by a sample of the blocks at half
+and at double the tolerance.
+"""
 
 from __future__ import annotations
 
@@ -12,15 +16,18 @@ from numpy.typing import NDArray
 from sassgis.hazard.map_sums import MapSums, quantiles
 from sassgis.hazard.progress import Progress
 from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.languages import joined, phrase
 from sassgis.model.statistics_table import Bins
 
-#: What is compared, with its name in sentences.
+#: What is compared, with its name in sentences; not the reached area, which hangs on the number of
+#: blocks.
 MEASURES: Mapping[str, str] = {
     "runout_q50": "median run-out",
     "runout_q95": "run-out (95 %)",
     "energy_q95": "energy (95 %)",
-    "reached_area": "reached area",
 }
+#: Change by the tolerance beyond which the user is warned.
+LARGEST_CHANGE = 0.2
 #: Blocks that a cell needs for its 95 % quantile, and cells for their median.
 _FEWEST_BLOCKS, _FEWEST_CELLS = 20, 10
 
@@ -29,12 +36,16 @@ _FEWEST_BLOCKS, _FEWEST_CELLS = 20, 10
 class RunOutcome:
     """What blocks did, as far as it is compared."""
 
-    blocks: int  # those that started
-    runout: IntArray  # shape (n,); of them by run-out, in whole metres
+    runout: IntArray  # shape (n,); blocks that started by run-out, in whole metres
     cells: IntArray  # shape (n_cells,); flat indices of the cells that blocks reach, ascending
     # Shape (n_cells,); 95 % quantile of the kinetic energy there (kJ); NaN where too few blocks
     # arrive.
     energy_kj: FloatArray
+
+    @property
+    def blocks(self) -> int:
+        """Blocks that started."""
+        return int(self.runout.sum())
 
     def runout_m(self, *probabilities: float) -> FloatArray:
         """Quantiles of the run-out (m); NaN without blocks."""
@@ -65,16 +76,15 @@ class RelativeChange(NamedTuple):
 
 def outcome_of(progress: Progress, bins: Bins) -> RunOutcome:
     """What the blocks of a run did."""
-    runout = progress.started_runout
-    cells = progress.sums.cells
+    runout, cells = progress.started_runout, progress.sums.cells
     if not cells.size:
-        return RunOutcome(int(runout.sum()), runout, cells, np.empty(0))
+        return RunOutcome(runout, cells, np.empty(0))
     reach = progress.sums.column("reach")
     order = np.argsort(cells)
     order = order[reach[order] > 0]
     energy = energy_q95_kj(progress.sums, order, bins)
     energy = np.where(reach[order] >= _FEWEST_BLOCKS, energy, np.nan)
-    return RunOutcome(int(runout.sum()), runout, cells[order].copy(), energy)
+    return RunOutcome(runout, cells[order].copy(), energy)
 
 
 def energy_q95_kj(sums: MapSums, which: NDArray[Any], bins: Bins) -> FloatArray:
@@ -96,15 +106,55 @@ def response(base: RunOutcome, other: RunOutcome) -> dict[str, RelativeChange]:
         (before,), (after,) = base.runout_m(p), other.runout_m(p)
         low, high = base.runout_limits(p), other.runout_limits(p)
         apart = bool(low[1] < high[0] or high[1] < low[0])
-        out[f"runout_q{round(100 * p)}"] = RelativeChange(_relative(before, after), apart)
+        change = float(after / before - 1.0) if before > 0.0 else np.nan
+        out[f"runout_q{round(100 * p)}"] = RelativeChange(change, apart)
     _, one, two = np.intersect1d(base.cells, other.cells, assume_unique=True, return_indices=True)
     ratio = other.energy_kj[two] / base.energy_kj[one]
     ratio = ratio[np.isfinite(ratio)]
     enough = ratio.size >= _FEWEST_CELLS
     out["energy_q95"] = RelativeChange(float(np.median(ratio)) - 1.0 if enough else np.nan, enough)
-    out["reached_area"] = RelativeChange(_relative(base.cells.size, other.cells.size), True)
     return out
 
 
-def _relative(before: float, after: float) -> float:
-    return float(after / before - 1.0) if before > 0.0 else float("nan")
+@dataclass(frozen=True, slots=True)
+class ToleranceCheck:
+    """How results depend on the tolerance of the segments."""
+
+    tolerance_m: float  # that of the run (m)
+    blocks: int  # of the sample
+    answers: Mapping[float, Mapping[str, RelativeChange]]  # by the tolerance (m) and the measure
+
+    def sentence(self) -> str:
+        """The changes in words."""
+        text = "{}: median run-out {}, run-out (95 %) {}, energy (95 %) {}"
+        parts = (
+            phrase(text, f"{t:g} m", *map(str, found.values())) for t, found in self.answers.items()
+        )
+        return joined("; ", parts)
+
+    def facts(self) -> dict[str, object]:
+        """For the manifest: plain numbers, None where too few blocks tell."""
+        changes = {
+            f"{t:g} m": {
+                name: None if np.isnan(own.value) else round(own.value, 3)
+                for name, own in found.items()
+            }
+            for t, found in self.answers.items()
+        }
+        return {"tolerance_m": self.tolerance_m, "blocks": self.blocks, "changes": changes}
+
+    def warnings(self) -> list[str]:
+        """What the user should know."""
+        large = [
+            phrase("{} {} at {} m", phrase(MEASURES[name]), str(answer), f"{t:g}")
+            for t, found in self.answers.items()
+            for name, answer in found.items()
+            if answer.certain and abs(answer.value) > LARGEST_CHANGE
+        ]
+        if not large:
+            return []
+        text = (
+            "Results depend on terrain.segment_tolerance_m ({} m): {} (a sample of {} blocks). "
+            "Choose it so that half of it changes little."
+        )
+        return [phrase(text, f"{self.tolerance_m:g}", joined(", ", large), self.blocks)]

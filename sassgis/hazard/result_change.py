@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import PurePath
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
@@ -15,35 +15,51 @@ from sassgis.hazard.beyond_sampling import beyond_sampling
 from sassgis.hazard.stored_result import StoredResult
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.labels import short
-from sassgis.model.languages import phrase
-
-LEVEL = "hazard_level"
-REACH_MEAN = "reach probability, mean over the cells reached by either"
-ENERGY_MEAN = "energy (95 % quantile), mean over the cells reached by both"
-HEIGHT_MEAN = "passing height (95 % quantile), mean over the cells reached by both"
-_RUNOUT = (
-    ("run-out, median", 0.5),
-    ("run-out, 95 % quantile", 0.95),
-    ("run-out, 99 % quantile", 0.99),
-    ("run-out, largest", 1.0),
-)
+from sassgis.model.languages import joined, phrase
 
 
-@dataclass(frozen=True, slots=True)
-class ComparedMap:
-    """A map of which two results have the same band."""
+class ComparedMap(NamedTuple):
+    """A band of a map."""
 
-    # Of the map of both.
+    # Of the map of both results.
     stem: str
     band: str
     title: str
     unit: str
 
 
+LEVEL = ComparedMap("hazard_level", "level", "Hazard level", "class")
 REACH = ComparedMap("reach_probability", "reach", "Reach probability", "1")
 ENERGY = ComparedMap("energy", "q95", "Kinetic energy, 95 % quantile", "kJ")
 HEIGHT = ComparedMap("passing_height", "q95", "Passing height, 95 % quantile", "m")
 COMPARED = (REACH, ENERGY, HEIGHT)
+REACH_MEAN = "reach probability, mean over the cells reached by either"
+ENERGY_MEAN = "energy (95 % quantile), mean over the cells reached by both"
+HEIGHT_MEAN = "passing height (95 % quantile), mean over the cells reached by both"
+#: What would be more by both results counts each by itself.
+BY_ONE_ONLY = "area reached by one of them only"
+_RUNOUT = {
+    "run-out, median": 0.5,
+    "run-out, 95 % quantile": 0.95,
+    "run-out, 99 % quantile": 0.99,
+    "run-out, largest": 1.0,
+}
+#: Quantity and unit of the columns of control lines.
+_AT_LINES = {
+    "rocks": ("share of blocks that arrive", "1"),
+    "energy_kj_q95": ("energy (95 % quantile)", "kJ"),
+    "speed_mps_q95": ("speed (95 % quantile)", "m/s"),
+    "height_m_q95": ("passing height (95 % quantile)", "m"),
+}
+#: Of a map, and what results have of all blocks that reach an object.
+_AT_OBJECTS = (
+    (REACH, "reach probability", ""),
+    (ENERGY, "energy (95 % quantile)", "energy_q95_kj"),
+    (HEIGHT, "passing height (95 % quantile)", "height_q95_m"),
+    (LEVEL, "hazard level", ""),
+)
+_RISK = {"deaths_per_year": ("deaths", "1/year"), "loss_per_year": ("loss", "{}/year")}
+_UNKNOWN = (math.nan, math.nan)
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,16 +74,22 @@ class ChangeRow:
     before: float
     after: float
     # Low and high by the sampling of blocks, before and after; NaN where none are known.
-    limits: tuple[tuple[float, ...], ...] = field(default=((math.nan, math.nan),) * 2, kw_only=True)
+    limits: tuple[tuple[float, ...], ...] = field(default=(_UNKNOWN, _UNKNOWN), kw_only=True)
 
     @property
     def change(self) -> float:
         """After less before."""
         return self.after - self.before
 
+    @property
+    def same(self) -> bool:
+        """Whether nothing changes."""
+        if self.quantity == BY_ONE_ONLY:
+            return self.before == self.after == 0.0
+        return self.before == self.after or (math.isnan(self.before) and math.isnan(self.after))
 
-@dataclass(frozen=True, slots=True)
-class SettingChange:
+
+class SettingChange(NamedTuple):
     """A setting, an input or a version in which two results differ, as text; empty: has none."""
 
     kind: str
@@ -109,29 +131,37 @@ class ResultChange:
         text = "More than the sampling of the blocks explains: on {} m²."
         return phrase(text, f"{self.certain_m2:,.0f}")
 
+    @property
+    def verdict(self) -> str:
+        """What changes on the whole, in a few sentences."""
+        if all(row.same for row in self.rows) and not self.higher_m2 and not self.lower_m2:
+            return "Nothing changes: the two results agree in every number that is compared."
+        return joined(" ", self._sentences())
+
     def lines(self) -> tuple[str, ...]:
-        """The most important numbers in words."""
+        """The most important numbers in words, a line each."""
+        return (*self._sentences(), *self._object_lines())
+
+    def _sentences(self) -> Iterator[str]:
         area = self.row("map", "area reached")
-        share = 100.0 * (area.after / area.before - 1.0) if area.before else math.nan
         before, after = (f"{value:,.0f}" for value in (area.before, area.after))
-        text = "Area that blocks reach: {} m² before, {} m² after ({} %)."
-        out = [
-            phrase(text, before, after, _signed(share, ".0f"))
-            if math.isfinite(share)
-            else phrase("Area that blocks reach: {} m² before, {} m² after.", before, after)
-        ]
+        if area.before:
+            text = "Area that blocks reach: {} m² before, {} m² after ({} %)."
+            share = 100.0 * (area.after / area.before - 1.0)
+            yield phrase(text, before, after, _signed(f"{share:+.0f}"))
+        else:
+            yield phrase("Area that blocks reach: {} m² before, {} m² after.", before, after)
         reach = self.row("map", REACH_MEAN).change
         if math.isfinite(reach):
             text = "Reach probability, mean change over these cells: {} percentage points."
-            out.append(phrase(text, short(100.0 * reach, "+").replace("-", "\u2212")))
+            yield phrase(text, _signed(short(100.0 * reach, "+")))
         energy = self.row("map", ENERGY_MEAN).change
         if math.isfinite(energy):
             text = "Energy (95 % quantile), mean change over the cells reached by both: {} kJ."
-            out.append(phrase(text, _signed(energy, ".3g")))
+            yield phrase(text, _signed(f"{energy:+.3g}"))
         if math.isfinite(self.higher_m2):
             text = "Hazard level: higher on {} m², lower on {} m²."
-            out.append(phrase(text, f"{self.higher_m2:,.0f}", f"{self.lower_m2:,.0f}"))
-        return (*out, *self._object_lines())
+            yield phrase(text, f"{self.higher_m2:,.0f}", f"{self.lower_m2:,.0f}")
 
     def _object_lines(self) -> Iterator[str]:
         text = (
@@ -149,8 +179,8 @@ class ResultChange:
             yield phrase(text, name, before, after, *shares)
 
 
-def _signed(value: float, spec: str) -> str:
-    return f"{value:+{spec}}".replace("-", "\u2212")
+def _signed(text: str) -> str:
+    return text.replace("-", "\u2212")
 
 
 def limits_text(limits: tuple[float, ...], written: Callable[[float], str]) -> str:
@@ -176,37 +206,29 @@ def compared_maps(before: StoredResult, after: StoredResult) -> tuple[ComparedMa
     return tuple(m for m in COMPARED if m.stem in before.maps and m.stem in after.maps)
 
 
-def _same_levels(before: StoredResult, after: StoredResult) -> bool:
-    """Whether the classes of two maps are the same levels, in whatever language they are named."""
-    levels = [_levels(r) for r in (before, after)]
-    if len(levels[0]) != len(levels[1]):
-        return False
-    same_preset = before.manifest["preset"] == after.manifest["preset"]
-    for (one, code), (other, other_code) in zip(*levels, strict=True):
-        # A level without a zone has its label for a code.
-        unknown = code == one or other_code == other
-        if one != other and code != other_code and not (unknown and same_preset):
-            return False
-    return True
-
-
-def _levels(result: StoredResult) -> list[tuple[str, str]]:
-    """Label and code of the levels from low to high; the label again where no code is known."""
-    labels = [c.label for c in sorted(result.maps[LEVEL].classes, key=lambda c: c.value)]
-    return list(zip(labels, result.level_codes or labels, strict=True))
-
-
 def levels_differ(before: StoredResult, after: StoredResult) -> str:
     """Why hazard levels cannot be compared; empty if they can."""
-    if LEVEL not in before.maps or LEVEL not in after.maps:
+    if LEVEL.stem not in before.maps or LEVEL.stem not in after.maps:
         return "Hazard levels are not compared: not both results have them."
-    if not _same_levels(before, after):
+    levels = [_levels(r) for r in (before, after)]
+    same_preset = before.manifest["preset"] == after.manifest["preset"]
+    if len(levels[0]) != len(levels[1]) or not all(
+        # In whatever language they are named. A level without a zone has its label for a code.
+        one == other or code == other_code or (same_preset and (code == one or other_code == other))
+        for (one, code), (other, other_code) in zip(*levels, strict=True)
+    ):
         return "Hazard levels are not compared: the two presets have different levels."
     widths = [r.manifest["ref_widths_m"]["hazard"] for r in (before, after)]
     if widths[0] != widths[1]:
         text = "Hazard levels are not compared: their reference widths are {} m and {} m."
         return phrase(text, *(f"{width:g}" for width in widths))
     return ""
+
+
+def _levels(result: StoredResult) -> list[tuple[str, str]]:
+    """Label and code of the levels from low to high; the label again where no code is known."""
+    labels = [c.label for c in sorted(result.maps[LEVEL.stem].classes, key=lambda c: c.value)]
+    return list(zip(labels, result.level_codes or labels, strict=True))
 
 
 def result_change(
@@ -226,203 +248,161 @@ def result_change(
     notes : sequence of str
         What is to be said besides.
     """
+    both = before, after
     why = levels_differ(before, after)
-    level_change = np.full(1, np.nan)
-    if not why:
-        level_change = difference(*(r.band(LEVEL, "level") for r in (before, after)))
     cell_m2 = before.grid.cell_size**2
-    found = np.isfinite(level_change).any()
+    higher = lower = math.nan
+    if not why:
+        change = difference(*(r.band(*LEVEL[:2]) for r in both))
+        if np.isfinite(change).any():
+            higher, lower = (float((s * change > 0.0).sum() * cell_m2) for s in (1.0, -1.0))
+    one_has_levels = LEVEL.stem in {*before.maps, *after.maps}
+    maps = compared_maps(*both)
     return ResultChange(
         (
-            *_map_rows(before, after),
-            *(() if why else _zone_rows(before, after)),
-            *_runout_rows(before, after),
-            *_control_line_rows(before, after),
-            *_object_rows(before, after, *objects, levels=not why),
+            *_map_rows(both, maps),
+            *(() if why else _zone_rows(both)),
+            *_runout_rows(both),
+            *_control_line_rows(both),
+            *_object_rows(both, maps if why else (*maps, LEVEL), *objects),
         ),
         tuple(_differences(before.manifest, after.manifest)),
-        float((level_change > 0.0).sum() * cell_m2) if found else math.nan,
-        float((level_change < 0.0).sum() * cell_m2) if found else math.nan,
-        float(_beyond_sampling(before, after).sum() * cell_m2),
-        (*notes, *([why] if why and LEVEL in {*before.maps, *after.maps} else [])),
+        higher,
+        lower,
+        float(_certain(both).sum() * cell_m2),
+        (*notes, *([why] if why and one_has_levels else [])),
     )
 
 
-def _beyond_sampling(before: StoredResult, after: StoredResult) -> np.ndarray:
+_Both = tuple[StoredResult, StoredResult]
+
+
+def _certain(both: _Both) -> np.ndarray:
     """Cells whose reach probability differs by more than both samples explain."""
-    reach, errors = (
-        [r.band(REACH.stem, band).ravel() for r in (before, after)]
-        for band in (REACH.band, "standard_error")
+    old, new = (r.band(*REACH[:2]).ravel() for r in both)
+    before, after = (r.band(REACH.stem, "standard_error").ravel() for r in both)
+    variances = (
+        np.where(np.isfinite(old), before**2, 0.0),
+        np.where(np.isfinite(new), after**2, 0.0),
     )
-    one, two = (np.where(np.isfinite(p), e**2, 0.0) for p, e in zip(reach, errors, strict=True))
-    of_a_block = (1.0 / max(before.blocks, 1), 1.0 / max(after.blocks, 1))
-    freedom = (before.freedom, after.freedom)
-    return beyond_sampling((reach[0], reach[1]), (one, two), of_a_block, freedom)
+    of_a_block = (1.0 / max(both[0].blocks, 1), 1.0 / max(both[1].blocks, 1))
+    return beyond_sampling((old, new), variances, of_a_block, (both[0].freedom, both[1].freedom))
 
 
-def _mean(values: FloatArray) -> float:
-    return float(values.mean()) if values.size else math.nan
+def _map_rows(both: _Both, maps: Sequence[ComparedMap]) -> Iterator[ChangeRow]:
+    cell_m2 = both[0].grid.cell_size ** 2
+    was, now = (np.isfinite(r.band(*REACH[:2])) for r in both)
+    for name, cells in (("area reached", (was, now)), (BY_ONE_ONLY, (was & ~now, now & ~was))):
+        yield ChangeRow("map", "", name, "m2", *(float(c.sum() * cell_m2) for c in cells))
+    for compared, name in zip(COMPARED, (REACH_MEAN, ENERGY_MEAN, HEIGHT_MEAN), strict=True):
+        if compared in maps:
+            values = [r.band(*compared[:2]) for r in both]
+            known = [np.isfinite(v) for v in values]
+            own = known[0] | known[1] if compared is REACH else known[0] & known[1]
+            means = (float(np.nan_to_num(v)[own].mean()) if own.any() else math.nan for v in values)
+            yield ChangeRow("map", "", name, compared.unit, *means)
 
 
-def _map_rows(before: StoredResult, after: StoredResult) -> Iterator[ChangeRow]:
-    cell_m2 = before.grid.cell_size**2
-    old, new = (r.band(REACH.stem, REACH.band) for r in (before, after))
-    was, now = np.isfinite(old), np.isfinite(new)
-    yield ChangeRow("map", "", "area reached", "m2", was.sum() * cell_m2, now.sum() * cell_m2)
-    yield ChangeRow(
-        "map", "", "area reached by one of them only", "m2",
-        float((was & ~now).sum() * cell_m2), float((now & ~was).sum() * cell_m2),
-    )  # fmt: skip
-    either = was | now
-    yield ChangeRow(
-        "map", "", REACH_MEAN, "1", *(_mean(np.nan_to_num(v)[either]) for v in (old, new))
-    )
-    for compared, quantity in ((ENERGY, ENERGY_MEAN), (HEIGHT, HEIGHT_MEAN)):
-        if compared in compared_maps(before, after):
-            values = [r.band(compared.stem, compared.band) for r in (before, after)]
-            both = np.isfinite(values[0]) & np.isfinite(values[1])
-            yield ChangeRow("map", "", quantity, compared.unit, *(_mean(v[both]) for v in values))
-
-
-def _zone_rows(before: StoredResult, after: StoredResult) -> Iterator[ChangeRow]:
-    if before.zones is None or after.zones is None:
+def _zone_rows(both: _Both) -> Iterator[ChangeRow]:
+    zones = [r.zones for r in both if r.zones is not None]
+    if len(zones) < 2:
         return
-    for entry in sorted(after.maps[LEVEL].classes, key=lambda c: -c.value):
-        areas = [
-            float(shapely.area(z.polygons[z.classes == entry.value]).sum())
-            for z in (before.zones, after.zones)
-        ]
-        yield ChangeRow("zones", entry.label, "area of zones", "m2", *areas)
+    for entry in sorted(both[1].maps[LEVEL.stem].classes, key=lambda c: -c.value):
+        own = (shapely.area(z.polygons[z.classes == entry.value]).sum() for z in zones)
+        yield ChangeRow("zones", entry.label, "area of zones", "m2", *map(float, own))
 
 
-def _runout_rows(before: StoredResult, after: StoredResult) -> Iterator[ChangeRow]:
-    yield ChangeRow("run-out", "", "blocks that started", "1", before.blocks, after.blocks)
-    if not before.runout_m.size and not after.runout_m.size:
-        return
-    for name, share in _RUNOUT:
-        values = [
-            float(np.quantile(r.runout_m, share)) if r.runout_m.size else math.nan
-            for r in (before, after)
-        ]
+def _runout_rows(both: _Both) -> Iterator[ChangeRow]:
+    yield ChangeRow("run-out", "", "blocks that started", "1", *(r.blocks for r in both))
+    found = [r.runout_m for r in both]
+    for name, share in _RUNOUT.items() if any(own.size for own in found) else ():
+        values = (float(np.quantile(own, share)) if own.size else math.nan for own in found)
         yield ChangeRow("run-out", "", name, "m", *values)
 
 
-_AT_LINES = (
-    ("energy_kj_q95", "energy (95 % quantile)", "kJ"),
-    ("speed_mps_q95", "speed (95 % quantile)", "m/s"),
-    ("height_m_q95", "passing height (95 % quantile)", "m"),
-)
-
-
-def _control_line_rows(before: StoredResult, after: StoredResult) -> Iterator[ChangeRow]:
-    for name in dict.fromkeys([*before.control_lines, *after.control_lines]):
-        rows = [r.control_lines.get(name) for r in (before, after)]
-        shares = [
-            math.nan if row is None else float(row["rocks"]) / max(result.blocks, 1)
-            for row, result in zip(rows, (before, after), strict=True)
-        ]
-        yield ChangeRow("control line", name, "share of blocks that arrive", "1", *shares)
-        for column, quantity, unit in _AT_LINES:
-            values = [math.nan if row is None else float(row[column]) for row in rows]
+def _control_line_rows(both: _Both) -> Iterator[ChangeRow]:
+    for name in dict.fromkeys(name for r in both for name in r.control_lines):
+        for column, (quantity, unit) in _AT_LINES.items():
+            values = [float(r.control_lines.get(name, {}).get(column, math.nan)) for r in both]
+            if column == "rocks":
+                values = [v / max(r.blocks, 1) for v, r in zip(values, both, strict=True)]
             yield ChangeRow("control line", name, quantity, unit, *values)
 
 
-#: Of a map, and what results have of all blocks that reach an object.
-_AT_OBJECTS = (
-    (REACH, "reach probability", ""),
-    (ENERGY, "energy (95 % quantile)", "energy_q95_kj"),
-    (HEIGHT, "passing height (95 % quantile)", "height_q95_m"),
-)
-_RISK = (("deaths_per_year", "deaths", "1/year"), ("loss_per_year", "loss", "{}/year"))
-
-
 def _object_rows(
-    before: StoredResult,
-    after: StoredResult,
+    both: _Both,
+    maps: Sequence[ComparedMap],
     names: Sequence[str],
     cells: IntArray,
     owner: IntArray,
-    *,
-    levels: bool,
 ) -> Iterator[ChangeRow]:
     """What comes to each object; 0 where no block arrives.
 
     Energy and height are those of all blocks that reach it, where both results have them, else, as
     all others, the largest values over its cells.
     """
-    results = before, after
-    maps = [own for own in _AT_OBJECTS if own[0] in compared_maps(before, after)]
-    if levels:
-        maps.append((ComparedMap(LEVEL, "level", "", "class"), "hazard level", ""))
     shown = [
-        (quantity, m.unit, key, [r.band(m.stem, m.band).ravel() for r in results])
-        for m, quantity, key in maps
+        (quantity, m.unit, key, [r.band(*m[:2]).ravel() for r in both])
+        for m, quantity, key in _AT_OBJECTS
+        if m in maps
     ]
+    currency = str(both[1].manifest["settings"].get("risk", {}).get("currency", "value"))
     for number, name in enumerate(names):
         own = cells[owner == number]
         for quantity, unit, key, values in shown:
-            pooled = [r.values.get(name, {}).get(key) for r in results]
-            if all(pooled):
-                (one, *first), (two, *second) = (p or () for p in pooled)
-                both = float(np.nan_to_num(one)), float(np.nan_to_num(two))
-                limits = tuple(first), tuple(second)
-                yield ChangeRow("object", name, quantity, unit, *both, limits=limits)
-                continue
+            found = [r.values.get(name, {}).get(key) for r in both]
             largest = [float(np.nan_to_num(v[own]).max(initial=0.0)) for v in values]
-            yield ChangeRow("object", name, quantity, unit, *largest)
-        risks = [r.risk.get(name) for r in results]
-        if any(risks):
-            currency = str(after.manifest["settings"].get("risk", {}).get("currency", "value"))
-            for column, quantity, unit in _RISK:
-                yield ChangeRow(
-                    "object", name, quantity, phrase(unit, currency),
-                    *(math.nan if r is None else r[column] for r in risks),
-                )  # fmt: skip
+            limits: tuple[tuple[float, ...], ...] = (_UNKNOWN, _UNKNOWN)
+            if all(found):
+                (one, *first), (two, *second) = (pooled or () for pooled in found)
+                largest = [float(np.nan_to_num(v)) for v in (one, two)]
+                limits = tuple(first), tuple(second)
+            yield ChangeRow("object", name, quantity, unit, *largest, limits=limits)
+        risks = [r.risk.get(name) for r in both]
+        for column, (quantity, unit) in _RISK.items() if any(risks) else ():
+            sums = (math.nan if r is None else r[column] for r in risks)
+            yield ChangeRow("object", name, quantity, phrase(unit, currency), *sums)
 
 
 # ---------------------------------------------------------------------------------------------
 # Manifests
 
 
-def _inputs(manifest: Mapping[str, Any]) -> dict[str, dict[str, str]]:
-    """Path by digest of the inputs of each role, by the kind of file: there may be many tiles."""
-    found: dict[str, dict[str, str]] = {}
-    for entry in manifest["inputs"]:
-        name = f"{entry['role']}: {PurePath(entry['path']).suffix}"
-        found.setdefault(name, {})[entry["sha256"]] = entry["path"]
-    return found
-
-
 def _differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> Iterator[SettingChange]:
     """In what two manifests differ: version, seed, settings, contents of the inputs, libraries."""
-    for kind, key in (("program", "sassgis"), ("seed", "seed"), ("preset", "preset")):
-        if before[key] != after[key]:
-            yield SettingChange(kind, key, str(before[key]), str(after[key]))
-    # What a zoning found stands among its settings.
-    old, new = (
-        dict(_flat({k: v for k, v in m["settings"].items() if k != "zoning"}))
-        for m in (before, after)
-    )
-    for name in sorted({*old, *new}):
-        one, two = old.get(name), new.get(name)
-        if one != two and not _same_file(one, two):
-            yield SettingChange("setting", name, _text(one), _text(two))
-    inputs = [_inputs(m) for m in (before, after)]
-    for name in sorted({*inputs[0], *inputs[1]}):
-        one, two = (found.get(name, {}) for found in inputs)
+    old, new = _facts(before), _facts(after)
+    for kind in old:
+        for name in sorted({*old[kind], *new[kind]}):
+            one, two = old[kind].get(name), new[kind].get(name)
+            if kind == "input":
+                # By the contents, wherever they lie.
+                mine, theirs = one or {}, two or {}
+                one = {digest: path for digest, path in mine.items() if digest not in theirs}
+                two = {digest: path for digest, path in theirs.items() if digest not in mine}
+            if one != two and not _same_file(one, two):
+                shown = name.partition(":")[0] if kind == "input" else name
+                yield SettingChange(kind, shown, _text(one), _text(two))
+
+
+def _facts(manifest: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """What is compared, by kind and name; of inputs the path by the digest."""
+    inputs: dict[str, dict[str, str]] = {}
+    for entry in manifest["inputs"]:
         # The settings of a configuration are compared one by one.
-        if one.keys() != two.keys() and not name.startswith("config"):
-            texts = (
-                ", ".join(
-                    f"{path} ({digest[:8]})" for digest, path in own.items() if digest not in other
-                )
-                for own, other in ((one, two), (two, one))
-            )
-            yield SettingChange("input", name.partition(":")[0], *texts)
-    for name in sorted({*before["versions"], *after["versions"]}):
-        versions = [m["versions"].get(name, "") for m in (before, after)]
-        if versions[0] != versions[1]:
-            yield SettingChange("library", name, *versions)
+        if not entry["role"].startswith("config"):
+            # By the kind of file: there may be many tiles.
+            name = f"{entry['role']}: {PurePath(entry['path']).suffix}"
+            inputs.setdefault(name, {})[entry["sha256"]] = entry["path"]
+    # What a zoning found stands among its settings.
+    settings = {k: v for k, v in manifest["settings"].items() if k != "zoning"}
+    return {
+        "program": {"sassgis": manifest["sassgis"]},
+        "seed": {"seed": manifest["seed"]},
+        "preset": {"preset": manifest["preset"]},
+        "setting": dict(_flat(settings)),
+        "input": inputs,
+        "library": dict(manifest["versions"]),
+    }
 
 
 def _flat(value: object, name: str = "") -> Iterator[tuple[str, object]]:
@@ -448,6 +428,8 @@ def _same_file(one: object, two: object) -> bool:
 def _text(value: object) -> str:
     if value is None:
         return ""
+    if isinstance(value, Mapping):
+        return ", ".join(f"{path} ({digest[:8]})" for digest, path in value.items())
     if isinstance(value, list):
         return " to ".join(map(str, value)) if len(value) == 2 else ", ".join(map(str, value))
     return str(value)

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import numpy as np
-from matplotlib.figure import Figure
-
+import sassgis
 from sassgis.hazard.result_change import (
+    BY_ONE_ONLY,
     LEVEL,
     REACH,
     ChangeRow,
@@ -19,7 +17,6 @@ from sassgis.hazard.result_change import (
     limits_text,
 )
 from sassgis.hazard.stored_result import StoredResult
-from sassgis.model.grid import FloatArray
 from sassgis.model.languages import joined, named, phrase, translated
 from sassgis.report import figures
 from sassgis.report.page import (
@@ -35,19 +32,13 @@ from sassgis.report.pictures import picture
 
 _RAMPS = {"reach_probability": "plasma_r", "energy": "YlOrRd", "passing_height": "YlGnBu"}
 _NOTHING = "Cells that no block reaches count as zero."
-_KINDS = {"program": "version of sassgis"}
 _UNITS = {"m2": "m²"}
-_SEVERAL = {"setting": "settings", "input": "inputs"}
-#: What is said of a change by its sign.
-_AREA = {
-    1: "Blocks reach {} m² more",
-    0: "Blocks reach as much ground as before",
-    -1: "Blocks reach {} m² less",
-}
-_RUNOUT = {
-    1: "95 % of the blocks stop within a run-out that is {} m longer",
-    0: "95 % of the blocks stop within a run-out that is the same",
-    -1: "95 % of the blocks stop within a run-out that is {} m shorter",
+#: What is said of several of a kind that differ.
+_SEVERAL = {
+    "program": "version of sassgis",
+    "setting": "settings",
+    "input": "inputs",
+    "library": "versions of libraries",
 }
 
 
@@ -59,39 +50,33 @@ def change_figures(
     ``levels`` says whether the levels can be compared.
     """
     grid = after.grid
-    out: list[ReportFigure] = []
-
-    def add(name: str, title: str, caption: str, figure: Figure, moved: FloatArray) -> None:
-        higher, lower = ((s * moved > 0.0).sum() * grid.cell_size**2 for s in (1.0, -1.0))
-        text = "Three maps: before, after, and the change. Higher on {} m², lower on {} m²."
-        alt = phrase(text, sensible(float(higher)), sensible(float(lower)))
-        out.append(picture(folder, f"{name}_change", title, caption, figure, alt))
-
-    if levels:
-        old_level, new_level = before.maps[LEVEL], after.maps[LEVEL]
-        title = "Hazard level before and after"
-        figure = figures.change_figure(
-            grid, old_level, new_level,
-            figures.MapMarks(after.release, control_lines=after.traces),
-            names=("Before", "After"), title=title,
-        )  # fmt: skip
-        moved = difference(before.band(LEVEL, "level"), after.band(LEVEL, "level"))
-        caption = "Levels of the cells, before they are drawn as zones."
-        add("hazard_level", title, caption, figure, moved)
-    for compared in compared_maps(before, after):
-        old, new = (r.band(compared.stem, compared.band) for r in (before, after))
-        title = phrase("{}, before and after", phrase(compared.title))
+    out = []
+    for compared in (*([LEVEL] if levels else []), *compared_maps(before, after)):
+        old, new = (r.band(*compared[:2]) for r in (before, after))
         moved = difference(old, new)
-        figure = figures.map_change_figure(
-            grid, old, new, moved, figures.MapMarks(after.release),
-            unit="" if compared.unit == "1" else compared.unit, ramp=_RAMPS[compared.stem],
-            title=title, note=_NOTHING,
-        )  # fmt: skip
-        caption = phrase(_NOTHING)
+        if compared is LEVEL:
+            title = "Hazard level before and after"
+            caption = "Levels of the cells, before they are drawn as zones."
+            figure = figures.change_figure(
+                grid, before.maps[LEVEL.stem], after.maps[LEVEL.stem],
+                figures.MapMarks(after.release, control_lines=after.traces),
+                names=("Before", "After"), title=title,
+            )  # fmt: skip
+        else:
+            title = phrase("{}, before and after", phrase(compared.title))
+            caption = phrase(_NOTHING)
+            figure = figures.map_change_figure(
+                grid, old, new, moved, figures.MapMarks(after.release),
+                unit="" if compared.unit == "1" else compared.unit, ramp=_RAMPS[compared.stem],
+                title=title, note=_NOTHING,
+            )  # fmt: skip
         if compared is REACH:
             width = phrase("Width {} m (one cell).", f"{grid.cell_size:.4g}")
             caption = joined(" ", (caption, width))
-        add(compared.stem, title, caption, figure, moved)
+        areas = (float((s * moved > 0.0).sum() * grid.cell_size**2) for s in (1.0, -1.0))
+        text = "Three maps: before, after, and the change. Higher on {} m², lower on {} m²."
+        alt = phrase(text, *map(sensible, areas))
+        out.append(picture(folder, f"{compared.stem}_change", title, caption, figure, alt))
     return tuple(out)
 
 
@@ -100,30 +85,20 @@ def change_report(
     after: StoredResult,
     change: ResultChange,
     pictures: Sequence[ReportFigure],
-    facts: Mapping[str, Cell],
 ) -> ReportContext:
-    """Put the report together; ``facts`` say where the numbers come from."""
+    """Put the report together."""
+    kinds = (("version of sassgis" if d.kind == "program" else d.kind) for d in change.differences)
+    values = ((d.name, d.before or "–", d.after or "–") for d in change.differences)
     differ = table_of(
         "What differs between the two",
         "kind; what; before; after",
-        (
-            (_KINDS.get(d.kind, d.kind), *map(named, (d.name, d.before or "–", d.after or "–")))
-            for d in change.differences
-        ),
+        ((kind, *map(named, own)) for kind, own in zip(kinds, values, strict=True)),
         "From the two manifests. Inputs are compared by their content, not by their name.",
     )
-    text = (
-        "Nowhere does the reach probability change by more than the sampling of the blocks "
-        "explains: another seed changes as much."
-    )
-    if change.certain_m2 > 0.0:
-        text = (
-            "On {} m² the reach probability changes by more than the sampling of the blocks "
-            "explains; of this area 5 % at most are to be expected by chance (false discovery "
-            "rate, the two samples taken as independent)."
-        )
     sure = (
-        phrase(text, sensible(change.certain_m2)),
+        change.beyond_sampling,
+        "Of such an area 5 % at most are to be expected by chance (false discovery rate, the two "
+        "samples taken as independent).",
         "With the same seed and release points the samples are alike, and smaller changes are "
         "real as well. Errors of the model, its parameters and the onset frequencies are not "
         "included.",
@@ -132,16 +107,13 @@ def change_report(
     names = list(dict.fromkeys(str(n) for n in found if n))
     both = phrase("{} and {}", *names) if len(names) == 2 else "".join(names)
     levels: dict[float, str] = {0.0: "none"}
-    if LEVEL in after.maps:
-        levels |= {c.value: c.label for c in after.maps[LEVEL].classes}
-    objects = _at_places(
-        "At exposed objects",
-        change.of("object"),
-        levels,
+    if LEVEL.stem in after.maps:
+        levels |= {c.value: c.label for c in after.maps[LEVEL.stem].classes}
+    note = (
         "0 where no block arrives. Energy and passing height with limits by the sampling: of all "
         "blocks that reach the object, of a road at the stretch with the largest; the others, and "
         "those without limits, are the largest over the cells of an object, a road as a whole. "
-        "Deaths and loss are sums over the object.",
+        "Deaths and loss are sums over the object."
     )
     return ReportContext(
         title=translated(phrase("{}: before and after", both)),
@@ -152,61 +124,36 @@ def change_report(
             for fact, text in _facts(result)
         ),
         warnings=change.notes,
-        verdict=verdict(change),
+        verdict=change.verdict,
         answer=(ReportAnswer("How sure this is", sure), _differ(change)),
         key_results=_key_table(change),
         figures=tuple(pictures),
         tables=(
             _at_places("At stations and barriers", change.of("control line"), levels),
-            objects,
+            _at_places("At exposed objects", change.of("object"), levels, note),
             differ,
         ),
-        provenance=tuple(facts.items()),
+        provenance=(
+            ("Program", f"sassgis {sassgis.__version__}"),
+            ("Settings before (SHA-256)", str(before.manifest.get("settings_sha256", ""))),
+            ("Settings after (SHA-256)", str(after.manifest.get("settings_sha256", ""))),
+        ),
     )
 
 
 def _facts(result: StoredResult) -> list[tuple[str, Cell]]:
     manifest = result.manifest
+    counts = manifest["counts"]
     facts: list[tuple[str, Cell]] = [
         ("folder", named(result.folder.name)),
         ("program", phrase("sassgis {}, seed {}", manifest["sassgis"], manifest["seed"])),
         # A mosaic of several blocks counts those of its areas alone.
-        (
-            "simulated blocks",
-            manifest["counts"].get("rocks_simulated", manifest["counts"]["rocks"]),
-        ),
+        ("simulated blocks", counts.get("rocks_simulated", counts["rocks"])),
     ]
     if manifest["preset"]:
         width = manifest["ref_widths_m"].get("hazard")
         facts.append(("preset, reference width", f"{manifest['preset']}, {width:g} m"))
     return facts
-
-
-def verdict(change: ResultChange) -> str:
-    """What changes, in a few sentences."""
-    if all(_same(row) for row in change.rows) and not change.higher_m2 and not change.lower_m2:
-        return "Nothing changes: the two results agree in every number that is compared."
-    area = change.row("map", "area reached")
-    text = _AREA[int(np.sign(area.change))]
-    reach = phrase(text, sensible(abs(area.change)))
-    if area.before and area.change:
-        reach = phrase("{} ({} %)", reach, sensible(100.0 * area.change / area.before, 2))
-    sentences = [reach]
-    if math.isfinite(change.higher_m2):
-        text = "The hazard level is higher on {} m² and lower on {} m²"
-        sentences.append(phrase(text, *map(sensible, (change.higher_m2, change.lower_m2))))
-    runout = [r for r in change.of("run-out") if r.quantity == "run-out, 95 % quantile"]
-    if runout and math.isfinite(runout[0].change):
-        text = _RUNOUT[int(np.sign(runout[0].change))]
-        sentences.append(phrase(text, sensible(abs(runout[0].change))))
-    return phrase("{}.", joined(". ", sentences))
-
-
-def _same(row: ChangeRow) -> bool:
-    # "Reached by one only" counts each by itself.
-    if row.quantity == "area reached by one of them only":
-        return row.before == row.after == 0.0
-    return row.before == row.after or (math.isnan(row.before) and math.isnan(row.after))
 
 
 def _differ(change: ResultChange) -> ReportAnswer:
@@ -215,15 +162,9 @@ def _differ(change: ResultChange) -> ReportAnswer:
         return ReportAnswer(heading, ("Program, settings, inputs and libraries are the same.",))
     kinds: dict[str, list[str]] = {}
     for d in change.differences:
-        kinds.setdefault(_KINDS.get(d.kind, d.kind), []).append(d.name)
-    libraries = kinds.pop("library", None)
-    points: list[str] = []
-    for kind, names in kinds.items():
-        word = kind if len(names) == 1 else _SEVERAL.get(kind, kind)
-        points.append(phrase("{}: {}", phrase(word), ", ".join(names)))
-    if libraries:
-        points.append(phrase("versions of libraries: {}", ", ".join(libraries)))
-    return ReportAnswer(heading, ("The table at the end has the values.",), tuple(points))
+        kinds.setdefault(_SEVERAL.get(d.kind, d.kind), []).append(d.name)
+    points = tuple(phrase("{}: {}", phrase(kind), ", ".join(own)) for kind, own in kinds.items())
+    return ReportAnswer(heading, ("The table at the end has the values.",), points)
 
 
 def _key_table(change: ResultChange) -> ReportTable:
@@ -235,7 +176,7 @@ def _key_table(change: ResultChange) -> ReportTable:
             (
                 phrase("{}: {}", phrase(r.quantity), r.name) if r.name else r.quantity,
                 _UNITS.get(r.unit, r.unit), r.before, r.after,
-                None if r.quantity.endswith("them only") else r.change,
+                None if r.quantity == BY_ONE_ONLY else r.change,
             )
             for r in rows
         ),
@@ -255,21 +196,17 @@ def _at_places(
         shown = "" if unit in ("1", "class") else unit
         columns += [(phrase("{}, before", phrase(quantity)), shown), ("after", shown)]
 
-    def both(row: ChangeRow | None) -> tuple[Cell, Cell]:
-        if row is None:
-            return None, None
-        if row.quantity == "hazard level":
-            return levels[row.before], levels[row.after]
-        return _with_limits(row.before, row.limits[0]), _with_limits(row.after, row.limits[1])
+    def cell(name: str, quantity: str, when: int) -> Cell:
+        if (row := found.get((name, quantity))) is None:
+            return None
+        value = (row.before, row.after)[when]
+        if quantity == "hazard level":
+            return levels[value]
+        limits = limits_text(row.limits[when], sensible)
+        return phrase("{}{}", sensible(value), limits) if limits else value
 
     body = (
-        (named(name), *(cell for q in quantities for cell in both(found.get((name, q)))))
+        (named(name), *(cell(name, q, when) for q in quantities for when in (0, 1)))
         for name in dict.fromkeys(r.name for r in rows)
     )
     return table_of(title, columns, body, note)
-
-
-def _with_limits(value: float, limits: tuple[float, ...]) -> Cell:
-    """A value with its limits if they are known."""
-    text = limits_text(limits, sensible)
-    return phrase("{}{}", sensible(value), text) if text else value

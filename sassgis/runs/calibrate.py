@@ -33,8 +33,8 @@ from sassgis.io.write.calibration_files import (
     write_classes,
 )
 from sassgis.io.write.frames import write_table
+from sassgis.io.write.layers.variants import rule_table
 from sassgis.io.write.manifest import write_manifest
-from sassgis.io.write.sensitivity_tables import rule_table
 from sassgis.model.errors import InputError, Interrupted
 from sassgis.model.ground import PARAMETERS, GroundTable
 from sassgis.model.in_memory import Input

@@ -31,7 +31,6 @@ from sassgis.model.release_areas import ReleaseArea
 from sassgis.model.results import ControlLine
 from sassgis.model.run_config import Config
 from sassgis.runs.estimate import RunEstimate, estimate_of, require_profile
-from sassgis.runs.ground_draws import spread_rules
 from sassgis.runs.inputs import (
     collected_notices,
     compares_barriers,
@@ -46,6 +45,7 @@ from sassgis.runs.inputs import (
 from sassgis.runs.job import check_means, workers_asked
 from sassgis.runs.map import check_starts, on_known_ground
 from sassgis.runs.more_blocks import check_budget
+from sassgis.runs.variant_lab import spread_rules
 from sassgis.terrain.edge import ANGLE_DEG, beyond_edge
 from sassgis.terrain.plan import placed_points, plan
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
-import sassgis
 from sassgis.hazard.result_change import ResultChange, levels_differ, result_change
 from sassgis.hazard.stored_result import StoredResult, objects_within, on_common_cells
 from sassgis.io.atomic_output import MANIFEST_NAME, staged_output
@@ -58,17 +57,18 @@ def compare(
     OutputError
     """
     folders = {"before": Path(before), "after": Path(after)}
-    results = [read_result(folder) for folder in folders.values()]
+    one, two = (read_result(folder) for folder in folders.values())
+    # One that both have is as the second has it.
+    known = {o.whole for o in two.objects.objects}
+    own = [i for i, o in enumerate(one.objects.objects) if o.whole not in known]
+    placed = PlacedObjects(
+        (*two.objects.objects, *(one.objects.objects[i] for i in own)),
+        (*two.objects.geometries, *(one.objects.geometries[i] for i in own)),
+    )
+    inputs = {role: folder / MANIFEST_NAME for role, folder in folders.items()}
     with staged_output(Path(out), overwrite) as work:
-        return write_comparison(
-            work,
-            results[0],
-            results[1],
-            _objects(results),
-            inputs={role: folder / MANIFEST_NAME for role, folder in folders.items()},
-            base=Path(out).absolute().parent,
-            say=say,
-        )
+        base = Path(out).absolute().parent
+        return _write_comparison(work, one, two, placed, inputs, base, say)
 
 
 def map_change(
@@ -107,41 +107,24 @@ def map_change(
         for name, config in configs.items():
             tell(f"Running the map {name}")
             done = run(config, work / name, jobs=jobs)
-        return write_comparison(
-            work,
-            read_result(work / "before"),
-            read_result(work / "after"),
-            placed_objects(after, done.run.grid),
-            inputs={
-                f"{role} ({name})": file
-                for name, config in configs.items()
-                for role, file in input_files(config).items()
-            },
-            base=before.base,
-            say=say,
-        )
+        inputs = {
+            f"{role} ({name})": file
+            for name, config in configs.items()
+            for role, file in input_files(config).items()
+        }
+        one, two = (read_result(work / name) for name in configs)
+        placed = placed_objects(after, done.run.grid)
+        return _write_comparison(work, one, two, placed, inputs, before.base, say)
 
 
-def _objects(results: Sequence[StoredResult]) -> PlacedObjects:
-    """The objects of both; one that both have, as the second has it."""
-    first, second = (r.objects for r in results)
-    known = {o.whole for o in second.objects}
-    own = [i for i, o in enumerate(first.objects) if o.whole not in known]
-    return PlacedObjects(
-        (*second.objects, *(first.objects[i] for i in own)),
-        (*second.geometries, *(first.geometries[i] for i in own)),
-    )
-
-
-def write_comparison(
+def _write_comparison(
     work: Path,
     before: StoredResult,
     after: StoredResult,
     placed: PlacedObjects,
-    *,
     inputs: Mapping[str, Input],
     base: Path,
-    say: Callable[[str], None] | None = None,
+    say: Callable[[str], None] | None,
 ) -> ResultChange:
     """Write the comparison of two results into a folder.
 
@@ -164,18 +147,17 @@ def write_comparison(
     levels = not levels_differ(before, after)
     tell("Writing the maps of the change")
     maps = change_layers(before, after)
+    changed = None
     if levels:
         maps = (level_change_layer(before, after), *maps)
-    zones = zone_changes(before, after) if levels else None
-    changed = None
-    if zones is not None:
-        changed = LayerEntry(zones[0], "changes.gpkg")
-        write_geopackage(work / "changes.gpkg", [zones[0]])
-        write_table(work / "tables" / "level_changes.csv", [zones[1]])
+        zones = zone_changes(before, after)
+        if zones is not None:
+            changed = LayerEntry(zones[0], "changes.gpkg")
+            write_geopackage(work / "changes.gpkg", [zones[0]])
+            write_table(work / "tables" / "level_changes.csv", [zones[1]])
     write_table(work / "tables" / "changes.csv", [change_rows_table(change.rows)])
     write_table(work / "tables" / "differences.csv", [difference_table(change.differences)])
-    language = after.manifest["settings"].get("project", {}).get("language", "en")
-    with in_language(language):
+    with in_language(after.manifest["settings"].get("project", {}).get("language", "en")):
         write_over_relief(
             work,
             grid,
@@ -185,14 +167,9 @@ def write_comparison(
             abstract="What changes from one result to another.",
             zones=changed,
         )
-    tell("Drawing the figures")
-    facts = {"Program": f"sassgis {sassgis.__version__}"} | {
-        name: str(r.manifest.get("settings_sha256", ""))
-        for name, r in (("Settings before (SHA-256)", before), ("Settings after (SHA-256)", after))
-    }
-    with in_language(language):
+        tell("Drawing the figures")
         pictures = change_figures(before, after, work / "figures", levels=levels)
-        report = change_report(before, after, change, pictures, facts)
+        report = change_report(before, after, change, pictures)
         write_report(work / "report.html", translated_report(report))
     write_manifest(
         work / MANIFEST_NAME,

@@ -10,7 +10,7 @@ from typing import Any
 
 from sassgis.hazard.control_lines import QUANTITIES
 from sassgis.hazard.progress import Progress
-from sassgis.hazard.tolerance_check import ToleranceCheck
+from sassgis.hazard.response import ToleranceCheck
 from sassgis.hazard.warnings import release_warnings, simulation_warnings
 from sassgis.io.digests import value_digest
 from sassgis.io.read.config import configure, load_config

@@ -7,16 +7,23 @@ from pathlib import Path
 
 from sassgis.io.qgis.entries import LayerEntry, LayerGroup
 from sassgis.io.write.geopackage import write_geopackage
-from sassgis.io.write.layers.ground_spread_maps import spread_layers, spread_vectors
-from sassgis.io.write.sensitivity_tables import band_table, range_table, simulation_table
+from sassgis.io.write.layers.variants import (
+    answer_table,
+    band_table,
+    range_table,
+    spread_layers,
+    spread_vectors,
+)
 from sassgis.model.hazard import HazardPreset
 from sassgis.report.exposed_report import map_objects
+from sassgis.report.map_report import map_marks
 from sassgis.report.page import ReportFigure
-from sassgis.report.spread_report import spread_figures, spread_lines, spread_table
-from sassgis.runs.ground_draws import DrawnGround
+from sassgis.report.pictures import map_pictures
+from sassgis.report.variants_report import spread_lines, spread_table
 from sassgis.runs.job import Simulation
 from sassgis.runs.origin import facts_of
 from sassgis.runs.publish import Extras
+from sassgis.runs.variant_lab import DrawnGround
 
 _VECTORS = "ground_spread.gpkg"
 
@@ -52,16 +59,12 @@ def with_spread(
     own = extras.report
 
     def figures() -> tuple[ReportFigure, ...]:
-        objects = map_objects(extras.placed)
-        return (*own.figures(), *spread_figures(run, layers, objects, work / "figures"))
+        marks = map_marks(run, map_objects(extras.placed))
+        return (*own.figures(), *map_pictures(work / "figures", run.grid, layers, marks))
 
-    cell_m2 = run.grid.cell_size**2
-    simulations = simulation_table(
-        drawn.base, drawn.simulations(), spread.ranges, drawn.names, cell_m2
-    )
     frames = {
         "ground_uncertainty": band_table(spread.bands),
-        "ground_draws": simulations,
+        "ground_draws": answer_table(drawn.answers, spread.ranges),
         "ground_spread": range_table(spread.ranges),
     }
     return replace(

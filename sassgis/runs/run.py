@@ -7,13 +7,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sassgis.hazard.ground_spread import GroundSpread
 from sassgis.hazard.progress import Progress
+from sassgis.hazard.variants import GroundSpread
 from sassgis.io.atomic_output import staged_output
 from sassgis.model.languages import in_language, phrase
 from sassgis.model.map_run import MapRun
 from sassgis.model.results import RasterLayer, StopReason
-from sassgis.runs.ground_draws import DrawnGround, drawn_ground, spread_rules
 from sassgis.runs.inputs import collected_notices, placed_objects, with_objects
 from sassgis.runs.job import (
     AnyConfig,
@@ -24,6 +23,7 @@ from sassgis.runs.job import (
     read_job,
     simulate_job,
 )
+from sassgis.runs.variant_lab import DrawnGround, drawn_ground, spread_rules
 from sassgis.runs.workers import Jobs, OnProgress
 from sassgis.terrain.plan import Plan
 

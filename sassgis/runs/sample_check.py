@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from sassgis.hazard.bins import bins_of
-from sassgis.hazard.response import RunOutcome, outcome_of
-from sassgis.hazard.tolerance_check import ToleranceCheck, tolerance_check
+from sassgis.hazard.response import RunOutcome, ToleranceCheck, outcome_of, response
 from sassgis.model.grid import IntArray
 from sassgis.model.map_run import MapRun, ObjectCells, Round
 from sassgis.runs.map import simulate_map
@@ -71,5 +70,5 @@ def check_tolerance(run: MapRun, planned: Plan, jobs: int | Workers) -> Toleranc
         return outcome_of(progress, bins_of(few))
 
     base = outcome(tolerance)
-    others = {t: outcome(t) for t in (0.5 * tolerance, 2.0 * tolerance)}
-    return tolerance_check(tolerance, base, others)
+    answers = {t: response(base, outcome(t)) for t in (0.5 * tolerance, 2.0 * tolerance)}
+    return ToleranceCheck(tolerance, base.blocks, answers)

@@ -9,35 +9,40 @@ from pathlib import Path
 import numpy as np
 
 from sassgis.hazard.assess import Rules
-from sassgis.hazard.sensitivity import (
+from sassgis.hazard.variants import (
     BASE,
     CHANCE,
     RangeEffect,
-    SensitivityMaps,
     Variant,
     VariantFinding,
-    design,
+    answers,
     effects,
+    ends_of,
     farthest,
+    filling,
     sensitivity_maps,
 )
 from sassgis.hazard.warnings import rule_warnings
 from sassgis.io.atomic_output import staged_output
 from sassgis.io.read.ground_map import read_ranges
 from sassgis.io.write.frames import write_table
-from sassgis.io.write.layers.ground_spread_maps import sensitivity_layers
-from sassgis.io.write.sensitivity_tables import effect_table, range_table, simulation_table
+from sassgis.io.write.layers.variants import (
+    answer_table,
+    effect_table,
+    range_table,
+    sensitivity_layers,
+)
 from sassgis.model.errors import InputError
 from sassgis.model.ground_ranges import ParameterRange, RangeRule
 from sassgis.model.languages import in_language, phrase, translated
 from sassgis.report.page import translated_report, write_report
-from sassgis.report.sensitivity_report import sensitivity_report
+from sassgis.report.variants_report import sensitivity_report
 from sassgis.runs.inputs import read_rules, states_frequencies
 from sassgis.runs.job import AnyConfig, Workplace, configured, read_job
 from sassgis.runs.map import check_starts
 from sassgis.runs.origin import Origin, provenance, write_origin
 from sassgis.runs.relief_project import write_over_relief
-from sassgis.runs.variant_lab import VariantLab, classes_on, ranges_on
+from sassgis.runs.variant_lab import VariantLab
 from sassgis.runs.workers import Jobs, OnProgress
 from sassgis.runs.zone import prepared
 
@@ -52,7 +57,6 @@ class SensitivityResult:
     folder: Path
     ranges: tuple[ParameterRange, ...]
     effects: tuple[RangeEffect, ...]
-    maps: SensitivityMaps
     simulations: int
     warnings: tuple[str, ...]
 
@@ -101,55 +105,54 @@ def sensitivity(
         few = max(_FEWEST_ROCKS, round(_ROCKS_SHARE * given)) if rocks is None else rocks
         run = replace(job.run, release=replace(job.run.release, rocks_per_point=few))
         check_starts(run, job.planned.points, lambda: job.planned, config.release.file)
-        place = Workplace(work, jobs, on_progress, tell)
-        lab = VariantLab(replace(job, run=run), rules, place)
-        varied, done = _simulated(lab, known, samples, tell)
+        lab = VariantLab(
+            replace(job, run=run), rules, Workplace(work, jobs, on_progress, tell)
+        )  # fmt: skip
+        varied, variants, findings = _simulated(lab, known, samples, tell)
         tell("Writing maps, tables and report")
         warnings = (*job.notices, *_warnings(rules, varied))
-        grid = run.grid
-        # As _simulated puts them: three, two ends of each range, the filling.
-        last_end = 3 + 2 * len(varied)
-        base, chance, _, *ends = (found for _, found in done[:last_end])
-        filled = done[last_end:]
         names = lab.names(() if rules is None else [o.name for o in rules.placed.objects])
-        cell_m2 = grid.cell_size**2
-        found = effects(varied, base, chance, ends, filled, names, cell_m2)
-        maps = sensitivity_maps(base, chance, ends, [finding for _, finding in filled])
+        simulations = zip(variants[1:], findings[1:], strict=True)
+        table = answers(findings[0], simulations, names, run.grid.cell_size**2)
+        found = effects(varied, table)
+        maps = sensitivity_maps(findings, len(varied))
         preset = None if rules is None else rules.preset
-        layers = sensitivity_layers(maps, varied, len(filled), grid.shape, preset)
+        layers = sensitivity_layers(maps, varied, samples, run.grid.shape, preset)
+        frames = {
+            "ranges": range_table(varied),
+            "effects": effect_table(found),
+            "simulations": answer_table(table, varied),
+        }
+        for name, frame in frames.items():
+            write_table(work / "tables" / f"{name}.csv", [frame])
         with in_language(config.project.language):
             write_over_relief(
                 work,
-                grid,
+                run.grid,
                 layers,
                 group="Sensitivity to the ground",
                 title=translated(phrase("{}: sensitivity", config.project.name)),
                 abstract="How results change within the ranges of the ground classes",
             )
-        write_table(work / "tables" / "ranges.csv", [range_table(varied)])
-        write_table(work / "tables" / "effects.csv", [effect_table(found)])
-        simulations = simulation_table(base, done, varied, names, cell_m2)
-        write_table(work / "tables" / "simulations.csv", [simulations])
-        facts = provenance(config) | {"Configuration": config.label}
-        with in_language(config.project.language):
             context = sensitivity_report(
-                config.project.name, run, found, maps, layers, len(filled), base.blocks, names,
-                work / "figures",
+                config.project.name, run, found, maps, layers, samples, findings[0].blocks,
+                rules is not None, work / "figures",
             )  # fmt: skip
-            context = replace(context, warnings=tuple(warnings), provenance=tuple(facts.items()))
+            facts = provenance(config) | {"Configuration": config.label}
+            context = replace(context, warnings=warnings, provenance=tuple(facts.items()))
             write_report(work / "report.html", translated_report(context))
         write_origin(
             work,
             config,
             {
-                "simulations": len(done),
+                "simulations": len(findings),
                 "ranges": len(varied),
                 "rocks_per_point": run.release.rocks_per_point,
-                "rocks_per_simulation": base.blocks,
+                "rocks_per_simulation": findings[0].blocks,
             },
             warnings,
             seed=run.seed,
-            grid=grid,
+            grid=run.grid,
             origin=Origin(
                 {} if ranges is None else {"ranges": ranges},
                 "" if preset is None else preset.name,
@@ -157,47 +160,42 @@ def sensitivity(
             ),
             settings={} if areas is None else {"areas": sorted(areas)},
         )
-    return SensitivityResult(Path(out), varied, tuple(found), maps, len(done), warnings)
+    return SensitivityResult(Path(out), varied, tuple(found), len(findings), warnings)
 
 
 def _simulated(
     lab: VariantLab, rules: Sequence[RangeRule], samples: int, tell: Callable[[str], None]
-) -> tuple[tuple[ParameterRange, ...], list[tuple[Variant, VariantFinding]]]:
-    """Find the classes that blocks may meet, and simulate the design for their ranges.
+) -> tuple[tuple[ParameterRange, ...], list[Variant], list[VariantFinding]]:
+    """Find the classes that blocks may meet, and simulate variants of their ranges.
 
-    Simulations are: the base, another seed and the farthest, two ends of each range, the filling.
+    These are: the base, another seed and the farthest, two ends of each range, the filling.
     """
-    run = lab.job.run
     tell("Simulating the classes as they are, and at their farthest")
-    everywhere = ranges_on(run, rules, np.flatnonzero(np.isfinite(run.grid.values)))
-    first = [
-        (Variant(BASE, {}), None),
-        (Variant(CHANCE, {}), run.seed + 1),
-        (farthest(everywhere), None),
-    ]
-    done = [(v, lab.find(v, seed)) for v, seed in first]
-    reached = np.unique(np.concatenate([f.cells for _, f in done]))
-    ranges = ranges_on(run, rules, reached)
+    seed = lab.run.seed
+    variants = [
+        Variant(BASE), Variant(CHANCE, seed=seed + 1),
+        farthest(lab.ranges(rules, lab.everywhere())),
+    ]  # fmt: skip
+    findings = [lab.found(v) for v in variants]
+    reached = np.unique(np.concatenate([f.cells for f in findings]))
+    ranges = lab.ranges(rules, reached)
     if not ranges:
-        met = classes_on(run, reached)
+        met = ", ".join(lab.classes(reached))
         raise InputError(
-            "no range to vary", found=f"ground classes {', '.join(met)}", expected="ranges of them"
+            "no range to vary", found=f"ground classes {met}", expected="ranges of them"
         )
-    ends, filling = design(ranges, samples, run.seed)
-    lab.total = len(first) + len(ends) + len(filling)
+    more = [*ends_of(ranges), *filling(ranges, samples, seed)]
+    lab.total = len(variants) + len(more)
     tell(f"Simulating {len(ranges)} ranges alone and {samples} points of all")
-    return ranges, done + [(v, lab.find(v)) for v in (*ends, *filling)]
+    return ranges, variants + more, findings + [lab.found(v) for v in more]
 
 
 def _warnings(rules: Rules | None, ranges: Sequence[ParameterRange]) -> tuple[str, ...]:
-    out = []
-    if rules is None:
-        out.append(
-            "The configuration states no onset frequency: reach and energy are compared, levels "
-            "are not."
-        )
-    else:
-        out += rule_warnings(rules.preset, rules.frequencies)
+    text = (
+        "The configuration states no onset frequency: reach and energy are compared, levels are "
+        "not."
+    )
+    out = [text] if rules is None else list(rule_warnings(rules.preset, rules.frequencies))
     assumed = sum(not r.verified for r in ranges)
     if assumed:
         text = (

@@ -1,34 +1,68 @@
-"""Simulations of one configuration with other values of its ground classes, each kept as found."""
+"""Simulations of one configuration with other values, each kept as found; draws of the ground."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
 
 from sassgis.hazard.assess import Rules
 from sassgis.hazard.progress import Progress
-from sassgis.hazard.sensitivity import Names, Variant, VariantFinding, finding_of
-from sassgis.io.atomic_output import CHECKPOINT_STEM, writing
+from sassgis.hazard.variants import (
+    BASE,
+    FAR,
+    MEDIAN,
+    Answers,
+    CellMaps,
+    GroundSpread,
+    Names,
+    SpreadBand,
+    Variant,
+    VariantFinding,
+    answers,
+    draw_of,
+    finding_of,
+    level_areas,
+    spread_bands,
+    spread_maps,
+)
+from sassgis.io.atomic_output import CHECKPOINT_STEM, staged_output, writing
+from sassgis.io.read.ground_map import read_ranges
 from sassgis.io.saved_arrays import read_saved, write_saved
 from sassgis.model.errors import Interrupted
+from sassgis.model.exposure import PlacedObjects
 from sassgis.model.ground_ranges import ParameterRange, RangeRule, acting, ranges_of, with_values
 from sassgis.model.map_run import MapRun, ObjectCells
+from sassgis.model.run_config import Config
 from sassgis.runs.checkpoint import Checkpoint
-from sassgis.runs.job import Job, Workplace, simulate_saved, state_fingerprint, workers_asked
+from sassgis.runs.inputs import cells_of_wholes
+from sassgis.runs.job import (
+    Job,
+    Simulation,
+    Workplace,
+    configured,
+    read_job,
+    simulate_saved,
+    state_fingerprint,
+    workers_asked,
+)
+from sassgis.runs.map import check_starts
+from sassgis.runs.workers import Jobs, OnProgress
 
 _KEPT = [f.name for f in fields(VariantFinding)]
+#: Folder of the draws among the saved states of a run.
+_DRAWS = "ground_draws"
 
 
 class VariantLab:
     """Simulates variants; what was found is kept beside the result, by what was asked.
 
     ``part`` distinguishes what is kept from the states of other simulations for the same result. Of
-    the stops of the job none is kept.
+    the stops of the job none is kept. ``total`` is the number of simulations that are planned.
     """
 
     def __init__(
@@ -39,70 +73,163 @@ class VariantLab:
         part: str = "",
         exposed: ObjectCells | None = None,
     ) -> None:
-        run = replace(job.run, stop_points_max=0)
-        self.job, self.rules, self._place = replace(job, run=run), rules, place
+        self.run = replace(job.run, stop_points_max=0)
         self.total = 0
+        self._job, self._rules, self._place, self._exposed = job, rules, place, exposed
         judged = None if rules is None else (rules.preset, rules.frequencies)
-        asked = repr((run.release.rocks_per_point, judged, _KEPT))
-        self._fingerprint = state_fingerprint(job.config, run, asked)
-        self._part, self._exposed = part, exposed
+        asked = repr((self.run.release.rocks_per_point, judged, _KEPT))
+        self._fingerprint = state_fingerprint(job.config, self.run, asked)
         assert place.folder is not None
-        self._folder = place.folder / CHECKPOINT_STEM / part
+        self._part, self._folder = part, place.folder / CHECKPOINT_STEM / part
         self._workers = workers_asked(job.config, place.jobs)
-        self._asked, self._blocks = 0, 0
+        self._seen: set[str] = set()
+        self._blocks = 0
 
     def names(self, objects: Sequence[str]) -> Names:
         """What the numbers of findings belong to."""
-        levels = () if self.rules is None else tuple(c.label for c in self.rules.preset.levels)
-        lines = tuple(line.name for line, _ in self.job.run.control_lines)
-        return Names(levels, lines, tuple(objects))
+        levels = () if self._rules is None else tuple(c.label for c in self._rules.preset.levels)
+        return Names(levels, tuple(line.name for line, _ in self.run.control_lines), tuple(objects))
 
-    def find(self, variant: Variant, seed: int | None = None) -> VariantFinding:
-        """What the variant finds, now or in an earlier call; counted as progress."""
-        found = self.found(variant, seed)
-        self._asked += 1
-        self._blocks += found.blocks
-        if self._place.on_progress is not None:
-            self._place.on_progress(self._asked, max(self.total, self._asked), self._blocks)
+    def ranges(self, rules: Sequence[RangeRule], cells: np.ndarray) -> tuple[ParameterRange, ...]:
+        """Ranges of the values that act, of the ground classes on some cells (flat indices)."""
+        return ranges_of(self.run.table, self.classes(cells), rules, acting(self.run.engine))
+
+    def classes(self, cells: np.ndarray) -> list[str]:
+        """Names of the ground classes on some cells (flat indices)."""
+        return [self.run.table.names[i] for i in np.unique(self.run.ground.ravel()[cells])]
+
+    def everywhere(self) -> np.ndarray:
+        """All cells with a height."""
+        return np.flatnonzero(np.isfinite(self.run.grid.values))
+
+    def found(self, variant: Variant) -> VariantFinding:
+        """What the variant finds, now or in an earlier call."""
+        asked = [self._fingerprint, sorted([*k, v] for k, v in variant.values.items())]
+        digest = hashlib.sha256(json.dumps([*asked, variant.seed]).encode()).hexdigest()
+        file = self._folder / f"{digest}.npz"
+        kept = read_saved(file, digest, self._place.tell)
+        if kept is not None:
+            found = VariantFinding(**{name: kept[name] for name in _KEPT})
+        else:
+            found = self._simulated(variant, digest)
+            with writing(file):
+                file.parent.mkdir(parents=True, exist_ok=True)
+                write_saved(file, found.arrays(), digest)
+            self._under_way(digest).forget()
+        if variant.name not in self._seen:
+            self._seen.add(variant.name)
+            self._blocks += found.blocks
+            if self._place.on_progress is not None:
+                done = len(self._seen)
+                self._place.on_progress(done, max(self.total, done), self._blocks)
         return found
 
-    def found(self, variant: Variant, seed: int | None = None) -> VariantFinding:
-        """What the variant finds."""
-        asked = [self._fingerprint, sorted([*k, v] for k, v in variant.values.items()), seed]
-        digest = hashlib.sha256(json.dumps(asked).encode()).hexdigest()
-        file = self._folder / f"{digest}.npz"
-        arrays = read_saved(file, digest, self._place.tell)
-        if arrays is not None:
-            return VariantFinding.from_arrays(arrays)
-        # What is left of a simulation that was stopped is of use to the same one alone.
-        part = str(Path(self._part, "under_way"))
-        under_way = Checkpoint(self._place.folder, digest, part)
-        run = self.job.run
-        table = with_values(run.table, variant.values)
-        run = replace(run, table=table, seed=run.seed if seed is None else seed)
+    def _under_way(self, digest: str) -> Checkpoint:
+        """What is left of a simulation that was stopped: of use to the same one alone."""
+        return Checkpoint(self._place.folder, digest, str(Path(self._part, "under_way")))
+
+    def _simulated(self, variant: Variant, digest: str) -> VariantFinding:
+        run = replace(
+            self.run,
+            table=with_values(self.run.table, variant.values),
+            seed=self.run.seed if variant.seed is None else variant.seed,
+        )
+        under_way = self._under_way(digest)
         progress = under_way.restore(run, self._place.tell) or Progress.fresh(run)
         try:
-            simulate_saved(run, self.job.planned, progress, under_way, self._workers)
+            simulate_saved(run, self._job.planned, progress, under_way, self._workers)
         except Interrupted:
             raise Interrupted(
-                f"stopped by the user after {self._asked} simulations; they are kept in "
+                f"stopped by the user after {len(self._seen)} simulations; they are kept in "
                 f"{self._folder}: the same command goes on from there"
             ) from None
-        found = finding_of(run, progress, self.rules, self._exposed)
-        with writing(file):
-            file.parent.mkdir(parents=True, exist_ok=True)
-            write_saved(file, found.arrays(), digest)
-        under_way.forget()
-        return found
+        return finding_of(run, progress, self._rules, self._exposed)
 
 
-def classes_on(run: MapRun, cells: np.ndarray) -> list[str]:
-    """Names of the ground classes on some cells (flat indices)."""
-    return [run.table.names[i] for i in np.unique(run.ground.ravel()[cells])]
+# ---------------------------------------------------------------------------------------------
+# Draws of the ground classes
 
 
-def ranges_on(
-    run: MapRun, rules: Sequence[RangeRule], cells: np.ndarray
-) -> tuple[ParameterRange, ...]:
-    """Ranges of the values that act in a run, of the ground classes on some cells."""
-    return ranges_of(run.table, classes_on(run, cells), rules, acting(run.engine))
+@dataclass(frozen=True, slots=True)
+class DrawnGround:
+    """What the draws of a run found."""
+
+    spread: GroundSpread
+    maps: CellMaps
+    answers: Answers
+
+
+def spread_rules(config: Config, run: MapRun) -> tuple[RangeRule, ...]:
+    """Rules of the spread of ground classes; none where no draws are wanted."""
+    if not config.run.ground_uncertainty and config.ground.ranges is None:
+        return ()
+    return read_ranges(run.table, config.ground.ranges)
+
+
+def drawn_ground(
+    done: Simulation,
+    place: Workplace,
+    known: tuple[RangeRule, ...],
+    rules: Rules | None,
+    placed: PlacedObjects,
+) -> DrawnGround | None:
+    """Simulate the blocks of a run on the draws that the configuration asks for; None for none.
+
+    ``known`` are those of spread_rules, from before the run itself; ``rules`` those of a zoning.
+    """
+    draws = done.config.run.ground_uncertainty
+    if not draws:
+        return None
+    place.tell(f"Simulating {draws} draws of the ground classes")
+    # Of a road the whole, as in the report: a band of each stretch says less.
+    wholes, exposed = cells_of_wholes(placed, done.run.grid)
+    lab = VariantLab(
+        Job(done.config, done.run, done.planned, ()), rules, place, _DRAWS, exposed
+    )  # fmt: skip
+    base = finding_of(done.run, done.progress, rules, exposed)
+    return _drawn(lab, known, draws, base, wholes)
+
+
+def _drawn(
+    lab: VariantLab,
+    known: tuple[RangeRule, ...],
+    draws: int,
+    base: VariantFinding,
+    exposed: Sequence[str] = (),
+) -> DrawnGround:
+    """Simulate draws and say what they found beside the base; ``exposed`` are names of objects."""
+    ranges = lab.ranges(known, lab.everywhere())
+    variants = [draw_of(ranges, lab.run.seed, k) for k in range(draws)]
+    lab.total += draws
+    names, cell_m2 = lab.names(exposed), lab.run.grid.cell_size**2
+    # Only one is held at a time.
+    table = answers(base, ((v, lab.found(v)) for v in variants), names, cell_m2)
+    maps = spread_maps(base, lambda: map(lab.found, variants))
+    areas = level_areas(maps, cell_m2) if names.levels else None
+    met = lab.ranges(known, maps.cells)
+    return DrawnGround(GroundSpread(draws, met, spread_bands(table), areas), maps, table)
+
+
+def runout_bands(
+    config: Config | str | Path,
+    draws: int,
+    out: str | Path,
+    *,
+    jobs: Jobs = None,
+    on_progress: OnProgress | None = None,
+) -> tuple[SpreadBand, SpreadBand]:
+    """Bands of the median and of the 90 % quantile of the run-out, without any maps.
+
+    ``out`` is a new folder, which stays empty: while it works, what was simulated is kept beside
+    it, and the same call goes on from there.
+    """
+    config = configured(config, None)
+    with staged_output(Path(out), False) as work:
+        place = Workplace(work, jobs, on_progress, lambda _text: None)
+        job = read_job(config, None, place.tell)
+        known = read_ranges(job.run.table, config.ground.ranges)
+        check_starts(job.run, job.planned.points, lambda: job.planned, config.release.file)
+        lab = VariantLab(job, None, place, _DRAWS)
+        lab.total = 1
+        found = _drawn(lab, known, draws, lab.found(Variant(BASE))).spread
+    return found.band(MEDIAN), found.band(FAR)

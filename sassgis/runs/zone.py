@@ -14,7 +14,6 @@ from sassgis.hazard.sources import sampled_sources
 from sassgis.io.atomic_output import staged_output
 from sassgis.io.read.edit_polygons import read_edits, with_earlier
 from sassgis.model.languages import in_language
-from sassgis.runs.ground_draws import DrawnGround, drawn_ground, spread_rules
 from sassgis.runs.inputs import compares_barriers, read_rules, with_rules
 from sassgis.runs.job import (
     AnyConfig,
@@ -28,6 +27,7 @@ from sassgis.runs.job import (
 )
 from sassgis.runs.more_blocks import MoreBlocks, check_budget
 from sassgis.runs.run import RunResult, result_of
+from sassgis.runs.variant_lab import DrawnGround, drawn_ground, spread_rules
 from sassgis.runs.workers import Jobs, OnProgress
 from sassgis.terrain.moved_lines import moved_lines
 

@@ -9,8 +9,7 @@ import authume
 import pytest
 
 from sassgis.hazard.bins import bins_of
-from sassgis.hazard.response import outcome_of
-from sassgis.hazard.tolerance_check import LARGEST_CHANGE
+from sassgis.hazard.response import LARGEST_CHANGE, outcome_of
 from sassgis.io.read.config import load_config
 from sassgis.model.map_run import MapRun
 from sassgis.runs.inputs import read_map_run

@@ -8,8 +8,13 @@ import pytest
 from sassgis.hazard.control_lines import ControlLineSums
 from sassgis.hazard.map_sums import MapSums
 from sassgis.hazard.progress import Progress
-from sassgis.hazard.response import RelativeChange, RunOutcome, outcome_of, response
-from sassgis.hazard.tolerance_check import tolerance_check
+from sassgis.hazard.response import (
+    RelativeChange,
+    RunOutcome,
+    ToleranceCheck,
+    outcome_of,
+    response,
+)
 from sassgis.model.results import StopReason
 from sassgis.model.statistics_table import default_bins
 
@@ -18,7 +23,7 @@ EVENLY = np.full(100, 20, np.int64)  # 2000 blocks, evenly up to 100 m
 
 def outcome(runout: np.ndarray, energy: np.ndarray | None = None) -> RunOutcome:
     energy = np.full(30, 100.0) if energy is None else energy
-    return RunOutcome(int(runout.sum()), runout, np.arange(energy.size, dtype=np.int64), energy)
+    return RunOutcome(runout, np.arange(energy.size, dtype=np.int64), energy)
 
 
 def test_quantiles_and_their_limits() -> None:
@@ -40,7 +45,6 @@ def test_twice_as_far_and_three_times_the_energy() -> None:
     assert found["runout_q50"] == (pytest.approx(1.0), True)
     assert found["runout_q95"] == (pytest.approx(1.0), True)
     assert found["energy_q95"] == (pytest.approx(2.0), True)
-    assert found["reached_area"].value == 1.0
 
 
 def test_few_blocks_are_not_certain_and_few_cells_unknown() -> None:
@@ -65,12 +69,14 @@ def test_blocks_that_never_started_have_no_run_out() -> None:
 
 def test_the_warning_names_what_changed_beyond_a_fifth() -> None:
     far = np.full(130, round(2000 / 130), np.int64)
-    check = tolerance_check(0.2, outcome(EVENLY), {0.1: outcome(EVENLY), 0.4: outcome(far)})
+    base = outcome(EVENLY)
+    answers = {0.1: response(base, base), 0.4: response(base, outcome(far))}
+    check = ToleranceCheck(0.2, base.blocks, answers)
     (warning,) = check.warnings()
     assert "run-out (95 %) +30 % at 0.4 m" in warning and "0.1 m" not in warning
     assert check.facts()["changes"]["0.1 m"]["runout_q95"] == 0.0  # type: ignore[index]
     near = np.full(110, round(2000 / 110), np.int64)
-    assert not tolerance_check(0.2, outcome(EVENLY), {0.4: outcome(near)}).warnings()
+    assert not ToleranceCheck(0.2, 2000, {0.4: response(base, outcome(near))}).warnings()
 
 
 def test_numbers_as_text() -> None:

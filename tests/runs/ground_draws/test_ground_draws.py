@@ -14,8 +14,8 @@ import rasterio
 from helpers.listed_results import digests
 
 from sassgis.hazard.bins import bins_of
-from sassgis.hazard.ground_spread import draw_of
 from sassgis.hazard.response import outcome_of
+from sassgis.hazard.variants import draw_of
 from sassgis.io.atomic_output import partial_folder
 from sassgis.io.read.config import load_config
 from sassgis.io.read.ground_map import read_ranges
@@ -23,9 +23,9 @@ from sassgis.model.errors import Interrupted
 from sassgis.model.ground_ranges import RANGED, ranges_of, with_values
 from sassgis.model.run_config import Config
 from sassgis.runs import job as module
-from sassgis.runs.ground_draws import runout_bands
 from sassgis.runs.inputs import read_map_run
 from sassgis.runs.map import simulate_map
+from sassgis.runs.variant_lab import runout_bands
 from sassgis.runs.zone import ZoneResult, zone
 from sassgis.terrain.plan import plan
 
@@ -96,7 +96,7 @@ def test_jobs_do_not_matter(config: Config, tmp_path: Path) -> None:
         )
         for jobs in (1, 2)
     ]
-    assert bands[0] == bands[1] and said == [1, 2, 3, 1, 2, 3]
+    assert bands[0] == bands[1] and said == [1, 2, 3, 4, 1, 2, 3, 4]
     assert not (tmp_path / "none").exists() or not any((tmp_path / "none").iterdir())
 
 
@@ -118,7 +118,7 @@ def test_an_interrupted_draw_goes_on_where_it_was(
         return simulate(*args, on_chunk=on_own, resume=resume, **more)
 
     monkeypatch.setattr(module, "simulate_map", stopped)
-    with pytest.raises(Interrupted, match="after 1 simulations"):
+    with pytest.raises(Interrupted, match="after 2 simulations"):
         runout_bands(config, 3, tmp_path / "out", jobs=1)
     kept = partial_folder(tmp_path / "out") / "checkpoint" / "ground_draws"
     assert len(list(kept.glob("*.npz"))) == 2 and (kept / "under_way" / "state.npz").is_file()

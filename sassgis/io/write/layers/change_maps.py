@@ -13,7 +13,6 @@ from sassgis.hazard.result_change import (
     LEVEL,
     REACH,
     ChangeRow,
-    ComparedMap,
     SettingChange,
     compared_maps,
     difference,
@@ -37,32 +36,32 @@ _BREAKS = {
 
 def change_layers(before: StoredResult, after: StoredResult) -> tuple[RasterLayer, ...]:
     """Maps of the change on the same cells, each with bands of the value before and after."""
-    return tuple(_change_layer(m, before, after) for m in compared_maps(before, after))
-
-
-def _change_layer(compared: ComparedMap, before: StoredResult, after: StoredResult) -> RasterLayer:
-    old, new = (r.band(compared.stem, compared.band) for r in (before, after))
-    values = {"change": difference(old, new), "before": old, "after": new}
-    words: dict[str, Any] = {
-        "title": compared.title,
-        "what": f"{compared.title[0].lower()}{compared.title[1:]}",
-        "unit": compared.unit,
-        "in_unit": f" ({compared.unit})" if compared.unit != "1" else "",
-        "width": f" Width {before.grid.cell_size:.4g} m (one cell)." if compared is REACH else "",
-    }
-    bands = [described_band("change", name, own, **words) for name, own in values.items()]
-    stem = f"{compared.stem}_change"
-    return described_raster("change", bands, _BREAKS[compared.stem], "RdBu_r", stem=stem, **words)
+    layers = []
+    for stem, band, title, unit in compared_maps(before, after):
+        old, new = (r.band(stem, band) for r in (before, after))
+        values = {"change": difference(old, new), "before": old, "after": new}
+        width = f" Width {before.grid.cell_size:.4g} m (one cell)." if stem == REACH.stem else ""
+        words: dict[str, Any] = {
+            "title": title,
+            "what": f"{title[0].lower()}{title[1:]}",
+            "unit": unit,
+            "in_unit": f" ({unit})" if unit != "1" else "",
+            "width": width,
+        }
+        bands = [described_band("change", name, own, **words) for name, own in values.items()]
+        look = (_BREAKS[stem], "RdBu_r")
+        layers.append(described_raster("change", bands, *look, stem=f"{stem}_change", **words))
+    return tuple(layers)
 
 
 def level_change_layer(before: StoredResult, after: StoredResult) -> RasterLayer:
     """Where the hazard level is higher or lower, with bands of the level before and after."""
     key = "hazard_level_change"
-    old, new = (r.band(LEVEL, "level") for r in (before, after))
+    old, new = (r.band(*LEVEL[:2]) for r in (before, after))
     values = {"change": 2.0 + np.sign(difference(old, new)), "before": old, "after": new}
     bands = [described_band(key, name, own) for name, own in values.items()]
     kinds = [RasterClass(i, *LEVEL_CHANGES[c]) for i, c in enumerate(LEVEL_CHANGES, start=1)]
-    levels = "; ".join(f"{c.value} {c.label}" for c in after.maps[LEVEL].classes)
+    levels = "; ".join(f"{c.value} {c.label}" for c in after.maps[LEVEL.stem].classes)
     return described_raster(key, bands, classes=kinds, levels=levels)
 
 
@@ -73,7 +72,7 @@ def zone_changes(
     if before.zones is None or after.zones is None:
         return None
     both = changes(_one_class_each(before.zones), _one_class_each(after.zones))
-    labels = [c.label for c in sorted(after.maps[LEVEL].classes, key=lambda c: c.value)]
+    labels = [c.label for c in sorted(after.maps[LEVEL.stem].classes, key=lambda c: c.value)]
     # Of the level that neither result has a zone of, the label.
     codes = [
         two if two != label else one
