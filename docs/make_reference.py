@@ -20,7 +20,7 @@ from sassgis.gap.observations.tables import METADATA_KEYS, METADATA_TEXTS, TABLE
 from sassgis.gap.observations.tables import TABLES as OBSERVED
 from sassgis.io.read.config import LISTS, declared_sections
 from sassgis.io.read.plain_file import LONGEST_TEXT
-from sassgis.model.declared import Declared, interval, limits_text
+from sassgis.model.declared import Declared, interval
 
 PAGE = Path(__file__).parent / "configuration.md"
 
@@ -29,17 +29,16 @@ _HEAD = f"""\
 
 # Configuration
 
-One TOML file describes a run. `sassgis init` writes one with the keys that every site must decide,
-`sassgis init --all` one with every key ([starting.md](starting.md)); `sassgis validate` reads it
-and all files that it names. Paths are relative to the file. Units are part of the names: m, m/s
-(`mps`), rad/s (`radps`), kg/m³ (`kgm3`), kJ (`kj`), degrees (`deg`). A *range* is `[low, high]`; a
-single number means two equal limits. Unknown keys are errors, and so are texts of more than
-{LONGEST_TEXT} characters, here and in all other inputs. The formats of rasters and vector files are
-those of [terrain.md](terrain.md#formats).
+After this page you can set every key of a run. One TOML file describes it: `sassgis init` writes
+the keys that every site must decide, `sassgis init --all` every key ([starting](starting.md));
+`sassgis validate` reads it and all files that it names. Paths are relative to the file.
+[Units](conventions.md#units) are part of the names. A *range* is `[low, high]`; a single number
+means two equal limits. Unknown keys are errors, and so are texts of more than {LONGEST_TEXT}
+characters, here and in all other inputs. [Formats](terrain.md#formats) of rasters and vector files.
 
 A run on the map needs `terrain.dem`, `release.file` and one `[[blocks]]`; a run along one profile
 needs `[profile]` (or `--csv`, `--point`, `--line`) and one `[[blocks]]`. Everything else has a
-default.
+default (–: none).
 
 Paths, numbers of cores and output settings do not change the simulated blocks. The sections
 terrain, release, ground, blocks, stations, barriers, effects, engine and run (except
@@ -48,13 +47,13 @@ terrain, release, ground, blocks, stations, barriers, effects, engine and run (e
 
 _INTRO = {
     "project": "",
-    "terrain": "The DEM, and how fall lines are traced and flattened: [terrain.md](terrain.md).",
-    "release": "Where blocks start: [terrain.md](terrain.md#release-points).",
-    "ground": "The ground class of each cell: [model.md](model.md#ground-classes).",
+    "terrain": "Terrain model and paths: [terrain](terrain.md).",
+    "release": "Where blocks start: [release points](terrain.md#release-points).",
+    "ground": "The ground class of each cell: [classes](model.md#ground-classes).",
     "blocks": "One section for each block scenario; one is needed. Each value of a block is drawn "
     "uniformly between its limits (volumes by a power law with `volume_exponent`). Its size is "
     "given by three semi-axes or by a volume. Zones need its onset frequency: "
-    "[hazard.md](hazard.md).",
+    "[hazard](hazard.md).",
     "stations": "Control lines where passing blocks are recorded; a section for each. Placed by "
     "exactly one of `line`, `file`, `chainage_m`.",
     "barriers": "Walls and nets, placed like stations. Names of stations and barriers must be "
@@ -111,9 +110,16 @@ def shown(value: Any) -> str:
 
 
 def limits(annotation: Any) -> str:
-    """Limits of a number in words; nothing if it has none."""
+    """Limits of a number, as in ``, > 0 to 10``; nothing if it has none."""
     own = interval(annotation)
-    return "" if own is None else limits_text(own)
+    if own is None:
+        return ""
+    low = f"> {own.gt:g}" if own.gt is not None else f"{own.ge:g}"
+    if own.le is not None:
+        return f", {low} to {own.le:g}"
+    if own.lt is not None:
+        return f", {low} to < {own.lt:g}"
+    return f", {low}" if own.gt is not None else f", ≥ {low}"
 
 
 def row(own: Declared) -> str:
@@ -129,17 +135,18 @@ def row(own: Declared) -> str:
         text = text[:1].lower() + text[1:]
     if own.old_name is not None:
         text += f". Formerly `{own.old_name}`, which is read with a note for one version"
-    return f"| `{own.name}` | {kind(own.kind)} | {default} | {limits(own.kind)} | {text} |"
+    return f"| `{own.name}` | {kind(own.kind)}{limits(own.kind)} | {default} | {text} |"
 
 
 def section(name: str, keys: Mapping[str, Declared]) -> str:
     """One section of the page."""
     brackets = f"[[{name}]]" if name in LISTS else f"[{name}]"
     lines = [f"## `{brackets}`", ""]
-    intro = _INTRO.get(name, "Turns the effect on: [effects.md](effects.md).")
+    effect = name.removeprefix("effects.")
+    intro = _INTRO.get(name, f"Turns the effect on: [{effect}](effects.md#{effect}).")
     if intro:
         lines += [intro, ""]
-    lines += ["| key | kind | default | limits | meaning |", "|---|---|---|---|---|"]
+    lines += ["| key | value | default | meaning |", "|---|---|---|---|"]
     lines += [row(own) for own in keys.values()]
     return "\n".join(lines)
 
@@ -190,8 +197,12 @@ def observation_tables() -> list[str]:
 
 
 def columns_table(kind: str, columns: Iterable[Column]) -> list[str]:
-    """Columns with their units and meaning, and an empty line."""
-    rows = (f"| `{own.name}` | {own.unit or '–'} | {own.meaning} |" for own in columns)
+    """Columns with unit and meaning, and an empty line; coordinates of a point in one row."""
+    places: dict[tuple[str, str], list[str]] = {}
+    for own in columns:
+        meaning = re.sub(r": (x|y|height)$", "", own.meaning)
+        places.setdefault((own.unit or "–", meaning), []).append(f"`{own.name}`")
+    rows = (f"| {', '.join(names)} | {unit} | {text} |" for (unit, text), names in places.items())
     return [f"| {kind} | unit | |", "|---|---|---|", *rows, ""]
 
 
