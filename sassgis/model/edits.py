@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from sassgis.model.declared import Example, Section, Text
+from sassgis.model.declared import Example, File, Section, Text, checked
 
 #: Code of places without a level.
 NO_LEVEL = "not_in_danger"
@@ -16,12 +15,12 @@ EditLimit = Literal["", "at_least", "at_most"]
 LIMIT_TEXT: Mapping[str, str] = {"": "", "at_least": "at least", "at_most": "at most"}
 
 
-@dataclass(frozen=True, slots=True)
+@checked(frozen=True, slots=True)
 class EditSettings(Section):
     """What experts have set by hand, kept through every run (docs/zones.md)."""
 
     file: Annotated[
-        Path | None,
+        File | None,
         "polygons (any vector file) with level, author, date, reason; may be empty; --edits "
         "replaces it",
         Example("edits.gpkg"),

@@ -10,10 +10,17 @@ from typing import Annotated, Literal
 import numpy as np
 from annotated_types import Interval, MinLen
 
-from sassgis.model.declared import Example, Mark, Renamed, Section, Text
+from sassgis.model.declared import (
+    Example,
+    InputFile,
+    Preset,
+    Renamed,
+    Section,
+    Several,
+    checked,
+)
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.grid import FloatArray, IntArray
-from sassgis.model.in_memory import Input
 
 #: Which rows or columns of an array.
 Rows = slice | list[int]
@@ -319,18 +326,17 @@ class BlockBudget:
     seconds: float = 3600.0
 
 
-@dataclass(frozen=True, slots=True)
+@checked(frozen=True, slots=True)
 class HazardSettings(Section):
     """From blocks to intensities and hazard levels (sassgis zone); needs onset frequencies."""
 
     preset: Annotated[
-        Text,
-        Mark.PRESET_NAME,
+        Preset,
         "rules for intensity and level: a built-in preset (ch-so, ti), or a "
         "TOML file of your own (docs/presets.md)",
     ] = "ch-so"
     frequencies: Annotated[
-        Input | None,
+        InputFile | None,
         "table (CSV) with columns area, scenario, frequency, unit: onset frequencies "
         "of single release areas, in place of onset_frequency and onset_unit of [[blocks]], which "
         "hold for all areas that are not in it; "
@@ -382,7 +388,7 @@ class HazardSettings(Section):
         bool, "whether the zones are also made without walls and nets, and compared"
     ] = True
     design_return_periods_years: Annotated[
-        tuple[Annotated[float, Interval(ge=1, le=10_000)], ...],
+        Several[Annotated[float, Interval(ge=1, le=10_000)]],
         MinLen(1),
         "for the energy and height that a barrier at each station must take",
     ] = (30.0, 100.0, 300.0)
@@ -426,7 +432,7 @@ class Drawing:
     scale: float = 0.0  # denominator of the scale of the sheet; 0: none
 
 
-@dataclass(frozen=True, slots=True)
+@checked(frozen=True, slots=True)
 class ZoningSettings(Section):
     """From cells to zones as they are drawn (docs/zones.md).
 

@@ -10,11 +10,11 @@ from typing import Any
 
 import tomli_w
 
-from sassgis.io.read.checked import is_preset_file
 from sassgis.io.read.config import FILE_KEYS, LISTS
 from sassgis.io.read.plain_file import seen_from
 from sassgis.io.staging import staged_file, write_new, writing
 from sassgis.io.write.manifest import plain
+from sassgis.model.declared import is_preset_file
 from sassgis.model.in_memory import InMemory
 from sassgis.model.run_config import Config
 

@@ -9,8 +9,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from sassgis.engine.effects.registry import EFFECTS
-from sassgis.io.read.checked import first_line
-from sassgis.io.read.config import LISTS, SECTIONS, declared_sections
+from sassgis.io.read.config import LISTS, SECTIONS, declared_sections, first_line
 from sassgis.model.declared import Declared
 
 _HEAD = """\
