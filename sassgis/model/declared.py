@@ -108,7 +108,7 @@ class _Range:
 
     @staticmethod
     def _pair(value: Any) -> Any:
-        if isinstance(value, Real) and not isinstance(value, bool):
+        if not isinstance(value, bool) and isinstance(value, Real):
             return (value, value)
         if not isinstance(value, list | tuple) or len(value) != 2:
             raise refused("is not a range", "a number, or two numbers [low, high]")

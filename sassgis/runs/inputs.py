@@ -34,8 +34,7 @@ from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.ground import GroundTable
 from sassgis.model.hazard import HazardPreset
 from sassgis.model.in_memory import Input
-from sassgis.model.map_run import Forest, MapRun, ObjectCells
-from sassgis.model.release_areas import ReleaseArea
+from sassgis.model.map_run import Forest, MapRun, ObjectCells, ReleaseArea
 from sassgis.model.results import ControlLine
 from sassgis.model.run_config import Config
 from sassgis.runs.estimate import require_profile

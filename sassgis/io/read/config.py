@@ -45,11 +45,10 @@ from sassgis.model.declared import (
     is_preset_file,
     refusal,
 )
-from sassgis.model.edits import EditSettings
 from sassgis.model.effects import EffectSection, EffectSettings
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.exposure import ObjectSettings, RiskSettings
-from sassgis.model.hazard import HazardSettings, Onset, ZoningSettings
+from sassgis.model.hazard import EditSettings, HazardSettings, Onset, ZoningSettings
 from sassgis.model.in_memory import InMemory
 from sassgis.model.results import ControlLine
 from sassgis.model.run_config import Config

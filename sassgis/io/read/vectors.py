@@ -33,7 +33,7 @@ from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.exposure import ObjectSettings
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.in_memory import Input
-from sassgis.model.release_areas import ReleaseArea
+from sassgis.model.map_run import ReleaseArea
 from sassgis.model.results import ControlLine
 from sassgis.model.run_config import Config
 from sassgis.model.settings import BarrierSettings, ReleaseSettings, StationSettings
