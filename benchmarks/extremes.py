@@ -51,9 +51,8 @@ from sassgis.model.effects import EffectSettings
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.ground import LIMITS, GroundClass, GroundTable
-from sassgis.model.map_run import Forest, MapRun
+from sassgis.model.map_run import Forest, MapRun, ReleaseArea
 from sassgis.model.profiles import ProfileSet
-from sassgis.model.release_areas import ReleaseArea
 from sassgis.model.results import StopReason
 from sassgis.model.settings import EngineSettings, ReleaseSettings, TerrainSettings
 from sassgis.runs.map import simulate_map

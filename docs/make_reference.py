@@ -89,9 +89,9 @@ def kind(annotation: Any) -> str:
             return "range"
         if len(parts) == 3:
             return "three ranges"
-        if parts[0] is str:
+        if kind(parts[0]) == "text":
             return "list of texts"
-        return "list of points" if "tuple" in str(parts[0]) else "list of numbers"
+        return "list of points" if kind(parts[0]) == "range" else "list of numbers"
     if origin is not None:
         return "table"
     names = {str: "text", Path: "path", float: "number", int: "whole number", bool: "true or false"}

@@ -18,10 +18,9 @@ from sassgis.hazard.sources import Sampled
 from sassgis.hazard.zoning.applied_edits import AppliedEdit, share_of, with_edits
 from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.hazard.zoning.drawing import drawn_zones, reach_cells
-from sassgis.model.edits import Edit
 from sassgis.model.exposure import PlacedObjects, Vulnerability
 from sassgis.model.grid import BoolArray, ClassMap, FloatArray, Grid, IntArray
-from sassgis.model.hazard import Drawing, HazardCurves, HazardPreset
+from sassgis.model.hazard import Drawing, Edit, HazardCurves, HazardPreset
 from sassgis.terrain.edge import edge_sides
 
 

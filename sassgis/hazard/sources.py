@@ -14,8 +14,7 @@ from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.grid import Grid
 from sassgis.model.hazard import Onset, Source, SourceCounts
 from sassgis.model.in_memory import Input
-from sassgis.model.map_run import MapRun
-from sassgis.model.release_areas import ReleaseArea
+from sassgis.model.map_run import MapRun, ReleaseArea
 
 _HECTARE_M2 = 1e4
 _PLACE = {"per_year_ha": "release polygons", "per_year_m": "release lines"}

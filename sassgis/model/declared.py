@@ -1,49 +1,61 @@
 """How settings are declared: kind, limits and meaning stand in the annotation of a field, once.
 
 ``smoothing_m: Annotated[float, Interval(ge=0, le=200), "scale of the terrain (m)"] = 5.0`` is all
-that checks, messages, the template and the documentation need.
+that checks, messages, the template and the documentation need. The checks are pydantic's.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
+import os
 import re
 import types
 import unicodedata
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from enum import Enum, auto
 from functools import cache
-from numbers import Integral, Real
-from operator import is_
+from numbers import Real
 from pathlib import Path, PurePath
 from typing import (
+    TYPE_CHECKING,
     Annotated,
     Any,
-    Literal,
+    ClassVar,
     NamedTuple,
-    Union,
+    TypeVar,
     cast,
     get_args,
     get_origin,
     get_type_hints,
 )
 
-from annotated_types import Interval, MaxLen, MinLen
+import numpy as np
+import pydantic
+from annotated_types import Interval, MinLen
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    GetCoreSchemaHandler,
+    PlainValidator,
+    Strict,
+    ValidationError,
+    ValidationInfo,
+    WithJsonSchema,
+)
+from pydantic_core import ErrorDetails, PydanticCustomError, core_schema
 
-from sassgis.model.errors import ConfigError
+from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.in_memory import InMemory
 
+#: What holds for all settings: a text is no number, and a number is finite.
+RULES = ConfigDict(strict=True, allow_inf_nan=False, extra="forbid")
 
-class Mark(Enum):
-    """What an annotation says of a value besides its type and its limits."""
-
-    RANGE = auto()  # a pair of numbers is a range [low, high]; the user may give a single number
-    PLAIN_NAME = auto()  # a text names a thing: no comma, semicolon or line break
-    PRESET_NAME = auto()  # a text is the name of a built-in preset, or a TOML file
-    OF_FEATURES = auto()  # the attribute with a setting of single features, as value_field: value
-    CODES = auto()  # the keys of a table are whole numbers, which TOML writes as text
+# ---------------------------------------------------------------------------------------------
+# Notes in annotations
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,10 +73,200 @@ class Example:
     needed: bool = False
 
 
-Span = Annotated[tuple[float, float], Mark.RANGE]
-Name = Annotated[str, Mark.PLAIN_NAME]
-Text = Annotated[str, MinLen(1)]
-FieldName = Annotated[Text | None, Mark.OF_FEATURES]
+# ---------------------------------------------------------------------------------------------
+# Kinds of values
+
+
+def refused(
+    problem: str, expected: str | None = None, field: str | None = None, found: object = None
+) -> PydanticCustomError:
+    """An error that pydantic carries to the place where it is reported in one line."""
+    parts = {"problem": problem, "expected": expected, "field": field, "found": found}
+    return PydanticCustomError("sassgis", "{problem}", parts)
+
+
+def refusal(error: InputError) -> PydanticCustomError:
+    """An error of several settings together, as pydantic carries it."""
+    return refused(error.problem, error.expected, error.field, error.found)
+
+
+def composed(text: str) -> str:
+    """A name in the one of its Unicode forms that all are compared in (NFC): ö, not o and dots."""
+    return text if unicodedata.is_normalized("NFC", text) else unicodedata.normalize("NFC", text)
+
+
+class _Range:
+    """A pair of numbers is a range [low, high]; a single number means two equal limits."""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        made = core_schema.no_info_before_validator_function(self._pair, handler(source))
+        return core_schema.no_info_after_validator_function(self._ordered, made)
+
+    def __get_pydantic_json_schema__(self, core: Any, handler: Any) -> Any:
+        pair = handler(core)
+        return {"anyOf": [pair["prefixItems"][0], pair]}
+
+    @staticmethod
+    def _pair(value: Any) -> Any:
+        if not isinstance(value, bool) and isinstance(value, Real):
+            return (value, value)
+        if not isinstance(value, list | tuple) or len(value) != 2:
+            raise refused("is not a range", "a number, or two numbers [low, high]")
+        return tuple(value)
+
+    @staticmethod
+    def _ordered(pair: tuple[float, float]) -> tuple[float, float]:
+        if pair[0] > pair[1]:
+            raise refused("limits are reversed", "[low, high] with the lower number first")
+        return pair
+
+
+def _plain_name(text: str) -> str:
+    name = composed(text.strip())
+    if not name or re.search(r"[,;\r\n\t]", name):
+        raise refused("cannot be used as a name", "a text without comma, semicolon or line break")
+    return name
+
+
+def _file(value: Any, info: ValidationInfo) -> Path:
+    """Paths are relative to the configuration file; those of a program are as they are."""
+    if not isinstance(value, str | PurePath):
+        raise refused("cannot be used", "a path in quotes")
+    if info.context is None:
+        return Path(value)
+    if str(value) in ("", "."):
+        raise refused("is empty", "the path of a file", found="''")
+    path = Path(info.context["base"], os.path.expanduser(value))
+    try:
+        path.exists()
+    except OSError as error:  # the name is too long, or a folder on the way is closed
+        raise refused("cannot be opened", "the path of a file", found=error.strerror) from None
+    return path
+
+
+def _input(value: Any, info: ValidationInfo) -> Path | InMemory:
+    return value if isinstance(value, InMemory) else _file(value, info)
+
+
+def is_preset_file(preset: str) -> bool:
+    """Whether a preset is a file of the user, and not the name of a built-in one."""
+    return preset.endswith(".toml") or "/" in preset
+
+
+def _preset(value: str, info: ValidationInfo) -> str:
+    return str(_file(value, info)) if is_preset_file(value) else value
+
+
+def _codes(value: Any) -> Any:
+    """TOML keys are text; raster codes are whole numbers."""
+    expected = 'codes and class names, as in {1 = "rock"}'
+    if not isinstance(value, Mapping):
+        raise refused("is not a table of codes", expected)
+    try:
+        return {int(str(code)): name for code, name in value.items()}
+    except ValueError:
+        raise refused("has a code that is no whole number", expected) from None
+
+
+def _from_context(value: Any, info: ValidationInfo) -> Any:
+    if info.context is None:
+        return value
+    if value is not None:
+        raise refused("unknown key")
+    return info.context["file"]
+
+
+Number = TypeVar("Number")
+Item = TypeVar("Item")
+
+Span = Annotated[tuple[Number, Number], _Range()]
+Several = Annotated[tuple[Item, ...], Strict(False)]
+Text = Annotated[str, MinLen(1), AfterValidator(composed)]
+#: The name of a thing: no comma, semicolon or line break.
+Name = Annotated[str, AfterValidator(_plain_name)]
+#: The attribute with a setting of single features, as value_field: value.
+FieldName = Annotated[Text | None, "attribute of single features"]
+#: The name of a built-in preset, or a TOML file.
+Preset = Annotated[str, MinLen(1), AfterValidator(_preset)]
+File = Annotated[Path, PlainValidator(_file), WithJsonSchema({"type": "string"})]
+#: A file, or what a program holds in memory.
+InputFile = Annotated[Path | InMemory, PlainValidator(_input), WithJsonSchema({"type": "string"})]
+Codes = Annotated[dict[int, Name], BeforeValidator(_codes)]
+#: The configuration in which a section stands, for messages; it is no key.
+ConfigFile = Annotated[Path | None, Field(validate_default=True), PlainValidator(_from_context)]
+
+# ---------------------------------------------------------------------------------------------
+# Sections
+
+if TYPE_CHECKING:
+    from dataclasses import dataclass as checked
+
+    __all__ = ["checked"]
+else:
+
+    def checked(*, frozen, slots):
+        """Make a dataclass that is checked when it is made: what cannot be used is a ConfigError.
+
+        A program may give a single number for a range, a list for a tuple and a text for a path.
+        """
+
+        def made_of(cls):
+            made = pydantic.dataclasses.dataclass(frozen=frozen, slots=slots, config=RULES)(cls)
+            inner, names = made.__init__, tuple(f.name for f in dataclasses.fields(made))
+
+            @functools.wraps(inner)
+            def init(self, *given, **by_name):
+                by_name |= zip(names[: len(given)], given, strict=True)
+                plain = {
+                    k: v.item() if isinstance(v, np.generic) else v for k, v in by_name.items()
+                }
+                try:
+                    inner(self, **plain)
+                except ValidationError as error:
+                    wrong = error.errors()[0]
+                    key = str(wrong["loc"][0]) if wrong["loc"] else ""
+                    parts = explained(wrong, declared(made).get(key))
+                    inner_key = parts.pop("field")
+                    raise ConfigError(**parts, field=inner_key or key or None) from None
+
+            made.__init__ = init
+            return made
+
+        return made_of
+
+
+class Section:
+    """What all settings share: they are checked when they are made, and do not change."""
+
+    __slots__ = ()
+    if TYPE_CHECKING:
+        __dataclass_fields__: ClassVar[dict[str, dataclasses.Field[Any]]]
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> Any:
+        made = handler(source)
+        # A table makes a section as well.
+        cast(Any, handler.resolve_ref_schema(made))["strict"] = False
+        return made
+
+    def __post_init__(self) -> None:
+        try:
+            self._fits_together()
+        except InputError as error:
+            raise refusal(error) from None
+
+    def _fits_together(self) -> None:
+        """Raise ConfigError where single values are right, but not all of them together."""
+
+    def _goes_with(self, keys: Iterable[str], other: str, what: str, named: str = "") -> None:
+        """Raise ConfigError where one of some keys has a value, and the other that it needs none.
+
+        ``what`` the other is, and how the message names it where that is not its key.
+        """
+        for key in keys:
+            if getattr(self, key) is not None and getattr(self, other) is None:
+                problem, expected = f"has no {what} to go with", f"{named or other} as well"
+                raise ConfigError(problem, field=key, expected=expected)
 
 
 class Declared(NamedTuple):
@@ -83,43 +285,6 @@ class Declared(NamedTuple):
         return self.default is dataclasses.MISSING
 
 
-@dataclass(frozen=True, slots=True)
-class Section:
-    """What all settings share: they are checked when they are made, and do not change.
-
-    A program may give a single number for a range, a list for a tuple and a text for a path.
-    """
-
-    def __post_init__(self) -> None:
-        for setting in declared(type(self)).values():
-            given = getattr(self, setting.name)
-            value = adapted(setting.kind, given)
-            if value is not given:
-                object.__setattr__(self, setting.name, value)
-            wrong = fault(setting.kind, value)
-            if wrong is not None:
-                raise ConfigError(
-                    wrong.problem,
-                    field=setting.name,
-                    found=repr(wrong.found),
-                    expected=wrong.expected,
-                )
-        self._fits_together()
-
-    def _fits_together(self) -> None:
-        """Raise ConfigError where single values are right, but not all of them together."""
-
-    def _goes_with(self, keys: Iterable[str], other: str, what: str, named: str = "") -> None:
-        """Raise ConfigError where one of some keys has a value, and the other that it needs none.
-
-        ``what`` the other is, and how the message names it where that is not its key.
-        """
-        for key in keys:
-            if getattr(self, key) is not None and getattr(self, other) is None:
-                problem, expected = f"has no {what} to go with", f"{named or other} as well"
-                raise ConfigError(problem, field=key, expected=expected)
-
-
 def declared(cls: type) -> Mapping[str, Declared]:
     """Settings of a section by key, in order; fields without a description are none."""
     return _declared(cast(Any, cls))
@@ -132,144 +297,15 @@ def _declared(cls: Any) -> Mapping[str, Declared]:
     for field in dataclasses.fields(cls):
         hint = hints[field.name]
         notes = get_args(hint)[1:] if get_origin(hint) is Annotated else ()
-        if Mark.OF_FEATURES in notes:
+        if hint == FieldName:
             key = field.name.removesuffix("_field")
             notes = (f"attribute with {key}", Example(key))
         text = next((n for n in notes if isinstance(n, str)), None)
         if text is not None:
-            found[field.name] = Declared(
-                field.name,
-                hint,
-                field.default,
-                text,
-                next((n.old for n in notes if isinstance(n, Renamed)), None),
-                next((n for n in notes if isinstance(n, Example)), None),
-            )
+            old = next((n.old for n in notes if isinstance(n, Renamed)), None)
+            example = next((n for n in notes if isinstance(n, Example)), None)
+            found[field.name] = Declared(field.name, hint, field.default, text, old, example)
     return types.MappingProxyType(found)
-
-
-def composed(text: str) -> str:
-    """A name in the one of its Unicode forms that all are compared in (NFC): ö, not o and dots."""
-    return text if unicodedata.is_normalized("NFC", text) else unicodedata.normalize("NFC", text)
-
-
-def adapted(kind: Any, value: Any) -> Any:
-    """A value in the form that its annotation asks for, as far as that is plain; else as it is."""
-    origin, parts = get_origin(kind), get_args(kind)
-    if value is None:
-        return None
-    if origin in (Union, types.UnionType):
-        return adapted(next(k for k in parts if k is not type(None)), value)
-    if origin is Annotated:
-        if Mark.RANGE in parts[1:] and isinstance(value, Real):
-            value = (value, value)
-        if Mark.PRESET_NAME in parts[1:]:  # It may be the path of a file, whose name is as it is.
-            return value
-        return adapted(parts[0], value)
-    if origin is tuple and isinstance(value, list | tuple):
-        kinds = parts[:1] * len(value) if parts[-1] is Ellipsis else parts
-        if len(kinds) != len(value):
-            return value
-        made = tuple(map(adapted, kinds, value))
-        return value if isinstance(value, tuple) and all(map(is_, made, value)) else made
-    if origin is Mapping and isinstance(value, Mapping):
-        table = {key: adapted(parts[1], own) for key, own in value.items()}
-        return value if all(map(is_, table.values(), value.values())) else table
-    if isinstance(value, bool):
-        return value
-    if kind is str and isinstance(value, str):
-        return composed(value)
-    if kind is float and isinstance(value, Real):
-        return float(value)
-    if kind is int and isinstance(value, Integral):
-        return int(value)
-    return Path(value) if kind is Path and isinstance(value, str) else value
-
-
-_TYPES: Mapping[Any, tuple[Any, str]] = {
-    float: (float, "a number"),
-    int: (int, "a whole number"),
-    bool: (bool, "true or false"),
-    str: (str, "a text"),
-    Path: ((PurePath, InMemory), "a path"),
-}
-
-
-class Fault(NamedTuple):
-    """What is wrong with a value, and what would have been accepted."""
-
-    problem: str
-    found: object
-    expected: str
-
-
-def fault(kind: Any, value: Any) -> Fault | None:
-    """What is wrong with a value; None if it is of the right type and keeps its limits.
-
-    Parameters
-    ----------
-    kind
-        The annotation of the setting.
-    value
-        Its value; a list is a tuple.
-    """
-    origin = get_origin(kind)
-    if origin in (Union, types.UnionType):
-        if value is None:
-            return None
-        return fault(next(k for k in get_args(kind) if k is not type(None)), value)
-    if origin is Annotated:
-        inner, *notes = get_args(kind)
-        wrong = fault(inner, value)
-        for note in notes:
-            wrong = wrong or (None if value is None else _against(note, value))
-        return wrong
-    if origin is Literal and value not in get_args(kind):
-        return Fault("unknown choice", value, "one of " + ", ".join(map(repr, get_args(kind))))
-    if origin is tuple:
-        parts = get_args(kind)
-        if not isinstance(value, tuple) or (parts[-1] is not Ellipsis and len(value) != len(parts)):
-            many = "numbers" if parts[-1] is Ellipsis else f"{len(parts)} values"
-            return Fault("cannot be used", value, f"a list of {many}")
-        kinds = parts[:1] * len(value) if parts[-1] is Ellipsis else parts
-        wrongs = (fault(k, v) for k, v in zip(kinds, value, strict=False))
-        return next((w for w in wrongs if w is not None), None)
-    if origin is None and kind in _TYPES:
-        known, expected = _TYPES[kind]
-        if not isinstance(value, known) or (kind is int and isinstance(value, bool)):
-            return Fault("cannot be used", value, expected)
-        if kind is float and not math.isfinite(value):
-            return Fault("cannot be used", value, "a finite number")
-    return None
-
-
-def _against(note: Any, value: Any) -> Fault | None:
-    """Whether a value goes against one of the marks of its annotation."""
-    if note is Mark.RANGE and value[0] > value[1]:
-        return Fault("limits are reversed", value, "[low, high] with the lower number first")
-    if isinstance(note, Interval):
-        numbers = value if isinstance(value, tuple) else (value,)
-        if not all(_within(note, number) for number in numbers):
-            kind = "numbers" if isinstance(value, tuple) else "a number"
-            return Fault("is out of range", value, f"{kind} {limits_text(note)}")
-    if isinstance(note, MinLen) and len(value) < note.min_length:
-        what = "text that is not empty" if value == "" else f"list of at least {note.min_length}"
-        return Fault("cannot be used", value, f"a {what}")
-    if isinstance(note, MaxLen) and len(value) > note.max_length:
-        return Fault("cannot be used", value, f"at most {note.max_length} characters")
-    if note is Mark.PLAIN_NAME and (not value or re.search(r"[,;\r\n\t]", value)):
-        expected = "a text without comma, semicolon or line break"
-        return Fault("cannot be used as a name", value, expected)
-    return None
-
-
-def _within(limits: Interval, number: Any) -> bool:
-    return not (
-        (limits.ge is not None and number < limits.ge)
-        or (limits.gt is not None and number <= limits.gt)
-        or (limits.le is not None and number > limits.le)
-        or (limits.lt is not None and number >= limits.lt)
-    )
 
 
 def interval(kind: Any) -> Interval | None:
@@ -297,3 +333,58 @@ def limits_text(limits: Interval) -> str:
 def is_file(kind: Any) -> bool:
     """Whether a setting names a file."""
     return kind is Path or any(is_file(k) for k in get_args(kind) if not isinstance(k, str))
+
+
+# ---------------------------------------------------------------------------------------------
+# What is wrong
+
+#: What would have been accepted, by the kind of pydantic's error.
+_EXPECTED = {
+    "float_type": "a number",
+    "int_type": "a whole number",
+    "int_from_float": "a whole number",
+    "string_type": "a text in quotes",
+    "bool_type": "true or false",
+    "finite_number": "a finite number",
+    "tuple_type": "a list in [ ]",
+    "list_type": "a list in [ ]",
+    "string_too_short": "a text that is not empty",
+    "string_too_long": "at most {max_length} characters",
+    "literal_error": "one of {expected}",
+    "too_short": "a list of at least {min_length}",
+    "too_long": "{max_length} numbers",
+}
+_LIMITS = ("greater_than", "greater_than_equal", "less_than", "less_than_equal")
+
+
+def explained(error: ErrorDetails, own: Declared | None) -> dict[str, Any]:
+    """What a value is refused for: problem, field within it, found and expected."""
+    kind, context, loc = error["type"], error.get("ctx", {}), error["loc"]
+    found: object = in_short(error["input"])
+    if kind == "sassgis":
+        told = context["found"] is not None or context["field"]
+        return {**context, "found": context["found"] if told else found}
+    problem: str = "cannot be used"
+    expected: str | None = error["msg"]
+    if kind in _EXPECTED:
+        expected = _EXPECTED[kind].format_map(context)
+    if kind in ("missing", "missing_argument"):
+        problem, found = "missing key", None
+        expected = None if own is None else own.description
+        if isinstance(loc[-1], int) and len(loc) > 1:
+            problem, expected = "is too short", "two numbers [x, y]"
+    elif kind in ("extra_forbidden", "unexpected_keyword_argument"):
+        problem, found, expected = "unknown key", None, None
+    elif kind == "literal_error":
+        problem = "unknown choice"
+    elif kind in _LIMITS:
+        limits = None if own is None else interval(own.kind)
+        problem = "is out of range"
+        expected = error["msg"] if limits is None else f"a number {limits_text(limits)}"
+    return {"problem": problem, "field": None, "found": found, "expected": expected}
+
+
+def in_short(value: object) -> str:
+    """A value as messages repeat it."""
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."

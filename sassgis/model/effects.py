@@ -12,9 +12,10 @@ from typing import ClassVar, TypeVar
 from sassgis.model.declared import Section
 
 
-@dataclass(frozen=True, slots=True)
 class EffectSection(Section):
     """Base of the settings of an effect: a frozen dataclass of declared settings with a name."""
+
+    __slots__ = ()
 
     name: ClassVar[str]  # of the effect, as in ``[effects.<name>]``
 

@@ -9,9 +9,8 @@ from typing import Annotated, Any, Literal
 
 from annotated_types import Interval, MaxLen
 
-from sassgis.model.declared import Example, FieldName, Name, Section, Text
+from sassgis.model.declared import Example, FieldName, InputFile, Name, Section, Text, checked
 from sassgis.model.errors import InputError
-from sassgis.model.in_memory import Input
 
 ObjectKind = Literal["building", "road", "line", "people"]
 OBJECT_KINDS: tuple[ObjectKind, ...] = ("building", "road", "line", "people")
@@ -37,7 +36,7 @@ Occupants = Annotated[float, Interval(ge=0, le=2000)]
 Trips = Annotated[float, Interval(ge=0, le=1000)]
 
 
-@dataclass(frozen=True, slots=True)
+@checked(frozen=True, slots=True)
 class Traffic(Section):
     """Vehicles on a road."""
 
@@ -66,7 +65,7 @@ class Traffic(Section):
         return self.traffic_per_day * self.vehicle_length_m / (24_000.0 * self.speed_kmh)
 
 
-@dataclass(frozen=True, slots=True)
+@checked(frozen=True, slots=True)
 class ExposedObject(Section):
     """Something that blocks may hit: a building, a stretch of road or of a line, a group of people.
 
@@ -136,7 +135,7 @@ NUMBERS_OF_KIND: Mapping[str, tuple[str, ...]] = {
 }
 
 
-@dataclass(frozen=True, slots=True)
+@checked(frozen=True, slots=True)
 class VulnerabilityRow(Section):
     """What a hit of one intensity does to one kind of object."""
 
@@ -263,19 +262,19 @@ class PlacedObjects:
         return found
 
 
-@dataclass(frozen=True, slots=True)
+@checked(frozen=True, slots=True)
 class RiskSettings(Section):
     """What hits do to exposed objects."""
 
     vulnerability: Annotated[
-        Input | None,
+        InputFile | None,
         "table (CSV) with columns kind, intensity, vulnerability, lethality, source",
         Example("vulnerability.csv"),
     ] = None
     currency: Annotated[Text, MaxLen(12), "of all values"] = "CHF"
 
 
-@dataclass(frozen=True, slots=True)
+@checked(frozen=True, slots=True)
 class ObjectSettings(Section):
     """A layer of exposed objects of one kind.
 
@@ -286,7 +285,7 @@ class ObjectSettings(Section):
         Name, "name of the layer, for messages and as a name of its objects", Example("houses")
     ]
     kind: Annotated[ObjectKind, "kind of the objects", Example("building")]
-    file: Annotated[Input, "polygons, lines or points", Example("buildings.gpkg")]
+    file: Annotated[InputFile, "polygons, lines or points", Example("buildings.gpkg")]
     layer: Annotated[Text | None, "layer, where the file has several", Example("buildings")] = None
     name_field: Annotated[
         Text | None, "attribute with the names of the objects", Example("name")

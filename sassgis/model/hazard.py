@@ -3,17 +3,27 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from itertools import pairwise
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from annotated_types import Interval, MinLen
 
-from sassgis.model.declared import Example, Mark, Renamed, Section, Text
+from sassgis.model.declared import (
+    Example,
+    File,
+    InputFile,
+    Preset,
+    Renamed,
+    Section,
+    Several,
+    Text,
+    checked,
+)
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.grid import FloatArray, IntArray
-from sassgis.model.in_memory import Input
 
 #: Which rows or columns of an array.
 Rows = slice | list[int]
@@ -319,18 +329,17 @@ class BlockBudget:
     seconds: float = 3600.0
 
 
-@dataclass(frozen=True, slots=True)
+@checked(frozen=True, slots=True)
 class HazardSettings(Section):
     """From blocks to intensities and hazard levels (sassgis zone); needs onset frequencies."""
 
     preset: Annotated[
-        Text,
-        Mark.PRESET_NAME,
+        Preset,
         "rules for intensity and level: a built-in preset (ch-so, ti), or a "
         "TOML file of your own (docs/presets.md)",
     ] = "ch-so"
     frequencies: Annotated[
-        Input | None,
+        InputFile | None,
         "table (CSV) with columns area, scenario, frequency, unit: onset frequencies "
         "of single release areas, in place of onset_frequency and onset_unit of [[blocks]], which "
         "hold for all areas that are not in it; "
@@ -382,7 +391,7 @@ class HazardSettings(Section):
         bool, "whether the zones are also made without walls and nets, and compared"
     ] = True
     design_return_periods_years: Annotated[
-        tuple[Annotated[float, Interval(ge=1, le=10_000)], ...],
+        Several[Annotated[float, Interval(ge=1, le=10_000)]],
         MinLen(1),
         "for the energy and height that a barrier at each station must take",
     ] = (30.0, 100.0, 300.0)
@@ -426,7 +435,7 @@ class Drawing:
     scale: float = 0.0  # denominator of the scale of the sheet; 0: none
 
 
-@dataclass(frozen=True, slots=True)
+@checked(frozen=True, slots=True)
 class ZoningSettings(Section):
     """From cells to zones as they are drawn (docs/zones.md).
 
@@ -499,3 +508,44 @@ class ZoningSettings(Section):
             metres(self.tolerance_m, 1.5 * cell_size),
             self.scale,
         )
+
+
+#: Code of places without a level.
+NO_LEVEL = "not_in_danger"
+#: How an edit bears on what was computed: it replaces it, or the level is no lower, or no higher.
+EditLimit = Literal["", "at_least", "at_most"]
+LIMIT_TEXT: Mapping[str, str] = {"": "", "at_least": "at least", "at_most": "at most"}
+
+
+@checked(frozen=True, slots=True)
+class EditSettings(Section):
+    """What experts have set by hand, kept through every run (docs/zones.md)."""
+
+    file: Annotated[
+        File | None,
+        "polygons (any vector file) with level, author, date, reason; may be empty; --edits "
+        "replaces it",
+        Example("edits.gpkg"),
+    ] = None
+    layer: Annotated[Text | None, "layer of the file, if it has several", Example("edits")] = None
+
+
+@dataclass(frozen=True, slots=True)
+class Edit:
+    """A level of a place, or a limit of it, that an expert has set."""
+
+    geometry: Any  # shapely geometry; polygons, in the coordinates of the terrain model
+    level: int  # position among the levels of the preset, plus 1; 0 for none
+    # Whether the level holds, or only where the computed one is lower, or higher.
+    limit: EditLimit
+    author: str
+    date: str  # as 2026-01-31
+    reason: str
+    # What was computed there when the edit was made, as ``level_shares`` has it; empty if nobody
+    # noted it.
+    computed: str = ""
+
+    @property
+    def words(self) -> str:
+        """Who edited, when and why."""
+        return f"{self.author}, {self.date}: {self.reason}"

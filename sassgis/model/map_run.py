@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,6 @@ from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.ground import GroundTable
 from sassgis.model.languages import phrase
-from sassgis.model.release_areas import ReleaseArea
 from sassgis.model.results import ControlLine
 from sassgis.model.settings import EngineSettings, ReleaseSettings, TerrainSettings
 
@@ -248,3 +248,14 @@ class FallLines:
     length_m: FloatArray
     drop_m: FloatArray
     end: NDArray[np.uint8]  # a LineEnd
+
+
+@dataclass(frozen=True, slots=True)
+class ReleaseArea:
+    """A place from which blocks start."""
+
+    name: str  # unique in the run; random draws hang on it
+    geometry: Any  # shapely geometry; polygons, lines or points in the coordinates of the DEM (m)
+    scenarios: tuple[str, ...]  # names of the block scenarios that start here
+    # Share of it (of its area, length or points) where heights are known: only there blocks start.
+    known: float = 1.0

@@ -142,6 +142,6 @@ class RasterLayer:
     bands: tuple[Band, ...]  # the first is the one shown
     # Class limits for the legend, ascending; empty: a continuous ramp over the data's range.
     breaks: tuple[float, ...]
-    ramp: str  # of :mod:`sassgis.model.ramps`
+    ramp: str  # of :mod:`sassgis.model.styles`
     # For a map of classes: the values of the first band are theirs; ``breaks`` is empty.
     classes: tuple[RasterClass, ...] = ()

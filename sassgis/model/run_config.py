@@ -9,11 +9,10 @@ from typing import Any
 
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.declared import declared
-from sassgis.model.edits import EditSettings
 from sassgis.model.effects import EffectSettings
 from sassgis.model.errors import ConfigError
 from sassgis.model.exposure import ObjectSettings, RiskSettings
-from sassgis.model.hazard import HazardSettings, Onset, ZoningSettings
+from sassgis.model.hazard import EditSettings, HazardSettings, Onset, ZoningSettings
 from sassgis.model.in_memory import Input
 from sassgis.model.settings import (
     BarrierSettings,

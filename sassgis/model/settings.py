@@ -5,32 +5,36 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from datetime import date
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from annotated_types import Interval, MinLen
+from pydantic import Strict
 
 from sassgis.model.declared import (
+    Codes,
+    ConfigFile,
     Example,
     FieldName,
-    Mark,
+    File,
+    InputFile,
     Name,
     Renamed,
     Section,
+    Several,
     Span,
     Text,
+    checked,
     declared,
 )
 from sassgis.model.errors import ConfigError
 from sassgis.model.hazard import OnsetUnit
-from sassgis.model.in_memory import Input
 from sassgis.model.languages import Language, phrase
 from sassgis.model.results import ControlLine
 
 
-@dataclass(frozen=True, slots=True)
+@checked(frozen=True, slots=True)
 class ProjectSettings(Section):
     """Title of the project and who answers for it, on map sheets and in the report."""
 
@@ -52,7 +56,7 @@ class ProjectSettings(Section):
     ] = None
     checked_on: Annotated[Text | None, "date of that check", Example("2026-02-28")] = None
     base_map: Annotated[
-        Path | None,
+        File | None,
         "raster in the coordinates of the terrain model that lies under the zones on map sheets, "
         "in place of the relief",
         Example("base_map.tif"),
@@ -84,12 +88,12 @@ class ProjectSettings(Section):
         return phrase("checked by {}, {}", self.checked_by, self.checked_on)
 
 
-@dataclass(frozen=True, slots=True)
+@checked(frozen=True, slots=True)
 class TerrainSettings(Section):
     """The DEM, and how fall lines are traced and flattened."""
 
     dem: Annotated[
-        Input | None,
+        InputFile | None,
         "terrain model: a raster, such as GeoTIFF, or a folder of tiles",
         Example("dem.tif", needed=True),
     ] = None
@@ -146,12 +150,14 @@ class TerrainSettings(Section):
             )
 
 
-@dataclass(frozen=True, slots=True)
+@checked(frozen=True, slots=True)
 class ReleaseSettings(Section):
     """Where blocks start."""
 
     file: Annotated[
-        Input | None, "polygons, lines or points of release", Example("release.gpkg", needed=True)
+        InputFile | None,
+        "polygons, lines or points of release",
+        Example("release.gpkg", needed=True),
     ] = None
     layer: Annotated[Text | None, "layer, where the file has several", Example("release")] = None
     name_field: Annotated[
@@ -174,48 +180,48 @@ class ReleaseSettings(Section):
         int, Interval(ge=1, le=1_000_000), "blocks released at each release point"
     ] = 50
     #: The configuration, for messages of those who are given this section alone.
-    config_file: Path | None = field(default=None, compare=False, repr=False)
+    config_file: ConfigFile = field(default=None, compare=False, repr=False)
 
 
-@dataclass(frozen=True, slots=True)
+@checked(frozen=True, slots=True)
 class GroundSettings(Section):
     """The kind of ground of each cell."""
 
     default: Annotated[Name, "class where no file names another"] = "debris"
     file: Annotated[
-        Input | None, "polygons or a raster of ground classes", Example("ground.gpkg")
+        InputFile | None, "polygons or a raster of ground classes", Example("ground.gpkg")
     ] = None
     layer: Annotated[Text | None, "layer, where the file has several", Example("ground")] = None
     class_field: Annotated[Text, "attribute with the class names"] = "class"
     classes: Annotated[
-        Input | None,
+        InputFile | None,
         "own class table (CSV or TOML), added to the built-in one or overriding it",
         Example("classes.csv"),
     ] = None
     ranges: Annotated[
-        Input | None,
+        InputFile | None,
         "own table of the spread of ground classes between sites (CSV), before the built-in one",
         Example("class_spread.csv"),
     ] = None
     raster_classes: Annotated[
-        Mapping[int, Name] | None,
-        Mark.CODES,
+        Codes | None,
         "class of each code, where the file is a raster",
         Example({1: "rock", 2: "debris"}),
     ] = None
     #: The configuration, for messages of those who are given this section alone.
-    config_file: Path | None = field(default=None, compare=False, repr=False)
+    config_file: ConfigFile = field(default=None, compare=False, repr=False)
 
     def _fits_together(self) -> None:
         self._goes_with(("layer", "raster_classes"), "file", "file", "ground.file")
 
 
-Semiaxis = Annotated[Span, Interval(gt=0, le=10)]
-Proportion = Annotated[Span, Interval(gt=0, le=1)]
+Semiaxis = Span[Annotated[float, Interval(gt=0, le=10)]]
+Point = Annotated[tuple[float, float], Strict(False)]
+Proportion = Span[Annotated[float, Interval(gt=0, le=1)]]
 AXES = ("axis_1_m", "axis_2_m", "axis_3_m")
 
 
-@dataclass(frozen=True, slots=True)
+@checked(frozen=True, slots=True)
 class BlockSettings(Section):
     """One block scenario; every range may also be a single number."""
 
@@ -232,8 +238,7 @@ class BlockSettings(Section):
         Semiaxis | None, "third SEMI-axis (m)", Example((0.45, 0.60), needed=True)
     ] = None
     volume_m3: Annotated[
-        Span | None,
-        Interval(gt=0, le=1000),
+        Span[Annotated[float, Interval(gt=0, le=1000)]] | None,
         "volume of the block, in place of the axes (m3)",
         Example((0.1, 1.0)),
     ] = None
@@ -245,7 +250,7 @@ class BlockSettings(Section):
         Example(1.0),
     ] = None
     shape: Annotated[
-        tuple[Proportion, Proportion, Proportion] | None,
+        Annotated[tuple[Proportion, Proportion, Proportion], Strict(False)] | None,
         "with volume_m3: proportions of the three axes, as [1, [0.7, 0.9], 0.6]; "
         "default [1, [0.7, 1], [0.5, 0.8]]",
         Example((1.0, (0.7, 1.0), (0.5, 0.8))),
@@ -268,24 +273,26 @@ class BlockSettings(Section):
         "(m3), from which the power law gives the frequency between the limits of volume_m3",
         Example(0.1),
     ] = None
-    density_kgm3: Annotated[Span, Interval(ge=500, le=10_000), "density of the block (kg/m3)"] = (
+    density_kgm3: Annotated[
+        Span[Annotated[float, Interval(ge=500, le=10_000)]], "density of the block (kg/m3)"
+    ] = (
         2700.0,
         2700.0,
     )
     speed_mps: Annotated[
-        Span, Interval(ge=0, le=150), "speed at the start, downhill along the slope (m/s)"
+        Span[Annotated[float, Interval(ge=0, le=150)]],
+        "speed at the start, downhill along the slope (m/s)",
     ] = (0.0, 0.0)
     spin_radps: Annotated[
-        Span,
-        Interval(ge=-300, le=300),
+        Span[Annotated[float, Interval(ge=-300, le=300)]],
         "spin at the start, positive as a block rolling downhill (rad/s)",
     ] = (0.0, 0.0)
     drop_m: Annotated[
-        Span, Interval(ge=0, le=1000), "height above rest from which the block is released (m)"
+        Span[Annotated[float, Interval(ge=0, le=1000)]],
+        "height above rest from which the block is released (m)",
     ] = (0.0, 0.0)
     orientation_rad: Annotated[
-        Span,
-        Interval(ge=-2.0 * math.pi, le=2.0 * math.pi),
+        Span[Annotated[float, Interval(ge=-2.0 * math.pi, le=2.0 * math.pi)]],
         "angle of the longest axis to the slope at the start (rad)",
     ] = (0.0, math.pi)
 
@@ -313,18 +320,18 @@ class BlockSettings(Section):
         return {key: getattr(self, key) or shape[i] for i, key in enumerate(AXES)}
 
 
-@dataclass(frozen=True, slots=True)
+@checked(frozen=True, slots=True)
 class StationSettings(Section):
     """A line on the map, or a chainage, where passing blocks are recorded."""
 
     name: Annotated[Name, "name of the station or barrier", Example("road")]
     line: Annotated[
-        Annotated[tuple[tuple[float, float], ...], MinLen(2)] | None,
+        Annotated[Several[Point], MinLen(2)] | None,
         "[[x, y], [x, y], ...] in the DEM's coordinates (m)",
         Example(((2700010.0, 1150000.0), (2700090.0, 1150010.0))),
     ] = None
     file: Annotated[
-        Input | None,
+        InputFile | None,
         "layer of lines; each feature is a station or barrier",
         Example("stations.gpkg"),
     ] = None
@@ -347,7 +354,7 @@ class StationSettings(Section):
         self._goes_with(("layer", "name_field"), "file", "file")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@checked(frozen=True, slots=True)
 class BarrierSettings(StationSettings):
     """A wall or a net; placed as a station is.
 
@@ -415,7 +422,7 @@ _READINGS: Mapping[str, Mapping[str, Any]] = {
 }  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True)
+@checked(frozen=True, slots=True)
 class EngineSettings(Section):
     """How the model is read where its paper is silent; docs/model.md says what each changes.
 
@@ -518,12 +525,12 @@ class EngineSettings(Section):
         return replace(self, **own)
 
 
-@dataclass(frozen=True, slots=True)
+@checked(frozen=True, slots=True)
 class ForestPlace(Section):
     """Where the forest of ``[effects.trees]`` stands."""
 
     file: Annotated[
-        Input | None,
+        InputFile | None,
         "polygons of forest; without it, rasters and single trees, forest is everywhere",
         Example("forest.gpkg"),
     ] = None
@@ -535,13 +542,13 @@ class ForestPlace(Section):
         Text | None, "attribute with the diameter at breast height (cm)", Example("dbh_cm")
     ] = None
     stems_raster: Annotated[
-        Input | None, "raster of stems per hectare, in place of polygons", Example("stems.tif")
+        InputFile | None, "raster of stems per hectare, in place of polygons", Example("stems.tif")
     ] = None
     dbh_raster: Annotated[
-        Input | None, "raster of diameters at breast height (cm)", Example("dbh.tif")
+        InputFile | None, "raster of diameters at breast height (cm)", Example("dbh.tif")
     ] = None
     single_trees: Annotated[
-        Input | None,
+        InputFile | None,
         "trees one by one, in place of polygons: a CSV table with columns x, y, dbh_cm and, if "
         "wanted, conifer_share (0 to 1), or points with these attributes; stems are counted within "
         "5 m",
@@ -584,18 +591,18 @@ class ForestPlace(Section):
                 )
 
 
-@dataclass(frozen=True, slots=True)
+@checked(frozen=True, slots=True)
 class ProfileSettings(Section):
     """A run along a single profile (sassgis profile), which needs neither terrain nor release."""
 
     file: Annotated[
-        Input | None, "CSV with columns s_m, z_m and, if wanted, ground", Example("profile.csv")
+        InputFile | None, "CSV with columns s_m, z_m and, if wanted, ground", Example("profile.csv")
     ] = None
-    start_m: Annotated[Span, "chainages between which blocks start (m)"] = (0.0, 0.0)
+    start_m: Annotated[Span[float], "chainages between which blocks start (m)"] = (0.0, 0.0)
     rocks: Annotated[int, Interval(ge=1, le=100_000_000), "number of blocks"] = 100
 
 
-@dataclass(frozen=True, slots=True)
+@checked(frozen=True, slots=True)
 class RunSettings(Section):
     """Seed and processor cores."""
 
@@ -614,7 +621,7 @@ class RunSettings(Section):
 TableFormat = Literal["none", "csv", "parquet"]
 
 
-@dataclass(frozen=True, slots=True)
+@checked(frozen=True, slots=True)
 class OutputSettings(Section):
     """What is written."""
 
@@ -627,7 +634,7 @@ class OutputSettings(Section):
     rock_table: Annotated[TableFormat, "one row per block"] = "none"
     passage_table: Annotated[TableFormat, "one row per block and station or barrier"] = "none"
     energy_classes_kj: Annotated[
-        tuple[Annotated[float, Interval(gt=0)], ...],
+        Several[Annotated[float, Interval(gt=0)]],
         MinLen(1),
         "limits between the energy classes (kJ)",
     ] = (30.0, 300.0)

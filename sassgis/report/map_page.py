@@ -28,9 +28,8 @@ from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.hazard import HazardCurves, HazardPreset
 from sassgis.model.languages import current_language, phrase, translated
 from sassgis.model.map_run import MapRun
-from sassgis.model.ramps import rgb
 from sassgis.model.results import RasterLayer
-from sassgis.model.styles import class_colours, class_labels
+from sassgis.model.styles import class_colours, class_labels, rgb
 from sassgis.report.figures.map_figure import class_numbers, shown_values
 from sassgis.report.figures.map_marks import MapObject
 from sassgis.report.figures.relief import MapView, footprint, hillshade, view_of

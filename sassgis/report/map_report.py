@@ -17,14 +17,13 @@ from sassgis.hazard.progress import Progress, joined_lines
 from sassgis.hazard.warnings import ground_shares
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.ground import TRUST_TEXT
-from sassgis.model.labels import LINE_END_TEXT, STOP_TEXT, file_stems
+from sassgis.model.labels import LINE_END_TEXT, STOP_TEXT, file_stems, thousands
 from sassgis.model.languages import joined, named, phrase
 from sassgis.model.map_run import MapRun
 from sassgis.model.results import RasterLayer, StopReason
 from sassgis.model.statistics_table import FEW_BLOCKS
 from sassgis.report import figures
 from sassgis.report.figures.map_marks import MapObject
-from sassgis.report.number_text import thousands
 from sassgis.report.page import ReportContext, ReportFigure, ReportTable, table_of
 from sassgis.report.pictures import map_alt, path_alt, picture, station_alt
 from sassgis.report.run_summary import runout_words

@@ -15,8 +15,8 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 
 from sassgis.model.errors import OutputError
+from sassgis.model.labels import power_of_ten
 from sassgis.model.languages import current_language, translated, with_translated
-from sassgis.report.number_text import power_of_ten
 
 #: What a cell of a table may hold; numbers are written with sensible digits, None as a dash.
 Cell = str | int | float | np.integer[Any] | np.floating[Any] | None

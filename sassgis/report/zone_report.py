@@ -18,17 +18,15 @@ from sassgis.hazard.preset_labels import energy_labels, period_labels
 from sassgis.hazard.risk import RiskTable, risk_totals
 from sassgis.hazard.zoning.applied_edits import shares_text
 from sassgis.hazard.zoning.coverage import Coverage
-from sassgis.model.edits import LIMIT_TEXT
 from sassgis.model.grid import FloatArray
-from sassgis.model.hazard import HazardPreset
-from sassgis.model.labels import rounded
+from sassgis.model.hazard import LIMIT_TEXT, HazardPreset
+from sassgis.model.labels import rounded, thousands
 from sassgis.model.languages import joined, phrase
 from sassgis.model.map_run import MapRun
 from sassgis.model.results import RasterLayer
 from sassgis.report import figures
 from sassgis.report.exposed_report import limited, map_objects
 from sassgis.report.map_report import map_marks
-from sassgis.report.number_text import thousands
 from sassgis.report.page import Cell, ReportFigure, ReportTable, heads, sensible, table_of
 from sassgis.report.pictures import classes_alt, map_alt, picture
 

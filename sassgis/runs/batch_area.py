@@ -29,8 +29,7 @@ from sassgis.model.errors import InputError, OutputError
 from sassgis.model.exposure import PlacedObjects
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.ground import GroundTable
-from sassgis.model.map_run import MapRun
-from sassgis.model.release_areas import ReleaseArea
+from sassgis.model.map_run import MapRun, ReleaseArea
 from sassgis.model.results import ControlLine, StopReason
 from sassgis.model.run_config import Config
 from sassgis.model.settings import ReleaseSettings

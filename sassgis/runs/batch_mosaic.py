@@ -43,8 +43,7 @@ from sassgis.io.write.raster import TILE, BlockMaps, Unfinished, finish_map
 from sassgis.model.exposure import PlacedObjects
 from sassgis.model.grid import Grid
 from sassgis.model.languages import in_language
-from sassgis.model.map_run import MapRun, Round
-from sassgis.model.release_areas import ReleaseArea
+from sassgis.model.map_run import MapRun, ReleaseArea, Round
 from sassgis.model.results import RasterLayer
 from sassgis.model.statistics_table import Bins
 from sassgis.runs.batch_area import AREAS_NAME, Candidate, Setting, area_feature, no_ground

@@ -26,8 +26,7 @@ from sassgis.model.errors import InputError
 from sassgis.model.grid import Grid
 from sassgis.model.ground import TRUST_TEXT, GroundTable, Trust
 from sassgis.model.in_memory import Input
-from sassgis.model.map_run import MapRun
-from sassgis.model.release_areas import ReleaseArea
+from sassgis.model.map_run import MapRun, ReleaseArea
 from sassgis.model.results import ControlLine
 from sassgis.model.run_config import Config
 from sassgis.runs.estimate import RunEstimate, estimate_of, require_profile

@@ -16,7 +16,7 @@ from sassgis.hazard.progress import Progress
 from sassgis.hazard.risk import RiskTable
 from sassgis.hazard.sources import Sampled
 from sassgis.hazard.zoning.applied_edits import shares_text
-from sassgis.model.edits import LIMIT_TEXT
+from sassgis.model.hazard import LIMIT_TEXT
 from sassgis.model.languages import joined, named, phrase
 from sassgis.model.map_run import MapRun
 from sassgis.report.map_page import Contribution, MapHazard, PlaceFacts, Rows

@@ -14,8 +14,8 @@ from sassgis.hazard.zoning.applied_edits import (
     with_edits,
 )
 from sassgis.hazard.zoning.coverage import Coverage
-from sassgis.model.edits import Edit, EditLimit
 from sassgis.model.grid import Grid
+from sassgis.model.hazard import Edit, EditLimit
 
 CODES = ("residual_hazard", "slight", "mean", "substantial")
 

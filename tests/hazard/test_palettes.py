@@ -16,9 +16,8 @@ from sassgis.hazard.zone_styles import (
 )
 from sassgis.io.read.presets import preset_names, read_preset
 from sassgis.io.write.layers.risk_objects import _RAMP
-from sassgis.model.ramps import rgb
 from sassgis.model.statistics_table import STATISTICS
-from sassgis.model.styles import Symbol, VectorStyle, class_colours
+from sassgis.model.styles import Symbol, VectorStyle, class_colours, rgb
 
 #: Steps of L* between classes that are to be told apart without colour; a difference of about 2
 #: is just seen side by side, and prints and distances take more.

@@ -8,10 +8,8 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from sassgis.io.read.checked import section_type
-
 
 def section_of(cls: type[Any], table: Mapping[str, Any], file: Path) -> Any:
     """A section from its table, as if it stood in ``file``."""
     context = {"base": file.parent, "file": file}
-    return TypeAdapter(section_type(cls)).validate_python(dict(table), context=context)
+    return TypeAdapter(cls).validate_python(dict(table), context=context)

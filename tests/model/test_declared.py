@@ -2,29 +2,39 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Annotated, Literal
 
+import numpy as np
 import pytest
 from annotated_types import Interval
 
 from sassgis.engine.effects.air_drag import AirDrag
 from sassgis.engine.effects.registry import EFFECTS
 from sassgis.engine.effects.trees import Trees
-from sassgis.model.declared import Renamed, Section, Span, declared, is_file, limits_text
+from sassgis.model.declared import (
+    Renamed,
+    Section,
+    Several,
+    Span,
+    checked,
+    declared,
+    is_file,
+    limits_text,
+)
 from sassgis.model.effects import EffectSettings
 from sassgis.model.errors import ConfigError
-from sassgis.model.settings import BlockSettings, TerrainSettings
+from sassgis.model.settings import BlockSettings, RunSettings, TerrainSettings
 
 
-@dataclass(frozen=True, slots=True)
+@checked(frozen=True, slots=True)
 class Sample(Section):
     """A section."""
 
     length_m: Annotated[float | None, Interval(gt=0, lt=10), "a length (m)"] = None
-    span_m: Annotated[Span, Interval(ge=0), "two lengths (m)"] = (0.0, 1.0)
+    span_m: Annotated[Span[Annotated[float, Interval(ge=0)]], "two lengths (m)"] = (0.0, 1.0)
     rule: Annotated[Literal["a", "b"], "a rule", Renamed("law")] = "a"
-    many: Annotated[tuple[Annotated[int, Interval(ge=1, le=3)], ...], "numbers"] = (1,)
+    many: Annotated[Several[Annotated[int, Interval(ge=1, le=3)]], "numbers"] = (1,)
     file_note: str = "no setting"
 
 
@@ -44,8 +54,8 @@ def test_what_is_declared():
         ({"length_m": 10.0}, ["length_m", "found 10.0"]),
         ({"length_m": float("nan")}, ["length_m", "found nan", "finite"]),
         ({"span_m": (2.0, 1.0)}, ["span_m", "reversed"]),
-        ({"span_m": (-1.0, 1.0)}, ["span_m", "numbers 0 or more"]),
-        ({"rule": "c"}, ["rule", "found 'c'", "'a', 'b'"]),
+        ({"span_m": (-1.0, 1.0)}, ["span_m", "found -1.0", "0 or more"]),
+        ({"rule": "c"}, ["rule", "found 'c'", "'a' or 'b'"]),
         ({"many": (1, 4)}, ["many", "found 4", "at most 3"]),
     ],
 )
@@ -59,6 +69,12 @@ def test_a_value_beyond_its_limits_is_refused(wrong, words):
 
 def test_values_at_their_limits_are_taken():
     assert Sample(length_m=9.999, span_m=(0.0, 0.0), rule="b", many=()).many == ()
+
+
+def test_numbers_of_numpy_are_taken():
+    made = Sample(np.float32(2.0), span_m=np.float64(3.0), many=[np.int64(2).item()])
+    assert (made.length_m, made.span_m, made.many) == (2.0, (3.0, 3.0), (2,))
+    assert RunSettings(seed=np.int64(5)).seed == 5
 
 
 def test_limits_in_words():

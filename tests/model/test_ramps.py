@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_hex, to_rgb
 
-from sassgis.model.ramps import ramp_colours, rgb
+from sassgis.model.styles import ramp_colours, rgb
 
 RAMPS = ("Blues", "BuPu", "RdBu", "RdPu", "YlGnBu", "YlOrRd", "plasma", "viridis")
 

@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sassgis.model.grid import FloatArray, Grid
+from sassgis.model.labels import thousands
 from sassgis.report.figures import relief
 from sassgis.report.figures.map_marks import all_points, draw_points, draw_release, even_choice
 from sassgis.report.figures.style import (
@@ -28,7 +29,6 @@ from sassgis.report.figures.style import (
     thousands_formatter,
     wrap,
 )
-from sassgis.report.number_text import thousands
 
 #: Shares of the rocks listed beside the curves.
 SHARES = (0.05, 0.25, 0.5, 0.75, 0.95)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -13,11 +12,12 @@ from sassgis.engine.effects.spawning import spawn
 from sassgis.engine.rows import Record
 from sassgis.engine.state import Block, Spawned
 from sassgis.model import rng
+from sassgis.model.declared import Several, Text, checked
 from sassgis.model.effects import EffectSection
 from sassgis.model.jit import lean
 
 
-@dataclass(frozen=True, slots=True)
+@checked(frozen=True, slots=True)
 class Entrainment(EffectSection):
     """Blocks of the ground that an impact sets in motion; these entrain no others."""
 
@@ -42,7 +42,7 @@ class Entrainment(EffectSection):
         Interval(ge=0.0, le=1.0),
         "of the energy that the impact took: what each of them gets, all together at most 1",
     ] = 0.1
-    classes: Annotated[tuple[str, ...], "ground classes with loose blocks; empty: all"] = (
+    classes: Annotated[Several[Text], "ground classes with loose blocks; empty: all"] = (
         "debris",
         "talus",
     )

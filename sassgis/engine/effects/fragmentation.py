@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -13,12 +12,13 @@ from sassgis.engine.effects.spawning import MOST_SPAWNED, spawn
 from sassgis.engine.rows import Record
 from sassgis.engine.state import Block, Spawned
 from sassgis.model import rng
+from sassgis.model.declared import checked
 from sassgis.model.effects import EffectSection
 from sassgis.model.grid import FloatArray
 from sassgis.model.jit import kernel, lean
 
 
-@dataclass(frozen=True, slots=True)
+@checked(frozen=True, slots=True)
 class Fragmentation(EffectSection):
     """Breaking of blocks at impacts.
 

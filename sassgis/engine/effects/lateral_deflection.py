@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -11,11 +10,12 @@ from annotated_types import Interval
 
 from sassgis.engine.rows import Record
 from sassgis.model import rng
+from sassgis.model.declared import checked
 from sassgis.model.effects import EffectSection
 from sassgis.model.jit import lean
 
 
-@dataclass(frozen=True, slots=True)
+@checked(frozen=True, slots=True)
 class LateralDeflection(EffectSection):
     """Paths in plan that turn more than the motion turns them, where paths are followed.
 

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from annotated_types import Interval
 
 from sassgis.model import rng
+from sassgis.model.declared import checked
 from sassgis.model.effects import EffectSection
 from sassgis.model.jit import lean
 
 
-@dataclass(frozen=True, slots=True)
+@checked(frozen=True, slots=True)
 class RockShape(EffectSection):
     """What the plane ellipse does not know of the third axis.
 

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from annotated_types import Interval
 
 from sassgis.model import rng
+from sassgis.model.declared import Several, Text, checked
 from sassgis.model.effects import EffectSection
 from sassgis.model.jit import lean
 
 
-@dataclass(frozen=True, slots=True)
+@checked(frozen=True, slots=True)
 class Roughness(EffectSection):
     """Ground rougher than its segments: each impact meets a surface that is tilted at random.
 
@@ -35,7 +35,7 @@ class Roughness(EffectSection):
     wavelength_m: Annotated[
         float, Interval(ge=0.01, le=100.0), 'length of the wave of "wave" (m)'
     ] = 2.0
-    classes: Annotated[tuple[str, ...], "ground classes that are rough; empty: all"] = ()
+    classes: Annotated[Several[Text], "ground classes that are rough; empty: all"] = ()
 
 
 OFF, UNIFORM, WAVE = 0, 1, 2

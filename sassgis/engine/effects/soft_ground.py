@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
 from annotated_types import Interval
 
+from sassgis.model.declared import Several, Text, checked
 from sassgis.model.effects import EffectSection
 from sassgis.model.jit import lean
 
 
-@dataclass(frozen=True, slots=True)
+@checked(frozen=True, slots=True)
 class SoftGround(EffectSection):
     """Impacts on ground that yields.
 
@@ -28,7 +28,7 @@ class SoftGround(EffectSection):
         '"scar": a drag ½ C ρ A v² along a scar, A the section of the block below the surface. '
         '"slip": the contact slips with the friction where the impulse would need more',
     ] = "velocity_scaled"
-    classes: Annotated[tuple[str, ...], "ground classes that are soft; empty: all"] = (
+    classes: Annotated[Several[Text], "ground classes that are soft; empty: all"] = (
         "soft_meadow",
         "overgrown_slope",
         "forest_soil",

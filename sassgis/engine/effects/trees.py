@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -13,13 +12,14 @@ from sassgis.engine.profile import segment_at, to_cell_border
 from sassgis.engine.rows import Record, Records, last_of
 from sassgis.engine.state import Block, Site
 from sassgis.model import rng
+from sassgis.model.declared import checked
 from sassgis.model.effects import EffectSection
 from sassgis.model.errors import ConfigError
 from sassgis.model.jit import inlined, lean
 from sassgis.model.tree_species import energy_ratios
 
 
-@dataclass(frozen=True, slots=True)
+@checked(frozen=True, slots=True)
 class Trees(EffectSection):
     """Loss of energy on the stems of a forest.
 

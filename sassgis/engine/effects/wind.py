@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
 from annotated_types import Interval
 
 from sassgis.engine.rows import Record
+from sassgis.model.declared import checked
 from sassgis.model.effects import EffectSection
 from sassgis.model.jit import lean
 
 
-@dataclass(frozen=True, slots=True)
+@checked(frozen=True, slots=True)
 class Wind(EffectSection):
     """A steady wind: a horizontal acceleration of blocks in flight, none on the ground.
 

@@ -17,8 +17,8 @@ from sassgis.hazard.zoning.coverage import (
     faces_of,
     without_threads,
 )
-from sassgis.model.edits import NO_LEVEL, Edit
 from sassgis.model.grid import FloatArray, Grid, IntArray
+from sassgis.model.hazard import NO_LEVEL, Edit
 
 #: From this share of its area on, another computed level below an edit is reported; and only where
 #: it is this many times what another sample of blocks changes.

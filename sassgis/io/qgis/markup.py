@@ -14,7 +14,6 @@ from markupsafe import Markup, escape
 
 from sassgis.io.read.plain_file import NO_XML
 from sassgis.io.vector_layer import VectorLayer
-from sassgis.model.ramps import ramp_colours, rgb
 from sassgis.model.results import RasterLayer
 from sassgis.model.styles import (
     RASTER_OPACITY,
@@ -23,6 +22,8 @@ from sassgis.model.styles import (
     class_limits,
     class_name,
     class_tint,
+    ramp_colours,
+    rgb,
     with_unit,
     zero_is_nothing,
 )

@@ -18,34 +18,37 @@ from dataclasses import replace
 from functools import cache, partial
 from os import PathLike
 from pathlib import Path
-from typing import Any, NotRequired
+from typing import Annotated, Any, NotRequired, Required
 
 import numpy as np
-from pydantic import TypeAdapter, ValidationError
+from pydantic import AfterValidator, TypeAdapter, ValidationError
+from pydantic.json_schema import GenerateJsonSchema
+from typing_extensions import TypedDict
 
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.engine.effects.registry import EFFECTS, Effect
 from sassgis.io.read.checked import (
-    ForToml,
     Messages,
     Place,
-    declared_fields,
-    first_line,
     first_of,
-    is_preset_file,
-    made_of,
-    section_type,
-    table_of,
 )
 from sassgis.io.read.input_parts import file_digest
 from sassgis.io.read.plain_file import read_toml, seen_from
 from sassgis.model.blocks import BlockPopulation
-from sassgis.model.declared import Declared, Section, declared, is_file
-from sassgis.model.edits import EditSettings
+from sassgis.model.declared import (
+    RULES,
+    Declared,
+    Section,
+    Several,
+    declared,
+    is_file,
+    is_preset_file,
+    refusal,
+)
 from sassgis.model.effects import EffectSection, EffectSettings
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.exposure import ObjectSettings, RiskSettings
-from sassgis.model.hazard import HazardSettings, Onset, ZoningSettings
+from sassgis.model.hazard import EditSettings, HazardSettings, Onset, ZoningSettings
 from sassgis.model.in_memory import InMemory
 from sassgis.model.results import ControlLine
 from sassgis.model.run_config import Config
@@ -112,6 +115,18 @@ FILE_KEYS: Mapping[str, tuple[str, ...]] = {
 # ---------------------------------------------------------------------------------------------
 # Reading
 
+# The keys are known at run time only, which type checkers do not follow.
+_new_table: Any = TypedDict
+
+
+def _table(name: str, fields: Mapping[str, Any], about: str) -> Any:
+    """A type for pydantic: a table with these keys and no others."""
+    table = _new_table(name, dict(fields))
+    table.__pydantic_config__ = RULES
+    table.__doc__ = about
+    return table
+
+
 EffectTable = tuple[EffectSection, Section | None]
 
 
@@ -119,11 +134,28 @@ def _effect_type(row: Effect) -> Any:
     """``[effects.<name>]``: the settings of the effect and, for some, where it acts."""
 
     def made(values: dict[str, Any]) -> EffectTable:
-        place = None if row.place is None else made_of(row.place, values)
-        return made_of(row.settings, values), place
+        try:
+            place = None if row.place is None else _made_of(row.place, values)
+            return _made_of(row.settings, values), place
+        except ConfigError as error:
+            raise refusal(error) from None
 
-    fields = declared_fields(row.keys)
-    return table_of(f"effects.{row.name}", fields, made, first_line(row.settings))
+    fields = {
+        key: Required[own.kind] if own.is_required else NotRequired[own.kind]
+        for key, own in row.keys.items()
+    }
+    table = _table(f"effects.{row.name}", fields, first_line(row.settings))
+    return Annotated[table, AfterValidator(made)]
+
+
+def _made_of(cls: Any, values: Mapping[str, Any]) -> Any:
+    """A section of those values that are declared for it."""
+    return cls(**{key: value for key, value in values.items() if key in declared(cls)})
+
+
+def first_line(cls: Any) -> str:
+    """What a section is about: the first line of the docstring of its type."""
+    return (cls.__doc__ or "").splitlines()[0]
 
 
 @cache
@@ -131,22 +163,39 @@ def _document() -> TypeAdapter[dict[str, Any]]:
     """The whole file, section by section."""
     kinds: dict[str, Any] = {}
     for name, cls in SECTIONS.items():
+        own: Any = cls
         if name == "effects":
             rows = {row.name: NotRequired[_effect_type(row)] for row in EFFECTS.values()}
-            # The effects that are on, in the order of the registry.
-            own: Any = table_of(
-                "effects", rows, lambda on: {n: on[n] for n in EFFECTS if n in on}, first_line(cls)
-            )
-        else:
-            own = section_type(cls)
-        kinds[name] = NotRequired[tuple[own, ...] if name in LISTS else own]
-    return TypeAdapter(table_of("document", kinds, lambda values: values, "A run of sassgis"))
+            own = _table("effects", rows, first_line(cls))
+        kinds[name] = NotRequired[Several[own] if name in LISTS else own]
+    return TypeAdapter(_table("document", kinds, "A run of sassgis"))
+
+
+class _ForToml(GenerateJsonSchema):
+    """A JSON Schema of TOML files, which have no null."""
+
+    def nullable_schema(self, schema: Any) -> dict[str, Any]:
+        return self.generate_inner(schema["schema"])
+
+    def field_title_should_be_set(self, schema: Any) -> bool:
+        return False
 
 
 def config_schema() -> dict[str, Any]:
     """Return the JSON Schema of the configuration, with which editors complete and check it."""
-    made = _document().json_schema(schema_generator=ForToml)
-    return {"$schema": ForToml.schema_dialect, **made}
+    made = _document().json_schema(schema_generator=_ForToml)
+    for section, keys in declared_sections().items():
+        table = made
+        for part in section.split("."):
+            entry = table["properties"][part]
+            table = made["$defs"][entry.get("items", entry)["$ref"].rpartition("/")[2]]
+        known = table["properties"]
+        table["properties"] = {}
+        for key, own in keys.items():
+            stated = {} if own.default in (dataclasses.MISSING, None) else {"default": own.default}
+            kind = {name: value for name, value in known[key].items() if name != "default"}
+            table["properties"][key] = {**kind, **stated, "description": own.description}
+    return {"$schema": _ForToml.schema_dialect, **made}
 
 
 def load_config(path: str | PathLike[str], overrides: Mapping[str, object] | None = None) -> Config:
@@ -251,10 +300,11 @@ def _config_of(document: dict[str, Any], file: Path | None, base: Path) -> Confi
             expected=_GONE[section],
         )  # fmt: skip
     notes = _with_new_names(document, file)
+    whole = {**{name: {} for name in SECTIONS if name not in (*LISTS, "profile")}, **document}
     try:
-        sections = _document().validate_python(document, context={"base": base, "file": file})
+        sections = _document().validate_python(whole, context={"base": base, "file": file})
     except ValidationError as error:
-        messages = Messages(file, document, LISTS, _meaning, _nearest)
+        messages = Messages(file, document, LISTS, _nearest, _setting)
         raise first_of(messages.of(error)) from None
     problems = _cross_checks(sections, file)
     blocks = []
@@ -275,24 +325,20 @@ def _config(
     file: Path | None,
     notes: list[str],
 ) -> Config:
-    """The configuration from its sections; those that the file has not keep their defaults."""
-    effects: dict[str, EffectTable] = sections.get("effects", {})
-    plain = {
-        name: sections.get(name, () if name in LISTS else made_of(cls, {"config_file": file}))
-        for name, cls in SECTIONS.items()
-        if name not in ("blocks", "effects", "profile")
+    """The configuration from its sections."""
+    # The effects that are on, in the order of the registry.
+    effects: dict[str, EffectTable] = {
+        name: sections["effects"][name] for name in EFFECTS if name in sections["effects"]
     }
+    plain = {name: sections.get(name, ()) for name in SECTIONS}
     trees: Any = effects["trees"][1] if "trees" in effects else None
-    return Config(
-        file=file,
-        blocks=blocks,
-        effects=EffectSettings(*(settings for settings, _ in effects.values())),
-        trees=trees,
-        profile=sections.get("profile"),
-        onsets={b.name: _onset(b) for b in sections["blocks"]},
-        notes=tuple(notes),
-        **plain,
-    )
+    own = {
+        "blocks": blocks,
+        "effects": EffectSettings(*(settings for settings, _ in effects.values())),
+        "profile": sections.get("profile"),
+    }
+    onsets = {b.name: _onset(b) for b in sections["blocks"]}
+    return Config(file=file, trees=trees, onsets=onsets, notes=tuple(notes), **{**plain, **own})
 
 
 def _with_new_names(document: dict[str, Any], file: Path | None) -> list[str]:
@@ -438,7 +484,7 @@ def _cross_checks(sections: Mapping[str, Any], file: Path | None) -> list[Config
     problems: list[ConfigError] = []
     if "profile" not in sections:
         for section, key in (("terrain", "dem"), ("release", "file")):
-            if getattr(sections.get(section), key, None) is None:
+            if getattr(sections[section], key) is None:
                 text = declared(SECTIONS[section])[key].description
                 problems.append(wrong("missing key", field=f"{section}.{key}", expected=text))
     if not sections.get("blocks"):
@@ -453,8 +499,8 @@ def _cross_checks(sections: Mapping[str, Any], file: Path | None) -> list[Config
         names = [item.name for member in members for item in sections.get(member, ())]
         twice = partial(wrong, "name is used twice", field=field, expected="names that differ")
         problems += [twice(found=repr(n)) for n, count in Counter(names).items() if count > 1]
-    kept_to_lines = sections.get("terrain", TerrainSettings()).path == "fall_line"
-    if kept_to_lines and LateralDeflection.name in sections.get("effects", {}):
+    kept_to_lines = sections["terrain"].path == "fall_line"
+    if kept_to_lines and LateralDeflection.name in sections["effects"]:
         problems.append(
             wrong(
                 "has no meaning on fall lines: it turns the heading of paths that are followed",
@@ -490,9 +536,9 @@ def _keys_at(loc: Place) -> Mapping[str, Declared]:
     return EFFECTS[str(loc[1])].keys if len(loc) > 2 else {}
 
 
-def _meaning(loc: Place) -> str | None:
-    own = _keys_at(loc).get(str(loc[-1]))
-    return None if own is None else own.description
+def _setting(loc: Place) -> Declared | None:
+    keys = _keys_at(loc)
+    return next((keys[str(part)] for part in reversed(loc) if str(part) in keys), None)
 
 
 def _nearest(loc: Place) -> str:

@@ -23,10 +23,9 @@ from sassgis.io.read.vector_features import (
     share_inside,
 )
 from sassgis.io.vector_layer import descriptions
-from sassgis.model.edits import NO_LEVEL, Edit, EditLimit, EditSettings
 from sassgis.model.errors import InputError
 from sassgis.model.grid import Grid
-from sassgis.model.hazard import HazardPreset
+from sassgis.model.hazard import NO_LEVEL, Edit, EditLimit, EditSettings, HazardPreset
 from sassgis.model.styles import FieldInfo
 
 _NEEDED = ("level", "author", "date", "reason")

@@ -119,7 +119,7 @@ def _preset(text: str, name: str, file: str) -> HazardPreset:
     try:
         content = _File.model_validate(document)
     except ValidationError as error:
-        messages = Messages(file, document, _LISTS, _meaning, _nearest, "code", _expected)
+        messages = Messages(file, document, _LISTS, _nearest, named_by="code", expected=_expected)
         raise first_of(messages.of(error)) from None
     return _Reading(content, file).preset(name)
 
@@ -255,6 +255,8 @@ def _nearest(loc: Place) -> str:
 
 def _expected(loc: Place, kind: str) -> str | None:
     key = str(loc[-1])
+    if kind == "missing":
+        return _meaning(loc)
     if kind == "string_pattern_mismatch":
         return _KEYS[key] if key in ("code", "colour") else "a text that is not empty"
     if kind == "list_type" and key in _LISTS and len(loc) == 1:

@@ -28,12 +28,12 @@ from sassgis.io.read.vector_features import (
     without_repeats,
     without_shapes,
 )
-from sassgis.model.declared import composed, declared, fault
+from sassgis.model.declared import composed
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.exposure import ObjectSettings
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.in_memory import Input
-from sassgis.model.release_areas import ReleaseArea
+from sassgis.model.map_run import ReleaseArea
 from sassgis.model.results import ControlLine
 from sassgis.model.run_config import Config
 from sassgis.model.settings import BarrierSettings, ReleaseSettings, StationSettings
@@ -308,14 +308,12 @@ def _with_attributes(item: StationSettings, feature: Feature) -> StationSettings
                 raise feature.wrong("has no value", column, expected=f"its {key}")
             continue
         value = text if key == "kind" else feature.value(column)
-        refused = fault(declared(BarrierSettings)[key].kind, value)
-        if refused is not None:
-            raise InputError(
-                f"{feature.label}: {refused.problem}", file=feature.file, field=column,
-                found=repr(value), expected=refused.expected,
-            )  # fmt: skip
         stated[key] = value
-    return replace(item, **stated)
+    try:
+        return replace(item, **stated)
+    except ConfigError as error:
+        problem, field = f"{feature.label}: {error.problem}", item.fields.get(str(error.field))
+        raise InputError(**error.parts(problem=problem, file=feature.file, field=field)) from None
 
 
 def check_on_map(feature: Feature, grid: Grid, file: Input | None, key: str, label: str) -> None:

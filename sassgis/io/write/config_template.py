@@ -15,11 +15,10 @@ import tomli_w
 
 from sassgis.engine.effects.registry import EFFECTS
 from sassgis.io.atomic_output import staged_file, write_new, writing
-from sassgis.io.read.checked import first_line, is_preset_file
-from sassgis.io.read.config import FILE_KEYS, LISTS, SECTIONS, declared_sections
+from sassgis.io.read.config import FILE_KEYS, LISTS, SECTIONS, declared_sections, first_line
 from sassgis.io.read.plain_file import seen_from
 from sassgis.io.write.manifest import plain
-from sassgis.model.declared import Declared
+from sassgis.model.declared import Declared, is_preset_file
 from sassgis.model.in_memory import InMemory
 from sassgis.model.run_config import Config
 

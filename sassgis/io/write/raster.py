@@ -19,9 +19,8 @@ from sassgis.io.qgis.markup import qml
 from sassgis.io.read.dem import affine_of
 from sassgis.io.vector_layer import translated_raster
 from sassgis.model.grid import Grid
-from sassgis.model.ramps import rgb
 from sassgis.model.results import Band, RasterLayer
-from sassgis.model.styles import HILLSHADE, PICTURE, class_tint, zero_is_nothing
+from sassgis.model.styles import HILLSHADE, PICTURE, class_tint, rgb, zero_is_nothing
 
 #: Of measured numbers. NaN would do for the cells, but GDAL's most-frequent-value overviews turn it
 #: into zeros (seen with 3.10); every GIS knows this one.

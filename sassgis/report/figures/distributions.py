@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.labels import thousands
 from sassgis.model.languages import phrase
 from sassgis.model.results import ControlLine, Histogram, StopReason
 from sassgis.report.figures.style import (
@@ -35,7 +36,6 @@ from sassgis.report.figures.style import (
     text_width_pt,
     thousands_formatter,
 )
-from sassgis.report.number_text import thousands
 
 #: Name and unit of what can be drawn, and title of the figure.
 QUANTITIES = {

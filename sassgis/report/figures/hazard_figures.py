@@ -20,6 +20,7 @@ from sassgis.hazard.design import Arrivals
 from sassgis.hazard.levels import deciding_energy, hazard_level
 from sassgis.model.grid import FloatArray
 from sassgis.model.hazard import HazardCurves, HazardPreset
+from sassgis.model.labels import power_of_ten, thousands
 from sassgis.model.languages import joined, phrase
 from sassgis.report.figures.style import (
     BLUE,
@@ -45,7 +46,6 @@ from sassgis.report.figures.style import (
     text_width_pt,
     wrap,
 )
-from sassgis.report.number_text import power_of_ten, thousands
 
 #: Sources with a curve of their own; the others go together.
 MAX_SOURCES = 6

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from sassgis.hazard.zone_styles import LEVEL_CHANGES
 from sassgis.model.grid import FloatArray, Grid
+from sassgis.model.labels import thousands
 from sassgis.model.languages import joined, phrase
 from sassgis.model.results import RasterClass, RasterLayer
 from sassgis.report.figures.map_figure import (
@@ -37,7 +38,6 @@ from sassgis.report.figures.style import (
     note_height,
     wrap,
 )
-from sassgis.report.number_text import thousands
 
 _MAX_HEIGHT_IN = 8.0
 _LEFT_IN, _RIGHT_IN, _GAP_IN, _HEAD_IN = 0.5, 0.26, 0.14, 0.22

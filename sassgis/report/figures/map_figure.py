@@ -22,6 +22,7 @@ from matplotlib.ticker import FixedFormatter, FuncFormatter, NullLocator
 from numpy.typing import NDArray
 
 from sassgis.model.grid import FloatArray, Grid
+from sassgis.model.labels import thousands
 from sassgis.model.languages import joined, phrase, translated
 from sassgis.model.results import Band, RasterClass, RasterLayer
 from sassgis.model.styles import class_colours, class_labels, class_limits, zero_is_nothing
@@ -52,7 +53,6 @@ from sassgis.report.figures.style import (
     text_width_pt,
     wrap,
 )
-from sassgis.report.number_text import thousands
 
 #: From one stripe to the next, and the part of it that is coloured; of fine lines over other
 #: colours, which fall to the right.

@@ -14,12 +14,12 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 
 from sassgis.model.grid import FloatArray
+from sassgis.model.labels import thousands
 from sassgis.model.languages import named, phrase, translated
 from sassgis.model.results import RasterClass
 from sassgis.model.styles import BARRIER_STYLE, EDIT_STYLE
 from sassgis.report.figures.relief import Extent
 from sassgis.report.figures.style import BLUE, INK, SMALL, beside, halo, text_width_pt
-from sassgis.report.number_text import thousands
 
 #: Name, kind ("station", "wall" or "net") and line on the map, shape (n, 2), of a control line.
 MapControlLine = tuple[str, str, FloatArray]

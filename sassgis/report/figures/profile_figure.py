@@ -15,6 +15,7 @@ from matplotlib.patches import Patch, Polygon
 from matplotlib.ticker import MultipleLocator
 
 from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.labels import thousands
 from sassgis.model.languages import joined, phrase
 from sassgis.model.results import ControlLine
 from sassgis.report.figures.style import (
@@ -38,7 +39,6 @@ from sassgis.report.figures.style import (
     thousands_formatter,
     wrap,
 )
-from sassgis.report.number_text import thousands
 
 #: A control line with its chainage (m) and the height of the ground there (m).
 ProfileControlLine = tuple[ControlLine, float, float]

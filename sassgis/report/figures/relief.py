@@ -12,9 +12,9 @@ from matplotlib.ticker import FuncFormatter, MultipleLocator
 from numpy.typing import NDArray
 
 from sassgis.model.grid import FloatArray, Grid
+from sassgis.model.labels import thousands
 from sassgis.model.languages import phrase
 from sassgis.report.figures.style import GREY, INK, SMALL, Page, round_step
-from sassgis.report.number_text import thousands
 
 #: West, south, east, north (m).
 Extent = tuple[float, float, float, float]

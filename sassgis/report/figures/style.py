@@ -27,8 +27,8 @@ from scipy.optimize import isotonic_regression
 
 from sassgis.model.errors import OutputError
 from sassgis.model.grid import FloatArray
+from sassgis.model.labels import power_of_ten, thousands
 from sassgis.model.languages import current_language, named, translated
-from sassgis.report.number_text import power_of_ten, thousands
 
 #: Width of a figure: the text width of an A4 page (in).
 WIDTH_IN = 6.7

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sassgis.model.errors import OutputError
+from sassgis.model.labels import thousands
 from sassgis.report.figures import save, to_png
 from sassgis.report.figures.distributions import runout_figure
 from sassgis.report.figures.hazard_figures import blocks_figure
@@ -23,7 +24,6 @@ from sassgis.report.figures.style import (
     spread,
     wrap,
 )
-from sassgis.report.number_text import thousands
 
 positions = st.lists(st.floats(-1e3, 1e3), min_size=0, max_size=12)
 

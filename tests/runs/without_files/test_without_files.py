@@ -316,8 +316,8 @@ def test_settings_made_by_a_program_are_checked() -> None:
     assert made.volume_m3 == (2.0, 2.0) and made.shape == ((1.0, 1.0), (0.7, 0.9), (0.6, 0.6))
     assert sassgis.TerrainSettings(dem="dem.tif").dem == Path("dem.tif")
     for wrong, expected in (
-        ({"volume_m3": "2"}, "found '2'; expected a list of 2 values"),
-        ({"volume_m3": (1.0, 2.0, 3.0)}, "a list of 2 values"),
+        ({"volume_m3": "2"}, "found '2'; expected a number, or two numbers"),
+        ({"volume_m3": (1.0, 2.0, 3.0)}, "a number, or two numbers"),
         ({"volume_m3": 1.0, "volume_exponent": "steep"}, "expected a number"),
         ({"volume_m3": 1.0, "onset_unit": "per_day"}, "unknown choice"),
     ):

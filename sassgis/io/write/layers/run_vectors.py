@@ -21,9 +21,8 @@ from sassgis.io.vector_layer import VectorLayer, described_layer
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.labels import LINE_END_TEXT, STOP_TEXT
 from sassgis.model.languages import phrase
-from sassgis.model.map_run import MapRun
+from sassgis.model.map_run import MapRun, ReleaseArea
 from sassgis.model.profiles import LineEnd
-from sassgis.model.release_areas import ReleaseArea
 from sassgis.model.results import Outcome, RasterLayer, StopReason
 from sassgis.model.styles import (
     BARRIER_STYLE,

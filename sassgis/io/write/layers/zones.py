@@ -23,9 +23,8 @@ from sassgis.hazard.zoning.cell_outlines import cell_polygons
 from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.io.read.edit_polygons import edit_fields
 from sassgis.io.vector_layer import VectorLayer, described_layer
-from sassgis.model.edits import NO_LEVEL
 from sassgis.model.grid import Grid, IntArray
-from sassgis.model.hazard import HazardPreset
+from sassgis.model.hazard import NO_LEVEL, HazardPreset
 from sassgis.model.languages import translated
 from sassgis.model.styles import EDIT_STYLE, REACHED_STYLE, VectorStyle
 
