@@ -2,8 +2,8 @@
 
 ``python docs/studies/gap_seeds.py CHECK -o FOLDER --seeds 2 3 --jobs 2`` diagnoses the sites of the
 folder that ``python pipelines/gap_check -o CHECK`` wrote again, with other seeds, keeps the
-counts in ``docs/studies/gap_check/seeds.json`` and rewrites what stands between ``<!-- seeds -->`` and
-``<!-- end seeds -->`` of docs/gap_check.md. A site that FOLDER has is not diagnosed again.
+counts in ``docs/studies/gap_check/seeds.json`` and rewrites what stands between the marks
+``<!-- seeds -->`` of docs/gap_check.md. A site that FOLDER has is not diagnosed again.
 """
 
 from __future__ import annotations

@@ -370,6 +370,14 @@ class Path:
             for k, own in enumerate(share.tolist())
         ]  # fmt: skip
 
+    def energy(self) -> FloatArray:
+        """Energy of each step, of place, motion and spin (J/kg), without that in contacts."""
+        rows, model = self.rows[: self.count], self._model
+        w = _rotation(model.body_iquat[1]).inv().apply(rows[:, 10:13])
+        turning = (model.body_inertia[1] * w**2).sum(axis=1) / model.body_mass[1]
+        found: FloatArray = 9.81 * rows[:, 2] + 0.5 * ((rows[:, 7:10] ** 2).sum(axis=1) + turning)
+        return found
+
     def write(self, tables: dict[str, list[tuple[float, ...]]]) -> None:
         """Add what instruments would read from the steps to the tables."""
         site, block = self.site, self.block
@@ -411,7 +419,8 @@ class Path:
         before, after = v[first], v[end]
         into, floor = float(before @ normal), float(surface.at(x, y))
         high = z - floor > 2.0 * max(self.block.axes)
-        if into > -_SOFTEST_MPS or high or (end - first) * STEP_S > _LONGEST_CONTACT_S:
+        held = (end - first) * STEP_S > _LONGEST_CONTACT_S or float(after @ normal) <= 0.0
+        if into > -_SOFTEST_MPS or high or held:
             return None
         along, beyond = (u - (u @ normal) * normal for u in (before, after))
         speed = float(np.linalg.norm(along))
