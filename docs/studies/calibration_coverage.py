@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -24,15 +25,19 @@ import numpy as np
 from scipy import stats
 from threadpoolctl import threadpool_limits
 
+sys.path.append(str(Path(__file__).resolve().parents[2] / "pipelines"))
+
+from gap_check.make import make_world
+from gap_check.observers import CONFIG_NAME, OBSERVATIONS_NAME, write_case
+from gap_check.worlds import WorldSpec
+
 import sassgis
 from sassgis.gap.calibration.class_calibration import calibration_task, run_site, run_trial, search
 from sassgis.gap.calibration.parameters import Prior, fitted_names, parameters_of, table_with
 from sassgis.gap.calibration.problem import problem_of
-from sassgis.gap.check.worlds import WorldSpec, make_world, observe, setup
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.hypothesis_model import configured_model
 from sassgis.io.read.ground_map import read_ranges
-from sassgis.io.write.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME, write_case
 from sassgis.runs.gap_case import read_case
 from sassgis.runs.workers import task_map
 
@@ -48,12 +53,7 @@ _BINS = 5
 def synthetic(folder: Path, kind: str, rocks: int) -> Case:
     """A synthetic site; of its observations only what was measured of which rock is used."""
     world = make_world(WorldSpec("cliff_talus_meadow", (), rocks, kind), 31)
-    seen, known = observe(world, kind, rocks, 1), setup(world)
-    write_case(
-        folder, title="synthetic", dem=known.dem, class_names=known.class_names,
-        class_codes=known.class_codes, releases=known.releases, blocks=known.blocks,
-        tables=seen.tables, metadata=seen.metadata,
-    )  # fmt: skip
+    write_case(world, folder, "synthetic", 1)
     return read_case(folder / CONFIG_NAME, folder / OBSERVATIONS_NAME)
 
 

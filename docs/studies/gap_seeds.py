@@ -1,9 +1,9 @@
 """Whether the answers of a blinded check move with the seed of the diagnosis.
 
 ``python docs/studies/gap_seeds.py CHECK -o FOLDER --seeds 2 3 --jobs 2`` diagnoses the sites of the
-folder that ``sassgis gap check -o CHECK`` wrote again, with other seeds, keeps the counts in
-``docs/studies/gap_check/seeds.json`` and rewrites what stands between ``<!-- seeds -->`` and
-``<!-- end seeds -->`` of docs/gap_check.md. A site that FOLDER has is not diagnosed again.
+folder that ``python pipelines/gap_check -o CHECK`` wrote again, with other seeds, keeps the
+counts in ``docs/studies/gap_check/seeds.json`` and rewrites what stands between the marks
+``<!-- seeds -->`` of docs/gap_check.md. A site that FOLDER has is not diagnosed again.
 """
 
 from __future__ import annotations
@@ -12,15 +12,21 @@ import argparse
 import json
 import math
 import multiprocessing
+import sys
 from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from gap_check_tables import KEPT, PAGE, replaced
+sys.path.append(str(Path(__file__).resolve().parents[2] / "pipelines"))
+
+from gap_check.answers import Answer, answer_from, in_order, names_in
+from study_tables import replaced
 
 from sassgis import diagnose
-from sassgis.gap.check.answers import Answer, answer_from, in_order, names_in
+
+KEPT = Path(__file__).parent / "gap_check"
+PAGE = Path(__file__).parents[1] / "gap_check.md"
 
 
 def diagnosed(case: Path, folder: Path, seed: int) -> None:

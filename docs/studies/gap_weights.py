@@ -23,6 +23,7 @@ import csv
 import json
 import math
 import multiprocessing
+import sys
 from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -34,16 +35,18 @@ import numpy as np
 from scipy import stats
 from scipy.optimize import minimize
 from scipy.special import logsumexp
+
+sys.path.append(str(Path(__file__).resolve().parents[2] / "pipelines"))
+
+from gap_check.answers import Answer, Truth, is_right
+from gap_check.check import make_case
+from gap_check.scores import CheckScores, score, scores_as_json
+from gap_check.worlds import FAMILIES, WorldSpec, battery, world_seeds
 from study_tables import between_marks, table
 
 from sassgis.gap.calibration.problem import problem_of
 from sassgis.gap.calibration.site_summary import summary_of
 from sassgis.gap.causes.all_causes import CAUSES, GROUPS, STATISTICS
-from sassgis.gap.check.answers import Answer, Truth, is_right
-from sassgis.gap.check.check_scores import CheckScores, score, scores_as_json
-from sassgis.gap.check.worlds import WorldSpec
-from sassgis.gap.check.worlds.battery import battery, world_seeds
-from sassgis.gap.check.worlds.world import FAMILIES, LAWS
 from sassgis.gap.diagnosis import CauseGain, Fingerprint
 from sassgis.gap.inference.rock_tests import holm_adjusted
 from sassgis.gap.observations.campaign import Campaign
@@ -74,7 +77,6 @@ from sassgis.gap.words import quantity_name
 from sassgis.io.read.gap_thresholds import THRESHOLDS, read_thresholds, thresholds_of
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, IntArray
-from sassgis.runs.blinded_cases import make_case
 from sassgis.runs.evidence import Evidence, evidence_of_site, prepared_case
 from sassgis.runs.hypothesis_fits import DRAWS, HypothesisFits
 from sassgis.runs.workers import one_algebra_thread, task_map
@@ -105,6 +107,9 @@ FIXED = (
 REACHED = (2, 3, 5, 8)
 #: Columns of each cause that was tried: what it closes, standard errors, power.
 GAINS = ("share", "sureness", "power")
+
+#: Laws of the motion at the sites of the rows, in the order of the tables.
+LAWS = ("own", "elastic", "rigid")
 
 Row = dict[str, str]
 
@@ -137,7 +142,7 @@ def row_of(site: str, folder: Path) -> dict[str, Any]:
     seed, spec = sites()[site]
     label, own = folder / f"{site}.json", folder / site
     if not label.exists():
-        made = make_case(spec, seed, site, str(own))
+        made = make_case(spec, seed, site, own)
         label.write_text(json.dumps(made["label"]), encoding="utf-8")
     effects = json.loads(label.read_text(encoding="utf-8"))["effects"]
     found = evidence_at(own)
@@ -228,8 +233,8 @@ def truth_of(row: Row) -> Truth:
         verdict=NONE if not effects else "+".join(known_of(row)) or UNKNOWN,
         effects=effects,
         strengths=tuple(filter(None, row["strengths"].split("+"))),
-        phase="", segments=(), reaches=(), slope=row["slope"], rocks=int(row["rocks"]),
-        kind=row["kind"], law=row["law"], disturbance=row["disturbance"],
+        slope=row["slope"], rocks=int(row["rocks"]), kind=row["kind"],
+        law=row["law"], disturbance=row["disturbance"],
     )  # fmt: skip
 
 

@@ -41,6 +41,12 @@ def between_marks(text: str, name: str, part: str) -> str:
     return re.sub(f"{first}.*{last}", lambda _: f"{first}\n{part}\n{last}", text, flags=re.S)
 
 
+def replaced(page: Path, name: str, part: str) -> None:
+    """Put a part between its two marks on a page."""
+    text = page.read_text(encoding="utf-8")
+    page.write_text(between_marks(text, name, part), encoding="utf-8")
+
+
 def rewrite(pages: Iterable[Path], again: Callable[[str], str]) -> None:
     """Write pages again, those that change."""
     for page in pages:

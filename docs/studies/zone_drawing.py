@@ -14,7 +14,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import shapely
 
-from docs.studies.gap_check_tables import replaced
+from docs.studies.study_tables import replaced
 from docs.studies.tirol import config_of
 from docs.studies.zone_seeds import GIVEN, VALLEY, read_sample, sample, zones_at
 from sassgis.hazard.another_sample import level_chances

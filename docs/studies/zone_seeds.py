@@ -18,7 +18,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from docs.studies.gap_check_tables import replaced
+from docs.studies.study_tables import replaced
 from docs.studies.tirol import config_of
 from sassgis.hazard.another_sample import level_chances
 from sassgis.hazard.assess import curves_of, level_zones, raster

@@ -17,7 +17,6 @@ import click
 from sassgis import __version__
 from sassgis.cli.observation_commands import (
     calibrate,
-    check_diagnosis,
     diagnose,
     template,
     validate_observations,
@@ -83,7 +82,7 @@ for _command in (
     export, sensitivity, batch, calibrate, gap,
 ):  # fmt: skip
     cli.add_command(_command)
-for _command in (template, validate_observations, diagnose, check_diagnosis):
+for _command in (template, validate_observations, diagnose):
     gap.add_command(_command)
 for _command in (fetch, check_terrain):
     dem.add_command(_command)

@@ -35,7 +35,7 @@ else:
 log = logging.getLogger(__name__)
 
 _PACKAGE = Path(__file__).resolve().parent.parent
-_COMPILED_ROOMS = ("model", "engine", "terrain", "hazard", "gap/residuals", "gap/check/worlds")
+_COMPILED_ROOMS = ("model", "engine", "terrain", "hazard", "gap/residuals")
 
 F = TypeVar("F", bound=Callable[..., Any])
 

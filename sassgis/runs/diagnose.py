@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from sassgis.gap.calibration.problem import CalibrationProblem, Scale, model_rows, problem_of
+from sassgis.gap.calibration.problem import CalibrationProblem, problem_of
 from sassgis.gap.calibration.site_summary import summary_of
 from sassgis.gap.diagnosis import (
     Advice,
@@ -36,7 +36,7 @@ from sassgis.gap.ladder.hypothesis_fit import CHOSEN, FRESH, draw_of, gain_of
 from sassgis.gap.ladder.rungs import CONFIGURED, GROUND, Step, ground_is_enough
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.campaigns import share_left
-from sassgis.gap.replicas.hypothesis_model import HypothesisModel, model_as_json, model_from_json
+from sassgis.gap.replicas.hypothesis_model import HypothesisModel, model_as_json
 from sassgis.gap.which.hypotheses import NONE, families_to_try
 from sassgis.gap.which.identifiable import what_is_identifiable
 from sassgis.gap.which.measure_next import DRAWS as DRAWS_COMPARED
@@ -68,7 +68,6 @@ from sassgis.runs.gap_case import (
     fingerprint_of,
     observations_name,
     observed_files,
-    read_case,
 )
 from sassgis.runs.gap_warnings import (
     edge_warnings,
@@ -460,55 +459,3 @@ def _write_models(file: Path, made: HypothesisFits, diagnosis: Diagnosis) -> Non
                 distance = rows.value() if scale.names else None
         kept[name] = {"number": number, "distance": distance, "model": model_as_json(model)}
     write_text(file, json.dumps(kept, indent=1))
-
-
-def measured_shrinkage(
-    config: str | Path, observations: str | Path, answer: str | Path
-) -> dict[str, float | None]:
-    """Measure how far the gap shrinks on other rocks of the same slope.
-
-    The model as configured and those that the diagnosis calibrated, without and with the effect
-    that it names, release the new rocks; nothing is calibrated again. The rocks of the diagnosis
-    itself give the campaigns again by which its models were chosen. ``answer`` is the folder that
-    ``diagnose`` wrote.
-
-    Returns "S", from the configured model to the one handed over (None where the gap of the
-    configured one may be chance); "D_configured", "D_base", "D_effect", "D_floor".
-    """
-    file = Path(answer) / ENSEMBLE
-    try:
-        kept: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
-        scale = Scale(
-            tuple(kept["scale"]["names"]),
-            np.array(kept["scale"]["centre"]),
-            np.array(kept["scale"]["scale"]),
-        )
-        names = ("base", "effect", "configured")
-        models = {name: model_from_json(kept[name]["model"]) for name in names}
-        numbers = {name: int(kept[name]["number"]) for name in names}
-        count, seed = int(kept["count"]), int(kept["seed"])
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(
-            "the calibrated models of a diagnosis cannot be read",
-            file=file,
-            found=str(error),
-            expected="those of this version: run the diagnosis again",
-        ) from error
-    problem = problem_of(read_case(config, observations), seed, scale)
-    base, effect, configured = (
-        RockDistances.of(problem.rows, model_rows(problem, models[name], numbers[name], count))
-        for name in names
-    )
-    gap = configured.value() - effect.floor
-    return {
-        "S": (configured.value() - effect.value()) / gap if configured.above_chance else None,
-        "D_configured": configured.value(),
-        "D_base": base.value(),
-        "D_effect": effect.value(),
-        "D_floor": effect.floor,
-    }
-
-
-def answer(config: str | Path, observations: str | Path, out: str | Path, **options: Any) -> None:
-    """The diagnosis without map, figures and report: the numbers alone, for the blind check."""
-    diagnose(config, observations, out, report=False, **options)

@@ -12,11 +12,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from gap_check.make import make_world
+from gap_check.observers import CONFIG_NAME, OBSERVATIONS_NAME, write_case
+from gap_check.worlds import EffectSpec, WorldSpec
 from helpers.changed_arrays import change_arrays
 
 from sassgis.gap.calibration.linear_fit import Seen, Trial
-from sassgis.gap.calibration.problem import model_rows, problem_of
-from sassgis.gap.check.worlds import EffectSpec, WorldSpec, make_world, observe
+from sassgis.gap.calibration.problem import Scale, model_rows, problem_of
 from sassgis.gap.inference.distances import RockDistances
 from sassgis.gap.ladder import cause_gains
 from sassgis.gap.replicas.hypothesis_model import (
@@ -28,15 +30,15 @@ from sassgis.io.atomic_output import check_output
 from sassgis.io.read.config import load_config
 from sassgis.io.read.gap_thresholds import read_thresholds, thresholds_of
 from sassgis.io.saved_arrays import unfit
-from sassgis.io.write.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME
 from sassgis.model.errors import InputError, Interrupted
 from sassgis.runs import diagnose as gap_diagnose
 from sassgis.runs import hypothesis_fits
-from sassgis.runs.blinded_cases import write_seen
-from sassgis.runs.diagnose import ENSEMBLE, diagnose, measured_shrinkage
+from sassgis.runs.diagnose import ENSEMBLE, diagnose
 from sassgis.runs.draw_store import DrawStore
 from sassgis.runs.gap_case import read_case
-from sassgis.runs.gap_check import SEED
+
+#: What a scale of quantities holds besides their names.
+AXES = ("centre", "scale")
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -51,8 +53,7 @@ def few_draws() -> Iterator[None]:
 
 def make_case(folder: Path, kind: str, n_rocks: int, effect: str | None = None) -> Path:
     effects = () if effect is None else (EffectSpec(effect, "strong"),)
-    world = make_world(WorldSpec("quarry", effects, n_rocks, kind), 31)
-    write_seen(world, folder, "test", observe(world, kind, n_rocks, 1))
+    write_case(make_world(WorldSpec("quarry", effects, n_rocks, kind), 31), folder, "test")
     return folder
 
 
@@ -119,10 +120,14 @@ def test_the_calibrated_configuration_can_be_run(answered: Path) -> None:
 def test_the_model_that_is_handed_over_is_the_one_scored(everything: Path, answered: Path) -> None:
     """Read back, it lets the rocks go as it did when it was scored, and leaves that distance."""
     kept = json.loads((answered / ENSEMBLE).read_text())
-    found = measured_shrinkage(everything / CONFIG_NAME, everything / OBSERVATIONS_NAME, answered)
-    assert set(found) == {"S", "D_configured", "D_base", "D_effect", "D_floor"}
+    scale = Scale(tuple(kept["scale"]["names"]), *(np.array(kept["scale"][k]) for k in AXES))
+    observed = read_case(everything / CONFIG_NAME, everything / OBSERVATIONS_NAME)
+    problem = problem_of(observed, kept["seed"], scale)
     for name in ("base", "effect", "configured"):
-        assert found[f"D_{name}"] == pytest.approx(kept[name]["distance"], rel=1e-5)
+        model = model_from_json(kept[name]["model"])
+        rows = model_rows(problem, model, kept[name]["number"], kept["count"])
+        again = RockDistances.of(problem.rows, rows).value()
+        assert again == pytest.approx(kept[name]["distance"], rel=1e-5)
     # So does the configuration beside it, which has no factor and scatter of the rotations.
     read = read_case(answered / "model" / "config.toml", everything / OBSERVATIONS_NAME)
     problem = problem_of(read, kept["seed"])
@@ -303,5 +308,5 @@ def test_poor_observations_are_answered_or_refused_in_one_line(
 def test_the_frozen_thresholds_are_whole() -> None:
     content = read_thresholds()
     thresholds = thresholds_of(content)
-    assert SEED not in content["battery_seeds"]
+    assert 2026 not in content["battery_seeds"]
     assert 0.0 < thresholds.level <= 0.05 < thresholds.second

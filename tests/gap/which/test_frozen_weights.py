@@ -31,16 +31,3 @@ def test_the_weights_are_those_of_the_rows(study: ModuleType) -> None:
 def test_the_page_has_the_figures_of_the_results(study: ModuleType) -> None:
     text = study.PAGE.read_text(encoding="utf-8")
     assert study.filled(text) == text
-
-
-def test_the_sites_are_those_of_the_rows(study: ModuleType) -> None:
-    sites = study.sites()
-    rows = study.read_rows()
-    names = [row["site"] for row in rows]
-    assert len(set(names)) == len(names) and set(names) == set(sites)
-    for row in rows:
-        _, spec = sites[row["site"]]
-        assert (spec.law, spec.kind, spec.n_rocks, spec.slope) == (
-            row["law"], row["kind"], int(row["rocks"]), row["slope"],
-        )  # fmt: skip
-        assert {e.name for e in spec.effects} == {*filter(None, row["effects"].split("+"))}

@@ -11,17 +11,17 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from gap_check.make import make_world
+from gap_check.observers import CONFIG_NAME, OBSERVATIONS_NAME, write_case
+from gap_check.worlds import WorldSpec
 from helpers.changed_arrays import change_arrays
 
 from sassgis.cli.entry import cli
-from sassgis.gap.check.worlds import WorldSpec, make_world, observe
 from sassgis.io.atomic_output import check_output, partial_folder
 from sassgis.io.read.config import load_config
 from sassgis.io.read.ground_map import read_ground_table
-from sassgis.io.write.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME
 from sassgis.model.errors import InputError, Interrupted
 from sassgis.runs import calibrate as calibrate_module
-from sassgis.runs.blinded_cases import write_seen
 from sassgis.runs.calibrate import calibrate
 
 DRAWS = 16
@@ -32,7 +32,7 @@ CLASSES, NAMES = ("talus",), ("eta_max", "mu_0")
 def case(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("calibrate") / "case"
     world = make_world(WorldSpec("cliff_talus_meadow", (), 24, "everything"), 31)
-    config = write_seen(world, folder, "synthetic", observe(world, "everything", 24, 1))
+    config = write_case(world, folder, "synthetic")
     config.write_text(config.read_text().replace("[project]", '[project]\nlanguage = "de"', 1))
     return folder
 

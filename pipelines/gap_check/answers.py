@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from typing import Any
 
+from gap_check.worlds import World
 from sassgis.gap.causes.all_causes import GROUPS
 from sassgis.gap.diagnosis import GapFinding, ModelGap
 from sassgis.gap.which.verdict import CONTACT_LAW, adequate, causes_in
@@ -23,9 +24,6 @@ class Truth:
     verdict: str  # "none", "unknown", a family, or two joined by "+"
     effects: tuple[str, ...]  # names, of unknown ones by what they are
     strengths: tuple[str, ...]  # as measured: less than asked for where no magnitude gives that
-    phase: str  # of a single effect; else ""
-    segments: tuple[str, ...]  # reaches that a single effect touches
-    reaches: tuple[str, ...]  # all reaches of the slope
     slope: str
     rocks: int
     kind: str  # what was observed: stations, stops, both, everything
@@ -51,10 +49,33 @@ class Truth:
             return self.verdict
         return "pair" if "+" in self.verdict else "single"
 
-    @property
-    def local(self) -> bool:
-        """Whether it is one known effect that does not act everywhere."""
-        return self.part == "single" and 0 < len(set(self.segments)) < len(self.reaches)
+
+def label_of(world: World, case: str) -> dict[str, Any]:
+    """The truth of a site as plain values."""
+    spec = world.spec
+    return {
+        "case": case,
+        "seed": world.seed,
+        **{key: value for key, value in asdict(spec).items() if key != "effects"},
+        "verdict": spec.verdict,
+        "fault_values": asdict(world.faults),
+        "effects": [
+            {k: round(v, 6) if isinstance(v, float) else v for k, v in asdict(e).items()}
+            for e in world.effects
+        ],
+    }
+
+
+def truth_of(label: Mapping[str, Any]) -> Truth:
+    """A label in the form in which answers are scored."""
+    effects = label["effects"]
+    return Truth(
+        verdict=label["verdict"],
+        effects=tuple(effect["name"] for effect in effects),
+        strengths=tuple(effect["strength"] for effect in effects),
+        rocks=label["n_rocks"],
+        **{key: label[key] for key in ("case", "slope", "kind", "law", "disturbance")},
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,9 +87,6 @@ class Answer:
     effect: str
     confidence: float  # NaN if none is stated
     confusion_set: tuple[str, ...] = ()
-    phase: str = ""
-    segments: tuple[str, ...] = ()
-    shrinkage: float | None = None  # None if withheld
     group: str = ""  # of the cause; "" if none is stated
     large_findings: bool = False  # whether a gap of the calibrated base is significant and large
     cannot_exclude: tuple[str, ...] = ()  # causes that the observations could not show
@@ -83,37 +101,21 @@ def answer_from(case: str, diagnosis: Mapping[str, Any]) -> Answer:
     Raises
     ------
     KeyError, TypeError, ValueError
-        If the verdict or the ladder is missing, or is no such thing.
+        If the verdict or the advice is missing, or is no such thing.
     """
-    verdict = diagnosis["verdict"]
+    verdict, advice = diagnosis["verdict"], diagnosis["advice"]
     confidence = verdict["confidence"]
-    shrinkage = _stated_shrinkage(diagnosis["ladder"], diagnosis["advice"]["recommended"])
     return Answer(
         case=case,
         effect=str(verdict["effect"]),
         confidence=math.nan if confidence is None else float(confidence),
         confusion_set=tuple(str(name) for name in verdict["confusion_set"]),
-        phase=str(verdict.get("phase", "")),
-        segments=tuple(str(name) for name in verdict.get("segments", ())),
-        shrinkage=shrinkage,
         group=str(verdict.get("group", "")),
         large_findings=not adequate([f for f in map(_finding, diagnosis.get("where", ())) if f]),
         cannot_exclude=tuple(verdict.get("cannot_exclude", ())),
-        short=any(ModelGap(**gap).far_short for gap in diagnosis["advice"].get("left", ())),
-        recommended=diagnosis["advice"].get("short") is None,
+        short=any(ModelGap(**gap).far_short for gap in advice.get("left", ())),
+        recommended=advice.get("short") is None,
     )
-
-
-def _stated_shrinkage(ladder: Sequence[Mapping[str, Any]], rung: str) -> float | None:
-    """Share of the gap of the configured model that the model handed over closes, as it is said.
-
-    None where its interval holds zero: then no share is stated.
-    """
-    for row in ladder:
-        if row["rung"] == rung and row["share"] is not None:
-            stated = row["ci95"] is None or row["ci95"][0] > 0.0
-            return float(row["share"]) if stated else None
-    return None
 
 
 def _finding(row: Mapping[str, Any]) -> GapFinding | None:
@@ -145,11 +147,6 @@ def is_covered(truth: Truth, answer: Answer) -> bool:
     return bool(sets & {*truth.right}) or bool(
         truth.part == "pair" and names_in(truth.verdict) <= sets
     )
-
-
-def is_located(truth: Truth, answer: Answer) -> bool:
-    """Whether the phase is right and at least one reach is that of the effect."""
-    return answer.phase == truth.phase and bool(set(answer.segments) & set(truth.segments))
 
 
 def in_order(effect: str) -> str:

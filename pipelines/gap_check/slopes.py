@@ -6,17 +6,14 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import ndimage
 
-from sassgis.model.errors import InputError
-from sassgis.model.grid import FloatArray, Grid, IntArray
-from sassgis.model.jit import kernel
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 CELL_M = 2.0
-# Width of the Gaussian that smooths the terrain for directions of descent (m).
-GUIDE_SD_M = 5.0
-# Below this slope a path keeps part of its heading.
-_FLAT = math.tan(math.radians(8.0))
+CLASSES = ("rock", "debris", "talus", "soft_meadow", "forest_soil", "overgrown_slope")
 
 # Each slope from top to foot: (length in plan, dip in degrees, ground) with ranges to draw from.
 # Rocks start at the lower end of the first stretch.
@@ -77,10 +74,9 @@ _SLOPES: dict[str, tuple[_Stretch, ...]] = {
         ((30.0, 45.0), (24.0, 29.0), "talus"),
     ),
 }
-# All end in a meadow that is long enough for the rocks to stop on it.
-_FOOT: _Stretch = ((200.0, 250.0), (4.0, 9.0), "soft_meadow")
 SLOPE_TYPES = tuple(_SLOPES)
-CLASSES = ("rock", "debris", "talus", "soft_meadow", "forest_soil", "overgrown_slope")
+# All end in a meadow that is long enough for the rocks to stop on it.
+_FOOT: _Stretch = ((220.0, 270.0), (0.0, 3.0), "soft_meadow")
 _HALF_WIDTH = 75.0
 _MARGIN = 30.0
 
@@ -111,30 +107,64 @@ class Frame:
 
 
 @dataclass(frozen=True, slots=True)
+class Surface:
+    """Heights at the centres of square cells, the first row in the north."""
+
+    z: FloatArray  # shape (n_rows, n_cols) (m)
+    west: float  # edges of the grid (m)
+    north: float
+    cell_m: float = CELL_M
+
+    def centres(self) -> tuple[FloatArray, FloatArray]:
+        """Coordinates of the centres of the cells, each of shape (n_rows, n_cols) (m)."""
+        n_rows, n_cols = self.z.shape
+        east = self.west + self.cell_m * (np.arange(n_cols) + 0.5)
+        x, y = np.meshgrid(east, self.north - self.cell_m * (np.arange(n_rows) + 0.5))
+        return x, y
+
+    def cells(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Row and column of points, counted from the centre of the first cell."""
+        col = (np.asarray(x) - self.west) / self.cell_m - 0.5
+        return (self.north - np.asarray(y)) / self.cell_m - 0.5, col
+
+    def at(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Heights of points (m), bilinear."""
+        at = np.array(self.cells(x, y))
+        found: FloatArray = ndimage.map_coordinates(
+            self.z, at.reshape(2, -1), order=1, mode="nearest"
+        )
+        return found.reshape(at.shape[1:])
+
+    def gradient_at(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Gradient (dz/dx, dz/dy) at points, over a cell."""
+        d = 0.5 * self.cell_m
+        east = self.at(x + d, y) - self.at(x - d, y)
+        return east / self.cell_m, (self.at(x, y + d) - self.at(x, y - d)) / self.cell_m
+
+
+@dataclass(frozen=True, slots=True)
 class Relief:
     """A made slope."""
 
-    grid: Grid  # heights at 2 m (m)
-    ground: IntArray  # position in CLASSES of each cell; shape of the grid
+    surface: Surface
+    ground: IntArray  # position in CLASSES of each cell; shape of the surface
     frame: Frame
     #: Distances down the slope at which one stretch ends and the next begins, (n_stretches + 1,).
     breaks_m: FloatArray
     stretches: tuple[str, ...]  # ground of each stretch
-    release_s: tuple[float, float]  # belt in which rocks start (m down the slope)
+
+    @property
+    def release_s(self) -> tuple[float, float]:
+        """Belt in which rocks start (m down the slope)."""
+        return float(self.breaks_m[1]) - 6.0, float(self.breaks_m[1])
+
+    def s_of_cells(self) -> FloatArray:
+        """Distance of each cell down the slope (m), shape of the surface."""
+        return self.frame.s(*self.surface.centres())
 
 
 def make_relief(kind: str, seed: int) -> Relief:
-    """Draw a slope of a given type.
-
-    Raises
-    ------
-    InputError
-        If there is no such type.
-    """
-    if kind not in _SLOPES:
-        raise InputError(
-            "unknown slope type", field="slope", found=kind, expected="one of " + str(SLOPE_TYPES)
-        )
+    """Draw a slope of one of SLOPE_TYPES; KeyError if there is no such type."""
     rng = np.random.default_rng([seed, 101])
     limits_m, limits_deg, grounds = zip(*_SLOPES[kind], _FOOT, strict=True)
     lengths = np.array([rng.uniform(*limits) for limits in limits_m])
@@ -144,31 +174,29 @@ def make_relief(kind: str, seed: int) -> Relief:
     x0 = 2_600_000.0 + 2.0 * rng.integers(0, 30_000)
     y0 = 1_150_000.0 + 2.0 * rng.integers(0, 30_000)
     frame = Frame(float(x0), float(y0), math.sin(azimuth), math.cos(azimuth))
-
-    corner_s = np.array([-_MARGIN, -_MARGIN, breaks[-1] + _MARGIN, breaks[-1] + _MARGIN])
-    corner_c = np.array([-1.0, 1.0, -1.0, 1.0]) * (_HALF_WIDTH + _MARGIN)
-    cx, cy = frame.xy(corner_s, corner_c)
-    west = CELL_M * math.floor(cx.min() / CELL_M)
-    north = CELL_M * math.ceil(cy.max() / CELL_M)
-    n_cols = math.ceil((cx.max() - west) / CELL_M)
-    n_rows = math.ceil((north - cy.min()) / CELL_M)
-    x, y = np.meshgrid(
-        west + CELL_M * (np.arange(n_cols) + 0.5), north - CELL_M * (np.arange(n_rows) + 0.5)
-    )
+    surface = _empty(frame, breaks)
+    x, y = surface.centres()
     s, c = frame.s(x, y), frame.c(x, y)
     heights = _fall(s, breaks, dips) + _across(kind, s, c, breaks, rng)
     if kind == "carved_slope":
-        heights += _fractal((n_rows, n_cols), rng.uniform(0.9, 1.6), rng)
+        heights += _fractal(s.shape, rng.uniform(0.9, 1.6), rng)
     for sd_m, amplitude in ((14.0, rng.uniform(0.15, 0.35)), (4.0, rng.uniform(0.02, 0.05))):
-        field = ndimage.gaussian_filter(rng.standard_normal((n_rows, n_cols)), sd_m / CELL_M)
+        field = ndimage.gaussian_filter(rng.standard_normal(s.shape), sd_m / CELL_M)
         heights += amplitude * field / field.std()
     heights += 900.0 + rng.uniform(0.0, 600.0) - heights.min()
     wavy = s + 3.0 * np.sin(c / rng.uniform(9.0, 16.0) + rng.uniform(0.0, 6.0))
     which = np.clip(np.searchsorted(breaks, wavy, side="right") - 1, 0, len(grounds) - 1)
     ground = np.array([CLASSES.index(name) for name in grounds], np.int64)[which]
-    grid = Grid(heights, west, north, CELL_M, crs="EPSG:2056", vertical_datum="LN02")
-    release_s = float(breaks[1]) - 6.0, float(breaks[1])
-    return Relief(grid, ground, frame, breaks, grounds, release_s)
+    return Relief(replace(surface, z=heights), ground, frame, breaks, grounds)
+
+
+def _empty(frame: Frame, breaks: FloatArray) -> Surface:
+    """Cells that hold the whole slope, all at height zero."""
+    ends = np.array([-_MARGIN, -_MARGIN, breaks[-1] + _MARGIN, breaks[-1] + _MARGIN])
+    x, y = frame.xy(ends, np.array([-1.0, 1.0, -1.0, 1.0]) * (_HALF_WIDTH + _MARGIN))
+    west, north = CELL_M * math.floor(x.min() / CELL_M), CELL_M * math.ceil(y.max() / CELL_M)
+    shape = math.ceil((north - y.min()) / CELL_M), math.ceil((x.max() - west) / CELL_M)
+    return Surface(np.zeros(shape), west, north)
 
 
 def _fall(s: FloatArray, breaks: FloatArray, dips: FloatArray) -> FloatArray:
@@ -176,8 +204,7 @@ def _fall(s: FloatArray, breaks: FloatArray, dips: FloatArray) -> FloatArray:
     fine = np.arange(breaks[0] - 200.0, breaks[-1] + 400.0, 0.5)
     which = np.clip(np.searchsorted(breaks, fine, side="right") - 1, 0, len(dips) - 1)
     slope = ndimage.gaussian_filter1d(np.tan(dips)[which], 2.0 / 0.5)
-    height = -np.cumsum(slope) * 0.5
-    rounded: FloatArray = np.interp(s, fine, height)
+    rounded: FloatArray = np.interp(s, fine, -np.cumsum(slope) * 0.5)
     return rounded
 
 
@@ -192,16 +219,14 @@ def _across(
         channel: FloatArray = depth * (np.sqrt((c - axis) ** 2 + 18.0**2) - 18.0)
         return channel
     if kind == "talus_fan":
-        spread = rng.uniform(0.0010, 0.0018) * np.clip(1.5 * down, 0.0, 1.0)
-        fan: FloatArray = -spread * c**2
-        return fan
+        return -rng.uniform(0.0005, 0.0009) * np.clip(1.5 * down, 0.0, 1.0) * c**2
     wave: FloatArray = rng.uniform(0.4, 1.2) * np.sin(
         c / rng.uniform(14.0, 24.0) + rng.uniform(0.0, 6.0)
     )
     return wave
 
 
-def _fractal(shape: tuple[int, int], standard_m: float, rng: np.random.Generator) -> FloatArray:
+def _fractal(shape: tuple[int, ...], standard_m: float, rng: np.random.Generator) -> FloatArray:
     """A self-affine surface with a Hurst exponent of 0.8, of waves up to 120 m (m)."""
     fy, fx = np.meshgrid(
         np.fft.fftfreq(shape[0], CELL_M), np.fft.rfftfreq(shape[1], CELL_M), indexing="ij"
@@ -211,21 +236,20 @@ def _fractal(shape: tuple[int, int], standard_m: float, rng: np.random.Generator
     waves = np.fft.rfft2(rng.standard_normal(shape)) * frequency**-1.8
     surface: FloatArray = np.fft.irfft2(waves, shape)
     surface -= surface.mean()
-    surface *= standard_m / surface.std()
-    return surface
+    return surface * standard_m / surface.std()
 
 
-def surveyed(grid: Grid, rng: np.random.Generator) -> Grid:
+def surveyed(surface: Surface, rng: np.random.Generator) -> Surface:
     """A terrain model of a slope with one of the faults of real ones, or with none.
 
     Smoothed over some metres, shifted by one or two, or measured on cells of 6 m.
     """
     fault = int(rng.integers(4))
-    z = grid.values
+    z = surface.z
     if fault == 1:
-        z = ndimage.gaussian_filter(z, rng.uniform(2.0, 5.0) / grid.cell_size, mode="nearest")
+        z = ndimage.gaussian_filter(z, rng.uniform(2.0, 5.0) / CELL_M, mode="nearest")
     elif fault == 2:
-        angle, way = rng.uniform(0.0, 2.0 * math.pi), rng.uniform(1.0, 2.0) / grid.cell_size
+        angle, way = rng.uniform(0.0, 2.0 * math.pi), rng.uniform(1.0, 2.0) / CELL_M
         z = ndimage.shift(
             z, (way * math.sin(angle), way * math.cos(angle)), order=1, mode="nearest"
         )
@@ -234,61 +258,4 @@ def surveyed(grid: Grid, rng: np.random.Generator) -> Grid:
         rows, cols = ((np.arange(n) - 1.0) / 3.0 for n in z.shape)
         at = np.meshgrid(rows, cols, indexing="ij")
         z = ndimage.map_coordinates(coarse, at, order=1, mode="nearest")
-    return replace(grid, values=z)
-
-
-def guide(grid: Grid) -> tuple[FloatArray, FloatArray]:
-    """Gradient (dz/dx, dz/dy) of the terrain smoothed over GUIDE_SD_M."""
-    smooth = ndimage.gaussian_filter(grid.values, GUIDE_SD_M / grid.cell_size, mode="nearest")
-    d_row, d_col = np.gradient(smooth, grid.cell_size)
-    return np.ascontiguousarray(d_col), np.ascontiguousarray(-d_row)
-
-
-@kernel
-def surface_at(
-    z: FloatArray, west: float, north: float, cell: float, x: float, y: float
-) -> tuple[float, float, float]:
-    """Height (m) and gradient (dz/dx, dz/dy) of the bilinear surface."""
-    u = (x - west) / cell - 0.5
-    v = (north - y) / cell - 0.5
-    # Upper left of the four cell centres around the point.
-    j = min(max(math.floor(u), 0), z.shape[1] - 2)
-    i = min(max(math.floor(v), 0), z.shape[0] - 2)
-    p, q = u - j, v - i
-    upper = z[i, j] + p * (z[i, j + 1] - z[i, j])
-    lower = z[i + 1, j] + p * (z[i + 1, j + 1] - z[i + 1, j])
-    east = (1.0 - q) * (z[i, j + 1] - z[i, j]) + q * (z[i + 1, j + 1] - z[i + 1, j])
-    return upper + q * (lower - upper), east / cell, -(lower - upper) / cell
-
-
-@kernel
-def height_at(z: FloatArray, west: float, north: float, cell: float, x: float, y: float) -> float:
-    """Height of the bilinear surface (m)."""
-    return surface_at(z, west, north, cell, x, y)[0]
-
-
-@kernel
-def descent(
-    gx: FloatArray,
-    gy: FloatArray,
-    west: float,
-    north: float,
-    cell: float,
-    x: float,
-    y: float,
-    hx: float,
-    hy: float,
-) -> tuple[float, float]:
-    """Unit vector of steepest descent of the smoothed terrain; on flat ground the heading lasts."""
-    px = -height_at(gx, west, north, cell, x, y)
-    py = -height_at(gy, west, north, cell, x, y)
-    steep = math.sqrt(px * px + py * py)
-    if steep < 1e-9:
-        return hx, hy
-    weight = min(1.0, steep / _FLAT)
-    dx = weight * px / steep + (1.0 - weight) * hx
-    dy = weight * py / steep + (1.0 - weight) * hy
-    length = math.sqrt(dx * dx + dy * dy)
-    if length < 1e-9:
-        return hx, hy
-    return dx / length, dy / length
+    return replace(surface, z=z)

@@ -1,1 +1,0 @@
-"""The blind check: synthetic sites, blinded cases, scores of the answers."""
