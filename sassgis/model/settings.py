@@ -417,7 +417,7 @@ _READINGS: Mapping[str, Mapping[str, Any]] = {
     },
     "hazard": {
         "eta_max_rule": "restitution", "rolling": "ellipse", "rolling_threshold": None,
-        "tipping": True, "corner": "circle", "rolling_friction_sd": 0.2,
+        "tipping": True, "corner": "circle", "rolling_friction_sd": 0.25,
     },
 }  # fmt: skip
 
@@ -472,7 +472,7 @@ class EngineSettings(Section):
         Interval(ge=0.0, le=1.0),
         "how much rolling friction and resistance differ from block to block: mu_r and mu_v of "
         "each are multiplied by a factor drawn once, log-normal about 1 with this standard "
-        'deviation of its logarithm (default: 0.2; "1986": 0)',
+        'deviation of its logarithm (default: 0.25; "1986": 0)',
         Example(0.25),
     ] = None
     tipping: Annotated[
