@@ -78,8 +78,9 @@ def main(argv: list[str] | None = None) -> None:
         ]
         table, sd = soil_fit.table_of(left.table, values[1]), values[1]["rolling_friction_sd"]
         other = kinematics(left, table, given.count, given.seed, sd)
-        results["fitted"] = {
-            "all": values[0], "half": values[1], "left_out": compared(observed(left), other)
+        results["fitted_to_all"] = values[0]
+        results["fitted_to_a_half"] = {
+            "values": values[1], "left_out": compared(observed(left), other)
         }  # fmt: skip
     write_json(out / "results.json", results)
     save(kinematics_figure(observed(everything), made), out / "kinematics.png")

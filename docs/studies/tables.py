@@ -588,9 +588,8 @@ def kinematics_halves() -> str:
     found = results("kinematics/results")
     sets = {
         "one half": found["half"]["fit"], "the other half": found["half"]["left_out"],
+        "the other half, class fitted to the first": found["fitted_to_a_half"]["left_out"],
     }  # fmt: skip
-    if "fitted" in found:
-        sets["the other half, values fitted to the first"] = found["fitted"]["left_out"]
     kinds = ("speed", "energy", "height")
     at_stations = [f"{kind} {at} m" for kind in kinds for at in (20, 40, 60)]
     names = ["run-out", *at_stations, "contacts", "greatest speed"]

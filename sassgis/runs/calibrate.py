@@ -33,7 +33,7 @@ from sassgis.io.write.calibration_files import (
     write_classes,
 )
 from sassgis.io.write.frames import write_table
-from sassgis.io.write.layers.variants import rule_table
+from sassgis.io.write.layers.variant_layers import rule_table
 from sassgis.io.write.manifest import write_manifest
 from sassgis.model.errors import InputError, Interrupted
 from sassgis.model.ground import PARAMETERS, GroundTable

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from sassgis.io.qgis.entries import LayerEntry, LayerGroup
 from sassgis.io.write.geopackage import write_geopackage
-from sassgis.io.write.layers.variants import (
+from sassgis.io.write.layers.variant_layers import (
     answer_table,
     band_table,
     range_table,

@@ -26,7 +26,7 @@ from sassgis.hazard.warnings import rule_warnings
 from sassgis.io.atomic_output import staged_output
 from sassgis.io.read.ground_map import read_ranges
 from sassgis.io.write.frames import write_table
-from sassgis.io.write.layers.variants import (
+from sassgis.io.write.layers.variant_layers import (
     answer_table,
     effect_table,
     range_table,

@@ -21,7 +21,7 @@ from sassgis.gap.calibration.identifiability import Told
 from sassgis.gap.calibration.parameters import RANGES, ClassParameter
 from sassgis.io.read.ground_map import built_in_table, read_ranges
 from sassgis.io.write.frames import write_table
-from sassgis.io.write.layers.variants import rule_table
+from sassgis.io.write.layers.variant_layers import rule_table
 from sassgis.model.errors import InputError
 from sassgis.model.ground_ranges import ranges_of
 
