@@ -62,7 +62,7 @@ def score(site: Site, made: Simulated, seed: int = 1986) -> dict[str, Any]:
             [*(got / quantiles(own[:, 0]) - 1.0), width(pool[:, 1]) / width(own[:, 1]) - 1.0]
         )
     low, high = np.quantile(errors, [0.025, 0.975], axis=0)
-    beyond = beyond_gap(seen[:, 0], pool[:, 0])
+    edge = widest_gap(seen[:, 0])
     return {
         "rocks": len(site),
         "observed_m": want,
@@ -77,9 +77,9 @@ def score(site: Site, made: Simulated, seed: int = 1986) -> dict[str, Any]:
         "width_error_95": [float(low[3]), float(high[3])],
         # A median between two heaps of stops jumps where their shares change by a per cent.
         "beyond": {
-            "edge_m": _widest_gap(seen[:, 0]),
-            "observed": beyond[0],
-            "simulated": beyond[1],
+            "edge_m": edge,
+            "observed": float(np.mean(seen[:, 0] > edge)),
+            "simulated": float(np.mean(pool[:, 0] > edge)),
         },
         "bands": bands([ranks(site, made)]),
         "left_the_terrain": float(made.left.mean()),
@@ -99,13 +99,7 @@ def _run_outs(site: Site, made: Simulated) -> tuple[FloatArray, FloatArray]:
     return run_out(site, site.stops)[:, 0], np.where(made.started, rows, np.nan)
 
 
-def beyond_gap(seen: FloatArray, made: FloatArray) -> tuple[float, float]:
-    """Shares of observed and simulated stops beyond the widest gap of the observed middle half."""
-    edge = _widest_gap(seen)
-    return float(np.mean(seen > edge)), float(np.mean(made > edge))
-
-
-def _widest_gap(values: FloatArray) -> float:
+def widest_gap(values: FloatArray) -> float:
     """Middle of the widest gap between the stops of the middle half (m)."""
     low, high = np.quantile(values, [0.25, 0.75])
     middle = np.sort(values[(values >= low) & (values <= high)])

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import functools
-import time
 from collections.abc import Mapping
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from multiprocessing import get_context
-from pathlib import Path
 from typing import Any
 
 import cma
@@ -17,7 +15,7 @@ import pandas as pd
 
 from field_cases import contact_scores
 from field_cases.kinematics import Values, kinematics, observed, wheel_below_cliff
-from field_cases.scores import beyond_gap
+from field_cases.scores import widest_gap
 from sassgis.gap.observations.case import Case
 from sassgis.model.grid import FloatArray
 from sassgis.model.ground import GroundTable
@@ -54,6 +52,8 @@ WHEEL: Mapping[str, tuple[list[float], float]] = {
 }  # fmt: skip
 #: Error of the logarithm of R_n and R_t of single contacts, and of the share beyond a gap.
 _CONTACT, _BEYOND = 0.5, 0.08
+#: Standard deviation of the first sets of values, as a share of the ranges.
+_WIDTH = 0.15
 
 
 @dataclass(frozen=True)
@@ -120,8 +120,13 @@ def _motion(seen: Values, made: Values) -> dict[str, float]:
         if kind in TERMS:
             shares, unit = TERMS[kind]
             one, two = (np.maximum(np.quantile(v, shares), 0.05) for v in (values, made[name]))
-            found[name] = float(np.mean(np.minimum(np.abs(np.log(two / one)) / unit, 6.0) ** 2))
+            found[name] = _mean_square(np.log(two / one) / unit)
     return found
+
+
+def _mean_square(errors: FloatArray, most: float = 6.0) -> float:
+    """Mean of squared errors, each at most so large that no single one decides."""
+    return float(np.mean(np.minimum(np.abs(errors), most) ** 2))
 
 
 def misfit(sites: Sites, values: Mapping[str, float]) -> dict[str, float]:
@@ -135,19 +140,19 @@ def misfit(sites: Sites, values: Mapping[str, float]) -> dict[str, float]:
     stops = kinematics(sites.authume, slope, sites.count, sites.seed, sd)["run-out"]
     shares = (0.1, 0.25, 0.5, 0.75, 0.9)
     error = np.log(np.quantile(stops, shares) / np.quantile(seen, shares)) / 0.1
-    found["Authume run-out"] = 2.0 * float(np.mean(np.minimum(np.abs(error), 6.0) ** 2))
-    one, two = beyond_gap(seen, stops)
-    found["Authume beyond"] = ((two - one) / _BEYOND) ** 2
+    found["Authume run-out"] = 2.0 * _mean_square(error)
+    edge = widest_gap(seen)
+    found["Authume beyond"] = (float(np.mean(stops > edge) - np.mean(seen > edge)) / _BEYOND) ** 2
     own = table.classes[table.index(MEADOW)]
     wheel = wheel_below_cliff(sites.seed, own, {"rolling_friction_sd": sd})
     for name, (quartiles, unit) in WHEEL.items():
         off = np.log(np.maximum(wheel[name], 0.05) / np.array(quartiles)) / unit
-        found[f"Chant Sura {name}"] = float(np.mean(np.minimum(np.abs(off), 6.0) ** 2))
+        found[f"Chant Sura {name}"] = _mean_square(off)
     after = contact_scores.simulated(sites.films, table, 100)
     middle = np.median(contact_scores.measures(sites.films, after), axis=1)
     off = np.log(middle / contact_scores.observed(sites.films)[:, 0])[:, :2] / _CONTACT
     for name, column in zip(("R_n", "R_t"), off.T, strict=True):
-        found[f"Chant Sura {name}"] = float(np.mean(np.minimum(np.abs(column), 3.0) ** 2))
+        found[f"Chant Sura {name}"] = _mean_square(column, 3.0)
     return found
 
 
@@ -155,39 +160,22 @@ def _total(sites: Sites, unit: FloatArray) -> float:
     return sum(misfit(sites, values_at(unit)).values())
 
 
-def fitted(
-    sites: Sites,
-    evaluations: int,
-    jobs: int = 2,
-    start: Mapping[str, float] | None = None,
-    width: float = 0.15,
-    log: Path | None = None,
-) -> dict[str, float]:
-    """Values with the least misfit that are found from a start, by default the built-in ones.
+def fitted(sites: Sites, evaluations: int, jobs: int = 2) -> dict[str, float]:
+    """Values with the least misfit that are found from the built-in ones.
 
     Parameters
     ----------
     evaluations : int
         Sets of values that are looked at, about.
-    width : float
-        Standard deviation of the first ones, as a share of the ranges.
-    log : Path, optional
-        A line for each generation.
     """
     options = {
         "bounds": [0.0, 1.0], "seed": sites.seed, "maxfevals": evaluations, "verbose": -9,
         "popsize": 12,
     }  # fmt: skip
-    first = built_in(sites) if start is None else start
-    search = cma.CMAEvolutionStrategy(unit_of(first), width, options)
+    search = cma.CMAEvolutionStrategy(unit_of(built_in(sites)), _WIDTH, options)
     with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
         while not search.stop():
             points = search.ask()
             search.tell(points, list(pool.map(functools.partial(_total, sites), points)))
-            if log:
-                best = values_at(np.clip(search.result.xfavorite, 0.0, 1.0))
-                with log.open("a") as file:
-                    file.write(f"{time.strftime('%H:%M')} {search.result.evaluations} "
-                               f"{search.result.fbest:.2f} {best}\n")  # fmt: skip
     # The favourite is the mean of the last sets: the best one is best by chance.
     return values_at(np.clip(search.result.xfavorite, 0.0, 1.0))

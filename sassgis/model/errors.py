@@ -78,6 +78,9 @@ def chain(error: BaseException) -> Iterator[BaseException]:
 _MEMORY_WORDS = (
     "failed to map segment", "cannot allocate memory", "unable to allocate", "start new thread",
 )  # fmt: skip
+#: Address space below which libraries cannot be loaded (bytes): instead of an error OpenBLAS waits
+#: for ever, or stops the program as Ctrl-C does.
+_LIBRARIES = 550_000_000
 _NUMBERS = "EMFILE ENFILE ENOSPC EDQUOT EFBIG EROFS EIO EAGAIN ENOMEM"
 _REFUSED = {getattr(errno, name, None) for name in _NUMBERS.split()}
 
@@ -91,8 +94,18 @@ def of_the_system(error: BaseException) -> str:
         return f"{shown(error.filename or 'the system')}: {error.strerror}"
     # Libraries fail in many ways where they cannot be loaded.
     if isinstance(error, ImportError | SystemError | OSError) and (limit := _memory_limit()):
-        return f"probably not enough memory: {limit / 1e6:.0f} MB are allowed (ulimit -v)"
+        return f"probably {_too_little(limit)}"
     return ""
+
+
+def require_room_for_libraries() -> None:
+    """Raise SassgisError where the system allows less memory than libraries take."""
+    if 0 < (limit := _memory_limit()) < _LIBRARIES:
+        raise SassgisError(_too_little(limit))
+
+
+def _too_little(limit: int) -> str:
+    return f"not enough memory: {limit / 1e6:.0f} MB are allowed (ulimit -v)"
 
 
 def _memory_limit() -> int:

@@ -24,6 +24,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar
 
+from sassgis.model.errors import require_room_for_libraries
+
 try:  # Windows has neither; there a user's folders are the user's.
     import grp
     import pwd
@@ -42,7 +44,11 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 @functools.cache
 def loaded_numba() -> ModuleType:
-    """numba, without the settings that it would take from a file in the current folder."""
+    """numba, without the settings that it would take from a file in the current folder.
+
+    It is the first of the large libraries; SassgisError if there is no room for them.
+    """
+    require_room_for_libraries()
     warnings.filterwarnings("ignore", "A Numba config file is found")
     # Where there is no yaml numba leaves its file alone.
     hidden = {} if "numba" in sys.modules else {"yaml": sys.modules.get("yaml")}

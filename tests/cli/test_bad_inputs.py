@@ -134,7 +134,7 @@ BAD = {
         written("[project]\nname = " + "[" * 30 + "]" * 30), "config.toml", ["project.name", "deep"]
     ),
     "a number of many digits": (
-        config(release__spacing_m="9" * 100_000), "config.toml", ["100000 digits"]
+        config(release__spacing_m="9" * 100_000), "config.toml", ["thousands of digits"]
     ),
     "a number of many bits": (
         config(release__spacing_m="0x" + "f" * 100_000),

@@ -224,7 +224,7 @@ def test_few_open_files_are_one_line_and_leave_nothing(slope: Slope, most: int) 
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="memory is limited in this way there alone")
-@pytest.mark.parametrize("most_mb", [300, 700])
+@pytest.mark.parametrize("most_mb", [400, 700])
 def test_little_memory_is_one_line(slope: Slope, most_mb: int) -> None:
     done = limited(slope, AS=most_mb * 1_000_000)
     assert done.returncode == 1 and "not enough memory" in done.stderr.splitlines()[-1]

@@ -107,7 +107,9 @@ def toml_table(text: str, file: str | Input, what: str = "valid TOML") -> dict[s
         raise _too_deep(file, None) from None
     except ValueError as error:
         found = str(error)
-        if "escape" in found.lower() or "hex" in found.lower():
+        if not isinstance(error, tomllib.TOMLDecodeError):
+            found = "a number of thousands of digits"
+        elif "escape" in found.lower() or "hex" in found.lower():
             what = "valid TOML (in paths write / or \\\\ instead of a single \\)"
         raise InputError("is not valid TOML", file=file, found=found, expected=what) from None
     _check_values(document, file)
