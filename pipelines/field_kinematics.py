@@ -55,11 +55,14 @@ def main(argv: list[str] | None = None) -> None:
     everything = read_case(*site.case.pair("all"))
     fit, left = (read_case(*site.case.pair(side)) for side in site.case.splits["halves"])
     made = kinematics(everything, everything.table, given.count, given.seed)
+    as_measured = {"outline_edges": 0.0, "outline_share": 1.0}
+    boxes = kinematics(everything, everything.table, given.count, given.seed, as_measured)
     results: dict[str, Any] = {
         "program": f"sassgis {sassgis.__version__}",
         "simulations_of_each_rock": given.count,
         "rocks": everything.n_rocks,
         "tschamut": compared(observed(everything), made),
+        "ellipses_of_boxes": compared(observed(everything), boxes),
         "half": {
             name: compared(observed(own), kinematics(own, own.table, given.count, given.seed))
             for name, own in (("fit", fit), ("left_out", left))
@@ -76,8 +79,8 @@ def main(argv: list[str] | None = None) -> None:
             soil_fit.fitted(soil_fit.Sites(rocks, slope, films, seed=given.seed), given.search)
             for rocks in (everything, fit)
         ]
-        table, sd = soil_fit.table_of(left.table, values[1]), values[1]["rolling_friction_sd"]
-        other = kinematics(left, table, given.count, given.seed, sd)
+        table, engine = soil_fit.table_of(left.table, values[1]), soil_fit.engine_of(values[1])
+        other = kinematics(left, table, given.count, given.seed, engine)
         results["fitted_to_all"] = values[0]
         results["fitted_to_a_half"] = {
             "values": values[1], "left_out": compared(observed(left), other)

@@ -555,15 +555,20 @@ def sampling_decided() -> str:
 def kinematics_tschamut() -> str:
     """Motion at Tschamut, observed and simulated."""
     rows = []
-    for name, one in results("kinematics/results")["tschamut"].items():
+    found = results("kinematics/results")
+    for name, one in found["tschamut"].items():
         seen, made = one["observed"], one["simulated"]
         digits = 1 if name.startswith(("speed", "greatest")) else 2
-        digits = 0 if name in ("run-out", "contacts") else digits
+        digits = 0 if name.startswith(("run-out", "contacts")) else digits
         cells = (" / ".join(f"{v:.{digits}f}" for v in values) for values in (seen, made))
         rows.append(
-            f"{name}{_UNITS.get(name.split(' ')[0], '')} | {' | '.join(cells)} | {_off(one)}"
+            f"{name}{_UNITS.get(name.split(' ')[0], '')} | {' | '.join(cells)} | {_off(one)} | "
+            f"{_off(found['ellipses_of_boxes'][name])}"
         )
-    head = "10 / 50 / 90 % of the rocks | observed | simulated | median / 90 %"
+    head = (
+        "10 / 50 / 90 % of the rocks | observed | simulated | median / 90 % | "
+        "as the ellipses of their boxes"
+    )
     return table(head, rows)
 
 

@@ -249,7 +249,8 @@ def kinematics_figure(seen: Mapping[str, FloatArray], made: Mapping[str, FloatAr
 
     Both by quantity, values of shape (n,).
     """
-    seen = {name: values for name, values in seen.items() if not name.startswith("energy")}
+    shown = (n for n in seen if not n.startswith("energy") and not n.endswith("kg"))
+    seen = {name: seen[name] for name in shown}
     units = {"speed": "m/s", "greatest speed": "m/s", "height": "m", "run-out": "m", "hop": "m"}
     figure = new_figure(WIDTH_IN, 5.4)
     axes = figure.subplots(3, 4)

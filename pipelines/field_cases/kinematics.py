@@ -24,6 +24,8 @@ from sassgis.model.ground import GroundClass, GroundTable
 #: Values of all rocks, one for each where it has one, by quantity.
 Values = dict[str, FloatArray]
 SHARES = (0.1, 0.5, 0.9)
+#: Blocks that a campaign released repeatedly are shown apart, so many at most.
+MOST_BLOCKS = 5
 #: The wheel of 780 kg of Chant Sura (m), and where it is looked at: from so far below the foot of
 #: the cliff on, over so many metres in plan.
 WHEEL_M, FOOT_M, SEEN_M = (0.465, 0.465, 0.235), 12.0, 45.0
@@ -34,11 +36,14 @@ SIZES_M3, SLOPES_DEG, DROPS_M = (0.2, 1.0, 5.0), (30.0, 35.0, 40.0), (100.0, 200
 def values_of(case: Case, seen: Campaign) -> Values:
     """Run-out, speeds, energies and heights at stations, and numbers of the contacts."""
     found: Values = {}
+    mass = rock_masses_kg(case.observations)
+    # A block that was released often has a mass of its own.
+    repeated = np.unique(mass) if np.unique(mass).size <= MOST_BLOCKS else ()
     if seen.deposits is not None:
         main = main_blocks(seen.deposits, case.n_rocks)
         found["run-out"] = np.append(seen.deposits.s, np.nan)[main]
+        found |= {f"run-out of {m:g} kg": found["run-out"][mass == m] for m in repeated}
     if seen.passages is not None:
-        mass = rock_masses_kg(case.observations)
         for k, name in enumerate(case.station_names):
             own = seen.passages.station == k
             speed = seen.passages.speed_mps[own]
@@ -46,6 +51,10 @@ def values_of(case: Case, seen: Campaign) -> Values:
             # Of translation: what a spin of which the axis is not known adds is not.
             found[f"energy {name}"] = 5e-4 * mass[seen.passages.rock[own]] * speed**2
             found[f"height {name}"] = seen.passages.height_m[own]
+        found |= {
+            f"speed {case.station_names[-1]} of {m:g} kg": speed[mass[seen.passages.rock[own]] == m]
+            for m in repeated
+        }
     if seen.contacts is not None:
         numbers = contact_numbers(seen.contacts, rock_radii_m(case.observations))
         names = {
@@ -65,10 +74,15 @@ def observed(case: Case) -> Values:
 
 
 def kinematics(
-    case: Case, table: GroundTable, count: int, seed: int, friction_sd: float | None = None
+    case: Case,
+    table: GroundTable,
+    count: int,
+    seed: int,
+    engine: Mapping[str, float] | None = None,
 ) -> Values:
-    """What ``count`` simulated campaigns show, all together."""
-    model = replace(configured_model(case), table=table, rolling_friction_sd=friction_sd)
+    """What ``count`` simulated campaigns show, all together; ``engine``: keys that differ."""
+    case = replace(case, engine=replace(case.engine, **(engine or {})))
+    model = replace(configured_model(case), table=table)
     made = campaigns(case, rock_lines_of(case), model, count=count, seed=seed)
     each = [values_of(case, one) for one in made]
     return {name: np.concatenate([one[name] for one in each]) for name in each[0]}

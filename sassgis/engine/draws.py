@@ -8,7 +8,7 @@ import numpy as np
 
 from sassgis.engine.ellipse import inertia, mean_radius
 from sassgis.engine.rows import Record
-from sassgis.engine.state import Block, Start
+from sassgis.engine.state import Block, Physics, Start
 from sassgis.model import rng
 from sassgis.model.jit import lean
 
@@ -63,6 +63,20 @@ def block_of(a: float, b: float, c: float, density: float, mass: float, key: np.
         a, b, c, density, mass, key, own, (a * b * c) ** (1.0 / 3.0), roll_radius,
         1.0 + own / (roll_radius * roll_radius), 1.0
     )  # fmt: skip
+
+
+@lean
+def with_outline(block: Block, physics: Physics) -> Block:
+    """The block with the axes that act in the plane of motion: as large an ellipse, of that ratio.
+
+    Ours. Blocks with edges do not roll as discs where their longer axes are equal, and elongated
+    ones turn about an axis that moves, so that the plane meets them in rounder outlines.
+    """
+    if physics.outline_edges == 0.0 and physics.outline_share == 1.0:
+        return block
+    ratio = 1.0 + physics.outline_edges + physics.outline_share * (block.a / block.b - 1.0)
+    size, root = math.sqrt(block.a * block.b), math.sqrt(ratio)
+    return block_of(size * root, size / root, block.c, block.density, block.mass, block.key)
 
 
 @lean

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sassgis.engine.barriers import crossings_of
 from sassgis.engine.block import simulate_block, start_released, start_spawned
 from sassgis.engine.cell_register import FULL
-from sassgis.engine.draws import block_of, draw_block, draw_start, with_drag
+from sassgis.engine.draws import block_of, draw_block, draw_start, with_drag, with_outline
 from sassgis.engine.effects import hooks
 from sassgis.engine.effects.spawning import room_for
 from sassgis.engine.heading import continue_path, start_path
@@ -312,7 +312,8 @@ def simulate_blocks(
         # The released block first, then those that it and they spawn, in turn.
         key = rng.block_key(setup.seed, line_key, setup.first_rock + r)
         spread = setup.physics.rolling_friction_sd
-        block = with_drag(hooks.on_block(effects, draw_block(limits[0], limits[1], key)), spread)
+        drawn = with_outline(draw_block(limits[0], limits[1], key), setup.physics)
+        block = with_drag(hooks.on_block(effects, drawn), spread)
         start = release(effects, state, block, site, setup, limits, key, first, second, path, i)
         number = i * setup.n_blocks + r
         row = rows.rocks[number]

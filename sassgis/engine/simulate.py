@@ -300,6 +300,8 @@ def physics_of(settings: EngineSettings) -> Physics:
         tolerance=float(settings.contact_tolerance_m),
         max_events=int(settings.max_events),
         rolling_friction_sd=float(settings.rolling_friction_sd or 0.0),
+        outline_edges=float(settings.outline_edges or 0.0),
+        outline_share=1.0 if settings.outline_share is None else float(settings.outline_share),
     )
 
 

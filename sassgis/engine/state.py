@@ -197,6 +197,8 @@ class Physics(NamedTuple):
     tolerance: float
     max_events: int
     rolling_friction_sd: float  # of the logarithm
+    outline_edges: float
+    outline_share: float
 
 
 class Site(NamedTuple):

@@ -413,11 +413,13 @@ class BarrierSettings(StationSettings):
 _READINGS: Mapping[str, Mapping[str, Any]] = {
     "1986": {
         "eta_max_rule": "scale", "rolling": "round", "rolling_threshold": 0.1, "tipping": False,
-        "corner": "ellipse", "rolling_friction_sd": 0.0,
+        "corner": "ellipse", "rolling_friction_sd": 0.0, "outline_edges": 0.0,
+        "outline_share": 1.0,
     },
     "hazard": {
         "eta_max_rule": "restitution", "rolling": "ellipse", "rolling_threshold": None,
-        "tipping": True, "corner": "circle", "rolling_friction_sd": 0.25,
+        "tipping": True, "corner": "circle", "rolling_friction_sd": 0.25, "outline_edges": 0.19,
+        "outline_share": 0.33,
     },
 }  # fmt: skip
 
@@ -432,8 +434,8 @@ class EngineSettings(Section):
     readings: Annotated[
         Literal["hazard", "1986"],
         'named set of readings: "hazard" for hazard work, "1986" for the words of the paper. '
-        "eta_max_rule, rolling, rolling_threshold, rolling_friction_sd, tipping and corner are as "
-        "in the set unless given",
+        "eta_max_rule, rolling, rolling_threshold, rolling_friction_sd, outline_edges, "
+        "outline_share, tipping and corner are as in the set unless given",
     ] = "hazard"
     gravity_mps2: Annotated[float, Interval(ge=0.1, le=30.0), "acceleration of gravity (m/s2)"] = (
         9.81
@@ -474,6 +476,21 @@ class EngineSettings(Section):
         "each are multiplied by a factor drawn once, log-normal about 1 with this standard "
         'deviation of its logarithm (default: 0.25; "1986": 0)',
         Example(0.25),
+    ] = None
+    outline_edges: Annotated[
+        float | None,
+        Interval(ge=0.0, le=0.5),
+        "how far the outline of a block departs from a circle where its two longer axes are equal, "
+        "by its edges: the axes in the plane of motion have the ratio 1 + outline_edges + "
+        'outline_share × (a/b − 1) (default: 0.19; "1986": 0)',
+        Example(0.15),
+    ] = None
+    outline_share: Annotated[
+        float | None,
+        Interval(ge=0.0, le=1.0),
+        "how much of the difference of the two longer axes acts in the plane of motion: a block "
+        'that turns about a moving axis is rounder than its box (default: 0.33; "1986": 1)',
+        Example(0.5),
     ] = None
     tipping: Annotated[
         bool | None,

@@ -50,7 +50,8 @@ def test_on_a_cone_as_many_blocks_come_to_a_cell_in_all_directions(settings) -> 
     """A square is met by 1.28 times as many on a diagonal as along an axis."""
     grid = grid_of(lambda x, y: 1000.0 - 0.75 * np.hypot(x, y), SIDE, SIDE, CELL)
     x, y = 20.0 * np.cos(ALL_AROUND), 20.0 * np.sin(ALL_AROUND)
-    found = by_direction(grid, paths(grid, x, y, n=8, on=ROCK, settings=settings))
+    held_little = replace(ROCK, restitution=0.55, eta_max=0.72)
+    found = by_direction(grid, paths(grid, x, y, n=8, on=held_little, settings=settings))
     assert found.max() / found.min() < 1.025
     assert found == pytest.approx(1.0, rel=0.025)
 

@@ -214,3 +214,27 @@ def test_hops_cost_what_rolling_costs(drop):
     v -= 0.5 * fall
     way += v**2 / (2.0 * 0.5 * G)
     assert out.rocks["runout_m"][0] - 5.0 == pytest.approx(way, rel=0.03)
+
+
+@pytest.mark.parametrize(("longer", "ratio"), [(0.5, 1.1), (1.0, 1.4)])
+def test_outline_in_the_plane_of_motion(longer, ratio):
+    """A block moves as the ellipse of the stated ratio, of the same area and mass."""
+    settings = dataclasses.replace(lab.HAZARD, outline_edges=0.1, outline_share=0.3)
+    root = np.sqrt(0.5 * longer)
+    slope, own = lab.slope((80, 38), (100, 10)), lab.plain()
+    outlined = lab.ellipsoid(longer, 0.5, 0.3, drop_m=(0.5, 0.5), orientation_rad=(0.3, 0.3))
+    stated = lab.ellipsoid(
+        root * np.sqrt(ratio), root / np.sqrt(ratio), 0.3,
+        drop_m=(0.5, 0.5), orientation_rad=(0.3, 0.3),
+    )  # fmt: skip
+    one = lab.run(slope, own, outlined, n=20, settings=settings, start=5.0, log_events=9)
+    two = lab.run(slope, own, stated, n=20, settings=lab.HAZARD, start=5.0, log_events=9)
+    for a, b in zip(one.event_logs, two.event_logs, strict=True):
+        # Later contacts differ by what rounding makes of the earlier ones.
+        np.testing.assert_allclose(a["z_m"][:4], b["z_m"][:4], rtol=1e-9)
+    np.testing.assert_allclose(one.rocks["mass_kg"], two.rocks["mass_kg"], rtol=1e-12)
+
+
+def test_paper_moves_the_ellipse_of_the_two_longer_axes():
+    paper = dataclasses.replace(lab.PAPER, outline_edges=0.0, outline_share=1.0)
+    assert lab.PAPER.resolved() == paper.resolved()

@@ -303,7 +303,7 @@ def test_a_rolling_sphere_turns_as_an_independent_integration_says() -> None:
     on = ground(mu_v=0.0, mu_0=mu, k=0.0, d_star_m=0.0, dp_min=0.0, dp_max=0.0, mu_f=5.0)
     settings = EngineSettings(
         side_tilt_deg=35.0, drift_deg=0.0, slope_variation="off", rolling="round",
-        rolling_friction_sd=0.0,
+        rolling_friction_sd=0.0, outline_edges=0.0,
     )  # fmt: skip
     # Small: the centre of a larger one stands the higher, the steeper its heading is. Fast: it
     # turns little in each step, which is as long as half of the turn at most.

@@ -24,7 +24,8 @@ G = 9.81
 #: The words of the paper: what the tests of the engine run with unless they say otherwise.
 PAPER = EngineSettings(readings="1986")
 #: The settings that are for hazard work, which are the usual ones.
-HAZARD = EngineSettings()
+#: Blocks are the ellipses that they state.
+HAZARD = EngineSettings(outline_edges=0.0, outline_share=1.0)
 #: A population of many shapes and sizes.
 MIXED = BlockPopulation(axis_1_m=(0.4, 0.8), axis_2_m=(0.3, 0.6), axis_3_m=(0.2, 0.5))
 

@@ -22,7 +22,8 @@ TABLE = built_in_table()
 DEBRIS = TABLE.classes[TABLE.index("debris")]
 ROCK = TABLE.classes[TABLE.index("rock")]
 MIXED = BlockPopulation("b", (0.3, 0.6), (0.25, 0.5), (0.2, 0.4), (2600.0, 2750.0), drop_m=(1, 2))
-HAZARD = EngineSettings()
+#: Blocks are the ellipses that they state.
+HAZARD = EngineSettings(outline_edges=0.0, outline_share=1.0)
 #: Without tilt and drift a block keeps to the fall line of a plane.
 STRAIGHT = EngineSettings(side_tilt_deg=0.0, drift_deg=0.0)
 
