@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from gap_check.answers import OWN_LAW, Answer, Truth, holds, is_covered, is_right, names_in
 from sassgis.gap.causes.all_causes import FAMILIES
 from sassgis.gap.diagnosis import without_nan
-from sassgis.gap.inference.intervals import share_interval
-from sassgis.gap.which.verdict import CONTACT_LAW
+from sassgis.gap.fit.distances import share_interval
+from sassgis.gap.fit.hypothesis_fit import CONTACT_LAW
 
 #: Least confidence with which an effect is named.
 NAMED_CONFIDENCE = 0.6

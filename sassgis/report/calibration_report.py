@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 import sassgis
-from sassgis.gap.calibration.class_calibration import SiteCalibration, SiteResult
-from sassgis.gap.calibration.identifiability import Fitted
-from sassgis.gap.inference.intervals import Interval
+from sassgis.gap.fit.class_calibration import SiteCalibration, SiteResult
+from sassgis.gap.fit.distances import Interval
+from sassgis.gap.fit.identifiability import Fitted
 from sassgis.gap.words import with_unit_in_brackets
 from sassgis.model.languages import joined, phrase, translated
 from sassgis.report.figures.calibration_figures import parameters_figure, quantity_curves_figure

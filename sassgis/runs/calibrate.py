@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
-from sassgis.gap.calibration.class_calibration import (
+from sassgis.gap.fit.class_calibration import (
     COUNT,
     SiteCalibration,
     budget_of,
@@ -16,11 +16,11 @@ from sassgis.gap.calibration.class_calibration import (
     run_site,
     run_trial,
     search,
+    spread_of_sites,
 )
-from sassgis.gap.calibration.class_spread import spread_of_sites
-from sassgis.gap.calibration.parameters import classes_met, fitted_names
-from sassgis.gap.calibration.problem import CalibrationProblem, problem_of
-from sassgis.gap.observations.case import Case
+from sassgis.gap.fit.parameters import fitted_names
+from sassgis.gap.fit.site_data import CalibrationProblem, problem_of
+from sassgis.gap.observations.case import Case, classes_met
 from sassgis.io.atomic_output import CHECKPOINT_STEM, output_if_asked
 from sassgis.io.digests import value_digest
 from sassgis.io.read.config import as_named

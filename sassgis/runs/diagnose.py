@@ -10,19 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from sassgis.gap.calibration.problem import CalibrationProblem, problem_of
-from sassgis.gap.calibration.site_summary import summary_of
-from sassgis.gap.diagnosis import (
-    Advice,
-    Comparison,
-    Diagnosis,
-    Hypothesis,
-    ModelGap,
-    Range,
-    Verdict,
-)
-from sassgis.gap.inference.distances import RockDistances
-from sassgis.gap.ladder.handover import (
+from sassgis.gap.advice.measure_next import DRAWS as DRAWS_COMPARED
+from sassgis.gap.advice.measure_next import separations, tables_to_add, what_is_identifiable
+from sassgis.gap.advice.recommendation import (
     CONFIGURED_NUMBER,
     first_sentence,
     model_gaps,
@@ -32,16 +22,44 @@ from sassgis.gap.ladder.handover import (
     worst_of,
     wrong_ground,
 )
-from sassgis.gap.ladder.hypothesis_fit import CHOSEN, FRESH, draw_of, gain_of
-from sassgis.gap.ladder.rungs import CONFIGURED, GROUND, Step, ground_is_enough
+from sassgis.gap.diagnosis import (
+    Advice,
+    Comparison,
+    Diagnosis,
+    Hypothesis,
+    ModelGap,
+    Range,
+    Verdict,
+)
+from sassgis.gap.fit.distances import RockDistances
+from sassgis.gap.fit.hypothesis_fit import (
+    CHOSEN,
+    CONTACT_LAW,
+    DRAWS,
+    FRESH,
+    NONE,
+    UNKNOWN,
+    HypothesisFits,
+    draw_of,
+    families_to_try,
+    gain_of,
+)
+from sassgis.gap.fit.linear_fit import summary_of
+from sassgis.gap.fit.site_data import CalibrationProblem, problem_of
+from sassgis.gap.forward.hypothesis_model import HypothesisModel, model_as_json
+from sassgis.gap.forward.observation_operator import share_left
 from sassgis.gap.observations.case import Case
-from sassgis.gap.replicas.campaigns import share_left
-from sassgis.gap.replicas.hypothesis_model import HypothesisModel, model_as_json
-from sassgis.gap.which.hypotheses import NONE, families_to_try
-from sassgis.gap.which.identifiable import what_is_identifiable
-from sassgis.gap.which.measure_next import DRAWS as DRAWS_COMPARED
-from sassgis.gap.which.measure_next import separations, tables_to_add
-from sassgis.gap.which.verdict import CONTACT_LAW, UNKNOWN, adequate, causes_in
+from sassgis.gap.verdict.evidence import (
+    AddedCauses,
+    BaseRungs,
+    Evidence,
+    configured_as_observed,
+    evidence_of_site,
+    shares_of,
+    verdict_of,
+)
+from sassgis.gap.verdict.model_comparison import CONFIGURED, GROUND, Step, ground_is_enough
+from sassgis.gap.verdict.verdict import adequate, causes_in
 from sassgis.io.atomic_output import output_if_asked, write_text
 from sassgis.io.read.gap_thresholds import cause_weights_of, read_thresholds, thresholds_of
 from sassgis.io.read.observation_files import AnyObservations
@@ -53,21 +71,13 @@ from sassgis.model.languages import in_language
 from sassgis.model.run_config import Config
 from sassgis.report.gap_report import gap_report, report_warnings
 from sassgis.report.page import translated_report, write_report
-from sassgis.runs.evidence import (
-    AddedCauses,
-    BaseRungs,
-    Evidence,
-    configured_as_observed,
-    evidence_of_site,
-    prepared_case,
-    shares_of,
-    verdict_of,
-)
+from sassgis.runs.draw_store import told_tasks
 from sassgis.runs.gap_case import (
     comparable,
     fingerprint_of,
     observations_name,
     observed_files,
+    prepared_case,
 )
 from sassgis.runs.gap_warnings import (
     edge_warnings,
@@ -76,7 +86,6 @@ from sassgis.runs.gap_warnings import (
     scenario_warnings,
     stop_warnings,
 )
-from sassgis.runs.hypothesis_fits import DRAWS, HypothesisFits
 from sassgis.runs.job import AnyConfig, configured, workers_asked
 from sassgis.runs.origin import Origin, write_origin
 from sassgis.runs.workers import Jobs, OnProgress, one_algebra_thread, task_map
@@ -157,7 +166,8 @@ def diagnose(
         try:
             with task_map(summary, workers_asked(settings, jobs)) as run:
                 tell(f"Calibrating the base model with {case.n_rocks} rocks")
-                made = HypothesisFits(summary, run, draws, on_progress)
+                told = told_tasks(run, case.n_rocks, on_progress)
+                made = HypothesisFits(summary, told, draws)
                 made.add(CONTACT_LAW)
                 tell("Weighing the causes")
                 evidence, base = evidence_of_site(made)

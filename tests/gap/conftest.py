@@ -12,7 +12,7 @@ from helpers.observed_slope import LV95, NORTH, TABLES, TAN, TOP, WEST
 from helpers.simulated_slope import observed
 from threadpoolctl import threadpool_limits
 
-from sassgis.gap.calibration.problem import CalibrationProblem, problem_of
+from sassgis.gap.fit.site_data import CalibrationProblem, problem_of
 from sassgis.model.crs import parse_crs
 from sassgis.model.grid import Grid
 

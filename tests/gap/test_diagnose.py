@@ -17,22 +17,22 @@ from gap_check.observers import CONFIG_NAME, OBSERVATIONS_NAME, write_case
 from gap_check.worlds import EffectSpec, WorldSpec
 from helpers.changed_arrays import change_arrays
 
-from sassgis.gap.calibration.linear_fit import Seen, Trial
-from sassgis.gap.calibration.problem import Scale, model_rows, problem_of
-from sassgis.gap.inference.distances import RockDistances
-from sassgis.gap.ladder import cause_gains
-from sassgis.gap.replicas.hypothesis_model import (
+from sassgis.gap.fit import hypothesis_fit
+from sassgis.gap.fit.distances import RockDistances
+from sassgis.gap.fit.linear_fit import Seen, Trial
+from sassgis.gap.fit.site_data import Scale, model_rows, problem_of
+from sassgis.gap.forward.hypothesis_model import (
     MeasurementError,
     configured_model,
     model_from_json,
 )
+from sassgis.gap.verdict import model_comparison
 from sassgis.io.atomic_output import check_output
 from sassgis.io.read.config import load_config
 from sassgis.io.read.gap_thresholds import read_thresholds, thresholds_of
 from sassgis.io.saved_arrays import unfit
 from sassgis.model.errors import InputError, Interrupted
 from sassgis.runs import diagnose as gap_diagnose
-from sassgis.runs import hypothesis_fits
 from sassgis.runs.diagnose import ENSEMBLE, diagnose
 from sassgis.runs.draw_store import DrawStore
 from sassgis.runs.gap_case import read_case
@@ -45,9 +45,9 @@ AXES = ("centre", "scale")
 def few_draws() -> Iterator[None]:
     """Few draws, campaigns of the base and rounds: numbers are rough, all else is whole."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(cause_gains, "DRAWS", 6)
-        patch.setattr(cause_gains, "BASE", 5)
-        patch.setattr(hypothesis_fits, "ROUNDS", 1)
+        patch.setattr(model_comparison, "DRAWS", 6)
+        patch.setattr(model_comparison, "BASE", 5)
+        patch.setattr(hypothesis_fit, "ROUNDS", 1)
         yield
 
 

@@ -6,10 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from sassgis.gap.causes.cause import Cause, CausePart
-from sassgis.gap.causes.parameter_draws import ParameterDraws, rounded
+from sassgis.gap.causes.cause import Cause, CausePart, ParameterDraws, rounded
+from sassgis.gap.forward.hypothesis_model import HypothesisModel
 from sassgis.gap.observations.case import Case
-from sassgis.gap.replicas.hypothesis_model import HypothesisModel
 from sassgis.model.ground import GroundTable
 
 #: Those that any ground has shown (``calibration.parameters.RANGES``).

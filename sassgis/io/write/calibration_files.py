@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import sassgis
-from sassgis.gap.calibration.class_calibration import SiteCalibration, SiteResult
-from sassgis.gap.calibration.fit_errors import SHARES, QuantityErrors
+from sassgis.gap.fit.class_calibration import SiteCalibration, SiteResult
+from sassgis.gap.fit.fit_errors import SHARES, QuantityErrors
 from sassgis.io.atomic_output import write_json, write_text
 from sassgis.io.write.config_template import written_document
 from sassgis.io.write.gap_files import classes_csv, write_runnable

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from helpers.simulated_slope import observed, with_metadata, with_observed, with_rows
 
-from sassgis.gap.calibration.problem import CalibrationProblem
 from sassgis.gap.causes.all_causes import CAUSES
 from sassgis.gap.causes.cause import LEAST, Scoring, Unseen
 from sassgis.gap.causes.measurement_error_cause import (
@@ -19,10 +18,11 @@ from sassgis.gap.causes.measurement_error_cause import (
     _passing,
     _speed_ratios,
 )
-from sassgis.gap.ladder.hypothesis_fit import draw_of, space_of
+from sassgis.gap.fit.hypothesis_fit import draw_of, space_of
+from sassgis.gap.fit.site_data import CalibrationProblem
 from sassgis.gap.observations.case import Case
-from sassgis.gap.residuals.table import ResidualTable
-from sassgis.gap.which.fingerprints import _tested
+from sassgis.gap.residuals.residual_table import ResidualTable
+from sassgis.gap.verdict.verdict import _tested
 
 NO_RESIDUALS: ResidualTable = None  # type: ignore[assignment]
 

@@ -8,11 +8,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sassgis.gap.calibration.problem import CalibrationProblem
-from sassgis.gap.replicas.hypothesis_model import configured_model
-from sassgis.gap.residuals.steps import MODEL_FLIGHT, StepTable
-from sassgis.gap.residuals.table import ResidualTable, residuals_of
-from sassgis.gap.which.fingerprints import fingerprints
+from sassgis.gap.fit.site_data import CalibrationProblem
+from sassgis.gap.forward.hypothesis_model import configured_model
+from sassgis.gap.residuals.residual_table import (
+    MODEL_FLIGHT,
+    ResidualTable,
+    StepTable,
+    residuals_of,
+)
+from sassgis.gap.verdict.verdict import fingerprints
 
 STRUCK = "energy lost at once, on few flights"
 SCALE = "speeds against the falls between contacts, too high for all"

@@ -26,10 +26,13 @@ from helpers.simulated_slope import (
 
 from sassgis.engine.simulate_paths import PathTerrain
 from sassgis.engine.state import END, EVENT_DTYPE, FLIGHT, IMPACT, ROLLING
-from sassgis.gap.calibration.problem import problem_of
-from sassgis.gap.calibration.site_summary import summary_of
+from sassgis.gap.advice.measure_next import what_is_identifiable
+from sassgis.gap.fit.linear_fit import summary_of
+from sassgis.gap.fit.site_data import problem_of
+from sassgis.gap.forward.observation_operator import campaigns, contacts_in
+from sassgis.gap.forward.rock_lines import rock_lines_of
 from sassgis.gap.observations.campaign import Campaign, observed_campaign
-from sassgis.gap.observations.case import Case
+from sassgis.gap.observations.case import Case, station_traces
 from sassgis.gap.observations.checks import check_observations
 from sassgis.gap.observations.hops import (
     ContactRows,
@@ -41,11 +44,6 @@ from sassgis.gap.observations.hops import (
 )
 from sassgis.gap.observations.observed import Observations
 from sassgis.gap.observations.tables import Contacts, Rocks, Stations
-from sassgis.gap.replicas.campaigns import campaigns
-from sassgis.gap.replicas.recorded import contacts_in
-from sassgis.gap.replicas.released_rocks import station_traces
-from sassgis.gap.replicas.rock_lines import rock_lines_of
-from sassgis.gap.which.identifiable import what_is_identifiable
 from sassgis.io.read.observation_files import read_observations
 from sassgis.terrain.heights import heights_at
 
