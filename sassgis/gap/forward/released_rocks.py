@@ -205,8 +205,7 @@ def _stand(stand: ForestStand, s: FloatArray) -> Forest:
     """A forest on all places, stretches or cells, between two chainages."""
     inside = (s >= stand.s0) & (s <= stand.s1)
     return Forest(
-        np.where(inside, stand.stems_per_ha / 1e4, 0.0),
-        np.where(inside, stand.dbh_cm / 100.0, 0.0),
+        np.where(inside, stand.stems_per_ha / 1e4, 0.0), np.where(inside, stand.dbh_cm / 100.0, 0.0)
     )
 
 
