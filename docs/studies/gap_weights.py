@@ -134,7 +134,7 @@ def evidence_at(site: Path) -> Evidence:
         case = prepared_case(site / "config.toml", site / "observations", 1, 1.0)
         summary = summary_of(problem_of(case, 1))
         with task_map(summary, 1) as run:
-            return evidence_of_site(HypothesisFits(summary, run, DRAWS))[0]
+            return evidence_of_site(HypothesisFits(summary, run, DRAWS)).evidence
 
 
 def row_of(site: str, folder: Path) -> dict[str, Any]:

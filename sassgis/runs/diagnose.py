@@ -13,7 +13,6 @@ import numpy as np
 from sassgis.gap.advice.measure_next import DRAWS as DRAWS_COMPARED
 from sassgis.gap.advice.measure_next import separations, tables_to_add, what_is_identifiable
 from sassgis.gap.advice.recommendation import (
-    CONFIGURED_NUMBER,
     first_sentence,
     model_gaps,
     settings_of,
@@ -34,6 +33,7 @@ from sassgis.gap.diagnosis import (
 from sassgis.gap.fit.distances import RockDistances
 from sassgis.gap.fit.hypothesis_fit import (
     CHOSEN,
+    CONFIGURED_NUMBER,
     CONTACT_LAW,
     DRAWS,
     FRESH,
@@ -51,14 +51,12 @@ from sassgis.gap.forward.observation_operator import share_left
 from sassgis.gap.observations.case import Case
 from sassgis.gap.verdict.evidence import (
     AddedCauses,
-    BaseRungs,
-    Evidence,
     configured_as_observed,
     evidence_of_site,
     shares_of,
     verdict_of,
 )
-from sassgis.gap.verdict.model_comparison import CONFIGURED, GROUND, Step, ground_is_enough
+from sassgis.gap.verdict.model_comparison import CONFIGURED, GROUND
 from sassgis.gap.verdict.verdict import adequate, causes_in
 from sassgis.io.atomic_output import output_if_asked, write_text
 from sassgis.io.read.gap_thresholds import cause_weights_of, read_thresholds, thresholds_of
@@ -170,9 +168,9 @@ def diagnose(
                 made = HypothesisFits(summary, told, draws)
                 made.add(CONTACT_LAW)
                 tell("Weighing the causes")
-                evidence, base = evidence_of_site(made)
+                added = evidence_of_site(made)
                 tell("Calibrating the most probable hypotheses")
-                diagnosis = _diagnosis(made, evidence, base, read_thresholds(), fingerprint)
+                diagnosis = _diagnosis(added, read_thresholds(), fingerprint)
         except KeyboardInterrupt:
             raise Interrupted("stopped by the user") from None
         diagnosis = replace(
@@ -206,29 +204,21 @@ def _gaps(
     return model_gaps(problem, rows, left, (scale, model.measurement.scale)), left
 
 
-def _diagnosis(
-    made: HypothesisFits,
-    evidence: Evidence,
-    base: BaseRungs,
-    chosen: Mapping[str, Any],
-    fingerprint: str,
-) -> Diagnosis:
+def _diagnosis(added: AddedCauses, chosen: Mapping[str, Any], fingerprint: str) -> Diagnosis:
     """The answer, from what speaks for causes."""
+    made, evidence = added.made, added.evidence
     problem, case = made.problem, made.problem.case
     frozen, weights = thresholds_of(dict(chosen)), cause_weights_of(dict(chosen))
-    rows, ladder, law, simplest = base.rows, base.ladder, base.law, base.simplest
-    # An effect is added to the base that the contact asks for, if that is certainly the better one.
-    added = AddedCauses(made, evidence, simplest == CONTACT_LAW)
+    ladder, law, simplest = added.ladder, added.needs_law, added.simplest
     shares = shares_of(evidence, families_to_try(case), weights)
     as_configured = configured_as_observed(made)
-    gaps = {CONFIGURED: _gaps(problem, as_configured, rows[CONFIGURED])}
+    gaps = {CONFIGURED: _gaps(problem, as_configured, added.configured_rows)}
     if simplest != CONFIGURED:
-        gaps[simplest] = _gaps(problem, made.model(added.name(simplest)).model, rows[simplest])
+        own = added.name(simplest)
+        gaps[simplest] = _gaps(problem, made.model(own).model, made.rows(own))
     short = shortfall(gaps[simplest][0]) is not None
-    verdict, shrinkage = verdict_of(
-        added, shares, weights, frozen, law, adequate(evidence.findings) and not short,
-        ground_is_enough(base.rungs),
-    )  # fmt: skip
+    sound = adequate(evidence.findings) and not short
+    verdict, shrinkage = verdict_of(added, shares, weights, frozen, sound)
     named = "+".join(verdict.named)
     # With two causes the surer one comes first.
     surer = max(verdict.named, key=lambda n: shares.get(n, 0.0), default="")
@@ -237,11 +227,11 @@ def _diagnosis(
     scale = added.fit(named).handed_over.draw.model.measurement.scale if named else 1.0
     if scale != 1.0:
         left_before = gaps[CONFIGURED][1]
-        rescaled = model_gaps(problem, rows[CONFIGURED], left_before, (scale, 1.0))
+        rescaled = model_gaps(problem, added.configured_rows, left_before, (scale, 1.0))
         gaps = {CONFIGURED: (rescaled, left_before)}
     for step in steps:
-        ladder.add(Step(step, added.rung if step == surer else surer, added.rows(step)))
-    recommended, why = ladder.recommended(*base.names, *steps)
+        ladder.add(step, added.rung if step == surer else surer, added.rows(step))
+    recommended, why = ladder.recommended(*added.base_rungs, *steps)
     beyond = ladder.gain(GROUND, CONTACT_LAW)
     if not law and recommended == GROUND and beyond is not None and beyond.low > 0.0:
         why = why or _NOT_THE_LAW
@@ -264,7 +254,7 @@ def _diagnosis(
         shortfall(left),
         why,
     )
-    rungs = ladder.rungs(*rows, *steps)
+    rungs = ladder.rungs(CONFIGURED, GROUND, CONTACT_LAW, *steps)
     gains = sorted(evidence.gains.values(), key=lambda gain: -gain.sureness)
     excess = max((gain.excess for gain in gains), default=1.0)
     return Diagnosis(

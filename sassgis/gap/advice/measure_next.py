@@ -1,11 +1,10 @@
-"""What observations support: the quantities that are identifiable, and those that are not.
+"""Say what observations support, and what to measure next.
 
-What to measure next: two calibrated models are released again, and seen where they differ most.
-
-Both fit what was observed, each with several draws of its parameters. What they would show
-elsewhere, or by quantities that were not measured, is simulated with the stated errors. A
-difference counts if the draws of one model do not differ as much; the number of rocks that would
-tell the models apart is then that of a test of one mean (level 5 %, power 80 %).
+For the latter, two calibrated models are released again, and seen where they differ most. Both fit
+what was observed, each with several draws of its parameters. What they would show elsewhere, or by
+quantities that were not measured, is simulated with the stated errors. A difference counts if the
+draws of one model do not differ as much; the number of rocks that would tell the models apart is
+then that of a test of one mean (level 5 %, power 80 %).
 """
 
 from __future__ import annotations

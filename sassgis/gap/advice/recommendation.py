@@ -31,8 +31,6 @@ RELEVANT: Mapping[str, float] = {
 }  # fmt: skip
 #: Bootstrap samples, and rocks that must be known.
 _SAMPLES, _FEWEST = 999, 3
-#: Number of the campaigns of the configured model.
-CONFIGURED_NUMBER = 3990
 
 
 def values_of(scale: Scale, rows: FloatArray, column: int) -> FloatArray:

@@ -1,11 +1,9 @@
-"""A calibration of ground classes from prepared sites to its result.
+"""Calibrate ground classes on prepared sites, and tell their spread between sites.
 
-What calibrations of several sites say of a class: its mean, and its spread between sites.
-
-Random effects: the value of a class at a site is normal about a mean with a standard deviation
-between sites, and the calibration of the site has an error of its own. The mean has a flat prior,
-the standard deviation a half-normal one, with the spread that was assumed before as its scale: two
-sites alone hardly tell it (Gelman 2006; Röver 2020).
+The spread by random effects: the value of a class at a site is normal about a mean with a standard
+deviation between sites, and the calibration of the site has an error of its own. The mean has a
+flat prior, the standard deviation a half-normal one, with the spread that was assumed before as its
+scale: two sites alone hardly tell it (Gelman 2006; Röver 2020).
 """
 
 from __future__ import annotations
@@ -30,7 +28,6 @@ from sassgis.gap.fit.identifiability import (
     Fitted,
     Misfits,
     Posterior,
-    SiteFit,
     Told,
     TradeOff,
     as_good,
@@ -239,7 +236,8 @@ class SiteResult:
     errors: tuple[QuantityErrors, ...]
     scores: tuple[TableScore, ...]
     gain: Interval  # of the score, on rocks left out, as a share of the score before
-    fit: SiteFit
+    score: float  # mean of the rocks at the common parameters
+    own_score: float  # at those that fit this site best
     own: Mapping[str, float]  # parameters that fit this site best, by label
     #: Of the models "before", "after", "left out" each quantity, shape (count, n_rocks).
     replicas: Mapping[str, Mapping[str, FloatArray]]
@@ -315,7 +313,7 @@ def result_of(task: CalibrationTask, found: Calibrated, run: RunFinals) -> SiteC
     sites, pairs = [], []
     for k, site in enumerate(task.sites):
         models = {"before": made[3 * k], "after": made[3 * k + 1], "left out": left_out[k]}
-        fit = SiteFit(*(float(_of_units(site, one).mean()) for one in made[3 * k + 1 : 3 * k + 3]))
+        common, best = (float(_of_units(site, one).mean()) for one in made[3 * k + 1 : 3 * k + 3])
         replicas = {name: model.replicas for name, model in models.items()}
         pairs.append((_of_units(site, models["before"]), _of_units(site, models["left out"])))
         sites.append(
@@ -326,7 +324,8 @@ def result_of(task: CalibrationTask, found: Calibrated, run: RunFinals) -> SiteC
                 quantity_errors(site, replicas, task.seed),
                 table_scores(site, {name: model.scores for name, model in models.items()}),
                 paired_gain(*pairs[-1]),
-                fit,
+                common,
+                best,
                 _by_label(parameters, own[k]),
                 replicas,
                 site.quantities,
@@ -340,7 +339,9 @@ def result_of(task: CalibrationTask, found: Calibrated, run: RunFinals) -> SiteC
         tuple(_by_label(parameters, u) for u in as_good(posterior)),
         classes_alike(parameters, posterior),
         tuple(sites),
-        contradicting(found.told, [s.fit for s in sites], task.seed),
+        contradicting(
+            found.told, [s.score for s in sites], [s.own_score for s in sites], task.seed
+        ),
         paired_gain(before, left),
         findings_of(found.fitted, {s.name: s.gain for s in sites}),
         found.draws,

@@ -1,6 +1,4 @@
-"""Intervals of estimates, and parts for cross-validation; rocks are the unit of resampling.
-
-The score of an ensemble against one observation, and the distance of rocks from a model.
+"""Score ensembles, take distances of rocks from models, and give intervals of estimates.
 
 Rocks are the unit of resampling everywhere: what one rock did at five stations is one draw from
 nature, not five.
@@ -156,24 +154,6 @@ def mean_interval(values: FloatArray) -> Interval:
     error = float(values.std(ddof=1)) / math.sqrt(values.size)
     half = float(stats.t.ppf(0.975, values.size - 1)) * error
     return Interval(mean, mean - half, mean + half)
-
-
-def share_interval(hits: int, trials: int) -> Interval:
-    """95 % interval of a share of independent trials, never too narrow; NaN, 0, 1 without trials.
-
-    C. J. Clopper and E. S. Pearson (1934, Biometrika 26, 404-413), by ``scipy.stats.binomtest``.
-
-    Raises
-    ------
-    ValueError
-        If there are more hits than trials or either is negative.
-    """
-    if not 0 <= hits <= trials:
-        raise ValueError(f"{hits} hits in {trials} trials")
-    if trials == 0:
-        return Interval(math.nan, 0.0, 1.0)
-    found = stats.binomtest(hits, trials).proportion_ci(0.95, "exact")
-    return Interval(hits / trials, float(found.low), float(found.high))
 
 
 def energy_scores(observed: FloatArray, replicas: NDArray[np.floating]) -> FloatArray:

@@ -1,10 +1,8 @@
-"""Hypotheses: the base model calibrated anew, and with each cause added.
+"""Draw hypotheses, the base model with causes, and calibrate them with and without rocks left out.
 
 A hypothesis is a set of ranges from which its parameters are drawn. Every draw has its own
 calibration of the ground, of the scatter of rolling friction, and of the sideways tilt and the
 drift of followed paths, so that an effect has to explain what calibration cannot.
-
-Calibration of a hypothesis on the observed rocks, with and without the rocks to be left out.
 """
 
 from __future__ import annotations
@@ -146,6 +144,8 @@ def families_to_try(case: Case) -> tuple[str, ...]:
 #: Campaigns of each model that is chosen, and the number that they have: the same for all
 #: hypotheses, so that what differs between these is not luck.
 FRESH, CHOSEN = 6, 3900
+#: Number of the campaigns of the configured model.
+CONFIGURED_NUMBER = 3990
 #: Campaigns of a draw, and of a step that is looked at.
 COUNT, LOOKED = 2, 5
 #: Draws of which the names of the parameters are taken.
@@ -207,10 +207,6 @@ class HypothesisDraw:
     number: int
     count: int
 
-    def of(self, case: Case) -> Draw:
-        """The draw itself."""
-        return draw_of(case, self.effect, self.shares)
-
 
 def draw_of(case: Case, effect: str, shares: Mapping[str, float]) -> Draw:
     """The draw of a hypothesis that some shares of its parameters make; others in the middle."""
@@ -220,7 +216,9 @@ def draw_of(case: Case, effect: str, shares: Mapping[str, float]) -> Draw:
 def see(summary: SiteSummary, task: HypothesisDraw) -> Seen:
     """Numbers of a draw, and the distance of its campaigns from the observed rocks."""
     problem = summary.problem
-    numbers, rows = summary.of_model(task.of(problem.case).model, task.number, task.count)
+    numbers, rows = summary.of_model(
+        draw_of(problem.case, task.effect, task.shares).model, task.number, task.count
+    )
     distance = np.nan
     if problem.scale.names:
         distance = RockDistances.of(problem.rows, rows).value()
@@ -239,7 +237,7 @@ class Chosen:
 def run_chosen(summary: SiteSummary, task: HypothesisDraw) -> Chosen:
     """Campaigns of a model that was chosen, and the scores of the rocks in it."""
     problem = summary.problem
-    made = task.of(problem.case)
+    made = draw_of(problem.case, task.effect, task.shares)
     rows = model_rows(problem, made.model, task.number, task.count)
     return Chosen(made, rows, scores_of(problem, made.model, task.number, rows))
 
@@ -310,9 +308,7 @@ class FittedHypothesis:
 
 
 #: Results of a function of (summary, task), in the order of the tasks.
-RunTasks = Callable[
-    [Callable[[SiteSummary, HypothesisDraw], Any], Sequence[HypothesisDraw]], Iterable[Any]
-]
+RunTasks = Callable[[Callable[[SiteSummary, Any], Any], Sequence[Any]], Iterable[Any]]
 
 
 def fit_hypothesis(

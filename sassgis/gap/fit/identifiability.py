@@ -245,22 +245,19 @@ def classes_alike(
     return tuple(alike)
 
 
-@dataclass(frozen=True, slots=True)
-class SiteFit:
-    """How well the common parameters fit one site."""
-
-    score: float  # mean score of its rocks at the common parameters
-    own_score: float  # the same at the best parameters for this site
-
-
-def contradicting(sites: Sequence[Told], fits: Sequence[SiteFit], seed: int) -> bool:
+def contradicting(
+    sites: Sequence[Told], common: Sequence[float], own_best: Sequence[float], seed: int
+) -> bool:
     """Whether the common parameters are worse for sites than chance explains, and by much.
+
+    ``common``, ``own_best``: mean scores of the rocks of each site at the common parameters, and at
+    the best ones of the site.
 
     What is compared with chance is by how much parameters of their own would fit the numbers of the
     sites better than common ones; chance draws the pulls of the sites anew about none.
     """
-    worse = sum(fit.score - fit.own_score for fit in fits)
-    if len(sites) < 2 or worse <= _WORSE * sum(fit.own_score for fit in fits):
+    worse = sum(one - other for one, other in zip(common, own_best, strict=True))
+    if len(sites) < 2 or worse <= _WORSE * sum(own_best):
         return False
     own = [site.precision + _NEXT_TO_NONE * np.eye(site.best.size) for site in sites]
 

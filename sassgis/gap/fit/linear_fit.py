@@ -1,17 +1,12 @@
-"""What campaigns of a site show, as numbers: means, scatters and trends over its rocks.
+"""Sum up campaigns of a site in numbers, and calibrate parameters on linear models of these.
 
-Observed and simulated campaigns are summed up alike. Which model brings these numbers to what was
-observed is then a question of linear algebra (``linear_fit``), and what chance does to them is seen
-from other campaigns of the same model.
-
-Calibration of many parameters at once, from linear models of what campaigns show.
-
-About the best parameters so far, campaigns are drawn, and the numbers that sum them up are
-regressed on the parameters. The normal prior and the errors of the observed numbers then give the
-next best ones in closed form (iterated linear Bayes; Gauss and Newton with slopes from an ensemble,
-as Iglesias, Law and Stuart 2013, Inverse Problems 29, 045001). A step is kept only if it brings the
-campaigns nearer to the observed rocks. The same linear model gives intervals, and the parameters
-for a part of the rocks.
+Observed and simulated campaigns are summed up alike: means, scatters and trends over the rocks.
+About the best parameters so far, campaigns are drawn, and their numbers are regressed on the
+parameters. The normal prior and the errors of the observed numbers then give the next best ones in
+closed form (iterated linear Bayes; Gauss and Newton with slopes from an ensemble, as Iglesias, Law
+and Stuart 2013, Inverse Problems 29, 045001). A step is kept only if it brings the campaigns nearer
+to the observed rocks. The same linear model gives intervals, and the parameters for a part of the
+rocks. What chance does to the numbers is seen from other campaigns of the same model.
 """
 
 from __future__ import annotations

@@ -1,13 +1,11 @@
-"""Parameters of ground classes that can be calibrated, their ranges, and tables made of them.
+"""Parameters of ground classes that can be calibrated, and the law of recorded contacts.
 
-The law of the contact as the recorded contacts have it, class by class.
-
-Restitution, the speed at which it has halved, friction, what the ground holds back and a loss that
-grows with the speed make smooth, monotone functions of normal speed, speed along the ground and
-angle of an impact. They are learned from single contacts, each predicted from the state that was
-observed before it, and shrunk towards the values of the class. What a class without contacts is
-taken to be follows the others half way. Spins have a factor and a scatter besides, the same for all
-classes: blocks do not turn in the plane of their path alone.
+Of contacts, restitution, the speed at which it has halved, friction, what the ground holds back and
+a loss that grows with the speed make smooth, monotone functions of normal speed, speed along the
+ground and angle of an impact. They are learned from single contacts, each predicted from the state
+that was observed before it, and shrunk towards the values of the class. What a class without
+contacts is taken to be follows the others half way. Spins have a factor and a scatter besides, the
+same for all classes: blocks do not turn in the plane of their path alone.
 """
 
 from __future__ import annotations

@@ -1,6 +1,4 @@
-"""Scores of single impacts: observed states before them, and what the model makes of these.
-
-A site made ready for many campaigns: its rocks, what is compared of them, and their scores.
+"""Make a site ready for many campaigns: its rocks, what is compared of them, and their scores.
 
 A campaign releases all observed rocks once. What it shows is kept as one row per rock, from which
 it is scored against the rock that was observed, its stop, passages and contacts apart; each
@@ -137,7 +135,7 @@ _IN_ROWS = frozenset(_TABLES)
 class Scale:
     """How quantities of a rock become a row whose distances count."""
 
-    names: tuple[str, ...]  # of the quantities, as in ``campaigns.rock_quantities``
+    names: tuple[str, ...]  # of the quantities, as in ``rock_quantities``
     centre: FloatArray  # shape (k,), as the scale
     scale: FloatArray
     n_rocks: int = 0  # rows where nothing is scored at all

@@ -1,10 +1,9 @@
-"""One table of residuals: every observed step against what the model makes of the state before it.
+"""Put all residuals of a case against one model into a table, which all that follows reads.
 
-A step is an impact, a flight between two impacts, or a whole path from the release to a station or
-to the stop. Each row holds what was seen, what the model foresees from the *observed* state, the
-standard deviation of that, and what a cause could depend on.
-
-All residuals of a case against one model, made once: where, which and how far read these.
+Each step stands against what the model makes of the observed state before it. A step is an impact,
+a flight between two impacts, or a whole path from the release to a station or to the stop. Each row
+holds what was seen, what the model foresees from the *observed* state, the standard deviation of
+that, and what a cause could depend on.
 """
 
 from __future__ import annotations

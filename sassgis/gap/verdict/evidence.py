@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from sassgis.gap.advice.recommendation import CONFIGURED_NUMBER
 from sassgis.gap.causes.all_causes import CAUSES
 from sassgis.gap.causes.trees_cause import losses_at_one_place
 from sassgis.gap.diagnosis import CauseGain, Fingerprint, GapFinding, Rung, Shrinkage, Verdict
 from sassgis.gap.fit.hypothesis_fit import (
+    CONFIGURED_NUMBER,
     CONTACT_LAW,
     FRESH,
     NONE,
@@ -27,8 +27,8 @@ from sassgis.gap.verdict.model_comparison import (
     CONFIGURED,
     GROUND,
     Ladder,
-    Step,
     cause_gains,
+    ground_is_enough,
     needs_contact_law,
     shrinkage_of,
 )
@@ -55,26 +55,6 @@ from sassgis.model.languages import phrase
 _PLAUSIBLE, _AT_ONCE = 16, 4
 
 
-@dataclass(frozen=True, slots=True)
-class BaseRungs:
-    """The models without an effect, and which of them the observed rocks ask for."""
-
-    ladder: Ladder
-    rows: Mapping[str, FloatArray]  # of rocks left out, by rung; shape (FRESH, n_rocks, p)
-    rungs: tuple[Rung, ...]
-    law: bool  # whether another law of the contact is needed
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Rungs that may be recommended."""
-        return (CONFIGURED, GROUND, *([CONTACT_LAW] if self.law else []))
-
-    @property
-    def simplest(self) -> str:
-        """The last of them whose gain is certain."""
-        return self.ladder.recommended(*self.names)[0]
-
-
 def configured_as_observed(made: HypothesisFits) -> HypothesisModel:
     """The configured model; its rotations are observed as those of calibrated ground.
 
@@ -83,20 +63,6 @@ def configured_as_observed(made: HypothesisFits) -> HypothesisModel:
     """
     seen = made.add(NONE).handed_over.draw.model.measurement
     return replace(configured_model(made.problem.case), measurement=seen)
-
-
-def base_rungs(made: HypothesisFits) -> BaseRungs:
-    """The ladder as far as it has no effect."""
-    problem, configured = made.problem, configured_as_observed(made)
-    rows = {
-        CONFIGURED: model_rows(problem, configured, CONFIGURED_NUMBER, FRESH),
-        GROUND: made.rows(NONE),
-        CONTACT_LAW: made.rows(CONTACT_LAW),
-    }
-    over = {CONFIGURED: "", GROUND: CONFIGURED, CONTACT_LAW: GROUND}
-    ladder = Ladder(problem, [Step(name, over[name], own) for name, own in rows.items()])
-    rungs = ladder.rungs(*rows)
-    return BaseRungs(ladder, rows, rungs, needs_contact_law(rungs))
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +105,7 @@ def evidence_beyond(
     )
 
 
-def evidence_of_site(made: HypothesisFits) -> tuple[Evidence, BaseRungs]:
+def evidence_of_site(made: HypothesisFits) -> AddedCauses:
     """Evidence beyond the base with a free contact, and the models without an effect.
 
     The base is adequate if one of the calibrations that the rocks leave plausible is: of all values
@@ -148,12 +114,19 @@ def evidence_of_site(made: HypothesisFits) -> tuple[Evidence, BaseRungs]:
     1012-1016). A contact that is free in wide limits may be calibrated less well than the ground
     alone.
     """
-    found = evidence_beyond(made, made.add(CONTACT_LAW), families_to_try(made.problem.case))
-    base = base_rungs(made)
+    problem = made.problem
+    found = evidence_beyond(made, made.add(CONTACT_LAW), families_to_try(problem.case))
+    rows = model_rows(problem, configured_as_observed(made), CONFIGURED_NUMBER, FRESH)
+    ladder = Ladder(problem)
+    ladder.add(CONFIGURED, "", rows)
+    ladder.add(GROUND, CONFIGURED, made.rows(NONE))
+    ladder.add(CONTACT_LAW, GROUND, made.rows(CONTACT_LAW))
+    rungs = ladder.rungs(CONFIGURED, GROUND, CONTACT_LAW)
+    added = AddedCauses(made, found, ladder, rungs, rows, needs_contact_law(rungs))
     if not adequate(found.findings):
-        draws = made.add(CONTACT_LAW).samples(made.problem.case, _PLAUSIBLE)
+        draws = made.add(CONTACT_LAW).samples(problem.case, _PLAUSIBLE)
         models = [own.model for own in draws]
-        if base.simplest != CONTACT_LAW:
+        if added.base != CONTACT_LAW:
             models = [made.add(NONE).handed_over.draw.model, *models]
         if (left := first_adequate(made, models)) is not None:
             note = phrase(
@@ -162,7 +135,7 @@ def evidence_of_site(made: HypothesisFits) -> tuple[Evidence, BaseRungs]:
                 "gap."
             )
             found = replace(found, findings=left, notes=(*found.notes, note))
-    return found, base
+    return replace(added, evidence=found)
 
 
 def first_adequate(
@@ -196,27 +169,40 @@ def _left_by(summary: SiteSummary, task: _Left) -> tuple[GapFinding, ...]:
 
 @dataclass(frozen=True, slots=True)
 class AddedCauses:
-    """Causes added to the base that the contact asks for: ground, or another law of the contact."""
+    """Models without an effect, and causes added to the one that the observed rocks ask for."""
 
     made: HypothesisFits
     evidence: Evidence  # beyond the base with a free contact
-    law: bool
+    ladder: Ladder
+    rungs: tuple[Rung, ...]  # without an effect
+    configured_rows: FloatArray  # of the configured model, shape (FRESH, n_rocks, p)
+    needs_law: bool  # whether another law of the contact is needed
+
+    @property
+    def base_rungs(self) -> tuple[str, ...]:
+        """Rungs without an effect that may be recommended."""
+        return (CONFIGURED, GROUND, *([CONTACT_LAW] if self.needs_law else []))
+
+    @property
+    def simplest(self) -> str:
+        """The last of them whose gain is certain."""
+        return self.ladder.recommended(*self.base_rungs)[0]
 
     @property
     def base(self) -> str:
-        """Hypothesis of the base."""
-        return CONTACT_LAW if self.law else NONE
+        """Hypothesis of the base: with another law of the contact if that is certainly better."""
+        return CONTACT_LAW if self.simplest == CONTACT_LAW else NONE
 
     @property
     def rung(self) -> str:
         """The base as a rung of the ladder."""
-        return CONTACT_LAW if self.law else GROUND
+        return GROUND if self.base == NONE else CONTACT_LAW
 
     def name(self, effect: str) -> str:
         """Hypothesis of a rung of the ladder."""
         if effect in (NONE, GROUND):
             return NONE
-        return "+".join(sorted({*effect.split("+"), *([CONTACT_LAW] if self.law else [])}))
+        return "+".join(sorted({*effect.split("+"), self.base} - {NONE}))
 
     def fit(self, effect: str) -> FittedHypothesis:
         """The base with an effect, calibrated if it is not yet.
@@ -277,16 +263,14 @@ def verdict_of(
     shares: Mapping[str, float],
     weights: CauseWeights,
     frozen: Thresholds,
-    law: bool,
     sound: bool,
-    enough: bool,
 ) -> tuple[Verdict, Shrinkage]:
-    """The answer, and how far the gap shrinks by what is named.
+    """Give the answer, and how far the gap shrinks by what is named.
 
-    ``law``: whether the contact obeys another law; ``sound``: whether the base leaves nothing that
-    is significant and large; ``enough``: whether what calibrated ground leaves may be chance.
+    ``sound``: whether the base leaves nothing that is significant and large.
     """
-    evidence = added.evidence
+    evidence, law = added.evidence, added.needs_law
+    enough = ground_is_enough(added.rungs) or adequate(evidence.findings)
     first = _most_probable(shares, evidence.gains)
     if first != NONE and shares[first] < min(frozen.calibrated, shares[NONE]):
         first = NONE
@@ -318,7 +302,7 @@ def verdict_of(
         reason,
         dict(shares),
         group,
-        CONTACT_LAW if law else "ground" if enough or adequate(evidence.findings) else "unresolved",
+        CONTACT_LAW if law else "ground" if enough else "unresolved",
         # The law of the contact is that of the base, whichever families there are.
         group_probability(group, shares) + (shares[NONE] if effect == CONTACT_LAW else 0.0),
         tuple(n for n in families_to_try(case) if n not in (*shares, *effect.split("+"))),

@@ -5,8 +5,6 @@ start again at every station), and single steps (impacts and flights). What is r
 wrong in a reach lies between the steps; what is right in all reaches and wrong from the release
 lies in the release. Every value that is tested is one of a rock; rocks of a group (block, day,
 source) are not independent, and are tested together.
-
-Where findings lie on fall lines.
 """
 
 from __future__ import annotations

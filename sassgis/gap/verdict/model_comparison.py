@@ -1,18 +1,16 @@
-"""How far the gap shrinks, rung by rung, on rocks left out of the calibration.
+"""Compare models: how far the gap shrinks rung by rung, and what causes close of the rest.
 
-What each cause closes of the gap that the base leaves, once the ground is calibrated anew.
-
-The base and every cause release the rocks again; each campaign is summed up by the same numbers
-(``site_summary``). In the directions that the ground cannot follow, by the linear model of the
-base, what is observed less the base is compared with what the draws of a cause change. Chance is
-seen from campaigns of the base itself (parametric bootstrap), and whether these data could show a
-cause from campaigns with it.
+Rungs are compared on rocks left out of the calibration. For the gains of causes, the ground
+calibrated anew, the base and every cause release the rocks again; each campaign is summed up by the
+same numbers (``SiteSummary``). In the directions that the ground cannot follow, by the linear model
+of the base, what is observed less the base is compared with what the draws of a cause change.
+Chance is seen from campaigns of the base itself (parametric bootstrap), and whether these data
+could show a cause from campaigns with it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -26,6 +24,7 @@ from sassgis.gap.fit.hypothesis_fit import (
     HypothesisDraw,
     RunTasks,
     draw,
+    draw_of,
     families_of,
 )
 from sassgis.gap.fit.linear_fit import LinearFit, SiteSummary
@@ -67,35 +66,23 @@ def share_of(
     return value, (float(low), float(high))
 
 
-@dataclass(frozen=True, slots=True)
-class Step:
-    """A model of the ladder: its name, the simpler one that it is added to, and held-out rows."""
-
-    rung: str
-    over: str
-    rows: FloatArray
-
-
 class Ladder:
     """Distances of models from the observed rocks, and what each closes beyond simpler ones.
 
     Rocks, or groups of them, are resampled alike for all.
     """
 
-    def __init__(self, problem: CalibrationProblem, steps: Sequence[Step]) -> None:
+    def __init__(self, problem: CalibrationProblem) -> None:
         self._observed = problem.rows
         rng = np.random.default_rng([problem.seed, 53])
         self._weights = group_weights(problem.unit, rng, _SAMPLES)
-        self._found: dict[str, tuple[Step, RockDistances, FloatArray]] = {}
-        self.add(*steps)
+        self._found: dict[str, tuple[str, RockDistances, FloatArray]] = {}
 
-    def add(self, *steps: Step) -> None:
-        """Compare more models."""
-        if not self._observed.shape[1]:
-            return
-        for step in steps:
-            own = RockDistances.of(self._observed, step.rows)
-            self._found[step.rung] = step, own, own.drawn(self._weights)
+    def add(self, rung: str, over: str, rows: FloatArray) -> None:
+        """Compare one more model, added to the simpler ``over``, by its held-out rows."""
+        if self._observed.shape[1]:
+            own = RockDistances.of(self._observed, rows)
+            self._found[rung] = over, own, own.drawn(self._weights)
 
     def gain(self, simpler: str, rung: str) -> Interval | None:
         """Distance of a simpler model less that of another; None where nothing was compared."""
@@ -115,16 +102,16 @@ class Ladder:
         """
         if not self._found:
             return ()
-        found = [self._found[name] for name in names]
-        (_, first, drawn), floor = found[0], found[-1][1].floor
+        (_, first, drawn), floor = self._found[names[0]], self._found[names[-1]][1].floor
         out = [Rung(names[0], first.value())]
-        for step, own, its in found[1:]:
+        for name in names[1:]:
+            over, own, its = self._found[name]
             share, span = (
                 share_of(first, own, floor, (drawn, its)) if first.above_chance else (None, None)
             )
-            gain = self.gain(step.over, step.rung)
+            gain = self.gain(over, name)
             beyond = (None, None) if gain is None else (gain.value, (gain.low, gain.high))
-            out.append(Rung(step.rung, own.value(), share, span, step.over, *beyond))
+            out.append(Rung(name, own.value(), share, span, over, *beyond))
         return (*out, Rung(FLOOR, floor))
 
     def recommended(self, *names: str) -> tuple[str, str]:
@@ -139,7 +126,7 @@ class Ladder:
         for name in names[1:]:
             gains = {
                 simpler: found
-                for simpler in (self._found[name][0].over, best)
+                for simpler in (self._found[name][0], best)
                 if (found := self.gain(simpler, name)) is not None
             }
             unsure = [(simpler, gain) for simpler, gain in gains.items() if not gain.low > 0.0]
@@ -251,7 +238,7 @@ _MOST = 1.5
 
 def see_each(summary: SiteSummary, task: HypothesisDraw) -> FloatArray:
     """Numbers of the single campaigns of a draw, shape (count, p)."""
-    model = task.of(summary.problem.case).model
+    model = draw_of(summary.problem.case, task.effect, task.shares).model
     return summary.of_each(model, task.number, task.count)
 
 

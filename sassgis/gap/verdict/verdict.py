@@ -1,13 +1,9 @@
-"""What each cause leaves behind, tested: numbers whose mean is zero where the cause is absent.
+"""Test fingerprints, weigh causes, and answer: a cause, its group and what is confused.
 
 A fingerprint is one number per rock (or per group of rocks); its z is that of the mean over the
 groups, with the errors of measurement, of the comparison, and of stated errors that may be wrong
 taken off before. No synthetic site is needed for it. The p values are those of Student's t over
 groups, adjusted for the number of fingerprints (Holm 1979).
-
-The answer: from fingerprints, gains and findings to a cause, its group and what is confused.
-
-How likely each cause is: by its fingerprints, and by what it closes of the gap.
 
 Every cause is weighed alike: a few numbers say what its surest fingerprint counts, of those that no
 contact can leave and of the others, and what its gain counts. They were fitted on sites of several

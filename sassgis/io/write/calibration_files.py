@@ -59,8 +59,8 @@ def _site(site: SiteResult) -> dict[str, Any]:
         "name": site.name,
         "rocks": site.rocks,
         "tables": site.tables,
-        "score": site.fit.score,
-        "own_score": site.fit.own_score,
+        "score": site.score,
+        "own_score": site.own_score,
         "own_parameters": site.own,
         "gain_left_out": site.gain,
         "scores": [

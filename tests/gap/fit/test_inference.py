@@ -14,7 +14,6 @@ from sassgis.gap.fit.distances import (
     bootstrap_interval,
     bootstrap_rows,
     energy_scores,
-    share_interval,
 )
 from sassgis.gap.fit.site_data import Scale
 from sassgis.gap.residuals.rock_residuals import (
@@ -279,12 +278,3 @@ def test_missing_values_keep_the_level_of_the_tests():
     values = np.tile([1.0, 0.0, np.nan], (12, 1))
     t, _, adjusted = mean_gap_tests(values, draws=199, rng=rng)
     assert np.isinf(t[0]) and adjusted[0] < 0.05 and t[1] == 0.0 and adjusted[1] == 1.0
-
-
-# --- shares ------------------------------------------------------------
-
-
-def test_share_without_trials_is_unknown():
-    assert share_interval(0, 0).high == 1.0
-    with pytest.raises(ValueError, match="5 hits in 4"):
-        share_interval(5, 4)

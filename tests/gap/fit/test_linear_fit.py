@@ -13,7 +13,6 @@ import pytest
 
 from sassgis.gap.fit.identifiability import (
     Misfits,
-    SiteFit,
     Told,
     contradicting,
     fitted_parameters,
@@ -142,11 +141,10 @@ def test_intervals_hold_the_value_as_often_as_they_say() -> None:
 def test_sites_contradict_if_common_parameters_suit_none(second: float, contradict: bool) -> None:
     rng = np.random.default_rng(4)
     told = told_of([rocks((at, 0.0), 40, rng) for at in (0.6, second)], rng)
-    fits = [SiteFit(1.1, 1.0)] * 2
-    assert contradicting(told, fits, 1) == contradict
+    assert contradicting(told, [1.1] * 2, [1.0] * 2, 1) == contradict
     # Certain, but not worth telling; and one site alone contradicts nobody.
-    assert not contradicting(told, [SiteFit(1.01, 1.0)] * 2, 1)
-    assert not contradicting(told[:1], fits[:1], 1)
+    assert not contradicting(told, [1.01] * 2, [1.0] * 2, 1)
+    assert not contradicting(told[:1], [1.1], [1.0], 1)
 
 
 def test_samples_are_shares_with_the_prior_of_the_parameters() -> None:

@@ -16,7 +16,6 @@ from sassgis.gap.fit.site_data import CalibrationProblem, model_rows, problem_of
 from sassgis.gap.forward.hypothesis_model import configured_model
 from sassgis.gap.verdict.model_comparison import (
     Ladder,
-    Step,
     ground_is_enough,
     group_weights,
     needs_contact_law,
@@ -95,9 +94,10 @@ def rows_of(problem: CalibrationProblem, count: int = 6) -> np.ndarray:
 def ladder(problem: CalibrationProblem, *models: tuple[str, np.ndarray]) -> Ladder:
     """Each model added to the one before it."""
     over = ["", *(name for name, _ in models)]
-    return Ladder(
-        problem, [Step(name, o, rows) for (name, rows), o in zip(models, over, strict=False)]
-    )
+    made = Ladder(problem)
+    for (name, rows), simpler in zip(models, over, strict=False):
+        made.add(name, simpler, rows)
+    return made
 
 
 def test_the_ladder_goes_from_the_configured_model_to_chance(problem: CalibrationProblem) -> None:
