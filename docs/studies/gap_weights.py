@@ -48,7 +48,7 @@ from sassgis.gap.causes.all_causes import CAUSES, GROUPS, STATISTICS
 from sassgis.gap.diagnosis import CauseGain, Fingerprint
 from sassgis.gap.fit.hypothesis_fit import CONTACT_LAW, DRAWS, NONE, UNKNOWN, HypothesisFits
 from sassgis.gap.fit.linear_fit import summary_of
-from sassgis.gap.fit.site_data import problem_of
+from sassgis.gap.fit.site_data import site_data_of
 from sassgis.gap.forward.hypothesis_model import configured_model
 from sassgis.gap.forward.observation_operator import campaigns
 from sassgis.gap.forward.rock_lines import rock_lines_of
@@ -132,7 +132,7 @@ def evidence_at(site: Path) -> Evidence:
     """Evidence at a site, in this process."""
     with one_algebra_thread():
         case = prepared_case(site / "config.toml", site / "observations", 1, 1.0)
-        summary = summary_of(problem_of(case, 1))
+        summary = summary_of(site_data_of(case, 1))
         with task_map(summary, 1) as run:
             return evidence_of_site(HypothesisFits(summary, run, DRAWS)).evidence
 

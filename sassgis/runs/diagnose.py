@@ -45,7 +45,7 @@ from sassgis.gap.fit.hypothesis_fit import (
     gain_of,
 )
 from sassgis.gap.fit.linear_fit import summary_of
-from sassgis.gap.fit.site_data import CalibrationProblem, problem_of
+from sassgis.gap.fit.site_data import SiteData, site_data_of
 from sassgis.gap.forward.hypothesis_model import HypothesisModel, model_as_json
 from sassgis.gap.forward.observation_operator import share_left
 from sassgis.gap.observations.case import Case
@@ -159,7 +159,7 @@ def diagnose(
                 found=case.n_rocks,
                 expected=f"{_FEWEST_ROCKS} or more",
             )
-        summary = summary_of(comparable(problem_of(case, seed), observations))
+        summary = summary_of(comparable(site_data_of(case, seed), observations))
         fingerprint = fingerprint_of(settings, observations, f"{seed} {draws} {ground_range:g}")
         try:
             with task_map(summary, workers_asked(settings, jobs)) as run:
@@ -194,7 +194,7 @@ def diagnose(
 
 
 def _gaps(
-    problem: CalibrationProblem, model: HypothesisModel, rows: FloatArray, scale: float = 1.0
+    problem: SiteData, model: HypothesisModel, rows: FloatArray, scale: float = 1.0
 ) -> tuple[tuple[ModelGap, ...], float]:
     """How far a model is off, and the share of its rocks that leave the terrain.
 
@@ -371,7 +371,7 @@ _SHOWN = {
 
 
 def _comparisons(
-    problem: CalibrationProblem, base: FloatArray, effect: FloatArray | None
+    problem: SiteData, base: FloatArray, effect: FloatArray | None
 ) -> tuple[Comparison, ...]:
     """Distributions of every scored quantity: observed, calibrated base, and effect."""
     out = []

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from sassgis.gap.fit.parameters import learned_contacts
-from sassgis.gap.fit.site_data import CalibrationProblem
+from sassgis.gap.fit.site_data import SiteData
 from sassgis.gap.observations.case import (
     Case,
     case_of,
@@ -24,7 +24,7 @@ from sassgis.runs.inputs import read_map_run
 from sassgis.runs.job import AnyConfig, configured
 
 
-def comparable(problem: CalibrationProblem, observations: AnyObservations) -> CalibrationProblem:
+def comparable(problem: SiteData, observations: AnyObservations) -> SiteData:
     """The problem; InputError if nothing was measured that a simulation can be compared with."""
     if not problem.scored:
         tables = problem.case.observations.tables

@@ -11,7 +11,7 @@ from sassgis.gap.causes.all_causes import CAUSES
 from sassgis.gap.diagnosis import Advice, GroundSetting, ModelGap, Range, Rung
 from sassgis.gap.fit.distances import bootstrap_rows, quantiles_of
 from sassgis.gap.fit.hypothesis_fit import GROUND_WIDTHS, FittedHypothesis
-from sassgis.gap.fit.site_data import CalibrationProblem, Scale
+from sassgis.gap.fit.site_data import Scale, SiteData
 from sassgis.gap.observations.case import Case
 from sassgis.gap.words import (
     closed_percent,
@@ -42,7 +42,7 @@ def values_of(scale: Scale, rows: FloatArray, column: int) -> FloatArray:
 
 
 def model_gaps(
-    problem: CalibrationProblem,
+    problem: SiteData,
     rows: FloatArray,
     left: float = 0.0,
     scales: tuple[float, float] = (1.0, 1.0),
@@ -98,7 +98,7 @@ def model_gaps(
 
 
 def _arrivals(
-    problem: CalibrationProblem, place: str, column: int, seen: BoolArray, made: BoolArray
+    problem: SiteData, place: str, column: int, seen: BoolArray, made: BoolArray
 ) -> ModelGap:
     """How many more rocks arrived at a station than do in the model (% of the rocks).
 

@@ -52,7 +52,7 @@ from sassgis.gap.fit.linear_fit import (
     summary_of,
 )
 from sassgis.gap.fit.parameters import ClassParameter, Prior, parameters_of, table_with
-from sassgis.gap.fit.site_data import CalibrationProblem, Prediction, added, prediction, scores_of
+from sassgis.gap.fit.site_data import Prediction, SiteData, added, prediction, scores_of
 from sassgis.gap.forward.hypothesis_model import HypothesisModel, configured_model
 from sassgis.gap.observations.case import classes_met
 from sassgis.model.errors import InputError
@@ -85,7 +85,7 @@ class CalibrationTask:
     seed: int
 
     @property
-    def sites(self) -> tuple[CalibrationProblem, ...]:
+    def sites(self) -> tuple[SiteData, ...]:
         """The sites themselves."""
         return tuple(own.problem for own in self.summaries)
 
@@ -107,13 +107,13 @@ class CalibrationTask:
             for site in self.sites
         )
 
-    def model(self, site: CalibrationProblem, shares: FloatArray) -> HypothesisModel:
+    def model(self, site: SiteData, shares: FloatArray) -> HypothesisModel:
         """A site as configured, with parameters at shares of their ranges."""
         return configured_model(site.case, table_with(site.case.table, self.parameters, shares))
 
 
 def calibration_task(
-    sites: Sequence[CalibrationProblem],
+    sites: Sequence[SiteData],
     class_names: Sequence[str],
     names: Sequence[str],
     rules: Sequence[RangeRule],
@@ -313,7 +313,7 @@ def result_of(task: CalibrationTask, found: Calibrated, run: RunFinals) -> SiteC
     sites, pairs = [], []
     for k, site in enumerate(task.sites):
         models = {"before": made[3 * k], "after": made[3 * k + 1], "left out": left_out[k]}
-        common, best = (float(_of_units(site, one).mean()) for one in made[3 * k + 1 : 3 * k + 3])
+        scores = [float(_of_units(site, one).mean()) for one in made[3 * k + 1 : 3 * k + 3]]
         replicas = {name: model.replicas for name, model in models.items()}
         pairs.append((_of_units(site, models["before"]), _of_units(site, models["left out"])))
         sites.append(
@@ -324,8 +324,8 @@ def result_of(task: CalibrationTask, found: Calibrated, run: RunFinals) -> SiteC
                 quantity_errors(site, replicas, task.seed),
                 table_scores(site, {name: model.scores for name, model in models.items()}),
                 paired_gain(*pairs[-1]),
-                common,
-                best,
+                scores[0],
+                scores[1],
                 _by_label(parameters, own[k]),
                 replicas,
                 site.quantities,
@@ -349,7 +349,7 @@ def result_of(task: CalibrationTask, found: Calibrated, run: RunFinals) -> SiteC
     )
 
 
-def _of_units(site: CalibrationProblem, predicted: Prediction) -> FloatArray:
+def _of_units(site: SiteData, predicted: Prediction) -> FloatArray:
     """Score of each unit, added over the tables."""
     return site.per_unit(added(predicted.scores))
 

@@ -17,7 +17,7 @@ from sassgis.gap.fit.distances import (
     quantiles_of,
 )
 from sassgis.gap.fit.identifiability import Fitted
-from sassgis.gap.fit.site_data import CalibrationProblem
+from sassgis.gap.fit.site_data import SiteData
 from sassgis.gap.residuals.rock_residuals import mean_of_draws
 from sassgis.model.grid import FloatArray
 from sassgis.model.languages import phrase
@@ -54,7 +54,7 @@ class TableScore:
 
 
 def table_scores(
-    site: CalibrationProblem, models: Mapping[str, Mapping[str, FloatArray]]
+    site: SiteData, models: Mapping[str, Mapping[str, FloatArray]]
 ) -> tuple[TableScore, ...]:
     """Scores by table; ``models``: those "before", "after", "left out", shape (n_rocks,) each."""
     found = []
@@ -98,7 +98,7 @@ _NAMES = {
 
 
 def quantity_errors(
-    site: CalibrationProblem, models: Mapping[str, Mapping[str, FloatArray]], seed: int
+    site: SiteData, models: Mapping[str, Mapping[str, FloatArray]], seed: int
 ) -> tuple[QuantityErrors, ...]:
     """Errors in every scored quantity.
 

@@ -22,7 +22,7 @@ from sassgis.gap.fit.distances import Interval, RockDistances, bootstrap_interva
 from sassgis.gap.fit.identifiability import TradeOff, trade_offs
 from sassgis.gap.fit.linear_fit import FitBudget, LinearFit, Seen, SiteSummary, Trial, fit_linearly
 from sassgis.gap.fit.parameters import fitted_names
-from sassgis.gap.fit.site_data import CalibrationProblem, model_rows, scores_of
+from sassgis.gap.fit.site_data import SiteData, model_rows, scores_of
 from sassgis.gap.forward.hypothesis_model import HypothesisModel, MeasurementError, moving_effects
 from sassgis.gap.observations.case import Case, classes_met
 from sassgis.model.declared import highest
@@ -386,7 +386,7 @@ class HypothesisFits:
         self._budget = FitBudget(ROUNDS, draws, COUNT, LOOKED)
 
     @property
-    def problem(self) -> CalibrationProblem:
+    def problem(self) -> SiteData:
         """The site."""
         return self.summary.problem
 

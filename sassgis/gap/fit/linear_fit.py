@@ -19,7 +19,7 @@ import numpy as np
 from scipy.stats import qmc
 
 from sassgis.gap.fit.distances import times_drawn
-from sassgis.gap.fit.site_data import CalibrationProblem, model_rows, outcomes_of, rows_of
+from sassgis.gap.fit.site_data import SiteData, model_rows, outcomes_of, rows_of
 from sassgis.gap.forward.hypothesis_model import HypothesisModel
 from sassgis.gap.forward.observation_operator import campaigns, rock_quantities
 from sassgis.gap.observations.campaign import ImpactRows
@@ -66,7 +66,7 @@ def joined(sites: Sequence[ObservedNumbers]) -> ObservedNumbers:
 class SiteSummary(ObservedNumbers):
     """The numbers of a site."""
 
-    problem: CalibrationProblem
+    problem: SiteData
     size: FloatArray  # shape (n_rocks,); logarithm of the radius, standardised
 
     def of_rocks(self, weights: FloatArray) -> FloatArray:
@@ -161,7 +161,7 @@ class SiteSummary(ObservedNumbers):
         return np.concatenate([moments, came[stations]])
 
 
-def summary_of(problem: CalibrationProblem) -> SiteSummary:
+def summary_of(problem: SiteData) -> SiteSummary:
     """Sum up what was observed at a site."""
     radius = np.log(problem.case.radius_m)
     spread = float(radius.std())
@@ -179,7 +179,7 @@ def summary_of(problem: CalibrationProblem) -> SiteSummary:
     return replace(blank, observed=observed, error=error, used=used)
 
 
-def _of_ground(problem: CalibrationProblem, p: int) -> BoolArray:
+def _of_ground(problem: SiteData, p: int) -> BoolArray:
     """Numbers that only ground changes: no offsets from fall lines.
 
     Of impacts neither scatters nor trends with the normal speed: errors of the states before widen
@@ -192,7 +192,7 @@ def _of_ground(problem: CalibrationProblem, p: int) -> BoolArray:
     return np.array(of_rows + of_impacts * ((p - len(of_rows)) // len(of_impacts)), np.bool_)
 
 
-def rocks_drawn_anew(problem: CalibrationProblem) -> FloatArray:
+def rocks_drawn_anew(problem: SiteData) -> FloatArray:
     """How often each rock is drawn in samples of the rocks, or of groups, shape (n, n_rocks)."""
     return times_drawn(problem.unit, np.random.default_rng([problem.seed, 11]), _SAMPLES)
 

@@ -154,7 +154,7 @@ class Scale:
 
 
 @dataclass(frozen=True, slots=True)
-class CalibrationProblem:
+class SiteData:
     """A site made ready for many campaigns."""
 
     name: str
@@ -214,14 +214,14 @@ class CalibrationProblem:
         return np.moveaxis(sums, 0, -1)
 
 
-def problem_of(
+def site_data_of(
     case: Case,
     seed: int,
     scale: Scale | None = None,
     name: str = "",
     simulated: tuple[HypothesisModel, int] | None = None,
     sideways: bool = True,
-) -> CalibrationProblem:
+) -> SiteData:
     """Prepare a case.
 
     Parameters
@@ -257,7 +257,7 @@ def problem_of(
             outcomes = np.where(np.isfinite(outcomes), made[:, 0], np.nan)
         seen_after = impact_quantities(impacts, outcomes[:, None], case.n_rocks)
         compared |= {k: v[:, 0] for k, v in seen_after.items() if np.isfinite(v).any()}
-    return CalibrationProblem(
+    return SiteData(
         name, case, rock_lines, scale, observed, compared, scale.rows(quantities),
         impacts, outcomes, seed, folds_of(case.group, seed),
         case.unit, np.hstack([unseen, unseen]), sideways,
@@ -322,7 +322,7 @@ def _scored(name: str, values: FloatArray) -> FloatArray:
 
 
 def replicas(
-    problem: CalibrationProblem, model: HypothesisModel, number: int, count: int
+    problem: SiteData, model: HypothesisModel, number: int, count: int
 ) -> list[Mapping[str, FloatArray]]:
     """What each rock shows in ``count`` campaigns of a model; ``number`` distinguishes them."""
     made = campaigns(
@@ -332,16 +332,14 @@ def replicas(
     return [rock_quantities(problem.case, sample) for sample in made]
 
 
-def model_rows(
-    problem: CalibrationProblem, model: HypothesisModel, number: int, count: int
-) -> FloatArray:
+def model_rows(problem: SiteData, model: HypothesisModel, number: int, count: int) -> FloatArray:
     """Rows per rock of campaigns of a model, shape (count, n_rocks, 2 k)."""
     if not problem.scale.names:
         return np.zeros((count, problem.n_rocks, 0))
     return rows_of(problem, replicas(problem, model, number, count))
 
 
-def rows_of(problem: CalibrationProblem, samples: Sequence[Mapping[str, FloatArray]]) -> FloatArray:
+def rows_of(problem: SiteData, samples: Sequence[Mapping[str, FloatArray]]) -> FloatArray:
     """Rows per rock of other campaigns of the same rocks, shape (n, n_rocks, 2 k)."""
     rows = np.stack([problem.scale.rows(sample) for sample in samples])
     return np.where(problem.unseen, problem.rows, rows)
@@ -356,9 +354,7 @@ class Prediction:
     scores: Mapping[str, FloatArray]  # by table, shape (n_rocks,)
 
 
-def prediction(
-    problem: CalibrationProblem, model: HypothesisModel, number: int, count: int
-) -> Prediction:
+def prediction(problem: SiteData, model: HypothesisModel, number: int, count: int) -> Prediction:
     """Predict the rocks in ``count`` campaigns of a model; ``number`` distinguishes them."""
     made: dict[str, FloatArray] = {}
     rows, outcomes = None, outcomes_of(problem, model, number)
@@ -373,7 +369,7 @@ def prediction(
 
 
 def scores_of(
-    problem: CalibrationProblem, model: HypothesisModel, number: int, rows: FloatArray
+    problem: SiteData, model: HypothesisModel, number: int, rows: FloatArray
 ) -> FloatArray:
     """Energy score of each observed rock in a model, shape (n_rocks,), added over the tables.
 
@@ -388,7 +384,7 @@ def added(scores: Mapping[str, FloatArray]) -> FloatArray:
 
 
 def _table_scores(
-    problem: CalibrationProblem, rows: FloatArray | None, outcomes: FloatArray | None
+    problem: SiteData, rows: FloatArray | None, outcomes: FloatArray | None
 ) -> dict[str, FloatArray]:
     """Energy score of each rock by table, over the root of the number of quantities."""
     scores = {}
@@ -411,9 +407,7 @@ def _table_scores(
     return scores
 
 
-def outcomes_of(
-    problem: CalibrationProblem, model: HypothesisModel, number: int
-) -> FloatArray | None:
+def outcomes_of(problem: SiteData, model: HypothesisModel, number: int) -> FloatArray | None:
     """What a model makes of the observed impacts, shape (n_impacts, DRAWS, 3); None without any."""
     if problem.impacts is None:
         return None

@@ -28,7 +28,7 @@ from sassgis.gap.fit.hypothesis_fit import (
     families_of,
 )
 from sassgis.gap.fit.linear_fit import LinearFit, SiteSummary
-from sassgis.gap.fit.site_data import CalibrationProblem
+from sassgis.gap.fit.site_data import SiteData
 from sassgis.gap.words import number_text, range_text, rung_name
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.languages import joined, phrase
@@ -72,7 +72,7 @@ class Ladder:
     Rocks, or groups of them, are resampled alike for all.
     """
 
-    def __init__(self, problem: CalibrationProblem) -> None:
+    def __init__(self, problem: SiteData) -> None:
         self._observed = problem.rows
         rng = np.random.default_rng([problem.seed, 53])
         self._weights = group_weights(problem.unit, rng, _SAMPLES)
@@ -162,9 +162,7 @@ def ground_is_enough(ladder: Sequence[Rung]) -> bool:
     return any(r.rung == "ground" and r.ci95 is not None and r.ci95[1] >= 1.0 for r in ladder)
 
 
-def shrinkage_of(
-    problem: CalibrationProblem, base: FloatArray, effect: str, rows: FloatArray
-) -> Shrinkage:
+def shrinkage_of(problem: SiteData, base: FloatArray, effect: str, rows: FloatArray) -> Shrinkage:
     """How far the gap of the calibrated base shrinks by an effect, on held-out rocks.
 
     ``base``, ``rows``: held-out replicas of each rock, without and with the effect, shape
@@ -203,7 +201,7 @@ def shrinkage_of(
 
 
 def _by_quantity(
-    problem: CalibrationProblem, base: FloatArray, effect: FloatArray
+    problem: SiteData, base: FloatArray, effect: FloatArray
 ) -> Mapping[str, Mapping[str, float | None]]:
     """The same for each quantity alone, all stations together."""
     k = len(problem.scale.names)

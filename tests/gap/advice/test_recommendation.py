@@ -15,7 +15,7 @@ from sassgis.gap.advice.recommendation import (
     worst_of,
 )
 from sassgis.gap.diagnosis import Advice, GroundSetting, ModelGap, Rung
-from sassgis.gap.fit.site_data import CalibrationProblem, model_rows
+from sassgis.gap.fit.site_data import SiteData, model_rows
 from sassgis.gap.forward.hypothesis_model import configured_model
 
 
@@ -43,9 +43,7 @@ def test_the_worst_is_the_surest_on_the_unsafe_side() -> None:
 
 
 @pytest.mark.parametrize("shift", [30.0, -30.0])
-def test_every_statistic_has_its_gap_side_and_interval(
-    problem: CalibrationProblem, shift: float
-) -> None:
+def test_every_statistic_has_its_gap_side_and_interval(problem: SiteData, shift: float) -> None:
     """Observed rocks that stop further down, and a model whose far ones lack."""
     column = problem.scale.names.index("stop:runout")
     rows = model_rows(problem, configured_model(problem.case), 7, 6)
@@ -72,7 +70,7 @@ def test_every_statistic_has_its_gap_side_and_interval(
     assert first.observed == pytest.approx(np.nanmedian(energy), rel=1e-3)
 
 
-def test_speeds_of_a_wrong_scale_are_compared_as_they_are(problem: CalibrationProblem) -> None:
+def test_speeds_of_a_wrong_scale_are_compared_as_they_are(problem: SiteData) -> None:
     rows = model_rows(problem, configured_model(problem.case), 7, 6)
     plain, scaled, both = (
         {g.key: g for g in model_gaps(problem, rows, 0.0, scales)}
@@ -116,7 +114,7 @@ def test_the_sentence_recommends_what_gains_and_says_why_not_more() -> None:
     assert "calibrated ground alone 66 %" in said
 
 
-def test_a_run_out_beyond_the_terrain_is_not_called_short(problem: CalibrationProblem) -> None:
+def test_a_run_out_beyond_the_terrain_is_not_called_short(problem: SiteData) -> None:
     rows = model_rows(problem, configured_model(problem.case), 1, 2)
     k = problem.scale.names.index("stop:runout")
     near = rows.copy()
@@ -200,7 +198,7 @@ def test_what_the_recommended_model_leaves_is_said() -> None:
 
 @pytest.mark.parametrize("none", [False, True])
 def test_rocks_that_a_model_stops_too_early_count_as_a_shortfall(
-    problem: CalibrationProblem, none: bool
+    problem: SiteData, none: bool
 ) -> None:
     """Also where none of them arrives, so that there is no energy to compare."""
     rows = model_rows(problem, configured_model(problem.case), 1, 4)

@@ -16,7 +16,7 @@ from sassgis.gap.causes.all_causes import CAUSES, GROUPS
 from sassgis.gap.causes.cause import Cause, Fit, ParameterDraws, Range, Scores, Trace, fitted_alone
 from sassgis.gap.causes.extra_blocks import FRAGMENTATION
 from sassgis.gap.fit import hypothesis_fit
-from sassgis.gap.fit.site_data import CalibrationProblem
+from sassgis.gap.fit.site_data import SiteData
 from sassgis.gap.forward.hypothesis_model import configured_model
 from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.tables import TABLES
@@ -54,7 +54,7 @@ def wind(monkeypatch: pytest.MonkeyPatch) -> Iterator[Cause]:
 
 
 def test_a_row_is_a_hypothesis_a_fingerprint_a_weight_and_words(
-    wind: Cause, problem: CalibrationProblem
+    wind: Cause, problem: SiteData
 ) -> None:
     case = problem.case
     assert "wind" in hypothesis_fit.families_to_try(case)
@@ -96,7 +96,7 @@ def test_numbers_differ_and_fit_into_those_of_campaigns() -> None:
     assert len(all_causes.STATISTICS) == sum(len(c.statistics) for c in CAUSES.values())
 
 
-def test_what_is_drawn_are_values_that_settings_take(problem: CalibrationProblem) -> None:
+def test_what_is_drawn_are_values_that_settings_take(problem: SiteData) -> None:
     """At both ends of every range, in every form."""
 
     class End(ParameterDraws):
@@ -117,7 +117,7 @@ def test_what_is_drawn_are_values_that_settings_take(problem: CalibrationProblem
             assert len(forms) > 2, name
 
 
-def test_pieces_are_whole(problem: CalibrationProblem) -> None:
+def test_pieces_are_whole(problem: SiteData) -> None:
     for seed in range(20):
         part = FRAGMENTATION.draw(problem.case, ParameterDraws(np.random.default_rng(seed)))
         assert isinstance(part.parameters.get("pieces", 2), int)

@@ -19,7 +19,7 @@ from sassgis.gap.causes.measurement_error_cause import (
     _speed_ratios,
 )
 from sassgis.gap.fit.hypothesis_fit import draw_of, space_of
-from sassgis.gap.fit.site_data import CalibrationProblem
+from sassgis.gap.fit.site_data import SiteData
 from sassgis.gap.observations.case import Case
 from sassgis.gap.residuals.residual_table import ResidualTable
 from sassgis.gap.verdict.verdict import _tested
@@ -64,7 +64,7 @@ def test_a_scale_of_the_stations_is_seen_where_films_state_no_speed() -> None:
             _passing(with_rows(seen, "trajectories", kept), NO_RESIDUALS)
 
 
-def test_the_scale_that_a_fingerprint_measures_is_held(problem: CalibrationProblem) -> None:
+def test_the_scale_that_a_fingerprint_measures_is_held(problem: SiteData) -> None:
     seen = observed(20, 3)
     track = seen.observations.trajectories
     fast = with_observed(seen, trajectories=replace(track, speed_mps=1.3 * track.speed_mps))

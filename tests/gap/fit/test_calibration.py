@@ -22,14 +22,14 @@ from sassgis.gap.fit.class_calibration import (
 from sassgis.gap.fit.distances import energy_scores
 from sassgis.gap.fit.parameters import learned_contacts
 from sassgis.gap.fit.site_data import (
-    CalibrationProblem,
     Scale,
+    SiteData,
     impact_scores,
     model_rows,
     prediction,
-    problem_of,
     scores_of,
     simulated_outcomes,
+    site_data_of,
 )
 from sassgis.gap.forward.hypothesis_model import MeasurementError, configured_model
 from sassgis.gap.forward.observation_operator import campaigns
@@ -50,12 +50,12 @@ def site(
     table: GroundTable,
     name: str = "one",
     tables: tuple[str, ...] = ("passages", "deposits"),
-) -> CalibrationProblem:
-    return problem_of(observed(n, seed, table=table, tables=tables), 1, name=name, sideways=False)
+) -> SiteData:
+    return site_data_of(observed(n, seed, table=table, tables=tables), 1, name=name, sideways=False)
 
 
 def calibrated(
-    sites: list[CalibrationProblem],
+    sites: list[SiteData],
     classes: tuple[str, ...],
     names: tuple[str, ...],
     draws: int = 16,
@@ -199,7 +199,7 @@ def test_impacts_identify_what_stops_do_not() -> None:
 def test_contacts_speak_for_the_effect_that_acts_in_them() -> None:
     """Of rocks on soft ground, by their impacts alone."""
     soft = EffectSettings(SoftGround(classes=(), form="velocity_scaled", reference_speed_mps=3.0))
-    seen = problem_of(observed(30, 21, effects=soft, tables=("impacts",)), 1)
+    seen = site_data_of(observed(30, 21, effects=soft, tables=("impacts",)), 1)
     without = configured_model(seen.case)
     total = [
         scores_of(seen, model, 5, model_rows(seen, model, 5, 4)).sum()
@@ -284,7 +284,7 @@ def test_what_was_not_measured_of_a_rock_that_passed_is_not_a_rock_that_stopped(
         with_observed(case, passages=blank, deposits=lies),
         projected=case.projected | {"deposits": replace(put, s=put.s * lost)},
     )
-    problem = problem_of(case, 1)
+    problem = site_data_of(case, 1)
     rows = model_rows(problem, configured_model(case), 3, 8)
     k = len(problem.scale.names)
     absent = problem.rows[:, k:].mean(axis=0) - rows[..., k:].mean(axis=(0, 1))

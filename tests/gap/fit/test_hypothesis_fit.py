@@ -12,23 +12,23 @@ from sassgis.gap.advice.recommendation import wrong_ground
 from sassgis.gap.fit.distances import folds_of
 from sassgis.gap.fit.hypothesis_fit import NONE, FittedHypothesis, HypothesisFits
 from sassgis.gap.fit.linear_fit import summary_of
-from sassgis.gap.fit.site_data import CalibrationProblem, problem_of
+from sassgis.gap.fit.site_data import SiteData, site_data_of
 
 
-def fitted(problem: CalibrationProblem, effect: str, draws: int = 32) -> FittedHypothesis:
+def fitted(problem: SiteData, effect: str, draws: int = 32) -> FittedHypothesis:
     summary = summary_of(problem)
     made = HypothesisFits(summary, lambda f, tasks: (f(summary, t) for t in tasks), draws)
     return made.add(effect)
 
 
 @pytest.fixture(scope="module")
-def base(problem: CalibrationProblem) -> FittedHypothesis:
+def base(problem: SiteData) -> FittedHypothesis:
     return fitted(problem, NONE)
 
 
 @pytest.mark.battery
 def test_every_rock_is_scored_by_the_model_it_has_no_weight_in(
-    problem: CalibrationProblem, base: FittedHypothesis
+    problem: SiteData, base: FittedHypothesis
 ) -> None:
     assert len(base.models) == problem.n_parts + 1
     rows, scores = base.held_out_rows(problem.part), base.held_out_scores(problem.part)
@@ -49,7 +49,7 @@ def test_every_rock_is_scored_by_the_model_it_has_no_weight_in(
 
 
 def test_a_model_that_is_handed_over_gives_its_campaigns_again(
-    problem: CalibrationProblem, base: FittedHypothesis
+    problem: SiteData, base: FittedHypothesis
 ) -> None:
     again = base.samples(problem.case, 3)
     assert len(again) == 3 and {d.form for d in again} == {"calibrated ground"}
@@ -60,7 +60,7 @@ def test_a_model_that_is_handed_over_gives_its_campaigns_again(
 def test_calibration_betters_the_score_of_a_wrong_ground() -> None:
     """Rocks of a rougher debris: the base comes nearer to it than what is configured."""
     before = {c.name: c for c in TABLE.classes}["debris"].eta_max
-    other = problem_of(observed(25, 8, table=table_with("debris", eta_max=before - 0.05)), 5)
+    other = site_data_of(observed(25, 8, table=table_with("debris", eta_max=before - 0.05)), 5)
     found = fitted(other, NONE)
     assert "debris.eta_max" in found.identified
     low, high = found.intervals(other.case)["debris.eta_max"]
@@ -82,14 +82,14 @@ def test_groups_stay_together_and_parts_are_even() -> None:
     np.testing.assert_array_equal(np.bincount(alone), [3, 3, 2, 2, 2])
 
 
-def test_scores_of_a_group_count_as_one(problem: CalibrationProblem) -> None:
+def test_scores_of_a_group_count_as_one(problem: SiteData) -> None:
     group = replace(problem, unit=np.arange(problem.n_rocks) // 4)
     scores = np.arange(2.0 * problem.n_rocks).reshape(2, -1)
     np.testing.assert_array_equal(group.per_unit(scores), scores.reshape(2, -1, 4).sum(axis=2))
 
 
 def test_a_class_that_certainly_lies_outside_its_usual_range_is_wrong(
-    problem: CalibrationProblem,
+    problem: SiteData,
 ) -> None:
     case = replace(problem.case, met=frozenset({"debris"}))
     usual = {c.name: c for c in TABLE.classes}["debris"].eta_max
@@ -102,7 +102,7 @@ def test_a_class_that_certainly_lies_outside_its_usual_range_is_wrong(
 
 
 def test_nothing_scored_leaves_the_middle_of_the_ranges() -> None:
-    alone = problem_of(observed(12, 1, tables=("trajectories",)), 1)
+    alone = site_data_of(observed(12, 1, tables=("trajectories",)), 1)
     assert not alone.scored
     found = fitted(alone, NONE)
     assert found.found is None and found.trade_offs == ()

@@ -11,7 +11,7 @@ from helpers.simulated_slope import BASE
 from sassgis.engine.effects.trees import Trees as Forest
 from sassgis.gap.causes.cause import ParameterDraws
 from sassgis.gap.fit.hypothesis_fit import draw
-from sassgis.gap.fit.site_data import CalibrationProblem
+from sassgis.gap.fit.site_data import SiteData
 from sassgis.gap.forward.hypothesis_model import (
     ForestStand,
     HypothesisModel,
@@ -26,7 +26,7 @@ from sassgis.model.ground import GroundTable
 
 
 def made(
-    problem: CalibrationProblem, count: int, model: HypothesisModel = BASE, number: int = 0
+    problem: SiteData, count: int, model: HypothesisModel = BASE, number: int = 0
 ) -> list[Campaign]:
     return campaigns(problem.case, problem.rock_lines, model, count=count, seed=2, number=number)
 
@@ -38,7 +38,7 @@ def speed(rows: list[Campaign], *stations: int) -> float:
     return float(np.mean(np.concatenate(own)))
 
 
-def test_what_the_base_model_shows_is_what_it_made(problem: CalibrationProblem) -> None:
+def test_what_the_base_model_shows_is_what_it_made(problem: SiteData) -> None:
     """The field is the engine itself: its own campaigns look like it, station by station."""
     seen = rock_quantities(problem.case, observed_campaign(problem.case))
     shown = [rock_quantities(problem.case, sample) for sample in made(problem, 30)]
@@ -47,14 +47,14 @@ def test_what_the_base_model_shows_is_what_it_made(problem: CalibrationProblem) 
         assert abs(np.nanmean(seen[name]) - means.mean()) < 4.5 * means.std(), name
 
 
-def test_campaigns_are_the_same_however_they_are_asked_for(problem: CalibrationProblem) -> None:
+def test_campaigns_are_the_same_however_they_are_asked_for(problem: SiteData) -> None:
     one, again, other = (made(problem, 2, number=number)[0].deposits for number in (7, 7, 8))
     assert one is not None and again is not None and other is not None
     np.testing.assert_array_equal(one.s, again.s)
     assert not np.array_equal(one.s, other.s)
 
 
-def test_rocks_that_run_off_the_terrain_are_counted(problem: CalibrationProblem) -> None:
+def test_rocks_that_run_off_the_terrain_are_counted(problem: SiteData) -> None:
     smooth = GroundTable(
         tuple(replace(c, eta_max=0.95, mu_f=0.05, mu_0=0.02, k=0.0) for c in BASE.table.classes)
     )
@@ -63,19 +63,19 @@ def test_rocks_that_run_off_the_terrain_are_counted(problem: CalibrationProblem)
     assert few < 0.1 and many > 0.5
 
 
-def test_measurement_scales_what_is_read(problem: CalibrationProblem) -> None:
+def test_measurement_scales_what_is_read(problem: SiteData) -> None:
     scaled = replace(BASE, measurement=MeasurementError(scale=1.2))
     measured, plain = (speed(made(problem, 10, model)) for model in (scaled, BASE))
     assert measured == pytest.approx(1.2 * plain, rel=1e-9)
 
 
-def test_release_moves_the_start(problem: CalibrationProblem) -> None:
+def test_release_moves_the_start(problem: SiteData) -> None:
     rows = made(problem, 10, replace(BASE, release=ReleaseError(shift_m=5.0)))
     aside = np.concatenate([r.deposits.lateral_m for r in rows if r.deposits is not None])
     assert np.mean(aside) == pytest.approx(5.0, abs=0.2)
 
 
-def test_a_stand_takes_energy_only_where_it_stands(problem: CalibrationProblem) -> None:
+def test_a_stand_takes_energy_only_where_it_stands(problem: SiteData) -> None:
     stand = ForestStand(46.0, 79.0, 4000.0, 50.0)
     model = replace(BASE, stand=stand, effects=EffectSettings(Forest()))
     with_trees, without = made(problem, 20, model), made(problem, 20)
@@ -83,7 +83,7 @@ def test_a_stand_takes_energy_only_where_it_stands(problem: CalibrationProblem) 
     assert speed(with_trees, 1) < 0.5 * speed(without, 1)
 
 
-def test_pieces_and_loose_blocks_keep_to_their_campaign(problem: CalibrationProblem) -> None:
+def test_pieces_and_loose_blocks_keep_to_their_campaign(problem: SiteData) -> None:
     for family, kind in (("fragmentation", PIECE), ("entrainment", LOOSE)):
         names = "fragmentation.form", "fragmentation.energy_jkg", "entrainment.form"
         parameter_draws = {**dict.fromkeys(names, 0.1), "entrainment.number": 0.9}
@@ -98,7 +98,7 @@ def test_pieces_and_loose_blocks_keep_to_their_campaign(problem: CalibrationProb
             assert (rows.rock[main[main >= 0]] == np.flatnonzero(main >= 0)).all()
 
 
-def test_profiles_are_read_where_they_are(problem: CalibrationProblem) -> None:
+def test_profiles_are_read_where_they_are(problem: SiteData) -> None:
     bare = problem.rock_lines.unforested
     for i in (0, 5):
         s, z = bare.vertices(i)

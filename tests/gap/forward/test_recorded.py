@@ -10,13 +10,13 @@ from helpers.simulated_slope import BASE, observed, with_metadata, with_passages
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sassgis.gap.fit.site_data import CalibrationProblem
+from sassgis.gap.fit.site_data import SiteData
 from sassgis.gap.forward.observation_operator import campaigns
 from sassgis.gap.forward.rock_lines import Observer, observer_of, recorded_contacts, rock_lines_of
 from sassgis.gap.observations.campaign import Campaign, Errors
 
 
-def seen_by(problem: CalibrationProblem, count: int = 3, **observer: float) -> list[Campaign]:
+def seen_by(problem: SiteData, count: int = 3, **observer: float) -> list[Campaign]:
     own = replace(problem.rock_lines.observer, **observer)
     lines = replace(problem.rock_lines, observer=own)
     return campaigns(problem.case, lines, BASE, count=count, seed=2)
@@ -46,7 +46,7 @@ def test_contacts_are_hard_enough_and_apart(
     assert (np.diff(time[first])[same] >= interval).all()
 
 
-def test_light_contacts_and_missed_passages_lack_in_replicas(problem: CalibrationProblem) -> None:
+def test_light_contacts_and_missed_passages_lack_in_replicas(problem: SiteData) -> None:
     everything = seen_by(problem, contact_min_normal_speed_mps=0.0, contact_min_interval_s=0.0)
     hard = seen_by(problem, contact_min_normal_speed_mps=2.0, contact_min_interval_s=0.0)
     into = [np.concatenate([-s.impacts.vn_in for s in made]) for made in (everything, hard)]
@@ -58,7 +58,7 @@ def test_light_contacts_and_missed_passages_lack_in_replicas(problem: Calibratio
     assert kept == pytest.approx(0.7, abs=0.04)
 
 
-def test_the_tables_show_what_is_not_stated(problem: CalibrationProblem) -> None:
+def test_the_tables_show_what_is_not_stated(problem: SiteData) -> None:
     case = problem.case
     impacts = case.observations.impacts
     found = observer_of(case)
@@ -91,7 +91,7 @@ def test_nothing_observed_is_recorded_whole() -> None:
     assert found.passages_missed_share == 0.0
 
 
-def test_stops_have_an_error_of_their_own(problem: CalibrationProblem) -> None:
+def test_stops_have_an_error_of_their_own(problem: SiteData) -> None:
     stated = with_metadata(problem.case, position_error_m=0.1, stop_error_m=4.0, mass_error_rel=0.3)
     errors = observer_of(stated).errors
     assert (errors.position_m, errors.stop_m, errors.mass_rel) == (0.1, 4.0, 0.3)

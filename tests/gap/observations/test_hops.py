@@ -28,7 +28,7 @@ from sassgis.engine.simulate_paths import PathTerrain
 from sassgis.engine.state import END, EVENT_DTYPE, FLIGHT, IMPACT, ROLLING
 from sassgis.gap.advice.measure_next import what_is_identifiable
 from sassgis.gap.fit.linear_fit import summary_of
-from sassgis.gap.fit.site_data import problem_of
+from sassgis.gap.fit.site_data import site_data_of
 from sassgis.gap.forward.observation_operator import campaigns, contacts_in
 from sassgis.gap.forward.rock_lines import rock_lines_of
 from sassgis.gap.observations.campaign import Campaign, observed_campaign
@@ -397,7 +397,7 @@ NAMES = [
 
 def test_calibration_compares_numbers_of_contacts(with_contacts: Case) -> None:
     problem, bare = (
-        problem_of(case, 2)
+        site_data_of(case, 2)
         for case in (with_contacts, with_observed(with_contacts, contacts=Contacts.of()))
     )
     assert [n for n in problem.scale.names if n not in bare.scale.names] == [
@@ -423,7 +423,7 @@ def test_calibration_compares_numbers_of_contacts(with_contacts: Case) -> None:
 def test_rocks_without_contacts_are_not_rocks_without_motion(with_contacts: Case) -> None:
     table = with_contacts.observations.contacts
     case = with_observed(with_contacts, contacts=table.take(table.rock_id != "R3"))
-    problem = problem_of(case, 2)
+    problem = site_data_of(case, 2)
     i = problem.scale.names.index("contacts:contacts")
     assert problem.unseen[:, i].tolist() == [r == 3 for r in range(case.n_rocks)]
     seen = observed_campaign(case).contacts

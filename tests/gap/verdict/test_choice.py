@@ -16,7 +16,7 @@ from sassgis.gap.causes.all_causes import CAUSES, FAMILIES, STATISTICS
 from sassgis.gap.causes.cause import ParameterDraws, reaches_between
 from sassgis.gap.diagnosis import CauseGain, Fingerprint, GapFinding
 from sassgis.gap.fit.hypothesis_fit import CONTACT_LAW, NONE, draw, families_to_try
-from sassgis.gap.fit.site_data import CalibrationProblem, scale_of
+from sassgis.gap.fit.site_data import SiteData, scale_of
 from sassgis.gap.forward.hypothesis_model import model_as_json, model_from_json
 from sassgis.gap.forward.observation_operator import rock_quantities
 from sassgis.gap.observations.campaign import observed_campaign
@@ -37,9 +37,7 @@ from sassgis.model.effects import EffectSettings
 
 
 @pytest.mark.parametrize("family", [None, *FAMILIES])
-def test_the_same_parameter_draws_make_the_same_draw(
-    problem: CalibrationProblem, family: str | None
-) -> None:
+def test_the_same_parameter_draws_make_the_same_draw(problem: SiteData, family: str | None) -> None:
     families = () if family is None else (family,)
     made = draw(problem.case, families, ParameterDraws(np.random.default_rng(8)))
     again = draw(
@@ -49,7 +47,7 @@ def test_the_same_parameter_draws_make_the_same_draw(
     assert model_from_json(json.loads(json.dumps(model_as_json(made.model)))) == made.model
 
 
-def test_effects_that_are_on_already_are_not_tried(problem: CalibrationProblem) -> None:
+def test_effects_that_are_on_already_are_not_tried(problem: SiteData) -> None:
     with_trees = replace(problem.case, effects=EffectSettings(Forest()))
     assert "trees" not in families_to_try(with_trees)
     assert len(families_to_try(problem.case)) == len(FAMILIES)
@@ -61,7 +59,7 @@ def without_columns(case: Case, table: str, *columns: str) -> Case:
     return with_observed(case, **{table: replace(rows, **blind)})
 
 
-def test_not_measured_stays_not_measured(problem: CalibrationProblem) -> None:
+def test_not_measured_stays_not_measured(problem: SiteData) -> None:
     """As against absent: such a rock was at the station, and no score counts what it lacks."""
     whole = rock_quantities(problem.case, problem.observed)
     blind = without_columns(problem.case, "passages", "rotation_hz")
@@ -75,7 +73,7 @@ def test_not_measured_stays_not_measured(problem: CalibrationProblem) -> None:
 
 
 def test_rotations_have_a_factor_of_their_own_where_they_were_seen(
-    problem: CalibrationProblem,
+    problem: SiteData,
 ) -> None:
     shares = {
         "rotation_factor": 0.9, "rotation_noise": 0.5, "seen.turns": 0.1, "seen.log_turns": 0.2,
@@ -108,7 +106,7 @@ def test_rotations_have_a_factor_of_their_own_where_they_were_seen(
 
 
 def test_settings_of_the_motion_are_drawn_no_higher_than_they_may_be(
-    problem: CalibrationProblem,
+    problem: SiteData,
 ) -> None:
     case = problem.case
     high = {"side_tilt_deg": 30.0, "drift_deg": 20.0, "rolling_friction_sd": 0.8}
@@ -121,7 +119,7 @@ def test_settings_of_the_motion_are_drawn_no_higher_than_they_may_be(
         assert tuple(getattr(moving, key) for key in high) == pytest.approx(expected)
 
 
-def test_deflection_that_is_configured_stays(problem: CalibrationProblem) -> None:
+def test_deflection_that_is_configured_stays(problem: SiteData) -> None:
     on = replace(problem.case, effects=EffectSettings(LateralDeflection()))
     # On fall lines blocks cannot leave these.
     base = draw(on, (), ParameterDraws(np.random.default_rng(1)))
@@ -129,7 +127,7 @@ def test_deflection_that_is_configured_stays(problem: CalibrationProblem) -> Non
     assert "lateral_deflection" not in families_to_try(on)
 
 
-def test_reaches_between_chainages(problem: CalibrationProblem) -> None:
+def test_reaches_between_chainages(problem: SiteData) -> None:
     case = problem.case
     assert reaches_between(case, -5.0, 1e9) == case.reaches
     assert reaches_between(case, 0.0, 1.0) == case.reaches[:1]

@@ -12,7 +12,7 @@ from scipy.spatial.distance import euclidean
 from sassgis.gap.diagnosis import Rung
 from sassgis.gap.fit.distances import RockDistances
 from sassgis.gap.fit.hypothesis_fit import NONE
-from sassgis.gap.fit.site_data import CalibrationProblem, model_rows, problem_of
+from sassgis.gap.fit.site_data import SiteData, model_rows, site_data_of
 from sassgis.gap.forward.hypothesis_model import configured_model
 from sassgis.gap.verdict.model_comparison import (
     Ladder,
@@ -87,11 +87,11 @@ def test_groups_are_drawn_whole_and_widen_the_interval() -> None:
     assert spans[1] > 1.3 * spans[0]
 
 
-def rows_of(problem: CalibrationProblem, count: int = 6) -> np.ndarray:
+def rows_of(problem: SiteData, count: int = 6) -> np.ndarray:
     return model_rows(problem, configured_model(problem.case), 7, count)
 
 
-def ladder(problem: CalibrationProblem, *models: tuple[str, np.ndarray]) -> Ladder:
+def ladder(problem: SiteData, *models: tuple[str, np.ndarray]) -> Ladder:
     """Each model added to the one before it."""
     over = ["", *(name for name, _ in models)]
     made = Ladder(problem)
@@ -100,7 +100,7 @@ def ladder(problem: CalibrationProblem, *models: tuple[str, np.ndarray]) -> Ladd
     return made
 
 
-def test_the_ladder_goes_from_the_configured_model_to_chance(problem: CalibrationProblem) -> None:
+def test_the_ladder_goes_from_the_configured_model_to_chance(problem: SiteData) -> None:
     near = rows_of(problem)
     far = near + 1.0
     first, ground, floor = ladder(problem, ("configured", far), ("ground", near)).rungs(
@@ -123,7 +123,7 @@ def test_the_ladder_goes_from_the_configured_model_to_chance(problem: Calibratio
 
 
 def test_nothing_is_recommended_whose_gain_does_not_clear_zero(
-    problem: CalibrationProblem,
+    problem: SiteData,
 ) -> None:
     near = rows_of(problem)
     own = replace(problem, rows=near[0])
@@ -148,7 +148,7 @@ def test_nothing_is_recommended_whose_gain_does_not_clear_zero(
     assert gain is not None and gain.low > 0.0
 
 
-def test_without_a_gap_no_shrinkage_is_stated(problem: CalibrationProblem) -> None:
+def test_without_a_gap_no_shrinkage_is_stated(problem: SiteData) -> None:
     rows = rows_of(problem)
     found = shrinkage_of(problem, rows, NONE, rows)
     assert found.value is None and found.note
@@ -158,7 +158,7 @@ def test_without_a_gap_no_shrinkage_is_stated(problem: CalibrationProblem) -> No
 
 
 def test_impacts_alone_have_scores_but_no_distance() -> None:
-    alone = problem_of(observed(12, 1, tables=("impacts",)), 1)
+    alone = site_data_of(observed(12, 1, tables=("impacts",)), 1)
     rows = rows_of(alone, 2)
     found = shrinkage_of(alone, rows, "air_drag", rows)
     assert found.value is None and "no distance" in found.note
@@ -172,12 +172,12 @@ def test_a_stop_that_is_not_known_is_no_stop_that_did_not_happen() -> None:
     deposits = case.observations.deposits
     names = np.where(np.arange(len(deposits)) % 3 == 0, "", deposits.rock_id)
     blind = with_observed(case, deposits=replace(deposits, rock_id=names.astype(str)))
-    own = problem_of(blind, 1)
+    own = site_data_of(blind, 1)
     made = rows_of(own, 2)
     assert own.unseen.any(axis=1).sum() == 4
     # Replicas have them no more than nature: no distance comes of it.
     np.testing.assert_allclose(made[:, own.unseen], own.rows[own.unseen][None].repeat(2, axis=0))
-    assert not problem_of(case, 1).unseen.any()
+    assert not site_data_of(case, 1).unseen.any()
 
 
 def test_a_law_of_the_contact_is_needed_where_it_certainly_closes_more() -> None:
