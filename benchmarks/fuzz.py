@@ -32,7 +32,7 @@ import rasterio
 from rasterio.enums import Resampling
 from watched import Case, watched
 
-from sassgis.gap.calibration.linear_fit import Trial
+from sassgis.gap.fit.linear_fit import Trial
 from sassgis.io.read.config import load_config, resolved
 from sassgis.io.read.dem import read_dem
 from sassgis.io.read.frequencies import read_frequencies

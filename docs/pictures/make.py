@@ -19,7 +19,8 @@ from sassgis.report.figures import profile_figure, save
 from sassgis.report.profile_report import profile_panel
 from sassgis.runs import compare
 from sassgis.runs.diagnose import diagnose
-from sassgis.runs.profile_run import profile_from_csv, simulate_profile
+from sassgis.runs.inputs import profile_from_csv
+from sassgis.runs.profile_run import simulate_profile
 from sassgis.runs.samples import sample_folder
 from sassgis.runs.zone import zone
 

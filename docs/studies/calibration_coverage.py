@@ -32,11 +32,11 @@ from gap_check.observers import CONFIG_NAME, OBSERVATIONS_NAME, write_case
 from gap_check.worlds import WorldSpec
 
 import sassgis
-from sassgis.gap.calibration.class_calibration import calibration_task, run_site, run_trial, search
-from sassgis.gap.calibration.parameters import Prior, fitted_names, parameters_of, table_with
-from sassgis.gap.calibration.problem import problem_of
+from sassgis.gap.fit.class_calibration import calibration_task, run_site, run_trial, search
+from sassgis.gap.fit.parameters import Prior, fitted_names, parameters_of, table_with
+from sassgis.gap.fit.site_data import site_data_of
+from sassgis.gap.forward.hypothesis_model import configured_model
 from sassgis.gap.observations.case import Case
-from sassgis.gap.replicas.hypothesis_model import configured_model
 from sassgis.io.read.ground_map import read_ranges
 from sassgis.runs.gap_case import read_case
 from sassgis.runs.workers import task_map
@@ -71,7 +71,7 @@ def campaign(
     level = np.random.default_rng([seed, 17]).random(len(parameters))
     truth = Prior.of(parameters).shares(stats.norm.ppf(level))
     model = configured_model(case, table_with(case.table, parameters, truth))
-    problem = problem_of(case, seed, simulated=(model, _TRUTH + seed), sideways=False)
+    problem = site_data_of(case, seed, simulated=(model, _TRUTH + seed), sideways=False)
     task = calibration_task([problem], classes, names, rules, seed)
     with task_map(task, jobs) as run:
         found = search(

@@ -44,30 +44,31 @@ from gap_check.scores import CheckScores, score, scores_as_json
 from gap_check.worlds import FAMILIES, WorldSpec, battery, world_seeds
 from study_tables import between_marks, table
 
-from sassgis.gap.calibration.problem import problem_of
-from sassgis.gap.calibration.site_summary import summary_of
 from sassgis.gap.causes.all_causes import CAUSES, GROUPS, STATISTICS
 from sassgis.gap.diagnosis import CauseGain, Fingerprint
-from sassgis.gap.inference.rock_tests import holm_adjusted
+from sassgis.gap.fit.hypothesis_fit import CONTACT_LAW, DRAWS, NONE, UNKNOWN, HypothesisFits
+from sassgis.gap.fit.linear_fit import summary_of
+from sassgis.gap.fit.site_data import site_data_of
+from sassgis.gap.forward.hypothesis_model import configured_model
+from sassgis.gap.forward.observation_operator import campaigns
+from sassgis.gap.forward.rock_lines import rock_lines_of
 from sassgis.gap.observations.campaign import Campaign
 from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.projection import Projected
 from sassgis.gap.observations.tables import Deposits, Impacts, Passages, Trajectories
-from sassgis.gap.replicas.campaigns import campaigns
-from sassgis.gap.replicas.hypothesis_model import configured_model
-from sassgis.gap.replicas.rock_lines import rock_lines_of
-from sassgis.gap.residuals.table import residuals_of
-from sassgis.gap.where.findings import where
-from sassgis.gap.which.cause_weights import FEATURES, CauseWeights, evidence_of
-from sassgis.gap.which.verdict import (
-    CONTACT_LAW,
-    NONE,
-    UNKNOWN,
+from sassgis.gap.residuals.residual_table import residuals_of
+from sassgis.gap.residuals.rock_residuals import holm_adjusted
+from sassgis.gap.verdict.evidence import Evidence, evidence_of_site
+from sassgis.gap.verdict.findings import where
+from sassgis.gap.verdict.verdict import (
+    FEATURES,
+    CauseWeights,
     Thresholds,
     adequate,
     confidence_of,
     confusion_set,
     decide,
+    evidence_of,
     group_of,
     large_gaps,
     seen_of,
@@ -77,8 +78,7 @@ from sassgis.gap.words import quantity_name
 from sassgis.io.read.gap_thresholds import THRESHOLDS, read_thresholds, thresholds_of
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, IntArray
-from sassgis.runs.evidence import Evidence, evidence_of_site, prepared_case
-from sassgis.runs.hypothesis_fits import DRAWS, HypothesisFits
+from sassgis.runs.gap_case import prepared_case
 from sassgis.runs.workers import one_algebra_thread, task_map
 
 STUDY = Path(__file__).with_suffix("")
@@ -132,9 +132,9 @@ def evidence_at(site: Path) -> Evidence:
     """Evidence at a site, in this process."""
     with one_algebra_thread():
         case = prepared_case(site / "config.toml", site / "observations", 1, 1.0)
-        summary = summary_of(problem_of(case, 1))
+        summary = summary_of(site_data_of(case, 1))
         with task_map(summary, 1) as run:
-            return evidence_of_site(HypothesisFits(summary, run, DRAWS))[0]
+            return evidence_of_site(HypothesisFits(summary, run, DRAWS)).evidence
 
 
 def row_of(site: str, folder: Path) -> dict[str, Any]:

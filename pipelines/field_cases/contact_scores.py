@@ -14,7 +14,7 @@ from field_cases.program_contacts import DENSITY_KGM3
 from field_cases.sites import AXES
 from sassgis.engine.effects import hooks
 from sassgis.engine.simulate import physics_of
-from sassgis.gap.residuals.impact_step import impact_draws
+from sassgis.gap.residuals.impact_residuals import impact_draws
 from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import FloatArray
 from sassgis.model.ground import GroundTable

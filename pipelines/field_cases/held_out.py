@@ -18,7 +18,7 @@ from field_cases.scores import (
     summary,
 )
 from field_cases.sites import Simulated, Site, simulated
-from sassgis.gap.calibration.class_calibration import SiteCalibration
+from sassgis.gap.fit.class_calibration import SiteCalibration
 from sassgis.io.read.config import load_config
 from sassgis.model.grid import FloatArray
 from sassgis.runs.calibrate import calibrate

@@ -18,8 +18,8 @@ from sassgis.engine.effects import hooks
 from sassgis.engine.effects.soft_ground import SoftGround
 from sassgis.engine.ellipse import inertia
 from sassgis.engine.simulate import physics_of
-from sassgis.gap.inference.distances import energy_scores
-from sassgis.gap.residuals.impact_step import impact_draws
+from sassgis.gap.fit.distances import energy_scores
+from sassgis.gap.residuals.impact_residuals import impact_draws
 from sassgis.io.read.ground_map import built_in_table
 from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import FloatArray

@@ -11,13 +11,13 @@ import numpy as np
 import pandas as pd
 
 import sassgis
+from sassgis.gap.forward.hypothesis_model import configured_model
+from sassgis.gap.forward.observation_operator import campaigns
+from sassgis.gap.forward.rock_lines import rock_lines_of
 from sassgis.gap.observations.campaign import Campaign, main_blocks, observed_campaign
 from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.hops import contact_numbers
 from sassgis.gap.observations.observed import rock_masses_kg, rock_radii_m
-from sassgis.gap.replicas.campaigns import campaigns
-from sassgis.gap.replicas.hypothesis_model import configured_model
-from sassgis.gap.replicas.rock_lines import rock_lines_of
 from sassgis.model.grid import FloatArray
 from sassgis.model.ground import GroundClass, GroundTable
 

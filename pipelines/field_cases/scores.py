@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.stats import binomtest
 
 from field_cases.sites import Simulated, Site, run_out
-from sassgis.gap.inference.distances import energy_scores
+from sassgis.gap.fit.distances import energy_scores
 from sassgis.io.read.config import load_config
 from sassgis.model.grid import FloatArray
 from sassgis.runs.variant_lab import runout_bands

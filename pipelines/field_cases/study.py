@@ -16,16 +16,15 @@ from field_cases.figures import stops_figure
 from field_cases.sites import Site
 from field_cases.tables import FieldCase, fresh, in_one_line, parser, write_json
 from sassgis.gap.diagnosis import GapFinding
-from sassgis.gap.inference.distances import energy_scores
-from sassgis.gap.inference.intervals import Interval, bootstrap_interval
-from sassgis.gap.inference.rock_tests import mean_gap_tests
+from sassgis.gap.fit.distances import Interval, bootstrap_interval, energy_scores
+from sassgis.gap.forward.hypothesis_model import HypothesisModel, configured_model
+from sassgis.gap.forward.observation_operator import campaigns
+from sassgis.gap.forward.rock_lines import rock_lines_of
 from sassgis.gap.observations.campaign import main_blocks, observed_campaign
 from sassgis.gap.observations.case import Case
-from sassgis.gap.replicas.campaigns import campaigns
-from sassgis.gap.replicas.hypothesis_model import HypothesisModel, configured_model
-from sassgis.gap.replicas.rock_lines import rock_lines_of
-from sassgis.gap.residuals.table import residuals_of
-from sassgis.gap.where.findings import where
+from sassgis.gap.residuals.residual_table import residuals_of
+from sassgis.gap.residuals.rock_residuals import mean_gap_tests
+from sassgis.gap.verdict.findings import where
 from sassgis.model.grid import FloatArray
 from sassgis.report.figures import save
 from sassgis.runs.calibrate import calibrate

@@ -10,7 +10,8 @@ from typing import Any
 from gap_check.worlds import World
 from sassgis.gap.causes.all_causes import GROUPS
 from sassgis.gap.diagnosis import GapFinding, ModelGap
-from sassgis.gap.which.verdict import CONTACT_LAW, adequate, causes_in
+from sassgis.gap.fit.hypothesis_fit import CONTACT_LAW
+from sassgis.gap.verdict.verdict import adequate, causes_in
 
 #: Law of the sites that obey the model.
 OWN_LAW = "own"

@@ -25,7 +25,7 @@ from sassgis.engine.effects.trees import Trees
 from sassgis.engine.effects.wind import Wind
 from sassgis.engine.simulate import Simulated
 from sassgis.engine.simulate_paths import PathTerrain, follow
-from sassgis.gap.replicas.recorded import impacts_of, turns_of
+from sassgis.gap.forward.observation_operator import impacts_of, turns_of
 from sassgis.io.read.ground_map import built_in_table
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.effects import EffectSettings

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
 from gap_check.answers import OWN_LAW, Answer, Truth, holds, is_covered, is_right, names_in
 from sassgis.gap.causes.all_causes import FAMILIES
 from sassgis.gap.diagnosis import without_nan
-from sassgis.gap.inference.intervals import share_interval
-from sassgis.gap.which.verdict import CONTACT_LAW
+from sassgis.gap.fit.hypothesis_fit import CONTACT_LAW
 
 #: Least confidence with which an effect is named.
 NAMED_CONFIDENCE = 0.6
@@ -185,8 +185,12 @@ def _measures(pairs: Sequence[Pair]) -> dict[str, Share]:
 
 
 def _share(measure: str, hits: list[bool]) -> Share:
-    own = share_interval(sum(hits), len(hits))
-    return Share(measure, sum(hits), len(hits), own.value, own.low, own.high)
+    """A share with its 95 % interval, never too narrow (C. J. Clopper and E. S. Pearson, 1934)."""
+    n, own = len(hits), sum(hits)
+    if not n:
+        return Share(measure, 0, 0, math.nan, 0.0, 1.0)
+    found = stats.binomtest(own, n).proportion_ci(0.95, "exact")
+    return Share(measure, own, n, own / n, float(found.low), float(found.high))
 
 
 def _calibration(pairs: Sequence[Pair]) -> dict[str, float]:

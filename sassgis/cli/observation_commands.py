@@ -87,11 +87,11 @@ def validate_observations(observations: Path, config: Path | None) -> None:
 
     Exit code 1 where something is wrong; a warning leaves it at 0.
     """
-    from sassgis.gap.which.identifiable import what_is_identifiable
+    from sassgis.gap.advice.measure_next import what_is_identifiable
+    from sassgis.gap.observations.case import drop_and_density
     from sassgis.io.read.config import load_config
     from sassgis.io.read.observation_files import read_observations
     from sassgis.io.read.observation_files import validate_observations as check
-    from sassgis.runs.gap_case import drop_and_density
     from sassgis.runs.inputs import read_map_run
 
     compared: tuple[Any, ...] = ()
@@ -151,11 +151,11 @@ def diagnose(
 
     After an interruption it begins anew.
     """
+    from sassgis.gap.fit.hypothesis_fit import DRAWS
     from sassgis.gap.words import file_has
     from sassgis.report.gap_answer import verdict_sentence
     from sassgis.runs.diagnose import MAP_NAME
     from sassgis.runs.diagnose import diagnose as run_diagnosis
-    from sassgis.runs.hypothesis_fits import DRAWS
 
     with at_work(given) as how:
         result = run_diagnosis(config, observations, out, draws=draws or DRAWS, **how)

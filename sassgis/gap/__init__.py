@@ -1,1 +1,6 @@
-"""The gap between simulated and observed rocks: where, by which effect, and how far it shrinks."""
+"""Observed rocks against simulated ones: where and why they differ, and ground fitted to them.
+
+Rooms, each building on those before: observations, forward, residuals, causes, fit, verdict,
+advice; ``diagnosis`` holds what is answered, ``words`` the names that readers know. No files, no
+frames, no plots.
+"""

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from sassgis.gap.replicas.hypothesis_model import HypothesisModel
+from sassgis.gap.forward.hypothesis_model import HypothesisModel
 
 Range = tuple[float, float]
 #: Share of the draws of a cause that must show, for what it closes to speak for it.

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 import sassgis
-from sassgis.gap.calibration.class_calibration import SiteCalibration, SiteResult
-from sassgis.gap.calibration.identifiability import Fitted
-from sassgis.gap.inference.intervals import Interval
+from sassgis.gap.fit.class_calibration import SiteCalibration, SiteResult
+from sassgis.gap.fit.distances import Interval
+from sassgis.gap.fit.identifiability import Fitted
 from sassgis.gap.words import with_unit_in_brackets
 from sassgis.model.languages import joined, phrase, translated
 from sassgis.report.figures.calibration_figures import parameters_figure, quantity_curves_figure
@@ -67,7 +67,7 @@ def calibration_warnings(calibration: SiteCalibration) -> list[str]:
     out = [f.text for f in calibration.findings if many or f.kind != "gain"]
     if calibration.contradict:
         worse = [
-            phrase("{} % at {}", f"{100.0 * (s.fit.score / s.fit.own_score - 1.0):.0f}", s.name)
+            phrase("{} % at {}", f"{100.0 * (s.score / s.own_score - 1.0):.0f}", s.name)
             for s in calibration.sites
         ]
         text = (
@@ -105,7 +105,7 @@ def calibration_report(
         "Common parameters and those that fit each site best",
         (*heads("site; score, common; score, own"), *((label, "") for label in labels)),
         (
-            (s.name, s.fit.score, s.fit.own_score, *(float(f"{s.own[k]:.3g}") for k in labels))
+            (s.name, s.score, s.own_score, *(float(f"{s.own[k]:.3g}") for k in labels))
             for s in calibration.sites
         ),
         "Score: energy score, mean over the rocks; less is better.",

@@ -12,8 +12,14 @@ from matplotlib.figure import Figure
 import sassgis
 from sassgis.gap.diagnosis import Advice, Diagnosis, GapFinding, ModelGap
 from sassgis.gap.observations.case import Case
-from sassgis.gap.where.places import is_stretch, limits_on, line_stretch, observed_end, used_lines
-from sassgis.gap.which.verdict import causes_in
+from sassgis.gap.verdict.findings import (
+    is_stretch,
+    limits_on,
+    line_stretch,
+    observed_end,
+    used_lines,
+)
+from sassgis.gap.verdict.verdict import causes_in
 from sassgis.gap.words import (
     closed_percent,
     effect_name,

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
-from sassgis.gap.calibration.class_calibration import (
+from sassgis.gap.fit.class_calibration import (
     COUNT,
     SiteCalibration,
     budget_of,
@@ -16,11 +16,11 @@ from sassgis.gap.calibration.class_calibration import (
     run_site,
     run_trial,
     search,
+    spread_of_sites,
 )
-from sassgis.gap.calibration.class_spread import spread_of_sites
-from sassgis.gap.calibration.parameters import classes_met, fitted_names
-from sassgis.gap.calibration.problem import CalibrationProblem, problem_of
-from sassgis.gap.observations.case import Case
+from sassgis.gap.fit.parameters import fitted_names
+from sassgis.gap.fit.site_data import SiteData, site_data_of
+from sassgis.gap.observations.case import Case, classes_met
 from sassgis.io.atomic_output import CHECKPOINT_STEM, output_if_asked
 from sassgis.io.digests import value_digest
 from sassgis.io.read.config import as_named
@@ -155,14 +155,14 @@ def calibrate(
 
 def _sites(
     configs: Sequence[Config], observed: Sequence[AnyObservations], seed: int
-) -> list[CalibrationProblem]:
+) -> list[SiteData]:
     """The sites with names that differ; a class must be the same at all of them."""
-    ready: list[CalibrationProblem] = []
+    ready: list[SiteData] = []
     for config, of_site in zip(configs, observed, strict=True):
         name, number = config.project.name, 2
         while name in [s.name for s in ready]:
             name, number = f"{config.project.name} ({number})", number + 1
-        problem = problem_of(read_case(config, of_site), seed, name=name, sideways=False)
+        problem = site_data_of(read_case(config, of_site), seed, name=name, sideways=False)
         ready.append(comparable(problem, of_site))
     known = {c.name: c for c in ready[0].case.table.classes}
     for site, config in zip(ready, configs, strict=True):
@@ -181,7 +181,7 @@ def _sites(
     return ready
 
 
-def _chosen(sites: Sequence[CalibrationProblem], asked: Sequence[str] | None) -> list[str]:
+def _chosen(sites: Sequence[SiteData], asked: Sequence[str] | None) -> list[str]:
     """Classes to calibrate: those that the rocks meet, or those asked for."""
     met = list(dict.fromkeys(name for site in sites for name in classes_met(site.case)))
     if asked is None:

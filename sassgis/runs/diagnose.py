@@ -10,8 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from sassgis.gap.calibration.problem import CalibrationProblem, problem_of
-from sassgis.gap.calibration.site_summary import summary_of
+from sassgis.gap.advice.measure_next import DRAWS as DRAWS_COMPARED
+from sassgis.gap.advice.measure_next import separations, tables_to_add, what_is_identifiable
+from sassgis.gap.advice.recommendation import (
+    first_sentence,
+    model_gaps,
+    settings_of,
+    shortfall,
+    values_of,
+    worst_of,
+    wrong_ground,
+)
 from sassgis.gap.diagnosis import (
     Advice,
     Comparison,
@@ -21,27 +30,34 @@ from sassgis.gap.diagnosis import (
     Range,
     Verdict,
 )
-from sassgis.gap.inference.distances import RockDistances
-from sassgis.gap.ladder.handover import (
+from sassgis.gap.fit.distances import RockDistances
+from sassgis.gap.fit.hypothesis_fit import (
+    CHOSEN,
     CONFIGURED_NUMBER,
-    first_sentence,
-    model_gaps,
-    settings_of,
-    shortfall,
-    values_of,
-    worst_of,
-    wrong_ground,
+    CONTACT_LAW,
+    DRAWS,
+    FRESH,
+    NONE,
+    UNKNOWN,
+    HypothesisFits,
+    draw_of,
+    families_to_try,
+    gain_of,
 )
-from sassgis.gap.ladder.hypothesis_fit import CHOSEN, FRESH, draw_of, gain_of
-from sassgis.gap.ladder.rungs import CONFIGURED, GROUND, Step, ground_is_enough
+from sassgis.gap.fit.linear_fit import summary_of
+from sassgis.gap.fit.site_data import SiteData, site_data_of
+from sassgis.gap.forward.hypothesis_model import HypothesisModel, model_as_json
+from sassgis.gap.forward.observation_operator import share_left
 from sassgis.gap.observations.case import Case
-from sassgis.gap.replicas.campaigns import share_left
-from sassgis.gap.replicas.hypothesis_model import HypothesisModel, model_as_json
-from sassgis.gap.which.hypotheses import NONE, families_to_try
-from sassgis.gap.which.identifiable import what_is_identifiable
-from sassgis.gap.which.measure_next import DRAWS as DRAWS_COMPARED
-from sassgis.gap.which.measure_next import separations, tables_to_add
-from sassgis.gap.which.verdict import CONTACT_LAW, UNKNOWN, adequate, causes_in
+from sassgis.gap.verdict.evidence import (
+    AddedCauses,
+    configured_as_observed,
+    evidence_of_site,
+    shares_of,
+    verdict_of,
+)
+from sassgis.gap.verdict.model_comparison import CONFIGURED, GROUND
+from sassgis.gap.verdict.verdict import adequate, causes_in
 from sassgis.io.atomic_output import output_if_asked, write_text
 from sassgis.io.read.gap_thresholds import cause_weights_of, read_thresholds, thresholds_of
 from sassgis.io.read.observation_files import AnyObservations
@@ -53,21 +69,13 @@ from sassgis.model.languages import in_language
 from sassgis.model.run_config import Config
 from sassgis.report.gap_report import gap_report, report_warnings
 from sassgis.report.page import translated_report, write_report
-from sassgis.runs.evidence import (
-    AddedCauses,
-    BaseRungs,
-    Evidence,
-    configured_as_observed,
-    evidence_of_site,
-    prepared_case,
-    shares_of,
-    verdict_of,
-)
+from sassgis.runs.draw_store import told_tasks
 from sassgis.runs.gap_case import (
     comparable,
     fingerprint_of,
     observations_name,
     observed_files,
+    prepared_case,
 )
 from sassgis.runs.gap_warnings import (
     edge_warnings,
@@ -76,7 +84,6 @@ from sassgis.runs.gap_warnings import (
     scenario_warnings,
     stop_warnings,
 )
-from sassgis.runs.hypothesis_fits import DRAWS, HypothesisFits
 from sassgis.runs.job import AnyConfig, configured, workers_asked
 from sassgis.runs.origin import Origin, write_origin
 from sassgis.runs.workers import Jobs, OnProgress, one_algebra_thread, task_map
@@ -152,17 +159,18 @@ def diagnose(
                 found=case.n_rocks,
                 expected=f"{_FEWEST_ROCKS} or more",
             )
-        summary = summary_of(comparable(problem_of(case, seed), observations))
+        summary = summary_of(comparable(site_data_of(case, seed), observations))
         fingerprint = fingerprint_of(settings, observations, f"{seed} {draws} {ground_range:g}")
         try:
             with task_map(summary, workers_asked(settings, jobs)) as run:
                 tell(f"Calibrating the base model with {case.n_rocks} rocks")
-                made = HypothesisFits(summary, run, draws, on_progress)
+                told = told_tasks(run, case.n_rocks, on_progress)
+                made = HypothesisFits(summary, told, draws)
                 made.add(CONTACT_LAW)
                 tell("Weighing the causes")
-                evidence, base = evidence_of_site(made)
+                added = evidence_of_site(made)
                 tell("Calibrating the most probable hypotheses")
-                diagnosis = _diagnosis(made, evidence, base, read_thresholds(), fingerprint)
+                diagnosis = _diagnosis(added, read_thresholds(), fingerprint)
         except KeyboardInterrupt:
             raise Interrupted("stopped by the user") from None
         diagnosis = replace(
@@ -186,7 +194,7 @@ def diagnose(
 
 
 def _gaps(
-    problem: CalibrationProblem, model: HypothesisModel, rows: FloatArray, scale: float = 1.0
+    problem: SiteData, model: HypothesisModel, rows: FloatArray, scale: float = 1.0
 ) -> tuple[tuple[ModelGap, ...], float]:
     """How far a model is off, and the share of its rocks that leave the terrain.
 
@@ -196,29 +204,21 @@ def _gaps(
     return model_gaps(problem, rows, left, (scale, model.measurement.scale)), left
 
 
-def _diagnosis(
-    made: HypothesisFits,
-    evidence: Evidence,
-    base: BaseRungs,
-    chosen: Mapping[str, Any],
-    fingerprint: str,
-) -> Diagnosis:
+def _diagnosis(added: AddedCauses, chosen: Mapping[str, Any], fingerprint: str) -> Diagnosis:
     """The answer, from what speaks for causes."""
+    made, evidence = added.made, added.evidence
     problem, case = made.problem, made.problem.case
     frozen, weights = thresholds_of(dict(chosen)), cause_weights_of(dict(chosen))
-    rows, ladder, law, simplest = base.rows, base.ladder, base.law, base.simplest
-    # An effect is added to the base that the contact asks for, if that is certainly the better one.
-    added = AddedCauses(made, evidence, simplest == CONTACT_LAW)
+    ladder, law, simplest = added.ladder, added.needs_law, added.simplest
     shares = shares_of(evidence, families_to_try(case), weights)
     as_configured = configured_as_observed(made)
-    gaps = {CONFIGURED: _gaps(problem, as_configured, rows[CONFIGURED])}
+    gaps = {CONFIGURED: _gaps(problem, as_configured, added.configured_rows)}
     if simplest != CONFIGURED:
-        gaps[simplest] = _gaps(problem, made.model(added.name(simplest)).model, rows[simplest])
+        own = added.name(simplest)
+        gaps[simplest] = _gaps(problem, made.model(own).model, made.rows(own))
     short = shortfall(gaps[simplest][0]) is not None
-    verdict, shrinkage = verdict_of(
-        added, shares, weights, frozen, law, adequate(evidence.findings) and not short,
-        ground_is_enough(base.rungs),
-    )  # fmt: skip
+    sound = adequate(evidence.findings) and not short
+    verdict, shrinkage = verdict_of(added, shares, weights, frozen, sound)
     named = "+".join(verdict.named)
     # With two causes the surer one comes first.
     surer = max(verdict.named, key=lambda n: shares.get(n, 0.0), default="")
@@ -227,11 +227,11 @@ def _diagnosis(
     scale = added.fit(named).handed_over.draw.model.measurement.scale if named else 1.0
     if scale != 1.0:
         left_before = gaps[CONFIGURED][1]
-        rescaled = model_gaps(problem, rows[CONFIGURED], left_before, (scale, 1.0))
+        rescaled = model_gaps(problem, added.configured_rows, left_before, (scale, 1.0))
         gaps = {CONFIGURED: (rescaled, left_before)}
     for step in steps:
-        ladder.add(Step(step, added.rung if step == surer else surer, added.rows(step)))
-    recommended, why = ladder.recommended(*base.names, *steps)
+        ladder.add(step, added.rung if step == surer else surer, added.rows(step))
+    recommended, why = ladder.recommended(*added.base_rungs, *steps)
     beyond = ladder.gain(GROUND, CONTACT_LAW)
     if not law and recommended == GROUND and beyond is not None and beyond.low > 0.0:
         why = why or _NOT_THE_LAW
@@ -254,7 +254,7 @@ def _diagnosis(
         shortfall(left),
         why,
     )
-    rungs = ladder.rungs(*rows, *steps)
+    rungs = ladder.rungs(CONFIGURED, GROUND, CONTACT_LAW, *steps)
     gains = sorted(evidence.gains.values(), key=lambda gain: -gain.sureness)
     excess = max((gain.excess for gain in gains), default=1.0)
     return Diagnosis(
@@ -371,7 +371,7 @@ _SHOWN = {
 
 
 def _comparisons(
-    problem: CalibrationProblem, base: FloatArray, effect: FloatArray | None
+    problem: SiteData, base: FloatArray, effect: FloatArray | None
 ) -> tuple[Comparison, ...]:
     """Distributions of every scored quantity: observed, calibrated base, and effect."""
     out = []

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from sassgis.gap.calibration.linear_fit import Seen, Trial
+from sassgis.gap.fit.linear_fit import Seen, Trial
 from sassgis.io.saved_arrays import read_saved, write_saved
-from sassgis.runs.workers import OnProgress
+from sassgis.runs.workers import OnProgress, TaskMap
 
 #: Seconds between two savings.
 _SAVE_EVERY_S = 5.0
@@ -32,6 +32,19 @@ class DrawProgress:
         self._done += 1
         if self._on_progress is not None:
             self._on_progress(self._done, self._total, self._rocks * self._done)
+
+
+def told_tasks(run: TaskMap, n_rocks: int, on_progress: OnProgress | None) -> TaskMap:
+    """The map of tasks, which have a count of campaigns each, with its progress reported."""
+
+    def told(function: Callable[[Any, Any], Any], tasks: Sequence[Any]) -> Iterator[Any]:
+        rocks = sum(task.count for task in tasks) * n_rocks
+        progress = DrawProgress(on_progress, len(tasks), rocks // max(len(tasks), 1))
+        for result in run(function, tasks):
+            progress.step()
+            yield result
+
+    return told
 
 
 class DrawStore:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from sassgis.gap.causes.contact_law_cause import BOUNDS
+from sassgis.gap.forward.hypothesis_model import HypothesisModel
 from sassgis.gap.observations.case import Case
-from sassgis.gap.replicas.hypothesis_model import HypothesisModel
 from sassgis.model.languages import joined, phrase
 from sassgis.model.run_config import Config
 

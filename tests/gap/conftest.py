@@ -12,7 +12,7 @@ from helpers.observed_slope import LV95, NORTH, TABLES, TAN, TOP, WEST
 from helpers.simulated_slope import observed
 from threadpoolctl import threadpool_limits
 
-from sassgis.gap.calibration.problem import CalibrationProblem, problem_of
+from sassgis.gap.fit.site_data import SiteData, site_data_of
 from sassgis.model.crs import parse_crs
 from sassgis.model.grid import Grid
 
@@ -56,6 +56,6 @@ def folder(tmp_path: Path) -> Callable[..., Path]:
 
 
 @pytest.fixture(scope="session")
-def problem() -> CalibrationProblem:
+def problem() -> SiteData:
     """Of rocks that the engine released without any effect."""
-    return problem_of(observed(24, 3), 5)
+    return site_data_of(observed(24, 3), 5)

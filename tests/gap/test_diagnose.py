@@ -17,22 +17,22 @@ from gap_check.observers import CONFIG_NAME, OBSERVATIONS_NAME, write_case
 from gap_check.worlds import EffectSpec, WorldSpec
 from helpers.changed_arrays import change_arrays
 
-from sassgis.gap.calibration.linear_fit import Seen, Trial
-from sassgis.gap.calibration.problem import Scale, model_rows, problem_of
-from sassgis.gap.inference.distances import RockDistances
-from sassgis.gap.ladder import cause_gains
-from sassgis.gap.replicas.hypothesis_model import (
+from sassgis.gap.fit import hypothesis_fit
+from sassgis.gap.fit.distances import RockDistances
+from sassgis.gap.fit.linear_fit import Seen, Trial
+from sassgis.gap.fit.site_data import Scale, model_rows, site_data_of
+from sassgis.gap.forward.hypothesis_model import (
     MeasurementError,
     configured_model,
     model_from_json,
 )
+from sassgis.gap.verdict import model_comparison
 from sassgis.io.atomic_output import check_output
 from sassgis.io.read.config import load_config
 from sassgis.io.read.gap_thresholds import read_thresholds, thresholds_of
 from sassgis.io.saved_arrays import unfit
 from sassgis.model.errors import InputError, Interrupted
 from sassgis.runs import diagnose as gap_diagnose
-from sassgis.runs import hypothesis_fits
 from sassgis.runs.diagnose import ENSEMBLE, diagnose
 from sassgis.runs.draw_store import DrawStore
 from sassgis.runs.gap_case import read_case
@@ -45,9 +45,9 @@ AXES = ("centre", "scale")
 def few_draws() -> Iterator[None]:
     """Few draws, campaigns of the base and rounds: numbers are rough, all else is whole."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(cause_gains, "DRAWS", 6)
-        patch.setattr(cause_gains, "BASE", 5)
-        patch.setattr(hypothesis_fits, "ROUNDS", 1)
+        patch.setattr(model_comparison, "DRAWS", 6)
+        patch.setattr(model_comparison, "BASE", 5)
+        patch.setattr(hypothesis_fit, "ROUNDS", 1)
         yield
 
 
@@ -122,7 +122,7 @@ def test_the_model_that_is_handed_over_is_the_one_scored(everything: Path, answe
     kept = json.loads((answered / ENSEMBLE).read_text())
     scale = Scale(tuple(kept["scale"]["names"]), *(np.array(kept["scale"][k]) for k in AXES))
     observed = read_case(everything / CONFIG_NAME, everything / OBSERVATIONS_NAME)
-    problem = problem_of(observed, kept["seed"], scale)
+    problem = site_data_of(observed, kept["seed"], scale)
     for name in ("base", "effect", "configured"):
         model = model_from_json(kept[name]["model"])
         rows = model_rows(problem, model, kept[name]["number"], kept["count"])
@@ -130,7 +130,7 @@ def test_the_model_that_is_handed_over_is_the_one_scored(everything: Path, answe
         assert again == pytest.approx(kept[name]["distance"], rel=1e-5)
     # So does the configuration beside it, which has no factor and scatter of the rotations.
     read = read_case(answered / "model" / "config.toml", everything / OBSERVATIONS_NAME)
-    problem = problem_of(read, kept["seed"])
+    problem = site_data_of(read, kept["seed"])
     turning = model_from_json(kept["effect"]["model"]).measurement
     own = MeasurementError(
         rotation_scale=turning.rotation_scale, rotation_noise=turning.rotation_noise
@@ -266,7 +266,7 @@ def test_rocks_in_two_groups_are_answered_with_a_warning(everything: Path, tmp_p
     case = changed(everything, tmp_path / "case", rocks=grouped)
     read = read_case(case / CONFIG_NAME, case / OBSERVATIONS_NAME)
     assert sorted(np.bincount(read.group).tolist()) == [8, 16]
-    assert np.bincount(problem_of(read, 1).part).tolist() in ([8, 16], [16, 8])
+    assert np.bincount(site_data_of(read, 1).part).tolist() in ([8, 16], [16, 8])
     found = run(case, tmp_path / "out")
     assert any("2 groups" in line for line in found.warnings)
     assert not any(f.observable for f in found.fingerprints)

@@ -34,17 +34,16 @@ from scipy import stats
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.engine.effects.trees import Trees
 from sassgis.gap.causes.all_causes import FAMILIES
-from sassgis.gap.causes.parameter_draws import ParameterDraws
+from sassgis.gap.causes.cause import ParameterDraws
 from sassgis.gap.diagnosis import Diagnosis, Hypothesis
+from sassgis.gap.fit.hypothesis_fit import draw
+from sassgis.gap.forward.hypothesis_model import HypothesisModel, configured_model
+from sassgis.gap.forward.observation_operator import campaigns
+from sassgis.gap.forward.released_rocks import in_plane
+from sassgis.gap.forward.rock_lines import rock_lines_of
 from sassgis.gap.observations.case import Case
-from sassgis.gap.replicas.campaigns import campaigns
-from sassgis.gap.replicas.hypothesis_model import HypothesisModel, configured_model
-from sassgis.gap.replicas.released_rocks import in_plane
-from sassgis.gap.replicas.rock_lines import rock_lines_of
-from sassgis.gap.residuals.table import residuals_of
-from sassgis.gap.where.findings import where
-from sassgis.gap.where.places import limits_on, line_stretch, used_lines
-from sassgis.gap.which.hypotheses import draw
+from sassgis.gap.residuals.residual_table import residuals_of
+from sassgis.gap.verdict.findings import limits_on, line_stretch, used_lines, where
 from sassgis.gap.words import (
     QUANTITY_NAMES,
     place_words,

@@ -24,8 +24,8 @@ from sassgis.gap.diagnosis import (
     Shrinkage,
     Verdict,
 )
+from sassgis.gap.forward.hypothesis_model import ForestStand, HypothesisModel
 from sassgis.gap.observations.case import Case
-from sassgis.gap.replicas.hypothesis_model import ForestStand, HypothesisModel
 from sassgis.io.write.raster import write_raster
 from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import Grid

@@ -9,6 +9,8 @@ import numpy as np
 
 from sassgis.engine.simulate import simulate
 from sassgis.engine.state import FLIGHT, IMPACT, ROLLING
+from sassgis.gap.forward.hypothesis_model import HypothesisModel
+from sassgis.gap.forward.rock_lines import dips_at, repeated
 from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.observed import Observations
 from sassgis.gap.observations.projection import project_observations, station_chainages
@@ -21,8 +23,6 @@ from sassgis.gap.observations.tables import (
     Stations,
     Trajectories,
 )
-from sassgis.gap.replicas.hypothesis_model import HypothesisModel
-from sassgis.gap.replicas.rock_lines import dips_at, repeated
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import Grid

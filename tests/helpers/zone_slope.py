@@ -19,7 +19,8 @@ from sassgis.io.read.config import load_config
 from sassgis.model.hazard import HazardCurves
 from sassgis.model.run_config import Config
 from sassgis.runs.inputs import read_rules
-from sassgis.runs.job import Job, OnProgress, Simulation, Workplace, configured, read_job
+from sassgis.runs.job import Job, Simulation, Workplace, configured, read_job
+from sassgis.runs.workers import OnProgress
 from sassgis.runs.zone import assessed, prepared, simulations
 
 WEST, NORTH, CELL = 2_700_000.0, 1_150_000.0, 2.0

@@ -19,7 +19,8 @@ import shapely
 from helpers.samples import copy_sample
 
 from sassgis.io.read.config import load_config
-from sassgis.runs.profile_run import profile_from_csv, simulate_profile
+from sassgis.runs.inputs import profile_from_csv
+from sassgis.runs.profile_run import simulate_profile
 
 PIPELINES = Path(__file__).resolve().parents[2] / "pipelines"
 NAMES = sorted(p.stem for p in PIPELINES.glob("*.py"))

@@ -14,18 +14,19 @@ from sassgis.gap.causes.cause import (
     MISSTATED,
     Cause,
     CausePart,
+    Fit,
+    ParameterDraws,
+    Range,
     Scores,
     Trace,
     Unseen,
+    loss_of_flights,
     part_of,
 )
-from sassgis.gap.causes.cause_residuals import loss_of_flights
-from sassgis.gap.causes.parameter_draws import Fit, ParameterDraws, Range
 from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.observed import DENSITY_KGM3
-from sassgis.gap.residuals.residuals import per_rock
-from sassgis.gap.residuals.steps import StepTable
-from sassgis.gap.residuals.table import ResidualTable
+from sassgis.gap.residuals.residual_table import ResidualTable, StepTable
+from sassgis.gap.residuals.rock_residuals import per_rock
 from sassgis.model.grid import FloatArray
 
 FIT = Fit({"drag_coefficient": Range(0.3, 2.0, "log")}, {"constant": 1.0, "sphericity": 1.0})

@@ -1,20 +1,119 @@
-"""A cause of a gap as the diagnosis knows it: what it fits, and what the cause leaves behind."""
+"""A cause of a gap as the diagnosis knows it: what it fits, and what the cause leaves behind.
+
+Besides, what the causes share: where parameters are drawn from, ground classes on which an effect
+may act, and residuals at contacts, on flights and reaches, and to the side.
+"""
 
 from __future__ import annotations
 
+import itertools
+import math
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
+from scipy.special import ndtri
 
 from sassgis.engine.effects.registry import EFFECTS
-from sassgis.gap.causes.parameter_draws import Fit, ParameterDraws
+from sassgis.gap.forward.hypothesis_model import HypothesisModel
 from sassgis.gap.observations.case import Case
-from sassgis.gap.replicas.hypothesis_model import HypothesisModel
-from sassgis.gap.residuals.table import ResidualTable
+from sassgis.gap.residuals.residual_table import ResidualTable, StepTable
+from sassgis.gap.residuals.rock_residuals import mean_of_draws
+from sassgis.gap.residuals.stop_residuals import side_error
 from sassgis.model.effects import EffectSection
 from sassgis.model.grid import FloatArray
+
+
+def rounded(value: float) -> float:
+    """As many digits as a configuration states: the model that is written is the one scored."""
+    return float(f"{value:.6g}")
+
+
+@dataclass(frozen=True, slots=True)
+class Range:
+    """Where a parameter may lie: between two limits, searched evenly or on a logarithmic scale."""
+
+    low: float
+    high: float
+    scale: Literal["linear", "log"] = "linear"
+
+
+class ParameterDraws:
+    """Where the parameters of a draw come from: a number in [0, 1) under each name.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator or None
+        For names that are not set; None: these are in the middle.
+    values : mapping, optional
+        Values of an earlier draw: the same names then give the same parameters.
+    """
+
+    def __init__(
+        self, rng: np.random.Generator | None, values: Mapping[str, float] | None = None
+    ) -> None:
+        self._rng = rng
+        self._given = values or {}
+        self.used: dict[str, float] = {}
+        #: Names under which something changes gradually; the others choose between forms.
+        self.smooth: set[str] = set()
+
+    def share(self, name: str) -> float:
+        """A number from 0 to 1."""
+        if name not in self.used:
+            known = self._given.get(name)
+            if known is None:
+                known = 0.5 if self._rng is None else float(self._rng.random())
+            self.used[name] = known
+        return self.used[name]
+
+    def _gradual(self, name: str) -> float:
+        self.smooth.add(name)
+        return self.share(name)
+
+    def uniform(self, name: str, low: float, high: float) -> float:
+        """A number between limits."""
+        return rounded(low + (high - low) * self._gradual(name))
+
+    def log(self, name: str, low: float, high: float) -> float:
+        """A number between limits, evenly on a logarithmic scale."""
+        return rounded(math.exp(math.log(low) + math.log(high / low) * self._gradual(name)))
+
+    def normal(self, name: str, sd: float) -> float:
+        """A number from a normal distribution about zero."""
+        return rounded(sd * float(ndtri(min(max(self._gradual(name), 1e-6), 1.0 - 1e-6))))
+
+    def within(self, name: str, limits: Range) -> float:
+        """A number from a range."""
+        draw = self.log if limits.scale == "log" else self.uniform
+        return draw(name, limits.low, limits.high)
+
+    def one_of(self, name: str, choices: Sequence[str], shares: Sequence[float]) -> str:
+        """One of some words."""
+        edges = np.cumsum(shares) / sum(shares)
+        return choices[min(int(np.searchsorted(edges, self.share(name), "right")), len(edges) - 1)]
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """What the diagnosis fits of an effect."""
+
+    ranges: Mapping[str, Range]  # of all forms; a parameter that is not named keeps its default
+    #: How often each form is tried, relative to the others; empty if the effect has one law.
+    forms: Mapping[str, float] = field(default_factory=dict)
+    #: Parameters that a form draws, where it does not draw all of ``ranges``.
+    parameters: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+
+    def drawn(self, name: str, draws: ParameterDraws) -> tuple[str, dict[str, float]]:
+        """A form ("" if there is one law alone) and its parameters, for the effect ``name``."""
+        form = ""
+        if self.forms:
+            form = draws.one_of(f"{name}.form", tuple(self.forms), tuple(self.forms.values()))
+        keys = self.parameters.get(form, tuple(self.ranges))
+        return form, {key: draws.within(f"{name}.{key}", self.ranges[key]) for key in keys}
+
 
 #: A fingerprint rests on at least this many rocks or groups.
 LEAST = 5
@@ -135,3 +234,196 @@ def fitted_alone(
         return part_of(settings, *fit.drawn(settings.name, draws))
 
     return draw
+
+
+#: Ground on which nothing yields and no block lies loose.
+HARD = ("rock", "asphalt")
+
+
+def _yielding(case: Case) -> list[str]:
+    """Classes that profiles cross, but for hard ones if there are others."""
+    present = [case.table.classes[k].name for k in np.unique(case.profiles.ground).tolist()]
+    return [name for name in present if name not in HARD] or present
+
+
+def soft_first(case: Case) -> list[str]:
+    """Classes that are not hard, the softest first."""
+    return sorted(
+        _yielding(case), key=lambda name: case.table.classes[case.table.index(name)].eta_max
+    )
+
+
+def loose_classes(case: Case, draws: ParameterDraws) -> tuple[str, ...]:
+    """Classes with loose blocks."""
+    loose = _yielding(case)
+    # Meadows are commonly free of stones.
+    if len(loose) > 1 and draws.share("loose_classes") < 0.6:
+        loose = soft_first(case)[1:]
+    return tuple(loose)
+
+
+def on_its_classes(effect: str) -> Placing:
+    """Reaches with the classes that most fitted models have an effect on; all without any."""
+
+    def place(case: Case, models: Sequence[HypothesisModel]) -> tuple[str, ...]:
+        effects = [model.effects.named(effect) for model in models]
+        counts = Counter(name for own in effects for name in getattr(own, "classes", ()))
+        classes = [name for name, n in counts.items() if 2 * n > len(models)]
+        return reaches_on(case, classes) if classes else case.reaches
+
+    return place
+
+
+def reaches_between(case: Case, low: float, high: float) -> tuple[str, ...]:
+    """Reaches that a stretch of chainage touches (m)."""
+    # Medians over the rocks.
+    inner = np.nanmedian(case.station_s, axis=0).tolist() if case.station_names else []
+    edges = [-np.inf, *inner, np.inf]
+    return tuple(
+        name
+        for name, start, end in zip(case.reaches, edges[:-1], edges[1:], strict=True)
+        if low < end and high > start
+    )
+
+
+def reaches_on(case: Case, classes: Sequence[str]) -> tuple[str, ...]:
+    """Reaches in which the profiles cross any of some ground classes."""
+    wanted = [k for k, name in enumerate(case.table.names) if name in classes]
+    found: set[str] = set()
+    source = case.profiles
+    for line in np.unique(case.line).tolist():
+        own = slice(int(source.offset[line]), int(source.offset[line + 1]) - 1)
+        ends = itertools.pairwise(source.s[own.start : own.stop + 1].tolist())
+        for (low, high), ground in zip(ends, source.ground[own].tolist(), strict=True):
+            if ground in wanted and high > 0.0:
+                found.update(reaches_between(case, low, high))
+    return tuple(name for name in case.reaches if name in found)
+
+
+#: Mean turn at a contact (deg), and growth of offsets over the way, that edges of blocks and uneven
+#: ground make anywhere: no effect of its own. Published standard deviations are 5 to 20° and 10 to
+#: 20 % of the way (docs/effects.md); rigid bodies of the check turn by 7 to 12°.
+EDGES_TURN_DEG, EDGES_GROWTH = 10.0, 0.15
+#: How far paths leave their fall line by flying straight, where they are still near it (m per m).
+STRAIGHT = 0.02
+
+
+def contact_gaps(residuals: ResidualTable, quantity: str) -> tuple[StepTable, FloatArray]:
+    """Impacts and their z; Unseen where there are few, or few with a normal speed."""
+    steps = residuals.steps
+    rows = steps.of("impact", quantity)
+    if min(len(rows), len(steps.of("impact", "normal_speed_mps"))) < 4 * LEAST:
+        raise Unseen
+    return rows, np.clip(rows.z, -4.0, 4.0)
+
+
+def beyond_any_law(rows: StepTable, z: FloatArray) -> FloatArray:
+    """Z less a smooth function of speed and ground: what no law of the contact could do."""
+    grounds = [(rows.ground == k).astype(np.float64) for k in np.unique(rows.ground).tolist()[1:]]
+    speed = np.log(np.maximum(rows.vn_mps, 0.2))
+    design = np.column_stack([np.ones(len(rows)), speed, rows.predicted / 10.0, *grounds])
+    ridge = np.eye(design.shape[1])
+    return np.asarray(z - design @ np.linalg.solve(design.T @ design + ridge, design.T @ z))
+
+
+def loss_of_flights(rows: StepTable) -> tuple[StepTable, FloatArray, FloatArray]:
+    """Flights, what they lost (J/kg), and that in standard deviations; Unseen if there are few."""
+    if len(rows) < 2 * LEAST:
+        raise Unseen
+    loss = rows.predicted - rows.observed
+    return rows, loss, loss / rows.sd
+
+
+def gaps_by_reach(residuals: ResidualTable, quantity: str) -> dict[str, FloatArray]:
+    """Gaps of a quantity by the name of the reach, shape (n_rocks,) each; Unseen without any.
+
+    Reaches where too few rocks have one are left out. Gaps of the speed are relative to what is
+    predicted, so that fast reaches do not outweigh the others.
+    """
+    found = {}
+    for row in residuals.rows:
+        if row.test == "reach" and row.phase != "release" and row.quantity == quantity:
+            gap = row.gap
+            if quantity == "speed_mps":
+                with np.errstate(invalid="ignore", divide="ignore"):
+                    gap = np.clip(gap / row.predicted, -2.0, 2.0)
+            if np.isfinite(gap).sum() >= LEAST:
+                found[row.place] = gap
+    if not found:
+        raise Unseen
+    return found
+
+
+def reach_gaps(residuals: ResidualTable, quantity: str) -> FloatArray:
+    """The same, shape (n_rocks, n_reaches)."""
+    return np.column_stack([*gaps_by_reach(residuals, quantity).values()])
+
+
+def over_scatter(gaps: FloatArray, least: float) -> FloatArray:
+    """Gaps in units of the scatter of the rocks on each reach, or of ``least`` if that is less.
+
+    Of one reach, shape (n_rocks,), or of several.
+    """
+    return np.asarray(gaps / np.maximum(np.nanstd(gaps, axis=0), least))
+
+
+def wrong_on_one(residuals: ResidualTable, sign: float = 0.0) -> dict[str, FloatArray]:
+    """How much the speed is wrong on each reach alone, in scatters, shape (n_rocks,) each.
+
+    Its gap less that on the others, as far as this exceeds what the others are off themselves:
+    where all reaches are wrong none is wrong alone. ``sign`` is that of the gap that is looked for;
+    0: that which the reach has.
+    """
+    speed = gaps_by_reach(residuals, "speed_mps")
+    if len(speed) < 2:
+        raise Unseen
+    own = over_scatter(np.column_stack([*speed.values()]), 0.05)
+    found = {}
+    for k, place in enumerate(speed):
+        others = mean_of_draws(np.delete(own, k, axis=1), least=1)
+        towards = sign or float(np.sign(np.nanmean(own[:, k])))
+        found[place] = towards * (own[:, k] - others) - abs(float(np.nanmean(others)))
+    return found
+
+
+def late_by_rock(gaps: FloatArray) -> FloatArray:
+    """Mean over reaches of gaps less that of all rocks, shape (n_rocks,)."""
+    return mean_of_draws(gaps - np.nanmean(gaps, axis=0), least=1)
+
+
+def standardised(values: FloatArray) -> FloatArray:
+    """Less their mean, over their scatter; zero without any."""
+    spread = float(np.nanstd(values))
+    return (values - np.nanmean(values)) / spread if spread > 0.0 else 0.0 * values
+
+
+def sizes(residuals: ResidualTable) -> FloatArray:
+    """Sizes of the rocks, standardised, shape (n_rocks,)."""
+    return standardised(np.log(residuals.run.radius_m))
+
+
+def station_offsets(case: Case, residuals: ResidualTable, least: int = 2) -> FloatArray:
+    """Observed lateral offsets at stations (m), shape (n_rocks, n_stations), ``least`` or more."""
+    if len(case.station_names) < least:
+        raise Unseen
+    rows = residuals.steps.of("run", "lateral_m")
+    at = np.full((case.n_rocks, len(case.station_names)), np.nan)
+    at[rows.rock, rows.station] = rows.observed
+    return at
+
+
+def usual_offset(case: Case) -> float:
+    """Mean size of offsets (m) that errors make, were they larger than stated."""
+    error = max(side_error(case), side_error(case, stop=True))
+    return math.sqrt(2.0 / math.pi) * (1.0 + MISSTATED) * error
+
+
+def base_size(draws: FloatArray) -> FloatArray:
+    """Mean size of what the base makes, shape (n_rocks,); 0 in the plane of a fall line."""
+    return np.nan_to_num(mean_of_draws(np.abs(draws), least=1))
+
+
+def known_mean(values: FloatArray) -> float:
+    """Mean of what is known; NaN where nothing is."""
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if known.size else math.nan

@@ -6,13 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from sassgis.gap.causes.cause import Cause, CausePart
-from sassgis.gap.causes.parameter_draws import ParameterDraws, rounded
+from sassgis.gap.causes.cause import Cause, CausePart, ParameterDraws, rounded
+from sassgis.gap.forward.hypothesis_model import HypothesisModel
 from sassgis.gap.observations.case import Case
-from sassgis.gap.replicas.hypothesis_model import HypothesisModel
 from sassgis.model.ground import GroundTable
 
-#: Those that any ground has shown (``calibration.parameters.RANGES``).
+#: Those that any ground has shown (``fit.parameters.RANGES``).
 BOUNDS = {
     "eta_max": (0.05, 1.0),
     "mu_f": (0.05, 1.5),
@@ -28,8 +27,8 @@ _HALVED_AT_MPS = 9.144
 def _draw(case: Case, draws: ParameterDraws) -> CausePart:
     """Freedom of the contact beyond calibration.
 
-    Where contacts were recorded, it is as they have it (``calibration.contact_map``), and rolling
-    is shifted alike for all classes. Else there is one shift of all parameters, in wide ranges:
+    Where contacts were recorded, it is as they have it (``learned_contacts``), and rolling is
+    shifted alike for all classes. Else there is one shift of all parameters, in wide ranges:
     classes keep the differences between them. The restitution counts only where the engine reads
     it; from the highest speeds on it hardly falls with the normal speed.
     """

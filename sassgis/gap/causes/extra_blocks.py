@@ -20,19 +20,23 @@ from sassgis.gap.causes.cause import (
     LEAST,
     Cause,
     CausePart,
+    Fit,
+    ParameterDraws,
+    Range,
     Scores,
     Scoring,
     Trace,
     Unseen,
+    loose_classes,
+    on_its_classes,
     part_of,
+    rounded,
     usual_scatter,
 )
-from sassgis.gap.causes.ground_classes import loose_classes, on_its_classes
-from sassgis.gap.causes.parameter_draws import Fit, ParameterDraws, Range, rounded
 from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.observed import deposit_masses_kg
-from sassgis.gap.residuals.table import ResidualTable
+from sassgis.gap.residuals.residual_table import ResidualTable
 from sassgis.model.grid import FloatArray
 
 _MASS_BUDGET = (

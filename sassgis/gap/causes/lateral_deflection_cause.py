@@ -9,21 +9,30 @@ import numpy as np
 
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.engine.effects.roughness import Roughness
-from sassgis.gap.causes.cause import LEAST, MISSTATED, Cause, CausePart, Scores, Trace, Unseen
-from sassgis.gap.causes.cause_residuals import (
+from sassgis.gap.causes.cause import (
     EDGES_GROWTH,
     EDGES_TURN_DEG,
+    LEAST,
+    MISSTATED,
     STRAIGHT,
+    Cause,
+    CausePart,
+    Fit,
+    ParameterDraws,
+    Range,
+    Scores,
+    Trace,
+    Unseen,
     base_size,
     known_mean,
+    rounded,
     station_offsets,
     usual_offset,
 )
-from sassgis.gap.causes.parameter_draws import Fit, ParameterDraws, Range, rounded
+from sassgis.gap.forward.hypothesis_model import HypothesisModel
 from sassgis.gap.observations.case import Case
-from sassgis.gap.replicas.hypothesis_model import HypothesisModel
-from sassgis.gap.residuals.residuals import mean_of_draws, per_rock
-from sassgis.gap.residuals.table import ResidualTable
+from sassgis.gap.residuals.residual_table import ResidualTable
+from sassgis.gap.residuals.rock_residuals import mean_of_draws, per_rock
 
 FIT = Fit(
     ranges={

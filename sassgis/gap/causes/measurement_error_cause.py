@@ -13,14 +13,13 @@ from sassgis.gap.causes.cause import (
     LEAST,
     MISSTATED,
     PRINTED,
+    STRAIGHT,
     Cause,
     CausePart,
+    ParameterDraws,
     Scores,
     Trace,
     Unseen,
-)
-from sassgis.gap.causes.cause_residuals import (
-    STRAIGHT,
     base_size,
     gaps_by_reach,
     known_mean,
@@ -28,13 +27,12 @@ from sassgis.gap.causes.cause_residuals import (
     station_offsets,
     usual_offset,
 )
-from sassgis.gap.causes.parameter_draws import ParameterDraws
+from sassgis.gap.forward.hypothesis_model import HypothesisModel, MeasurementError
 from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case
-from sassgis.gap.replicas.hypothesis_model import HypothesisModel, MeasurementError
-from sassgis.gap.residuals.free_run import side_error
-from sassgis.gap.residuals.residuals import mean_of_draws, per_rock
-from sassgis.gap.residuals.table import ResidualTable
+from sassgis.gap.residuals.residual_table import ResidualTable
+from sassgis.gap.residuals.rock_residuals import mean_of_draws, per_rock
+from sassgis.gap.residuals.stop_residuals import side_error
 from sassgis.model.grid import FloatArray
 
 #: Time between two points of a path whose distance gives a speed (s), and least speed (m/s).

@@ -14,25 +14,23 @@ from sassgis.gap.causes.cause import (
     SHIFT,
     Cause,
     CausePart,
+    ParameterDraws,
     Scores,
     Trace,
     Unseen,
-    usual_scatter,
-)
-from sassgis.gap.causes.cause_residuals import (
     base_size,
     known_mean,
     station_offsets,
     usual_offset,
+    usual_scatter,
     wrong_on_one,
 )
-from sassgis.gap.causes.parameter_draws import ParameterDraws
-from sassgis.gap.observations.allowances import GRAVITY, SIGMAS, above_release_m
+from sassgis.gap.forward.hypothesis_model import ReleaseError
 from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case
-from sassgis.gap.replicas.hypothesis_model import ReleaseError
-from sassgis.gap.residuals.residuals import per_rock
-from sassgis.gap.residuals.table import ResidualTable
+from sassgis.gap.observations.observed import GRAVITY, SIGMAS, above_release_m
+from sassgis.gap.residuals.residual_table import ResidualTable
+from sassgis.gap.residuals.rock_residuals import per_rock
 from sassgis.model.grid import IntArray
 
 #: Errors as they scatter are exceeded by this.

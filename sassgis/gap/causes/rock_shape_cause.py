@@ -7,19 +7,24 @@ from contextlib import suppress
 import numpy as np
 
 from sassgis.engine.effects.rock_shape import RockShape
-from sassgis.gap.causes.cause import Cause, Scores, Trace, Unseen, fitted_alone
-from sassgis.gap.causes.cause_residuals import (
+from sassgis.gap.causes.cause import (
+    Cause,
+    Fit,
+    Range,
+    Scores,
+    Trace,
+    Unseen,
     beyond_any_law,
     contact_gaps,
+    fitted_alone,
     late_by_rock,
     over_scatter,
     reach_gaps,
     standardised,
 )
-from sassgis.gap.causes.parameter_draws import Fit, Range
 from sassgis.gap.observations.case import Case
-from sassgis.gap.residuals.residuals import per_rock
-from sassgis.gap.residuals.table import ResidualTable
+from sassgis.gap.residuals.residual_table import ResidualTable
+from sassgis.gap.residuals.rock_residuals import per_rock
 
 FIT = Fit(
     ranges={"strength": Range(0.08, 3.0, "log")},

@@ -5,21 +5,28 @@ from __future__ import annotations
 import numpy as np
 
 from sassgis.engine.effects.roughness import Roughness
-from sassgis.gap.causes.cause import Cause, CausePart, Scores, Trace, part_of
-from sassgis.gap.causes.cause_residuals import (
+from sassgis.gap.causes.cause import (
+    Cause,
+    CausePart,
+    Fit,
+    ParameterDraws,
+    Range,
+    Scores,
+    Trace,
     beyond_any_law,
     contact_gaps,
     late_by_rock,
+    loose_classes,
+    on_its_classes,
     over_scatter,
+    part_of,
     reach_gaps,
     sizes,
     standardised,
 )
-from sassgis.gap.causes.ground_classes import loose_classes, on_its_classes
-from sassgis.gap.causes.parameter_draws import Fit, ParameterDraws, Range
 from sassgis.gap.observations.case import Case
-from sassgis.gap.residuals.residuals import per_rock
-from sassgis.gap.residuals.table import ResidualTable
+from sassgis.gap.residuals.residual_table import ResidualTable
+from sassgis.gap.residuals.rock_residuals import per_rock
 
 FIT = Fit(
     ranges={"obstacle_m": Range(0.05, 1.5, "log"), "wavelength_m": Range(0.8, 6.0, "log")},

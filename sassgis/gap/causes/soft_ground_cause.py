@@ -5,14 +5,28 @@ from __future__ import annotations
 import numpy as np
 
 from sassgis.engine.effects.soft_ground import SoftGround
-from sassgis.gap.causes.cause import LEAST, Cause, CausePart, Scores, Trace, Unseen, part_of
-from sassgis.gap.causes.cause_residuals import contact_gaps, over_scatter, reach_gaps, sizes
-from sassgis.gap.causes.ground_classes import HARD, on_its_classes, soft_first
-from sassgis.gap.causes.parameter_draws import Fit, ParameterDraws, Range
-from sassgis.gap.inference.rock_tests import t_statistics
+from sassgis.gap.causes.cause import (
+    HARD,
+    LEAST,
+    Cause,
+    CausePart,
+    Fit,
+    ParameterDraws,
+    Range,
+    Scores,
+    Trace,
+    Unseen,
+    contact_gaps,
+    on_its_classes,
+    over_scatter,
+    part_of,
+    reach_gaps,
+    sizes,
+    soft_first,
+)
 from sassgis.gap.observations.case import Case
-from sassgis.gap.residuals.residuals import mean_of_draws, per_rock
-from sassgis.gap.residuals.table import ResidualTable
+from sassgis.gap.residuals.residual_table import ResidualTable
+from sassgis.gap.residuals.rock_residuals import mean_of_draws, per_rock, t_statistics
 
 FIT = Fit(
     ranges={

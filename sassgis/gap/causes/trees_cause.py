@@ -15,22 +15,24 @@ from sassgis.gap.causes.cause import (
     SHIFT,
     Cause,
     CausePart,
+    Fit,
+    ParameterDraws,
+    Range,
     Scores,
     Trace,
     Unseen,
+    loss_of_flights,
     part_of,
+    reaches_between,
+    rounded,
     usual_scatter,
+    wrong_on_one,
 )
-from sassgis.gap.causes.cause_residuals import loss_of_flights, wrong_on_one
-from sassgis.gap.causes.ground_classes import reaches_between
-from sassgis.gap.causes.parameter_draws import Fit, ParameterDraws, Range, rounded
-from sassgis.gap.inference.rock_tests import t_statistics
+from sassgis.gap.forward.hypothesis_model import ForestStand, HypothesisModel
 from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case
-from sassgis.gap.replicas.hypothesis_model import ForestStand, HypothesisModel
-from sassgis.gap.residuals.residuals import per_rock
-from sassgis.gap.residuals.steps import MODEL_FLIGHT, StepTable
-from sassgis.gap.residuals.table import ResidualTable
+from sassgis.gap.residuals.residual_table import MODEL_FLIGHT, ResidualTable, StepTable
+from sassgis.gap.residuals.rock_residuals import per_rock, t_statistics
 from sassgis.model.grid import FloatArray
 
 FIT = Fit(

@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.gap.observations.allowances import (
+from sassgis.gap.observations.case import Case
+from sassgis.gap.observations.hops import ContactRows, contacts_of
+from sassgis.gap.observations.observed import (
     MASS_ERROR_REL,
     POSITION_ERROR_M,
     SPEED_ERROR_REL,
+    deposit_masses_kg,
     stated_or,
 )
-from sassgis.gap.observations.case import Case
-from sassgis.gap.observations.hops import ContactRows, contacts_of
-from sassgis.gap.observations.observed import deposit_masses_kg
 from sassgis.model.grid import FloatArray, IntArray
 
 #: Kinds of block: the rock itself, a piece of it, a block that belongs to no rock.

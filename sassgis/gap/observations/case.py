@@ -3,24 +3,44 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
-from dataclasses import dataclass
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
 from sassgis.engine.simulate_paths import PathTerrain
-from sassgis.gap.observations.observed import Observations
-from sassgis.gap.observations.projection import Projected, StationChainages
+from sassgis.gap.observations.observed import DENSITY_KGM3, GRAVITY, Observations, rock_masses_kg
+from sassgis.gap.observations.projection import (
+    PROLONG_M,
+    Projected,
+    StationChainages,
+    observed_release_points,
+    project_observations,
+    prolonged,
+    station_chainages,
+)
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.effects import EffectSettings
+from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.ground import GroundTable
-from sassgis.model.map_run import Forest
-from sassgis.model.profiles import ProfileSet, TraceSet
+from sassgis.model.map_run import Forest, MapRun
+from sassgis.model.profiles import ProfileSet, ReleasePoints, TraceSet
+from sassgis.model.results import ControlLine
 from sassgis.model.settings import EngineSettings
+from sassgis.terrain.fall_lines import fall_line_surface, trace
+from sassgis.terrain.plan import plan
+from sassgis.terrain.prepare import prepare_lines
+from sassgis.terrain.release import point_keys, take
 
 #: Groups from which on a group counts as one: fewer say nothing of their scatter.
 _FEWEST_GROUPS = 3
+#: Ground further down than this many times the furthest observed run-out is not calibrated.
+_BEYOND = 1.5
+#: Share of the length of the fall lines below which a class is not calibrated.
+_LEAST_SHARE = 0.02
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,3 +190,179 @@ class Case:
             kind[rows] = self.profiles.ground[first + j]
             dip[rows] = -np.arctan2(np.diff(vertex_z)[j], np.diff(vertex_s)[j])
         return kind, dip
+
+
+def case_of(run: MapRun, seen: Observations, file: Path) -> Case:
+    """Put a configuration and observations together; ``file`` is what messages call these.
+
+    Raises
+    ------
+    InputError
+        If there is no rock whose fall line can be traced.
+    """
+    if not seen.rock_names:
+        raise InputError(
+            "no rocks: neither a table of rocks nor any row with a rock_id",
+            file=file,
+            field="rocks",
+            expected="one row or more",
+        )
+    traces, line, moved = _fall_lines(run, seen, file)
+    prepared = prepare_lines(run, traces)
+    stations = station_chainages(traces, seen.stations, prolong_m=PROLONG_M)
+    masses = rock_masses_kg(seen)
+    row = {name: i for i, name in enumerate(seen.rocks.rock_id.tolist())}
+    blocks = tuple(
+        _observed(replace(run.blocks[0], name=name), seen, row.get(name), float(mass))
+        for name, mass in zip(seen.rock_names, masses, strict=True)
+    )
+    radius = np.array([_radius(b) for b in blocks], np.float64)
+    case = Case(
+        observations=seen,
+        grid=run.grid,
+        table=run.table,
+        engine=run.engine,
+        effects=run.effects,
+        forest=run.forest,
+        traces=traces,
+        profiles=prepared.profiles,
+        line=line,
+        blocks=blocks,
+        start=prepared.starts(moved)[line],
+        mass_kg=masses,
+        radius_m=radius,
+        stations=stations,
+        projected=project_observations(seen, traces, line, grid=run.grid, prolonged=run.followed),
+    )
+    case = replace(case, met=classes_met(case))
+    if not run.followed:
+        return case
+    traced = station_traces(case)
+    terrain = PathTerrain(
+        run.heights, run.ground, run.terrain.segment_tolerance_m, traced, run.forest
+    )
+    return replace(case, terrain=terrain)
+
+
+def drop_and_density(blocks: Sequence[BlockPopulation]) -> tuple[float, float]:
+    """Height above the ground from which blocks are let go, at most (m), and density (kg/m³).
+
+    A speed counts as its height; densities as the mean of the middles of their limits.
+    """
+    heights = (own.drop_m[1] + own.speed_mps[1] ** 2 / (2.0 * GRAVITY) for own in blocks)
+    middles = [middle for own in blocks if (middle := 0.5 * sum(own.density_kgm3)) > 0.0]
+    return max(heights, default=0.0), sum(middles) / len(middles) if middles else DENSITY_KGM3
+
+
+def classes_met(case: Case) -> tuple[str, ...]:
+    """Classes on the fall lines of the rocks, as far down as rocks can have come."""
+    stops = case.projected["deposits"].s if "deposits" in case.projected else np.empty(0)
+    known = np.concatenate([case.station_s.ravel(), stops])
+    known = known[np.isfinite(known)]
+    length = np.zeros(len(case.table.classes))
+    if "impacts" in case.projected:
+        rock, s = case.observations.rock_of("impacts"), case.projected["impacts"].s
+        own = (rock >= 0) & np.isfinite(s)
+        kind, _ = case.ground_at(rock[own], s[own])
+        np.add.at(length, kind[kind >= 0], 1.0)
+    # Impacts alone say nothing of ground without any.
+    limit = _BEYOND * float(known.max()) if known.size else 0.0
+    for line in np.unique(case.line).tolist():
+        first, last = (int(v) for v in case.profiles.offset[line : line + 2])
+        ends_s = np.clip(case.profiles.s[first:last], 0.0, limit)
+        np.add.at(length, case.profiles.ground[first : last - 1], np.diff(ends_s))
+    return tuple(
+        c.name
+        for c, own in zip(case.table.classes, length.tolist(), strict=True)
+        if own > _LEAST_SHARE * length.sum()
+    )
+
+
+def station_traces(case: Case) -> list[tuple[ControlLine, FloatArray]]:
+    """The stations on the map, prolonged, in the order of their names in the case."""
+    vertices = case.observations.stations.vertices
+    return [
+        (ControlLine(name, "station"), prolonged(vertices[row], PROLONG_M))
+        for name, row in zip(case.station_names, case.station_order.tolist(), strict=True)
+    ]
+
+
+def _fall_lines(
+    run: MapRun, observations: Observations, file: Path
+) -> tuple[TraceSet, IntArray, FloatArray]:
+    """Fall lines, the line of each rock: its own, or one of the configured release points.
+
+    The last array is of each line: how far up the slope from the release point it begins (m).
+    """
+    points, rock = observed_release_points(observations)
+    line = np.full(len(observations.rock_names), -1, np.int64)
+    if len(points):
+        places = np.column_stack([points.x, points.y])
+        unique, which = np.unique(places, axis=0, return_inverse=True)
+        keys = np.concatenate([point_keys(f"{x:.3f} {y:.3f}", 1) for x, y in unique])
+        numbers = np.arange(len(unique), dtype=np.int64)
+        x, y = (unique[:, k].copy() for k in (0, 1))
+        starts = ReleasePoints(x, y, numbers, keys, tuple(map(str, numbers.tolist())))
+        line[rock] = which.ravel()
+        moved = np.zeros(len(unique))
+    else:
+        planned = plan(run)
+        starts, moved = planned.starts, planned.moved
+    surface = fall_line_surface(run.grid, run.terrain)
+    good = prepare_lines(run, trace(run.grid, surface, starts, run.terrain)).good
+    if not good.any():
+        raise InputError(
+            "no fall line can be traced from the release points",
+            file=file,
+            field="rocks.x, rocks.y",
+            found=f"{len(starts)} points",
+            expected="points on the terrain model, on a slope",
+        )
+    line[(line >= 0) & ~good[line]] = -1
+    # A rock of unknown release may have come from any of the places: they take turns.
+    loose = np.flatnonzero(line < 0)
+    line[loose] = np.resize(np.flatnonzero(good), loose.size)
+    used, line = np.unique(line, return_inverse=True)
+    traces = trace(run.grid, surface, take(starts, used), run.terrain)
+    return traces, line.ravel().astype(np.int64), moved[used]
+
+
+def _observed(
+    block: BlockPopulation, observations: Observations, i: int | None, mass: float
+) -> BlockPopulation:
+    """The population of one rock: what was observed is fixed, the rest is drawn as configured.
+
+    ``i`` is its row in the table of rocks, ``mass`` (kg) is NaN where it is unknown.
+    """
+    if i is None:
+        return block
+    rocks = observations.rocks
+    axes = [float(getattr(rocks, f"semi_axis_{c}_m")[i]) for c in "abc"]
+    density = float(rocks.density_kgm3[i])
+    speed = float(rocks.release_speed_mps[i])
+    changes: dict[str, object] = {}
+    if math.isfinite(density):
+        changes["density_kgm3"] = (density, density)
+    if math.isfinite(speed):
+        changes["speed_mps"] = (speed, speed)
+    if all(math.isfinite(a) for a in axes):
+        changes.update({f"axis_{j + 1}_m": (a, a) for j, a in enumerate(axes)})
+        changes["volume_m3"] = changes["volume_exponent"] = None
+    elif math.isfinite(mass):
+        volume = float(rocks.volume_m3[i])
+        if not math.isfinite(volume):
+            middle = 0.5 * sum(block.density_kgm3) or DENSITY_KGM3
+            volume = mass / (density if math.isfinite(density) else middle)
+        changes["volume_m3"] = (volume, volume)
+        changes["volume_exponent"] = None
+    return replace(block, **changes)  # type: ignore[arg-type]
+
+
+def _radius(block: BlockPopulation) -> float:
+    """Radius of the sphere of equal volume of a rock in the middle of its limits (m)."""
+    if block.volume_m3 is not None:
+        volume = 0.5 * sum(block.volume_m3)
+    else:
+        limits = (block.axis_1_m, block.axis_2_m, block.axis_3_m)
+        volume = 4.0 / 3.0 * math.pi * math.prod(0.5 * sum(axis) for axis in limits)
+    return float(np.cbrt(3.0 * volume / (4.0 * math.pi)))

@@ -12,9 +12,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sassgis.gap.observations.allowances import GRAVITY
-from sassgis.gap.observations.observation_finding import ObservationFinding
-from sassgis.gap.observations.observed import Observations, rock_radii_m
+from sassgis.gap.observations.observed import (
+    GRAVITY,
+    ObservationFinding,
+    Observations,
+    rock_radii_m,
+)
 from sassgis.gap.observations.tables import Passages
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.profiles import TraceSet

@@ -8,22 +8,24 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.gap.observations.allowances import (
+from sassgis.gap.observations.hops import contact_order, contacts_of, hops_of
+from sassgis.gap.observations.observed import (
     GRAVITY,
     HEIGHT_ERROR_M,
     POSITION_ERROR_M,
+    RULES,
     SIGMAS,
     SPEED_ERROR_REL,
+    ObservationFinding,
+    Observations,
     height_errors_m,
     heights_m,
+    rock_masses_kg,
+    rock_radii_m,
     stated_or,
     station_heights_m,
     tops_m,
 )
-from sassgis.gap.observations.hops import contact_order, contacts_of, hops_of
-from sassgis.gap.observations.observation_finding import ObservationFinding
-from sassgis.gap.observations.observed import Observations, rock_masses_kg, rock_radii_m
-from sassgis.gap.observations.rules import RULES
 from sassgis.gap.observations.tables import TABLES, Column
 from sassgis.model.grid import FloatArray, Grid, IntArray
 

@@ -167,7 +167,7 @@ class Rocks(Table):
     key: ClassVar[tuple[str, ...]] = ("rock_id",)
     required: ClassVar[tuple[str, ...]] = ("rock_id",)
     quantities: ClassVar[Mapping[str, tuple[str, ...]]] = {
-        "release_speed_mps": ("release_speed_mps",),
+        "release_speed_mps": ("release_speed_mps",)
     }
     row: IntArray
     rock_id: Annotated[TextArray, _ROCK]

@@ -18,12 +18,12 @@ from numpy.lib.stride_tricks import sliding_window_view
 from sassgis.engine.effects.registry import EFFECTS
 from sassgis.engine.effects.trees import Trees
 from sassgis.engine.simulate import simulate
+from sassgis.gap.forward.released_rocks import fixed_blocks
+from sassgis.gap.forward.rock_lines import repeated
 from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case
-from sassgis.gap.replicas.released_rocks import fixed_blocks
-from sassgis.gap.replicas.rock_lines import repeated
-from sassgis.gap.residuals.free_run import RunModel
-from sassgis.gap.residuals.residuals import Residual, beyond, mean_of_draws
+from sassgis.gap.residuals.rock_residuals import Residual, beyond, mean_of_draws
+from sassgis.gap.residuals.stop_residuals import RunModel
 from sassgis.model.grid import BoolArray, FloatArray, IntArray
 from sassgis.model.profiles import ControlLineCrossings
 from sassgis.model.results import ControlLine

@@ -8,8 +8,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from sassgis.gap.which.cause_weights import CauseWeights, weights_of
-from sassgis.gap.which.verdict import Thresholds
+from sassgis.gap.verdict.verdict import CauseWeights, Thresholds, weights_of
 from sassgis.model.errors import InputError
 
 #: Chosen on batteries of development, and frozen for all that is reported.

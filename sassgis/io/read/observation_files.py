@@ -18,8 +18,12 @@ import pandas as pd
 
 from sassgis.gap.observations.checks import check_observations, empty_tables
 from sassgis.gap.observations.hops import with_passages
-from sassgis.gap.observations.observation_finding import ObservationFinding
-from sassgis.gap.observations.observed import DENSITY_KGM3, Observations, without
+from sassgis.gap.observations.observed import (
+    DENSITY_KGM3,
+    ObservationFinding,
+    Observations,
+    without,
+)
 from sassgis.gap.observations.tables import TABLES, Metadata, Table
 from sassgis.io.read.csv_table import csv_cells
 from sassgis.io.read.observation_values import KEY, RawTable, metadata_of, table_of

@@ -17,7 +17,7 @@ import pandas as pd
 import shapely
 from numpy.typing import NDArray
 
-from sassgis.gap.observations.observation_finding import LeftOut, Level, ObservationFinding
+from sassgis.gap.observations.observed import LeftOut, Level, ObservationFinding
 from sassgis.gap.observations.tables import (
     METADATA_KEYS,
     METADATA_TEXTS,

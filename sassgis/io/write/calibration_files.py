@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import sassgis
-from sassgis.gap.calibration.class_calibration import SiteCalibration, SiteResult
-from sassgis.gap.calibration.fit_errors import SHARES, QuantityErrors
+from sassgis.gap.fit.class_calibration import SiteCalibration, SiteResult
+from sassgis.gap.fit.fit_errors import SHARES, QuantityErrors
 from sassgis.io.atomic_output import write_json, write_text
 from sassgis.io.write.config_template import written_document
 from sassgis.io.write.gap_files import classes_csv, write_runnable
@@ -59,8 +59,8 @@ def _site(site: SiteResult) -> dict[str, Any]:
         "name": site.name,
         "rocks": site.rocks,
         "tables": site.tables,
-        "score": site.fit.score,
-        "own_score": site.fit.own_score,
+        "score": site.score,
+        "own_score": site.own_score,
         "own_parameters": site.own,
         "gain_left_out": site.gain,
         "scores": [

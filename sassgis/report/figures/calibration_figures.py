@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sassgis.gap.calibration.identifiability import Fitted
+from sassgis.gap.fit.identifiability import Fitted
 from sassgis.model.grid import FloatArray
 from sassgis.report.figures.style import (
     BLUE,

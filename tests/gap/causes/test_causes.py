@@ -10,19 +10,18 @@ import pytest
 
 from sassgis.engine.effects.registry import EFFECTS
 from sassgis.engine.effects.wind import Wind
-from sassgis.gap.calibration.problem import CalibrationProblem
+from sassgis.gap.advice.measure_next import what_is_identifiable
 from sassgis.gap.causes import all_causes
-from sassgis.gap.causes.all_causes import CAUSES
-from sassgis.gap.causes.cause import Cause, Scores, Trace, fitted_alone
+from sassgis.gap.causes.all_causes import CAUSES, GROUPS
+from sassgis.gap.causes.cause import Cause, Fit, ParameterDraws, Range, Scores, Trace, fitted_alone
 from sassgis.gap.causes.extra_blocks import FRAGMENTATION
-from sassgis.gap.causes.parameter_draws import Fit, ParameterDraws, Range
+from sassgis.gap.fit import hypothesis_fit
+from sassgis.gap.fit.site_data import SiteData
+from sassgis.gap.forward.hypothesis_model import configured_model
 from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.tables import TABLES
-from sassgis.gap.replicas.hypothesis_model import configured_model
-from sassgis.gap.residuals.table import residuals_of
-from sassgis.gap.which import fingerprints as tests_of
-from sassgis.gap.which import hypotheses, identifiable
-from sassgis.gap.which.verdict import GROUPS, place_of
+from sassgis.gap.residuals.residual_table import residuals_of
+from sassgis.gap.verdict.verdict import fingerprints, place_of
 from sassgis.gap.words import effect_name, effect_phrase
 from sassgis.io.read.gap_thresholds import cause_weights_of, read_thresholds
 
@@ -50,24 +49,22 @@ def wind(monkeypatch: pytest.MonkeyPatch) -> Iterator[Cause]:
     """A row more, as an import of the registry would have it."""
     monkeypatch.setitem(all_causes.CAUSES, "wind", WIND)  # type: ignore[arg-type]
     monkeypatch.setitem(all_causes.STATISTICS, "rocks are blown", "wind")  # type: ignore[arg-type]
-    monkeypatch.setattr(hypotheses, "FAMILIES", (*all_causes.FAMILIES, "wind"))
+    monkeypatch.setattr(hypothesis_fit, "FAMILIES", (*all_causes.FAMILIES, "wind"))
     yield WIND
 
 
 def test_a_row_is_a_hypothesis_a_fingerprint_a_weight_and_words(
-    wind: Cause, problem: CalibrationProblem
+    wind: Cause, problem: SiteData
 ) -> None:
     case = problem.case
-    assert "wind" in hypotheses.families_to_try(case)
+    assert "wind" in hypothesis_fit.families_to_try(case)
     draws = ParameterDraws(np.random.default_rng(3))
-    made = hypotheses.draw(case, ("wind",), draws)
+    made = hypothesis_fit.draw(case, ("wind",), draws)
     speed = made.parameters["acceleration_mps2"]
     # Drawn values are those that a configuration states, to six digits.
     assert speed == pytest.approx(0.1 * 20.0 ** draws.used["wind.acceleration_mps2"], rel=1e-5)
     assert made.model.effects.get(Wind) == Wind(speed)
-    found = tests_of.fingerprints(
-        case, residuals_of(case, configured_model(case), seed=5, replicates=4)
-    )
+    found = fingerprints(case, residuals_of(case, configured_model(case), seed=5, replicates=4))
     shown = {f.statistic: f for f in found}["rocks are blown"]
     assert shown.effect == "wind" and shown.p_adjusted < 1e-6
     # Every cause is weighed alike, one that no site had as well.
@@ -78,7 +75,7 @@ def test_a_row_is_a_hypothesis_a_fingerprint_a_weight_and_words(
     assert effect_phrase("wind") == EFFECTS["wind"].summary
     assert place_of("wind", case, [made], ()) == ("flight", case.reaches)
     without = replace(case.observations, trajectories=case.observations.trajectories.take([]))
-    text = " ".join(identifiable.what_is_identifiable(without).not_identifiable)
+    text = " ".join(what_is_identifiable(without).not_identifiable)
     assert "No trajectories: no fingerprint is seen of wind." in text
 
 
@@ -99,7 +96,7 @@ def test_numbers_differ_and_fit_into_those_of_campaigns() -> None:
     assert len(all_causes.STATISTICS) == sum(len(c.statistics) for c in CAUSES.values())
 
 
-def test_what_is_drawn_are_values_that_settings_take(problem: CalibrationProblem) -> None:
+def test_what_is_drawn_are_values_that_settings_take(problem: SiteData) -> None:
     """At both ends of every range, in every form."""
 
     class End(ParameterDraws):
@@ -120,7 +117,7 @@ def test_what_is_drawn_are_values_that_settings_take(problem: CalibrationProblem
             assert len(forms) > 2, name
 
 
-def test_pieces_are_whole(problem: CalibrationProblem) -> None:
+def test_pieces_are_whole(problem: SiteData) -> None:
     for seed in range(20):
         part = FRAGMENTATION.draw(problem.case, ParameterDraws(np.random.default_rng(seed)))
         assert isinstance(part.parameters.get("pieces", 2), int)

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from helpers.simulated_slope import observed, with_metadata, with_observed, with_rows
 
-from sassgis.gap.calibration.problem import CalibrationProblem
 from sassgis.gap.causes.all_causes import CAUSES
 from sassgis.gap.causes.cause import LEAST, Scoring, Unseen
 from sassgis.gap.causes.measurement_error_cause import (
@@ -19,10 +18,11 @@ from sassgis.gap.causes.measurement_error_cause import (
     _passing,
     _speed_ratios,
 )
-from sassgis.gap.ladder.hypothesis_fit import draw_of, space_of
+from sassgis.gap.fit.hypothesis_fit import draw_of, space_of
+from sassgis.gap.fit.site_data import SiteData
 from sassgis.gap.observations.case import Case
-from sassgis.gap.residuals.table import ResidualTable
-from sassgis.gap.which.fingerprints import _tested
+from sassgis.gap.residuals.residual_table import ResidualTable
+from sassgis.gap.verdict.verdict import _tested
 
 NO_RESIDUALS: ResidualTable = None  # type: ignore[assignment]
 
@@ -64,7 +64,7 @@ def test_a_scale_of_the_stations_is_seen_where_films_state_no_speed() -> None:
             _passing(with_rows(seen, "trajectories", kept), NO_RESIDUALS)
 
 
-def test_the_scale_that_a_fingerprint_measures_is_held(problem: CalibrationProblem) -> None:
+def test_the_scale_that_a_fingerprint_measures_is_held(problem: SiteData) -> None:
     seen = observed(20, 3)
     track = seen.observations.trajectories
     fast = with_observed(seen, trajectories=replace(track, speed_mps=1.3 * track.speed_mps))

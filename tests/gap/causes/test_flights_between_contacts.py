@@ -8,11 +8,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sassgis.gap.calibration.problem import CalibrationProblem
-from sassgis.gap.replicas.hypothesis_model import configured_model
-from sassgis.gap.residuals.steps import MODEL_FLIGHT, StepTable
-from sassgis.gap.residuals.table import ResidualTable, residuals_of
-from sassgis.gap.which.fingerprints import fingerprints
+from sassgis.gap.fit.site_data import SiteData
+from sassgis.gap.forward.hypothesis_model import configured_model
+from sassgis.gap.residuals.residual_table import (
+    MODEL_FLIGHT,
+    ResidualTable,
+    StepTable,
+    residuals_of,
+)
+from sassgis.gap.verdict.verdict import fingerprints
 
 STRUCK = "energy lost at once, on few flights"
 SCALE = "speeds against the falls between contacts, too high for all"
@@ -21,7 +25,7 @@ FALL_M, SPEED2, ERROR = 4.0, 200.0, 0.02
 
 
 @pytest.fixture(scope="module")
-def base(problem: CalibrationProblem) -> ResidualTable:
+def base(problem: SiteData) -> ResidualTable:
     return residuals_of(problem.case, configured_model(problem.case), seed=5, replicates=4)
 
 
@@ -44,7 +48,7 @@ def flights(rise_m: NDArray[np.float64], kept: NDArray[np.float64], scale: float
     )
 
 
-def z_of(problem: CalibrationProblem, base: ResidualTable, seen: StepTable) -> dict[str, float]:
+def z_of(problem: SiteData, base: ResidualTable, seen: StepTable) -> dict[str, float]:
     # Flights of the model itself would set what a null site shows; here there are none.
     other = base.steps.where(~np.isin(base.steps.step, ("flight", MODEL_FLIGHT)))
     joined = StepTable(
@@ -60,7 +64,7 @@ def some(share: float) -> NDArray[np.bool_]:
 
 @pytest.mark.parametrize(("rise_m", "tree"), [(0.25, False), (2.0, True)])
 def test_what_is_lost_on_low_hops_is_no_tree(
-    problem: CalibrationProblem, base: ResidualTable, rise_m: float, tree: bool
+    problem: SiteData, base: ResidualTable, rise_m: float, tree: bool
 ) -> None:
     struck = some(0.06)
     rise = np.where(struck, rise_m, 2.0)
@@ -68,9 +72,7 @@ def test_what_is_lost_on_low_hops_is_no_tree(
     assert z[STRUCK] > 3.0 if tree else z[STRUCK] < 0.0
 
 
-def test_low_hops_alone_say_nothing_of_trees(
-    problem: CalibrationProblem, base: ResidualTable
-) -> None:
+def test_low_hops_alone_say_nothing_of_trees(problem: SiteData, base: ResidualTable) -> None:
     low = np.full(ROCKS * EACH, 0.2)
     assert STRUCK not in z_of(problem, base, flights(low, np.where(some(0.5), 0.5, 1.0), 1.0))
 
@@ -79,7 +81,7 @@ def test_low_hops_alone_say_nothing_of_trees(
     (1.0, 0.0, False), (1.0, 0.3, False), (1.15, 0.0, True), (1.15, 0.05, True), (0.85, 0.0, False),
 ])  # fmt: skip
 def test_speeds_that_are_too_high_gain_more_than_they_fall(
-    problem: CalibrationProblem, base: ResidualTable, scale: float, lost: float, found: bool
+    problem: SiteData, base: ResidualTable, scale: float, lost: float, found: bool
 ) -> None:
     kept = np.where(some(lost), 0.7, 1.0)
     seen = flights(np.full(ROCKS * EACH, 2.0), kept, scale)

@@ -26,10 +26,13 @@ from helpers.simulated_slope import (
 
 from sassgis.engine.simulate_paths import PathTerrain
 from sassgis.engine.state import END, EVENT_DTYPE, FLIGHT, IMPACT, ROLLING
-from sassgis.gap.calibration.problem import problem_of
-from sassgis.gap.calibration.site_summary import summary_of
+from sassgis.gap.advice.measure_next import what_is_identifiable
+from sassgis.gap.fit.linear_fit import summary_of
+from sassgis.gap.fit.site_data import site_data_of
+from sassgis.gap.forward.observation_operator import campaigns, contacts_in
+from sassgis.gap.forward.rock_lines import rock_lines_of
 from sassgis.gap.observations.campaign import Campaign, observed_campaign
-from sassgis.gap.observations.case import Case
+from sassgis.gap.observations.case import Case, station_traces
 from sassgis.gap.observations.checks import check_observations
 from sassgis.gap.observations.hops import (
     ContactRows,
@@ -41,11 +44,6 @@ from sassgis.gap.observations.hops import (
 )
 from sassgis.gap.observations.observed import Observations
 from sassgis.gap.observations.tables import Contacts, Rocks, Stations
-from sassgis.gap.replicas.campaigns import campaigns
-from sassgis.gap.replicas.recorded import contacts_in
-from sassgis.gap.replicas.released_rocks import station_traces
-from sassgis.gap.replicas.rock_lines import rock_lines_of
-from sassgis.gap.which.identifiable import what_is_identifiable
 from sassgis.io.read.observation_files import read_observations
 from sassgis.terrain.heights import heights_at
 
@@ -399,7 +397,7 @@ NAMES = [
 
 def test_calibration_compares_numbers_of_contacts(with_contacts: Case) -> None:
     problem, bare = (
-        problem_of(case, 2)
+        site_data_of(case, 2)
         for case in (with_contacts, with_observed(with_contacts, contacts=Contacts.of()))
     )
     assert [n for n in problem.scale.names if n not in bare.scale.names] == [
@@ -425,7 +423,7 @@ def test_calibration_compares_numbers_of_contacts(with_contacts: Case) -> None:
 def test_rocks_without_contacts_are_not_rocks_without_motion(with_contacts: Case) -> None:
     table = with_contacts.observations.contacts
     case = with_observed(with_contacts, contacts=table.take(table.rock_id != "R3"))
-    problem = problem_of(case, 2)
+    problem = site_data_of(case, 2)
     i = problem.scale.names.index("contacts:contacts")
     assert problem.unseen[:, i].tolist() == [r == 3 for r in range(case.n_rocks)]
     seen = observed_campaign(case).contacts

@@ -14,6 +14,8 @@ import pytest
 import shapely
 from helpers.observed_slope import LV95, NORTH, TABLES, TOP, at, setting
 
+from sassgis.gap.advice.measure_next import what_is_identifiable
+from sassgis.gap.observations.case import drop_and_density
 from sassgis.gap.observations.checks import check_observations
 from sassgis.gap.observations.observed import (
     Observations,
@@ -31,7 +33,6 @@ from sassgis.gap.observations.tables import (
     Rocks,
     Trajectories,
 )
-from sassgis.gap.which.identifiable import what_is_identifiable
 from sassgis.io.read.observation_files import read_observations, validate_observations
 from sassgis.io.read.observation_values import RawTable, table_of
 from sassgis.io.write.geopackage import FIXED_TIME
@@ -39,7 +40,6 @@ from sassgis.io.write.observation_template import observations_template
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.errors import InputError, OutputError
 from sassgis.model.grid import Grid
-from sassgis.runs.gap_case import drop_and_density
 
 
 def lines(observations, grid=None):

@@ -15,10 +15,10 @@ from sassgis.engine.effects.soft_ground import SoftGround
 from sassgis.engine.ellipse import frame_of, inertia
 from sassgis.engine.impact import SCALE, impact
 from sassgis.engine.simulate import physics_of
-from sassgis.gap.residuals.free_run import RunModel, free_run, observed_at_stations
-from sassgis.gap.residuals.impact_step import impact_draws, orientation_at_contact
-from sassgis.gap.residuals.residuals import Residual, beyond, mean_of_draws, only_above, spread
-from sassgis.gap.residuals.table import reach_edges
+from sassgis.gap.residuals.impact_residuals import impact_draws, orientation_at_contact
+from sassgis.gap.residuals.residual_table import reach_edges
+from sassgis.gap.residuals.rock_residuals import Residual, beyond, mean_of_draws, only_above, spread
+from sassgis.gap.residuals.stop_residuals import RunModel, free_run, observed_at_stations
 from sassgis.model.effects import EffectSettings
 from sassgis.model.ground import GroundClass, GroundTable
 from sassgis.model.settings import EngineSettings

@@ -18,7 +18,8 @@ from helpers.samples import copy_sample
 from sassgis.hazard.along_profile import arrivals, passage_histogram, share_within
 from sassgis.io.read.config import load_config
 from sassgis.model.errors import ConfigError, InputError
-from sassgis.runs.profile_run import profile_from_csv, run_profile, simulate_profile
+from sassgis.runs.inputs import profile_from_csv
+from sassgis.runs.profile_run import run_profile, simulate_profile
 from sassgis.runs.run import run
 
 

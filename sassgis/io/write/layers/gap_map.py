@@ -11,9 +11,9 @@ import numpy as np
 import shapely
 
 from sassgis.gap.diagnosis import Diagnosis, GapFinding
+from sassgis.gap.forward.hypothesis_model import HypothesisModel
 from sassgis.gap.observations.case import Case
-from sassgis.gap.replicas.hypothesis_model import HypothesisModel
-from sassgis.gap.where.places import is_stretch, limits_on, line_stretch, used_lines
+from sassgis.gap.verdict.findings import is_stretch, limits_on, line_stretch, used_lines
 from sassgis.gap.words import finding_label, quantity_name, significance, tested_by
 from sassgis.io.vector_layer import VectorLayer, described_layer
 from sassgis.model.labels import rounded

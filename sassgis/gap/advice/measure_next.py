@@ -1,0 +1,420 @@
+"""Say what observations support, and what to measure next.
+
+For the latter, two calibrated models are released again, and seen where they differ most. Both fit
+what was observed, each with several draws of its parameters. What they would show elsewhere, or by
+quantities that were not measured, is simulated with the stated errors. A difference counts if the
+draws of one model do not differ as much; the number of rocks that would tell the models apart is
+then that of a test of one mean (level 5 %, power 80 %).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sassgis.gap.causes.all_causes import CAUSES
+from sassgis.gap.forward.hypothesis_model import HypothesisModel
+from sassgis.gap.forward.observation_operator import campaigns
+from sassgis.gap.forward.released_rocks import with_stations_at
+from sassgis.gap.forward.rock_lines import RockLines, control_lines_of
+from sassgis.gap.observations.campaign import WHOLE, Campaign, ImpactRows, observed_campaign
+from sassgis.gap.observations.case import Case
+from sassgis.gap.observations.observed import Observations, rock_masses_kg
+from sassgis.gap.residuals.rock_residuals import mean_of_draws, per_rock
+from sassgis.gap.words import effect_name
+from sassgis.model.grid import FloatArray
+from sassgis.model.languages import all_of, joined, phrase
+
+#: A gap of this many standard errors is found four times in five at the level of 5 %.
+_DETECTABLE = 1.96 + 0.84
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """A quantity that the observations hold."""
+
+    name: str
+    table: str
+    rocks: int  # on how many of them; unattributed blocks are not counted
+    values: int
+
+
+@dataclass(frozen=True, slots=True)
+class Identifiable:
+    """What observations support, and what not."""
+
+    rocks: int
+    unattributed: int  # blocks and passages that belong to none of the rocks
+    quantities: tuple[Quantity, ...]
+    #: Sentences: what is missing, and what is therefore not identifiable.
+    not_identifiable: tuple[str, ...]
+
+    def has(self, name: str, table: str | None = None) -> bool:
+        """Whether a quantity is there, in one table or in any."""
+        return any(q.name == name and table in (None, q.table) for q in self.quantities)
+
+
+def what_is_identifiable(observations: Observations) -> Identifiable:
+    """Which quantities the data support, and what they do not identify."""
+    quantities = []
+    unattributed = 0
+    for table, data in observations.tables.items():
+        for name, columns in data.quantities.items():
+            known = np.all([np.isfinite(data.numbers[c]) for c in columns], axis=0)
+            if known.any():
+                owner = observations.rock_of(table)[known]
+                rocks = int(np.unique(owner[owner >= 0]).size)
+                quantities.append(Quantity(name, table, rocks, int(known.sum())))
+        if data.may_be_loose:
+            unattributed += int((observations.rock_of(table) < 0).sum())
+    found = Identifiable(len(observations.rock_names), unattributed, tuple(quantities), ())
+    lacks = (
+        *_missing_of_releases(observations, found),
+        *_missing_at_stations(observations, found),
+        *_missing_on_the_path(found),
+        *_missing_of_rocks(observations),
+        *_causes_without_fingerprint(observations),
+    )
+    return replace(found, not_identifiable=lacks)
+
+
+def _missing_of_releases(observations: Observations, found: Identifiable) -> Iterable[str]:
+    rocks = observations.rocks
+    yield _sample_size(found.rocks)
+    if not len(rocks):
+        yield (
+            "No table of rocks: which block is a piece and which belongs to no release is not "
+            "known, so entrainment cannot be distinguished from fragmentation."
+        )
+    if not {"x", "y"} <= rocks.present:
+        yield (
+            "No release points: rocks have no fall line of their own, and an error of the release "
+            "cannot be distinguished from one of the motion."
+        )
+    if not found.has("release_speed_mps"):
+        yield "No release speeds: a wrong initial speed can only be inferred from further down."
+
+
+def _missing_at_stations(observations: Observations, found: Identifiable) -> Iterable[str]:
+    if not len(observations.stations) or not found.has("speed_mps", "passages"):
+        yield (
+            "No speeds at stations: the slope cannot be cut into reaches, and where between the "
+            "release and the stop a gap begins is not known."
+        )
+    elif len(observations.stations) == 1:
+        yield "One station: a gap lies above or below it, no closer than that."
+    if found.has("speed_mps", "passages") and not found.has("rotation_hz", "passages"):
+        yield "No rotation at stations: spin and the energy in it are not compared."
+    if found.has("speed_mps", "passages") and not found.has("height_m"):
+        yield "No heights at stations: flying and rolling passages are not kept apart."
+
+
+def _missing_on_the_path(found: Identifiable) -> Iterable[str]:
+    if not found.has("energy_kept"):
+        yield (
+            "No velocities before and after impacts: whether energy is lost in impacts, in flight "
+            "or in rolling is not seen directly, and soft ground, roughness and trees are kept "
+            "apart by their trends down the slope alone."
+        )
+    elif not found.has("spin_out_radps"):
+        yield "No spin before and after impacts: slip at the contact is not seen."
+    if not found.has("runout_m"):
+        yield "No deposits: run-out, its spread and stopping are not compared."
+    elif not (found.has("block_mass_kg") or found.has("block_volume_m3")):
+        yield "No sizes of deposited blocks: whether pieces sum up to their rock is not known."
+    if not (found.has("lateral_m") or found.has("turn_deg") or found.has("path_m")):
+        yield "No positions beside the fall line: lateral deflection is not seen."
+    if not found.has("flight_fit"):
+        yield (
+            "No trajectories in time: air drag and a wrong time base or scale of the measurement "
+            "are not seen in flight."
+        )
+
+
+#: Keys of ``metadata`` that state an error of measurement, by what was measured.
+_ERRORS = {
+    "positions": "position_error_m",
+    "speeds": "speed_error_rel",
+    "rotations": "rotation_error_rel",
+    "heights": "height_error_m",
+}
+
+
+def _missing_of_rocks(observations: Observations) -> Iterable[str]:
+    rocks = observations.rocks
+    masses = rock_masses_kg(observations)
+    known = masses[np.isfinite(masses)]
+    if known.size < 3:
+        yield "Fewer than three rocks with a mass: effects that go with mass are not identifiable."
+    elif float(np.std(np.log(known))) < 0.1:
+        yield phrase(
+            "All rocks have about the same mass ({} kg): effects that go with mass are not "
+            "identifiable.",
+            f"{np.median(known):.3g}",
+        )
+    if not {"semi_axis_a_m", "semi_axis_b_m", "semi_axis_c_m"} <= rocks.present:
+        yield "No semi-axes of the rocks: an effect of rock shape is not identifiable."
+    missing = [
+        what for what, key in _ERRORS.items() if math.isnan(getattr(observations.metadata, key))
+    ]
+    if missing:
+        whose = phrase("")
+        if len(missing) < len(_ERRORS):
+            whose = phrase(" of {}", all_of(missing))
+        yield phrase(
+            "Errors of measurement{} are not stated: noise of the measurement and scatter of the "
+            "rocks are kept apart by assumption only.",
+            whose,
+        )
+
+
+def _causes_without_fingerprint(observations: Observations) -> Iterable[str]:
+    """Causes that leave nothing in the tables that are there, and what each would take."""
+    unseen: dict[tuple[str, ...], list[str]] = {}
+    for cause in CAUSES.values():
+        lacks = [
+            [name for name in own.tables if not len(observations.tables[name])]
+            for own in cause.statistics
+        ]
+        # The law of the contact is that of the base: it has none.
+        if lacks and all(lacks):
+            fewest = lacks[int(np.argmin([len(own) for own in lacks]))]
+            unseen.setdefault(tuple(fewest), []).append(cause.words[0])
+    for tables, names in unseen.items():
+        causes = joined(", ", map(phrase, names))
+        yield phrase("No {}: no fingerprint is seen of {}.", all_of(tables), causes)
+
+
+def _sample_size(rocks: int) -> str:
+    if rocks == 0:
+        return "No rocks: nothing can be compared rock by rock."
+    if rocks == 1:
+        return "One rock: its scatter is unknown, and no gap can be distinguished from chance."
+    return phrase(
+        "{} rocks: a gap of the mean below {} standard deviations, or of a share of half of the "
+        "rocks below {} percentage points, is likely to go unseen (power 80 %, level 5 %, one "
+        "comparison).",
+        rocks,
+        f"{_DETECTABLE / math.sqrt(rocks):.2f}",
+        f"{100.0 * min(1.0, _DETECTABLE * 0.5 / math.sqrt(rocks)):.0f}",
+    )
+
+
+#: Stations that are tried, as shares of the way to the middle of the stops; the nearest that an
+#: existing one may lie (the same share).
+_PLACES, _NEAR = (0.2, 0.4, 0.6, 0.8), 0.08
+#: Draws of each model, and campaigns of each draw: half of them choose the measurement, the others
+#: count.
+DRAWS, _CAMPAIGNS = 4, 4
+#: Campaigns have numbers from this on, so that they are no others.
+_NUMBER = 900
+#: Standard normal deviates of level and power, together.
+_SURE = 1.96 + 0.84
+#: Difference, in standard deviations of one rock, and in those of the draws of both models, below
+#: which nothing is recommended.
+_LEAST_DIFFERENCE, _LEAST_SURE = 0.2, 2.0
+_LEAST_ROCKS = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Separation:
+    """A measurement that tells two causes apart."""
+
+    one: str
+    other: str
+    what: str  # what is measured, in words; empty if nothing that was tried tells them apart
+    rocks: int  # that it takes
+
+    @property
+    def sentence(self) -> str:
+        """For the reader."""
+        pair = effect_name(self.one), effect_name(self.other)
+        if not self.what:
+            return phrase(
+                "Neither speeds, rotations, heights and impacts nor stops would tell {} from {} "
+                "(simulated).",
+                *pair,
+            )
+        return phrase(
+            "To tell {} from {}: {}, of about {} rocks (simulated).",
+            *pair, phrase(self.what), self.rocks,
+        )  # fmt: skip
+
+
+def separations(
+    case: Case, rock_lines: RockLines, models: Mapping[str, Sequence[HypothesisModel]], seed: int
+) -> tuple[Separation, ...]:
+    """What would best distinguish the first of several calibrated models from each of the others.
+
+    ``models``: draws that fit alike; the cause that is to be distinguished first.
+    """
+    causes = list(models)
+    if len(causes) < 2:
+        return ()
+    places = _places(case, rock_lines)
+    seen = {name: _shown(case, rock_lines, models[name], places, seed) for name in causes}
+    first, there = causes[0], _recorded(case)
+    return tuple(_best(first, name, seen[first], seen[name], there) for name in causes[1:])
+
+
+def _recorded(case: Case) -> dict[str, int]:
+    """Rocks of which impacts and stops were recorded, by what they show in words."""
+    # Stations that are tried are new ones.
+    seen = replace(observed_campaign(case), passages=None)
+    return {what: int(np.isfinite(v).sum()) for what, v in _quantities(seen, ())}
+
+
+def tables_to_add(case: Case, causes: Sequence[str]) -> tuple[str, ...]:
+    """Tables of observations that lack, and the causes that have a fingerprint in them."""
+    tables = case.observations.tables
+    shown: dict[tuple[str, ...], list[str]] = {}
+    for cause in (CAUSES[name] for name in causes if name in CAUSES):
+        needed = {
+            tuple(name for name in own.tables if not len(tables[name])): None
+            for own in cause.statistics
+        }
+        needed.pop((), None)
+        for lacks in needed:
+            # With fewer tables there is a fingerprint already.
+            if not any({*fewer} < {*lacks} for fewer in needed):
+                shown.setdefault(lacks, []).append(cause.words[0])
+    return tuple(
+        phrase(
+            "Not recorded yet, with fingerprints of {}: {}.",
+            joined(", ", map(phrase, names)),
+            all_of(lacks),
+        )
+        for lacks, names in shown.items()
+    )
+
+
+def _places(case: Case, rock_lines: RockLines) -> FloatArray:
+    """Chainages of stations at which nothing was measured yet (m)."""
+    stops = case.projected["deposits"].s if "deposits" in case.projected else np.empty(0)
+    known = stops[np.isfinite(stops)]
+    # Lines of followed paths have no end but that of the trace.
+    ends = case.traces.s[case.traces.offset[case.line + 1] - 1]
+    length = float(np.median(np.minimum(rock_lines.end, ends)))
+    way = float(np.median(known)) if known.size else 0.7 * length
+    used = case.station_names and len(case.observations.passages)
+    there = np.nanmedian(case.station_s, axis=0) if used else np.empty(0)
+    places = [p * way for p in _PLACES]
+    return np.array([s for s in places if not (np.abs(there - s) < _NEAR * way).any()])
+
+
+def _shown(
+    case: Case,
+    rock_lines: RockLines,
+    models: Sequence[HypothesisModel],
+    places: FloatArray,
+    seed: int,
+) -> dict[str, FloatArray]:
+    """What every rock shows in every campaign, by words, shape (DRAWS, _CAMPAIGNS, n_rocks)."""
+    there = with_stations_at(case, places)
+    names = [phrase("{} along the fall line", name) for name in there.station_names]
+    lines = replace(rock_lines, control_lines=control_lines_of(there))
+    chosen = [models[k % len(models)] for k in range(DRAWS)]
+    made = [
+        sample
+        for k, model in enumerate(chosen)
+        for sample in campaigns(
+            there, lines, model,
+            count=_CAMPAIGNS, seed=seed, number=_NUMBER + k, everywhere=True,
+        )
+    ]  # fmt: skip
+    rows = [dict(_quantities(sample, names)) for sample in made]
+    shape = DRAWS, _CAMPAIGNS, case.n_rocks
+    return {what: np.stack([row[what] for row in rows]).reshape(shape) for what in rows[0]}
+
+
+def _quantities(sample: Campaign, places: Sequence[str]) -> Iterator[tuple[str, FloatArray]]:
+    """What each rock of one campaign shows, shape (n_rocks,); NaN where nothing."""
+    n = sample.n_rocks
+    passed, lying, hit = sample.passages, sample.deposits, sample.impacts
+    if passed is not None:
+        for k, place in enumerate(places):
+            rock = np.where((passed.station == k) & (passed.kind == WHOLE), passed.rock, -1)
+            yield phrase("the speed at {}", place), per_rock(passed.speed_mps, rock, n)
+            yield phrase("the rotation at {}", place), per_rock(passed.rotation_hz, rock, n)
+            yield phrase("the passing height at {}", place), per_rock(passed.height_m, rock, n)
+            yield phrase("where rocks pass {}", place), per_rock(np.abs(passed.lateral_m), rock, n)
+    if lying is not None:
+        whole = np.where(lying.kind == WHOLE, lying.rock, -1)
+        yield "where rocks stop along the fall line", per_rock(lying.s, whole, n)
+        yield "where rocks stop beside the fall line", per_rock(np.abs(lying.lateral_m), whole, n)
+        # A rock without blocks of its own has none besides itself.
+        more = np.bincount(lying.rock[(lying.rock >= 0) & (lying.kind != WHOLE)], minlength=n)
+        yield "the number of pieces of each rock", more.astype(np.float64)
+    if hit is not None:
+        yield from _impacts(hit, n)
+
+
+def _impacts(hit: ImpactRows, n: int) -> Iterator[tuple[str, FloatArray]]:
+    with np.errstate(invalid="ignore", divide="ignore"):
+        kept = np.clip(hit.vn_out / np.abs(hit.vn_in), 0.0, 3.0)
+        slip = np.clip(hit.vt_out / hit.vt_in, 0.0, 3.0)
+    off = np.abs(kept - np.nanmedian(kept)) if kept.size else kept
+    yield "the rebound at impacts", per_rock(kept, hit.rock, n)
+    yield "the scatter of the rebound at impacts", per_rock(off, hit.rock, n)
+    yield "the speed along the ground before and after impacts", per_rock(slip, hit.rock, n)
+    yield "the spin after impacts", per_rock(hit.spin_out, hit.rock, n)
+    yield "the turn of the path at impacts", per_rock(np.abs(hit.turn_deg), hit.rock, n)
+
+
+def _best(
+    one: str,
+    other: str,
+    first: Mapping[str, FloatArray],
+    second: Mapping[str, FloatArray],
+    recorded: Mapping[str, int],
+) -> Separation:
+    """The measurement with the largest difference, counted on campaigns that did not choose it.
+
+    What was recorded of so many rocks already has not told them apart.
+    """
+    half, sure = _CAMPAIGNS // 2, 0.0
+    size = {w: _difference(first[w][:, :half], second[w][:, :half]) for w in first}
+    new = [w for w in size if _rocks(size[w]) > recorded.get(w, 0)]
+    if new:
+        best = max(new, key=lambda w: abs(size[w]))
+        sure = _difference(first[best][:, half:], second[best][:, half:])
+        sure *= math.copysign(1.0, size[best])
+    if sure < _LEAST_DIFFERENCE:
+        return Separation(one, other, "", 0)
+    return Separation(one, other, best, max(math.ceil(_rocks(sure)), _LEAST_ROCKS))
+
+
+def _rocks(difference: float) -> float:
+    """Rocks that a difference takes, in standard deviations of one."""
+    return (_SURE / difference) ** 2 if difference else math.inf
+
+
+def _difference(one: FloatArray, other: FloatArray) -> float:
+    """Mean difference of a rock in two models over its scatter; less where few rocks show it.
+
+    0 where the draws of the models differ by as much: more rocks do not help then.
+    """
+    seen = float(min(np.isfinite(one).mean(), np.isfinite(other).mean()))
+    # Of each rock in each draw, shape (DRAWS, n_rocks).
+    means = [mean_of_draws(np.moveaxis(v, 1, -1), least=1) for v in (one, other)]
+    apart = mean_of_draws(means[0].T, least=1) - mean_of_draws(means[1].T, least=1)
+    both = np.isfinite(apart)
+    if both.sum() < _LEAST_ROCKS:
+        return 0.0
+    delta = float(apart[both].mean())
+    common = math.hypot(*(float(_of_draws(m[:, both]).std(ddof=1)) for m in means))
+    if abs(delta) < _LEAST_SURE * common:
+        return 0.0
+    off = [(v - m[:, None, :])[..., both].ravel() for v, m in zip((one, other), means, strict=True)]
+    n = one.shape[1]
+    scatter = math.sqrt(float(np.nanmean(np.concatenate(off) ** 2)) * n / max(n - 1, 1))
+    return delta / scatter * math.sqrt(seen) if scatter > 0.0 else 0.0
+
+
+def _of_draws(means: FloatArray) -> FloatArray:
+    """Mean of each draw over the rocks that all draws have, shape (DRAWS,)."""
+    whole = np.isfinite(means).all(axis=0)
+    return means[:, whole].mean(axis=1) if whole.any() else np.zeros(len(means))

@@ -1,0 +1,379 @@
+"""What is told first: how far the configured model is off, what to set, what follows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from sassgis.gap.causes.all_causes import CAUSES
+from sassgis.gap.diagnosis import Advice, GroundSetting, ModelGap, Range, Rung
+from sassgis.gap.fit.distances import bootstrap_rows, quantiles_of
+from sassgis.gap.fit.hypothesis_fit import GROUND_WIDTHS, FittedHypothesis
+from sassgis.gap.fit.site_data import Scale, SiteData
+from sassgis.gap.observations.case import Case
+from sassgis.gap.words import (
+    closed_percent,
+    effect_name,
+    file_has,
+    number_text,
+    quantity_name,
+    range_text,
+)
+from sassgis.model.grid import BoolArray, FloatArray, IntArray
+from sassgis.model.languages import Phrase, all_of, capital, joined, named, phrase
+
+#: Share of what was observed from which a gap is relevant; of a width, of the 90 % run-out; of the
+#: rocks that arrive, of all rocks.
+RELEVANT: Mapping[str, float] = {
+    "runout_m": 0.05, "energy_kj": 0.15, "speed_mps": 0.07, "arrived": 0.1
+}  # fmt: skip
+#: Bootstrap samples, and rocks that must be known.
+_SAMPLES, _FEWEST = 999, 3
+
+
+def values_of(scale: Scale, rows: FloatArray, column: int) -> FloatArray:
+    """A quantity in its own unit from rows of rocks; NaN where a rock has none."""
+    found = rows[..., column] * scale.scale[column] + scale.centre[column]
+    if scale.names[column].partition(":")[2] in ("speed", "blocks"):
+        found = np.exp(found)
+    return np.where(rows[..., column + len(scale.names)] < 0.5, found, np.nan)
+
+
+def model_gaps(
+    problem: SiteData,
+    rows: FloatArray,
+    left: float = 0.0,
+    scales: tuple[float, float] = (1.0, 1.0),
+) -> tuple[ModelGap, ...]:
+    """How far a model is off: run-out, and energy, or else speed, and arrivals at the stations.
+
+    Parameters
+    ----------
+    rows : float64, shape (m, n_rocks, p)
+        Of rocks in the model.
+    left : float
+        Share of the rocks that leave the terrain in the model, and may come farther.
+    scales : (float, float)
+        Speeds over the true ones, of the observations and of the rows.
+    """
+    names, scale = problem.scale.names, problem.scale
+    mass = problem.case.mass_kg
+    found: list[ModelGap] = []
+    for column, name in enumerate(names):
+        place, _, what = name.partition(":")
+        if what not in ("runout", "speed"):
+            continue
+        seen, made = (values_of(scale, own, column) for own in (problem.rows, rows))
+        quantity, unit = "runout_m", "m"
+        if what == "speed":
+            place = problem.case.station_names[int(place[1:])]
+            quantity, unit = "speed_mps", "m/s"
+            seen, made = seen / scales[0], made / scales[1]
+            found.append(_arrivals(problem, place, column, np.isfinite(seen), np.isfinite(made)))
+            if np.isfinite(mass[np.isfinite(seen)]).all():
+                seen, made = 0.5e-3 * mass * seen**2, 0.5e-3 * mass * made**2
+                quantity, unit = "energy_kj", "kJ"
+        known = np.flatnonzero(np.isfinite(seen) & np.isfinite(made).any(axis=0))
+        if known.size < _FEWEST:
+            continue
+        rng = np.random.default_rng([problem.seed, 57, column])
+        compared = _compared(seen[known], made[:, known], problem.unit[known], rng)
+        least = RELEVANT[quantity]
+        for statistic in compared if what == "runout" else ("median", "90 %"):
+            observed, predicted, (low, high) = compared[statistic]
+            side = "unsafe" if low > 0.0 else "safe" if high < 0.0 else ""
+            if what == "runout" and side == "unsafe" and _reaches_beyond(statistic, compared, left):
+                side = ""
+            limit = least * (compared["90 %"][0] if statistic == "width" else observed)
+            found.append(
+                ModelGap(
+                    place, quantity, statistic, unit, observed, predicted, observed - predicted,
+                    (low, high), abs(limit), known.size, side,
+                )
+            )  # fmt: skip
+    # Run-out first, arrivals last.
+    return tuple(sorted(found, key=lambda gap: (gap.quantity == "arrived", gap.place != "stop")))
+
+
+def _arrivals(
+    problem: SiteData, place: str, column: int, seen: BoolArray, made: BoolArray
+) -> ModelGap:
+    """How many more rocks arrived at a station than do in the model (% of the rocks).
+
+    Fewer say nothing: a station may miss rocks. ``seen``: recorded there, shape (n_rocks,);
+    ``made``: the same of campaigns of the model, shape (m, n_rocks).
+    """
+    more = 100.0 * (seen - made.mean(axis=0))
+    rng = np.random.default_rng([problem.seed, 58, column])
+    low, high = _interval(lambda rows: more[rows].mean(), problem.unit, rng).tolist()
+    return ModelGap(
+        place, "arrived", "mean", "%", 100.0 * float(seen.mean()), 100.0 * float(made.mean()),
+        float(more.mean()), (low, high), 100.0 * RELEVANT["arrived"], seen.size,
+        "unsafe" if low > 0.0 else "",
+    )  # fmt: skip
+
+
+def _reaches_beyond(
+    statistic: str, compared: Mapping[str, tuple[float, float, Range]], left: float
+) -> bool:
+    """Whether a run-out is unknown, as those rocks left the terrain, or too narrow but farther."""
+    if statistic == "width" and compared["90 %"][2][1] < 0.0:
+        return True
+    return left > (0.5 if statistic == "median" else 0.1)
+
+
+def _compared(
+    seen: FloatArray, made: FloatArray, group: IntArray, rng: np.random.Generator
+) -> dict[str, tuple[float, float, Range]]:
+    """Observed and predicted median, 90 % quantile and width, and interval of the difference."""
+
+    def statistics(values: FloatArray) -> FloatArray:
+        low, middle, high = quantiles_of(values[np.isfinite(values)], (0.1, 0.5, 0.9))
+        return np.array([middle, high, high - low])
+
+    observed, predicted = statistics(seen), statistics(made)
+    drawn = _interval(lambda rows: statistics(seen[rows]) - statistics(made[:, rows]), group, rng)
+    each = zip(observed.tolist(), predicted.tolist(), map(tuple, drawn.T.tolist()), strict=True)
+    return dict(zip(("median", "90 %", "width"), each, strict=True))
+
+
+def _interval(
+    statistic: Callable[[IntArray], Any], group: IntArray, rng: np.random.Generator
+) -> FloatArray:
+    """95 % interval of a statistic of rows of rocks, shape (2, ...); NaN of a single group.
+
+    Groups of rocks are drawn anew; the statistic takes the rows of those that are drawn.
+    """
+    if np.unique(group).size == 1:
+        return np.full((2, *np.shape(statistic(np.arange(group.size)))), np.nan)
+    samples = [statistic(rows) for rows in bootstrap_rows(group, _SAMPLES, rng)]
+    return np.asarray(np.quantile(samples, (0.025, 0.975), axis=0))
+
+
+def worst_of(gaps: Sequence[ModelGap]) -> ModelGap | None:
+    """The surest relevant gap on the unsafe side, else on the safe side, else the first of all."""
+
+    def sureness(gap: ModelGap) -> float:
+        return abs(gap.gap) / max(gap.ci95[1] - gap.ci95[0], 1e-9)
+
+    for side in ("unsafe", "safe"):
+        own = [gap for gap in gaps if gap.counts and gap.side == side]
+        if own:
+            return max(own, key=sureness)
+    return next(iter(gaps), None)
+
+
+def shortfall(gaps: Sequence[ModelGap]) -> ModelGap | None:
+    """The surest gap by which a model falls far short; None if it does not."""
+    return worst_of([gap for gap in gaps if gap.far_short])
+
+
+def settings_of(
+    case: Case, fit: FittedHypothesis, intervals: Mapping[str, Range]
+) -> tuple[GroundSetting, ...]:
+    """Ground of a model that is handed over, with intervals."""
+    before, found = {c.name: c for c in case.table.classes}, []
+    for label, value in fit.handed_over.draw.parameters.items():
+        ground, _, name = label.rpartition(".")
+        if ground in before:
+            configured, told = float(getattr(before[ground], name)), label in fit.identified
+            found.append(GroundSetting(ground, name, configured, value, intervals[label], told))
+    return tuple(found)
+
+
+def wrong_ground(case: Case, intervals: Mapping[str, Range]) -> tuple[str, ...]:
+    """Classes of which a parameter certainly lies outside its usual range.
+
+    ``intervals``: of parameters of the base with a free contact.
+    """
+    found = []
+    for label, (low, high) in intervals.items():
+        ground, _, name = label.rpartition(".")
+        if ground in case.met and name in GROUND_WIDTHS:
+            value = float(getattr(case.table.classes[case.table.index(ground)], name))
+            width = GROUND_WIDTHS[name] * case.ground_range
+            if low > value + width or high < value - width:
+                found.append(ground)
+    return tuple(dict.fromkeys(found))
+
+
+# ---------------------------------------------------------------------------------------------
+# In words
+
+
+def first_sentence(advice: Advice, ladder: Sequence[Rung], effect: str = "") -> str:
+    """How far the configured model is off and on which side, what to set, and what that leaves.
+
+    ``effect``: what the diagnosis names.
+    """
+    gap = advice.configured
+    if gap is None:
+        return "Neither stops nor speeds were observed: how far the model is off cannot be stated."
+    text = "As configured, {}"
+    if "release_error" in effect.split("+"):
+        text = "As configured, and from the stated starts, {}"
+    said = [phrase(text, _off_by(gap, advice))]
+    told = [gap]
+    far = _far_safe(advice.compared)
+    if far is not None and gap.side == "unsafe":
+        said.append(phrase("At the same time, {}", _off_by(far, advice)))
+        told.append(far)
+    if advice.wrong_ground:
+        names = all_of(map(named, advice.wrong_ground))
+        one = phrase("No values in the usual range of the ground class {} fit.", names)
+        more = phrase("No values in the usual ranges of the ground classes {} fit.", names)
+        said.append(one if len(advice.wrong_ground) == 1 else more)
+    said += _to_run(advice, ladder)
+    if advice.short is None:
+        unsafe = worst_of([own for own in advice.left if own.counts and own.side == "unsafe"])
+        both = (unsafe, _far_safe(advice.left))
+        left = [_off_by(own, advice) for own in both if own is not None and own not in told]
+        texts = ("Even so, {}", "At the same time, {}")
+        said += [phrase(text, own) for text, own in zip(texts, left, strict=False)]
+    return joined(" ", said)
+
+
+def _far_safe(gaps: Sequence[ModelGap]) -> ModelGap | None:
+    """The surest gap that is far off on the safe side."""
+    return worst_of([own for own in gaps if own.side == "safe" and own.is_far])
+
+
+def _shares(ladder: Sequence[Rung]) -> dict[str, Phrase]:
+    """What models close of the gap; a share whose interval holds zero may be chance."""
+    return {
+        r.rung: _closed(r)
+        for r in ladder
+        if r.share is not None and (r.ci95 is None or r.ci95[0] > 0.0)
+    }
+
+
+def _to_run(advice: Advice, ladder: Sequence[Rung]) -> list[Phrase]:
+    """What is recommended, what it closes, and why nothing more is."""
+    why = [phrase("{}.", capital(advice.why))] if advice.why else []
+    if advice.recommended == "configured":
+        if advice.short is not None:
+            return [phrase("None of the models that were tried is recommended."), *why]
+        return [phrase("Keep the configured ground."), *why]
+    name, closed = file_has(advice.recommended), _shares(ladder)
+    share = closed.get(advice.recommended)
+    if advice.short is not None:
+        said = phrase(
+            "None of the models that were tried is recommended: with the nearest, {} "
+            "(model/config.toml), {}",
+            name,
+            _off_by(advice.short, advice),
+        )
+        on_rocks = phrase(
+            "On rocks left out of the calibration, it closes {} of the gap in all quantities "
+            "together.",
+            share,
+        )
+        return [said, *([on_rocks] if share else []), *why]
+    if advice.recommended == "ground":
+        on_rocks = phrase(
+            "On rocks left out of the calibration, this closes {} of the gap in all quantities "
+            "together.",
+            share,
+        )
+        return [*_what_to_set(advice), *([on_rocks] if share else []), *why]
+    apart = [n for n in advice.recommended.split("+") if n in CAUSES and CAUSES[n].of_data]
+    if apart:
+        text = "{} is no part of the motion: the file does not have it."
+        why = [phrase(text, capital(effect_name("+".join(apart)))), *why]
+    if not share:
+        said = phrase("Run model/config.toml, which has {}.", name)
+    elif "ground" not in closed:
+        said = phrase(
+            "Run model/config.toml, which has {}: on rocks left out of the calibration, this "
+            "closes {} of the gap in all quantities together.",
+            name,
+            share,
+        )
+    else:
+        said = phrase(
+            "Run model/config.toml, which has {}: on rocks left out of the calibration, this "
+            "closes {} of the gap in all quantities together, calibrated ground alone {}.",
+            name,
+            share,
+            closed["ground"],
+        )
+    return [said, *why]
+
+
+def _closed(rung: Rung) -> Phrase:
+    share = f"{closed_percent(rung.share or 0.0):.0f}"
+    if rung.ci95 is None:
+        return phrase("{} %", share)
+    low, high = (f"{closed_percent(v):.0f}".replace("-", "\u2212") for v in rung.ci95)
+    return phrase("{} % (95 %: {} to {} %)", share, low, high)
+
+
+#: Words for gaps on the unsafe side and on the safe side.
+_OFF: Mapping[str, tuple[str, ...]] = {
+    "width": ("scatters {} {} too little", "scatters {} {} too much"),
+    "runout_m": ("is {} {} short", "is {} {} long"),
+    "energy_kj": ("is {} {} too low", "is {} {} too high"),
+    "speed_mps": ("is {} {} too slow", "is {} {} too fast"),
+    "arrived": ("stops {} {} of the rocks too early",),
+}
+
+
+def _off_by(gap: ModelGap, advice: Advice) -> Phrase:
+    """A gap of the configured model or of the one that is handed over, in words."""
+    statistic, quantity = phrase(gap.statistic), quantity_name(gap.quantity)
+    if not gap.counts:
+        compared = dict.fromkeys(
+            phrase("median, 90 % and width of run-out")
+            if g.quantity == "runout_m"
+            else quantity_name(g.quantity)
+            if g.quantity == "arrived"
+            else phrase("median and 90 % {} at stations", quantity_name(g.quantity))
+            for g in advice.compared
+        )
+        return phrase(
+            "the model is not distinguished from {} rocks in {}: {} {} observed less predicted "
+            "{} {} (95 %: {} {}).",
+            gap.rocks, all_of(compared), statistic, quantity, number_text(gap.gap), gap.unit,
+            range_text(*gap.ci95), gap.unit,
+        )  # fmt: skip
+    low, high = sorted(abs(v) for v in gap.ci95)
+    kind = "width" if gap.statistic == "width" else gap.quantity
+    if kind == "width":
+        what = phrase("width of the run-out, 10 to 90 %")
+    elif kind == "runout_m":
+        what = phrase("median run-out" if gap.statistic == "median" else "90 % run-out")
+    elif kind == "arrived":
+        what = phrase("before {}", gap.place)
+    else:
+        what = phrase("{} {} at {}", statistic, quantity, gap.place)
+    off = phrase(_OFF[kind][gap.side == "safe"], number_text(abs(gap.gap)), gap.unit)
+    said = off, what, range_text(low, high), gap.unit
+    if gap.side == "safe":
+        return phrase("the model {} ({}; 95 %: {} {}), on the safe side.", *said)
+    return phrase("the model {} ({}; 95 %: {} {}), on the unsafe side.", *said)
+
+
+def _what_to_set(advice: Advice) -> list[Phrase]:
+    by_class: dict[str, list[Phrase]] = {}
+    for s in advice.settings:
+        if s.identified and s.value != s.before:
+            by_class.setdefault(s.ground, []).append(
+                phrase("{} {} ({})", s.parameter, number_text(s.value), range_text(*s.ci95))
+            )
+    if not by_class:
+        return [
+            phrase(
+                "Set the ground as in model/ground_classes.csv; these data identify none of its "
+                "parameters alone."
+            )
+        ]
+    known = {f"{s.ground}.{s.parameter}" for s in advice.settings if s.identified}
+    said = [phrase("Set {}: {}.", name, joined(", ", values)) for name, values in by_class.items()]
+    said += [
+        phrase("{} and {} make up for each other: change one only with the other.", one, other)
+        for one, other, _ in advice.trade_offs
+        if {one, other} <= known
+    ][:1]
+    return said

@@ -1,1 +1,0 @@
-"""Calibration: of ground classes, and of every hypothesis of the diagnosis."""

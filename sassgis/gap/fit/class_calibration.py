@@ -1,0 +1,499 @@
+"""Calibrate ground classes on prepared sites, and tell their spread between sites.
+
+The spread by random effects: the value of a class at a site is normal about a mean with a standard
+deviation between sites, and the calibration of the site has an error of its own. The mean has a
+flat prior, the standard deviation a half-normal one, with the spread that was assumed before as its
+scale: two sites alone hardly tell it (Gelman 2006; Röver 2020).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sassgis.gap.fit.distances import Interval
+from sassgis.gap.fit.fit_errors import (
+    CalibrationFinding,
+    QuantityErrors,
+    TableScore,
+    findings_of,
+    gain_text,
+    paired_gain,
+    quantity_errors,
+    table_scores,
+)
+from sassgis.gap.fit.identifiability import (
+    Fitted,
+    Misfits,
+    Posterior,
+    Told,
+    TradeOff,
+    as_good,
+    classes_alike,
+    contradicting,
+    fitted_parameters,
+    identified_combinations,
+    posterior_of,
+    together,
+    told_by,
+    trade_offs,
+)
+from sassgis.gap.fit.linear_fit import (
+    FitBudget,
+    RunTrials,
+    Seen,
+    SiteSummary,
+    Trial,
+    fit_linearly,
+    joined,
+    rocks_drawn_anew,
+    summary_of,
+)
+from sassgis.gap.fit.parameters import ClassParameter, Prior, parameters_of, table_with
+from sassgis.gap.fit.site_data import Prediction, SiteData, added, prediction, scores_of
+from sassgis.gap.forward.hypothesis_model import HypothesisModel, configured_model
+from sassgis.gap.observations.case import classes_met
+from sassgis.model.errors import InputError
+from sassgis.model.grid import FloatArray
+from sassgis.model.ground import LIMITS, GroundTable
+from sassgis.model.ground_ranges import ParameterRange, RangeRule, ranges_of
+from sassgis.model.languages import phrase
+
+#: Rounds of the search, least draws of each and draws for each parameter, campaigns of a draw, and
+#: of a step that is looked at.
+_ROUNDS, _DRAWS, _EACH, COUNT, _LOOKED = 6, 32, 4, 2, 8
+#: Draws of the last round, over those of the others.
+_LAST = 3
+#: Standard deviations of the prior within which the parameters are searched.
+_LIMIT = 6.0
+#: Campaigns from which the errors are taken.
+FINAL_COUNT = 60
+#: Numbers of the campaigns for the errors begin here.
+_FINAL = 100_000
+#: Number of those from which misfits at the best parameters are taken.
+_MISFITS = 99_000
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationTask:
+    """All that a process needs to make campaigns."""
+
+    summaries: tuple[SiteSummary, ...]
+    parameters: tuple[ClassParameter, ...]
+    seed: int
+
+    @property
+    def sites(self) -> tuple[SiteData, ...]:
+        """The sites themselves."""
+        return tuple(own.problem for own in self.summaries)
+
+    @property
+    def n_rocks(self) -> int:
+        """Rocks of all sites."""
+        return sum(site.n_rocks for site in self.sites)
+
+    @property
+    def n_parts(self) -> int:
+        """Parts of the cross-validation."""
+        return max(site.n_parts for site in self.sites)
+
+    @property
+    def measured(self) -> int:
+        """Rocks of which anything was measured that is compared."""
+        return sum(
+            int(np.any([np.isfinite(v) for v in site.quantities.values()], axis=0).sum())
+            for site in self.sites
+        )
+
+    def model(self, site: SiteData, shares: FloatArray) -> HypothesisModel:
+        """A site as configured, with parameters at shares of their ranges."""
+        return configured_model(site.case, table_with(site.case.table, self.parameters, shares))
+
+
+def calibration_task(
+    sites: Sequence[SiteData],
+    class_names: Sequence[str],
+    names: Sequence[str],
+    rules: Sequence[RangeRule],
+    seed: int,
+) -> CalibrationTask:
+    """The parameters of some classes at some sites; ``rules`` say how values vary between sites."""
+    parameters: list[ClassParameter] = []
+    for own in class_names:
+        table = next(s.case.table for s in sites if own in s.case.table.names)
+        parameters += parameters_of(table, [own], names, rules)
+    return CalibrationTask(tuple(summary_of(site) for site in sites), tuple(parameters), seed)
+
+
+def budget_of(task: CalibrationTask, draws: int | None) -> FitBudget:
+    """Draws of each round; default: 4 for each parameter, at least 32."""
+    own = draws or max(_DRAWS, _EACH * len(task.parameters))
+    return FitBudget(_ROUNDS, own, COUNT, _LOOKED, _LIMIT, _LAST * own)
+
+
+def run_trial(task: CalibrationTask, trial: Trial) -> Seen:
+    """Numbers of all sites, one after the other, and the mean score of the rocks."""
+    shares = Prior.of(task.parameters).shares(trial.at)
+    numbers, scores = [], []
+    for site in task.summaries:
+        model = task.model(site.problem, shares)
+        own, rows = site.of_model(model, trial.number, trial.count)
+        numbers.append(own)
+        scores.append(scores_of(site.problem, model, trial.number, rows))
+    return np.concatenate(numbers), float(np.concatenate(scores).mean())
+
+
+#: Place of a site among the sites, and parameters.
+SiteAt = tuple[int, FloatArray]
+RunSites = Callable[[Sequence[SiteAt]], Sequence[Misfits]]
+
+
+def run_site(task: CalibrationTask, at: SiteAt) -> Misfits:
+    """Observed less simulated numbers of a site at some parameters."""
+    site = task.summaries[at[0]]
+    problem = site.problem
+    parts = np.arange(task.n_parts)[:, None]
+    weights = [np.ones((1, problem.n_rocks)), problem.part != parts, rocks_drawn_anew(problem)]
+    model = task.model(problem, Prior.of(task.parameters).shares(at[1]))
+    off = site.misfits(model, _MISFITS, FINAL_COUNT, np.vstack(weights))
+    first = 1 + task.n_parts
+    return Misfits(off[0], off[1:first], off[first:], site.units)
+
+
+@dataclass(frozen=True, slots=True)
+class Calibrated:
+    """What was found, and what follows from it."""
+
+    told: tuple[Told, ...]  # by site
+    posterior: Posterior
+    fitted: tuple[Fitted, ...]
+    draws: int  # parameter sets that were tried
+
+
+def search(
+    task: CalibrationTask, run: RunTrials, run_sites: RunSites, draws: int | None = None
+) -> Calibrated:
+    """Calibrate the classes of all sites together.
+
+    The prior alone keeps parameters near their configured values: rocks left out are predicted with
+    parameters that were chosen in the same way.
+    """
+    budget, prior = budget_of(task, draws), Prior.of(task.parameters)
+    fit = fit_linearly(joined(task.summaries), np.zeros(len(task.parameters)), run, budget)
+    told = told_by(fit, run_sites([(k, fit.best) for k in range(len(task.sites))]))
+    posterior = posterior_of(prior, together(told), task.seed)
+    fitted = fitted_parameters(task.parameters, posterior)
+    return Calibrated(told, posterior, fitted, budget.tried)
+
+
+@dataclass(frozen=True, slots=True)
+class FinalTask:
+    """Campaigns for the errors of a site; without shares of the parameters: as configured."""
+
+    site: int
+    shares: FloatArray | None
+    number: int
+
+
+def final_prediction(task: CalibrationTask, final: FinalTask) -> Prediction:
+    """Prediction of the rocks of a site."""
+    site = task.sites[final.site]
+    model = configured_model(site.case) if final.shares is None else task.model(site, final.shares)
+    return prediction(site, model, final.number, FINAL_COUNT)
+
+
+RunFinals = Callable[[Sequence[FinalTask]], Sequence[Prediction]]
+
+
+def held_out(task: CalibrationTask, found: Calibrated, run: RunFinals) -> list[Prediction]:
+    """Prediction of each rock with parameters chosen on the rocks of the other parts, by site."""
+    whole, prior = together(found.told), Prior.of(task.parameters)
+    tasks = []
+    for part in range(task.n_parts):
+        shares = prior.shares(whole.estimate_without(part))
+        tasks += [FinalTask(k, shares, _FINAL + 10 + part) for k in range(len(task.sites))]
+    made = list(run(tasks))
+    merged = []
+    for k, site in enumerate(task.sites):
+        own, rocks = made[k :: len(task.sites)], np.arange(site.n_rocks)
+        replicas, scores = (
+            {n: np.stack([v[n] for v in values])[site.part, ..., rocks].T for n in values[0]}
+            for values in ([p.replicas for p in own], [p.scores for p in own])
+        )
+        merged.append(Prediction(replicas, scores))
+    return merged
+
+
+@dataclass(frozen=True, slots=True)
+class SiteResult:
+    """One site of a calibration."""
+
+    name: str
+    rocks: int
+    tables: Mapping[str, int]  # rows
+    errors: tuple[QuantityErrors, ...]
+    scores: tuple[TableScore, ...]
+    gain: Interval  # of the score, on rocks left out, as a share of the score before
+    score: float  # mean of the rocks at the common parameters
+    own_score: float  # at those that fit this site best
+    own: Mapping[str, float]  # parameters that fit this site best, by label
+    #: Of the models "before", "after", "left out" each quantity, shape (count, n_rocks).
+    replicas: Mapping[str, Mapping[str, FloatArray]]
+    observed: Mapping[str, FloatArray]  # each quantity, shape (n_rocks,)
+
+
+@dataclass(frozen=True, slots=True)
+class SiteCalibration:
+    """What a calibration found."""
+
+    fitted: tuple[Fitted, ...]
+    combinations: int  # of parameters that are identified
+    trade_offs: tuple[TradeOff, ...]
+    as_good: tuple[Mapping[str, float], ...]  # other combinations that fit as well, by label
+    alike: tuple[tuple[str, str], ...]  # pairs of classes that cannot be told apart
+    sites: tuple[SiteResult, ...]
+    contradict: bool  # whether no common parameters fit the sites
+    #: Of the score over all sites, on rocks left out, as a share of the score before.
+    gain: Interval
+    findings: tuple[CalibrationFinding, ...]
+    draws: int  # parameter sets that were tried
+    seed: int
+
+    @property
+    def rocks(self) -> int:
+        """Rocks of all sites."""
+        return sum(site.rocks for site in self.sites)
+
+    @property
+    def recommended(self) -> bool:
+        """Whether the calibrated classes are to be run: their gain on rocks left out clears zero.
+
+        At no site may they be worse by as much.
+        """
+        return self.gain.low > 0.0 and not any(s.gain.high < 0.0 for s in self.sites)
+
+    @property
+    def recommendation(self) -> str:
+        """Which ground to run and why, in one line."""
+        of_gain = gain_text(self.gain)
+        worse = ", ".join(s.name for s in self.sites if s.gain.high < 0.0)
+        if self.recommended:
+            return phrase("Run the fitted classes: {}.", of_gain)
+        if not np.isfinite(self.gain.value):
+            return "The configured ground stays: too few rocks to predict any that were left out."
+        if worse:
+            text = "The configured ground stays: {}; they are worse at {}."
+            return phrase(text, of_gain, worse)
+        return phrase("The configured ground stays: {}, which does not clear zero.", of_gain)
+
+    def table(self, configured: GroundTable) -> GroundTable:
+        """A table with the calibrated values."""
+        shares = np.array([f.share for f in self.fitted])
+        return table_with(configured, [f.parameter for f in self.fitted], shares)
+
+
+def result_of(task: CalibrationTask, found: Calibrated, run: RunFinals) -> SiteCalibration:
+    """What the search says, and how well it fits rocks left out."""
+    posterior, parameters = found.posterior, task.parameters
+    prior = Prior.of(parameters)
+    own = [prior.shares(told.estimate()[0]) for told in found.told]
+    finals = []
+    for k, best in enumerate(own):
+        finals += [
+            FinalTask(k, None, _FINAL),
+            FinalTask(k, posterior.best, _FINAL + 1),
+            FinalTask(k, best, _FINAL + 1),
+        ]
+    # What fits the only site best is what fits all.
+    made = list(run(finals if len(own) > 1 else finals[:2]))
+    made += made[1:] if len(own) == 1 else []
+    left_out = held_out(task, found, run)
+    sites, pairs = [], []
+    for k, site in enumerate(task.sites):
+        models = {"before": made[3 * k], "after": made[3 * k + 1], "left out": left_out[k]}
+        scores = [float(_of_units(site, one).mean()) for one in made[3 * k + 1 : 3 * k + 3]]
+        replicas = {name: model.replicas for name, model in models.items()}
+        pairs.append((_of_units(site, models["before"]), _of_units(site, models["left out"])))
+        sites.append(
+            SiteResult(
+                site.name,
+                site.n_rocks,
+                {n: len(t) for n, t in site.case.observations.tables.items() if len(t)},
+                quantity_errors(site, replicas, task.seed),
+                table_scores(site, {name: model.scores for name, model in models.items()}),
+                paired_gain(*pairs[-1]),
+                scores[0],
+                scores[1],
+                _by_label(parameters, own[k]),
+                replicas,
+                site.quantities,
+            )
+        )
+    before, left = (np.concatenate(own) for own in zip(*pairs, strict=True))
+    return SiteCalibration(
+        found.fitted,
+        identified_combinations(posterior.covariance),
+        trade_offs([p.label for p in parameters], posterior.covariance),
+        tuple(_by_label(parameters, u) for u in as_good(posterior)),
+        classes_alike(parameters, posterior),
+        tuple(sites),
+        contradicting(
+            found.told, [s.score for s in sites], [s.own_score for s in sites], task.seed
+        ),
+        paired_gain(before, left),
+        findings_of(found.fitted, {s.name: s.gain for s in sites}),
+        found.draws,
+        task.seed,
+    )
+
+
+def _of_units(site: SiteData, predicted: Prediction) -> FloatArray:
+    """Score of each unit, added over the tables."""
+    return site.per_unit(added(predicted.scores))
+
+
+def _by_label(parameters: Sequence[ClassParameter], shares: FloatArray) -> dict[str, float]:
+    return {
+        p.label: float(p.value(share)) for p, share in zip(parameters, shares.tolist(), strict=True)
+    }
+
+
+#: Nodes and weights of the quadrature over the standard deviation between sites, and its end in
+#: prior scales.
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(100)
+_END = 6.0
+#: Precision of the prior where the rocks of a site speak alone, and samples of what they leave.
+_NO_PRIOR, _SAMPLES = 1e-3, 2000
+#: Least error, as a share of the range: a value that is always at a limit is not known exactly.
+_LEAST_ERROR = 0.02
+#: Half of the middle 90 % of a normal distribution, in standard deviations.
+_MIDDLE = 1.645
+
+
+@dataclass(frozen=True, slots=True)
+class SiteValue:
+    """A parameter of a class as the rocks of one site alone tell it."""
+
+    site: str
+    class_name: str  # or another name of the description that sites share
+    parameter: str
+    value: float
+    error: float  # standard error
+    rocks: int
+
+
+@dataclass(frozen=True, slots=True)
+class BetweenSites:
+    """Mean and spread of a parameter between sites."""
+
+    mean: float  # of the sites there might be
+    mean_error: float  # its standard error
+    sd: float  # standard deviation between sites, posterior mean
+    predictive_sd: float  # standard deviation of the value at a site that is not known yet
+
+
+def between_sites(values: FloatArray, errors: FloatArray, scale: float) -> BetweenSites:
+    """Posterior of mean and spread by quadrature.
+
+    Parameters
+    ----------
+    values, errors : float64, shape (n_sites,)
+    scale : float
+        Of the half-normal prior of the standard deviation between sites.
+
+    Raises
+    ------
+    InputError
+        No values, or an error or a scale that is not above 0.
+    """
+    if not values.size or not (errors > 0.0).all() or not scale > 0.0:
+        raise InputError(
+            "the spread between sites cannot be told",
+            found=f"{values.size} values, errors {errors.tolist()}, scale {scale:g}",
+            expected="one value or more; errors and scale above 0",
+        )
+    # Denser towards 0, where a spread below the errors is told.
+    root = 0.5 * (_NODES + 1.0)
+    tau = _END * scale * root**2
+    weight = 1.0 / (errors**2 + tau[:, None] ** 2)
+    variance = 1.0 / weight.sum(axis=1)
+    mean = variance * (weight * values).sum(axis=1)
+    misfit = (weight * (values - mean[:, None]) ** 2).sum(axis=1)
+    log_density = 0.5 * (
+        np.log(weight).sum(axis=1) + np.log(variance) - misfit - (tau / scale) ** 2
+    )
+    density = _WEIGHTS * root * np.exp(log_density - log_density.max())
+    density /= density.sum()
+    centre = float(density @ mean)
+    of_mean = float(density @ (variance + (mean - centre) ** 2))
+    return BetweenSites(
+        centre, of_mean**0.5, float(density @ tau), (of_mean + float(density @ tau**2)) ** 0.5
+    )
+
+
+def class_spread(
+    found: Sequence[SiteValue], known: Sequence[ParameterRange]
+) -> tuple[RangeRule, ...]:
+    """Rows of a table of ranges: the middle 90 % of what a new site may have.
+
+    ``known``: what was assumed before; parameters without such a range are left out.
+    """
+    rules = []
+    for before in known:
+        own = [
+            v for v in found
+            if (v.class_name, v.parameter) == (before.class_name, before.parameter)
+        ]  # fmt: skip
+        if not own:
+            continue
+        told = between_sites(
+            np.array([v.value for v in own]), np.array([v.error for v in own]), before.sd
+        )
+        room = _MIDDLE * told.predictive_sd
+        low, high = np.clip([told.mean - room, told.mean + room], *LIMITS[before.parameter])
+        source = (
+            f"Random effects over {', '.join(v.site for v in own)}: mean {told.mean:.3g} (standard "
+            f"error {told.mean_error:.2g}), standard deviation between sites {told.sd:.2g} "
+            f"(before: {before.sd:.2g})."
+        )
+        rules.append(
+            RangeRule(
+                before.class_name, before.parameter, "value", float(low), float(high), source,
+                sites=len(own), rocks=sum(v.rocks for v in own),
+            )
+        )  # fmt: skip
+    return tuple(rules)
+
+
+def spread_of_sites(
+    task: CalibrationTask, found: Calibrated, rules: Sequence[RangeRule]
+) -> tuple[RangeRule, ...]:
+    """What class_spread says of the calibrated classes; ``rules`` are those from before."""
+    tables = {name: site.case.table for site in task.sites for name in site.case.table.names}
+    known = [
+        own
+        for p in task.parameters
+        for own in ranges_of(tables[p.class_name], [p.class_name], rules, [p.name])
+    ]
+    return class_spread(site_values(task, found), known)
+
+
+def site_values(task: CalibrationTask, found: Calibrated) -> tuple[SiteValue, ...]:
+    """Values that the rocks of each site alone leave, and their standard errors.
+
+    What the rocks do not tell scatters over its range.
+    """
+    prior, out = Prior.of(task.parameters), []
+    for k, (site, told) in enumerate(zip(task.sites, found.told, strict=True)):
+        rng = np.random.default_rng([task.seed, 11, k])
+        shares = prior.shares(rng.multivariate_normal(*told.estimate(_NO_PRIOR), _SAMPLES))
+        met = classes_met(site.case)
+        for j, p in enumerate(task.parameters):
+            if p.class_name in met:
+                values = p.value(shares[:, j])
+                error = max(float(values.std()), _LEAST_ERROR * (p.limits.high - p.limits.low))
+                value = float(values.mean())
+                out.append(SiteValue(site.name, p.class_name, p.name, value, error, site.n_rocks))
+    return tuple(out)

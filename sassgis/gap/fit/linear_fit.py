@@ -1,0 +1,432 @@
+"""Sum up campaigns of a site in numbers, and calibrate parameters on linear models of these.
+
+Observed and simulated campaigns are summed up alike: means, scatters and trends over the rocks.
+About the best parameters so far, campaigns are drawn, and their numbers are regressed on the
+parameters. The normal prior and the errors of the observed numbers then give the next best ones in
+closed form (iterated linear Bayes; Gauss and Newton with slopes from an ensemble, as Iglesias, Law
+and Stuart 2013, Inverse Problems 29, 045001). A step is kept only if it brings the campaigns nearer
+to the observed rocks. The same linear model gives intervals, and the parameters for a part of the
+rocks. What chance does to the numbers is seen from other campaigns of the same model.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import qmc
+
+from sassgis.gap.fit.distances import times_drawn
+from sassgis.gap.fit.site_data import SiteData, model_rows, outcomes_of, rows_of
+from sassgis.gap.forward.hypothesis_model import HypothesisModel
+from sassgis.gap.forward.observation_operator import campaigns, rock_quantities
+from sassgis.gap.observations.campaign import ImpactRows
+from sassgis.gap.residuals.impact_residuals import ImpactsInFlight
+from sassgis.model.grid import BoolArray, FloatArray
+
+#: Rocks, and impacts on a class of ground, that a number must rest on.
+_FEWEST, _FEWEST_IMPACTS = 3.0, 15
+#: Bootstrap samples, and the least standard error of a number, in scatters of the rocks.
+_SAMPLES, _LEAST = 150, 0.03
+#: Ground alone is calibrated on numbers that this share of the samples have: of fewer rocks than
+#: about eight the errors are not known.
+_SURE = 0.99
+#: Larger turns at impacts count as this: slow rocks turn anywhere.
+_MOST_TURN_DEG = 45.0
+
+
+@dataclass(frozen=True, slots=True)
+class ObservedNumbers:
+    """What was observed, in numbers that campaigns are compared with."""
+
+    observed: FloatArray  # shape (p,)
+    error: FloatArray  # standard error of each, by drawing the rocks (or groups of them) anew
+    used: BoolArray  # shape (p,); numbers that the observations have
+    units: int  # rocks, or groups of them
+    seed: int
+
+    def in_errors(self, numbers: FloatArray) -> FloatArray:
+        """Numbers that the observations have, in standard errors, the last axis shape (p,)."""
+        return (numbers / self.error)[..., self.used]
+
+
+def joined(sites: Sequence[ObservedNumbers]) -> ObservedNumbers:
+    """The numbers of several sites, one after the other."""
+    observed, error, used = (
+        np.concatenate([getattr(site, name) for site in sites])
+        for name in ("observed", "error", "used")
+    )
+    units = sum(site.units for site in sites)
+    return ObservedNumbers(observed, error, used, units, sites[0].seed)
+
+
+@dataclass(frozen=True, slots=True)
+class SiteSummary(ObservedNumbers):
+    """The numbers of a site."""
+
+    problem: SiteData
+    size: FloatArray  # shape (n_rocks,); logarithm of the radius, standardised
+
+    def of_rocks(self, weights: FloatArray) -> FloatArray:
+        """Numbers of the observed rocks with weights, shape (p,)."""
+        seen = self.problem
+        return self._numbers(
+            seen.rows[None], seen.outcomes[:, None], [seen.observed.impacts], weights
+        )
+
+    def of_model(
+        self, model: HypothesisModel, number: int, count: int
+    ) -> tuple[FloatArray, FloatArray]:
+        """Numbers of campaigns of a model together, shape (p,), and their rows."""
+        made = self._campaigns(model, number, count)
+        return self._numbers(*made), made[0]
+
+    def of_each(self, model: HypothesisModel, number: int, count: int) -> FloatArray:
+        """Numbers of single campaigns of a model, shape (count, p), count up to DRAWS."""
+        rows, outcomes, impacts = self._campaigns(model, number, count)
+        each = (slice(k, k + 1) for k in range(count))
+        return np.array([self._numbers(rows[k], outcomes[:, k], impacts[k]) for k in each])
+
+    def misfits(
+        self, model: HypothesisModel, number: int, count: int, weights: FloatArray
+    ) -> FloatArray:
+        """Observed less simulated numbers of rocks with weights, in standard errors.
+
+        What rocks differ in by themselves, as their release points, is the same in both. From
+        ``weights`` of shape (n, n_rocks), shape (n, number of used ones).
+        """
+        made = self._campaigns(model, number, count)
+        simulated = [self._numbers(*made, own) for own in weights]
+        seen = [self.of_rocks(own) for own in weights]
+        return self.in_errors(np.array(seen) - np.array(simulated))
+
+    def _campaigns(
+        self, model: HypothesisModel, number: int, count: int
+    ) -> tuple[FloatArray, FloatArray, list[ImpactRows | None]]:
+        problem = self.problem
+        outcomes = outcomes_of(problem, model, number)
+        if outcomes is None:
+            outcomes = np.empty((0, count, 3))
+        if not problem.turned:
+            return model_rows(problem, model, number, count), outcomes, [None] * count
+        made = campaigns(
+            problem.case, problem.rock_lines, model,
+            count=count, seed=problem.seed, number=number,
+        )  # fmt: skip
+        rows = rows_of(problem, [rock_quantities(problem.case, one) for one in made])
+        return rows, outcomes, [one.impacts for one in made]
+
+    def _numbers(
+        self,
+        rows: FloatArray,
+        outcomes: FloatArray,
+        recorded: Sequence[ImpactRows | None],
+        weights: FloatArray | None = None,
+    ) -> FloatArray:
+        """Of rows of rocks, shape (m, n_rocks, 2 k), outcomes of observed impacts, shape (n, m, 3).
+
+        And of the turns at the impacts of each campaign, as they were recorded.
+        """
+        size, impacts = self.size, self.problem.impacts
+        weight = np.ones(self.problem.n_rocks) if weights is None else weights
+        parts = [self._of_rows(rows, weight)]
+        if impacts is not None:
+            for kind in np.unique(impacts.kind).tolist():
+                own = np.flatnonzero(impacts.kind == kind)
+                if own.size >= _FEWEST_IMPACTS:
+                    chosen = impacts.take(own)
+                    by_rock = weight[chosen.rock][:, None]
+                    parts.append(_of_impacts(chosen, size[chosen.rock], outcomes[own], by_rock))
+        if self.problem.turned:
+            known = [one for one in recorded if one is not None]
+            rock = np.concatenate([np.empty(0, np.int64), *(one.rock for one in known)])
+            turn = np.concatenate([np.empty(0), *(one.turn_deg for one in known)])
+            seen = np.isfinite(turn)
+            turn = np.clip(np.where(seen, turn, 0.0), -_MOST_TURN_DEG, _MOST_TURN_DEG)
+            columns = turn / _MOST_TURN_DEG, seen * weight[rock], size[rock]
+            parts.append(_moments(*(one[:, None, None] for one in columns)))
+        return np.concatenate(parts)
+
+    def _of_rows(self, rows: FloatArray, weight: FloatArray) -> FloatArray:
+        """Mean, scatter and trend with the size of each quantity, and who passed each station."""
+        names = self.problem.scale.names
+        k = len(names)
+        values, absent = rows[..., :k], rows[..., k:]
+        has = (1.0 - absent) * ~self.problem.unseen[:, :k] * weight[:, None]
+        moments = _moments(values, has, self.size[:, None])
+        stations = [i for i, name in enumerate(names) if name.endswith(":speed")]
+        came = (absent * weight[:, None]).sum(axis=(0, 1)) / (len(rows) * weight.sum())
+        return np.concatenate([moments, came[stations]])
+
+
+def summary_of(problem: SiteData) -> SiteSummary:
+    """Sum up what was observed at a site."""
+    radius = np.log(problem.case.radius_m)
+    spread = float(radius.std())
+    size = (radius - radius.mean()) / spread if spread > 1e-6 else np.zeros(radius.size)
+    none = np.empty(0)
+    blank = SiteSummary(none, none, none > 0.0, problem.units, problem.seed, problem, size)
+    observed = blank.of_rocks(np.ones(problem.n_rocks))
+    drawn = np.array([blank.of_rocks(weights) for weights in rocks_drawn_anew(problem)])
+    known = np.isfinite(drawn)
+    used = np.isfinite(observed) & (known.mean(axis=0) > 0.8)
+    if not problem.sideways:
+        used &= _of_ground(problem, used.size) & (known.mean(axis=0) > _SURE)
+    filled = np.where(known, drawn, observed)
+    error = np.maximum(np.std(np.where(used, filled, 0.0), axis=0), _LEAST)
+    return replace(blank, observed=observed, error=error, used=used)
+
+
+def _of_ground(problem: SiteData, p: int) -> BoolArray:
+    """Numbers that only ground changes: no offsets from fall lines.
+
+    Of impacts neither scatters nor trends with the normal speed: errors of the states before widen
+    what is computed from them, as the observed states after are not.
+    """
+    names = problem.scale.names
+    of_rows = 3 * [not name.endswith(":aside") for name in names]
+    of_rows += [True] * sum(name.endswith(":speed") for name in names)
+    of_impacts = 2 * ([True] * 3 + [False] * 3)
+    return np.array(of_rows + of_impacts * ((p - len(of_rows)) // len(of_impacts)), np.bool_)
+
+
+def rocks_drawn_anew(problem: SiteData) -> FloatArray:
+    """How often each rock is drawn in samples of the rocks, or of groups, shape (n, n_rocks)."""
+    return times_drawn(problem.unit, np.random.default_rng([problem.seed, 11]), _SAMPLES)
+
+
+def _of_impacts(
+    impacts: ImpactsInFlight, size: FloatArray, outcomes: FloatArray, weight: FloatArray
+) -> FloatArray:
+    """The same of speeds and spin after impacts, and their trend with the normal speed."""
+    known = np.isfinite(outcomes)
+    values, has = np.where(known, outcomes, 0.0), known * weight[..., None]
+    speed = np.log(np.maximum(-impacts.impacts.vn_in_mps, 0.2))
+    speed = (speed - speed.mean()) / max(float(speed.std()), 1e-6)
+    trend = _moments(values, has, speed[:, None, None])[6:]
+    return np.concatenate([_moments(values, has, size[:, None, None]), trend])
+
+
+def _moments(values: FloatArray, has: FloatArray, by: FloatArray) -> FloatArray:
+    """Means, logarithms of scatters, and covariances with ``by``, of the last axis; NaN of few."""
+    total = has.sum(axis=(0, 1))
+    few, total = total < _FEWEST, np.maximum(total, 1e-9)
+    mean = (values * has).sum(axis=(0, 1)) / total
+    off = (values - mean) * has
+    spread = np.sqrt(np.maximum((off * (values - mean)).sum(axis=(0, 1)) / total, 1e-4))
+    found = np.concatenate([mean, np.log(spread), (off * by).sum(axis=(0, 1)) / total])
+    found[np.tile(few, 3)] = np.nan
+    return found
+
+
+#: Parameters are standard normal before any rock is seen, and kept within this.
+_LIMIT = 2.5
+#: Radius of the first draws about the start, and attempts at a step. What the radius is multiplied
+#: with after a step as long as itself, after a shorter one, and after one that is not kept.
+_RADIUS, _ATTEMPTS = 1.2, 2
+_FARTHER, _KEPT, _NOT_KEPT = 1.3, 0.85, 0.6
+#: Standard deviation of the last draws, over that of what is left.
+_SPREAD = 1.3
+#: Number of the campaigns in which steps are compared: the same luck for all.
+_LOOK = 1
+#: Prior precision of the slopes, and the part of what the linear model leaves that counts as error:
+#: the rest is the chance of single campaigns, which the regression averages.
+_RIDGE, _LEFT = 0.5, 0.5
+#: Numbers that are off by more standard errors count no more than this.
+_FARTHEST = 5.0
+#: A parameter is identified if its standard deviation is below this share of that before; the rocks
+#: ask for another value where the one before is off by so many standard deviations (80 %).
+_NARROWER, _ASKED = 0.7, 1.28
+
+#: Numbers of a draw, shape (p,), and the energy distance of its campaigns from the observed rocks,
+#: or their mean energy score.
+Seen = tuple[FloatArray, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """Parameters to be tried: number, standard normal values, shape (d,), campaigns."""
+
+    number: int
+    at: FloatArray
+    count: int
+
+
+#: Makes campaigns of trials.
+RunTrials = Callable[[Sequence[Trial]], Sequence[Seen]]
+
+
+@dataclass(frozen=True, slots=True)
+class FitBudget:
+    """Rounds, draws of each, campaigns of a draw, and of a step that is looked at.
+
+    Parameters are kept within ``limit`` standard deviations. A ``last`` round of so many draws, of
+    as many campaigns as a step, lies where the parameters may be, and the slopes are its alone.
+    """
+
+    rounds: int
+    draws: int
+    count: int
+    looked: int
+    limit: float = _LIMIT
+    last: int = 0
+
+    @property
+    def tried(self) -> int:
+        """Draws of all rounds."""
+        return self.rounds * self.draws + self.last
+
+    @property
+    def trials(self) -> int:
+        """Draws and steps together, at most."""
+        return 1 + self.rounds * (1 + _ATTEMPTS) + self.tried
+
+
+@dataclass(frozen=True, slots=True)
+class LinearFit:
+    """Best parameters, and the linear model about them, of numbers in standard errors."""
+
+    best: FloatArray  # shape (d,); standard normal
+    covariance: FloatArray  # shape (d, d); of the posterior
+    level: FloatArray  # shape (p,); numbers at the best parameters
+    slopes: FloatArray  # shape (p, d); of the numbers
+    variance: FloatArray  # shape (p,); of the numbers about the model
+    left: FloatArray  # shape (n, p); what the model leaves of the numbers of the draws
+
+    @property
+    def identified(self) -> BoolArray:
+        """Parameters of which the rocks say something by themselves, shape (d,)."""
+        return self.asked | (np.sqrt(np.diag(self.covariance)) < _NARROWER)
+
+    @property
+    def asked(self) -> BoolArray:
+        """Parameters that the rocks do not leave at their values before, shape (d,)."""
+        return np.abs(self.best) > _ASKED * np.sqrt(np.diag(self.covariance))
+
+    def step(self, observed: FloatArray) -> FloatArray:
+        """From the best parameters to those for some observed numbers, in standard errors."""
+        weighted = self.slopes.T / self.variance
+        precision = weighted @ self.slopes + np.eye(self.best.size)
+        pull = weighted @ bounded(observed - self.level) - self.best
+        return np.asarray(np.linalg.solve(precision, pull), np.float64)
+
+    def given(self, fixed: BoolArray) -> FloatArray:
+        """Best parameters if some are at their values before, and the others make up for it."""
+        found = np.where(fixed, 0.0, self.best)
+        free = ~fixed
+        if fixed.any() and free.any():
+            across = self.covariance[np.ix_(free, fixed)]
+            within = self.covariance[np.ix_(fixed, fixed)]
+            found[free] = self.best[free] - across @ np.linalg.solve(within, self.best[fixed])
+        return np.clip(found, -_LIMIT, _LIMIT)
+
+
+def fit_linearly(
+    summary: ObservedNumbers, start: FloatArray, run: RunTrials, budget: FitBudget
+) -> LinearFit:
+    """Calibrate standard normal parameters to a site, or to several sites joined.
+
+    ``start``: where to begin, shape (d,); before any rock is seen all are zero.
+    """
+    rng, limit = np.random.default_rng([summary.seed, 13]), budget.limit
+    normal = qmc.MultivariateNormalQMC(np.zeros(start.size), np.eye(start.size), rng=rng)
+    points, numbers = list[FloatArray](), list[FloatArray]()
+
+    def look(at: FloatArray) -> float:
+        (seen,) = run([Trial(_LOOK, at, budget.looked)])
+        points.append(at)
+        numbers.append(seen[0])
+        return _loss(summary, at, seen)
+
+    best = start.copy()
+    least = look(best)
+    radius, tried = _RADIUS, _LOOK
+    for _ in range(budget.rounds):
+        new = np.clip(best + radius * _next(normal, budget.draws), -limit, limit)
+        made = run([Trial(tried + 1 + k, at, budget.count) for k, at in enumerate(new)])
+        tried += budget.draws
+        points += list(new)
+        numbers += [own for own, _ in made]
+        losses = [_loss(summary, at, own) for at, own in zip(new, made, strict=True)]
+        nearest = new[int(np.argmin(losses))]
+        if (loss := look(nearest)) < least:
+            best, least = nearest, loss
+        for _ in range(_ATTEMPTS):
+            fit = _linear_model(summary, np.array(points), np.array(numbers), best)
+            step = fit.step(summary.in_errors(summary.observed))
+            size = float(np.sqrt(np.mean(step**2)))
+            at = np.clip(best + step * min(1.0, radius / max(size, 1e-9)), -limit, limit)
+            if (loss := look(at)) < least:
+                best, least = at, loss
+                radius *= _FARTHER if size > radius else _KEPT
+                break
+            radius *= _NOT_KEPT
+    fit = _linear_model(summary, np.array(points), np.array(numbers), best)
+    if not budget.last:
+        return fit
+    spread = _SPREAD * np.linalg.cholesky(fit.covariance)
+    new = np.clip(best + _next(normal, budget.last) @ spread.T, -limit, limit)
+    # All have the same luck: what does not act has no slope.
+    made = run([Trial(tried + 1, at, budget.looked) for at in new])
+    return _linear_model(summary, new, np.array([own for own, _ in made]), best, np.ones(len(new)))
+
+
+def bounded(off: FloatArray) -> FloatArray:
+    """Observed less simulated numbers as they count, in standard errors."""
+    return np.asarray(np.clip(np.nan_to_num(off), -_FARTHEST, _FARTHEST), np.float64)
+
+
+def _next(normal: qmc.MultivariateNormalQMC, n: int) -> FloatArray:
+    with warnings.catch_warnings():
+        # Whole powers of two are better balanced, which does not matter here.
+        warnings.filterwarnings("ignore", "The balance properties", UserWarning)
+        return np.asarray(normal.random(n), np.float64)
+
+
+def _loss(summary: ObservedNumbers, at: FloatArray, seen: Seen) -> float:
+    """Distance from the observed rocks, and what the prior has against the parameters.
+
+    For a small shift of a quantity the energy distance is near the loss of logarithmic likelihood
+    by rock, so that the prior counts by the number of rocks, or of the groups of them. Where only
+    impacts were observed the distance is that of their numbers.
+    """
+    numbers, distance = seen
+    if np.isfinite(distance):
+        return float(distance + 0.5 * (at @ at) / summary.units)
+    off = summary.in_errors(numbers) - summary.in_errors(summary.observed)
+    off = np.clip(np.nan_to_num(off, nan=_FARTHEST), -_FARTHEST, _FARTHEST)
+    return float(np.mean(off**2) + (at @ at) / max(off.size, 1))
+
+
+def _linear_model(
+    summary: ObservedNumbers,
+    points: FloatArray,
+    numbers: FloatArray,
+    best: FloatArray,
+    weight: FloatArray | None = None,
+) -> LinearFit:
+    """Regress the numbers on the parameters; without weights the nearest draws count most."""
+    seen = summary.in_errors(numbers)
+    known = np.isfinite(seen)
+    count = np.maximum(known.sum(axis=0), 1)
+    # What a draw does not show is taken to be as usual.
+    seen = np.where(known, seen, np.where(known, seen, 0.0).sum(axis=0) / count)
+    if weight is None:
+        near = np.sqrt(np.mean((points - best) ** 2, axis=1))
+        weight = np.exp(-0.5 * (near / max(float(np.median(near)), 1e-6)) ** 2)
+    design = np.column_stack([np.ones(len(points)), points - best])
+    d = best.size
+    ridge = np.diag([1e-6, *[_RIDGE] * d])
+    weighted = design.T * weight
+    found = np.linalg.solve(weighted @ design + ridge, weighted @ seen)
+    left = seen - design @ found
+    freedom = max(float(weight.sum()) - min(d, 0.5 * float(weight.sum())), 3.0)
+    variance = 1.0 + _LEFT * (weight[:, None] * left**2).sum(axis=0) / freedom
+    # A number that hardly any draw shows says nothing.
+    variance = np.where(known.mean(axis=0) > 0.5, variance, 1e6)
+    slopes = found[1:].T
+    precision = (slopes.T / variance) @ slopes + np.eye(d)
+    covariance = np.asarray(np.linalg.inv(precision), np.float64)
+    return LinearFit(best, covariance, found[0], slopes, variance, left)

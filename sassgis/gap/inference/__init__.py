@@ -1,1 +1,0 @@
-"""Distances of distributions, tests and intervals, with rocks as the unit."""

@@ -1,0 +1,322 @@
+"""What speaks for causes at a site: models without an effect, causes added to them, the answer."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from sassgis.gap.causes.all_causes import CAUSES
+from sassgis.gap.causes.trees_cause import losses_at_one_place
+from sassgis.gap.diagnosis import CauseGain, Fingerprint, GapFinding, Rung, Shrinkage, Verdict
+from sassgis.gap.fit.hypothesis_fit import (
+    CONFIGURED_NUMBER,
+    CONTACT_LAW,
+    FRESH,
+    NONE,
+    UNKNOWN,
+    FittedHypothesis,
+    HypothesisFits,
+    families_to_try,
+)
+from sassgis.gap.fit.linear_fit import SiteSummary
+from sassgis.gap.fit.site_data import model_rows
+from sassgis.gap.forward.hypothesis_model import HypothesisModel, configured_model
+from sassgis.gap.residuals.residual_table import REPLICATES, residuals_with
+from sassgis.gap.verdict.findings import where
+from sassgis.gap.verdict.model_comparison import (
+    CONFIGURED,
+    GROUND,
+    Ladder,
+    cause_gains,
+    ground_is_enough,
+    needs_contact_law,
+    shrinkage_of,
+)
+from sassgis.gap.verdict.verdict import (
+    CauseWeights,
+    Thresholds,
+    adequate,
+    confidence_of,
+    confusion_set,
+    decide,
+    fingerprints,
+    group_probability,
+    is_certain,
+    place_of,
+    second_of,
+    seen_of,
+    speaking,
+)
+from sassgis.gap.words import effect_key
+from sassgis.model.grid import FloatArray
+from sassgis.model.languages import phrase
+
+#: Calibrations that are looked at where the best leaves something large, and how many at once.
+_PLAUSIBLE, _AT_ONCE = 16, 4
+
+
+def configured_as_observed(made: HypothesisFits) -> HypothesisModel:
+    """The configured model; its rotations are observed as those of calibrated ground.
+
+    Blocks that do not turn in one plane do not do so on any ground: what the factor on rotations
+    closes of the gap is closed by no model that is handed over.
+    """
+    seen = made.add(NONE).handed_over.draw.model.measurement
+    return replace(configured_model(made.problem.case), measurement=seen)
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """Of a base; fingerprints and findings with the surest first."""
+
+    prints: tuple[Fingerprint, ...]
+    # Those of calibrated ground, if it leaves nothing that is significant and large, is what the
+    # rocks ask for, and a freer contact would leave more.
+    findings: tuple[GapFinding, ...]
+    gains: Mapping[str, CauseGain]  # by family
+    notes: tuple[str, ...]  # what else the observations show
+
+    @property
+    def speaking(self) -> Mapping[str, CauseGain]:
+        """Gains that could speak for their causes."""
+        return speaking(self.prints, self.gains)
+
+
+def evidence_beyond(
+    made: HypothesisFits, base: FittedHypothesis, families: Sequence[str]
+) -> Evidence:
+    """What is left of a base, and what speaks for causes beyond it."""
+    problem = made.problem
+    case, residuals = residuals_with(problem.case, base.handed_over.draw.model, seed=problem.seed)
+    notes: tuple[str, ...] = ()
+    # What no cause explains.
+    if (found := losses_at_one_place(residuals)) is not None:
+        text = (
+            "{} of the paths in time lose speed above the ground at one place, about {} m down the "
+            "way: a step that the terrain model lacks, or something built. They say nothing about "
+            "trees."
+        )
+        notes = (phrase(text, found[0], f"{found[1]:.0f}"),)
+    return Evidence(
+        fingerprints(case, residuals),
+        where(case, residuals, seed=problem.seed),
+        cause_gains(made.summary, base, families, made.run),
+        notes,
+    )
+
+
+def evidence_of_site(made: HypothesisFits) -> AddedCauses:
+    """Evidence beyond the base with a free contact, and the models without an effect.
+
+    The base is adequate if one of the calibrations that the rocks leave plausible is: of all values
+    of what is not known none may be right, for it to be wrong (R. L. Berger and D. D. Boos, 1994, P
+    values maximized over a confidence set for the nuisance parameter, J. Am. Stat. Assoc. 89,
+    1012-1016). A contact that is free in wide limits may be calibrated less well than the ground
+    alone.
+    """
+    problem = made.problem
+    found = evidence_beyond(made, made.add(CONTACT_LAW), families_to_try(problem.case))
+    rows = model_rows(problem, configured_as_observed(made), CONFIGURED_NUMBER, FRESH)
+    ladder = Ladder(problem)
+    ladder.add(CONFIGURED, "", rows)
+    ladder.add(GROUND, CONFIGURED, made.rows(NONE))
+    ladder.add(CONTACT_LAW, GROUND, made.rows(CONTACT_LAW))
+    rungs = ladder.rungs(CONFIGURED, GROUND, CONTACT_LAW)
+    added = AddedCauses(made, found, ladder, rungs, rows, needs_contact_law(rungs))
+    if not adequate(found.findings):
+        draws = made.add(CONTACT_LAW).samples(problem.case, _PLAUSIBLE)
+        models = [own.model for own in draws]
+        if added.base != CONTACT_LAW:
+            models = [made.add(NONE).handed_over.draw.model, *models]
+        if (left := first_adequate(made, models)) is not None:
+            note = phrase(
+                "Gaps by place are those of a calibration that the rocks do not exclude, which is "
+                "the base here: the best one of the free contact leaves a significant and large "
+                "gap."
+            )
+            found = replace(found, findings=left, notes=(*found.notes, note))
+    return replace(added, evidence=found)
+
+
+def first_adequate(
+    made: HypothesisFits, models: Sequence[HypothesisModel]
+) -> tuple[GapFinding, ...] | None:
+    """Where the gap lies with the first model that leaves nothing significant and large, if any."""
+    for k in range(0, len(models), _AT_ONCE):
+        tasks = [_Left(own, REPLICATES) for own in models[k : k + _AT_ONCE]]
+        left: list[tuple[GapFinding, ...]] = list(made.run(_left_by, tasks))
+        if any(map(adequate, left)):
+            return next(filter(adequate, left))
+    return None
+
+
+@dataclass(frozen=True, slots=True)
+class _Left:
+    """A model that takes the place of the base, and runs of each rock."""
+
+    model: HypothesisModel
+    count: int
+
+
+def _left_by(summary: SiteSummary, task: _Left) -> tuple[GapFinding, ...]:
+    """Where the gap lies with a model in place of the base."""
+    problem = summary.problem
+    case, residuals = residuals_with(
+        problem.case, task.model, seed=problem.seed, replicates=task.count
+    )
+    return where(case, residuals, seed=problem.seed)
+
+
+@dataclass(frozen=True, slots=True)
+class AddedCauses:
+    """Models without an effect, and causes added to the one that the observed rocks ask for."""
+
+    made: HypothesisFits
+    evidence: Evidence  # beyond the base with a free contact
+    ladder: Ladder
+    rungs: tuple[Rung, ...]  # without an effect
+    configured_rows: FloatArray  # of the configured model, shape (FRESH, n_rocks, p)
+    needs_law: bool  # whether another law of the contact is needed
+
+    @property
+    def base_rungs(self) -> tuple[str, ...]:
+        """Rungs without an effect that may be recommended."""
+        return (CONFIGURED, GROUND, *([CONTACT_LAW] if self.needs_law else []))
+
+    @property
+    def simplest(self) -> str:
+        """The last of them whose gain is certain."""
+        return self.ladder.recommended(*self.base_rungs)[0]
+
+    @property
+    def base(self) -> str:
+        """Hypothesis of the base: with another law of the contact if that is certainly better."""
+        return CONTACT_LAW if self.simplest == CONTACT_LAW else NONE
+
+    @property
+    def rung(self) -> str:
+        """The base as a rung of the ladder."""
+        return GROUND if self.base == NONE else CONTACT_LAW
+
+    def name(self, effect: str) -> str:
+        """Hypothesis of a rung of the ladder."""
+        if effect in (NONE, GROUND):
+            return NONE
+        return "+".join(sorted({*effect.split("+"), self.base} - {NONE}))
+
+    def fit(self, effect: str) -> FittedHypothesis:
+        """The base with an effect, calibrated if it is not yet.
+
+        It begins where the base has ended, with the draw of each cause that closes most. What
+        fingerprints measure stays as they have it.
+        """
+        gains = self.evidence.gains
+        seen = {f.statistic: (f.z, f.value) for f in self.evidence.prints if f.observable}
+        start: dict[str, float] = {}
+        held: dict[str, float] = {}
+        for cause in effect.split("+"):
+            start |= gains[cause].shares if cause in gains else {}
+            held |= CAUSES[cause].measured(seen) if cause in CAUSES else {}
+        start |= self.made.add(self.base).shares
+        return self.made.add(self.name(effect), start, held)
+
+    def rows(self, effect: str) -> FloatArray:
+        """Rows of every rock by the model it had no weight in."""
+        return self.fit(effect).held_out_rows(self.made.problem.part)
+
+    def shrinkage(self, effect: str, without: str = "") -> Shrinkage:
+        """How far the gap shrinks by an effect, on rocks left out."""
+        before = self.rows(without) if without else self.made.rows(self.base)
+        return shrinkage_of(self.made.problem, before, effect, self.rows(effect))
+
+
+def shares_of(
+    evidence: Evidence, families: tuple[str, ...], weights: CauseWeights
+) -> dict[str, float]:
+    """Probability of each cause that these data could show, of "none" and of "unknown"."""
+    gains = evidence.speaking
+    seen = seen_of(evidence.prints, gains, families)
+    hidden, sound = len(families) - len(seen), adequate(evidence.findings)
+    return weights.shares(evidence.prints, gains, seen, hidden, sound)
+
+
+def _second(added: AddedCauses, first: str, weights: CauseWeights, frozen: Thresholds) -> str:
+    """A second cause beside the first: there is evidence left once the first is in the model."""
+    case = added.made.problem.case
+    families = tuple(name for name in families_to_try(case) if name != first)
+    # Only what there is evidence of beyond the base is looked for again.
+    sure = {f.effect for f in added.evidence.prints if f.observable and f.z >= frozen.second}
+    if sure.isdisjoint(families):
+        return ""
+    left = evidence_beyond(added.made, added.fit(first), families)
+    shares = shares_of(left, families, weights)
+    second = second_of(left.prints, shares, frozen)
+    if second and CAUSES[second].closes and not is_certain(left.prints, second, frozen):
+        closes = added.shrinkage("+".join(sorted([first, second])), without=first).value
+        if closes is not None and closes <= 0.0:
+            return ""
+    return second
+
+
+def verdict_of(
+    added: AddedCauses,
+    shares: Mapping[str, float],
+    weights: CauseWeights,
+    frozen: Thresholds,
+    sound: bool,
+) -> tuple[Verdict, Shrinkage]:
+    """Give the answer, and how far the gap shrinks by what is named.
+
+    ``sound``: whether the base leaves nothing that is significant and large.
+    """
+    evidence, law = added.evidence, added.needs_law
+    enough = ground_is_enough(added.rungs) or adequate(evidence.findings)
+    first = _most_probable(shares, evidence.gains)
+    if first != NONE and shares[first] < min(frozen.calibrated, shares[NONE]):
+        first = NONE
+    shrinkage = added.shrinkage(first) if first != NONE else _nothing_added(added)
+    closes = shrinkage.value if first != NONE and CAUSES[first].closes else None
+    effect, group, reason = decide(evidence.prints, shares, sound, closes, frozen, law)
+    if effect == first and effect != NONE:
+        second = _second(added, first, weights, frozen)
+        if second:
+            effect = "+".join(sorted([first, second]))
+            shrinkage = added.shrinkage(effect)
+            reason = phrase(
+                "{}; with it in the model, a fingerprint of {} is left", reason, effect_key(second)
+            )
+    elif effect == NONE:
+        shrinkage = _nothing_added(added)
+    elif first != NONE:
+        note = phrase("No effect is named; this is of {}, as a bound.", effect_key(first))
+        shrinkage = replace(shrinkage, note=note)
+    fitted = () if effect in (UNKNOWN, CONTACT_LAW) else added.fit(effect).models
+    case = added.made.problem.case
+    phase, segments = place_of(effect, case, [own.draw for own in fitted], evidence.findings)
+    verdict = Verdict(
+        effect,
+        confidence_of(effect, shares, frozen.right),
+        confusion_set(effect, frozen.possible, shares),
+        phase,
+        segments,
+        reason,
+        dict(shares),
+        group,
+        CONTACT_LAW if law else "ground" if enough else "unresolved",
+        # The law of the contact is that of the base, whichever families there are.
+        group_probability(group, shares) + (shares[NONE] if effect == CONTACT_LAW else 0.0),
+        tuple(n for n in families_to_try(case) if n not in (*shares, *effect.split("+"))),
+    )
+    return verdict, shrinkage
+
+
+def _most_probable(shares: Mapping[str, float], gains: Mapping[str, CauseGain]) -> str:
+    """The most probable cause, of several alike the one whose gain is surest; "none" without."""
+    causes = [name for name in shares if name not in (NONE, UNKNOWN)]
+    alike = [name for name in causes if shares[name] >= shares[causes[0]]]
+    return max(alike, key=lambda n: gains[n].sureness if n in gains else 0.0, default=NONE)
+
+
+def _nothing_added(added: AddedCauses) -> Shrinkage:
+    base = added.made.rows(added.base)
+    return shrinkage_of(added.made.problem, base, NONE, base)

@@ -1,0 +1,466 @@
+"""Test fingerprints, weigh causes, and answer: a cause, its group and what is confused.
+
+A fingerprint is one number per rock (or per group of rocks); its z is that of the mean over the
+groups, with the errors of measurement, of the comparison, and of stated errors that may be wrong
+taken off before. No synthetic site is needed for it. The p values are those of Student's t over
+groups, adjusted for the number of fingerprints (Holm 1979).
+
+Every cause is weighed alike: a few numbers say what its surest fingerprint counts, of those that no
+contact can leave and of the others, and what its gain counts. They were fitted on sites of several
+generators (``data/gap_thresholds.json``); each was judged by numbers that never saw it
+(docs/studies/gap_weights.md). What a contact could leave, and a gain, may come from a law of the
+contact that the base lacks: alone they make no cause more likely than none.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy import stats
+from scipy.special import softmax
+
+from sassgis.gap.causes.all_causes import CAUSES, GROUPS
+from sassgis.gap.causes.cause import LEAST, PRINTED, SHOWS, Scores, Unseen
+from sassgis.gap.diagnosis import CauseGain, Fingerprint, GapFinding
+from sassgis.gap.fit.hypothesis_fit import CONTACT_LAW, NONE, UNKNOWN, Draw
+from sassgis.gap.observations.case import Case
+from sassgis.gap.residuals.residual_table import ResidualTable
+from sassgis.gap.residuals.rock_residuals import holm_adjusted, per_rock, t_statistics
+from sassgis.gap.verdict.findings import locate
+from sassgis.gap.words import LEVEL, effect_key
+from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.languages import joined, phrase
+
+
+def fingerprints(case: Case, residuals: ResidualTable) -> tuple[Fingerprint, ...]:
+    """Test every fingerprint on the residuals of a case against its calibrated base.
+
+    The most certain first; those that cannot be seen last.
+    """
+    group = case.group
+    seen, unseen = list[Fingerprint](), list[Fingerprint]()  # p values are adjusted below
+    for cause in CAUSES.values():
+        for own in cause.statistics:
+            with suppress(Unseen):
+                scores = own.scores(case, residuals)
+                z, p, n = _tested(scores, group)
+                if math.isfinite(z):
+                    seen.append(Fingerprint(cause.name, own.name, scores.size, z, p, True, n))
+                    continue
+            none = math.nan
+            unseen.append(Fingerprint(cause.name, own.name, none, none, none, False, 0))
+    adjusted = holm_adjusted(np.array([one.p_adjusted for one in seen])).tolist()
+    seen = [replace(one, p_adjusted=p) for one, p in zip(seen, adjusted, strict=True)]
+    return (*sorted(seen, key=lambda one: (one.p_adjusted, -one.z)), *unseen)
+
+
+def _tested(one: Scores, group: IntArray) -> tuple[float, float, int]:
+    """Z of the mean over groups, one-sided p, and groups that have a value."""
+    groups = int(group.max()) + 1
+    own_null = one.values.size == 1
+    values = np.zeros(groups) if own_null else per_rock(one.values, group, groups)
+    n = int(np.isfinite(values).sum())
+    if n < LEAST:
+        return math.nan, math.nan, n
+    if one.chance is not None:
+        # So few score that their mean is not normal.
+        none = np.ones(groups)
+        np.multiply.at(none, group, 1.0 - one.chance)
+        seem = stats.poisson(float((1.0 - none).sum()))
+        hit = int((np.nan_to_num(values) > 0.0).sum())
+        p = float(np.clip(seem.sf(hit) + 0.5 * seem.pmf(hit), 1e-30, 1.0 - 1e-9))
+        return float(stats.norm.isf(p)), p, n
+    if own_null:
+        return float(one.values[0]), float(stats.norm.sf(one.values[0])), n
+    t = float(np.clip(np.nan_to_num(t_statistics(values)[0], posinf=40.0, neginf=-40.0), -40, 40))
+    p = float(stats.t.sf(t, n - 1))
+    # The normal deviate of the same chance: a t of five rocks is not one of a hundred.
+    z = float(np.clip(stats.norm.isf(p), -12.0, 12.0)) if 0.0 < p < 1.0 else math.copysign(12.0, t)
+    return z, p, n
+
+
+#: A gap is large from this share of the scatter of single values on, of rocks or of their steps (J.
+#: Cohen, 1988, Statistical power analysis for the behavioral sciences, p. 26: d = 0.8).
+_LARGE = 0.8
+
+
+@dataclass(frozen=True, slots=True)
+class Thresholds:
+    """What was set on sites of development, and is frozen for all that is reported."""
+
+    level: float = 0.01  # adjusted p value up to which a fingerprint is significant
+    named: float = 0.6  # probability from which a family is named
+    grouped: float = 0.7  # that of all families of a group together from which it is certain
+    #: z of a second fingerprint, beside the first cause, from which two causes are named; of one
+    #: that takes no contacts, from which a cause is named that closes nothing.
+    second: float = 6.0
+    #: Probability from which the most probable family is calibrated, though it is not named.
+    calibrated: float = 0.2
+    #: Probability from which a family, "none" or "unknown" is in the confusion set: so that nine
+    #: sets of ten hold the truth.
+    possible: float = 0.05
+    #: Share of the sites at which an answer that names no family was right; its confidence is never
+    #: higher.
+    right: Mapping[str, float] = field(default_factory=dict)
+
+
+def group_of(effect: str) -> str:
+    """Group of a cause; of two, that of the first; "" if it has none."""
+    first = CAUSES.get(effect.split("+")[0])
+    return "" if first is None else first.group
+
+
+def adequate(findings: Sequence[GapFinding]) -> bool:
+    """Whether no gap of the calibrated base is both significant and large."""
+    return not large_gaps(findings)
+
+
+def large_gaps(findings: Sequence[GapFinding]) -> list[GapFinding]:
+    """Gaps that are both significant and large."""
+    return [f for f in findings if f.p_adjusted <= LEVEL and _large(f)]
+
+
+def _large(finding: GapFinding) -> bool:
+    low, high = finding.ci95
+    scatter = (high - low) / 3.92 * math.sqrt(max(finding.values, finding.rocks, 1))
+    return abs(finding.gap) > _LARGE * scatter
+
+
+#: Least power with which data must show a cause, by what it closes, for it to be named or excluded
+#: (the usual one of J. Cohen, 1988, Statistical power analysis for the behavioral sciences).
+POWER = 0.8
+
+
+def strongest(prints: Sequence[Fingerprint]) -> dict[str, Fingerprint]:
+    """The surest fingerprint of each cause that these data can show."""
+    best: dict[str, Fingerprint] = {}
+    for one in prints:
+        if one.observable and (one.effect not in best or one.z > best[one.effect].z):
+            best[one.effect] = one
+    return best
+
+
+def significant(prints: Sequence[Fingerprint], level: float) -> dict[str, Fingerprint]:
+    """The surest fingerprint of each cause that has a significant one."""
+    return {n: f for n, f in strongest(prints).items() if f.p_adjusted <= level and f.z > 0.0}
+
+
+#: Fingerprints that no contact could leave; those of them that are of masses, places and paths in
+#: time, so that they hang on no contact that may be missing in a table either; and of these
+#: those that the scatter of the rocks does not hide.
+_CLEAR = {t.name: t for c in CAUSES.values() for t in c.statistics if t.clear}
+_WITHOUT_CONTACTS = {name for name, own in _CLEAR.items() if own.tables != ("impacts",)}
+_OF_PATHS = {name for name, own in _CLEAR.items() if "trajectories" in own.tables}
+_OF_MASSES = {name for name, own in _CLEAR.items() if {*own.tables} == {"rocks", "deposits"}}
+
+
+def is_certain(prints: Sequence[Fingerprint], effect: str, thresholds: Thresholds) -> bool:
+    """Whether masses, places or paths in time show a cause, whatever else the rocks do."""
+    own = [f for f in prints if f.effect == effect and f.statistic in _WITHOUT_CONTACTS]
+    return any(f.observable and f.z >= thresholds.second for f in own)
+
+
+def _would_show(one: Fingerprint) -> bool:
+    """Whether a fingerprint is one that would be seen where its cause is, or is seen."""
+    if one.statistic in _OF_PATHS or (one.statistic in _CLEAR and one.z >= PRINTED):
+        return True
+    return one.statistic in _OF_MASSES and one.z > -PRINTED
+
+
+def speaking(prints: Sequence[Fingerprint], gains: Mapping[str, CauseGain]) -> dict[str, CauseGain]:
+    """Gains that could speak for their causes.
+
+    What hardly any draw of a cause could close, something else does. Causes at the contact close
+    what another law of the contact than that of the base leaves, too: of these a fingerprint of
+    their own must be significant.
+    """
+    contact = group_of(CONTACT_LAW)
+    own = significant(prints, LEVEL)
+    return {n: g for n, g in gains.items() if g.credible and (group_of(n) != contact or n in own)}
+
+
+def seen_of(
+    prints: Sequence[Fingerprint], gains: Mapping[str, CauseGain], tried: Sequence[str]
+) -> tuple[str, ...]:
+    """Families that these data could show: by a fingerprint of their own, or by what they close.
+
+    Paths in time could show theirs wherever they were recorded; so could masses, unless the one
+    that a family adds may lie in the gap that another one leaves. Other fingerprints that no
+    contact leaves may be hidden by the scatter of the rocks: they must be seen. What another
+    law of the contact or a film that begins late leaves as well shows nothing by itself. Else a
+    family must have the power to close something, or close it. ``gains``: those that could speak
+    for their causes.
+    """
+    by_prints = {f.effect for f in prints if f.observable and _would_show(f)}
+    by_gains = {n for n, own in gains.items() if own.power >= POWER or own.sureness >= SHOWS}
+    return tuple(n for n in tried if n in by_prints or n in by_gains)
+
+
+def second_of(
+    left: Sequence[Fingerprint], shares: Mapping[str, float], thresholds: Thresholds
+) -> str:
+    """A second cause: what is left once the first one is in the model; "" if nothing is.
+
+    ``left``: of the base with the first cause; ``shares``: probability of the other families and of
+    "none" beyond that base.
+    """
+    sure = {
+        name: one.z
+        for name, one in significant(left, thresholds.level).items()
+        if one.z >= thresholds.second
+    }
+    likely = [name for name in sure if shares.get(name, 0.0) >= thresholds.named]
+    return max(likely, key=lambda n: sure[n], default="")
+
+
+def decide(
+    prints: Sequence[Fingerprint],
+    shares: Mapping[str, float],
+    is_adequate: bool,
+    closes: float | None,
+    thresholds: Thresholds,
+    law: bool,
+) -> tuple[str, str, str]:
+    """Answer, its group, and the reason.
+
+    Parameters
+    ----------
+    shares : mapping
+        Probability of each family that may be named, of "none" and of "unknown". One without a
+        fingerprint that no contact could leave is no more likely than "none".
+    is_adequate : bool
+        Whether the calibrated base leaves no gap that is significant and large.
+    closes : float or None
+        Share of the gap that the most probable family closes, on rocks left out; None where that
+        says nothing of it.
+    law : bool
+        Whether the base needs another law of the contact.
+
+    Returns
+    -------
+    effect : str
+        "none", "unknown", "contact_law" or a family.
+    group : str
+        "" for none, and where not even the group is certain.
+    reason : str
+    """
+    tried = [name for name in shares if name not in (NONE, UNKNOWN)]
+    best = strongest(prints)
+    first = max(tried, key=lambda n: shares[n], default="")
+    refused = phrase("")
+    if first and shares[first] >= thresholds.named:
+        # Such a cause is one also where the rocks come as far without it.
+        if closes is None or closes > 0.0 or is_certain(prints, first, thresholds):
+            sure = f"{min(shares[first], 0.99):.0%}"
+            seen, z = phrase(best[first].statistic), f"{best[first].z:.1f}"
+            reason = phrase("{} probable by its fingerprints", sure)
+            if closes is not None and closes > 0.0:
+                reason = phrase("{} probable by its fingerprints and by what it closes", sure)
+            reason = phrase("{}; the surest of its own: {} (z = {})", reason, seen, z)
+            return first, group_of(first), reason
+        refused = phrase(
+            "the fingerprints are those of {}, but the effect closes none of the gap on rocks that "
+            "took no part in its calibration; ",
+            effect_key(first),
+        )
+    together = {g: group_probability(g, shares) for g in GROUPS}
+    group = max(together, key=lambda g: together[g])
+    if together[group] >= thresholds.grouped and len(GROUPS[group]) == 1 and refused:
+        return UNKNOWN, group, phrase("{}these data cannot answer which cause the gap has", refused)
+    if together[group] >= thresholds.grouped:
+        reason = phrase(
+            "a cause of the group {} is {} probable; these data cannot answer which",
+            phrase(group),
+            f"{together[group]:.0%}",
+        )
+        return UNKNOWN, group, joined("", (refused, reason))
+    if is_adequate:
+        reason = phrase(
+            "no cause is probable, and no gap of the calibrated base is both significant and large"
+        )
+        if refused:
+            reason = phrase(
+                "no other cause is probable, and no gap of the calibrated base is both significant "
+                "and large"
+            )
+        return NONE, "", joined("", (refused, reason))
+    # A cause at the contact that is as probable as none cannot be told from another law of it.
+    contact = group_of(CONTACT_LAW)
+    others = [name for name in tried if group_of(name) != contact or shares[name] > shares[NONE]]
+    if law and shares[NONE] > max((shares[name] for name in others), default=0.0):
+        reason = phrase(
+            "the contact follows another law: the motion is shifted in the same way for all sizes, "
+            "or it certainly closes more of the gap than any values of the ground"
+        )
+        return CONTACT_LAW, contact, joined("", (refused, reason))
+    reason = phrase(
+        "gaps are significant and large, and no known cause is probable: these data cannot answer "
+        "which"
+    )
+    return UNKNOWN, "", joined("", (refused, reason))
+
+
+def group_probability(group: str, shares: Mapping[str, float]) -> float:
+    """Probability of the families of a group together; NaN without a group."""
+    if not group:
+        return math.nan
+    return sum(shares.get(name, 0.0) for name in GROUPS[group])
+
+
+def confusion_set(effect: str, least: float, shares: Mapping[str, float]) -> tuple[str, ...]:
+    """The answer, what is as probable as ``least``, and what is more probable than the answer.
+
+    Two or more families of one group that are not the answer become the group, which then stands
+    for all of its causes.
+    """
+    named = effect.split("+")
+    least = min([least, *(p for n, p in shares.items() if n in named)])
+    possible = [n for n, p in shares.items() if p >= least]
+    found = list(named)
+    for name in (n for n in possible if n not in named):
+        group = group_of(name)
+        mates = [n for n in possible if group and group_of(n) == group]
+        apart = [n for n in GROUPS.get(group, ()) if n in shares and n not in named]
+        found.append(group if len(mates) > 1 and len(apart) > 1 else name)
+    return tuple(dict.fromkeys(found))
+
+
+def causes_in(confusion: Sequence[str]) -> tuple[str, ...]:
+    """A confusion set with the causes of its groups in their place."""
+    return tuple(dict.fromkeys(n for one in confusion for n in GROUPS.get(one, (one,))))
+
+
+def place_of(
+    effect: str, case: Case, fitted: Sequence[Draw], findings: Sequence[GapFinding]
+) -> tuple[str, tuple[str, ...]]:
+    """Phase of motion and reaches in which an effect acts, by calibrated draws of it.
+
+    Effects without a place of their own act where the gap lies, by the ``findings``.
+    """
+    if effect == NONE:
+        return "", ()
+    if effect in (UNKNOWN, CONTACT_LAW):
+        return locate(findings)
+    first = CAUSES[effect.split("+")[0]]
+    return first.phase, first.place(case, [draw.model for draw in fitted])
+
+
+def confidence_of(effect: str, shares: Mapping[str, float], right: Mapping[str, float]) -> float:
+    """Probability of an answer; NaN where none is given.
+
+    Of the contact law that none of the families is the cause, but no more than ``right``: the share
+    of the sites of development at which such an answer was right (``Thresholds.right``).
+    """
+    if effect == UNKNOWN:
+        return math.nan
+    named = [NONE] if effect == CONTACT_LAW else effect.split("+")
+    own = max(shares.get(name, 0.0) for name in named)
+    return float(min(own, right.get(effect, 1.0), 0.99))
+
+
+#: Up to what z and the sureness of a gain count, and their unit. Below zero they count nothing:
+#: many statistics are below their null where their cause is weak.
+_MOST, _UNIT = 8.0, 4.0
+#: Evidence for a cause, in the order of the weights.
+FEATURES = ("clear", "usual", "gain", "share")
+
+
+@dataclass(frozen=True, slots=True)
+class CauseWeights:
+    """What evidence counts."""
+
+    weights: FloatArray  # shape (4,); of FEATURES
+    offset: float  # by which no cause is more likely than "none" before any evidence
+    #: Logarithm of the odds of an effect that these data cannot show, or that is not known, for
+    #: each of the families that they cannot show and one more.
+    unseen: float
+    #: What a gap that the base leaves counts for such an effect, if it is significant and large.
+    unsound: float
+    farthest: float  # excess of the base that one site of a hundred exceeds (``CauseGain``)
+
+    def logits(self, evidence: FloatArray, hidden: int, sound: bool) -> FloatArray:
+        """Log odds against "none" of an effect that is not seen, and of each cause, shape (n + 1,).
+
+        Parameters
+        ----------
+        evidence : float64, shape (n, 4)
+            FEATURES of each cause.
+        hidden : int
+            Families that these data cannot show.
+        sound : bool
+            Whether the base leaves no gap that is significant and large.
+        """
+        other = self.unseen + math.log(hidden + 1) + self.unsound * (not sound)
+        rows = evidence.reshape(-1, len(FEATURES))
+        own = rows @ self.weights - self.offset
+        return np.append(other, np.where(rows[:, 0] < _count(PRINTED), np.minimum(own, 0.0), own))
+
+    def shares(
+        self,
+        prints: Sequence[Fingerprint],
+        gains: Mapping[str, CauseGain],
+        tried: Sequence[str],
+        hidden: int = 0,
+        sound: bool = True,
+    ) -> dict[str, float]:
+        """Probability of every cause that may be named, of "none" and of "unknown".
+
+        Parameters
+        ----------
+        gains : mapping
+            Those that could speak for their causes.
+        tried : sequence of str
+            Families that may be named.
+        hidden, sound
+            As for ``logits``.
+
+        Returns
+        -------
+        dict
+            Most likely first. "unknown": an effect that these data cannot show, or no known one.
+        """
+        evidence = np.array([evidence_of(name, prints, gains) for name in tried])
+        p = softmax(np.append(0.0, self.logits(evidence, hidden, sound)))
+        names = (NONE, UNKNOWN, *tried)
+        return {names[k]: float(p[k]) for k in np.argsort(-p, kind="stable").tolist()}
+
+
+def evidence_of(
+    cause: str, prints: Sequence[Fingerprint], gains: Mapping[str, CauseGain]
+) -> FloatArray:
+    """FEATURES of a cause, shape (4,); what cannot be seen counts nothing.
+
+    ``gains``: those that could speak for their causes.
+    """
+    clear = {own.name for own in CAUSES[cause].statistics if own.clear}
+    own = {f.statistic: f.z for f in prints if f.effect == cause and f.observable}
+    best = [
+        max((_count(z) for name, z in own.items() if (name in clear) is kind), default=0.0)
+        for kind in (True, False)
+    ]
+    gain = gains.get(cause)
+    if gain is None or not CAUSES[cause].closes:
+        return np.array([*best, 0.0, 0.0])
+    return np.array([*best, _count(gain.sureness), gain.share])
+
+
+def _count(z: float) -> float:
+    return float(np.clip(z, 0.0, _MOST)) / _UNIT
+
+
+def weights_of(content: Mapping[str, float]) -> CauseWeights:
+    """Weights from the content of their file.
+
+    Raises
+    ------
+    KeyError, TypeError, ValueError
+        If it is none of weights.
+    """
+    return CauseWeights(
+        np.array([float(content[name]) for name in FEATURES]),
+        *(float(content[name]) for name in ("offset", "unseen", "unsound", "farthest")),
+    )

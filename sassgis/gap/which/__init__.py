@@ -1,1 +1,0 @@
-"""Which cause the gap has: fingerprints tested and weighed, hypotheses, verdict."""

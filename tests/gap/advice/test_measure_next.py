@@ -1,0 +1,98 @@
+"""What to measure next: what two models would show differently."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.simulated_slope import BASE, TABLE, observed
+
+from sassgis.gap.advice.measure_next import Separation, _best, _places, _recorded, separations
+from sassgis.gap.forward.hypothesis_model import HypothesisModel, MeasurementError
+from sassgis.gap.forward.rock_lines import RockLines, rock_lines_of
+from sassgis.gap.observations.case import Case
+from sassgis.model.ground import GroundTable
+
+
+@pytest.fixture(scope="module")
+def case() -> Case:
+    """Only where rocks stopped is known."""
+    return observed(20, 3, tables=("deposits",))
+
+
+@pytest.fixture(scope="module")
+def lines(case: Case) -> RockLines:
+    return rock_lines_of(case)
+
+
+def between(
+    case: Case, lines: RockLines, one: HypothesisModel, other: HypothesisModel
+) -> Separation:
+    models = {"none": [one], "trees": [other]}
+    (found,) = separations(case, lines, models, 4)
+    return found
+
+
+def test_models_that_are_alike_are_not_told_apart(case: Case, lines: RockLines) -> None:
+    found = between(case, lines, BASE, BASE)
+    assert (found.what, found.rocks) == ("", 0)
+    assert "Neither" in found.sentence and "calibration alone" in found.sentence
+    assert separations(case, lines, {"none": [BASE]}, 4) == ()
+
+
+def test_what_differs_most_is_measured(case: Case, lines: RockLines) -> None:
+    turned = replace(BASE, measurement=MeasurementError(rotation_scale=1.6))
+    found = between(case, lines, BASE, turned)
+    assert "rotation" in found.what and found.rocks >= 5
+
+
+def test_stations_lie_on_the_lines_of_the_rocks_where_no_stop_is_known(
+    case: Case, lines: RockLines
+) -> None:
+    # Followed paths have no end.
+    there = replace(case, projected={})
+    places = _places(there, replace(lines, end=np.full(case.n_rocks, np.inf)))
+    assert places.size and places.max() < case.traces.s.max()
+
+
+def test_rocks_are_fewer_the_larger_the_difference(case: Case, lines: RockLines) -> None:
+    counts = []
+    for scale in (1.05, 1.4):
+        faster = replace(BASE, measurement=MeasurementError(scale=scale))
+        counts.append(between(case, lines, BASE, faster).rocks)
+    assert counts[0] >= counts[1] == 5
+    # As many as a test of one mean takes: a difference of d scatters needs (2.8 / d)² rocks.
+    low = GroundTable(tuple(replace(c, eta_max=0.9 * c.eta_max) for c in TABLE.classes))
+    slow = between(case, lines, BASE, replace(BASE, table=low))
+    assert slow.what and slow.rocks < 40
+
+
+def test_what_was_recorded_of_enough_rocks_is_not_asked_for_again(case: Case) -> None:
+    what = "where rocks stop along the fall line"
+    assert _recorded(case)[what] == 20
+    rng = np.random.default_rng(1)
+    one, other = ({what: mean + rng.normal(size=(4, 4, 20))} for mean in (0.0, 2.0))
+    assert _best("none", "trees", one, other, {}).what == what
+    assert not _best("none", "trees", one, other, {what: 20}).what
+
+
+def test_what_draws_of_one_model_differ_by_tells_nothing(case: Case, lines: RockLines) -> None:
+    def scaled(*scales: float) -> list[HypothesisModel]:
+        return [replace(BASE, measurement=MeasurementError(scale=k)) for k in scales]
+
+    surely = {"none": scaled(1.0, 1.01, 0.99, 1.0), "trees": scaled(1.3, 1.31, 1.29, 1.3)}
+    perhaps = {"none": scaled(0.8, 1.0, 1.2, 1.4), "trees": scaled(0.9, 1.1, 1.3, 1.5)}
+    assert separations(case, lines, surely, 4)[0].what
+    assert not separations(case, lines, perhaps, 4)[0].what
+
+
+def test_stations_are_put_where_there_are_none_yet() -> None:
+    seen = observed(20, 3)
+    blind = observed(20, 3, tables=("deposits",))
+    places = [_places(own, rock_lines_of(own)) for own in (seen, blind)]
+    # Stations at which nothing was measured are no reason.
+    assert places[1].size == 4 and set(places[0]) < set(places[1])
+    there = np.nanmedian(seen.station_s, axis=0)
+    left_out = np.setdiff1d(places[1], places[0])
+    assert np.abs(there[:, None] - left_out).min(axis=0).max() < 0.08 * places[1][-1] / 0.8

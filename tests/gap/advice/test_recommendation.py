@@ -1,0 +1,233 @@
+"""What is told first: the worst gap on the unsafe side, what to run, and what that leaves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sassgis.gap.advice.recommendation import (
+    first_sentence,
+    model_gaps,
+    shortfall,
+    values_of,
+    worst_of,
+)
+from sassgis.gap.diagnosis import Advice, GroundSetting, ModelGap, Rung
+from sassgis.gap.fit.site_data import SiteData, model_rows
+from sassgis.gap.forward.hypothesis_model import configured_model
+
+
+def gap(size: float, half: float, statistic: str = "median", **changes: object) -> ModelGap:
+    side = "unsafe" if size > half else "safe" if size < -half else ""
+    made = ModelGap(
+        "stop", "runout_m", statistic, "m", 100.0, 100.0 - size, size, (size - half, size + half),
+        5.0, 40, side,
+    )  # fmt: skip
+    return replace(made, **changes)  # type: ignore[arg-type]
+
+
+ENERGY = {"place": "S2", "quantity": "energy_kj", "unit": "kJ", "limit": 15.0}
+
+
+def test_the_worst_is_the_surest_on_the_unsafe_side() -> None:
+    long, short, low = gap(-60.0, 5.0), gap(20.0, 8.0, "90 %"), gap(40.0, 30.0, "90 %", **ENERGY)
+    assert worst_of([long, low, short]) == short
+    assert worst_of([long, low]) == low
+    # Certain, but too small to count; too uncertain.
+    assert worst_of([gap(3.0, 1.0), gap(20.0, 30.0), long]) == long
+    assert worst_of([gap(3.0, 1.0), gap(20.0, 30.0)]) == gap(3.0, 1.0)
+    assert worst_of([]) is None
+    assert shortfall([long, short]) == short and shortfall([long, gap(8.0, 1.0)]) is None
+
+
+@pytest.mark.parametrize("shift", [30.0, -30.0])
+def test_every_statistic_has_its_gap_side_and_interval(problem: SiteData, shift: float) -> None:
+    """Observed rocks that stop further down, and a model whose far ones lack."""
+    column = problem.scale.names.index("stop:runout")
+    rows = model_rows(problem, configured_model(problem.case), 7, 6)
+    rows[:, :, column] -= shift / problem.scale.scale[column]
+    found = {(g.place, g.statistic): g for g in model_gaps(problem, rows)}
+    own = found["stop", "90 %"]
+    seen = values_of(problem.scale, problem.rows, column)
+    made = values_of(problem.scale, rows, column)
+    assert own.observed == pytest.approx(np.nanquantile(seen, 0.9))
+    assert own.predicted == pytest.approx(np.nanquantile(made, 0.9))
+    assert own.gap == own.observed - own.predicted
+    assert own.ci95[0] < own.gap < own.ci95[1]
+    assert own.side == ("unsafe" if shift > 0.0 else "safe")
+    width = found["stop", "width"]
+    assert width.observed == pytest.approx(own.observed - np.nanquantile(seen, 0.1))
+    # A shift moves all rocks alike.
+    assert width.side == "" and width.ci95[0] < 0.0 < width.ci95[1]
+    at_stations = [g for g in found.values() if g.place != "stop"]
+    assert {g.quantity for g in at_stations} == {"energy_kj", "arrived"}
+    k = problem.scale.names.index("S0:speed")
+    speed = values_of(problem.scale, problem.rows, k)
+    energy = 0.5e-3 * problem.case.mass_kg * speed**2
+    first = found[problem.case.station_names[0], "median"]
+    assert first.observed == pytest.approx(np.nanmedian(energy), rel=1e-3)
+
+
+def test_speeds_of_a_wrong_scale_are_compared_as_they_are(problem: SiteData) -> None:
+    rows = model_rows(problem, configured_model(problem.case), 7, 6)
+    plain, scaled, both = (
+        {g.key: g for g in model_gaps(problem, rows, 0.0, scales)}
+        for scales in ((1.0, 1.0), (1.2, 1.0), (1.2, 1.2))
+    )
+    for key, own in plain.items():
+        power = {"energy_kj": 2.0, "speed_mps": 1.0}.get(own.quantity, 0.0)
+        assert scaled[key].observed == pytest.approx(own.observed / 1.2**power)
+        assert scaled[key].predicted == own.predicted
+        assert both[key].gap == pytest.approx(own.gap / 1.2**power)
+
+
+SETTING = GroundSetting("debris", "eta_max", 0.8, 0.72, (0.67, 0.74), True)
+RUNGS = (
+    Rung("configured", 1.6),
+    Rung("ground", 1.0, 0.66, (0.5, 0.8)),
+    Rung("trees", 0.9, 0.66, (0.5, 0.8)),
+)
+
+
+def advice(recommended: str, why: str = "", left: tuple[ModelGap, ...] = ()) -> Advice:
+    worst = gap(20.0, 8.0, "90 %")
+    return Advice(
+        worst, settings=(SETTING,), compared=(worst,), left=left, recommended=recommended, why=why
+    )
+
+
+def test_the_sentence_recommends_what_gains_and_says_why_not_more() -> None:
+    why = "on rocks left out, trees closes no certain part of what is left"
+    said = first_sentence(advice("ground", why), RUNGS)
+    assert said.startswith(
+        "As configured, the model is 20 m short (90 % run-out; 95 %: 12 to 28 m), on the unsafe"
+    )
+    assert "Set debris: eta_max 0.72" in said and "closes 66 %" in said
+    assert "On rocks left out, trees closes no certain part of what is left." in said
+    assert "Run model/config.toml" not in said
+    said = first_sentence(advice("configured", "ground closes nothing"), RUNGS)
+    assert "Keep the configured ground. Ground closes nothing." in said and "Set" not in said
+    said = first_sentence(advice("trees"), RUNGS)
+    assert "Run model/config.toml, which has trees: on rocks left out" in said
+    assert "calibrated ground alone 66 %" in said
+
+
+def test_a_run_out_beyond_the_terrain_is_not_called_short(problem: SiteData) -> None:
+    rows = model_rows(problem, configured_model(problem.case), 1, 2)
+    k = problem.scale.names.index("stop:runout")
+    near = rows.copy()
+    near[..., k] -= 3.0
+    sides = [
+        {g.statistic: g.side for g in model_gaps(problem, near, left) if g.place == "stop"}
+        for left in (0.0, 0.2, 0.6)
+    ]
+    assert sides[0]["90 %"] == sides[0]["median"] == sides[1]["median"] == "unsafe"
+    assert sides[1]["90 %"] == sides[2]["90 %"] == sides[2]["median"] == ""
+    # Too narrow, but all of it farther than the rocks came.
+    narrow = rows.copy()
+    narrow[..., k] = rows[..., k].max() + 5.0
+    found = {g.statistic: g for g in model_gaps(problem, narrow) if g.place == "stop"}
+    assert found["width"].gap > 0.0 and found["width"].side == ""
+    assert found["90 %"].side == "safe"
+
+
+def test_a_model_that_falls_far_short_is_not_recommended() -> None:
+    short = gap(107.0, 10.0)
+    said = first_sentence(replace(advice("trees", left=(short,)), short=short), RUNGS)
+    assert "Run model" not in said and "Even so" not in said
+    assert (
+        "None of the models that were tried is recommended: with the nearest, trees "
+        "(model/config.toml), the model is 107 m short (median run-out; 95 %: 97 to 117 m), on the "
+        "unsafe side. On rocks left out of the calibration, it closes 66 % (95 %: 50 to 80 %) of "
+        "the gap in all quantities together."
+    ) in said
+    said = first_sentence(replace(advice("configured", left=(short,)), short=short), RUNGS)
+    assert said.endswith("on the unsafe side. None of the models that were tried is recommended.")
+
+
+def test_what_is_no_part_of_the_motion_is_not_said_to_be_in_the_file() -> None:
+    rungs = (*RUNGS, Rung("release_error", 0.9, 0.7, (0.6, 0.8)))
+    said = first_sentence(advice("release_error"), rungs, "release_error+trees")
+    assert "which has the calibrated base model (with error of the release in the data)" in said
+    # A wrong start may be all of the gap of the configured model.
+    assert said.startswith("As configured, and from the stated starts, the model is")
+    assert "Error of the release is no part of the motion: the file does not have it." in said
+    assert "no part of the motion" not in first_sentence(advice("trees"), RUNGS)
+
+
+def test_what_is_far_off_on_the_safe_side_is_said_beside_the_unsafe_one() -> None:
+    both = gap(40.0, 20.0, "90 %", **ENERGY), gap(-60.0, 5.0)
+    made = replace(advice("ground"), configured=worst_of(both), compared=both)
+    assert first_sentence(made, RUNGS).startswith(
+        "As configured, the model is 40 kJ too low (90 % energy at S2; 95 %: 20 to 60 kJ), on the "
+        "unsafe side. At the same time, the model is 60 m long (median run-out; 95 %: 55 to 65 m), "
+        "on the safe side."
+    )
+    # Once, where the configured model is the one that is handed over.
+    kept = first_sentence(replace(made, recommended="configured", left=both), RUNGS)
+    assert kept.count("60 m long") == 1 and "Even so" not in kept
+    near = replace(made, compared=(both[0], gap(-9.0, 2.0)))
+    assert "At the same time" not in first_sentence(near, RUNGS)
+
+
+def test_what_the_recommended_model_leaves_is_said() -> None:
+    left = (gap(40.0, 20.0, "90 %", **ENERGY), gap(-9.0, 2.0))
+    said = first_sentence(advice("ground", left=left), RUNGS)
+    assert said.endswith(
+        "Even so, the model is 40 kJ too low (90 % energy at S2; 95 %: 20 to 60 kJ), on the unsafe "
+        "side."
+    )
+    # On the safe side only what is twice as large as it must be to count.
+    assert "Even so" not in first_sentence(advice("ground", left=left[1:]), RUNGS)
+    said = first_sentence(advice("ground", left=(gap(-11.0, 2.0), gap(-7.0, 0.5))), RUNGS)
+    assert said.endswith("Even so, the model is 11 m long (median run-out; 95 %: 9 to 13 m), on "
+                         "the safe side.")  # fmt: skip
+    both = (gap(40.0, 20.0, "90 %", **ENERGY), gap(-60.0, 5.0))
+    said = first_sentence(advice("ground", left=both), RUNGS)
+    assert said.endswith("20 to 60 kJ), on the unsafe side. At the same time, the model is 60 m "
+                         "long (median run-out; 95 %: 55 to 65 m), on the safe side.")  # fmt: skip
+    unclear = (gap(1.0, 4.0), gap(2.0, 9.0, "90 %"), gap(1.0, 9.0, "width"))
+    said = first_sentence(Advice(unclear[0], compared=unclear, recommended="configured"), RUNGS)
+    assert said.startswith(
+        "As configured, the model is not distinguished from 40 rocks in median, 90 % and width of "
+        "run-out: median run-out observed less predicted 1 m (95 %: \u22123 to 5 m)."
+    )
+
+
+@pytest.mark.parametrize("none", [False, True])
+def test_rocks_that_a_model_stops_too_early_count_as_a_shortfall(
+    problem: SiteData, none: bool
+) -> None:
+    """Also where none of them arrives, so that there is no energy to compare."""
+    rows = model_rows(problem, configured_model(problem.case), 1, 4)
+    k = problem.scale.names.index("S0:speed")
+    absent = k + len(problem.scale.names)
+    as_seen = np.repeat(problem.rows[None], 4, axis=0)
+    arrived = {g.place: g for g in model_gaps(problem, as_seen) if g.quantity == "arrived"}
+    own = arrived[problem.case.station_names[0]]
+    seen = 1.0 - problem.rows[:, absent]
+    assert own.observed == own.predicted == pytest.approx(100.0 * seen.mean())
+    assert own.gap == 0.0 and own.side == "" and not own.counts
+    rows[..., absent] = 1.0
+    if not none:
+        rows[:, ::3, absent] = 0.0
+    found = [g for g in model_gaps(problem, rows) if g.place == problem.case.station_names[0]]
+    short = next(g for g in found if g.quantity == "arrived")
+    assert short.gap == pytest.approx(100.0 * (seen - (1.0 - rows[0][:, absent])).mean())
+    assert short.far_short and short.side == "unsafe"
+    assert none == (len(found) == 1)
+    said = first_sentence(replace(advice("trees", left=(short,)), short=short), RUNGS)
+    assert f"of the rocks too early (before {short.place}; 95 %: " in said
+    # More in the model than were recorded: a station may have missed some.
+    rows[..., absent] = 0.0
+    fewer = problem.rows.copy()
+    fewer[::2, absent] = 1.0
+    missed = replace(problem, rows=fewer)
+    more = [g for g in model_gaps(missed, rows) if g.quantity == "arrived"]
+    assert all(g.side == "" for g in more)
+    # Nor does it matter whether the masses of those are known.
+    mass = np.where(fewer[:, absent] == 1.0, np.nan, problem.case.mass_kg)
+    unweighed = replace(missed, case=replace(problem.case, mass_kg=mass))
+    assert [g for g in model_gaps(unweighed, rows) if g.quantity == "arrived"] == more
