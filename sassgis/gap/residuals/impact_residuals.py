@@ -16,7 +16,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.engine.draws import block_of
+from sassgis.engine.draws import block_of, with_outline
 from sassgis.engine.effects import hooks
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.engine.ellipse import frame_of
@@ -133,7 +133,9 @@ def impact_draws(
         for k in range(axes.shape[1]):
             a, b, c = axes[i, k]
             mass = 4.0 / 3.0 * math.pi * a * b * c * density[i]
-            block = hooks.on_block(effects, block_of(a, b, c, density[i], mass, keys[i, k]))
+            stated = block_of(a, b, c, density[i], mass, keys[i, k])
+            block = hooks.on_block(effects, with_outline(stated, physics))
+            a, b = block.a, block.b
             out[i, k, :] = np.nan
             low = 2.0 * physics.gravity * nz * ground.rolling_threshold * block.radius
             if vn >= 0.0 or vn * vn < low:
