@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -16,15 +17,9 @@ from sassgis.hazard.map_sums import MapSums
 from sassgis.hazard.progress import Progress, SourceTally, evenly_kept, joined_rows
 from sassgis.hazard.source_sums import SourceSums
 from sassgis.io.atomic_output import MANIFEST_NAME, write_json, writing
-from sassgis.io.digests import content_digest
+from sassgis.io.digests import json_digest
 from sassgis.io.read.tiles import Part, Terrain
-from sassgis.io.saved_arrays import (
-    read_saved_json,
-    saved_or_refused,
-    unfit,
-    with_digest,
-    write_saved,
-)
+from sassgis.io.saved_arrays import saved_digest, saved_or_refused, unfit, write_saved
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.map_run import BlockRows, MapRun
 from sassgis.model.results import ControlLine
@@ -123,7 +118,8 @@ class Reached:
 
 def write_record(folder: Path, record: Record) -> None:
     """Write what is known of an area into its folder."""
-    write_json(folder / RECORD_NAME, with_digest(asdict(record), ""))
+    plain = asdict(record)
+    write_json(folder / RECORD_NAME, {**plain, "digest": json_digest(plain)})
 
 
 def read_record(folder: Path, tell: Callable[[str], None]) -> Record | None:
@@ -131,18 +127,19 @@ def read_record(folder: Path, tell: Callable[[str], None]) -> Record | None:
 
     A result whose record or sums are not as they were saved is none, which is told.
     """
-    plain = read_saved_json(folder / RECORD_NAME, "", tell)
-    if plain is None or not (folder / MANIFEST_NAME).is_file():
+    file = folder / RECORD_NAME
+    if not (file.is_file() and (folder / MANIFEST_NAME).is_file()):
         return None
     try:
-        record = Record(
-            **plain
-            | {k: tuple(plain[k]) for k in ("control_lines", "objects", "notices", "counted")}
-        )
-        now = digests_of_sums(folder)
-    except (OSError, TypeError, KeyError):
-        tell(unfit(folder / RECORD_NAME))
+        plain = json.loads(file.read_text(encoding="utf-8"))
+        if plain.pop("digest") != json_digest(plain):
+            raise ValueError
+        lists = ("control_lines", "objects", "notices", "counted")
+        record = Record(**plain | {name: tuple(plain[name]) for name in lists})
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        tell(unfit(file))
         return None
+    now = digests_of_sums(folder)
     changed = sorted({name for name, _ in now.items() ^ record.sums.items()})
     for name in changed:
         tell(unfit(folder / name))
@@ -150,9 +147,9 @@ def read_record(folder: Path, tell: Callable[[str], None]) -> Record | None:
 
 
 def digests_of_sums(folder: Path) -> dict[str, str]:
-    """Of the files of sums in the folder of an area, by name."""
+    """Of the files of sums in the folder of an area, by name; empty for a damaged one."""
     files = [folder / name for name in (SIMULATION_NAME, WITHOUT_BARRIERS_NAME)]
-    return {file.name: content_digest(file) for file in files if file.is_file()}
+    return {file.name: saved_digest(file) for file in files if file.is_file()}
 
 
 def write_state(path: Path, progress: Progress, run: MapRun) -> None:

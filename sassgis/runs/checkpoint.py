@@ -21,7 +21,13 @@ from sassgis.hazard.map_sums import MapSums
 from sassgis.hazard.progress import Progress, SourceTally, joined_lines, joined_rows
 from sassgis.hazard.source_sums import SourceSums
 from sassgis.io.atomic_output import CHECKPOINT_STEM, writing
-from sassgis.io.saved_arrays import read_saved, saved_or_refused, unfit, write_saved
+from sassgis.io.saved_arrays import (
+    read_saved,
+    saved_digest,
+    saved_or_refused,
+    unfit,
+    write_saved,
+)
 from sassgis.model.map_run import BlockRows, FallLines, MapRun, Round, Worth
 from sassgis.model.results import ControlLine
 
@@ -56,7 +62,8 @@ class Checkpoint:
             return None
         digests = state["parts"].tolist()
         for i, digest in enumerate(digests):
-            if read_saved(self._part(i), self._fingerprint, tell, digest) is None:
+            if saved_digest(self._part(i)) != digest:
+                tell(unfit(self._part(i)))
                 return None
         n_rows, n_cols = run.grid.shape
         try:
