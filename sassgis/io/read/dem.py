@@ -24,7 +24,7 @@ from rasterio.warp import reproject
 from rasterio.windows import Window
 
 from sassgis.io.read.dem_system import dem_system
-from sassgis.io.read.offline import RASTER, kept_dataset, offline, open_dataset
+from sassgis.io.read.gdal_safety import RASTER, kept_dataset, offline, open_dataset
 from sassgis.io.read.plain_file import check_file, check_text, in_memory
 from sassgis.model.crs import crs_parts, same_crs
 from sassgis.model.errors import InputError
@@ -108,7 +108,7 @@ def read_dem(
     Parameters
     ----------
     path
-        A raster with one band of heights, of one of the formats of sassgis.io.read.offline.
+        A raster with one band of heights, of one of the formats of sassgis.io.read.gdal_safety.
     crs
         Coordinate system that is used where the file has none, as pyproj understands it
         ("EPSG:2056"), or "local" for local coordinates in metres. If the file has one, both must

@@ -22,8 +22,8 @@ from sassgis.gap.observations.observation_finding import ObservationFinding
 from sassgis.gap.observations.observed import DENSITY_KGM3, Observations, without
 from sassgis.gap.observations.tables import TABLES, Metadata, Table
 from sassgis.io.read.csv_table import csv_cells
+from sassgis.io.read.gdal_safety import layers_of, read_frame, vector_file
 from sassgis.io.read.observation_values import KEY, RawTable, metadata_of, table_of
-from sassgis.io.read.offline import layers_of, read_frame, vector_file
 from sassgis.io.read.plain_file import read_text
 from sassgis.io.read.vector_features import nearest
 from sassgis.model.errors import InputError, shown
