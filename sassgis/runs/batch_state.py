@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.hazard.bins import bins_of
 from sassgis.hazard.control_lines import ControlLineSums
 from sassgis.hazard.map_sums import MapSums
 from sassgis.hazard.progress import Progress, SourceTally, evenly_kept, joined_rows
@@ -23,7 +22,7 @@ from sassgis.io.saved_arrays import saved_digest, saved_or_refused, unfit, write
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.map_run import BlockRows, MapRun
 from sassgis.model.results import ControlLine
-from sassgis.model.statistics_table import SUM_NAMES, Bins, wider
+from sassgis.model.statistics_table import SUM_NAMES, Bins, bins_of, wider
 from sassgis.runs.checkpoint import counts_from, progress_from, state_of
 from sassgis.terrain.plan import Plan
 

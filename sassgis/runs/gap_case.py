@@ -27,9 +27,9 @@ from sassgis.io.read.config import settings_hash
 from sassgis.io.read.input_parts import file_digest
 from sassgis.io.read.observation_files import AnyObservations, observation_source, read_observations
 from sassgis.model.blocks import BlockPopulation
+from sassgis.model.declared import Input
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, IntArray
-from sassgis.model.in_memory import Input
 from sassgis.model.map_run import MapRun
 from sassgis.model.profiles import ReleasePoints, TraceSet
 from sassgis.model.run_config import Config

@@ -23,8 +23,8 @@ from sassgis.gap.observations.tables import (
     Table,
     Trajectories,
 )
+from sassgis.model.declared import Input
 from sassgis.model.grid import BoolArray, FloatArray, IntArray
-from sassgis.model.in_memory import Input
 
 #: Density where none is observed (kg/m³), to get a size from a mass.
 DENSITY_KGM3 = 2700.0

@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Any
 
 from sassgis.io.atomic_output import is_text
+from sassgis.model.declared import InMemory, Input
 from sassgis.model.errors import InputError
-from sassgis.model.in_memory import InMemory, Input
 
 #: Longest text of an input (characters): a name, a title, an attribute, a cell of a table, a key.
 LONGEST_TEXT = 1000
