@@ -172,7 +172,7 @@ def _own() -> Any:
         return None
     from sassgis.model import machine_code
 
-    machine_code.Part.entry = staticmethod(_entry)
+    machine_code.PartFunction.entry = staticmethod(_entry)
     return machine_code
 
 
@@ -189,7 +189,7 @@ def _part(function: F, **options: Any) -> F:
     part: Any = _compiled(
         function, pipeline_class=own.PartCompiler, no_cpython_wrapper=True, **options
     )
-    part.__class__ = own.Part
+    part.__class__ = own.PartFunction
     out: F = part
     return out
 

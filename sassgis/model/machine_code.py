@@ -105,7 +105,7 @@ class EntryCompiler(PartCompiler):
     library = _EntryLibrary
 
 
-class Part(CPUDispatcher):
+class PartFunction(CPUDispatcher):
     """A compiled function: a part of others, that Python calls by its ``entry``."""
 
     entry: Callable[[Callable[..., Any], bool], Callable[..., Any]]

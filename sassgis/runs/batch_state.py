@@ -34,60 +34,31 @@ SIMULATION_NAME, WITHOUT_BARRIERS_NAME = "simulation.npz", "without_barriers.npz
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """What a batch knows of a release area that has been run.
+    """What a batch knows of a release area that has been run."""
 
-    Attributes
-    ----------
-    fingerprint : str
-        Of all that the result hangs on.
-    west, north : float
-        Outer corner of the part of the terrain model (m).
-    n_rows, n_cols : int
-        Its cells.
-    repetitions, points, rocks : int
-        Repetitions, release points, simulated blocks.
-    furthest_m : float or None
-        Longest run-out.
-    zones_m2 : dict of str to float
-        Area of the zones, by the code of the hazard level.
-    control_lines, objects : tuple of int
-        Which stations and barriers, and which exposed objects, of those of the batch were in it.
-    notices : tuple of str
-        What the readers had to say.
-    sums_only : bool
-        Whether it has no maps and zones of its own.
-    reached : int
-        Cells with counts, once for each block scenario.
-    counted : (row, col, n_rows, n_cols)
-        The smallest part of its terrain with all of them.
-    never_started : int
-        Blocks that never started.
-    frequencies : dict of str to float
-        Blocks per year, by block scenario.
-    sums : dict of str to str
-        Digests of the files of its sums.
-    """
-
-    fingerprint: str
+    fingerprint: str  # of all that the result hangs on
     area: str
+    # Outer corner of the part of the terrain model (m), and its cells.
     west: float
     north: float
     n_rows: int
     n_cols: int
     repetitions: int
-    points: int
-    rocks: int
-    furthest_m: float | None
-    zones_m2: dict[str, float]
+    points: int  # release points
+    rocks: int  # simulated blocks
+    furthest_m: float | None  # longest run-out
+    zones_m2: dict[str, float]  # area of the zones, by the code of the hazard level
+    # Which stations and barriers, and which exposed objects, of those of the batch were in it.
     control_lines: tuple[int, ...]
     objects: tuple[int, ...]
-    notices: tuple[str, ...]
-    sums_only: bool
-    reached: int
+    notices: tuple[str, ...]  # what the readers had to say
+    sums_only: bool  # whether it has no maps and zones of its own
+    reached: int  # cells with counts, once for each block scenario
+    # First row and column, and numbers of them, of the smallest part with all cells with counts.
     counted: tuple[int, int, int, int]
-    never_started: int
-    frequencies: dict[str, float]
-    sums: dict[str, str]
+    never_started: int  # blocks
+    frequencies: dict[str, float]  # blocks per year, by block scenario
+    sums: dict[str, str]  # digests of the files of its sums
 
     def part(self, terrain: Terrain) -> Part:
         """The part on the lattice of a terrain model."""
