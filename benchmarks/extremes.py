@@ -42,7 +42,6 @@ from sassgis.engine.effects.wind import Wind
 from sassgis.engine.ellipse import inertia
 from sassgis.engine.simulate import Simulated, simulate
 from sassgis.engine.state import FLIGHT
-from sassgis.hazard.bins import bins_of
 from sassgis.hazard.progress import Progress, joined_rows, sample_of
 from sassgis.io.write.layers.maps import map_layers
 from sassgis.model.blocks import BlockPopulation
@@ -55,6 +54,7 @@ from sassgis.model.map_run import Forest, MapRun, ReleaseArea
 from sassgis.model.profiles import ProfileSet
 from sassgis.model.results import StopReason
 from sassgis.model.settings import EngineSettings, ReleaseSettings, TerrainSettings
+from sassgis.model.statistics_table import bins_of
 from sassgis.runs.map import simulate_map
 from sassgis.terrain.plan import plan
 

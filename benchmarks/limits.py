@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from effects import BLOCKS, slope_line
 
-from sassgis.engine.angles import cos_sin
+from sassgis.engine.ellipse import cos_sin
 from sassgis.engine.impact import RESTITUTION, impact
 from sassgis.engine.profile import profile_of
 from sassgis.engine.rows import Records

@@ -36,8 +36,7 @@ def simulate_once(folder: Path, repeats: int, settings: dict[str, str]) -> dict[
 
     from sassgis.io.read.config import load_config
     from sassgis.runs.inputs import read_map_run
-    from sassgis.runs.map import chunks_of, simulate_map
-    from sassgis.runs.sample_check import plan_of_points
+    from sassgis.runs.map import chunks_of, plan_of_points, simulate_map
     from sassgis.terrain.plan import plan
 
     run = read_map_run(load_config(folder / "config.toml", settings))
@@ -73,8 +72,7 @@ def simulate_together(folder: Path, settings: dict[str, str], most: int) -> list
 
     from sassgis.io.read.config import load_config
     from sassgis.runs.inputs import read_map_run
-    from sassgis.runs.map import chunks_of, simulate_map
-    from sassgis.runs.sample_check import plan_of_points
+    from sassgis.runs.map import chunks_of, plan_of_points, simulate_map
     from sassgis.runs.workers import Processes, Threads
     from sassgis.terrain.plan import plan
 

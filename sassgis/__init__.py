@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from sassgis.io.read.config import load_config as load_config
     from sassgis.io.read.dem import read_dem as read_dem
     from sassgis.io.write.config_template import save_config as save_config
+    from sassgis.io.write.site_template import sample_folder as sample_folder
     from sassgis.model.errors import ConfigError as ConfigError
     from sassgis.model.errors import InputError as InputError
     from sassgis.model.errors import Interrupted as Interrupted
@@ -62,7 +63,6 @@ if TYPE_CHECKING:
     from sassgis.runs.diagnose import diagnose as diagnose
     from sassgis.runs.profile_run import run_profile as run_profile
     from sassgis.runs.run import run as run
-    from sassgis.runs.samples import sample_folder as sample_folder
     from sassgis.runs.without_files import hazard_maps as hazard_maps
     from sassgis.runs.without_files import profile as profile
     from sassgis.runs.without_files import simulate as simulate
@@ -75,6 +75,7 @@ _NAMES = {
     "io.read.config": "configure load_config",
     "io.read.dem": "read_dem",
     "io.write.config_template": "save_config",
+    "io.write.site_template": "sample_folder",
     "model.errors": "ConfigError InputError Interrupted OutputError SassgisError",
     "model.exposure": "ObjectSettings RiskSettings",
     "model.grid": "Grid",
@@ -91,7 +92,6 @@ _NAMES = {
     "runs.diagnose": "diagnose",
     "runs.profile_run": "run_profile",
     "runs.run": "run",
-    "runs.samples": "sample_folder",
     "runs.without_files": "hazard_maps profile simulate zones",
     "runs.zone": "zone",
 }

@@ -14,6 +14,7 @@ from PIL import Image
 
 from sassgis.hazard.along_profile import arrivals
 from sassgis.io.read.config import load_config
+from sassgis.io.write.site_template import sample_folder
 from sassgis.model.results import StopReason
 from sassgis.report.figures import profile_figure, save
 from sassgis.report.profile_report import profile_panel
@@ -21,7 +22,6 @@ from sassgis.runs import compare
 from sassgis.runs.diagnose import diagnose
 from sassgis.runs.inputs import profile_from_csv
 from sassgis.runs.profile_run import simulate_profile
-from sassgis.runs.samples import sample_folder
 from sassgis.runs.zone import zone
 
 #: Pictures of `sassgis demo` as the program itself draws them, and their names here.

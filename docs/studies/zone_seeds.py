@@ -24,7 +24,6 @@ from sassgis.hazard.another_sample import level_chances
 from sassgis.hazard.assess import curves_of, level_zones, raster
 from sassgis.hazard.attribution import zone_of_cells
 from sassgis.hazard.beyond_sampling import beyond_sampling
-from sassgis.hazard.bins import bins_of
 from sassgis.hazard.curves import at_energies
 from sassgis.hazard.levels import hazard_level
 from sassgis.hazard.sources import sampled_sources
@@ -34,6 +33,7 @@ from sassgis.io.read.presets import read_preset
 from sassgis.model.grid import Grid
 from sassgis.model.hazard import HazardCurves, HazardPreset, ZoningSettings
 from sassgis.model.run_config import Config
+from sassgis.model.statistics_table import bins_of
 from sassgis.runs.inputs import read_rules
 from sassgis.runs.job import Workplace, read_job
 from sassgis.runs.zone import prepared, simulations

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 @command(OUT, JOBS, OVERWRITE, AS_JSON, example="demo -o demo_out")
 def demo(out: Path, as_json: bool, **given: Any) -> None:
     """Make the zones of the sample valley, a synthetic terrain."""
-    from sassgis.runs.samples import sample_folder
+    from sassgis.io.write.site_template import sample_folder
 
     config = sample_folder() / "valley" / "config.toml"
     _zoned(config, out, as_json, given)

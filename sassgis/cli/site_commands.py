@@ -147,7 +147,7 @@ def cliffs(dem: Path, out: Path, **given: Any) -> None:
 )
 def sample(folder: Path) -> None:
     """Write the synthetic sample terrain into FOLDER (default: sample_dem), which must be new."""
-    from sassgis.runs.samples import write_samples
+    from sassgis.io.write.site_template import write_samples
 
     write_samples(folder)
     config = folder / "valley" / "config.toml"

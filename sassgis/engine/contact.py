@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sassgis.engine.angles import cos_sin
+from sassgis.engine.ellipse import cos_sin
 from sassgis.engine.profile import segment_at
 from sassgis.engine.rows import Record, Records, last_of
 from sassgis.engine.touching import Flying, contact_with_segment, contact_with_vertex

@@ -1,10 +1,10 @@
-"""Geometry and inertia of the ellipse in the plane of motion."""
+"""Angles, and geometry and inertia of the ellipse, in the plane of motion."""
 
 from __future__ import annotations
 
 import math
 
-from sassgis.model.jit import kernel, lean
+from sassgis.model.jit import fused, kernel, lean
 
 
 @lean
@@ -49,3 +49,43 @@ def mean_radius(a: float, b: float) -> float:
     """Perimeter over 2π (m), by Ramanujan's second formula (1914); exact for a circle."""
     h = ((a - b) / (a + b)) ** 2
     return 0.5 * (a + b) * (1.0 + 3.0 * h / (10.0 + math.sqrt(4.0 - 3.0 * h)))
+
+
+# Beyond this the reduction loses digits (rad).
+_LARGEST = 1e5
+_PER_QUARTER = 2.0 / math.pi
+# Adding and taking away 1.5 · 2^52 rounds to a whole number.
+_ROUNDS = 6755399441055744.0
+# π/2 in three parts, of which the first two have few digits, so that multiples of them are exact.
+_QUARTER_1 = 1.57079625129699707031
+_QUARTER_2 = 7.54978941586159635335e-8
+_QUARTER_3 = 5.39030285815811905290e-15
+
+
+@fused
+def cos_sin(angle: float) -> tuple[float, float]:
+    """Cosine and sine of an angle (rad) together, as part of the machine code of its caller.
+
+    Reduction by multiples of π/2 in three parts (Cody and Waite 1980) and the polynomials of fdlibm
+    (k_sin.c, k_cos.c; Sun Microsystems 1993): within 2.3e-16 of the exact values.
+    """
+    if not abs(angle) < _LARGEST:
+        return math.cos(angle), math.sin(angle)
+    quarters = (angle * _PER_QUARTER + _ROUNDS) - _ROUNDS
+    r = ((angle - quarters * _QUARTER_1) - quarters * _QUARTER_2) - quarters * _QUARTER_3
+    z = r * r
+    w = z * z
+    low = -1.66666666666666324348e-01 + z * 8.33333333332248946124e-03
+    middle = -1.98412698298579493134e-04 + z * 2.75573137070700676789e-06
+    top = -2.50507602534068634195e-08 + z * 1.58969099521155010221e-10
+    s = r + r * z * (low + w * (middle + w * top))
+    low = 4.16666666666666019037e-02 - z * 1.38888888888741095749e-03
+    middle = 2.48015872894767294178e-05 - z * 2.75573143513906633035e-07
+    top = 2.08757232129817482790e-09 - z * 1.13596475577881948265e-11
+    c = 1.0 - (0.5 * z - w * (low + w * (middle + w * top)))
+    quadrant = int(quarters) & 3
+    if quadrant & 1:
+        c, s = -s, c
+    if quadrant & 2:
+        c, s = -c, -s
+    return c, s

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from sassgis.engine.angles import cos_sin
 from sassgis.engine.barriers import (
     Stretch,
     after_barrier,
@@ -15,7 +14,7 @@ from sassgis.engine.barriers import (
 )
 from sassgis.engine.contact import next_contact
 from sassgis.engine.effects import hooks
-from sassgis.engine.ellipse import frame_of
+from sassgis.engine.ellipse import cos_sin, frame_of
 from sassgis.engine.landing import FIRST_TURN, rolling_place
 from sassgis.engine.profile import STRAIGHT, along, angle_of, turn
 from sassgis.engine.recording import record_ground

@@ -26,9 +26,9 @@ import math
 
 import numpy as np
 
-from sassgis.engine.angles import cos_sin
 from sassgis.engine.contact import resting_height
 from sassgis.engine.effects import hooks
+from sassgis.engine.ellipse import cos_sin
 from sassgis.engine.path import (
     Path,
     begin_profile,

@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from sassgis.engine.angles import cos_sin
 from sassgis.engine.contact import resting_height
 from sassgis.engine.effects import hooks
-from sassgis.engine.ellipse import frame_of
+from sassgis.engine.ellipse import cos_sin, frame_of
 from sassgis.engine.impact import RESTITUTION, impact, normal_force, soft_landing
 from sassgis.engine.profile import along, foot_segment
 from sassgis.engine.rolling import growth, rolling_friction

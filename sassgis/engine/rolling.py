@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sassgis.engine.angles import cos_sin
+from sassgis.engine.ellipse import cos_sin
 from sassgis.engine.impact import RESTITUTION
 from sassgis.engine.resistance import gained, path_to
 from sassgis.engine.rows import Record

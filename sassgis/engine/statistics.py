@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from sassgis.engine.recording import ARRIVAL, ENERGY, HEIGHT, N_RECORDED, SPEED2, CellWork
 from sassgis.model.grid import IntArray
 from sassgis.model.jit import inlined, kernel, lean
-from sassgis.model.prefetch import LINE_BYTES, prefetch
 from sassgis.model.statistics_table import QUANTITIES, Bins, Reducer, sums_by
 
 
@@ -24,8 +23,6 @@ def _quantities(reducer: Reducer) -> tuple[int, ...]:
 # Constants of the compiled code.
 _SUMMED, _RAISED, _LOWERED = _quantities("sum"), _quantities("max"), _quantities("min")
 _BINNED = _quantities("histogram")
-_OWN_BYTES, _BLOCK_BYTES = 4, 16
-_VALUE_BYTES = 8 * (len(_SUMMED) + len(_RAISED) + len(_LOWERED))
 _EMPTY = np.array([[s.empty for kind in ("sum", "max", "min") for s in sums_by(kind)]])
 
 
@@ -127,8 +124,6 @@ _CELL_BITS = _BIN_BITS * len(_BINNED)
 _CELL, _BINS = np.uint64(_CELL_BITS), np.uint64(2**_BIN_BITS - 1)
 #: Visits for which there is room at first.
 VISITS = 2**22
-# So many cells are on their way into the cache while one is added to.
-_AHEAD = 8
 
 
 class PlaceWork(NamedTuple):
@@ -241,24 +236,9 @@ def _came(reach: Exceedance, place: int, level: int) -> None:
 
 
 @lean
-def _fetch_own(reach: Exceedance, place: int) -> None:
-    """Fetch what is counted of the blocks of the stratum at a place."""
-    size = reach.own.shape[1] * _OWN_BYTES
-    for byte in range(0, size, LINE_BYTES):
-        prefetch(reach.own, place, byte)
-    prefetch(reach.own, place, size - 1)
-
-
-@lean
 def end_stratum(reach: Exceedance) -> None:
     """Add the blocks of a stratum, all of which have been counted."""
     for k in range(reach.n_met[0]):
-        if k + _AHEAD < reach.n_met[0]:
-            soon = reach.met[k + _AHEAD]
-            _fetch_own(reach, soon)
-            top = np.int64(reach.top[soon])
-            prefetch(reach.blocks, soon, _BLOCK_BYTES * top)
-            prefetch(reach.blocks, soon, _BLOCK_BYTES * top - LINE_BYTES)
         place = reach.met[k]
         above = np.int64(0)
         i = np.int64(reach.top[place])
@@ -413,12 +393,6 @@ def flush(
 ) -> int:
     """Add one block's cells to the sums, and note its visits; returns their number."""
     for k in range(n_touched):
-        if k + _AHEAD < n_touched:
-            soon = work.touched[k + _AHEAD]
-            prefetch(sums.values, soon, 0)
-            prefetch(sums.values, soon, _VALUE_BYTES - 1)
-            prefetch(reach.top, soon, 0)
-            _fetch_own(reach, soon)
         cell = work.touched[k]
         record = work.peak[cell]
         joule = record[ENERGY] * mass
@@ -456,11 +430,6 @@ def add_visits(
     Those of a cell are together; ``row`` is that of each cell in ``counts``.
     """
     for k in range(visits.size):
-        if k + _AHEAD < visits.size:
-            soon = visits[k + _AHEAD]
-            at = np.int64(row[_cell_of(soon)])
-            for i in range(len(_BINNED)):
-                prefetch(counts[i], at, _OWN_BYTES * _bin_in(soon, i))
         visit = visits[k]
         at = row[_cell_of(visit)]
         for i in range(len(_BINNED)):

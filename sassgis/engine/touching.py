@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sassgis.engine.angles import cos_sin
+from sassgis.engine.ellipse import cos_sin
 from sassgis.engine.rows import Record
 from sassgis.model.jit import inlined, lean
 

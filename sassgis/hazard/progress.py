@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.engine.simulate import Simulated
-from sassgis.hazard.bins import bins_of
 from sassgis.hazard.control_lines import ControlLineSums
 from sassgis.hazard.map_sums import MapSums, Sample, weighted_counts, weighted_sums
 from sassgis.hazard.source_sums import SourceSums
@@ -19,6 +18,7 @@ from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.map_run import BlockRows, FallLines, MapRun, Round, Worth
 from sassgis.model.profiles import LineEnd
 from sassgis.model.results import PASSAGE_DTYPE, ROCK_DTYPE, StopReason
+from sassgis.model.statistics_table import bins_of
 
 
 @dataclass(frozen=True, slots=True)

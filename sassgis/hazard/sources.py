@@ -10,10 +10,10 @@ import numpy as np
 
 from sassgis.hazard.control_lines import ControlLineSums
 from sassgis.hazard.progress import Progress
+from sassgis.model.declared import Input
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.grid import Grid
 from sassgis.model.hazard import Onset, Source, SourceCounts
-from sassgis.model.in_memory import Input
 from sassgis.model.map_run import MapRun, ReleaseArea
 
 _HECTARE_M2 = 1e4

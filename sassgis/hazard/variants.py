@@ -19,7 +19,6 @@ from scipy.special import ndtr, ndtri
 from scipy.stats import qmc, rankdata
 
 from sassgis.hazard.assess import Rules, curves_of
-from sassgis.hazard.bins import bins_of
 from sassgis.hazard.curves import at_energies
 from sassgis.hazard.levels import hazard_level
 from sassgis.hazard.progress import Progress
@@ -31,6 +30,7 @@ from sassgis.model.ground import LIMITS
 from sassgis.model.ground_ranges import ParameterRange
 from sassgis.model.languages import phrase
 from sassgis.model.map_run import MapRun, ObjectCells
+from sassgis.model.statistics_table import bins_of
 
 #: Names of the simulations that are no points of a sample, no ends of a range and no draws.
 BASE, CHANCE, FARTHEST = "base", "another seed", "all for the longest run-out"

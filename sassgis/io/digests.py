@@ -17,7 +17,7 @@ import numpy as np
 import shapely
 
 import sassgis
-from sassgis.model.in_memory import InMemory
+from sassgis.model.declared import InMemory
 
 _KINDS = (".py", ".csv", ".json", ".toml", ".npz")
 #: Another version of these may read other numbers, or compute others in their last digits.

@@ -1,42 +1,41 @@
 """What a run saves to go on from after an interruption: as it was saved, or not used.
 
-Each file holds a digest of its content, its name, what it belongs to, and the program. It finds
-damage and changes by hand; it is no signature, as whoever can write the file can write a digest.
+A file is a NumPy archive (npz). The comment at its end holds the fingerprint of what it belongs to,
+and a digest of its name and of all bytes before. That finds damage and changes by hand; it is no
+signature, as whoever can write the file can write a digest.
 """
 
 from __future__ import annotations
 
 import hashlib
-import io
-import json
 import os
 import zipfile
-import zlib
 from collections.abc import Callable, Mapping
+from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-import zstandard
 from numpy.typing import ArrayLike, NDArray
 
-from sassgis.io.digests import content_digest, program_digest
+from sassgis.io.digests import Stamp, program_digest, stamp_of
 from sassgis.model.errors import InputError
 
 #: How a line begins that tells of a file that is not used.
 UNFIT = "Saved state"
-_FINGERPRINT, _DIGEST, _TYPES, _EMPTY = "fingerprint", "digest", "types", "empty"
-_ADDED = (_FINGERPRINT, _DIGEST, _TYPES, _EMPTY)
-_ARRAY, _PACKED = ".npy", ".zst"
-#: What a damaged file may raise, from its end that is missing to flags that no archive has.
-_DAMAGE = (
-    OSError, ValueError, KeyError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error,
-    SyntaxError, TypeError, MemoryError, OverflowError, zstandard.ZstdError,
-)  # fmt: skip
+#: Bytes of a SHA-256 as text, and of a part of a file that is read at once.
+_HEX, _BLOCK = 64, 1 << 20
+#: What a file may raise that is cut, or that no program of ours has written.
+_DAMAGE = (OSError, ValueError, zipfile.BadZipFile)
 
 
 def _every(_name: str) -> bool:
     return True
+
+
+class _Seal(NamedTuple):
+    fingerprint: str
+    digest: str
 
 
 def write_saved(
@@ -47,21 +46,19 @@ def write_saved(
     The arrays hold no objects. ``fingerprint`` is that of the settings and inputs that they belong
     to; the program is added here.
     """
-    given = {name: np.asarray(own) for name, own in arrays.items()}
-    # An entry of the archive takes longer than what is in it, if that is nothing.
-    empty = {n: (a.dtype.str, a.shape) for n, a in given.items() if not (a.size or a.dtype.names)}
-    narrow = {name: _narrow(own) for name, own in given.items() if name not in empty}
-    types = {n: given[n].dtype.str for n, own in narrow.items() if own.dtype != given[n].dtype}
-    said = {_TYPES: json.dumps(types), _EMPTY: json.dumps(empty)}
-    whole: dict[str, ArrayLike] = {**narrow, **said}
-    whole[_FINGERPRINT] = _of_program(fingerprint)
-    digest = _digest(path.name, whole)
+    kind = zipfile.ZIP_DEFLATED if compressed else zipfile.ZIP_STORED
     fresh = path.with_suffix(".new")
     try:
-        with fresh.open("wb") as stream:
-            with zipfile.ZipFile(stream, "w") as archive:
-                for name, array in {**whole, _DIGEST: digest}.items():
-                    _add(archive, name, np.asanyarray(array), compressed)
+        with zipfile.ZipFile(fresh, "w", kind, compresslevel=1) as archive:
+            archive.comment = (_of_program(fingerprint) + _HEX * "0").encode()
+            for name, given in arrays.items():
+                # Of a fixed date, unlike numpy.savez: equal arrays are equal bytes.
+                with archive.open(f"{name}.npy", "w", force_zip64=True) as entry:
+                    np.lib.format.write_array(entry, np.asanyarray(given), allow_pickle=False)
+        digest = _digest(fresh, path.name)
+        with fresh.open("r+b") as stream:
+            stream.seek(-_HEX, os.SEEK_END)
+            stream.write(digest.encode())
             stream.flush()
             os.fsync(stream.fileno())
         fresh.replace(path)
@@ -70,83 +67,63 @@ def write_saved(
     return digest
 
 
-def _add(archive: zipfile.ZipFile, name: str, array: NDArray[Any], compressed: bool) -> None:
-    """Add an array as numpy.savez does; compressed in a fifth of the time that zlib takes."""
-    # Of a fixed date: equal arrays are equal bytes, and no clock is before the first year of ZIP.
-    entry = zipfile.ZipInfo(f"{name}{_ARRAY}{_PACKED * compressed}")
-    if compressed:
-        plain = io.BytesIO()
-        np.lib.format.write_array(plain, array, allow_pickle=False)
-        archive.writestr(entry, zstandard.compress(plain.getbuffer(), 1))
-        return
-    with archive.open(entry, "w", force_zip64=True) as stream:
-        np.lib.format.write_array(stream, array, allow_pickle=False)
-
-
 def read_saved(
-    path: Path, fingerprint: str, tell: Callable[[str], None], digest: str | None = None
+    path: Path, fingerprint: str, tell: Callable[[str], None]
 ) -> dict[str, NDArray[Any]] | None:
-    """Arrays of ``write_saved``; None if there are none, or they do not fit, which is told.
-
-    A file whose ``digest`` is given must have it, and so must be there.
-    """
-    found = _unchanged(path)
-    if found is None or digest not in (None, str(found[_DIGEST])):
-        if digest is None and not path.exists():
-            return None
-        tell(unfit(path))
-    elif str(found[_FINGERPRINT]) != _of_program(fingerprint):
+    """Arrays of ``write_saved``; None if there are none, or they do not fit, which is told."""
+    if not path.exists():
+        return None
+    try:
+        seal = _seal(path)
+        if seal.fingerprint == _of_program(fingerprint):
+            return _arrays(path)
         tell(unfit(path, "of other settings, inputs or versions"))
-    else:
-        return _as_given(found)
+    except _DAMAGE:
+        tell(unfit(path))
     return None
 
 
 def saved_or_refused(
     path: Path,
     expected: str,
-    content: str | None = None,
+    digest: str | None = None,
     wanted: Callable[[str], bool] = _every,
 ) -> dict[str, NDArray[Any]]:
-    """Arrays of ``write_saved``; InputError if there are none, or they are damaged or changed.
+    """The ``wanted`` arrays of ``write_saved``.
 
     Parameters
     ----------
     expected : str
         What they are, and what to do without them.
-    content : str, optional
-        Digest of the file, where that is known: then those that are not ``wanted`` are not read.
+    digest : str, optional
+        What ``write_saved`` gave; then the file is looked through once, until it changes.
+
+    Raises
+    ------
+    InputError
+        There are none, they are damaged or changed, or others than those of the digest.
     """
-    found = _unchanged(path, content, wanted)
-    if found is None:
-        raise InputError("cannot be read, or was changed", file=path, expected=expected)
-    return _as_given(found)
-
-
-def with_digest(content: Mapping[str, object], fingerprint: str) -> dict[str, object]:
-    """What is to be saved as JSON, with its digest."""
-    text = json.dumps([content, fingerprint], sort_keys=True)
-    return {**content, _DIGEST: hashlib.sha256(text.encode()).hexdigest()}
-
-
-def read_saved_json(
-    path: Path, fingerprint: str, tell: Callable[[str], None]
-) -> dict[str, Any] | None:
-    """What was saved ``with_digest``; None if there is no file, or it does not fit, which is told.
-
-    The fingerprint is the one that it was saved with.
-    """
-    if not path.exists():
-        return None
     try:
-        found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-        content = {name: own for name, own in found.items() if name != _DIGEST}
-        if found == with_digest(content, fingerprint):
-            return content
-    except (*_DAMAGE, AttributeError):
+        if digest is None:
+            _seal(path)
+        if digest is None or digest == _known(path, stamp_of(path.stat())):
+            return _arrays(path, wanted)
+    except _DAMAGE:
         pass
-    tell(unfit(path))
-    return None
+    raise InputError("cannot be read, or was changed", file=path, expected=expected)
+
+
+def saved_digest(path: Path) -> str:
+    """The digest that ``write_saved`` gave; empty if the file is damaged, changed or missing."""
+    try:
+        return _seal(path).digest
+    except _DAMAGE:
+        return ""
+
+
+@lru_cache(maxsize=16_384)
+def _known(path: Path, _stamp: Stamp) -> str:
+    return saved_digest(path)
 
 
 def unfit(path: Path, why: str = "damaged, or changed since it was saved") -> str:
@@ -155,65 +132,30 @@ def unfit(path: Path, why: str = "damaged, or changed since it was saved") -> st
 
 
 def _of_program(fingerprint: str) -> str:
-    return f"{program_digest()} {fingerprint}"
+    return hashlib.sha256(f"{program_digest()} {fingerprint}".encode()).hexdigest()
 
 
-def _narrow(array: NDArray[Any]) -> NDArray[Any]:
-    """Whole numbers in the smallest type that holds them: less to compress, and to add up."""
-    if array.dtype.kind not in "iu" or not array.size or array.min() < 0:
-        return array
-    return array.astype(np.min_scalar_type(array.max()), copy=False)
+def _arrays(path: Path, wanted: Callable[[str], bool] = _every) -> dict[str, NDArray[Any]]:
+    with np.load(path, allow_pickle=False) as stored:
+        return {name: stored[name] for name in stored.files if wanted(name)}
 
 
-def _as_given(found: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-    """Arrays of a file in the types that they had, without what was added to them."""
-    types, empty = (json.loads(str(found[name])) for name in (_TYPES, _EMPTY))
-    whole = {
-        name: own.astype(types.get(name, own.dtype), copy=False)
-        for name, own in found.items()
-        if name not in _ADDED
-    }
-    return whole | {name: np.empty(shape, kind) for name, (kind, shape) in empty.items()}
+def _seal(path: Path) -> _Seal:
+    """Fingerprint and digest of a file; ValueError or OSError if it is not as it was saved."""
+    with path.open("rb") as stream:
+        stream.seek(-2 * _HEX, os.SEEK_END)
+        end = stream.read().decode("ascii")
+    seal = _Seal(end[:_HEX], end[_HEX:])
+    if seal.digest != _digest(path, path.name):
+        raise ValueError
+    return seal
 
 
-def _unchanged(
-    path: Path, content: str | None = None, wanted: Callable[[str], bool] = _every
-) -> dict[str, NDArray[Any]] | None:
-    """All arrays of a file, if they fit the digest among them.
-
-    If ``content`` is given, the wanted ones, if that is the digest of the file.
-    """
-    try:
-        if content is not None:
-            whole = content_digest(path) == content
-            return _stored(path, lambda n: n in _ADDED or wanted(n)) if whole else None
-        found = _stored(path, _every)
-        digest = _digest(path.name, {k: own for k, own in found.items() if k != _DIGEST})
-        return found if str(found[_DIGEST]) == digest else None
-    except _DAMAGE:
-        return None
-
-
-def _stored(path: Path, wanted: Callable[[str], bool]) -> dict[str, NDArray[Any]]:
-    """The wanted arrays of a file, as they are there."""
-    found = {}
-    with zipfile.ZipFile(path) as archive:
-        for entry in archive.namelist():
-            name = entry.removesuffix(_PACKED).removesuffix(_ARRAY)
-            if wanted(name):
-                plain = archive.read(entry)
-                if entry.endswith(_PACKED):
-                    plain = zstandard.decompress(plain)
-                # Nothing is unpickled.
-                found[name] = np.lib.format.read_array(io.BytesIO(plain), allow_pickle=False)
-    return found
-
-
-def _digest(name: str, arrays: Mapping[str, ArrayLike]) -> str:
-    """SHA-256 over a name, and over names, types, shapes and bytes of arrays."""
-    total = hashlib.sha256(name.encode())
-    for key, given in sorted(arrays.items()):
-        array = np.asarray(given)
-        total.update(f"\n{key} {array.dtype.descr} {array.shape}\n".encode())
-        total.update(np.ascontiguousarray(array).reshape(-1).view(np.uint8).data)
+def _digest(path: Path, name: str) -> str:
+    """SHA-256 of a name and of a file without the digest at its end."""
+    total, left = hashlib.sha256(name.encode()), path.stat().st_size - _HEX
+    with path.open("rb") as stream:
+        while left > 0 and (block := stream.read(min(left, _BLOCK))):
+            total.update(block)
+            left -= len(block)
     return total.hexdigest()

@@ -17,12 +17,14 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from numbers import Real
+from os import PathLike
 from pathlib import Path, PurePath
 from typing import (
     TYPE_CHECKING,
     Annotated,
     Any,
     ClassVar,
+    Literal,
     NamedTuple,
     TypeVar,
     cast,
@@ -49,7 +51,44 @@ from pydantic import (
 from pydantic_core import ErrorDetails, PydanticCustomError, core_schema
 
 from sassgis.model.errors import ConfigError, InputError
-from sassgis.model.in_memory import InMemory
+
+
+@dataclass(frozen=True, slots=True)
+class InMemory:
+    """A raster, a vector layer or a table in place of a file."""
+
+    name: str  # what messages and reports call it
+    kind: Literal["raster", "layer", "table"]
+    digest: str  # SHA-256 of its content: equal inputs are equal settings
+    # What its reader takes: the bytes of a GeoTIFF, a GeoDataFrame, or the text of a CSV table.
+    data: Any = dataclasses.field(compare=False, repr=False)
+
+    #: As of a path, for what only asks for a name.
+    suffix = ""
+
+    def __str__(self) -> str:
+        return self.name
+
+    @property
+    def stem(self) -> str:
+        """Its name, as that of a file without suffix."""
+        return self.name
+
+    def is_dir(self) -> bool:
+        """It is no folder."""
+        return False
+
+
+#: What a setting may name.
+Input = Path | InMemory
+#: What a caller may give for it.
+AnyInput = str | PathLike[str] | InMemory
+
+
+def named(given: AnyInput) -> Input:
+    """A path, or what is in memory as it is."""
+    return given if isinstance(given, InMemory) else Path(given)
+
 
 #: What holds for all settings: a text is no number, and a number is finite.
 RULES = ConfigDict(strict=True, allow_inf_nan=False, extra="forbid")

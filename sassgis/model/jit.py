@@ -26,18 +26,15 @@ from typing import Any, TypeVar
 
 from sassgis.model.errors import require_room_for_libraries
 
-try:  # Windows has neither; there a user's folders are the user's.
-    import grp
-    import pwd
-except ImportError:  # pragma: no cover
-    _OWNERS = False
-else:
-    _OWNERS = True
-
 log = logging.getLogger(__name__)
 
 _PACKAGE = Path(__file__).resolve().parent.parent
 _COMPILED_ROOMS = ("model", "engine", "terrain", "hazard", "gap/residuals")
+
+#: First and last version of numba whose inside machine_code.py was tried with; pyproject.toml
+#: allows no others. With others functions are compiled and kept as numba does it by itself: slower,
+#: with the same results.
+_TRIED = (0, 60), (0, 68)
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -51,15 +48,14 @@ def loaded_numba() -> ModuleType:
     require_room_for_libraries()
     warnings.filterwarnings("ignore", "A Numba config file is found")
     # Where there is no yaml numba leaves its file alone.
-    hidden = {} if "numba" in sys.modules else {"yaml": sys.modules.get("yaml")}
-    sys.modules |= dict.fromkeys(hidden)  # type: ignore[arg-type]
+    yaml = sys.modules.pop("yaml", None)
+    sys.modules["yaml"] = None  # type: ignore[assignment]
     try:
         import numba
     finally:
-        for name, module in hidden.items():
-            sys.modules.pop(name)
-            if module is not None:
-                sys.modules[name] = module
+        del sys.modules["yaml"]
+        if yaml is not None:
+            sys.modules["yaml"] = yaml
     return numba
 
 
@@ -79,7 +75,8 @@ def _cache_folder() -> Path | None:
         folder = Path(base).resolve() / digest.hexdigest()[:16]
         for made in (folder.parent, folder):
             made.mkdir(mode=0o700, parents=True, exist_ok=True)
-        _check_own(folder)
+        if os.name == "posix":  # Elsewhere a user's folders are the user's.
+            _check_own(folder)
         with tempfile.TemporaryFile(dir=folder):
             pass
     except (OSError, RuntimeError) as error:
@@ -88,17 +85,14 @@ def _cache_folder() -> Path | None:
     return folder
 
 
-_told: list[Exception] = []
-
-
 def _say_not_kept(error: Exception) -> None:
     """Warn, once, that machine code cannot be kept."""
-    if parent_process() is None and not _told:
-        _told.append(error)
+    if parent_process() is None and not log.disabled:
         log.warning(
             "compiled code is not kept, so that each command compiles anew: %s "
             "(SASSGIS_CACHE_DIR names another folder)", error,
         )  # fmt: skip
+        log.disabled = True
 
 
 def _user_cache() -> str:
@@ -109,14 +103,8 @@ def _user_cache() -> str:
 def _check_own(folder: Path) -> None:
     """Refuse a folder that anybody but the user or root can change, as ssh does for its keys.
 
-    Raises
-    ------
-    OSError
-        That names the folder, or the one above it, that belongs to somebody else or can be written
-        by others.
+    OSError names the folder, or the one above it, that is somebody else's or open to others.
     """
-    if not _OWNERS:  # pragma: no cover
-        return
     user = os.geteuid()
     for place in (folder, *folder.parents):
         found = place.stat()
@@ -130,6 +118,9 @@ def _check_own(folder: Path) -> None:
 
 def _is_private(group: int) -> bool:
     """Whether a group is the user's own, of the same name and without other members."""
+    import grp
+    import pwd
+
     try:
         user, found = pwd.getpwuid(os.geteuid()).pw_name, grp.getgrgid(group)
     except KeyError:
@@ -168,41 +159,37 @@ def inlined(function: F) -> F:
     """Put in the place of each call before types are found, without LLVM code of its own.
 
     For short functions that take what differs from call to call, such as None: the types are found
-    anew at each call, so that a long one costs more than as a part. What stands in a kernel
-    counts references at each call, as the kernel does.
+    anew at each call. What stands in a kernel counts references at each call, as the kernel does.
     """
     return _part(function, inline="always")
 
 
 @functools.cache
-def _part_kind() -> type:
-    """The class of a compiled function: a part of others, that Python calls by its entry."""
-    from numba.core import types as numba_types
-    from numba.core.registry import CPUDispatcher
+def _own() -> Any:
+    """machine_code.py; None where the inside of numba is not the one that it stands on."""
+    first, last = _TRIED
+    if not first <= tuple(map(int, loaded_numba().__version__.split(".")[:2])) <= last:
+        return None
+    from sassgis.model import machine_code
 
-    types: Any = numba_types
-
-    class Part(CPUDispatcher):
-        def get_call_template(self, args: Any, kws: Any) -> Any:
-            # A literal argument is none: else each part would be compiled once for each of them.
-            plain = {name: types.unliteral(kind) for name, kind in kws.items()}
-            return super().get_call_template(tuple(map(types.unliteral, args)), plain)
-
-        def __call__(self, *given: object) -> object:
-            return _entry(self.py_func, self.targetoptions.get("_nrt", True))(*given)
-
-    return Part
+    machine_code.PartFunction.entry = staticmethod(_entry)
+    return machine_code
 
 
 def _part(function: F, **options: Any) -> F:
     """A function that compiled code calls."""
-    numba = loaded_numba()
-    if numba.config.DISABLE_JIT:
+    if loaded_numba().config.DISABLE_JIT:
         return function
-    from sassgis.model.machine_code import PartCompiler
-
-    part: Any = _compiled(function, pipeline_class=PartCompiler, no_cpython_wrapper=True, **options)
-    part.__class__ = _part_kind()
+    own = _own()
+    if own is None:
+        # No other option is one that numba documents.
+        return _compiled(
+            function, cache=_cache_folder() is not None, inline=options.get("inline", "never")
+        )
+    part: Any = _compiled(
+        function, pipeline_class=own.PartCompiler, no_cpython_wrapper=True, **options
+    )
+    part.__class__ = own.PartFunction
     out: F = part
     return out
 
@@ -210,32 +197,25 @@ def _part(function: F, **options: Any) -> F:
 @functools.cache
 def _entry(function: F, counts: bool) -> F:
     """The function as Python calls it; ``counts`` is whether it counts references to arrays."""
-    from sassgis.model.machine_code import EntryCompiler
-
-    return _compiled(function, kept=True, pipeline_class=EntryCompiler, _nrt=counts)
+    return _compiled(function, kept=True, pipeline_class=_own().EntryCompiler, _nrt=counts)
 
 
 def _compiled(function: F, *, kept: bool = False, **options: Any) -> F:
-    """Compile with numba; its settings of cache and level hold for this package's code.
+    """Compile with numba; its settings of the cache hold for this package's code.
 
-    ``kept`` is whether the machine code is, where it can be.
+    ``kept`` is whether the machine code is, by machine_code.py, where it can be.
     """
     numba: Any = loaded_numba()
     config = numba.config
-    if not os.environ.get("NUMBA_OPT"):
-        # A sixth less time to compile than at numba's own level, for code that is no slower.
-        config.OPT = type(config.OPT)(2)
     # Where the machine code is kept is decided here, as the function is decorated.
     before = {name: getattr(config, name, "") for name in ("CACHE_DIR", "CACHE_LOCATOR_CLASSES")}
     config.CACHE_DIR, config.CACHE_LOCATOR_CLASSES = str(_cache_folder() or ""), ""
     try:
-        out = numba.njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True, **options)(
+        out: Any = numba.njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True, **options)(
             function
         )
         if kept and _cache_folder() is not None:
-            from sassgis.model.machine_code import KeptCode
-
-            out._cache = KeptCode(function, _say_not_kept)
+            out._cache = _own().KeptCode(function, _say_not_kept)
         return out  # type: ignore[no-any-return]
     finally:
         for name, value in before.items():

@@ -5,51 +5,42 @@ what stands under ten others is made eleven times. Here all functions are parts.
 code as numba's front end leaves it. Where Python enters, the parts below are linked into one
 module, which is optimised and written once. Nothing else can call them there, so that LLVM puts
 what is called once into its caller, and hands on no arguments that are not read: most of an array.
+
+All this stands on the inside of numba; jit.py does without it where that is another one.
 """
 
 from __future__ import annotations
 
-import gc
 import hashlib
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 from numba.core import config as _config
 from numba.core.caching import CompileResultCacheImpl, FunctionCache
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
+from numba.core.registry import CPUDispatcher
+from numba.core.types import unliteral
 
 config: Any = _config
-
-# Objects that are made before Python looks for garbage among the youngest. numba makes millions
-# that stay; at Python's own 700 looking through them takes a fifth of the time to compile.
-_OBJECTS_BEFORE_GARBAGE = 100_000
 
 # Instructions, as the front end leaves them, up to which a part is copied to where it is called.
 # LLVM's own limit is for functions of a few arguments; those of the motion have a hundred.
 _LONGEST_COPIED = 1750
 
 
-class _NoMachineCode:
-    """In the place of what writes machine code: a part has no variables to set."""
-
-    def set_env(self, name: str, environment: object) -> None:
-        """Set nothing: an entry sets those of its parts."""
-
-
-class PartLibrary(JITCodeLibrary):
+class _PartLibrary(JITCodeLibrary):
     """LLVM code of one function, to be linked into entries."""
 
-    @property
-    def codegen(self) -> _NoMachineCode:
-        """Where machine code is written; here nowhere."""
-        return _NoMachineCode()
+    # In the place of what writes machine code: an entry sets the variables of its parts.
+    codegen = SimpleNamespace(set_env=lambda *_: None)
 
     def add_ir_module(self, module: Any) -> None:
-        """Take what numba's front end has made of the function."""
         for function in module.functions:
             n = sum(len(block.instructions) for block in function.blocks)
             if 0 < n <= _LONGEST_COPIED:
@@ -57,7 +48,7 @@ class PartLibrary(JITCodeLibrary):
         super().add_ir_module(module)
 
     def finalize(self) -> None:
-        """Let other modules link the code, several times if need be."""
+        # So that other modules can link the code, several times if need be.
         for function in self._final_module.functions:
             if not function.is_declaration:
                 function.linkage = "linkonce_odr"
@@ -69,23 +60,21 @@ class PartLibrary(JITCodeLibrary):
         return self._final_module
 
     def get_pointer_to_function(self, name: str) -> int:
-        """Address of the machine code: there is none."""
         self._ensure_finalized()
-        return 0
+        return 0  # There is no machine code.
 
 
-class EntryLibrary(JITCodeLibrary):
+class _EntryLibrary(JITCodeLibrary):
     """Machine code of a function that Python calls, and of all parts below it."""
 
     def finalize(self) -> None:
-        """Link the parts, optimise, write machine code."""
         below: dict[Any, None] = {}
         waiting = list(self._linking_libraries)
         while waiting:
             library = waiting.pop()
             if library not in below:
                 below[library] = None
-                if isinstance(library, PartLibrary):
+                if isinstance(library, _PartLibrary):
                     waiting += library._linking_libraries
         self._linking_libraries = list(below)
         super().finalize()
@@ -97,10 +86,10 @@ class EntryLibrary(JITCodeLibrary):
         super()._optimize_final_module()
 
 
-class _Compiler(CompilerBase):
-    """numba's own passes, with the result in a library of ours."""
+class PartCompiler(CompilerBase):
+    """Compiles a function as a part of others: numba's own passes, into a library of ours."""
 
-    library: type[JITCodeLibrary]
+    library: type[JITCodeLibrary] = _PartLibrary
 
     def define_pipelines(self) -> list[Any]:
         """Passes of numba."""
@@ -110,74 +99,53 @@ class _Compiler(CompilerBase):
         return [DefaultPassBuilder.define_nopython_pipeline(state)]
 
 
-class PartCompiler(_Compiler):
-    """Compiles a function as a part of others."""
+class EntryCompiler(PartCompiler):
+    """Compiles a function as one that Python calls, with all parts that it calls."""
 
-    library = PartLibrary
-
-
-class EntryCompiler(_Compiler):
-    """Compiles a function as one that Python calls."""
-
-    library = EntryLibrary
-
-    def compile_extra(self, function: Callable[..., Any]) -> Any:
-        """Compile it with all parts that it calls."""
-        with _rare_garbage_collection():
-            return super().compile_extra(function)
+    library = _EntryLibrary
 
 
-@contextmanager
-def _rare_garbage_collection() -> Iterator[None]:
-    before = gc.get_threshold()
-    gc.set_threshold(max(before[0], _OBJECTS_BEFORE_GARBAGE) if before[0] else 0, *before[1:])
-    try:
-        yield
-    finally:
-        gc.set_threshold(*before)
+class PartFunction(CPUDispatcher):
+    """A compiled function: a part of others, that Python calls by its ``entry``."""
+
+    entry: Callable[[Callable[..., Any], bool], Callable[..., Any]]
+
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        # A literal argument is none: else each part would be compiled once for each of them.
+        plain = {name: unliteral(kind) for name, kind in kws.items()}
+        return super().get_call_template(tuple(map(unliteral, args)), plain)
+
+    def __call__(self, *given: object) -> object:
+        return self.entry(self.py_func, self.targetoptions.get("_nrt", True))(*given)
 
 
-class _ByModule:
-    """Machine code lies in a folder named after its module.
+class _Place:
+    """Machine code of a function lies in a folder named after its module.
 
-    Wherever the package is, equal sources share it: numba's own folders are named after the place
-    of the file, so that a package and the sources that it was installed from compile everything
-    twice.
+    Wherever the package is, equal sources share it; numba's own folders are named after the place
+    of the file.
     """
 
     def __init__(self, function: Any, file: str) -> None:
-        self._folder: str = os.path.join(config.CACHE_DIR, function.__module__)
-        self._line = function.__code__.co_firstlineno
-        self._stamp = hashlib.sha256(Path(file).read_bytes()).hexdigest()
+        folder = os.path.join(config.CACHE_DIR, function.__module__)
+        stamp = hashlib.sha256(Path(file).read_bytes()).hexdigest()
+        line = str(function.__code__.co_firstlineno)  # tells functions of one name apart
+        self.ensure_cache_path = partial(os.makedirs, folder, exist_ok=True)
+        self.get_cache_path = lambda: folder
+        self.get_source_stamp = lambda: stamp
+        self.get_disambiguator = lambda: line
 
     @classmethod
-    def from_function(cls, function: Any, file: str) -> _ByModule:
-        """As numba asks for it."""
+    def from_function(cls, function: Any, file: str) -> _Place:
         return cls(function, file)
-
-    def ensure_cache_path(self) -> None:
-        """Make the folder."""
-        os.makedirs(self._folder, exist_ok=True)
-
-    def get_cache_path(self) -> str:
-        """The folder."""
-        return self._folder
-
-    def get_source_stamp(self) -> str:
-        """What changes as the file does, and with nothing else."""
-        return self._stamp
-
-    def get_disambiguator(self) -> str:
-        """What tells functions of one name apart."""
-        return str(self._line)
 
 
 class _Kept(CompileResultCacheImpl):
-    _locator_classes: Any = (_ByModule,)
+    _locator_classes: Any = (_Place,)
 
 
 class KeptCode(FunctionCache):
-    """Machine code of a function in the folder of the cache."""
+    """Machine code of a function in the folder of the cache; ``tell`` hears why it is not kept."""
 
     _impl_class = _Kept
 

@@ -8,12 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from sassgis.model.blocks import BlockPopulation
-from sassgis.model.declared import declared
+from sassgis.model.declared import Input, declared
 from sassgis.model.effects import EffectSettings
 from sassgis.model.errors import ConfigError
 from sassgis.model.exposure import ObjectSettings, RiskSettings
 from sassgis.model.hazard import EditSettings, HazardSettings, Onset, ZoningSettings
-from sassgis.model.in_memory import Input
 from sassgis.model.settings import (
     BarrierSettings,
     EngineSettings,

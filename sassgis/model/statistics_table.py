@@ -14,7 +14,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from sassgis.model.blocks import BlockPopulation
 from sassgis.model.grid import FloatArray
+from sassgis.model.map_run import MapRun
+from sassgis.model.settings import EngineSettings
 
 #: What the kernel records of each block in each cell that it enters, in the order of its columns:
 #: largest kinetic energy (kJ), passing height (m) and speed (m/s) there, and the time since the
@@ -314,3 +317,29 @@ def default_bins(
     regular[[6, 10]] = 30.0, 300.0
     given = np.array([t for t in thresholds_kj if not np.isclose(t, regular, rtol=1e-9).any()])
     return Bins(edges, np.unique(np.concatenate([[0.0], regular, given])))
+
+
+def bins_of(run: MapRun) -> Bins:
+    """Bins of a run on the map."""
+    relief = float(np.nanmax(run.grid.values) - np.nanmin(run.grid.values))
+    return bins_for(relief, run.blocks, run.engine, run.thresholds_kj)
+
+
+def bins_for(
+    relief_m: float,
+    blocks: Sequence[BlockPopulation],
+    engine: EngineSettings,
+    thresholds_kj: Sequence[float] = (),
+) -> Bins:
+    """Bins for blocks that fall through a relief, between the highest and the lowest place (m).
+
+    The initial drop and speed of the blocks count too; ``thresholds_kj`` are energies that hazard
+    curves must have a value for.
+    """
+    g = engine.gravity_mps2
+    drop = relief_m + max(b.drop_m[1] for b in blocks)
+    speed = max(b.speed_mps[1] for b in blocks)
+    mass = max(b.largest_mass_kg for b in blocks)
+    energy = 1e-3 * mass * (g * drop + 0.5 * speed * speed)
+    fastest = float(np.sqrt(2.0 * g * drop + speed * speed))
+    return default_bins(2.0 * energy, min(drop, 300.0), min(fastest, 150.0), tuple(thresholds_kj))

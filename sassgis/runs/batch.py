@@ -22,6 +22,7 @@ from sassgis.io.read.config import load_config
 from sassgis.io.read.vectors import release_features
 from sassgis.io.saved_arrays import UNFIT
 from sassgis.io.write.batch_summary import BatchSummary
+from sassgis.model.declared import InMemory, Input
 from sassgis.model.errors import (
     ConfigError,
     InputError,
@@ -30,7 +31,6 @@ from sassgis.model.errors import (
     chain,
     of_the_system,
 )
-from sassgis.model.in_memory import InMemory, Input
 from sassgis.model.labels import file_stems
 from sassgis.model.run_config import Config
 from sassgis.model.settings import ReleaseSettings

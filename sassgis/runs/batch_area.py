@@ -16,8 +16,8 @@ from sassgis.hazard.assess import Assessment, Rules
 from sassgis.hazard.progress import Progress
 from sassgis.io.atomic_output import MANIFEST_NAME, staged_output
 from sassgis.io.digests import program_digest
-from sassgis.io.read.base_map import read_base_map
 from sassgis.io.read.config import SECTIONS, settings_hash
+from sassgis.io.read.dem import read_base_map
 from sassgis.io.read.edit_polygons import check_no_edits
 from sassgis.io.read.ground_map import ground_raster, read_ground_table
 from sassgis.io.read.input_parts import file_digest

@@ -24,7 +24,6 @@ import numpy as np
 
 from sassgis.hazard.another_sample import level_chances
 from sassgis.hazard.assess import Assessment, assess, curves_of, risk_of
-from sassgis.hazard.bins import bins_for
 from sassgis.hazard.map_sums import Sample
 from sassgis.hazard.progress import Progress
 from sassgis.hazard.risk import RiskTable
@@ -45,7 +44,7 @@ from sassgis.model.grid import Grid
 from sassgis.model.languages import in_language
 from sassgis.model.map_run import MapRun, ReleaseArea, Round
 from sassgis.model.results import RasterLayer
-from sassgis.model.statistics_table import Bins
+from sassgis.model.statistics_table import Bins, bins_for
 from sassgis.runs.batch_area import AREAS_NAME, Candidate, Setting, area_feature, no_ground
 from sassgis.runs.batch_state import Reached, Record, added_up
 from sassgis.runs.checkpoint import Checkpoint
@@ -59,7 +58,7 @@ from sassgis.runs.inputs import (
     yearly_frequencies,
 )
 from sassgis.runs.job import Job, Simulation, workers_asked
-from sassgis.runs.origin import facts_of, write_origin
+from sassgis.runs.provenance import facts_of, write_origin
 from sassgis.runs.publish import block_maps, write_layers
 from sassgis.runs.publish_zones import group_extras, group_zones, hazard_maps
 from sassgis.runs.workers import Jobs, task_map

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -10,25 +11,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.hazard.bins import bins_of
 from sassgis.hazard.control_lines import ControlLineSums
 from sassgis.hazard.map_sums import MapSums
 from sassgis.hazard.progress import Progress, SourceTally, evenly_kept, joined_rows
 from sassgis.hazard.source_sums import SourceSums
 from sassgis.io.atomic_output import MANIFEST_NAME, write_json, writing
-from sassgis.io.digests import content_digest
+from sassgis.io.digests import json_digest
 from sassgis.io.read.tiles import Part, Terrain
-from sassgis.io.saved_arrays import (
-    read_saved_json,
-    saved_or_refused,
-    unfit,
-    with_digest,
-    write_saved,
-)
+from sassgis.io.saved_arrays import saved_digest, saved_or_refused, unfit, write_saved
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.map_run import BlockRows, MapRun
 from sassgis.model.results import ControlLine
-from sassgis.model.statistics_table import SUM_NAMES, Bins, wider
+from sassgis.model.statistics_table import SUM_NAMES, Bins, bins_of, wider
 from sassgis.runs.checkpoint import counts_from, progress_from, state_of
 from sassgis.terrain.plan import Plan
 
@@ -40,60 +34,31 @@ SIMULATION_NAME, WITHOUT_BARRIERS_NAME = "simulation.npz", "without_barriers.npz
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """What a batch knows of a release area that has been run.
+    """What a batch knows of a release area that has been run."""
 
-    Attributes
-    ----------
-    fingerprint : str
-        Of all that the result hangs on.
-    west, north : float
-        Outer corner of the part of the terrain model (m).
-    n_rows, n_cols : int
-        Its cells.
-    repetitions, points, rocks : int
-        Repetitions, release points, simulated blocks.
-    furthest_m : float or None
-        Longest run-out.
-    zones_m2 : dict of str to float
-        Area of the zones, by the code of the hazard level.
-    control_lines, objects : tuple of int
-        Which stations and barriers, and which exposed objects, of those of the batch were in it.
-    notices : tuple of str
-        What the readers had to say.
-    sums_only : bool
-        Whether it has no maps and zones of its own.
-    reached : int
-        Cells with counts, once for each block scenario.
-    counted : (row, col, n_rows, n_cols)
-        The smallest part of its terrain with all of them.
-    never_started : int
-        Blocks that never started.
-    frequencies : dict of str to float
-        Blocks per year, by block scenario.
-    sums : dict of str to str
-        Digests of the files of its sums.
-    """
-
-    fingerprint: str
+    fingerprint: str  # of all that the result hangs on
     area: str
+    # Outer corner of the part of the terrain model (m), and its cells.
     west: float
     north: float
     n_rows: int
     n_cols: int
     repetitions: int
-    points: int
-    rocks: int
-    furthest_m: float | None
-    zones_m2: dict[str, float]
+    points: int  # release points
+    rocks: int  # simulated blocks
+    furthest_m: float | None  # longest run-out
+    zones_m2: dict[str, float]  # area of the zones, by the code of the hazard level
+    # Which stations and barriers, and which exposed objects, of those of the batch were in it.
     control_lines: tuple[int, ...]
     objects: tuple[int, ...]
-    notices: tuple[str, ...]
-    sums_only: bool
-    reached: int
+    notices: tuple[str, ...]  # what the readers had to say
+    sums_only: bool  # whether it has no maps and zones of its own
+    reached: int  # cells with counts, once for each block scenario
+    # First row and column, and numbers of them, of the smallest part with all cells with counts.
     counted: tuple[int, int, int, int]
-    never_started: int
-    frequencies: dict[str, float]
-    sums: dict[str, str]
+    never_started: int  # blocks
+    frequencies: dict[str, float]  # blocks per year, by block scenario
+    sums: dict[str, str]  # digests of the files of its sums
 
     def part(self, terrain: Terrain) -> Part:
         """The part on the lattice of a terrain model."""
@@ -123,7 +88,8 @@ class Reached:
 
 def write_record(folder: Path, record: Record) -> None:
     """Write what is known of an area into its folder."""
-    write_json(folder / RECORD_NAME, with_digest(asdict(record), ""))
+    plain = asdict(record)
+    write_json(folder / RECORD_NAME, {**plain, "digest": json_digest(plain)})
 
 
 def read_record(folder: Path, tell: Callable[[str], None]) -> Record | None:
@@ -131,18 +97,19 @@ def read_record(folder: Path, tell: Callable[[str], None]) -> Record | None:
 
     A result whose record or sums are not as they were saved is none, which is told.
     """
-    plain = read_saved_json(folder / RECORD_NAME, "", tell)
-    if plain is None or not (folder / MANIFEST_NAME).is_file():
+    file = folder / RECORD_NAME
+    if not (file.is_file() and (folder / MANIFEST_NAME).is_file()):
         return None
     try:
-        record = Record(
-            **plain
-            | {k: tuple(plain[k]) for k in ("control_lines", "objects", "notices", "counted")}
-        )
-        now = digests_of_sums(folder)
-    except (OSError, TypeError, KeyError):
-        tell(unfit(folder / RECORD_NAME))
+        plain = json.loads(file.read_text(encoding="utf-8"))
+        if plain.pop("digest") != json_digest(plain):
+            raise ValueError
+        lists = ("control_lines", "objects", "notices", "counted")
+        record = Record(**plain | {name: tuple(plain[name]) for name in lists})
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        tell(unfit(file))
         return None
+    now = digests_of_sums(folder)
     changed = sorted({name for name, _ in now.items() ^ record.sums.items()})
     for name in changed:
         tell(unfit(folder / name))
@@ -150,9 +117,9 @@ def read_record(folder: Path, tell: Callable[[str], None]) -> Record | None:
 
 
 def digests_of_sums(folder: Path) -> dict[str, str]:
-    """Of the files of sums in the folder of an area, by name."""
+    """Of the files of sums in the folder of an area, by name; empty for a damaged one."""
     files = [folder / name for name in (SIMULATION_NAME, WITHOUT_BARRIERS_NAME)]
-    return {file.name: content_digest(file) for file in files if file.is_file()}
+    return {file.name: saved_digest(file) for file in files if file.is_file()}
 
 
 def write_state(path: Path, progress: Progress, run: MapRun) -> None:

@@ -35,9 +35,9 @@ from sassgis.io.write.calibration_files import (
 from sassgis.io.write.frames import write_table
 from sassgis.io.write.layers.variant_layers import rule_table
 from sassgis.io.write.manifest import write_manifest
+from sassgis.model.declared import Input
 from sassgis.model.errors import InputError, Interrupted
 from sassgis.model.ground import PARAMETERS, GroundTable
-from sassgis.model.in_memory import Input
 from sassgis.model.languages import in_language
 from sassgis.model.run_config import Config
 from sassgis.report.calibration_report import calibration_report, calibration_warnings

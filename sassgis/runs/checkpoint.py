@@ -21,7 +21,13 @@ from sassgis.hazard.map_sums import MapSums
 from sassgis.hazard.progress import Progress, SourceTally, joined_lines, joined_rows
 from sassgis.hazard.source_sums import SourceSums
 from sassgis.io.atomic_output import CHECKPOINT_STEM, writing
-from sassgis.io.saved_arrays import read_saved, saved_or_refused, unfit, write_saved
+from sassgis.io.saved_arrays import (
+    read_saved,
+    saved_digest,
+    saved_or_refused,
+    unfit,
+    write_saved,
+)
 from sassgis.model.map_run import BlockRows, FallLines, MapRun, Round, Worth
 from sassgis.model.results import ControlLine
 
@@ -56,7 +62,8 @@ class Checkpoint:
             return None
         digests = state["parts"].tolist()
         for i, digest in enumerate(digests):
-            if read_saved(self._part(i), self._fingerprint, tell, digest) is None:
+            if saved_digest(self._part(i)) != digest:
+                tell(unfit(self._part(i)))
                 return None
         n_rows, n_cols = run.grid.shape
         try:
@@ -182,28 +189,15 @@ def counts_from(
 ) -> tuple[ControlLineSums, dict[tuple[int, int], SourceTally]]:
     """Passages at stations and barriers, and counts of each source, of a state or that part of it.
 
-    ValueError: there are counts outside of the grid.
+    The sources have the order in which they were saved. ValueError: there are counts outside of the
+    grid.
     """
     cells = [own for name, own in state.items() if name.endswith(("sums.cells", "cells.places"))]
     if any(((own < 0) | (own >= n_cells)).any() for own in cells):
         raise ValueError("cells outside of the grid")
-    at_lines = ControlLineSums.from_state(control_lines, _group(state, "control_lines"))
-    return at_lines, _sources(state, control_lines)
-
-
-def read_rows(part: Path) -> BlockRows:
-    """Rows of one file of a checkpoint; InputError if it is damaged."""
-    stored = saved_or_refused(part, "rows of an earlier attempt; delete its folder to begin anew")
-    return BlockRows(*(stored[f] for f in _ROW_FIELDS))
-
-
-def _sources(
-    state: dict[str, Any], control_lines: tuple[ControlLine, ...]
-) -> dict[tuple[int, int], SourceTally]:
-    """Tallies of the sources, in the order in which they were saved."""
-    names = [k.removesuffix(".rocks") for k in state if re.fullmatch(r"source\.\d+\.\d+\.rocks", k)]
     sources = {}
-    for name in names:
+    for rocks in [name for name in state if re.fullmatch(r"source\.\d+\.\d+\.rocks", name)]:
+        name = rocks.removesuffix(".rocks")
         _, area, scenario = name.split(".")
         sources[int(area), int(scenario)] = SourceTally(
             SourceSums.from_state(_group(state, f"{name}.cells")),
@@ -211,7 +205,14 @@ def _sources(
             ControlLineSums.from_state(control_lines, _group(state, f"{name}.control_lines")),
             *(int(state[f"{name}.{n}"]) for n in _OF_SOURCE),
         )
-    return sources
+    at_lines = ControlLineSums.from_state(control_lines, _group(state, "control_lines"))
+    return at_lines, sources
+
+
+def read_rows(part: Path) -> BlockRows:
+    """Rows of one file of a checkpoint; InputError if it is damaged."""
+    stored = saved_or_refused(part, "rows of an earlier attempt; delete its folder to begin anew")
+    return BlockRows(*(stored[f] for f in _ROW_FIELDS))
 
 
 def _group(state: dict[str, Any], name: str) -> dict[str, Any]:

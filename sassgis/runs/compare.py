@@ -21,14 +21,14 @@ from sassgis.io.write.layers.change_maps import (
     zone_changes,
 )
 from sassgis.io.write.manifest import write_manifest
+from sassgis.io.write.raster import write_over_relief
+from sassgis.model.declared import Input
 from sassgis.model.errors import ConfigError
 from sassgis.model.exposure import PlacedObjects
-from sassgis.model.in_memory import Input
 from sassgis.model.languages import in_language, phrase, translated
 from sassgis.report.change_report import change_figures, change_report
 from sassgis.report.page import translated_report, write_report
 from sassgis.runs.inputs import cells_of_wholes, input_files, placed_objects
-from sassgis.runs.relief_project import write_over_relief
 from sassgis.runs.run import run
 from sassgis.runs.workers import Jobs
 

@@ -85,7 +85,7 @@ from sassgis.runs.gap_warnings import (
     stop_warnings,
 )
 from sassgis.runs.job import AnyConfig, configured, workers_asked
-from sassgis.runs.origin import Origin, write_origin
+from sassgis.runs.provenance import Origin, write_origin
 from sassgis.runs.workers import Jobs, OnProgress, one_algebra_thread, task_map
 
 #: Folder of the result in which the maps before and after are put, where they are wanted.

@@ -11,14 +11,13 @@ import numpy as np
 
 from sassgis.engine.simulate_paths import room_at_first
 from sassgis.hazard.along_profile import STRETCH_M
-from sassgis.hazard.bins import bins_for, bins_of
 from sassgis.model.grid import FloatArray
 from sassgis.model.labels import short
 from sassgis.model.map_run import MapRun
-from sassgis.model.memory import memory_bytes, require_memory
+from sassgis.model.process import memory_bytes, require_memory
 from sassgis.model.results import ROCK_DTYPE
 from sassgis.model.run_config import Config
-from sassgis.model.statistics_table import STATISTICS, SUMS, Bins
+from sassgis.model.statistics_table import STATISTICS, SUMS, Bins, bins_for, bins_of
 from sassgis.runs.map import CHUNK_POINTS
 from sassgis.terrain.release import points_expected
 

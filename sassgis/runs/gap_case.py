@@ -17,8 +17,8 @@ from sassgis.gap.observations.case import (
 from sassgis.io.read.config import settings_hash
 from sassgis.io.read.input_parts import file_digest
 from sassgis.io.read.observation_files import AnyObservations, observation_source, read_observations
+from sassgis.model.declared import Input
 from sassgis.model.errors import InputError
-from sassgis.model.in_memory import Input
 from sassgis.model.run_config import Config
 from sassgis.runs.inputs import read_map_run
 from sassgis.runs.job import AnyConfig, configured

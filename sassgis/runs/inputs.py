@@ -15,9 +15,8 @@ from sassgis.hazard.along_profile import ProfileInput, stretches_of
 from sassgis.hazard.assess import Rules
 from sassgis.hazard.sources import OnsetTable, onset_frequencies
 from sassgis.hazard.zoning.cell_outlines import check_cells
-from sassgis.io.read.base_map import read_base_map
 from sassgis.io.read.config import FILE_KEYS, profile_control_lines
-from sassgis.io.read.dem import lone_zeros
+from sassgis.io.read.dem import lone_zeros, read_base_map
 from sassgis.io.read.forest import read_forest
 from sassgis.io.read.frequencies import read_frequencies
 from sassgis.io.read.ground_map import default_class, ground_raster, read_ground_table
@@ -27,13 +26,12 @@ from sassgis.io.read.presets import read_preset
 from sassgis.io.read.profile_csv import check_on_profile, read_profile
 from sassgis.io.read.tiles import read_terrain
 from sassgis.io.read.vectors import read_control_lines, read_release, release_names
-from sassgis.model.declared import is_preset_file
+from sassgis.model.declared import Input, is_preset_file
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.exposure import PlacedObjects
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.ground import GroundTable
 from sassgis.model.hazard import HazardPreset
-from sassgis.model.in_memory import Input
 from sassgis.model.map_run import Forest, MapRun, ObjectCells, ReleaseArea
 from sassgis.model.results import ControlLine
 from sassgis.model.run_config import Config

@@ -19,14 +19,13 @@ from sassgis.io.write.frames import require_parquet
 from sassgis.model.errors import ConfigError, Interrupted, OutputError
 from sassgis.model.languages import named, phrase
 from sassgis.model.map_run import BlockRows, MapRun, Round
-from sassgis.model.memory import require_memory
+from sassgis.model.process import require_memory
 from sassgis.model.run_config import Config
 from sassgis.model.statistics_table import SUM_NAMES
 from sassgis.runs.checkpoint import Checkpoint
 from sassgis.runs.estimate import estimate_of
 from sassgis.runs.inputs import collected_notices, input_digests, read_map_run
-from sassgis.runs.map import check_starts, simulate_map
-from sassgis.runs.sample_check import check_tolerance
+from sassgis.runs.map import check_starts, check_tolerance, simulate_map
 from sassgis.runs.workers import Jobs, OnProgress, Workers, available_cores, held_back
 from sassgis.terrain.plan import Plan, plan
 

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from sassgis.hazard.another_sample import level_chances, worth_of_places
 from sassgis.hazard.assess import Rules, curves_of
-from sassgis.hazard.bins import bins_of
 from sassgis.hazard.progress import Progress
 from sassgis.hazard.sources import sampled_sources
 from sassgis.model.errors import ConfigError
@@ -19,6 +18,7 @@ from sassgis.model.grid import FloatArray
 from sassgis.model.hazard import BlockBudget
 from sassgis.model.map_run import MapRun, Round, Worth
 from sassgis.model.run_config import Config
+from sassgis.model.statistics_table import bins_of
 from sassgis.terrain.plan import Plan
 
 #: A point has an eighth of the blocks of another at least: what few blocks show may be wrong.

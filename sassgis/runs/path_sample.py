@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.engine.event_log import trajectory
 from sassgis.engine.simulate import Simulated
+from sassgis.engine.state import trajectory
 from sassgis.hazard.along_profile import BlockPath, LinePaths
 from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.map_run import MapRun

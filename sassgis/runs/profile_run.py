@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from sassgis.engine.event_log import trajectory
 from sassgis.engine.simulate import Simulated, simulate
+from sassgis.engine.state import trajectory
 from sassgis.hazard.along_profile import ProfileInput, ProfileResult, stretches_of
 from sassgis.hazard.control_lines import ControlLineSums
 from sassgis.hazard.map_sums import quantiles
@@ -20,9 +20,9 @@ from sassgis.io.atomic_output import staged_output
 from sassgis.io.read.vectors import read_line
 from sassgis.io.write.frames import profile_passage_frame, profile_rock_frame, write_table
 from sassgis.model import rng
+from sassgis.model.declared import Input, named
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, IntArray
-from sassgis.model.in_memory import Input, named
 from sassgis.model.languages import in_language
 from sassgis.model.map_run import Forest, MapRun
 from sassgis.model.profiles import (
@@ -40,7 +40,7 @@ from sassgis.report.profile_report import profile_report
 from sassgis.runs.estimate import require_profile
 from sassgis.runs.inputs import collected_notices, profile_from_csv, read_map_run
 from sassgis.runs.job import AnyConfig, configured
-from sassgis.runs.origin import Origin, byline, provenance, write_origin
+from sassgis.runs.provenance import Origin, byline, provenance, write_origin
 from sassgis.terrain.fall_lines import fall_line_surface, trace
 from sassgis.terrain.flatten import chainage_to_xy
 from sassgis.terrain.prepare import LEAD_IN_M, PreparedLines, prepare_lines

@@ -8,7 +8,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from sassgis.hazard.bins import bins_of
 from sassgis.hazard.map_sums import MapSums, Sample
 from sassgis.hazard.measured_motion import motion_warnings
 from sassgis.hazard.object_values import ObjectValues, object_values
@@ -19,7 +18,7 @@ from sassgis.hazard.warnings import ground_shares
 from sassgis.io.qgis import run_project
 from sassgis.io.qgis.entries import LayerGroup
 from sassgis.io.qgis.layout import Extent, PrintLayout
-from sassgis.io.read.base_map import read_base_map
+from sassgis.io.read.dem import read_base_map
 from sassgis.io.read.result_folder import EDITS_FILE, RESULT_FILE, ZONE_FILE
 from sassgis.io.vector_layer import VectorLayer
 from sassgis.io.write.frames import passage_frame, rock_frame, write_table
@@ -32,7 +31,7 @@ from sassgis.model.exposure import PlacedObjects
 from sassgis.model.grid import Grid
 from sassgis.model.results import RasterLayer, StopReason
 from sassgis.model.run_config import Config
-from sassgis.model.statistics_table import Bins
+from sassgis.model.statistics_table import Bins, bins_of
 from sassgis.report.exposed_report import exposed_table, map_objects, most_exposed
 from sassgis.report.map_page import Contribution, MapHazard, MapPage, PlaceFacts, write_map_page
 from sassgis.report.map_report import map_report
@@ -50,8 +49,8 @@ from sassgis.report.zone_report import BARRIERS_TITLE
 from sassgis.runs.checkpoint import read_rows
 from sassgis.runs.job import Simulation
 from sassgis.runs.map_answers import area_rows, blocks_by_source
-from sassgis.runs.origin import Origin, byline, facts_of, made_on, provenance, write_origin
 from sassgis.runs.path_sample import paths_on_line, sample_paths, some_paths
+from sassgis.runs.provenance import Origin, byline, facts_of, made_on, provenance, write_origin
 from sassgis.runs.workers import beside
 
 

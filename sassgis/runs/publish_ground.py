@@ -21,7 +21,7 @@ from sassgis.report.page import ReportFigure
 from sassgis.report.pictures import map_pictures
 from sassgis.report.variants_report import spread_lines, spread_table
 from sassgis.runs.job import Simulation
-from sassgis.runs.origin import facts_of
+from sassgis.runs.provenance import facts_of
 from sassgis.runs.publish import Extras
 from sassgis.runs.variant_lab import DrawnGround
 

@@ -35,7 +35,7 @@ from sassgis.report.zone_report import level_table, zone_facts_of, zone_figures,
 from sassgis.runs.inputs import zoning_files
 from sassgis.runs.job import Simulation
 from sassgis.runs.map_answers import line_facts, map_hazard, object_facts, rates_by_source
-from sassgis.runs.origin import Origin
+from sassgis.runs.provenance import Origin
 from sassgis.runs.publish import Extras, ForMapPage, ForReport, values_at_objects
 
 #: Layers of a group of areas that make sense for all groups together; the first is a table, too.

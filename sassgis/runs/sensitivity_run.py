@@ -32,6 +32,7 @@ from sassgis.io.write.layers.variant_layers import (
     range_table,
     sensitivity_layers,
 )
+from sassgis.io.write.raster import write_over_relief
 from sassgis.model.errors import InputError
 from sassgis.model.ground_ranges import ParameterRange, RangeRule
 from sassgis.model.languages import in_language, phrase, translated
@@ -40,8 +41,7 @@ from sassgis.report.variants_report import sensitivity_report
 from sassgis.runs.inputs import read_rules, states_frequencies
 from sassgis.runs.job import AnyConfig, Workplace, configured, read_job
 from sassgis.runs.map import check_starts
-from sassgis.runs.origin import Origin, provenance, write_origin
-from sassgis.runs.relief_project import write_over_relief
+from sassgis.runs.provenance import Origin, provenance, write_origin
 from sassgis.runs.variant_lab import VariantLab
 from sassgis.runs.workers import Jobs, OnProgress
 from sassgis.runs.zone import prepared

@@ -17,7 +17,6 @@ import numpy as np
 import sassgis
 from sassgis.hazard.along_profile import ProfileInput
 from sassgis.hazard.assess import Hazard, Rules, assess
-from sassgis.hazard.bins import bins_of
 from sassgis.hazard.sources import sampled_sources
 from sassgis.io.read.config import configure, resolved
 from sassgis.io.read.presets import read_preset
@@ -27,6 +26,7 @@ from sassgis.model.ground import GroundClass
 from sassgis.model.hazard import ZoningSettings
 from sassgis.model.results import StopReason
 from sassgis.model.run_config import Config
+from sassgis.model.statistics_table import bins_of
 from sassgis.runs.inputs import named_preset, ref_width, yearly_frequencies
 from sassgis.runs.job import Simulation, Workplace, read_job, simulate_job
 from sassgis.runs.profile_run import profile_input, simulate_profile

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sassgis.hazard.assess import Assessment, Rules, assess
-from sassgis.hazard.bins import bins_of
 from sassgis.hazard.sources import sampled_sources
 from sassgis.io.atomic_output import staged_output
 from sassgis.io.read.edit_polygons import read_edits, with_earlier
 from sassgis.model.languages import in_language
+from sassgis.model.statistics_table import bins_of
 from sassgis.runs.inputs import compares_barriers, read_rules, with_rules
 from sassgis.runs.job import (
     AnyConfig,

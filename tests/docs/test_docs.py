@@ -140,7 +140,7 @@ def test_links_lead_somewhere(repository):
 @pytest.fixture(scope="module")
 def small_result(tmp_path_factory):
     """What `sassgis demo` writes, with few rocks."""
-    from sassgis.runs.samples import sample_folder
+    from sassgis.io.write.site_template import sample_folder
 
     out = tmp_path_factory.mktemp("run") / "out"
     config = sassgis.load_config(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sassgis.engine.angles import cos_sin
+from sassgis.engine.ellipse import cos_sin
 from sassgis.model.grid import FloatArray
 from sassgis.model.jit import kernel
 

@@ -8,13 +8,12 @@ from pathlib import Path
 import authume
 import pytest
 
-from sassgis.hazard.bins import bins_of
 from sassgis.hazard.response import LARGEST_CHANGE, outcome_of
 from sassgis.io.read.config import load_config
 from sassgis.model.map_run import MapRun
+from sassgis.model.statistics_table import bins_of
 from sassgis.runs.inputs import read_map_run
-from sassgis.runs.map import simulate_map
-from sassgis.runs.sample_check import check_tolerance
+from sassgis.runs.map import check_tolerance, simulate_map
 from sassgis.terrain.plan import Plan, plan
 
 pytestmark = pytest.mark.battery

@@ -2,27 +2,19 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 import zipfile
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from helpers.changed_arrays import Change, arrays_of, change_arrays
+from helpers.changed_arrays import Change, change_arrays
 from hypothesis import given
 from hypothesis import strategies as st
 
 from sassgis.io import digests, saved_arrays
-from sassgis.io.saved_arrays import (
-    read_saved,
-    read_saved_json,
-    saved_or_refused,
-    with_digest,
-    write_saved,
-)
+from sassgis.io.saved_arrays import read_saved, saved_digest, saved_or_refused, write_saved
 from sassgis.model.errors import InputError
 
 ROWS = np.array([(1, 0.5), (2, 1.5)], dtype=[("block", "i4"), ("energy_kj", "f8")])
@@ -55,11 +47,13 @@ def test_no_clock_is_in_a_file(
 def test_what_is_written_is_read(tmp_path: Path, compressed: bool) -> None:
     file = tmp_path / "state.npz"
     digest = write_saved(file, ARRAYS, "own", compressed=compressed)
-    found = read_saved(file, "own", never, digest)
+    found = read_saved(file, "own", never)
+    assert saved_digest(file) == digest
     assert found is not None and found.keys() == ARRAYS.keys()
     for name, own in ARRAYS.items():
         assert np.array_equal(found[name], own) and found[name].dtype == own.dtype
-    assert arrays_of(file)["blocks"].dtype == np.uint16
+    with np.load(file) as plain:
+        assert np.array_equal(plain["blocks"], ARRAYS["blocks"])
     assert [f.name for f in tmp_path.iterdir()] == ["state.npz"]
     assert read_saved(tmp_path / "nothing.npz", "own", never) is None
 
@@ -77,9 +71,6 @@ CHANGES: dict[str, Change] = {
     "missing": lambda a: a.pop("names"),
     "more": lambda a: a.update(other=np.zeros(2)),
     "names changed round": lambda a: a.update(sums=a["blocks"], blocks=a["sums"]),
-    "empty": lambda a: a.update(empty=np.array("{}")),
-    "of others": lambda a: a.update(fingerprint=np.array("another")),
-    "no digest": lambda a: a.pop("digest"),
 }
 
 
@@ -87,7 +78,6 @@ CHANGES: dict[str, Change] = {
 def test_what_was_changed_is_taken_for_none_and_said(tmp_path: Path, change: str) -> None:
     file = tmp_path / "state.npz"
     write_saved(file, ARRAYS, "own")
-    change_arrays(file, lambda _arrays: None)
     assert read_saved(file, "own", never) is not None
     change_arrays(file, CHANGES[change])
     said: list[str] = []
@@ -99,13 +89,11 @@ def test_what_was_changed_is_taken_for_none_and_said(tmp_path: Path, change: str
 
 def test_of_a_file_with_this_content_some_arrays_are_read(tmp_path: Path) -> None:
     file, said = tmp_path / "state.npz", "what was there"
-    write_saved(file, ARRAYS, "own", compressed=True)
-    content = digests.content_digest(file)
+    content = write_saved(file, ARRAYS, "own", compressed=True)
     whole = saved_or_refused(file, said, content)
     assert whole.keys() == ARRAYS.keys()
     some = saved_or_refused(file, said, content, lambda name: name == "blocks")
-    assert some.keys() == {"blocks", "none"}
-    assert np.array_equal(some["blocks"], ARRAYS["blocks"]) and some["none"].shape == (0, 2)
+    assert some.keys() == {"blocks"} and np.array_equal(some["blocks"], ARRAYS["blocks"])
     write_saved(file, ARRAYS | {"count": np.array(4)}, "own", compressed=True)
     with pytest.raises(InputError, match=r"state.npz: cannot be read, or was changed"):
         saved_or_refused(file, said, content, lambda name: name == "blocks")
@@ -120,10 +108,10 @@ def test_another_file_is_not_taken_for_this_one(tmp_path: Path) -> None:
     assert read_saved(tmp_path / "rows_2.npz", "own", said.append) is None
     write_saved(file, {"sums": np.zeros(2)}, "own")
     assert read_saved(file, "own", said.append) is not None
-    assert read_saved(file, "own", said.append, digest) is None
+    assert saved_digest(file) not in ("", digest)
     file.unlink()
-    assert read_saved(file, "own", said.append, digest) is None
-    assert [line.split()[2] for line in said] == [str(tmp_path / "rows_2.npz"), *[str(file)] * 2]
+    assert saved_digest(file) == ""
+    assert [line.split()[2] for line in said] == [str(tmp_path / "rows_2.npz")]
 
 
 def test_other_settings_and_versions_are_said(
@@ -148,32 +136,10 @@ def test_a_library_that_computes_is_part_of_the_program(monkeypatch: pytest.Monk
         assert digests.program_digest.__wrapped__() != before
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        lambda t: t.replace("1.5", "1.6"),
-        lambda t: t.replace('"digest"', '"other"'),
-        lambda t: t[:-3],
-        lambda t: "[]",
-        lambda t: "[" * 100_000,
-    ],
-    ids=["value", "no digest", "cut", "a list", "brackets"],
-)
-def test_json_that_was_changed_is_taken_for_none_and_said(
-    tmp_path: Path, change: Callable[[str], str]
-) -> None:
-    file, content = tmp_path / "area.json", {"rocks": 3, "runs": [1.5, None], "name": "ä"}
-    assert read_saved_json(file, "own", never) is None
-    file.write_text(json.dumps(with_digest(content, "own")))
-    assert read_saved_json(file, "own", never) == content
-    said: list[str] = []
-    assert read_saved_json(file, "another", said.append) is None
-    file.write_text(change(file.read_text()))
-    assert read_saved_json(file, "own", said.append) is None
-    assert len(said) == 2 and all(str(file) in line for line in said)
-
-
 def test_objects_are_not_unpickled(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="allow_pickle"):
+        write_saved(tmp_path / "state.npz", {"sums": np.array([{}], dtype=object)}, "own")
+    assert list(tmp_path.iterdir()) == []
     np.savez(tmp_path / "state.npz", sums=np.array([{"a": 1}], dtype=object))
     assert read_saved(tmp_path / "state.npz", "own", lambda _text: None) is None
 
@@ -188,8 +154,4 @@ def test_damage_is_noticed(
     k = min(int(place * len(content)), len(content) - 1)
     content[k] ^= 1 << bit
     file.write_bytes(content[:k] if cut else content)
-    found = read_saved(file, "own", lambda _text: None)
-    if found is not None:
-        # Some bits of the archive's own tables mean nothing.
-        assert found.keys() == ARRAYS.keys()
-        assert all(np.array_equal(found[name], value) for name, value in ARRAYS.items())
+    assert read_saved(file, "own", lambda _text: None) is None

@@ -172,3 +172,21 @@ def test_modules_in_the_current_folder_are_not_imported(tmp_path):
         capture_output=True, text=True, cwd=tmp_path, check=False,
     )  # fmt: skip
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_with_another_numba_functions_are_compiled_and_kept_as_it_does_by_itself(tmp_path):
+    code = (
+        "import sys, numba; numba.__version__ = sys.argv[1]; from sassgis.model import rng\n"
+        "own = 'sassgis.model.machine_code' in sys.modules\n"
+        "print(float(rng.normal(rng.mix(1), 0, 0)), own)"
+    )
+    said = {}
+    for version in ("0.68.9", "0.69.0rc1", "1.0.0"):
+        done = subprocess.run(
+            [sys.executable, "-c", code, version], capture_output=True, text=True, check=True,
+            cwd="/", env={**os.environ, "SASSGIS_CACHE_DIR": str(tmp_path / version)},
+        )  # fmt: skip
+        said[version] = done.stdout.split()
+        assert list((tmp_path / version).rglob("*.nbi")) and done.stderr == ""
+    assert [own for _, own in said.values()] == ["True", "False", "False"]
+    assert len({number for number, _ in said.values()}) == 1

@@ -16,12 +16,12 @@ import shapely
 from rasterio.features import geometry_mask
 
 from sassgis.io.read.config import load_config
+from sassgis.io.write.site_template import write_samples
 from sassgis.model.errors import OutputError
 from sassgis.model.results import Outcome
 from sassgis.runs.inputs import read_rules
 from sassgis.runs.job import read_job
 from sassgis.runs.map import simulate_map
-from sassgis.runs.samples import write_samples
 from sassgis.runs.zone import prepared
 from sassgis.terrain.plan import plan
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from functools import cache
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -12,11 +14,11 @@ from sassgis.engine.profile import segment_at, to_cell_border
 from sassgis.engine.rows import Record, Records, last_of
 from sassgis.engine.state import Block, Site
 from sassgis.model import rng
+from sassgis.model.built_in_rows import built_in_rows
 from sassgis.model.declared import checked
 from sassgis.model.effects import EffectSection
 from sassgis.model.errors import ConfigError
 from sassgis.model.jit import inlined, lean
-from sassgis.model.tree_species import energy_ratios
 
 
 @checked(frozen=True, slots=True)
@@ -391,3 +393,13 @@ def speed_left_at_stem(stand: Stand, state: Record, key: np.uint64, energy: floa
     state.stems_met += 1
     state.to_stem = to_next_stem(key, state.stems_met)
     return math.sqrt(max(1.0 - taken / energy, 0.0)) if energy > 0.0 else 1.0
+
+
+#: Power of the diameter at breast height with which the energy that a stem takes grows.
+ENERGY_EXPONENT = 2.31
+
+
+@cache
+def energy_ratios() -> Mapping[str, float]:
+    """Ratio by species, from sassgis/data/tree_species.csv, which has the sources."""
+    return {row["species"]: float(row["energy_ratio"]) for row in built_in_rows("tree_species")}

@@ -25,8 +25,8 @@ from sassgis.gap.observations.tables import (
     Table,
     Trajectories,
 )
+from sassgis.model.declared import Input
 from sassgis.model.grid import BoolArray, FloatArray, Grid, IntArray
-from sassgis.model.in_memory import Input
 from sassgis.model.labels import some_of
 from sassgis.terrain.heights import heights_at
 

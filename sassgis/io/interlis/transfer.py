@@ -32,7 +32,7 @@ from sassgis.io.interlis.validation import (
     check_validator,
     validate_xtf,
 )
-from sassgis.io.read.offline import read_frame, vector_file
+from sassgis.io.read.gdal_safety import read_frame, vector_file
 from sassgis.io.read.result_folder import check_is_result
 from sassgis.io.write.layers import federal_model
 from sassgis.io.write.layers.federal_model import (

@@ -16,7 +16,7 @@ from sassgis.hazard.zone_styles import zone_style
 from sassgis.io.qgis.entries import LayerEntry, LayerGroup, without_empty
 from sassgis.io.qgis.layout import Extent, PrintLayout, scale_text
 from sassgis.io.qgis.project import write_project
-from sassgis.io.read.base_map import BASE_MAP_KEY
+from sassgis.io.read.dem import BASE_MAP_KEY
 from sassgis.io.read.plain_file import seen_from
 from sassgis.io.read.result_folder import EDITS_FILE
 from sassgis.io.vector_layer import VectorLayer

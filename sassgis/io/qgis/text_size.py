@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import functools
 
-from sassgis.model.current_folder import not_found
+from sassgis.model.process import not_found
 
 with not_found("matplotlibrc"):
     from matplotlib.font_manager import FontProperties, findfont

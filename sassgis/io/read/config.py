@@ -38,6 +38,7 @@ from sassgis.model.blocks import BlockPopulation
 from sassgis.model.declared import (
     RULES,
     Declared,
+    InMemory,
     Section,
     Several,
     declared,
@@ -49,7 +50,6 @@ from sassgis.model.effects import EffectSection, EffectSettings
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.exposure import ObjectSettings, RiskSettings
 from sassgis.model.hazard import EditSettings, HazardSettings, Onset, ZoningSettings
-from sassgis.model.in_memory import InMemory
 from sassgis.model.results import ControlLine
 from sassgis.model.run_config import Config
 from sassgis.model.settings import (

@@ -12,9 +12,8 @@ from typing import Any
 
 from sassgis.io.read.plain_file import check_text, number, read_text
 from sassgis.io.read.vector_features import nearest
-from sassgis.model.declared import composed
+from sassgis.model.declared import Input, composed
 from sassgis.model.errors import InputError
-from sassgis.model.in_memory import Input
 
 #: Far more than any table has; each takes long to be compared with those that are known.
 _MOST_COLUMNS = 1000

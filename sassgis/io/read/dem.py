@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,13 +25,15 @@ from rasterio.warp import reproject
 from rasterio.windows import Window
 
 from sassgis.io.read.dem_system import dem_system
-from sassgis.io.read.offline import RASTER, kept_dataset, offline, open_dataset
+from sassgis.io.read.gdal_safety import RASTER, kept_dataset, offline, open_dataset
 from sassgis.io.read.plain_file import check_file, check_text, in_memory
-from sassgis.model.crs import crs_parts, same_crs
+from sassgis.model.crs import crs_name, crs_parts, same_crs
+from sassgis.model.declared import AnyInput, InMemory, Input, named
 from sassgis.model.errors import InputError
 from sassgis.model.grid import BoolArray, FloatArray, Grid
-from sassgis.model.in_memory import AnyInput, InMemory, Input, named
-from sassgis.model.memory import require_memory
+from sassgis.model.process import require_memory
+from sassgis.model.results import Band, RasterClass, RasterLayer
+from sassgis.model.styles import PICTURE
 
 log = logging.getLogger(__name__)
 
@@ -108,7 +111,7 @@ def read_dem(
     Parameters
     ----------
     path
-        A raster with one band of heights, of one of the formats of sassgis.io.read.offline.
+        A raster with one band of heights, of one of the formats of sassgis.io.read.gdal_safety.
     crs
         Coordinate system that is used where the file has none, as pyproj understands it
         ("EPSG:2056"), or "local" for local coordinates in metres. If the file has one, both must
@@ -508,3 +511,38 @@ def _pair_of_systems(dataset: Any, grid: Grid, file: Input, field: str) -> tuple
         return _ONE_SYSTEM
     log.info("%s: reprojected from %s to %s (nearest cell)", file, own.name, target.name)
     return own.to_wkt(), grid.crs
+
+
+_STEM = "base_map"
+#: Of the layer in a project.
+BASE_MAP_KEY = f"raster_{_STEM}"
+
+
+def read_base_map(file: Path | None, grid: Grid) -> RasterLayer | None:
+    """How a base map is shown: in colours, by its palette, or in grey; None without a file.
+
+    InputError if it cannot be read, or is in other coordinates than the terrain model.
+    """
+    if file is None:
+        return None
+    field = "project.base_map"
+    with open_raster(file, field) as dataset:
+        own = dataset.crs
+        if bool(own) != bool(grid.crs) or (
+            own and not same_crs(pyproj.CRS.from_wkt(own.to_wkt()), pyproj.CRS.from_wkt(grid.crs))
+        ):
+            raise InputError(
+                "is not in the coordinates of the terrain model", file=file, field=field,
+                found=crs_name(own.to_wkt()) if own else "no coordinate system",
+                expected=crs_name(grid.crs) if grid.crs else "local coordinates",
+            )  # fmt: skip
+        palette = {}
+        if dataset.count < 3 and dataset.colorinterp[0].name == "palette":
+            palette = dataset.colormap(1)
+        # Nothing is drawn from the values here: the project shows the file.
+        bands = (Band("", "", "", np.empty((0, 0), np.float32)),) * dataset.count
+    classes = (
+        RasterClass(value, "", "#{:02x}{:02x}{:02x}".format(*colour[:3]))
+        for value, colour in palette.items()
+    )
+    return RasterLayer(_STEM, "Base map", "", bands, (), PICTURE, tuple(classes))

@@ -12,8 +12,8 @@ import pyproj
 from pyproj.exceptions import CRSError, ProjError
 
 from sassgis.model.crs import crs_parts, parse_crs, same_crs
+from sassgis.model.declared import Input
 from sassgis.model.errors import InputError
-from sassgis.model.in_memory import Input
 
 log = logging.getLogger(__name__)
 

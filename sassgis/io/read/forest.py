@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 from scipy import ndimage
 
+from sassgis.engine.effects.trees import ENERGY_EXPONENT, energy_ratios
 from sassgis.io.read.csv_table import CsvColumn, read_table
 from sassgis.io.read.dem import on_cells, only_band, read_band
 from sassgis.io.read.dem_system import extent_text
 from sassgis.io.read.vector_features import Feature, polygon_of_cells, read_features
+from sassgis.model.declared import InMemory, Input
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid
-from sassgis.model.in_memory import InMemory, Input
 from sassgis.model.settings import ForestPlace
-from sassgis.model.tree_species import ENERGY_EXPONENT, energy_ratios
 
 log = logging.getLogger(__name__)
 

@@ -13,9 +13,9 @@ import numpy as np
 from sassgis.hazard.volume_frequency import BlockSurvey
 from sassgis.io.read.csv_table import CsvColumn, csv_cells, csv_rows, read_table
 from sassgis.io.read.plain_file import number, read_text
+from sassgis.model.declared import Input
 from sassgis.model.errors import InputError
 from sassgis.model.hazard import Onset, OnsetUnit
-from sassgis.model.in_memory import Input
 
 
 def read_frequencies(

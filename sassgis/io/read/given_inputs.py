@@ -21,10 +21,10 @@ from pyproj.exceptions import CRSError
 from rasterio.io import MemoryFile
 
 from sassgis.io.read.dem import affine_of
+from sassgis.model.declared import InMemory, Input
 from sassgis.model.errors import InputError
 from sassgis.model.grid import Grid
 from sassgis.model.ground import PARAMETERS, GroundClass
-from sassgis.model.in_memory import InMemory, Input
 
 #: How far centres of cells may lie from even steps, in cells.
 _UNEVEN = 1e-3

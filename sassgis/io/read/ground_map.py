@@ -20,11 +20,11 @@ from sassgis.io.read.vector_features import (
     refuse_twice,
     refuse_unknown,
 )
+from sassgis.model.declared import AnyInput, InMemory, Input, named
 from sassgis.model.errors import InputError
 from sassgis.model.grid import Grid
 from sassgis.model.ground import PARAMETERS, TRUST_TEXT, GroundClass, GroundTable
 from sassgis.model.ground_ranges import EVERY_CLASS, RANGED, RangeRule
-from sassgis.model.in_memory import AnyInput, InMemory, Input, named
 from sassgis.model.settings import GroundSettings
 
 log = logging.getLogger(__name__)

@@ -18,8 +18,8 @@ from xml.etree import ElementTree as ET
 
 from sassgis.io.digests import Stamp, content_digest, stamp_of
 from sassgis.io.read.plain_file import check_file, read_text
+from sassgis.model.declared import AnyInput, InMemory
 from sassgis.model.errors import InputError
-from sassgis.model.in_memory import AnyInput, InMemory
 
 _TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 #: Masks and overviews, which have such files themselves.

@@ -15,6 +15,7 @@ from shapely.ops import substring
 from sassgis.io.read.csv_table import CsvColumn, errors_of_row, read_table
 from sassgis.io.read.vector_features import Feature, nearest, refuse_twice, without_repeats
 from sassgis.io.read.vectors import check_on_map, named_features
+from sassgis.model.declared import Input
 from sassgis.model.errors import InputError
 from sassgis.model.exposure import (
     NUMBERS_OF_KIND,
@@ -27,7 +28,6 @@ from sassgis.model.exposure import (
     VulnerabilityRow,
 )
 from sassgis.model.grid import Grid, IntArray
-from sassgis.model.in_memory import Input
 from sassgis.model.profiles import TraceSet
 from sassgis.terrain.cells import cell_stretches
 

@@ -26,13 +26,13 @@ from sassgis.gap.observations.observed import (
 )
 from sassgis.gap.observations.tables import TABLES, Metadata, Table
 from sassgis.io.read.csv_table import csv_cells
+from sassgis.io.read.gdal_safety import layers_of, read_frame, vector_file
 from sassgis.io.read.observation_values import KEY, RawTable, metadata_of, table_of
-from sassgis.io.read.offline import layers_of, read_frame, vector_file
 from sassgis.io.read.plain_file import read_text
 from sassgis.io.read.vector_features import nearest
+from sassgis.model.declared import InMemory, Input
 from sassgis.model.errors import InputError, shown
 from sassgis.model.grid import Grid
-from sassgis.model.in_memory import InMemory, Input
 
 #: A GeoPackage, a folder of CSV files, or DataFrames by the name of the table.
 AnyObservations = str | Path | Mapping[str, Any]

@@ -31,9 +31,9 @@ from sassgis.gap.observations.tables import (
 )
 from sassgis.io.read.plain_file import check_text
 from sassgis.io.read.vector_features import nearest, onto_grid, text_of, without_repeats
+from sassgis.model.declared import Input
 from sassgis.model.errors import InputError, shown
 from sassgis.model.grid import FloatArray, Grid, IntArray
-from sassgis.model.in_memory import Input
 
 #: Name under which messages speak of the observations.
 KEY = "observations"

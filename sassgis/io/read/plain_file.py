@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Any
 
 from sassgis.io.atomic_output import is_text
+from sassgis.model.declared import InMemory, Input
 from sassgis.model.errors import InputError
-from sassgis.model.in_memory import InMemory, Input
 
 #: Longest text of an input (characters): a name, a title, an attribute, a cell of a table, a key.
 LONGEST_TEXT = 1000
@@ -105,12 +105,12 @@ def toml_table(text: str, file: str | Input, what: str = "valid TOML") -> dict[s
         document = tomllib.loads(text)
     except RecursionError:
         raise _too_deep(file, None) from None
-    except ValueError as error:
-        found = str(error)
-        if not isinstance(error, tomllib.TOMLDecodeError):
-            found = "a number of thousands of digits"
-        elif "escape" in found.lower() or "hex" in found.lower():
+    except tomllib.TOMLDecodeError as error:
+        if re.search("escape|hex", str(error), re.IGNORECASE):
             what = "valid TOML (in paths write / or \\\\ instead of a single \\)"
+        raise InputError("is not valid TOML", file=file, found=error, expected=what) from None
+    except ValueError:
+        found = "a number of thousands of digits"
         raise InputError("is not valid TOML", file=file, found=found, expected=what) from None
     _check_values(document, file)
     return document

@@ -9,9 +9,9 @@ import numpy as np
 
 from sassgis.io.read.config import profile_control_lines
 from sassgis.io.read.csv_table import CsvColumn, read_table
+from sassgis.model.declared import Input
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.ground import GroundTable
-from sassgis.model.in_memory import Input
 from sassgis.model.profiles import ProfileSet
 from sassgis.model.run_config import Config
 

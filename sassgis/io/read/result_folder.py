@@ -19,7 +19,7 @@ from sassgis.hazard.stored_result import StoredResult
 from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.io.atomic_output import MANIFEST_NAME
 from sassgis.io.read.dem import open_raster
-from sassgis.io.read.offline import read_frame, vector_file
+from sassgis.io.read.gdal_safety import read_frame, vector_file
 from sassgis.model.errors import InputError
 from sassgis.model.exposure import ExposedObject, PlacedObjects
 from sassgis.model.grid import FloatArray, Grid

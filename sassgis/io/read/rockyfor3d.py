@@ -25,13 +25,13 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import shortest_path
 from scipy.spatial import cKDTree
 
+from sassgis.engine.effects.trees import energy_ratios
 from sassgis.io.read.dem import open_raster, read_band
 from sassgis.io.read.dem_system import extent_text
 from sassgis.io.read.plain_file import read_text
 from sassgis.io.read.start_keys import StartKeys, seen_from_folder
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, IntArray
-from sassgis.model.tree_species import energy_ratios
 
 _OPTION = "--rockyfor3d"
 _wrong = partial(InputError, field=_OPTION)

@@ -10,7 +10,7 @@ import pyproj
 
 from sassgis.io.read.config import LISTS, declared_sections
 from sassgis.io.read.dem_system import NO_SYSTEM
-from sassgis.io.read.offline import layers_of, read_frame, vector_file
+from sassgis.io.read.gdal_safety import layers_of, read_frame, vector_file
 from sassgis.io.read.plain_file import seen_from, toml_table
 from sassgis.io.read.site_layers import SiteLayer, site_layers
 from sassgis.io.read.tiles import open_terrain

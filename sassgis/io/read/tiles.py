@@ -26,9 +26,9 @@ from sassgis.io.read.dem import (
 from sassgis.io.read.dem_system import extent_text
 from sassgis.io.read.input_parts import mosaic_places
 from sassgis.model.crs import crs_name, same_crs
+from sassgis.model.declared import AnyInput, InMemory, Input, named
 from sassgis.model.errors import InputError, InputLost
 from sassgis.model.grid import BoolArray, FloatArray, Grid, IntArray
-from sassgis.model.in_memory import AnyInput, InMemory, Input, named
 from sassgis.model.labels import some_of
 
 log = logging.getLogger(__name__)

@@ -22,20 +22,19 @@ from pyproj.exceptions import ProjError
 from sassgis.io.digests import Stamp
 from sassgis.io.read.dem import burnt, system_of
 from sassgis.io.read.dem_system import beyond_degrees, extent_text
-from sassgis.io.read.input_parts import stamps_of
-from sassgis.io.read.offline import (
+from sassgis.io.read.gdal_safety import (
     VECTOR,
     layers_of,
     read_frame,
     vector_file,
     with_composed,
 )
+from sassgis.io.read.input_parts import stamps_of
 from sassgis.io.read.plain_file import check_file, check_text, in_memory, number
 from sassgis.model.crs import crs_name, crs_parts, same_crs
-from sassgis.model.declared import composed
+from sassgis.model.declared import InMemory, Input, composed
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid
-from sassgis.model.in_memory import InMemory, Input
 from sassgis.model.labels import some_of
 
 log = logging.getLogger(__name__)

@@ -28,11 +28,10 @@ from sassgis.io.read.vector_features import (
     without_repeats,
     without_shapes,
 )
-from sassgis.model.declared import composed
+from sassgis.model.declared import Input, composed
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.exposure import ObjectSettings
 from sassgis.model.grid import FloatArray, Grid
-from sassgis.model.in_memory import Input
 from sassgis.model.map_run import ReleaseArea
 from sassgis.model.results import ControlLine
 from sassgis.model.run_config import Config

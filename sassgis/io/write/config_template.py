@@ -18,8 +18,7 @@ from sassgis.io.atomic_output import staged_file, write_new, writing
 from sassgis.io.read.config import FILE_KEYS, LISTS, SECTIONS, declared_sections, first_line
 from sassgis.io.read.plain_file import seen_from
 from sassgis.io.write.manifest import plain
-from sassgis.model.declared import Declared, is_preset_file
-from sassgis.model.in_memory import InMemory
+from sassgis.model.declared import Declared, InMemory, is_preset_file
 from sassgis.model.run_config import Config
 
 _HEAD = """\

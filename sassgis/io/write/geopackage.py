@@ -16,7 +16,7 @@ import shapely
 
 from sassgis.io.atomic_output import writing
 from sassgis.io.qgis.markup import qml
-from sassgis.io.read.offline import pyogrio_settings
+from sassgis.io.read.gdal_safety import pyogrio_settings
 from sassgis.io.vector_layer import KEY_COLUMN, VectorLayer, translated_vector
 from sassgis.model.errors import OutputError
 from sassgis.model.styles import FieldInfo

@@ -21,8 +21,8 @@ from sassgis.io.atomic_output import MANIFEST_DIGEST, result_files, write_json
 from sassgis.io.digests import content_digest, json_digest
 from sassgis.io.read.input_parts import files_of
 from sassgis.io.read.plain_file import seen_from
+from sassgis.model.declared import InMemory, Input
 from sassgis.model.errors import InputError
-from sassgis.model.in_memory import InMemory, Input
 from sassgis.model.labels import rounded
 
 MANIFEST_FORMAT = 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
@@ -15,9 +16,12 @@ from rasterio.io import MemoryFile
 from rasterio.windows import Window
 
 from sassgis.io.atomic_output import write_text, writing
+from sassgis.io.qgis.entries import LayerEntry, LayerGroup
 from sassgis.io.qgis.markup import qml
+from sassgis.io.qgis.project import write_project
 from sassgis.io.read.dem import affine_of
 from sassgis.io.vector_layer import translated_raster
+from sassgis.io.write.layers.maps import terrain_layer
 from sassgis.model.grid import Grid
 from sassgis.model.results import Band, RasterLayer
 from sassgis.model.styles import HILLSHADE, PICTURE, class_tint, rgb, zero_is_nothing
@@ -271,3 +275,41 @@ class BlockMaps:
         layer = replace(layer, bands=(replace(layer.bands[0], values=limits), *layer.bands[1:]))
         _write_style(layer, target)
         self.unfinished.append(Unfinished(layer, between, target))
+
+
+def write_over_relief(
+    work: Path,
+    grid: Grid,
+    maps: Sequence[RasterLayer],
+    *,
+    group: str,
+    title: str,
+    abstract: str,
+    zones: LayerEntry | None = None,
+) -> None:
+    """Write maps and ``project.qgz``, in which the first map is seen, or zones in its place.
+
+    Parameters
+    ----------
+    group : str
+        Heading of the maps.
+    """
+    terrain = terrain_layer(grid)
+    for layer in (*maps, terrain):
+        write_raster(layer, grid, work / "maps")
+    entries = tuple(
+        LayerEntry(layer, f"maps/{layer.stem}.tif", visible=i == 0 and zones is None)
+        for i, layer in enumerate(maps)
+    )
+    groups = [
+        LayerGroup(group, entries, exclusive=True),
+        LayerGroup("Terrain", (LayerEntry(terrain, "maps/terrain.tif"),)),
+    ]
+    write_project(
+        work / "project.qgz",
+        title=title,
+        crs=grid.crs,
+        groups=groups if zones is None else [LayerGroup("Zones", (zones,)), *groups],
+        extent=grid.bounds,
+        abstract=abstract,
+    )

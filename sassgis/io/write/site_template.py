@@ -1,7 +1,9 @@
-"""The files of a new site: an empty GeoPackage with its project, or those made of Rockyfor3D's."""
+"""Files of a new site: an empty GeoPackage with its project, those of Rockyfor3D, the samples."""
 
 from __future__ import annotations
 
+import os
+import shutil
 import textwrap
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -11,7 +13,8 @@ from pathlib import Path
 import pandas as pd
 import pyproj
 
-from sassgis.io.atomic_output import staged_file
+import sassgis
+from sassgis.io.atomic_output import staged_file, staged_output
 from sassgis.io.qgis.entries import LayerEntry, LayerGroup
 from sassgis.io.qgis.project import write_project
 from sassgis.io.read.plain_file import seen_from
@@ -149,3 +152,32 @@ def write_rockyfor3d_site(
             write_table(staged.enter_context(staged_file(files[-1], overwrite)), [table])
         staged.enter_context(staged_file(file, overwrite)).write_text(text, encoding="utf-8")
     return files, made.notes
+
+
+def sample_folder() -> Path:
+    """Folder of the samples: in the installed package, or beside it in a source tree.
+
+    Raises
+    ------
+    InputError
+        If the installation has none.
+    """
+    package = Path(sassgis.__file__).resolve().parent
+    for folder in (package / "data" / "sample_dem", package.parent / "sample_dem"):
+        if (folder / "valley" / "config.toml").is_file():
+            return folder
+    raise InputError("the sample terrain is missing from this installation", file=package)
+
+
+def write_samples(folder: Path) -> None:
+    """Write the samples, with their configurations, into a new folder; it appears whole or not."""
+    if os.path.lexists(folder):
+        raise OutputError(f"{folder}: exists already; choose a new folder")
+    with staged_output(folder, overwrite=False) as work:
+        shutil.copytree(
+            sample_folder(),
+            work,
+            ignore=shutil.ignore_patterns("__pycache__", "*.py"),
+            copy_function=shutil.copyfile,
+            dirs_exist_ok=True,
+        )

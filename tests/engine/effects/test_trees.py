@@ -23,12 +23,11 @@ from scipy import stats
 from scipy.integrate import trapezoid
 
 from sassgis.engine.effects import trees
-from sassgis.engine.effects.trees import Trees
+from sassgis.engine.effects.trees import Trees, energy_ratios
 from sassgis.model.effects import EffectSettings
 from sassgis.model.errors import ConfigError
 from sassgis.model.profiles import ControlLineCrossings
 from sassgis.model.results import ControlLine
-from sassgis.model.tree_species import energy_ratios
 
 ANGLE = 30.0
 RADIUS = 0.4

@@ -11,13 +11,12 @@ from affine import Affine
 from helpers.input_files import NORTH, WEST
 from shapely import box
 
-from sassgis.engine.effects.trees import FULL_STEMS, Stand, stem_loss
+from sassgis.engine.effects.trees import FULL_STEMS, Stand, energy_ratios, stem_loss
 from sassgis.io.read.forest import TREES_WITHIN_M, read_forest
 from sassgis.io.read.given_inputs import as_input
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.grid import Grid
 from sassgis.model.settings import ForestPlace
-from sassgis.model.tree_species import energy_ratios
 
 GRID = Grid(np.zeros((40, 50)), WEST, NORTH, 2.0)
 

@@ -90,7 +90,7 @@ REFUSED: dict[str, tuple[str, Callable[[Slope], None], tuple[str, ...]]] = {
 @pytest.fixture
 def little_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     """As on a machine where 2 GB are free."""
-    for module in ("model.memory", "runs.estimate"):
+    for module in ("model.process", "runs.estimate"):
         monkeypatch.setattr(f"sassgis.{module}.memory_bytes", lambda: 2_000_000_000)
 
 

@@ -9,13 +9,13 @@ import pytest
 import shapely
 from helpers.map_sums_state import assert_same
 
-from sassgis.hazard.bins import bins_of
 from sassgis.hazard.map_sums import MapSums
 from sassgis.hazard.progress import Progress, joined_rows, line_ends, sample_of
 from sassgis.io.write.layers.maps import map_layers
 from sassgis.model.map_run import MapRun
 from sassgis.model.profiles import LineEnd
 from sassgis.model.results import StopReason
+from sassgis.model.statistics_table import bins_of
 from sassgis.runs.map import chunks_of, simulate_map
 from sassgis.terrain.plan import plan
 

@@ -11,8 +11,7 @@ import pytest
 from sassgis.io.read.ground_map import built_in_table
 from sassgis.model.map_run import MapRun, Round
 from sassgis.model.settings import EngineSettings
-from sassgis.runs.map import simulate_map
-from sassgis.runs.sample_check import check_tolerance, plan_of_points, sampled_plan
+from sassgis.runs.map import check_tolerance, plan_of_points, sampled_plan, simulate_map
 from sassgis.terrain.plan import Plan, plan
 
 

@@ -13,7 +13,6 @@ import pytest
 import rasterio
 from helpers.listed_results import digests
 
-from sassgis.hazard.bins import bins_of
 from sassgis.hazard.response import outcome_of
 from sassgis.hazard.variants import draw_of
 from sassgis.io.atomic_output import partial_folder
@@ -22,6 +21,7 @@ from sassgis.io.read.ground_map import read_ranges
 from sassgis.model.errors import Interrupted
 from sassgis.model.ground_ranges import RANGED, ranges_of, with_values
 from sassgis.model.run_config import Config
+from sassgis.model.statistics_table import bins_of
 from sassgis.runs import job as module
 from sassgis.runs.inputs import read_map_run
 from sassgis.runs.map import simulate_map

@@ -20,7 +20,7 @@ from helpers.zone_slope import Case, Zoned, box, place, two_areas, zoned
 from shapely import ops
 
 from sassgis.engine.simulate import simulate
-from sassgis.hazard.bins import bins_of
+from sassgis.model.statistics_table import bins_of
 from sassgis.terrain.fall_lines import trace
 from sassgis.terrain.prepare import draw_keys, prepare_lines
 from sassgis.terrain.release import take

@@ -18,8 +18,7 @@ from sassgis.model.errors import ConfigError, Interrupted
 from sassgis.model.hazard import HazardCurves
 from sassgis.model.map_run import BlockRows, Round
 from sassgis.runs.check_inputs import check_inputs
-from sassgis.runs.map import simulate_map
-from sassgis.runs.sample_check import plan_of_points
+from sassgis.runs.map import plan_of_points, simulate_map
 from sassgis.runs.zone import zone
 
 #: Of the zoning that is stopped and goes on.

@@ -10,10 +10,10 @@ import pytest
 from helpers.zone_slope import box, two_areas
 
 from sassgis.hazard.assess import curves_of, risk_of
-from sassgis.hazard.bins import bins_of
 from sassgis.hazard.risk import RiskTable
 from sassgis.hazard.sources import sampled_sources
 from sassgis.io.read.config import load_config
+from sassgis.model.statistics_table import bins_of
 from sassgis.runs.inputs import read_rules
 from sassgis.runs.job import read_job
 from sassgis.runs.map import simulate_map

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from sassgis.io.read.config import load_config
-from sassgis.io.read.readiness import readiness
+from sassgis.runs.check_inputs import readiness
 
 BASE = """
 [terrain]

@@ -24,7 +24,7 @@ from rasterio.transform import from_origin
 
 from sassgis.io.read.dem import open_raster, read_dem
 from sassgis.io.read.forest import read_forest
-from sassgis.io.read.offline import offline, read_frame, vector_file
+from sassgis.io.read.gdal_safety import offline, read_frame, vector_file
 from sassgis.io.read.vector_features import open_layer
 from sassgis.model.errors import InputError
 from sassgis.model.grid import Grid

@@ -1,9 +1,10 @@
-"""The memory that this process may still take."""
+"""What this process may take: memory of the machine, and nothing from the current folder."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 
 from sassgis.model.errors import InputError
@@ -94,3 +95,14 @@ def _stated(file: Path, name: str) -> int | None:
     """The number behind a name at the begin of a line."""
     rows = (line.split() for line in _text(file).splitlines())
     return next((int(row[1]) for row in rows if row[:1] == [name]), None)
+
+
+@contextmanager
+def not_found(name: str) -> Iterator[None]:
+    """Have a library, as it is imported, not find a file that it looks for by its name alone."""
+    exists = os.path.exists
+    os.path.exists = lambda path: path != name and exists(path)
+    try:
+        yield
+    finally:
+        os.path.exists = exists

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from sassgis.model import memory
+from sassgis.model import process
 from sassgis.model.errors import InputError
-from sassgis.model.memory import memory_bytes, require_memory
+from sassgis.model.process import memory_bytes, require_memory
 
 #: 8 GB available, of which the process has 100 MB already (kB).
 MACHINE = {
@@ -53,7 +53,7 @@ def test_this_machine_has_some() -> None:
 
 
 def test_the_line_names_what_most_depends_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(memory, "memory_bytes", lambda: 5_000_000_000)
+    monkeypatch.setattr(process, "memory_bytes", lambda: 5_000_000_000)
     need = {"terrain.dem": 100, "release.spacing_m": 2_000_000_000}
     require_memory(need)
     with pytest.raises(InputError) as refused:
@@ -66,7 +66,7 @@ def test_the_line_names_what_most_depends_on(monkeypatch: pytest.MonkeyPatch) ->
         require_memory(need, most=1_000_000_000)
     with pytest.raises(InputError, match="5 GB, which are free here"):
         require_memory(need | {"terrain.dem": 5_000_000_000}, most=6_000_000_000)
-    monkeypatch.setattr(memory, "memory_bytes", lambda: None)
+    monkeypatch.setattr(process, "memory_bytes", lambda: None)
     with pytest.raises(InputError, match="--memory allows"):
         require_memory(need, most=1_000_000_000)
     require_memory({"terrain.dem": 10**30})

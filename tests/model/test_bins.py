@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sassgis.hazard.bins import bins_for
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.settings import EngineSettings
+from sassgis.model.statistics_table import bins_for
 
 BLOCK = BlockPopulation()
 

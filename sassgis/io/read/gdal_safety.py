@@ -1,9 +1,9 @@
 """What GDAL may open: files on disks, in a few formats.
 
 A file of any name may be a list of sources (VRT), the description of a server (WMS, WFS, ...) or a
-label beside raw bytes, which GDAL follows: what comes with a project could read any other file of
-the machine, or fetch one. So the formats are named, of virtual rasters only mosaics of GeoTIFF
-files are read, and there is no network.
+label beside raw bytes, which GDAL follows: what comes with a project could read any other file, or
+fetch one. So drivers are named, virtual rasters are mosaics of GeoTIFF files (input_parts.py), and
+there is no network.
 """
 
 from __future__ import annotations
@@ -39,7 +39,8 @@ _VECTORS = ("GPKG", "ESRI Shapefile", "GeoJSON", "FlatGeobuf", "KML", "LIBKML", 
 VECTOR = "GeoPackage, Shapefile, GeoJSON, FlatGeobuf, KML or file geodatabase"
 
 _SQLITE = b"SQLite format 3\0"
-_BINARY_VECTORS = (_SQLITE, b"\0\0\x27\x0a", b"fgb\x03")
+_SHAPES = b"\0\0\x27\x0a"
+_BINARY_VECTORS = (_SQLITE, _SHAPES, b"fgb\x03")
 #: Texts by which drivers that are not named here know their files, wherever it stands in them.
 _LEADS_ELSEWHERE = re.compile(rb"<OGR|gdal_streamed_alg|<!DOCTYPE", re.IGNORECASE)
 #: As far as GDAL looks for them, with room (bytes).
@@ -89,10 +90,6 @@ def pyogrio_settings(settings: Mapping[str, str]) -> Iterator[None]:
         pyogrio.set_gdal_config_options(before)
 
 
-# ---------------------------------------------------------------------------------------------
-# Rasters
-
-
 def open_dataset(file: Path) -> DatasetReader:
     """Open a raster of a format that is named above; RasterioError if GDAL cannot open it."""
     check_beside(file)
@@ -103,17 +100,14 @@ def open_dataset(file: Path) -> DatasetReader:
     # Not as a relative path: rasterio would take "zip:a" for an archive.
     dataset = DatasetReader(str(file.absolute()), driver=drivers)
     # The header of Imagine files may name any file as that with their heights.
-    if dataset.driver == "HFA" and (other := _foreign(dataset, file)):
+    if dataset.driver == "HFA" and (
+        others := set(map(Path, dataset.files)).difference(files_of(file.absolute()))
+    ):
         dataset.close()
         expected = f"{file.stem}.ige, as it was written"
-        raise InputError("has its heights elsewhere", file=file, found=other, expected=expected)
+        found = min(others)
+        raise InputError("has its heights elsewhere", file=file, found=found, expected=expected)
     return dataset
-
-
-def _foreign(dataset: DatasetReader, file: Path) -> Path | None:
-    """A file that GDAL has opened for a raster and that does not belong to it."""
-    own = files_of(file.absolute())
-    return next((f for f in map(Path, dataset.files) if f not in own), None)
 
 
 def kept_dataset(file: Path) -> DatasetReader:
@@ -130,9 +124,6 @@ def _kept(file: Path, _stamps: tuple[Stamp, ...], _thread: int) -> DatasetReader
     return open_dataset(file)
 
 
-# ---------------------------------------------------------------------------------------------
-# Vector files
-
 _VECTOR_ERRORS = (DataSourceError, DataLayerError, shapely.errors.ShapelyError, sqlite3.Error)
 #: How SQLite writes down what computes nothing where it is read. A view does, perhaps for ever, and
 #: GDAL asks each; so may virtual tables, but for the index of a layer.
@@ -147,9 +138,9 @@ def vector_file(file: Path, field: str | None) -> Iterator[None]:
     """Have a vector file read within the block, if it is of a format that is named above."""
     check_file(file, field, VECTOR, folders=True)
     try:
-        if not _is_vector(file):
+        if not _is_vector(head := _head(file)):
             raise ValueError("none of the formats that are read")
-        if computed := _computed_table(file):
+        if head.startswith(_SQLITE) and (computed := _computed_table(file)):
             raise InputError(
                 "holds a view or a virtual table", file=file, field=field, found=computed,
                 expected="plain tables: export the layer to a GeoPackage of its own",
@@ -165,8 +156,7 @@ def vector_file(file: Path, field: str | None) -> Iterator[None]:
 
 def layers_of(file: Path) -> dict[str, str | None]:
     """Layers by name, with their kind of geometry, within a block of vector_file."""
-    layers = pyogrio.list_layers(file)
-    return {str(name): kind for name, kind in layers}
+    return {str(name): kind for name, kind in pyogrio.list_layers(file)}
 
 
 def read_frame(file: Path, layer: str, **options: Any) -> Any:
@@ -218,33 +208,26 @@ def _encoding(file: Path, layer: str, taken: str) -> str | None:
 
 def _computed_table(file: Path) -> str:
     """How a database declares a view or a virtual table, if it has one; no SQL of it is run."""
-    if not _is_sqlite(file):
-        return ""
-    place = f"file:{quote(str(file.absolute()))}?mode=ro"
-    query = "SELECT sql FROM sqlite_master WHERE sql IS NOT NULL"
-    try:
-        with closing(sqlite3.connect(place, uri=True)) as database:
-            declared = database.execute(query).fetchall()
-    except sqlite3.OperationalError:
-        # Beside a log of changes, in a folder without the right to write.
-        with closing(sqlite3.connect(f"{place}&immutable=1", uri=True)) as database:
-            declared = database.execute(query).fetchall()
-    return next((str(sql)[:100] for (sql,) in declared if not _PLAIN.match(str(sql))), "")
+    # The second way: beside a log of changes, in a folder without the right to write.
+    for mode in ("mode=ro", "mode=ro&immutable=1"):
+        place = f"file:{quote(str(file.absolute()))}?{mode}"
+        with suppress(sqlite3.OperationalError), closing(sqlite3.connect(place, uri=True)) as own:
+            found = own.execute("SELECT sql FROM sqlite_master WHERE sql IS NOT NULL")
+            return next((str(sql)[:100] for (sql,) in found if not _PLAIN.match(str(sql))), "")
+    raise ValueError("a database that cannot be opened")
 
 
-def _is_sqlite(file: Path) -> bool:
+def _head(file: Path) -> bytes:
+    """The begin of a file; of a file geodatabase, which is a folder, that of other binary ones."""
     if file.is_dir():
-        return False
+        known = file.suffix.lower() == ".gdb" and (file / "a00000001.gdbtable").is_file()
+        return _SHAPES if known else b""
     with file.open("rb") as stream:
-        return stream.read(len(_SQLITE)) == _SQLITE
+        return stream.read(_HEAD)
 
 
-def _is_vector(file: Path) -> bool:
+def _is_vector(head: bytes) -> bool:
     """Whether a file begins as one of the formats, so that no other driver takes it for its own."""
-    if file.is_dir():
-        return file.suffix.lower() == ".gdb" and (file / "a00000001.gdbtable").is_file()
-    with file.open("rb") as stream:
-        head = stream.read(_HEAD)
     if head.startswith(_BINARY_VECTORS):
         return True  # drivers look for texts up to the first zero
     text = head.removeprefix(b"\xef\xbb\xbf").lstrip()

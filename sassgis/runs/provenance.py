@@ -12,8 +12,8 @@ from sassgis.io.atomic_output import MANIFEST_NAME
 from sassgis.io.read.config import as_named, settings_hash
 from sassgis.io.write.manifest import write_manifest
 from sassgis.model.crs import crs_name
+from sassgis.model.declared import Input
 from sassgis.model.grid import Grid
-from sassgis.model.in_memory import Input
 from sassgis.model.languages import translated
 from sassgis.model.map_run import MapRun
 from sassgis.model.run_config import Config
