@@ -65,7 +65,7 @@ def line_figure(shown: LinePaths) -> Figure:
             "Path of the block with the longest run-out: {}, {}", shown.area, shown.scenario
         ),
     )
-    return figures.profile_figure([panel], letters=False)
+    return figures.profile_figure([panel])
 
 
 def station_figures(
@@ -88,15 +88,11 @@ def station_figures(
     return out
 
 
-def runout_counts(progress: Progress) -> Figure:
-    """Run-out by reason, in 40 bins of whole metres at most."""
-    metres = progress.runout.shape[1]
-    width = max(-(-metres // 40), 1)
-    counts = np.add.reduceat(progress.runout, np.arange(0, metres, width), axis=1)
-    edges = width * np.arange(counts.shape[1] + 1, dtype=float)
-    return figures.runout_counts_figure(
-        edges, {r: counts[r] for r in StopReason}, title="Run-out along the paths"
-    )
+def runout_drawn(progress: Progress) -> Figure:
+    """Run-out by reason, from counts by whole metres."""
+    edges = np.arange(progress.runout.shape[1] + 1, dtype=float)
+    counts = {r: progress.runout[r] for r in StopReason}
+    return figures.runout_figure(edges, counts, title="Run-out along the paths")
 
 
 def stopping_reasons(counts: IntArray) -> ReportTable:
@@ -211,7 +207,7 @@ def _pictures(
     caption = "Chainage in plan along the path at which blocks stop, by stopping reason."
     text = "Histogram: median {} m, 95 % of the blocks within {} m, longest {} m."
     alt = runout_words(progress.started_runout, text)
-    pictures.append(picture(folder, "runout", "Run-out", caption, runout_counts(progress), alt))
+    pictures.append(picture(folder, "runout", "Run-out", caption, runout_drawn(progress), alt))
     return pictures
 
 

@@ -93,7 +93,12 @@ def _pictures(result: ProfileResult, folder: Path) -> list[ReportFigure]:
         caption = (
             "Chainage at which blocks stop, by stopping reason, fragments and entrained blocks too."
         )
-    figure = figures.runout_figure(ended["runout_m"], ended["reason"].astype(np.int64))
+    last = np.ceil(np.ptp(ended["runout_m"])) + 1.0
+    edges = np.floor(ended["runout_m"].min()) + np.arange(last + 1.0)
+    counts = {
+        r: np.histogram(ended["runout_m"][ended["reason"] == r], edges)[0] for r in StopReason
+    }
+    figure = figures.runout_figure(edges, counts)
     out.append(picture(folder, "runout", "Run-out", caption, figure))
     caption = "First downhill passage."
     return out + station_figures(result.control_lines, result.rocks.size, folder, caption, {})

@@ -22,7 +22,7 @@ from sassgis.hazard.sources import Sampled
 from sassgis.io.write.zone_tables import design_table, places_table, protection_table
 from sassgis.model.hazard import HazardCurves, Source, SourceCounts
 from sassgis.model.results import PASSAGE_DTYPE, ControlLine, Outcome
-from sassgis.report.protection_page import _table
+from sassgis.report.protection_page import needs_table
 
 
 def curve_of(edges: np.ndarray, above: np.ndarray, w: float, largest: float) -> Arrivals:
@@ -160,7 +160,7 @@ def test_blocks_released_never_are_no_share_of_the_released() -> None:
 def test_a_sheet_of_a_net_that_no_block_reaches_has_dashes() -> None:
     idle = sampled(ControlLineSums((NET,)))
     needs = protection_table([NET], idle, idle, (30.0,), 2700.0)
-    table = _table(design_table([NET], idle, (30.0,)).iloc[0], needs, built=True)
+    table = needs_table(design_table([NET], idle, (30.0,)).iloc[0], needs, built=True)
     assert table.rows == (("30", *(None,) * 6),)
 
 

@@ -258,7 +258,7 @@ LAYOUTS = (
         "Intensity and levels of single cells, in a title that needs more than one line",
         "",
         ("vector_intensity", "raster_level", "raster_reach", "raster_energy", "raster_terrain"),
-        EXTENT, FACTS, (), "A4",
+        EXTENT, FACTS, (),
     ),
 )  # fmt: skip
 

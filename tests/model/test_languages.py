@@ -39,7 +39,8 @@ def texts() -> Iterator[str]:
         for row in csv.reader(file.read_text(encoding="utf-8").splitlines()):
             yield from row
     for file in (PACKAGE / "data").glob("*.j2"):
-        yield from re.findall(r"translated\([\"'](.*?)[\"']\)", file.read_text(encoding="utf-8"))
+        page = file.read_text(encoding="utf-8")
+        yield from re.findall(r"(?:translated|words)\([\"'](.*?)[\"'][,)]", page)
     for file in (PACKAGE / "data").rglob("*.toml"):
         yield from words_in(tomllib.loads(file.read_text(encoding="utf-8")))
 

@@ -16,7 +16,7 @@ from sassgis.model.errors import OutputError
 from sassgis.model.exposure import PlacedObjects
 from sassgis.model.languages import in_language
 from sassgis.report.exposed_report import MOST_ROWS, exposed_table, most_exposed
-from sassgis.report.figures import runout_figure, to_png
+from sassgis.report.figures import blocks_figure, to_png
 from sassgis.report.page import (
     ReportContext,
     ReportFigure,
@@ -61,7 +61,7 @@ class Page(HTMLParser):
         return " ".join(self.words)
 
 
-PNG = to_png(runout_figure(np.array([1.0, 2.0]), np.array([0, 1])))
+PNG = to_png(blocks_figure([(10, 0.2), (20, 0.1)], 0.05))
 TABLE = ReportTable(
     "Stations",
     (("station", ""), ("energy, 95 %", "kJ"), ("rocks", "")),

@@ -19,15 +19,11 @@ from sassgis.report.figures.style import (
     ORANGE,
     SMALL,
     TEXT,
-    TITLE,
-    WIDTH_IN,
-    Page,
-    count,
+    Sheet,
     house_style,
     nothing_to_show,
     percent_formatter,
     thousands_formatter,
-    wrap,
 )
 
 #: Shares of the rocks listed beside the curves.
@@ -131,25 +127,17 @@ def runout_gap_figure(
     """
     seen, made = _known(observed_m), _known(predicted_m)
     stops = [np.empty((0, 2)) if xy is None else _known(xy) for xy in (observed_xy, predicted_xy)]
-    left, gap, side = 0.62, 0.62, 2.25 if grid is not None else WIDTH_IN - 0.62 - 2.75
-    top, map_w, map_h = 0.45, 0.0, 0.0
-    if grid is not None:
-        marks = all_points([*stops, *release])
-        view = relief.view_of(grid, relief.footprint(grid, None, marks))
-        map_w = min(WIDTH_IN - left - side - gap - 0.1, 6.0 / view.aspect)
-        map_h = map_w * view.aspect
-    page = Page(max(map_h + top + 0.75, 4.35 if grid is not None else 2.9))
-    page.title(0.1, wrap(title, WIDTH_IN, TITLE), 0.08)
-    note = f"{count(seen.size, 'observed rock')}, {count(made.size, 'predicted rock')}"
-    page.note(0.1, 0.07, note, "bottom")
-    rows, high = quantile_rows(seen, made), page.height - top
+    note = f"{thousands(len(seen))} observed rocks, {thousands(len(made))} predicted rocks"
+    sheet = Sheet(title, note, 2.4 if grid is None else 4.4)
+    places = [["curves", "table"]] if grid is None else [["curves", "map"], ["table", "map"]]
+    axes = sheet.figure.subplot_mosaic(places, width_ratios=(1.0, 1.1 if grid is None else 1.6))
+    _draw_curves(axes["curves"], seen, made)
+    _draw_table(axes["table"], quantile_rows(seen, made))
     if grid is None:
-        _draw_curves(page.axes(left, 0.65, side, high - 0.65, "curves"), seen, made)
-        _draw_table(page.axes(left + side + 0.15, 0.65, 2.45, high - 0.75, "table"), rows)
-        return page.figure
-    _draw_curves(page.axes(left, high - 1.85, side, 1.85, "curves"), seen, made)
-    _draw_table(page.axes(left - 0.3, high - 3.75, side + 0.3, 1.3, "table"), rows)
-    ax = page.axes(left + side + gap, high - map_h, map_w, map_h, "map")
+        return sheet.figure
+    ax = axes["map"]
+    marks = all_points([*stops, *release])
+    view = relief.view_of(grid, relief.footprint(grid, None, marks))
     relief.draw_relief(ax, view)
     draw_release(ax, release)
     # Beyond a few thousand dots more ink says nothing more.
@@ -163,14 +151,6 @@ def runout_gap_figure(
             gid=f"stops-{name}",
         )  # fmt: skip
     relief.map_axes(ax, view.box)
-    corner = relief.emptiest_corner(
-        relief.taken_by(marks, view.box),
-        relief.FURNITURE_IN[0] / map_w,
-        relief.FURNITURE_IN[1] / map_h,
-    )
-    relief.draw_furniture(ax, view.box, map_w, corner)
-    page.figure.legend(
-        *ax.get_legend_handles_labels(), loc="lower right", ncols=2, bbox_to_anchor=(1.0, 0.0),
-        handletextpad=0.2, columnspacing=1.2, markerscale=1.4,
-    )  # fmt: skip
-    return page.figure
+    relief.scale_bar(ax, view.box, view.holds(marks))
+    sheet.legend(ax.get_legend_handles_labels()[0])
+    return sheet.figure

@@ -8,8 +8,6 @@ the one that runs sassgis::
 Without ``--layout`` all layouts are printed, each into a file of its name.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import sys
@@ -25,7 +23,7 @@ from qgis.core import (  # type: ignore[import-not-found]
 )
 
 
-def export(project_file: str, folder: Path, wanted: str, suffix: str, dpi: float) -> list[Path]:
+def export(project_file: str, folder: Path, wanted: str, suffix: str, dpi: float) -> None:
     """Print layouts of a project; QGIS must be running. Without ``wanted`` all of them."""
     project = QgsProject.instance()
     if not project.read(project_file):
@@ -34,13 +32,10 @@ def export(project_file: str, folder: Path, wanted: str, suffix: str, dpi: float
     if wanted and wanted not in layouts:
         names = ", ".join(sorted(layouts)) or "none"
         raise SystemExit(f"{project_file}: no layout {wanted!r}; it has: {names}")
-    files = []
-    for name, layout in layouts.items():
-        if wanted and name != wanted:
-            continue
+    for name in [wanted] if wanted else layouts:
         safe = "".join(c if c.isalnum() or c in " -_." else "_" for c in name).strip()
         target = folder / f"{safe}.{suffix}"
-        exporter = QgsLayoutExporter(layout)
+        exporter = QgsLayoutExporter(layouts[name])
         if suffix == "pdf":
             settings, printed = QgsLayoutExporter.PdfExportSettings(), exporter.exportToPdf
             settings.textRenderFormat = QgsRenderContext.TextFormatAlwaysText
@@ -49,14 +44,12 @@ def export(project_file: str, folder: Path, wanted: str, suffix: str, dpi: float
         settings.dpi = dpi
         if printed(str(target), settings) != QgsLayoutExporter.Success:
             raise SystemExit(f"{target}: cannot be written ({exporter.errorMessage()})")
-        files.append(target)
+        sys.stdout.write(f"{target}\n")
         # The exporter must go before its layout does.
         del exporter
-    return files
 
 
-def main() -> None:
-    """Read the command line, print, and leave QGIS in good order."""
+if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("project")
     parser.add_argument("folder", type=Path)
@@ -68,13 +61,7 @@ def main() -> None:
     application = QgsApplication([], False)
     application.initQgis()
     try:
-        files = export(given.project, given.folder, given.layout, given.format, given.dpi)
+        export(given.project, given.folder, given.layout, given.format, given.dpi)
     finally:
         QgsProject.instance().clear()
         application.exitQgis()
-    for file in files:
-        sys.stdout.write(f"{file}\n")
-
-
-if __name__ == "__main__":
-    main()

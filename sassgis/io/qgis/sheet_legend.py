@@ -1,58 +1,57 @@
-"""The legend of a map sheet: its layers, their classes, and the room that they need."""
+"""Texts and legend of a map sheet: their lines, and the room that they need."""
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
-from typing import NamedTuple
 from xml.etree import ElementTree as ET
 
 from sassgis.io.qgis.entries import LayerEntry
 from sassgis.io.qgis.markup import filled, without_expressions
-from sassgis.io.qgis.text_size import text_height, wrapped
-from sassgis.io.vector_layer import VectorLayer
 from sassgis.model.languages import translated
 from sassgis.model.results import RasterLayer
 from sassgis.model.styles import HILLSHADE, PICTURE, class_labels, class_name
 
-#: Space before a layer and between the rows (mm), as in the templates of the sheets.
+MM_PER_POINT = 25.4 / 72.0
+#: Width of a letter in type sizes, of a wide font; the same in bold; from one line to the next.
+_LETTER, _BOLD, _LINE = 0.6, 0.68, 1.22
+#: Space before a layer and between the rows (mm), as in the template of the sheets.
 _SPACE_BEFORE, _SPACE_BETWEEN = 2.5, 1.2
 #: Height of a continuous ramp with the values at its ends (mm).
 _RAMP_HEIGHT = 14.0
 
 
-class _LegendEntry(NamedTuple):
-    """A layer of the legend: its lines and those of its classes, already broken to the width."""
-
-    layer: LayerEntry
-    title: list[str]
-    classes: list[list[str]]
-    one_sign: bool  # without classes, its name beside the sign
-
-    @property
-    def texts(self) -> dict[str, str]:
-        """What QGIS shows of it in the legend, by the name of the property."""
-        raster = isinstance(self.layer.content, RasterLayer)
-        texts = {"legend/title-label": "\n".join(self.title)}
-        if raster:
-            # QGIS lists the name of the band before the classes.
-            places = range(1, 1 + max(len(self.classes), 1))
-            texts["legend/node-order"] = ",".join(map(str, places))
-        for place, lines in enumerate(self.classes, start=int(raster)):
-            texts[f"legend/label-{place}"] = "\n".join(lines)
-        return {key: without_expressions(text) for key, text in texts.items()}
+def child(element: ET.Element, path: str) -> ET.Element:
+    """The element at a path, which must be there."""
+    found = element.find(path)
+    assert found is not None
+    return found
 
 
-def _class_texts(content: RasterLayer | VectorLayer) -> list[str]:
+def wrapped(text: str, width_mm: float, font: ET.Element) -> list[str]:
+    """Break a text into lines that fit; a number stays with its per cent."""
+    _, points, _, _, weight, *_ = font.get("description", "").split(",")
+    letter = (_BOLD if int(weight) > 50 else _LETTER) * float(points) * MM_PER_POINT
+    paragraphs = text.replace(" %", "\u00a0%").splitlines()
+    letters = max(1, int(width_mm / letter))
+    return [line for part in paragraphs for line in textwrap.wrap(part, letters)]
+
+
+def text_height(lines: int, font: ET.Element) -> float:
+    """Height of some lines of text (mm)."""
+    return lines * float(font.get("description", "").split(",")[1]) * MM_PER_POINT * _LINE
+
+
+def _class_texts(layer: LayerEntry) -> list[str]:
     """Texts of the classes below the name of a layer, in the order in which QGIS lists them."""
-    if isinstance(content, VectorLayer):
+    content = layer.content
+    if not isinstance(content, RasterLayer):
         texts = [entry.label for entry in content.style.classes]
         return texts[::-1] if content.style.method == "ranges" else texts
     if content.classes:
         ordered = sorted(content.classes, key=lambda entry: -entry.value)
         return [class_name(entry) for entry in ordered]
-    if content.breaks:
-        return class_labels(content.breaks, content.bands[0].unit)
-    return []
+    return class_labels(content.breaks, content.bands[0].unit) if content.breaks else []
 
 
 def _rank(layer: LayerEntry) -> int:
@@ -65,56 +64,50 @@ def _rank(layer: LayerEntry) -> int:
     return 0 if content.style.symbol.kind == "fill" else 1
 
 
-def _legend_entries(
-    layers: Sequence[LayerEntry], width: float, symbol_width: float, points: float
-) -> list[_LegendEntry]:
-    beside = width - symbol_width - 3.0
-    out = []
-    for layer in sorted(layers, key=_rank):
-        if isinstance(layer.content, RasterLayer) and layer.content.ramp in (HILLSHADE, PICTURE):
-            continue
-        classes = [wrapped(text, beside, points) for text in _class_texts(layer.content)]
-        one_sign = _rank(layer) == 2
-        room = beside if one_sign else width
-        title = wrapped(layer.content.title, room, points, bold=not one_sign)
-        out.append(_LegendEntry(layer, title, classes, one_sign))
-    return out
+def _legend_texts(layer: LayerEntry, title: str, classes: Sequence[str]) -> dict[str, str]:
+    """What QGIS shows of a layer in the legend, by the name of the property."""
+    raster = isinstance(layer.content, RasterLayer)
+    texts = {"legend/title-label": title}
+    if raster:
+        # QGIS lists the name of the band before the classes.
+        texts["legend/node-order"] = ",".join(map(str, range(1, 1 + max(len(classes), 1))))
+    texts |= {f"legend/label-{k}": text for k, text in enumerate(classes, start=int(raster))}
+    return {key: without_expressions(text) for key, text in texts.items()}
 
 
-def _legend_height(
-    entries: Sequence[_LegendEntry], points: float, symbol_height: float, *, heading: bool
-) -> float:
-    def row(lines: Sequence[str]) -> float:
-        return max(symbol_height, text_height(len(lines), points)) + _SPACE_BETWEEN
-
-    total = _SPACE_BEFORE + text_height(1, points) + _SPACE_BETWEEN if heading else 0.0
-    for entry in entries:
-        total += _SPACE_BEFORE
-        if entry.one_sign:
-            total += row(entry.title)
-            continue
-        total += _SPACE_BETWEEN + text_height(len(entry.title), points)
-        total += sum(row(lines) for lines in entry.classes) if entry.classes else _RAMP_HEIGHT
-    return total
-
-
-def fill_legend(
-    item: ET.Element, shown: Sequence[LayerEntry], width: float, points: float
-) -> float:
+def fill_legend(item: ET.Element, shown: Sequence[LayerEntry], width: float) -> float:
     """Put layers, the top first, into the legend of a template; returns the height it needs (mm).
 
-    The legend is ``width`` wide (mm); ``points`` is the type size of the classes.
+    The legend is ``width`` wide (mm).
     """
-    symbol_width, symbol_height = (
-        float(item.get(key, "")) for key in ("symbolWidth", "symbolHeight")
+    plain, bold = (
+        child(item, f"styles/style[@name='{name}']/styleFont")
+        for name in ("symbolLabel", "subgroup")
     )
-    entries = _legend_entries(shown, width, symbol_width, points)
-    single = [entry for entry in entries if entry.one_sign]
-    classed = [entry for entry in entries if not entry.one_sign]
-    tree = item.find("layer-tree-group")
-    assert tree is not None
-    tree.clear()
+    sign_width, sign_height = (float(item.get(f"symbol{key}", "")) for key in ("Width", "Height"))
+    beside = width - sign_width - 3.0
+
+    def row(text: str) -> float:
+        return max(sign_height, text_height(1 + text.count("\n"), plain)) + _SPACE_BETWEEN
+
+    height = 1.0
+    classed: list[dict[str, object]] = []
+    single: list[dict[str, object]] = []
+    for layer in sorted(shown, key=_rank):
+        if isinstance(layer.content, RasterLayer) and layer.content.ramp in (HILLSHADE, PICTURE):
+            continue
+        one_sign = _rank(layer) == 2
+        room = (beside, plain) if one_sign else (width, bold)
+        title = "\n".join(wrapped(layer.content.title, *room))
+        classes = ["\n".join(wrapped(text, beside, plain)) for text in _class_texts(layer)]
+        height += _SPACE_BEFORE + row(title)
+        if not one_sign:
+            height += sum(map(row, classes)) if classes else _RAMP_HEIGHT
+        entry = {"layer": layer, "texts": _legend_texts(layer, title, classes)}
+        (single if one_sign else classed).append(entry)
     # Signs of their own would seem to belong to the classes before them.
     heading = translated("Also shown") if single and classed else ""
+    tree = child(item, "layer-tree-group")
+    tree.clear()
     tree.extend(filled("qgis_legend.xml.j2", classed=classed, single=single, heading=heading))
-    return _legend_height(entries, points, symbol_height, heading=bool(heading)) + 1.0
+    return height + (_SPACE_BEFORE + row(heading) if heading else 0.0)

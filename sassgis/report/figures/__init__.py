@@ -1,7 +1,6 @@
 """Figures: arrays in, a matplotlib Figure out; nothing is written until ``save``."""
 
 from sassgis.report.figures.distributions import energy_profile_figure as energy_profile_figure
-from sassgis.report.figures.distributions import runout_counts_figure as runout_counts_figure
 from sassgis.report.figures.distributions import runout_figure as runout_figure
 from sassgis.report.figures.distributions import station_figure as station_figure
 from sassgis.report.figures.hazard_figures import blocks_figure as blocks_figure

@@ -16,19 +16,15 @@ from sassgis.model.languages import phrase
 from sassgis.model.results import ControlLine, Histogram, StopReason
 from sassgis.report.figures.style import (
     BLUE,
-    GREY,
     INK,
     ORANGE,
     PURPLE,
     SMALL,
     VERMILION,
-    WIDTH_IN,
+    Sheet,
     beside,
-    halo,
-    head,
     house_style,
     log_ticks,
-    new_figure,
     nothing_to_show,
     percent_formatter,
     round_step,
@@ -71,9 +67,8 @@ def energy_profile_figure(
         Marked in both panels.
     """
     name, unit, title = QUANTITIES[quantity]
-    figure = new_figure(WIDTH_IN, 4.3)
+    figure = Sheet(title, "", 4.0).figure
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(1.7, 1.0))
-    head(figure, title)
     upper.set_ylabel(phrase("{} ({})", phrase(name), unit))
     lower.plot(s, z, color=INK, lw=1.2, gid="slope")
     lower.fill_between(s, z, np.min(z), color="#ece9e4", lw=0)
@@ -105,8 +100,11 @@ def energy_profile_figure(
         tone = 0.35 + 0.65 * (i + 1) / len(curves)
         shade = to_hex((1.0 - tone, 1.0 - 0.72 * tone, 1.0 - 0.5 * tone))
         width = 0.9 + 0.35 * i
-        upper.stairs(values, s_bins, baseline=None, color=shade, lw=width, gid=f"q{share:g}")
-    _name_curves(upper, (s_bins[:-1] + s_bins[1:]) / 2.0, curves, log)
+        # The median, or the share of blocks that stays below.
+        name = phrase("median") if share == 0.5 else f"{100.0 * share:.4g} %"
+        look = {"color": shade, "lw": width, "label": name, "gid": f"q{share:g}"}
+        upper.stairs(values, s_bins, baseline=None, **look)
+    upper.legend(reverse=True, loc="best", handlelength=1.4)
     return figure
 
 
@@ -126,45 +124,6 @@ def _draw_control_lines(
             textcoords=("data", "axes fraction"), ha="center", va="bottom", size=SMALL,
             weight="bold", color=colour,
         )  # fmt: skip
-
-
-def _name_curves(
-    ax: Axes, middle: FloatArray, curves: Mapping[float, FloatArray], log: bool
-) -> None:
-    """Write the quantiles on their curves, at the chainage where these lie furthest apart."""
-    values = np.stack(list(curves.values()))
-    low, high = ax.get_ylim()
-    scale = np.log10 if log else np.asarray
-    bottom = float(scale(low))
-    heights = (scale(np.maximum(values, low)) - bottom) / (float(scale(high)) - bottom)
-    x0, x1 = ax.get_xlim()
-    # Labels at the very ends would leave the panel.
-    inner = (middle >= x0 + 0.06 * (x1 - x0)) & (middle <= x1 - 0.06 * (x1 - x0))
-    apart = np.diff(heights, axis=0).min(axis=0) if len(heights) > 1 else heights[0]
-    score = np.where(inner & np.isfinite(heights).all(axis=0), apart, -np.inf)
-    best = int(np.argmax(score))
-    if not np.isfinite(score[best]):
-        # No chainage shows all curves: each gets its name at its own middle.
-        places = [np.nonzero(np.isfinite(row))[0] for row in heights]
-        columns = [int(p[p.size // 2]) if p.size else -1 for p in places]
-    else:
-        columns = [best] * len(heights)
-    wanted = np.array([row[c] if c >= 0 else 0.0 for row, c in zip(heights, columns, strict=True)])
-    placed = spread(wanted + 0.035, 0.065)
-    for share, column, height in zip(curves, columns, placed, strict=True):
-        if column >= 0:
-            ax.text(
-                float(middle[column]),
-                float(height),
-                # The median, or the share of blocks that stays below.
-                phrase("median") if share == 0.5 else f"{100.0 * share:.4g} %",
-                transform=ax.get_xaxis_transform(),
-                ha="center",
-                va="center",
-                size=SMALL,
-                path_effects=halo(2.2),
-                zorder=8,
-            )
 
 
 #: Ticks at round numbers.
@@ -213,115 +172,71 @@ def station_figure(name: str, *histograms: Histogram, n: int) -> Figure:
 
     The edges of the energies grow by a factor.
     """
-    figure = new_figure(WIDTH_IN, 4.4)
+    passed = thousands(int(np.sum(histograms[0].counts)))
+    figure = Sheet(name, phrase("{} of {} simulated blocks pass", passed, thousands(n)), 4.1).figure
     axes = figure.subplots(2, 2)
     quantities = ("speed", "rotation", "passing height", "kinetic energy")
     for ax, quantity, histogram in zip(axes.flat, quantities, histograms, strict=True):
         _panel(ax, quantity, histogram, log=quantity == "kinetic energy")
     for ax in axes[:, 0]:
         ax.set_ylabel("number of blocks")
-    head(figure, name)
-    passed = thousands(int(np.sum(histograms[0].counts)))
-    text = phrase("{} of {} simulated blocks pass", passed, thousands(n))
-    figure.supxlabel(text, size=SMALL, color=GREY, x=0.01, ha="left")
-    return figure
-
-
-def _draw_runout(
-    edges: FloatArray,
-    counts: Mapping[StopReason, FloatArray],
-    curve: tuple[FloatArray, FloatArray],
-    title: str,
-    drawstyle: str,
-) -> Figure:
-    """Draw stacked counts by reason, and the exceedance (at least one block) above them."""
-    figure = new_figure(WIDTH_IN, 4.0)
-    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(1.0, 1.15))
-    total = {reason: float(counts[reason].sum()) for reason in StopReason if reason in counts}
-    present = [reason for reason, number in total.items() if number > 0.0]
-    if title:
-        head(figure, title)
-    lower.set(xlabel="run-out chainage (m)", ylabel="blocks that stop here")
-    upper.plot(
-        [curve[0][0], *curve[0]], [100.0, *(100.0 * curve[1])], drawstyle=drawstyle, color=INK,
-        lw=1.4, gid="exceedance",
-    )  # fmt: skip
-    upper.set(ylabel="blocks that get\nat least so far", ylim=(0.0, 104.0))
-    upper.yaxis.set_major_formatter(percent_formatter())
-    base = np.zeros(edges.size - 1)
-    for reason in present:
-        name, colour = _REASONS[reason]
-        above = base + counts[reason]
-        lower.stairs(
-            above,
-            edges,
-            baseline=base,
-            fill=True,
-            color=colour,
-            alpha=0.9,
-            lw=0,
-            label=phrase("{}: {}", phrase(name), thousands(total[reason])),
-            gid=f"reason-{reason.name}",
-        )
-        base = above
-    lower.set_ylim(0.0, 1.08 * float(base.max()))
-    lower.yaxis.set_major_locator(MaxNLocator(5, integer=True, steps=_STEPS))
-    for axis in (lower.xaxis, lower.yaxis):
-        axis.set_major_formatter(thousands_formatter())
-    used = np.nonzero(base)[0]
-    span = float(edges[used[-1] + 1] - edges[used[0]])
-    lower.set_xlim(float(edges[used[0]]) - 0.02 * span, float(edges[used[-1] + 1]) + 0.02 * span)
-    figure.legend(
-        *lower.get_legend_handles_labels(),
-        loc="outside lower left",
-        ncols=min(3, len(present)),
-        handlelength=1.0,
-        columnspacing=1.6,
-    )
-    open_end = total.get(StopReason.LEFT_PROFILE, 0.0) + total.get(StopReason.STEP_LIMIT, 0.0)
-    if open_end:
-        text = (
-            "{} block of {} went on where the computation ended: the true shares lie on or above "
-            "the line"
-            if open_end == 1.0
-            else "{} blocks of {} went on where the computation ended: the true shares lie on or "
-            "above the line"
-        )
-        words = phrase(text, thousands(open_end), thousands(sum(total.values())))
-        upper.set_title(words, size=SMALL, weight="normal", color=GREY)
     return figure
 
 
 @house_style()
-def runout_figure(runout_m: FloatArray, reasons: IntArray) -> Figure:
-    """Draw where blocks end (chainage, m) by StopReason, and the share that gets at least so far.
-
-    Bars are of a round width, about 30 of them.
-    """
-    width = round_step(float(np.ptp(runout_m)), 30)
-    first = np.floor(runout_m.min() / width) * width
-    n_bins = int(np.floor((runout_m.max() - first) / width)) + 1
-    edges = first + width * np.arange(n_bins + 1)
-    counts = {r: np.histogram(runout_m[reasons == r], edges)[0].astype(float) for r in StopReason}
-    curve = np.sort(runout_m), 1.0 - np.arange(runout_m.size) / runout_m.size
-    return _draw_runout(edges, counts, curve, "", "steps-pre")
-
-
-@house_style()
-def runout_counts_figure(
+def runout_figure(
     edges: FloatArray, counts: Mapping[StopReason, IntArray], *, title: str = ""
 ) -> Figure:
-    """Draw the run-out of a run that kept counts only.
+    """Draw where blocks end by StopReason, and the share that gets at least so far.
 
     Parameters
     ----------
     edges : float, shape (n_bins + 1,)
-        Chainages between the bins (m).
+        Chainages between the bins (m), evenly spaced. They are drawn as about 30 wider ones.
     counts : by StopReason, int, shape (n_bins,)
     """
-    bins = {reason: np.asarray(c, float) for reason, c in counts.items()}
-    total = np.sum(list(bins.values()), axis=0)
-    # At the lower edge of a bin all blocks of the bin and of those beyond are still moving.
-    curve = edges, np.concatenate([[1.0], 1.0 - np.cumsum(total) / total.sum()])
-    # Between the edges of bins the course is unknown; a straight line claims least.
-    return _draw_runout(edges, bins, curve, title, "default")
+    total = np.sum(list(counts.values()), axis=0, dtype=float)
+    kinds = {reason: int(np.sum(n)) for reason, n in counts.items() if np.any(n)}
+    open_end = kinds.get(StopReason.LEFT_PROFILE, 0) + kinds.get(StopReason.STEP_LIMIT, 0)
+    note = ""
+    if open_end:
+        text = (
+            "{} block of {} went on where the computation ended: the true shares lie on or above "
+            "the line"
+            if open_end == 1
+            else "{} blocks of {} went on where the computation ended: the true shares lie on or "
+            "above the line"
+        )
+        note = phrase(text, thousands(open_end), thousands(total.sum()))
+    sheet = Sheet(title, note, 3.6)
+    upper, lower = sheet.figure.subplots(2, 1, sharex=True, height_ratios=(1.0, 1.15))
+    # At the lower edge of a bin all blocks of the bin and of those beyond are still moving;
+    # between the edges a straight line claims least.
+    beyond = 100.0 * (1.0 - np.append(0.0, np.cumsum(total)) / total.sum())
+    upper.plot(edges, beyond, color=INK, lw=1.4, gid="exceedance")
+    upper.set(ylabel="blocks that get\nat least so far", ylim=(0.0, 104.0))
+    upper.yaxis.set_major_formatter(percent_formatter())
+    used = np.flatnonzero(total)
+    width, first, last = edges[1] - edges[0], used[0], used[-1] + 1
+    step = max(1, round(round_step(width * (last - first), 30) / width))
+    starts = np.arange(first - first % step, last, step)
+    drawn = edges[0] + width * np.append(starts, starts[-1] + step)
+    base = np.zeros(starts.size)
+    for reason, number in kinds.items():
+        name, colour = _REASONS[reason]
+        above = base + np.add.reduceat(counts[reason], starts)
+        lower.stairs(
+            above, drawn, baseline=base, fill=True, color=colour, alpha=0.9, lw=0.0,
+            label=phrase("{}: {}", phrase(name), thousands(number)), gid=f"reason-{reason.name}",
+        )  # fmt: skip
+        base = above
+    span = 0.02 * (drawn[-1] - drawn[0])
+    lower.set(
+        xlabel="run-out chainage (m)", xlim=(drawn[0] - span, drawn[-1] + span),
+        ylabel="blocks that stop here", ylim=(0.0, 1.08 * float(base.max())),
+    )  # fmt: skip
+    lower.yaxis.set_major_locator(MaxNLocator(5, integer=True, steps=_STEPS))
+    for axis in (lower.xaxis, lower.yaxis):
+        axis.set_major_formatter(thousands_formatter())
+    sheet.legend(lower.get_legend_handles_labels()[0])
+    return sheet.figure

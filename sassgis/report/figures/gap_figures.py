@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -27,14 +26,7 @@ from sassgis.gap.words import (
 )
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.languages import joined, phrase, translated
-from sassgis.report.figures.map_figure import (
-    MapFrame,
-    MapPanel,
-    colour_bar,
-    draw_maps,
-    furniture_within,
-    one_map,
-)
+from sassgis.report.figures.map_figure import MapPanel, colour_bar, draw_maps, finish
 from sassgis.report.figures.map_marks import (
     MapMarks,
     all_points,
@@ -42,7 +34,7 @@ from sassgis.report.figures.map_marks import (
     draw_points,
     line_name,
 )
-from sassgis.report.figures.relief import footprint, taken_by, view_of
+from sassgis.report.figures.relief import footprint, view_of
 from sassgis.report.figures.style import (
     BLUE,
     GAP_COLOURS,
@@ -54,15 +46,12 @@ from sassgis.report.figures.style import (
     TEXT,
     VERMILION,
     WIDTH_IN,
-    Page,
+    Sheet,
     beside,
     halo,
     house_style,
-    lines_in,
-    note_height,
     nothing_to_show,
     percent_formatter,
-    text_width,
     wrap,
 )
 
@@ -72,7 +61,8 @@ MAX_ROWS = 14
 MAX_PANELS = 12
 #: Up to this many observed values each is marked on the curve.
 _MARKED = 60
-_ROW_IN = 0.2
+#: Height of a row (in); rows that the title and the axis of a panel take.
+_ROW_IN, _HEAD_ROWS = 0.2, 2.6
 
 
 # --- where -----------------------------------------------------------------------------------
@@ -126,8 +116,6 @@ def gap_map_figure(
         phrase("Diamonds: where observed blocks lie."): len(stops),
     }
     text = joined(" ", (part for part, there in keys.items() if there))
-    place = one_map(view.aspect, 0.95, 6.5)
-    frame = MapFrame(*place, top=0.52, bottom=0.5 + note_height(text))
 
     def draw(ax: Axes) -> None:
         draw_lines(ax, [c for c in lines if len(c) > 1], 0.5, 0.5)
@@ -141,15 +129,12 @@ def gap_map_figure(
     panel = MapPanel(None, GAP_COLOURS, norm, alpha=1.0)
     names = [line_name(n, station.trace) for n, station in stations.items() if len(station.trace)]
     marks = MapMarks(list(release[:, None]), names=names)
-    maps = draw_maps(view, [panel], marks, frame, draw)
-    maps.page.around("Where the gap lies", text)
-    furniture_within(maps, frame, view.box, taken_by(points, view.box))
+    sheet, axes = draw_maps(
+        view, [panel], marks, "Where the gap lies", [text], taken=view.holds(points), more=draw
+    )
     if gaps:
-        x, top = frame.left + frame.width + 0.14, frame.bottom + frame.height
-        tall = min(2.4, 0.8 * frame.height)
-        colour_bar(maps.page.axes(x, top - tall - 0.18, 0.14, tall, "legend"), panel)
-        maps.page.text(x, top, unit, size=SMALL, va="top")
-    return maps.page.figure
+        colour_bar(axes, panel, unit)
+    return finish(sheet, axes, marks, view)
 
 
 def _draw_stretches(
@@ -209,31 +194,25 @@ def gap_where_figure(findings: Sequence[GapFinding]) -> Figure:
     if shown < len(findings):
         more = phrase("{} of {} are shown, the most certain.", shown, len(findings))
         note = joined(" ", (note, more))
-    columns = 1 if len(groups) < 2 else 2
-    width = WIDTH_IN / columns
-    titles = {
-        key: wrap(with_unit_in_brackets(quantity_name(key[0]), key[1]), width - 0.3, TEXT + 1.0)
-        for key in groups
-    }
-    heads = {key: 0.06 + 0.15 * lines_in(text) for key, text in titles.items()}
-    filled = [0.0] * columns
-    places = []
+    columns: list[list[tuple[str, str]]] = [[] for _ in range(min(len(groups), 2) or 1)]
+    filled = [0.0] * len(columns)
     for key, rows in groups.items():
         column = int(np.argmin(filled))
-        places.append((key, column * width, filled[column]))
-        filled[column] += heads[key] + _ROW_IN * len(rows) + 0.36
-    top, bottom = 0.36, note_height(note) + 0.05
-    page = Page(top + max(max(filled), 1.0) + bottom)
-    page.around("Observed less predicted, by place and phase", note)
-    longest = max(len(_row_label(f, rows)) for rows in groups.values() for f in rows)
-    label_w = min(0.45 * width, 0.066 * longest + 0.2)
-    for key, x, used in places:
-        rows, y = groups[key], page.height - top - used
-        page.text(x + 0.1, y, titles[key], size=TEXT, weight="bold", va="top")
-        tall = _ROW_IN * len(rows)
-        ax = page.axes(x + label_w, y - heads[key] - tall, width - label_w - 0.38, tall, key[0])
-        _draw_gaps(ax, rows)
-    return page.figure
+        columns[column].append(key)
+        filled[column] += len(rows) + _HEAD_ROWS
+    sheet = Sheet("Observed less predicted, by place and phase", note, _ROW_IN * max(filled))
+    grid = sheet.figure.add_gridspec(1, len(columns))
+    for k, keys in enumerate(columns):
+        # What is left below the shorter column stays empty.
+        ratios: list[float] = [len(groups[key]) + _HEAD_ROWS for key in keys]
+        rest = [max(filled) - filled[k]] if filled[k] < max(filled) else []
+        parts = grid[0, k].subgridspec(len(keys) + len(rest), 1, height_ratios=ratios + rest)
+        for i, key in enumerate(keys):
+            ax = sheet.figure.add_subplot(parts[i])
+            name = with_unit_in_brackets(quantity_name(key[0]), key[1])
+            ax.set_title(wrap(name, WIDTH_IN / len(columns) - 0.8, TEXT))
+            _draw_gaps(ax, groups[key])
+    return sheet.figure
 
 
 def _interval(ax: Axes, row: int, ends: tuple[float, float], colour: str) -> None:
@@ -260,21 +239,16 @@ def _draw_gaps(ax: Axes, rows: Sequence[GapFinding]) -> None:
             [finding.gap], [i], "o", ms=4.5, mec=colour, mew=1.1,
             mfc=colour if sure == "sure" else "white", zorder=5, gid=f"gap-{sure}",
         )  # fmt: skip
-        _beside(ax, i, str(finding.rocks), (1.0, 6.0), color=GREY)
+        beside(
+            ax, str(finding.rocks), (1.0, i), (6.0, 0.0), color=GREY, va="center",
+            xycoords=("axes fraction", "data"), annotation_clip=False,
+        )  # fmt: skip
     ax.set_yticks(range(len(rows)), [_row_label(f, rows) for f in rows])
     for label, finding in zip(ax.get_yticklabels(), rows, strict=True):
         label.set_fontweight("bold" if significance(finding) == "sure" else "normal")
     _rows_only(ax, len(rows), 0.6)
     ax.margins(x=0.08)
     ax.locator_params(axis="x", nbins=4)
-
-
-def _beside(
-    ax: Axes, row: int, words: str, at: tuple[float, float], up: float = 0.0, **how: Any
-) -> None:
-    """Write beside a row: at a share of the width, and so many points from there."""
-    how |= {"xycoords": ("axes fraction", "data"), "va": "center", "annotation_clip": False}
-    beside(ax, words, (at[0], row), (at[1], up), **how)
 
 
 # --- before and after ------------------------------------------------------------------------
@@ -334,21 +308,15 @@ def gap_distributions_figure(comparisons: Sequence[Comparison], *, effect: str =
     note = joined(" ", parts)
     columns = min(len(chosen), 3 if len(chosen) > 4 else 2)
     rows = -(-len(chosen) // columns)
-    panel_h, gap_h, top, bottom = 1.45, 0.55, 0.62, note_height(note) + 0.36
-    page = Page(top + rows * panel_h + (rows - 1) * gap_h + bottom)
-    page.around("Observed and simulated, before and after", note)
-    left, right, between = 0.66, 0.12, 0.24
-    width = (WIDTH_IN - left - right - (columns - 1) * between) / columns
-    for i, comparison in enumerate(chosen):
-        row, column = divmod(i, columns)
-        x = left + column * (width + between)
-        ax = page.axes(x, page.height - top - (row + 1) * panel_h - row * gap_h, width, panel_h)
-        _draw_comparison(ax, comparison, width, after)
-        if column:
-            ax.tick_params(labelleft=False)
-        else:
-            ax.set_ylabel("share below")
-    return page.figure
+    sheet = Sheet("Observed and simulated, before and after", note, 1.95 * rows)
+    axes = sheet.figure.subplots(rows, columns, squeeze=False, sharey=True)
+    for ax, comparison in zip(axes.flat, chosen, strict=False):
+        _draw_comparison(ax, comparison, WIDTH_IN / columns - 0.3, after)
+    for ax in axes.flat[len(chosen) :]:
+        ax.set_axis_off()
+    for ax in axes[:, 0]:
+        ax.set_ylabel("share below")
+    return sheet.figure
 
 
 def _draw_comparison(ax: Axes, comparison: Comparison, width_in: float, after: bool) -> None:
@@ -397,10 +365,9 @@ def gap_ladder_figure(ladder: Sequence[Rung]) -> Figure:
         "brackets the 95 % interval of the share of the gap (rocks resampled)."
     )
     n = len(ladder)
-    top, bottom = 0.62, note_height(note) + 0.5
-    page = Page(top + 0.32 * n + bottom)
-    page.around("How far the gap shrinks", note)
-    ax = page.axes(1.95, bottom, 3.0, 0.32 * n, "ladder")
+    sheet = Sheet("How far the gap shrinks", note, 0.32 * n + 0.5)
+    ax = sheet.figure.subplots()
+    ax.set_label("ladder")
     for i, rung in enumerate(ladder):
         ends = rung.rung in ("configured", "floor")
         ax.barh(i, rung.distance, 0.6, color=LIGHT if ends else BLUE, gid=f"rung-{rung.rung}")
@@ -418,7 +385,7 @@ def gap_ladder_figure(ladder: Sequence[Rung]) -> Figure:
     ax.grid(visible=False)
     ax.set_xlim(min(0.0, *(r.distance for r in ladder)), 1.45 * max(r.distance for r in ladder))
     ax.set_xlabel("energy distance", size=SMALL)
-    return page.figure
+    return sheet.figure
 
 
 @house_style()
@@ -438,17 +405,8 @@ def gap_hypotheses_figure(
     )
     if others:
         note = joined(" ", (note, phrase("Blue: not separated from it by these data.")))
-    top, bottom = 0.62, note_height(note) + 0.42
-    page = Page(top + 0.29 * n + bottom)
-    page.around("Explanations that were tried", note)
-    # Names of two causes take more room.
-    widths = [
-        max(text_width(effect_name(h.effect), TEXT, bold=True), text_width(h.form, SMALL - 1.0))
-        for h in hypotheses
-    ]
-    left = min(max(1.85, *widths) + 0.1, 3.3)
-    gains = page.axes(left, bottom, 4.5 - left, 0.29 * n, "gain")
-    shares = page.axes(4.65, bottom, 1.75, 0.29 * n, "share")
+    sheet = Sheet("Explanations that were tried", note, 0.29 * n + 0.6)
+    gains, shares = sheet.figure.subplots(1, 2, width_ratios=(1.6, 1.0))
     gains.axvline(0.0, color=GREY, lw=0.8, zorder=1)
     for i, hypothesis in enumerate(hypotheses):
         named = hypothesis.effect == verdict
@@ -462,18 +420,18 @@ def gap_hypotheses_figure(
         shares.barh(i, share, 0.6, color=bar, gid=f"share-{hypothesis.effect}")
         text = f"{100 * share:.0f} %" if share >= 0.005 else "< 1 %"
         shares.text(share + 0.02, i, text, va="center", size=SMALL)
-        weight = "bold" if named else "normal"
-        up = 3.5 if hypothesis.form else 0.0
-        name = effect_name(hypothesis.effect)
-        _beside(gains, i, name, (0.0, -6.0), up, ha="right", size=TEXT, weight=weight)
-        _beside(gains, i, hypothesis.form, (0.0, -6.0), -5.0, ha="right", size=SMALL - 1.0,
-                color=GREY)  # fmt: skip
+    names = [
+        joined("\n", filter(None, (effect_name(h.effect), wrap(h.form, 2.4)))) for h in hypotheses
+    ]
+    gains.set_yticks(range(n), [translated(name) for name in names])
+    for label, hypothesis in zip(gains.get_yticklabels(), hypotheses, strict=True):
+        label.set_fontweight("bold" if hypothesis.effect == verdict else "normal")
+    shares.set_yticks([])
     for ax, title in ((gains, "gain in score"), (shares, "probability")):
-        ax.set_yticks([])
         ax.set_title(title, size=TEXT)
         _rows_only(ax, n, 0.55)
     shares.set(xlim=(0.0, 1.18), xticks=[0.0, 0.5, 1.0])
     shares.xaxis.set_major_formatter(percent_formatter(1.0))
     gains.margins(x=0.08)
     gains.locator_params(axis="x", nbins=5)
-    return page.figure
+    return sheet.figure

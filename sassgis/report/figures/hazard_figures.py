@@ -32,18 +32,17 @@ from sassgis.report.figures.style import (
     PURPLE,
     SKY,
     SMALL,
-    TITLE,
     VERMILION,
     WIDTH_IN,
-    Page,
+    Sheet,
     beside,
     halo,
     house_style,
+    ink_on,
     lines_in,
     log_ticks,
     new_figure,
     plain_tick,
-    text_width_pt,
     wrap,
 )
 
@@ -98,9 +97,11 @@ def _draw_matrix(ax: Axes, preset: HazardPreset, energy: tuple[float, float]) ->
                 Rectangle((left, bottom), *size, fc="none", ec="white", lw=1.0, zorder=0.6)
             )
             if np.log(top / bottom) > 0.06 * np.log(high / low):
+                words = ink_on(level.colour, _FIELD_ALPHA)
                 ax.text(
                     np.sqrt(left * right), np.sqrt(bottom * top), level.label, size=SMALL,
-                    color=GREY, ha="center", va="center", path_effects=halo(), zorder=1.5,
+                    color=words, ha="center", va="center", zorder=1.5,
+                    path_effects=halo() if level.hatched else None,
                 )  # fmt: skip
 
 
@@ -148,12 +149,9 @@ def hazard_curve_figure(
     notes = [_level_words(one, preset)]
     if np.isnan(lower[total > 0.0]).any():
         notes.append("The sample does not give the error of the rates.")
-    below = wrap(joined(" ", filter(None, (*notes, note))), WIDTH_IN - 0.5)
-    heading = wrap("Hazard curve", WIDTH_IN - 0.5, TITLE)
-    foot = 0.42 + 0.135 * lines_in(below) + 0.1
-    legend_h, plot_h = 0.2 + 0.17 * ((len(sources) + 2) // 2), 3.6
-    page = Page(0.12 + 0.18 * lines_in(heading) + 0.06 + plot_h + foot + legend_h)
-    ax = page.axes(0.72, foot + legend_h, WIDTH_IN - 1.5, plot_h, "curve")
+    sheet = Sheet("Hazard curve", joined(" ", filter(None, (*notes, note))), 3.8)
+    ax = sheet.figure.subplots()
+    ax.set_label("curve")
     first = float(energies[1]) if energies.size > 1 else 1.0
     second = preset.thresholds_kj[1] if len(preset.thresholds_kj) > 1 else first
     left = min(first, second / 10.0) / 2.0
@@ -187,13 +185,8 @@ def hazard_curve_figure(
         clip_on=False, gid="thresholds",
     )  # fmt: skip
     _label_axes(ax, preset)
-    ax.legend(
-        loc="upper left", bbox_to_anchor=(0.0, -0.42 / plot_h), ncols=2, borderaxespad=0.0,
-        handlelength=3.2, columnspacing=1.6,
-    )  # fmt: skip
-    page.title(0.25, heading)
-    page.note(0.25, foot - 0.38, below)
-    return page.figure
+    sheet.legend(ax.get_legend_handles_labels()[0])
+    return sheet.figure
 
 
 def _level_words(one: HazardCurves, preset: HazardPreset) -> str:
@@ -233,10 +226,6 @@ def _label_axes(ax: Axes, preset: HazardPreset) -> None:
     right.set_yticks([1.0 / t for t in periods], [f"{t:g}" for t in periods])
     right.yaxis.set_minor_locator(NullLocator())
     right.spines["right"].set_visible(True)
-
-
-_ROW_IN = 0.23
-_NAME_IN = 1.9
 
 
 @house_style()
@@ -322,16 +311,11 @@ def risk_figure(
         text = "Thin lines: 95 % intervals of the sample of blocks alone."
         notes.append(phrase(text))
     title = {"loss": "Loss by object", "deaths": "Deaths by object"}[quantity]
-    heading = wrap(title, WIDTH_IN - 0.4, TITLE)
-    below = wrap(joined(" ", notes), WIDTH_IN - 0.4)
-    labels = [wrap(names[i], _NAME_IN) for i in chosen]
-    widths = [text_width_pt(line) for label in labels for line in label.splitlines()]
-    left = min(max([*widths, 40.0]) / 72.0, _NAME_IN) + 0.2
-    heights = [max(_ROW_IN, 0.13 * lines_in(label) + 0.08) for label in labels]
-    plot_h = max(sum(heights), 0.8)
-    foot = 0.48 + 0.135 * lines_in(below) + 0.08
-    page = Page(0.12 + 0.18 * lines_in(heading) + 0.06 + plot_h + foot)
-    ax = page.axes(left, foot, WIDTH_IN - left - 0.2, plot_h, "risk")
+    labels = [wrap(names[i], 1.9) for i in chosen]
+    heights = [0.13 * lines_in(label) + 0.1 for label in labels]
+    sheet = Sheet(title, joined(" ", notes), max(sum(heights), 0.8) + 0.4)
+    ax = sheet.figure.subplots()
+    ax.set_label("risk")
     # In steps of three, so that the numbers along the axis are short.
     exponent = min(0, 3 * int(np.floor(np.log10(risk.max()) / 3.0)))
     power = f"{power_of_ten(exponent)} " if exponent else ""
@@ -340,21 +324,19 @@ def risk_figure(
         lambda x, _: thousands(x) if x >= 1e4 else f"{x / 10.0**exponent:g}"
     )
     edges = np.cumsum([0.0, *heights])
-    middle = plot_h - (edges[:-1] + edges[1:]) / 2.0
-    ax.barh(middle, risk, height=0.62 * _ROW_IN, color=BLUE, alpha=0.75, zorder=2, gid="bars")
+    middle = (edges[:-1] + edges[1:]) / 2.0
+    ax.barh(middle, risk, height=0.14, color=BLUE, alpha=0.75, zorder=2, gid="bars")
     ax.hlines(middle[known], low[known], high[known], color=INK, lw=0.9, zorder=3, gid="intervals")
     ends = np.where(known, high, risk)
     for y, value, end in zip(middle, risk, ends, strict=True):
         text = amount(float(value))
         beside(ax, text, (float(end), y), (4, 0), va="center", ha="left", color=INK, gid="value")
-    ax.set(xlim=(0.0, 1.2 * ends.max()), ylim=(0.0, plot_h))
+    ax.set(xlim=(0.0, 1.2 * ends.max()), ylim=(edges[-1], 0.0))
     ax.set_yticks(middle, labels)
     ax.tick_params(axis="y", length=0)
     ax.grid(axis="y", visible=False)
     ax.spines["left"].set_visible(True)
-    page.title(0.2, heading)
-    page.note(0.2, foot - 0.44, below)
-    return page.figure
+    return sheet.figure
 
 
 #: Frequencies this much rarer than the longest return period are not drawn.

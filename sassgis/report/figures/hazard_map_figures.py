@@ -8,6 +8,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from sassgis.hazard.zone_styles import LEVEL_CHANGES
@@ -16,98 +17,43 @@ from sassgis.model.labels import thousands
 from sassgis.model.languages import joined, phrase
 from sassgis.model.results import RasterClass, RasterLayer
 from sassgis.report.figures.map_figure import (
-    ClassRow,
-    MapFrame,
     MapPanel,
     class_panel,
     class_positions,
+    class_signs,
     coarse_note,
     colour_bar,
     draw_maps,
+    finish,
+    legend_beside,
 )
 from sassgis.report.figures.map_marks import MapMarks, all_points
-from sassgis.report.figures.relief import FURNITURE_IN, footprint, furniture_beside, view_of
-from sassgis.report.figures.style import (
-    GAP_COLOURS,
-    INK,
-    SMALL,
-    TITLE,
-    WIDTH_IN,
-    house_style,
-    lines_in,
-    note_height,
-    wrap,
-)
+from sassgis.report.figures.relief import footprint, view_of
+from sassgis.report.figures.style import GAP_COLOURS, house_style
 
-_MAX_HEIGHT_IN = 8.0
-_LEFT_IN, _RIGHT_IN, _GAP_IN, _HEAD_IN = 0.5, 0.26, 0.14, 0.22
-_ROOM_IN = WIDTH_IN - _LEFT_IN - _RIGHT_IN
 _PALE = 0.65
-
-
-def columns_of(panels: int, aspect: float, width_in: float, height_in: float) -> int:
-    """Number of columns that makes equal panels largest; the fewest of those equally good.
-
-    The aspect is height by width of a panel; width and height are the room for all.
-    """
-
-    def rank(columns: int) -> tuple[float, int]:
-        return _panel_width(panels, columns, aspect, width_in, height_in), -columns
-
-    return max(range(1, panels + 1), key=rank)
-
-
-def _panel_width(
-    panels: int, columns: int, aspect: float, width_in: float, height_in: float
-) -> float:
-    rows = -(-panels // columns)
-    wide = (width_in - (columns - 1) * _GAP_IN) / columns
-    tall = (height_in - rows * _HEAD_IN) / rows
-    return min(wide, tall / aspect)
 
 
 def _class_maps(
     grid: Grid,
     panels: Sequence[MapPanel],
-    legends: Sequence[ClassRow],
+    legends: Sequence[tuple[str, Sequence[Patch]]],
     marks: MapMarks,
     title: str,
     note: str,
 ) -> Figure:
-    """Lay maps of classes side by side, with one legend below."""
+    """Draw maps of classes: one with its legend beside it, several with legends below them."""
     values = [panel.values for panel in panels if panel.values is not None]
     seen = np.where(np.any(np.isfinite(values), axis=0), 1.0, np.nan)
     view = view_of(grid, footprint(grid, seen, all_points(marks.release)))
     notes = [note, marks.key(), coarse_note(view, "highest class")]
-    heading = wrap(title, WIDTH_IN - 0.4, TITLE)
-    below = wrap(joined("\n", filter(None, notes)), WIDTH_IN - _LEFT_IN - 0.2)
-    legend_w = _ROOM_IN - FURNITURE_IN[0] - 0.2
-    legend_h = sum(-row.placed(0.0, 0.0, legend_w)[1] for row in legends)
-    legend_h = max(legend_h, FURNITURE_IN[1])
-    columns = columns_of(len(panels), view.aspect, _ROOM_IN, _MAX_HEIGHT_IN)
-    width = _panel_width(len(panels), columns, view.aspect, _ROOM_IN, _MAX_HEIGHT_IN)
-    used = columns * width + (columns - 1) * _GAP_IN
-    frame = MapFrame(
-        left=_LEFT_IN + (_ROOM_IN - used) / 2.0,
-        width=width,
-        height=width * view.aspect,
-        top=0.12 + 0.18 * lines_in(heading) + 0.04,
-        bottom=0.46 + legend_h + 0.06 + 0.135 * lines_in(below) + 0.1,
-        columns=columns,
-        gap=_GAP_IN,
-        head=_HEAD_IN,
-        ticks=5 if width > 4.0 else 3,
-    )
-    maps = draw_maps(view, panels, marks, frame)
-    at = frame.bottom - 0.46
-    for row in legends:
-        at = row.draw(maps.page, _LEFT_IN, at, legend_w)
-    at = min(at, frame.bottom - 0.46 - FURNITURE_IN[1])
-    x, y = WIDTH_IN - _RIGHT_IN - FURNITURE_IN[0] - 0.1, frame.bottom - 0.36
-    furniture_beside(maps.page, x, y - (FURNITURE_IN[1] + 0.1), maps.metres_per_inch)
-    maps.page.note(_LEFT_IN, at - 0.02, below)
-    maps.page.title(_LEFT_IN, heading)
-    return maps.page.figure
+    sheet, axes = draw_maps(view, panels, marks, title, notes)
+    if len(panels) == 1:
+        legend_beside(axes[0], legends[0][1])
+    else:
+        for heading, signs in reversed(legends):
+            sheet.legend(signs, heading)
+    return finish(sheet, axes, marks, view)
 
 
 @house_style()
@@ -119,7 +65,7 @@ def intensity_figure(
     The title of each stands over its map; the classes of the first are the legend.
     """
     panels = [class_panel(layer.bands[0].values, layer.classes, layer.title) for layer in layers]
-    legend = ClassRow("", layers[0].classes)
+    legend = ("", class_signs(layers[0].classes))
     return _class_maps(grid, panels, [legend], marks, "Intensity by return period", note)
 
 
@@ -128,13 +74,14 @@ def confidence_figure(
     grid: Grid, level: RasterLayer, uncertain: NDArray[np.bool_], marks: MapMarks, note: str = ""
 ) -> Figure:
     """Draw the hazard level, with fine black lines over the cells whose level is uncertain."""
-    panel = class_panel(level.bands[0].values, level.classes, level.title, uncertain, _PALE)
+    values, classes = level.bands[0].values, level.classes
+    panel = class_panel(values, classes, level.title, over=uncertain, alpha=_PALE)
     assert panel.values is not None
     reached = np.isfinite(panel.values)
     share = int((uncertain & reached).sum()) / max(int(reached.sum()), 1)
     text = "Statistically uncertain: {} % of the cells that have a level."
     note = joined(" ", filter(None, (phrase(text, f"{100.0 * share:.1f}"), note)))
-    legend = ClassRow("", level.classes, RasterClass(0, "statistically uncertain", INK))
+    legend = ("", class_signs(classes, "statistically uncertain"))
     title = "Levels that another sample of blocks may change"
     return _class_maps(grid, [panel], [legend], marks, title, note)
 
@@ -180,7 +127,7 @@ def change_figure(
         class_panel(after.bands[0].values, classes, names[1]),
         class_panel(change, kinds, "Change"),
     ]
-    legends = [ClassRow("Level", classes), ClassRow("Change", kinds)]
+    legends = [("Level", class_signs(classes)), ("Change", class_signs(kinds))]
     text = "Lower level: {} m²; same level: {} m²; higher level: {} m²."
     note = joined(" ", filter(None, (phrase(text, *changes), note)))
     return _class_maps(grid, panels, legends, marks, title, note)
@@ -212,13 +159,6 @@ def map_change_figure(
     """
     scale = 1.0 if unit else 100.0
     view = view_of(grid, footprint(grid, change, all_points(marks.release)))
-    key = "Black outline: release area." if marks.release else ""
-    text = joined(" ", (phrase(p) for p in (note, key) if p))
-    room = WIDTH_IN - FURNITURE_IN[0] - 0.4
-    left, right, gap, tall = 0.6, 0.12, 0.1, 6.0
-    width = min((WIDTH_IN - left - right - 2 * gap) / 3.0, tall / view.aspect)
-    bottom = 1.0 + max(note_height(text, room), FURNITURE_IN[1] + 0.1)
-    frame = MapFrame(left, width, width * view.aspect, 0.55, bottom, columns=3, gap=gap, ticks=2)
     known = np.concatenate([scale * m[np.isfinite(m)] for m in (before, after)])
     # One cell must not take all the colour; the bar says that it is cut.
     high = (float(np.quantile(known, 0.995)) if known.size else 0.0) or 1.0
@@ -235,18 +175,9 @@ def map_change_figure(
             ("After less before", change, changes),
         )
     ]
-    maps = draw_maps(view, panels, marks, frame)
-    maps.page.around(title, text, room)
-    for k, extend, long, words in (
-        (0, "max", 2.0 * width + gap, unit or "%"),
-        (2, "both", width, phrase("change ({})", phrase(unit or "percentage points"))),
-    ):
-        x = left + k * (width + gap) + 0.15
-        bar = maps.page.axes(x, frame.bottom - 0.62, long - 0.3, 0.09, "legend")
-        colour_bar(bar, panels[k], orientation="horizontal", extend=extend)
-        bar.set_xlabel(words, size=SMALL)
-    # Below the maps, where it hides nothing.
-    furniture_beside(
-        maps.page, WIDTH_IN - right - FURNITURE_IN[0] - 0.1, 0.04, maps.metres_per_inch
-    )
-    return maps.page.figure
+    sheet, axes = draw_maps(view, panels, marks, title, [note, marks.key()], columns=3)
+    below = {"location": "bottom", "shrink": 0.9}
+    colour_bar(axes[:2], panels[0], unit or "%", extend="max", **below)
+    words = phrase("change ({})", phrase(unit or "percentage points"))
+    colour_bar(axes[2:], panels[2], words, extend="both", **below)
+    return finish(sheet, axes, marks, view)

@@ -1,7 +1,7 @@
 """The one map figure: layers over the relief in panels of one extent, with marks and a legend.
 
-A map is described by its panels (values with their colours), its marks, and the room around it;
-:func:`draw_maps` draws all of them. What differs between maps is where their legend stands.
+A map is described by its panels (values with their colours) and its marks; :func:`draw_maps` draws
+all of them.
 """
 
 from __future__ import annotations
@@ -12,60 +12,54 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+import rasterio.features
 import shapely
+from affine import Affine
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, Normalize, to_rgb
+from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, Normalize
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
-from matplotlib.ticker import FixedFormatter, FuncFormatter, NullLocator
+from matplotlib.patches import Patch
+from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.labels import thousands
-from sassgis.model.languages import joined, phrase, translated
+from sassgis.model.languages import joined, phrase
 from sassgis.model.results import Band, RasterClass, RasterLayer
 from sassgis.model.styles import class_colours, class_labels, class_limits, zero_is_nothing
-from sassgis.report.figures.map_marks import LAYER_ALPHA, MapMarks, all_points
+from sassgis.report.figures.map_marks import (
+    LAYER_ALPHA,
+    MapMarks,
+    all_points,
+    draw_areas,
+    fill_of,
+)
 from sassgis.report.figures.relief import (
-    FURNITURE_IN,
-    Extent,
     MapView,
-    draw_furniture,
     draw_relief,
-    emptiest_corner,
     footprint,
     map_axes,
+    scale_bar,
     view_of,
 )
 from sassgis.report.figures.style import (
-    DPI,
     GREY,
-    INK,
     SMALL,
     TEXT,
-    TITLE,
     WIDTH_IN,
-    Page,
+    Sheet,
     halo,
     house_style,
-    lines_in,
-    text_width_pt,
     wrap,
 )
 
-#: From one stripe to the next, and the part of it that is coloured; of fine lines over other
-#: colours, which fall to the right.
-_STRIPE_IN, _STRIPE_SHARE, _OVER_SHARE = 0.052, 0.5, 0.2
-#: A sign of a legend (in), and the room from one line of text to the next.
-SIGN_IN = (0.26, 0.15)
-_LINE_IN = 0.135
-_LEGEND_GAP_IN, _BAR_IN = 0.14, 0.14
+#: The tallest maps of a figure together (in).
+_MAX_HEIGHT_IN = 7.6
 #: Units that mean that a number has no unit.
 _UNITLESS = ("", "1", "-", "–", "class")
-
-
-# --- values and colours ----------------------------------------------------------------------
+#: Fine black lines that fall to the right, over other colours.
+_FALLING: dict[str, Any] = {"hatch": "\\" * 7, "fc": "none", "lw": 0.0, "hatch_linewidth": 0.5}
 
 
 def shown_values(band: Band) -> FloatArray:
@@ -104,265 +98,157 @@ class MapPanel:
     colours: Colormap
     norm: Normalize
     title: str = ""
-    stripes: Sequence[tuple[int, str]] = ()  # position and colour of classes striped on white
+    classes: Sequence[RasterClass] = ()  # in the order of their positions
     over: NDArray[np.bool_] | None = None  # cells with fine black lines over them
     alpha: float = LAYER_ALPHA
     together: str = "max"  # what a dot for several cells shows: "max" or "mean"
 
 
-def coloured_classes(colours: Sequence[str]) -> tuple[Colormap, Normalize]:
-    """Colours of the positions among classes."""
-    return ListedColormap(colours), BoundaryNorm(np.arange(len(colours) + 1) - 0.5, len(colours))
-
-
 def class_panel(
-    values: NDArray[Any],
-    classes: Sequence[RasterClass],
-    title: str = "",
-    over: NDArray[np.bool_] | None = None,
-    alpha: float = LAYER_ALPHA,
+    values: NDArray[Any], classes: Sequence[RasterClass], title: str = "", **more: Any
 ) -> MapPanel:
     """A map of classes; values that are none stay clear."""
     ordered = sorted(classes, key=lambda entry: entry.value)
-    colours = coloured_classes(["#ffffff" if c.hatched else c.colour for c in ordered])
-    stripes = [(k, c.colour) for k, c in enumerate(ordered) if c.hatched]
-    return MapPanel(class_positions(values, classes), *colours, title, stripes, over, alpha)
+    colours = ListedColormap([fill_of(c) for c in ordered])
+    norm = BoundaryNorm(np.arange(len(ordered) + 1) - 0.5, len(ordered))
+    return MapPanel(class_positions(values, classes), colours, norm, title, ordered, **more)
+
+
+def class_signs(classes: Sequence[RasterClass], over: str = "") -> list[Patch]:
+    """Signs of a legend, the highest value first; ``over`` is the name of fine lines."""
+    signs = []
+    for entry in sorted(classes, key=lambda entry: -entry.value):
+        how: dict[str, Any] = {"fc": fill_of(entry), "lw": 0.6, "alpha": LAYER_ALPHA, "ec": GREY}
+        if entry.hatched:
+            how |= {"hatch": "////", "ec": entry.colour}
+        signs.append(Patch(label=wrap(entry.label, 1.6), **how))
+    if over:
+        signs.append(Patch(label=wrap(over, 1.6), **_FALLING))
+    return signs
 
 
 # --- drawing ---------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class MapFrame:
-    """Where the maps of a figure stand: left edge, size of each and room around all (in)."""
+def columns_of(panels: int, aspect: float, width_in: float, height_in: float) -> int:
+    """Number of columns that makes equal panels largest; the fewest of those equally good.
 
-    left: float
-    width: float
-    height: float
-    top: float
-    bottom: float
-    columns: int = 1
-    gap: float = 0.0  # between two columns
-    head: float = 0.0  # over each map
-    ticks: int = 5  # about how many along the longer side of a map
+    The aspect is height by width of a panel; width and height are the room for all.
+    """
 
+    def width(columns: int) -> float:
+        rows = -(-panels // columns)
+        return min((width_in - 0.14 * columns) / columns, (height_in / rows - 0.22) / aspect)
 
-def one_map(aspect: float, right: float, most: float) -> tuple[float, float, float]:
-    """Left edge, width and height of a map by itself with so much room at its right (in)."""
-    left = 0.62
-    width = WIDTH_IN - left - right
-    if width * aspect <= most:
-        return left, width, width * aspect
-    width = most / aspect
-    return max(left, (WIDTH_IN - width - right + left) / 2.0), width, most
-
-
-@dataclass(frozen=True, slots=True)
-class DrawnMaps:
-    """Maps on their page."""
-
-    page: Page
-    axes: Sequence[Axes]
-    metres_per_inch: float
+    return max(range(1, panels + 1), key=lambda columns: (width(columns), -columns))
 
 
 def draw_maps(
     view: MapView,
     panels: Sequence[MapPanel],
     marks: MapMarks,
-    frame: MapFrame,
+    title: str,
+    notes: Sequence[str],
+    *,
+    columns: int = 0,
+    taken: NDArray[np.bool_] | None = None,
     more: Callable[[Axes], None] | None = None,
-) -> DrawnMaps:
-    """Draw maps of one extent side by side; ``more`` draws what is neither value nor mark."""
-    columns, tall = frame.columns, frame.height + frame.head
-    rows = -(-len(panels) // columns)
-    page = Page(frame.top + rows * tall + frame.bottom)
-    metres_per_inch = view.width_m / frame.width
-    axes = []
-    for number, panel in enumerate(panels):
-        row, column = divmod(number, columns)
-        x = frame.left + column * (frame.width + frame.gap)
-        y = page.height - frame.top - (row + 1) * tall if frame.head else frame.bottom
-        ax = page.axes(x, y, frame.width, frame.height, "map")
+) -> tuple[Sheet, list[Axes]]:
+    """Draw maps of one extent side by side; ``more`` draws what is neither value nor mark.
+
+    Maps have as many columns as make them largest. ``taken`` says, in a raster over the view,
+    where something is drawn if it is not where the panels have values.
+    """
+    n = len(panels)
+    columns = columns or columns_of(n, view.aspect, WIDTH_IN - 0.8, _MAX_HEIGHT_IN)
+    rows = -(-n // columns)
+    sheet = Sheet(title, joined("\n", filter(None, notes)), _MAX_HEIGHT_IN + 0.6, compressed=True)
+    grid = sheet.figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    axes: list[Axes] = list(grid.flat[:n])
+    for ax in grid.flat[n:]:
+        ax.remove()
+    for number, (ax, panel) in enumerate(zip(axes, panels, strict=True)):
+        ax.set_label("map")
         draw_relief(ax, view)
-        _draw_values(ax, panel, view, metres_per_inch)
+        _draw_values(ax, panel, view)
         if more is not None:
             more(ax)
-        marks.draw(ax, view.box, 72.0 / metres_per_inch)
-        map_axes(ax, view.box, frame.ticks)
+        marks.draw(ax, view.box)
+        map_axes(ax, view.box, {1: 5, 2: 3}.get(columns, 2))
         # Coordinates only left of the first column and below the last map of each.
-        if column:
+        ax.tick_params(labelleft=not number % columns, labelbottom=number + columns >= n)
+        if number % columns:
             ax.set_ylabel("")
-            ax.tick_params(labelleft=False)
-        if number + columns < len(panels):
+        if number + columns < n:
             ax.set_xlabel("")
-            ax.tick_params(labelbottom=False)
         ax.set_title(panel.title, size=TEXT, pad=3.0)
-        axes.append(ax)
-    return DrawnMaps(page, axes, metres_per_inch)
+    if taken is None:
+        known = [np.isfinite(view.cut(p.values)) for p in panels if p.values is not None]
+        taken = np.any(known, axis=0) if known else np.zeros((1, 1), bool)
+    scale_bar(axes[0], view.box, taken)
+    return sheet, axes
 
 
-def _draw_values(ax: Axes, panel: MapPanel, view: MapView, metres_per_inch: float) -> None:
+def finish(sheet: Sheet, axes: Sequence[Axes], marks: MapMarks, view: MapView) -> Figure:
+    """Make the figure as high as its maps, whose legends are drawn, and write the names."""
+    sheet.figure.draw_without_rendering()
+    dpi = sheet.figure.dpi
+    # Labels and signs beyond the edges of the maps.
+    rows = {round(ax.get_window_extent().y0): ax for ax in axes}
+    heights = [_with_labels(ax) for ax in rows.values()]
+    sheet.set_height((sum(heights) + 8.0 * len(heights)) / dpi)
+    sheet.figure.draw_without_rendering()
+    for ax in axes:
+        width_pt = 72.0 * ax.get_window_extent().width / dpi
+        marks.write_names(ax, view.box, width_pt / view.width_m)
+    return sheet.figure
+
+
+def _with_labels(ax: Axes) -> float:
+    bars = [other for other in ax.figure.axes if other.get_label() == "legend"]
+    boxes = [box for own in (ax, *bars) if (box := own.get_tightbbox()) is not None]
+    return float(max(box.y1 for box in boxes[:1]) - min(box.y0 for box in boxes))
+
+
+def _draw_values(ax: Axes, panel: MapPanel, view: MapView) -> None:
     if panel.values is None:
         return
-    values, extent = view.coarse(view.cut(panel.values), panel.together)
-    west, south, east, north = extent
+    values, (west, south, east, north) = view.coarse(view.cut(panel.values), panel.together)
     ax.imshow(
-        np.ma.masked_invalid(values),
-        cmap=panel.colours,
-        norm=panel.norm,
-        extent=(west, east, south, north),
-        interpolation="nearest",
-        alpha=panel.alpha,
-        zorder=2,
+        np.ma.masked_invalid(values), cmap=panel.colours, norm=panel.norm,
+        extent=(west, east, south, north), interpolation="nearest", alpha=panel.alpha, zorder=2,
         gid="layer",
-    )
-    for place, colour in panel.stripes:
-        draw_stripes(ax, values == place, colour, extent, metres_per_inch, panel.alpha)
+    )  # fmt: skip
+    cell = (east - west) / values.shape[1]
+    place = Affine(cell, 0.0, west, 0.0, -cell, north)
+    for k, entry in enumerate(panel.classes):
+        if entry.hatched:
+            how: dict[str, Any] = {"hatch": "////", "fc": "none", "ec": entry.colour, "lw": 0.0}
+            draw_areas(ax, areas_of(values == k, place), alpha=panel.alpha, gid="stripes", **how)
     if panel.over is not None:
         over, _ = view.coarse(view.cut(panel.over.astype(float)), "max")
-        draw_stripes(ax, over > 0.0, INK, extent, metres_per_inch, 0.9, fine=True)
+        draw_areas(ax, areas_of(over > 0.0, place), gid="uncertain", **_FALLING)
 
 
-def draw_stripes(
-    ax: Axes,
-    cells: NDArray[np.bool_],
-    colour: str,
-    extent: Extent,
-    metres_per_inch: float,
-    alpha: float = LAYER_ALPHA,
-    *,
-    fine: bool = False,
-) -> None:
-    """Draw stripes over the cells that are true; matplotlib can hatch polygons alone.
-
-    They rise to the right; fine ones fall.
-    """
-    rows, cols = np.nonzero(cells)
-    if not rows.size:
-        return
-    west, _, east, north = extent
-    cell = (east - west) / cells.shape[1]
-    top, left = int(rows.min()), int(cols.min())
-    part = cells[top : rows.max() + 1, left : cols.max() + 1]
-    # Two dots for each of the printed figure.
-    dot = metres_per_inch / (2.0 * DPI)
-    row = (np.arange(max(1, round(part.shape[0] * cell / dot))) * dot / cell).astype(int)
-    col = (np.arange(max(1, round(part.shape[1] * cell / dot))) * dot / cell).astype(int)
-    inside = part[np.minimum(row, part.shape[0] - 1)][:, np.minimum(col, part.shape[1] - 1)]
-    step = max(2, round(_STRIPE_IN * 2.0 * DPI))
-    down = np.arange(row.size)[:, None]
-    along = np.arange(col.size)[None, :] + (-down if fine else down)
-    share = _OVER_SHARE if fine else _STRIPE_SHARE
-    image = np.zeros((row.size, col.size, 4), np.float32)
-    image[..., :3] = to_rgb(colour)
-    image[..., 3] = alpha * (inside & (along % step < share * step))
-    ax.imshow(
-        image,
-        extent=(
-            west + left * cell,
-            west + (left + part.shape[1]) * cell,
-            north - (top + part.shape[0]) * cell,
-            north - top * cell,
-        ),
-        zorder=2.5,
-        gid="stripes",
-    )
+def areas_of(cells: NDArray[np.bool_], place: Affine) -> list[shapely.Geometry]:
+    """The outlines of the cells that are true."""
+    found = rasterio.features.shapes(cells.astype(np.uint8), mask=cells, transform=place)
+    return [shapely.geometry.shape(outline) for outline, _ in found]
 
 
-def furniture_within(
-    maps: DrawnMaps, frame: MapFrame, box: Extent, taken: NDArray[np.bool_]
-) -> None:
-    """Draw scale bar and north arrow in the corner of the first map that hides least."""
-    corner = emptiest_corner(taken, FURNITURE_IN[0] / frame.width, FURNITURE_IN[1] / frame.height)
-    draw_furniture(maps.axes[0], box, frame.width, corner)
-
-
-# --- legends ---------------------------------------------------------------------------------
-
-
-def _sign(page: Page, x: float, y: float, entry: RasterClass, *, over: bool = False) -> None:
-    """Draw the sign of a class, its lower left corner at x, y."""
-    ax = page.axes(x, y, *SIGN_IN, "sign")
-    ax.set_axis_off()
-    if entry.hatched or over:
-        cells = np.ones((round(100.0 * SIGN_IN[1]), round(100.0 * SIGN_IN[0])), bool)
-        draw_stripes(ax, cells, entry.colour, (0.0, 0.0, *SIGN_IN), 1.0, fine=over)
-        ax.set_aspect("auto")
-    else:
-        ax.add_patch(Rectangle((0.0, 0.0), *SIGN_IN, fc=entry.colour, ec="none", alpha=LAYER_ALPHA))
-    ax.set(xlim=(0.0, SIGN_IN[0]), ylim=(0.0, SIGN_IN[1]))
-    ax.add_patch(Rectangle((0.0, 0.0), *SIGN_IN, fc="none", ec=GREY, lw=0.8, zorder=5))
-
-
-def class_list(
-    page: Page, classes: Sequence[RasterClass], x: float, top: float, width: float
-) -> None:
-    """Draw the signs and names of classes one below the other, the highest value first."""
-    for entry in sorted(classes, key=lambda entry: -entry.value):
-        _sign(page, x, top - SIGN_IN[1], entry)
-        text = wrap(entry.label, width - SIGN_IN[0] - 0.1)
-        lines = lines_in(text)
-        page.text(
-            x + SIGN_IN[0] + 0.08, top - SIGN_IN[1] / 2.0 + (lines > 1) * _LINE_IN / 2.0, text,
-            size=SMALL, va="center" if lines == 1 else "top", gid="class",
-        )  # fmt: skip
-        top -= max(SIGN_IN[1], _LINE_IN * lines) + 0.07
-
-
-@dataclass(frozen=True, slots=True)
-class ClassRow:
-    """The signs and names of classes side by side, the highest value first.
-
-    A heading stands before the first; ``over`` is a last sign of fine lines that fall to the right.
-    """
-
-    heading: str
-    classes: Sequence[RasterClass]
-    over: RasterClass | None = None
-
-    def placed(
-        self, x: float, top: float, width: float
-    ) -> tuple[list[tuple[float, float, RasterClass]], float]:
-        """Where the upper left corners of the signs stand, and where the row ends (in)."""
-        start = x + text_width_pt(self.heading) * 1.1 / 72.0 + 0.1 if self.heading else x
-        at, out = start, []
-        entries = sorted(self.classes, key=lambda entry: -entry.value)
-        for entry in [*entries, *([self.over] if self.over else [])]:
-            room = SIGN_IN[0] + 0.08 + text_width_pt(entry.label) / 72.0 + 0.12
-            if at + room > x + width and at > start:
-                at, top = start, top - SIGN_IN[1] - 0.08
-            out.append((at, top, entry))
-            at += room
-        return out, top - SIGN_IN[1] - 0.1
-
-    def draw(self, page: Page, x: float, top: float, width: float) -> float:
-        """Draw the row from its upper left corner, and give where it ends (in)."""
-        half = SIGN_IN[1] / 2.0
-        if self.heading:
-            page.text(
-                x, top - half, self.heading, size=SMALL, weight="bold", va="center",
-                gid="legend-heading",
-            )  # fmt: skip
-        placed, end = self.placed(x, top, width)
-        for at, y, entry in placed:
-            _sign(page, at, y - SIGN_IN[1], entry, over=entry is self.over)
-            page.text(
-                at + SIGN_IN[0] + 0.08, y - half, entry.label, size=SMALL, va="center", gid="class"
-            )
-        return end
-
-
-def colour_bar(ax: Axes, panel: MapPanel, **how: Any) -> None:
-    """Draw the bar of the colours of a map."""
-    figure = ax.get_figure()
+def colour_bar(axes: Sequence[Axes], panel: MapPanel, words: str, **how: Any) -> None:
+    """Draw the bar of the colours of some maps beside them."""
+    figure = axes[0].get_figure()
     assert isinstance(figure, Figure)
-    bar = figure.colorbar(
-        ScalarMappable(panel.norm, panel.colours), cax=ax, alpha=panel.alpha, **how
-    )
+    colours = ScalarMappable(panel.norm, panel.colours)
+    look: dict[str, Any] = {"format": FuncFormatter(_value_label), "shrink": 0.6, "aspect": 22.0}
+    look |= {"pad": 0.02, "alpha": panel.alpha, **how}
+    bar = figure.colorbar(colours, ax=list(axes), **look)
     bar.outline.set_linewidth(0.5)
-    ax.tick_params(labelsize=SMALL)
-    ax.grid(False)
+    bar.ax.set_label("legend")
+    bar.ax.tick_params(labelsize=SMALL)
+    bar.ax.grid(False)
+    bar.set_label(words, size=SMALL)
 
 
 # --- a layer ---------------------------------------------------------------------------------
@@ -377,16 +263,19 @@ def _value_label(value: float, _: object = None) -> str:
 
 def _layer_panel(layer: RasterLayer) -> tuple[MapPanel, FloatArray]:
     """A layer in its classes, those of its breaks, or as a ramp; and the values that it shows."""
+    values = shown_values(layer.bands[0])
     if layer.classes:
         panel = class_panel(layer.bands[0].values, layer.classes)
         assert panel.values is not None
         return panel, panel.values
-    values = shown_values(layer.bands[0])
     # Classes and colours are those of the map in QGIS, and do not depend on the data: maps with
     # the same limits can be laid side by side.
     if layer.breaks:
-        colours = coloured_classes(class_colours(layer.breaks, layer.ramp))
-        return MapPanel(class_numbers(values, layer.breaks), *colours), values
+        named = zip(
+            class_labels(layer.breaks, ""), class_colours(layer.breaks, layer.ramp), strict=True
+        )
+        classes = [RasterClass(k, label, colour) for k, (label, colour) in enumerate(named)]
+        return class_panel(class_numbers(values, layer.breaks), classes), values
     known = values[np.isfinite(values)]
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
     norm = Normalize(low, high if high > low else low + max(1.0, abs(low)))
@@ -403,6 +292,15 @@ def coarse_note(view: MapView, what: str) -> str:
     )
 
 
+def legend_beside(ax: Axes, signs: Sequence[Patch], heading: str = "") -> None:
+    """Draw the signs of classes right of a map."""
+    ax.legend(
+        handles=signs, loc="upper left", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.6,
+        title=heading or None, title_fontsize=SMALL, alignment="left", handlelength=2.4,
+        handleheight=1.4, labelspacing=0.7,
+    )  # fmt: skip
+
+
 @house_style()
 def map_figure(
     grid: Grid, layer: RasterLayer, marks: MapMarks | None = None, *, note: str | None = None
@@ -413,54 +311,26 @@ def map_figure(
     """
     marks = marks or MapMarks()
     panel, values = _layer_panel(layer)
-    if marks.zones:
-        panel = replace(panel, values=None)
     corners = [shapely.get_coordinates(shapely.box(*p.bounds)) for p, _ in marks.zones]
     view = view_of(grid, footprint(grid, values, all_points([*marks.release, *corners])))
+    kind = "highest class" if layer.classes else "largest value"
     notes = [
-        layer.note if note is None else note,
-        marks.left_out(),
-        ""
-        if marks.zones
-        else coarse_note(view, "highest class" if layer.classes else "largest value"),
-        marks.key(),
-    ]
-    labels = class_labels(layer.breaks, "") if layer.breaks and not layer.classes else []
-    heading = wrap(layer.title, WIDTH_IN - 0.4, TITLE)
-    below = wrap(joined("\n", filter(None, notes)), WIDTH_IN - 0.8)
-    names = [translated(entry.label) for entry in layer.classes]
-    longest = max((text_width_pt(label) for label in names or labels), default=0.0) / 72.0
-    legend_w = min(SIGN_IN[0] + 0.1 + longest, 1.7) if names else _BAR_IN + 0.12 + longest
-    right = max(0.85, _LEGEND_GAP_IN + legend_w)
-    frame = MapFrame(
-        *one_map(view.aspect, right, 7.2),
-        top=0.12 + 0.18 * lines_in(heading) + 0.08,
-        bottom=0.48 + _LINE_IN * lines_in(below) + 0.08,
-    )
-    maps = draw_maps(view, [panel], marks, frame)
+        layer.note if note is None else note, marks.left_out(),
+        "" if marks.zones else coarse_note(view, kind), marks.key(),
+    ]  # fmt: skip
     known = np.isfinite(view.cut(values))
-    furniture_within(maps, frame, view.box, known)
+    shown = replace(panel, values=None) if marks.zones else panel
+    sheet, axes = draw_maps(view, [shown], marks, layer.title, notes, taken=known)
+    (ax,) = axes
     if not known.any():
-        maps.axes[0].text(
-            0.5, 0.5, "no values here", transform=maps.axes[0].transAxes, ha="center", va="center",
+        ax.text(
+            0.5, 0.5, "no values here", transform=ax.transAxes, ha="center", va="center",
             size=TEXT, path_effects=halo(), zorder=23,
         )  # fmt: skip
-    x, top = frame.left + frame.width + _LEGEND_GAP_IN, frame.bottom + frame.height
-    if layer.classes:
-        class_list(maps.page, layer.classes, x, top, legend_w)
+    unit = layer.bands[0].unit
+    unit = "" if layer.classes or unit in _UNITLESS else unit
+    if panel.classes:
+        legend_beside(ax, class_signs(panel.classes), unit)
     else:
-        unit = "" if layer.bands[0].unit in _UNITLESS else layer.bands[0].unit
-        unit = wrap(unit, right + 0.1)
-        top -= 0.15 * lines_in(unit)
-        tall = min(top - frame.bottom, 0.42 * len(labels) if labels else 3.0)
-        bar = maps.page.axes(x, top - tall, _BAR_IN, tall, "legend")
-        if labels:
-            colour_bar(bar, panel, ticks=list(range(len(labels))), format=FixedFormatter(labels))
-            bar.tick_params(length=0)
-        else:
-            colour_bar(bar, panel, format=FuncFormatter(_value_label))
-        bar.yaxis.set_minor_locator(NullLocator())
-        maps.page.text(x, top + 0.15 * lines_in(unit), unit, size=SMALL, va="top", gid="unit")
-    maps.page.title(frame.left, heading)
-    maps.page.note(frame.left, frame.bottom - 0.46, below)
-    return maps.page.figure
+        colour_bar(axes, panel, unit)
+    return finish(sheet, axes, marks, view)

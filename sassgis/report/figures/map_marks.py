@@ -71,16 +71,22 @@ class MapMarks:
     objects: Sequence[MapObject] = ()
     names: Sequence[MapName] = ()  # of what is drawn otherwise
 
-    def draw(self, ax: Axes, box: Extent, points_per_metre: float) -> None:
-        """Draw all of it on a map."""
+    def draw(self, ax: Axes, box: Extent) -> None:
+        """Draw all of it on a map but the names."""
         draw_zones(ax, self.zones)
         _outlines(ax, self.edits, _EDIT, linewidths=1.6, linestyles="--", zorder=4.5, gid="edits")
-        names = draw_control_lines(ax, self.control_lines, box)
-        names += draw_objects(ax, self.objects, box)
-        _write_names(ax, [*self.names, *names], box, points_per_metre)
+        draw_control_lines(ax, self.control_lines)
+        draw_objects(ax, self.objects, box)
         if self.lines:
             draw_lines(ax, [self.lines[i] for i in even_choice(len(self.lines), MAX_LINES)])
         draw_release(ax, self.release)
+
+    def write_names(self, ax: Axes, box: Extent, points_per_metre: float) -> None:
+        """Write the names of what is drawn, at the scale at which it is drawn."""
+        names = [*self.names, *control_line_names(self.control_lines, box)]
+        if len(self.objects) <= MAX_OBJECT_NAMES:
+            names += object_names(self.objects, box)
+        _write_names(ax, names, box, points_per_metre)
 
     def key(self) -> str:
         """Say in words what the marks are."""
@@ -123,21 +129,26 @@ def _outlines(ax: Axes, rings: Sequence[FloatArray], colour: str, **how: Any) ->
     )
 
 
+def fill_of(entry: RasterClass) -> str:
+    """Colour of a class: hatched ones are striped on white."""
+    return "white" if entry.hatched else entry.colour
+
+
+def draw_areas(ax: Axes, polygons: Sequence[Any], **how: Any) -> None:
+    """Draw polygons with their holes as one shape."""
+    rings = [ring for polygon in polygons for ring in shapely.get_rings(polygon)]
+    if rings:
+        paths = (Path(shapely.get_coordinates(ring), closed=True) for ring in rings)
+        ax.add_patch(PathPatch(Path.make_compound_path(*paths), **({"zorder": 2} | how)))
+
+
 def draw_zones(ax: Axes, zones: Sequence[tuple[Any, RasterClass]]) -> None:
     """Draw zones in the colours of their classes, with thin dark outlines."""
     for polygon, entry in zones:
-        shape = Path.make_compound_path(
-            *(
-                Path(shapely.get_coordinates(ring), closed=True)
-                for ring in shapely.get_rings(polygon)
-            )
-        )
-        fill = "white" if entry.hatched else entry.colour
-        how: dict[str, Any] = {"hatch": "///", "edgecolor": entry.colour} if entry.hatched else {}
-        ax.add_patch(
-            PathPatch(shape, fc=fill, alpha=LAYER_ALPHA, lw=0.0, zorder=2, gid="zone", **how)
-        )
-        ax.add_patch(PathPatch(shape, fc="none", ec=INK, lw=0.6, zorder=4))
+        hatch: dict[str, Any] = {"hatch": "////", "ec": entry.colour} if entry.hatched else {}
+        look = {"fc": fill_of(entry), "lw": 0.0, "alpha": LAYER_ALPHA, **hatch}
+        draw_areas(ax, [polygon], gid="zone", **look)
+        draw_areas(ax, [polygon], fc="none", ec=INK, lw=0.6, zorder=4)
 
 
 def draw_release(ax: Axes, areas: Sequence[FloatArray]) -> None:
@@ -159,17 +170,10 @@ def draw_points(
     ax.plot(*xy.T, mark, ms=size, mfc=fill, mec=edge, mew=width, **how)
 
 
-def draw_objects(ax: Axes, objects: Sequence[MapObject], box: Extent) -> list[MapName]:
-    """Draw exposed objects: areas and points filled, roads and lines pale with a dark edge.
-
-    Returns their names, unless there are so many that they would hide the map.
-    """
-    names = []
-    for name, geometry in objects:
-        seen = shapely.clip_by_rect(geometry, *box)
-        if seen.is_empty:
-            continue
-        for part in shapely.get_parts(seen):
+def draw_objects(ax: Axes, objects: Sequence[MapObject], box: Extent) -> None:
+    """Draw exposed objects: areas and points filled, roads and lines pale with a dark edge."""
+    for _, geometry in objects:
+        for part in shapely.get_parts(shapely.clip_by_rect(geometry, *box)):
             xy = shapely.get_coordinates(part)
             if isinstance(part, shapely.Polygon):
                 ax.fill(xy[:, 0], xy[:, 1], fc=_OBJECT, ec="white", lw=0.5, zorder=6)
@@ -178,12 +182,21 @@ def draw_objects(ax: Axes, objects: Sequence[MapObject], box: Extent) -> list[Ma
             else:
                 ax.plot(*xy.T, color=_OBJECT, lw=2.4, zorder=5.5)
                 ax.plot(*xy.T, color="white", lw=1.2, zorder=5.6)
-        longest = max(shapely.get_parts(seen), key=lambda part: part.length)
+
+
+def object_names(objects: Sequence[MapObject], box: Extent) -> list[MapName]:
+    """The names of exposed objects, at the longest part of each that is seen."""
+    names = []
+    for name, geometry in objects:
+        seen = shapely.get_parts(shapely.clip_by_rect(geometry, *box))
+        if not seen.size or seen[0].is_empty:
+            continue
+        longest = max(seen, key=lambda part: part.length)
         line = shapely.get_dimensions(longest) == 1
         at = longest.interpolate(0.3, normalized=True) if line else longest.centroid
         look = {"size": SMALL - 1.0, "color": _OBJECT, "zorder": 21, "gid": "object"}
         names.append(MapName(name, (at.x, at.y), 4.0, look))
-    return names if len(objects) <= MAX_OBJECT_NAMES else []
+    return names
 
 
 def _write_names(ax: Axes, names: Sequence[MapName], box: Extent, points_per_metre: float) -> None:
@@ -226,21 +239,21 @@ def draw_lines(
     )
 
 
-def draw_control_lines(
-    ax: Axes, control_lines: Sequence[MapControlLine], box: Extent
-) -> list[MapName]:
-    """Draw stations, walls and nets; returns their names."""
-    names = []
-    for name, kind, coords in control_lines:
-        xy = np.asarray(coords, float).reshape(-1, 2)
-        if not xy.size:
-            continue
+def draw_control_lines(ax: Axes, control_lines: Sequence[MapControlLine]) -> None:
+    """Draw stations, walls and nets."""
+    for name, kind, xy in control_lines:
         colour, dashes, width = _CONTROL_LINE_LINE[kind]
         ax.plot(*xy.T, "-", color="white", lw=width + 1.6, zorder=8)
         ax.plot(*xy.T, ls=dashes, color=colour, lw=width, zorder=9, gid=f"control_line-{name}")
+
+
+def control_line_names(control_lines: Sequence[MapControlLine], box: Extent) -> list[MapName]:
+    """The names of stations, walls and nets that are seen."""
+    names = []
+    for name, kind, xy in control_lines:
         seen = shapely.get_coordinates(shapely.clip_by_rect(shapely.linestrings(xy), *box))
         if seen.size:
-            names.append(line_name(name, seen, color=colour))
+            names.append(line_name(name, seen, color=_CONTROL_LINE_LINE[kind][0]))
     return names
 
 

@@ -18,17 +18,18 @@ from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.labels import thousands
 from sassgis.model.languages import joined, phrase
 from sassgis.model.results import ControlLine
+from sassgis.report.figures.map_marks import even_choice
 from sassgis.report.figures.style import (
     BLUE,
     GREY,
     GROUND_COLOURS,
     INK,
-    SMALL,
+    SKY,
     TITLE,
     VERMILION,
     WIDTH_IN,
     YELLOW,
-    Page,
+    Sheet,
     beside,
     halo,
     house_style,
@@ -43,8 +44,9 @@ from sassgis.report.figures.style import (
 #: A control line with its chainage (m) and the height of the ground there (m).
 ProfileControlLine = tuple[ControlLine, float, float]
 
+#: Paths beyond this number would be a black mass: bands stand for them. Paths that make a band.
+MAX_PATHS, _ENOUGH = 30, 10
 _STRIP_PT = 7.0
-_LEFT_IN, _RIGHT_IN, _BETWEEN_IN = 0.62, 0.15, 0.28
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,8 +81,24 @@ class ProfilePanel:
         dots = "yellow dots: where {} blocks ended"
         if stops == 1:
             dots = "yellow dots: where {} block ended"
-        parts = ((paths, n), (dots, stops))
-        return joined("; ", (phrase(text, thousands(number)) for text, number in parts if number))
+        parts = [phrase(text, thousands(k)) for text, k in ((paths, n), (dots, stops)) if k]
+        if n > MAX_PATHS:
+            text = "lines: {} of them; bands: where 50 % and 90 % of the paths lie"
+            parts.insert(1, phrase(text, MAX_PATHS))
+        return joined("; ", parts)
+
+    def bands(self) -> tuple[FloatArray, FloatArray]:
+        """Chainages (m), and the heights (m) below which 5, 25, 75 and 95 % of the paths lie.
+
+        Of shape (n,) and (4, n); NaN where fewer than ``_ENOUGH`` paths come.
+        """
+        s = np.linspace(self.s[0], self.s[-1], 400)
+        rows = [np.interp(s, *path, np.nan, np.nan) for path in self.trajectories if len(path[0])]
+        z = np.array(rows)
+        known = np.isfinite(z).sum(axis=0) >= _ENOUGH
+        heights = np.full((4, s.size), np.nan)
+        heights[:, known] = np.nanquantile(z[:, known], (0.05, 0.25, 0.75, 0.95), axis=0)
+        return s, heights
 
 
 def runs_of(ground: IntArray) -> list[tuple[int, int, int]]:
@@ -119,7 +137,7 @@ def _frame(panels: Sequence[ProfilePanel], max_height_in: float) -> _Frame:
     s0, s1 = float(s.min()), float(s.max())
     z0, z1 = float(np.nanmin(heights)), float(np.nanmax(heights))
     span, drop = s1 - s0, max(z1 - z0, 0.05 * (s1 - s0))
-    width = WIDTH_IN - _LEFT_IN - _RIGHT_IN
+    width = WIDTH_IN - 0.75
     while True:
         metres = span * 1.04 / width
         # Room in points: under the slope for strip and class names, over it for station names.
@@ -132,53 +150,6 @@ def _frame(panels: Sequence[ProfilePanel], max_height_in: float) -> _Frame:
     return _Frame(
         s0 - 0.02 * span, s1 + 0.02 * span, z0 - below, z0 + drop + above, (width, height)
     )
-
-
-#: The name of a ground class beside the strip: its anchor (m), offset from it (pt), alignment.
-_GroundName = tuple[str, tuple[float, float], tuple[float, float], str]
-
-
-def _place_name(
-    panel: ProfilePanel, run: tuple[int, int, int], name: str, frame: _Frame
-) -> _GroundName | None:
-    """Find room for the name of a class below the strip; None where there is none."""
-    s, z = panel.s, panel.z
-    length = s[run[2]] - s[run[1]]
-    middle = float((s[run[1]] + s[run[2]]) / 2.0)
-    segment = min(int(np.searchsorted(s, middle, side="right")), s.size - 1)
-    angle = np.arctan2(z[segment] - z[segment - 1], s[segment] - s[segment - 1])
-    text = text_width_pt(name) * frame.pt
-    away = _STRIP_PT + 3.0
-    offset = (float(away * np.sin(angle)), float(-away * np.cos(angle)))
-    if abs(angle) < np.radians(12.0):
-        room, align = length >= text, "center"
-    else:
-        # Below a slope that falls to the right there is room to the left, and the reverse.
-        align = "right" if angle < 0.0 else "left"
-        edge = middle + offset[0] * frame.pt
-        inside = edge - text > s[0] if angle < 0.0 else edge + text < s[-1]
-        room = bool(inside and length >= 2.0 * SMALL * frame.pt * np.cos(angle))
-    at = (middle, float(np.interp(middle, s, z)))
-    return (name, at, offset, align) if room else None
-
-
-def _ground_names(panel: ProfilePanel, frame: _Frame) -> tuple[list[_GroundName], dict[str, str]]:
-    """Names beside their longest stretch, or where one does not fit, names and colours of all.
-
-    Half the names in the slope and half in a legend would be harder to read than either.
-    """
-    longest: dict[int, tuple[int, int, int]] = {}
-    for run in panel.ground_runs():
-        before = longest.setdefault(run[0], run)
-        if panel.s[run[2]] - panel.s[run[1]] > panel.s[before[2]] - panel.s[before[1]]:
-            longest[run[0]] = run
-    known = dict(enumerate(panel.ground_names))
-    names = {k: known.get(k, phrase("class {}", k)) for k in sorted(longest)}
-    placed = [_place_name(panel, longest[k], name, frame) for k, name in names.items()]
-    fitting = [name for name in placed if name is not None]
-    if len(fitting) == len(placed):
-        return fitting, {}
-    return [], {name: GROUND_COLOURS[k % len(GROUND_COLOURS)] for k, name in names.items()}
 
 
 def _draw_ground(ax: Axes, panel: ProfilePanel, frame: _Frame) -> None:
@@ -203,9 +174,6 @@ def _draw_ground(ax: Axes, panel: ProfilePanel, frame: _Frame) -> None:
                 gid=f"ground-{number}" if ends == "butt" else None,
             )
             strip.set_clip_path(under)
-    for name, at, offset, align in _ground_names(panel, frame)[0]:
-        look = {"ha": align, "va": "top", "color": INK, "style": "italic", "zorder": 6}
-        beside(ax, name, at, offset, **look)
     ax.plot(s, z, color=INK, lw=1.1, zorder=4, gid="slope", solid_joinstyle="round")
 
 
@@ -239,6 +207,11 @@ def _draw_control_lines(ax: Axes, panel: ProfilePanel, frame: _Frame) -> None:
 def _draw_panel(ax: Axes, panel: ProfilePanel, frame: _Frame) -> None:
     _draw_ground(ax, panel, frame)
     paths = [np.column_stack(path) for path in panel.trajectories if len(path[0])]
+    if len(paths) > MAX_PATHS:
+        s, (low, lower, upper, high) = panel.bands()
+        ax.fill_between(s, low, high, color=SKY, alpha=0.3, lw=0, zorder=4.5, gid="band")
+        ax.fill_between(s, lower, upper, color=SKY, alpha=0.6, lw=0, zorder=4.6, gid="band")
+        paths = [paths[i] for i in even_choice(len(paths), MAX_PATHS)]
     ax.add_collection(
         LineCollection(paths, colors=INK, linewidths=0.35, alpha=0.6, zorder=5, gid="trajectories"),
         autolim=False,
@@ -260,52 +233,25 @@ def _draw_panel(ax: Axes, panel: ProfilePanel, frame: _Frame) -> None:
 
 
 @house_style()
-def profile_figure(panels: Sequence[ProfilePanel], *, letters: bool = True) -> Figure:
-    """Stack profiles at one scale on one page, such as a slope before and after measures.
-
-    With ``letters`` one stands before each title.
-    """
+def profile_figure(panels: Sequence[ProfilePanel]) -> Figure:
+    """Stack profiles at one scale on one page, such as a slope before and after measures."""
     # One A4 page holds all panels with their headings, gaps and the foot.
-    frame = _frame(panels, max((9.3 - 0.75) / len(panels) - 0.7, 1.6))
-    panel_w, panel_h = frame.inches
-    titles = [
-        wrap(f"{'abcdefghij'[i % 10]}  {p.title}" if letters else p.title, panel_w, TITLE)
-        for i, p in enumerate(panels)
-    ]
-    heads = [
-        0.1 + 0.17 * lines_in(t) + (0.15 if p.caption() else 0.0)
-        for t, p in zip(titles, panels, strict=True)
-    ]
-    unnamed: dict[str, str] = {}
-    for panel in panels:
-        unnamed |= _ground_names(panel, frame)[1]
-    rows = -(-len(unnamed) // 5)
-    height = sum(heads) + len(panels) * panel_h + (len(panels) - 1) * _BETWEEN_IN + 0.48
-    height += 0.1 + 0.16 * rows if unnamed else 0.0
-    page = Page(height)
-    left = _LEFT_IN + (WIDTH_IN - _LEFT_IN - _RIGHT_IN - panel_w) / 2.0
-    y = height
-    for i, (panel, title, head) in enumerate(zip(panels, titles, heads, strict=True)):
-        y -= head + panel_h
-        ax = page.axes(left, y, panel_w, panel_h, f"profile-{i}")
+    frame = _frame(panels, max((9.3 - 0.75) / len(panels) - 0.8, 1.4))
+    height = len(panels) * (frame.inches[1] + 0.5) + 0.3
+    sheet = Sheet("", "", height)
+    axes = sheet.figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
+    grounds: dict[str, str] = {}
+    for i, (ax, panel) in enumerate(zip(axes, panels, strict=True)):
         _draw_panel(ax, panel, frame)
-        top = y + panel_h
-        page.text(left, top + head - 0.08, title, size=TITLE, weight="bold", va="top", gid="title")
-        page.text(
-            left, top + 0.02, panel.caption(), size=SMALL, color=GREY, va="bottom", gid="caption"
-        )
-        if i == len(panels) - 1:
-            ax.set_xlabel("chainage (m)")
-        else:
-            ax.tick_params(labelbottom=False)
-        y -= _BETWEEN_IN
-    if unnamed:
-        page.figure.legend(
-            handles=[Patch(fc=colour, ec="none", label=name) for name, colour in unnamed.items()],
-            loc="lower center",
-            ncols=-(-len(unnamed) // rows),
-            title_fontsize=SMALL,
-            handlelength=1.4,
-            columnspacing=1.4,
-        )
-    return page.figure
+        letter = f"{'abcdefghij'[i % 10]}  " if len(panels) > 1 else ""
+        caption = wrap(panel.caption(), frame.inches[0])
+        pad = 5.0 + 9.0 * lines_in(caption)
+        ax.set_title(wrap(f"{letter}{panel.title}", frame.inches[0], TITLE), size=TITLE, pad=pad)
+        beside(ax, caption, (0.0, 1.0), (0.0, 3.0), xycoords="axes fraction", color=GREY)
+        for k in dict.fromkeys(run[0] for run in panel.ground_runs()):
+            name = dict(enumerate(panel.ground_names)).get(k, phrase("class {}", k))
+            grounds[name] = GROUND_COLOURS[k % len(GROUND_COLOURS)]
+    axes[-1].set_xlabel("chainage (m)")
+    if grounds:
+        sheet.legend([Patch(fc=colour, label=name) for name, colour in grounds.items()])
+    return sheet.figure

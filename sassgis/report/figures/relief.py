@@ -7,22 +7,22 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.patches import Polygon, Rectangle
+from matplotlib.font_manager import FontProperties
+from matplotlib.offsetbox import AnchoredOffsetbox, AuxTransformBox, HPacker, TextArea, VPacker
+from matplotlib.patches import Rectangle
 from matplotlib.ticker import FuncFormatter, MultipleLocator
 from numpy.typing import NDArray
 
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.labels import thousands
 from sassgis.model.languages import phrase
-from sassgis.report.figures.style import GREY, INK, SMALL, Page, round_step
+from sassgis.report.figures.style import INK, SMALL, round_step
 
 #: West, south, east, north (m).
 Extent = tuple[float, float, float, float]
 
 #: Longest side of a drawn raster in cells: more than the printed map has dots for.
 MAX_CELLS = 900
-#: Size of the box with scale bar and north arrow (in).
-FURNITURE_IN = (1.55, 0.42)
 
 
 def footprint(grid: Grid, values: FloatArray | None, others: FloatArray) -> Extent:
@@ -85,6 +85,13 @@ class MapView:
     def cut(self, values: FloatArray) -> FloatArray:
         """Cut the part out of an array of the grid's shape."""
         return values[self.rows, self.cols]
+
+    def holds(self, points: FloatArray) -> NDArray[np.bool_]:
+        """Which of 40 by 40 fields of the map hold a point; coordinates of shape (n, 2)."""
+        west, south, east, north = self.box
+        sides = (-north, -south), (west, east)
+        found, *_ = np.histogram2d(-points[:, 1], points[:, 0], 40, sides)
+        return np.asarray(found > 0)
 
     def coarse(self, values: FloatArray, how: str) -> tuple[FloatArray, Extent]:
         """Values of the part as they are drawn, and their extent: it may reach beyond the part."""
@@ -232,48 +239,28 @@ def emptiest_corner(occupied: NDArray[np.bool_], width: float, height: float) ->
     return min(((False, False), (True, False), (False, True), (True, True)), key=hidden)
 
 
-def taken_by(points: FloatArray, box: Extent) -> NDArray[np.bool_]:
-    """Which of 40 by 40 fields of a map hold a point."""
-    taken = np.zeros((40, 40), bool)
-    col = np.clip((points[:, 0] - box[0]) / (box[2] - box[0]) * 40, 0, 39).astype(int)
-    row = np.clip((box[3] - points[:, 1]) / (box[3] - box[1]) * 40, 0, 39).astype(int)
-    taken[row, col] = True
-    return taken
+def scale_bar(ax: Axes, box: Extent, taken: NDArray[np.bool_]) -> None:
+    """Draw a scale bar and a north arrow in the corner of a map that hides least.
 
-
-def draw_furniture(ax: Axes, box: Extent, width_in: float, corner: tuple[bool, bool]) -> None:
-    """Draw a scale bar and a north arrow in a corner (right, top) of a map of this width."""
-    west, south, east, north = box
-    inch = (east - west) / width_in
-    right, top = corner
-    box_w, box_h = (side * inch for side in FURNITURE_IN)
-    pad = 0.07 * inch
-    x0 = east - pad - box_w if right else west + pad
-    y0 = north - pad - box_h if top else south + pad
-    ax.add_patch(Rectangle((x0, y0), box_w, box_h, fc="white", ec="none", alpha=0.85, zorder=20))
-    longest = 1.05 * inch
-    power = 10.0 ** np.floor(np.log10(longest))
-    bar = max(m * power for m in (1.0, 2.0, 5.0) if m * power <= longest)
-    bx, by = x0 + 0.1 * inch, y0 + 0.1 * inch
-    line: dict[str, Any] = {"ec": INK, "zorder": 21}
-    for half, colour in ((0, INK), (1, "white")):
-        at = (bx + half * bar / 2.0, by)
-        ax.add_patch(Rectangle(at, bar / 2.0, 0.055 * inch, fc=colour, lw=0.6, **line))
-    label = f"{thousands(bar / 1000.0)} km" if bar >= 1000.0 else f"{bar:g} m"
-    word: dict[str, Any] = {"size": SMALL, "ha": "center", "va": "bottom", "zorder": 21}
-    ax.text(bx + bar / 2.0, by + 0.08 * inch, label, gid="scale-bar", **word)
-    nx, ny = x0 + box_w - 0.17 * inch, y0 + 0.06 * inch
-    arrow = [(0.0, 0.2), (-0.065, 0.0), (0.0, 0.045), (0.065, 0.0)]
-    points = [(nx + x * inch, ny + y * inch) for x, y in arrow]
-    ax.add_patch(Polygon(points, closed=True, fc=INK, lw=0.5, **line))
-    ax.text(nx, ny + 0.2 * inch, "N", color=GREY, gid="north", **word)
-
-
-def furniture_beside(page: Page, x: float, y: float, metres_per_inch: float) -> None:
-    """Draw scale bar and north arrow beside the maps, where they hide nothing, from x, y (in)."""
-    width, height = FURNITURE_IN[0] + 0.1, FURNITURE_IN[1] + 0.1
-    ax = page.axes(x, y, width, height, "scale")
-    ax.set_axis_off()
-    box = (0.0, 0.0, width * metres_per_inch, height * metres_per_inch)
-    ax.set(xlim=box[::2], ylim=box[1::2])
-    draw_furniture(ax, box, width, (True, True))
+    ``taken`` says, in a raster over the box, where something is drawn.
+    """
+    width = box[2] - box[0]
+    power = 10.0 ** np.floor(np.log10(0.25 * width))
+    metres = max(m * power for m in (1.0, 2.0, 5.0) if m * power <= 0.25 * width)
+    bar = AuxTransformBox(ax.transData)
+    for k, colour in enumerate((INK, "white")):
+        half: dict[str, Any] = {"fc": colour, "ec": INK, "lw": 0.6, "gid": "scale-bar"}
+        bar.add_artist(Rectangle((k * metres / 2.0, 0.0), metres / 2.0, 0.012 * width, **half))
+    label = f"{thousands(metres / 1000.0)} km" if metres >= 1000.0 else f"{metres:g} m"
+    words = TextArea(label, textprops={"size": SMALL, "gid": "scale"})
+    north = TextArea("N\n▲", textprops={"size": SMALL, "ha": "center", "linespacing": 0.9})
+    parts = VPacker(children=[words, bar], align="center", pad=0.0, sep=2.0)
+    right, top = emptiest_corner(taken, 0.4, 0.15)
+    sign = AnchoredOffsetbox(
+        f"{'upper' if top else 'lower'} {'right' if right else 'left'}",
+        child=HPacker(children=[parts, north], align="center", pad=0.0, sep=8.0),
+        borderpad=0.5, prop=FontProperties(size=SMALL),
+    )  # fmt: skip
+    sign.patch.set(alpha=0.85, edgecolor="none")
+    sign.set_zorder(20)
+    ax.add_artist(sign)

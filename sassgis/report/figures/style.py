@@ -15,10 +15,11 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.colors import LinearSegmentedColormap, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patheffects import AbstractPathEffect, withStroke
 from matplotlib.text import Text
@@ -35,8 +36,8 @@ WIDTH_IN = 6.7
 DPI = 180
 
 SMALL, TEXT, TITLE = 7.0, 8.0, 9.5
-#: Width of a letter of DejaVu Sans over the font size, on average.
-_LETTER, _LETTER_BOLD = 0.56, 0.63
+#: Width of a letter of DejaVu Sans over the font size, on average; from a line to the next (in).
+_LETTER, _LINE_IN = 0.56, 0.137
 
 # Okabe and Ito (2008), colours distinguishable with all common kinds of colour vision.
 INK = "#1a1a1a"
@@ -82,56 +83,67 @@ def house_style() -> Iterator[None]:
         yield
 
 
-def new_figure(width_in: float, height_in: float, *, constrained: bool = True) -> Figure:
+def new_figure(
+    width_in: float, height_in: float, *, constrained: bool = True, compressed: bool = False
+) -> Figure:
     """Make a figure that belongs to nobody but the caller (no pyplot)."""
-    figure = Figure(figsize=(width_in, height_in), layout="constrained" if constrained else None)
+    layout: Any = "compressed" if compressed else "constrained" if constrained else None
+    figure = Figure(figsize=(width_in, height_in), layout=layout)
     FigureCanvasAgg(figure)
     return figure
 
 
-class Page:
-    """A figure whose parts are placed in inches from its lower left corner.
+class Sheet:
+    """A figure that lays itself out, below its title and over its signs and its note.
 
-    Maps and profiles have axes of equal scale, which leave gaps in automatic layouts.
+    The height is that of all between them (in).
     """
 
-    def __init__(self, height: float) -> None:
-        self.height = height
-        self.figure = new_figure(WIDTH_IN, height, constrained=False)
-
-    def axes(self, x: float, y: float, width: float, height: float, label: str = "") -> Axes:
-        """Axes with their lower left corner at x, y."""
-        return self.figure.add_axes(
-            (x / WIDTH_IN, y / self.height, width / WIDTH_IN, height / self.height), label=label
+    def __init__(
+        self, title: str, note: str, height_in: float, *, compressed: bool = False
+    ) -> None:
+        words, below = wrap(title, WIDTH_IN - 0.2, TITLE), wrap(note, WIDTH_IN - 0.2)
+        self._head_in = 0.18 * lines_in(words) + 0.1
+        self._foot_in = _LINE_IN * lines_in(below) + 0.12
+        self._height_in = height_in
+        self.figure = new_figure(WIDTH_IN, height_in, compressed=compressed)
+        if words:
+            head(self.figure, words)
+        inches = self.figure.dpi_scale_trans
+        self.figure.text(
+            0.1, 0.07, below, transform=inches, size=SMALL, color=GREY, va="bottom", gid="note"
         )
+        self.set_height(height_in)
 
-    def text(self, x: float, y: float, words: str, **how: Any) -> None:
-        """Write a text at x, y."""
-        self.figure.text(x / WIDTH_IN, y / self.height, words, **how)
+    def set_height(self, height_in: float) -> None:
+        """Make all between title and foot so high (in)."""
+        self._height_in = height_in
+        whole = self._head_in + height_in + self._foot_in
+        self.figure.set_figheight(whole)
+        engine = self.figure.get_layout_engine()
+        assert engine is not None
+        below = self._foot_in / whole
+        engine.set(rect=(0.0, below, 1.0, 1.0 - below))  # type: ignore[call-arg]
 
-    def title(self, x: float, words: str, below_top: float = 0.1) -> None:
-        """Write the title, its upper left corner so far below the top."""
-        y = self.height - below_top
-        self.text(x, y, words, size=TITLE, weight="bold", va="top", gid="title")
-
-    def note(self, x: float, y: float, words: str, va: str = "top") -> None:
-        """Write the note below the figure."""
-        self.text(x, y, words, size=SMALL, color=GREY, va=va, gid="note")
-
-    def around(self, title: str, note: str, room: float = WIDTH_IN) -> None:
-        """Write the title at the top and the note at the foot, the note within a width."""
-        self.title(0.1, wrap(title, WIDTH_IN, TITLE), 0.08)
-        self.note(0.1, 0.07, wrap(note, room - 0.2), "bottom")
-
-
-def note_height(note: str, room: float = WIDTH_IN) -> float:
-    """Height that a note at the foot takes (in)."""
-    return 0.14 * lines_in(wrap(note, room - 0.2)) + 0.12 if note else 0.1
+    def legend(self, signs: Sequence[Artist], heading: str = "") -> None:
+        """Draw signs with their labels in rows over the note and what stands there."""
+        widest = max(text_width_pt(str(sign.get_label())) for sign in signs) / 72.0 + 0.5
+        columns = min(len(signs), max(1, int((WIDTH_IN - 0.3) / widest)))
+        legend = self.figure.legend(
+            handles=signs, ncols=columns, loc="lower left", bbox_to_anchor=(0.12, self._foot_in),
+            bbox_transform=self.figure.dpi_scale_trans, borderaxespad=0.0, borderpad=0.0,
+            title=heading or None, title_fontproperties={"size": SMALL, "weight": "bold"},
+            alignment="left", columnspacing=1.6,
+        )  # fmt: skip
+        legend.set_in_layout(False)
+        self._foot_in += 0.165 * (-(-len(signs) // columns) + bool(heading)) + 0.08
+        self.set_height(self._height_in)
 
 
 def head(figure: Figure, title: str) -> None:
     """Write the title of a figure that lays itself out."""
-    figure.suptitle(wrap(title, WIDTH_IN, TITLE), x=0.01, ha="left", size=TITLE, weight="bold")
+    words = wrap(title, WIDTH_IN - 0.2, TITLE)
+    figure.suptitle(words, x=0.015, ha="left", size=TITLE, weight="bold", gid="title")
 
 
 def halo(width: float = 2.0) -> list[AbstractPathEffect]:
@@ -168,11 +180,6 @@ def save(figure: Figure, path: str | PathLike[str]) -> Path:
         reason = error.strerror or str(error)
         raise OutputError(f"{target}: the figure cannot be written ({reason})") from error
     return target
-
-
-def text_width(text: str, size: float = SMALL, *, bold: bool = False) -> float:
-    """About the width of a line of text at a font size (inches)."""
-    return len(translated(text)) * (_LETTER_BOLD if bold else _LETTER) * size / 72.0
 
 
 def wrap(text: str, width_in: float, size: float = SMALL) -> str:
@@ -212,9 +219,10 @@ def plain_tick(value: float, _: object = None) -> str:
     return power_of_ten(round(tens)) if is_power else f"{value:.3g}"
 
 
-def count(n: int, noun: str) -> str:
-    """Write '1 block', '1 200 blocks'."""
-    return f"{thousands(n)} {noun if n == 1 else noun + 's'}"
+def ink_on(colour: str, opacity: float = 1.0) -> str:
+    """The colour of a text that can be read on another, which may let white through."""
+    red, green, blue = (1.0 - opacity * (1.0 - c) for c in to_rgb(colour))
+    return INK if 0.299 * red + 0.587 * green + 0.114 * blue > 0.5 else "white"
 
 
 def nothing_to_show(ax: Axes, text: str = "no data", *, keep_x: bool = False) -> None:

@@ -7,7 +7,6 @@ from helpers.figure_parts import find, texts
 from sassgis.model.results import ControlLine, Histogram, StopReason
 from sassgis.report.figures import (
     energy_profile_figure,
-    runout_counts_figure,
     runout_figure,
     station_figure,
 )
@@ -46,23 +45,28 @@ def test_station_that_no_rock_passes() -> None:
     assert words.count("no block here") == 4 and "0 of 50" in words
 
 
+EDGES = np.arange(0.0, 101.0, 1.0)
+
+
+def counted(values: list[float], reasons: list[int]) -> dict[StopReason, np.ndarray]:
+    return {
+        r: np.histogram([v for v, own in zip(values, reasons, strict=True) if own == r], EDGES)[0]
+        for r in StopReason
+    }
+
+
 def test_runout_bars_by_reason_and_exceedance() -> None:
-    values = np.array([10.0, 20.0, 20.0, 50.0, 100.0])
-    reasons = np.array([4, 0, 1, 0, 2])
-    figure = runout_figure(values, reasons)
-    curve = find(figure, "exceedance")[0]
-    x, share = curve.get_data()
-    # Share of rocks that get at least to 20 m: 4 of 5; to just beyond it: 2 of 5.
-    at_20 = share[np.nonzero(x >= 20.0)[0][0]]
-    beyond = share[np.nonzero(x > 20.0)[0][0]]
-    assert (at_20, beyond) == (pytest.approx(80.0), pytest.approx(40.0))
+    figure = runout_figure(EDGES, counted([10.0, 20.0, 20.0, 50.0, 99.0], [4, 0, 1, 0, 2]))
+    x, share = find(figure, "exceedance")[0].get_data()
+    # Share of rocks that get at least to 20 m: 4 of 5; beyond that metre: 2 of 5.
+    np.testing.assert_allclose(share[[0, 20, 21, 100]], [100.0, 80.0, 40.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(x, EDGES)
     rest = find(figure, "reason-REST")[0].get_data()
-    heights = rest.values - (rest.baseline if rest.baseline is not None else 0.0)
-    assert heights.sum() == 2.0
+    assert (rest.values - rest.baseline).sum() == 2.0
     barrier = find(figure, "reason-BARRIER")[0].get_data()
     place = np.nonzero(barrier.values - barrier.baseline)[0]
     # Bars of 2 m: a thirtieth of 90 m, rounded to 1, 2 or 5.
-    assert rest.edges[place].tolist() == [20.0]
+    assert np.ptp(rest.edges[:2]) == 2.0 and rest.edges[place].tolist() == [20.0]
     assert not find(figure, "reason-STEP_LIMIT")
     words = texts(figure)
     for word in ("at rest: 2", "stopped by a barrier: 1", "left the profile: 1"):
@@ -71,21 +75,13 @@ def test_runout_bars_by_reason_and_exceedance() -> None:
 
 
 def test_runout_without_open_ends_has_no_warning() -> None:
-    assert "went on" not in texts(runout_figure(np.array([1.0, 2.0]), np.array([0, 1])))
+    assert "went on" not in texts(runout_figure(EDGES, counted([1.0, 2.0], [0, 1])))
 
 
 @pytest.mark.parametrize("values", [[5.0], [5.0, 5.0]])
 def test_runout_of_few_rocks(values: list[float]) -> None:
-    words = texts(runout_figure(np.array(values), np.zeros(len(values), int)))
+    words = texts(runout_figure(EDGES, counted(values, [0] * len(values))))
     assert f"at rest: {len(values)}" in words
-
-
-def test_runout_counts() -> None:
-    edges = np.array([0.0, 10.0, 20.0, 30.0])
-    figure = runout_counts_figure(edges, {StopReason.REST: np.array([1, 2, 1])})
-    x, share = find(figure, "exceedance")[0].get_data()
-    np.testing.assert_allclose(share[1:], [100.0, 75.0, 25.0, 0.0])
-    np.testing.assert_allclose(x[1:], edges)
 
 
 S, Z = np.array([0.0, 50.0, 100.0]), np.array([160.0, 80.0, 60.0])

@@ -12,11 +12,14 @@ from hypothesis import strategies as st
 
 from sassgis.model.errors import OutputError
 from sassgis.model.labels import thousands
+from sassgis.model.results import StopReason
 from sassgis.report.figures import save, to_png
 from sassgis.report.figures.distributions import runout_figure
 from sassgis.report.figures.hazard_figures import blocks_figure
 from sassgis.report.figures.style import (
+    INK,
     house_style,
+    ink_on,
     log_ticks,
     new_figure,
     plain_tick,
@@ -56,6 +59,11 @@ def test_numbers_have_thin_spaces_and_true_minus() -> None:
     assert thousands(-1234567.0) == "\u22121\u202f234\u202f567"
 
 
+def test_texts_can_be_read_on_their_ground() -> None:
+    assert [ink_on(c) for c in ("#8b0000", "#ffe34d")] == ["white", INK]
+    assert ink_on("#8b0000", 0.3) == INK
+
+
 def test_wrap_keeps_all_words_and_the_given_lines() -> None:
     text = "a long line of words that cannot stand in one line\nsecond"
     wrapped = wrap(text, 1.5)
@@ -72,10 +80,10 @@ def test_style_ends_with_the_block() -> None:
 
 
 def test_the_users_settings_do_not_change_a_figure() -> None:
-    values, reasons = np.array([10.0, 20.0, 21.0]), np.zeros(3, int)
-    plain = to_png(runout_figure(values, reasons))
+    counted = np.arange(4.0), {StopReason.REST: np.array([1, 2, 4])}
+    plain = to_png(runout_figure(*counted))
     with mpl.rc_context({"axes.facecolor": "yellow", "font.size": 20.0}):
-        assert to_png(runout_figure(values, reasons)) == plain
+        assert to_png(runout_figure(*counted)) == plain
 
 
 def test_a_name_is_no_mathematics() -> None:
@@ -101,16 +109,16 @@ def test_powers_of_ten_are_ticks_without_mathematics() -> None:
 
 
 def test_same_figure_same_bytes_without_version(tmp_path: Path) -> None:
-    values, reasons = np.array([10.0, 20.0, 21.0]), np.zeros(3, int)
-    first = save(runout_figure(values, reasons), tmp_path / "a.png").read_bytes()
-    second = save(runout_figure(values, reasons), tmp_path / "b.png").read_bytes()
+    counted = np.arange(4.0), {StopReason.REST: np.array([1, 2, 4])}
+    first = save(runout_figure(*counted), tmp_path / "a.png").read_bytes()
+    second = save(runout_figure(*counted), tmp_path / "b.png").read_bytes()
     assert first == second
     assert first.startswith(b"\x89PNG")
     assert b"Matplotlib" not in first
 
 
 def test_unwritable_file_is_one_line(tmp_path: Path) -> None:
-    figure = runout_figure(np.array([1.0]), np.array([0]))
+    figure = runout_figure(np.arange(2.0), {StopReason.REST: np.array([1])})
     with pytest.raises(OutputError, match=r"no/a\.png: the figure cannot be written") as caught:
         save(figure, tmp_path / "no" / "a.png")
     assert "\n" not in str(caught.value)
@@ -120,8 +128,8 @@ def test_figures_do_not_load_pyplot() -> None:
     import subprocess
 
     code = (
-        "import sys, numpy as np; from sassgis.report.figures import to_png, runout_figure;"
-        "to_png(runout_figure(np.array([1.0, 2.0]), np.array([0, 1])));"
+        "import sys; from sassgis.report.figures import blocks_figure, to_png;"
+        "to_png(blocks_figure([(10, 0.2), (20, 0.1)], 0.05));"
         "sys.exit('matplotlib.pyplot' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

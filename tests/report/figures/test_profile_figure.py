@@ -14,7 +14,7 @@ PATHS = [(S[:3] + 1.0, Z[:3] + 2.0), (S, Z + 3.0)]
 
 
 def one(*args, **kwargs):
-    return profile_figure([ProfilePanel(*args, **kwargs)], letters=False)
+    return profile_figure([ProfilePanel(*args, **kwargs)])
 
 
 CONTROL_LINES = [
@@ -112,3 +112,16 @@ def test_comparison_fits_on_a_page(n: int) -> None:
 def test_runs_of_equal_ground() -> None:
     assert runs_of(np.array([2, 2, 0, 2])) == [(2, 0, 2), (0, 2, 3), (2, 3, 4)]
     assert runs_of(np.empty(0, int)) == []
+
+
+def test_many_paths_are_bands_with_some_of_them() -> None:
+    heights = np.linspace(1.0, 41.0, 81)
+    figure = one(S, Z, [(S, Z + up) for up in heights])
+    assert len(find(figure, "trajectories")[0].get_segments()) == 30
+    outer, inner = find(figure, "band")
+    for band, low, high in ((outer, 3.0, 39.0), (inner, 11.0, 31.0)):
+        corners = band.get_paths()[0].vertices
+        at = corners[np.isclose(corners[:, 0], S[0])][:, 1] - Z[0]
+        assert (at.min(), at.max()) == (pytest.approx(low), pytest.approx(high))
+    words = texts(figure)
+    assert "81 paths" in words and "lines: 30 of them" in words

@@ -79,12 +79,13 @@ def map_layers(
     sample: Sample,
     edges: Mapping[str, FloatArray],
     cell_size: float,
-    energy_classes_kj: tuple[float, ...] = (30.0, 300.0),
+    energy_classes_kj: tuple[float, ...] | None = None,
 ) -> tuple[RasterLayer, ...]:
     """Layers of all that is known per cell of the blocks; NaN in cells that none reaches.
 
     ``edges`` are those of the histograms by quantity. The side of a cell (m) is the reference width
-    of the reach probability. The energy classes (kJ) are those of the legend.
+    of the reach probability. The energy classes (kJ) are those of the legend, if they are not those
+    of the table of statistics.
     """
     words = {
         "rocks": sample.started,
@@ -112,7 +113,7 @@ def map_layers(
             else "Standard error of the simulated blocks; the release points are taken as given."
         ),
     }
-    breaks = {"energy": (0.0, *energy_classes_kj)}
+    breaks = {"energy": (0.0, *energy_classes_kj)} if energy_classes_kj else {}
     place = Place(sums.cells, shape)
     return tuple(
         RasterLayer(
