@@ -207,7 +207,7 @@ def _started_by(pid: int) -> list[int]:
 
 def child(folder: Path, jobs: int, memory_gb: float) -> None:
     """In a process of its own: the batch, and how long its steps took."""
-    from sassgis.runs.batch import batch
+    from sassgis.batches.batch import batch
 
     marks = [("areas", time.time(), _cpu_s())]
 

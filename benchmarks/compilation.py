@@ -63,7 +63,7 @@ class Stopwatch:
 
 def measure(command: list[str]) -> dict[str, Any]:
     """Run a command, and say what it compiled."""
-    import sassgis.model.rng  # noqa: I001 - brings numba, without settings of the current folder
+    import sassgis.compiled.rng  # noqa: I001 - brings numba, without settings of the current folder
     from numba.core import codegen, event
 
     from sassgis.cli import main as sassgis

@@ -23,13 +23,13 @@ from sassgis.engine.effects.soft_ground import SoftGround
 from sassgis.engine.effects.trees import Trees
 from sassgis.engine.effects.wind import Wind
 from sassgis.engine.simulate import simulate
-from sassgis.io.read.ground_map import read_ground_table
-from sassgis.model.blocks import BlockPopulation
-from sassgis.model.effects import EffectSettings
-from sassgis.model.ground import GroundTable
-from sassgis.model.map_run import Forest
-from sassgis.model.profiles import ProfileSet
-from sassgis.model.settings import EngineSettings
+from sassgis.inputs.ground_map import read_ground_table
+from sassgis.settings.blocks import BlockPopulation
+from sassgis.settings.effects import EffectSettings
+from sassgis.settings.ground import GroundTable
+from sassgis.settings.map_run import Forest
+from sassgis.settings.profiles import ProfileSet
+from sassgis.settings.settings import EngineSettings
 
 #: Of the slope: plan length (m), slope (degrees) and ground class, from the cliff on.
 UNITS = slope.UNITS[1:]

@@ -42,20 +42,20 @@ from sassgis.engine.effects.wind import Wind
 from sassgis.engine.ellipse import inertia
 from sassgis.engine.simulate import Simulated, simulate
 from sassgis.engine.state import FLIGHT
-from sassgis.hazard.progress import Progress, joined_rows, sample_of
-from sassgis.io.write.layers.maps import map_layers
-from sassgis.model.blocks import BlockPopulation
-from sassgis.model.declared import declared, interval
-from sassgis.model.effects import EffectSettings
-from sassgis.model.errors import InputError
-from sassgis.model.grid import FloatArray, Grid
-from sassgis.model.ground import LIMITS, GroundClass, GroundTable
-from sassgis.model.map_run import Forest, MapRun, ReleaseArea
-from sassgis.model.profiles import ProfileSet
-from sassgis.model.results import StopReason
-from sassgis.model.settings import EngineSettings, ReleaseSettings, TerrainSettings
-from sassgis.model.statistics_table import bins_of
-from sassgis.runs.map import simulate_map
+from sassgis.errors import InputError
+from sassgis.grid import FloatArray, Grid
+from sassgis.outputs.layers.maps import map_layers
+from sassgis.settings.blocks import BlockPopulation
+from sassgis.settings.effects import EffectSettings
+from sassgis.settings.ground import LIMITS, GroundClass, GroundTable
+from sassgis.settings.map_run import Forest, MapRun, ReleaseArea
+from sassgis.settings.profiles import ProfileSet
+from sassgis.settings.results import StopReason
+from sassgis.settings.schema import declared, interval
+from sassgis.settings.settings import EngineSettings, ReleaseSettings, TerrainSettings
+from sassgis.settings.statistics_table import bins_of
+from sassgis.simulation.accumulators import Progress, joined_rows, sample_of
+from sassgis.simulation.loop import simulate_map
 from sassgis.terrain.plan import plan
 
 SEED = 1986

@@ -32,22 +32,22 @@ import rasterio
 from rasterio.enums import Resampling
 from watched import Case, watched
 
+from sassgis.errors import SassgisError
+from sassgis.files.saved_arrays import write_saved
 from sassgis.gap.fit.linear_fit import Trial
-from sassgis.io.read.config import load_config, resolved
-from sassgis.io.read.dem import read_dem
-from sassgis.io.read.frequencies import read_frequencies
-from sassgis.io.read.ground_map import PARAMETERS, built_in_table, read_ground_table
-from sassgis.io.read.objects import read_objects, read_vulnerability
-from sassgis.io.read.observation_files import read_observations
-from sassgis.io.read.profile_csv import read_profile
-from sassgis.io.read.tiles import read_terrain
-from sassgis.io.read.vectors import read_release
-from sassgis.io.saved_arrays import write_saved
-from sassgis.io.write.gap_files import classes_csv
-from sassgis.model.errors import SassgisError
-from sassgis.model.exposure import ObjectSettings
-from sassgis.model.settings import ReleaseSettings
+from sassgis.inputs.config import load_config, resolved
+from sassgis.inputs.dem import read_dem
+from sassgis.inputs.frequencies import read_frequencies
+from sassgis.inputs.ground_map import PARAMETERS, built_in_table, read_ground_table
+from sassgis.inputs.objects import read_objects, read_vulnerability
+from sassgis.inputs.observation_files import read_observations
+from sassgis.inputs.profile_csv import read_profile
+from sassgis.inputs.tiles import read_terrain
+from sassgis.inputs.vectors import read_release
+from sassgis.outputs.gap_files import classes_csv
 from sassgis.runs.draw_store import DrawStore
+from sassgis.settings.exposure import ObjectSettings
+from sassgis.settings.settings import ReleaseSettings
 
 SAMPLE = Path(__file__).resolve().parents[1] / "sample_dem"
 SEED = 7

@@ -51,11 +51,11 @@ def watched(folder: Path, path: str, blocks: int, code: Path, address: Path) -> 
         plain(self, *given)
 
     compiler.CompilerBase.__init__ = with_lines
+    from sassgis.compiled import jit
     from sassgis.engine import kernel
-    from sassgis.io.read.config import load_config
-    from sassgis.model import jit
+    from sassgis.inputs.config import load_config
     from sassgis.runs.inputs import read_map_run
-    from sassgis.runs.map import simulate_map
+    from sassgis.simulation.loop import simulate_map
     from sassgis.terrain.plan import plan
 
     run = read_map_run(load_config(folder / "config.toml", {"terrain.path": path}))

@@ -17,18 +17,18 @@ from pathlib import Path
 import numpy as np
 from effects import BLOCKS, slope_line
 
+from sassgis.compiled import rng
+from sassgis.compiled.jit import kernel
 from sassgis.engine.ellipse import cos_sin
+from sassgis.engine.ellipse_contact import Flying, contact_with_segment
 from sassgis.engine.impact import RESTITUTION, impact
 from sassgis.engine.profile import profile_of
 from sassgis.engine.rows import Records
 from sassgis.engine.simulate import simulate
 from sassgis.engine.state import FLIGHT, IMPACT
-from sassgis.engine.touching import Flying, contact_with_segment
-from sassgis.io.read.ground_map import read_ground_table
-from sassgis.model import rng
-from sassgis.model.grid import FloatArray, IntArray
-from sassgis.model.jit import kernel
-from sassgis.model.settings import EngineSettings
+from sassgis.grid import FloatArray, IntArray
+from sassgis.inputs.ground_map import read_ground_table
+from sassgis.settings.settings import EngineSettings
 
 _N = 100_000
 

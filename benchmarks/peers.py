@@ -27,8 +27,8 @@ import effects
 import numpy as np
 
 from sassgis.engine.simulate import simulate
-from sassgis.io.read.ground_map import read_ground_table
-from sassgis.model.settings import EngineSettings
+from sassgis.inputs.ground_map import read_ground_table
+from sassgis.settings.settings import EngineSettings
 
 SCRIPTS = Path(__file__).resolve().parent / "peer_scripts"
 #: Requirement, script, and rocks of one run.

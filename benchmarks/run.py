@@ -34,9 +34,9 @@ def simulate_once(folder: Path, repeats: int, settings: dict[str, str]) -> dict[
     """In this process: time runs on the slope, the first of them with compilation."""
     import dataclasses
 
-    from sassgis.io.read.config import load_config
+    from sassgis.inputs.config import load_config
     from sassgis.runs.inputs import read_map_run
-    from sassgis.runs.map import chunks_of, plan_of_points, simulate_map
+    from sassgis.simulation.loop import chunks_of, plan_of_points, simulate_map
     from sassgis.terrain.plan import plan
 
     run = read_map_run(load_config(folder / "config.toml", settings))
@@ -70,10 +70,10 @@ def simulate_together(folder: Path, settings: dict[str, str], most: int) -> list
     """In this process: the same blocks by 1 and more threads and processes, compiled before."""
     from contextlib import nullcontext
 
-    from sassgis.io.read.config import load_config
+    from sassgis.inputs.config import load_config
     from sassgis.runs.inputs import read_map_run
-    from sassgis.runs.map import chunks_of, plan_of_points, simulate_map
-    from sassgis.runs.workers import Processes, Threads
+    from sassgis.simulation.loop import chunks_of, plan_of_points, simulate_map
+    from sassgis.simulation.workers import Processes, Threads
     from sassgis.terrain.plan import plan
 
     run = read_map_run(load_config(folder / "config.toml", settings))

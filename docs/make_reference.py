@@ -15,12 +15,12 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from sassgis.engine.effects.registry import EFFECTS
+from sassgis.files.plain_file import LONGEST_TEXT
 from sassgis.gap.causes.all_causes import CAUSES
 from sassgis.gap.observations.tables import METADATA_KEYS, METADATA_TEXTS, TABLE_TYPES, Column
 from sassgis.gap.observations.tables import TABLES as OBSERVED
-from sassgis.io.read.config import LISTS, declared_sections
-from sassgis.io.read.plain_file import LONGEST_TEXT
-from sassgis.model.declared import Declared, interval
+from sassgis.inputs.config import LISTS, declared_sections
+from sassgis.settings.schema import Declared, interval
 
 PAGE = Path(__file__).parent / "configuration.md"
 

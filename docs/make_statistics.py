@@ -9,7 +9,7 @@ import re
 import textwrap
 from pathlib import Path
 
-from sassgis.model.statistics_table import STATISTICS
+from sassgis.settings.statistics_table import STATISTICS
 
 MAPS, README = Path(__file__).parent / "maps.md", Path(__file__).parents[1] / "README.md"
 _INDENT = " " * 21

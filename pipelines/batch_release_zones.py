@@ -17,9 +17,9 @@ import numpy as np
 import pandas as pd
 import rasterio
 
-from sassgis.io.write.frames import write_table
-from sassgis.model.errors import SassgisError
-from sassgis.runs.batch import batch
+from sassgis.batches.batch import batch
+from sassgis.errors import SassgisError
+from sassgis.outputs.frames import write_table
 
 
 def shares(mosaic: Path) -> pd.DataFrame:

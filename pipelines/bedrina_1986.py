@@ -17,14 +17,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from sassgis.hazard.along_profile import arrivals, passage_histogram, share_within
-from sassgis.hazard.control_lines import trimmed
-from sassgis.io.write.frames import write_table
-from sassgis.io.write.site_template import sample_folder
-from sassgis.model.errors import SassgisError
+from sassgis.errors import SassgisError
+from sassgis.outputs.frames import write_table
+from sassgis.outputs.site_template import sample_folder
 from sassgis.report.figures import profile_figure, save, station_figure
 from sassgis.report.profile_report import profile_panel
 from sassgis.runs.profile_run import run_profile
+from sassgis.simulation.along_profile import arrivals, passage_histogram, share_within
+from sassgis.simulation.control_lines import trimmed
 
 #: Quantities of Fig. 12 with their unit and the range in which the paper's histograms mostly lie.
 RANGES = {"speed_mps": ("m/s", 15.0), "rotation_hz": ("Hz", 5.0), "height_m": ("m", 5.0)}

@@ -29,7 +29,7 @@ from field_cases.program_contacts import program_contacts
 from field_cases.tables import write_json
 
 import sassgis
-from sassgis.io.read.ground_map import built_in_table
+from sassgis.inputs.ground_map import built_in_table
 from sassgis.report.figures import save
 
 

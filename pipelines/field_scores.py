@@ -25,9 +25,9 @@ from field_cases.sites import Simulated, Site, authume, run_out, simulated, tsch
 from field_cases.tables import write_json
 
 import sassgis
-from sassgis.model.settings import EngineSettings, TerrainSettings
 from sassgis.report.figures import save
 from sassgis.runs.calibrate import calibrate
+from sassgis.settings.settings import EngineSettings, TerrainSettings
 
 
 def published(data: Path) -> list[dict[str, str]]:

@@ -17,9 +17,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from sassgis.io.read.config import load_config
-from sassgis.io.write.frames import write_table
-from sassgis.model.errors import SassgisError
+from sassgis.errors import SassgisError
+from sassgis.inputs.config import load_config
+from sassgis.outputs.frames import write_table
 from sassgis.runs.run import run
 
 

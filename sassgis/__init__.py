@@ -26,73 +26,73 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from sassgis.io.read.config import configure as configure
-    from sassgis.io.read.config import load_config as load_config
-    from sassgis.io.read.dem import read_dem as read_dem
-    from sassgis.io.write.config_template import save_config as save_config
-    from sassgis.io.write.site_template import sample_folder as sample_folder
-    from sassgis.model.errors import ConfigError as ConfigError
-    from sassgis.model.errors import InputError as InputError
-    from sassgis.model.errors import Interrupted as Interrupted
-    from sassgis.model.errors import OutputError as OutputError
-    from sassgis.model.errors import SassgisError as SassgisError
-    from sassgis.model.exposure import ObjectSettings as ObjectSettings
-    from sassgis.model.exposure import RiskSettings as RiskSettings
-    from sassgis.model.grid import Grid as Grid
-    from sassgis.model.ground import GroundClass as GroundClass
-    from sassgis.model.hazard import HazardSettings as HazardSettings
-    from sassgis.model.hazard import ZoningSettings as ZoningSettings
-    from sassgis.model.results import Outcome as Outcome
-    from sassgis.model.results import StopReason as StopReason
-    from sassgis.model.run_config import Config as Config
-    from sassgis.model.settings import BarrierSettings as BarrierSettings
-    from sassgis.model.settings import BlockSettings as BlockSettings
-    from sassgis.model.settings import EngineSettings as EngineSettings
-    from sassgis.model.settings import GroundSettings as GroundSettings
-    from sassgis.model.settings import OutputSettings as OutputSettings
-    from sassgis.model.settings import ProfileSettings as ProfileSettings
-    from sassgis.model.settings import ProjectSettings as ProjectSettings
-    from sassgis.model.settings import ReleaseSettings as ReleaseSettings
-    from sassgis.model.settings import RunSettings as RunSettings
-    from sassgis.model.settings import StationSettings as StationSettings
-    from sassgis.model.settings import TerrainSettings as TerrainSettings
-    from sassgis.runs.batch import batch as batch
+    from sassgis.api import hazard_maps as hazard_maps
+    from sassgis.api import profile as profile
+    from sassgis.api import simulate as simulate
+    from sassgis.api import zones as zones
+    from sassgis.batches.batch import batch as batch
+    from sassgis.errors import ConfigError as ConfigError
+    from sassgis.errors import InputError as InputError
+    from sassgis.errors import Interrupted as Interrupted
+    from sassgis.errors import OutputError as OutputError
+    from sassgis.errors import SassgisError as SassgisError
+    from sassgis.grid import Grid as Grid
+    from sassgis.inputs.config import configure as configure
+    from sassgis.inputs.config import load_config as load_config
+    from sassgis.inputs.dem import read_dem as read_dem
+    from sassgis.outputs.config_template import save_config as save_config
+    from sassgis.outputs.site_template import sample_folder as sample_folder
     from sassgis.runs.calibrate import calibrate as calibrate
     from sassgis.runs.check_inputs import check_inputs as check_inputs
     from sassgis.runs.compare import compare as compare
     from sassgis.runs.diagnose import diagnose as diagnose
     from sassgis.runs.profile_run import run_profile as run_profile
     from sassgis.runs.run import run as run
-    from sassgis.runs.without_files import hazard_maps as hazard_maps
-    from sassgis.runs.without_files import profile as profile
-    from sassgis.runs.without_files import simulate as simulate
-    from sassgis.runs.without_files import zones as zones
     from sassgis.runs.zone import zone as zone
+    from sassgis.settings.exposure import ObjectSettings as ObjectSettings
+    from sassgis.settings.exposure import RiskSettings as RiskSettings
+    from sassgis.settings.ground import GroundClass as GroundClass
+    from sassgis.settings.hazard_rules import HazardSettings as HazardSettings
+    from sassgis.settings.hazard_rules import ZoningSettings as ZoningSettings
+    from sassgis.settings.results import Outcome as Outcome
+    from sassgis.settings.results import StopReason as StopReason
+    from sassgis.settings.run_config import Config as Config
+    from sassgis.settings.settings import BarrierSettings as BarrierSettings
+    from sassgis.settings.settings import BlockSettings as BlockSettings
+    from sassgis.settings.settings import EngineSettings as EngineSettings
+    from sassgis.settings.settings import GroundSettings as GroundSettings
+    from sassgis.settings.settings import OutputSettings as OutputSettings
+    from sassgis.settings.settings import ProfileSettings as ProfileSettings
+    from sassgis.settings.settings import ProjectSettings as ProjectSettings
+    from sassgis.settings.settings import ReleaseSettings as ReleaseSettings
+    from sassgis.settings.settings import RunSettings as RunSettings
+    from sassgis.settings.settings import StationSettings as StationSettings
+    from sassgis.settings.settings import TerrainSettings as TerrainSettings
 
 __version__ = "0.1.0"
 
 _NAMES = {
-    "io.read.config": "configure load_config",
-    "io.read.dem": "read_dem",
-    "io.write.config_template": "save_config",
-    "io.write.site_template": "sample_folder",
-    "model.errors": "ConfigError InputError Interrupted OutputError SassgisError",
-    "model.exposure": "ObjectSettings RiskSettings",
-    "model.grid": "Grid",
-    "model.ground": "GroundClass",
-    "model.hazard": "HazardSettings ZoningSettings",
-    "model.results": "Outcome StopReason",
-    "model.run_config": "Config",
-    "model.settings": "BarrierSettings BlockSettings EngineSettings GroundSettings OutputSettings "
+    "inputs.config": "configure load_config",
+    "inputs.dem": "read_dem",
+    "outputs.config_template": "save_config",
+    "outputs.site_template": "sample_folder",
+    "errors": "ConfigError InputError Interrupted OutputError SassgisError",
+    "settings.exposure": "ObjectSettings RiskSettings",
+    "grid": "Grid",
+    "settings.ground": "GroundClass",
+    "settings.hazard_rules": "HazardSettings ZoningSettings",
+    "settings.results": "Outcome StopReason",
+    "settings.run_config": "Config",
+    "settings.settings": "BarrierSettings BlockSettings EngineSettings GroundSettings OutputSettings "
     "ProfileSettings ProjectSettings ReleaseSettings RunSettings StationSettings TerrainSettings",
-    "runs.batch": "batch",
+    "batches.batch": "batch",
     "runs.calibrate": "calibrate",
     "runs.check_inputs": "check_inputs",
     "runs.compare": "compare",
     "runs.diagnose": "diagnose",
     "runs.profile_run": "run_profile",
     "runs.run": "run",
-    "runs.without_files": "hazard_maps profile simulate zones",
+    "api": "hazard_maps profile simulate zones",
     "runs.zone": "zone",
 }
 _HOMES = {name: f"sassgis.{home}" for home, names in _NAMES.items() for name in names.split()}

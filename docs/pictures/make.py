@@ -12,10 +12,8 @@ from pathlib import Path
 
 from PIL import Image
 
-from sassgis.hazard.along_profile import arrivals
-from sassgis.io.read.config import load_config
-from sassgis.io.write.site_template import sample_folder
-from sassgis.model.results import StopReason
+from sassgis.inputs.config import load_config
+from sassgis.outputs.site_template import sample_folder
 from sassgis.report.figures import profile_figure, save
 from sassgis.report.profile_report import profile_panel
 from sassgis.runs import compare
@@ -23,6 +21,8 @@ from sassgis.runs.diagnose import diagnose
 from sassgis.runs.inputs import profile_from_csv
 from sassgis.runs.profile_run import simulate_profile
 from sassgis.runs.zone import zone
+from sassgis.settings.results import StopReason
+from sassgis.simulation.along_profile import arrivals
 
 #: Pictures of `sassgis demo` as the program itself draws them, and their names here.
 DEMO = {

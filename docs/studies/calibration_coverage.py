@@ -37,9 +37,9 @@ from sassgis.gap.fit.parameters import Prior, fitted_names, parameters_of, table
 from sassgis.gap.fit.site_data import site_data_of
 from sassgis.gap.forward.hypothesis_model import configured_model
 from sassgis.gap.observations.case import Case
-from sassgis.io.read.ground_map import read_ranges
+from sassgis.inputs.ground_map import read_ranges
 from sassgis.runs.gap_case import read_case
-from sassgis.runs.workers import task_map
+from sassgis.simulation.workers import task_map
 
 #: Samples of the posterior among which the truth has a rank.
 SAMPLES = 99

@@ -110,7 +110,7 @@ def work(
         change_constant(name, factor)
     from slopes import follow, table_slope, valley_slopes
 
-    from sassgis.model.settings import EngineSettings
+    from sassgis.settings.settings import EngineSettings
 
     sets = {
         "valley": (valley_slopes(LINES), -(-rocks // LINES)),

@@ -22,8 +22,7 @@ from slopes import Slope, follow, split, table_slope, valley_slopes
 from study_tables import write_csv
 
 import sassgis
-from sassgis.model.grid import FloatArray
-from sassgis.model.results import StopReason
+from sassgis.grid import FloatArray
 from sassgis.report.figures import save
 from sassgis.report.figures.style import (
     BLUE,
@@ -36,6 +35,7 @@ from sassgis.report.figures.style import (
     thousands_formatter,
     wrap,
 )
+from sassgis.settings.results import StopReason
 from sassgis.terrain.prepare import LEAD_IN_M
 from sassgis.terrain.stretch import with_lead_in
 

@@ -18,7 +18,7 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from sassgis.engine.ellipse import contact_frame, inertia
 from sassgis.engine.impact import energy_kept
-from sassgis.model.grid import FloatArray
+from sassgis.grid import FloatArray
 from sassgis.report.figures import save
 from sassgis.report.figures.style import INK, SMALL, TEXT, TITLE, WIDTH_IN, house_style, new_figure
 

@@ -44,6 +44,7 @@ from gap_check.scores import CheckScores, score, scores_as_json
 from gap_check.worlds import FAMILIES, WorldSpec, battery, world_seeds
 from study_tables import between_marks, table
 
+from sassgis.errors import InputError
 from sassgis.gap.causes.all_causes import CAUSES, GROUPS, STATISTICS
 from sassgis.gap.diagnosis import CauseGain, Fingerprint
 from sassgis.gap.fit.hypothesis_fit import CONTACT_LAW, DRAWS, NONE, UNKNOWN, HypothesisFits
@@ -75,11 +76,10 @@ from sassgis.gap.verdict.verdict import (
     speaking,
 )
 from sassgis.gap.words import quantity_name
-from sassgis.io.read.gap_thresholds import THRESHOLDS, read_thresholds, thresholds_of
-from sassgis.model.errors import InputError
-from sassgis.model.grid import FloatArray, IntArray
+from sassgis.grid import FloatArray, IntArray
+from sassgis.inputs.gap_thresholds import THRESHOLDS, read_thresholds, thresholds_of
 from sassgis.runs.gap_case import prepared_case
-from sassgis.runs.workers import one_algebra_thread, task_map
+from sassgis.simulation.workers import one_algebra_thread, task_map
 
 STUDY = Path(__file__).with_suffix("")
 ROWS, RESULTS, PAGE = STUDY / "rows.csv", STUDY / "results.json", STUDY.with_suffix(".md")

@@ -34,26 +34,26 @@ from scipy.stats import qmc
 
 from docs.studies.tirol import config_of
 from docs.studies.zone_seeds import VALLEY
+from sassgis.compiled import rng
+from sassgis.compiled.jit import kernel
 from sassgis.engine.block import move, start_released
 from sassgis.engine.cell_register import empty_register
 from sassgis.engine.draws import draw_block, draw_start
 from sassgis.engine.effects.hooks import BLOCK_DTYPE
 from sassgis.engine.effects.spawning import room_for
+from sassgis.engine.ground_ahead import Path, room_ahead
 from sassgis.engine.heading import start_path
-from sassgis.engine.path import Path, room_ahead
 from sassgis.engine.recording import ENERGY, STRETCH_DTYPE, empty_work
 from sassgis.engine.rows import last_of, record_type
 from sassgis.engine.simulate import setup_of
 from sassgis.engine.simulate_paths import PathTerrain, _path, _places
 from sassgis.engine.state import END, EVENT_DTYPE, VERTEX_DTYPE, Block, EventLog, Output, Site
-from sassgis.io.read.config import load_config
-from sassgis.model import rng
-from sassgis.model.cell_geometry import exact_positions
-from sassgis.model.grid import FloatArray
-from sassgis.model.jit import kernel
-from sassgis.model.map_run import MapRun, ObjectCells
-from sassgis.model.results import PASSAGE_DTYPE
+from sassgis.grid import FloatArray
+from sassgis.inputs.config import load_config
 from sassgis.runs.inputs import read_map_run
+from sassgis.settings.map_run import MapRun, ObjectCells
+from sassgis.settings.results import PASSAGE_DTYPE
+from sassgis.terrain.cell_geometry import exact_positions
 from sassgis.terrain.plan import plan
 from sassgis.terrain.release import take
 

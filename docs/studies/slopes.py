@@ -9,17 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.engine.simulate import simulate
-from sassgis.io.read.config import load_config
-from sassgis.io.read.ground_map import read_ground_table
-from sassgis.io.read.profile_csv import read_profile
-from sassgis.io.write.site_template import sample_folder
-from sassgis.model.blocks import BlockPopulation
-from sassgis.model.grid import FloatArray, Grid, IntArray
-from sassgis.model.ground import GroundTable
-from sassgis.model.profiles import ControlLineCrossings, ProfileSet, TraceSet
-from sassgis.model.results import ControlLine
-from sassgis.model.settings import EngineSettings
+from sassgis.grid import FloatArray, Grid, IntArray
+from sassgis.inputs.config import load_config
+from sassgis.inputs.ground_map import read_ground_table
+from sassgis.inputs.profile_csv import read_profile
+from sassgis.outputs.site_template import sample_folder
 from sassgis.runs.inputs import read_map_run
+from sassgis.settings.blocks import BlockPopulation
+from sassgis.settings.ground import GroundTable
+from sassgis.settings.profiles import ControlLineCrossings, ProfileSet, TraceSet
+from sassgis.settings.results import ControlLine
+from sassgis.settings.settings import EngineSettings
 from sassgis.terrain.fall_lines import trace
 from sassgis.terrain.flatten import profiles
 from sassgis.terrain.plan import plan

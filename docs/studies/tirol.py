@@ -19,7 +19,7 @@ import numpy as np
 import rasterio
 from matplotlib.colors import ListedColormap, LogNorm
 
-from sassgis.model.grid import Grid
+from sassgis.grid import Grid
 from sassgis.report.figures.relief import hillshade
 from sassgis.runs.zone import zone
 

@@ -17,20 +17,20 @@ import shapely
 from docs.studies.study_tables import replaced
 from docs.studies.tirol import config_of
 from docs.studies.zone_seeds import GIVEN, VALLEY, read_sample, sample, zones_at
-from sassgis.hazard.another_sample import level_chances
+from sassgis.grid import BoolArray, Grid
 from sassgis.hazard.assess import raster
 from sassgis.hazard.attribution import zone_of_cells
 from sassgis.hazard.levels import hazard_level
+from sassgis.hazard.sampling_error import level_chances
 from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.hazard.zoning.drawing import drawn_zones
-from sassgis.io.read.config import load_config
-from sassgis.io.read.presets import read_preset
-from sassgis.model.grid import BoolArray, Grid
-from sassgis.model.hazard import Drawing
-from sassgis.model.results import RasterClass
+from sassgis.inputs.config import load_config
+from sassgis.inputs.presets import read_preset
 from sassgis.report.figures.map_marks import draw_zones
 from sassgis.report.figures.relief import hillshade
 from sassgis.runs.propose_release import propose_release
+from sassgis.settings.hazard_rules import Drawing
+from sassgis.settings.results import RasterClass
 
 PRESET = read_preset("ch-so")
 LEVELS = [RasterClass(k, c.label, c.colour, c.hatched) for k, c in enumerate(PRESET.levels, 1)]

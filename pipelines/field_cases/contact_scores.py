@@ -15,10 +15,10 @@ from field_cases.sites import AXES
 from sassgis.engine.effects import hooks
 from sassgis.engine.simulate import physics_of
 from sassgis.gap.residuals.impact_residuals import impact_draws
-from sassgis.model.effects import EffectSettings
-from sassgis.model.grid import FloatArray
-from sassgis.model.ground import GroundTable
-from sassgis.model.settings import EngineSettings
+from sassgis.grid import FloatArray
+from sassgis.settings.effects import EffectSettings
+from sassgis.settings.ground import GroundTable
+from sassgis.settings.settings import EngineSettings
 
 #: Ground of Chant Sura, by its description.
 MEADOW = "soft_meadow"

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 import rasterio
 
-from sassgis.model.grid import FloatArray
+from sassgis.grid import FloatArray
 
 #: Radius of the ground about a contact to which a plane is fitted (m).
 REACH_M = 0.5

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from sassgis.model.grid import FloatArray
+from sassgis.grid import FloatArray
 from sassgis.report.figures.style import (
     BLUE,
     GREEN,

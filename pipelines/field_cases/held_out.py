@@ -19,10 +19,10 @@ from field_cases.scores import (
 )
 from field_cases.sites import Simulated, Site, simulated
 from sassgis.gap.fit.class_calibration import SiteCalibration
-from sassgis.io.read.config import load_config
-from sassgis.model.grid import FloatArray
+from sassgis.grid import FloatArray
+from sassgis.inputs.config import load_config
 from sassgis.runs.calibrate import calibrate
-from sassgis.runs.workers import Jobs
+from sassgis.simulation.workers import Jobs
 
 
 def held_out(

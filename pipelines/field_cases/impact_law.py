@@ -20,12 +20,12 @@ from sassgis.engine.ellipse import inertia
 from sassgis.engine.simulate import physics_of
 from sassgis.gap.fit.distances import energy_scores
 from sassgis.gap.residuals.impact_residuals import impact_draws
-from sassgis.io.read.ground_map import built_in_table
-from sassgis.model.effects import EffectSettings
-from sassgis.model.grid import FloatArray
-from sassgis.model.ground import GroundClass, GroundTable
-from sassgis.model.settings import EngineSettings
+from sassgis.grid import FloatArray
+from sassgis.inputs.ground_map import built_in_table
 from sassgis.report.figures import save
+from sassgis.settings.effects import EffectSettings
+from sassgis.settings.ground import GroundClass, GroundTable
+from sassgis.settings.settings import EngineSettings
 
 DRAWS = 400
 #: Relative error of a velocity: the effect of another radius of the plane through the ground.

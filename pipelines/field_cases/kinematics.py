@@ -18,8 +18,8 @@ from sassgis.gap.observations.campaign import Campaign, main_blocks, observed_ca
 from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.hops import contact_numbers
 from sassgis.gap.observations.observed import rock_masses_kg, rock_radii_m
-from sassgis.model.grid import FloatArray
-from sassgis.model.ground import GroundClass, GroundTable
+from sassgis.grid import FloatArray
+from sassgis.settings.ground import GroundClass, GroundTable
 
 #: Values of all rocks, one for each where it has one, by quantity.
 Values = dict[str, FloatArray]

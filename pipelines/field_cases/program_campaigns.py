@@ -23,8 +23,8 @@ from field_cases.program_contacts import (
 )
 from field_cases.sites import AUTHUME, AXES, QUARRY_DEM, STOP
 from field_cases.tables import Tables, field_file
-from sassgis.io.read.tiles import read_terrain
-from sassgis.model.grid import FloatArray, Grid
+from sassgis.grid import FloatArray, Grid
+from sassgis.inputs.tiles import read_terrain
 
 #: Errors of measurement, as they are stated.
 SPEED_REL, POSITION_M, HEIGHT_M = 0.05, 0.25, 0.1

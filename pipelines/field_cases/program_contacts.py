@@ -17,8 +17,8 @@ from scipy.ndimage import gaussian_filter
 
 from field_cases.sites import AUTHUME, AUTHUME_ZONES, QUARRY_DEM, QUARRY_ZONES
 from field_cases.tables import field_file
-from sassgis.io.read.tiles import read_terrain
-from sassgis.model.grid import FloatArray, Grid
+from sassgis.grid import FloatArray, Grid
+from sassgis.inputs.tiles import read_terrain
 
 RUNS = "authume_rockable_p1"
 GRAVITY = 9.81

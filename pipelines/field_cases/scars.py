@@ -16,7 +16,7 @@ from field_cases.impact_law import State, left_out_scores, summary
 from sassgis.engine.effects import soft_ground
 from sassgis.engine.effects.soft_ground import SoftGround
 from sassgis.engine.ellipse import inertia
-from sassgis.model.grid import FloatArray
+from sassgis.grid import FloatArray
 from sassgis.report.figures import save
 
 #: Rotational over translational energy before an impact (Lu et al. 2019).

@@ -14,10 +14,10 @@ from scipy.stats import binomtest
 
 from field_cases.sites import Simulated, Site, run_out
 from sassgis.gap.fit.distances import energy_scores
-from sassgis.io.read.config import load_config
-from sassgis.model.grid import FloatArray
+from sassgis.grid import FloatArray
+from sassgis.inputs.config import load_config
 from sassgis.runs.variant_lab import runout_bands
-from sassgis.runs.workers import Jobs
+from sassgis.simulation.workers import Jobs
 
 SHARES = (0.1, 0.5, 0.9)
 BOOTSTRAPS = 1000

@@ -21,11 +21,11 @@ from field_cases.tables import (
     write_case,
     write_dem,
 )
-from sassgis.io.read.config import load_config
-from sassgis.io.read.tiles import read_terrain
-from sassgis.model.grid import FloatArray
-from sassgis.model.results import StopReason
+from sassgis.grid import FloatArray
+from sassgis.inputs.config import load_config
+from sassgis.inputs.tiles import read_terrain
 from sassgis.runs.run import run
+from sassgis.settings.results import StopReason
 from sassgis.terrain.release import points_in_polygon
 
 #: Lines of the configuration by section.

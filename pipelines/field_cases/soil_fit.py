@@ -17,8 +17,8 @@ from field_cases import contact_scores
 from field_cases.kinematics import Values, kinematics, observed, wheel_below_cliff
 from field_cases.scores import widest_gap
 from sassgis.gap.observations.case import Case
-from sassgis.model.grid import FloatArray
-from sassgis.model.ground import GroundTable
+from sassgis.grid import FloatArray
+from sassgis.settings.ground import GroundTable
 
 MEADOW, SLOPE = "soft_meadow", "overgrown_slope"
 #: What is searched, with its range: values of both soils; μ_0 of each; the rebound of rock, which

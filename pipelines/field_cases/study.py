@@ -25,7 +25,7 @@ from sassgis.gap.observations.case import Case
 from sassgis.gap.residuals.residual_table import residuals_of
 from sassgis.gap.residuals.rock_residuals import mean_gap_tests
 from sassgis.gap.verdict.findings import where
-from sassgis.model.grid import FloatArray
+from sassgis.grid import FloatArray
 from sassgis.report.figures import save
 from sassgis.runs.calibrate import calibrate
 from sassgis.runs.diagnose import diagnose

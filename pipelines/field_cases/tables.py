@@ -15,12 +15,12 @@ import rasterio
 import rasterio.features
 import shapely
 
+from sassgis.errors import InputError, OutputError, SassgisError
 from sassgis.gap.observations.case import drop_and_density
-from sassgis.io.read.config import load_config
-from sassgis.io.read.observation_files import read_observations, validate_observations
-from sassgis.io.read.tiles import read_terrain
-from sassgis.model.errors import InputError, OutputError, SassgisError
-from sassgis.model.grid import Grid
+from sassgis.grid import Grid
+from sassgis.inputs.config import load_config
+from sassgis.inputs.observation_files import read_observations, validate_observations
+from sassgis.inputs.tiles import read_terrain
 
 #: Beside the repository.
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"

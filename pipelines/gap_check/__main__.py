@@ -19,7 +19,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from gap_check.check import check, sites_of
 from gap_check.worlds import LAWS
-from sassgis.model.errors import SassgisError
+from sassgis.errors import SassgisError
 
 
 def main(argv: list[str] | None = None) -> None:

@@ -26,9 +26,9 @@ from gap_check.make import make_world
 from gap_check.observers import CONFIG_NAME, OBSERVATIONS_NAME, write_case
 from gap_check.scores import ANSWERS, CheckScores, score, scores_as_json
 from gap_check.worlds import LAWS, WorldSpec, battery, world_seeds
-from sassgis.io.atomic_output import write_json, write_text
-from sassgis.io.read.gap_thresholds import THRESHOLDS, read_thresholds
-from sassgis.model.errors import InputError
+from sassgis.errors import InputError
+from sassgis.files.atomic_output import write_json, write_text
+from sassgis.inputs.gap_thresholds import THRESHOLDS, read_thresholds
 
 #: What a process of its own does: diagnose the case in its folder, the numbers alone.
 _DIAGNOSE = (

@@ -26,15 +26,15 @@ from sassgis.engine.effects.wind import Wind
 from sassgis.engine.simulate import Simulated
 from sassgis.engine.simulate_paths import PathTerrain, follow
 from sassgis.gap.forward.observation_operator import impacts_of, turns_of
-from sassgis.io.read.ground_map import built_in_table
-from sassgis.model.blocks import BlockPopulation
-from sassgis.model.effects import EffectSettings
-from sassgis.model.grid import Grid
-from sassgis.model.ground import GroundClass, GroundTable
-from sassgis.model.map_run import Forest
-from sassgis.model.profiles import ReleasePoints
-from sassgis.model.results import ControlLine, StopReason
-from sassgis.model.settings import EngineSettings
+from sassgis.grid import Grid
+from sassgis.inputs.ground_map import built_in_table
+from sassgis.settings.blocks import BlockPopulation
+from sassgis.settings.effects import EffectSettings
+from sassgis.settings.ground import GroundClass, GroundTable
+from sassgis.settings.map_run import Forest
+from sassgis.settings.profiles import ReleasePoints
+from sassgis.settings.results import ControlLine, StopReason
+from sassgis.settings.settings import EngineSettings
 from sassgis.terrain.release import point_keys
 
 #: Largest vertical gap between terrain and segments (m).

@@ -17,14 +17,14 @@ import numpy as np
 from sassgis.engine.ellipse import mean_radius
 from sassgis.engine.simulate import Simulated
 from sassgis.engine.simulate_paths import follow
-from sassgis.io.read.config import load_config
-from sassgis.model.grid import FloatArray, Grid
-from sassgis.model.ground import GroundTable
-from sassgis.model.map_run import MapRun
-from sassgis.model.profiles import ReleasePoints
-from sassgis.model.results import ControlLine
+from sassgis.grid import FloatArray, Grid
+from sassgis.inputs.config import load_config
 from sassgis.runs.inputs import read_map_run
-from sassgis.runs.map import path_terrain
+from sassgis.settings.ground import GroundTable
+from sassgis.settings.map_run import MapRun
+from sassgis.settings.profiles import ReleasePoints
+from sassgis.settings.results import ControlLine
+from sassgis.simulation.loop import path_terrain
 from sassgis.terrain.heights import heights_at
 from sassgis.terrain.plan import plan
 from sassgis.terrain.release import take

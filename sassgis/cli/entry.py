@@ -33,8 +33,8 @@ from sassgis.cli.site_commands import (
     schema,
     validate,
 )
-from sassgis.model.errors import Interrupted, OutputError, SassgisError, chain, of_the_system, shown
-from sassgis.runs.worker_process import COLLECTED_EVERY, OF_TERMINALS
+from sassgis.errors import Interrupted, OutputError, SassgisError, chain, of_the_system, shown
+from sassgis.simulation.worker_process import COLLECTED_EVERY, OF_TERMINALS
 
 
 class InOrder(click.Group):
@@ -98,7 +98,7 @@ def run_commands(arguments: list[str] | None = None) -> None:
     for chatty in ("numba", "matplotlib", "rasterio", "fiona"):
         logging.getLogger(chatty).setLevel(logging.WARNING)
     if not debug:
-        logging.getLogger("sassgis.model.jit").setLevel(logging.WARNING)
+        logging.getLogger("sassgis.compiled.jit").setLevel(logging.WARNING)
     if threading.current_thread() is threading.main_thread():
         # What a queue or a container sends before it kills, and a terminal that is closed: the
         # state is saved, workers are ended. Under nohup a command goes on.

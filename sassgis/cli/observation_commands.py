@@ -70,7 +70,7 @@ def calibrate(
 )
 def template(path: Path, crs: str | None) -> None:
     """Write empty tables of observations: a .gpkg, or a folder of CSV files."""
-    from sassgis.io.write.observation_template import observations_template
+    from sassgis.outputs.observation_template import observations_template
 
     click.echo(f"Wrote {observations_template(path, crs=crs)}. Leave out what you did not measure.")
 
@@ -89,9 +89,9 @@ def validate_observations(observations: Path, config: Path | None) -> None:
     """
     from sassgis.gap.advice.measure_next import what_is_identifiable
     from sassgis.gap.observations.case import drop_and_density
-    from sassgis.io.read.config import load_config
-    from sassgis.io.read.observation_files import read_observations
-    from sassgis.io.read.observation_files import validate_observations as check
+    from sassgis.inputs.config import load_config
+    from sassgis.inputs.observation_files import read_observations
+    from sassgis.inputs.observation_files import validate_observations as check
     from sassgis.runs.inputs import read_map_run
 
     compared: tuple[Any, ...] = ()

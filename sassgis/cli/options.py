@@ -82,8 +82,8 @@ def command(*parameters: Decorator, example: str, **more: Any) -> Callable[[Any]
 @contextmanager
 def settings_as_options() -> Iterator[None]:
     """Have errors speak of the options of a command without a configuration, not of settings."""
-    from sassgis.io.read.dem_system import in_options
-    from sassgis.model.errors import InputError
+    from sassgis.errors import InputError
+    from sassgis.inputs.dem_system import in_options
 
     try:
         yield
@@ -111,12 +111,12 @@ def at_work(given: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
     with ProgressBar() as progress:
         plain |= {"on_progress": progress.step, "say": progress.say}
         if workers is not None:
-            from sassgis.runs.workers import Processes
+            from sassgis.simulation.workers import Processes
 
             with Processes(workers, ahead=3) as own:
                 yield plain | {"jobs": own}
         elif scheduler is not None:
-            from sassgis.runs.cluster import cluster
+            from sassgis.simulation.cluster import cluster
 
             with cluster(scheduler) as other:
                 yield plain | {"jobs": other}

@@ -28,14 +28,14 @@ from sassgis.cli.progress_bar import conclude, notes, printed
 
 if TYPE_CHECKING:
     from sassgis.hazard.zoning.applied_edits import AppliedEdit
-    from sassgis.model.run_config import Config
     from sassgis.runs.run import RunResult
+    from sassgis.settings.run_config import Config
 
 
 @command(OUT, JOBS, OVERWRITE, AS_JSON, example="demo -o demo_out")
 def demo(out: Path, as_json: bool, **given: Any) -> None:
     """Make the zones of the sample valley, a synthetic terrain."""
-    from sassgis.io.write.site_template import sample_folder
+    from sassgis.outputs.site_template import sample_folder
 
     config = sample_folder() / "valley" / "config.toml"
     _zoned(config, out, as_json, given)
@@ -61,7 +61,7 @@ def demo(out: Path, as_json: bool, **given: Any) -> None:
 )  # fmt: skip
 def profile(config: Path, out: Path, **given: Any) -> None:
     """Simulate one profile: trajectories, stations, run-out, energy along the slope."""
-    from sassgis.model.errors import ConfigError
+    from sassgis.errors import ConfigError
     from sassgis.runs.profile_run import run_profile
 
     if sum(given[key] is not None for key in ("csv_file", "point", "line_file")) > 1:
@@ -88,7 +88,7 @@ def run(config: Path, out: Path, as_json: bool, **given: Any) -> None:
 
 def _with_draws(config: Path, how: dict[str, Any]) -> Config:
     """The configuration with what options give in place of its own."""
-    from sassgis.io.read.config import load_config
+    from sassgis.inputs.config import load_config
 
     asked = {f"run.{key}": how.pop(key, None) for key in ("seed", "ground_uncertainty")}
     values = {key: own for key, own in asked.items() if own is not None}
@@ -199,8 +199,8 @@ def batch(releases: Path, out: Path, **given: Any) -> None:
     RELEASES is a vector file, a folder of vector files, or a configuration. The same command goes
     on after an interruption, and runs nothing again that is there.
     """
-    from sassgis.io.atomic_output import alone
-    from sassgis.runs.batch import batch as run_batch
+    from sassgis.batches.batch import batch as run_batch
+    from sassgis.files.atomic_output import alone
 
     with alone(out), at_work(given) as how:
         result = run_batch(releases, out, **how)
@@ -288,14 +288,14 @@ def export(result: Path, out: Path, layer: str, overwrite: bool, **of_xtf: Any) 
     if out.suffix.lower() != ".xtf":
         if any(of_xtf.values()):
             raise click.UsageError("--models, --validate and --canton are for .xtf")
-        from sassgis.io.write.view_files import export_view
+        from sassgis.outputs.view_files import export_view
 
         click.echo(export_view(result, out, layer, overwrite=overwrite))
         return
     if layer != "zones":
         raise click.UsageError("an .xtf holds zones; write paths as .geojson or .kml")
-    from sassgis.io.interlis.transfer import export_xtf
-    from sassgis.model.errors import OutputError
+    from sassgis.errors import OutputError
+    from sassgis.outputs.swiss.transfer import export_xtf
 
     exported = export_xtf(result, out, overwrite=overwrite, **of_xtf)
     printed(exported)

@@ -67,7 +67,7 @@ def fetch(
     **given: Any,
 ) -> None:
     """List the tiles of swissALTI3D over the polygons of a file, and fetch them into a folder."""
-    from sassgis.io.terrain_fetch import fetch_terrain, find_tiles, read_search_area
+    from sassgis.outputs.terrain_fetch import fetch_terrain, find_tiles, read_search_area
 
     stated = {key: value for key, value in given.items() if value is not None}
     area = read_search_area(polygon, layer)
@@ -147,7 +147,7 @@ def cliffs(dem: Path, out: Path, **given: Any) -> None:
 )
 def sample(folder: Path) -> None:
     """Write the synthetic sample terrain into FOLDER (default: sample_dem), which must be new."""
-    from sassgis.io.write.site_template import write_samples
+    from sassgis.outputs.site_template import write_samples
 
     write_samples(folder)
     config = folder / "valley" / "config.toml"
@@ -165,7 +165,7 @@ def sample(folder: Path) -> None:
 )
 def new(file: Path, **given: Any) -> None:
     """Write an empty GeoPackage FILE to draw a site in, and a QGIS project beside it."""
-    from sassgis.io.write.site_template import site_template
+    from sassgis.outputs.site_template import site_template
 
     with settings_as_options():
         project = site_template(file, **given)
@@ -207,9 +207,9 @@ def init(
             raise click.UsageError("--rockyfor3d takes no --dem, --release and --all")
         _from_rockyfor3d(file, folder, settings, overwrite)
         return
-    from sassgis.io.atomic_output import write_new
-    from sassgis.io.read.start_keys import start_keys, with_system, with_values
-    from sassgis.io.write.config_template import config_template, short_template
+    from sassgis.files.atomic_output import write_new
+    from sassgis.inputs.defaults import start_keys, with_system, with_values
+    from sassgis.outputs.config_template import config_template, short_template
     from sassgis.runs.inputs import collected_notices
 
     asked = with_values(start_keys(file.parent, dem, release), settings)
@@ -227,7 +227,7 @@ def init(
 
 def _from_rockyfor3d(file: Path, folder: Path, settings: tuple[str, ...], overwrite: bool) -> None:
     """Write what a folder of Rockyfor3D becomes, and what has no counterpart."""
-    from sassgis.io.write.site_template import write_rockyfor3d_site
+    from sassgis.outputs.site_template import write_rockyfor3d_site
 
     files, told = write_rockyfor3d_site(file, folder, settings, overwrite)
     notes(told)
@@ -244,8 +244,8 @@ def schema(file: Path, overwrite: bool) -> None:
     """Write the JSON Schema of the configuration to FILE (default: sassgis.schema.json)."""
     import json
 
-    from sassgis.io.atomic_output import write_new
-    from sassgis.io.read.config import config_schema
+    from sassgis.files.atomic_output import write_new
+    from sassgis.inputs.config import config_schema
 
     write_new(file, json.dumps(config_schema(), indent=1, ensure_ascii=False) + "\n", overwrite)
     click.echo(f"Wrote {file}. First line of the configuration, for editors: #:schema {file.name}")
@@ -299,7 +299,7 @@ def frequency(blocks: Path, scenarios: str, as_json: bool, **given: Any) -> None
 )
 def validate(config: Path, as_json: bool) -> None:
     """Check CONFIG and every file that it names; say what they are ready for and what it takes."""
-    from sassgis.io.read.config import load_config
+    from sassgis.inputs.config import load_config
     from sassgis.runs.check_inputs import check_inputs
 
     printed(check_inputs(load_config(config)), as_json)

@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sassgis.compiled.jit import inlined, kernel, lean
 from sassgis.engine.resistance import share_gained
 from sassgis.engine.rows import Record, Records, last_of
 from sassgis.engine.state import BARRIER, CROSSING_DTYPE, Block, Output, Site, end
-from sassgis.model.grid import FloatArray, IntArray
-from sassgis.model.jit import inlined, kernel, lean
+from sassgis.grid import FloatArray, IntArray
 
 # What became of it; the same numbers as model.results.Outcome.
 PASSED, STOPPED, OVERTOPPED, BROKE_THROUGH, HELD_BY_NET = 0, 1, 2, 3, 4

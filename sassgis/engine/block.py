@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from sassgis.compiled.jit import fused, lean
 from sassgis.engine.contact import resting_height
 from sassgis.engine.effects import hooks
 from sassgis.engine.flight import flight
+from sassgis.engine.ground_ahead import Path, note_passages
 from sassgis.engine.ground_motion import ground_motion, tips
 from sassgis.engine.heading import (
     after_ground,
@@ -18,7 +20,6 @@ from sassgis.engine.heading import (
     wedged,
 )
 from sassgis.engine.landing import land
-from sassgis.engine.path import Path, note_passages
 from sassgis.engine.profile import angle_of, segment_at, stretch_from
 from sassgis.engine.rolling import rolling_friction
 from sassgis.engine.rows import Record, last_of
@@ -40,7 +41,6 @@ from sassgis.engine.state import (
     end_at_rest,
     log_event,
 )
-from sassgis.model.jit import fused, lean
 
 
 @fused

@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sassgis.compiled.jit import inlined, lean
 from sassgis.engine.statistics import Disks, Objects
-from sassgis.model.grid import IntArray
-from sassgis.model.jit import inlined, lean
-from sassgis.model.map_run import ObjectCells, Window
+from sassgis.grid import IntArray
+from sassgis.settings.map_run import ObjectCells, Window
 
 #: What ``counts`` holds: cells, windows, objects listed by cell, windows listed by cell, and
 #: whether there was room for all of them.

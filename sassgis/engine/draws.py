@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 
+from sassgis.compiled import rng
+from sassgis.compiled.jit import lean
 from sassgis.engine.ellipse import inertia, mean_radius
 from sassgis.engine.rows import Record
 from sassgis.engine.state import Block, Physics, Start
-from sassgis.model import rng
-from sassgis.model.jit import lean
 
 
 @lean

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from sassgis.model.jit import fused, kernel, lean
+from sassgis.compiled.jit import fused, kernel, lean
 
 
 @lean

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 
+from sassgis.compiled.jit import fused, inlined
 from sassgis.engine.barriers import after_barrier, control_lines_in_flight, no_meeting
 from sassgis.engine.contact import next_contact
 from sassgis.engine.effects import hooks
+from sassgis.engine.ellipse_contact import Flying
 from sassgis.engine.profile import segment_at
 from sassgis.engine.recording import record_flight
 from sassgis.engine.rows import Record, Records, last_of
@@ -23,8 +25,6 @@ from sassgis.engine.state import (
     log_event,
     same_event,
 )
-from sassgis.engine.touching import Flying
-from sassgis.model.jit import fused, inlined
 
 #: Ground that is known ahead of a block, beyond its longest semi-axis (m).
 MARGIN_M = 0.01

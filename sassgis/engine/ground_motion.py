@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from sassgis.compiled.jit import fused, inlined, lean
 from sassgis.engine.barriers import (
     Stretch,
     after_barrier,
@@ -15,6 +16,7 @@ from sassgis.engine.barriers import (
 from sassgis.engine.contact import next_contact
 from sassgis.engine.effects import hooks
 from sassgis.engine.ellipse import cos_sin, frame_of
+from sassgis.engine.ellipse_contact import Flying
 from sassgis.engine.landing import FIRST_TURN, rolling_place
 from sassgis.engine.profile import STRAIGHT, along, angle_of, turn
 from sassgis.engine.recording import record_ground
@@ -48,8 +50,6 @@ from sassgis.engine.state import (
     log_event,
     same_event,
 )
-from sassgis.engine.touching import Flying
-from sassgis.model.jit import fused, inlined, lean
 
 # Gap at which a block that moves along the ground touches ground ahead of it (m).
 _TOUCH = 1e-11

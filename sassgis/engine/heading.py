@@ -26,10 +26,12 @@ import math
 
 import numpy as np
 
+from sassgis.compiled import rng
+from sassgis.compiled.jit import fused, inlined, lean
 from sassgis.engine.contact import resting_height
 from sassgis.engine.effects import hooks
 from sassgis.engine.ellipse import cos_sin
-from sassgis.engine.path import (
+from sassgis.engine.ground_ahead import (
     Path,
     begin_profile,
     gradient,
@@ -37,7 +39,7 @@ from sassgis.engine.path import (
     look_ahead,
     place,
 )
-from sassgis.engine.path_behind import keep_behind, sample_behind
+from sassgis.engine.ground_behind import keep_behind, sample_behind
 from sassgis.engine.profile import segment_at
 from sassgis.engine.rows import Record, last_of
 from sassgis.engine.state import (
@@ -52,9 +54,7 @@ from sassgis.engine.state import (
     Spawned,
     end,
 )
-from sassgis.model import rng
-from sassgis.model.cell_geometry import exact, height_at
-from sassgis.model.jit import fused, inlined, lean
+from sassgis.terrain.cell_geometry import exact, height_at
 
 # On the ground the heading turns by so much at most before the profile begins anew (rad); κ times
 # the length of a step, where that is longer than so many radii.

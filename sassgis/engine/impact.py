@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from sassgis.model.jit import lean
+from sassgis.compiled.jit import lean
 
 SCALE, COULOMB, RESTITUTION = 0, 1, 2
 #: Share of the resistance at an impact that turns the block back, in place of slowing its centre:

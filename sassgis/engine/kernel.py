@@ -8,14 +8,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sassgis.compiled import rng
+from sassgis.compiled.jit import fused, inlined, kernel, lean
 from sassgis.engine.barriers import crossings_of
 from sassgis.engine.block import simulate_block, start_released, start_spawned
 from sassgis.engine.cell_register import FULL
 from sassgis.engine.draws import block_of, draw_block, draw_start, with_drag, with_outline
 from sassgis.engine.effects import hooks
 from sassgis.engine.effects.spawning import room_for
+from sassgis.engine.ground_ahead import Path, place, room_ahead
 from sassgis.engine.heading import continue_path, start_path
-from sassgis.engine.path import Path, place, room_ahead
 from sassgis.engine.profile import last_stretch, profile_of, stretches_of, without_straight_vertices
 from sassgis.engine.recording import CellWork, empty_work, record_stop
 from sassgis.engine.rows import Record, Records, last_of
@@ -53,9 +55,7 @@ from sassgis.engine.statistics import (
     passed_cells,
     place_work,
 )
-from sassgis.model import rng
-from sassgis.model.cell_geometry import exact
-from sassgis.model.jit import fused, inlined, kernel, lean
+from sassgis.terrain.cell_geometry import exact
 
 #: What simulate_lines returns: whether all went well; whether there were too few rows for passages
 #: or spawned blocks, or for visits; whether one released block spawned more blocks than there is

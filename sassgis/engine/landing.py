@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from sassgis.compiled import rng
+from sassgis.compiled.jit import fused, inlined, lean
 from sassgis.engine.contact import resting_height
 from sassgis.engine.effects import hooks
 from sassgis.engine.ellipse import cos_sin, frame_of
@@ -25,8 +27,6 @@ from sassgis.engine.state import (
     end_at_rest,
     log_event,
 )
-from sassgis.model import rng
-from sassgis.model.jit import fused, inlined, lean
 
 #: A flight that begins in contact without a normal speed is looked at again after this turn (rad).
 FIRST_TURN = 1e-4

@@ -7,11 +7,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from sassgis.compiled.jit import inlined, kernel, lean
 from sassgis.engine.recording import STRETCH_DTYPE
 from sassgis.engine.rows import Records, last_of
 from sassgis.engine.state import BARRIER, VERTEX_DTYPE
-from sassgis.model.grid import FloatArray, IntArray
-from sassgis.model.jit import inlined, kernel, lean
+from sassgis.grid import FloatArray, IntArray
 
 # A vertex nearer than this to the line between its neighbours is none (m).
 _STRAIGHT_M = 1e-9

@@ -14,10 +14,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sassgis.compiled.jit import lean
 from sassgis.engine.resistance import share_gained, time_over
 from sassgis.engine.rows import last_of, record_type
-from sassgis.model.jit import lean
-from sassgis.model.statistics_table import QUANTITIES
+from sassgis.settings.statistics_table import QUANTITIES
 
 #: Columns of what is recorded: energy per unit mass (J/kg), -1 where the block has not been; height
 #: (m); speed squared (m²/s²); time since the release at the first entry (s).

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 
-from sassgis.model.jit import lean
+from sassgis.compiled.jit import lean
 
 # Below it a share of a change is itself, to rounding.
 _STRAIGHT = 1e-12

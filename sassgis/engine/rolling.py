@@ -7,12 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sassgis.compiled.jit import inlined, lean
 from sassgis.engine.ellipse import cos_sin
 from sassgis.engine.impact import RESTITUTION
 from sassgis.engine.resistance import gained, path_to
 from sassgis.engine.rows import Record
 from sassgis.engine.state import Block, Physics
-from sassgis.model.jit import inlined, lean
 
 # What ends a stretch of rolling or sliding. Only TO_SLIDING and LIFT_OFF are found here; PART is a
 # stretch that an effect has cut, after which the motion goes on, TO_ROLLING one of sliding after

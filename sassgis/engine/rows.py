@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.model.jit import inlined
+from sassgis.compiled.jit import inlined
 
 #: A row of a structured array, as numba and plain Python both know it.
 Record = Any

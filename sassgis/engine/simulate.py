@@ -45,16 +45,16 @@ from sassgis.engine.statistics import (
     histograms,
     no_exceedance,
 )
-from sassgis.model.blocks import BlockPopulation
-from sassgis.model.effects import EffectSettings
-from sassgis.model.errors import InputError
-from sassgis.model.grid import FloatArray, IntArray
-from sassgis.model.ground import GroundTable
-from sassgis.model.map_run import Forest, ObjectCells, Window
-from sassgis.model.profiles import ControlLineCrossings, ProfileSet
-from sassgis.model.results import PASSAGE_DTYPE, ROCK_DTYPE, ControlLine
-from sassgis.model.settings import EngineSettings
-from sassgis.model.statistics_table import Bins, default_bins
+from sassgis.errors import InputError
+from sassgis.grid import FloatArray, IntArray
+from sassgis.settings.blocks import BlockPopulation
+from sassgis.settings.effects import EffectSettings
+from sassgis.settings.ground import GroundTable
+from sassgis.settings.map_run import Forest, ObjectCells, Window
+from sassgis.settings.profiles import ControlLineCrossings, ProfileSet
+from sassgis.settings.results import PASSAGE_DTYPE, ROCK_DTYPE, ControlLine
+from sassgis.settings.settings import EngineSettings
+from sassgis.settings.statistics_table import Bins, default_bins
 
 # The same rows, as the kernel takes them.
 _RECORDS_OF_ROCKS = np.dtype((np.record, ROCK_DTYPE))

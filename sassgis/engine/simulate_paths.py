@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from sassgis.engine.cell_register import CELLS, WINDOWS, CellRegister, empty_register
 from sassgis.engine.effects.hooks import most_spawned, prepare
+from sassgis.engine.ground_ahead import Path
 from sassgis.engine.kernel import (
     MANY_VISITS,
     NO_ROOM,
@@ -24,7 +25,6 @@ from sassgis.engine.kernel import (
     simulate_paths,
     working_space,
 )
-from sassgis.engine.path import Path
 from sassgis.engine.simulate import (
     Simulated,
     blocks_of,
@@ -36,17 +36,17 @@ from sassgis.engine.simulate import (
     too_many_spawned,
 )
 from sassgis.engine.statistics import VISITS, Wanted, empty_sums, flat_bins, no_exceedance
-from sassgis.model.blocks import BlockPopulation
-from sassgis.model.cell_geometry import exact_positions
-from sassgis.model.effects import EffectSettings
-from sassgis.model.errors import InputError
-from sassgis.model.grid import FloatArray, Grid, IntArray
-from sassgis.model.ground import GroundTable
-from sassgis.model.map_run import Forest, ObjectCells, Window, Worth
-from sassgis.model.profiles import ReleasePoints
-from sassgis.model.results import ControlLine
-from sassgis.model.settings import EngineSettings
-from sassgis.model.statistics_table import Bins, default_bins
+from sassgis.errors import InputError
+from sassgis.grid import FloatArray, Grid, IntArray
+from sassgis.settings.blocks import BlockPopulation
+from sassgis.settings.effects import EffectSettings
+from sassgis.settings.ground import GroundTable
+from sassgis.settings.map_run import Forest, ObjectCells, Window, Worth
+from sassgis.settings.profiles import ReleasePoints
+from sassgis.settings.results import ControlLine
+from sassgis.settings.settings import EngineSettings
+from sassgis.settings.statistics_table import Bins, default_bins
+from sassgis.terrain.cell_geometry import exact_positions
 
 # For how many cells there has to be room, by the shape of the grid and the number of windows listed
 # for each. Results do not depend on it.

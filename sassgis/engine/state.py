@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sassgis.compiled.jit import fused, inlined, lean
 from sassgis.engine.recording import CellWork
 from sassgis.engine.rows import Record, Records, record_type
-from sassgis.model.grid import FloatArray
-from sassgis.model.jit import fused, inlined, lean
+from sassgis.grid import FloatArray
 
 # Phases, as they are written to the event log.
 FLIGHT, IMPACT, ROLLING, SLIDING, END = 0, 1, 2, 3, 4

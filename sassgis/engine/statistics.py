@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sassgis.compiled.jit import inlined, kernel, lean
 from sassgis.engine.recording import ARRIVAL, ENERGY, HEIGHT, N_RECORDED, SPEED2, CellWork
-from sassgis.model.grid import IntArray
-from sassgis.model.jit import inlined, kernel, lean
-from sassgis.model.statistics_table import QUANTITIES, Bins, Reducer, sums_by
+from sassgis.grid import IntArray
+from sassgis.settings.statistics_table import QUANTITIES, Bins, Reducer, sums_by
 
 
 def _quantities(reducer: Reducer) -> tuple[int, ...]:

@@ -7,9 +7,9 @@ from functools import reduce
 
 from sassgis.gap.causes.all_causes import CAUSES, GROUPS
 from sassgis.gap.diagnosis import GapFinding
-from sassgis.model.labels import short
-from sassgis.model.languages import Phrase, all_of, in_english, joined, named, phrase
-from sassgis.model.styles import with_unit
+from sassgis.settings.labels import short
+from sassgis.settings.languages import Phrase, all_of, in_english, joined, named, phrase
+from sassgis.settings.styles import with_unit
 
 #: Findings below this level count: of the largest gap over all (headline), or as a share of false
 #: ones among those shown (map).

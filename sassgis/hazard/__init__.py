@@ -1,1 +1,5 @@
-"""Statistics of simulated blocks: sums per cell, quantiles, the layers of the map."""
+"""From sums to curves, levels, zones and risk.
+
+In: sums of a simulation, frequencies, rules. Out: hazard curves, levels, zones, values at objects.
+May import: sassgis.simulate and below; no files, frames or plots.
+"""

@@ -9,18 +9,18 @@ from itertools import pairwise
 import numpy as np
 import shapely
 
-from sassgis.hazard.another_sample import LevelChances, level_chances
+from sassgis.grid import BoolArray, ClassMap, FloatArray, Grid, IntArray
 from sassgis.hazard.attribution import attribution, governing, zone_of_cells
 from sassgis.hazard.curves import at_energies, hazard_curves
 from sassgis.hazard.levels import cells_within_limit, deciding_energy, hazard_level, intensity_class
 from sassgis.hazard.risk import RiskTable, assess_risk
+from sassgis.hazard.sampling_error import LevelChances, level_chances
 from sassgis.hazard.sources import Sampled
 from sassgis.hazard.zoning.applied_edits import AppliedEdit, share_of, with_edits
 from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.hazard.zoning.drawing import drawn_zones, reach_cells
-from sassgis.model.exposure import PlacedObjects, Vulnerability
-from sassgis.model.grid import BoolArray, ClassMap, FloatArray, Grid, IntArray
-from sassgis.model.hazard import Drawing, Edit, HazardCurves, HazardPreset
+from sassgis.settings.exposure import PlacedObjects, Vulnerability
+from sassgis.settings.hazard_rules import Drawing, Edit, HazardCurves, HazardPreset
 from sassgis.terrain.edge import edge_sides
 
 

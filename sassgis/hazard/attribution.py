@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 import shapely
 
+from sassgis.grid import FloatArray, Grid, IntArray
 from sassgis.hazard.zoning.coverage import Coverage
-from sassgis.model.grid import FloatArray, Grid, IntArray
-from sassgis.model.hazard import Source, SourceCounts
+from sassgis.settings.hazard_rules import Source, SourceCounts
 
 
 def zone_of_cells(coverage: Coverage, grid: Grid, cells: IntArray) -> IntArray:

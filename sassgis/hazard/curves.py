@@ -12,14 +12,14 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sassgis.hazard.sampling_error import (
+from sassgis.grid import FloatArray, IntArray
+from sassgis.settings.hazard_rules import DrawnPoints, HazardCurves, Source, SourceCounts
+from sassgis.simulation.count_error import (
     blocks_of_a_point,
     count_variance,
     gamma_interval,
     widening,
 )
-from sassgis.model.grid import FloatArray, IntArray
-from sassgis.model.hazard import DrawnPoints, HazardCurves, Source, SourceCounts
 
 #: Rates are sums of rounded numbers: a rate short of 1/T by less than this share meets T.
 _ROUNDING = 1e-12

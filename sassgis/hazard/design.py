@@ -9,12 +9,12 @@ from functools import cache
 
 import numpy as np
 
-from sassgis.hazard.control_lines import QUANTITIES, Distribution
+from sassgis.grid import FloatArray
 from sassgis.hazard.curves import hazard_curves, rate_interval, source_variance
 from sassgis.hazard.sources import Sampled
-from sassgis.model.built_in_rows import built_in_rows
-from sassgis.model.grid import FloatArray
-from sassgis.model.hazard import HazardCurves, Source, SourceCounts
+from sassgis.settings.built_in_rows import built_in_rows
+from sassgis.settings.hazard_rules import HazardCurves, Source, SourceCounts
+from sassgis.simulation.control_lines import QUANTITIES, Distribution
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from sassgis.grid import BoolArray, FloatArray, Grid, IntArray
 from sassgis.hazard.curves import at_energies, meets
-from sassgis.model.grid import BoolArray, FloatArray, Grid, IntArray
-from sassgis.model.hazard import HazardCurves, HazardPreset
+from sassgis.settings.hazard_rules import HazardCurves, HazardPreset
 
 #: Standard deviations beyond which neighbours do not count.
 _TRUNCATED = 2.5

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from sassgis.hazard.design import Arrivals, arrivals, value_at_rate
 from sassgis.hazard.sources import Sampled
-from sassgis.model.blocks import BlockPopulation
-from sassgis.model.built_in_rows import built_in_rows
-from sassgis.model.labels import short
-from sassgis.model.languages import joined, phrase
+from sassgis.settings.blocks import BlockPopulation
+from sassgis.settings.built_in_rows import built_in_rows
+from sassgis.settings.labels import short
+from sassgis.settings.languages import joined, phrase
 
 #: What is compared: its name in the table of measurements, in words, and its unit.
 _COMPARED = (

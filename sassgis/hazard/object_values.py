@@ -8,11 +8,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy import special
 
+from sassgis.grid import FloatArray
 from sassgis.hazard.curves import energy_at, hazard_curves, rate_interval, wide_variance
-from sassgis.hazard.map_sums import MapSums, quantiles
-from sassgis.model.grid import FloatArray
-from sassgis.model.hazard import HazardCurves, Source, SourceCounts
-from sassgis.model.map_run import ObjectCells
+from sassgis.settings.hazard_rules import HazardCurves, Source, SourceCounts
+from sassgis.settings.map_run import ObjectCells
+from sassgis.simulation.map_sums import MapSums, quantiles
 
 #: Of the energy and height that are stated of all blocks that reach an object.
 _Q95 = 0.95

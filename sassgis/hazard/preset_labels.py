@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import pairwise
 
-from sassgis.model.hazard import HazardPreset, Provenance
-from sassgis.model.languages import joined, phrase
+from sassgis.settings.hazard_rules import HazardPreset, Provenance
+from sassgis.settings.languages import joined, phrase
 
 
 def period_labels(return_periods: Sequence[float]) -> tuple[str, ...]:

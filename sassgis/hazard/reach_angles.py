@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sassgis.hazard.progress import Progress, joined_lines, kept_stops
-from sassgis.model.grid import FloatArray, Grid
-from sassgis.model.map_run import MapRun
-from sassgis.model.results import StopReason
+from sassgis.grid import FloatArray, Grid
+from sassgis.settings.map_run import MapRun
+from sassgis.settings.results import StopReason
+from sassgis.simulation.accumulators import Progress, joined_lines, kept_stops
 from sassgis.terrain.plan import Plan
 
 #: A fall line leaves the cliff where it is flatter than this over one step (degrees; expert

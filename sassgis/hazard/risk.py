@@ -19,11 +19,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sassgis.grid import FloatArray
 from sassgis.hazard.curves import at_energies, hazard_curves
-from sassgis.hazard.sampling_error import gamma_interval, pooled_freedom
-from sassgis.model.exposure import VEHICLE, ExposedObject, Vulnerability
-from sassgis.model.grid import FloatArray
-from sassgis.model.hazard import Source, SourceCounts
+from sassgis.settings.exposure import VEHICLE, ExposedObject, Vulnerability
+from sassgis.settings.hazard_rules import Source, SourceCounts
+from sassgis.simulation.count_error import gamma_interval, pooled_freedom
 
 #: What is stated of each object, all per year, besides the hits of each class; see RiskTable.
 QUANTITIES = (

@@ -1,142 +1,426 @@
-"""How well numbers of blocks are known from a sample: their variance, and intervals that hold."""
+"""How another sample of as many blocks would change the hazard levels."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from scipy import special
+from numpy.typing import NDArray
+from scipy import ndimage, special
 
-from sassgis.model.grid import FloatArray, IntArray
+from sassgis.grid import BoolArray, FloatArray, IntArray
+from sassgis.hazard.curves import at_energies, wide_variance
+from sassgis.hazard.levels import hazard_level, limits_of_levels
+from sassgis.settings.hazard_rules import HazardCurves, HazardPreset
 
-
-def count_variance(
-    count: IntArray, square: IntArray, rocks_per_line: int, strata: int, random_points: bool
-) -> FloatArray:
-    """Sampling variance of the number of blocks that reach a place.
-
-    With k_l of the n blocks of line l in the place and K = Σ k_l: release points on a lattice are
-    fixed, so only the blocks of each line are a sample (stratified sampling; Cochran 1977, section
-    5.3): Var K = Σ k_l (n − k_l)/(n − 1). Points drawn at random make the line the unit (cluster
-    sampling; ibid., section 9A.2): Var K = L/(L − 1) · (Σ k_l² − K²/L).
-
-    Given are Σ k_l and Σ k_l² in arrays of one shape, n and L. NaN where the sample does not give
-    it: one block per line, or one random line.
-    """
-    k = count.astype(np.float64)
-    k2 = square.astype(np.float64)
-    n = rocks_per_line
-    if random_points:
-        if strata < 2:
-            return np.full(k.shape, np.nan)
-        variance = strata / (strata - 1.0) * (k2 - k * k / strata)
-    elif n < 2:
-        return np.full(k.shape, np.nan)
-    else:
-        variance = (n * k - k2) / (n - 1.0)
-    return np.maximum(variance, 0.0)
+#: Least and most of what few places say of all: shapes of a gamma distribution stay above 0, and no
+#: place that no block reached is certain to be.
+_MOST_BETA, _MOST_CHANCE = 0.95, 0.9
+#: Places that say β = 0 before there are any: few say little.
+_AT_FIRST = 20.0
+#: So many blocks will not come where none did.
+_FEW_BLOCKS = 8
+#: Beyond this many times the blocks a cell counts as one that no sample decides.
+MAX_FACTOR = 2.0**20
 
 
-def blocks_of_a_point(count: IntArray, square: IntArray) -> FloatArray:
-    """Blocks that come from one more release point, drawn at random.
+@dataclass(frozen=True)
+class LevelChances:
+    """Levels that another sample of as many blocks would give the places of a sample."""
 
-    With k_l blocks of point l the mean of k_l over the blocks, Σ k_l² / Σ k_l: points from which
-    none comes do not count. 0 where no block comes from any.
-    """
-    per_point: FloatArray = np.divide(
-        square, count, out=np.zeros(count.shape), where=count > 0, dtype=np.float64
-    )
-    return per_point
+    # Shape (n,); as in HazardCurves, ascending; also some that no block of this sample reached.
+    places: IntArray
+    level: NDArray[np.int16]  # shape (n,); hazard level of this sample
+    # Shape (n, n_levels + 2); column k: probability of level k or a higher one, 0 being none; the
+    # first is 1, the last 0. One half where the sample does not give the variance.
+    at_least: FloatArray
+    in_part: bool = False  # whether these are places of a part of the map
+
+    @property
+    def lowered(self) -> FloatArray:
+        """Probability of a lower level, shape (n,)."""
+        return 1.0 - self._at_least_level(0)
+
+    @property
+    def raised(self) -> FloatArray:
+        """Probability of a higher level, shape (n,)."""
+        return self._at_least_level(1)
+
+    def _at_least_level(self, more: int) -> FloatArray:
+        column = self.level.astype(np.int64)[:, None] + more
+        return np.take_along_axis(self.at_least, column, 1)[:, 0]
+
+    @property
+    def changed(self) -> FloatArray:
+        """Probability of another level, shape (n,)."""
+        return self.lowered + self.raised
+
+    @property
+    def changed_share(self) -> float:
+        """Area whose level would change, as a share of the area that has a level.
+
+        An expected value. Above 1 where more changes than has a level; 0 without any.
+        """
+        zoned = int((self.level > 0).sum())
+        return float(self.changed.sum()) / zoned if zoned else 0.0
+
+    def interval(self, confidence: float) -> tuple[NDArray[np.int16], NDArray[np.int16]]:
+        """Levels between which another sample would put each place.
+
+        Parameters
+        ----------
+        confidence : float
+            Probability of each end: that the level is not lower, and that it is not higher.
+
+        Returns
+        -------
+        lowest, highest : int16, shape (n,)
+            The level of this sample lies between them.
+        """
+        lowest = (self.at_least[:, 1:] >= confidence).sum(axis=1)
+        highest = (self.at_least[:, 1:] > 1.0 - confidence).sum(axis=1)
+        return (
+            np.minimum(lowest, self.level).astype(np.int16),
+            np.maximum(highest, self.level).astype(np.int16),
+        )
+
+    def uncertain(self, confidence: float) -> BoolArray:
+        """Whether another sample might give a place another level, shape (n,).
+
+        These are the places with another level in the interval, and as many more, the most probable
+        first, as hold a share ``confidence`` of all that another sample changes; but none that is
+        five times less probable than the interval asks for. In a part of the map the former alone.
+        """
+        lowest, highest = self.interval(confidence)
+        if self.in_part:
+            beyond: BoolArray = lowest != highest
+            return beyond
+        changed = self.changed
+        falling = np.sort(changed)[::-1]
+        held = np.cumsum(falling)
+        last = np.searchsorted(held, confidence * held[-1]) if held.size else 0
+        least = max(float(falling[last]) if held.size else 0.0, 0.2 * (1.0 - confidence))
+        out: BoolArray = (lowest != highest) | (changed >= least)
+        return out
 
 
-def widening(freedom: FloatArray | float, tail: float) -> FloatArray | float:
-    """By how much a variance with some degrees of freedom counts more than a known one.
+def level_chances(
+    curves: HazardCurves,
+    preset: HazardPreset,
+    known: BoolArray | None = None,
+    in_part: bool = False,
+) -> LevelChances:
+    """Levels that another sample of as many blocks would give.
 
-    The square of a quantile of Student's t over that of the normal distribution; ``tail`` is the
-    probability beyond it. 1 at infinity.
-    """
-    if np.isinf(freedom).all():
-        return 1.0
-    t = special.stdtrit(np.maximum(freedom, 1.0), 1.0 - tail)
-    factor: FloatArray = np.where(np.isinf(freedom), 1.0, (t / special.ndtri(1.0 - tail)) ** 2)
-    return factor
+    With one weight w of all blocks a place has n = λ/w of them, with several w = v/λ, for which λ
+    has its variance v. What n says of the expected number m hangs on how many places there are of
+    each m. With as many as m^(−1−β), m has a gamma distribution with shape n − β, and another
+    sample a number N with P(N >= k) = I(k, n − β) at one half, the negative binomial. β follows
+    from the numbers of places with one and with two blocks, f₁ and f₂: the mean of m is 1 − β at
+    the former, and 2 f₂/f₁ by Good (1953, Biometrika 40: 237-264).
 
+    So of the places without a block f₁ (2^β − 1)/β are reached by another sample. Where they are,
+    the places with one block show: as many of them lie at a distance from those with several as
+    new ones at the same distance from those with any.
 
-def pooled_freedom(variances: FloatArray, freedom: Sequence[float]) -> FloatArray:
-    """Degrees of freedom of sums of independent variances, each with its own; infinite for 0.
-
-    After Welch (1947, Biometrika 34: 28-35) and Satterthwaite (1946, Biometrics Bulletin 2:
-    110-114). ``variances`` has the shape (n_samples, n).
-    """
-    unsure = (variances**2 / np.maximum(freedom, 1.0)[:, None]).sum(axis=0)
-    pooled = np.full(unsure.shape, np.inf)
-    np.divide(variances.sum(axis=0) ** 2, unsure, out=pooled, where=unsure > 0.0)
-    return pooled
-
-
-def gamma_interval(
-    rate: FloatArray,
-    variance: FloatArray,
-    of_one: FloatArray | float,
-    confidence: float,
-    freedom: FloatArray | float = math.inf,
-) -> tuple[FloatArray, FloatArray]:
-    """Limits between which rates lie, given a sample.
-
-    The gamma interval for weighted sums of counts (Fay and Feuer 1997, Statistics in Medicine 16:
-    791-801): the lower limit is a quantile of the gamma distribution with the mean λ and variance v
-    of the rate, the upper one of that with mean λ + w and variance v + w², w being the rate of one
-    more of what is drawn. For counts with one weight it is the exact interval of a Poisson mean.
-
-    What is drawn are blocks, or release points with their blocks. Points are few: v is then known
-    with ν degrees of freedom only, and is widened by Student's t (as Korn and Graubard 1998, Survey
-    Methodology 24: 193-201, do for shares). The lower limit is that of a sample with one point more
-    from which no block comes, λ (ν + 1)/(ν + 2) and w² at least: points that are alike by chance
-    would have no variance.
+    The classes of intensity are counted on the same blocks: the most probable of those that give a
+    level decides.
 
     Parameters
     ----------
-    of_one : float64
-        w: rate of one block; where points were drawn, that of the blocks of a point.
-    confidence : float
-        Probability that the interval holds the rate, below 1.
-    freedom : float64
-        Degrees of freedom of the variances; infinite where blocks alone were drawn.
+    curves : HazardCurves
+        With the thresholds of the preset among its energies. Its places are cells, if any are
+        known.
+    known : bool, shape (n_rows, n_cols), optional
+        Cells of the terrain with a height; without them nothing is said of places that no block
+        reached.
+    in_part : bool
+        Whether this is a part of a map. What is counted over all places is left out, so that the
+        result does not depend on the part: β is 0, and no place that no block reached is looked at.
+    """
+    known = None if in_part else known
+    few = at_energies(curves, preset.thresholds_kj)
+    limits = limits_of_levels(preset)
+    reached = few.rate > 0.0
+    weight = np.divide(wide_variance(few), few.rate, out=np.zeros_like(few.rate), where=reached)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        blocks = np.where(reached, few.rate / weight, 0.0)
+    places, first, weight_of_first = _first_reached(few.places, blocks, weight[:, 0], limits, known)
+    own = np.searchsorted(places, few.places)
+    chance = np.zeros((len(limits) + 2, places.size))
+    chance[0] = 1.0
+    for i in range(few.rate.shape[1]):
+        beta = 0.0 if in_part else _beta(blocks[:, i])
+        rates, weights = few.rate[:, i].copy(), weight[:, i].copy()
+        alike = _alike(weights, blocks[:, i])
+        for k in np.flatnonzero(np.isfinite(limits[:, i])).tolist():
+            one = np.zeros(places.size)
+            limit = float(limits[k, i])
+            one[own] = _chance_of_rate(rates, weights, alike, beta, limit)
+            new = _chance_of_new(first[:, i], weight_of_first, beta, limit)
+            chance[k + 1] = np.maximum.reduce([chance[k + 1], one, new])
+    # A level that is reached is reached by the lower ones too, whatever the rounding.
+    np.maximum.accumulate(chance[::-1], out=chance[::-1])
+    chance = chance.T
+    level = np.zeros(places.size, np.int16)
+    level[own] = hazard_level(few, preset)
+    return LevelChances(places, level, chance, in_part)
+
+
+def _beta(blocks: FloatArray) -> float:
+    """Exponent of how many places there are of each expected number, from blocks per place."""
+    one, two = (int(((blocks >= k - 0.5) & (blocks < k + 0.5)).sum()) for k in (1, 2))
+    beta = 1.0 - (2.0 * two + _AT_FIRST) / (one + _AT_FIRST)
+    return float(np.clip(beta, -1.0, _MOST_BETA))
+
+
+def _chance_of_rate(
+    rate: FloatArray,
+    weight: FloatArray,
+    alike: tuple[FloatArray, FloatArray, IntArray],
+    beta: float,
+    limit: float,
+) -> FloatArray:
+    """Probability that another sample gives at least a rate ``limit``."""
+    out = ((rate > 0.0) & (rate >= limit * (1.0 - 1e-12))).astype(np.float64)
+    out[np.isnan(weight)] = 0.5
+    some = np.flatnonzero((weight > 1e-12 * limit) & (rate > 0.0))
+    weights, counts, of = alike
+    heavy = weights > 1e-12 * limit
+    shape = np.maximum(counts[heavy] - beta, 1.0 - _MOST_BETA)
+    chance = np.zeros(weights.size)
+    chance[heavy] = special.betainc(_fewest(limit, weights[heavy]), shape, 0.5)
+    out[some] = chance[of[some]]
+    return out
+
+
+def _alike(weight: FloatArray, blocks: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
+    """Pairs of a weight and a number of blocks, each once, and the pair of each place.
+
+    There are far fewer than places.
+    """
+    weights, of_weight = np.unique(weight, return_inverse=True)
+    counts, of_count = np.unique(blocks, return_inverse=True)
+    pairs, of = np.unique(of_weight * counts.size + of_count, return_inverse=True)
+    of_weight, of_count = np.divmod(pairs, max(counts.size, 1))
+    return weights[of_weight], counts[of_count], of
+
+
+def _fewest(limit: float, weight: FloatArray) -> FloatArray:
+    """Fewest blocks of a weight that make a rate."""
+    return np.maximum(np.ceil(limit / weight - 1e-6), 1.0)
+
+
+def _first_reached(
+    places: IntArray,
+    blocks: FloatArray,
+    weight: FloatArray,
+    limits: FloatArray,
+    known: BoolArray | None,
+) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Places and others beside them, and the chance that another sample is the first to come.
+
+    Parameters
+    ----------
+    blocks : float64, shape (n, n_intensities)
+        How many came to the places, by the class of their energy.
+    weight : float64, shape (n,)
+        Rate of one of them.
+    limits : float64, shape (n_levels, n_intensities)
+        Rates that give levels; where no few blocks make one, nothing is looked for.
+    known : bool, shape (n_rows, n_cols), optional
+        Cells of the terrain with a height; without them there are no others.
 
     Returns
     -------
-    lower, upper : float64
-        With no block counted the lower limit is 0; with variance 0, and blocks alone, it is the
-        rate. NaN where the variance is.
+    places : int64, shape (n_all,)
+    chance : float64, shape (n_all, n_intensities)
+    weight : float64, shape (n_all,)
+        Of others that of the nearest place.
     """
-    if not 0.0 < confidence < 1.0:
-        raise ValueError(f"a confidence of {confidence} is not between 0 and 1")
-    tail = 0.5 * (1.0 - confidence)
-    unknown = np.isnan(variance)
-    wider = widening(freedom, tail)
-    upper = _gamma_quantile(tail, rate + of_one, wider * variance + of_one**2, special.gammainccinv)
-    if not np.isinf(freedom).all():
-        variance = np.where(np.isinf(freedom), variance, np.maximum(variance, np.square(of_one)))
-        rate = rate * (1.0 - 1.0 / (freedom + 2.0))
-    lower = _gamma_quantile(tail, rate, wider * variance, special.gammaincinv)
-    lower = np.where(unknown, np.nan, np.minimum(lower, rate))
-    upper = np.where(unknown, np.nan, np.maximum(upper, rate))
-    return lower, upper
+    alone = places, np.zeros(blocks.shape), weight
+    least = np.where(np.isfinite(limits), limits, np.inf).min(axis=0)
+    heaviest = float(weight[np.isfinite(weight)].max(initial=0.0))
+    asked = np.flatnonzero(least < _FEW_BLOCKS * heaviest)
+    if known is None or not (asked.size and places.size):
+        return alone
+    window = _Window(places, known)
+    several = window.map_of(blocks[:, 0] >= 1.5)
+    single = window.map_of((blocks[:, 0] > 0.0) & (blocks[:, 0] < 1.5))
+    if not (several.any() and single.any()):
+        return alone
+    # No new place is farther from the others than one of one block from those of several.
+    window = _Window(places, known, math.ceil(float(distance(~several)[0][single].max())) + 1)
+    chances, before = [], window.known
+    for i in range(blocks.shape[1]):
+        some = window.map_of(blocks[:, i] > 0.0)
+        found = np.zeros(some.shape)
+        if i in asked:
+            several = window.map_of(blocks[:, i] >= 1.5)
+            found = _chance_of_first(some, several, before & ~some, _beta(blocks[:, i]))
+        chances.append(found)
+        # What comes with much energy comes with less.
+        before = some
+    near = distance(~window.map_of(weight > 0.0))[1]
+    rows = np.flatnonzero(np.any([c > 0.0 for c in chances], axis=0).ravel())
+    cells = window.cells(rows)
+    every = np.union1d(places, cells)
+    at = np.searchsorted(every, cells)
+    chance, weights = np.zeros((every.size, blocks.shape[1])), np.zeros(every.size)
+    chance[at] = np.stack([c.ravel()[rows] for c in chances], axis=1)
+    weights[np.searchsorted(every, places)] = weight
+    weights[at] = window.map_of(weight)[tuple(near)].ravel()[rows]
+    return every, chance, weights
 
 
-def _gamma_quantile(
-    tail: float, mean: FloatArray, variance: FloatArray, inverse: np.ufunc
+def _chance_of_new(first: FloatArray, weight: FloatArray, beta: float, limit: float) -> FloatArray:
+    """Probability of at least a rate ``limit`` where no block came with such an energy."""
+    out = np.zeros(first.size)
+    some = np.flatnonzero((first > 0.0) & (weight > 0.0))
+    fewest = np.minimum(_fewest(limit, weight[some]), _FEW_BLOCKS).astype(np.int64)
+    out[some] = first[some] * _of_first(beta)[fewest]
+    return out
+
+
+def _of_first(beta: float) -> FloatArray:
+    """Chance of k blocks or more where another sample is the first to come, k to _FEW_BLOCKS.
+
+    That of j is Γ(j − β)/(j! 2^(j − β)) over its sum, with as many places as m^(−1−β).
+    """
+    j = np.arange(1.0, 200.0)
+    some = np.exp(special.gammaln(j - beta) - special.gammaln(j + 1.0) - (j - beta) * math.log(2.0))
+    tail = np.cumsum(some[::-1])[::-1] / some.sum()
+    tail[_FEW_BLOCKS - 1 :] = 0.0
+    return np.concatenate([[1.0], tail])
+
+
+def _chance_of_first(
+    some: BoolArray, several: BoolArray, asked: BoolArray, beta: float
 ) -> FloatArray:
-    """Quantile of the gamma distribution with a mean and variance; the mean where that is 0.
+    """Chance that another sample is the first to come to each cell that is asked for."""
+    out = np.zeros(some.shape)
+    single = some & ~several
+    if not (single.any() and several.any() and asked.any()):
+        return out
+    from_several = _steps(distance(~several)[0][single])
+    from_some = _steps(distance(~some)[0][asked])
+    size = int(max(from_several.max(), from_some.max())) + 1
+    gone = np.bincount(from_several, minlength=size)
+    there = np.bincount(from_some, minlength=size)
+    new = math.log(2.0) if abs(beta) < 1e-9 else (2.0**beta - 1.0) / beta
+    out[asked] = np.minimum(new * gone / np.maximum(there, 1), _MOST_CHANCE)[from_some]
+    return out
 
-    Spreads below a hundred millionth of the mean count as 0.
+
+def _steps(cells: FloatArray) -> IntArray:
+    """Classes of distance, two to each doubling."""
+    classes: IntArray = np.floor(2.0 * np.log2(np.maximum(cells, 1.0))).astype(np.int64)
+    return classes
+
+
+def distance(beyond: BoolArray) -> tuple[FloatArray, IntArray]:
+    """Distance (cells) to the nearest cell that is not beyond, and which it is, shape (2, ...)."""
+    found, nearest = ndimage.distance_transform_edt(beyond, return_indices=True)
+    return found, nearest
+
+
+class _Window:
+    """The part of a terrain around some cells (flat indices), with a margin."""
+
+    def __init__(self, places: IntArray, known: BoolArray, margin: int = 0) -> None:
+        self._n_cols = known.shape[1]
+        row, col = np.divmod(places, known.shape[1])
+        self._top, self._left = max(int(row.min()) - margin, 0), max(int(col.min()) - margin, 0)
+        self.known = known[
+            self._top : int(row.max()) + margin + 1, self._left : int(col.max()) + margin + 1
+        ]
+        self.rows = (row - self._top) * self.known.shape[1] + col - self._left
+
+    def map_of(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Values of the cells on the map, 0 elsewhere."""
+        out = np.zeros(self.known.shape, values.dtype)
+        out.ravel()[self.rows] = values
+        return out
+
+    def cells(self, rows: IntArray) -> IntArray:
+        """Flat indices on the terrain of places in the window."""
+        row, col = np.divmod(rows, self.known.shape[1])
+        cells: IntArray = (row + self._top) * self._n_cols + col + self._left
+        return cells
+
+
+def worth_of_places(curves: HazardCurves, preset: HazardPreset) -> FloatArray:
+    """How much less area another sample changes for each bit less of variance.
+
+    What it changes along a limit grows with the standard error s of the rates there, of which the
+    cells within about two errors of the limit L tell: as many of them as the area that changes,
+    and exp(−d²/2)/s² of d = (λ − L)/s, summed over cells, is the change by s².
+
+    Parameters
+    ----------
+    curves : HazardCurves
+        With the thresholds of the preset among its energies.
+
+    Returns
+    -------
+    float64, shape (n, n_intensities)
+        Scaled to 1 at most.
     """
-    out = np.array(np.broadcast_to(mean, np.broadcast_shapes(mean.shape, variance.shape)))
-    spread = np.broadcast_to(variance, out.shape)
-    some = (out > 0.0) & (spread > 1e-16 * out**2)
-    scale = spread[some] / out[some]
-    # Many places have the same counts.
-    shapes, of = np.unique(out[some] / scale, return_inverse=True)
-    out[some] = inverse(shapes, tail)[of] * scale
+    few = at_energies(curves, preset.thresholds_kj)
+    limits = limits_of_levels(preset)
+    out = np.zeros_like(few.rate)
+    some = few.variance > 0.0
+    spread = np.where(some, 2.0 * few.variance, 1.0)
+    for of_level in limits:
+        given = few.rate >= of_level
+        for i in np.flatnonzero(np.isfinite(of_level)).tolist():
+            # Where another class gives the level in any case, this one does not decide.
+            open_ = some[:, i] & ~np.delete(given, i, axis=1).any(axis=1)
+            apart = (few.rate[:, i] - of_level[i]) ** 2 / spread[:, i]
+            out[:, i] += np.where(open_, np.exp(-0.5 * apart) / spread[:, i], 0.0)
+    return out / max(float(out.max(initial=0.0)), np.finfo(np.float64).tiny)
+
+
+def rocks_factor(
+    curves: HazardCurves, preset: HazardPreset, chances: LevelChances, confidence: float
+) -> FloatArray:
+    """About how many times the blocks it would take to decide the level of each place.
+
+    With g times the blocks of every source, the rates being as they are, the variance falls to v/g.
+    Two such samples differ with a variance of 2 v/g; taken as normal, a limit is out of reach from
+    g = 2 z² v / (λ − limit)² on.
+
+    Parameters
+    ----------
+    curves : HazardCurves
+        With the thresholds of the preset among its energies.
+    chances : LevelChances
+        Of these curves, and maybe of places that no block reached.
+
+    Returns
+    -------
+    float64, shape (n,)
+        1 where the level is decided; infinite where the rate lies on a limit of the matrix, so that
+        no sample decides; NaN where the sample does not give its variance.
+    """
+    few = at_energies(curves, preset.thresholds_kj)
+    own = np.searchsorted(chances.places, few.places)
+    lowest, highest = (k[own] for k in chances.interval(confidence))
+    unsure, level = lowest != highest, chances.level[own]
+    limits = np.vstack(
+        [np.zeros(few.rate.shape[1]), limits_of_levels(preset), np.full(few.rate.shape[1], np.inf)]
+    )
+    spread = 2.0 * special.ndtri(confidence) ** 2 * wide_variance(few)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        below = few.rate - limits[level]
+        above = limits[level + 1] - few.rate
+        # Kept by any class that gives the level; a higher one must be given by none.
+        kept = np.where(below >= 0.0, spread / below**2, np.inf).min(axis=1)
+        out_of_reach = np.where(np.isinf(above), 0.0, spread / above**2).max(axis=1)
+    needed = np.maximum(np.where(level > 0, kept, 0.0), out_of_reach)
+    needed = np.where(needed > MAX_FACTOR, np.inf, np.maximum(needed, 1.0))
+    out = np.where(unsure, needed, 1.0)
+    out[unsure & np.isnan(few.variance).any(axis=1)] = np.nan
     return out

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from sassgis.hazard.control_lines import ControlLineSums
-from sassgis.hazard.progress import Progress
-from sassgis.model.declared import Input
-from sassgis.model.errors import ConfigError, InputError
-from sassgis.model.grid import Grid
-from sassgis.model.hazard import Onset, Source, SourceCounts
-from sassgis.model.map_run import MapRun, ReleaseArea
+from sassgis.errors import ConfigError, InputError
+from sassgis.grid import Grid
+from sassgis.settings.hazard_rules import Onset, Source, SourceCounts
+from sassgis.settings.map_run import MapRun, ReleaseArea
+from sassgis.settings.schema import Input
+from sassgis.simulation.accumulators import Progress
+from sassgis.simulation.control_lines import ControlLineSums
 
 _HECTARE_M2 = 1e4
 _PLACE = {"per_year_ha": "release polygons", "per_year_m": "release lines"}

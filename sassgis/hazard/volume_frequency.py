@@ -23,8 +23,8 @@ import numpy as np
 from scipy.optimize import brentq, minimize_scalar
 from scipy.special import lambertw
 
-from sassgis.model.errors import InputError
-from sassgis.model.grid import FloatArray
+from sassgis.errors import InputError
+from sassgis.grid import FloatArray
 
 #: Half of the 95 % quantile of chi-square with one degree of freedom: what the log-likelihood may
 #: fall short of its maximum.

@@ -11,19 +11,19 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
-from sassgis.hazard.along_profile import ProfileResult
+from sassgis.grid import IntArray
 from sassgis.hazard.preset_labels import preset_unverified
-from sassgis.hazard.progress import Progress, line_ends
 from sassgis.hazard.zoning.applied_edits import AppliedEdit, shares_text
-from sassgis.model.effects import EffectSettings
-from sassgis.model.grid import IntArray
-from sassgis.model.ground import GroundClass, Trust
-from sassgis.model.hazard import BlockBudget, HazardPreset
-from sassgis.model.labels import STOP_TEXT, short
-from sassgis.model.languages import phrase
-from sassgis.model.map_run import MapRun
-from sassgis.model.profiles import LineEnd, ReleasePoints
-from sassgis.model.results import StopReason
+from sassgis.settings.effects import EffectSettings
+from sassgis.settings.ground import GroundClass, Trust
+from sassgis.settings.hazard_rules import BlockBudget, HazardPreset
+from sassgis.settings.labels import STOP_TEXT, short
+from sassgis.settings.languages import phrase
+from sassgis.settings.map_run import MapRun
+from sassgis.settings.profiles import LineEnd, ReleasePoints
+from sassgis.settings.results import StopReason
+from sassgis.simulation.accumulators import Progress, line_ends
+from sassgis.simulation.along_profile import ProfileResult
 from sassgis.terrain.release import points_by_size
 
 _LINE_ENDS = (

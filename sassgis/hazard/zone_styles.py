@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from sassgis.model.hazard import HazardLevel
-from sassgis.model.styles import StyleClass, Symbol, VectorStyle
+from sassgis.settings.hazard_rules import HazardLevel
+from sassgis.settings.styles import StyleClass, Symbol, VectorStyle
 
 #: Zones let the terrain through, and what is drawn below them.
 ZONE_OPACITY = 0.7

@@ -1,6 +1,6 @@
 """The report: figures, tables and pages."""
 
-from sassgis.model.process import not_found
+from sassgis.settings.process import not_found
 
 with not_found("matplotlibrc"):
     import matplotlib as matplotlib

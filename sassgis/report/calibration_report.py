@@ -12,7 +12,6 @@ from sassgis.gap.fit.class_calibration import SiteCalibration, SiteResult
 from sassgis.gap.fit.distances import Interval
 from sassgis.gap.fit.identifiability import Fitted
 from sassgis.gap.words import with_unit_in_brackets
-from sassgis.model.languages import joined, phrase, translated
 from sassgis.report.figures.calibration_figures import parameters_figure, quantity_curves_figure
 from sassgis.report.gap_answer import interval_text
 from sassgis.report.gap_report import FEW_ROCKS
@@ -27,6 +26,7 @@ from sassgis.report.page import (
     table_of,
 )
 from sassgis.report.pictures import picture
+from sassgis.settings.languages import joined, phrase, translated
 
 #: Panels of one site.
 _PANELS = 6

@@ -6,18 +6,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import sassgis
-from sassgis.hazard.result_change import (
-    BY_ONE_ONLY,
-    LEVEL,
-    REACH,
-    ChangeRow,
-    ResultChange,
-    compared_maps,
-    difference,
-    limits_text,
-)
-from sassgis.hazard.stored_result import StoredResult
-from sassgis.model.languages import joined, named, phrase, translated
 from sassgis.report import figures
 from sassgis.report.page import (
     Cell,
@@ -29,6 +17,18 @@ from sassgis.report.page import (
     table_of,
 )
 from sassgis.report.pictures import picture
+from sassgis.settings.languages import joined, named, phrase, translated
+from sassgis.studies.result_change import (
+    BY_ONE_ONLY,
+    LEVEL,
+    REACH,
+    ChangeRow,
+    ResultChange,
+    compared_maps,
+    difference,
+    limits_text,
+)
+from sassgis.studies.stored_result import StoredResult
 
 _RAMPS = {"reach_probability": "plasma_r", "energy": "YlOrRd", "passing_height": "YlGnBu"}
 _NOTHING = "Cells that no block reaches count as zero."

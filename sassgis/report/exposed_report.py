@@ -11,11 +11,11 @@ import shapely
 
 from sassgis.hazard.object_values import ObjectValues
 from sassgis.hazard.zoning.coverage import Coverage
-from sassgis.model.exposure import PlacedObjects
-from sassgis.model.hazard import HazardLevel
-from sassgis.model.languages import joined, phrase
 from sassgis.report.figures.map_marks import MapObject
 from sassgis.report.page import Cell, ReportTable, heads, sensible, table_of
+from sassgis.settings.exposure import PlacedObjects
+from sassgis.settings.hazard_rules import HazardLevel
+from sassgis.settings.languages import joined, phrase
 
 #: Objects beyond this number are left out of the report.
 MOST_ROWS = 40

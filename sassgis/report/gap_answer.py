@@ -15,9 +15,9 @@ from sassgis.gap.words import (
     significance,
     tested_by,
 )
-from sassgis.model.languages import Phrase, all_of, capital, joined, phrase
-from sassgis.model.styles import with_unit
 from sassgis.report.page import ReportAnswer, sensible
+from sassgis.settings.languages import Phrase, all_of, capital, joined, phrase
+from sassgis.settings.styles import with_unit
 
 #: Answers that name no effect.
 UNNAMED = ("none", "unknown")

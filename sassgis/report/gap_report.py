@@ -29,9 +29,7 @@ from sassgis.gap.words import (
     significance,
     with_unit_in_brackets,
 )
-from sassgis.model.grid import FloatArray
-from sassgis.model.ground import PARAMETERS, GroundTable
-from sassgis.model.languages import Phrase, capital, joined, phrase, translated
+from sassgis.grid import FloatArray
 from sassgis.report.figures.gap_figures import (
     GapStretch,
     gap_distributions_figure,
@@ -52,6 +50,8 @@ from sassgis.report.gap_answer import (
 )
 from sassgis.report.page import Cell, ReportContext, ReportFigure, ReportTable, sensible, table_of
 from sassgis.report.pictures import picture
+from sassgis.settings.ground import PARAMETERS, GroundTable
+from sassgis.settings.languages import Phrase, capital, joined, phrase, translated
 
 #: Below this number of rocks the report warns of it.
 FEW_ROCKS = 20

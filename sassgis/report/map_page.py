@@ -23,17 +23,17 @@ import shapely
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from sassgis.hazard.along_profile import LinePaths
-from sassgis.model.grid import FloatArray, IntArray
-from sassgis.model.hazard import HazardCurves, HazardPreset
-from sassgis.model.languages import current_language, phrase, translated
-from sassgis.model.map_run import MapRun
-from sassgis.model.results import RasterLayer
-from sassgis.model.styles import class_colours, class_labels, rgb
+from sassgis.grid import FloatArray, IntArray
 from sassgis.report.figures.map_figure import class_numbers, shown_values
 from sassgis.report.figures.map_marks import MapObject
 from sassgis.report.figures.relief import MapView, footprint, hillshade, view_of
 from sassgis.report.page import data_uri, template
+from sassgis.settings.hazard_rules import HazardCurves, HazardPreset
+from sassgis.settings.languages import current_language, phrase, translated
+from sassgis.settings.map_run import MapRun
+from sassgis.settings.results import RasterLayer
+from sassgis.settings.styles import class_colours, class_labels, rgb
+from sassgis.simulation.along_profile import LinePaths
 
 #: Maps that can be chosen, the first that there is at the beginning.
 _SHOWN = ("hazard_level", "energy", "reach_probability", "passing_height", "return_period")

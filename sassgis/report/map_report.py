@@ -11,22 +11,22 @@ import numpy as np
 import shapely
 from matplotlib.figure import Figure
 
-from sassgis.hazard.along_profile import LinePaths
-from sassgis.hazard.control_lines import ControlLineSums, control_line_rows, trimmed
-from sassgis.hazard.progress import Progress, joined_lines
+from sassgis.grid import FloatArray, IntArray
 from sassgis.hazard.warnings import ground_shares
-from sassgis.model.grid import FloatArray, IntArray
-from sassgis.model.ground import TRUST_TEXT
-from sassgis.model.labels import LINE_END_TEXT, STOP_TEXT, file_stems, thousands
-from sassgis.model.languages import joined, named, phrase
-from sassgis.model.map_run import MapRun
-from sassgis.model.results import RasterLayer, StopReason
-from sassgis.model.statistics_table import FEW_BLOCKS
 from sassgis.report import figures
 from sassgis.report.figures.map_marks import MapObject
 from sassgis.report.page import ReportContext, ReportFigure, ReportTable, table_of
 from sassgis.report.pictures import map_alt, path_alt, picture, station_alt
 from sassgis.report.run_summary import runout_words
+from sassgis.settings.ground import TRUST_TEXT
+from sassgis.settings.labels import LINE_END_TEXT, STOP_TEXT, file_stems, thousands
+from sassgis.settings.languages import joined, named, phrase
+from sassgis.settings.map_run import MapRun
+from sassgis.settings.results import RasterLayer, StopReason
+from sassgis.settings.statistics_table import FEW_BLOCKS
+from sassgis.simulation.accumulators import Progress, joined_lines
+from sassgis.simulation.along_profile import LinePaths
+from sassgis.simulation.control_lines import ControlLineSums, control_line_rows, trimmed
 from sassgis.terrain.plan import Plan
 
 

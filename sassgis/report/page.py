@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 
-from sassgis.model.errors import OutputError
-from sassgis.model.labels import power_of_ten
-from sassgis.model.languages import current_language, translated, with_translated
+from sassgis.errors import OutputError
+from sassgis.settings.labels import power_of_ten
+from sassgis.settings.languages import current_language, translated, with_translated
 
 #: What a cell of a table may hold; numbers are written with sensible digits, None as a dash.
 Cell = str | int | float | np.integer[Any] | np.floating[Any] | None

@@ -12,15 +12,15 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from sassgis.hazard.along_profile import LinePaths
-from sassgis.model.grid import Grid
-from sassgis.model.languages import joined, phrase
-from sassgis.model.results import RasterLayer
-from sassgis.model.styles import class_labels
+from sassgis.grid import Grid
 from sassgis.report.figures.map_figure import class_numbers, map_figure, shown_values
 from sassgis.report.figures.map_marks import MapMarks
 from sassgis.report.figures.style import to_png
 from sassgis.report.page import ReportFigure, sensible
+from sassgis.settings.languages import joined, phrase
+from sassgis.settings.results import RasterLayer
+from sassgis.settings.styles import class_labels
+from sassgis.simulation.along_profile import LinePaths
 
 #: Set where the figures are drawn beside other work, which may fail or be stopped.
 GIVEN_UP: ContextVar[Event | None] = ContextVar("given_up", default=None)

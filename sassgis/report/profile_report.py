@@ -7,14 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from sassgis.hazard.along_profile import STRETCH_M, ProfileResult
-from sassgis.model.languages import phrase
-from sassgis.model.results import StopReason
 from sassgis.report import figures
 from sassgis.report.map_report import control_line_tables, station_figures, stopping_reasons
 from sassgis.report.page import Cell, ReportContext, ReportFigure
 from sassgis.report.pictures import picture
 from sassgis.report.run_summary import profile_lines
+from sassgis.settings.languages import phrase
+from sassgis.settings.results import StopReason
+from sassgis.simulation.along_profile import STRETCH_M, ProfileResult
 
 
 def profile_panel(result: ProfileResult, title: str = "") -> figures.ProfilePanel:

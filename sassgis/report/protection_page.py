@@ -13,13 +13,10 @@ import numpy as np
 import pandas as pd
 import shapely
 
-from sassgis.hazard.control_lines import BEHIND
+from sassgis.grid import FloatArray
 from sassgis.hazard.design import arrivals, net_classes
 from sassgis.hazard.measured_motion import words_at_line
 from sassgis.hazard.sources import Sampled
-from sassgis.model.grid import FloatArray
-from sassgis.model.languages import current_language, phrase, translated
-from sassgis.model.results import ControlLine
 from sassgis.report import figures
 from sassgis.report.exposed_report import limited
 from sassgis.report.page import (
@@ -32,6 +29,9 @@ from sassgis.report.page import (
     translated_table,
 )
 from sassgis.report.pictures import picture
+from sassgis.settings.languages import current_language, phrase, translated
+from sassgis.settings.results import ControlLine
+from sassgis.simulation.control_lines import BEHIND
 
 PAGE_NAME = "protection.html"
 #: Share of the blocks of a line that a place upslope must see to be compared with it.

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from sassgis.hazard.along_profile import ProfileResult
+from sassgis.grid import IntArray
 from sassgis.hazard.assess import Assessment
-from sassgis.hazard.progress import Progress
 from sassgis.hazard.reach_angles import ReachAngles
 from sassgis.hazard.risk import risk_totals
 from sassgis.hazard.warnings import sample_words
-from sassgis.model.grid import IntArray
-from sassgis.model.languages import joined, phrase
-from sassgis.model.results import StopReason
 from sassgis.report.page import ReportTable, sensible
+from sassgis.settings.languages import joined, phrase
+from sassgis.settings.results import StopReason
+from sassgis.simulation.accumulators import Progress
+from sassgis.simulation.along_profile import ProfileResult
 
 Lines = tuple[tuple[str, str], ...]
 

@@ -7,7 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from sassgis.hazard.variants import (
+from sassgis.report.figures import MapMarks
+from sassgis.report.map_report import release_outlines
+from sassgis.report.page import ReportContext, ReportTable, sensible, table_of
+from sassgis.report.pictures import map_pictures
+from sassgis.report.run_summary import Lines
+from sassgis.settings.languages import joined, phrase
+from sassgis.settings.map_run import MapRun
+from sassgis.settings.results import RasterLayer
+from sassgis.studies.variants import (
     ENERGY_RATIO,
     FAR,
     FARTHER,
@@ -16,14 +24,6 @@ from sassgis.hazard.variants import (
     GroundSpread,
     RangeEffect,
 )
-from sassgis.model.languages import joined, phrase
-from sassgis.model.map_run import MapRun
-from sassgis.model.results import RasterLayer
-from sassgis.report.figures import MapMarks
-from sassgis.report.map_report import release_outlines
-from sassgis.report.page import ReportContext, ReportTable, sensible, table_of
-from sassgis.report.pictures import map_pictures
-from sassgis.report.run_summary import Lines
 
 # ---------------------------------------------------------------------------------------------
 # Sensitivity

@@ -11,6 +11,7 @@ import pandas as pd
 import shapely
 from matplotlib.figure import Figure
 
+from sassgis.grid import FloatArray
 from sassgis.hazard.assess import Assessment, Hazard, Rules, raster
 from sassgis.hazard.curves import source_rate
 from sassgis.hazard.levels import hazard_level
@@ -18,17 +19,16 @@ from sassgis.hazard.preset_labels import energy_labels, period_labels
 from sassgis.hazard.risk import RiskTable, risk_totals
 from sassgis.hazard.zoning.applied_edits import shares_text
 from sassgis.hazard.zoning.coverage import Coverage
-from sassgis.model.grid import FloatArray
-from sassgis.model.hazard import LIMIT_TEXT, HazardPreset
-from sassgis.model.labels import rounded, thousands
-from sassgis.model.languages import joined, phrase
-from sassgis.model.map_run import MapRun
-from sassgis.model.results import RasterLayer
 from sassgis.report import figures
 from sassgis.report.exposed_report import limited, map_objects
 from sassgis.report.map_report import map_marks
 from sassgis.report.page import Cell, ReportFigure, ReportTable, heads, sensible, table_of
 from sassgis.report.pictures import classes_alt, map_alt, picture
+from sassgis.settings.hazard_rules import LIMIT_TEXT, HazardPreset
+from sassgis.settings.labels import rounded, thousands
+from sassgis.settings.languages import joined, phrase
+from sassgis.settings.map_run import MapRun
+from sassgis.settings.results import RasterLayer
 
 BARRIERS_TITLE = "What walls and nets change"
 

@@ -6,6 +6,9 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
+from sassgis.errors import InputError, Interrupted
+from sassgis.files.atomic_output import CHECKPOINT_STEM, output_if_asked
+from sassgis.files.digests import value_digest
 from sassgis.gap.fit.class_calibration import (
     COUNT,
     SiteCalibration,
@@ -21,25 +24,18 @@ from sassgis.gap.fit.class_calibration import (
 from sassgis.gap.fit.parameters import fitted_names
 from sassgis.gap.fit.site_data import SiteData, site_data_of
 from sassgis.gap.observations.case import Case, classes_met
-from sassgis.io.atomic_output import CHECKPOINT_STEM, output_if_asked
-from sassgis.io.digests import value_digest
-from sassgis.io.read.config import as_named
-from sassgis.io.read.ground_map import read_ranges
-from sassgis.io.read.observation_files import AnyObservations
-from sassgis.io.write.calibration_files import (
+from sassgis.inputs.config import as_named
+from sassgis.inputs.ground_map import read_ranges
+from sassgis.inputs.observation_files import AnyObservations
+from sassgis.outputs.calibration_files import (
     FITTED_NAME,
     write_calibrated_config,
     write_calibration_json,
     write_classes,
 )
-from sassgis.io.write.frames import write_table
-from sassgis.io.write.layers.variant_layers import rule_table
-from sassgis.io.write.manifest import write_manifest
-from sassgis.model.declared import Input
-from sassgis.model.errors import InputError, Interrupted
-from sassgis.model.ground import PARAMETERS, GroundTable
-from sassgis.model.languages import in_language
-from sassgis.model.run_config import Config
+from sassgis.outputs.frames import write_table
+from sassgis.outputs.layers.variant_layers import rule_table
+from sassgis.outputs.manifest import write_manifest
 from sassgis.report.calibration_report import calibration_report, calibration_warnings
 from sassgis.report.page import translated_report, write_report
 from sassgis.runs.draw_store import DrawProgress, DrawStore
@@ -51,8 +47,12 @@ from sassgis.runs.gap_case import (
 )
 from sassgis.runs.gap_warnings import scenario_warnings
 from sassgis.runs.inputs import input_files
-from sassgis.runs.job import AnyConfig, configured, workers_asked
-from sassgis.runs.workers import Jobs, OnProgress, one_algebra_thread, task_map
+from sassgis.runs.resumable_run import AnyConfig, configured, workers_asked
+from sassgis.settings.ground import PARAMETERS, GroundTable
+from sassgis.settings.languages import in_language
+from sassgis.settings.run_config import Config
+from sassgis.settings.schema import Input
+from sassgis.simulation.workers import Jobs, OnProgress, one_algebra_thread, task_map
 
 #: With fewer rocks nothing can be said of their scatter.
 _FEWEST = 3

@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from sassgis.hazard.along_profile import ProfileInput
+from sassgis.errors import InputError
+from sassgis.grid import Grid
+from sassgis.hazard.adaptive_sampling import check_budget
 from sassgis.hazard.measured_motion import size_warnings
 from sassgis.hazard.warnings import (
     ground_warnings,
@@ -18,17 +20,8 @@ from sassgis.hazard.warnings import (
     release_warnings,
     rule_warnings,
 )
-from sassgis.io.read.edit_polygons import read_edits
-from sassgis.io.read.ground_map import default_class, read_ground_table
-from sassgis.model.crs import crs_name
-from sassgis.model.declared import Input
-from sassgis.model.errors import InputError
-from sassgis.model.grid import Grid
-from sassgis.model.ground import TRUST_TEXT, GroundTable, Trust
-from sassgis.model.map_run import MapRun, ReleaseArea
-from sassgis.model.results import ControlLine
-from sassgis.model.run_config import Config
-from sassgis.runs.estimate import RunEstimate, estimate_of, require_profile
+from sassgis.inputs.edit_polygons import read_edits
+from sassgis.inputs.ground_map import default_class, read_ground_table
 from sassgis.runs.inputs import (
     collected_notices,
     compares_barriers,
@@ -40,10 +33,17 @@ from sassgis.runs.inputs import (
     states_frequencies,
     with_rules,
 )
-from sassgis.runs.job import check_means, workers_asked
-from sassgis.runs.map import check_starts, on_known_ground
-from sassgis.runs.more_blocks import check_budget
+from sassgis.runs.resumable_run import check_means, workers_asked
 from sassgis.runs.variant_lab import spread_rules
+from sassgis.settings.crs import crs_name
+from sassgis.settings.ground import TRUST_TEXT, GroundTable, Trust
+from sassgis.settings.map_run import MapRun, ReleaseArea
+from sassgis.settings.results import ControlLine
+from sassgis.settings.run_config import Config
+from sassgis.settings.schema import Input
+from sassgis.simulation.along_profile import ProfileInput
+from sassgis.simulation.estimate import RunEstimate, estimate_of, require_profile
+from sassgis.simulation.loop import check_starts, on_known_ground
 from sassgis.terrain.edge import ANGLE_DEG, beyond_edge
 from sassgis.terrain.plan import placed_points, plan
 

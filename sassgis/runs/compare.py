@@ -5,32 +5,32 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from sassgis.hazard.result_change import ResultChange, levels_differ, result_change
-from sassgis.hazard.stored_result import StoredResult, objects_within, on_common_cells
-from sassgis.io.atomic_output import MANIFEST_NAME, staged_output
-from sassgis.io.qgis.entries import LayerEntry
-from sassgis.io.read.config import load_config
-from sassgis.io.read.result_folder import read_result
-from sassgis.io.write.frames import write_table
-from sassgis.io.write.geopackage import write_geopackage
-from sassgis.io.write.layers.change_maps import (
+from sassgis.errors import ConfigError
+from sassgis.files.atomic_output import MANIFEST_NAME, staged_output
+from sassgis.inputs.config import load_config
+from sassgis.inputs.result_folder import read_result
+from sassgis.outputs.frames import write_table
+from sassgis.outputs.geopackage import write_geopackage
+from sassgis.outputs.layers.change_maps import (
     change_layers,
     change_rows_table,
     difference_table,
     level_change_layer,
     zone_changes,
 )
-from sassgis.io.write.manifest import write_manifest
-from sassgis.io.write.raster import write_over_relief
-from sassgis.model.declared import Input
-from sassgis.model.errors import ConfigError
-from sassgis.model.exposure import PlacedObjects
-from sassgis.model.languages import in_language, phrase, translated
+from sassgis.outputs.manifest import write_manifest
+from sassgis.outputs.qgis.entries import LayerEntry
+from sassgis.outputs.raster import write_over_relief
 from sassgis.report.change_report import change_figures, change_report
 from sassgis.report.page import translated_report, write_report
 from sassgis.runs.inputs import cells_of_wholes, input_files, placed_objects
 from sassgis.runs.run import run
-from sassgis.runs.workers import Jobs
+from sassgis.settings.exposure import PlacedObjects
+from sassgis.settings.languages import in_language, phrase, translated
+from sassgis.settings.schema import Input
+from sassgis.simulation.workers import Jobs
+from sassgis.studies.result_change import ResultChange, levels_differ, result_change
+from sassgis.studies.stored_result import StoredResult, objects_within, on_common_cells
 
 
 def compare(

@@ -9,14 +9,14 @@ from typing import Any, Literal
 import numpy as np
 from scipy import ndimage
 
-from sassgis.io.atomic_output import staged_file
-from sassgis.io.read.dem import few_values
-from sassgis.io.read.dem_raw import RawDem, read_raw_dem
-from sassgis.io.read.dem_system import in_options
-from sassgis.model.crs import crs_name
-from sassgis.model.grid import BoolArray, FloatArray, Grid
+from sassgis.files.atomic_output import staged_file
+from sassgis.grid import BoolArray, FloatArray, Grid
+from sassgis.inputs.dem import few_values
+from sassgis.inputs.dem_raw import RawDem, read_raw_dem
+from sassgis.inputs.dem_system import in_options
 from sassgis.report.page import ReportContext, ReportTable, write_report
 from sassgis.runs.inputs import collected_notices
+from sassgis.settings.crs import crs_name
 from sassgis.terrain.dem_defects import (
     bumps_m,
     contour_interval,

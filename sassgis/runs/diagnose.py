@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from sassgis.errors import InputError, Interrupted
+from sassgis.files.atomic_output import output_if_asked, write_text
 from sassgis.gap.advice.measure_next import DRAWS as DRAWS_COMPARED
 from sassgis.gap.advice.measure_next import separations, tables_to_add, what_is_identifiable
 from sassgis.gap.advice.recommendation import (
@@ -58,15 +60,10 @@ from sassgis.gap.verdict.evidence import (
 )
 from sassgis.gap.verdict.model_comparison import CONFIGURED, GROUND
 from sassgis.gap.verdict.verdict import adequate, causes_in
-from sassgis.io.atomic_output import output_if_asked, write_text
-from sassgis.io.read.gap_thresholds import cause_weights_of, read_thresholds, thresholds_of
-from sassgis.io.read.observation_files import AnyObservations
-from sassgis.io.write.gap_files import write_config_back, write_diagnosis_json, write_gap_gpkg
-from sassgis.model.crs import crs_name
-from sassgis.model.errors import InputError, Interrupted
-from sassgis.model.grid import FloatArray
-from sassgis.model.languages import in_language
-from sassgis.model.run_config import Config
+from sassgis.grid import FloatArray
+from sassgis.inputs.gap_thresholds import cause_weights_of, read_thresholds, thresholds_of
+from sassgis.inputs.observation_files import AnyObservations
+from sassgis.outputs.gap_files import write_config_back, write_diagnosis_json, write_gap_gpkg
 from sassgis.report.gap_report import gap_report, report_warnings
 from sassgis.report.page import translated_report, write_report
 from sassgis.runs.draw_store import told_tasks
@@ -84,9 +81,12 @@ from sassgis.runs.gap_warnings import (
     scenario_warnings,
     stop_warnings,
 )
-from sassgis.runs.job import AnyConfig, configured, workers_asked
 from sassgis.runs.provenance import Origin, write_origin
-from sassgis.runs.workers import Jobs, OnProgress, one_algebra_thread, task_map
+from sassgis.runs.resumable_run import AnyConfig, configured, workers_asked
+from sassgis.settings.crs import crs_name
+from sassgis.settings.languages import in_language
+from sassgis.settings.run_config import Config
+from sassgis.simulation.workers import Jobs, OnProgress, one_algebra_thread, task_map
 
 #: Folder of the result in which the maps before and after are put, where they are wanted.
 MAP_NAME = "map"

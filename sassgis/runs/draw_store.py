@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from sassgis.files.saved_arrays import read_saved, write_saved
 from sassgis.gap.fit.linear_fit import Seen, Trial
-from sassgis.io.saved_arrays import read_saved, write_saved
-from sassgis.runs.workers import OnProgress, TaskMap
+from sassgis.simulation.workers import OnProgress, TaskMap
 
 #: Seconds between two savings.
 _SAVE_EVERY_S = 5.0

@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
+from sassgis.errors import InputError
+from sassgis.files.input_parts import file_digest
 from sassgis.gap.fit.parameters import learned_contacts
 from sassgis.gap.fit.site_data import SiteData
 from sassgis.gap.observations.case import (
@@ -14,14 +16,12 @@ from sassgis.gap.observations.case import (
     case_of,
     drop_and_density,
 )
-from sassgis.io.read.config import settings_hash
-from sassgis.io.read.input_parts import file_digest
-from sassgis.io.read.observation_files import AnyObservations, observation_source, read_observations
-from sassgis.model.declared import Input
-from sassgis.model.errors import InputError
-from sassgis.model.run_config import Config
+from sassgis.inputs.config import settings_hash
+from sassgis.inputs.observation_files import AnyObservations, observation_source, read_observations
 from sassgis.runs.inputs import read_map_run
-from sassgis.runs.job import AnyConfig, configured
+from sassgis.runs.resumable_run import AnyConfig, configured
+from sassgis.settings.run_config import Config
+from sassgis.settings.schema import Input
 
 
 def comparable(problem: SiteData, observations: AnyObservations) -> SiteData:

@@ -7,8 +7,8 @@ import numpy as np
 from sassgis.gap.causes.contact_law_cause import BOUNDS
 from sassgis.gap.forward.hypothesis_model import HypothesisModel
 from sassgis.gap.observations.case import Case
-from sassgis.model.languages import joined, phrase
-from sassgis.model.run_config import Config
+from sassgis.settings.languages import joined, phrase
+from sassgis.settings.run_config import Config
 
 #: With fewer groups of rocks a warning is given.
 _FEWEST_GROUPS = 4

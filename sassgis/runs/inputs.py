@@ -11,31 +11,31 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.hazard.along_profile import ProfileInput, stretches_of
+from sassgis.errors import ConfigError, InputError
+from sassgis.files.input_parts import file_digest
+from sassgis.grid import FloatArray, Grid
 from sassgis.hazard.assess import Rules
 from sassgis.hazard.sources import OnsetTable, onset_frequencies
 from sassgis.hazard.zoning.cell_outlines import check_cells
-from sassgis.io.read.config import FILE_KEYS, profile_control_lines
-from sassgis.io.read.dem import lone_zeros, read_base_map
-from sassgis.io.read.forest import read_forest
-from sassgis.io.read.frequencies import read_frequencies
-from sassgis.io.read.ground_map import default_class, ground_raster, read_ground_table
-from sassgis.io.read.input_parts import file_digest
-from sassgis.io.read.objects import joined_objects, object_cells, read_objects, read_vulnerability
-from sassgis.io.read.presets import read_preset
-from sassgis.io.read.profile_csv import check_on_profile, read_profile
-from sassgis.io.read.tiles import read_terrain
-from sassgis.io.read.vectors import read_control_lines, read_release, release_names
-from sassgis.model.declared import Input, is_preset_file
-from sassgis.model.errors import ConfigError, InputError
-from sassgis.model.exposure import PlacedObjects
-from sassgis.model.grid import FloatArray, Grid
-from sassgis.model.ground import GroundTable
-from sassgis.model.hazard import HazardPreset
-from sassgis.model.map_run import Forest, MapRun, ObjectCells, ReleaseArea
-from sassgis.model.results import ControlLine
-from sassgis.model.run_config import Config
-from sassgis.runs.estimate import require_profile
+from sassgis.inputs.config import FILE_KEYS, profile_control_lines
+from sassgis.inputs.dem import lone_zeros, read_base_map
+from sassgis.inputs.forest import read_forest
+from sassgis.inputs.frequencies import read_frequencies
+from sassgis.inputs.ground_map import default_class, ground_raster, read_ground_table
+from sassgis.inputs.objects import joined_objects, object_cells, read_objects, read_vulnerability
+from sassgis.inputs.presets import read_preset
+from sassgis.inputs.profile_csv import check_on_profile, read_profile
+from sassgis.inputs.tiles import read_terrain
+from sassgis.inputs.vectors import read_control_lines, read_release, release_names
+from sassgis.settings.exposure import PlacedObjects
+from sassgis.settings.ground import GroundTable
+from sassgis.settings.hazard_rules import HazardPreset
+from sassgis.settings.map_run import Forest, MapRun, ObjectCells, ReleaseArea
+from sassgis.settings.results import ControlLine
+from sassgis.settings.run_config import Config
+from sassgis.settings.schema import Input, is_preset_file
+from sassgis.simulation.along_profile import ProfileInput, stretches_of
+from sassgis.simulation.estimate import require_profile
 from sassgis.terrain.nodata_traces import TRACES_ADVICE, nodata_traces
 from sassgis.terrain.slope_units import WALL_DEG, WALL_SHARE, slopes_deg, wall_share
 from sassgis.terrain.surface import block_scale_grid

@@ -12,15 +12,15 @@ from sassgis.hazard.assess import Assessment, Rules
 from sassgis.hazard.attribution import governing
 from sassgis.hazard.curves import hazard_curves
 from sassgis.hazard.design import arrivals, value_at_rate
-from sassgis.hazard.progress import Progress
 from sassgis.hazard.risk import RiskTable
 from sassgis.hazard.sources import Sampled
 from sassgis.hazard.zoning.applied_edits import shares_text
-from sassgis.model.hazard import LIMIT_TEXT
-from sassgis.model.languages import joined, named, phrase
-from sassgis.model.map_run import MapRun
 from sassgis.report.map_page import Contribution, MapHazard, PlaceFacts, Rows
 from sassgis.report.page import sensible
+from sassgis.settings.hazard_rules import LIMIT_TEXT
+from sassgis.settings.languages import joined, named, phrase
+from sassgis.settings.map_run import MapRun
+from sassgis.simulation.accumulators import Progress
 
 #: Points of a curve at a line.
 _POINTS = 16

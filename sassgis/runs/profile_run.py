@@ -10,37 +10,37 @@ from pathlib import Path
 
 import numpy as np
 
+from sassgis.compiled import rng
 from sassgis.engine.simulate import Simulated, simulate
 from sassgis.engine.state import trajectory
-from sassgis.hazard.along_profile import ProfileInput, ProfileResult, stretches_of
-from sassgis.hazard.control_lines import ControlLineSums
-from sassgis.hazard.map_sums import quantiles
+from sassgis.errors import InputError
+from sassgis.files.atomic_output import staged_output
+from sassgis.grid import FloatArray, IntArray
 from sassgis.hazard.warnings import profile_warnings
-from sassgis.io.atomic_output import staged_output
-from sassgis.io.read.vectors import read_line
-from sassgis.io.write.frames import profile_passage_frame, profile_rock_frame, write_table
-from sassgis.model import rng
-from sassgis.model.declared import Input, named
-from sassgis.model.errors import InputError
-from sassgis.model.grid import FloatArray, IntArray
-from sassgis.model.languages import in_language
-from sassgis.model.map_run import Forest, MapRun
-from sassgis.model.profiles import (
+from sassgis.inputs.vectors import read_line
+from sassgis.outputs.frames import profile_passage_frame, profile_rock_frame, write_table
+from sassgis.report.page import ReportContext, in_short, translated_report, write_report
+from sassgis.report.profile_report import profile_report
+from sassgis.runs.inputs import collected_notices, profile_from_csv, read_map_run
+from sassgis.runs.provenance import Origin, byline, provenance, write_origin
+from sassgis.runs.resumable_run import AnyConfig, configured
+from sassgis.settings.languages import in_language
+from sassgis.settings.map_run import Forest, MapRun
+from sassgis.settings.profiles import (
     ControlLineCrossings,
     LineEnd,
     ProfileSet,
     ReleasePoints,
     TraceSet,
 )
-from sassgis.model.results import StopReason
-from sassgis.model.run_config import Config
-from sassgis.model.statistics_table import PROBABILITIES
-from sassgis.report.page import ReportContext, in_short, translated_report, write_report
-from sassgis.report.profile_report import profile_report
-from sassgis.runs.estimate import require_profile
-from sassgis.runs.inputs import collected_notices, profile_from_csv, read_map_run
-from sassgis.runs.job import AnyConfig, configured
-from sassgis.runs.provenance import Origin, byline, provenance, write_origin
+from sassgis.settings.results import StopReason
+from sassgis.settings.run_config import Config
+from sassgis.settings.schema import Input, named
+from sassgis.settings.statistics_table import PROBABILITIES
+from sassgis.simulation.along_profile import ProfileInput, ProfileResult, stretches_of
+from sassgis.simulation.control_lines import ControlLineSums
+from sassgis.simulation.estimate import require_profile
+from sassgis.simulation.map_sums import quantiles
 from sassgis.terrain.fall_lines import fall_line_surface, trace
 from sassgis.terrain.flatten import chainage_to_xy
 from sassgis.terrain.prepare import LEAD_IN_M, PreparedLines, prepare_lines

@@ -8,15 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
-from sassgis.io.atomic_output import staged_file
-from sassgis.io.read.ground_map import ground_raster, read_ground_table
-from sassgis.io.read.tiles import read_terrain
-from sassgis.io.write.geopackage import write_geopackage
-from sassgis.io.write.layers.run_vectors import proposed_areas
-from sassgis.model.errors import InputError
-from sassgis.model.grid import FloatArray
-from sassgis.model.settings import GroundSettings
+from sassgis.errors import InputError
+from sassgis.files.atomic_output import staged_file
+from sassgis.grid import FloatArray
+from sassgis.inputs.ground_map import ground_raster, read_ground_table
+from sassgis.inputs.tiles import read_terrain
+from sassgis.outputs.geopackage import write_geopackage
+from sassgis.outputs.layers.run_vectors import proposed_areas
 from sassgis.runs.inputs import check_heights, collected_notices
+from sassgis.settings.settings import GroundSettings
 from sassgis.terrain.slope_units import SlopeUnits, cliff_patches, slope_units, slopes_deg
 
 #: Below this threshold cells are hardly bare rock: fresh rock debris rests at about 35 to

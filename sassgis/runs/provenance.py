@@ -8,16 +8,16 @@ from datetime import date
 from pathlib import Path
 
 import sassgis
-from sassgis.io.atomic_output import MANIFEST_NAME
-from sassgis.io.read.config import as_named, settings_hash
-from sassgis.io.write.manifest import write_manifest
-from sassgis.model.crs import crs_name
-from sassgis.model.declared import Input
-from sassgis.model.grid import Grid
-from sassgis.model.languages import translated
-from sassgis.model.map_run import MapRun
-from sassgis.model.run_config import Config
+from sassgis.files.atomic_output import MANIFEST_NAME
+from sassgis.grid import Grid
+from sassgis.inputs.config import as_named, settings_hash
+from sassgis.outputs.manifest import write_manifest
 from sassgis.runs.inputs import input_files
+from sassgis.settings.crs import crs_name
+from sassgis.settings.languages import translated
+from sassgis.settings.map_run import MapRun
+from sassgis.settings.run_config import Config
+from sassgis.settings.schema import Input
 
 
 @dataclass(frozen=True, slots=True)

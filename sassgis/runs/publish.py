@@ -8,30 +8,24 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from sassgis.hazard.map_sums import MapSums, Sample
+from sassgis.files.vector_layer import VectorLayer
+from sassgis.grid import Grid
 from sassgis.hazard.measured_motion import motion_warnings
 from sassgis.hazard.object_values import ObjectValues, object_values
-from sassgis.hazard.progress import line_ends, sample_of
 from sassgis.hazard.reach_angles import reach_angles
 from sassgis.hazard.sources import Sampled, sampled_sources
 from sassgis.hazard.warnings import ground_shares
-from sassgis.io.qgis import run_project
-from sassgis.io.qgis.entries import LayerGroup
-from sassgis.io.qgis.layout import Extent, PrintLayout
-from sassgis.io.read.dem import read_base_map
-from sassgis.io.read.result_folder import EDITS_FILE, RESULT_FILE, ZONE_FILE
-from sassgis.io.vector_layer import VectorLayer
-from sassgis.io.write.frames import passage_frame, rock_frame, write_table
-from sassgis.io.write.geopackage import write_geopackage
-from sassgis.io.write.layers import run_vectors
-from sassgis.io.write.layers.maps import map_layers, terrain_layer
-from sassgis.io.write.layers.risk_objects import exposed_layers
-from sassgis.io.write.raster import write_raster
-from sassgis.model.exposure import PlacedObjects
-from sassgis.model.grid import Grid
-from sassgis.model.results import RasterLayer, StopReason
-from sassgis.model.run_config import Config
-from sassgis.model.statistics_table import Bins, bins_of
+from sassgis.inputs.dem import read_base_map
+from sassgis.inputs.result_folder import EDITS_FILE, RESULT_FILE, ZONE_FILE
+from sassgis.outputs.frames import passage_frame, rock_frame, write_table
+from sassgis.outputs.geopackage import write_geopackage
+from sassgis.outputs.layers import run_vectors
+from sassgis.outputs.layers.maps import map_layers, terrain_layer
+from sassgis.outputs.layers.risk_objects import exposed_layers
+from sassgis.outputs.qgis import run_project
+from sassgis.outputs.qgis.entries import LayerGroup
+from sassgis.outputs.qgis.layout import Extent, PrintLayout
+from sassgis.outputs.raster import write_raster
 from sassgis.report.exposed_report import exposed_table, map_objects, most_exposed
 from sassgis.report.map_page import Contribution, MapHazard, MapPage, PlaceFacts, write_map_page
 from sassgis.report.map_report import map_report
@@ -46,12 +40,18 @@ from sassgis.report.pictures import GIVEN_UP
 from sassgis.report.protection_page import PAGE_NAME, ProtectionSheet, write_protection_page
 from sassgis.report.run_summary import Lines, object_lines, run_lines
 from sassgis.report.zone_report import BARRIERS_TITLE
-from sassgis.runs.checkpoint import read_rows
-from sassgis.runs.job import Simulation
 from sassgis.runs.map_answers import area_rows, blocks_by_source
-from sassgis.runs.path_sample import paths_on_line, sample_paths, some_paths
 from sassgis.runs.provenance import Origin, byline, facts_of, made_on, provenance, write_origin
-from sassgis.runs.workers import beside
+from sassgis.runs.resumable_run import Simulation
+from sassgis.settings.exposure import PlacedObjects
+from sassgis.settings.results import RasterLayer, StopReason
+from sassgis.settings.run_config import Config
+from sassgis.settings.statistics_table import Bins, bins_of
+from sassgis.simulation.accumulators import line_ends, sample_of
+from sassgis.simulation.checkpoint import read_rows
+from sassgis.simulation.map_sums import MapSums, Sample
+from sassgis.simulation.path_sample import paths_on_line, sample_paths, some_paths
+from sassgis.simulation.workers import beside
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,25 +5,25 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from sassgis.io.qgis.entries import LayerEntry, LayerGroup
-from sassgis.io.write.geopackage import write_geopackage
-from sassgis.io.write.layers.variant_layers import (
+from sassgis.outputs.geopackage import write_geopackage
+from sassgis.outputs.layers.variant_layers import (
     answer_table,
     band_table,
     range_table,
     spread_layers,
     spread_vectors,
 )
-from sassgis.model.hazard import HazardPreset
+from sassgis.outputs.qgis.entries import LayerEntry, LayerGroup
 from sassgis.report.exposed_report import map_objects
 from sassgis.report.map_report import map_marks
 from sassgis.report.page import ReportFigure
 from sassgis.report.pictures import map_pictures
 from sassgis.report.variants_report import spread_lines, spread_table
-from sassgis.runs.job import Simulation
 from sassgis.runs.provenance import facts_of
 from sassgis.runs.publish import Extras
+from sassgis.runs.resumable_run import Simulation
 from sassgis.runs.variant_lab import DrawnGround
+from sassgis.settings.hazard_rules import HazardPreset
 
 _VECTORS = "ground_spread.gpkg"
 

@@ -6,9 +6,11 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from sassgis.hazard.another_sample import LevelChances
+from sassgis.files.vector_layer import VectorLayer
+from sassgis.grid import Grid
 from sassgis.hazard.assess import Assessment, Rules
 from sassgis.hazard.risk import RiskTable
+from sassgis.hazard.sampling_error import LevelChances
 from sassgis.hazard.warnings import (
     edge_words,
     edit_warnings,
@@ -17,26 +19,24 @@ from sassgis.hazard.warnings import (
     rule_warnings,
     zone_warnings,
 )
-from sassgis.io.qgis.run_project import onset_words, zone_groups, zone_layouts
-from sassgis.io.vector_layer import VectorLayer
-from sassgis.io.write.layers import zones as zone_layers
-from sassgis.io.write.layers.federal import federal_layers
-from sassgis.io.write.layers.hazard_maps import hazard_layers
-from sassgis.io.write.layers.risk_objects import risk_tables, risk_vectors
-from sassgis.io.write.zone_tables import design_tables, layer_table, protection_table, source_table
-from sassgis.model.grid import Grid
-from sassgis.model.hazard import HazardCurves
-from sassgis.model.results import RasterLayer
-from sassgis.model.run_config import Config
+from sassgis.outputs.layers import zones as zone_layers
+from sassgis.outputs.layers.hazard_maps import hazard_layers
+from sassgis.outputs.layers.risk_objects import risk_tables, risk_vectors
+from sassgis.outputs.qgis.run_project import onset_words, zone_groups, zone_layouts
+from sassgis.outputs.swiss.federal import federal_layers
+from sassgis.outputs.zone_tables import design_tables, layer_table, protection_table, source_table
 from sassgis.report.exposed_report import levels_of
 from sassgis.report.protection_page import protection_sheets
 from sassgis.report.run_summary import zone_lines
 from sassgis.report.zone_report import level_table, zone_facts_of, zone_figures, zone_tables
 from sassgis.runs.inputs import zoning_files
-from sassgis.runs.job import Simulation
 from sassgis.runs.map_answers import line_facts, map_hazard, object_facts, rates_by_source
 from sassgis.runs.provenance import Origin
 from sassgis.runs.publish import Extras, ForMapPage, ForReport, values_at_objects
+from sassgis.runs.resumable_run import Simulation
+from sassgis.settings.hazard_rules import HazardCurves
+from sassgis.settings.results import RasterLayer
+from sassgis.settings.run_config import Config
 
 #: Layers of a group of areas that make sense for all groups together; the first is a table, too.
 _OF_GROUPS = ("hazard_zones", "hazard_area", "synoptic_intensity", "indicative_hazard_area")

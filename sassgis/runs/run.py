@@ -7,14 +7,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sassgis.hazard.progress import Progress
-from sassgis.hazard.variants import GroundSpread
-from sassgis.io.atomic_output import staged_output
-from sassgis.model.languages import in_language, phrase
-from sassgis.model.map_run import MapRun
-from sassgis.model.results import RasterLayer, StopReason
+from sassgis.files.atomic_output import staged_output
 from sassgis.runs.inputs import collected_notices, placed_objects, with_objects
-from sassgis.runs.job import (
+from sassgis.runs.resumable_run import (
     AnyConfig,
     Simulation,
     Workplace,
@@ -24,7 +19,12 @@ from sassgis.runs.job import (
     simulate_job,
 )
 from sassgis.runs.variant_lab import DrawnGround, drawn_ground, spread_rules
-from sassgis.runs.workers import Jobs, OnProgress
+from sassgis.settings.languages import in_language, phrase
+from sassgis.settings.map_run import MapRun
+from sassgis.settings.results import RasterLayer, StopReason
+from sassgis.simulation.accumulators import Progress
+from sassgis.simulation.workers import Jobs, OnProgress
+from sassgis.studies.variants import GroundSpread
 from sassgis.terrain.plan import Plan
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ class RunResult:
     @property
     def maps(self) -> xr.Dataset:
         """All maps, as ``sassgis.simulate`` and ``sassgis.hazard_maps`` name them."""
-        from sassgis.io.write.map_dataset import maps_dataset
+        from sassgis.outputs.map_dataset import maps_dataset
 
         about = {"seed": self.run.seed, "blocks": self.n_blocks}
         return maps_dataset(self.layers, self.run.grid, about)

@@ -9,6 +9,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from sassgis.errors import ConfigError
 from sassgis.hazard.volume_frequency import (
     Estimate,
     PowerLaw,
@@ -16,10 +17,9 @@ from sassgis.hazard.volume_frequency import (
     fit_test,
     higher_thresholds,
 )
-from sassgis.io.read.frequencies import read_block_survey
-from sassgis.io.write.config_template import toml_value
-from sassgis.model.errors import ConfigError
-from sassgis.model.hazard import OnsetUnit
+from sassgis.inputs.frequencies import read_block_survey
+from sassgis.outputs.config_template import toml_value
+from sassgis.settings.hazard_rules import OnsetUnit
 
 #: Below this p a power law is in doubt (Clauset, Shalizi and Newman 2009; not checked against the
 #: source).

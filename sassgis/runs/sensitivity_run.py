@@ -8,8 +8,31 @@ from pathlib import Path
 
 import numpy as np
 
+from sassgis.errors import InputError
+from sassgis.files.atomic_output import staged_output
 from sassgis.hazard.assess import Rules
-from sassgis.hazard.variants import (
+from sassgis.hazard.warnings import rule_warnings
+from sassgis.inputs.ground_map import read_ranges
+from sassgis.outputs.frames import write_table
+from sassgis.outputs.layers.variant_layers import (
+    answer_table,
+    effect_table,
+    range_table,
+    sensitivity_layers,
+)
+from sassgis.outputs.raster import write_over_relief
+from sassgis.report.page import translated_report, write_report
+from sassgis.report.variants_report import sensitivity_report
+from sassgis.runs.inputs import read_rules, states_frequencies
+from sassgis.runs.provenance import Origin, provenance, write_origin
+from sassgis.runs.resumable_run import AnyConfig, Workplace, configured, read_job
+from sassgis.runs.variant_lab import VariantLab
+from sassgis.runs.zone import prepared
+from sassgis.settings.ground_ranges import ParameterRange, RangeRule
+from sassgis.settings.languages import in_language, phrase, translated
+from sassgis.simulation.loop import check_starts
+from sassgis.simulation.workers import Jobs, OnProgress
+from sassgis.studies.variants import (
     BASE,
     CHANCE,
     RangeEffect,
@@ -22,29 +45,6 @@ from sassgis.hazard.variants import (
     filling,
     sensitivity_maps,
 )
-from sassgis.hazard.warnings import rule_warnings
-from sassgis.io.atomic_output import staged_output
-from sassgis.io.read.ground_map import read_ranges
-from sassgis.io.write.frames import write_table
-from sassgis.io.write.layers.variant_layers import (
-    answer_table,
-    effect_table,
-    range_table,
-    sensitivity_layers,
-)
-from sassgis.io.write.raster import write_over_relief
-from sassgis.model.errors import InputError
-from sassgis.model.ground_ranges import ParameterRange, RangeRule
-from sassgis.model.languages import in_language, phrase, translated
-from sassgis.report.page import translated_report, write_report
-from sassgis.report.variants_report import sensitivity_report
-from sassgis.runs.inputs import read_rules, states_frequencies
-from sassgis.runs.job import AnyConfig, Workplace, configured, read_job
-from sassgis.runs.map import check_starts
-from sassgis.runs.provenance import Origin, provenance, write_origin
-from sassgis.runs.variant_lab import VariantLab
-from sassgis.runs.workers import Jobs, OnProgress
-from sassgis.runs.zone import prepared
 
 #: Blocks of each release point in each simulation, as a share of those of the configuration.
 _ROCKS_SHARE, _FEWEST_ROCKS = 0.2, 4

@@ -10,9 +10,31 @@ from pathlib import Path
 
 import numpy as np
 
+from sassgis.errors import Interrupted
+from sassgis.files.atomic_output import CHECKPOINT_STEM, staged_output, writing
+from sassgis.files.saved_arrays import read_saved, write_saved
 from sassgis.hazard.assess import Rules
-from sassgis.hazard.progress import Progress
-from sassgis.hazard.variants import (
+from sassgis.inputs.ground_map import read_ranges
+from sassgis.runs.inputs import cells_of_wholes
+from sassgis.runs.resumable_run import (
+    Job,
+    Simulation,
+    Workplace,
+    configured,
+    read_job,
+    simulate_saved,
+    state_fingerprint,
+    workers_asked,
+)
+from sassgis.settings.exposure import PlacedObjects
+from sassgis.settings.ground_ranges import ParameterRange, RangeRule, acting, ranges_of, with_values
+from sassgis.settings.map_run import MapRun, ObjectCells
+from sassgis.settings.run_config import Config
+from sassgis.simulation.accumulators import Progress
+from sassgis.simulation.checkpoint import Checkpoint
+from sassgis.simulation.loop import check_starts
+from sassgis.simulation.workers import Jobs, OnProgress
+from sassgis.studies.variants import (
     BASE,
     FAR,
     MEDIAN,
@@ -30,28 +52,6 @@ from sassgis.hazard.variants import (
     spread_bands,
     spread_maps,
 )
-from sassgis.io.atomic_output import CHECKPOINT_STEM, staged_output, writing
-from sassgis.io.read.ground_map import read_ranges
-from sassgis.io.saved_arrays import read_saved, write_saved
-from sassgis.model.errors import Interrupted
-from sassgis.model.exposure import PlacedObjects
-from sassgis.model.ground_ranges import ParameterRange, RangeRule, acting, ranges_of, with_values
-from sassgis.model.map_run import MapRun, ObjectCells
-from sassgis.model.run_config import Config
-from sassgis.runs.checkpoint import Checkpoint
-from sassgis.runs.inputs import cells_of_wholes
-from sassgis.runs.job import (
-    Job,
-    Simulation,
-    Workplace,
-    configured,
-    read_job,
-    simulate_saved,
-    state_fingerprint,
-    workers_asked,
-)
-from sassgis.runs.map import check_starts
-from sassgis.runs.workers import Jobs, OnProgress
 
 _KEPT = [f.name for f in fields(VariantFinding)]
 #: Folder of the draws among the saved states of a run.

@@ -8,14 +8,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from sassgis.files.atomic_output import staged_output
+from sassgis.hazard.adaptive_sampling import MoreBlocks, check_budget
 from sassgis.hazard.assess import Assessment, Rules, assess
 from sassgis.hazard.sources import sampled_sources
-from sassgis.io.atomic_output import staged_output
-from sassgis.io.read.edit_polygons import read_edits, with_earlier
-from sassgis.model.languages import in_language
-from sassgis.model.statistics_table import bins_of
+from sassgis.inputs.edit_polygons import read_edits, with_earlier
 from sassgis.runs.inputs import compares_barriers, read_rules, with_rules
-from sassgis.runs.job import (
+from sassgis.runs.resumable_run import (
     AnyConfig,
     Job,
     Simulation,
@@ -25,10 +24,11 @@ from sassgis.runs.job import (
     read_job,
     simulate_job,
 )
-from sassgis.runs.more_blocks import MoreBlocks, check_budget
 from sassgis.runs.run import RunResult, result_of
 from sassgis.runs.variant_lab import DrawnGround, drawn_ground, spread_rules
-from sassgis.runs.workers import Jobs, OnProgress
+from sassgis.settings.languages import in_language
+from sassgis.settings.statistics_table import bins_of
+from sassgis.simulation.workers import Jobs, OnProgress
 from sassgis.terrain.moved_lines import moved_lines
 
 if TYPE_CHECKING:

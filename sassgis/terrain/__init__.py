@@ -1,1 +1,5 @@
-"""From heights and release areas to flattened profiles: array geometry, no files."""
+"""From a height model to profiles.
+
+In: heights, release polygons. Out: release points, fall lines, flattened profiles.
+May import: sassgis.settings and below; numpy and numba, no files.
+"""

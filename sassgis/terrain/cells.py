@@ -7,10 +7,10 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.model.cell_geometry import SHORTEST_STRETCH, cell_index, next_line
-from sassgis.model.grid import FloatArray, Grid, IntArray
-from sassgis.model.jit import kernel, lean
-from sassgis.model.profiles import TraceSet
+from sassgis.compiled.jit import kernel, lean
+from sassgis.grid import FloatArray, Grid, IntArray
+from sassgis.settings.profiles import TraceSet
+from sassgis.terrain.cell_geometry import SHORTEST_STRETCH, cell_index, next_line
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 

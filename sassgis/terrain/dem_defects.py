@@ -11,8 +11,8 @@ import math
 import numpy as np
 from scipy import ndimage
 
-from sassgis.model.grid import BoolArray, FloatArray
-from sassgis.model.jit import kernel
+from sassgis.compiled.jit import kernel
+from sassgis.grid import BoolArray, FloatArray
 
 #: Steps in which heights are stored (m), the foot among them.
 _STEPS_M = (100.0, 50.0, 25.0, 20.0, 10.0, 5.0, 2.0, 1.0, 0.5, 0.3048, 0.25, 0.2, 0.1, 0.05, 0.01)

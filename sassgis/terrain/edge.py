@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from sassgis.model.grid import BoolArray, FloatArray, Grid, IntArray
+from sassgis.grid import BoolArray, FloatArray, Grid, IntArray
 
 #: Energy lines that leave a terrain model sink at this angle: few blocks go farther than that.
 #: Expert judgement of ours, between shadow angles (22 to 28) and reach angles (28 to 35 degrees).

@@ -24,11 +24,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.model.cell_geometry import exact, exact_positions, height_at
-from sassgis.model.grid import BoolArray, FloatArray, Grid, IntArray
-from sassgis.model.jit import kernel, lean
-from sassgis.model.profiles import LineEnd, ReleasePoints, TraceSet
-from sassgis.model.settings import TerrainSettings
+from sassgis.compiled.jit import kernel, lean
+from sassgis.grid import BoolArray, FloatArray, Grid, IntArray
+from sassgis.settings.profiles import LineEnd, ReleasePoints, TraceSet
+from sassgis.settings.settings import TerrainSettings
+from sassgis.terrain.cell_geometry import exact, exact_positions, height_at
 from sassgis.terrain.cells import grown, next_share
 from sassgis.terrain.surface import Surface, shape_at, slope_at, smoothed, standing
 from sassgis.terrain.surface import surface as spline

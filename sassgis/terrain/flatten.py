@@ -13,11 +13,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.model.cell_geometry import SHORTEST_STRETCH, cell_index, exact, height_at, next_line
-from sassgis.model.errors import InputError
-from sassgis.model.grid import BoolArray, FloatArray, Grid, IntArray
-from sassgis.model.jit import kernel, lean
-from sassgis.model.profiles import ProfileSet, TraceSet
+from sassgis.compiled.jit import kernel, lean
+from sassgis.errors import InputError
+from sassgis.grid import BoolArray, FloatArray, Grid, IntArray
+from sassgis.settings.profiles import ProfileSet, TraceSet
+from sassgis.terrain.cell_geometry import SHORTEST_STRETCH, cell_index, exact, height_at, next_line
 from sassgis.terrain.cells import cell_stretches, grown, most_steps, next_crossing
 
 # Height samples closer than this (cells) are not kept apart.

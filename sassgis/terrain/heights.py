@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from sassgis.model.cell_geometry import cell_index, height_at
-from sassgis.model.grid import FloatArray, Grid
-from sassgis.model.jit import kernel
+from sassgis.compiled.jit import kernel
+from sassgis.grid import FloatArray, Grid
+from sassgis.terrain.cell_geometry import cell_index, height_at
 
 
 def heights_at(grid: Grid, x: FloatArray, y: FloatArray) -> FloatArray:

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from sassgis.model.grid import FloatArray, Grid
-from sassgis.model.results import ControlLine
+from sassgis.grid import FloatArray, Grid
+from sassgis.settings.results import ControlLine
 
 #: Distances in plan by which lines are moved (m); downslope is positive.
 MOVES_M = tuple(float(m) for m in range(-60, 61, 20) if m)

@@ -14,7 +14,7 @@ import shapely
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import breadth_first_order, depth_first_order
 
-from sassgis.model.grid import FloatArray, IntArray
+from sassgis.grid import FloatArray, IntArray
 
 #: Half of the width (spacings) below which a part is narrow: a band of exactly one spacing is, as
 #: the lattice may lie on both of its borders.

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from sassgis.model.grid import BoolArray, FloatArray, IntArray
+from sassgis.grid import BoolArray, FloatArray, IntArray
 
 # The limits are expert judgement of ours; docs/starting.md states them.
 #: Neighbours that differ by this (m), or in slope by this (degrees) if that is more, are a wall.

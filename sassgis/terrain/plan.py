@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sassgis.model.grid import FloatArray, IntArray
-from sassgis.model.map_run import MapRun, Round
-from sassgis.model.profiles import ReleasePoints
+from sassgis.grid import FloatArray, IntArray
+from sassgis.settings.map_run import MapRun, Round
+from sassgis.settings.profiles import ReleasePoints
 from sassgis.terrain.fall_lines import fall_line_surface
 from sassgis.terrain.release import release_points
 from sassgis.terrain.stretch import moved_uphill

@@ -12,11 +12,11 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from sassgis.model import rng
-from sassgis.model.grid import FloatArray, Grid, IntArray
-from sassgis.model.map_run import FallLines, MapRun
-from sassgis.model.profiles import ControlLineCrossings, ProfileSet, TraceSet
-from sassgis.model.results import ControlLine
+from sassgis.compiled import rng
+from sassgis.grid import FloatArray, Grid, IntArray
+from sassgis.settings.map_run import FallLines, MapRun
+from sassgis.settings.profiles import ControlLineCrossings, ProfileSet, TraceSet
+from sassgis.settings.results import ControlLine
 from sassgis.terrain.flatten import crossings, profiles
 from sassgis.terrain.stretch import SHORTEST_LINE_M, take_lines, take_profiles, usable, with_lead_in
 

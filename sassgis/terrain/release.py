@@ -12,11 +12,11 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-from sassgis.model import rng
-from sassgis.model.errors import InputError
-from sassgis.model.grid import FloatArray, Grid, IntArray
-from sassgis.model.profiles import ReleasePoints
-from sassgis.model.settings import ReleaseSettings
+from sassgis.compiled import rng
+from sassgis.errors import InputError
+from sassgis.grid import FloatArray, Grid, IntArray
+from sassgis.settings.profiles import ReleasePoints
+from sassgis.settings.settings import ReleaseSettings
 from sassgis.terrain.narrow_parts import narrow_parts, points_along, square
 
 MAX_POINTS = 50_000_000

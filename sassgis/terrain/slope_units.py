@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage, special
 
-from sassgis.model.errors import InputError
-from sassgis.model.grid import BoolArray, FloatArray
+from sassgis.errors import InputError
+from sassgis.grid import BoolArray, FloatArray
 
 #: Bins of the distribution (degrees).
 _EDGES = np.arange(0.0, 91.0)

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.model.grid import FloatArray
-from sassgis.model.profiles import ProfileSet, ReleasePoints, TraceSet
+from sassgis.grid import FloatArray
+from sassgis.settings.profiles import ProfileSet, ReleasePoints, TraceSet
 from sassgis.terrain.surface import Surface, evaluate
 
 #: On fall lines shorter than this no block is simulated (m).

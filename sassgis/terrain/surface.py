@@ -15,10 +15,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import ndimage
 
-from sassgis.model.errors import InputError
-from sassgis.model.grid import BoolArray, FloatArray, Grid
-from sassgis.model.jit import kernel, lean
-from sassgis.model.profiles import LineEnd
+from sassgis.compiled.jit import kernel, lean
+from sassgis.errors import InputError
+from sassgis.grid import BoolArray, FloatArray, Grid
+from sassgis.settings.profiles import LineEnd
 
 # The mirror condition that the prefilter sets at the rim decays by 0.268 per cell: after 24 cells
 # it is below the rounding of a double.

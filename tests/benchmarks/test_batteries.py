@@ -15,9 +15,9 @@ from helpers.watched_cases import prepare
 from helpers.zone_slope import two_areas
 
 from sassgis.engine.state import EVENT_DTYPE, IMPACT
-from sassgis.model.effects import EffectSettings
-from sassgis.model.results import ROCK_DTYPE
-from sassgis.model.settings import EngineSettings
+from sassgis.settings.effects import EffectSettings
+from sassgis.settings.results import ROCK_DTYPE
+from sassgis.settings.settings import EngineSettings
 
 
 def test_every_kind_of_failure_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,9 +9,9 @@ import geopandas as gpd
 import numpy as np
 import pytest
 
-from sassgis.io.read.config import load_config
-from sassgis.io.read.tiles import Part, open_terrain
-from sassgis.model.settings import ReleaseSettings
+from sassgis.inputs.config import load_config
+from sassgis.inputs.tiles import Part, open_terrain
+from sassgis.settings.settings import ReleaseSettings
 from sassgis.terrain.release import release_points
 
 

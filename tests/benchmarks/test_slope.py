@@ -11,7 +11,7 @@ import rasterio
 import saga
 import slope
 
-from sassgis.io.read.config import load_config
+from sassgis.inputs.config import load_config
 from sassgis.terrain.release import release_points
 
 

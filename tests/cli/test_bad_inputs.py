@@ -15,7 +15,7 @@ import pytest
 from helpers.small_slope import Slope, heights, release_box
 from rasterio.transform import from_origin
 
-from sassgis.model.errors import InputError
+from sassgis.errors import InputError
 
 OWN = "own,{},0.1,0.2,0.5,0.4,1,0.1,0,9,0.1,me,estimate"
 CLASSES = (

@@ -19,9 +19,9 @@ from helpers.listed_results import digests
 from helpers.small_slope import SASSGIS, Slope, release_box
 
 import sassgis
-from sassgis.io.read.tiles import read_terrain
-from sassgis.model.grid import Grid
-from sassgis.model.results import StopReason
+from sassgis.grid import Grid
+from sassgis.inputs.tiles import read_terrain
+from sassgis.settings.results import StopReason
 
 
 def test_help_is_quick_because_it_imports_nothing_heavy() -> None:

@@ -16,10 +16,10 @@ import click
 import pytest
 from helpers.small_slope import Slope
 
+from sassgis import errors
 from sassgis.cli.entry import cli
-from sassgis.io.read.config import config_schema, declared_sections
-from sassgis.io.write.config_template import config_template
-from sassgis.model import errors
+from sassgis.inputs.config import config_schema, declared_sections
+from sassgis.outputs.config_template import config_template
 
 
 def commands(

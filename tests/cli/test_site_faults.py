@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from helpers.small_slope import ROWS, Slope, heights, release_box
 
-from sassgis.io.read.config import load_config
+from sassgis.inputs.config import load_config
 
 
 @pytest.mark.parametrize("command", [("cliffs", "{dem}", "-o"), ("new", "--dem", "{dem}")])

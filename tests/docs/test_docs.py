@@ -15,8 +15,8 @@ import pytest
 from helpers.scripts import load, run_script
 
 import sassgis
-from sassgis.io.read.ground_map import built_in_table
-from sassgis.model.settings import EngineSettings
+from sassgis.inputs.ground_map import built_in_table
+from sassgis.settings.settings import EngineSettings
 
 
 def examples(repository):
@@ -45,7 +45,7 @@ def anchors(path):
 def test_public_names_resolve():
     for name in sassgis.__all__:
         assert getattr(sassgis, name) is not None, name
-    assert sassgis.load_config.__module__ == "sassgis.io.read.config"
+    assert sassgis.load_config.__module__ == "sassgis.inputs.config"
     assert sassgis.run.__module__ == "sassgis.runs.run"
     assert set(sassgis._HOMES) == set(sassgis.__all__) - {"__version__"}
 
@@ -57,7 +57,7 @@ def test_names_known_to_type_checkers_are_those_that_resolve(repository):
     assert homes == sassgis._HOMES
 
 
-@pytest.mark.parametrize("name", ["sassgis.runs.without_files", "sassgis.io.read.config"])
+@pytest.mark.parametrize("name", ["sassgis.api", "sassgis.inputs.config"])
 def test_examples_in_docstrings_run(name):
     failed, tried = doctest.testmod(importlib.import_module(name))
     assert tried > 2 and not failed
@@ -99,7 +99,7 @@ def test_tables_of_declared_things_are_up_to_date(repository):
 
 
 def test_every_key_is_on_the_configuration_page(repository):
-    from sassgis.io.read.config import declared_sections
+    from sassgis.inputs.config import declared_sections
 
     text = (repository / "docs" / "configuration.md").read_text(encoding="utf-8")
     for section, keys in declared_sections().items():
@@ -140,7 +140,7 @@ def test_links_lead_somewhere(repository):
 @pytest.fixture(scope="module")
 def small_result(tmp_path_factory):
     """What `sassgis demo` writes, with few rocks."""
-    from sassgis.io.write.site_template import sample_folder
+    from sassgis.outputs.site_template import sample_folder
 
     out = tmp_path_factory.mktemp("run") / "out"
     config = sassgis.load_config(
@@ -206,7 +206,7 @@ def test_output_page_names_every_table(repository, small_result):
 
 
 def test_output_page_tells_every_column(repository):
-    from sassgis.model.results import PASSAGE_DTYPE, ROCK_DTYPE, Outcome, StopReason
+    from sassgis.settings.results import PASSAGE_DTYPE, ROCK_DTYPE, Outcome, StopReason
 
     text = (repository / "docs" / "outputs.md").read_text(encoding="utf-8")
     for name in (*ROCK_DTYPE.names, *PASSAGE_DTYPE.names):

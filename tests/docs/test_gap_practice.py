@@ -11,7 +11,7 @@ import rasterio
 from helpers.pages import commands, shown
 from helpers.scripts import run_script
 
-from sassgis.io.read.ground_map import read_ground_table
+from sassgis.inputs.ground_map import read_ground_table
 
 SCRIPT = Path(__file__).resolve().parents[2] / "sample_dem" / "observed" / "make.py"
 

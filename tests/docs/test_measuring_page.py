@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from sassgis.io.read.observation_files import read_observations, validate_observations
-from sassgis.model.ground_ranges import RANGED
+from sassgis.inputs.observation_files import read_observations, validate_observations
+from sassgis.settings.ground_ranges import RANGED
 
 
 def test_the_protocol_and_the_templates_fit(repository: Path, tmp_path: Path, printed) -> None:

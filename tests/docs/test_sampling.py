@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import docs.studies.sampling as study
-from sassgis.io.read.config import load_config
+from sassgis.inputs.config import load_config
 from sassgis.runs.inputs import read_map_run
 
 

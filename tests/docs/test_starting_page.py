@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from helpers.pages import shown
 
-from sassgis.io.read.site_layers import site_layers
+from sassgis.inputs.site_layers import site_layers
 from sassgis.runs import dem_check
 from sassgis.terrain import slope_units
 

@@ -10,7 +10,7 @@ from helpers.figure_parts import find, texts
 from helpers.scripts import load
 from runout_figure import quantile_rows, runout_gap_figure
 
-from sassgis.model.grid import Grid
+from sassgis.grid import Grid
 
 
 @pytest.fixture

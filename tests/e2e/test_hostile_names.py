@@ -14,7 +14,7 @@ from xml.etree import ElementTree as ET
 import pytest
 from helpers.zone_slope import HOUSE, Case, box, place, two_areas
 
-from sassgis.model.labels import file_stem, file_stems
+from sassgis.settings.labels import file_stem, file_stems
 
 #: Mathematics that is none, and letters that run to the left.
 SIGNS = r" $\frac{$ ^_ \ $x^$ " + "\u202eedoc \u05e9\u05dc\u05d5\u05dd \u0645\u0631\u062d"
@@ -117,8 +117,8 @@ def test_the_project_computes_nothing_that_a_name_holds(made: Path) -> None:
 
 def test_folders_of_areas_stay_in_the_result(tmp_path: Path) -> None:
     """Names of areas become names of folders."""
-    from sassgis.io.read.config import load_config
-    from sassgis.runs.batch import find_areas
+    from sassgis.batches.batch import find_areas
+    from sassgis.inputs.config import load_config
 
     names = [
         "..", "../../x", "/etc/passwd", "C:\\Windows", "a/b", "CON", "nul", "com1", "n" * 400,

@@ -19,7 +19,7 @@ from helpers.worker_tasks import kill_as_they_start, wait_for
 from helpers.zone_slope import box, two_areas
 
 from sassgis.cli.progress_bar import ProgressBar
-from sassgis.io.atomic_output import MARKER_NAME, alone, check_output
+from sassgis.files.atomic_output import MARKER_NAME, alone, check_output
 
 COMMANDS = {
     "run": ("run", "config.toml"),
@@ -83,7 +83,7 @@ def refused(site: Path, call, monkeypatch: pytest.MonkeyPatch, *command: object)
     """The line with which a command stops before it computes anything; all stays as it was."""
     before = everything(site)
     with monkeypatch.context() as patched:
-        patched.setattr("sassgis.runs.job.simulate_map", None)
+        patched.setattr("sassgis.runs.resumable_run.simulate_map", None)
         for command_of in ("run", "zone"):
             patched.setattr(f"sassgis.runs.{command_of}.read_job", None)
         code, _, err = call(*command)

@@ -36,7 +36,7 @@ def test_the_environment_of_the_host_process_is_left_alone(tmp_path: Path) -> No
         "import sassgis\n"
         "for name in sassgis.__all__:\n    getattr(sassgis, name)\n"
         "import sassgis.engine.simulate, sassgis.terrain, sassgis.hazard\n"
-        "from sassgis.model.jit import kernel\n"
+        "from sassgis.compiled.jit import kernel\n"
         "@kernel\n"
         "def double(x):\n    return 2 * x\n"
         "assert double(2) == 4\n"

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from sassgis.compiled.jit import kernel
 from sassgis.engine.ellipse import cos_sin
-from sassgis.model.grid import FloatArray
-from sassgis.model.jit import kernel
+from sassgis.grid import FloatArray
 
 pytestmark = pytest.mark.kernels
 

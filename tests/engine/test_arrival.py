@@ -12,9 +12,9 @@ from helpers import engine_lab as lab
 
 from sassgis.engine.effects.entrainment import Entrainment
 from sassgis.engine.effects.fragmentation import Fragmentation
-from sassgis.hazard.map_sums import MapSums
-from sassgis.model.effects import EffectSettings
-from sassgis.model.statistics_table import default_bins
+from sassgis.settings.effects import EffectSettings
+from sassgis.settings.statistics_table import default_bins
+from sassgis.simulation.map_sums import MapSums
 
 G = 9.81
 

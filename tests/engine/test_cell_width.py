@@ -12,9 +12,9 @@ from helpers.terrains import folded, grid_of
 
 from sassgis.engine.effects.fragmentation import Fragmentation
 from sassgis.engine.simulate import Simulated
-from sassgis.model.effects import EffectSettings
-from sassgis.model.grid import FloatArray, Grid
-from sassgis.model.map_run import Window
+from sassgis.grid import FloatArray, Grid
+from sassgis.settings.effects import EffectSettings
+from sassgis.settings.map_run import Window
 
 SIDE, CELL = 141, 2.0
 ALL_AROUND = np.radians(0.125 * (np.arange(2880) + 0.5))

@@ -11,8 +11,8 @@ from helpers.contact_reference import first_contact, overlap
 from shapely import affinity
 
 from sassgis.engine.contact import next_contact, resting_height
+from sassgis.engine.ellipse_contact import Flying
 from sassgis.engine.profile import profile_of
-from sassgis.engine.touching import Flying
 
 
 def ground_profile(s, z):

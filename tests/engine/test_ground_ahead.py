@@ -14,13 +14,13 @@ from sassgis.engine import simulate_paths
 from sassgis.engine.cell_register import empty_register
 from sassgis.engine.draws import block_of
 from sassgis.engine.effects.hooks import BLOCK_DTYPE
+from sassgis.engine.ground_ahead import look_ahead, room_ahead
 from sassgis.engine.heading import start_path
-from sassgis.engine.path import look_ahead, room_ahead
 from sassgis.engine.simulate_paths import PathTerrain, _path
 from sassgis.engine.state import Site
-from sassgis.model.grid import Grid
-from sassgis.model.map_run import ObjectCells
-from sassgis.model.settings import EngineSettings
+from sassgis.grid import Grid
+from sassgis.settings.map_run import ObjectCells
+from sassgis.settings.settings import EngineSettings
 
 CELL = 2.0
 TOLERANCE = 0.2

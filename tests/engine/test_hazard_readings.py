@@ -10,8 +10,8 @@ import pytest
 from helpers import engine_lab as lab
 
 from sassgis.engine.ellipse import inertia, mean_radius
-from sassgis.model.errors import ConfigError
-from sassgis.model.settings import EngineSettings
+from sassgis.errors import ConfigError
+from sassgis.settings.settings import EngineSettings
 
 G = 9.81
 

@@ -12,8 +12,8 @@ from helpers.terrains import grid_of
 
 from sassgis.engine.heading import _bending, _bent
 from sassgis.engine.simulate import Simulated
-from sassgis.model.grid import FloatArray
-from sassgis.model.settings import EngineSettings
+from sassgis.grid import FloatArray
+from sassgis.settings.settings import EngineSettings
 
 pytestmark = pytest.mark.kernels
 

@@ -21,15 +21,15 @@ from sassgis.engine.effects.trees import Trees
 from sassgis.engine.effects.wind import Wind
 from sassgis.engine.simulate import Simulated
 from sassgis.engine.simulate_paths import PathTerrain, follow
-from sassgis.model.blocks import BlockPopulation
-from sassgis.model.effects import EffectSettings
-from sassgis.model.errors import InputError
-from sassgis.model.grid import FloatArray, Grid
-from sassgis.model.ground import GroundClass, GroundTable
-from sassgis.model.map_run import Forest
-from sassgis.model.profiles import ControlLineCrossings
-from sassgis.model.results import ControlLine, Outcome, StopReason
-from sassgis.model.settings import EngineSettings
+from sassgis.errors import InputError
+from sassgis.grid import FloatArray, Grid
+from sassgis.settings.blocks import BlockPopulation
+from sassgis.settings.effects import EffectSettings
+from sassgis.settings.ground import GroundClass, GroundTable
+from sassgis.settings.map_run import Forest
+from sassgis.settings.profiles import ControlLineCrossings
+from sassgis.settings.results import ControlLine, Outcome, StopReason
+from sassgis.settings.settings import EngineSettings
 from sassgis.terrain.narrow_parts import square
 
 G = 9.81

@@ -14,10 +14,10 @@ from numpy.lib.recfunctions import structured_to_unstructured
 from scipy import stats
 from shapely import LineString, distance, points
 
+from sassgis.compiled import rng as draws
 from sassgis.engine.ellipse import contact_frame, inertia
-from sassgis.model import rng as draws
-from sassgis.model.blocks import BlockPopulation
-from sassgis.model.profiles import ControlLineCrossings
+from sassgis.settings.blocks import BlockPopulation
+from sassgis.settings.profiles import ControlLineCrossings
 
 G = 9.81
 QUICK = settings(max_examples=40, suppress_health_check=[HealthCheck.too_slow], derandomize=True)

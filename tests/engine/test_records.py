@@ -11,7 +11,7 @@ import pytest
 from helpers import engine_lab as lab
 
 from sassgis.engine.ellipse import inertia
-from sassgis.model.statistics_table import SUMS, default_bins
+from sassgis.settings.statistics_table import SUMS, default_bins
 
 pytestmark = pytest.mark.kernels
 

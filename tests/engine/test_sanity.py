@@ -11,8 +11,8 @@ from helpers import engine_lab as lab
 from numpy.lib.recfunctions import structured_to_unstructured as matrix
 from scipy import stats
 
-from sassgis.model.blocks import BlockPopulation
-from sassgis.model.results import StopReason
+from sassgis.settings.blocks import BlockPopulation
+from sassgis.settings.results import StopReason
 
 G = 9.81
 

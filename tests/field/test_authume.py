@@ -11,7 +11,7 @@ import authume
 import numpy as np
 import pytest
 
-from sassgis.model.errors import InputError
+from sassgis.errors import InputError
 
 
 @pytest.fixture(scope="module")

@@ -18,10 +18,10 @@ import pytest
 import rasterio
 import shapely
 
-from sassgis.model.labels import LINE_END_TEXT
-from sassgis.model.profiles import LineEnd
-from sassgis.model.results import StopReason
 from sassgis.runs.run import RunResult, run
+from sassgis.settings.labels import LINE_END_TEXT
+from sassgis.settings.profiles import LineEnd
+from sassgis.settings.results import StopReason
 
 pytestmark = pytest.mark.battery
 
@@ -185,7 +185,7 @@ def test_rocks_stop_where_debris_can_hold_them(case: Case) -> None:
 
 
 def test_terrain_without_a_system_needs_one(shared_data: Path, tmp_path: Path) -> None:
-    from sassgis.model.errors import InputError
+    from sassgis.errors import InputError
 
     dem, release, spacing = PLACES["kot"]
     if not (shared_data / dem).is_file():

@@ -8,12 +8,12 @@ from pathlib import Path
 import authume
 import pytest
 
-from sassgis.hazard.response import LARGEST_CHANGE, outcome_of
-from sassgis.io.read.config import load_config
-from sassgis.model.map_run import MapRun
-from sassgis.model.statistics_table import bins_of
+from sassgis.inputs.config import load_config
 from sassgis.runs.inputs import read_map_run
-from sassgis.runs.map import check_tolerance, simulate_map
+from sassgis.settings.map_run import MapRun
+from sassgis.settings.statistics_table import bins_of
+from sassgis.simulation.loop import check_tolerance, simulate_map
+from sassgis.simulation.response import LARGEST_CHANGE, outcome_of
 from sassgis.terrain.plan import Plan, plan
 
 pytestmark = pytest.mark.battery

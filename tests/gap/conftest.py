@@ -13,8 +13,8 @@ from helpers.simulated_slope import observed
 from threadpoolctl import threadpool_limits
 
 from sassgis.gap.fit.site_data import SiteData, site_data_of
-from sassgis.model.crs import parse_crs
-from sassgis.model.grid import Grid
+from sassgis.grid import Grid
+from sassgis.settings.crs import parse_crs
 
 
 @pytest.fixture(scope="session", autouse=True)

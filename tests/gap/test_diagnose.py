@@ -17,6 +17,9 @@ from gap_check.observers import CONFIG_NAME, OBSERVATIONS_NAME, write_case
 from gap_check.worlds import EffectSpec, WorldSpec
 from helpers.changed_arrays import change_arrays
 
+from sassgis.errors import InputError, Interrupted
+from sassgis.files.atomic_output import check_output
+from sassgis.files.saved_arrays import unfit
 from sassgis.gap.fit import hypothesis_fit
 from sassgis.gap.fit.distances import RockDistances
 from sassgis.gap.fit.linear_fit import Seen, Trial
@@ -27,11 +30,8 @@ from sassgis.gap.forward.hypothesis_model import (
     model_from_json,
 )
 from sassgis.gap.verdict import model_comparison
-from sassgis.io.atomic_output import check_output
-from sassgis.io.read.config import load_config
-from sassgis.io.read.gap_thresholds import read_thresholds, thresholds_of
-from sassgis.io.saved_arrays import unfit
-from sassgis.model.errors import InputError, Interrupted
+from sassgis.inputs.config import load_config
+from sassgis.inputs.gap_thresholds import read_thresholds, thresholds_of
 from sassgis.runs import diagnose as gap_diagnose
 from sassgis.runs.diagnose import ENSEMBLE, diagnose
 from sassgis.runs.draw_store import DrawStore

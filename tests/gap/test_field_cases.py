@@ -13,12 +13,12 @@ import pandas as pd
 import pytest
 from helpers.scripts import load, run_script
 
+from sassgis.errors import InputError, OutputError
 from sassgis.gap.advice.measure_next import what_is_identifiable
 from sassgis.gap.observations.hops import contact_numbers, contacts_of
 from sassgis.gap.observations.observed import rock_radii_m
-from sassgis.io.read.ground_map import built_in_table
-from sassgis.io.read.observation_files import read_observations, validate_observations
-from sassgis.model.errors import InputError, OutputError
+from sassgis.inputs.ground_map import built_in_table
+from sassgis.inputs.observation_files import read_observations, validate_observations
 from sassgis.runs.gap_case import read_case
 
 pytestmark = pytest.mark.battery

@@ -33,6 +33,8 @@ from scipy import stats
 
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.engine.effects.trees import Trees
+from sassgis.errors import ConfigError, InputError, OutputError
+from sassgis.files.atomic_output import check_output
 from sassgis.gap.causes.all_causes import FAMILIES
 from sassgis.gap.causes.cause import ParameterDraws
 from sassgis.gap.diagnosis import Diagnosis, Hypothesis
@@ -51,16 +53,10 @@ from sassgis.gap.words import (
     significance,
     with_unit_in_brackets,
 )
-from sassgis.hazard.result_change import ENERGY_MEAN, difference
-from sassgis.io.atomic_output import check_output
-from sassgis.io.read.config import FILE_KEYS, load_config
-from sassgis.io.write.gap_files import write_config_back, write_diagnosis_json, write_gap_gpkg
-from sassgis.io.write.layers.gap_map import stand_polygon
-from sassgis.model.effects import EffectSettings
-from sassgis.model.errors import ConfigError, InputError, OutputError
-from sassgis.model.grid import Grid
-from sassgis.model.languages import in_language
-from sassgis.model.run_config import Config
+from sassgis.grid import Grid
+from sassgis.inputs.config import FILE_KEYS, load_config
+from sassgis.outputs.gap_files import write_config_back, write_diagnosis_json, write_gap_gpkg
+from sassgis.outputs.layers.gap_map import stand_polygon
 from sassgis.report import gap_report
 from sassgis.report.figures import gap_figures as figures
 from sassgis.report.figures.gap_figures import GapStretch, _band
@@ -72,6 +68,10 @@ from sassgis.runs.diagnose import write_outputs
 from sassgis.runs.gap_case import read_case
 from sassgis.runs.inputs import read_map_run
 from sassgis.runs.run import run
+from sassgis.settings.effects import EffectSettings
+from sassgis.settings.languages import in_language
+from sassgis.settings.run_config import Config
+from sassgis.studies.result_change import ENERGY_MEAN, difference
 
 Made = tuple[Path, Case]
 

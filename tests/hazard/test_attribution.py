@@ -8,11 +8,11 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from sassgis.grid import Grid
 from sassgis.hazard.attribution import attribution, governing, shares_by, zone_of_cells
 from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.hazard.zoning.drawing import drawn_zones
-from sassgis.model.grid import Grid
-from sassgis.model.hazard import Drawing, Source, SourceCounts
+from sassgis.settings.hazard_rules import Drawing, Source, SourceCounts
 
 
 def source(area: str, scenario: str, frequency: float, rocks: int = 100) -> Source:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from sassgis.hazard.beyond_sampling import beyond_sampling, chance_of_difference
+from sassgis.hazard.significance import beyond_sampling, chance_of_difference
 
 
 def shares(counts: np.ndarray, blocks: int) -> tuple[np.ndarray, np.ndarray]:

@@ -18,8 +18,8 @@ from sassgis.hazard.curves import (
     rate_interval,
     source_rate,
 )
-from sassgis.hazard.map_sums import Sample, reach_probability, weighted_counts
-from sassgis.model.hazard import Source, SourceCounts
+from sassgis.settings.hazard_rules import Source, SourceCounts
+from sassgis.simulation.map_sums import Sample, reach_probability, weighted_counts
 
 ENERGIES = np.array([0.0, 30.0, 300.0])
 

@@ -9,7 +9,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from sassgis.hazard.control_lines import ControlLineSums, energy_behind
 from sassgis.hazard.design import (
     Arrivals,
     arrivals,
@@ -19,10 +18,11 @@ from sassgis.hazard.design import (
     value_limits,
 )
 from sassgis.hazard.sources import Sampled
-from sassgis.io.write.zone_tables import design_table, places_table, protection_table
-from sassgis.model.hazard import HazardCurves, Source, SourceCounts
-from sassgis.model.results import PASSAGE_DTYPE, ControlLine, Outcome
+from sassgis.outputs.zone_tables import design_table, places_table, protection_table
 from sassgis.report.protection_page import needs_table
+from sassgis.settings.hazard_rules import HazardCurves, Source, SourceCounts
+from sassgis.settings.results import PASSAGE_DTYPE, ControlLine, Outcome
+from sassgis.simulation.control_lines import ControlLineSums, energy_behind
 
 
 def curve_of(edges: np.ndarray, above: np.ndarray, w: float, largest: float) -> Arrivals:

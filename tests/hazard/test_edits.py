@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import shapely
 
+from sassgis.grid import Grid
 from sassgis.hazard.zoning.applied_edits import (
     AppliedEdit,
     share_of,
@@ -14,8 +15,7 @@ from sassgis.hazard.zoning.applied_edits import (
     with_edits,
 )
 from sassgis.hazard.zoning.coverage import Coverage
-from sassgis.model.grid import Grid
-from sassgis.model.hazard import Edit, EditLimit
+from sassgis.settings.hazard_rules import Edit, EditLimit
 
 CODES = ("residual_hazard", "slight", "mean", "substantial")
 

@@ -8,11 +8,11 @@ from helpers.hazard_samples import BLUE, RED, RESIDUAL, YELLOW, curves_of, swiss
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sassgis.hazard.another_sample import level_chances, rocks_factor
+from sassgis.errors import InputError
 from sassgis.hazard.curves import meets
 from sassgis.hazard.levels import deciding_energy, hazard_level, intensity_class
-from sassgis.model.errors import InputError
-from sassgis.model.hazard import HazardCurves, HazardPreset
+from sassgis.hazard.sampling_error import level_chances, rocks_factor
+from sassgis.settings.hazard_rules import HazardCurves, HazardPreset
 
 #: All that arrives has a level; and only what is not rarer than once in 10,000 years.
 PRESET = swiss()

@@ -11,7 +11,7 @@ from sassgis.hazard.measured_motion import (
     motion_warnings,
     size_warnings,
 )
-from sassgis.model.blocks import BlockPopulation
+from sassgis.settings.blocks import BlockPopulation
 
 SMALL = BlockPopulation("small", (0.2, 0.2), (0.2, 0.2), (0.1, 0.2))
 LARGE = BlockPopulation("large", volume_m3=(0.2, 3.0))

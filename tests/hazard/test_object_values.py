@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sassgis.hazard.map_sums import MapSums
 from sassgis.hazard.object_values import object_values
-from sassgis.model.hazard import Source, SourceCounts
-from sassgis.model.map_run import ObjectCells
-from sassgis.model.statistics_table import SUMS, default_bins
+from sassgis.settings.hazard_rules import Source, SourceCounts
+from sassgis.settings.map_run import ObjectCells
+from sassgis.settings.statistics_table import SUMS, default_bins
+from sassgis.simulation.map_sums import MapSums
 
 ENERGIES = np.array([0.0, 30.0, 300.0])
 

@@ -8,18 +8,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sassgis.hazard.another_sample import level_chances
-from sassgis.hazard.beyond_sampling import chance_of_difference
-from sassgis.hazard.control_lines import ControlLineSums
+from sassgis.grid import FloatArray, IntArray
 from sassgis.hazard.curves import hazard_curves, rate_interval, wide_variance
 from sassgis.hazard.design import arrivals, value_limits
-from sassgis.hazard.map_sums import Sample, reach_limits
 from sassgis.hazard.risk import RiskTable
+from sassgis.hazard.sampling_error import level_chances
+from sassgis.hazard.significance import chance_of_difference
 from sassgis.hazard.sources import Sampled
-from sassgis.io.read.presets import read_preset
-from sassgis.model.grid import FloatArray, IntArray
-from sassgis.model.hazard import Source, SourceCounts
-from sassgis.model.results import PASSAGE_DTYPE, ControlLine
+from sassgis.inputs.presets import read_preset
+from sassgis.settings.hazard_rules import Source, SourceCounts
+from sassgis.settings.results import PASSAGE_DTYPE, ControlLine
+from sassgis.simulation.control_lines import ControlLineSums
+from sassgis.simulation.map_sums import Sample, reach_limits
 
 POINTS, BLOCKS, SAMPLES = 12, 50, 4000
 STATION = ControlLine("s", "station")

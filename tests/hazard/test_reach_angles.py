@@ -6,13 +6,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sassgis.hazard.control_lines import ControlLineSums
-from sassgis.hazard.map_sums import MapSums
-from sassgis.hazard.progress import ChunkResult, Progress, add_chunk, joined_lines, kept_stops
+from sassgis.grid import Grid
 from sassgis.hazard.reach_angles import _angle_deg, foot_of_cliff
-from sassgis.model.grid import Grid
-from sassgis.model.map_run import BlockRows
-from sassgis.model.results import PASSAGE_DTYPE, ROCK_DTYPE
+from sassgis.settings.map_run import BlockRows
+from sassgis.settings.results import PASSAGE_DTYPE, ROCK_DTYPE
+from sassgis.simulation.accumulators import (
+    ChunkResult,
+    Progress,
+    add_chunk,
+    joined_lines,
+    kept_stops,
+)
+from sassgis.simulation.control_lines import ControlLineSums
+from sassgis.simulation.map_sums import MapSums
 
 
 def slope(*, cliff: bool) -> Grid:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from sassgis.hazard.control_lines import QUANTITIES, trimmed
-from sassgis.model.results import Histogram
+from sassgis.settings.results import Histogram
+from sassgis.simulation.control_lines import QUANTITIES, trimmed
 
 
 def of(quantity: str, values: list[float]) -> Histogram:

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, poisson
 
+from sassgis.errors import InputError
 from sassgis.hazard.volume_frequency import (
     BlockSurvey,
     fit_power_law,
     fit_test,
     higher_thresholds,
 )
-from sassgis.model.errors import InputError
 
 V0, B = 0.05, 0.8
 EDGES = np.array([V0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, math.inf])

@@ -12,8 +12,8 @@ from sassgis.hazard.warnings import (
     rule_warnings,
     zone_warnings,
 )
-from sassgis.io.read.ground_map import built_in_table
-from sassgis.model.hazard import BlockBudget
+from sassgis.inputs.ground_map import built_in_table
+from sassgis.settings.hazard_rules import BlockBudget
 
 
 def test_classes_are_named_by_how_far_they_may_be_trusted() -> None:

@@ -13,13 +13,13 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
+from sassgis.errors import ConfigError, InputError
+from sassgis.grid import Grid
 from sassgis.hazard.zoning import drawing, seams
 from sassgis.hazard.zoning.cell_outlines import cell_polygons
 from sassgis.hazard.zoning.coverage import Coverage
 from sassgis.hazard.zoning.drawing import drawn_zones, reach_cells
-from sassgis.model.errors import ConfigError, InputError
-from sassgis.model.grid import Grid
-from sassgis.model.hazard import Drawing, ZoningSettings
+from sassgis.settings.hazard_rules import Drawing, ZoningSettings
 
 WEST, NORTH = 2_700_000.0, 1_120_000.0
 KINDS = (

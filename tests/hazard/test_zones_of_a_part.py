@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import shapely
 
+from sassgis.grid import Grid
 from sassgis.hazard.assess import intensity_maps
 from sassgis.hazard.zoning.drawing import reach_cells
-from sassgis.io.read.presets import read_preset
-from sassgis.model.grid import Grid
-from sassgis.model.hazard import HazardCurves, ZoningSettings
+from sassgis.inputs.presets import read_preset
+from sassgis.settings.hazard_rules import HazardCurves, ZoningSettings
 
 CELL = 2.0
 PRESET = read_preset("ch-so")

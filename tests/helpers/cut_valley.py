@@ -11,7 +11,7 @@ import rasterio
 import shapely
 from rasterio.windows import Window
 
-from sassgis.runs.batch import BatchResult
+from sassgis.batches.batch import BatchResult
 
 GOOD = ("Mitte", "Mitte bis", "Nord")
 CUTS = ((0, 220, 450), (0, 310, 600))

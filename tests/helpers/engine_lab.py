@@ -10,13 +10,13 @@ import pytest
 from numpy.typing import NDArray
 
 from sassgis.engine.simulate import Simulated, simulate
-from sassgis.model.blocks import BlockPopulation
-from sassgis.model.effects import EffectSettings
-from sassgis.model.grid import FloatArray
-from sassgis.model.ground import GroundClass, GroundTable
-from sassgis.model.map_run import Forest
-from sassgis.model.profiles import ProfileSet
-from sassgis.model.settings import EngineSettings
+from sassgis.grid import FloatArray
+from sassgis.settings.blocks import BlockPopulation
+from sassgis.settings.effects import EffectSettings
+from sassgis.settings.ground import GroundClass, GroundTable
+from sassgis.settings.map_run import Forest
+from sassgis.settings.profiles import ProfileSet
+from sassgis.settings.settings import EngineSettings
 
 FLIGHT, IMPACT, ROLLING, SLIDING, END = range(5)
 REST, BARRIER, LEFT_PROFILE, STEP_LIMIT, NEVER_STARTED, BROKEN = range(6)

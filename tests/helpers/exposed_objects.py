@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from sassgis.io.read import objects
-from sassgis.model.exposure import ObjectKind, ObjectSettings, PlacedObjects
-from sassgis.model.grid import Grid
+from sassgis.grid import Grid
+from sassgis.inputs import objects
+from sassgis.settings.exposure import ObjectKind, ObjectSettings, PlacedObjects
 
 
 def read_objects(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sassgis.model.hazard import (
+from sassgis.settings.hazard_rules import (
     HazardCurves,
     HazardLevel,
     HazardPreset,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from sassgis.io.write.manifest import write_manifest
+from sassgis.outputs.manifest import write_manifest
 
 
 def list_files(folder: Path) -> None:

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 from distributed import Client, LocalCluster
 
-from sassgis.runs.cluster import Cluster
+from sassgis.simulation.cluster import Cluster
 
 
 @contextmanager

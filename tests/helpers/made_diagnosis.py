@@ -26,12 +26,12 @@ from sassgis.gap.diagnosis import (
 )
 from sassgis.gap.forward.hypothesis_model import ForestStand, HypothesisModel
 from sassgis.gap.observations.case import Case
-from sassgis.io.write.raster import write_raster
-from sassgis.model.effects import EffectSettings
-from sassgis.model.grid import Grid
-from sassgis.model.ground import GroundTable
-from sassgis.model.results import Band, RasterLayer
+from sassgis.grid import Grid
+from sassgis.outputs.raster import write_raster
 from sassgis.runs.gap_case import read_case
+from sassgis.settings.effects import EffectSettings
+from sassgis.settings.ground import GroundTable
+from sassgis.settings.results import Band, RasterLayer
 
 CONFIG = """\
 # A slope in the files beside it.

@@ -12,6 +12,8 @@ import rasterio
 from helpers.hazard_samples import swiss
 from shapely.geometry import LineString, Point, box
 
+from sassgis.files.vector_layer import VectorLayer
+from sassgis.grid import Grid
 from sassgis.hazard.preset_labels import energy_labels
 from sassgis.hazard.zone_styles import (
     hazard_level_style,
@@ -19,16 +21,14 @@ from sassgis.hazard.zone_styles import (
     uncertain_style,
     zone_style,
 )
-from sassgis.io.qgis.entries import LayerEntry, LayerGroup
-from sassgis.io.qgis.layout import PrintLayout
-from sassgis.io.qgis.project import write_project
-from sassgis.io.vector_layer import VectorLayer
-from sassgis.io.write.geopackage import write_geopackage
-from sassgis.io.write.raster import write_raster
-from sassgis.model.grid import Grid
-from sassgis.model.hazard import HazardPreset
-from sassgis.model.results import Band, RasterClass, RasterLayer
-from sassgis.model.styles import (
+from sassgis.outputs.geopackage import write_geopackage
+from sassgis.outputs.qgis.entries import LayerEntry, LayerGroup
+from sassgis.outputs.qgis.layout import PrintLayout
+from sassgis.outputs.qgis.project import write_project
+from sassgis.outputs.raster import write_raster
+from sassgis.settings.hazard_rules import HazardPreset
+from sassgis.settings.results import Band, RasterClass, RasterLayer
+from sassgis.settings.styles import (
     BARRIER_STYLE,
     FALL_LINE_STYLE,
     HILLSHADE,

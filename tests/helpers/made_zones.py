@@ -9,10 +9,10 @@ import shapely
 from helpers.made_up_result import preset
 from shapely.geometry import MultiPolygon, Polygon, box
 
+from sassgis.files.vector_layer import VectorLayer
 from sassgis.hazard.assess import IntensityMap
 from sassgis.hazard.zoning.coverage import Coverage
-from sassgis.io.vector_layer import VectorLayer
-from sassgis.io.write.layers.federal import federal_layer, intensity_rows
+from sassgis.outputs.swiss.federal import federal_layer, intensity_rows
 
 E, N = 2_705_000.0, 1_150_000.0
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sassgis.hazard.progress import Progress, joined_rows
+from sassgis.simulation.accumulators import Progress, joined_rows
 
 
 def state(progress: Progress) -> dict[str, np.ndarray]:

@@ -10,13 +10,13 @@ from helpers.terrains import middle, points_at
 
 from sassgis.engine.simulate import Simulated
 from sassgis.engine.simulate_paths import PathTerrain, follow
-from sassgis.io.read.ground_map import built_in_table
-from sassgis.model.blocks import BlockPopulation
-from sassgis.model.grid import FloatArray, Grid
-from sassgis.model.ground import GroundClass, GroundTable
-from sassgis.model.map_run import Forest
-from sassgis.model.results import ControlLine
-from sassgis.model.settings import EngineSettings
+from sassgis.grid import FloatArray, Grid
+from sassgis.inputs.ground_map import built_in_table
+from sassgis.settings.blocks import BlockPopulation
+from sassgis.settings.ground import GroundClass, GroundTable
+from sassgis.settings.map_run import Forest
+from sassgis.settings.results import ControlLine
+from sassgis.settings.settings import EngineSettings
 
 TABLE = built_in_table()
 DEBRIS = TABLE.classes[TABLE.index("debris")]

@@ -6,7 +6,7 @@ import re
 import shutil
 from pathlib import Path
 
-from sassgis.io.write.site_template import sample_folder
+from sassgis.outputs.site_template import sample_folder
 
 
 def copy_sample(name: str, target: Path) -> Path:

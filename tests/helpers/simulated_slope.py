@@ -23,14 +23,14 @@ from sassgis.gap.observations.tables import (
     Stations,
     Trajectories,
 )
-from sassgis.model.blocks import BlockPopulation
-from sassgis.model.effects import EffectSettings
-from sassgis.model.grid import Grid
-from sassgis.model.ground import GroundClass, GroundTable
-from sassgis.model.map_run import Forest
-from sassgis.model.profiles import ControlLineCrossings, ReleasePoints
-from sassgis.model.results import ControlLine
-from sassgis.model.settings import EngineSettings, TerrainSettings
+from sassgis.grid import Grid
+from sassgis.settings.blocks import BlockPopulation
+from sassgis.settings.effects import EffectSettings
+from sassgis.settings.ground import GroundClass, GroundTable
+from sassgis.settings.map_run import Forest
+from sassgis.settings.profiles import ControlLineCrossings, ReleasePoints
+from sassgis.settings.results import ControlLine
+from sassgis.settings.settings import EngineSettings, TerrainSettings
 from sassgis.terrain.fall_lines import fall_line_surface, trace
 from sassgis.terrain.flatten import chainage_to_xy, profiles
 from sassgis.terrain.release import point_keys

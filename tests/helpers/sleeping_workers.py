@@ -8,7 +8,7 @@ import time
 
 from helpers.worker_tasks import sleep
 
-from sassgis.runs.workers import Processes
+from sassgis.simulation.workers import Processes
 
 
 def say(own: Processes) -> None:

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from sassgis.model.grid import FloatArray, Grid
-from sassgis.model.profiles import ReleasePoints, TraceSet
+from sassgis.grid import FloatArray, Grid
+from sassgis.settings.profiles import ReleasePoints, TraceSet
 
 Heights = Callable[[FloatArray, FloatArray], FloatArray]
 

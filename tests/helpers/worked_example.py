@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sassgis.model.exposure import ExposedObject, Traffic, Vulnerability, VulnerabilityRow
-from sassgis.model.hazard import Source, SourceCounts
+from sassgis.settings.exposure import ExposedObject, Traffic, Vulnerability, VulnerabilityRow
+from sassgis.settings.hazard_rules import Source, SourceCounts
 
 ENERGIES = (0.0, 30.0, 300.0)
 

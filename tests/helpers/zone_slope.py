@@ -15,13 +15,13 @@ import shapely
 from rasterio.transform import from_origin
 
 from sassgis.hazard.assess import Assessment, Rules
-from sassgis.io.read.config import load_config
-from sassgis.model.hazard import HazardCurves
-from sassgis.model.run_config import Config
+from sassgis.inputs.config import load_config
 from sassgis.runs.inputs import read_rules
-from sassgis.runs.job import Job, Simulation, Workplace, configured, read_job
-from sassgis.runs.workers import OnProgress
+from sassgis.runs.resumable_run import Job, Simulation, Workplace, configured, read_job
 from sassgis.runs.zone import assessed, prepared, simulations
+from sassgis.settings.hazard_rules import HazardCurves
+from sassgis.settings.run_config import Config
+from sassgis.simulation.workers import OnProgress
 
 WEST, NORTH, CELL = 2_700_000.0, 1_150_000.0, 2.0
 CRS = "EPSG:2056"

@@ -20,8 +20,8 @@ from gap_check.observers import merged_contacts
 from gap_check.scores import ANSWERS, score, scores_as_json
 from gap_check.worlds import FAMILIES, WorldSpec, battery
 
+from sassgis.errors import InputError
 from sassgis.gap.causes import all_causes
-from sassgis.model.errors import InputError
 
 #: Answers "none" without looking, but at the case 002, where it fails; sees no more than its case.
 SILENT = """

@@ -18,7 +18,7 @@ import rasterio
 import shapely
 from helpers.samples import copy_sample
 
-from sassgis.io.read.config import load_config
+from sassgis.inputs.config import load_config
 from sassgis.runs.inputs import profile_from_csv
 from sassgis.runs.profile_run import simulate_profile
 

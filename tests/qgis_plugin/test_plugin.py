@@ -26,10 +26,10 @@ from make_zip import PLUGIN, REQUIRED, make_zip, problems_of
 from sassgis_plugin.steps import Scenario, Site, next_step, steps_of, verdict
 
 import sassgis
-from sassgis.io.read.config import load_config
-from sassgis.io.read.ground_map import built_in_table
-from sassgis.io.read.presets import preset_names
-from sassgis.io.read.site_layers import site_layers
+from sassgis.inputs.config import load_config
+from sassgis.inputs.ground_map import built_in_table
+from sassgis.inputs.presets import preset_names
+from sassgis.inputs.site_layers import site_layers
 from sassgis.runs.inputs import read_map_run
 
 #: Each tool starts the program anew; one fixture of them may take many minutes.

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sassgis.model.grid import Grid
+from sassgis.grid import Grid
 
 
 @pytest.fixture

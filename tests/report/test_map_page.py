@@ -19,11 +19,11 @@ from helpers.zone_slope import Case, box, place, two_areas
 
 import sassgis
 from sassgis.hazard.curves import return_period
-from sassgis.io.qgis.run_project import onset_words
-from sassgis.model.languages import in_language, translated
+from sassgis.outputs.qgis.run_project import onset_words
 from sassgis.report.map_page import Contribution, _logarithm, _shares, _strongest
 from sassgis.report.protection_page import best_places
 from sassgis.runs.zone import ZoneResult
+from sassgis.settings.languages import in_language, translated
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 browser = pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium (Debian: chromium)")

@@ -11,10 +11,8 @@ import pytest
 from helpers.worked_example import HOUSE
 from shapely import box
 
+from sassgis.errors import OutputError
 from sassgis.hazard.object_values import ObjectEstimate, ObjectValues
-from sassgis.model.errors import OutputError
-from sassgis.model.exposure import PlacedObjects
-from sassgis.model.languages import in_language
 from sassgis.report.exposed_report import MOST_ROWS, exposed_table, most_exposed
 from sassgis.report.figures import blocks_figure, to_png
 from sassgis.report.page import (
@@ -27,6 +25,8 @@ from sassgis.report.page import (
     write_report,
 )
 from sassgis.report.run_summary import object_lines
+from sassgis.settings.exposure import PlacedObjects
+from sassgis.settings.languages import in_language
 
 VOID = {"meta", "img", "br"}
 

@@ -15,14 +15,14 @@ import rasterio
 import shapely
 from rasterio.features import geometry_mask
 
-from sassgis.io.read.config import load_config
-from sassgis.io.write.site_template import write_samples
-from sassgis.model.errors import OutputError
-from sassgis.model.results import Outcome
+from sassgis.errors import OutputError
+from sassgis.inputs.config import load_config
+from sassgis.outputs.site_template import write_samples
 from sassgis.runs.inputs import read_rules
-from sassgis.runs.job import read_job
-from sassgis.runs.map import simulate_map
+from sassgis.runs.resumable_run import read_job
 from sassgis.runs.zone import prepared
+from sassgis.settings.results import Outcome
+from sassgis.simulation.loop import simulate_map
 from sassgis.terrain.plan import plan
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from helpers.terrains import grid_of, rough
 
-from sassgis.model.grid import Grid
+from sassgis.grid import Grid
 
 
 @pytest.fixture(scope="session")

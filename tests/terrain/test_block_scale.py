@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from helpers.terrains import grid_of, points_at, rough
 
-from sassgis.io.read.config import load_config
-from sassgis.model.grid import Grid
-from sassgis.model.map_run import MapRun
+from sassgis.grid import Grid
+from sassgis.inputs.config import load_config
 from sassgis.runs.inputs import read_map_run
+from sassgis.settings.map_run import MapRun
 from sassgis.terrain.fall_lines import fall_line_surface, trace
 from sassgis.terrain.heights import heights_at
 from sassgis.terrain.prepare import prepare_lines

@@ -7,9 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from sassgis.model.grid import FloatArray, Grid
-from sassgis.model.profiles import LineEnd, TraceSet
-from sassgis.model.settings import TerrainSettings
+from sassgis.grid import FloatArray, Grid
+from sassgis.settings.profiles import LineEnd, TraceSet
+from sassgis.settings.settings import TerrainSettings
 from sassgis.terrain.fall_lines import _closes, fall_line_surface, trace
 from sassgis.terrain.release import take
 

@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from sassgis.model.errors import InputError
-from sassgis.model.grid import FloatArray, Grid
-from sassgis.model.profiles import ProfileSet, TraceSet
-from sassgis.model.settings import TerrainSettings
+from sassgis.errors import InputError
+from sassgis.grid import FloatArray, Grid
+from sassgis.settings.profiles import ProfileSet, TraceSet
+from sassgis.settings.settings import TerrainSettings
 from sassgis.terrain.fall_lines import fall_line_surface, trace
 from sassgis.terrain.flatten import (
     chainage_to_xy,

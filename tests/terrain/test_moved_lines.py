@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sassgis.model.grid import Grid
-from sassgis.model.results import ControlLine
+from sassgis.grid import Grid
+from sassgis.settings.results import ControlLine
 from sassgis.terrain.moved_lines import MOVES_M, mean_height_m, moved_lines
 
 NET = ControlLine("net", "net", 3.0)

@@ -10,7 +10,7 @@ from affine import Affine
 from rasterio.enums import Resampling
 from rasterio.warp import reproject
 
-from sassgis.io.read.dem_raw import read_raw_dem
+from sassgis.inputs.dem_raw import read_raw_dem
 from sassgis.terrain.nodata_traces import nodata_traces
 
 N = 150

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from helpers.terrains import grid_of, middle, points_at
 
-from sassgis.io.read.ground_map import built_in_table
-from sassgis.model.blocks import BlockPopulation
-from sassgis.model.map_run import MapRun
-from sassgis.model.profiles import TraceSet
-from sassgis.model.results import ControlLine
-from sassgis.model.settings import EngineSettings, ReleaseSettings, TerrainSettings
+from sassgis.inputs.ground_map import built_in_table
+from sassgis.settings.blocks import BlockPopulation
+from sassgis.settings.map_run import MapRun
+from sassgis.settings.profiles import TraceSet
+from sassgis.settings.results import ControlLine
+from sassgis.settings.settings import EngineSettings, ReleaseSettings, TerrainSettings
 from sassgis.terrain.fall_lines import fall_line_surface, trace
 from sassgis.terrain.prepare import (
     LEAD_IN_M,

@@ -8,8 +8,8 @@ import pytest
 import shapely
 import shapely.affinity
 
-from sassgis.model.errors import InputError
-from sassgis.model.settings import ReleaseSettings
+from sassgis.errors import InputError
+from sassgis.settings.settings import ReleaseSettings
 from sassgis.terrain.release import (
     MAX_POINTS,
     point_keys,

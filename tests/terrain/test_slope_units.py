@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from sassgis.model.errors import InputError
-from sassgis.model.grid import Grid
+from sassgis.errors import InputError
+from sassgis.grid import Grid
 from sassgis.terrain.slope_units import cliff_patches, slope_units, slopes_deg
 
 PLAIN, SLOPE, CLIFF = (6.0, 3.0, 0.35), (31.0, 6.0, 0.60), (60.0, 7.0, 0.05)

@@ -8,8 +8,8 @@ from helpers.terrains import grid_of, rough
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sassgis.model.errors import InputError
-from sassgis.model.grid import Grid
+from sassgis.errors import InputError
+from sassgis.grid import Grid
 from sassgis.terrain.surface import evaluate, smoothed, surface
 
 pytestmark = pytest.mark.kernels

@@ -28,11 +28,11 @@ from runout_figure import runout_gap_figure
 from scipy.stats import energy_distance
 
 import sassgis
-from sassgis.model.errors import InputError, SassgisError
-from sassgis.model.grid import FloatArray
-from sassgis.model.profiles import ReleasePoints, TraceSet
+from sassgis.errors import InputError, SassgisError
+from sassgis.grid import FloatArray
 from sassgis.report.figures import save
 from sassgis.runs.run import RunResult, run
+from sassgis.settings.profiles import ReleasePoints, TraceSet
 from sassgis.terrain.fall_lines import trace
 from sassgis.terrain.flatten import xy_to_chainage
 

@@ -8,8 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sassgis.model.grid import FloatArray, Grid
-from sassgis.model.labels import thousands
+from sassgis.grid import FloatArray, Grid
 from sassgis.report.figures import relief
 from sassgis.report.figures.map_marks import all_points, draw_points, draw_release, even_choice
 from sassgis.report.figures.style import (
@@ -25,6 +24,7 @@ from sassgis.report.figures.style import (
     percent_formatter,
     thousands_formatter,
 )
+from sassgis.settings.labels import thousands
 
 #: Shares of the rocks listed beside the curves.
 SHARES = (0.05, 0.25, 0.5, 0.75, 0.95)

@@ -8,9 +8,9 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 import numpy as np
 from annotated_types import Interval
 
-from sassgis.model.declared import checked
-from sassgis.model.effects import EffectSection
-from sassgis.model.jit import lean
+from sassgis.compiled.jit import lean
+from sassgis.settings.effects import EffectSection
+from sassgis.settings.schema import checked
 
 
 @checked(frozen=True, slots=True)

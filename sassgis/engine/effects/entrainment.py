@@ -8,13 +8,13 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 import numpy as np
 from annotated_types import Interval
 
+from sassgis.compiled import rng
+from sassgis.compiled.jit import lean
 from sassgis.engine.effects.spawning import spawn
 from sassgis.engine.rows import Record
 from sassgis.engine.state import Block, Spawned
-from sassgis.model import rng
-from sassgis.model.declared import Several, Text, checked
-from sassgis.model.effects import EffectSection
-from sassgis.model.jit import lean
+from sassgis.settings.effects import EffectSection
+from sassgis.settings.schema import Several, Text, checked
 
 
 @checked(frozen=True, slots=True)

@@ -8,14 +8,14 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 import numpy as np
 from annotated_types import Interval
 
+from sassgis.compiled import rng
+from sassgis.compiled.jit import kernel, lean
 from sassgis.engine.effects.spawning import MOST_SPAWNED, spawn
 from sassgis.engine.rows import Record
 from sassgis.engine.state import Block, Spawned
-from sassgis.model import rng
-from sassgis.model.declared import checked
-from sassgis.model.effects import EffectSection
-from sassgis.model.grid import FloatArray
-from sassgis.model.jit import kernel, lean
+from sassgis.grid import FloatArray
+from sassgis.settings.effects import EffectSection
+from sassgis.settings.schema import checked
 
 
 @checked(frozen=True, slots=True)

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.engine.rows import Records, record_type
-from sassgis.model.errors import ConfigError
-from sassgis.model.ground import PARAMETERS, GroundTable
+from sassgis.errors import ConfigError
+from sassgis.settings.ground import PARAMETERS, GroundTable
 
 #: Effects with ground classes, by the name of their settings.
 SWITCHED = ("soft_ground", "roughness", "entrainment")

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sassgis.compiled.jit import fused, inlined
 from sassgis.engine.draws import with_inertia
 from sassgis.engine.effects import (
     air_drag,
@@ -29,9 +30,8 @@ from sassgis.engine.effects.spawning import MOST_SPAWNED
 from sassgis.engine.impact import COULOMB, SCALE
 from sassgis.engine.rows import Record, Records, record_type
 from sassgis.engine.state import STATE_FIELDS, Block, Site, Spawned
-from sassgis.model.effects import EffectSettings
-from sassgis.model.ground import GroundTable
-from sassgis.model.jit import fused, inlined
+from sassgis.settings.effects import EffectSettings
+from sassgis.settings.ground import GroundTable
 
 #: The state of a block, with what effects remember of it and of the step that it makes.
 BLOCK_DTYPE = record_type(

@@ -8,11 +8,11 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 import numpy as np
 from annotated_types import Interval
 
+from sassgis.compiled import rng
+from sassgis.compiled.jit import lean
 from sassgis.engine.rows import Record
-from sassgis.model import rng
-from sassgis.model.declared import checked
-from sassgis.model.effects import EffectSection
-from sassgis.model.jit import lean
+from sassgis.settings.effects import EffectSection
+from sassgis.settings.schema import checked
 
 
 @checked(frozen=True, slots=True)

@@ -20,9 +20,9 @@ from sassgis.engine.effects.roughness import Roughness
 from sassgis.engine.effects.soft_ground import SoftGround
 from sassgis.engine.effects.trees import Trees
 from sassgis.engine.effects.wind import Wind
-from sassgis.model.declared import Declared, Section, declared
-from sassgis.model.effects import EffectSection
-from sassgis.model.settings import ForestPlace
+from sassgis.settings.effects import EffectSection
+from sassgis.settings.schema import Declared, Section, declared
+from sassgis.settings.settings import ForestPlace
 
 Phase = Literal["release", "flight", "impact", "ground", "path"]
 Hook = Literal[
@@ -47,7 +47,7 @@ class Effect:
     Attributes
     ----------
     settings : type
-        Declared settings (``sassgis.model.declared``), with the name of the effect.
+        Declared settings (``sassgis.settings.schema``), with the name of the effect.
     phase : {"release", "flight", "impact", "ground", "path"}
         Of the motion in which it acts; "path": on the heading, where paths are followed.
     label : str

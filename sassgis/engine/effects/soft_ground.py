@@ -7,9 +7,9 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 
 from annotated_types import Interval
 
-from sassgis.model.declared import Several, Text, checked
-from sassgis.model.effects import EffectSection
-from sassgis.model.jit import lean
+from sassgis.compiled.jit import lean
+from sassgis.settings.effects import EffectSection
+from sassgis.settings.schema import Several, Text, checked
 
 
 @checked(frozen=True, slots=True)

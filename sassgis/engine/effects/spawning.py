@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from sassgis.compiled.jit import lean
 from sassgis.engine.state import SPAWNED_DTYPE, Block, Spawned
-from sassgis.model.jit import lean
 
 #: Blocks that one released block may spawn.
 MOST_SPAWNED = 5000

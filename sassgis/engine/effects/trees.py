@@ -10,15 +10,15 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 import numpy as np
 from annotated_types import Interval
 
+from sassgis.compiled import rng
+from sassgis.compiled.jit import inlined, lean
 from sassgis.engine.profile import segment_at, to_cell_border
 from sassgis.engine.rows import Record, Records, last_of
 from sassgis.engine.state import Block, Site
-from sassgis.model import rng
-from sassgis.model.built_in_rows import built_in_rows
-from sassgis.model.declared import checked
-from sassgis.model.effects import EffectSection
-from sassgis.model.errors import ConfigError
-from sassgis.model.jit import inlined, lean
+from sassgis.errors import ConfigError
+from sassgis.settings.built_in_rows import built_in_rows
+from sassgis.settings.effects import EffectSection
+from sassgis.settings.schema import checked
 
 
 @checked(frozen=True, slots=True)

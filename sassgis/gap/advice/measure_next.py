@@ -25,8 +25,8 @@ from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.observed import Observations, rock_masses_kg
 from sassgis.gap.residuals.rock_residuals import mean_of_draws, per_rock
 from sassgis.gap.words import effect_name
-from sassgis.model.grid import FloatArray
-from sassgis.model.languages import all_of, joined, phrase
+from sassgis.grid import FloatArray
+from sassgis.settings.languages import all_of, joined, phrase
 
 #: A gap of this many standard errors is found four times in five at the level of 5 %.
 _DETECTABLE = 1.96 + 0.84

@@ -21,8 +21,8 @@ from sassgis.gap.words import (
     quantity_name,
     range_text,
 )
-from sassgis.model.grid import BoolArray, FloatArray, IntArray
-from sassgis.model.languages import Phrase, all_of, capital, joined, named, phrase
+from sassgis.grid import BoolArray, FloatArray, IntArray
+from sassgis.settings.languages import Phrase, all_of, capital, joined, named, phrase
 
 #: Share of what was observed from which a gap is relevant; of a width, of the 90 % run-out; of the
 #: rocks that arrive, of all rocks.

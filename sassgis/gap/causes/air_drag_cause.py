@@ -27,7 +27,7 @@ from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.observed import DENSITY_KGM3
 from sassgis.gap.residuals.residual_table import ResidualTable, StepTable
 from sassgis.gap.residuals.rock_residuals import per_rock
-from sassgis.model.grid import FloatArray
+from sassgis.grid import FloatArray
 
 FIT = Fit({"drag_coefficient": Range(0.3, 2.0, "log")}, {"constant": 1.0, "sphericity": 1.0})
 #: Density of air (kg/m³), and the drag coefficient beyond which it is not air that brakes a rock.

@@ -22,8 +22,8 @@ from sassgis.gap.observations.case import Case
 from sassgis.gap.residuals.residual_table import ResidualTable, StepTable
 from sassgis.gap.residuals.rock_residuals import mean_of_draws
 from sassgis.gap.residuals.stop_residuals import side_error
-from sassgis.model.effects import EffectSection
-from sassgis.model.grid import FloatArray
+from sassgis.grid import FloatArray
+from sassgis.settings.effects import EffectSection
 
 
 def rounded(value: float) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 from sassgis.gap.causes.cause import Cause, CausePart, ParameterDraws, rounded
 from sassgis.gap.forward.hypothesis_model import HypothesisModel
 from sassgis.gap.observations.case import Case
-from sassgis.model.ground import GroundTable
+from sassgis.settings.ground import GroundTable
 
 #: Those that any ground has shown (``fit.parameters.RANGES``).
 BOUNDS = {

@@ -37,7 +37,7 @@ from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.observed import deposit_masses_kg
 from sassgis.gap.residuals.residual_table import ResidualTable
-from sassgis.model.grid import FloatArray
+from sassgis.grid import FloatArray
 
 _MASS_BUDGET = (
     "mass budget, whatever the blocks are called: rocks and blocks are ranked by mass, and the "

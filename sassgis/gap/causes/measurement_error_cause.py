@@ -33,7 +33,7 @@ from sassgis.gap.observations.case import Case
 from sassgis.gap.residuals.residual_table import ResidualTable
 from sassgis.gap.residuals.rock_residuals import mean_of_draws, per_rock
 from sassgis.gap.residuals.stop_residuals import side_error
-from sassgis.model.grid import FloatArray
+from sassgis.grid import FloatArray
 
 #: Time between two points of a path whose distance gives a speed (s), and least speed (m/s).
 _LAG_S, _FAST_MPS = 0.5, 5.0

@@ -31,7 +31,7 @@ from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.observed import GRAVITY, SIGMAS, above_release_m
 from sassgis.gap.residuals.residual_table import ResidualTable
 from sassgis.gap.residuals.rock_residuals import per_rock
-from sassgis.model.grid import IntArray
+from sassgis.grid import IntArray
 
 #: Errors as they scatter are exceeded by this.
 _MORE = 1.25

@@ -33,7 +33,7 @@ from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case
 from sassgis.gap.residuals.residual_table import MODEL_FLIGHT, ResidualTable, StepTable
 from sassgis.gap.residuals.rock_residuals import per_rock, t_statistics
-from sassgis.model.grid import FloatArray
+from sassgis.grid import FloatArray
 
 FIT = Fit(
     # drag_kgps per kilogram of a middling block (1/s).

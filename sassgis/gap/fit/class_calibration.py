@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sassgis.errors import InputError
 from sassgis.gap.fit.distances import Interval
 from sassgis.gap.fit.fit_errors import (
     CalibrationFinding,
@@ -55,11 +56,10 @@ from sassgis.gap.fit.parameters import ClassParameter, Prior, parameters_of, tab
 from sassgis.gap.fit.site_data import Prediction, SiteData, added, prediction, scores_of
 from sassgis.gap.forward.hypothesis_model import HypothesisModel, configured_model
 from sassgis.gap.observations.case import classes_met
-from sassgis.model.errors import InputError
-from sassgis.model.grid import FloatArray
-from sassgis.model.ground import LIMITS, GroundTable
-from sassgis.model.ground_ranges import ParameterRange, RangeRule, ranges_of
-from sassgis.model.languages import phrase
+from sassgis.grid import FloatArray
+from sassgis.settings.ground import LIMITS, GroundTable
+from sassgis.settings.ground_ranges import ParameterRange, RangeRule, ranges_of
+from sassgis.settings.languages import phrase
 
 #: Rounds of the search, least draws of each and draws for each parameter, campaigns of a draw, and
 #: of a step that is looked at.

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from scipy import stats
 from scipy.spatial.distance import cdist
 
-from sassgis.model.grid import FloatArray, IntArray
+from sassgis.grid import FloatArray, IntArray
 
 #: Parts into which the rocks are split.
 FOLDS = 5

@@ -19,8 +19,8 @@ from sassgis.gap.fit.distances import (
 from sassgis.gap.fit.identifiability import Fitted
 from sassgis.gap.fit.site_data import SiteData
 from sassgis.gap.residuals.rock_residuals import mean_of_draws
-from sassgis.model.grid import FloatArray
-from sassgis.model.languages import phrase
+from sassgis.grid import FloatArray
+from sassgis.settings.languages import phrase
 
 #: Shares of the rocks whose quantiles are compared.
 SHARES = (0.1, 0.5, 0.9)

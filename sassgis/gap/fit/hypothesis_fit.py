@@ -25,11 +25,11 @@ from sassgis.gap.fit.parameters import fitted_names
 from sassgis.gap.fit.site_data import SiteData, model_rows, scores_of
 from sassgis.gap.forward.hypothesis_model import HypothesisModel, MeasurementError, moving_effects
 from sassgis.gap.observations.case import Case, classes_met
-from sassgis.model.declared import highest
-from sassgis.model.grid import BoolArray, FloatArray, IntArray
-from sassgis.model.ground import GroundTable
-from sassgis.model.ground_ranges import with_values
-from sassgis.model.settings import EngineSettings
+from sassgis.grid import BoolArray, FloatArray, IntArray
+from sassgis.settings.ground import GroundTable
+from sassgis.settings.ground_ranges import with_values
+from sassgis.settings.schema import highest
+from sassgis.settings.settings import EngineSettings
 
 #: Half widths of the ranges in which the ground is calibrated: as far as the published values of
 #: one kind of ground lie apart.

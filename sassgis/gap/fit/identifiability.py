@@ -12,7 +12,7 @@ from scipy.stats import t as student
 
 from sassgis.gap.fit.linear_fit import LinearFit, bounded
 from sassgis.gap.fit.parameters import ClassParameter, Prior
-from sassgis.model.grid import FloatArray
+from sassgis.grid import FloatArray
 
 #: A parameter is identified if its interval is narrower than this share of that of the prior.
 _NARROWER = 0.7

@@ -24,7 +24,7 @@ from sassgis.gap.forward.hypothesis_model import HypothesisModel
 from sassgis.gap.forward.observation_operator import campaigns, rock_quantities
 from sassgis.gap.observations.campaign import ImpactRows
 from sassgis.gap.residuals.impact_residuals import ImpactsInFlight
-from sassgis.model.grid import BoolArray, FloatArray
+from sassgis.grid import BoolArray, FloatArray
 
 #: Rocks, and impacts on a class of ground, that a number must rest on.
 _FEWEST, _FEWEST_IMPACTS = 3.0, 15

@@ -18,6 +18,7 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.stats import qmc
 
+from sassgis.errors import InputError
 from sassgis.gap.causes.cause import Range, rounded
 from sassgis.gap.fit.site_data import (
     impact_scores,
@@ -28,12 +29,11 @@ from sassgis.gap.fit.site_data import (
 from sassgis.gap.forward.hypothesis_model import HypothesisModel, MeasurementError
 from sassgis.gap.observations.case import Case, LearnedContacts
 from sassgis.gap.residuals.impact_residuals import ImpactsInFlight
-from sassgis.model.effects import EffectSettings
-from sassgis.model.errors import InputError
-from sassgis.model.grid import FloatArray
-from sassgis.model.ground import GroundClass, GroundTable
-from sassgis.model.ground_ranges import RangeRule, ranges_of, with_values
-from sassgis.model.settings import EngineSettings
+from sassgis.grid import FloatArray
+from sassgis.settings.effects import EffectSettings
+from sassgis.settings.ground import GroundClass, GroundTable
+from sassgis.settings.ground_ranges import RangeRule, ranges_of, with_values
+from sassgis.settings.settings import EngineSettings
 
 #: Digits of shares of ranges.
 _SHARE_DIGITS = 9

@@ -30,7 +30,7 @@ from sassgis.gap.residuals.impact_residuals import (
     usable_impacts,
 )
 from sassgis.gap.residuals.rock_residuals import rock_means
-from sassgis.model.grid import FloatArray, IntArray
+from sassgis.grid import FloatArray, IntArray
 
 #: Orientations and slopes drawn for each impact, and impacts that are compared at most: more of
 #: them cost as much as the runs and say next to nothing more.

@@ -9,9 +9,9 @@ from typing import Any
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.engine.effects.registry import EFFECTS
 from sassgis.gap.observations.case import Case
-from sassgis.model.effects import EffectSettings
-from sassgis.model.ground import GroundClass, GroundTable
-from sassgis.model.settings import EngineSettings
+from sassgis.settings.effects import EffectSettings
+from sassgis.settings.ground import GroundClass, GroundTable
+from sassgis.settings.settings import EngineSettings
 
 #: Keys of ``[engine]`` that a hypothesis may set.
 ENGINE_KEYS = ("side_tilt_deg", "drift_deg", "rolling_friction_sd")

@@ -37,8 +37,8 @@ from sassgis.gap.observations.campaign import (
 )
 from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.hops import ContactRows, contact_numbers
-from sassgis.model.grid import FloatArray, Grid, IntArray
-from sassgis.model.results import StopReason
+from sassgis.grid import FloatArray, Grid, IntArray
+from sassgis.settings.results import StopReason
 from sassgis.terrain.heights import heights_at
 
 

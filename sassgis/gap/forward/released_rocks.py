@@ -22,10 +22,10 @@ from sassgis.gap.forward.rock_lines import STRETCH_M, RockLines, gathered, repea
 from sassgis.gap.observations.case import Case, station_traces
 from sassgis.gap.observations.projection import PROLONG_M, project, station_chainages
 from sassgis.gap.observations.tables import Stations
-from sassgis.model.blocks import BlockPopulation
-from sassgis.model.grid import FloatArray, IntArray
-from sassgis.model.map_run import Forest
-from sassgis.model.profiles import ControlLineCrossings, ReleasePoints
+from sassgis.grid import FloatArray, IntArray
+from sassgis.settings.blocks import BlockPopulation
+from sassgis.settings.map_run import Forest
+from sassgis.settings.profiles import ControlLineCrossings, ReleasePoints
 from sassgis.terrain.flatten import chainage_to_xy
 from sassgis.terrain.heights import heights_at
 

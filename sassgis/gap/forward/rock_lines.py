@@ -22,10 +22,10 @@ from sassgis.gap.observations.campaign import (
 )
 from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.observed import stated_or
-from sassgis.model.grid import FloatArray, IntArray
-from sassgis.model.map_run import Forest
-from sassgis.model.profiles import ControlLineCrossings, ProfileSet
-from sassgis.model.results import ControlLine
+from sassgis.grid import FloatArray, IntArray
+from sassgis.settings.map_run import Forest
+from sassgis.settings.profiles import ControlLineCrossings, ProfileSet
+from sassgis.settings.results import ControlLine
 from sassgis.terrain.release import point_keys
 
 #: Pairs of contacts from which the shortest time between two is taken; fewer say nothing of it.

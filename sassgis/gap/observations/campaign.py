@@ -17,7 +17,7 @@ from sassgis.gap.observations.observed import (
     deposit_masses_kg,
     stated_or,
 )
-from sassgis.model.grid import FloatArray, IntArray
+from sassgis.grid import FloatArray, IntArray
 
 #: Kinds of block: the rock itself, a piece of it, a block that belongs to no rock.
 WHOLE, PIECE, LOOSE = 0, 1, 2

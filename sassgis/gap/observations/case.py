@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from sassgis.engine.simulate_paths import PathTerrain
+from sassgis.errors import InputError
 from sassgis.gap.observations.observed import DENSITY_KGM3, GRAVITY, Observations, rock_masses_kg
 from sassgis.gap.observations.projection import (
     PROLONG_M,
@@ -21,15 +22,14 @@ from sassgis.gap.observations.projection import (
     prolonged,
     station_chainages,
 )
-from sassgis.model.blocks import BlockPopulation
-from sassgis.model.effects import EffectSettings
-from sassgis.model.errors import InputError
-from sassgis.model.grid import FloatArray, Grid, IntArray
-from sassgis.model.ground import GroundTable
-from sassgis.model.map_run import Forest, MapRun
-from sassgis.model.profiles import ProfileSet, ReleasePoints, TraceSet
-from sassgis.model.results import ControlLine
-from sassgis.model.settings import EngineSettings
+from sassgis.grid import FloatArray, Grid, IntArray
+from sassgis.settings.blocks import BlockPopulation
+from sassgis.settings.effects import EffectSettings
+from sassgis.settings.ground import GroundTable
+from sassgis.settings.map_run import Forest, MapRun
+from sassgis.settings.profiles import ProfileSet, ReleasePoints, TraceSet
+from sassgis.settings.results import ControlLine
+from sassgis.settings.settings import EngineSettings
 from sassgis.terrain.fall_lines import fall_line_surface, trace
 from sassgis.terrain.plan import plan
 from sassgis.terrain.prepare import prepare_lines

@@ -38,8 +38,8 @@ from sassgis.gap.observations.observed import (
     without,
 )
 from sassgis.gap.observations.tables import POINT_TABLES, TABLE_TYPES, TABLES
-from sassgis.model.grid import FloatArray, Grid
-from sassgis.model.labels import some_of
+from sassgis.grid import FloatArray, Grid
+from sassgis.settings.labels import some_of
 from sassgis.terrain.heights import heights_at
 
 Check = Callable[[Observations, Grid | None], Iterator[ObservationFinding]]

@@ -19,8 +19,8 @@ from sassgis.gap.observations.observed import (
     rock_radii_m,
 )
 from sassgis.gap.observations.tables import Passages
-from sassgis.model.grid import FloatArray, IntArray
-from sassgis.model.profiles import TraceSet
+from sassgis.grid import FloatArray, IntArray
+from sassgis.settings.profiles import TraceSet
 from sassgis.terrain.flatten import crossings
 
 #: Time over which the speed of the centre is taken (s).

@@ -27,7 +27,7 @@ from sassgis.gap.observations.observed import (
     tops_m,
 )
 from sassgis.gap.observations.tables import TABLES, Column
-from sassgis.model.grid import FloatArray, Grid, IntArray
+from sassgis.grid import FloatArray, Grid, IntArray
 
 _KMH = 3.6
 #: Falls between impacts that tell a scale (m), their least number, and the scale that is certainly

@@ -25,9 +25,9 @@ from sassgis.gap.observations.tables import (
     Table,
     Trajectories,
 )
-from sassgis.model.declared import Input
-from sassgis.model.grid import BoolArray, FloatArray, Grid, IntArray
-from sassgis.model.labels import some_of
+from sassgis.grid import BoolArray, FloatArray, Grid, IntArray
+from sassgis.settings.labels import some_of
+from sassgis.settings.schema import Input
 from sassgis.terrain.heights import heights_at
 
 Level = Literal["error", "warning"]

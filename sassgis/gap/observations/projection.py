@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from sassgis.gap.observations.observed import Observations
 from sassgis.gap.observations.tables import POINT_TABLES, Stations
-from sassgis.model.grid import FloatArray, Grid, IntArray
-from sassgis.model.profiles import ReleasePoints, TraceSet
+from sassgis.grid import FloatArray, Grid, IntArray
+from sassgis.settings.profiles import ReleasePoints, TraceSet
 from sassgis.terrain.flatten import chainage_to_xy, crossings, xy_to_chainage
 from sassgis.terrain.heights import heights_at
 from sassgis.terrain.release import point_keys

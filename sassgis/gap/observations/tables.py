@@ -14,7 +14,7 @@ from typing import Annotated, Any, ClassVar, TypeVar, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.model.grid import FloatArray, IntArray
+from sassgis.grid import FloatArray, IntArray
 
 TextArray = NDArray[np.str_]
 

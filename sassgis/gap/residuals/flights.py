@@ -24,9 +24,9 @@ from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case
 from sassgis.gap.residuals.rock_residuals import Residual, beyond, mean_of_draws
 from sassgis.gap.residuals.stop_residuals import RunModel
-from sassgis.model.grid import BoolArray, FloatArray, IntArray
-from sassgis.model.profiles import ControlLineCrossings
-from sassgis.model.results import ControlLine
+from sassgis.grid import BoolArray, FloatArray, IntArray
+from sassgis.settings.profiles import ControlLineCrossings
+from sassgis.settings.results import ControlLine
 
 #: Effects that act between impacts; the flights that are compared here have none of them.
 FLIGHT_EFFECTS = tuple(row.name for row in EFFECTS.values() if row.phase == "flight")

@@ -16,6 +16,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
+from sassgis.compiled.jit import kernel
 from sassgis.engine.draws import block_of, with_outline
 from sassgis.engine.effects import hooks
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
@@ -39,8 +40,7 @@ from sassgis.gap.residuals.rock_residuals import (
     spread,
 )
 from sassgis.gap.residuals.stop_residuals import FreeRun
-from sassgis.model.grid import FloatArray, IntArray
-from sassgis.model.jit import kernel
+from sassgis.grid import FloatArray, IntArray
 from sassgis.terrain.flatten import chainage_to_xy
 
 #: Parts into which the last bit of the fall, from the longer semi-axis to the shorter one, is cut.

@@ -41,7 +41,7 @@ from sassgis.gap.residuals.stop_residuals import (
     observed_end,
     side_error,
 )
-from sassgis.model.grid import FloatArray, IntArray
+from sassgis.grid import FloatArray, IntArray
 
 #: Share of the length of a free flight that one between two observed impacts may lack or exceed.
 _SHORTEST, _LONGEST = 0.4, 1.3

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from sassgis.model.grid import FloatArray, IntArray
+from sassgis.grid import FloatArray, IntArray
 
 #: Draws are made in blocks of at most this many numbers, to bound the memory.
 _MOST = 4_000_000

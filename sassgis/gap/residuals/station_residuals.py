@@ -29,7 +29,7 @@ from sassgis.gap.residuals.stop_residuals import (
     passages_of,
     residuals_at_station,
 )
-from sassgis.model.grid import FloatArray, IntArray
+from sassgis.grid import FloatArray, IntArray
 
 #: Rocks of the model among which one is drawn that reached a station like the observed one, and
 #: how many there must be.

@@ -17,9 +17,9 @@ from sassgis.gap.forward.rock_lines import RockLines, dips_at, rock_lines_of
 from sassgis.gap.observations.campaign import ImpactRows, errors_of, main_blocks, observed_campaign
 from sassgis.gap.observations.case import Case
 from sassgis.gap.residuals.rock_residuals import Residual, beyond, mean_of_draws, only_above, spread
-from sassgis.model.grid import BoolArray, FloatArray, IntArray
-from sassgis.model.profiles import ProfileSet
-from sassgis.model.results import StopReason
+from sassgis.grid import BoolArray, FloatArray, IntArray
+from sassgis.settings.profiles import ProfileSet
+from sassgis.settings.results import StopReason
 
 #: Events of each block from which its impacts are taken.
 _MOST_EVENTS = 160

@@ -48,8 +48,8 @@ from sassgis.gap.verdict.verdict import (
     speaking,
 )
 from sassgis.gap.words import effect_key
-from sassgis.model.grid import FloatArray
-from sassgis.model.languages import phrase
+from sassgis.grid import FloatArray
+from sassgis.settings.languages import phrase
 
 #: Calibrations that are looked at where the best leaves something large, and how many at once.
 _PLAUSIBLE, _AT_ONCE = 16, 4

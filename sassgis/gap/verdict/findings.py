@@ -19,8 +19,8 @@ from sassgis.gap.fit.distances import times_drawn
 from sassgis.gap.observations.case import Case
 from sassgis.gap.residuals.residual_table import ResidualTable
 from sassgis.gap.residuals.rock_residuals import Residual, false_discovery_adjusted, mean_gap_tests
-from sassgis.model.grid import FloatArray
-from sassgis.model.profiles import TraceSet
+from sassgis.grid import FloatArray
+from sassgis.settings.profiles import TraceSet
 from sassgis.terrain.flatten import chainage_to_xy
 
 #: Findings that rest on fewer rocks are left out.

@@ -30,8 +30,8 @@ from sassgis.gap.fit.hypothesis_fit import (
 from sassgis.gap.fit.linear_fit import LinearFit, SiteSummary
 from sassgis.gap.fit.site_data import SiteData
 from sassgis.gap.words import number_text, range_text, rung_name
-from sassgis.model.grid import FloatArray, IntArray
-from sassgis.model.languages import joined, phrase
+from sassgis.grid import FloatArray, IntArray
+from sassgis.settings.languages import joined, phrase
 
 #: Rungs that are no effect; calibrated ground is the hypothesis "none".
 CONFIGURED, GROUND, FLOOR = "configured", "ground", "floor"

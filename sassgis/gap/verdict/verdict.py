@@ -32,8 +32,8 @@ from sassgis.gap.residuals.residual_table import ResidualTable
 from sassgis.gap.residuals.rock_residuals import holm_adjusted, per_rock, t_statistics
 from sassgis.gap.verdict.findings import locate
 from sassgis.gap.words import LEVEL, effect_key
-from sassgis.model.grid import FloatArray, IntArray
-from sassgis.model.languages import joined, phrase
+from sassgis.grid import FloatArray, IntArray
+from sassgis.settings.languages import joined, phrase
 
 
 def fingerprints(case: Case, residuals: ResidualTable) -> tuple[Fingerprint, ...]:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import shapely
 
+from sassgis.grid import FloatArray, Grid, IntArray
 from sassgis.hazard.zoning.cell_outlines import PRECISION_M
 from sassgis.hazard.zoning.coverage import (
     Coverage,
@@ -17,8 +18,7 @@ from sassgis.hazard.zoning.coverage import (
     faces_of,
     without_threads,
 )
-from sassgis.model.grid import FloatArray, Grid, IntArray
-from sassgis.model.hazard import NO_LEVEL, Edit
+from sassgis.settings.hazard_rules import NO_LEVEL, Edit
 
 #: From this share of its area on, another computed level below an edit is reported; and only where
 #: it is this many times what another sample of blocks changes.

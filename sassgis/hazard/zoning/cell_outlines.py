@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.sparse import csgraph, csr_array
 
-from sassgis.model.errors import InputError
-from sassgis.model.grid import BoolArray, Grid, IntArray
+from sassgis.errors import InputError
+from sassgis.grid import BoolArray, Grid, IntArray
 
 #: Coordinates of zones are multiples of it (m).
 _DECIMALS = 3

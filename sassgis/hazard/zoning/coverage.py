@@ -10,8 +10,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from sassgis.grid import BoolArray, IntArray
 from sassgis.hazard.zoning.cell_outlines import PRECISION_M
-from sassgis.model.grid import BoolArray, IntArray
 
 #: Places that are nowhere wider than this (m) are no zones of their own.
 _THREAD_M = 0.2

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.optimize import brentq
 
+from sassgis.grid import BoolArray, ClassMap, Grid, IntArray
 from sassgis.hazard.zoning.cell_outlines import PRECISION_M, cell_polygons, check_cells
 from sassgis.hazard.zoning.coverage import (
     Coverage,
@@ -28,8 +29,7 @@ from sassgis.hazard.zoning.coverage import (
     without_threads,
 )
 from sassgis.hazard.zoning.seams import joined_at_seams, overlapping
-from sassgis.model.grid import BoolArray, ClassMap, Grid, IntArray
-from sassgis.model.hazard import Drawing
+from sassgis.settings.hazard_rules import Drawing
 
 #: A disk does not reach into the corners of a wide part, which are not narrow for that: a right
 #: angle is filled by a disk that is larger by this factor.

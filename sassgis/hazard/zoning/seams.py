@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import shapely
 
+from sassgis.grid import FloatArray
 from sassgis.hazard.zoning.coverage import classes_of, faces_of, polygons_of
-from sassgis.model.grid import FloatArray
 
 #: Length of a part at least, and of the stretch in which a seam is looked for (cells).
 _LENGTH, _BAND = 800, 40

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sassgis.gap.fit.identifiability import Fitted
-from sassgis.model.grid import FloatArray
+from sassgis.grid import FloatArray
 from sassgis.report.figures.style import (
     BLUE,
     GREY,

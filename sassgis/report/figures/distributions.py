@@ -10,10 +10,7 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from sassgis.model.grid import FloatArray, IntArray
-from sassgis.model.labels import thousands
-from sassgis.model.languages import phrase
-from sassgis.model.results import ControlLine, Histogram, StopReason
+from sassgis.grid import FloatArray, IntArray
 from sassgis.report.figures.style import (
     BLUE,
     INK,
@@ -32,6 +29,9 @@ from sassgis.report.figures.style import (
     text_width_pt,
     thousands_formatter,
 )
+from sassgis.settings.labels import thousands
+from sassgis.settings.languages import phrase
+from sassgis.settings.results import ControlLine, Histogram, StopReason
 
 #: Name and unit of what can be drawn, and title of the figure.
 QUANTITIES = {

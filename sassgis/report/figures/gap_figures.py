@@ -24,8 +24,7 @@ from sassgis.gap.words import (
     tested_by,
     with_unit_in_brackets,
 )
-from sassgis.model.grid import FloatArray, Grid
-from sassgis.model.languages import joined, phrase, translated
+from sassgis.grid import FloatArray, Grid
 from sassgis.report.figures.map_figure import MapPanel, colour_bar, draw_maps, finish
 from sassgis.report.figures.map_marks import (
     MapMarks,
@@ -54,6 +53,7 @@ from sassgis.report.figures.style import (
     percent_formatter,
     wrap,
 )
+from sassgis.settings.languages import joined, phrase, translated
 
 #: Rows of one quantity beyond this number are left out, the least certain first.
 MAX_ROWS = 14

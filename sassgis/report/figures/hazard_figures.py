@@ -15,13 +15,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import NullLocator
 
+from sassgis.grid import FloatArray
 from sassgis.hazard.curves import rate_interval, return_period
 from sassgis.hazard.design import Arrivals
 from sassgis.hazard.levels import deciding_energy, hazard_level
-from sassgis.model.grid import FloatArray
-from sassgis.model.hazard import HazardCurves, HazardPreset
-from sassgis.model.labels import power_of_ten, thousands
-from sassgis.model.languages import joined, phrase
 from sassgis.report.figures.style import (
     BLUE,
     GREEN,
@@ -45,6 +42,9 @@ from sassgis.report.figures.style import (
     plain_tick,
     wrap,
 )
+from sassgis.settings.hazard_rules import HazardCurves, HazardPreset
+from sassgis.settings.labels import power_of_ten, thousands
+from sassgis.settings.languages import joined, phrase
 
 #: Sources with a curve of their own; the others go together.
 MAX_SOURCES = 6

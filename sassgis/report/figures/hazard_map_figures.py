@@ -11,11 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
+from sassgis.grid import FloatArray, Grid
 from sassgis.hazard.zone_styles import LEVEL_CHANGES
-from sassgis.model.grid import FloatArray, Grid
-from sassgis.model.labels import thousands
-from sassgis.model.languages import joined, phrase
-from sassgis.model.results import RasterClass, RasterLayer
 from sassgis.report.figures.map_figure import (
     MapPanel,
     class_panel,
@@ -30,6 +27,9 @@ from sassgis.report.figures.map_figure import (
 from sassgis.report.figures.map_marks import MapMarks, all_points
 from sassgis.report.figures.relief import footprint, view_of
 from sassgis.report.figures.style import GAP_COLOURS, house_style
+from sassgis.settings.labels import thousands
+from sassgis.settings.languages import joined, phrase
+from sassgis.settings.results import RasterClass, RasterLayer
 
 _PALE = 0.65
 

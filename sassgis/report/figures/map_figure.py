@@ -23,11 +23,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
-from sassgis.model.grid import FloatArray, Grid
-from sassgis.model.labels import thousands
-from sassgis.model.languages import joined, phrase
-from sassgis.model.results import Band, RasterClass, RasterLayer
-from sassgis.model.styles import class_colours, class_labels, class_limits, zero_is_nothing
+from sassgis.grid import FloatArray, Grid
 from sassgis.report.figures.map_marks import (
     LAYER_ALPHA,
     MapMarks,
@@ -53,6 +49,10 @@ from sassgis.report.figures.style import (
     house_style,
     wrap,
 )
+from sassgis.settings.labels import thousands
+from sassgis.settings.languages import joined, phrase
+from sassgis.settings.results import Band, RasterClass, RasterLayer
+from sassgis.settings.styles import class_colours, class_labels, class_limits, zero_is_nothing
 
 #: The tallest maps of a figure together (in).
 _MAX_HEIGHT_IN = 7.6
@@ -65,7 +65,7 @@ _FALLING: dict[str, Any] = {"hatch": "\\" * 7, "fc": "none", "lw": 0.0, "hatch_l
 def shown_values(band: Band) -> FloatArray:
     """Values of a band as the map shows them, float64 with NaN where it stays clear.
 
-    As on the map in QGIS: see :func:`sassgis.model.styles.zero_is_nothing`.
+    As on the map in QGIS: see :func:`sassgis.settings.styles.zero_is_nothing`.
     """
     values = np.asarray(band.values, float)
     return np.where(values == 0.0, np.nan, values) if zero_is_nothing(band.unit) else values

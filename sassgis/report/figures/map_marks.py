@@ -13,13 +13,13 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 
-from sassgis.model.grid import FloatArray
-from sassgis.model.labels import thousands
-from sassgis.model.languages import named, phrase, translated
-from sassgis.model.results import RasterClass
-from sassgis.model.styles import BARRIER_STYLE, EDIT_STYLE
+from sassgis.grid import FloatArray
 from sassgis.report.figures.relief import Extent
 from sassgis.report.figures.style import BLUE, INK, SMALL, beside, halo, text_width_pt
+from sassgis.settings.labels import thousands
+from sassgis.settings.languages import named, phrase, translated
+from sassgis.settings.results import RasterClass
+from sassgis.settings.styles import BARRIER_STYLE, EDIT_STYLE
 
 #: Name, kind ("station", "wall" or "net") and line on the map, shape (n, 2), of a control line.
 MapControlLine = tuple[str, str, FloatArray]

@@ -14,10 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Polygon
 from matplotlib.ticker import MultipleLocator
 
-from sassgis.model.grid import FloatArray, IntArray
-from sassgis.model.labels import thousands
-from sassgis.model.languages import joined, phrase
-from sassgis.model.results import ControlLine
+from sassgis.grid import FloatArray, IntArray
 from sassgis.report.figures.map_marks import even_choice
 from sassgis.report.figures.style import (
     BLUE,
@@ -40,6 +37,9 @@ from sassgis.report.figures.style import (
     thousands_formatter,
     wrap,
 )
+from sassgis.settings.labels import thousands
+from sassgis.settings.languages import joined, phrase
+from sassgis.settings.results import ControlLine
 
 #: A control line with its chainage (m) and the height of the ground there (m).
 ProfileControlLine = tuple[ControlLine, float, float]

@@ -13,10 +13,10 @@ from matplotlib.patches import Rectangle
 from matplotlib.ticker import FuncFormatter, MultipleLocator
 from numpy.typing import NDArray
 
-from sassgis.model.grid import FloatArray, Grid
-from sassgis.model.labels import thousands
-from sassgis.model.languages import phrase
+from sassgis.grid import FloatArray, Grid
 from sassgis.report.figures.style import INK, SMALL, round_step
+from sassgis.settings.labels import thousands
+from sassgis.settings.languages import phrase
 
 #: West, south, east, north (m).
 Extent = tuple[float, float, float, float]

@@ -26,10 +26,10 @@ from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, PercentFormatter
 from scipy.optimize import isotonic_regression
 
-from sassgis.model.errors import OutputError
-from sassgis.model.grid import FloatArray
-from sassgis.model.labels import power_of_ten, thousands
-from sassgis.model.languages import current_language, named, translated
+from sassgis.errors import OutputError
+from sassgis.grid import FloatArray
+from sassgis.settings.labels import power_of_ten, thousands
+from sassgis.settings.languages import current_language, named, translated
 
 #: Width of a figure: the text width of an A4 page (in).
 WIDTH_IN = 6.7

@@ -13,8 +13,8 @@ from annotated_types import Interval
 from shapely import box
 
 from sassgis.engine.effects.registry import EFFECTS
-from sassgis.io.read.config import load_config
-from sassgis.model.errors import SassgisError
+from sassgis.errors import SassgisError
+from sassgis.inputs.config import load_config
 from sassgis.runs.check_inputs import check_inputs
 from sassgis.runs.inputs import read_map_run
 
@@ -84,7 +84,7 @@ def test_an_unknown_family_and_an_unknown_class_are_told(valley):
     with pytest.raises(SassgisError, match="effects"):
         valley("[effects.snow]\n", whole=False)
     with pytest.raises(SassgisError) as caught:
-        from sassgis.runs.map import simulate_map
+        from sassgis.simulation.loop import simulate_map
         from sassgis.terrain.plan import plan
 
         run = valley('[effects.soft_ground]\nclasses = ["marsh"]\n')

@@ -31,10 +31,10 @@ from sassgis.engine.effects.rock_shape import RockShape
 from sassgis.engine.effects.roughness import Roughness
 from sassgis.engine.effects.soft_ground import SoftGround
 from sassgis.engine.ellipse import contact_frame
-from sassgis.model.effects import EffectSettings
-from sassgis.model.errors import ConfigError
-from sassgis.model.ground import GroundTable
-from sassgis.model.settings import EngineSettings
+from sassgis.errors import ConfigError
+from sassgis.settings.effects import EffectSettings
+from sassgis.settings.ground import GroundTable
+from sassgis.settings.settings import EngineSettings
 
 pytestmark = pytest.mark.kernels
 

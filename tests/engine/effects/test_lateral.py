@@ -14,8 +14,8 @@ from scipy import stats
 from sassgis.engine.effects import lateral_deflection
 from sassgis.engine.effects.hooks import BLOCK_DTYPE
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
-from sassgis.model.effects import EffectSettings
-from sassgis.model.settings import EngineSettings
+from sassgis.settings.effects import EffectSettings
+from sassgis.settings.settings import EngineSettings
 
 
 def deflected(grid, lateral, n, *, x=0.0, y=0.0, settings=STRAIGHT, **more):

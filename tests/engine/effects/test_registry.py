@@ -11,11 +11,11 @@ import pytest
 from annotated_types import Interval
 
 from sassgis.engine.effects.registry import EFFECTS, Effect
-from sassgis.io.read import config as reader
-from sassgis.io.read.config import load_config, resolved
-from sassgis.io.write.config_template import config_template
-from sassgis.model.effects import EffectSection, EffectSettings
-from sassgis.model.errors import ConfigError
+from sassgis.errors import ConfigError
+from sassgis.inputs import config as reader
+from sassgis.inputs.config import load_config, resolved
+from sassgis.outputs.config_template import config_template
+from sassgis.settings.effects import EffectSection, EffectSettings
 
 CONFIG = """
 [terrain]

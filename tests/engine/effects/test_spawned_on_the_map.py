@@ -11,11 +11,11 @@ from helpers.map_sums_state import assert_same
 from sassgis.engine.effects.entrainment import Entrainment
 from sassgis.engine.effects.fragmentation import Fragmentation
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
-from sassgis.hazard.progress import joined_rows
-from sassgis.io.read.config import load_config
-from sassgis.model.effects import EffectSettings
+from sassgis.inputs.config import load_config
 from sassgis.runs.inputs import read_map_run
-from sassgis.runs.map import simulate_map
+from sassgis.settings.effects import EffectSettings
+from sassgis.simulation.accumulators import joined_rows
+from sassgis.simulation.loop import simulate_map
 from sassgis.terrain.plan import plan
 
 

@@ -29,11 +29,11 @@ from sassgis.engine.effects.fragmentation import Fragmentation
 from sassgis.engine.effects.hooks import BLOCK_DTYPE, prepare
 from sassgis.engine.effects.spawning import room_for
 from sassgis.engine.ellipse import inertia
-from sassgis.model.effects import EffectSettings
-from sassgis.model.errors import InputError
-from sassgis.model.ground import GroundTable
-from sassgis.model.profiles import ControlLineCrossings
-from sassgis.model.results import ControlLine
+from sassgis.errors import InputError
+from sassgis.settings.effects import EffectSettings
+from sassgis.settings.ground import GroundTable
+from sassgis.settings.profiles import ControlLineCrossings
+from sassgis.settings.results import ControlLine
 
 FLAT = slope((100.0, 0.0))
 ROUGH = rough_slope(6)

@@ -24,10 +24,10 @@ from scipy.integrate import trapezoid
 
 from sassgis.engine.effects import trees
 from sassgis.engine.effects.trees import Trees, energy_ratios
-from sassgis.model.effects import EffectSettings
-from sassgis.model.errors import ConfigError
-from sassgis.model.profiles import ControlLineCrossings
-from sassgis.model.results import ControlLine
+from sassgis.errors import ConfigError
+from sassgis.settings.effects import EffectSettings
+from sassgis.settings.profiles import ControlLineCrossings
+from sassgis.settings.results import ControlLine
 
 ANGLE = 30.0
 RADIUS = 0.4

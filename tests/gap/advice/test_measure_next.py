@@ -12,7 +12,7 @@ from sassgis.gap.advice.measure_next import Separation, _best, _places, _recorde
 from sassgis.gap.forward.hypothesis_model import HypothesisModel, MeasurementError
 from sassgis.gap.forward.rock_lines import RockLines, rock_lines_of
 from sassgis.gap.observations.case import Case
-from sassgis.model.ground import GroundTable
+from sassgis.settings.ground import GroundTable
 
 
 @pytest.fixture(scope="module")

@@ -23,7 +23,7 @@ from sassgis.gap.observations.tables import TABLES
 from sassgis.gap.residuals.residual_table import residuals_of
 from sassgis.gap.verdict.verdict import fingerprints, place_of
 from sassgis.gap.words import effect_name, effect_phrase
-from sassgis.io.read.gap_thresholds import cause_weights_of, read_thresholds
+from sassgis.inputs.gap_thresholds import cause_weights_of, read_thresholds
 
 FIT = Fit({"acceleration_mps2": Range(0.1, 2.0, "log")})
 

@@ -35,10 +35,10 @@ from sassgis.gap.forward.hypothesis_model import MeasurementError, configured_mo
 from sassgis.gap.forward.observation_operator import campaigns
 from sassgis.gap.observations.campaign import observed_campaign
 from sassgis.gap.observations.case import classes_met
-from sassgis.io.read.ground_map import read_ranges
-from sassgis.model.effects import EffectSettings
-from sassgis.model.grid import FloatArray
-from sassgis.model.ground import GroundTable
+from sassgis.grid import FloatArray
+from sassgis.inputs.ground_map import read_ranges
+from sassgis.settings.effects import EffectSettings
+from sassgis.settings.ground import GroundTable
 
 #: What the rocks of the tests were released with; configured is the table of the helper.
 TRUTH = {"eta_max": 0.45, "mu_0": 0.3}

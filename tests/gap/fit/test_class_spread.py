@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sassgis.errors import InputError
 from sassgis.gap.fit import class_calibration as module
 from sassgis.gap.fit.class_calibration import (
     SiteValue,
@@ -19,11 +20,10 @@ from sassgis.gap.fit.class_calibration import (
 )
 from sassgis.gap.fit.identifiability import Told
 from sassgis.gap.fit.parameters import RANGES, ClassParameter
-from sassgis.io.read.ground_map import built_in_table, read_ranges
-from sassgis.io.write.frames import write_table
-from sassgis.io.write.layers.variant_layers import rule_table
-from sassgis.model.errors import InputError
-from sassgis.model.ground_ranges import ranges_of
+from sassgis.inputs.ground_map import built_in_table, read_ranges
+from sassgis.outputs.frames import write_table
+from sassgis.outputs.layers.variant_layers import rule_table
+from sassgis.settings.ground_ranges import ranges_of
 
 VALUES, ERRORS = np.array([0.55, 0.70, 0.48]), np.array([0.03, 0.05, 0.02])
 

@@ -25,7 +25,7 @@ from sassgis.gap.fit.identifiability import (
 )
 from sassgis.gap.fit.linear_fit import FitBudget, ObservedNumbers, Seen, Trial, fit_linearly, joined
 from sassgis.gap.fit.parameters import RANGES, ClassParameter, Prior
-from sassgis.model.grid import FloatArray
+from sassgis.grid import FloatArray
 
 BUDGET = FitBudget(3, 16, 2, 4, 6.0, 64)
 SLOPES = np.array([[1.0, 0.0], [0.6, 0.3], [0.0, 0.0]])

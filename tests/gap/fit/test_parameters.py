@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from helpers.simulated_slope import TABLE
 
+from sassgis.errors import InputError
 from sassgis.gap.fit.parameters import (
     RANGES,
     Prior,
@@ -13,9 +14,8 @@ from sassgis.gap.fit.parameters import (
     parameters_of,
     table_with,
 )
-from sassgis.model.errors import InputError
-from sassgis.model.ground_ranges import EVERY_CLASS, RangeRule
-from sassgis.model.settings import EngineSettings
+from sassgis.settings.ground_ranges import EVERY_CLASS, RangeRule
+from sassgis.settings.settings import EngineSettings
 
 
 def test_shares_are_places_in_the_range() -> None:

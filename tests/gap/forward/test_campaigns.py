@@ -21,8 +21,8 @@ from sassgis.gap.forward.hypothesis_model import (
 from sassgis.gap.forward.observation_operator import campaigns, rock_quantities, share_left
 from sassgis.gap.forward.rock_lines import dips_at, heights_at_chainage
 from sassgis.gap.observations.campaign import LOOSE, PIECE, Campaign, main_blocks, observed_campaign
-from sassgis.model.effects import EffectSettings
-from sassgis.model.ground import GroundTable
+from sassgis.settings.effects import EffectSettings
+from sassgis.settings.ground import GroundTable
 
 
 def made(

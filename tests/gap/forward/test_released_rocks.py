@@ -18,12 +18,12 @@ from sassgis.gap.forward.released_rocks import all_rocks, move, with_stations_at
 from sassgis.gap.forward.rock_lines import control_lines_of, rock_lines_of
 from sassgis.gap.observations.campaign import Campaign
 from sassgis.gap.observations.case import Case, station_traces
-from sassgis.io.read.config import load_config
-from sassgis.model.grid import Grid
-from sassgis.model.profiles import ReleasePoints
-from sassgis.model.settings import EngineSettings
+from sassgis.grid import Grid
+from sassgis.inputs.config import load_config
 from sassgis.runs.gap_case import read_case
 from sassgis.runs.inputs import read_map_run
+from sassgis.settings.profiles import ReleasePoints
+from sassgis.settings.settings import EngineSettings
 from sassgis.terrain.flatten import chainage_to_xy
 from sassgis.terrain.plan import placed_points
 

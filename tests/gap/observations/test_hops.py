@@ -44,7 +44,7 @@ from sassgis.gap.observations.hops import (
 )
 from sassgis.gap.observations.observed import Observations
 from sassgis.gap.observations.tables import Contacts, Rocks, Stations
-from sassgis.io.read.observation_files import read_observations
+from sassgis.inputs.observation_files import read_observations
 from sassgis.terrain.heights import heights_at
 
 #: A ball on a plane that falls to the south by 1 in 2: each hop takes 0.4 s, leads 2 m on in plan,

@@ -14,6 +14,7 @@ import pytest
 import shapely
 from helpers.observed_slope import LV95, NORTH, TABLES, TOP, at, setting
 
+from sassgis.errors import InputError, OutputError
 from sassgis.gap.advice.measure_next import what_is_identifiable
 from sassgis.gap.observations.case import drop_and_density
 from sassgis.gap.observations.checks import check_observations
@@ -33,13 +34,12 @@ from sassgis.gap.observations.tables import (
     Rocks,
     Trajectories,
 )
-from sassgis.io.read.observation_files import read_observations, validate_observations
-from sassgis.io.read.observation_values import RawTable, table_of
-from sassgis.io.write.geopackage import FIXED_TIME
-from sassgis.io.write.observation_template import observations_template
-from sassgis.model.blocks import BlockPopulation
-from sassgis.model.errors import InputError, OutputError
-from sassgis.model.grid import Grid
+from sassgis.grid import Grid
+from sassgis.inputs.observation_files import read_observations, validate_observations
+from sassgis.inputs.observation_values import RawTable, table_of
+from sassgis.outputs.geopackage import FIXED_TIME
+from sassgis.outputs.observation_template import observations_template
+from sassgis.settings.blocks import BlockPopulation
 
 
 def lines(observations, grid=None):

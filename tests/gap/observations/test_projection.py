@@ -18,9 +18,9 @@ from sassgis.gap.observations.projection import (
     station_chainages,
 )
 from sassgis.gap.observations.tables import Stations
-from sassgis.io.read.observation_files import read_observations
-from sassgis.model.grid import Grid
-from sassgis.model.settings import TerrainSettings
+from sassgis.grid import Grid
+from sassgis.inputs.observation_files import read_observations
+from sassgis.settings.settings import TerrainSettings
 from sassgis.terrain.fall_lines import fall_line_surface, trace
 from sassgis.terrain.heights import heights_at
 from sassgis.terrain.release import point_keys

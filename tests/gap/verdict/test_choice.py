@@ -32,8 +32,8 @@ from sassgis.gap.verdict.verdict import (
     seen_of,
     speaking,
 )
-from sassgis.io.read.gap_thresholds import cause_weights_of, read_thresholds
-from sassgis.model.effects import EffectSettings
+from sassgis.inputs.gap_thresholds import cause_weights_of, read_thresholds
+from sassgis.settings.effects import EffectSettings
 
 
 @pytest.mark.parametrize("family", [None, *FAMILIES])

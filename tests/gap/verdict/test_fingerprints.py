@@ -24,7 +24,7 @@ from sassgis.gap.residuals.residual_table import (
 )
 from sassgis.gap.verdict.findings import where
 from sassgis.gap.verdict.verdict import fingerprints, significant, strongest
-from sassgis.model.effects import EffectSettings
+from sassgis.settings.effects import EffectSettings
 from sassgis.terrain.heights import heights_at
 
 EXTRA = ("fragmentation", "entrainment")

@@ -12,7 +12,7 @@ from sassgis.gap.fit.linear_fit import summary_of
 from sassgis.gap.fit.site_data import SiteData
 from sassgis.gap.verdict.evidence import first_adequate
 from sassgis.gap.verdict.verdict import adequate, large_gaps
-from sassgis.runs.workers import task_map
+from sassgis.simulation.workers import task_map
 
 
 @pytest.mark.parametrize("jobs", [1, 2])

@@ -15,7 +15,7 @@ from sassgis.gap.forward.hypothesis_model import HypothesisModel
 from sassgis.gap.residuals.residual_table import residuals_of
 from sassgis.gap.verdict.findings import LEAST_ROCKS, locate, where
 from sassgis.gap.verdict.verdict import adequate
-from sassgis.model.effects import EffectSettings
+from sassgis.settings.effects import EffectSettings
 
 
 def found(

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from helpers.figure_parts import find, texts
 
-from sassgis.model.results import ControlLine, Histogram, StopReason
 from sassgis.report.figures import (
     energy_profile_figure,
     runout_figure,
     station_figure,
 )
+from sassgis.settings.results import ControlLine, Histogram, StopReason
 
 
 def histogram(counts: list[int], unit: str, width: float = 1.0) -> Histogram:

@@ -10,9 +10,7 @@ from helpers.figure_parts import texts
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sassgis.model.errors import OutputError
-from sassgis.model.labels import thousands
-from sassgis.model.results import StopReason
+from sassgis.errors import OutputError
 from sassgis.report.figures import save, to_png
 from sassgis.report.figures.distributions import runout_figure
 from sassgis.report.figures.hazard_figures import blocks_figure
@@ -27,6 +25,8 @@ from sassgis.report.figures.style import (
     spread,
     wrap,
 )
+from sassgis.settings.labels import thousands
+from sassgis.settings.results import StopReason
 
 positions = st.lists(st.floats(-1e3, 1e3), min_size=0, max_size=12)
 

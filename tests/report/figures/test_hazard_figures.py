@@ -8,13 +8,10 @@ import shapely
 from helpers.figure_parts import axes_of, find, texts
 from matplotlib.colors import to_hex, to_rgb
 
+from sassgis.grid import Grid
 from sassgis.hazard.curves import rate_interval
 from sassgis.hazard.zone_styles import LEVEL_CHANGES
-from sassgis.io.read.presets import read_preset
-from sassgis.model.grid import Grid
-from sassgis.model.hazard import HazardCurves
-from sassgis.model.languages import in_language
-from sassgis.model.results import Band, RasterClass, RasterLayer
+from sassgis.inputs.presets import read_preset
 from sassgis.report.figures import (
     MapMarks,
     change_figure,
@@ -27,6 +24,9 @@ from sassgis.report.figures import (
 from sassgis.report.figures.hazard_figures import MAX_SOURCES, amount, leading_sources
 from sassgis.report.figures.hazard_map_figures import level_changes
 from sassgis.report.figures.map_figure import class_positions, columns_of
+from sassgis.settings.hazard_rules import HazardCurves
+from sassgis.settings.languages import in_language
+from sassgis.settings.results import Band, RasterClass, RasterLayer
 
 LEVELS = (
     RasterClass(1, "residuo", "#ffe34d", hatched=True),

@@ -7,13 +7,13 @@ import shapely
 from helpers.figure_parts import axes_of, find, texts
 from matplotlib.colors import to_hex
 
-from sassgis.model.grid import FloatArray, Grid
-from sassgis.model.results import Band, RasterLayer
-from sassgis.model.styles import class_colours
+from sassgis.grid import FloatArray, Grid
 from sassgis.report.figures import MapMarks, map_figure
 from sassgis.report.figures.map_figure import class_numbers
 from sassgis.report.figures.map_marks import MAX_LINES
 from sassgis.report.figures.relief import coarsen, emptiest_corner, footprint, hillshade, view_of
+from sassgis.settings.results import Band, RasterLayer
+from sassgis.settings.styles import class_colours
 
 
 def layer_of(

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from helpers.figure_parts import find, texts
 
-from sassgis.model.results import ControlLine
 from sassgis.report.figures import ProfilePanel, profile_figure
 from sassgis.report.figures.profile_figure import runs_of
+from sassgis.settings.results import ControlLine
 
 S = np.array([0.0, 40.0, 80.0, 120.0, 170.0])
 Z = np.array([1800.0, 1755.0, 1720.0, 1670.0, 1650.0])

@@ -1,0 +1,487 @@
+"""Many release areas over a large terrain model: each alone, and all of them on one map.
+
+Each area is zoned on the part of the terrain model that its fall lines need, and keeps its sums in
+its folder. The mosaic is added up from these files: frequencies of areas add. Areas are taken in
+the order of their names, so that neither the order of files nor the number of threads matters.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections import Counter
+from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from sassgis.batches.batch_area import (
+    AREAS_NAME,
+    Candidate,
+    Setting,
+    kept_areas,
+    read_setting,
+    run_area,
+    shared_digest,
+)
+from sassgis.batches.batch_mosaic import MOSAIC_NAME, write_mosaic
+from sassgis.batches.batch_state import RECORD_NAME, Record
+from sassgis.errors import (
+    ConfigError,
+    InputError,
+    OutputError,
+    SassgisError,
+    chain,
+    of_the_system,
+)
+from sassgis.files.atomic_output import check_output, writing
+from sassgis.files.saved_arrays import UNFIT
+from sassgis.hazard.assess import Assessment, Rules
+from sassgis.inputs.config import load_config
+from sassgis.inputs.vectors import release_features
+from sassgis.outputs.batch_summary import BatchSummary
+from sassgis.runs.resumable_run import configured, workers_asked
+from sassgis.settings.labels import file_stems
+from sassgis.settings.run_config import Config
+from sassgis.settings.schema import InMemory, Input
+from sassgis.settings.settings import ReleaseSettings
+from sassgis.simulation.workers import Jobs, OnProgress, task_map
+
+log = logging.getLogger(__name__)
+
+SUMMARY_NAME = "summary.csv"
+#: Vector files of a folder by their suffix; those that the configuration names do not count.
+VECTOR_SUFFIXES = (".gpkg", ".shp", ".geojson", ".json", ".fgb", ".kml")
+_CHANGED = (
+    "A file that all release areas share has changed while the batch ran: not all of them may have "
+    "been made from the same one. Run the batch again with --overwrite."
+)
+#: Bytes of a process that runs small areas.
+_PROCESS = 800 << 20
+#: From so many areas for each core on, every core has areas of its own.
+_AREAS_PER_CORE = 4
+
+
+@dataclass(frozen=True, slots=True)
+class BatchResult:
+    """What a batch left.
+
+    Attributes
+    ----------
+    summary : DataFrame
+        A row per release area, as in ``summary.csv``.
+    found : Assessment or None
+        Of the mosaic; None if it was there already.
+    warnings : tuple of str
+        Of the mosaic, and the areas that were skipped.
+    """
+
+    folder: Path
+    summary: Any
+    found: Assessment | None
+    warnings: tuple[str, ...]
+
+
+def batch(
+    releases: str | Path | Config,
+    out: str | Path,
+    *,
+    config: str | Path | None = None,
+    dem: str | Path | None = None,
+    overwrite: bool = False,
+    mosaic_only: bool = False,
+    memory_gb: float | None = None,
+    seed: int | None = None,
+    jobs: Jobs = None,
+    on_progress: OnProgress | None = None,
+    say: Callable[[str], None] | None = None,
+) -> BatchResult:
+    """Zone many release areas one by one, and put them together on one map.
+
+    Results that are complete and were made from the same settings and inputs are kept.
+
+    Parameters
+    ----------
+    releases : path or Config
+        A vector file, a folder of vector files, or a configuration, whose release areas are run.
+    out : path
+        Folder to write: ``areas/<name>/`` for each area, ``mosaic/`` and ``summary.csv``.
+    config : path, optional
+        Everything else; default the only TOML file in the folder, or beside the file.
+    dem : path, optional
+        In place of that of the configuration: a raster, a VRT or a folder of tiles.
+    overwrite : bool
+        Whether results that were made from other settings or inputs may be replaced.
+    mosaic_only : bool
+        Whether areas keep only their sums, without maps, zones and a report of their own.
+    memory_gb : float, optional
+        Memory that all processes together may take (GB): it limits the number of areas at work,
+        and larger mosaics are made block by block. The part of the terrain that one area needs
+        is not divided.
+    seed, jobs, on_progress, say
+        As for sassgis.runs.run.run; chunks are those of one area.
+
+    Raises
+    ------
+    ConfigError, InputError
+        If what all areas share cannot be used, or no area could be run.
+    OutputError
+        If a result exists already, or one that is due to be replaced holds a file that no run
+        wrote; or the disk is full or not writable.
+    Interrupted
+        If the user stops the batch; what was computed is kept.
+    """
+    tell = say or (lambda _text: None)
+    folder = Path(out)
+    loaded = batch_config(releases, config, dem, seed)
+    candidates = find_areas(loaded)
+    setting, notices = read_setting(loaded, candidates, mosaic_only)
+    if loaded.run.ground_uncertainty:
+        notices += ("A batch draws no ground classes: run.ground_uncertainty is for run and zone.",)
+    _check_folder(folder)
+    memory_bytes = None if memory_gb is None else int(memory_gb * 1e9)
+    # A look at one takes a tenth of the time of a run.
+    looking = _at_once(setting, jobs, memory_bytes, len(candidates) // 10)
+    kept = kept_areas(setting, candidates, folder, overwrite, tell, looking)
+    waiting = [c for c in candidates if c.stem not in kept]
+    for own in (*map(_folder, waiting), *([MOSAIC_NAME] if waiting else [])):
+        check_output(folder / own, overwrite=True)
+    summary = _summary(folder, loaded, candidates, setting.rules, kept)
+    records = dict(kept)
+    running = outcomes(setting, waiting, folder, jobs, on_progress, tell, memory_bytes)
+    try:
+        with closing(running):
+            for candidate, outcome in zip(waiting, running, strict=True):
+                if outcome.record is None:
+                    tell(f"{candidate.name} is skipped: {outcome.reason}")
+                    summary.skipped(_folder(candidate), outcome.reason)
+                else:
+                    _note(summary, candidate, outcome.record, outcome.seconds)
+                    records[candidate.stem] = outcome.record
+                summary.write_now_and_then()
+    finally:
+        summary.write()
+    if not records:
+        first = next(iter(summary.reasons().values()))
+        raise InputError(
+            f"no release area could be run; the first: {first}", file=loaded.release_source
+        )
+    if shared_digest(loaded) != setting.digest:
+        notices += (_CHANGED,)
+    skipped = tuple(f"{name} is skipped: {why}" for name, why in summary.reasons().items())
+    stale = _stale(folder, records)
+    found, warnings = write_mosaic(
+        setting, [c for c in candidates if c.stem in records], records, folder,
+        (*notices, *skipped), tell, memory_bytes, jobs,
+    )  # fmt: skip
+    return BatchResult(folder, summary.frame(), found, (*warnings, *stale))
+
+
+def _check_folder(folder: Path) -> None:
+    """Make the folder, unless it holds something else than a batch."""
+    with writing(folder):
+        if folder.exists() and not folder.is_dir():
+            raise OutputError(f"{folder}: is a file; the result needs a folder")
+        known = any((folder / name).exists() for name in (SUMMARY_NAME, AREAS_NAME))
+        if folder.is_dir() and any(folder.iterdir()) and not known:
+            raise OutputError(
+                f"{folder}: is not empty and not of a batch (it has no {SUMMARY_NAME}); choose "
+                "another folder"
+            )
+        folder.mkdir(parents=True, exist_ok=True)
+
+
+def _stale(folder: Path, records: dict[str, Record]) -> tuple[str, ...]:
+    """Results of areas that are not part of the mosaic."""
+    areas = folder / AREAS_NAME
+    return tuple(
+        f"{f} is left from an earlier batch and not part of the mosaic."
+        for f in sorted(areas.iterdir())
+        if f.name not in records and (f / RECORD_NAME).is_file() and f.suffix != ".partial"
+    )
+
+
+def _summary(
+    folder: Path,
+    config: Config,
+    candidates: Sequence[Candidate],
+    rules: Rules,
+    kept: Mapping[str, Record],
+) -> BatchSummary:
+    """The table of all areas, with those that are there already."""
+    given = config.release_source
+    base = Path() if isinstance(given, InMemory) else given if given.is_dir() else given.parent
+    summary = BatchSummary(
+        folder / SUMMARY_NAME,
+        {_folder(c): (c.name, _relative(c.release.file, base)) for c in candidates},
+        [level.code for level in rules.preset.levels],
+    )
+    for candidate in candidates:
+        if candidate.stem in kept:
+            _note(summary, candidate, kept[candidate.stem], None)
+    summary.write()
+    return summary
+
+
+def _folder(candidate: Candidate) -> str:
+    return f"{AREAS_NAME}/{candidate.stem}"
+
+
+def _note(
+    summary: BatchSummary, candidate: Candidate, record: Record, seconds: float | None
+) -> None:
+    facts = {n: getattr(record, n) for n in ("points", "rocks", "furthest_m")}
+    summary.done(_folder(candidate), facts, record.zones_m2, seconds)
+
+
+def _relative(file: Input | None, base: Path) -> str:
+    if file is None or isinstance(file, InMemory) or not file.is_relative_to(base):
+        return str(file or "")
+    return file.relative_to(base).as_posix()
+
+
+def batch_config(
+    given: str | Path | Config, config: str | Path | None, dem: str | Path | None, seed: int | None
+) -> Config:
+    """The configuration, with the release areas in it."""
+    if isinstance(given, Config):
+        return configured(given, seed)
+    releases = Path(given)
+    overrides: dict[str, object] = {} if seed is None else {"run.seed": seed}
+    if dem is not None:
+        overrides["terrain.dem"] = str(Path(dem).expanduser().resolve())
+    if releases.suffix.lower() == ".toml":
+        if config is not None:
+            raise ConfigError(
+                "two configurations", file=releases, found=str(config), expected="one of them"
+            )
+        return load_config(releases, overrides)
+    if not releases.exists():
+        raise InputError(
+            "file not found",
+            file=releases,
+            expected="a vector file of release areas, a folder of them, or a configuration",
+        )
+    overrides["release.file"] = str(releases.expanduser().resolve())
+    return load_config(_beside(releases) if config is None else config, overrides)
+
+
+def _beside(releases: Path) -> Path:
+    """The only configuration in the folder of the release areas."""
+    folder = releases if releases.is_dir() else releases.parent
+    found = sorted(folder.glob("*.toml"))
+    if len(found) != 1:
+        raise ConfigError(
+            "no configuration is given",
+            file=folder,
+            found=", ".join(f.name for f in found) or "no TOML file",
+            expected="--config FILE, or one TOML file there",
+        )
+    return found[0]
+
+
+def find_areas(config: Config) -> list[Candidate]:
+    """All release areas that the configuration names, by name; shapes are not looked at.
+
+    ``release.file`` may be a folder: then an area is named by its ``name_field`` or, in files
+    without it, by the file.
+
+    Raises
+    ------
+    InputError
+        If a single file cannot be used, or a folder holds no vector file.
+    """
+    path = config.release_source
+    named: list[tuple[str, ReleaseSettings, int, str]] = []
+    several = isinstance(path, Path) and path.is_dir()
+    for file in _release_files(config, path) if isinstance(path, Path) and several else [path]:
+        release = replace(config.release, file=file)
+        try:
+            named += _named(release, by_file=several)
+        except InputError as error:
+            if not several:
+                raise
+            named.append((file.stem, release, 0, str(error)))
+    counts = Counter(name for name, _, _, _ in named)
+    named.sort(key=lambda n: (n[0], str(n[1].file), n[2]))
+    stems = file_stems([name for name, _, _, _ in named])
+    return [
+        Candidate(
+            name,
+            stem,
+            release,
+            number,
+            problem or (f"{release.file}: name is used {counts[name]} times ({name!r}; expected "
+                        "names that differ)" if counts[name] > 1 else ""),
+        )
+        for (name, release, number, problem), stem in zip(named, stems, strict=True)
+    ]  # fmt: skip
+
+
+def _release_files(config: Config, folder: Path) -> list[Path]:
+    """Vector files of the folder of release areas that serve no other purpose."""
+    others = {
+        f.resolve()
+        for f in (
+            config.ground.file,
+            *((config.trees.file, config.trees.single_trees) if config.trees is not None else ()),
+            config.edits.file,
+            *(item.file for item in (*config.stations, *config.barriers)),
+            *(item.file for item in config.objects),
+        )
+        if isinstance(f, Path)
+    }
+    files = sorted(
+        f
+        for f in folder.iterdir()
+        if f.suffix.lower() in VECTOR_SUFFIXES and f.resolve() not in others
+    )
+    if not files:
+        raise InputError(
+            "holds no file of release areas",
+            file=folder,
+            field="release.file",
+            expected="vector files (" + ", ".join(VECTOR_SUFFIXES) + ")",
+        )
+    return files
+
+
+def _named(release: ReleaseSettings, by_file: bool) -> list[tuple[str, ReleaseSettings, int, str]]:
+    """Name, settings, number and problem of each area of a file."""
+    assert release.file is not None
+    stem = release.file.stem if by_file else "area"
+    try:
+        features = release_features(release)
+    except InputError as error:
+        if not by_file or error.field != "release.name_field":
+            raise
+        release = replace(release, name_field=None)
+        features = release_features(release)
+    out = []
+    for feature in features:
+        problem = ""
+        if release.name_field is None:
+            single = by_file and len(features) == 1
+            name = stem if single else f"{stem} {feature.number}"
+        else:
+            name = feature.text(release.name_field) or ""
+            if not name:
+                name = f"{stem}, feature {feature.number}"
+                problem = f"{release.file}: {release.name_field}: feature has no name"
+        out.append((name, release, feature.number, problem))
+    return out
+
+
+@dataclass(frozen=True, slots=True)
+class AreaOutcome:
+    """What became of an area: its record, or why it is skipped; and the seconds that it took.
+
+    What there was to tell of saved states comes with it from a process that nobody listens to.
+    """
+
+    record: Record | None
+    reason: str
+    seconds: float
+    told: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class _Common:
+    """What the areas have in common."""
+
+    setting: Setting
+    folder: Path
+
+
+def outcomes(
+    setting: Setting,
+    candidates: Sequence[Candidate],
+    folder: Path,
+    jobs: Jobs,
+    on_progress: OnProgress | None,
+    tell: Callable[[str], None],
+    memory_bytes: int | None = None,
+) -> Generator[AreaOutcome, None, None]:
+    """Run areas; outcomes come in the order of the areas.
+
+    A few areas share all cores one after the other. Of many, as many are at work as there are
+    cores, and progress is that of the batch: areas done, areas in all, blocks.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the batch.
+    jobs, on_progress, tell
+        As for sassgis.runs.run.run.
+    memory_bytes : int, optional
+        What all processes together may take.
+    """
+    asked = workers_asked(setting.config, jobs)
+    common = _Common(setting, folder)
+    n = len(candidates)
+    at_once = _at_once(setting, jobs, memory_bytes, n)
+    if at_once < 2:
+        for i, candidate in enumerate(candidates, start=1):
+            tell(f"Area {i} of {n}: {candidate.name}")
+            yield _outcome(common, candidate, asked, on_progress, tell)
+        return
+    tell(f"Running {n} areas, {at_once} at a time")
+    rocks = 0
+    with task_map(common, at_once) as each:
+        for i, outcome in enumerate(each(_alone, candidates), start=1):
+            for text in outcome.told:
+                tell(text)
+            rocks += 0 if outcome.record is None else outcome.record.rocks
+            if on_progress is not None:
+                on_progress(i, n, rocks)
+            yield outcome
+
+
+def _at_once(setting: Setting, jobs: Jobs, memory_bytes: int | None, n: int) -> int:
+    """How many of so many areas are at work at the same time, each on one core; 1 if few."""
+    asked = workers_asked(setting.config, jobs)
+    at_once = asked if isinstance(asked, int) else 1
+    if memory_bytes is not None:
+        at_once = min(at_once, memory_bytes // _PROCESS - 1)
+    return max(at_once, 1) if n >= _AREAS_PER_CORE * at_once else 1
+
+
+def _alone(common: _Common, candidate: Candidate) -> AreaOutcome:
+    """In a process of its own: one area on one core."""
+    told: list[str] = []
+    outcome = _outcome(common, candidate, 1, None, told.append)
+    return replace(outcome, told=tuple(text for text in told if text.startswith(UNFIT)))
+
+
+def _outcome(
+    common: _Common,
+    candidate: Candidate,
+    jobs: Jobs,
+    on_progress: OnProgress | None,
+    tell: Callable[[str], None],
+) -> AreaOutcome:
+    began = time.perf_counter()
+    record, reason = None, ""
+    own = common.folder / AREAS_NAME / candidate.stem
+    try:
+        record = run_area(common.setting, candidate, own, jobs, on_progress, tell)
+    except Exception as error:
+        reason = _why_skipped(error)
+    return AreaOutcome(record, reason, time.perf_counter() - began)
+
+
+def _why_skipped(error: Exception) -> str:
+    """Why an area is skipped; errors that are not about the area are raised again."""
+    if isinstance(error, InputError):
+        return str(error)
+    # Compiled code that Ctrl-C strikes turns it into a SystemError.
+    stopped = any(isinstance(link, KeyboardInterrupt) for link in chain(error))
+    limit = of_the_system(error)
+    if isinstance(error, SassgisError) or stopped or (limit and isinstance(error, OSError)):
+        raise error
+    if limit:
+        return limit
+    log.debug("", exc_info=error)
+    text = " ".join(str(error).split())
+    return f"unexpected {type(error).__name__}: {text} (a fault of sassgis; --debug shows more)"

@@ -1,0 +1,643 @@
+"""The ground along a path that is followed: a profile that is sampled just ahead of the block.
+
+Between two turns of its heading a block moves in a vertical plane, over the heights of the terrain
+along a straight line in plan. Where the heading turns (heading.py) the profile begins anew, on the
+plane of the ground that the block touches, turned with the heading; that plane goes on until the
+terrain has left it by the tolerance. So the block stands to the ground as before, and the path as
+it was gone is a profile in one plane, as Bozzolo and Pamini (1986, Fig. 1) have it.
+
+Positions in plan are in cells from the outer corner of the grid: u eastward, v southward.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sassgis.compiled.jit import fused, inlined, lean
+from sassgis.engine.cell_register import CellRegister, registered
+from sassgis.engine.flight import MARGIN_M
+from sassgis.engine.recording import STRETCH_DTYPE
+from sassgis.engine.rows import Record, Records, last_of
+from sassgis.engine.state import CROSSING_DTYPE, FLIGHT, VERTEX_DTYPE, Block, Site
+from sassgis.grid import FloatArray, IntArray
+from sassgis.terrain.cell_geometry import SHORTEST_STRETCH, cell_index, exact, height_at, next_line
+
+# Vertices, stretches and crossings of the ground just ahead for which there is room.
+_ROOM = 512
+#: Ground behind a block, in its longest semi-axes.
+BEHIND = 4.0
+# A plane goes on for this share of the shorter semi-axis at least: one that ended under the block,
+# at the limit of the tolerance, would begin anew without end.
+_LEAST_PLANE = 0.05
+# A parabola may lie off its chord by this share of the tolerance.
+_BENT = 0.25
+# A line nearer than this (m) to where the block has met it is the same crossing: places in plan are
+# rounded.
+_SAME_CROSSING_M = 1e-6
+# Heights of a plane differ from a straight line by rounding: that makes no vertex (m).
+_ROUNDING = 1e-9
+
+
+class Path(NamedTuple):
+    """What a path is followed on."""
+
+    heights: FloatArray  # (n_rows, n_cols), of the cell centres (m)
+    ground: NDArray[np.int32]  # as heights: position in the ground table
+    stems: FloatArray  # (n_cells,) per m²; empty without a forest
+    diameter: FloatArray  # as stems, of the stems (m)
+    cell_size: float  # (m)
+    tolerance: float  # largest vertical gap between terrain and segments (m)
+    side_tilt: float  # standard deviation of the sideways tilt of what an impact meets (rad)
+    drift: float  # standard deviation of the angle by which blocks drift aside (rad)
+    # (n, 4), of the points of a chunk: u and v of both sides of the parallelogram in which their
+    # blocks start (cells).
+    sides: FloatArray
+    line_u: FloatArray  # vertices of all stations and barriers, one after the other (cells)
+    line_v: FloatArray
+    line_number: IntArray  # of the station or barrier that begins here; -1: no piece begins here
+    line_kind: IntArray  # by the number, as kernel.ControlLineTable
+    line_height: FloatArray
+    line_capacity: FloatArray
+    line_seen: NDArray[np.bool_]  # by the number: whether the block has been here
+    register: CellRegister
+
+
+def room_ahead() -> tuple[Records, Records, Records]:
+    """Room for vertices, crossings and stretches of the ground ahead."""
+    return (
+        np.zeros(_ROOM, VERTEX_DTYPE),
+        np.zeros(_ROOM, CROSSING_DTYPE),
+        np.zeros(3 * _ROOM, STRETCH_DTYPE),
+    )
+
+
+@inlined
+def place(state: Record, x: float) -> tuple[float, float]:
+    """Place in plan at a chainage of the present heading (cells)."""
+    along = x - state.from_x
+    return state.from_u + exact(along * state.du), state.from_v + exact(along * state.dv)
+
+
+@fused
+def gradient(path: Path, u: float, v: float, radius: float) -> tuple[float, float, bool]:
+    """Slope of the terrain along u and v at the scale of a block (m per m), and whether known.
+
+    Central differences over its diameter, or over a cell if that is longer; where the terrain ends
+    on one side, one-sided.
+    """
+    step = exact(max(radius / path.cell_size, 0.5))
+    east = terrain_height(path, u + step, v)
+    west = terrain_height(path, u - step, v)
+    south = terrain_height(path, u, v + step)
+    north = terrain_height(path, u, v - step)
+    per = 1.0 / (2.0 * step * path.cell_size)
+    gu = (east - west) * per
+    gv = (south - north) * per
+    if math.isnan(gu) or math.isnan(gv):
+        own = terrain_height(path, u, v)
+        gu = _rise_across(west, own, east) * per
+        gv = _rise_across(north, own, south) * per
+        if math.isnan(gu) or math.isnan(gv):
+            return 0.0, 0.0, False
+    return gu, gv, True
+
+
+@lean
+def _rise_across(before: float, own: float, after: float) -> float:
+    """Rise from one side to the other (m), twice that of one half where the other is not known."""
+    if math.isnan(after):
+        return 2.0 * (own - before)
+    if math.isnan(before):
+        return 2.0 * (after - own)
+    return after - before
+
+
+@inlined
+def terrain_height(path: Path, u: float, v: float) -> float:
+    """Height of the terrain (m); NaN where it is not known."""
+    return height_at(path.heights, u, v, int(np.floor(v)), int(np.floor(u)))
+
+
+@fused
+def begin_profile(
+    state: Record, block: Block, site: Site, path: Path, z: float, slope: float, ground: int,
+    gravity: float, behind: int,
+) -> None:  # fmt: skip
+    """Begin the profile at the present chainage, on a plane through height z (m) there.
+
+    Parameters
+    ----------
+    slope : float
+        Rise of the plane per metre ahead.
+    ground : int
+        Class of the ground that the block stands on, or that it has come to.
+    behind : int
+        How many vertices keep_behind has kept; 0: the plane goes on behind the block.
+    """
+    state.sampled = state.x
+    state.open = True
+    state.segment = behind
+    state.stretch = behind
+    state.on_plane = True
+    state.plane_at = behind
+    state.plane_z = z
+    state.plane_slope = slope
+    first = site.profile[0]
+    if behind == 0:
+        first.x = state.x - BEHIND * block.a
+        first.z = z + slope * (first.x - state.x)
+        first.ground = ground
+        first.last = 0
+    start = site.stretches[0]
+    start.last = 0
+    start.start = first.x
+    start.u, start.v = place(state, first.x)
+    if behind > 0:
+        u, v = place(state, state.x)
+        cell = cell_index(u, v, path.heights.shape[0], path.heights.shape[1])
+        for i in range(behind):
+            _add_stretch(state, site, path, cell, i, site.profile[i + 1].x)
+    _keep_crossings(state, site)
+    look_ahead(state, block, site, path, known_to(state, block), gravity)
+
+
+@inlined
+def known_to(state: Record, block: Block) -> float:
+    """Chainage up to which the ground must be known under a block and just ahead of it (m)."""
+    return float(state.x + block.a + 4.0 * MARGIN_M)
+
+
+@fused
+def add_vertex(site: Site, x: float, z: float) -> None:
+    """End the last segment at chainage x and height z (m); the ground is that of the last."""
+    profile = site.profile
+    n = last_of(profile)
+    here = profile[n]
+    dx = x - here.x
+    dz = z - here.z
+    here.length = math.sqrt(dx * dx + dz * dz)
+    here.tx = dx / here.length
+    here.tz = dz / here.length
+    here.angle = math.nan
+    after = profile[n + 1]
+    after.x = x
+    after.z = z
+    after.ground = here.ground
+    profile[0].last = n + 1
+
+
+@fused
+def _add_stretch(
+    state: Record, site: Site, path: Path, cell: int, segment: int, end: float
+) -> None:
+    """Let the stretches go on in a cell (flat index) up to a chainage (m)."""
+    stretches = site.stretches
+    n = last_of(stretches)
+    number = registered(path.register, cell) if cell >= 0 else -1
+    if n == 0 or stretches[n - 1].cell != number or stretches[n - 1].segment != segment:
+        row = stretches[n]
+        row.cell = number
+        row.segment = segment
+        if path.stems.size:
+            row.stems = path.stems[cell] if cell >= 0 else 0.0
+            row.diameter = path.diameter[cell] if cell >= 0 else 0.0
+        n += 1
+        stretches[0].last = n
+    after = stretches[n]
+    after.start = end
+    after.u, after.v = place(state, end)
+
+
+@inlined
+def _full(site: Site) -> bool:
+    """Whether there is no room for another sample."""
+    return bool(
+        last_of(site.profile) + 3 >= site.profile.size
+        or last_of(site.stretches) + 3 >= site.stretches.size
+    )
+
+
+class Patch(NamedTuple):
+    """A piece of the path under which the terrain has no kink, and the cells that it crosses."""
+
+    end: float  # chainage (m)
+    z: float  # height of the terrain at its end (m)
+    ground: int | np.int64
+    cells: int  # how many it crosses, 1 to 3; 0 where the terrain is not known
+    cell: int  # flat indices of them
+    second: int
+    third: int
+    border: float  # chainages at which it comes into the second and the third (m)
+    later: float
+
+
+@lean
+def look_ahead(
+    state: Record, block: Block, site: Site, path: Path, to_x: float, gravity: float
+) -> None:
+    """Sample the ground ahead to a chainage (m); under a flight also to where it has landed.
+
+    At first the plane goes on on which the profile began, until a sample lies farther from it than
+    the tolerance. Then segments are as long as all samples stay within the tolerance of them: each
+    sample narrows the cone of slopes from the last vertex, and where none is left the sample before
+    makes a vertex. Of the slopes in the cone that of the terrain is taken.
+    """
+    if _full(site):
+        _forget_behind(state, block, site)
+    begin = state.sampled
+    _go_on_from(state, site, path)
+    limit = path.tolerance + _ROUNDING
+    least = state.x + _LEAST_PLANE * block.b
+    aloft = state.phase == FLIGHT and state.vx > 1e-6
+    lines = _lines_ahead(state)
+    while state.open and (state.sampled < to_x or aloft) and not _full(site):
+        after = _next_patch(state, path, lines)
+        if after.cells == 0:
+            state.open = False
+            break
+        if state.on_plane:
+            _along_plane(state, site, path, after, limit, least)
+        if not state.on_plane and after.end - state.sampled > SHORTEST_STRETCH:
+            _along_cone(state, site, path, after, limit)
+        lines = _beyond(lines, state, after.end)
+        if aloft:
+            t = (after.end - state.x) / state.vx
+            if state.z + (state.vz - 0.5 * gravity * t) * t < state.ahead_z - limit:
+                aloft = False
+                to_x = max(to_x, after.end + block.a + 4.0 * MARGIN_M)
+    _end_profile(state, site, path)
+    if path.line_u.size:
+        _cross_lines(state, site, path, begin, state.sampled)
+
+
+class _Lines(NamedTuple):
+    """The lines ahead, through centres of cells, where the terrain has a kink, and of borders.
+
+    And the chainages at which they are met (m), infinite where they are not.
+    """
+
+    centre_u: float  # (cells)
+    centre_v: float
+    border_u: float
+    border_v: float
+    centre_u_at: float
+    centre_v_at: float
+    border_u_at: float
+    border_v_at: float
+
+
+@inlined
+def _met_at(line: float, origin: float, rate: float, from_x: float) -> float:
+    """Chainage at which a line is met (m)."""
+    return from_x + (line - origin) / rate if rate != 0.0 else np.inf
+
+
+@inlined
+def _lines_ahead(state: Record) -> _Lines:
+    """The lines ahead of where sampling goes on."""
+    u, v = place(state, state.sampled)
+    to_u = np.inf if state.du > 0.0 else -np.inf
+    to_v = np.inf if state.dv > 0.0 else -np.inf
+    centre_u = next_line(u - 0.5, to_u) + 0.5
+    centre_v = next_line(v - 0.5, to_v) + 0.5
+    border_u = next_line(u, to_u)
+    border_v = next_line(v, to_v)
+    lines = _Lines(
+        centre_u, centre_v, border_u, border_v,
+        _met_at(centre_u, state.from_u, state.du, state.from_x),
+        _met_at(centre_v, state.from_v, state.dv, state.from_x),
+        _met_at(border_u, state.from_u, state.du, state.from_x),
+        _met_at(border_v, state.from_v, state.dv, state.from_x),
+    )  # fmt: skip
+    return _beyond(lines, state, state.sampled)
+
+
+@inlined
+def _next_beyond(
+    line: float, at: float, x: float, origin: float, rate: float, from_x: float
+) -> tuple[float, float]:
+    """The first line that is met after a chainage (m), and where; from one met before it on."""
+    while at - x <= SHORTEST_STRETCH:
+        line += 1.0 if rate > 0.0 else -1.0
+        at = _met_at(line, origin, rate, from_x)
+    return line, at
+
+
+@fused
+def _beyond(lines: _Lines, state: Record, x: float) -> _Lines:
+    """The next lines after a chainage (m)."""
+    centre_u, centre_u_at = _next_beyond(
+        lines.centre_u, lines.centre_u_at, x, state.from_u, state.du, state.from_x
+    )
+    centre_v, centre_v_at = _next_beyond(
+        lines.centre_v, lines.centre_v_at, x, state.from_v, state.dv, state.from_x
+    )
+    border_u, border_u_at = _next_beyond(
+        lines.border_u, lines.border_u_at, x, state.from_u, state.du, state.from_x
+    )
+    border_v, border_v_at = _next_beyond(
+        lines.border_v, lines.border_v_at, x, state.from_v, state.dv, state.from_x
+    )
+    return _Lines(
+        centre_u, centre_v, border_u, border_v, centre_u_at, centre_v_at, border_u_at, border_v_at
+    )
+
+
+@lean
+def _next_patch(state: Record, path: Path, lines: _Lines) -> Patch:
+    """The patch that follows the last sample.
+
+    Between the centres of four cells the terrain is bilinear: along the path a parabola, which is
+    taken for a straight line. The patch ends where it leaves the four cells; where the parabola
+    bends by too much, the kind of ground changes, or not all four have a height, at each border.
+    """
+    heights = path.heights
+    n_rows, n_cols = heights.shape
+    x = state.sampled
+    du = state.du
+    dv = state.dv
+    end = min(lines.centre_u_at, lines.centre_v_at)
+    border = min(lines.border_u_at, lines.border_v_at)
+    later = max(lines.border_u_at, lines.border_v_at)
+    # The cell and the four centres between two lines each, of which those ahead are known.
+    behind_u = 1 if du > 0.0 else 0
+    behind_v = 1 if dv > 0.0 else 0
+    to_col = 2 * behind_u - 1
+    to_row = 2 * behind_v - 1
+    row = int(lines.border_v) - behind_v
+    col = int(lines.border_u) - behind_u
+    if not (0 <= row < n_rows and 0 <= col < n_cols):
+        return Patch(x, 0.0, 0, 0, -1, -1, -1, x, x)
+    cell = row * n_cols + col
+    ground = np.int64(path.ground[row, col])
+    up = int(lines.centre_v - 0.5) - behind_v
+    left = int(lines.centre_u - 0.5) - behind_u
+    own = across = down = twist = np.nan
+    if 0 <= up < n_rows - 1 and 0 <= left < n_cols - 1:
+        own = heights[up, left]
+        across = heights[up, left + 1] - own
+        down = heights[up + 1, left] - own
+        twist = heights[up + 1, left + 1] - own - across - down
+    cells = 1
+    second = third = cell
+    if border < end - SHORTEST_STRETCH:
+        bent = 0.25 * abs(twist * du * dv) * (end - x) * (end - x)
+        ends = not bent <= _BENT * path.tolerance
+        if not ends:
+            cells = 2
+            at_corner = later - border <= SHORTEST_STRETCH
+            next_row = row + to_row if lines.border_v_at == border or at_corner else row
+            next_col = col + to_col if lines.border_u_at == border or at_corner else col
+            second = next_row * n_cols + next_col
+            ends = path.ground[next_row, next_col] != ground
+            if later < end - SHORTEST_STRETCH and not at_corner:
+                cells = 3
+                third = (row + to_row) * n_cols + col + to_col
+                ends = ends or path.ground[row + to_row, col + to_col] != ground
+        if ends:
+            end = border
+            cells = 1
+    u, v = place(state, end)
+    z = own + across * (u - left - 0.5) + (down + twist * (u - left - 0.5)) * (v - up - 0.5)
+    if math.isnan(z):
+        # One of the four is not known, which may be the cell itself.
+        if math.isnan(heights[row, col]):
+            return Patch(x, 0.0, 0, 0, -1, -1, -1, x, x)
+        z = height_at(heights, u, v, row, col)
+    return Patch(end, z, ground, cells, cell, second, third, border, later)
+
+
+@inlined
+def _go_on_from(state: Record, site: Site, path: Path) -> None:
+    """Take up sampling where the profile ends."""
+    profile = site.profile
+    state.ahead_z = profile[last_of(profile)].z
+    if state.on_plane:
+        # The plane stays one segment.
+        state.ahead_z = state.plane_z + state.plane_slope * (state.sampled - state.from_x)
+        profile[0].last = state.plane_at
+    u, v = place(state, state.sampled)
+    known = terrain_height(path, u, v)
+    state.before_z = state.ahead_z if math.isnan(known) else known
+    # The plane begins at the height of the last profile, within the tolerance of the terrain.
+    state.gap = abs(state.before_z - state.ahead_z)
+    _open_cone(state)
+
+
+@inlined
+def _open_cone(state: Record) -> None:
+    """Begin a segment of any slope at the last vertex."""
+    state.vertex_z = state.before_z
+    state.low = -np.inf
+    state.high = np.inf
+
+
+@fused
+def _add_stretches(
+    state: Record, site: Site, path: Path, after: Patch, segment: int, end: float
+) -> None:
+    """Let the stretches go on over a patch, to its end or to where it is cut (m)."""
+    first = end if after.cells == 1 else min(after.border, end)
+    if first > state.sampled:
+        _add_stretch(state, site, path, after.cell, segment, first)
+    if after.cells > 1 and after.border < end:
+        second = end if after.cells == 2 else min(after.later, end)
+        if second > state.sampled:
+            _add_stretch(state, site, path, after.second, segment, second)
+    if after.cells > 2 and after.later < end:
+        _add_stretch(state, site, path, after.third, segment, end)
+
+
+@fused
+def _along_plane(
+    state: Record, site: Site, path: Path, after: Patch, limit: float, least: float
+) -> None:
+    """Go on to the next sample on the plane, or end it where the terrain has left it.
+
+    Parameters
+    ----------
+    limit : float
+        Largest gap (m).
+    least : float
+        Chainage up to which the plane goes on whatever the gap (m).
+    """
+    profile = site.profile
+    on_plane = state.plane_z + state.plane_slope * (after.end - state.from_x)
+    gap = abs(after.z - on_plane)
+    same = after.ground == profile[state.plane_at].ground
+    x = state.sampled
+    if same and (gap <= limit or after.end <= least):
+        _add_stretches(state, site, path, after, state.plane_at, after.end)
+        state.sampled = after.end
+        state.ahead_z = on_plane
+        state.before_z = after.z
+        state.gap = gap
+        return
+    state.on_plane = False
+    x_end = x
+    if same and gap > state.gap:
+        share = min(max((limit - state.gap) / (gap - state.gap), 0.0), 1.0)
+        x_end = x + share * (after.end - x)
+    x_end = max(x_end, state.x + SHORTEST_STRETCH, least if same else 0.0)
+    if x_end > x:
+        _add_stretches(state, site, path, after, state.plane_at, x_end)
+        state.ahead_z += state.plane_slope * (x_end - x)
+        state.before_z += (after.z - state.before_z) * (x_end - x) / (after.end - x)
+        state.sampled = x_end
+    add_vertex(site, state.sampled, state.ahead_z)
+    _open_cone(state)
+
+
+@fused
+def _along_cone(state: Record, site: Site, path: Path, after: Patch, limit: float) -> None:
+    """Go on to the next sample on the open segment, or on a new one."""
+    profile = site.profile
+    n = last_of(profile)
+    here = profile[n]
+    per_x = 1.0 / (after.end - here.x)
+    down = (after.z - limit - here.z) * per_x
+    up = (after.z + limit - here.z) * per_x
+    begun = state.sampled > here.x
+    if begun and (after.ground != here.ground or max(state.low, down) > min(state.high, up)):
+        add_vertex(site, state.sampled, state.ahead_z)
+        n += 1
+        here = profile[n]
+        _open_cone(state)
+        per_x = 1.0 / (after.end - here.x)
+        down = (after.z - limit - here.z) * per_x
+        up = (after.z + limit - here.z) * per_x
+    here.ground = after.ground
+    state.low = max(state.low, down)
+    state.high = min(state.high, up)
+    # As steep as the terrain is over the segment, as far as the cone allows.
+    rise = (after.z - state.vertex_z) * per_x
+    state.ahead_z = here.z + min(max(rise, state.low), state.high) * (after.end - here.x)
+    _add_stretches(state, site, path, after, n, after.end)
+    state.sampled = after.end
+    state.before_z = after.z
+
+
+@inlined
+def _end_profile(state: Record, site: Site, path: Path) -> None:
+    """End the last segment at the last sample."""
+    profile = site.profile
+    if last_of(profile) == state.plane_at and state.sampled <= state.x:
+        # The block stands at the edge of what is known.
+        state.sampled = state.x + SHORTEST_STRETCH
+        state.ahead_z = state.plane_z + state.plane_slope * SHORTEST_STRETCH
+        u, v = place(state, state.x)
+        edge = cell_index(u, v, path.heights.shape[0], path.heights.shape[1])
+        _add_stretch(state, site, path, edge, state.plane_at, state.sampled)
+    if state.sampled > profile[last_of(profile)].x:
+        add_vertex(site, state.sampled, state.ahead_z)
+
+
+@lean
+def _forget_behind(state: Record, block: Block, site: Site) -> None:
+    """Make room: take the ground far behind the block away."""
+    profile = site.profile
+    n = last_of(profile)
+    first = 0
+    while first < n - 1 and profile[first + 1].x < state.x - BEHIND * block.a:
+        first += 1
+    for i in range(first, n + 1):
+        profile[i - first] = profile[i]
+    profile[0].last = n - first
+    state.plane_at = max(state.plane_at - first, 0)
+    state.segment = max(state.segment - first, 0)
+    if state.skip_to >= 0:
+        state.skip_to = max(state.skip_to - first, -1)
+    stretches = site.stretches
+    n = last_of(stretches)
+    begin = 0
+    while begin < n - 1 and stretches[begin + 1].start <= state.x:
+        begin += 1
+    for i in range(begin, n + 1):
+        stretches[i - begin] = stretches[i]
+        stretches[i - begin].segment -= first
+    stretches[0].last = n - begin
+    state.stretch = max(state.stretch - begin, 0)
+
+
+@lean
+def _cross_lines(state: Record, site: Site, path: Path, begin: float, end: float) -> None:
+    """Find the stations and barriers that the path crosses between two chainages (m)."""
+    u0, v0 = place(state, begin)
+    u1, v1 = place(state, end)
+    du = u1 - u0
+    dv = v1 - v0
+    for k in range(path.line_u.size):
+        number = path.line_number[k]
+        if number < 0:
+            continue
+        eu = path.line_u[k + 1] - path.line_u[k]
+        ev = path.line_v[k + 1] - path.line_v[k]
+        cross = du * ev - dv * eu
+        if cross == 0.0:
+            continue
+        fu = path.line_u[k] - u0
+        fv = path.line_v[k] - v0
+        share = (fu * ev - fv * eu) / cross
+        on_line = (fu * dv - fv * du) / cross
+        # A vertex belongs to the piece that begins there.
+        if 0.0 < share <= 1.0 and 0.0 <= on_line < 1.0:
+            _add_crossing(site, path, number, begin + share * (end - begin))
+
+
+@lean
+def _keep_crossings(state: Record, site: Site) -> None:
+    """Of the stations and barriers keep those that a new profile would not find, or find again.
+
+    A block that goes on along the ground may have been moved over some, which it has still to pass.
+    Where it stands at one, by what is rounded it may be found behind the block or ahead of it: one
+    that it has met must not be met again, and no other be lost.
+    """
+    crossings = site.crossings
+    near = _SAME_CROSSING_M
+    kept = 0
+    for i in range(last_of(crossings)):
+        if state.lines_from - near <= crossings[i].x <= state.x + near:
+            crossings[kept] = crossings[i]
+            kept += 1
+    crossings[0].last = kept
+
+
+@lean
+def _add_crossing(site: Site, path: Path, number: int, x: float) -> None:
+    """Add a crossing at a chainage (m), in their order, unless it is there already."""
+    crossings = site.crossings
+    n = last_of(crossings)
+    if n + 1 >= crossings.size:
+        return
+    for i in range(n):
+        if crossings[i].number == number and abs(crossings[i].x - x) < _SAME_CROSSING_M:
+            return
+    profile = site.profile
+    j = last_of(profile) - 1
+    while j > 0 and profile[j].x > x:
+        j -= 1
+    at = n
+    while at > 0 and crossings[at - 1].x > x:
+        crossings[at] = crossings[at - 1]
+        at -= 1
+    row = crossings[at]
+    row.x = x
+    row.z = profile[j].z + (x - profile[j].x) * profile[j].tz / profile[j].tx
+    row.kind = path.line_kind[number]
+    row.height = path.line_height[number]
+    row.capacity = path.line_capacity[number]
+    row.number = number
+    row.seen = path.line_seen[number]
+    crossings[0].last = n + 1
+
+
+@inlined
+def note_passages(site: Site, path: Path) -> None:
+    """Remember the stations and barriers that the block has passed."""
+    for i in range(last_of(site.crossings)):
+        if site.crossings[i].seen:
+            path.line_seen[site.crossings[i].number] = True

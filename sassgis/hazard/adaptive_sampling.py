@@ -1,0 +1,189 @@
+"""As many blocks as a map needs: how many more, and at which release points."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sassgis.errors import ConfigError
+from sassgis.grid import FloatArray
+from sassgis.hazard.assess import Rules, curves_of
+from sassgis.hazard.sampling_error import level_chances, worth_of_places
+from sassgis.hazard.sources import sampled_sources
+from sassgis.settings.hazard_rules import BlockBudget
+from sassgis.settings.map_run import MapRun, Round, Worth
+from sassgis.settings.run_config import Config
+from sassgis.settings.statistics_table import bins_of
+from sassgis.simulation.accumulators import Progress
+from sassgis.terrain.plan import Plan
+
+#: A point has an eighth of the blocks of another at least: what few blocks show may be wrong.
+_MOST_HALVINGS = 3
+#: By how much repetitions grow from round to round, in all; few blocks say little of how many more.
+_LEAST_GROWTH, _MOST_GROWTH = 1.25, 4.0
+#: Beyond what the present share asks for: the next one is a little off.
+_MARGIN = 1.05
+
+
+@dataclass(frozen=True, slots=True)
+class MoreBlocks:
+    """Says after each round whether it takes another one, and which.
+
+    ``seconds`` is the part of the time of the budget that the simulation may take.
+    """
+
+    rules: Rules
+    budget: BlockBudget
+    seconds: float
+    tell: Callable[[str], None]
+
+    def __call__(self, run: MapRun, planned: Plan, progress: Progress) -> Round | None:
+        """The next round, None for enough; sets what the progress is to find out in it."""
+        sampled = sampled_sources(run, progress, self.rules.frequencies)
+        curves = curves_of(sampled, bins_of(run).threshold)
+        known = np.isfinite(run.grid.values)
+        share = level_chances(curves, self.rules.preset, known).changed_share
+        # A state that was saved after the last round is asked once more.
+        if not progress.history or progress.history[-1][0] < progress.simulated:
+            progress.history.append((progress.simulated, share))
+        self.tell(
+            f"{progress.simulated} blocks: another sample of as many would change the level on "
+            f"{100 * share:.1f} % of the zoned area"
+        )
+        if share <= self.budget.changed_share:
+            return None
+        growth = _MARGIN * (share / self.budget.changed_share) ** 2
+        growth = min(max(growth, _LEAST_GROWTH), _MOST_GROWTH)
+        wanted = math.ceil((growth - 1.0) * run.repetitions)
+        halvings = halvings_of(self._open(run, planned, progress), planned)
+        more = round_within(run, planned, wanted, halvings, self._blocks_left(progress))
+        if more is not None and run.followed:
+            columns = [curves.column(e) for e in self.rules.preset.thresholds_kj]
+            of_cell = np.zeros((run.grid.values.size, len(columns)), np.float32)
+            of_cell[curves.places] = worth_of_places(curves, self.rules.preset)
+            progress.worth = Worth(np.array(columns, np.int64), of_cell)
+            progress.scores = np.zeros((len(planned.points), len(run.blocks)))
+        return more
+
+    def _blocks_left(self, progress: Progress) -> int:
+        """How many more blocks the budget allows for."""
+        left = self.budget.blocks - progress.simulated
+        if progress.seconds > 0.0:
+            pace = progress.simulated / progress.seconds
+            left = min(left, int(pace * (self.seconds - progress.seconds)))
+        return max(left, 0)
+
+    def _open(self, run: MapRun, planned: Plan, progress: Progress) -> FloatArray | None:
+        """What a repetition at each point leaves open, by scenario; None if none has shown it."""
+        if progress.worth is None:
+            return None
+        last = run.rounds[-1]
+        halved = np.zeros(progress.scores.shape, np.int64)
+        if last.halvings is not None:
+            halved += last.halvings
+        repeated = last.repetitions >> halved
+        found: FloatArray = progress.scores / np.maximum(repeated, 1)
+        out = np.zeros_like(found)
+        for (area, k), tally in progress.sources.items():
+            of = planned.points.area == area
+            name = run.areas[area].name, run.blocks[k].name
+            started = max(tally.rocks - tally.never_started, 1)
+            # One repetition says little of one point: that of all points counts as one more.
+            own, n = found[of, k], repeated[of, k]
+            smooth = (n * own + own.mean()) / (n + 1)
+            out[of, k] = (self.rules.frequencies[name] / started) ** 2 * smooth
+        return out
+
+
+def halvings_of(left_open: FloatArray | None, planned: Plan) -> NDArray[np.uint8] | None:
+    """How often the blocks of each point are halved, so that all of them cost the least.
+
+    Neyman (1934): where a stratum adds v/n to the variance, n proportional to the root of v gives
+    the least variance of all samples of one size; here to the nearest power of 2, within an eighth
+    of the most.
+
+    Parameters
+    ----------
+    left_open : float64, shape (n_points, n_scenarios), or None
+        v of each stratum.
+
+    Returns
+    -------
+    uint8, shape (n_points, n_scenarios), or None
+        None where all have as many.
+    """
+    if left_open is None or not (left_open > 0.0).any():
+        return None
+    simulated = np.zeros(left_open.shape, bool)
+    for area, scenarios in enumerate(planned.scenarios):
+        simulated[np.ix_(planned.points.area == area, scenarios)] = True
+    own = left_open[simulated]
+    with np.errstate(divide="ignore"):
+        steps = 0.5 * np.log2(own.max() / own)
+    best, least = None, 1.0
+    # What is most of all may be so by chance: those that are not halved begin below it.
+    for top in np.arange(0.0, 2.0 * _MOST_HALVINGS, 0.5):
+        halved = np.clip(np.rint(steps - top), 0, _MOST_HALVINGS)
+        cost = np.mean(0.5**halved) * np.sum(own * 2.0**halved) / own.sum()
+        if cost < least - 1e-9:
+            best, least = halved, float(cost)
+    if best is None:
+        return None
+    out = np.zeros(left_open.shape, np.uint8)
+    out[simulated] = best
+    return out
+
+
+def round_within(
+    run: MapRun, planned: Plan, wanted: int, halvings: NDArray[np.uint8] | None, blocks: int
+) -> Round | None:
+    """The next round, of at most so many blocks; None if there are too few for one.
+
+    ``wanted`` are the repetitions of points that are not halved.
+    """
+    first, n = run.repetitions, wanted
+    while n > 0:
+        own = halvings
+        if own is not None:
+            # Of few repetitions some cannot be halved as often.
+            most = min(int(math.log2(n)), _MOST_HALVINGS)
+            n, own = n >> most << most, np.minimum(own, most).astype(np.uint8)
+        more = Round(first, n, own if own is not None and own.any() else None)
+        taken = int(planned.blocks_of_round(run, more).sum())
+        if taken <= blocks:
+            return more
+        n = min(n - 1, n * blocks // taken)
+    return None
+
+
+def check_budget(config: Config, run: MapRun, blocks: int) -> None:
+    """Raise ConfigError for a budget that nothing can be done with.
+
+    ``blocks`` are those of one repetition at each release point.
+    """
+    budget, release = config.hazard.budget, run.release
+    if budget is None:
+        return
+    at_random = release.placement == "random"
+    if at_random or release.rocks_per_point < 2:
+        raise ConfigError(
+            'does not go with hazard.blocks = "auto"',
+            file=config.file,
+            field="release.placement" if at_random else "release.rocks_per_point",
+            found="random" if at_random else release.rocks_per_point,
+            expected="grid: more blocks at the same points say nothing of other points"
+            if at_random
+            else "2 or more: one block shows nothing of chance",
+        )
+    if budget.blocks < blocks:
+        raise ConfigError(
+            "is less than one repetition at each release point",
+            file=config.file,
+            field="hazard.blocks_max",
+            found=budget.blocks,
+            expected=f"{blocks} or more, or a smaller release.rocks_per_point",
+        )

@@ -1,0 +1,158 @@
+"""Small tables that people write by hand or in a spreadsheet, with row numbers for messages."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from sassgis.errors import InputError
+from sassgis.files.plain_file import check_text, number, read_text
+from sassgis.inputs.vector_features import nearest
+from sassgis.settings.schema import Input, composed
+
+#: Far more than any table has; each takes long to be compared with those that are known.
+_MOST_COLUMNS = 1000
+_TRUTH = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
+
+
+@dataclass(frozen=True, slots=True)
+class CsvColumn:
+    """A column of a table: what may stand in it.
+
+    Numbers may have decimal commas where a spreadsheet separates by ``;``.
+    """
+
+    kind: type = str  # or float, int, bool
+    known: Sequence[str] = ()  # the texts that may stand in it; empty for any
+    low: float = -math.inf  # smallest number
+    default: object = None  # of a row or a table without it; None: it must be there
+    what: str = ""  # what a name in it is of, for messages; default: that of the column
+
+    def value(self, cell: object, where: str, name: str, file: Input) -> Any:
+        """What a cell holds; InputError with the row and the column if that cannot be."""
+        wrong = partial(InputError, file=file, field=name, found=repr(cell))
+        if self.default is not None and (cell is None or cell == ""):
+            return self.default
+        if self.kind in (float, int):
+            found = number(cell, where, name, file)
+            if found < self.low:
+                raise wrong(f"{where}: is out of range", expected=f"{self.low:g} or more")
+            if self.kind is int and not found.is_integer():
+                raise wrong(f"{where}: is not a whole number", expected="a whole number")
+            return self.kind(found)
+        if self.kind is bool:
+            truth = str(cell).strip().lower()
+            if truth not in _TRUTH:
+                raise wrong(f"{where}: cannot be used", expected="true or false")
+            return _TRUTH[truth]
+        if not isinstance(cell, str) or (self.default is None and not cell.strip()):
+            raise wrong(f"{where}: is empty", expected="text")
+        if self.known and cell not in self.known:
+            what = self.what or name
+            raise wrong(f"{where}: unknown {what}", expected=nearest(cell, self.known))
+        return composed(cell.strip())
+
+
+Columns = Mapping[str, CsvColumn]
+
+
+def read_table(
+    file: Input, field: str | None, what: str, columns: Columns
+) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Rows of a CSV file with the columns that are declared and no others.
+
+    Each comes with its place, as "row 3", counted with the header. For messages, ``field`` is the
+    key of the configuration that names the file, and ``what`` says what the file should be.
+    """
+    for where, row in csv_rows(read_text(file, field, what), file, columns):
+        yield where, row_of(row, columns, where, file)
+
+
+def row_of(
+    cells: Mapping[str, object], columns: Columns, where: str, file: Input
+) -> dict[str, Any]:
+    """Values of a row as its columns declare them."""
+    return {
+        name: column.value(cells.get(name), where, name, file) for name, column in columns.items()
+    }
+
+
+def csv_rows(text: str, file: Input, columns: Columns) -> Iterator[tuple[str, dict[str, str]]]:
+    """The rows of read_table, whose cells are still text; ``file`` is where the text is from."""
+    header, delimiter, lines = csv_cells(text, file)
+    check_columns(header, columns, file, "row 1")
+    for line, cells in lines:
+        where = f"row {line}"
+        if len(cells) != len(header):
+            problem, found = f"{where} does not fit the header", f"{len(cells)} values"
+            expected = f"{len(header)} (texts with a {delimiter} in quotes)"
+            raise InputError(problem, file=file, found=found, expected=expected)
+        row = {c: v.strip() for c, v in zip(header, cells, strict=True)}
+        for column, cell in row.items():
+            check_text(cell, file, column, where)
+            if delimiter == ";" and columns[column].kind in (float, int):
+                row[column] = cell.replace(",", ".")
+        yield where, row
+
+
+def csv_cells(text: str, file: Input) -> tuple[list[str], str, Iterator[tuple[int, list[str]]]]:
+    """Cells of a CSV text as they stand: columns, delimiter, rows.
+
+    The columns are those of the first line, the delimiter is "," or ";": what it has more of. A row
+    is the number of its line, and its cells; empty lines are left out. InputError, also while the
+    rows are taken, if it is no such text, or has too many columns.
+    """
+    lines = composed(text).splitlines()
+    header = lines[0] if lines else ""
+    delimiter = ";" if header.count(";") > header.count(",") else ","
+    if (n := header.count(delimiter) + 1) > _MOST_COLUMNS:
+        raise InputError(
+            "row 1: has too many columns", file=file, found=n, expected=f"at most {_MOST_COLUMNS}"
+        )
+    # Strict, as a quote without its counterpart would take in all rows below without a word.
+    reader = csv.reader(lines, delimiter=delimiter, skipinitialspace=True, strict=True)
+
+    def rows() -> Iterator[tuple[int, list[str]]]:
+        begun = 1
+        try:
+            for cells in reader:
+                yield reader.line_num, cells
+                begun = reader.line_num + 1
+        except csv.Error as error:
+            raise InputError(
+                f"row {begun}: cannot be read", file=file, found=str(error),
+                expected="values separated by commas; quotes in pairs",
+            ) from None  # fmt: skip
+
+    found = rows()
+    columns = [c.strip() for c in next(found, (0, []))[1]]
+    return columns, delimiter, ((n, cells) for n, cells in found if any(c.strip() for c in cells))
+
+
+def check_columns(header: Sequence[str], columns: Columns, file: Input, where: str) -> None:
+    """Raise InputError where a column is missing, unknown or repeated."""
+    wrong = partial(InputError, file=file)
+    required = [name for name, column in columns.items() if column.default is None]
+    known = (*required, *(name for name in columns if name not in required))
+    for column in header:
+        if column not in known or header.count(column) > 1:
+            problem, meant = f"{where}: unknown or repeated column", nearest(column, known)
+            raise wrong(problem, field=column or "(empty)", expected=meant)
+    for column in required:
+        if column not in header:
+            found, expected = ", ".join(header) or "nothing", ", ".join(known)
+            raise wrong(f"{where}: missing column", field=column, found=found, expected=expected)
+
+
+@contextmanager
+def errors_of_row(where: str, file: Input) -> Iterator[None]:
+    """Name row and file in the InputError of a class that checks its own values."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(**error.parts(problem=f"{where}: {error.problem}", file=file)) from None

@@ -1,0 +1,269 @@
+"""Ground classes: tables of them and of their ranges, and their map on the cells of the DEM."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from functools import partial
+from importlib import resources
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sassgis.errors import InputError
+from sassgis.files.plain_file import read_text, toml_table
+from sassgis.grid import Grid
+from sassgis.inputs.csv_table import CsvColumn, check_columns, errors_of_row, read_table, row_of
+from sassgis.inputs.dem import on_cells, only_band, open_raster, read_band
+from sassgis.inputs.vector_features import (
+    polygon_of_cells,
+    read_features,
+    refuse_twice,
+    refuse_unknown,
+)
+from sassgis.settings.ground import PARAMETERS, TRUST_TEXT, GroundClass, GroundTable
+from sassgis.settings.ground_ranges import EVERY_CLASS, RANGED, RangeRule
+from sassgis.settings.schema import AnyInput, InMemory, Input, named
+from sassgis.settings.settings import GroundSettings
+
+log = logging.getLogger(__name__)
+
+_NO_CODE = np.iinfo(np.int32).min
+_DATA = resources.files("sassgis") / "data"
+
+
+# ---------------------------------------------------------------------------------------------
+# Tables
+
+
+#: The built-in classes by named set of readings. Values calibrated with one set of readings would
+#: be wrong with another; those for "1986" are the estimates that its studies were made with.
+_BUILT_IN = {"hazard": "ground_classes.csv", "1986": "ground_classes_1986.csv"}
+
+
+def built_in_table(readings: str = "hazard") -> GroundTable:
+    """The ground classes that come with sassgis; ``source`` says what was read and what chosen.
+
+    ``readings`` is the named set of readings of the engine.
+    """
+    with resources.as_file(_DATA / _BUILT_IN[readings]) as file:
+        return GroundTable(tuple(_read_classes(file)))
+
+
+def read_ground_table(path: AnyInput | None = None, readings: str = "hazard") -> GroundTable:
+    """Read the ground classes of a run.
+
+    The user's own table, CSV or TOML (``[[classes]]``), has the columns name, eta_max, dp_min,
+    dp_max, mu_f, mu_0, k, d_star_m, restitution, restitution_speed_mps, rolling_threshold and, if
+    wanted, speed_loss, source and trust. A class of a built-in name replaces that one; others are
+    added. ``readings`` are those of built_in_table.
+    """
+    table = built_in_table(readings)
+    if path is None:
+        return table
+    classes = {c.name: c for c in table.classes}
+    own = _read_classes(named(path))
+    problem = "ground class is defined twice"
+    refuse_twice((c.name for c in own), "names that differ", problem, file=path, field="name")
+    for ground_class in own:
+        if ground_class.name in classes:
+            log.info("%s: class %s replaces the built-in one", path, ground_class.name)
+        classes[ground_class.name] = ground_class
+    return GroundTable(tuple(classes.values()))
+
+
+def _columns(file: Input) -> dict[str, CsvColumn]:
+    """Columns of a table of classes; values of which nothing else is said are estimates."""
+    return {
+        "name": CsvColumn(),
+        **{parameter: CsvColumn(float) for parameter in PARAMETERS},
+        "mu_v": CsvColumn(float, default=0.0),
+        "source": CsvColumn(default=f"own table {file.name}"),
+        "trust": CsvColumn(known=tuple(TRUST_TEXT), default="estimate"),
+    }
+
+
+def _read_classes(file: Input) -> list[GroundClass]:
+    what = "a table of ground classes, CSV or TOML"
+    if file.suffix.lower() == ".toml":
+        text = read_text(file, "ground.classes", what)
+        rows = list(_toml_rows(text, file))
+    else:
+        rows = list(read_table(file, "ground.classes", what, _columns(file)))
+    if not rows:
+        raise InputError("holds no ground class", file=file, expected="at least one row")
+    classes = []
+    for where, row in rows:
+        with errors_of_row(where, file):
+            classes.append(GroundClass(**row))
+    return classes
+
+
+def _toml_rows(text: str, file: Input) -> Iterator[tuple[str, dict[str, Any]]]:
+    wrong = partial(InputError, file=file)
+    document = toml_table(text, file, "[[classes]] sections")
+    rows = document.get("classes")
+    if set(document) != {"classes"} or not isinstance(rows, list):
+        found = f"keys {', '.join(document) or 'none'}"
+        expected = "[[classes]] sections and nothing else"
+        raise wrong("is not a table of ground classes", found=found, expected=expected)
+    columns = _columns(file)
+    for place, row in enumerate(rows, start=1):
+        where = f"class number {place}"
+        if not isinstance(row, dict):
+            raise wrong(f"{where} is not a section", expected="[[classes]]")
+        check_columns(list(row), columns, file, where)
+        yield where, row_of(row, columns, where, file)
+
+
+def read_ranges(table: GroundTable, own: Input | None = None) -> tuple[RangeRule, ...]:
+    """Rules of the built-in table, and after them those of the user's own.
+
+    That may name the classes of ``table``. It is a CSV with the columns class (``*`` for every
+    other class), parameter, kind (value, offset, factor), low, high and, if wanted, source,
+    verified, sites, rocks and together.
+    """
+    with resources.as_file(_DATA / "ground_ranges.csv") as file:
+        rules = _read_rules(file, None)
+    return rules if own is None else (*rules, *_read_rules(own, table))
+
+
+def _read_rules(file: Input, table: GroundTable | None) -> tuple[RangeRule, ...]:
+    classes = () if table is None else (*table.names, EVERY_CLASS)
+    columns = {
+        "class": CsvColumn(known=classes, what="ground class"),
+        "parameter": CsvColumn(known=RANGED),
+        "kind": CsvColumn(known=("value", "offset", "factor")),
+        "low": CsvColumn(float),
+        "high": CsvColumn(float),
+        "source": CsvColumn(default=f"own table {file.name}"),
+        "verified": CsvColumn(bool, default=False),
+        "sites": CsvColumn(int, low=0, default=0),
+        "rocks": CsvColumn(int, low=0, default=0),
+        "together": CsvColumn(default=""),
+    }
+    rules = []
+    what = "a table of ranges of ground classes (CSV)"
+    for where, row in read_table(file, "ranges", what, columns):
+        with errors_of_row(where, file):
+            rules.append(RangeRule(*row.values()))
+    return tuple(rules)
+
+
+# ---------------------------------------------------------------------------------------------
+# The map of classes
+
+
+def ground_raster(
+    ground: GroundSettings, grid: Grid, table: GroundTable, whole: Grid | None = None
+) -> NDArray[np.int32]:
+    """Ground class of each cell of the DEM, as position in the table; int32, shape of the grid.
+
+    A cell takes the class of the polygon over its centre (polygon_of_cells). A raster of codes is
+    aligned by the nearest cell. Where nothing is said, the default class. What the file holds must
+    meet the ``whole`` terrain model of which the grid is a part; its heights are not looked at.
+    """
+    default = default_class(ground, table)
+    if ground.file is None:
+        return np.full(grid.shape, default, dtype=np.int32)
+    if ground.raster_classes is not None:
+        return _from_codes(ground, ground.file, grid, table, default, whole is not None)
+    return _from_polygons(ground, ground.file, grid, table, default, whole or grid)
+
+
+def default_class(ground: GroundSettings, table: GroundTable) -> int:
+    """Position of the default class; InputError if the table does not hold it."""
+    place = ground.config_file, "ground.default"
+    return _class_index(ground.default, table, "default class", *place)
+
+
+def _class_index(name: str, table: GroundTable, who: str, file: Input | None, field: str) -> int:
+    refuse_unknown(name, table.names, f"{who} is not a known ground class", file=file, field=field)
+    return table.index(name)
+
+
+def _from_polygons(
+    ground: GroundSettings, file: Input, grid: Grid, table: GroundTable, default: int, whole: Grid
+) -> NDArray[np.int32]:
+    if _is_raster(file):
+        expected = 'ground.raster_classes beside it, such as {1 = "rock", 2 = "debris"}'
+        raise InputError("is a raster", file=file, field="ground.file", expected=expected)
+    field = ground.class_field
+    features = read_features(
+        file, whole, "ground", layer=ground.layer, fields={"class_field": field}, label=field,
+        kinds=("polygon",),
+    )  # fmt: skip
+    classes = []
+    for feature in features:
+        name = feature.text(field)
+        if name is None:
+            expected = f"one of {', '.join(table.names)}"
+            raise feature.wrong("has no ground class", field, expected=expected)
+        classes.append(_class_index(name, table, f"class of {feature.label}", file, field))
+    # The last counts where no polygon does (-1).
+    by_polygon = np.array([*classes, default], np.int32)
+    return by_polygon[polygon_of_cells(features, grid)]
+
+
+def _is_raster(file: Input) -> bool:
+    """Whether a file holds a raster (a GeoPackage may hold both: then its layers count)."""
+    if isinstance(file, InMemory):
+        return file.kind == "raster"
+    if file.suffix.lower() == ".gpkg":
+        return False
+    try:
+        with open_raster(file, "ground.file") as dataset:
+            return bool(dataset.count)
+    except InputError:
+        return False
+
+
+def _from_codes(
+    ground: GroundSettings,
+    file: Input,
+    grid: Grid,
+    table: GroundTable,
+    default: int,
+    may_miss: bool,
+) -> NDArray[np.int32]:
+    classes = ground.raster_classes or {}
+    indices = {
+        code: _class_index(name, table, f"class of code {code}", file, "ground.raster_classes")
+        for code, name in classes.items()
+    }
+    aligned = on_cells(file, grid, "ground.file", partial(_codes, file=file), _NO_CODE)
+    present, counts = np.unique(aligned, return_counts=True)
+    if present.tolist() == [_NO_CODE] and not may_miss:
+        expected = "a raster that overlaps the DEM"
+        problem = "holds no ground class on the DEM"
+        raise InputError(problem, file=file, field="ground.file", expected=expected)
+    result = np.full(grid.shape, default, dtype=np.int32)
+    for code, count in zip(present.tolist(), counts.tolist(), strict=True):
+        if code == _NO_CODE:
+            continue
+        if code not in indices:
+            codes = ", ".join(map(str, sorted(indices)))
+            raise InputError(
+                "holds a code without a class", file=file, field="ground.raster_classes",
+                found=f"code {code} in {count} cells",
+                expected=f"a class for it; known codes: {codes}",
+            )  # fmt: skip
+        result[aligned == code] = indices[code]
+    return result
+
+
+def _codes(dataset: Any, file: Input) -> NDArray[np.int32]:
+    """Codes as whole numbers; nodata as a number that no code can have."""
+    raw = read_band(dataset, only_band(dataset, file, "ground.file", "codes"), file)
+    values = np.asarray(raw.data, dtype=np.float64)
+    known = ~np.ma.getmaskarray(raw) & ~np.isnan(values)
+    odd = known & ((values != np.rint(values)) | (np.abs(values) > 2**31 - 2))
+    if odd.any():
+        row, col = np.unravel_index(int(np.argmax(odd)), values.shape)
+        raise InputError(
+            "holds a code that is no whole number", file=file, field="ground.file",
+            found=f"{values[row, col]:g} at row {row + 1}, column {col + 1}",
+            expected="whole numbers",
+        )  # fmt: skip
+    return np.where(known, values, _NO_CODE).astype(np.int32)

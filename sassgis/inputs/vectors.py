@@ -1,0 +1,325 @@
+"""Release areas, stations and barriers from any vector file, in the coordinates of the DEM."""
+
+from __future__ import annotations
+
+import logging
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import shapely
+
+from sassgis.errors import ConfigError, InputError
+from sassgis.grid import FloatArray, Grid
+from sassgis.inputs.config import control_line_of
+from sassgis.inputs.vector_features import (
+    Feature,
+    open_layer,
+    outside,
+    read_features,
+    refuse_twice,
+    refuse_unknown,
+    share_inside,
+    share_known,
+    steepest_slope_deg,
+    with_shapes,
+    without_repeats,
+    without_shapes,
+)
+from sassgis.settings.exposure import ObjectSettings
+from sassgis.settings.map_run import ReleaseArea
+from sassgis.settings.results import ControlLine
+from sassgis.settings.run_config import Config
+from sassgis.settings.schema import Input, composed
+from sassgis.settings.settings import BarrierSettings, ReleaseSettings, StationSettings
+
+log = logging.getLogger(__name__)
+
+#: Below this slope no block at rest rolls: the smallest rolling friction that Bozzolo and Pamini
+#: (1986) quote from Statham (1979) is 0.37, the tangent of 20.3 degrees; sliding asks for more.
+START_SLOPE_DEG = math.degrees(math.atan(0.37))
+
+
+# ---------------------------------------------------------------------------------------------
+# Release areas
+
+_NO_START = (
+    "no block starts there: an onset frequency per hectare or metre counts for the rest, one per "
+    "year is put on the rest as a whole"
+)
+#: Keys that name attributes of the layer.
+_ATTRIBUTES = ("name_field", "scenario_field")
+
+
+def release_features(release: ReleaseSettings) -> list[Feature]:
+    """The release areas of a file by number and attributes; their shapes are not looked at."""
+    file, frame = _release_layer(release, "name_field")
+    return without_shapes(frame, file, release.name_field)
+
+
+def release_names(release: ReleaseSettings) -> tuple[str, ...]:
+    """Names of all release areas in the order of the file; their shapes are not looked at."""
+    return tuple(feature_names(release_features(release), "area", "release"))
+
+
+def _release_layer(release: ReleaseSettings, *keys: str) -> tuple[Input, Any]:
+    """The file and the layer, which has the attributes that some keys name."""
+    if release.file is None:
+        problem, field = "no release areas are given", "release.file"
+        raise InputError(problem, file=release.config_file, field=field, expected="a file")
+    fields = {key: getattr(release, key) for key in keys}
+    return release.file, open_layer(release.file, release.layer, "release", fields)
+
+
+def read_release(
+    release: ReleaseSettings,
+    grid: Grid,
+    block_names: Sequence[str],
+    only: Sequence[str] | None = None,
+) -> list[ReleaseArea]:
+    """Read the release areas, in the order of the file, and check them against the DEM.
+
+    ``only`` are the names of the areas to read: the shapes of the others are not looked at. What
+    can be used but deserves a look (an area partly outside the DEM, over nodata, too flat for a
+    start, or over another area) is logged as a warning.
+    """
+    file, frame = _release_layer(release, *_ATTRIBUTES)
+    features = without_shapes(frame, file, release.name_field)
+    names = feature_names(features, "area", "release")
+    only = None if only is None else [composed(name) for name in only]
+    for name in only or ():
+        refuse_unknown(name, names, "no release area has this name", file=file, field="area")
+    places = [k for k, name in enumerate(names) if only is None or name in only]
+    shaped = with_shapes([features[k] for k in places], frame, file, grid, "release")
+    areas = [
+        release_area(feature, names[k], release, grid, block_names)
+        for feature, k in zip(shaped, places, strict=True)
+    ]
+    warn_of_overlaps(areas, file)
+    return areas
+
+
+def read_release_feature(release: ReleaseSettings, number: int, grid: Grid) -> Feature:
+    """One feature of the release areas, in the coordinates of the DEM.
+
+    ``number`` is its place in the layer, counted from 1. The heights of the terrain model are not
+    looked at.
+    """
+    file, frame = _release_layer(release, *_ATTRIBUTES)
+    own = without_shapes(frame.iloc[[number - 1]], file, release.name_field)[0]
+    return with_shapes([replace(own, number=number)], frame, file, grid, "release")[0]
+
+
+def release_area(
+    feature: Feature, name: str, release: ReleaseSettings, grid: Grid, block_names: Sequence[str]
+) -> ReleaseArea:
+    """A release area from its feature, checked against the DEM under it."""
+    known = _known_under(feature, grid)
+    scenarios = _scenarios(feature, release.scenario_field, block_names)
+    return ReleaseArea(name, feature.geometry, scenarios, known)
+
+
+def named_features(
+    item: StationSettings | ObjectSettings,
+    grid: Grid,
+    key: str,
+    columns: Mapping[str, str],
+    kinds: Sequence[str],
+) -> list[tuple[Feature, str]]:
+    """The features that a section reads, with their names; a single one may have that of it.
+
+    ``columns`` are attributes that the section names besides that of the names, by what they say.
+    """
+    assert item.file is not None
+    features = read_features(
+        item.file,
+        grid,
+        key,
+        layer=item.layer,
+        fields={f"{k}_field": v for k, v in [("name", item.name_field), *columns.items()]},
+        label=item.name_field,
+        kinds=kinds,
+    )
+    if item.name_field is None and len(features) == 1:
+        return [(features[0], item.name)]
+    return list(zip(features, feature_names(features, item.name, key), strict=True))
+
+
+def feature_names(features: Sequence[Feature], stem: str, section: str) -> list[str]:
+    """Names of the features: identities, so no two are the same."""
+    seen: dict[str, Feature] = {}
+    for feature in features:
+        field = feature.name_field
+        name = f"{stem} {feature.number}" if field is None else feature.text(field)
+        if name is None:
+            raise feature.wrong("has no name", field, expected="a text")
+        if name in seen:
+            found = f"{name!r} in features {seen[name].number} and {feature.number}"
+            expected = f"names that differ, or another {section}.name_field"
+            raise InputError(
+                "name is used twice", file=feature.file, field=field, found=found, expected=expected
+            )
+        seen[name] = feature
+    return list(seen)
+
+
+def _scenarios(feature: Feature, field: str | None, known: Sequence[str]) -> tuple[str, ...]:
+    text = None if field is None else feature.text(field)
+    if text is None:
+        if field is not None:
+            log.info("%s: %s names no scenario: all of them", feature.file, feature.label)
+        return tuple(known)
+    chosen = tuple(dict.fromkeys(part.strip() for part in re.split(r"[;,]", text) if part.strip()))
+    for name in chosen:
+        problem = f"{feature.label} names an unknown block scenario"
+        refuse_unknown(name, known, problem, file=feature.file, field=field)
+    return chosen or tuple(known)
+
+
+def _known_under(feature: Feature, grid: Grid) -> float:
+    """The share of a release area on known terrain; it is compared with the DEM under it."""
+    file, label = feature.file, feature.label
+    inside, known = share_inside(feature, grid), share_known(feature, grid)
+    if inside == 0.0:
+        raise outside(file, "release.file", label, feature.geometry.bounds, grid)
+    if known == 0.0:
+        expected = "an area on known terrain"
+        raise feature.wrong(
+            "lies on nodata", "release.file", found="no height under it", expected=expected
+        )
+    for share, what in ((1.0 - inside, "lies outside the DEM"), (inside - known, "is nodata")):
+        if share > 1e-8:
+            text = "%s: %s: %.1f %% of it %s; " + _NO_START
+            log.warning(text, file, label, max(100.0 * share, 0.1), what)
+    steepest = steepest_slope_deg(feature.geometry, grid)
+    if steepest < START_SLOPE_DEG:
+        text = (
+            "%s: %s: nowhere steeper than %.1f degrees; "
+            "below %.1f degrees no block at rest starts to move"
+        )
+        log.warning(text, file, label, steepest, START_SLOPE_DEG)
+    return known
+
+
+def warn_of_overlaps(areas: Sequence[ReleaseArea], file: Input) -> None:
+    """Where areas of one scenario overlap, blocks start twice as densely."""
+    shapes = [a.geometry for a in areas]
+    first, second = shapely.STRtree(shapes).query(shapes, predicate="intersects")
+    for i, j in zip(first.tolist(), second.tolist(), strict=True):
+        common = shapes[i].intersection(shapes[j]).area if i < j else 0.0
+        if common > 0.0 and set(areas[i].scenarios) & set(areas[j].scenarios):
+            text = "%s: areas %s and %s overlap by %.1f m2; blocks start there from both"
+            log.warning(text, file, areas[i].name, areas[j].name, common)
+
+
+# ---------------------------------------------------------------------------------------------
+# Stations and barriers
+
+
+def read_control_lines(config: Config, grid: Grid) -> list[tuple[ControlLine, FloatArray]]:
+    """Read stations, then barriers, that lie on the map, in the order of the configuration.
+
+    Each comes with x and y of its vertices (m), float64 of shape (n, 2).
+    """
+    control_lines: list[tuple[ControlLine, FloatArray]] = []
+    for section, items in (("stations", config.stations), ("barriers", config.barriers)):
+        for item in items:
+            control_lines += _control_lines_of(item, f"{section}[{item.name}]", config.file, grid)
+    names = [control_line.name for control_line, _ in control_lines]
+    expected = "names that differ, features of station and barrier files included"
+    field = "stations/barriers.name"
+    refuse_twice(names, expected, error=ConfigError, file=config.file, field=field)
+    return control_lines
+
+
+def _control_lines_of(
+    item: StationSettings, key: str, config_file: Path | None, grid: Grid
+) -> list[tuple[ControlLine, FloatArray]]:
+    wrong = partial(ConfigError, file=config_file)
+    if item.line is not None:
+        line = shapely.LineString(item.line)
+        if not line.is_valid:
+            found, expected = str([list(p) for p in item.line]), "at least two points that differ"
+            raise wrong("has no length", field=f"{key}.line", found=found, expected=expected)
+        feature = Feature(1, {}, line, "line")
+        check_on_map(feature, grid, config_file, f"{key}.line", item.name)
+        points = without_repeats(shapely.get_coordinates(line))
+        return [(control_line_of(item, item.name), points)]
+    if item.file is None:
+        found = "chainage_m, which belongs to profile runs"
+        raise wrong("has no place on the map", field=key, found=found, expected="line or file")
+    columns = item.fields if isinstance(item, BarrierSettings) else {}
+    control_lines = []
+    for feature, name in named_features(item, grid, key, columns, ("line",)):
+        points = _one_line(feature, key)
+        check_on_map(feature, grid, item.file, key, feature.label)
+        own = _with_attributes(item, feature)
+        control_lines.append((control_line_of(own, name), points))
+    return control_lines
+
+
+def read_line(file: Input, grid: Grid, key: str) -> FloatArray:
+    """The only line of a file, which must lie within the terrain model.
+
+    As x and y of its vertices in the coordinates of the DEM (m), float64 of shape (n, 2).
+    """
+    features = read_features(file, grid, key, kinds=("line",))
+    if len(features) != 1:
+        raise InputError(
+            "holds several lines", file=file, field=key, found=str(len(features)),
+            expected="one line",
+        )  # fmt: skip
+    (feature,) = features
+    points = _one_line(feature, key)
+    # Half a cell: heights are known between the centres of cells.
+    inside = shapely.box(*grid.bounds).buffer(-0.5 * grid.cell_size, join_style="mitre")
+    if not inside.contains(feature.geometry):
+        what = f"{feature.label} or a part of it"
+        raise outside(file, key, what, feature.geometry.bounds, grid)
+    return points
+
+
+def _one_line(feature: Feature, key: str) -> FloatArray:
+    """Vertices of a line whose parts, if it has several, meet at their ends."""
+    line = feature.geometry
+    if line.geom_type == "MultiLineString":
+        line = shapely.line_merge(line)
+    if line.geom_type != "LineString":
+        expected = "one line without gaps; make each part a feature of its own"
+        found = f"{len(line.geoms)} parts"
+        raise feature.wrong("is made of separate parts", key, found=found, expected=expected)
+    return without_repeats(shapely.get_coordinates(line))
+
+
+def _with_attributes(item: StationSettings, feature: Feature) -> StationSettings:
+    """A barrier with what the attributes of one feature say; empty ones leave it as it is."""
+    if not isinstance(item, BarrierSettings):
+        return item
+    stated: dict[str, Any] = {}
+    for key, column in item.fields.items():
+        text = feature.text(column)
+        if text is None:
+            if key != "capacity_kj" and getattr(item, key) is None:
+                raise feature.wrong("has no value", column, expected=f"its {key}")
+            continue
+        value = text if key == "kind" else feature.value(column)
+        stated[key] = value
+    try:
+        return replace(item, **stated)
+    except ConfigError as error:
+        problem, field = f"{feature.label}: {error.problem}", item.fields.get(str(error.field))
+        raise InputError(**error.parts(problem=problem, file=feature.file, field=field)) from None
+
+
+def check_on_map(feature: Feature, grid: Grid, file: Input | None, key: str, label: str) -> None:
+    """Raise InputError if a feature lies outside the DEM; warn if a part of it does."""
+    if not feature.geometry.intersects(shapely.box(*grid.bounds)):
+        raise outside(file, key, label, feature.geometry.bounds, grid)
+    inside = share_inside(feature, grid)
+    if inside < 1.0:
+        text = "%s: %s: %s: %.1f %% of it lies outside the DEM"
+        log.warning(text, file, key, label, max(100.0 * (1.0 - inside), 0.1))

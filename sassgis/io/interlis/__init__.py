@@ -1,1 +1,0 @@
-"""Hazard zones as INTERLIS 2 transfer files, and their validation."""

@@ -1,1 +1,0 @@
-"""Styles and projects for QGIS, written without QGIS."""

@@ -1,1 +1,0 @@
-"""Types shared by every stage: frozen data, no files, no algorithms."""

@@ -1,0 +1,1 @@
+"""The layers of a result: their values, names, columns and styles."""

@@ -1,0 +1,131 @@
+"""Rasters as layers: described in ``data/map_layers.csv``, or in the table of statistics."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sassgis.files.vector_layer import descriptions
+from sassgis.grid import FloatArray, Grid, IntArray
+from sassgis.settings.hazard_rules import HazardPreset
+from sassgis.settings.languages import phrase
+from sassgis.settings.results import Band, RasterClass, RasterLayer
+from sassgis.settings.statistics_table import FEW_BLOCKS, STATISTICS
+from sassgis.settings.styles import HILLSHADE
+from sassgis.simulation.map_sums import MapSums, Sample, band_values
+
+
+class Place(NamedTuple):
+    """Where values of single cells belong: their places in a map of ``shape`` (rows, columns)."""
+
+    cells: IntArray
+    shape: tuple[int, int]
+
+    def map_of(self, values: NDArray[Any]) -> NDArray[np.float32]:
+        """A map of the values, NaN elsewhere."""
+        out = np.full(self.shape[0] * self.shape[1], np.nan, np.float32)
+        out[self.cells] = values.astype(np.float32)
+        return out.reshape(self.shape)
+
+
+def described_band(
+    key: str, column: str, values: NDArray[Any], name: str = "", **words: object
+) -> Band:
+    """A band as its row in ``data/map_layers.csv`` describes it.
+
+    Its name is that of the row unless another is given; ``words`` take the places of ``{...}``.
+    """
+    row = descriptions()[key][column]
+    description, unit = (phrase(row[part], **words) for part in ("alias", "unit"))
+    return Band(name or column, description, unit, values.astype(np.float32))
+
+
+def described_raster(
+    key: str,
+    bands: Sequence[Band],
+    breaks: Sequence[float] = (),
+    ramp: str = "",
+    classes: Sequence[RasterClass] = (),
+    *,
+    stem: str = "",
+    **words: object,
+) -> RasterLayer:
+    """A map with the title and note of its row in ``data/map_layers.csv``; see RasterLayer."""
+    row = descriptions()[key][""]
+    title, note = (phrase(row[part], **words) for part in ("alias", "description"))
+    return RasterLayer(stem or key, title, note, tuple(bands), tuple(breaks), ramp, tuple(classes))
+
+
+def level_classes(preset: HazardPreset) -> list[RasterClass]:
+    """Hazard levels as classes of a map, from 1."""
+    return [
+        RasterClass(k, c.label, c.colour, c.hatched) for k, c in enumerate(preset.levels, start=1)
+    ]
+
+
+def terrain_layer(grid: Grid) -> RasterLayer:
+    """The heights, to be shown as relief."""
+    heights = grid.vertical_datum or "datum not stated"
+    bands = [described_band("terrain", "height", grid.values)]
+    return described_raster("terrain", bands, (), HILLSHADE, heights=heights)
+
+
+def map_layers(
+    sums: MapSums,
+    shape: tuple[int, int],
+    sample: Sample,
+    edges: Mapping[str, FloatArray],
+    cell_size: float,
+    energy_classes_kj: tuple[float, ...] | None = None,
+) -> tuple[RasterLayer, ...]:
+    """Layers of all that is known per cell of the blocks; NaN in cells that none reaches.
+
+    ``edges`` are those of the histograms by quantity. The side of a cell (m) is the reference width
+    of the reach probability. The energy classes (kJ) are those of the legend, if they are not those
+    of the table of statistics.
+    """
+    words = {
+        "rocks": sample.started,
+        "width": phrase(
+            "Reference width {} m (one cell): a block counts for a cell if its centre comes within "
+            "half of it of the middle of the cell, or stops in the cell.",
+            f"{cell_size:.4g}",
+        ),
+        "once": phrase(
+            "Each block counts once per cell, with the largest value that it has there."
+        ),
+        "few": phrase(
+            "Where fewer than {} blocks arrive the 95 % quantile is mostly too low, of 2 to 4 "
+            "energies or heights by about a quarter: compare with the number of arriving blocks.",
+            FEW_BLOCKS,
+        ),
+        "late": phrase(
+            "Where fewer than {} blocks arrive the 5 % quantile is mostly too late: compare with "
+            "the number of arriving blocks.",
+            FEW_BLOCKS,
+        ),
+        "error": phrase(
+            "Standard error with the release points as a random sample."
+            if sample.random_points
+            else "Standard error of the simulated blocks; the release points are taken as given."
+        ),
+    }
+    breaks = {"energy": (0.0, *energy_classes_kj)} if energy_classes_kj else {}
+    place = Place(sums.cells, shape)
+    return tuple(
+        RasterLayer(
+            row.stem,
+            row.title,
+            phrase(row.note, **words),
+            tuple(
+                Band(name, row.description(name), row.unit, place.map_of(values))
+                for name, values in band_values(row, sums, sample, edges).items()
+            ),
+            breaks.get(row.quantity, row.breaks),
+            row.ramp,
+        )
+        for row in STATISTICS
+    )

@@ -1,0 +1,1 @@
+"""The QGIS project of a result: layers, legend, map sheets."""

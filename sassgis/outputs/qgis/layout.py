@@ -1,0 +1,234 @@
+"""Map sheets of a QGIS project: a print layout designed in QGIS, filled in.
+
+The template ``data/map_sheet.qpt`` (QGIS 3.22, A3) has the map on the left, and a column with
+title, legend, scale, facts and notes on the right. What it says of fonts, colours, widths and
+margins holds; its labels show variables of the layout. Texts are broken into lines here, after a
+wide letter, so that the blocks of the column are as high as their lines; all type is made smaller
+where the column would be too short.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib import resources
+from itertools import zip_longest
+from xml.etree import ElementTree as ET
+
+from sassgis.outputs.qgis.entries import LayerEntry
+from sassgis.outputs.qgis.sheet_legend import child, fill_legend, text_height, wrapped
+from sassgis.settings.languages import phrase, translated
+
+#: West, south, east, north (m).
+Extent = tuple[float, float, float, float]
+
+#: Scales are these numbers times a power of ten.
+SCALE_NUMBERS = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 7.5)
+
+#: Type sizes that are tried, as shares of those of the template; the title shrinks less.
+_SHRINKING = (1.0, 0.92, 0.85, 0.78, 0.7, 0.6, 0.5, 0.4)
+_LEAST_TITLE = 0.7
+_SMALLER = "The zones are drawn for 1:{}: on this sheet they are smaller than the rules ask for."
+
+
+@dataclass(frozen=True, slots=True)
+class PrintLayout:
+    """A map sheet, at the largest round scale at which its extent fits."""
+
+    name: str  # in QGIS's list of layouts; also that of a map theme that shows the same layers
+    title: str
+    subtitle: str
+    #: Keys of the layers (``LayerEntry.key``) on the map, the top first. All but the relief are in
+    #: the legend, in this order.
+    layers: tuple[str, ...]
+    extent: Extent  # what the map must show (m)
+    facts: tuple[tuple[str, str], ...] = ()  # what it rests on: ("Terrain", "DEM of 2 m, ...")
+    notes: tuple[str, ...] = ()  # what the reader must know; in a box of their own
+    #: Denominator of the scale for which the zones are drawn: the sheet has no larger one. 0: any.
+    drawn_for: float = 0.0
+
+
+def round_scale(extent: Extent, width_mm: float, height_mm: float) -> float:
+    """Denominator of the largest round scale, at least 100, at which an extent (m) fits a frame."""
+    west, south, east, north = extent
+    needed = 1000.0 * max((east - west) / width_mm, (north - south) / height_mm)
+    needed = max(needed, 100.0) * (1.0 - 1e-9)
+    power = 10.0 ** math.floor(math.log10(needed))
+    return min(n * p for p in (power, 10.0 * power) for n in SCALE_NUMBERS if n * p >= needed)
+
+
+def round_length(longest: float) -> float:
+    """The largest of 1, 2, 5, 10, 20, ... that is not above a length."""
+    power = 10.0 ** math.floor(math.log10(longest))
+    return max(n * power for n in (1.0, 2.0, 5.0) if n * power <= longest * (1.0 + 1e-9))
+
+
+def scale_text(scale: float) -> str:
+    """The number of a scale as QGIS writes it."""
+    return f"{scale:,.0f}".replace(",", "\u00a0")
+
+
+def layout_element(
+    layout: PrintLayout, layers: Mapping[str, LayerEntry], crs_name: str
+) -> ET.Element:
+    """The ``Layout`` element of a project; ``crs_name`` is empty for local coordinates.
+
+    Raises
+    ------
+    ValueError
+        If the layout shows a layer that the project does not have, or none.
+    """
+    unknown = [key for key in layout.layers if key not in layers]
+    if unknown or not layout.layers:
+        raise ValueError(f"layout {layout.name}: no such layers in the project: {unknown}")
+    shown = [layers[key] for key in layout.layers]
+    coordinates = translated("Coordinates"), crs_name or translated("local, in m")
+    for factor in _SHRINKING:
+        sheet = _Sheet(layout.name, factor)
+        scale = _fill_map(sheet, layout.extent, shown, layout.drawn_for)
+        notes = layout.notes
+        if 0.0 < layout.drawn_for < scale:
+            notes = (*notes, translated(phrase(_SMALLER, scale_text(layout.drawn_for))))
+        end = _fill_above(sheet, layout, shown)
+        start = _fill_below(sheet, (*layout.facts, coordinates), notes)
+        if end + sheet.gap <= start:
+            break
+    sheet.variables |= {
+        # QGIS writes the scale, so that it stays true when the map is moved. Where the
+        # coordinates are local, it does not know that they are in metres.
+        "sheet_local_scale": "" if crs_name else scale_text(scale),
+        "sheet_scale_word": translated("Scale"),
+    }
+    sheet.items["Scale bar"].set("unitType", "meters" if crs_name else "unknown")
+    sheet.set_variables()
+    return sheet.root
+
+
+class _Sheet:
+    """The template, its type made smaller, whose items are found by their names."""
+
+    def __init__(self, name: str, factor: float) -> None:
+        file = resources.files("sassgis").joinpath("data", "map_sheet.qpt")
+        self.root = ET.fromstring(file.read_text(encoding="utf-8"))
+        self.root.set("name", name)
+        self.items = {item.get("id", ""): item for item in self.root.findall("LayoutItem")}
+        self.variables: dict[str, str] = {}
+        for own, item in self.items.items():
+            share = max(factor, _LEAST_TITLE) if own in ("Title", "Subtitle") else factor
+            for font in (*item.iter("LabelFont"), *item.iter("styleFont")):
+                family, points, rest = font.get("description", "").split(",", 2)
+                font.set("description", f"{family},{float(points) * share:g},{rest}")
+        for key in ("symbolWidth", "symbolHeight"):
+            self.items["Legend"].set(key, f"{float(self.items['Legend'].get(key, '')) * factor:g}")
+        _, self.top, _, height = self.box("Map")
+        self.bottom = self.top + height
+        #: Between two blocks of the column (mm).
+        self.gap = 3.0
+
+    def box(self, name: str) -> tuple[float, float, float, float]:
+        """Left, top, width and height of an item (mm)."""
+        item = self.items[name]
+        x, y = item.get("position", "").split(",")[:2]
+        width, height = item.get("size", "").split(",")[:2]
+        return float(x), float(y), float(width), float(height)
+
+    def move(self, name: str, y: float, height: float | None = None) -> None:
+        """Put an item at a height of the page, and make it so high (mm)."""
+        x, _, width, own = self.box(name)
+        for key in ("position", "positionOnPage"):
+            self.items[name].set(key, f"{x:.3f},{y:.3f},mm")
+        self.items[name].set("size", f"{width:.3f},{own if height is None else height:.3f},mm")
+
+    def lines(self, name: str, text: str) -> list[str]:
+        """Break a text into the lines of a label."""
+        item = self.items[name]
+        width = self.box(name)[2] - 2.0 * float(item.get("marginX", ""))
+        return wrapped(text, width, child(item, "LabelFont"))
+
+    def write(self, name: str, variable: str, lines: Sequence[str]) -> float:
+        """Set the lines of a label; returns the room that they need (mm), 0 without any."""
+        self.variables[variable] = "\n".join(lines)
+        if not lines:
+            self.root.remove(self.items.pop(name))
+            return 0.0
+        item = self.items[name]
+        room = text_height(len(lines), child(item, "LabelFont"))
+        return room + 2.0 * float(item.get("marginY", "")) + 1.0
+
+    def set_variables(self) -> None:
+        """Write the variables of the layout as QGIS keeps them."""
+        kept = child(self.root, "customproperties/Option")
+        for key, values in (("Names", self.variables), ("Values", self.variables.values())):
+            option = ET.SubElement(kept, "Option", type="StringList", name=f"variable{key}")
+            for value in values:
+                ET.SubElement(option, "Option", type="QString", value=value)
+
+
+def _fill_map(
+    sheet: _Sheet, extent: Extent, shown: Sequence[LayerEntry], drawn_for: float
+) -> float:
+    """Show an extent, in the middle of the map; returns the scale."""
+    item, (_, _, width, height) = sheet.items["Map"], sheet.box("Map")
+    scale = max(round_scale(extent, width, height), drawn_for)
+    half_w, half_h = width * scale / 2000.0, height * scale / 2000.0
+    x, y = (extent[0] + extent[2]) / 2.0, (extent[1] + extent[3]) / 2.0
+    sides = {"xmin": x - half_w, "ymin": y - half_h, "xmax": x + half_w, "ymax": y + half_h}
+    child(item, "Extent").attrib.update({name: repr(float(v)) for name, v in sides.items()})
+    for layer in shown:
+        source = {"source": layer.datasource, "provider": layer.provider}
+        entry = ET.SubElement(
+            child(item, "LayerSet"), "Layer", {"name": layer.content.title, **source}
+        )
+        entry.text = layer.key
+    step_m = round_length(0.07 * scale)
+    child(item, "ComposerMapGrid").attrib.update(intervalX=f"{step_m:g}", intervalY=f"{step_m:g}")
+    segment_m = round_length(0.017 * scale)
+    in_km = segment_m >= 1000.0
+    sheet.items["Scale bar"].attrib.update(
+        unitLabel="km" if in_km else "m",
+        numMapUnitsPerScaleBarUnit="1000" if in_km else "1",
+        numUnitsPerSegment=f"{segment_m / 1000.0 if in_km else segment_m:g}",
+    )
+    return scale
+
+
+def _fill_above(sheet: _Sheet, layout: PrintLayout, shown: Sequence[LayerEntry]) -> float:
+    """Title, subtitle and legend from the top of the column; returns where they end."""
+    y = sheet.top
+    for name, text in (("Title", layout.title), ("Subtitle", layout.subtitle)):
+        height = sheet.write(name, f"sheet_{name.lower()}", sheet.lines(name, text))
+        if height:
+            sheet.move(name, y, height)
+        y += height
+    sheet.move("Rule below the title", y + sheet.gap / 2.0)
+    y += sheet.gap
+    height = fill_legend(sheet.items["Legend"], shown, sheet.box("Legend")[2])
+    sheet.move("Legend", y, height)
+    return y + height
+
+
+def _fill_below(sheet: _Sheet, facts: Sequence[tuple[str, str]], notes: Sequence[str]) -> float:
+    """Notes, facts and scale from the foot of the column up; returns where they begin."""
+    lines = [line for note in notes for line in sheet.lines("Notes", f"\u2013\u00a0{note}")]
+    height = sheet.write("Notes", "sheet_notes", lines)
+    y = sheet.bottom - height
+    if height:
+        sheet.move("Notes", y, height)
+        y -= sheet.gap
+    labels = {"Names of the facts": "sheet_fact_names", "Facts": "sheet_facts"}
+    rows = [
+        row for fact in facts for row in zip_longest(*map(sheet.lines, labels, fact), fillvalue="")
+    ]
+    height = max(map(sheet.write, labels, labels.values(), zip(*rows, strict=True)))
+    y -= height
+    for name in labels:
+        sheet.move(name, y, height)
+    sheet.move("Rule above the facts", y - sheet.gap / 2.0)
+    y -= sheet.gap
+    names = ("Scale", "Scale bar", "North arrow")
+    tops = {name: sheet.box(name)[1] for name in names}
+    y -= max(sum(sheet.box(name)[1::2]) for name in names) - min(tops.values())
+    for name, top in tops.items():
+        sheet.move(name, y + top - min(tops.values()))
+    return y

@@ -1,0 +1,349 @@
+"""The project of a run, and what a zoning adds to it: groups of layers and sheets."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import shapely
+
+from sassgis.files.plain_file import seen_from
+from sassgis.files.vector_layer import VectorLayer
+from sassgis.grid import Grid
+from sassgis.hazard.assess import Assessment, Rules
+from sassgis.hazard.preset_labels import unverified_in_short
+from sassgis.hazard.warnings import edit_lines, ground_warnings, sample_words
+from sassgis.hazard.zone_styles import zone_style
+from sassgis.inputs.dem import BASE_MAP_KEY
+from sassgis.inputs.result_folder import EDITS_FILE
+from sassgis.outputs.qgis.entries import LayerEntry, LayerGroup, without_empty
+from sassgis.outputs.qgis.layout import Extent, PrintLayout, scale_text
+from sassgis.outputs.qgis.project import write_project
+from sassgis.settings.ground import GroundClass
+from sassgis.settings.hazard_rules import HazardPreset
+from sassgis.settings.languages import joined, phrase
+from sassgis.settings.map_run import MapRun
+from sassgis.settings.results import RasterLayer
+from sassgis.settings.settings import ProjectSettings
+
+_VECTORS = "hazard.gpkg"
+_EXPOSED = ("exposed_points", "exposed_areas", "exposed_lines")
+#: Layers of ``result.gpkg`` on every sheet, the top first.
+_ON_SHEETS = ("barriers", "release_areas", *_EXPOSED)
+
+
+@dataclass(frozen=True, slots=True)
+class SheetWords:
+    """What every sheet of a run says.
+
+    ``around`` are the keys of layers on top of its map, ``ground`` is that of the lowest.
+    """
+
+    title: str
+    facts: tuple[tuple[str, str], ...]
+    notes: tuple[str, ...]
+    extent: Extent
+    around: tuple[str, ...]
+    ground: str = "raster_terrain"
+
+    def sheet(self, name: str, subtitle: str, *layers: str) -> PrintLayout:
+        """A sheet that shows layers over the terrain or the base map."""
+        shown = (*self.around, *layers, self.ground)
+        return PrintLayout(name, self.title, subtitle, shown, self.extent, self.facts, self.notes)
+
+
+def sheet_words(
+    run: MapRun,
+    rocks: int,
+    imprint: ProjectSettings,
+    *,
+    terrain_file: str,
+    program: str,
+    vectors: Sequence[VectorLayer],
+    extent: Extent,
+    ground: Sequence[tuple[GroundClass, float]],
+) -> SheetWords:
+    """What every sheet says.
+
+    ``vectors`` are those of ``result.gpkg``; ``ground`` are the ground classes of the cells that
+    blocks reach, with their share.
+    """
+    grid = run.grid
+    effects = ", ".join(run.effects.names).replace("_", " ")
+    paths = phrase(run.path_words)
+    model = phrase("SASS (Bozzolo and Pamini, 1986): blocks simulated along {}", paths)
+    if effects:
+        text = "SASS (Bozzolo and Pamini, 1986): blocks simulated along {}; with {}"
+        model = phrase(text, paths, effects)
+    walls = [line.name for line, _ in run.control_lines if line.kind != "station"]
+    facts = (
+        ("Status", imprint.status),
+        ("Author", imprint.author),
+        ("Date", imprint.date),
+        ("Program", program),
+        ("Model", model),
+        ("Terrain", phrase(
+            "{}, cells of {} m; heights {}", terrain_file, f"{grid.cell_size:.4g}",
+            grid.vertical_datum or phrase("of an unstated datum"),
+        )),
+        ("Release areas", ", ".join(a.name for a in run.areas)),
+        ("Block scenarios", ", ".join(b.name for b in run.blocks)),
+        ("Walls and nets", phrase("counted: {}", ", ".join(walls)) if walls else phrase("none")),
+        ("Simulated blocks", f"{rocks}"),
+        ("Contact", imprint.contact),
+        ("Rights", imprint.rights),
+    )  # fmt: skip
+    drawn = {v.name for v in vectors if not v.frame.empty}
+    return SheetWords(
+        imprint.name,
+        tuple((name, text) for name, text in facts if text),
+        tuple(ground_warnings(ground)),
+        extent,
+        tuple(f"vector_{name}" for name in _ON_SHEETS if name in drawn),
+        "raster_terrain" if imprint.base_map is None else BASE_MAP_KEY,
+    )
+
+
+def write_run_project(
+    folder: Path,
+    imprint: ProjectSettings,
+    grid: Grid,
+    extent: Extent,
+    layers: Sequence[RasterLayer],
+    terrain: RasterLayer,
+    vectors: Sequence[VectorLayer],
+    groups: Sequence[LayerGroup] = (),
+    layouts: Sequence[PrintLayout] = (),
+    base_map: RasterLayer | None = None,
+) -> None:
+    """Write ``project.qgz`` over the files of a run.
+
+    The extent is what is shown at first. Layers and terrain are in ``maps``, vectors in
+    ``result.gpkg``. The groups are those of a zoning, and of draws of the ground: below what was
+    drawn, above the maps of the blocks. ``base_map`` is that of ``imprint.base_map``.
+    """
+    by_name = {v.name: v for v in vectors}
+
+    def entries(*names: str, visible: bool = True) -> tuple[LayerEntry, ...]:
+        return tuple(
+            LayerEntry(by_name[n], "result.gpkg", visible=visible) for n in names if n in by_name
+        )
+
+    zoned = any(entry.visible for group in groups for entry in group.entries)
+    maps = tuple(
+        LayerEntry(layer, f"maps/{layer.stem}.tif", visible=layer.stem == "energy" and not zoned)
+        for layer in layers
+    )
+    base = []
+    if base_map is not None and imprint.base_map is not None:
+        # As seen from the working folder, which lies beside that of the result.
+        place = seen_from(folder.resolve(), imprint.base_map)
+        base = [LayerGroup("Base map", (LayerEntry(base_map, place),))]
+    shown = [
+        LayerGroup("Stations and measures", entries("barriers", "stations")),
+        LayerGroup(
+            "Release and fall lines",
+            entries("release_areas")
+            + entries("release_points", "fall_lines", "paths", "stops", visible=False),
+        ),
+        LayerGroup("Exposed objects", entries(*_EXPOSED, visible=not zoned)),
+        *groups,
+        LayerGroup("Footprint", entries("footprint", visible=False)),
+        LayerGroup("Maps", maps, exclusive=True),
+        *base,
+        LayerGroup("Terrain", (LayerEntry(terrain, "maps/terrain.tif"),)),
+    ]
+    full = [group for group in map(without_empty, shown) if group.layers]
+    keys = {entry.key for group in full for entry in group.entries}
+    write_project(
+        folder / "project.qgz",
+        title=imprint.name,
+        crs=grid.crs,
+        groups=full,
+        extent=extent,
+        abstract=phrase(
+            "Rockfall simulation with the SASS model (Bozzolo and Pamini, 1986). Reach "
+            "probabilities refer to a width of {} m.",
+            f"{grid.cell_size:.4g}",
+        ),
+        imprint=imprint,
+        # Where no block arrives there are no zones, and no sheet of them.
+        layouts=[layout for layout in layouts if keys.issuperset(layout.layers)],
+    )
+
+
+def run_layouts(words: SheetWords, layers: Sequence[RasterLayer]) -> tuple[PrintLayout, ...]:
+    """Sheets of what was simulated: energy, passing height, reach probability."""
+    titles = {layer.stem: layer.title for layer in layers}
+    return tuple(
+        words.sheet(name, titles[stem], f"raster_{stem}")
+        for name, stem in (
+            ("Energy", "energy"),
+            ("Passing height", "passing_height"),
+            ("Reach probability", "reach_probability"),
+        )
+    )
+
+
+def reached_extent(layers: tuple[RasterLayer, ...], grid: Grid) -> Extent:
+    """What blocks reach, with a margin."""
+    reached = np.isfinite(layers[0].bands[0].values)
+    if not reached.any():
+        return grid.bounds
+    rows = np.flatnonzero(reached.any(axis=1))
+    cols = np.flatnonzero(reached.any(axis=0))
+    margin = 0.05 * max(rows[-1] - rows[0], cols[-1] - cols[0], 10)
+    c = grid.cell_size
+    return (
+        grid.west + (cols[0] - margin) * c,
+        grid.north - (rows[-1] + 1 + margin) * c,
+        grid.west + (cols[-1] + 1 + margin) * c,
+        grid.north - (rows[0] - margin) * c,
+    )
+
+
+def zone_groups(
+    maps: Sequence[RasterLayer],
+    own: Sequence[VectorLayer],
+    risk: Sequence[VectorLayer],
+    federal: Sequence[VectorLayer],
+    preset: HazardPreset,
+    edits: VectorLayer | None = None,
+) -> tuple[LayerGroup, ...]:
+    """The groups of a zoning: zones, intensities, frequencies, federal layers, risk.
+
+    Rasters are in ``maps``, edits in a file of their own, the others in ``hazard.gpkg``.
+    """
+
+    def vectors(layers: Sequence[VectorLayer], visible: tuple[str, ...] = ()) -> list[LayerEntry]:
+        return [LayerEntry(v, _VECTORS, visible=v.name in visible) for v in layers]
+
+    def rasters(start: str, *more: str) -> tuple[LayerEntry, ...]:
+        return tuple(
+            LayerEntry(m, f"maps/{m.stem}.tif", visible=False)
+            for m in maps
+            if m.stem.startswith(start) or m.stem in more
+        )
+
+    groups = [
+        LayerGroup(
+            "Hazard",
+            (
+                *([] if edits is None else [LayerEntry(edits, EDITS_FILE, though_empty=True)]),
+                *vectors(own, ("hazard_zones", "open_limits")),
+                LayerGroup("Intensity zones", _intensity_zones(maps, federal, preset), True, False),
+                LayerGroup("Intensity maps", rasters("intensity"), True, False),
+                LayerGroup(
+                    "Frequency and confidence",
+                    rasters("frequency", "hazard_level", "return_period", "energy_at_return_period",
+                            "confidence"),
+                    True,
+                    False,
+                ),
+                LayerGroup("Model 166.1", tuple(vectors(federal)), False, False),
+            ),
+        )
+    ]  # fmt: skip
+    if risk:
+        groups.insert(0, LayerGroup("Risk", tuple(vectors(risk, tuple(v.name for v in risk)))))
+    return tuple(groups)
+
+
+def _intensity_zones(
+    maps: Sequence[RasterLayer], federal: Sequence[VectorLayer], preset: HazardPreset
+) -> tuple[LayerEntry, ...]:
+    """Zones of the intensity of each return period, with the legend of its map of cells."""
+    whole = next((layer for layer in federal if layer.name == "synoptic_intensity"), None)
+    out = []
+    for own in maps:
+        stem, _, period = own.stem.partition("_")
+        if stem != "intensity" or whole is None:
+            continue
+        column = "extreme_scenario" if period == "extreme" else "return_period_in_years"
+        value = 1.0 if period == "extreme" else float(period)
+        signs = [
+            (c.code, known.label, c.colour, False)
+            for c, known in zip(preset.intensities, own.classes, strict=True)
+        ]
+        shown = replace(
+            whole,
+            title=own.title,
+            frame=whole.frame[whole.frame[column] == value],
+            style=zone_style("intensity_class", signs),
+        )
+        # A period without zones has its sheet all the same: it says that there are none.
+        where = f'"{column}" = {value:g}'
+        out.append(
+            LayerEntry(shown, _VECTORS, False, though_empty=True, part=period, part_where=where)
+        )
+    return tuple(out)
+
+
+def zone_layouts(
+    words: SheetWords,
+    rules: Rules,
+    found: Assessment,
+    own: Sequence[VectorLayer],
+    risk: Sequence[VectorLayer],
+    grid: Grid,
+) -> tuple[PrintLayout, ...]:
+    """The sheets of a zoning: hazard level, intensity by return period, risk.
+
+    ``own`` are its layers but for edits and those of the federal model.
+    """
+    preset, drawn = rules.preset, rules.zones
+    least = scale_text(drawn.scale), f"{drawn.width_m:g}", f"{drawn.area_m2:g}"
+    facts = (
+        ("Onset frequencies", onset_words(rules)),
+        ("Rules", preset.title),
+        ("Reference width", f"{rules.ref_width_m:.4g} m"),
+        ("Zones drawn for", phrase("1:{}; least width {} m, least area {} m²", *least)),
+    )
+    notes = (
+        sample_words(found.hazard.changed_share),
+        "Hazard follows from the onset frequencies that the user stated.",
+        *unverified_in_short(preset),
+        *words.notes,
+        *edit_lines(found.hazard.edits),
+    )
+    extent, zoned = grid.bounds, found.hazard.intensities[-1].zones.polygons
+    if zoned.size:
+        west, south, east, north = shapely.total_bounds(zoned)
+        margin = 0.04 * max(east - west, north - south)
+        extent = west - margin, south - margin, east + margin, north + margin
+    words = replace(words, facts=(*words.facts, *facts), notes=notes, extent=extent)
+    lines = ["vector_edits"] if found.hazard.edits else []
+    lines += [f"vector_{layer.name}" for layer in own if layer.name == "open_limits"]
+    sheets = [words.sheet("Hazard level", "Hazard zones, rockfall", *lines, "vector_hazard_zones")]
+    titles: dict[str, tuple[str, str]] = {
+        y: (
+            phrase("Intensity {} years", y),
+            phrase("Intensity of rockfall, return period {} years", y),
+        )
+        for y in (f"{years:g}" for years in preset.return_periods)
+    }
+    titles["extreme"] = "Intensity extreme event", "Intensity of rockfall, extreme event"
+    for period, title in titles.items():
+        sheets.append(words.sheet(*title, f"vector_synoptic_intensity_{period}"))
+    sheets = [replace(sheet, drawn_for=rules.zones.scale) for sheet in sheets]
+    if risk:
+        around = tuple(k for k in words.around if not k.startswith("vector_exposed"))
+        shown = (f"vector_{layer.name}" for layer in risk)
+        sheets.append(replace(words, around=around).sheet("Risk", "Risk of rockfall", *shown))
+    return tuple(sheets)
+
+
+def onset_words(rules: Rules) -> str:
+    """Onset frequencies by scenario: of each release area, or from the least to the greatest."""
+    by_scenario: dict[str, list[float]] = {}
+    for (_, scenario), frequency in rules.frequencies.items():
+        by_scenario.setdefault(scenario, []).append(frequency)
+    spans = (
+        phrase("{} {} to {}", name, f"{min(f):.3g}", f"{max(f):.3g}")
+        if max(f) > min(f)
+        else f"{name} {min(f):.3g}"
+        for name, f in by_scenario.items()
+    )
+    return phrase("{} blocks a year in each release area", joined("; ", spans))

@@ -1,0 +1,183 @@
+"""Files of a new site: an empty GeoPackage with its project, those of Rockyfor3D, the samples."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import textwrap
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+
+import pandas as pd
+import pyproj
+
+import sassgis
+from sassgis.errors import InputError, OutputError
+from sassgis.files.atomic_output import staged_file, staged_output
+from sassgis.files.plain_file import seen_from
+from sassgis.files.vector_layer import described_layer
+from sassgis.inputs.defaults import outline_of, with_values
+from sassgis.inputs.rockyfor3d import rasters_of, read_rockyfor3d
+from sassgis.inputs.site_layers import site_layers
+from sassgis.inputs.tiles import open_terrain
+from sassgis.outputs.config_template import short_template
+from sassgis.outputs.frames import write_table
+from sassgis.outputs.geopackage import write_geopackage
+from sassgis.outputs.layers.maps import terrain_layer
+from sassgis.outputs.qgis.entries import LayerEntry, LayerGroup
+from sassgis.outputs.qgis.project import write_project
+from sassgis.settings.crs import crs_parts, parse_crs
+
+_GROUPS = (
+    ("Stations and measures", ("stations", "barriers")),
+    ("Edits", ("edits",)),
+    ("Exposed objects", ("buildings", "people", "roads", "lines")),
+    ("Release", ("release_areas",)),
+    ("Forest", ("forest",)),
+    ("Ground", ("ground",)),
+)
+
+
+def site_template(
+    path: Path,
+    *,
+    crs: str | None = None,
+    override_crs: bool = False,
+    dem: Path | None = None,
+    overwrite: bool = False,
+) -> Path:
+    """Write an empty GeoPackage of a site and, beside it, a QGIS project to draw in; returns that.
+
+    The path ends in ``.gpkg``; the project has the same name with ``.qgz``. ``crs`` is a projected
+    system in metres, such as "EPSG:2056", by default that of the terrain model, in place of which
+    it counts with ``override_crs``. The terrain model lies under the drawing; a folder of tiles
+    gives system and extent only, as QGIS opens single files.
+    """
+    if path.suffix.lower() != ".gpkg":
+        raise OutputError(f"{path}: cannot see what to write; expected a name ending in .gpkg")
+    project = path.with_suffix(".qgz")
+    ground: tuple[LayerEntry, ...] = ()
+    if dem is None:
+        if crs is None:
+            expected = 'a code such as "EPSG:2056", or --dem'
+            raise InputError("no coordinate system is given", field="--crs", expected=expected)
+        system = _plane(crs)
+        extent = _area_of_use(system)
+        wkt = system.to_wkt()
+    else:
+        frame = open_terrain(dem, crs, None, override_crs).outline()
+        wkt, extent = frame.crs, frame.bounds
+        if dem.is_file():
+            place = seen_from(path.resolve().parent, dem.resolve())
+            relief = replace(terrain_layer(frame), note=f"Terrain model {dem.name}.")
+            ground = (LayerEntry(relief, place),)
+    layers = {}
+    for own in site_layers():
+        columns = {
+            name: pd.Series(dtype="str" if info.low is None else "float64")
+            for name, info in own.fields.items()
+        }
+        layers[own.name] = described_layer(
+            f"{own.name}.site", columns, [], wkt, own.style, fields=own.fields
+        )
+    groups = [
+        *(
+            LayerGroup(title, tuple(LayerEntry(layers[n], path.name) for n in names))
+            for title, names in _GROUPS
+        ),
+        *([LayerGroup("Terrain", ground)] if ground else []),
+    ]
+    with staged_file(project, overwrite) as drawing, staged_file(path, overwrite) as data:
+        write_geopackage(data, list(layers.values()))
+        write_project(
+            drawing,
+            title=path.stem,
+            crs=wkt,
+            groups=groups,
+            extent=extent,
+            abstract="Site to be drawn for a rockfall simulation with sassgis.",
+        )
+    return project
+
+
+def _plane(text: str) -> pyproj.CRS:
+    """The plane part of a projected system in metres."""
+    system = crs_parts(parse_crs(text, field="--crs"))[0]
+    if not system.is_projected or system.axis_info[0].unit_name not in ("metre", "meter"):
+        problem, found = "is not a projected system in metres", str(system.name)
+        expected = 'a projected system such as "EPSG:2056"'
+        raise InputError(problem, field="--crs", found=found, expected=expected)
+    return system
+
+
+def _area_of_use(system: pyproj.CRS) -> tuple[float, float, float, float]:
+    """Where the system is meant to be used, in its own coordinates."""
+    area = system.area_of_use
+    if area is None:
+        return (0.0, 0.0, 1000.0, 1000.0)
+    west, south, east, north = pyproj.Transformer.from_crs(
+        "EPSG:4326", system, always_xy=True
+    ).transform_bounds(area.west, area.south, area.east, area.north)
+    return west, south, east, north
+
+
+def write_rockyfor3d_site(
+    file: Path, folder: Path, assignments: Sequence[str] = (), overwrite: bool = False
+) -> tuple[list[Path], list[str]]:
+    """Write a configuration from a folder of Rockyfor3D, and beside it what it is made into.
+
+    Assignments are keys that the user sets, as ``terrain.crs=EPSG:2056``. Files that are there
+    already are replaced with ``overwrite`` only. Returns the files, and what their user must know
+    of them.
+    """
+    terrain = dict(with_values([("terrain", {})], assignments))["terrain"]
+    dem = rasters_of(folder).get("dem", folder / "dem.asc")
+    made = read_rockyfor3d(folder, file.parent, outline_of(dem, terrain).crs or None)
+    comments = "".join(
+        textwrap.fill(note, 100, initial_indent="# - ", subsequent_indent="#   ") + "\n"
+        for note in made.notes
+    )
+    text = f"# From {folder.name}, inputs of Rockyfor3D.\n{comments}\n"
+    text += short_template(with_values(made.keys, assignments))
+    files = [file]
+    with ExitStack() as staged:
+        for name, layer in made.layers.items():
+            files.append(file.parent / f"{name}.gpkg")
+            work = staged.enter_context(staged_file(files[-1], overwrite))
+            layer.to_file(work, driver="GPKG", layer=name)
+        for name, table in made.tables.items():
+            files.append(file.parent / f"{name}.csv")
+            write_table(staged.enter_context(staged_file(files[-1], overwrite)), [table])
+        staged.enter_context(staged_file(file, overwrite)).write_text(text, encoding="utf-8")
+    return files, made.notes
+
+
+def sample_folder() -> Path:
+    """Folder of the samples: in the installed package, or beside it in a source tree.
+
+    Raises
+    ------
+    InputError
+        If the installation has none.
+    """
+    package = Path(sassgis.__file__).resolve().parent
+    for folder in (package / "data" / "sample_dem", package.parent / "sample_dem"):
+        if (folder / "valley" / "config.toml").is_file():
+            return folder
+    raise InputError("the sample terrain is missing from this installation", file=package)
+
+
+def write_samples(folder: Path) -> None:
+    """Write the samples, with their configurations, into a new folder; it appears whole or not."""
+    if os.path.lexists(folder):
+        raise OutputError(f"{folder}: exists already; choose a new folder")
+    with staged_output(folder, overwrite=False) as work:
+        shutil.copytree(
+            sample_folder(),
+            work,
+            ignore=shutil.ignore_patterns("__pycache__", "*.py"),
+            copy_function=shutil.copyfile,
+            dirs_exist_ok=True,
+        )

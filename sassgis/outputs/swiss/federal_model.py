@@ -1,0 +1,329 @@
+"""The Swiss minimal geodata model 166.1: its classes, where it holds, and values as it takes them.
+
+The tables are ``data/federal_model.toml``, which names the source.
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from importlib import resources
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+import pandas as pd
+import pyproj
+import shapely
+
+from sassgis.errors import InputError
+from sassgis.files.plain_file import NO_XML
+from sassgis.settings.crs import crs_parts, same_crs
+from sassgis.settings.hazard_rules import Canton, HazardPreset
+
+MODEL_TITLE = "Swiss federal minimal geodata model 166.1, Hazard Mapping, version 1.3"
+MODEL_NAME, MODEL_VERSION = "Hazard_Mapping_LV95_V1_3", "2021-03-01"
+MODEL_URI = "https://models.geo.admin.ch/BAFU/"
+TOPIC = f"{MODEL_NAME}.hazard_mapping"
+#: EPSG code of the model's coordinates: CH1903+ / LV95.
+FEDERAL_EPSG = 2056
+#: (west, south, east, north) within which coordinates may lie (m).
+FEDERAL_EXTENT = (2_460_000.0, 1_045_000.0, 2_870_000.0, 1_310_000.0)
+#: Decimals of a coordinate in metres: 1 mm.
+DECIMALS = 3
+#: Up to this (years) no scenario is extreme, and an intensity is stated in detail.
+LONGEST_OF_A_SCENARIO = 300
+#: What every delivery holds; the other classes are of the extended model.
+MINIMUM_CLASSES = ("assessment_area", "synoptic_intensity", "hazard_area")
+RESPONSIBILITY = "data_responsibility"
+
+
+@dataclass(frozen=True, slots=True)
+class Attribute:
+    """One attribute of a class of the model: a column of the layer.
+
+    ``codes`` are the values of a "code", ``longest`` the most characters of a "text", ``low`` and
+    ``high`` the limits of a number, both allowed, ``decimals`` those of a "number" in the transfer
+    file. ``default`` is what the program writes where it knows no better.
+    """
+
+    name: str
+    alias: str
+    kind: str
+    required: bool = True
+    codes: tuple[str, ...] = ()
+    longest: int = 0
+    low: float = -math.inf
+    high: float = math.inf
+    unit: str = ""
+    decimals: int = 0
+    default: Any = None
+
+    @property
+    def expected(self) -> str:
+        """What may stand there, in words."""
+        words = {
+            "boolean": "true or false",
+            "code": f"one of {', '.join(self.codes)}",
+            "text": f"a text of at most {self.longest} characters",
+            "whole": f"a whole number, {self.low:g} to {self.high:g}",
+            "number": f"a number, {self.low:g} to {self.high:g}",
+        }
+        return words[self.kind]
+
+
+@dataclass(frozen=True, slots=True)
+class FederalClass:
+    """One class of the model: the layer of the same name.
+
+    ``geometry`` names the attribute that holds the surface; the others are in the order of the
+    transfer, those that are inherited first.
+    """
+
+    name: str
+    title: str
+    description: str
+    geometry: str
+    attributes: tuple[Attribute, ...]
+
+
+def _model() -> tuple[dict[str, tuple[str, ...]], dict[str, FederalClass]]:
+    file = resources.files("sassgis") / "data" / "federal_model.toml"
+    table = tomllib.loads(file.read_text(encoding="utf-8"))
+    codes = {name: tuple(entries) for name, entries in table["codes"].items()}
+    codes["canton"] = get_args(Canton)  # and Liechtenstein
+    attributes = {}
+    for name, own in table["attributes"].items():
+        kind = "code" if "codes" in own else "text" if "longest" in own else own["kind"]
+        listed = codes[own["codes"]] if "codes" in own else ()
+        attributes[name] = Attribute(name, **{**own, "kind": kind, "codes": listed})
+    classes = {
+        name: FederalClass(
+            name, **{**own, "attributes": tuple(attributes[a] for a in own["attributes"])}
+        )
+        for name, own in table["classes"].items()
+    }
+    return codes, classes
+
+
+CODES, _CLASSES = _model()
+FEDERAL_CLASSES: Mapping[str, FederalClass] = _CLASSES
+
+
+def is_lv95(crs: pyproj.CRS | str | None) -> bool:
+    """Whether coordinates are CH1903+ / LV95 (EPSG:2056), with a height system or without."""
+    if crs is None or crs == "":
+        return False
+    plane, _ = crs_parts(pyproj.CRS.from_user_input(crs))
+    return same_crs(plane, pyproj.CRS.from_epsg(FEDERAL_EPSG))
+
+
+def in_federal_extent(
+    crs: pyproj.CRS | str | None, bounds: tuple[float, float, float, float]
+) -> bool:
+    """Whether coordinates are those of the federal model, and within its extent.
+
+    The system is None or empty for local coordinates; bounds are west, south, east, north (m).
+    """
+    west, south, east, north = bounds
+    low_x, low_y, high_x, high_y = FEDERAL_EXTENT
+    inside = low_x <= west <= east <= high_x and low_y <= south <= north <= high_y
+    return inside and is_lv95(crs)
+
+
+def has_federal_codes(preset: HazardPreset) -> bool:
+    """Whether the classes and return periods of a preset can be written in the federal codes."""
+    return (
+        all(c.code in CODES["intensity_class"] for c in preset.intensities)
+        and all(c.code in CODES["hazard_level"] for c in preset.levels)
+        and all(t == int(t) and 1 <= t <= 10_000 for t in preset.return_periods)
+    )
+
+
+def federal_note(federal: bool) -> str:
+    """What descriptions and metadata say of the federal model.
+
+    It is claimed for what :func:`in_federal_extent` and :func:`has_federal_codes` accept.
+    """
+    if federal:
+        return f"Attributes and codes of the {MODEL_TITLE}."
+    return (
+        "Not data of a federal geodata model: the result lies outside Switzerland, in other "
+        "coordinates, or has other classes."
+    )
+
+
+# ---------------------------------------------------------------------------------------------
+# Values and zones: checked, shortened, on coordinates of 1 mm
+
+
+def checked_values(
+    kind: FederalClass,
+    values: Mapping[str, Any],
+    where: str,
+    federal: bool = True,
+    optional: tuple[str, ...] = (),
+    file: Path | None = None,
+) -> dict[str, Any]:
+    """Values of one feature as the model has them: plain str, int, float, bool or None.
+
+    Messages speak of the feature as ``where``, and name ``file``. Those of a ``federal`` layer must
+    have the codes of the model; ``optional`` attributes may be empty nevertheless.
+    """
+
+    def refused(attribute: str, problem: str, found: object, expected: str) -> InputError:
+        place, problem = f"{kind.name}.{attribute}", f"{where}: {problem}"
+        return InputError(problem, file=file, field=place, found=found, expected=expected)
+
+    checked: dict[str, Any] = {}
+    for attribute in kind.attributes:
+        found = plain(values.get(attribute.name))
+        value = None if found is None else _of_kind(attribute, found, federal)
+        if found is None and attribute.required and attribute.name not in optional:
+            raise refused(attribute.name, "value is missing", None, attribute.expected)
+        if found is not None and value is None:
+            if isinstance(found, str) and attribute.longest:
+                found = f"{len(found)} characters"
+            raise refused(attribute.name, "value cannot be used", found, attribute.expected)
+        checked[attribute.name] = value
+    if broken := _broken_rule(checked):
+        raise refused(*broken)
+    return checked
+
+
+def _broken_rule(values: Mapping[str, Any]) -> tuple[str, str, object, str] | None:
+    """The constraint of the model that values do not keep: attribute, problem, found, expected."""
+    if "extreme_scenario" in values:
+        years, extreme = values["return_period_in_years"], values["extreme_scenario"]
+        rare = years is not None and years > LONGEST_OF_A_SCENARIO
+        stated = f"a return period of {years} years" if years is not None else "no return period"
+        if years is None and not extreme:
+            expected = "years, unless the scenario is extreme"
+            return "return_period_in_years", "value is missing", None, expected
+        if extreme and years is not None and not rare:
+            expected = f"none, or more than {LONGEST_OF_A_SCENARIO}"
+            return "extreme_scenario", "an extreme scenario is too frequent", stated, expected
+        if values["intensity_class"] == "existing_impact" and not rare:
+            expected = f"existing_impact with more than {LONGEST_OF_A_SCENARIO} years only"
+            return "intensity_class", "an intensity is not stated in detail", stated, expected
+    probability = values.get("subscenario_probability")
+    if probability is not None and probability != 1.0 and not values["scenario_description"]:
+        expected = "a text, unless the probability of the sub-scenario is 1"
+        return "scenario_description", "value is missing", None, expected
+    return None
+
+
+def plain(value: Any) -> Any:
+    """None for all that means empty; text in single spaces, without what XML cannot hold."""
+    if value is None or value is pd.NA or value != value:
+        return None
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, str):
+        return " ".join(NO_XML.sub("", value).split()) or None
+    return value
+
+
+def _of_kind(attribute: Attribute, value: Any, federal: bool) -> Any:
+    """The value in the kind of the attribute; None where it is not of it."""
+    if attribute.kind == "boolean":
+        # Where a column has gaps, booleans come as 0 and 1.
+        return bool(value) if value in (0, 1) else None
+    if attribute.kind in ("whole", "number"):
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            return None
+        if not attribute.low <= value <= attribute.high:
+            return None
+        if attribute.kind == "whole" and value != int(value):
+            return None
+        return int(value) if attribute.kind == "whole" else float(value)
+    if not isinstance(value, str):
+        return None
+    if attribute.kind == "code":
+        return value if not federal or value in attribute.codes else None
+    return value if len(value) <= attribute.longest else None
+
+
+def unique_short_names(names: Sequence[str], longest: int = 50) -> dict[str, str]:
+    """Cut names so that they are short enough and still differ; those that are short stay."""
+    wanted = list(dict.fromkeys(names))
+    plain = {name: " ".join(name.split()) for name in wanted}
+    if empty := [name for name in wanted if not plain[name]]:
+        raise InputError("a source has no name", found=repr(empty[0]), expected="a text")
+    taken: set[str] = set()
+    short: dict[str, str] = {}
+    # Those that need no cut have the first claim to their own name.
+    for name in sorted(wanted, key=lambda name: len(plain[name]) > longest):
+        text, number = plain[name][:longest].rstrip(), 1
+        while text in taken:
+            number += 1
+            end = f"~{number}"
+            text = plain[name][: longest - len(end)].rstrip() + end
+        taken.add(text)
+        short[name] = text
+    return {name: short[name] for name in wanted}
+
+
+def shortened(text: str, longest: int = 400) -> str:
+    """Text cut at a word, with an ellipsis, where it is too long."""
+    text = " ".join(text.split())
+    if len(text) <= longest:
+        return text
+    head = text[: longest - 1]
+    words = head.rsplit(" ", 1)[0]
+    return f"{words.rstrip(' ,;:') or head}…"
+
+
+def surface_parts(geometry: Any, *, where: str, file: Path | None = None) -> list[Any]:
+    """Single polygons with straight edges, without heights, on coordinates of 1 mm.
+
+    Corners that polygons share stay shared. What vanishes on the grid of 1 mm is left out. Messages
+    name ``where`` and ``file``.
+    """
+    wrong = partial(InputError, file=file)
+    if not isinstance(geometry, shapely.Polygon | shapely.MultiPolygon):
+        raise wrong(
+            f"{where}: cannot be a zone",
+            found="nothing" if geometry is None else getattr(geometry, "geom_type", geometry),
+            expected="a polygon with straight edges",
+        )
+    if not np.isfinite(shapely.get_coordinates(geometry)).all():
+        raise wrong(f"{where}: a coordinate is no number")
+    if not geometry.is_valid:
+        raise wrong(f"{where}: the polygon is not valid", found=shapely.is_valid_reason(geometry))
+    parts = []
+    for part in shapely.get_parts(shapely.force_2d(geometry)).tolist():
+        parts += _on_millimetres(part)
+    return parts
+
+
+def _on_millimetres(polygon: Any) -> list[Any]:
+    if polygon.is_empty:
+        return []
+    # Not set_precision at once: it may put corners where the neighbour has none.
+    rounded = shapely.transform(polygon, lambda xy: np.round(xy, DECIMALS))
+    rounded = shapely.remove_repeated_points(rounded)
+    if not rounded.is_valid:
+        rounded = shapely.set_precision(polygon, 10.0**-DECIMALS)
+        rounded = shapely.transform(rounded, lambda xy: np.round(xy, DECIMALS))
+    return [
+        part
+        for part in shapely.get_parts(rounded).tolist()
+        if part.geom_type == "Polygon" and not part.is_empty and part.is_valid
+    ]
+
+
+def check_extent(geometries: Sequence[Any], *, field: str, file: Path | None = None) -> None:
+    """Raise InputError for coordinates outside the extent of the federal model."""
+    if not len(geometries) or shapely.is_empty(geometries).all():
+        return
+    west, south, east, north = shapely.total_bounds(geometries).tolist()
+    low_x, low_y, high_x, high_y = FEDERAL_EXTENT
+    if not (low_x <= west and east <= high_x and low_y <= south and north <= high_y):
+        found = f"E {west:.10g} to {east:.10g}, N {south:.10g} to {north:.10g}"
+        expected = f"E {low_x:.10g} to {high_x:.10g}, N {low_y:.10g} to {high_y:.10g}"
+        problem = "zones lie outside the extent of the federal model"
+        raise InputError(problem, file=file, field=field, found=found, expected=expected)

@@ -1,0 +1,243 @@
+"""Hazard zones as an INTERLIS 2 transfer file (XTF) of the federal model 166.1.
+
+Sources: KOGIS, *INTERLIS 2 – Reference Manual*, edition of 2006 (INTERLIS 2.3), chapter 3; the
+Federal Office for the Environment's minimal geodata model 166.1:
+:mod:`sassgis.outputs.swiss.federal_model`.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import uuid
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import count, pairwise
+from pathlib import Path
+from typing import Any, NamedTuple, get_args
+from xml.sax.saxutils import escape
+
+import geopandas as gpd
+import jinja2
+import numpy as np
+import shapely
+from pyogrio.errors import DataLayerError
+
+from sassgis import __version__
+from sassgis.errors import ConfigError, InputError
+from sassgis.files.atomic_output import staged_file
+from sassgis.files.gdal_safety import read_frame, vector_file
+from sassgis.inputs.result_folder import check_is_result
+from sassgis.outputs.swiss import federal_model
+from sassgis.outputs.swiss.federal_model import (
+    FEDERAL_CLASSES,
+    FEDERAL_EPSG,
+    MINIMUM_CLASSES,
+    MODEL_NAME,
+    RESPONSIBILITY,
+    Attribute,
+    FederalClass,
+    check_extent,
+    checked_values,
+    is_lv95,
+    plain,
+    surface_parts,
+)
+from sassgis.outputs.swiss.validation import (
+    XTF_NAMESPACE,
+    ValidationResult,
+    check_validator,
+    validate_xtf,
+)
+from sassgis.settings.hazard_rules import Canton
+
+PACKAGE_NAME = "hazard.gpkg"
+_NAMESPACE = uuid.UUID("0a5f4c7e-6f0b-5d0e-9b56-1b6d1c8c7d15")
+
+
+class XtfObject(NamedTuple):
+    """An object: its identifier, its texts by attribute, its zone."""
+
+    tid: str
+    texts: Mapping[str, str]
+    polygon: Any
+
+
+@dataclass(frozen=True, slots=True)
+class ExportResult:
+    """A transfer file that was written, its objects by class, and what the validator says of it.
+
+    The validation is None where it was not asked for.
+    """
+
+    path: Path
+    objects: Mapping[str, int]
+    validation: ValidationResult | None = None
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the validator accepted the file, or was not asked."""
+        return self.validation is None or self.validation.valid
+
+    def lines(self) -> list[str]:
+        """Summary and verdict in words."""
+        counts = ", ".join(f"{name} {count}" for name, count in self.objects.items())
+        verdict = self.validation.lines() if self.validation else ()
+        return [f"Wrote {self.path}, model {MODEL_NAME}: {counts}.", *verdict]
+
+
+def export_xtf(
+    result_folder: Path,
+    xtf: Path,
+    models: Path | None = None,
+    validate: bool = False,
+    *,
+    canton: str | None = None,
+    overwrite: bool = False,
+) -> ExportResult:
+    """Write the hazard zones of a result as INTERLIS 2.3 transfer file.
+
+    Equal layers give equal files: the identifiers of objects are made from what they hold. Layers
+    that are not in the minimum model may be absent. The canton ("TI") is responsible for the data
+    where the layers do not say.
+
+    ``models`` is a folder with the files of the federal model and of all models that it imports,
+    against which the validator checks the file; one that it refuses is written all the same. To
+    ``validate`` without them is an error.
+    """
+    if validate and models is None:
+        raise ConfigError(
+            "validation needs the files of the model", field="models", expected="their folder"
+        )
+    if canton is not None and canton not in get_args(Canton):
+        codes = ", ".join(get_args(Canton))
+        raise ConfigError("is no code of a canton", field="canton", found=canton, expected=codes)
+    check_is_result(result_folder)
+    package = result_folder / PACKAGE_NAME
+    if not package.is_file():
+        expected = f"{PACKAGE_NAME} in it, which a run of hazard zones writes"
+        raise InputError("this result has no hazard zones", file=result_folder, expected=expected)
+    if models is not None:
+        check_validator(models)
+    objects = {name: _objects(package, kind, canton) for name, kind in FEDERAL_CLASSES.items()}
+    with (
+        staged_file(xtf, overwrite) as work,
+        work.open("w", encoding="utf-8", newline="\n") as stream,
+    ):
+        stream.writelines(_document(objects))
+    counts = {name: len(found) for name, found in objects.items()}
+    return ExportResult(xtf, counts, None if models is None else validate_xtf(xtf, models))
+
+
+def _objects(file: Path, kind: FederalClass, canton: str | None) -> list[XtfObject]:
+    frame = _read_layer(file, kind)
+    seen: dict[str, int] = {}
+    objects: list[XtfObject] = []
+    if frame is None:
+        return objects
+    records = frame.drop(columns="geometry").to_dict("records")
+    for fid, record, geometry in zip(frame.index, records, frame.geometry, strict=True):
+        where = f"feature {fid}"
+        given: dict[str, Any] = {str(key): value for key, value in record.items()}
+        given[RESPONSIBILITY] = plain(given[RESPONSIBILITY]) or canton
+        values = checked_values(kind, given, where, file=file)
+        texts = {a.name: text for a in kind.attributes if (text := _text(a, values[a.name]))}
+        for polygon in surface_parts(geometry, where=f"{kind.name}, {where}", file=file):
+            content = json.dumps([kind.name, values], sort_keys=True, ensure_ascii=True)
+            content += shapely.to_wkb(polygon.normalize(), hex=True)
+            seen[content] = seen.get(content, 0) + 1
+            identity = uuid.uuid5(_NAMESPACE, f"{content}|{seen[content]}")
+            # "<identifier of the canton>.<canton>.ch", as a name of XML: it begins with no digit.
+            tid = f"_{identity}.{values[RESPONSIBILITY].lower()}.ch"
+            objects.append(XtfObject(tid, texts, polygon))
+    return objects
+
+
+def _read_layer(file: Path, kind: FederalClass) -> gpd.GeoDataFrame | None:
+    """A layer in the coordinates of the model; None where it is absent and may be."""
+    wrong = partial(InputError, file=file, field=kind.name)
+    with vector_file(file, kind.name):
+        try:
+            frame = read_frame(file, kind.name, fid_as_index=True)
+        except DataLayerError:
+            if kind.name not in MINIMUM_CLASSES:
+                return None
+            raise wrong("layer is missing") from None
+    if not isinstance(frame, gpd.GeoDataFrame):
+        raise wrong("layer has no zones", expected="polygons")
+    if not is_lv95(frame.crs):
+        raise wrong(
+            "the federal model is for Switzerland only",
+            found="local coordinates" if frame.crs is None else frame.crs.name,
+            expected=f"coordinates in EPSG:{FEDERAL_EPSG}",
+        )
+    if absent := [a.name for a in kind.attributes if a.name not in frame]:
+        expected = "the columns of model 166.1, as this version writes them"
+        raise wrong("column is missing", field=f"{kind.name}.{absent[0]}", expected=expected)
+    check_extent(frame.geometry.dropna().to_numpy(), field=kind.name, file=file)
+    return frame
+
+
+def _text(attribute: Attribute, value: Any) -> str:
+    """A checked value as the file has it; empty for none."""
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if attribute.kind == "number":
+        return f"{value:.{attribute.decimals}f}"
+    return str(value)
+
+
+def _document(objects: Mapping[str, Sequence[XtfObject]]) -> Iterator[str]:
+    """The text of a transfer file in pieces, as it may be large.
+
+    ``objects`` are those of each class; the identifier of the basket is made from theirs.
+    """
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("sassgis", "data"),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters["xml"] = escape
+    tids = [item.tid for inside in objects.values() for item in inside]
+    return environment.get_template("federal_model.xtf.j2").generate(
+        xmlns=XTF_NAMESPACE,
+        version=__version__,
+        model=federal_model,
+        basket=uuid.uuid5(_NAMESPACE, "|".join([federal_model.TOPIC, *tids])),
+        objects=[(federal_model.FEDERAL_CLASSES[name], own) for name, own in objects.items()],
+        rings=touching_at_corners,
+    )
+
+
+def touching_at_corners(polygon: Any) -> list[list[tuple[float, float]]]:
+    """Closed rings of a valid polygon, the outline first; where they touch, both have a corner.
+
+    INTERLIS takes a corner on the edge of another ring for an intersection.
+    """
+    rings = [list(ring.coords) for ring in (polygon.exterior, *polygon.interiors)]
+    if len(rings) == 1:
+        return rings
+    edges = np.array([edge for ring in rings for edge in pairwise(ring)])
+    corners = np.unique(np.concatenate([np.array(ring) for ring in rings]), axis=0)
+    tree = shapely.STRtree(shapely.linestrings(edges))  # type: ignore[arg-type]
+    which, edge = tree.query(shapely.points(corners), predicate="intersects")
+    inner = (corners[which] != edges[edge, 0]).any(axis=1)
+    inner &= (corners[which] != edges[edge, 1]).any(axis=1)
+    added: dict[int, list[tuple[float, float]]] = {}
+    for corner, at in zip(corners[which[inner]].tolist(), edge[inner].tolist(), strict=True):
+        added.setdefault(at, []).append((corner[0], corner[1]))
+    numbers = count()
+    whole = []
+    for ring in rings:
+        corners_of = [ring[0]]
+        for start, end in pairwise(ring):
+            between = [
+                (math.dist(start, corner), corner) for corner in added.get(next(numbers), [])
+            ]
+            corners_of += [*(corner for _, corner in sorted(between)), end]
+        whole.append(corners_of)
+    return whole

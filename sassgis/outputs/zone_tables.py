@@ -1,0 +1,171 @@
+"""Tables of a zoning: sources, and what stations and barriers must take."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import pandas as pd
+
+from sassgis.files.vector_layer import VectorLayer
+from sassgis.grid import FloatArray, Grid
+from sassgis.hazard.design import (
+    Arrivals,
+    arrivals,
+    net_class,
+    passing_rate,
+    rocks_beyond,
+    sphere_diameter_m,
+    value_at_rate,
+    value_limits,
+)
+from sassgis.hazard.sources import Sampled
+from sassgis.outputs.frames import table_of
+from sassgis.settings.labels import rounded
+from sassgis.settings.results import ControlLine
+from sassgis.simulation.control_lines import BEHIND
+from sassgis.terrain.moved_lines import mean_height_m, moved_lines
+
+
+def source_table(sampled: Sequence[Sampled]) -> pd.DataFrame:
+    """Release area, scenario, onset frequency and the blocks behind it."""
+    columns = {
+        "area": "source.area",
+        "scenario": "source.scenario",
+        "onset_per_year": "source.frequency",
+        "rocks": "source.rocks",
+        "per_year_of_one_rock": "source.rate_per_rock",
+    }
+    return table_of(sampled, columns, {"onset_per_year": 6, "per_year_of_one_rock": 6})
+
+
+def design_table(
+    control_lines: Sequence[ControlLine],
+    without_barriers: Sequence[Sampled],
+    return_periods_years: Sequence[float],
+    confidence: float = 0.95,
+) -> pd.DataFrame:
+    """What reaches each station and barrier line without barriers, by residual frequency.
+
+    A value is empty where blocks arrive less often than its return period asks for, a limit
+    (``low``, ``high``) where the sample of blocks has none.
+    """
+    rows = []
+    for i, control_line in enumerate(control_lines):
+        energy, height = (arrivals(without_barriers, i, q) for q in ("energy_kj", "height_m"))
+        row: dict[str, object] = {
+            "line": control_line.name,
+            "kind": control_line.kind,
+            "rocks": int(energy.rocks[0]),
+            "arrivals_per_year": rounded(energy.rate[0], 4),
+        }
+        for name, curve in (("energy", energy), ("height", height)):
+            unit = "kj" if name == "energy" else "m"
+            rates = {f"q{100 * p:.0f}": (1.0 - p) * float(curve.rate[0]) for p in (0.95, 0.99)}
+            rates |= {f"{years:g}y": 1.0 / years for years in return_periods_years}
+            for what, rate in rates.items():
+                key = f"{name}_{what}_{unit}"
+                row |= _named(key, _limited(curve, rate, confidence))
+                if what.endswith("y"):
+                    row[f"{name}_{what}_rocks_beyond"] = rocks_beyond(curve, rate)
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def design_tables(
+    grid: Grid,
+    lines: Sequence[tuple[ControlLine, FloatArray]],
+    without_barriers: Sequence[Sampled],
+    return_periods_years: Sequence[float],
+    confidence: float = 0.95,
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """What reaches each line, and its copies along the slope where they were simulated."""
+    copies = moved_lines(grid, lines)
+    sums = without_barriers[0].control_lines.control_lines if without_barriers else ()
+    if len(sums) < len(lines) + len(copies):
+        copies = ()
+    stations = [line for line, _ in lines]
+    stations += [copy.as_station(stations[copy.of].name)[0] for copy in copies]
+    design = design_table(stations, without_barriers, return_periods_years, confidence)
+    if not lines:
+        return design, design
+    placed = [(line.name, 0.0, trace) for line, trace in lines]
+    placed += [(stations[c.of].name, c.moved_m, c.trace) for c in copies]
+    moved = [(name, m, round(mean_height_m(grid, trace), 1)) for name, m, trace in placed]
+    released = sum(s.source.frequency for s in without_barriers)
+    return design.iloc[: len(lines)], places_table(design, moved, released)
+
+
+def places_table(
+    design: pd.DataFrame, moved: Sequence[tuple[str, float, float]], released_per_year: float
+) -> pd.DataFrame:
+    """What reaches each line and its copies along the slope.
+
+    ``design`` is the design_table of the lines and their copies; ``moved`` says for each row the
+    line, how far downslope it was moved, and the mean height of the ground there (m).
+    ``released_per_year`` is the onset frequency of all sources together; with 0 there is no share.
+    """
+    places = pd.DataFrame(list(moved), columns=["line", "moved_m", "ground_m"])
+    released = released_per_year or float("nan")
+    places["share"] = [rounded(rate / released, 4) for rate in design["arrivals_per_year"]]
+    table = pd.concat([places, design.drop(columns=["line", "kind"])], axis=1)
+    return table.sort_values(["line", "moved_m"], kind="stable", ignore_index=True)
+
+
+def protection_table(
+    control_lines: Sequence[ControlLine],
+    without_barriers: Sequence[Sampled],
+    with_barriers: Sequence[Sampled],
+    return_periods_years: Sequence[float],
+    density_kgm3: float,
+    confidence: float = 0.95,
+) -> pd.DataFrame:
+    """What a net at each line must be, and what goes on behind the barriers there are.
+
+    A row for each line and return period. Heights hold the whole block: the passing height and the
+    diameter of the block whose mass comes as rarely, as a sphere of a density.
+    """
+    rows = []
+    for i, line in enumerate(control_lines):
+        energies, heights, masses = (
+            arrivals(without_barriers, i, q) for q in ("energy_kj", "height_m", "mass_kg")
+        )
+        beyond = arrivals(with_barriers, i, BEHIND)
+        for years in return_periods_years:
+            rate = 1.0 / years
+            energy, height = (_limited(curve, rate, confidence) for curve in (energies, heights))
+            size = sphere_diameter_m(value_at_rate(masses, rate), density_kgm3)
+            row: dict[str, object] = {
+                "line": line.name,
+                "kind": line.kind,
+                "return_period_years": years,
+            }
+            row |= _named("energy_kj", energy)
+            row |= {"net_class": net_class(energy[0]), "net_class_high": net_class(energy[2])}
+            row["block_m"] = rounded(size, 3)
+            row |= _named("net_height_m", tuple(value + size for value in height))
+            row["arrivals_per_year"] = rounded(energies.rate[0], 4)
+            behind: tuple[float, ...] = (float("nan"),) * 3
+            row["behind_per_year"] = float("nan")
+            if line.kind != "station":
+                passing = passing_rate(beyond)
+                row["behind_per_year"] = rounded(passing, 4)
+                if passing > rate:
+                    behind = _limited(beyond, rate, confidence)
+            rows.append(row | _named(BEHIND, behind))
+    return pd.DataFrame(rows)
+
+
+def _limited(curve: Arrivals, rate: float, confidence: float) -> tuple[float, ...]:
+    """The value at a rate and its limits."""
+    return value_at_rate(curve, rate), *value_limits(curve, rate, confidence)
+
+
+def _named(key: str, values: Sequence[float]) -> dict[str, object]:
+    """A value and its limits as columns."""
+    ends = ("", "_low", "_high")
+    return {f"{key}{end}": rounded(v, 4) for end, v in zip(ends, values, strict=True)}
+
+
+def layer_table(layer: VectorLayer) -> pd.DataFrame:
+    """The attributes of a layer."""
+    return pd.DataFrame(layer.frame.drop(columns="geometry"))

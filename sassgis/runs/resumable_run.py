@@ -1,0 +1,273 @@
+"""A run as a job: inputs that are read, a simulation that is saved and goes on after a stop."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from sassgis.errors import ConfigError, Interrupted, OutputError
+from sassgis.files.digests import value_digest
+from sassgis.files.plain_file import seen_from
+from sassgis.hazard.warnings import release_warnings, simulation_warnings
+from sassgis.inputs.config import configure, load_config
+from sassgis.outputs.frames import require_parquet
+from sassgis.runs.inputs import collected_notices, input_digests, read_map_run
+from sassgis.settings.languages import named, phrase
+from sassgis.settings.map_run import BlockRows, MapRun, Round
+from sassgis.settings.process import require_memory
+from sassgis.settings.run_config import Config
+from sassgis.settings.statistics_table import SUM_NAMES
+from sassgis.simulation.accumulators import Progress
+from sassgis.simulation.checkpoint import Checkpoint
+from sassgis.simulation.control_lines import QUANTITIES
+from sassgis.simulation.estimate import estimate_of
+from sassgis.simulation.loop import check_starts, check_tolerance, simulate_map
+from sassgis.simulation.response import ToleranceCheck
+from sassgis.simulation.workers import Jobs, OnProgress, Workers, available_cores, held_back
+from sassgis.terrain.plan import Plan, plan
+
+#: Seconds between two savings of the state of a run.
+SAVE_EVERY_S = 60.0
+
+_CHANGED = (
+    "{} has changed since it was read: the result is of the file as it was before, its digest in "
+    "manifest.json of the file as it is now."
+)
+#: Times that files are read, if they change meanwhile.
+_READINGS = 3
+
+#: A configuration: its file, its sections as a mapping, or what was read from either.
+AnyConfig = Config | str | Path | Mapping[str, Any]
+#: Gives another round of a run on its plan, after what there is so far; None: it is enough.
+NextRound = Callable[[MapRun, Plan, Progress], Round | None]
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """A run that is ready to be simulated: inputs, plan, and what the readers had to say."""
+
+    config: Config
+    run: MapRun
+    planned: Plan
+    notices: tuple[str, ...]
+    # Digests of its files as they were read, by file; none where they are not looked at again.
+    read: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Workplace:
+    """Where a job is worked on, by whom, and who is told."""
+
+    folder: Path | None  # working folder of the result; None where nothing is to be written
+    jobs: Jobs
+    on_progress: OnProgress | None
+    tell: Callable[[str], None]  # called with a line of text now and then
+
+
+@dataclass(frozen=True, slots=True)
+class Simulation:
+    """A run that has been simulated."""
+
+    config: Config
+    run: MapRun
+    planned: Plan
+    progress: Progress
+    checkpoint: Checkpoint  # holds the rows for tables
+    warnings: tuple[str, ...]
+    seconds: float
+    # How a sample depends on the tolerance of the segments; None where that was not asked.
+    tolerance: ToleranceCheck | None = None
+
+
+def configured(config: AnyConfig, seed: int | None) -> Config:
+    """The configuration, read or made if need be, with another seed if one is given."""
+    if isinstance(config, Mapping):
+        config = configure(**config)
+    if not isinstance(config, Config):
+        return load_config(config, {} if seed is None else {"run.seed": seed})
+    if seed is None:
+        return config
+    return replace(config, run=replace(config.run, seed=seed))
+
+
+def read_job(config: Config, areas: Sequence[str] | None, tell: Callable[[str], None]) -> Job:
+    """Read the inputs of a run and place its release points."""
+    tell("Reading the inputs")
+    digests = input_digests(config)
+    for _ in range(_READINGS):
+        with collected_notices() as notices:
+            run = read_map_run(config, areas)
+        before, digests = digests, input_digests(config)
+        if digests == before:
+            break
+    check_means(config, run)
+    tell("Placing the release points")
+    return Job(config, run, plan(run), (*config.notes, *notices), digests)
+
+
+def check_means(config: Config, run: MapRun, jobs: Jobs = None) -> None:
+    """Check that there is what a run needs: memory, of a cluster in this process, and pyarrow."""
+    if "parquet" in (config.output.rock_table, config.output.passage_table):
+        require_parquet()
+    workers = workers_asked(config, jobs)
+    require_memory(estimate_of(run, workers if isinstance(workers, int) else 1).need, config.file)
+
+
+def jobs_within(config: Config, run: MapRun, jobs: Jobs, memory_gb: float | None) -> Jobs:
+    """As many of the threads asked for as fit into a memory; others who work as they are.
+
+    InputError: one thread does not fit, or what this process needs for others who work.
+    """
+    if memory_gb is None:
+        return jobs
+    most, asked = int(memory_gb * 1e9), workers_asked(config, jobs)
+    threads = asked if isinstance(asked, int) else 1
+    while threads > 1 and sum(estimate_of(run, threads).need.values()) > most:
+        threads -= 1
+    require_memory(estimate_of(run, threads).need, config.file, most)
+    return threads if isinstance(asked, int) else asked
+
+
+def simulate_job(
+    job: Job,
+    place: Workplace,
+    *,
+    next_round: NextRound | None = None,
+    schedule: str = "",
+    part: str = "",
+    sums_only: bool = False,
+) -> Simulation:
+    """Simulate a job; what is computed is kept in the working folder whatever happens.
+
+    Parameters
+    ----------
+    next_round : callable, optional
+        Asked after the rounds of the run, and after each that it gives, for another one; None ends
+        the simulation.
+    schedule : str
+        What the rounds depend on: a saved state of another schedule is not used, as it may hold
+        more of them than this one needs.
+    part : str
+        Name of the simulation among several for one result.
+    sums_only : bool
+        Whether only the sums are wanted, and written at once: no sample is repeated at other
+        tolerances of the segments, and the state is not saved once more at the end.
+    """
+    config, run, planned, tell = job.config, job.run, job.planned, place.tell
+    check_means(config, run, place.jobs)
+    jobs = workers_asked(config, place.jobs)
+    check_starts(run, planned.points, lambda: planned, config.release.file)
+    fingerprint = state_fingerprint(config, run, schedule)
+    checkpoint = Checkpoint(place.folder, fingerprint, part)
+    began = time.perf_counter()
+    resumed = checkpoint.restore(run, tell)
+    progress = resumed if resumed is not None else Progress.fresh(run)
+    if resumed is not None:
+        tell(f"Going on after {resumed.chunks} chunks of an interrupted run")
+    while True:
+        run = replace(run, rounds=progress.rounds)
+        tell("Simulating")
+        simulate_saved(
+            run, planned, progress, checkpoint, jobs, place.on_progress, _keeps_rows(config)
+        )
+        more = None if next_round is None else next_round(run, planned, progress)
+        if more is not None:
+            progress.rounds = (*progress.rounds, more)
+        if more is not None or not sums_only or _keeps_rows(config):
+            # Whatever happens while the result is written, the simulation is not lost.
+            checkpoint.save(progress)
+        if more is None:
+            break
+    seconds = time.perf_counter() - began
+    # The same blocks without barriers have the same tolerance.
+    tolerance = None
+    if not (part or sums_only):
+        tell("Repeating a sample at half and double the tolerance")
+        try:
+            tolerance = check_tolerance(run, planned, jobs)
+        except KeyboardInterrupt:
+            raise Interrupted(f"stopped by the user{checkpoint.kept}") from None
+    warnings = (
+        *job.notices,
+        *_changed(job),
+        *(() if tolerance is None else tolerance.warnings()),
+        *release_warnings(run, planned.points),
+        *simulation_warnings(run, progress),
+    )
+    return Simulation(config, run, planned, progress, checkpoint, warnings, seconds, tolerance)
+
+
+def _changed(job: Job) -> list[str]:
+    """What to say of files that have changed since they were read."""
+    now = input_digests(job.config) if job.read else {}
+    return [
+        phrase(_CHANGED, named(seen_from(job.config.base, Path(file))))
+        for file, digest in job.read.items()
+        if now[file] != digest
+    ]
+
+
+def state_fingerprint(config: Config, job: MapRun, schedule: str = "") -> str:
+    """Of all that a saved state hangs on: the run as it was read, and what is kept for tables.
+
+    The digests of its files would not do: they may be edited while it is read.
+    """
+    return value_digest((job, _keeps_rows(config), schedule, SUM_NAMES, QUANTITIES))
+
+
+def _keeps_rows(config: Config) -> bool:
+    return config.output.rock_table != "none" or config.output.passage_table != "none"
+
+
+def workers_asked(config: Config, jobs: Jobs) -> int | Workers:
+    """Who works: as asked, or as many threads or processes as configured; 0: as there are cores."""
+    wanted = config.run.jobs if jobs is None else jobs
+    if hasattr(wanted, "in_order"):
+        return wanted
+    if not isinstance(wanted, int) or wanted < 0:
+        expected = "a number of processor cores, or 0 for all"
+        raise ConfigError("cannot be used", field="jobs", found=repr(wanted), expected=expected)
+    return wanted or available_cores()
+
+
+def simulate_saved(
+    run: MapRun,
+    planned: Plan,
+    progress: Progress,
+    checkpoint: Checkpoint,
+    jobs: int | Workers,
+    on_progress: OnProgress | None = None,
+    rows: bool = False,
+) -> None:
+    """Simulate, saving the state now and then and when the user stops the run.
+
+    ``progress`` is what there is already, and grows. With ``rows`` the checkpoint keeps those of
+    single blocks.
+    """
+    saved = began = time.monotonic()
+    before = progress.seconds
+
+    def on_chunk(now: Progress, chunks: int, own: BlockRows) -> None:
+        nonlocal saved
+        now.seconds = before + time.monotonic() - began
+        if rows:
+            checkpoint.hand_on(own)
+        if time.monotonic() - saved > SAVE_EVERY_S:
+            checkpoint.save(now)
+            saved = time.monotonic()
+        if on_progress is not None:
+            on_progress(now.chunks, chunks, now.simulated)
+
+    try:
+        simulate_map(run, planned, jobs=jobs, resume=progress, on_chunk=on_chunk)
+    except (KeyboardInterrupt, OutputError) as stopped:
+        with held_back():
+            checkpoint.save(progress)
+        if isinstance(stopped, OutputError):
+            # The workers are lost.
+            raise
+        blocks = progress.simulated
+        raise Interrupted(f"stopped by the user after {blocks} blocks{checkpoint.kept}") from None

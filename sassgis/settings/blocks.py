@@ -1,0 +1,128 @@
+"""Block populations: what is drawn at random for each block."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sassgis.errors import InputError
+
+#: A low and a high limit.
+Range = tuple[float, float]
+
+#: Attributes of BlockPopulation between whose limits each block is drawn.
+LIMITS_DTYPE = np.dtype(
+    (
+        np.record,
+        [
+            (name, np.float64)
+            for name in (
+                "axis_1_m", "axis_2_m", "axis_3_m", "density_kgm3", "speed_mps", "spin_radps",
+                "drop_m", "orientation_rad", "volume_m3", "volume_exponent",
+            )
+        ],
+    )
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class BlockPopulation:
+    """Limits between which each block is drawn, all uniform and independent."""
+
+    name: str = "block"  # name of the block scenario
+    # Limits of the three *semi*-axes (m). After the draw they are sorted a >= b >= c.
+    axis_1_m: Range = (0.5, 0.5)
+    axis_2_m: Range = (0.4, 0.4)
+    axis_3_m: Range = (0.3, 0.3)
+    density_kgm3: Range = (2700.0, 2700.0)
+    speed_mps: Range = (0.0, 0.0)  # initial speed along the slope, positive downhill
+    # Initial spin, positive as a block that rolls downhill.
+    spin_radps: Range = (0.0, 0.0)
+    # Height above the resting position from which the block is released.
+    drop_m: Range = (0.0, 0.0)
+    # Angle of the major axis to the slope.
+    orientation_rad: Range = (0.0, float(np.pi))
+    # Limits of the volume (m³). Where they are given, the axes are relative: they set the shape,
+    # the volume the size.
+    volume_m3: Range | None = None
+    # The b of the power law N(V > v) ~ v^-b from which volumes are drawn between their limits;
+    # without it all volumes between them are equally likely.
+    volume_exponent: float | None = None
+
+    def __post_init__(self) -> None:
+        positive = ["axis_1_m", "axis_2_m", "axis_3_m", "density_kgm3"]
+        if self.volume_m3 is not None:
+            positive.append("volume_m3")
+        for field in (*positive, "speed_mps", "spin_radps", "drop_m", "orientation_rad"):
+            low, high = getattr(self, field)
+            found = f"[{low:g}, {high:g}]"
+            if not (np.isfinite(low) and np.isfinite(high)):
+                raise self._refused("limits must be numbers", field, (low, high))
+            if low > high:
+                raise self._refused("limits are reversed", field, found, "[low, high]")
+            if field in positive and low <= 0.0:
+                expected = "two positive numbers, low first"
+                raise self._refused("must be above zero", field, found, expected)
+        for field in ("drop_m", "speed_mps"):
+            if getattr(self, field)[0] < 0.0:
+                problem = "drop and speed cannot be negative"
+                raise self._refused(problem, field, None, "zero or more")
+        if self.volume_exponent is not None and self.volume_m3 is None:
+            problem, field = "has no volumes to go with", "volume_exponent"
+            raise self._refused(problem, field, self.volume_exponent, "volume_m3 as well")
+
+    def _refused(
+        self, problem: str, field: str, found: object, expected: str | None = None
+    ) -> InputError:
+        problem = f"blocks {self.name!r}: {problem}"
+        return InputError(problem, field=field, found=found, expected=expected)
+
+    def limits(self) -> NDArray[np.void]:
+        """Limits as the kernel reads them: LIMITS_DTYPE, shape (2,), the lower ones first.
+
+        No volume stands as zeros, no exponent as NaN.
+        """
+        rows = np.zeros(2, LIMITS_DTYPE)
+        for name in LIMITS_DTYPE.names or ():
+            value = getattr(self, name)
+            rows[name] = 0.0 if value is None else value
+        if self.volume_exponent is None:
+            rows["volume_exponent"] = np.nan
+        return rows
+
+    @property
+    def largest_volume_m3(self) -> float:
+        """Volume of the largest block that can be drawn (m³)."""
+        if self.volume_m3 is not None:
+            return self.volume_m3[1]
+        return 4.0 / 3.0 * float(np.pi) * self.axis_1_m[1] * self.axis_2_m[1] * self.axis_3_m[1]
+
+    @property
+    def largest_mass_kg(self) -> float:
+        """Mass of the heaviest block that can be drawn (kg)."""
+        return self.largest_volume_m3 * self.density_kgm3[1]
+
+    @property
+    def mean_width_m(self) -> float:
+        """Twice the mean semi-axis (m): how wide a strip a typical block sweeps."""
+        axes = [0.5 * sum(limits) for limits in (self.axis_1_m, self.axis_2_m, self.axis_3_m)]
+        if self.volume_m3 is None:
+            return 2.0 * sum(axes) / 3.0
+        sphere = 4.0 / 3.0 * np.pi * axes[0] * axes[1] * axes[2]
+        return 2.0 * self._mean_root_volume_m / float(np.cbrt(sphere)) * sum(axes) / 3.0
+
+    @property
+    def _mean_root_volume_m(self) -> float:
+        """Mean of the cube root of the volume (m): lengths go with it, not with the volume."""
+        assert self.volume_m3 is not None
+        low, high = self.volume_m3
+        if high <= low:
+            return float(np.cbrt(low))
+        # Mean with the density ~ v^(-b-1) between the limits, b = -1 where all are equally likely.
+        b = -1.0 if self.volume_exponent is None else self.volume_exponent
+        v = np.linspace(np.log(low), np.log(high), 2001)
+        weight = np.exp(-b * (v - v[0]))
+        weight[[0, -1]] *= 0.5
+        return float((weight * np.exp(v / 3.0)).sum() / weight.sum())

@@ -1,0 +1,146 @@
+"""Ground classes: the parameters of Bozzolo and Pamini (1986) by kind of ground."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import KW_ONLY, dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sassgis.errors import InputError
+
+#: How far values may be trusted, the most first, and how maps, report and warnings call that.
+Trust = Literal["paper", "fitted", "estimate"]
+TRUST_TEXT: Mapping[Trust, str] = {
+    "paper": "from a paper, what it leaves open chosen within its ranges",
+    "fitted": "fitted to field sites",
+    "estimate": "estimate",
+}
+#: Between which each number among the attributes of GroundClass must lie.
+LIMITS = {
+    "eta_max": (0.0, 1.0),
+    "dp_min": (0.0, 1.0),
+    "dp_max": (0.0, 1.0),
+    "mu_f": (0.0, 10.0),
+    "mu_0": (0.0, 10.0),
+    "k": (0.0, 10.0),
+    "d_star_m": (0.0, 100.0),
+    "restitution": (0.0, 1.0),
+    "restitution_speed_mps": (0.1, 1e6),
+    "rolling_threshold": (0.0, 10.0),
+    "mu_v": (0.0, 1.0),
+}
+#: Parameters of a ground class.
+PARAMETERS = tuple(LIMITS)
+_ROW_DTYPE = np.dtype([(name, np.float64) for name in PARAMETERS])
+
+
+@dataclass(frozen=True, slots=True)
+class GroundClass:
+    """One kind of ground.
+
+    Attributes
+    ----------
+    eta_max : float
+        Readings "1986": largest share of the kinetic energy kept in an impact, 0 to 1 (equation 7).
+        Else 1 − η_max is the impulse against the way over the normal impulse: impact.held_back.
+    dp_min, dp_max : float
+        Limits of the relative slope variation Δp/p met at an impact (Table 1).
+    mu_f : float
+        Sliding friction (equation 1).
+    mu_0, k, d_star_m : float
+        Rolling friction μ_r = μ_0 + k d*/d (equation 2); d*: diameter of the ground's blocks (m).
+    restitution : float
+        Coefficient of restitution e of the contact, 0 to 1, at a low speed.
+    restitution_speed_mps : float
+        Normal speed v of the contact at which it has halved: e/(1 + (v_n/v)²) (m/s). Default
+        9.144, Pfeiffer and Bowen (1989) as coded in PlatRock (Common/BounceModels.py).
+    rolling_threshold : float
+        A block lands softly and rolls where v_n²/(2 g cos β) is below this share of its radius.
+    mu_v : float
+        The ground also resists with μ_v v²/(g d) times the normal force, d the diameter of the
+        block: engine.resistance. 0: it does not.
+    source : str
+        Where the values come from.
+    trust : {"paper", "fitted", "estimate"}
+        Whether every value was read in the source that is named, was fitted to observed blocks of
+        one site, or neither.
+    """
+
+    name: str
+    _: KW_ONLY
+    eta_max: float
+    dp_min: float
+    dp_max: float
+    mu_f: float
+    mu_0: float
+    k: float
+    d_star_m: float
+    restitution: float = 0.0
+    restitution_speed_mps: float = 9.144
+    rolling_threshold: float = 0.1
+    mu_v: float = 0.0
+    source: str = ""
+    trust: Trust = "estimate"
+
+    def __post_init__(self) -> None:
+        """Raise InputError where a value is outside what the model can take."""
+        for field, (low, high) in LIMITS.items():
+            value = getattr(self, field)
+            if not (np.isfinite(value) and low <= value <= high):
+                raise InputError(
+                    f"ground class {self.name!r} cannot be used",
+                    field=field,
+                    found=value,
+                    expected=f"a number from {low:g} to {high:g}",
+                )
+        if self.dp_min > self.dp_max:
+            raise InputError(
+                f"ground class {self.name!r} cannot be used",
+                field="dp_min",
+                found=f"dp_min {self.dp_min:g} above dp_max {self.dp_max:g}",
+                expected="dp_min <= dp_max",
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class GroundTable:
+    """The ground classes of a run; a class is referred to by its position here."""
+
+    classes: tuple[GroundClass, ...]
+
+    def __post_init__(self) -> None:
+        names = [c.name for c in self.classes]
+        if not names:
+            raise InputError("no ground class is defined", expected="at least one")
+        doubled = sorted({n for n in names if names.count(n) > 1})
+        if doubled:
+            raise InputError("ground classes are defined twice", found=", ".join(doubled))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(c.name for c in self.classes)
+
+    def index(self, name: str) -> int:
+        """Position of a class; InputError if there is none of that name."""
+        try:
+            return self.names.index(name)
+        except ValueError:
+            raise InputError(
+                "unknown ground class", found=repr(name), expected="one of " + ", ".join(self.names)
+            ) from None
+
+    def with_rolling_threshold(self, threshold: float | None) -> GroundTable:
+        """The same classes with one rolling threshold, if there is one for all."""
+        if threshold is None:
+            return self
+        return GroundTable(tuple(replace(c, rolling_threshold=threshold) for c in self.classes))
+
+    def rows(self) -> NDArray[np.void]:
+        """The parameters as a structured array, a field for each; shape (n_classes,)."""
+        rows = np.zeros(len(self.classes), _ROW_DTYPE)
+        for name in PARAMETERS:
+            rows[name] = [getattr(c, name) for c in self.classes]
+        return rows

@@ -1,0 +1,220 @@
+"""The saved state of a run on the map, so that nothing computed is lost.
+
+The state is a folder ``checkpoint`` in the working folder of the result: ``state.npz`` with all
+sums and the digests of numbered files of rows that have been handed on. It belongs to one
+fingerprint of settings and inputs; with any other it is not used.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sassgis.files.atomic_output import CHECKPOINT_STEM, writing
+from sassgis.files.saved_arrays import (
+    read_saved,
+    saved_digest,
+    saved_or_refused,
+    unfit,
+    write_saved,
+)
+from sassgis.settings.map_run import BlockRows, FallLines, MapRun, Round, Worth
+from sassgis.settings.results import ControlLine
+from sassgis.simulation.accumulators import Progress, SourceTally, joined_lines, joined_rows
+from sassgis.simulation.control_lines import ControlLineSums
+from sassgis.simulation.map_sums import MapSums
+from sassgis.simulation.source_sums import SourceSums
+
+#: Plain numbers of a progress and of the tally of a source.
+_NUMBERS: dict[str, Any] = {
+    "chunks": int, "lost": int, "pieces": int, "simulated": int, "stop_share": float
+}  # fmt: skip
+_OF_SOURCE = ("rocks", "never_started", "simulated", "heaviest")
+_ROW_FIELDS = tuple(f.name for f in fields(BlockRows))
+
+
+class Checkpoint:
+    """Saves and restores the progress of a run.
+
+    ``work`` is the working folder of the result; without one nothing is saved. The fingerprint is
+    that of settings and inputs; ``part`` distinguishes several simulations for one result.
+    """
+
+    def __init__(self, work: Path | None, fingerprint: str, part: str = "") -> None:
+        self.folder = None if work is None else work / CHECKPOINT_STEM / part
+        self._fingerprint = f"{fingerprint} {part}"
+        self._waiting: list[BlockRows] = []
+        self._digests: list[str] = []
+
+    def restore(self, run: MapRun, tell: Callable[[str], None]) -> Progress | None:
+        """Progress of an earlier run with the same fingerprint, if there is one that fits."""
+        if self.folder is None:
+            return None
+        file = self.folder / "state.npz"
+        state = read_saved(file, self._fingerprint, tell)
+        if state is None:
+            return None
+        digests = state["parts"].tolist()
+        for i, digest in enumerate(digests):
+            if saved_digest(self._part(i)) != digest:
+                tell(unfit(self._part(i)))
+                return None
+        n_rows, n_cols = run.grid.shape
+        try:
+            found = progress_from(state, n_rows * n_cols, tuple(g for g, _ in run.control_lines))
+        except (KeyError, IndexError, ValueError, TypeError):
+            tell(unfit(file, "it is not whole"))
+            return None
+        self._digests = digests
+        return found
+
+    def hand_on(self, rows: BlockRows) -> None:
+        """Take rows that are to be written to tables; they are saved with the next state."""
+        if self.folder is not None:
+            self._waiting.append(rows)
+
+    def save(self, progress: Progress) -> None:
+        """Save the state; whole or not at all."""
+        if self.folder is None:
+            return
+        with writing(self.folder):
+            self.folder.mkdir(parents=True, exist_ok=True)
+            if self._waiting:
+                rows = joined_rows(self._waiting)
+                own = {f: getattr(rows, f) for f in _ROW_FIELDS}
+                part = self._part(len(self._digests))
+                self._digests.append(write_saved(part, own, self._fingerprint))
+                self._waiting = []
+            state = state_of(progress) | {
+                "parts": np.array(self._digests, np.str_),
+                "seconds": np.array(progress.seconds),
+            }
+            write_saved(self.folder / "state.npz", state, self._fingerprint)
+
+    def forget(self) -> None:
+        """Remove what was saved, if anything: it is of no use any more."""
+        if self.folder is not None:
+            for file in (*self.rows(), self.folder / "state.npz"):
+                file.unlink(missing_ok=True)
+
+    @property
+    def kept(self) -> str:
+        """In words: what becomes of what was computed when the user stops the run."""
+        if self.folder is None:
+            return ""
+        kept = f"what was computed is kept in {self.folder}"
+        return f"; {kept}: the same command goes on from there"
+
+    def rows(self) -> list[Path]:
+        """Files of the rows that were handed on, in order."""
+        return [self._part(i) for i in range(len(self._digests))]
+
+    def _part(self, number: int) -> Path:
+        assert self.folder is not None
+        return self.folder / f"rows_{number:06d}.npz"
+
+
+def state_of(progress: Progress) -> dict[str, NDArray[np.generic]]:
+    """Everything that has been added up, as plain arrays by name."""
+    state: dict[str, NDArray[np.generic]] = {
+        "reasons": progress.reasons,
+        "runout": progress.runout,
+        "scores": progress.scores,
+        "rounds": np.array([(r.first, r.repetitions) for r in progress.rounds], np.int64),
+        "history": np.array(progress.history, np.float64).reshape(-1, 2),
+        "furthest_m": np.array((progress.furthest or ())[:1], np.float64),
+        "furthest_rock": np.array((progress.furthest or ())[1:], np.int64),
+    }
+    state |= {name: np.array(getattr(progress, name)) for name in _NUMBERS}
+    state |= {
+        f"halvings.{i}": own.halvings
+        for i, own in enumerate(progress.rounds)
+        if own.halvings is not None
+    }
+    sums: dict[str, MapSums | ControlLineSums | SourceSums] = {
+        "sums": progress.sums, "control_lines": progress.control_lines
+    }  # fmt: skip
+    for (area, scenario), tally in progress.sources.items():
+        name = f"source.{area}.{scenario}"
+        state |= {f"{name}.{n}": np.array(getattr(tally, n)) for n in _OF_SOURCE}
+        sums |= {f"{name}.{n}": getattr(tally, n) for n in ("cells", "objects", "control_lines")}
+    for name, added in sums.items():
+        state |= {f"{name}.{k}": v for k, v in added.state().items()}
+    records: list[tuple[str, FallLines | BlockRows | Worth]] = [
+        ("lines", joined_lines(progress.lines)), ("stops", joined_rows(progress.stops)),
+        *([] if progress.worth is None else [("worth", progress.worth)]),
+    ]  # fmt: skip
+    for name, record in records:
+        state |= {f"{name}.{f.name}": getattr(record, f.name) for f in fields(record)}
+    return state
+
+
+def progress_from(
+    state: dict[str, Any], n_cells: int, control_lines: tuple[ControlLine, ...]
+) -> Progress:
+    """The progress of a run from its state, the cells of its grid and its stations and barriers."""
+    at_lines, sources = counts_from(state, n_cells, control_lines)
+    worth = _group(state, "worth")
+    furthest: Any = (*state["furthest_m"].tolist(), *state["furthest_rock"].tolist())
+    return Progress(
+        sums=MapSums.from_state(n_cells, _group(state, "sums")),
+        control_lines=at_lines,
+        reasons=np.array(state["reasons"]),
+        runout=np.array(state["runout"]),
+        scores=np.array(state["scores"]),
+        rounds=tuple(
+            Round(int(first), int(repetitions), state.get(f"halvings.{i}"))
+            for i, (first, repetitions) in enumerate(state["rounds"])
+        ),
+        history=[(int(blocks), float(share)) for blocks, share in state["history"]],
+        furthest=furthest or None,
+        # Of what is kept as a result it says nothing.
+        seconds=float(state.get("seconds", 0.0)),
+        worth=Worth(**worth) if worth else None,
+        sources=sources,
+        lines=[FallLines(**_group(state, "lines"))],
+        stops=[BlockRows(**_group(state, "stops"))],
+        **{name: kind(state[name]) for name, kind in _NUMBERS.items()},
+    )
+
+
+def counts_from(
+    state: dict[str, Any], n_cells: int, control_lines: tuple[ControlLine, ...]
+) -> tuple[ControlLineSums, dict[tuple[int, int], SourceTally]]:
+    """Passages at stations and barriers, and counts of each source, of a state or that part of it.
+
+    The sources have the order in which they were saved. ValueError: there are counts outside of the
+    grid.
+    """
+    cells = [own for name, own in state.items() if name.endswith(("sums.cells", "cells.places"))]
+    if any(((own < 0) | (own >= n_cells)).any() for own in cells):
+        raise ValueError("cells outside of the grid")
+    sources = {}
+    for rocks in [name for name in state if re.fullmatch(r"source\.\d+\.\d+\.rocks", name)]:
+        name = rocks.removesuffix(".rocks")
+        _, area, scenario = name.split(".")
+        sources[int(area), int(scenario)] = SourceTally(
+            SourceSums.from_state(_group(state, f"{name}.cells")),
+            SourceSums.from_state(_group(state, f"{name}.objects")),
+            ControlLineSums.from_state(control_lines, _group(state, f"{name}.control_lines")),
+            *(int(state[f"{name}.{n}"]) for n in _OF_SOURCE),
+        )
+    at_lines = ControlLineSums.from_state(control_lines, _group(state, "control_lines"))
+    return at_lines, sources
+
+
+def read_rows(part: Path) -> BlockRows:
+    """Rows of one file of a checkpoint; InputError if it is damaged."""
+    stored = saved_or_refused(part, "rows of an earlier attempt; delete its folder to begin anew")
+    return BlockRows(*(stored[f] for f in _ROW_FIELDS))
+
+
+def _group(state: dict[str, Any], name: str) -> dict[str, Any]:
+    start = name + "."
+    return {k.removeprefix(start): v for k, v in state.items() if k.startswith(start)}

@@ -1,0 +1,253 @@
+"""Distributions of what passes stations and meets barriers, streamed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sassgis.grid import FloatArray, IntArray
+from sassgis.settings.labels import rounded
+from sassgis.settings.results import ControlLine, Histogram, Outcome
+from sassgis.simulation.map_sums import quantiles
+
+_ENERGY = ("kJ", np.concatenate([[0.0], 30.0 * 10.0 ** (np.arange(-160, 241) / 40.0)]))
+#: Parts of a unit to which sums are exact.
+_PARTS = 1_000_000
+#: Energy with which a block goes on behind the line; 0 where a barrier takes it.
+BEHIND = "energy_behind_kj"
+#: Quantities of a passage: unit, and edges of their bins. Beyond the last edge counts in the last.
+QUANTITIES: dict[str, tuple[str, FloatArray]] = {
+    "speed_mps": ("m/s", np.arange(0.0, 150.25, 0.25)),
+    "rotation_hz": ("Hz", np.arange(0.0, 40.1, 0.1)),
+    "height_m": ("m", np.arange(0.0, 200.1, 0.1)),
+    "energy_kj": _ENERGY,
+    "mass_kg": ("kg", np.concatenate([[0.0], 10.0 ** (np.arange(0, 281) / 40.0)])),
+    BEHIND: _ENERGY,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Distribution:
+    """One quantity at one control line."""
+
+    count: int  # blocks that arrived, with their weights
+    # Exact, to 1e-6 of the unit; NaN if no block arrived.
+    mean: float
+    smallest: float
+    largest: float
+    histogram: Histogram
+    # Shape (n_bins,); of what was drawn, blocks or release points with their blocks, the sum of the
+    # squares of how many blocks of each lie in a bin of the histogram or beyond.
+    squares: IntArray
+
+    def quantile(self, *probabilities: float) -> tuple[float, ...]:
+        """Quantiles, exact to the width of a bin; NaN if no block arrived."""
+        values = quantiles(
+            self.histogram.counts[None, :],
+            self.histogram.edges,
+            probabilities,
+            np.array([self.largest]),
+        )
+        return tuple(float(v) for v in values[:, 0])
+
+
+class ControlLineSums:
+    """Growing counts of first passages at each station and barrier."""
+
+    def __init__(self, control_lines: tuple[ControlLine, ...]) -> None:
+        self.control_lines = control_lines
+        n = len(control_lines)
+        self._capacities = np.array([line.capacity_kj for line in control_lines], np.float64)
+        self._outcomes = np.zeros((n, len(Outcome)), np.int64)
+        self._of: dict[str, dict[str, NDArray[Any]]] = {
+            q: {
+                "counts": np.zeros((n, edges.size - 1), np.int64),
+                # As of Distribution.
+                "squares": np.zeros((n, edges.size - 1), np.int64),
+                # Sums of whole units and of millionths beyond them: whole numbers, so that the
+                # order of adding does not matter, and apart, as millionths of many large blocks
+                # are too many.
+                "sum": np.zeros((2, n), np.int64),
+                "least": np.full(n, np.inf),
+                "most": np.full(n, -np.inf),
+            }
+            for q, (_, edges) in QUANTITIES.items()
+        }
+
+    def add(self, passages: NDArray[np.void], weight: int = 1, random_points: bool = False) -> None:
+        """Count passages (PASSAGE_DTYPE) of blocks that count ``weight`` times each.
+
+        Where release points were drawn at random, all passages of one are among them.
+        """
+        if not passages.size:
+            return
+        control_line = passages["control_line"]
+        np.add.at(self._outcomes, (control_line, passages["outcome"]), weight)
+        energy = passages["energy_trans_kj"] + passages["energy_rot_kj"]
+        behind = energy_behind(energy, passages["outcome"], self._capacities[control_line])
+        for q, (_, edges) in QUANTITIES.items():
+            values = {"energy_kj": energy, BEHIND: behind}.get(q)
+            if values is None:
+                values = passages[q]
+            bins = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, edges.size - 2)
+            own = self._of[q]
+            np.add.at(own["counts"], (control_line, bins), weight)
+            own["squares"] += _squares(
+                control_line, bins, weight, passages["line"] if random_points else None,
+                own["counts"].shape,
+            )  # fmt: skip
+            parts = np.divmod(np.rint(values * _PARTS).astype(np.int64), _PARTS)
+            for total, part in zip(own["sum"], parts, strict=True):
+                np.add.at(total, control_line, weight * part)
+            np.minimum.at(own["least"], control_line, values)
+            np.maximum.at(own["most"], control_line, values)
+
+    def add_sums(self, other: ControlLineSums, numbers: IntArray) -> None:
+        """Join the counts of other blocks.
+
+        ``numbers`` are the positions in ``control_lines`` of those of ``other``; each once.
+        """
+        self._outcomes[numbers] += other._outcomes
+        for q, own in self._of.items():
+            more = other._of[q]
+            own["counts"][numbers] += more["counts"]
+            own["squares"][numbers] += more["squares"]
+            own["sum"][:, numbers] += more["sum"]
+            own["least"][numbers] = np.minimum(own["least"][numbers], more["least"])
+            own["most"][numbers] = np.maximum(own["most"][numbers], more["most"])
+
+    def outcomes(self, control_line: int) -> dict[Outcome, int]:
+        """How many blocks had which outcome at a control line (its position)."""
+        return {o: int(self._outcomes[control_line, o]) for o in Outcome}
+
+    def arrivals(self, control_line: int) -> int:
+        """Blocks that arrived at a control line (its position)."""
+        return int(self._outcomes[control_line].sum())
+
+    def distribution(self, control_line: int, quantity: str) -> Distribution:
+        """One of QUANTITIES at a control line (its position)."""
+        unit, edges = QUANTITIES[quantity]
+        count = self.arrivals(control_line)
+        own = self._of[quantity]
+        units, parts = own["sum"][:, control_line].tolist()
+        return Distribution(
+            count,
+            1e-6 * (units * _PARTS + parts) / count if count else float("nan"),
+            float(own["least"][control_line]) if count else float("nan"),
+            float(own["most"][control_line]) if count else float("nan"),
+            Histogram(edges, own["counts"][control_line].copy(), unit),
+            own["squares"][control_line].copy(),
+        )
+
+    def state(self) -> dict[str, NDArray[np.generic]]:
+        """Everything that is needed to go on later, as plain arrays."""
+        sums = {f"{n}_{q}": array for q, own in self._of.items() for n, array in own.items()}
+        return {"outcomes": self._outcomes, **sums}
+
+    @classmethod
+    def from_state(
+        cls, control_lines: tuple[ControlLine, ...], state: Mapping[str, NDArray[np.generic]]
+    ) -> ControlLineSums:
+        """The sums that ``state`` gave."""
+        sums = cls(control_lines)
+        for name, own in sums.state().items():
+            own[...] = state[name]
+        return sums
+
+
+def _squares(
+    control_line: IntArray,
+    bins: IntArray,
+    weight: int,
+    point: IntArray | None,
+    shape: tuple[int, int],
+) -> IntArray:
+    """Squares as of Distribution, of passages of blocks from some points; None: of single blocks.
+
+    Has the shape (control lines, bins).
+    """
+    out: IntArray = np.zeros(shape, np.int64)
+    if point is None:
+        np.add.at(out, (control_line, bins), weight * weight)
+        return np.cumsum(out[:, ::-1], axis=1)[:, ::-1]
+    (line, _), row = np.unique([control_line, point], axis=1, return_inverse=True)
+    own = np.zeros((line.size, shape[1]), np.int64)
+    np.add.at(own, (row, bins), weight)
+    np.add.at(out, line, np.cumsum(own[:, ::-1], axis=1)[:, ::-1] ** 2)
+    return out
+
+
+def energy_behind(
+    energy_kj: FloatArray, outcome: NDArray[np.uint8], capacity_kj: FloatArray
+) -> FloatArray:
+    """Energy with which blocks go on behind a line (kJ): 0 of those that a barrier takes.
+
+    Of each block its energy where it arrives, its Outcome and the capacity of the barrier.
+    """
+    taken = np.isin(outcome, (Outcome.STOPPED, Outcome.HELD_BY_NET))
+    lost = np.where(outcome == Outcome.BROKE_THROUGH, capacity_kj, 0.0)
+    behind: FloatArray = np.where(taken, 0.0, np.maximum(energy_kj - lost, 0.0))
+    return behind
+
+
+def trimmed(histogram: Histogram, bins: int = 15) -> Histogram:
+    """A histogram for drawing: alike bins to just beyond what was counted.
+
+    From 0 for evenly spaced edges; from what was counted where edges grow by a factor. The width
+    is a whole number of the fine bins. The last bin is empty, unless the last of the fine ones,
+    which is open, is not.
+    """
+    edges = histogram.edges
+    by_factor = not np.isclose(edges[1] - edges[0], edges[2] - edges[1])
+    used = np.flatnonzero(histogram.counts)
+    first = int(used[0]) if used.size and by_factor else 0
+    last = int(used[-1]) + 1 if used.size else first + 1
+    width = max(int(np.ceil((last - first) / bins)), 1)
+    groups = int(np.ceil((last - first) / width)) + int(histogram.counts[-1] == 0)
+    counts: IntArray = np.zeros(groups * width, np.int64)
+    fine = histogram.counts[first : first + counts.size]
+    counts[: fine.size] = fine
+    steps = width * np.arange(groups + 1)
+    # The first of the bins that grow reaches down to 0.
+    coarse: FloatArray = (
+        edges[1] * (edges[2] / edges[1]) ** (first - 1 + steps)
+        if by_factor
+        else edges[0] + (edges[1] - edges[0]) * steps
+    )
+    return Histogram(coarse, counts.reshape(groups, width).sum(axis=1), histogram.unit)
+
+
+#: Outcomes that are counted at walls and nets.
+BARRIER_OUTCOMES = (Outcome.STOPPED, Outcome.HELD_BY_NET, Outcome.OVERTOPPED, Outcome.BROKE_THROUGH)
+
+
+def control_line_rows(control_lines: ControlLineSums) -> list[dict[str, Any]]:
+    """A row of statistics for each station and barrier."""
+    rows = []
+    for i, control_line in enumerate(control_lines.control_lines):
+        row: dict[str, Any] = {"name": control_line.name, "kind": control_line.kind}
+        outcomes = control_lines.outcomes(i)
+        row["rocks"] = control_lines.arrivals(i)
+        if control_line.kind != "station":
+            row["height_m"] = control_line.height_m
+            row["capacity_kj"] = (
+                control_line.capacity_kj if np.isfinite(control_line.capacity_kj) else None
+            )
+            row["hits"] = control_lines.arrivals(i) - outcomes[Outcome.OVERTOPPED]
+            for outcome in BARRIER_OUTCOMES:
+                row[outcome.name.lower()] = outcomes[outcome]
+        for quantity in (q for q in QUANTITIES if q != BEHIND):
+            d = control_lines.distribution(i, quantity)
+            values = dict(
+                zip(("q50", "q95", "q99"), d.quantile(0.5, 0.95, 0.99), strict=True),
+                mean=d.mean,
+                max=d.largest,
+            )
+            for name, value in values.items():
+                row[f"{quantity}_{name}"] = rounded(value, 5)
+        rows.append(row)
+    return rows

@@ -1,0 +1,297 @@
+"""Sums per cell of the map, and what is read from them; the table of statistics says which.
+
+Every block enters a cell's statistics once, with the largest energy, passing height and speed that
+it had there and the time at which it first entered. All sums are whole numbers and extremes, so
+that the result does not depend on the order of adding, and memory grows with the cells that are
+reached, not with the number of blocks.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sassgis.engine.simulate import Visits
+from sassgis.grid import FloatArray, IntArray
+from sassgis.settings.statistics_table import SUM_NAMES, SUMS, CellSum, Statistic, probability_of
+from sassgis.simulation.count_error import blocks_of_a_point, count_variance, gamma_interval
+
+#: Rows that are worked on at a time: they stay in the processor's cache, and no memory is asked of
+#: the system for them.
+_ROWS = 2048
+# Bytes up to which there is room for all cells at once: nothing has to be moved as more of them are
+# reached, and of zeros that nobody has written to no memory is taken.
+_ROOM_AT_ONCE = 2**30
+
+
+class MapSums:
+    """Growing sums over the cells that blocks reach; ``n_cells`` are those of the whole grid."""
+
+    def __init__(self, n_cells: int) -> None:
+        self._row = np.full(n_cells, -1, np.int32)
+        self._cells: IntArray = np.empty(0, np.int64)
+        self._used = 0
+        self._sums: dict[str, NDArray[Any]] = {}
+
+    @property
+    def cells(self) -> IntArray:
+        """Flat indices of the cells with sums, in the order of their first block."""
+        return self._cells[: self._used]
+
+    def column(self, name: str) -> NDArray[Any]:
+        """One of the sums, rows as ``cells``."""
+        return self._sums[name][: self._used]
+
+    def rows_at(self, cells: IntArray) -> IntArray:
+        """Rows of some cells; -1 of those without sums."""
+        return self._row[cells].astype(np.int64)
+
+    def add(
+        self,
+        cells: IntArray,
+        sums: Mapping[str, NDArray[Any]],
+        visits: Visits | None = None,
+        n_bins: Mapping[str, int] | None = None,
+        weight: int = 1,
+    ) -> None:
+        """Join the sums of some cells, each of which is named once.
+
+        Parameters
+        ----------
+        cells : int64, shape (n,)
+        sums : mapping
+            Arrays with one row per cell, by name as in the table.
+        visits : Visits, optional
+            Of these cells: what the histograms of ``sums`` do not have.
+        n_bins : mapping, optional
+            Bins of the histograms that are not among ``sums``, in the order of the visits.
+        weight : int
+            How many times a visit counts.
+        """
+        reached = np.flatnonzero((sums["reach"] > 0) | (sums["stops"] > 0))
+        shapes = {name: own.shape[1:] for name, own in sums.items()}
+        shapes |= {name: (n,) for name, n in (n_bins or {}).items()}
+        rows = self._rows_of(cells[reached], shapes)
+        for kept in SUMS:
+            if kept.name not in sums and kept.name in shapes:
+                continue
+            own, more = self._sums[kept.name], sums[kept.name]
+            for first in range(0, rows.size, _ROWS):
+                part = slice(first, first + _ROWS)
+                own[rows[part]] = kept.join(own[rows[part]], more[reached[part]])
+        if visits is not None:
+            row = np.full(cells.size, -1, np.int32)
+            row[reached] = rows
+            visits.add_to(tuple(self._sums[name] for name in n_bins or ()), row, weight)
+
+    def _rows_of(self, cells: IntArray, shapes: Mapping[str, tuple[int, ...]]) -> IntArray:
+        """Rows of the cells, made where there were none; ``shapes`` of a row of each sum."""
+        fresh = cells[self._row[cells] < 0]
+        end = self._used + fresh.size
+        if end > self._cells.size or not self._sums:
+            room = max(end, int(1.5 * self._cells.size), 1024)
+            per_cell = sum(np.dtype(s.dtype).itemsize * math.prod(shapes[s.name]) for s in SUMS)
+            if per_cell * self._row.size <= _ROOM_AT_ONCE:
+                room = self._row.size
+            self._cells = np.concatenate([self._cells, np.zeros(room - self._cells.size, np.int64)])
+            for kept in SUMS:
+                own = self._sums.get(kept.name, np.empty((0, *shapes[kept.name])))
+                self._sums[kept.name] = _enlarged(own, room, kept)
+        self._cells[self._used : end] = fresh
+        self._row[fresh] = np.arange(self._used, end, dtype=np.int32)
+        self._used = end
+        return self.rows_at(cells)
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """Everything that is needed to go on later, as plain arrays."""
+        return {"cells": self.cells, **{n: self.column(n) for n in self._sums}}
+
+    @classmethod
+    def from_state(cls, n_cells: int, state: Mapping[str, NDArray[Any]]) -> MapSums:
+        """The sums that ``state`` gave."""
+        sums = cls(n_cells)
+        if len(state) > 1:
+            sums.add(np.asarray(state["cells"], np.int64), {n: state[n] for n in SUM_NAMES})
+        return sums
+
+
+def _enlarged(array: NDArray[Any], room: int, kept: CellSum) -> NDArray[Any]:
+    # Of zeros that nobody has written to no memory is taken.
+    out = np.zeros((room, *array.shape[1:]), kept.dtype)
+    out[: array.shape[0]] = array
+    if kept.empty != 0:
+        out[array.shape[0] :] = kept.empty
+    return out
+
+
+def weighted_counts(
+    count: IntArray, square: IntArray, weight: int, rocks_per_line: int
+) -> tuple[IntArray, IntArray]:
+    """Numbers of blocks, and their squares by stratum, of blocks that count ``weight`` times each.
+
+    The square is the one with which count_variance gives the variance of the weighted number: it
+    adds up over blocks of several weights, and is no sum of squares then.
+    """
+    if weight == 1:
+        return count, square
+    apart = rocks_per_line * weight * (weight - 1)
+    return weight * count, weight * weight * square - apart * count
+
+
+def weighted_sums(
+    sums: Mapping[str, NDArray[Any]], weight: int, rocks_per_line: int
+) -> Mapping[str, NDArray[Any]]:
+    """Sums of the table, of blocks that count ``weight`` times each."""
+    if weight == 1:
+        return sums
+    out = {
+        s.name: sums[s.name] if s.reducer in ("max", "min") else weight * sums[s.name]
+        for s in SUMS
+        if s.name in sums
+    }
+    _, out["reach_square"] = weighted_counts(
+        sums["reach"].astype(np.int64), sums["reach_square"].astype(np.int64), weight,
+        rocks_per_line,
+    )  # fmt: skip
+    return out
+
+
+def quantiles(
+    counts: NDArray[np.integer],
+    edges: FloatArray,
+    probabilities: tuple[float, ...],
+    largest: FloatArray | None = None,
+    smallest: FloatArray | None = None,
+) -> FloatArray:
+    """Quantiles of values that were counted in bins.
+
+    Within a bin the values are taken as spread evenly; no quantile exceeds the largest value seen
+    or falls below the smallest.
+
+    Parameters
+    ----------
+    counts : integer, shape (n, n_bins)
+    edges : float64, shape (n_bins + 1,)
+    largest, smallest : float64, shape (n,), optional
+        Largest and smallest value counted in each row.
+
+    Returns
+    -------
+    float64, shape (n_probabilities, n)
+        NaN where nothing was counted.
+    """
+    out = np.full((len(probabilities), counts.shape[0]), np.nan)
+    for first in range(0, counts.shape[0], _ROWS):
+        below = np.cumsum(counts[first : first + _ROWS], axis=1, dtype=np.int64)
+        some = np.flatnonzero(below[:, -1] > 0)
+        below, rows = below[some], first + some
+        total = below[:, -1]
+        # All rows as one that rises: each begins where nothing of the one before it reaches.
+        start = np.arange(rows.size) * (total.max(initial=0) + 1)
+        rising = (below + start[:, None]).ravel()
+        for i, p in enumerate(probabilities):
+            wanted = p * total
+            bin_ = np.searchsorted(rising, np.ceil(wanted).astype(np.int64) + start)
+            bin_ = np.minimum(bin_ - np.arange(rows.size) * counts.shape[1], counts.shape[1] - 1)
+            inside = counts[rows, bin_].astype(np.float64)
+            before = below[np.arange(rows.size), bin_] - inside
+            share = np.where(inside > 0, (wanted - before) / np.maximum(inside, 1.0), 0.0)
+            value = edges[bin_] + np.clip(share, 0.0, 1.0) * (edges[bin_ + 1] - edges[bin_])
+            if largest is not None:
+                value = np.minimum(value, largest[rows])
+            if smallest is not None:
+                value = np.maximum(value, smallest[rows])
+            out[i, rows] = value
+    return out
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """How many blocks stand behind a map."""
+
+    started: int  # all blocks released that started: the denominator of the reach probability
+    rocks_per_line: int
+    lines: int  # lines times block scenarios: the strata of the sample
+    random_points: bool  # whether the release points were themselves drawn at random
+
+
+def reach_probability(
+    reach: IntArray, reach_square: IntArray, sample: Sample
+) -> tuple[FloatArray, FloatArray]:
+    """Share of the blocks that started that reach each cell, and its sampling standard error.
+
+    With k_l of n blocks of line l in the cell and N blocks that started, P = Σ k_l / N, of Σ k_l
+    and Σ k_l²; the error is the root of ``count_variance`` over N, NaN where that is.
+    """
+    variance = count_variance(
+        reach, reach_square, sample.rocks_per_line, sample.lines, sample.random_points
+    )
+    started = max(sample.started, 1)
+    return reach.astype(np.float64) / started, np.sqrt(variance) / started
+
+
+def reach_limits(
+    reach: IntArray, reach_square: IntArray, sample: Sample
+) -> tuple[FloatArray, FloatArray]:
+    """Limits of a 95 % interval of the reach probability, 1 at most; NaN where its error is.
+
+    They are those of ``gamma_interval``.
+    """
+    started = max(sample.started, 1)
+    share, error = reach_probability(reach, reach_square, sample)
+    of_one = np.full(share.shape, 1.0 / started)
+    freedom = math.inf
+    if sample.random_points:
+        of_one = np.maximum(of_one, blocks_of_a_point(reach, reach_square) / started)
+        freedom = sample.lines - 1.0
+    low, high = gamma_interval(share, error**2, of_one, 0.95, freedom)
+    return low, np.minimum(high, 1.0)
+
+
+def band_values(
+    row: Statistic, sums: MapSums, sample: Sample, edges: Mapping[str, FloatArray]
+) -> dict[str, FloatArray]:
+    """Values of the bands of a map, in its order.
+
+    Parameters
+    ----------
+    edges : mapping
+        Edges of the histograms by quantity.
+
+    Returns
+    -------
+    dict of str to float64, shape (n,)
+        Rows as ``sums.cells``; NaN where no block arrived, or none stopped.
+    """
+    reach = sums.column("reach").astype(np.int64)
+    shares = {b: p for b in row.bands if (p := probability_of(b)) is not None}
+    extremes = {
+        b: sums.column(f"{row.quantity}_{b}").astype(np.float64)
+        for b in row.bands
+        if b in ("min", "max")
+    }
+    out: dict[str, FloatArray] = dict(extremes)
+    if shares:
+        found = quantiles(
+            sums.column(row.quantity), edges[row.quantity], tuple(shares.values()),
+            extremes.get("max"), extremes.get("min"),
+        )  # fmt: skip
+        out |= dict(zip(shares, found, strict=True))
+    if "mean" in row.bands:
+        total = sums.column(f"{row.quantity}_sum").astype(np.float64) * 1e-3
+        out["mean"] = total / np.maximum(reach, 1)
+    if "reach" in row.bands:
+        square = sums.column("reach_square").astype(np.int64)
+        out["reach"], out["standard_error"] = reach_probability(reach, square, sample)
+        out["lower"], out["upper"] = reach_limits(reach, square, sample)
+    if "passages" in row.bands:
+        out["passages"] = reach.astype(np.float64)
+    if "stops" in row.bands:
+        stops = sums.column("stops").astype(np.float64)
+        return {"stops": np.where(stops > 0, stops, np.nan)}
+    return {b: np.where(reach > 0, out[b], np.nan) for b in row.bands}

@@ -1,0 +1,435 @@
+"""What changes from one result to another: maps, zones, run-out, control lines, objects."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import PurePath
+from typing import Any, NamedTuple
+
+import numpy as np
+import shapely
+
+from sassgis.grid import FloatArray, IntArray
+from sassgis.hazard.significance import beyond_sampling
+from sassgis.settings.labels import short
+from sassgis.settings.languages import joined, phrase
+from sassgis.studies.stored_result import StoredResult
+
+
+class ComparedMap(NamedTuple):
+    """A band of a map."""
+
+    # Of the map of both results.
+    stem: str
+    band: str
+    title: str
+    unit: str
+
+
+LEVEL = ComparedMap("hazard_level", "level", "Hazard level", "class")
+REACH = ComparedMap("reach_probability", "reach", "Reach probability", "1")
+ENERGY = ComparedMap("energy", "q95", "Kinetic energy, 95 % quantile", "kJ")
+HEIGHT = ComparedMap("passing_height", "q95", "Passing height, 95 % quantile", "m")
+COMPARED = (REACH, ENERGY, HEIGHT)
+REACH_MEAN = "reach probability, mean over the cells reached by either"
+ENERGY_MEAN = "energy (95 % quantile), mean over the cells reached by both"
+HEIGHT_MEAN = "passing height (95 % quantile), mean over the cells reached by both"
+#: What would be more by both results counts each by itself.
+BY_ONE_ONLY = "area reached by one of them only"
+_RUNOUT = {
+    "run-out, median": 0.5,
+    "run-out, 95 % quantile": 0.95,
+    "run-out, 99 % quantile": 0.99,
+    "run-out, largest": 1.0,
+}
+#: Quantity and unit of the columns of control lines.
+_AT_LINES = {
+    "rocks": ("share of blocks that arrive", "1"),
+    "energy_kj_q95": ("energy (95 % quantile)", "kJ"),
+    "speed_mps_q95": ("speed (95 % quantile)", "m/s"),
+    "height_m_q95": ("passing height (95 % quantile)", "m"),
+}
+#: Of a map, and what results have of all blocks that reach an object.
+_AT_OBJECTS = (
+    (REACH, "reach probability", ""),
+    (ENERGY, "energy (95 % quantile)", "energy_q95_kj"),
+    (HEIGHT, "passing height (95 % quantile)", "height_q95_m"),
+    (LEVEL, "hazard level", ""),
+)
+_RISK = {"deaths_per_year": ("deaths", "1/year"), "loss_per_year": ("loss", "{}/year")}
+_UNKNOWN = (math.nan, math.nan)
+
+
+@dataclass(frozen=True, slots=True)
+class ChangeRow:
+    """One number before and after."""
+
+    part: str
+    name: str  # of the level, control line or object; empty where there is one only
+    quantity: str
+    unit: str
+    # NaN where a result does not have it.
+    before: float
+    after: float
+    # Low and high by the sampling of blocks, before and after; NaN where none are known.
+    limits: tuple[tuple[float, ...], ...] = field(default=(_UNKNOWN, _UNKNOWN), kw_only=True)
+
+    @property
+    def change(self) -> float:
+        """After less before."""
+        return self.after - self.before
+
+    @property
+    def same(self) -> bool:
+        """Whether nothing changes."""
+        if self.quantity == BY_ONE_ONLY:
+            return self.before == self.after == 0.0
+        return self.before == self.after or (math.isnan(self.before) and math.isnan(self.after))
+
+
+class SettingChange(NamedTuple):
+    """A setting, an input or a version in which two results differ, as text; empty: has none."""
+
+    kind: str
+    name: str
+    before: str
+    after: str
+
+
+@dataclass(frozen=True, slots=True)
+class ResultChange:
+    """What changes from one result to another."""
+
+    rows: tuple[ChangeRow, ...]
+    differences: tuple[SettingChange, ...]  # of the two manifests
+    # Area of higher and lower hazard level (m²); NaN if levels were not compared.
+    higher_m2: float
+    lower_m2: float
+    # Area on which the reach probability changes beyond the sampling of both, of which a twentieth
+    # at most is by chance (m²).
+    certain_m2: float
+    notes: tuple[str, ...] = ()  # what a reader must know before comparing numbers
+
+    def row(self, part: str, quantity: str, name: str = "") -> ChangeRow:
+        """The row of a number."""
+        wanted = (part, name, quantity)
+        return next(r for r in self.rows if (r.part, r.name, r.quantity) == wanted)
+
+    def of(self, part: str) -> tuple[ChangeRow, ...]:
+        """The rows of a part."""
+        return tuple(r for r in self.rows if r.part == part)
+
+    @property
+    def beyond_sampling(self) -> str:
+        """Where more changes than chance does, in words."""
+        if not self.certain_m2 > 0.0:
+            return phrase(
+                "Nowhere does the reach probability change by more than the sampling explains."
+            )
+        text = "More than the sampling of the blocks explains: on {} m²."
+        return phrase(text, f"{self.certain_m2:,.0f}")
+
+    @property
+    def verdict(self) -> str:
+        """What changes on the whole, in a few sentences."""
+        if all(row.same for row in self.rows) and not self.higher_m2 and not self.lower_m2:
+            return "Nothing changes: the two results agree in every number that is compared."
+        return joined(" ", self._sentences())
+
+    def lines(self) -> tuple[str, ...]:
+        """The most important numbers in words, a line each."""
+        return (*self._sentences(), *self._object_lines())
+
+    def _sentences(self) -> Iterator[str]:
+        area = self.row("map", "area reached")
+        before, after = (f"{value:,.0f}" for value in (area.before, area.after))
+        if area.before:
+            text = "Area that blocks reach: {} m² before, {} m² after ({} %)."
+            share = 100.0 * (area.after / area.before - 1.0)
+            yield phrase(text, before, after, _signed(f"{share:+.0f}"))
+        else:
+            yield phrase("Area that blocks reach: {} m² before, {} m² after.", before, after)
+        reach = self.row("map", REACH_MEAN).change
+        if math.isfinite(reach):
+            text = "Reach probability, mean change over these cells: {} percentage points."
+            yield phrase(text, _signed(short(100.0 * reach, "+")))
+        energy = self.row("map", ENERGY_MEAN).change
+        if math.isfinite(energy):
+            text = "Energy (95 % quantile), mean change over the cells reached by both: {} kJ."
+            yield phrase(text, _signed(f"{energy:+.3g}"))
+        if math.isfinite(self.higher_m2):
+            text = "Hazard level: higher on {} m², lower on {} m²."
+            yield phrase(text, f"{self.higher_m2:,.0f}", f"{self.lower_m2:,.0f}")
+
+    def _object_lines(self) -> Iterator[str]:
+        text = (
+            "{}: energy (95 % quantile) {} before, {} after; reach probability {} % before, "
+            "{} % after."
+        )
+        for name in dict.fromkeys(r.name for r in self.of("object")):
+            energy = self.row("object", "energy (95 % quantile)", name)
+            reach = self.row("object", "reach probability", name)
+            before, after = (
+                phrase("{} kJ{}", f"{value:,.0f}", limits_text(limits, "{:,.0f}".format))
+                for value, limits in zip((energy.before, energy.after), energy.limits, strict=True)
+            )
+            shares = (short(100.0 * value) for value in (reach.before, reach.after))
+            yield phrase(text, name, before, after, *shares)
+
+
+def _signed(text: str) -> str:
+    return text.replace("-", "\u2212")
+
+
+def limits_text(limits: tuple[float, ...], written: Callable[[float], str]) -> str:
+    """Limits by the sampling in brackets; nothing where none are known."""
+    low, high = limits
+    if math.isnan(low):
+        return ""
+    if math.isnan(high):
+        return phrase(" ({} or more)", written(low))
+    return phrase(" ({} to {})", written(low), written(high))
+
+
+def difference(before: FloatArray, after: FloatArray) -> FloatArray:
+    """After less before; where no block arrives counts as zero, NaN where none does in either."""
+    old, new = np.asarray(before, np.float64), np.asarray(after, np.float64)
+    change = np.nan_to_num(new) - np.nan_to_num(old)
+    result: FloatArray = np.where(np.isfinite(old) | np.isfinite(new), change, np.nan)
+    return result
+
+
+def compared_maps(before: StoredResult, after: StoredResult) -> tuple[ComparedMap, ...]:
+    """Maps that both results have."""
+    return tuple(m for m in COMPARED if m.stem in before.maps and m.stem in after.maps)
+
+
+def levels_differ(before: StoredResult, after: StoredResult) -> str:
+    """Why hazard levels cannot be compared; empty if they can."""
+    if LEVEL.stem not in before.maps or LEVEL.stem not in after.maps:
+        return "Hazard levels are not compared: not both results have them."
+    levels = [_levels(r) for r in (before, after)]
+    same_preset = before.manifest["preset"] == after.manifest["preset"]
+    if len(levels[0]) != len(levels[1]) or not all(
+        # In whatever language they are named. A level without a zone has its label for a code.
+        one == other or code == other_code or (same_preset and (code == one or other_code == other))
+        for (one, code), (other, other_code) in zip(*levels, strict=True)
+    ):
+        return "Hazard levels are not compared: the two presets have different levels."
+    widths = [r.manifest["ref_widths_m"]["hazard"] for r in (before, after)]
+    if widths[0] != widths[1]:
+        text = "Hazard levels are not compared: their reference widths are {} m and {} m."
+        return phrase(text, *(f"{width:g}" for width in widths))
+    return ""
+
+
+def _levels(result: StoredResult) -> list[tuple[str, str]]:
+    """Label and code of the levels from low to high; the label again where no code is known."""
+    labels = [c.label for c in sorted(result.maps[LEVEL.stem].classes, key=lambda c: c.value)]
+    return list(zip(labels, result.level_codes or labels, strict=True))
+
+
+def result_change(
+    before: StoredResult,
+    after: StoredResult,
+    objects: tuple[Sequence[str], IntArray, IntArray],
+    notes: Sequence[str] = (),
+) -> ResultChange:
+    """Compare two results on the same cells.
+
+    Parameters
+    ----------
+    before, after : StoredResult
+        From :func:`sassgis.studies.stored_result.on_common_cells`.
+    objects : (names, cells, owner)
+        Names of the whole objects; cells that they touch, and the position of the object of each.
+    notes : sequence of str
+        What is to be said besides.
+    """
+    both = before, after
+    why = levels_differ(before, after)
+    cell_m2 = before.grid.cell_size**2
+    higher = lower = math.nan
+    if not why:
+        change = difference(*(r.band(*LEVEL[:2]) for r in both))
+        if np.isfinite(change).any():
+            higher, lower = (float((s * change > 0.0).sum() * cell_m2) for s in (1.0, -1.0))
+    one_has_levels = LEVEL.stem in {*before.maps, *after.maps}
+    maps = compared_maps(*both)
+    return ResultChange(
+        (
+            *_map_rows(both, maps),
+            *(() if why else _zone_rows(both)),
+            *_runout_rows(both),
+            *_control_line_rows(both),
+            *_object_rows(both, maps if why else (*maps, LEVEL), *objects),
+        ),
+        tuple(_differences(before.manifest, after.manifest)),
+        higher,
+        lower,
+        float(_certain(both).sum() * cell_m2),
+        (*notes, *([why] if why and one_has_levels else [])),
+    )
+
+
+_Both = tuple[StoredResult, StoredResult]
+
+
+def _certain(both: _Both) -> np.ndarray:
+    """Cells whose reach probability differs by more than both samples explain."""
+    old, new = (r.band(*REACH[:2]).ravel() for r in both)
+    before, after = (r.band(REACH.stem, "standard_error").ravel() for r in both)
+    variances = (
+        np.where(np.isfinite(old), before**2, 0.0),
+        np.where(np.isfinite(new), after**2, 0.0),
+    )
+    of_a_block = (1.0 / max(both[0].blocks, 1), 1.0 / max(both[1].blocks, 1))
+    return beyond_sampling((old, new), variances, of_a_block, (both[0].freedom, both[1].freedom))
+
+
+def _map_rows(both: _Both, maps: Sequence[ComparedMap]) -> Iterator[ChangeRow]:
+    cell_m2 = both[0].grid.cell_size ** 2
+    was, now = (np.isfinite(r.band(*REACH[:2])) for r in both)
+    for name, cells in (("area reached", (was, now)), (BY_ONE_ONLY, (was & ~now, now & ~was))):
+        yield ChangeRow("map", "", name, "m2", *(float(c.sum() * cell_m2) for c in cells))
+    for compared, name in zip(COMPARED, (REACH_MEAN, ENERGY_MEAN, HEIGHT_MEAN), strict=True):
+        if compared in maps:
+            values = [r.band(*compared[:2]) for r in both]
+            known = [np.isfinite(v) for v in values]
+            own = known[0] | known[1] if compared is REACH else known[0] & known[1]
+            means = (float(np.nan_to_num(v)[own].mean()) if own.any() else math.nan for v in values)
+            yield ChangeRow("map", "", name, compared.unit, *means)
+
+
+def _zone_rows(both: _Both) -> Iterator[ChangeRow]:
+    zones = [r.zones for r in both if r.zones is not None]
+    if len(zones) < 2:
+        return
+    for entry in sorted(both[1].maps[LEVEL.stem].classes, key=lambda c: -c.value):
+        own = (shapely.area(z.polygons[z.classes == entry.value]).sum() for z in zones)
+        yield ChangeRow("zones", entry.label, "area of zones", "m2", *map(float, own))
+
+
+def _runout_rows(both: _Both) -> Iterator[ChangeRow]:
+    yield ChangeRow("run-out", "", "blocks that started", "1", *(r.blocks for r in both))
+    found = [r.runout_m for r in both]
+    for name, share in _RUNOUT.items() if any(own.size for own in found) else ():
+        values = (float(np.quantile(own, share)) if own.size else math.nan for own in found)
+        yield ChangeRow("run-out", "", name, "m", *values)
+
+
+def _control_line_rows(both: _Both) -> Iterator[ChangeRow]:
+    for name in dict.fromkeys(name for r in both for name in r.control_lines):
+        for column, (quantity, unit) in _AT_LINES.items():
+            values = [float(r.control_lines.get(name, {}).get(column, math.nan)) for r in both]
+            if column == "rocks":
+                values = [v / max(r.blocks, 1) for v, r in zip(values, both, strict=True)]
+            yield ChangeRow("control line", name, quantity, unit, *values)
+
+
+def _object_rows(
+    both: _Both,
+    maps: Sequence[ComparedMap],
+    names: Sequence[str],
+    cells: IntArray,
+    owner: IntArray,
+) -> Iterator[ChangeRow]:
+    """What comes to each object; 0 where no block arrives.
+
+    Energy and height are those of all blocks that reach it, where both results have them, else, as
+    all others, the largest values over its cells.
+    """
+    shown = [
+        (quantity, m.unit, key, [r.band(*m[:2]).ravel() for r in both])
+        for m, quantity, key in _AT_OBJECTS
+        if m in maps
+    ]
+    currency = str(both[1].manifest["settings"].get("risk", {}).get("currency", "value"))
+    for number, name in enumerate(names):
+        own = cells[owner == number]
+        for quantity, unit, key, values in shown:
+            found = [r.values.get(name, {}).get(key) for r in both]
+            largest = [float(np.nan_to_num(v[own]).max(initial=0.0)) for v in values]
+            limits: tuple[tuple[float, ...], ...] = (_UNKNOWN, _UNKNOWN)
+            if all(found):
+                (one, *first), (two, *second) = (pooled or () for pooled in found)
+                largest = [float(np.nan_to_num(v)) for v in (one, two)]
+                limits = tuple(first), tuple(second)
+            yield ChangeRow("object", name, quantity, unit, *largest, limits=limits)
+        risks = [r.risk.get(name) for r in both]
+        for column, (quantity, unit) in _RISK.items() if any(risks) else ():
+            sums = (math.nan if r is None else r[column] for r in risks)
+            yield ChangeRow("object", name, quantity, phrase(unit, currency), *sums)
+
+
+# ---------------------------------------------------------------------------------------------
+# Manifests
+
+
+def _differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> Iterator[SettingChange]:
+    """In what two manifests differ: version, seed, settings, contents of the inputs, libraries."""
+    old, new = _facts(before), _facts(after)
+    for kind in old:
+        for name in sorted({*old[kind], *new[kind]}):
+            one, two = old[kind].get(name), new[kind].get(name)
+            if kind == "input":
+                # By the contents, wherever they lie.
+                mine, theirs = one or {}, two or {}
+                one = {digest: path for digest, path in mine.items() if digest not in theirs}
+                two = {digest: path for digest, path in theirs.items() if digest not in mine}
+            if one != two and not _same_file(one, two):
+                shown = name.partition(":")[0] if kind == "input" else name
+                yield SettingChange(kind, shown, _text(one), _text(two))
+
+
+def _facts(manifest: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """What is compared, by kind and name; of inputs the path by the digest."""
+    inputs: dict[str, dict[str, str]] = {}
+    for entry in manifest["inputs"]:
+        # The settings of a configuration are compared one by one.
+        if not entry["role"].startswith("config"):
+            # By the kind of file: there may be many tiles.
+            name = f"{entry['role']}: {PurePath(entry['path']).suffix}"
+            inputs.setdefault(name, {})[entry["sha256"]] = entry["path"]
+    # What a zoning found stands among its settings.
+    settings = {k: v for k, v in manifest["settings"].items() if k != "zoning"}
+    return {
+        "program": {"sassgis": manifest["sassgis"]},
+        "seed": {"seed": manifest["seed"]},
+        "preset": {"preset": manifest["preset"]},
+        "setting": dict(_flat(settings)),
+        "input": inputs,
+        "library": dict(manifest["versions"]),
+    }
+
+
+def _flat(value: object, name: str = "") -> Iterator[tuple[str, object]]:
+    """Settings by dotted name; items of a list by their own name, if they have one."""
+    if isinstance(value, Mapping):
+        for key, entry in value.items():
+            yield from _flat(entry, f"{name}.{key}" if name else str(key))
+    elif isinstance(value, list) and value and all(isinstance(v, Mapping) for v in value):
+        for number, entry in enumerate(value, start=1):
+            yield from _flat(entry, f"{name}.{entry.get('name', number)}")
+    else:
+        yield name, value
+
+
+def _same_file(one: object, two: object) -> bool:
+    """Whether two settings name files of the same name: their contents are compared as inputs."""
+    if not isinstance(one, str) or not isinstance(two, str):
+        return False
+    paths = PurePath(one), PurePath(two)
+    return paths[0].name == paths[1].name and any(len(p.parts) > 1 for p in paths)
+
+
+def _text(value: object) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, Mapping):
+        return ", ".join(f"{path} ({digest[:8]})" for digest, path in value.items())
+    if isinstance(value, list):
+        return " to ".join(map(str, value)) if len(value) == 2 else ", ".join(map(str, value))
+    return str(value)

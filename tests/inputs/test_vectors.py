@@ -1,0 +1,460 @@
+from __future__ import annotations
+
+import json
+import logging
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import geopandas as gpd
+import numpy as np
+import pandas as pd
+import pytest
+from helpers.input_files import MAP_RUN, NORTH, WEST, at
+from helpers.one_line import one_line
+from helpers.sections import section_of
+from shapely import (
+    GeometryCollection,
+    LineString,
+    MultiLineString,
+    MultiPoint,
+    MultiPolygon,
+    Point,
+    Polygon,
+    box,
+)
+
+from sassgis.errors import ConfigError, InputError
+from sassgis.grid import Grid
+from sassgis.inputs.config import load_config
+from sassgis.inputs.vector_features import Feature, cells_under, steepest_slope_deg
+from sassgis.inputs.vectors import START_SLOPE_DEG, read_control_lines, read_release
+from sassgis.settings.settings import ReleaseSettings
+
+BLOCKS = ("large", "small")
+
+
+def settings(path, **keys):
+    return section_of(ReleaseSettings, {"file": path, **keys}, Path("config.toml"))
+
+
+AREA = at(52, 31, 97, 58)
+
+
+# --- what is read ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["release.gpkg", "release.shp", "release.geojson"])
+def test_one_area_in_three_formats(make_layer, slope_grid, name):
+    to = "EPSG:4326" if name.endswith("geojson") else None
+    path = make_layer([AREA], name, to=to, title=["north"])
+    (area,) = read_release(settings(path, name_field="title"), slope_grid, BLOCKS)
+    assert area.name == "north"
+    assert area.scenarios == BLOCKS
+    # GeoJSON keeps 7 decimals of a degree: about a centimetre.
+    assert area.geometry.symmetric_difference(AREA).area < 1.5
+
+
+def test_other_projected_system_is_reprojected(make_layer, slope_grid, caplog):
+    path = make_layer([AREA], to="EPSG:21781")
+    with caplog.at_level(logging.INFO, "sassgis.io"):
+        (area,) = read_release(settings(path), slope_grid, BLOCKS)
+    assert area.geometry.symmetric_difference(AREA).area < 1.0
+    assert "reprojected" in caplog.text
+
+
+def test_without_names_areas_are_numbered(make_layer, slope_grid):
+    path = make_layer([AREA, at(152, 31, 197, 58)])
+    areas = read_release(settings(path), slope_grid, BLOCKS)
+    assert [a.name for a in areas] == ["area 1", "area 2"]
+
+
+def test_lines_points_and_collections_of_parts(make_layer, slope_grid):
+    shapes = [
+        LineString([(WEST + 20, NORTH - 20), (WEST + 80, NORTH - 25)]),
+        Point(WEST + 33, NORTH - 44),
+        MultiPolygon([at(10, 60, 30, 80), at(40, 60, 60, 80)]),
+        MultiPoint([(WEST + 100, NORTH - 50), (WEST + 120, NORTH - 50)]),
+    ]
+    areas = read_release(settings(make_layer(shapes, "r.geojson", to=None)), slope_grid, BLOCKS)
+    assert [a.geometry.geom_type for a in areas] == [s.geom_type for s in shapes]
+    assert areas[2].geometry.area == pytest.approx(800.0, rel=1e-3)
+
+
+def test_heights_of_vertices_are_dropped(make_layer, slope_grid):
+    x0, y0, x1, y1 = AREA.bounds
+    path = make_layer([Polygon([(x0, y0, 5.0), (x1, y0, 5.0), (x1, y1, 7.0)])])
+    (area,) = read_release(settings(path), slope_grid, BLOCKS)
+    assert not area.geometry.has_z
+
+
+def test_scenarios_come_from_the_attribute(make_layer, slope_grid, caplog):
+    shapes = [at(10 + 40 * i, 31, 40 + 40 * i, 58) for i in range(4)]
+    path = make_layer(shapes, blocks=["small", "small; large", None, "large,large"])
+    with caplog.at_level(logging.INFO, "sassgis.io"):
+        areas = read_release(settings(path, scenario_field="blocks"), slope_grid, BLOCKS)
+    found = [("small",), ("small", "large"), ("large", "small"), ("large",)]
+    assert [a.scenarios for a in areas] == found
+    assert "feature 3 names no scenario" in caplog.text
+
+
+def test_one_layer_of_several(make_layer, slope_grid):
+    path = make_layer([AREA], layer="north")
+    make_layer([at(10, 60, 30, 80)], layer="south")
+    (area,) = read_release(settings(path, layer="south"), slope_grid, BLOCKS)
+    assert area.geometry.equals(at(10, 60, 30, 80))
+
+
+def test_numbers_serve_as_names(make_layer, slope_grid):
+    path = make_layer([AREA, at(152, 31, 197, 58)], number=[3.0, 4.0])
+    areas = read_release(settings(path, name_field="number"), slope_grid, BLOCKS)
+    assert [a.name for a in areas] == ["3", "4"]
+
+
+def test_what_pandas_has_for_nothing_is_empty():
+    row = {"a": pd.NA, "b": None, "c": math.nan, "d": 7.0, "e": pd.NaT}
+    feature = Feature(2, row, None, "", Path("a.gpkg"), "a")
+    assert [feature.text(name) for name in row] == [None, None, None, "7", None]
+    assert feature.label == "feature 2"
+    with one_line(InputError, "a.gpkg: a: feature 2: is not a number", "<NA>"):
+        feature.value("a")
+
+
+# --- coordinate systems ---------------------------------------------------------------------
+
+
+def test_without_a_system_that_of_the_dem_is_taken_if_it_fits(make_layer, slope_grid, caplog):
+    path = make_layer([AREA], "release.shp", crs=None)
+    with caplog.at_level(logging.INFO, "sassgis.io"):
+        (area,) = read_release(settings(path), slope_grid, BLOCKS)
+    assert area.geometry.equals(AREA)
+    assert "taken to be that of the DEM" in caplog.text
+
+
+def test_local_dem_takes_local_vectors_only(make_layer, slope_grid):
+    local = replace(slope_grid, west=0.0, north=200.0, crs="")
+    here = box(50.0, 100.0, 90.0, 130.0)
+    for name in ("local.shp", "local.geojson"):  # GeoJSON is always read as WGS 84
+        path = make_layer([here], name, crs=None)
+        assert read_release(settings(path), local, BLOCKS)[0].geometry.equals(here)
+    with one_line(InputError, "release.gpkg", "release.file", "local coordinates", "LV95"):
+        read_release(settings(make_layer([AREA])), local, BLOCKS)
+
+
+# --- errors ---------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def refused(slope_grid):
+    def check(path, *words, grid: Grid | None = None, **keys):
+        with one_line(InputError, Path(path).name, *words):
+            read_release(settings(path, **keys), grid or slope_grid, BLOCKS)
+
+    return check
+
+
+def test_no_file_configured(slope_grid):
+    with one_line(InputError, "release.file", "no release areas"):
+        read_release(ReleaseSettings(), slope_grid, BLOCKS)
+
+
+def test_missing_layer_lists_the_layers(refused, make_layer):
+    path = make_layer([AREA], layer="north")
+    make_layer([AREA], layer="south")
+    refused(path, "release.layer", "'nort'", "north, south", "nearest: north", layer="nort")
+    refused(path, "release.layer", "several layers", "north, south")
+
+
+def test_tables_without_geometry_are_no_layers(refused, tmp_path):
+    import pyogrio
+
+    path = tmp_path / "table.gpkg"
+    frame = gpd.GeoDataFrame({"a": [1]}, geometry=[Point(0, 0)]).drop(columns="geometry")
+    pyogrio.write_dataframe(frame, path, layer="numbers")
+    refused(path, "release.file", "no layer with geometry", "numbers")
+
+
+def test_missing_field_lists_the_fields(refused, make_layer):
+    path = make_layer([AREA], title=["a"], rock=["large"])
+    refused(
+        path, "release.name_field", "'titel'", "title, rock", "nearest: title", name_field="titel"
+    )
+    refused(path, "release.scenario_field", "'x'", "one of title, rock", scenario_field="x")
+
+
+def test_empty_layer(refused, make_layer):
+    refused(make_layer([], "empty.gpkg", layer="none"), "layer none", "empty", "at least one")
+
+
+X0, Y0, X1, Y1 = AREA.bounds
+BOW = Polygon([(X0, Y0), (X1, Y1), (X1, Y0), (X0, Y1)])
+FAR = at(1000, 31, 1100, 58)
+SWISS = gpd.GeoSeries([AREA], crs=2056).to_crs(4326).total_bounds
+SWAPPED = box(SWISS[1], SWISS[0], SWISS[3], SWISS[2])
+#: Shapes, how they are written, and words of the message.
+SHAPES = {
+    "none": ([AREA, None], {}, ["feature 2 (b)", "no usable geometry", "polygon"]),
+    "empty": ([AREA, Polygon()], {}, ["feature 2 (b)", "no usable geometry", "polygon"]),
+    "crossing": ([AREA, BOW], {}, ["feature 2 (b)", "Self-intersection",
+                 f"[{0.5 * (X0 + X1)} {0.5 * (Y0 + Y1)}]"]),
+    "collection": ([GeometryCollection([AREA, Point(WEST + 5, NORTH - 5)])], {},
+                   ["feature 1", "wrong kind", "GeometryCollection", "polygon or line or point"]),
+    "outside": ([FAR], {}, ["feature 1", "outside the DEM", "2701000", "within x 2700000"]),
+    "one outside": ([AREA, FAR], {}, ["feature 2 (b)", "outside the DEM"]),
+    "touching": ([AREA, at(300, 31, 400, 58)], {}, ["feature 2", "outside the DEM"]),
+    # Cells under such a polygon would be looked for without end.
+    "no place": ([Polygon([(X0, Y0), (X1, Y0), (X1, Y0 - 1e308)])], {},
+                 ["feature 1", "coordinate that is no place on Earth"]),
+    "no system": ([box(8.9, 46.4, 8.91, 46.41)], {"crs": None, "name": "release.shp"},
+                  ["no coordinate system", "8.9", "coordinates of the DEM: x 2700000"]),
+    "swapped": ([SWAPPED], {"crs": "EPSG:4326"},
+                ["latitude and longitude are swapped", "longitude first"]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", SHAPES)
+def test_shapes_that_cannot_be_used(refused, make_layer, case):
+    shapes, written, words = SHAPES[case]
+    path = make_layer(shapes, **written, title=["a", "b"][: len(shapes)])
+    refused(path, *words, name_field="title")
+
+
+def test_metres_tagged_as_degrees(refused, tmp_path):
+    # What GDAL makes of a GeoJSON written in Swiss coordinates.
+    path = tmp_path / "release.geojson"
+    shape = {"type": "Polygon", "coordinates": [list(map(list, AREA.exterior.coords))]}
+    path.write_text(json.dumps({"type": "Feature", "properties": {}, "geometry": shape}))
+    refused(path, "release.file", "cannot be degrees", "WGS 84", "tagged")
+
+
+def test_unknown_scenario(refused, make_layer):
+    path = make_layer([AREA], title=["a"], blocks=["small;lrge"])
+    words = ["blocks", "feature 1 (a)", "'lrge'", "one of large, small (nearest: large)"]
+    refused(path, *words, scenario_field="blocks", name_field="title")
+
+
+def test_names_are_identities(refused, make_layer):
+    path = make_layer([AREA, at(152, 31, 197, 58)], title=["a", "a"])
+    refused(path, "title", "used twice", "'a' in features 1 and 2", name_field="title")
+    path = make_layer([AREA, at(152, 31, 197, 58)], "b.gpkg", title=["a", None])
+    refused(path, "title", "feature 2 has no name", name_field="title")
+
+
+def test_only_nodata_below(refused, make_layer, slope_grid):
+    values = slope_grid.values.copy()
+    values[3:6, 5:10] = np.nan
+    grid = replace(slope_grid, values=values)
+    refused(make_layer([AREA]), "feature 1", "lies on nodata", "no height", grid=grid)
+
+
+# --- warnings -------------------------------------------------------------------------------
+
+
+def test_partly_outside_is_a_warning_with_the_share(make_layer, slope_grid, caplog):
+    path = make_layer([at(290, 31, 330, 58)])
+    read_release(settings(path), slope_grid, BLOCKS)
+    assert "feature 1: 75.0 % of it lies outside the DEM" in caplog.text
+
+
+def test_some_nodata_is_a_warning_with_the_share(make_layer, slope_grid, caplog):
+    values = slope_grid.values.copy()
+    values[3, 5:7] = np.nan
+    path = make_layer([at(50, 30, 100, 60)])
+    (area,) = read_release(settings(path), replace(slope_grid, values=values), BLOCKS)
+    assert area.known == pytest.approx(13 / 15)
+    assert "13.3 % of it is nodata; no block starts there" in caplog.text
+    assert "one per year is put on the rest as a whole" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("shape", "known"),
+    [
+        # Cells of 10 m; heights are missing west of 60 m.
+        (at(53, 31, 83, 58), 23 / 30),
+        (at(-20, 31, 80, 58), 20 / 100),
+        (LineString([(WEST + 30, NORTH - 35), (WEST + 130, NORTH - 35)]), 70 / 100),
+        # Along the border of two rows, and across, with a third outside.
+        (LineString([(WEST + 30, NORTH - 40), (WEST + 130, NORTH - 40)]), 70 / 100),
+        (LineString([(WEST + 100, NORTH + 20), (WEST + 100, NORTH - 40)]), 4 / 6),
+        (
+            MultiPoint([(WEST + 50, NORTH - 35), (WEST + 70, NORTH - 35), (WEST + 80, NORTH - 35)]),
+            2 / 3,
+        ),
+        (LineString([(WEST + 80, NORTH - 40), (WEST + 81, NORTH - 40)]), 1.0),
+    ],
+)
+def test_the_share_on_known_terrain_is_that_of_the_shape(make_layer, slope_grid, shape, known):
+    values = slope_grid.values.copy()
+    values[:, :6] = np.nan
+    grid = replace(slope_grid, values=values)
+    (area,) = read_release(settings(make_layer([shape])), grid, BLOCKS)
+    assert area.known == pytest.approx(known, abs=1e-8)
+    # A part of the terrain that holds the shape gives the same bits.
+    part = grid.part(slice(0, 8), slice(0, 20))
+    (again,) = read_release(settings(make_layer([shape], "again.gpkg")), part, BLOCKS)
+    assert again.known == area.known
+
+
+@pytest.mark.parametrize(("degrees", "warned"), [(19.5, True), (21.0, False)])
+def test_areas_too_flat_to_start_from_are_warned_of(
+    make_layer, slope_grid, caplog, degrees, warned
+):
+    values = (slope_grid.values - 1000.0) * math.tan(math.radians(degrees)) + 1000.0
+    read_release(settings(make_layer([AREA])), replace(slope_grid, values=values), BLOCKS)
+    text = f"nowhere steeper than {degrees:.1f} degrees"
+    assert (text in caplog.text) is warned
+    assert pytest.approx(20.3, abs=0.02) == START_SLOPE_DEG
+
+
+def test_overlaps_are_warned_of_within_a_scenario(make_layer, slope_grid, caplog):
+    shapes = [at(10, 30, 50, 60), at(30, 30, 80, 60), at(200, 30, 220, 60)]
+    path = make_layer(shapes, blocks=["small", "large", "large"])
+    read_release(settings(path, scenario_field="blocks"), slope_grid, BLOCKS)
+    assert not caplog.records
+    read_release(settings(path), slope_grid, BLOCKS)
+    assert [r.getMessage().split(": ")[1] for r in caplog.records] == [
+        "areas area 1 and area 2 overlap by 600.0 m2; blocks start there from both"
+    ]
+
+
+def test_open_rings_are_refused_and_the_reason_is_told(refused, tmp_path, caplog):
+    ring = [list(p) for p in gpd.GeoSeries([AREA], crs=2056).to_crs(4326)[0].exterior.coords[:-1]]
+    shape = {"type": "Polygon", "coordinates": [ring]}
+    path = tmp_path / "open.geojson"
+    path.write_text(json.dumps({"type": "Feature", "properties": {}, "geometry": shape}))
+    refused(path, "release.file", "feature 1 has no usable geometry")
+    assert "Non closed ring" in caplog.text
+
+
+# --- cells and slopes -----------------------------------------------------------------------
+
+
+def test_cells_under_polygons_lines_and_points(slope_grid):
+    def marked(shape):
+        rows, cols, mask = cells_under(shape, slope_grid)
+        full = np.zeros(slope_grid.shape, bool)
+        full[rows, cols] = mask
+        return sorted(zip(*map(list, np.nonzero(full)), strict=True))
+
+    assert marked(at(50, 30, 70, 40)) == [(3, 5), (3, 6)]
+    assert marked(at(54, 30, 70, 40)) == [(3, 5), (3, 6)]
+    assert marked(at(56, 30, 70, 40)) == [(3, 6)]  # the centre of column 5 is outside
+    assert marked(at(51, 31, 53, 33)) == [(3, 5)]  # holds no centre
+    assert marked(Point(WEST + 299.0, NORTH - 199.0)) == [(19, 29)]
+    line = LineString([(WEST + 1, NORTH - 5), (WEST + 25, NORTH - 5)])
+    assert marked(line) == [(0, 0), (0, 1), (0, 2)]
+
+
+def test_steepest_slope_is_that_of_the_plane_even_at_the_edge(slope_grid):
+    for shape in (AREA, at(0, 0, 10, 10), at(290, 190, 300, 200), Point(WEST + 5, NORTH - 5)):
+        assert steepest_slope_deg(shape, slope_grid) == pytest.approx(45.0)
+
+
+# --- stations and barriers ------------------------------------------------------------------
+
+
+@pytest.fixture
+def control_lines(tmp_path, slope_grid):
+    def read(text):
+        path = tmp_path / "run.toml"
+        path.write_text(MAP_RUN + text)
+        return read_control_lines(load_config(path), slope_grid)
+
+    return read
+
+
+ROAD = LineString([(WEST + 10, NORTH - 150), (WEST + 100, NORTH - 150), (WEST + 290, NORTH - 155)])
+
+
+def test_control_lines_from_lines_and_files(make_layer, control_lines):
+    make_layer([ROAD, MultiLineString([ROAD.parallel_offset(20)])], "s.shp", name=["road", "rail"])
+    result = control_lines(f"""
+[[stations]]
+name = "s"
+file = "s.shp"
+name_field = "name"
+[[barriers]]
+name = "net"
+kind = "net"
+height_m = 4
+capacity_kj = 2000
+line = [[{WEST + 10}, {NORTH - 90}], [{WEST + 10}, {NORTH - 90}], [{WEST + 200}, {NORTH - 95}]]
+[[barriers]]
+name = "wall"
+kind = "wall"
+height_m = 3
+file = "s.shp"
+""")
+    assert [(g.name, g.kind, g.height_m, g.capacity_kj) for g, _ in result] == [
+        ("road", "station", 0.0, math.inf),
+        ("rail", "station", 0.0, math.inf),
+        ("net", "net", 4.0, 2000.0),
+        ("wall 1", "wall", 3.0, math.inf),
+        ("wall 2", "wall", 3.0, math.inf),
+    ]
+    np.testing.assert_array_equal(result[0][1], np.array(ROAD.coords))
+    np.testing.assert_array_equal(result[2][1], [[WEST + 10, NORTH - 90], [WEST + 200, NORTH - 95]])
+    assert result[2][1].dtype == np.float64
+
+
+def test_a_single_feature_takes_the_name_of_the_station(make_layer, control_lines):
+    make_layer([ROAD], "s.gpkg")
+    ((line, _),) = control_lines('[[stations]]\nname = "road"\nfile = "s.gpkg"')
+    assert line.name == "road"
+
+
+def test_parts_that_join_are_one_line(make_layer, control_lines):
+    first, middle, last = ROAD.coords
+    make_layer([MultiLineString([[first, middle], [middle, last]])], "s.gpkg")
+    ((_, points),) = control_lines('[[stations]]\nname = "road"\nfile = "s.gpkg"')
+    assert len(points) == 3
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("line = [[0, 0], [10, 10]]", ["stations[road].line", "outside the DEM", "x 0 to 10"]),
+        ("line = [[2700010, 1149900], [2700010, 1149900]]",
+         ["stations[road].line", "no length", "two points that differ"]),
+        ("chainage_m = 3", ["stations[road]", "chainage_m", "line or file"]),
+        ('file = "parts.gpkg"', ["parts.gpkg", "feature 1", "2 parts", "one line"]),
+        ('file = "area.gpkg"', ["stations[road].file", "feature 1", "Polygon", "a line"]),
+    ],
+)  # fmt: skip
+def test_stations_that_cannot_be_used(make_layer, control_lines, text, words):
+    make_layer([MultiLineString([ROAD, ROAD.parallel_offset(20)])], "parts.gpkg")
+    make_layer([AREA], "area.gpkg")
+    with one_line(InputError, *words):
+        control_lines(f'[[stations]]\nname = "road"\n{text}')
+
+
+def test_names_differ_over_files_too(make_layer, control_lines):
+    make_layer([ROAD], "s.gpkg", title=["road"])
+    line = f"line = [[{WEST + 1}, {NORTH - 9}], [{WEST + 90}, {NORTH - 9}]]"
+    with one_line(ConfigError, "run.toml", "used twice", "'road'"):
+        control_lines(
+            f'[[stations]]\nname = "road"\n{line}\n'
+            '[[stations]]\nname = "s"\nfile = "s.gpkg"\nname_field = "title"'
+        )
+
+
+def test_lines_partly_outside_are_warned_of(control_lines, caplog):
+    control_lines(
+        f'[[stations]]\nname = "road"\n'
+        f"line = [[{WEST + 200}, {NORTH - 9}], [{WEST + 400}, {NORTH - 9}]]"
+    )
+    assert "stations[road].line: road: 50.0 % of it lies outside the DEM" in caplog.text
+
+
+# --- field data -----------------------------------------------------------------------------
+
+
+def test_release_areas_of_the_avalanche_data(shared_data):
+    from sassgis.inputs.dem import read_dem
+
+    folder = shared_data / "tirol_avaMalRegional"
+    grid = read_dem(folder / "avaMal.tif")
+    path = folder / "REL" / "relMalRegional.shp"
+    areas = read_release(settings(path, name_field="Name"), grid, BLOCKS)
+    assert len(areas) == 6
+    assert all(a.geometry.area > 1000.0 for a in areas)

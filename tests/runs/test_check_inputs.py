@@ -1,0 +1,125 @@
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+import pytest
+from helpers.input_files import NORTH, ONE_BLOCK, WEST, at
+
+from sassgis.errors import InputError
+from sassgis.inputs.config import load_config
+from sassgis.runs.check_inputs import check_inputs
+
+TEXT = f"""
+[terrain]
+dem = "dem.tif"
+vertical_datum = "LN02"
+[release]
+file = "release.gpkg"
+name_field = "title"
+spacing_m = 10
+[ground]
+file = "ground.gpkg"
+class_field = "kind"
+{ONE_BLOCK}[[stations]]
+name = "road"
+line = [[{WEST + 10}, {NORTH - 150}], [{WEST + 200}, {NORTH - 150}]]
+[[barriers]]
+name = "net"
+kind = "net"
+height_m = 4
+capacity_kj = 500
+line = [[{WEST + 10}, {NORTH - 120}], [{WEST + 200}, {NORTH - 120}]]
+"""
+
+
+@pytest.fixture
+def config(tmp_path, make_dem, make_layer):
+    values = np.broadcast_to(1000.0 - 10.0 * np.arange(20.0)[:, None], (20, 30)).copy()
+    values[:, 27:] = -9999.0
+    make_dem(values, nodata=-9999.0)
+    make_layer([at(10, 20, 110, 60)], title=["north"])
+    make_layer([at(0, 0, 134, 100)], "ground.gpkg", kind=["talus"])
+    (tmp_path / "run.toml").write_text(TEXT)
+    return tmp_path / "run.toml"
+
+
+def test_report_says_what_the_inputs_hold(config):
+    report = check_inputs(load_config(config))
+    dem = report.dem
+    assert dem is not None
+    assert (dem.n_rows, dem.n_cols, dem.cell_size) == (20, 30, 10.0)
+    assert (dem.lowest, dem.highest) == (810.0, 1000.0)
+    assert dem.nodata_share == pytest.approx(0.1)
+    assert dem.vertical_datum == "LN02"
+    assert dem.crs.endswith("(EPSG:2056)")
+    (area,) = report.areas
+    assert (area.name, area.kind, area.scenarios) == ("north", "polygon", ("large",))
+    assert area.size == pytest.approx(4000.0)
+    # The multiples of 10 m inside: 9 columns, 3 rows.
+    assert report.points == area.points == 27
+    # Columns 0 to 12 have their centre under the polygon, of 27 with heights; half the rows.
+    shares = {c.name: c.share for c in report.classes}
+    assert shares == pytest.approx({"talus": 130 / 540, "debris": 410 / 540})
+    assert [g.name for g in report.control_lines] == ["road", "net"]
+    (share,) = (w for w in report.warnings if "debris 76 %" in w)
+    assert "estimates" in share
+
+
+def test_lines_are_lines(config):
+    lines = check_inputs(load_config(config)).lines()
+    assert not any("\n" in line for line in lines)
+    text = "\n".join(lines)
+    for word in (
+        "20 rows x 30 columns of 10 m, 10.0 % nodata",
+        "heights 810.0 to 1000.0 m, height system LN02",
+        "EPSG:2056",
+        "north: 4000 m2, 27 release points, blocks large",
+        "talus, on 24.1 % of the cells: estimate",
+        "net: 4 m high, 500 kJ",
+        "WARNING",
+    ):
+        assert word in text
+
+
+def test_warnings_of_the_readers_are_in_the_report_and_the_log_stays_as_it_was(
+    config, make_layer, caplog
+):
+    outside = at(250, 20, 350, 60)
+    make_layer([outside], crs="EPSG:2056", to="EPSG:21781", title=["east"])
+    logger = logging.getLogger("sassgis.io")
+    before = (logger.level, logger.propagate, list(logger.handlers))
+    report = check_inputs(load_config(config))
+    assert (logger.level, logger.propagate, list(logger.handlers)) == before
+    assert any("of it lies outside the DEM" in w for w in report.warnings)
+    assert any("of it is nodata" in w for w in report.warnings)
+    assert any("reprojected from" in n for n in report.notices)
+    assert not caplog.records
+
+
+def test_errors_come_through_and_the_log_stays_as_it_was(config, make_layer):
+    make_layer([at(1000, 31, 1100, 58)], title=["far"])
+    logger = logging.getLogger("sassgis.io")
+    handlers = list(logger.handlers)
+    with pytest.raises(InputError, match="outside the DEM"):
+        check_inputs(load_config(config))
+    assert logger.handlers == handlers
+    assert logger.propagate
+
+
+def test_profile_runs_are_checked_without_a_map(tmp_path):
+    path = tmp_path / "profile.toml"
+    path.write_text(
+        '[profile]\nfile = "p.csv"\nstart_m = [0, 5]\n'
+        f'{ONE_BLOCK}[[stations]]\nname = "road"\nchainage_m = 9\n'
+    )
+    (tmp_path / "p.csv").write_text("s_m,z_m,ground\n0,100,rock\n5,96,\n20,94,\n")
+    report = check_inputs(load_config(path))
+    assert report.dem is None
+    assert report.areas == ()
+    assert [g.name for g in report.control_lines] == ["road"]
+    assert {c.name: c.share for c in report.classes} == {"rock": 0.25, "debris": 0.75}
+    text = "\n".join(report.lines())
+    assert "3 vertices, chainage 0 to 20 m, heights 94.0 to 100.0 m" in text
+    assert "debris, on 75.0 % of the profile: estimate" in text
+    assert "blocks         large" in text
