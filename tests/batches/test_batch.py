@@ -17,9 +17,9 @@ import rasterio
 import shapely
 from helpers.changed_arrays import change_arrays
 from helpers.cut_valley import GOOD, Stopped, Valley
-from sassgis.batch import batch as runs_batch
-from sassgis.batch import batch_window
 
+from sassgis.batches import batch as runs_batch
+from sassgis.batches import batch_window
 from sassgis.batches.batch import batch, find_areas
 from sassgis.errors import ConfigError, InputError, OutputError
 from sassgis.files.saved_arrays import unfit

@@ -19,9 +19,9 @@ import pytest
 import rasterio
 from helpers.cut_valley import Stopped, Valley, write_vrt
 from helpers.listed_results import digests
-from sassgis.batch import batch as runs_batch
-from sassgis.batch import batch_mosaic, batch_state
 
+from sassgis.batches import batch as runs_batch
+from sassgis.batches import batch_mosaic, batch_state
 from sassgis.batches.batch import batch
 from sassgis.batches.batch_mosaic import (
     BASE,

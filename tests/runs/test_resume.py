@@ -20,7 +20,6 @@ import pytest
 import shapely.affinity
 from helpers.changed_arrays import Change, change_arrays
 from helpers.open_geopackage import moved_in_gis
-from sassgis.simulate import loop as map_run
 
 from sassgis.errors import Interrupted, OutputError
 from sassgis.files.atomic_output import partial_folder
@@ -29,6 +28,7 @@ from sassgis.inputs.config import load_config
 from sassgis.runs import publish
 from sassgis.runs import resumable_run as job_module
 from sassgis.runs.run import run
+from sassgis.simulation import loop as map_run
 from sassgis.simulation.accumulators import Progress, SourceTally
 from sassgis.simulation.checkpoint import Checkpoint, progress_from, state_of
 from sassgis.simulation.control_lines import ControlLineSums

@@ -14,8 +14,8 @@ import shapely
 from helpers.input_files import ONE_BLOCK
 from helpers.small_slope import CELL, COLS, NORTH, ROWS, WEST, Slope, heights, release_box
 from rasterio.transform import from_origin
-from sassgis.batch import batch_area
 
+from sassgis.batches import batch_area
 from sassgis.batches.batch import find_areas
 from sassgis.errors import InputError
 from sassgis.inputs.config import load_config
