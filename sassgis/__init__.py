@@ -84,7 +84,8 @@ _NAMES = {
     "settings.results": "Outcome StopReason",
     "settings.run_config": "Config",
     "settings.settings": "BarrierSettings BlockSettings EngineSettings GroundSettings "
-    "OutputSettings ProfileSettings ProjectSettings ReleaseSettings RunSettings StationSettings TerrainSettings",
+    "OutputSettings ProfileSettings ProjectSettings ReleaseSettings RunSettings StationSettings "
+    "TerrainSettings",
     "batches.batch": "batch",
     "runs.calibrate": "calibrate",
     "runs.check_inputs": "check_inputs",
