@@ -50,7 +50,7 @@ NUMERICAL = (
     ("profile._PAST",),
     ("profile.STRAIGHT", "profile._STRAIGHT_M"),
     ("landing.FIRST_TURN",),
-    ("touching._TINY", "touching._WAIT", "touching._DEEP"),
+    ("ellipse_contact._TINY", "ellipse_contact._WAIT", "ellipse_contact._DEEP"),
     # Criterion of rest for repeated contacts at one point.
     ("landing._REST_SHARE", "landing._SAME_SPOT"),
 )

@@ -312,8 +312,9 @@ def simulate_blocks(
         # The released block first, then those that it and they spawn, in turn.
         key = rng.block_key(setup.seed, line_key, setup.first_rock + r)
         spread = setup.physics.rolling_friction_sd
-        drawn = with_outline(draw_block(limits[0], limits[1], key), setup.physics)
-        block = with_drag(hooks.on_block(effects, drawn), spread)
+        drawn = draw_block(limits[0], limits[1], key)
+        outlined = with_outline(drawn, setup.physics)
+        block = with_drag(hooks.on_block(effects, outlined), spread)
         start = release(effects, state, block, site, setup, limits, key, first, second, path, i)
         number = i * setup.n_blocks + r
         row = rows.rocks[number]
@@ -331,6 +332,9 @@ def simulate_blocks(
             simulate_block(state, block, site, output, setup.physics, effects, path)
             cells, mass = work.cells, block.mass
             last = finish_block(row, block, state, site, rows, totals.sums, cells)
+            if n_spawned == 0:
+                # As it was drawn, not as it moves.
+                row.a_m, row.b_m = drawn.a, drawn.b
             n_touched = state.n_touched
             if work.windows.peak.size:
                 meet_disks(cells, n_touched, mass, totals.windows.disks, work.windows)

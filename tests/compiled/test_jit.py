@@ -22,7 +22,7 @@ def in_a_process(code: str, **environment: str) -> str:
 
 def test_machine_code_is_kept_in_the_folder_asked_for_and_only_ours(tmp_path):
     code = (
-        "import numba; from sassgis.model import rng; rng.uniform(rng.mix(1), 0, 0); "
+        "import numba; from sassgis.compiled import rng; rng.uniform(rng.mix(1), 0, 0); "
         "print(numba.config.CACHE_DIR == '')"
     )
     environment = {"SASSGIS_CACHE_DIR": str(tmp_path), "NUMBA_CACHE_DIR": ""}
@@ -31,14 +31,14 @@ def test_machine_code_is_kept_in_the_folder_asked_for_and_only_ours(tmp_path):
 
 
 def test_machine_code_is_made_only_of_what_python_calls(tmp_path):
-    code = "import numpy as np; from sassgis.model import rng; rng.normal(np.uint64(1), 0, 0)"
+    code = "import numpy as np; from sassgis.compiled import rng; rng.normal(np.uint64(1), 0, 0)"
     in_a_process(code, SASSGIS_CACHE_DIR=str(tmp_path))
     # It calls two others, which are part of it.
     assert [index.name.split("-")[0] for index in tmp_path.rglob("*.nbi")] == ["rng.normal"]
 
 
 #: Compiles one short function, or runs what is kept of it.
-CALL = "from sassgis.model import rng; rng.uniform(rng.mix(1), 0, 0)"
+CALL = "from sassgis.compiled import rng; rng.uniform(rng.mix(1), 0, 0)"
 
 
 class Payload:
@@ -176,7 +176,7 @@ def test_modules_in_the_current_folder_are_not_imported(tmp_path):
 
 def test_with_another_numba_functions_are_compiled_and_kept_as_it_does_by_itself(tmp_path):
     code = (
-        "import sys, numba; numba.__version__ = sys.argv[1]; from sassgis.model import rng\n"
+        "import sys, numba; numba.__version__ = sys.argv[1]; from sassgis.compiled import rng\n"
         "own = 'sassgis.compiled.machine_code' in sys.modules\n"
         "print(float(rng.normal(rng.mix(1), 0, 0)), own)"
     )

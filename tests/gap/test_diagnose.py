@@ -53,7 +53,7 @@ def few_draws() -> Iterator[None]:
 
 def make_case(folder: Path, kind: str, n_rocks: int, effect: str | None = None) -> Path:
     effects = () if effect is None else (EffectSpec(effect, "strong"),)
-    write_case(make_world(WorldSpec("quarry", effects, n_rocks, kind), 31), folder, "test")
+    write_case(make_world(WorldSpec("quarry", effects, n_rocks, kind), 32), folder, "test")
     return folder
 
 

@@ -154,7 +154,7 @@ def test_chainage_runs_on_over_a_tunnel(layer, grid):
 
 def test_stretches_beyond_the_map_are_left_out_and_told(layer, grid, caplog):
     path = layer([LineString([(-120, 50), (180, 50)])])
-    with caplog.at_level(logging.WARNING, "sassgis.io"):
+    with caplog.at_level(logging.WARNING, "sassgis"):
         placed = read_objects(path, grid, kind="line", name="pipe", defaults={"value_per_m": 1.0})
     assert len(placed) == 4  # Of six stretches two lie beyond; half of one is on the map.
     assert placed.objects[0].from_m == pytest.approx(100.0)
@@ -279,7 +279,7 @@ def test_objects_outside_the_map(layer, grid, caplog):
     path = layer([box(20, 20, 32, 30), box(500, 20, 512, 30)], house=["A", "B"])
     with one_line(InputError, "objects[h].file: feature 2 (B) lies outside the DEM", "x 2700500"):
         read_objects(path, grid, kind="building", name="h", name_field="house")
-    with caplog.at_level(logging.WARNING, "sassgis.io"):
+    with caplog.at_level(logging.WARNING, "sassgis"):
         read_objects(layer([box(-5, 20, 15, 30)], "p.gpkg"), grid, kind="building", name="hut")
     assert "25.0 % of it lies outside the DEM" in caplog.text
 
@@ -312,7 +312,7 @@ def test_stretches_shorter_than_cells_allow(layer, grid):
 
 
 def test_what_deserves_a_look(layer, grid, caplog):
-    with caplog.at_level(logging.WARNING, "sassgis.io"):
+    with caplog.at_level(logging.WARNING, "sassgis"):
         read_objects(layer([box(350, 250, 360, 260)]), grid, kind="building", name="hut")
         jam = {**TRAFFIC, "traffic_per_day": 300_000.0}
         read_objects(layer([BEND], "r.gpkg"), grid, kind="road", name="r", defaults=jam)
@@ -369,7 +369,7 @@ def test_tables_that_cannot_be_used(tmp_path, old, new, words):
 
 
 def test_vulnerability_that_falls_is_told(tmp_path, caplog):
-    with caplog.at_level(logging.WARNING, "sassgis.io"):
+    with caplog.at_level(logging.WARNING, "sassgis"):
         read_table(tmp_path, (HEAD + ROWS).replace("high,0.5", "high,0.05"))
     assert "vulnerability of kind building falls from 0.1 at mean to 0.05 at high" in caplog.text
 

@@ -101,7 +101,7 @@ def _assert_plane(grid, share):
 
 def test_cells_that_are_not_square_are_resampled(make_dem, caplog):
     transform = Affine(10.0, 0.0, WEST, 0.0, -5.0, NORTH)
-    with caplog.at_level(logging.INFO, "sassgis.io"):
+    with caplog.at_level(logging.INFO, "sassgis"):
         grid = read_dem(make_dem(_plane_raster(transform, (40, 20)), transform=transform))
     assert grid.cell_size == 5.0
     assert grid.shape == (40, 40)
@@ -115,7 +115,7 @@ def test_cells_that_are_not_square_are_resampled(make_dem, caplog):
 def test_rotated_rasters_are_turned(make_dem, caplog, angle):
     cos, sin = math.cos(math.radians(angle)), math.sin(math.radians(angle))
     transform = Affine(10.0 * cos, 10.0 * sin, WEST, 10.0 * sin, -10.0 * cos, NORTH)
-    with caplog.at_level(logging.INFO, "sassgis.io"):
+    with caplog.at_level(logging.INFO, "sassgis"):
         grid = read_dem(make_dem(_plane_raster(transform, (40, 30)), transform=transform))
     assert grid.cell_size == pytest.approx(10.0)
     width = 300.0 * cos + 400.0 * abs(sin)
@@ -126,7 +126,7 @@ def test_rotated_rasters_are_turned(make_dem, caplog, angle):
 
 def test_cell_sizes_that_differ_by_rounding_only_are_square(make_dem, caplog):
     transform = Affine(10.0, 0.0, WEST, 0.0, -10.0 - 1e-6, NORTH)
-    with caplog.at_level(logging.INFO, "sassgis.io"):
+    with caplog.at_level(logging.INFO, "sassgis"):
         grid = read_dem(make_dem(HEIGHTS, transform=transform))
     np.testing.assert_array_equal(grid.values, HEIGHTS)
     assert not caplog.records

@@ -57,7 +57,7 @@ def test_one_area_in_three_formats(make_layer, slope_grid, name):
 
 def test_other_projected_system_is_reprojected(make_layer, slope_grid, caplog):
     path = make_layer([AREA], to="EPSG:21781")
-    with caplog.at_level(logging.INFO, "sassgis.io"):
+    with caplog.at_level(logging.INFO, "sassgis"):
         (area,) = read_release(settings(path), slope_grid, BLOCKS)
     assert area.geometry.symmetric_difference(AREA).area < 1.0
     assert "reprojected" in caplog.text
@@ -91,7 +91,7 @@ def test_heights_of_vertices_are_dropped(make_layer, slope_grid):
 def test_scenarios_come_from_the_attribute(make_layer, slope_grid, caplog):
     shapes = [at(10 + 40 * i, 31, 40 + 40 * i, 58) for i in range(4)]
     path = make_layer(shapes, blocks=["small", "small; large", None, "large,large"])
-    with caplog.at_level(logging.INFO, "sassgis.io"):
+    with caplog.at_level(logging.INFO, "sassgis"):
         areas = read_release(settings(path, scenario_field="blocks"), slope_grid, BLOCKS)
     found = [("small",), ("small", "large"), ("large", "small"), ("large",)]
     assert [a.scenarios for a in areas] == found
@@ -125,7 +125,7 @@ def test_what_pandas_has_for_nothing_is_empty():
 
 def test_without_a_system_that_of_the_dem_is_taken_if_it_fits(make_layer, slope_grid, caplog):
     path = make_layer([AREA], "release.shp", crs=None)
-    with caplog.at_level(logging.INFO, "sassgis.io"):
+    with caplog.at_level(logging.INFO, "sassgis"):
         (area,) = read_release(settings(path), slope_grid, BLOCKS)
     assert area.geometry.equals(AREA)
     assert "taken to be that of the DEM" in caplog.text

@@ -85,7 +85,7 @@ def rolling_case(folder: Path) -> Case:
             # Without chance a path that is followed is the fall line of the plane.
             "engine": {
                 "slope_variation": "off", "side_tilt_deg": 0.0, "drift_deg": 0.0,
-                "rolling_friction_sd": 0.0,
+                "rolling_friction_sd": 0.0, "outline_edges": 0.0,
             },
             # Zones that are the cells themselves.
             "zones": {"min_area_m2": 0.0, "closing_m": 0.0, "min_width_m": 0.0, "tolerance_m": 0.0},

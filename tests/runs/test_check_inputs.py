@@ -87,7 +87,7 @@ def test_warnings_of_the_readers_are_in_the_report_and_the_log_stays_as_it_was(
 ):
     outside = at(250, 20, 350, 60)
     make_layer([outside], crs="EPSG:2056", to="EPSG:21781", title=["east"])
-    logger = logging.getLogger("sassgis.io")
+    logger = logging.getLogger("sassgis")
     before = (logger.level, logger.propagate, list(logger.handlers))
     report = check_inputs(load_config(config))
     assert (logger.level, logger.propagate, list(logger.handlers)) == before
@@ -99,7 +99,7 @@ def test_warnings_of_the_readers_are_in_the_report_and_the_log_stays_as_it_was(
 
 def test_errors_come_through_and_the_log_stays_as_it_was(config, make_layer):
     make_layer([at(1000, 31, 1100, 58)], title=["far"])
-    logger = logging.getLogger("sassgis.io")
+    logger = logging.getLogger("sassgis")
     handlers = list(logger.handlers)
     with pytest.raises(InputError, match="outside the DEM"):
         check_inputs(load_config(config))

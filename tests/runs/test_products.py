@@ -140,7 +140,7 @@ def test_sheets_show_every_return_period_and_what_lies_around(german: Path) -> N
         keys = [layer.text for layer in shown]
         objects = "vector_risk_lines" if name == "Risiko" else "vector_exposed_lines"
         assert keys[:2] == ["vector_barriers", "vector_release_areas"] and objects in keys
-        words = " ".join(item.get("labelText", "") for item in sheet.iter("LayoutItem"))
+        words = " ".join(option.get("value", "") for option in sheet.iter("Option"))
         said = ("A. Muster", "2026-01-31", "sassgis", "hier", "frei", "Blockszenarien", "Massstab")
         assert [text for text in said if text not in words] == [], name
     sources = {m.findtext("id"): m.findtext("datasource") for m in project.iter("maplayer")}

@@ -22,7 +22,7 @@ from sassgis.simulation.loop import plan_of_points, simulate_map
 from sassgis.simulation.map_sums import count_variance
 
 #: Of the zoning that is stopped and goes on.
-CHUNKS = 13
+CHUNKS = 14
 
 
 def same_curves(one: HazardCurves, two: HazardCurves) -> bool:

@@ -61,7 +61,9 @@ def test_every_layer_opens_in_its_place(valley: RunResult, seen: dict[str, Any])
 
 def test_maps_have_classes_that_can_occur(seen: dict[str, Any]) -> None:
     energy = layer(seen, "Kinetic energy")["renderer"]
-    assert [i["label"] for i in energy["items"]] == ["0 – 30 kJ", "30 – 300 kJ", "≥ 300 kJ"]
+    assert [i["label"] for i in energy["items"]] == [
+        "0 – 30 kJ", "30 – 100 kJ", "100 – 300 kJ", "300 – 1000 kJ", "1000 – 3000 kJ", "≥ 3000 kJ"
+    ]  # fmt: skip
     for entry in seen["layers"]:
         if entry["kind"] == "vector" or entry["renderer"]["type"] == "hillshade":
             continue

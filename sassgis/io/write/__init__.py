@@ -1,1 +1,0 @@
-"""Files of results. What writes raises OutputError where the disk is full or not writable."""
