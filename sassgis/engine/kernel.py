@@ -332,9 +332,8 @@ def simulate_blocks(
             simulate_block(state, block, site, output, setup.physics, effects, path)
             cells, mass = work.cells, block.mass
             last = finish_block(row, block, state, site, rows, totals.sums, cells)
-            if n_spawned == 0:
-                # As it was drawn, not as it moves.
-                row.a_m, row.b_m = drawn.a, drawn.b
+            # The released block as it was drawn, not as it moves.
+            row.a_m, row.b_m = stated_axes(drawn, block, n_spawned)
             n_touched = state.n_touched
             if work.windows.peak.size:
                 meet_disks(cells, n_touched, mass, totals.windows.disks, work.windows)
@@ -456,6 +455,14 @@ def open_row(row: Record, line: int, number: int, spawned: int, start: float) ->
     row.rock = number
     row.piece = spawned
     row.start_m = start
+
+
+@lean
+def stated_axes(drawn: Block, block: Block, n_spawned: int) -> tuple[float, float]:
+    """Longer axes of the released block as it was drawn; of a fragment as it moves (m)."""
+    if n_spawned > 0:
+        return block.a, block.b
+    return drawn.a, drawn.b
 
 
 @fused
