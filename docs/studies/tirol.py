@@ -33,6 +33,12 @@ BEFORE = """\
 name,eta_max,dp_min,dp_max,mu_f,mu_0,k,d_star_m,restitution,restitution_speed_mps,rolling_threshold
 debris,0.80,0.2,0.6,0.80,0.52,0.21,0.3,0.55,9.144,0.1
 """
+#: Blocks moved as ellipses of their axes.
+BEFORE_LINES = """classes = "before.csv"
+
+[engine]
+outline_edges = 0.0
+outline_share = 1.0"""
 CONFIG = """\
 [terrain]
 dem = "{dem}"
@@ -67,7 +73,7 @@ seed = 1
 def config_of(
     data: Path, name: str, spacing: float, ground: str = "talus", classes: str = ""
 ) -> str:
-    """Configuration of one terrain; ``classes``: a line that names a table of classes."""
+    """Configuration of one terrain; ``classes``: lines that name a table of classes."""
     dem, release = ((data / part).resolve() for part in SITES[name])
     return CONFIG.format(dem=dem, release=release, spacing=spacing, ground=ground, classes=classes)
 
@@ -76,7 +82,7 @@ def run_site(data: Path, out: Path, name: str, spacing: float) -> dict[str, Path
     """Zone one terrain both ways; the folders of the results."""
     (out / "before.csv").write_text(BEFORE)
     folders = {}
-    for label, classes in (("before", 'classes = "before.csv"'), ("after", "")):
+    for label, classes in (("before", BEFORE_LINES), ("after", "")):
         config = out / f"{name}_{label}.toml"
         config.write_text(config_of(data, name, spacing, "debris", classes))
         folders[label] = out / f"{name}_{label}"

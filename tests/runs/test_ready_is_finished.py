@@ -81,7 +81,7 @@ def nothing(case: Case) -> None:
     without(case, slice(0, 70), slice(0, 20), (24, 7), (44, 7))
 
 
-@pytest.mark.parametrize("path", ["followed", "fall_line"])
+@pytest.mark.parametrize("path", ["followed", pytest.param("fall_line", marks=pytest.mark.battery)])
 @pytest.mark.parametrize(
     ("situation", "ready"),
     [
@@ -104,5 +104,3 @@ def test_what_is_ready_is_finished(
     assert {own.task for own in report.ready if not (own.missing or own.problem)} >= {"run", "zone"}
     zone(config, tmp_path / "zones", jobs=1)
     assert (tmp_path / "zones" / "map.html").is_file()
-    if path == "followed":
-        assert run(config, tmp_path / "run", jobs=1).n_blocks > 0

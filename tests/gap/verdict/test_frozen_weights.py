@@ -18,6 +18,7 @@ def study(repository: Path) -> ModuleType:
     return load(repository / "docs" / "studies" / "gap_weights.py")
 
 
+@pytest.mark.battery
 def test_the_weights_are_those_of_the_rows(study: ModuleType) -> None:
     rows = study.read_rows()
     assert json.loads(study.RESULTS.read_text(encoding="utf-8"))["sites"] == len(rows) >= 40
